@@ -1,0 +1,39 @@
+// lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. The render thread never waits.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <thread>
+
+#include "geometry/planar_lod.h"
+#include "src/base/mailbox.h"
+
+namespace relievo {
+
+struct LodRequest {
+  uint64_t frame = 0;
+  LodView view;
+  std::shared_ptr<const ReliefSet> resident;
+};
+struct LodAnswer {
+  uint64_t frame = 0;   // of the request
+  LodView view;
+  PlanarLodResult lod;
+  double evaluate_ms = 0;
+};
+
+class LodWorker {
+ public:
+  LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle);
+  ~LodWorker();  // closes the mailbox and joins
+  void post(LodRequest request);
+  std::optional<LodAnswer> tryTake();
+  // For settling headless: waits for the answer to the request of this frame (or a later one).
+  LodAnswer waitFor(uint64_t frame);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace relievo

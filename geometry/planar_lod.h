@@ -1,0 +1,80 @@
+// planar_lod.h - which nodes of a planar artwork to draw, and with how many segments along each edge.
+// A drawn node is an instanced grid of 2^n x 2^n cells, 1 <= n <= kMaxGridLevel. Levels belong to edges: the segment that two
+// drawn nodes share (the finer one's whole edge) has one level, a function of that segment and of the residency on both sides,
+// so both nodes agree; grid vertices on it snap to its coarser vertices (Dyken, Reimers, Seland 2009, section 4). Nodes form a
+// restricted (2:1) quadtree, so a node's side is one whole edge or two half edges.
+// Pure: no GL, any thread. Deterministic: the same view and residency give the same list in the same order.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <unordered_set>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "src/base/node_id.h"
+#include "src/base/planar_domain.h"
+
+namespace relievo {
+
+inline constexpr int kMaxGridLevel = 5;  // 32 segments
+// Geometry coordinates are integers: units of 2^-kUnitsPerTexelLog2 texels from the artwork's top left corner.
+inline constexpr int kUnitsPerTexelLog2 = 4;
+
+// World: x right, y up, z towards the viewer, mm, origin at the artwork's centre, on the plane of height 0.
+struct LodView {
+  glm::dmat4 clip_from_world{1.0};
+  glm::dvec3 eye_mm{0};
+  double pixels_per_radian = 1.0;   // viewport height in px / (2 tan(fov / 2))
+  double near_mm = 1.0;
+  double error_px = 1.0;
+  double exaggerate = 1.0;          // heights are multiplied by it
+  bool relief = true;               // false: flat, no relief pages asked for
+};
+
+// What a relief page knows of its square (package.h has the same three numbers); never fails: unknown gives the whole range.
+struct HeightBounds {
+  float min_mm = 0, max_mm = 0, error_mm = 0;
+};
+class ReliefOracle {
+ public:
+  virtual ~ReliefOracle() = default;
+  virtual HeightBounds bounds(const NodeId& relief_page) const = 0;  // thread-safe
+};
+
+enum Side : int { kLeft = 0, kRight = 1, kTop = 2, kBottom = 3 };  // x = 0, x = N, y = 0, y = N of the node's grid
+
+// One drawn node. Vertex (i, j), 0 <= i, j <= 2^grid_level, lies at units (x0 + (i << step_log2), y0 + (j << step_log2)).
+struct PatchInstance {
+  NodeId node;
+  int32_t x0 = 0, y0 = 0;      // units, absolute
+  uint8_t step_log2 = 0;
+  uint8_t grid_level = 1;      // n
+  // Per side {a, b}: b == kWholeEdge: one edge of 2^a segments over the side; else two half edges of 2^a and 2^b segments
+  // (first half: towards smaller coordinates).
+  static constexpr uint8_t kWholeEdge = 15;
+  std::array<std::array<uint8_t, 2>, 4> edges{};
+  NodeId relief_page;          // the resident page to displace from; it covers the node. Unused in a flat view.
+};
+
+struct ReliefWant {
+  NodeId page;
+  float priority = 0;  // distance from the view's centre, 0..1
+};
+
+struct PlanarLodResult {
+  std::vector<PatchInstance> instances;      // sorted by grid_level, then by node
+  std::vector<ReliefWant> wants;             // relief pages, resident or not: coarse before fine
+  uint32_t limited_by_residency = 0;         // edges coarser than wanted because pages are missing
+  double max_error_px = 0;                   // the largest predicted error of a drawn edge
+};
+
+using ReliefSet = std::unordered_set<NodeId>;  // resident relief pages
+
+PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident);
+
+}  // namespace relievo

@@ -1,0 +1,43 @@
+// program.h - linked shader programs from the files in shaders/, as one dialect: GL 3.3 core intersected with ES 3.0.
+// A file has no #version; `#include "name"` is resolved among the embedded files. Defines choose the variant.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <epoxy/gl.h>
+
+#include "src/base/result.h"
+#include "src/gl/context.h"
+
+namespace relievo::gl {
+
+using Defines = std::vector<std::pair<std::string, std::string>>;
+
+class Program {
+ public:
+  Program() = default;
+  Program(Program&& other) noexcept;
+  Program& operator=(Program&& other) noexcept;
+  ~Program();
+  // feedback_varyings: for transform feedback (interleaved). attributes: name -> location is fixed by order.
+  struct Source {
+    std::string vertex, fragment;                 // file names in shaders/
+    Defines defines;
+    std::vector<std::string> attributes;          // attribute i gets location i
+    std::vector<const char*> feedback_varyings;
+  };
+  static Result<Program> link(Api api, const Source& source);
+  GLuint id() const { return id_; }
+  void use() const { glUseProgram(id_); }
+  GLint uniform(const char* name) const;  // -1 when absent or optimised away
+
+ private:
+  GLuint id_ = 0;
+};
+
+// The text that is handed to the driver; for tests and error messages. Errors name the file of a failed include.
+Result<std::string> assembleShader(Api api, const std::string& file, const Defines& defines, bool fragment);
+
+}  // namespace relievo::gl

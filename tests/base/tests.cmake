@@ -1,0 +1,1 @@
+# relievo_test(...) lines of tests/base

@@ -1,0 +1,38 @@
+// mip.h - how a coarser texture level follows from the finer one. Integer arithmetic, so that anyone can reproduce it.
+//
+// Level texels are kept as 8.8 fixed point (uint16) below the finest level, so that rounding does not pile up; a page's byte is
+// min(255, (v + 128) >> 8). A level's size is ceil(size / 2); at an odd border the last row or column is repeated.
+//   coefficients  (a + b + c + d + 2) >> 2: averaged as numbers
+//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), basis kColour
+//   LRGB colour   averaged with weights: a texel's luminance under diffuse light from the upper hemisphere,
+//                 w = (a0 + a1) / 3 + a5 (u^2 and v^2 average 1/3 there, the odd terms 0), at least a small positive number,
+//                 so that the product colour x luminance stays close to the average of the products
+// The exact integer rules stand in mip.cpp's head and are repeated in texturing/PACKAGE.md.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "texturing/basis.h"
+
+namespace relievo {
+
+// Channel-major images: data[(c * height + y) * width + x].
+struct LevelImage {
+  int width = 0, height = 0, channels = 0;
+  std::vector<uint16_t> data;  // 8.8 fixed point
+};
+
+// The next coarser level of the whole image given; width and height must be even (the caller repeats the border).
+class MipFilter {
+ public:
+  explicit MipFilter(const TextureFormat& format);
+  void downsample(const uint16_t* in, int width, int height, uint16_t* out) const;
+
+ private:
+  TextureFormat format_;
+  std::vector<int32_t> weight_lut_;
+};
+
+}  // namespace relievo

@@ -1,0 +1,72 @@
+// package.h - reading a .relievo package. Layout: texturing/PACKAGE.md.
+// Opening costs at most a few reads, whatever the package's size: index blocks are read (and checked) when first asked for.
+// A damaged package opens as far as it is sound; what is not answers with an Error that names the place.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "src/base/planar_domain.h"
+#include "src/base/result.h"
+#include "texturing/basis.h"
+#include "texturing/page_source.h"
+#include "texturing/raster_source.h"
+
+namespace relievo {
+
+inline constexpr uint32_t kPackageVersion = 1;
+
+struct Manifest {
+  PlanarDomain domain;
+  TextureFormat texture;
+  std::vector<Provenance> sources;
+  std::string tool_version;
+  uint64_t page_count = 0;
+};
+
+// Heights of a relief page's square in mm, and how far its own samples (interpolated over triangles or bilinearly) can lie
+// from the finest relief: an upper bound, monotone (a child's is never larger).
+struct ReliefBounds {
+  float min_mm = 0, max_mm = 0, error_mm = 0;
+};
+
+struct PageRecord {
+  uint64_t offset = 0;
+  uint32_t size = 0;      // encoded bytes; 0: the page is absent
+  uint64_t checksum = 0;  // xxh3-64 of the encoded bytes
+  ReliefBounds relief;    // relief pages only
+};
+
+class Package final : public PageSource {
+ public:
+  static Result<std::shared_ptr<Package>> open(const std::string& path);
+  ~Package() override;
+
+  const std::string& path() const;
+  uint64_t fileBytes() const;
+  const Manifest& manifest() const;
+  const std::string& manifestJson() const;  // as stored
+  Result<PageRecord> record(PageId id) const;  // thread-safe
+  Result<EncodedPage> read(PageId id) const override;
+
+ private:
+  struct Impl;
+  explicit Package(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+struct DamagedPage {
+  PageId id;
+  std::string what;
+};
+struct VerifyReport {
+  uint64_t pages = 0, bytes = 0;
+  std::vector<DamagedPage> damaged;
+  std::vector<std::string> other;  // damage outside pages (index blocks, header)
+};
+// Reads and decodes every page. progress(done, total) may be null.
+Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total));
+
+}  // namespace relievo

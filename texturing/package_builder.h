@@ -1,0 +1,41 @@
+// package_builder.h - from raster sources to a package file, streamed: regions in, pages out, memory bounded.
+// Written beside the target (TARGET.part-PID) and renamed when whole; on failure or interruption nothing is left behind.
+// The same bytes with any number of workers.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "src/base/result.h"
+#include "texturing/raster_source.h"
+
+namespace relievo {
+
+struct BuildProgress {
+  uint64_t pages_done = 0, pages_total = 0;
+  uint64_t texels_done = 0, texels_total = 0;  // level-0 texels of the texture
+  double seconds = 0;
+};
+
+struct BuildOptions {
+  std::string output;
+  double mm_per_px = 1.0;
+  int workers = 0;          // 0: one per core
+  int zstd_level = 1;
+  uint64_t memory_budget_bytes = uint64_t{768} << 20;
+  std::string tool_version;
+  std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second
+  const std::atomic<bool>* interrupted = nullptr;      // polled; set: stop, remove the part file, kInterrupted
+};
+
+struct BuildReport {
+  uint64_t pages = 0, package_bytes = 0;
+  double seconds = 0;
+};
+
+// relief may be null. Its range becomes the artwork's.
+Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options);
+
+}  // namespace relievo

@@ -1,0 +1,15 @@
+// resolve.h - one page under a fixed light: coefficient planes in, display colour out; once per page instead of once per
+// pixel and frame. The single-precision twin of basis.h, per texel.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "texturing/basis.h"
+
+namespace relievo {
+
+// slots: the format's planes as slot texels (RGBA8, kSlotBytes each); out: kSlotBytes.
+void resolvePage(const TextureFormat& format, double u, double v, std::span<const uint8_t* const> slots, uint8_t* out);
+
+}  // namespace relievo

@@ -1,0 +1,30 @@
+// commands.h - relievo's sub-commands; each cmd_*.cpp adds its own to the command line.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+#include "src/base/result.h"
+
+namespace relievo {
+
+// A sub-command's callback runs after parsing; it leaves its exit code here (0 ok).
+struct CommandContext {
+  int exit_code = 0;
+  // Prints "relievo: error: TEXT" to standard error and keeps the exit code.
+  void fail(const Error& error);
+};
+
+void addSampleCommand(CLI::App& app, CommandContext& context);
+void addBuildCommand(CLI::App& app, CommandContext& context);
+void addInfoCommand(CLI::App& app, CommandContext& context);
+void addVerifyCommand(CLI::App& app, CommandContext& context);
+void addRenderCommand(CLI::App& app, CommandContext& context);
+void addViewCommand(CLI::App& app, CommandContext& context);
+
+// "1920x1080" -> {1920, 1080}; a usage error otherwise.
+Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);
+// "a,b,c" -> three doubles.
+Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option);
+
+}  // namespace relievo
