@@ -1,0 +1,83 @@
+#include "src/camera.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <glm/gtc/matrix_transform.hpp>
+
+namespace relievo {
+namespace {
+
+glm::dmat3 worldFromCamera(const OrbitCamera& camera) {
+  double az = glm::radians(camera.azimuth_deg), el = glm::radians(camera.elevation_deg);
+  glm::dvec3 back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)};
+  glm::dvec3 right{std::cos(az), 0, -std::sin(az)};
+  return {right, glm::cross(back, right), back};
+}
+
+}  // namespace
+
+glm::dvec3 eyePosition(const OrbitCamera& camera) {
+  return camera.target_mm + worldFromCamera(camera)[2] * camera.distance_mm;
+}
+
+ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
+                            int width_px, int height_px) {
+  ViewTransform view;
+  glm::dmat3 world_from_camera = worldFromCamera(camera);
+  glm::dmat3 camera_from_world = glm::transpose(world_from_camera);
+  view.eye_mm = eyePosition(camera);
+
+  double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
+  double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
+  double nearest = 1e300, farthest = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    glm::dvec3 p{corner & 1 ? half_w : -half_w, corner & 2 ? half_h : -half_h, corner & 4 ? max_z_mm : min_z_mm};
+    double depth = -(camera_from_world * (p - view.eye_mm)).z;
+    nearest = std::min(nearest, depth);
+    farthest = std::max(farthest, depth);
+  }
+  // No nearer than the artwork's box nor than a thousandth of the distance to the target.
+  view.near_mm = std::max(nearest * 0.98, std::max(camera.distance_mm, 1e-6) * 1e-3);
+  view.far_mm = std::max(farthest * 1.02, view.near_mm * 2);
+
+  double tan_half = std::tan(glm::radians(camera.fov_deg) / 2);
+  double aspect = static_cast<double>(width_px) / height_px;
+  double n = view.near_mm, f = view.far_mm;
+  glm::dmat4 clip_from_camera(0.0);
+  clip_from_camera[0][0] = 1 / (tan_half * aspect);
+  clip_from_camera[1][1] = 1 / tan_half;
+  clip_from_camera[2][2] = -(f + n) / (f - n);
+  clip_from_camera[2][3] = -1;
+  clip_from_camera[3][2] = -2 * f * n / (f - n);
+  glm::dmat4 rotation(camera_from_world);
+  view.clip_from_world = clip_from_camera * glm::translate(rotation, -view.eye_mm);
+  view.pixels_per_radian = height_px / (2 * tan_half);
+  return view;
+}
+
+OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg) {
+  OrbitCamera camera;
+  camera.fov_deg = fov_deg;
+  double tan_half = std::tan(glm::radians(fov_deg) / 2);
+  double aspect = static_cast<double>(width_px) / height_px;
+  double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
+  double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
+  constexpr double kMargin = 1.06;
+  camera.distance_mm = kMargin * std::max(half_h / tan_half, half_w / (tan_half * aspect));
+  return camera;
+}
+
+bool pointOnPlane(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px, glm::dvec3* point_mm) {
+  double tan_half = std::tan(glm::radians(camera.fov_deg) / 2);
+  double aspect = static_cast<double>(width_px) / height_px;
+  glm::dvec3 in_camera{(2 * x_px / width_px - 1) * tan_half * aspect, (1 - 2 * y_px / height_px) * tan_half, -1};
+  glm::dvec3 direction = worldFromCamera(camera) * in_camera;
+  glm::dvec3 eye = eyePosition(camera);
+  if (direction.z * eye.z >= 0) return false;
+  double t = -eye.z / direction.z;
+  *point_mm = eye + direction * t;
+  return std::isfinite(t);
+}
+
+}  // namespace relievo

@@ -1,0 +1,73 @@
+#include "src/effect_plan.h"
+
+#include <cmath>
+
+namespace relievo {
+
+EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
+  EffectPlan plan;
+  Basis basis = manifest.texture.basis;
+  bool has_coefficients = basis != Basis::kColour;
+  plan.relight = scene.relight && has_coefficients;
+  plan.resolve = !scene.relight && has_coefficients;
+  plan.shade = plan.relight ? basis : Basis::kColour;
+  if (plan.resolve) {
+    plan.texture_planes = {Plane::kResolved};
+  } else {
+    for (int k = 0; k < manifest.texture.planes(); ++k) plan.texture_planes.push_back(texturePlane(k));
+  }
+  plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
+  plan.trilinear = scene.trilinear;
+  plan.fade = scene.page_fade_s > 0;
+  plan.filter = scene.filter;
+  plan.wireframe = scene.wireframe;
+  plan.show = scene.show;
+  return plan;
+}
+
+gl::Defines EffectPlan::defines() const {
+  gl::Defines d;
+  d.emplace_back("PLANES", std::to_string(texture_planes.size()));
+  d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
+  if (relief) d.emplace_back("RELIEF", "1");
+  if (trilinear) d.emplace_back("TRILINEAR", "1");
+  if (fade) d.emplace_back("FADE", "1");
+  if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
+  if (show == Show::kPages) d.emplace_back("SHOW_PAGES", "1");
+  if (show == Show::kLod) d.emplace_back("SHOW_LOD", "1");
+  return d;
+}
+
+std::vector<std::string> EffectPlan::passes() const {
+  std::vector<std::string> names{"shade", "feedback"};
+  if (wireframe) names.insert(names.begin() + 1, "wireframe");
+  return names;
+}
+
+std::string planeName(Plane plane, Basis basis) {
+  if (plane == Plane::kRelief) return "relief";
+  if (plane == Plane::kResolved) return "resolved";
+  int k = static_cast<int>(plane);
+  if (basis == Basis::kColour) return "colour";
+  if (basis == Basis::kPtmLrgb) return k == 0 ? "a0-a2" : k == 1 ? "a3-a5" : "colour";
+  return "rgb-a" + std::to_string(k);
+}
+
+std::vector<std::string> EffectPlan::planesRead() const {
+  std::vector<std::string> names;
+  for (Plane p : texture_planes) names.push_back(planeName(p, shade));
+  if (relief) names.push_back("relief");
+  return names;
+}
+
+bool EffectPlan::samePages(const EffectPlan& other) const {
+  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve;
+}
+
+std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {
+  double length = std::sqrt(light[0] * light[0] + light[1] * light[1] + light[2] * light[2]);
+  if (!(length > 0) || !std::isfinite(length)) return {0, 0, 1};
+  return {light[0] / length, light[1] / length, light[2] / length};
+}
+
+}  // namespace relievo

@@ -1,0 +1,55 @@
+// effect_plan.h - a scene states its light, mode and effects; the plan derived from it names the planes that are streamed, the passes
+// that run and the shader variant that is linked. What no effect needs is not read, decoded, uploaded, bound or computed.
+#pragma once
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "src/gl/program.h"
+#include "texturing/package.h"
+#include "texturing/page_id.h"
+
+namespace relievo {
+
+enum class Show { kNone, kPages, kLod };
+// kExact: bilinear weights in full float precision (four fetches a plane). kFast: the texture unit's own filter, whose
+// weights have 8 bits on most hardware; the error it costs is measured in the README.
+enum class Filter { kExact, kFast };
+
+struct Scene {
+  std::array<double, 3> light{0, 0, 1};  // towards the light; x right, y up, z to the viewer; normalised on use
+  bool relief = true;                    // displaced geometry, where the package has relief
+  bool relight = true;                   // false: the light is fixed and resolved once per page
+  bool trilinear = true;
+  Filter filter = Filter::kExact;
+  double page_fade_s = 0;                // a new page blends in over this time; 0: at once
+  double exaggerate = 1;                 // heights times this
+  double error_px = 1;                   // geometric error allowed on screen
+  bool wireframe = false;
+  Show show = Show::kNone;
+};
+
+struct EffectPlan {
+  Basis shade = Basis::kColour;      // what the fragment shader evaluates
+  std::vector<Plane> texture_planes; // streamed (or resolved), in the page table's order
+  bool relief = false;
+  bool relight = false;
+  bool resolve = false;              // coefficient pages are resolved to colour under a fixed light, on the workers
+  bool trilinear = true, fade = false, wireframe = false;
+  Filter filter = Filter::kExact;
+  Show show = Show::kNone;
+
+  gl::Defines defines() const;              // of the shading pass
+  std::vector<std::string> passes() const;  // names, in order
+  std::vector<std::string> planesRead() const;  // names of the stored planes that are read
+  // Does going from one to the other need other pages (not only another shader)?
+  bool samePages(const EffectPlan& other) const;
+  friend bool operator==(const EffectPlan&, const EffectPlan&) = default;
+};
+
+EffectPlan planEffects(const Scene& scene, const Manifest& manifest);
+std::string planeName(Plane plane, Basis basis);
+std::array<double, 3> normalizedLight(const std::array<double, 3>& light);
+
+}  // namespace relievo

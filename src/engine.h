@@ -1,0 +1,100 @@
+// engine.h - one artwork on screen: pages in, frames out, with or without a window. Needs a current GL context on the thread that
+// calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker.
+//
+// A frame: take the newest finished feedback and LOD answer; hand over wishes; place decoded pages and upload them within the
+// budget; draw; issue the next feedback; post the camera to the LOD worker.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "geometry/planar_lod.h"
+#include "src/base/result.h"
+#include "src/camera.h"
+#include "src/effect_plan.h"
+#include "src/gl/context.h"
+#include "texturing/package.h"
+#include "texturing/page_streamer.h"
+
+namespace relievo {
+
+// What the engine shows; a package fills it (artworkFromPackage), tests may use a procedural source.
+struct Artwork {
+  Manifest manifest;
+  std::shared_ptr<const PageSource> source;
+  std::shared_ptr<const ReliefOracle> oracle;
+};
+Artwork artworkFromPackage(std::shared_ptr<const Package> package);
+
+struct EngineOptions {
+  double cache_mib = 256;   // all planes together
+  int workers = 2;
+  int feedback_scale = 8;   // the feedback pass has 1/8 of the view's width and height
+  uint32_t uploads_per_frame = 64;
+};
+
+struct EngineStats {
+  StreamerStats streamer;
+  uint64_t frames = 0;
+  uint32_t instances = 0, triangles = 0, draw_calls = 0;  // of the last frame
+  uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last wish lists
+  uint32_t slots = 0, resident = 0;
+  double predicted_error_px = 0;
+  double detail_bias = 0;
+  uint32_t edges_limited = 0;
+  double lod_ms = 0;        // of the last LOD evaluation, on its worker
+  std::vector<std::string> passes, planes_read;
+};
+
+class Engine {
+ public:
+  static Result<std::unique_ptr<Engine>> create(Artwork artwork, const Scene& scene, const EngineOptions& options);
+  ~Engine();
+
+  void resize(int width_px, int height_px);
+  int width() const;
+  int height() const;
+  void setCamera(const OrbitCamera& camera);
+  const OrbitCamera& camera() const;
+  // Links another shader or streams other planes where the effect plan asks for it.
+  Result<void> setScene(const Scene& scene);
+  const Scene& scene() const;
+  const EffectPlan& plan() const;
+  const Manifest& manifest() const;
+
+  // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock.
+  void frame(double now_s);
+  // Frames with full-size feedback until every page that the view wants is resident and the LOD is final; then draws it.
+  // The picture depends on the artwork, camera and scene only. Fails after timeout_s, naming what is missing.
+  Result<void> settle(double timeout_s);
+
+  // RGBA, rows top first; alpha 0 where the artwork is not.
+  std::vector<uint8_t> readPixels();
+  // Copies the picture to the framebuffer that the window shows (0), over the background colour.
+  void present(int window_width_px, int window_height_px);
+  EngineStats stats() const;
+  std::vector<std::string> takeMessages();
+  // The list being drawn; for the reference renderer in tests.
+  const std::vector<PatchInstance>& instances() const;
+  ViewTransform view() const;
+  // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the watertight test.
+  std::vector<float> captureVertices(uint32_t max_vertices);
+
+  // For negative controls in tests: breaks one thing on purpose.
+  struct Sabotage {
+    bool no_borders = false;   // samples are clamped to the page's payload
+    bool no_snapping = false;
+  };
+  Result<void> sabotage(const Sabotage& what);
+
+ private:
+  struct Impl;
+  explicit Engine(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+std::string engineStatsJson(const EngineStats& stats, const Manifest& manifest);
+
+}  // namespace relievo
