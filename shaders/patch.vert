@@ -1,0 +1,102 @@
+// patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and its
+// 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots
+// (C++ twin: geometry/patch_vertex.h).
+#include "common.glsl"
+
+in uvec2 a_grid;     // 0 .. 2^n
+in ivec4 a_origin;   // units from the eye's unit to the node's corner: x, y; log2 of the grid step in units; n
+in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot; log2 of the sample spacing in units
+in uvec4 a_node;     // patch, level, x, y
+in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
+
+uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
+uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border
+uniform vec4 u_scale;          // mm per unit; mm per height step; mm of height 0 above the eye; depth bias (wireframe)
+
+invariant gl_Position;
+out vec2 v_uv;                 // place in the node, 0..1
+flat out uvec4 v_node;
+flat out uint v_grid_level;
+#ifdef CAPTURE
+out vec4 v_clip;
+#endif
+
+int snapToEdge(int i, int n, int m) {
+  if (m >= n) return i;
+  int d = n - m;
+  int half_step = 1 << (d - 1);
+  return i < ((1 << n) >> 1) ? ((i + half_step) >> d) << d : ((i + half_step - 1) >> d) << d;
+}
+
+int snapOnSide(int i, int n, uint side) {
+#ifdef NO_SNAPPING
+  return i;
+#else
+  int a = int(side & 15u);
+  int b = int((side >> 4u) & 15u);
+  if (b == 15) return snapToEdge(i, n, a);
+  int middle = (1 << n) >> 1;
+  return i < middle ? snapToEdge(i, n - 1, a) : middle + snapToEdge(i - middle, n - 1, b);
+#endif
+}
+
+#ifdef RELIEF
+int heightSample(ivec3 origin, ivec2 s) {
+  vec4 texel = texelFetch(u_pool, origin + ivec3(s, 0), 0);
+  return int(texel.r * 255.0 + 0.5) * 256 + int(texel.g * 255.0 + 0.5);
+}
+#endif
+
+void main() {
+  int n = a_origin.w;
+  int last = 1 << n;
+  ivec2 g = ivec2(a_grid);
+  ivec2 snapped = g;
+  if (g.x == 0) snapped.y = snapOnSide(g.y, n, a_edges & 255u);
+  if (g.x == last) snapped.y = snapOnSide(g.y, n, (a_edges >> 8u) & 255u);
+  if (g.y == 0) snapped.x = snapOnSide(g.x, n, (a_edges >> 16u) & 255u);
+  if (g.y == last) snapped.x = snapOnSide(g.x, n, (a_edges >> 24u) & 255u);
+
+  ivec2 in_node = ivec2(snapped.x << a_origin.z, snapped.y << a_origin.z);
+  ivec2 at = a_origin.xy + in_node;
+  ivec2 place = min(at, u_limit);
+
+  float height_mm = u_scale.z;
+#ifdef RELIEF
+  // A vertex at or beyond the border takes the next sample at or beyond it, so that all that is clamped there agrees.
+  int spacing_log2 = a_relief.w;
+  int mask = (1 << spacing_log2) - 1;
+  ivec2 local = a_relief.xy + in_node;
+  if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
+  if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
+  ivec2 s = local >> spacing_log2;
+  ivec2 f = local & mask;
+  ivec3 origin = slotOrigin(a_relief.z);
+  int height = heightSample(origin, s) << spacing_log2;
+  if ((f.x | f.y) != 0) {
+    // Between samples: on the cell's two triangles, in integers (below 2^31 for spacings up to 2^14 units).
+    int q00 = height >> spacing_log2;
+    int q11 = heightSample(origin, s + ivec2(min(f.x, 1), min(f.y, 1)));
+    if (f.x >= f.y) {
+      int q10 = heightSample(origin, s + ivec2(1, 0));
+      height += f.x * (q10 - q00) + f.y * (q11 - q10);
+    } else {
+      int q01 = heightSample(origin, s + ivec2(0, 1));
+      height += f.y * (q01 - q00) + f.x * (q11 - q01);
+    }
+  }
+  height_mm += (float(height) * powerOfTwo(-spacing_log2)) * u_scale.y;
+#endif
+
+  vec3 from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
+  gl_Position = u_clip_from_eye * vec4(from_eye, 1.0);
+#ifdef CAPTURE
+  v_clip = gl_Position;
+#endif
+#ifdef WIREFRAME
+  gl_Position.z -= u_scale.w * gl_Position.w;
+#endif
+  v_uv = vec2(place - a_origin.xy) * powerOfTwo(-(a_origin.z + n));
+  v_node = a_node;
+  v_grid_level = uint(n);
+}

@@ -1,0 +1,509 @@
+#include "src/engine.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <mutex>
+#include <thread>
+#include <unordered_map>
+
+#include <nlohmann/json.hpp>
+
+#include "geometry/lod_worker.h"
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+#include "src/render/feedback_pass.h"
+#include "src/render/page_pool.h"
+#include "src/render/patch_pass.h"
+#include "texturing/basis.h"
+#include "texturing/page_codec.h"
+
+namespace relievo {
+namespace {
+
+double steadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+class PackageOracle final : public ReliefOracle {
+ public:
+  explicit PackageOracle(std::shared_ptr<const Package> package) : package_(std::move(package)) {
+    const PlanarDomain& d = package_->manifest().domain;
+    whole_.min_mm = static_cast<float>(d.relief_offset_mm);
+    whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
+    whole_.error_mm = whole_.max_mm - whole_.min_mm;
+  }
+  HeightBounds bounds(const NodeId& page) const override {
+    auto record = package_->record(PageId(Plane::kRelief, page));
+    if (!record || record->size == 0) return whole_;
+    return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
+  }
+
+ private:
+  std::shared_ptr<const Package> package_;
+  HeightBounds whole_;
+};
+
+struct RenderTarget {
+  gl::Texture colour;
+  gl::Renderbuffer depth;
+  gl::Framebuffer framebuffer;
+  int width = 0, height = 0;
+
+  void resize(int w, int h) {
+    if (w == width && h == height) return;
+    width = w;
+    height = h;
+    colour = gl::Texture::create();
+    glBindTexture(GL_TEXTURE_2D, colour.id());
+    gl::label(GL_TEXTURE, colour.id(), "picture");
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, w, h, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    depth = gl::Renderbuffer::create();
+    glBindRenderbuffer(GL_RENDERBUFFER, depth.id());
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, w, h);
+    framebuffer = gl::Framebuffer::create();
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour.id(), 0);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth.id());
+  }
+};
+
+}  // namespace
+
+Artwork artworkFromPackage(std::shared_ptr<const Package> package) {
+  Artwork artwork;
+  artwork.manifest = package->manifest();
+  artwork.source = package;
+  artwork.oracle = std::make_shared<PackageOracle>(package);
+  return artwork;
+}
+
+struct Engine::Impl {
+  Artwork artwork;
+  Scene scene;
+  EngineOptions options;
+  EffectPlan plan;
+  OrbitCamera camera;
+  int width = 640, height = 360;
+  gl::ContextInfo context;
+
+  std::unique_ptr<PageStreamer> streamer;
+  std::unique_ptr<PagePool> pool;
+  std::unique_ptr<PatchPass> patches;
+  std::unique_ptr<FeedbackPass> feedback;
+  std::unique_ptr<LodWorker> lod;
+  gl::Program shade_program, feedback_program, wire_program, capture_program;
+  RenderTarget target;
+  Sabotage broken;
+
+  FeedbackAnalyzer analyzer;
+  std::vector<NodeWant> texture_wants, relief_wants;
+  std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
+  uint64_t resident_generation = ~uint64_t{0};
+  std::vector<PatchInstance> instances;
+  std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
+  uint64_t frame = 0;
+  uint64_t adopted_frame = 0;         // of the LOD request whose answer is drawn
+  double lod_bias = 0;
+  uint32_t slot_count = 0;
+  EngineStats stats;
+
+  const PlanarDomain& domain() const { return artwork.manifest.domain; }
+
+  ViewTransform currentView() const {
+    double low = 0, high = 0;
+    if (plan.relief) {
+      low = domain().relief_offset_mm * scene.exaggerate;
+      high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
+      if (low > high) std::swap(low, high);
+    }
+    return viewTransform(camera, domain(), low, high, width, height);
+  }
+
+  Result<void> linkPrograms() {
+    gl::Defines defines = plan.defines();
+    if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
+    if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    auto link = [&](gl::Program& program, const char* fragment, gl::Defines with, std::vector<const char*> varyings = {}) -> Result<void> {
+      auto linked = gl::Program::link(context.api, {"patch.vert", fragment, std::move(with), patchAttributes(), std::move(varyings)});
+      if (!linked) return linked.error();
+      program = std::move(*linked);
+      return {};
+    };
+    if (auto r = link(shade_program, "patch.frag", defines); !r) return r;
+    if (auto r = link(feedback_program, "feedback.frag", defines); !r) return r;
+    capture_program = {};
+    wire_program = {};
+    if (plan.wireframe) {
+      gl::Defines with = defines;
+      with.emplace_back("WIREFRAME", "1");
+      if (auto r = link(wire_program, "patch.frag", with); !r) return r;
+    }
+    return {};
+  }
+
+  // A new streamer for the plan's planes: what is resident for other planes is dropped.
+  void restartStreaming() {
+    StreamerOptions so;
+    so.slot_count = slot_count;
+    so.workers = options.workers;
+    so.texture_planes = plan.texture_planes;
+    so.format = artwork.manifest.texture;
+    auto light = normalizedLight(scene.light);
+    so.light_u = light[0];
+    so.light_v = light[1];
+    streamer = std::make_unique<PageStreamer>(artwork.source, so);
+    std::vector<NodeId> roots;
+    for (uint32_t p = 0; p < domain().patchCount(); ++p) roots.push_back({p, 0, 0, 0});
+    streamer->pinRoots(roots, plan.relief ? std::span<const NodeId>(roots) : std::span<const NodeId>());
+    texture_wants.clear();
+    relief_wants.clear();
+    instances.clear();
+    pinned_relief.clear();
+    resident_generation = ~uint64_t{0};
+    adopted_frame = 0;
+  }
+
+  LodView lodView(const ViewTransform& view) const {
+    LodView v;
+    v.clip_from_world = view.clip_from_world;
+    v.eye_mm = view.eye_mm;
+    v.pixels_per_radian = view.pixels_per_radian;
+    v.near_mm = view.near_mm;
+    v.error_px = scene.error_px;
+    v.exaggerate = scene.exaggerate;
+    v.relief = plan.relief;
+    return v;
+  }
+
+  void postLod(const ViewTransform& view) {
+    if (streamer->reliefGeneration() != resident_generation) {
+      resident_generation = streamer->reliefGeneration();
+      auto nodes = streamer->residentRelief();
+      resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
+    }
+    lod->post({frame, lodView(view), resident_relief});
+  }
+
+  // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while it is.
+  void adopt(LodAnswer answer) {
+    stats.lod_ms = answer.evaluate_ms;
+    relief_wants.clear();
+    for (const ReliefWant& w : answer.lod.wants) relief_wants.push_back({w.page, 1, w.priority});
+    std::vector<NodeId> pages;
+    if (plan.relief) {
+      pages.reserve(answer.lod.instances.size());
+      for (const PatchInstance& p : answer.lod.instances) pages.push_back(p.relief_page);
+      std::sort(pages.begin(), pages.end());
+      pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
+      for (const NodeId& page : pages) {
+        if (streamer->findRelief(page) == kNoSlot) return;  // evicted meanwhile: the next answer will know
+      }
+      for (const NodeId& page : pages) streamer->pinRelief(page);
+      for (const NodeId& page : pinned_relief) streamer->unpinRelief(page);
+    }
+    pinned_relief = std::move(pages);
+    instances = std::move(answer.lod.instances);
+    stats.predicted_error_px = answer.lod.max_error_px;
+    stats.edges_limited = answer.lod.limited_by_residency;
+    adopted_frame = answer.frame;
+  }
+
+  void setShadingUniforms(const gl::Program& program, double now_s, double bias) {
+    glUniform2i(program.uniform("u_depth"), domain().texture_depth, 0);
+    glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(bias));
+    auto light = normalizedLight(scene.light);
+    auto basis = ptmBasis(light[0], light[1]);
+    float coefficients[24] = {};
+    for (int k = 0; k < 6; ++k) {
+      coefficients[4 * k] = static_cast<float>(artwork.manifest.texture.scale[k]);
+      coefficients[4 * k + 1] = static_cast<float>(artwork.manifest.texture.bias[k]);
+      coefficients[4 * k + 2] = static_cast<float>(basis[k]);
+    }
+    glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
+    if (plan.fade) {
+      glUniform2f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(now_s * 64) & 0xFFFFu),
+                  static_cast<float>(1.0 / std::max(scene.page_fade_s * 64, 1e-3)));
+    }
+  }
+
+  void drawPicture(const EyeFrame& eye, double now_s) {
+    target.resize(width, height);
+    glBindFramebuffer(GL_FRAMEBUFFER, target.framebuffer.id());
+    glViewport(0, 0, width, height);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_LEQUAL);
+    glDisable(GL_BLEND);
+    glDisable(GL_CULL_FACE);
+    glClearColor(0, 0, 0, 0);
+    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    shade_program.use();
+    pool->bind(shade_program, streamer->table());
+    setShadingUniforms(shade_program, now_s, lod_bias);
+    stats.draw_calls = patches->draw(shade_program, eye, PatchPass::Mesh::kFull);
+    if (plan.wireframe) {
+      wire_program.use();
+      pool->bind(wire_program, streamer->table());
+      setShadingUniforms(wire_program, now_s, lod_bias);
+      stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
+    }
+  }
+
+  bool issueFeedback(const EyeFrame& eye, double now_s, bool full) {
+    int scale = full ? 1 : options.feedback_scale;
+    feedback->resize(std::max(1, (width + scale - 1) / scale), std::max(1, (height + scale - 1) / scale));
+    return feedback->issue([&] {
+      glEnable(GL_DEPTH_TEST);
+      glDepthFunc(GL_LEQUAL);
+      feedback_program.use();
+      pool->bind(feedback_program, streamer->table());
+      setShadingUniforms(feedback_program, now_s, lod_bias - std::log2(scale));
+      stats.draw_calls += patches->draw(feedback_program, eye, full ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse);
+    });
+  }
+
+  void analyze(std::span<const std::array<uint32_t, 4>> pixels) {
+    if (pixels.empty()) return;
+    auto wants = analyzer.analyze(pixels, feedback->width(), feedback->height());
+    texture_wants.assign(wants.begin(), wants.end());
+  }
+
+  void stream(double now_s, uint32_t max_uploads) {
+    streamer->beginFrame(frame, now_s);
+    streamer->wantTexture(texture_wants);
+    if (plan.relief) streamer->wantRelief(relief_wants);
+    pool->upload(streamer->placeReady(max_uploads));
+    pool->uploadTable(streamer->table());
+  }
+
+  EyeFrame prepareInstances(const ViewTransform& view) {
+    EyeFrame eye = eyeFrame(view, domain(), scene.exaggerate, plan.relief);
+    patches->setInstances(instances, domain(), eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
+    return eye;
+  }
+
+  void frameOnce(double now_s, bool settling) {
+    ++frame;
+    ++stats.frames;
+    analyze(settling ? feedback->wait() : feedback->poll());
+    stream(now_s, settling ? slot_count : options.uploads_per_frame);
+    ViewTransform view = currentView();
+    if (settling || adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
+      postLod(view);
+      adopt(lod->waitFor(frame));
+    } else {
+      if (auto answer = lod->tryTake()) adopt(std::move(*answer));
+      postLod(view);
+    }
+    lod_bias = streamer->detailBias();
+    EyeFrame eye = prepareInstances(view);
+    drawPicture(eye, now_s);
+    issueFeedback(eye, now_s, settling);
+    glFlush();
+  }
+};
+
+Engine::Engine(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Engine::~Engine() = default;
+
+Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
+  auto impl = std::make_unique<Impl>();
+  impl->artwork = std::move(artwork);
+  impl->scene = scene;
+  impl->options = options;
+  impl->context = gl::currentContextInfo();
+  impl->plan = planEffects(scene, impl->artwork.manifest);
+  double slots = options.cache_mib * 1024 * 1024 / kSlotBytes;
+  // Roots of every plane, and a little room to look at anything beside them.
+  uint32_t least = impl->domain().patchCount() * static_cast<uint32_t>(impl->plan.texture_planes.size() + 1) + 16;
+  if (slots < least) {
+    return Error{ErrorKind::kUsage, "", "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
+                 "give it at least " + std::to_string(least * kSlotBytes / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
+  }
+  impl->slot_count = static_cast<uint32_t>(std::min<double>(slots, PagePool::maxSlots()));
+  impl->camera = fitCamera(impl->domain(), impl->width, impl->height);
+  impl->pool = std::make_unique<PagePool>(impl->slot_count);
+  impl->patches = std::make_unique<PatchPass>();
+  impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
+  impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
+  if (auto linked = impl->linkPrograms(); !linked) return linked.error();
+  impl->restartStreaming();
+  return std::unique_ptr<Engine>(new Engine(std::move(impl)));
+}
+
+void Engine::resize(int width_px, int height_px) {
+  impl_->width = std::max(1, width_px);
+  impl_->height = std::max(1, height_px);
+}
+int Engine::width() const { return impl_->width; }
+int Engine::height() const { return impl_->height; }
+void Engine::setCamera(const OrbitCamera& camera) { impl_->camera = camera; }
+const OrbitCamera& Engine::camera() const { return impl_->camera; }
+const Scene& Engine::scene() const { return impl_->scene; }
+const EffectPlan& Engine::plan() const { return impl_->plan; }
+const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
+const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
+ViewTransform Engine::view() const { return impl_->currentView(); }
+
+Result<void> Engine::setScene(const Scene& scene) {
+  EffectPlan before = impl_->plan;
+  auto light_before = normalizedLight(impl_->scene.light);
+  impl_->scene = scene;
+  impl_->plan = planEffects(scene, impl_->artwork.manifest);
+  if (!impl_->plan.samePages(before)) {
+    impl_->restartStreaming();
+  } else if (impl_->plan.resolve) {
+    auto light = normalizedLight(scene.light);
+    if (light != light_before) impl_->streamer->setLight(light[0], light[1]);
+  }
+  if (impl_->plan == before) return {};
+  return impl_->linkPrograms();
+}
+
+Result<void> Engine::sabotage(const Sabotage& what) {
+  impl_->broken = what;
+  return impl_->linkPrograms();
+}
+
+void Engine::frame(double now_s) { impl_->frameOnce(now_s, false); }
+
+Result<void> Engine::settle(double timeout_s) {
+  Impl& e = *impl_;
+  double start = steadySeconds();
+  int calm = 0;
+  std::vector<NodeId> wanted_before;
+  for (;;) {
+    e.frameOnce(steadySeconds(), true);
+    std::vector<NodeId> wanted;
+    for (const NodeWant& w : e.texture_wants) wanted.push_back(w.node);
+    std::sort(wanted.begin(), wanted.end());
+    // Feedback of a frame is read in the next: calm means that nothing was missing and nothing new was wanted twice over.
+    bool steady = e.streamer->settled() && wanted == wanted_before && e.frame > 2 && !wanted.empty();
+    if (e.plan.relief) {
+      for (const NodeWant& w : e.relief_wants) {
+        PageState state = e.streamer->state(PageId(Plane::kRelief, w.node));
+        steady = steady && (state == PageState::kResident || state == PageState::kFailed);
+      }
+    }
+    calm = steady ? calm + 1 : 0;
+    wanted_before = std::move(wanted);
+    if (calm >= 2) break;
+    double waited = steadySeconds() - start;
+    if (waited > timeout_s) {
+      return Error{ErrorKind::kRuntime, "", "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s: " +
+                       std::to_string(e.streamer->stats().queued + e.streamer->stats().decoding) + " pages under way, " +
+                       std::to_string(e.streamer->stats().deferred) + " without a place in the cache",
+                   "raise --cache-mib or --timeout", {}};
+    }
+    if (e.texture_wants.empty() && e.frame > 4 && waited > 0.5) break;  // the artwork is out of view
+    if (!steady) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  }
+  glFinish();
+  return {};
+}
+
+std::vector<uint8_t> Engine::readPixels() {
+  Impl& e = *impl_;
+  size_t row = static_cast<size_t>(e.target.width) * 4;
+  std::vector<uint8_t> bottom_up(row * static_cast<size_t>(e.target.height)), pixels(bottom_up.size());
+  glBindFramebuffer(GL_FRAMEBUFFER, e.target.framebuffer.id());
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, e.target.width, e.target.height, GL_RGBA, GL_UNSIGNED_BYTE, bottom_up.data());
+  for (int y = 0; y < e.target.height; ++y) {
+    std::copy_n(bottom_up.data() + row * static_cast<size_t>(e.target.height - 1 - y), row, pixels.data() + row * static_cast<size_t>(y));
+  }
+  return pixels;
+}
+
+void Engine::present(int window_width_px, int window_height_px) {
+  Impl& e = *impl_;
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, e.target.framebuffer.id());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glBlitFramebuffer(0, 0, e.target.width, e.target.height, 0, 0, window_width_px, window_height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+}
+
+EngineStats Engine::stats() const {
+  const Impl& e = *impl_;
+  EngineStats s = e.stats;
+  s.streamer = e.streamer->stats();
+  s.instances = e.patches->instanceCount();
+  s.triangles = e.patches->triangles();
+  s.wanted_nodes = static_cast<uint32_t>(e.texture_wants.size());
+  for (const NodeWant& w : e.texture_wants) {
+    for (Plane p : e.plan.texture_planes) s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
+  }
+  if (e.plan.relief) {
+    for (const NodeWant& w : e.relief_wants) s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
+  }
+  s.slots = e.slot_count;
+  s.resident = e.streamer->cache().residentCount();
+  s.detail_bias = e.lod_bias;
+  s.passes = e.plan.passes();
+  if (e.plan.resolve) {
+    for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k) s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
+    if (e.plan.relief) s.planes_read.push_back("relief");
+  } else {
+    s.planes_read = e.plan.planesRead();
+  }
+  return s;
+}
+
+std::vector<std::string> Engine::takeMessages() { return impl_->streamer->takeMessages(); }
+
+std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
+  Impl& e = *impl_;
+  if (e.capture_program.id() == 0) {
+    gl::Defines defines = e.plan.defines();
+    if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    defines.emplace_back("CAPTURE", "1");
+    auto linked = gl::Program::link(e.context.api, {"patch.vert", "patch.frag", defines, patchAttributes(), {"v_clip"}});
+    if (!linked) return {};
+    e.capture_program = std::move(*linked);
+  }
+  e.target.resize(e.width, e.height);
+  glBindFramebuffer(GL_FRAMEBUFFER, e.target.framebuffer.id());  // transform feedback answers zeros without one
+  EyeFrame eye = e.prepareInstances(e.currentView());
+  e.capture_program.use();
+  e.pool->bind(e.capture_program, e.streamer->table());
+  e.setShadingUniforms(e.capture_program, 0, 0);
+  return e.patches->capture(e.capture_program, eye, max_vertices);
+}
+
+std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
+  nlohmann::ordered_json planes = nlohmann::ordered_json::object();
+  for (int p = 0; p < 16; ++p) {
+    if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
+    planes[planeName(static_cast<Plane>(p), manifest.texture.basis)] = {{"pages_read", s.streamer.pages_read[p]},
+                                                                       {"bytes_read", s.streamer.bytes_read[p]},
+                                                                       {"pages_decoded", s.streamer.pages_decoded[p]},
+                                                                       {"pages_uploaded", s.streamer.pages_uploaded[p]}};
+  }
+  nlohmann::ordered_json j = {
+      {"planes_read", s.planes_read},
+      {"passes", s.passes},
+      {"planes", planes},
+      {"draw_calls", s.draw_calls},
+      {"instances", s.instances},
+      {"triangles", s.triangles},
+      {"frames", s.frames},
+      {"wanted_nodes", s.wanted_nodes},
+      {"missing_pages", s.missing_pages},
+      {"slots", s.slots},
+      {"resident_pages", s.resident},
+      {"resident_mib", s.resident * static_cast<double>(kSlotBytes) / (1024 * 1024)},
+      {"evictions", s.streamer.evictions},
+      {"cancelled", s.streamer.cancelled},
+      {"failed_pages", s.streamer.failed_pages},
+      {"retries", s.streamer.retries},
+      {"predicted_error_px", s.predicted_error_px},
+      {"detail_bias_levels", s.detail_bias},
+      {"edges_limited_by_residency", s.edges_limited},
+      {"lod_ms", s.lod_ms},
+  };
+  return j.dump(2);
+}
+
+}  // namespace relievo

@@ -1,0 +1,112 @@
+#include "src/render/feedback_pass.h"
+
+#include <cstring>
+
+namespace relievo {
+
+FeedbackPass::FeedbackPass(bool software) : software_(software) {}
+
+FeedbackPass::~FeedbackPass() {
+  for (Target& t : ring_) drop(t);
+}
+
+void FeedbackPass::drop(Target& target) {
+  if (target.fence) glDeleteSync(target.fence);
+  target.fence = nullptr;
+}
+
+void FeedbackPass::resize(int width_px, int height_px) {
+  if (width_px == width_ && height_px == height_) return;
+  width_ = width_px;
+  height_ = height_px;
+  for (Target& t : ring_) {
+    drop(t);
+    t.wants = gl::Texture::create();
+    glBindTexture(GL_TEXTURE_2D, t.wants.id());
+    gl::label(GL_TEXTURE, t.wants.id(), "feedback");
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_, height_, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    t.depth = gl::Renderbuffer::create();
+    glBindRenderbuffer(GL_RENDERBUFFER, t.depth.id());
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
+    t.framebuffer = gl::Framebuffer::create();
+    glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, t.wants.id(), 0);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, t.depth.id());
+    t.pixels = gl::Buffer::create();
+    if (!software_) {
+      glBindBuffer(GL_PIXEL_PACK_BUFFER, t.pixels.id());
+      glBufferData(GL_PIXEL_PACK_BUFFER, static_cast<GLsizeiptr>(width_) * height_ * 16, nullptr, GL_STREAM_READ);
+      glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+    }
+  }
+  result_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_), {});
+}
+
+bool FeedbackPass::issue(const std::function<void()>& draw) {
+  for (Target& t : ring_) {
+    if (t.fence) continue;
+    glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
+    glViewport(0, 0, width_, height_);
+    const GLuint nothing[4] = {0, 0, 0, 0};
+    glClearBufferuiv(GL_COLOR, 0, nothing);
+    glClear(GL_DEPTH_BUFFER_BIT);
+    draw();
+    if (!software_) {
+      glBindBuffer(GL_PIXEL_PACK_BUFFER, t.pixels.id());
+      glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+      glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+    }
+    t.fence = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
+    t.serial = ++serial_;
+    return true;
+  }
+  return false;
+}
+
+void FeedbackPass::read(Target& target) {
+  if (software_) {
+    glBindFramebuffer(GL_FRAMEBUFFER, target.framebuffer.id());
+    glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, result_.data());
+    return;
+  }
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, target.pixels.id());
+  auto bytes = static_cast<GLsizeiptr>(result_.size() * sizeof(result_[0]));
+  if (const void* mapped = glMapBufferRange(GL_PIXEL_PACK_BUFFER, 0, bytes, GL_MAP_READ_BIT)) {
+    std::memcpy(result_.data(), mapped, static_cast<size_t>(bytes));
+    glUnmapBuffer(GL_PIXEL_PACK_BUFFER);
+  }
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
+}
+
+std::span<const std::array<uint32_t, 4>> FeedbackPass::poll() {
+  Target* newest = nullptr;
+  for (Target& t : ring_) {
+    if (!t.fence) continue;
+    GLenum state = glClientWaitSync(t.fence, 0, 0);
+    if (state != GL_ALREADY_SIGNALED && state != GL_CONDITION_SATISFIED) continue;
+    if (!newest || t.serial > newest->serial) newest = &t;
+  }
+  if (!newest) return {};
+  read(*newest);
+  uint64_t serial = newest->serial;
+  for (Target& t : ring_) {
+    if (t.fence && t.serial <= serial) drop(t);
+  }
+  return result_;
+}
+
+std::span<const std::array<uint32_t, 4>> FeedbackPass::wait() {
+  Target* newest = nullptr;
+  for (Target& t : ring_) {
+    if (t.fence && (!newest || t.serial > newest->serial)) newest = &t;
+  }
+  if (!newest) return {};
+  glClientWaitSync(newest->fence, GL_SYNC_FLUSH_COMMANDS_BIT, GLuint64{10} * 1000 * 1000 * 1000);
+  read(*newest);
+  for (Target& t : ring_) drop(t);
+  return result_;
+}
+
+}  // namespace relievo

@@ -1,0 +1,227 @@
+#include "src/render/patch_pass.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+
+#include <glm/gtc/matrix_transform.hpp>
+
+namespace relievo {
+namespace {
+
+constexpr int kAttributes = 5;
+
+uint32_t packEdges(const PatchInstance& p) {
+  uint32_t bits = 0;
+  for (int side = 0; side < 4; ++side) {
+    bits |= static_cast<uint32_t>(p.edges[side][0] | p.edges[side][1] << 4) << (8 * side);
+  }
+  return bits;
+}
+
+}  // namespace
+
+std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_relief", "a_node", "a_edges"}; }
+
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
+  EyeFrame eye;
+  double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
+  double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
+  double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
+  auto limit = static_cast<int64_t>(1) << 29;  // an eye far off the artwork: differences stay within 32 bits
+  eye.unit_x = std::clamp<int64_t>(std::llround((view.eye_mm.x + half_w) / mm_per_unit), -limit, limit);
+  eye.unit_y = std::clamp<int64_t>(std::llround((half_h - view.eye_mm.y) / mm_per_unit), -limit, limit);
+  glm::dvec3 origin{static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
+                    half_h - static_cast<double>(eye.unit_y) * mm_per_unit, view.eye_mm.z};
+  glm::dmat4 clip = glm::translate(view.clip_from_world, origin);
+  for (int c = 0; c < 4; ++c)
+    for (int r = 0; r < 4; ++r) eye.clip_from_eye[4 * c + r] = static_cast<float>(clip[c][r]);
+  eye.limit_x = static_cast<int32_t>((static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2) - eye.unit_x);
+  eye.limit_y = static_cast<int32_t>((static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2) - eye.unit_y);
+  eye.mm_per_unit = static_cast<float>(mm_per_unit);
+  eye.mm_per_height_step = static_cast<float>(domain.relief_scale_mm * exaggerate);
+  eye.zero_height_mm = static_cast<float>((relief ? domain.relief_offset_mm * exaggerate : 0.0) - view.eye_mm.z);
+  return eye;
+}
+
+PatchPass::PatchPass()
+    : vertex_array_(gl::VertexArray::create()),
+      vertices_(gl::Buffer::create()),
+      indices_(gl::Buffer::create()),
+      instances_(gl::Buffer::create()) {
+  std::vector<uint8_t> vertices;
+  std::vector<uint16_t> indices;
+  for (int n = 1; n <= kMaxGridLevel; ++n) {
+    Grid& grid = grids_[n];
+    int side = (1 << n) + 1;
+    grid.first_vertex = static_cast<uint32_t>(vertices.size() / 4);
+    grid.vertices = static_cast<uint32_t>(side * side);
+    for (int j = 0; j < side; ++j)
+      for (int i = 0; i < side; ++i)
+        for (int byte : {i, j, 0, 0}) vertices.push_back(static_cast<uint8_t>(byte));
+    auto at = [side](int i, int j) { return static_cast<uint16_t>(j * side + i); };
+    grid.first_index = static_cast<uint32_t>(indices.size());
+    for (int j = 0; j + 1 < side; ++j) {
+      for (int i = 0; i + 1 < side; ++i) {
+        // Split along (i, j) - (i + 1, j + 1); counter-clockwise seen from the viewer (y points down in the grid).
+        for (uint16_t v : {at(i, j), at(i + 1, j + 1), at(i + 1, j), at(i, j), at(i, j + 1), at(i + 1, j + 1)}) {
+          indices.push_back(v);
+        }
+      }
+    }
+    grid.indices = static_cast<uint32_t>(indices.size()) - grid.first_index;
+    grid.first_line = static_cast<uint32_t>(indices.size());
+    for (int j = 0; j < side; ++j) {
+      for (int i = 0; i < side; ++i) {
+        if (i + 1 < side) indices.insert(indices.end(), {at(i, j), at(i + 1, j)});
+        if (j + 1 < side) indices.insert(indices.end(), {at(i, j), at(i, j + 1)});
+        if (i + 1 < side && j + 1 < side) indices.insert(indices.end(), {at(i, j), at(i + 1, j + 1)});
+      }
+    }
+    grid.line_indices = static_cast<uint32_t>(indices.size()) - grid.first_line;
+  }
+  glBindVertexArray(vertex_array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(vertices.size()), vertices.data(), GL_STATIC_DRAW);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, indices_.id());
+  glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * sizeof(uint16_t)), indices.data(),
+               GL_STATIC_DRAW);
+  for (GLuint a = 0; a < kAttributes; ++a) glEnableVertexAttribArray(a);
+  for (GLuint a = 1; a < kAttributes; ++a) glVertexAttribDivisor(a, 1);
+  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
+  gl::label(GL_BUFFER, instances_.id(), "patch instances");
+  glBindVertexArray(0);
+}
+
+void PatchPass::setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye,
+                             bool relief, const std::function<SlotIndex(const NodeId&)>& slot_of) {
+  std::vector<GpuPatchInstance> gpu;
+  gpu.reserve(instances.size() * 2);
+  std::fill(std::begin(group_first_), std::end(group_first_), 0u);
+  triangles_ = 0;
+  int patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
+  for (const PatchInstance& p : instances) {
+    ++group_first_[p.grid_level + 1];
+    triangles_ += 2u << (2 * p.grid_level);
+    GpuPatchInstance g{};
+    g.origin[0] = static_cast<int32_t>(p.x0 - eye.unit_x);
+    g.origin[1] = static_cast<int32_t>(p.y0 - eye.unit_y);
+    g.origin[2] = p.step_log2;
+    g.origin[3] = p.grid_level;
+    if (relief) {
+      // Both corners in units from the patch's corner.
+      int page_log2 = patch_units_log2 - static_cast<int>(p.relief_page.level);
+      int node_log2 = patch_units_log2 - static_cast<int>(p.node.level);
+      auto offset = [&](uint32_t node, uint32_t page) {
+        return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2));
+      };
+      g.relief[0] = offset(p.node.x, p.relief_page.x);
+      g.relief[1] = offset(p.node.y, p.relief_page.y);
+      g.relief[2] = static_cast<int32_t>(slot_of(p.relief_page));
+      g.relief[3] = page_log2 - 7;
+    }
+    g.node[0] = p.node.patch;
+    g.node[1] = p.node.level;
+    g.node[2] = p.node.x;
+    g.node[3] = p.node.y;
+    g.edges = packEdges(p);
+    gpu.push_back(g);
+  }
+  for (int n = 1; n <= kMaxGridLevel + 1; ++n) group_first_[n] += group_first_[n - 1];
+  instance_count_ = static_cast<uint32_t>(gpu.size());
+  coarse_offset_ = gpu.size() * sizeof(GpuPatchInstance);
+  for (uint32_t i = 0; i < instance_count_; ++i) {
+    GpuPatchInstance g = gpu[i];
+    g.origin[2] += g.origin[3] - 1;
+    g.origin[3] = 1;
+    g.edges = 0xF1F1F1F1u;  // each side one whole edge of two segments
+    gpu.push_back(g);
+  }
+  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuPatchInstance)), gpu.data(), GL_STREAM_DRAW);
+}
+
+void PatchPass::bindInstances(size_t first_instance, bool coarse) const {
+  size_t base = first_instance * sizeof(GpuPatchInstance) + (coarse ? coarse_offset_ : 0);
+  auto at = [base](size_t member) { return reinterpret_cast<const void*>(base + member); };
+  constexpr GLsizei kStride = sizeof(GpuPatchInstance);
+  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
+  glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
+  glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
+  glVertexAttribIPointer(3, 4, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
+  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+}
+
+void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const {
+  glUniformMatrix4fv(program.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
+  glUniform2i(program.uniform("u_limit"), eye.limit_x, eye.limit_y);
+  glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, depth_bias);
+}
+
+uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias) const {
+  setUniforms(program, eye, depth_bias);
+  glBindVertexArray(vertex_array_.id());
+  uint32_t calls = 0;
+  auto drawGroup = [&](int n, uint32_t first, uint32_t count, bool coarse) {
+    if (count == 0) return;
+    const Grid& grid = grids_[n];
+    glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
+    bindInstances(first, coarse);
+    bool lines = mesh == Mesh::kLines;
+    uint32_t first_index = lines ? grid.first_line : grid.first_index;
+    glDrawElementsInstanced(lines ? GL_LINES : GL_TRIANGLES, static_cast<GLsizei>(lines ? grid.line_indices : grid.indices),
+                            GL_UNSIGNED_SHORT, reinterpret_cast<const void*>(size_t{first_index} * sizeof(uint16_t)),
+                            static_cast<GLsizei>(count));
+    ++calls;
+  };
+  if (mesh == Mesh::kCoarse) {
+    drawGroup(1, 0, instance_count_, true);
+  } else {
+    for (int n = 1; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n], false);
+  }
+  glBindVertexArray(0);
+  return calls;
+}
+
+std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const {
+  setUniforms(program, eye, 0);
+  uint64_t total = 0;
+  for (int n = 1; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
+  if (total == 0 || total > max_vertices) return {};
+  auto buffer = gl::Buffer::create();
+  glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, buffer.id());
+  glBufferData(GL_TRANSFORM_FEEDBACK_BUFFER, static_cast<GLsizeiptr>(total * 16), nullptr, GL_STATIC_READ);
+  glBindVertexArray(vertex_array_.id());
+  glEnable(GL_RASTERIZER_DISCARD);
+  uint64_t offset = 0;
+  for (int n = 1; n <= kMaxGridLevel; ++n) {
+    uint32_t count = group_first_[n + 1] - group_first_[n];
+    if (count == 0) continue;
+    const Grid& grid = grids_[n];
+    glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
+    bindInstances(group_first_[n], false);
+    uint64_t bytes = uint64_t{count} * grid.vertices * 16;
+    glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes));
+    glBeginTransformFeedback(GL_POINTS);
+    glDrawArraysInstanced(GL_POINTS, 0, static_cast<GLsizei>(grid.vertices), static_cast<GLsizei>(count));
+    glEndTransformFeedback();
+    offset += bytes;
+  }
+  glDisable(GL_RASTERIZER_DISCARD);
+  glBindVertexArray(0);
+  std::vector<float> out(total * 4);
+  glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, buffer.id());
+  if (void* mapped = glMapBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, static_cast<GLsizeiptr>(total * 16), GL_MAP_READ_BIT)) {
+    std::copy_n(static_cast<const float*>(mapped), out.size(), out.begin());
+    glUnmapBuffer(GL_TRANSFORM_FEEDBACK_BUFFER);
+  } else {
+    out.clear();
+  }
+  glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, 0);
+  return out;
+}
+
+}  // namespace relievo

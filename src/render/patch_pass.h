@@ -1,0 +1,68 @@
+// patch_pass.h - draws a list of patch instances: one instanced draw a grid level, at most kMaxGridLevel draw calls.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "geometry/planar_lod.h"
+#include "src/camera.h"
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+#include "texturing/page_cache.h"
+
+namespace relievo {
+
+// What patch.vert reads of an instance.
+struct GpuPatchInstance {
+  int32_t origin[4];   // x, y from the eye's unit; log2 of the step; grid level
+  int32_t relief[4];   // x, y from the relief page's corner; slot; log2 of the sample spacing
+  uint32_t node[4];    // patch, level, x, y
+  uint32_t edges;      // per side a byte
+};
+
+// Attribute order of every program that uses patch.vert.
+std::vector<std::string> patchAttributes();
+
+// The eye in whole units, and what turns unit differences from it into clip space.
+struct EyeFrame {
+  int64_t unit_x = 0, unit_y = 0;
+  float clip_from_eye[16];
+  int32_t limit_x = 0, limit_y = 0;
+  float mm_per_unit = 1, mm_per_height_step = 0, zero_height_mm = 0;
+};
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief);
+
+class PatchPass {
+ public:
+  PatchPass();
+  // `slot_of` answers with the slot of a relief page in use. coarse: each node as 2 x 2 cells, for the feedback pass.
+  void setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye, bool relief,
+                    const std::function<SlotIndex(const NodeId&)>& slot_of);
+  enum class Mesh { kFull, kCoarse, kLines };
+  // With a program in use and its other uniforms set. Returns draw calls made.
+  uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0) const;
+  // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
+  std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const;
+  uint32_t triangles() const { return triangles_; }
+  uint32_t instanceCount() const { return instance_count_; }
+
+ private:
+  struct Grid {
+    uint32_t first_vertex = 0, vertices = 0;
+    uint32_t first_index = 0, indices = 0;        // triangles
+    uint32_t first_line = 0, line_indices = 0;
+  };
+  void bindInstances(size_t first_instance, bool coarse) const;
+  void setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const;
+
+  gl::VertexArray vertex_array_;
+  gl::Buffer vertices_, indices_, instances_;
+  Grid grids_[kMaxGridLevel + 1];
+  uint32_t group_first_[kMaxGridLevel + 2] = {};
+  uint32_t instance_count_ = 0, triangles_ = 0;
+  size_t coarse_offset_ = 0;
+};
+
+}  // namespace relievo
