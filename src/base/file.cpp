@@ -167,9 +167,13 @@ Result<void> OutputFile::append(std::span<const uint8_t> bytes) {
 }
 
 Result<void> OutputFile::writeAt(uint64_t offset, std::span<const uint8_t> bytes) {
-  if (auto flushed = impl_->flush(path_); !flushed) return flushed;
+  if (!impl_->buffer.empty() && offset + bytes.size() > impl_->flushed) {
+    if (auto flushed = impl_->flush(path_); !flushed) return flushed;
+  }
   return impl_->write(path_, offset, bytes);
 }
+
+const std::string& OutputFile::partPath() const { return impl_->part_path; }
 
 uint64_t OutputFile::size() const { return impl_->flushed + impl_->buffer.size(); }
 
@@ -213,13 +217,17 @@ void removePartFiles() {
   }
 }
 
-Result<std::string> hashFile(const std::string& path) {
+Result<std::string> hashFile(const std::string& path, const std::atomic<bool>* stop) {
   auto file = InputFile::open(path);
   if (!file) return file.error();
   XXH3_state_t* state = XXH3_createState();
   XXH3_64bits_reset(state);
   std::vector<uint8_t> buffer(std::min<uint64_t>(file->size(), uint64_t{4} << 20));
   for (uint64_t offset = 0; offset < file->size(); offset += buffer.size()) {
+    if (stop && stop->load()) {
+      XXH3_freeState(state);
+      return Error{ErrorKind::kInterrupted, path, "interrupted", "", {}};
+    }
     std::span<uint8_t> chunk(buffer.data(), std::min<uint64_t>(buffer.size(), file->size() - offset));
     if (auto read = file->read(offset, chunk); !read) {
       XXH3_freeState(state);

@@ -1,6 +1,7 @@
 // file.h - files by offset, and files that appear whole or not at all.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -40,7 +41,11 @@ class OutputFile {
   ~OutputFile();
 
   const std::string& path() const { return path_; }
+  // The file beside the target, created and empty: for libraries that write by name (they may truncate it, not rename it).
+  const std::string& partPath() const;
   Result<void> append(std::span<const uint8_t> bytes);  // buffered
+  // Straight to the file (what append still buffers is written first if the two overlap). Several threads may call it at
+  // once, as long as none appends.
   Result<void> writeAt(uint64_t offset, std::span<const uint8_t> bytes);
   uint64_t size() const;                                // bytes appended so far
   Result<void> commit();                                // flush, fsync, rename
@@ -57,7 +62,7 @@ Result<void> writeFile(const std::string& path, std::span<const uint8_t> bytes);
 Result<std::string> readTextFile(const std::string& path, uint64_t max_bytes);
 // Unlinks every part file of this process that is not yet committed. Async-signal-safe.
 void removePartFiles();
-// xxh3-64 of a whole file's bytes as 16 hex digits.
-Result<std::string> hashFile(const std::string& path);
+// xxh3-64 of a whole file's bytes as 16 hex digits. Gives up (kInterrupted) soon after *stop is set.
+Result<std::string> hashFile(const std::string& path, const std::atomic<bool>* stop = nullptr);
 
 }  // namespace relievo
