@@ -1,0 +1,123 @@
+// relievo render: a picture of a package, without a window.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "src/base/file.h"
+#include "src/engine.h"
+#include "src/gl/context.h"
+#include "texturing/image_io.h"
+#include "tools/commands.h"
+#include "tools/scene_options.h"
+
+namespace relievo {
+namespace {
+
+constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
+
+double nowSeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+struct RenderOptions {
+  std::string file, output, size = "1280x720", stats_file, background = "24,24,26";
+  bool settle = true;
+  int frames = 0;
+  double timeout_s = 120;
+  SceneOptions scene;
+};
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  return values[values.size() / 2];
+}
+
+Result<void> render(const RenderOptions& o) {
+  double start = nowSeconds();
+  auto size = parseSize(o.size);
+  if (!size) return size.error();
+  if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
+    return Error{ErrorKind::kUsage, "", "expected a --size of at most 16384x16384 px, found " + o.size, "", {}};
+  }
+  int width = static_cast<int>(size->first), height = static_cast<int>(size->second);
+  auto background = parseTriple(o.background, "--background");
+  if (!background) return background.error();
+  auto scene = o.scene.scene();
+  if (!scene) return scene.error();
+  auto package = Package::open(o.file);
+  if (!package) return package.error();
+  auto camera = o.scene.camera((*package)->manifest().domain, width, height);
+  if (!camera) return camera.error();
+
+  auto context = gl::HeadlessContext::create();
+  if (!context) return context.error();
+  auto engine = Engine::create(artworkFromPackage(*package), *scene, o.scene.engineOptions());
+  if (!engine) return engine.error();
+  Engine& e = **engine;
+  e.resize(width, height);
+  e.setCamera(*camera);
+  if (o.settle) {
+    if (auto settled = e.settle(o.timeout_s); !settled) return settled;
+  } else {
+    e.frame(nowSeconds());
+  }
+  double settled_s = nowSeconds() - start;
+  std::vector<double> frame_ms;
+  for (int i = 0; i < o.frames; ++i) {
+    double t = nowSeconds();
+    e.frame(nowSeconds());
+    e.readPixels();  // waits for the picture
+    frame_ms.push_back((nowSeconds() - t) * 1000);
+  }
+  auto rgba = e.readPixels();
+  std::vector<uint8_t> rgb(static_cast<size_t>(width) * static_cast<size_t>(height) * 3);
+  for (size_t i = 0; i < rgb.size() / 3; ++i) {
+    for (size_t c = 0; c < 3; ++c) {
+      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
+    }
+  }
+  if (auto written = writePng(o.output, width, height, 3, rgb); !written) return written;
+  for (const std::string& message : e.takeMessages()) std::fprintf(stderr, "relievo: warning: %s\n", message.c_str());
+
+  if (!o.stats_file.empty()) {
+    auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
+    stats["settled_ms"] = settled_s * 1000;
+    if (!frame_ms.empty()) {
+      stats["frame_ms_median"] = median(frame_ms);
+      stats["frame_ms_max"] = *std::max_element(frame_ms.begin(), frame_ms.end());
+    }
+    stats["renderer"] = (*context)->info().renderer;
+    std::string text = stats.dump(2) + "\n";
+    return writeFile(o.stats_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  }
+  return {};
+}
+
+}  // namespace
+
+void addRenderCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<RenderOptions>();
+  auto* c = app.add_subcommand("render", "Draw a package into a PNG, without a window");
+  c->footer(
+      "Example:\n  relievo render inscription.relievo -o picture.png --size 1280x720 --azimuth 25 --elevation 15 \\\n"
+      "      --light -0.8,0.3,0.4 --settle --stats stats.json");
+  c->add_option("FILE", o->file, "Package to draw")->required();
+  c->add_option("-o,--output", o->output, "PNG to write")->required();
+  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px")->capture_default_str();
+  o->scene.addTo(*c);
+  c->add_flag("--settle,!--no-settle", o->settle, "Wait until all wanted pages are resident: the picture is then deterministic [on]");
+  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")->check(CLI::Range(0.1, 86400.0))->capture_default_str();
+  c->add_option("--frames", o->frames, "Frames to time once settled, for --stats")->check(CLI::Range(0, 100000))->capture_default_str();
+  c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255")->capture_default_str();
+  c->add_option("--stats", o->stats_file, "Write counters to this JSON file: planes, pages and bytes read, passes, draw calls, ms");
+  c->callback([o, &context] {
+    if (auto done = render(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo

@@ -1,0 +1,130 @@
+#include "tools/scene_options.h"
+
+#include <cmath>
+#include <numbers>
+
+#include <nlohmann/json.hpp>
+
+#include "src/base/file.h"
+#include "tools/commands.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint64_t kMaxStateBytes = 1 << 20;
+
+Error usage(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
+
+Result<nlohmann::json> readState(const std::string& path) {
+  if (path.empty()) return nlohmann::json::object();
+  auto text = readTextFile(path, kMaxStateBytes);
+  if (!text) return text.error();
+  auto json = nlohmann::json::parse(*text, nullptr, false);
+  if (json.is_discarded() || !json.is_object()) {
+    return Error{ErrorKind::kInvalidData, path, "expected a JSON object with the camera and light", "see relievo render --help", {}};
+  }
+  return json;
+}
+
+// A number of the state file where it is given and finite; a named error where it is something else.
+Result<void> take(const nlohmann::json& state, const char* key, const std::string& path, double* value) {
+  if (!state.contains(key)) return {};
+  if (!state[key].is_number()) return Error{ErrorKind::kInvalidData, path, std::string("expected a number for '") + key + "'", "", {}};
+  *value = state[key].get<double>();
+  return {};
+}
+
+Result<bool> takeTriple(const nlohmann::json& state, const char* key, const std::string& path, double* values) {
+  if (!state.contains(key)) return false;
+  const auto& list = state[key];
+  bool good = list.is_array() && list.size() == 3;
+  for (size_t i = 0; good && i < 3; ++i) good = list[i].is_number();
+  if (!good) return Error{ErrorKind::kInvalidData, path, std::string("expected three numbers for '") + key + "'", "", {}};
+  for (size_t i = 0; i < 3; ++i) values[i] = list[i].get<double>();
+  return true;
+}
+
+}  // namespace
+
+void SceneOptions::addTo(CLI::App& c) {
+  c.add_option("--azimuth", azimuth, "Eye to the right of straight ahead, degrees [0]");
+  c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
+  c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
+  c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre [0,0,0]");
+  c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170 [35]");
+  c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, target_mm, light; options given beside it win");
+  c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer [0,0,1]");
+  c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
+  c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
+  c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
+  c.add_flag("--no-relight", no_relight, "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--no-trilinear", no_trilinear, "Nearest texture level instead of a blend of two");
+  c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
+      ->check(CLI::IsMember({"exact", "fast"}))->capture_default_str();
+  c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")->check(CLI::Range(0.0, 60000.0))->capture_default_str();
+  c.add_flag("--wireframe", wireframe, "Draw the triangles' edges");
+  c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
+      ->check(CLI::IsMember({"pages", "lod", "none"}))->capture_default_str();
+  c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
+  c.add_option("--workers", workers, "Threads that read and decode pages")->check(CLI::Range(1, 64))->capture_default_str();
+}
+
+Result<Scene> SceneOptions::scene() const {
+  Scene s;
+  auto state = readState(state_file);
+  if (!state) return state.error();
+  if (auto t = takeTriple(*state, "light", state_file, s.light.data()); !t) return t.error();
+  if (!light.empty()) {
+    auto l = parseTriple(light, "--light");
+    if (!l) return l.error();
+    s.light = *l;
+  }
+  if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0) return usage("the light's direction is zero", "for example --light -0.7,0.4,0.6");
+  if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4) return usage("expected --exaggerate within -10000 to 10000", "");
+  if (!(error_px >= 0) || error_px > 1e4) return usage("expected --error-px from 0 to 10000 px", "");
+  s.relief = !no_relief;
+  s.relight = !no_relight;
+  s.trilinear = !no_trilinear;
+  s.filter = filter == "fast" ? Filter::kFast : Filter::kExact;
+  s.page_fade_s = page_fade_ms / 1000;
+  s.exaggerate = exaggerate;
+  s.error_px = error_px;
+  s.wireframe = wireframe;
+  s.show = show == "pages" ? Show::kPages : show == "lod" ? Show::kLod : Show::kNone;
+  return s;
+}
+
+Result<OrbitCamera> SceneOptions::camera(const PlanarDomain& domain, int width_px, int height_px) const {
+  auto state = readState(state_file);
+  if (!state) return state.error();
+  double fov_deg = 35;
+  if (auto r = take(*state, "fov_deg", state_file, &fov_deg); !r) return r.error();
+  fov_deg = fov.value_or(fov_deg);
+  if (!(fov_deg >= 1 && fov_deg <= 170)) return usage("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
+  OrbitCamera c = fitCamera(domain, width_px, height_px, fov_deg);
+  if (auto r = take(*state, "azimuth_deg", state_file, &c.azimuth_deg); !r) return r.error();
+  if (auto r = take(*state, "elevation_deg", state_file, &c.elevation_deg); !r) return r.error();
+  if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
+  if (auto t = takeTriple(*state, "target_mm", state_file, &c.target_mm.x); !t) return t.error();
+  c.azimuth_deg = azimuth.value_or(c.azimuth_deg);
+  c.elevation_deg = elevation.value_or(c.elevation_deg);
+  c.distance_mm = distance.value_or(c.distance_mm);
+  if (!target.empty()) {
+    auto t = parseTriple(target, "--target");
+    if (!t) return t.error();
+    c.target_mm = {(*t)[0], (*t)[1], (*t)[2]};
+  }
+  if (!std::isfinite(c.azimuth_deg)) return usage("expected a finite --azimuth in degrees", "");
+  if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usage("expected --elevation from -89 to 89 degrees", "");
+  if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usage("expected a --distance above 0 mm", "");
+  return c;
+}
+
+EngineOptions SceneOptions::engineOptions() const {
+  EngineOptions o;
+  o.cache_mib = cache_mib;
+  o.workers = workers;
+  return o;
+}
+
+}  // namespace relievo

@@ -1,0 +1,29 @@
+// scene_options.h - the options that render and view share: camera, light, effects and budgets; and their JSON state.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "src/base/result.h"
+#include "src/camera.h"
+#include "src/effect_plan.h"
+#include "src/engine.h"
+
+namespace relievo {
+
+struct SceneOptions {
+  std::optional<double> azimuth, elevation, distance, fov;
+  std::string target, light, state_file, show = "none", filter = "exact";
+  bool no_relief = false, no_relight = false, no_trilinear = false, wireframe = false;
+  double exaggerate = 1, error_px = 1, page_fade_ms = 0, cache_mib = 256;
+  int workers = 2;
+
+  void addTo(CLI::App& command);
+  Result<Scene> scene() const;
+  Result<OrbitCamera> camera(const PlanarDomain& domain, int width_px, int height_px) const;
+  EngineOptions engineOptions() const;
+};
+
+}  // namespace relievo
