@@ -5,9 +5,13 @@
 //   (x + motion_x, y + motion_y), clamped to the border, if bit 1 is set (transform 2, motion compensation).
 // Then side information replaces single samples: records of a big-endian 32-bit offset and a value.
 // Choices where the format's description leaves room, or readers disagree:
-//   - The sum is clamped to 0..255. A JPEG residual is only nearly right, so sums lie a little outside the range where the
-//     plane is dark or bright; wrapping them around, as some readers do, turns black specks white.
-//   - Motion vectors and offsets of side information count in the JPEG's own rows (not flipped), as the encoder sees them.
+//   - The sum is taken modulo 256, as bytes add. That is what the readers of the field do, so what the format's encoder counts
+//     on: a residual beyond +-128 wraps in the file and back here, and where JPEG's loss carries a sample over the end of
+//     the range, side information is there to put it right. Clamping would spoil the former.
+//   - Offsets of side information count in the JPEG's own rows, bottom to top. One reader flips them, but it flips the decoded
+//     picture as well, which amounts to the same; another that flips only the offsets contradicts both.
+//   - Motion vectors: all x, then all y; in the JPEG's own rows; a reference sample beyond the border is the border's.
+//     No file that uses them is known.
 #include <algorithm>
 #include <atomic>
 #include <csetjmp>
@@ -98,7 +102,7 @@ bool decodeGrey(const uint8_t* bytes, size_t size, int64_t width, int64_t height
   return !manager.corrupt;
 }
 
-// out += prediction from reference - 128.
+// out += prediction from reference - 128, modulo 256.
 void predict(const JpegPlane& plane, const uint8_t* reference, int64_t width, int64_t height, uint8_t* out) {
   const int flip = plane.transform & 1 ? 255 : 0;  // r ^ 255 = 255 - r
   const bool moved = (plane.transform & 2) && (plane.motion_x != 0 || plane.motion_y != 0);
@@ -108,10 +112,10 @@ void predict(const JpegPlane& plane, const uint8_t* reference, int64_t width, in
     if (moved) {
       for (int64_t x = 0; x < width; ++x) {
         int r = from[std::clamp<int64_t>(x + plane.motion_x, 0, width - 1)] ^ flip;
-        to[x] = static_cast<uint8_t>(std::clamp(to[x] + r - 128, 0, 255));
+        to[x] = static_cast<uint8_t>(to[x] + r - 128);
       }
     } else {
-      for (int64_t x = 0; x < width; ++x) to[x] = static_cast<uint8_t>(std::clamp(to[x] + (from[x] ^ flip) - 128, 0, 255));
+      for (int64_t x = 0; x < width; ++x) to[x] = static_cast<uint8_t>(to[x] + (from[x] ^ flip) - 128);
     }
   }
 }
