@@ -1,1 +1,24 @@
 # relievo_test(...) lines of tests/render
+
+# relievo_gltest(NAME LIBS lib... SOURCES file...): a GoogleTest program that needs a GL context (tests/render/gl_fixture.h).
+# It runs as a whole, since making a context takes time: NAME_gl under OpenGL 3.3 core, NAME_es under OpenGL ES 3.0. Mesa
+# promotes every request to the newest version it has, so its overrides keep it to what was asked for.
+function(relievo_gltest name)
+  cmake_parse_arguments(T "" "" "LIBS;SOURCES" ${ARGN})
+  add_executable(${name} ${T_SOURCES} ${CMAKE_SOURCE_DIR}/tests/render/gl_main.cpp)
+  target_link_libraries(${name} PRIVATE ${T_LIBS} relievo_gl GTest::gtest)
+  set(overrides_gl "MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330")
+  set(overrides_es "MESA_GLES_VERSION_OVERRIDE=3.0")
+  foreach(api gl es)
+    add_test(NAME ${name}_${api} COMMAND ${name})
+    set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 SKIP_RETURN_CODE 77
+      ENVIRONMENT "RELIEVO_GL=${api};${overrides_${api}}")
+  endforeach()
+endfunction()
+
+relievo_gltest(gl_gltest LIBS relievo_gl relievo_shaders SOURCES render/gl_gltest.cpp)
+target_compile_definitions(gl_gltest PRIVATE RELIEVO_SHADER_DIR="${CMAKE_SOURCE_DIR}/shaders")
+# The oracle of "virtual equals dense": links nothing of the engine but plain types.
+add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
+target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
+relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)

@@ -1,0 +1,681 @@
+#include "tests/render/dense_reference.h"
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "geometry/snap.h"
+
+namespace relievo {
+
+namespace {
+
+constexpr double kSampleOffsetPx = 1.0 / 64.0;
+constexpr int kMaxChannels = 18;
+
+}  // namespace
+
+// --- A. dense pyramid
+
+PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
+  PlanarDomain d;
+  d.width_px = static_cast<uint64_t>(texture.width());
+  d.height_px = static_cast<uint64_t>(texture.height());
+  d.mm_per_px = mm_per_px;
+  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  if (relief != nullptr) {
+    d.relief_depth = d.texture_depth;
+    d.relief_offset_mm = relief->minMm();
+    d.relief_scale_mm = (relief->maxMm() - relief->minMm()) / 65535.0;
+  }
+  return d;
+}
+
+namespace {
+
+// The sRGB transfer curve (IEC 61966-2-1) between 8.8 fixed point and 16-bit linear light.
+int64_t linearFromLevel(int64_t v) {
+  const double s = static_cast<double>(v) / 65280.0;
+  return std::llround(65535.0 * (s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4)));
+}
+int64_t levelFromLinear(int64_t n) {
+  const double l = static_cast<double>(n) / 65535.0;
+  const double s = l <= 0.0031308 ? 12.92 * l : 1.055 * std::pow(l, 1.0 / 2.4) - 0.055;
+  return std::llround(65280.0 * std::clamp(s, 0.0, 1.0));
+}
+// Every value once, since pow is slow.
+std::vector<int64_t> tabulate(int64_t (*function)(int64_t), int64_t count) {
+  std::vector<int64_t> table;
+  for (int64_t v = 0; v < count; ++v) table.push_back(function(v));
+  return table;
+}
+
+// The weight of an LRGB texel's colour: its luminance under diffuse light, (a0 + a1) / 3 + a5, in 1/16.
+struct LuminanceWeight {
+  static constexpr std::array<int, 3> kTerms{0, 1, 5};
+  std::array<int64_t, 3> m{};
+  int64_t c = 0;
+
+  explicit LuminanceWeight(const TextureFormat& f) {
+    const std::array<double, 3> exact{4096.0 / 3 * f.scale[0], 4096.0 / 3 * f.scale[1], 4096.0 * f.scale[5]};
+    double divisor = 1;
+    while (std::max({std::abs(exact[0]), std::abs(exact[1]), std::abs(exact[2])}) / divisor > 65536) divisor *= 2;
+    double constant = 0;
+    for (int i = 0; i < 3; ++i) {
+      m[i] = std::llround(exact[i] / divisor);
+      constant -= static_cast<double>(m[i]) * std::round(16 * f.bias[kTerms[i]]);
+    }
+    c = static_cast<int64_t>(std::clamp(constant, -8e8, 8e8));
+  }
+  int64_t operator()(const uint16_t* texel) const {
+    int64_t sum = c;
+    for (int i = 0; i < 3; ++i) sum += m[i] * (texel[kTerms[i]] >> 4);
+    return std::clamp<int64_t>(sum >> 12, 1, 4095);
+  }
+};
+
+}  // namespace
+
+std::vector<uint16_t> denseDownsample(const TextureFormat& format, const std::vector<uint16_t>& in, int64_t width,
+                                      int64_t height) {
+  static const std::vector<int64_t> to_linear = tabulate(linearFromLevel, 65281);
+  static const std::vector<int64_t> from_linear = tabulate(levelFromLinear, 65536);
+  const LuminanceWeight weight(format);
+  const int channels = format.channels();
+  const int numbers = format.basis == Basis::kColour ? 0 : format.basis == Basis::kPtmLrgb ? 6 : 18;
+  const int64_t out_width = (width + 1) / 2, out_height = (height + 1) / 2;
+  std::vector<uint16_t> out(static_cast<size_t>(out_width * out_height * channels));
+  for (int64_t y = 0; y < out_height; ++y) {
+    for (int64_t x = 0; x < out_width; ++x) {
+      const int64_t x1 = std::min(2 * x + 1, width - 1), y1 = std::min(2 * y + 1, height - 1);
+      const uint16_t* texel[4] = {&in[(2 * y * width + 2 * x) * channels], &in[(2 * y * width + x1) * channels],
+                                  &in[(y1 * width + 2 * x) * channels], &in[(y1 * width + x1) * channels]};
+      uint16_t* to = &out[(y * out_width + x) * channels];
+      for (int c = 0; c < numbers; ++c) {
+        int64_t sum = 2;
+        for (const uint16_t* t : texel) sum += t[c];
+        to[c] = static_cast<uint16_t>(sum >> 2);
+      }
+      if (format.basis == Basis::kColour) {
+        for (int c = 0; c < 3; ++c) {
+          int64_t sum = 2;
+          for (const uint16_t* t : texel) sum += to_linear[t[c]];
+          to[c] = static_cast<uint16_t>(from_linear[sum >> 2]);
+        }
+      } else if (format.basis == Basis::kPtmLrgb) {
+        int64_t total = 0;
+        for (const uint16_t* t : texel) total += weight(t);
+        for (int c = 6; c < 9; ++c) {
+          int64_t sum = total / 2;
+          for (const uint16_t* t : texel) sum += weight(t) * t[c];
+          to[c] = static_cast<uint16_t>(sum / total);
+        }
+      }
+    }
+  }
+  return out;
+}
+
+Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain) {
+  DenseTexture t;
+  t.domain = domain;
+  t.format = source.format();
+  const int channels = t.format.channels();
+  t.levels.resize(static_cast<size_t>(domain.texture_depth) + 1);
+
+  DenseLevel& finest = t.levels.back();
+  finest.width = source.width();
+  finest.height = source.height();
+  finest.texels.resize(static_cast<size_t>(finest.width * finest.height * channels));
+  std::vector<uint8_t> band;
+  constexpr int64_t kBandRows = 64;
+  for (int64_t y0 = 0; y0 < finest.height; y0 += kBandRows) {
+    const int64_t rows = std::min(kBandRows, finest.height - y0);
+    band.resize(static_cast<size_t>(finest.width * rows * channels));
+    auto read = source.read({0, y0, finest.width, rows}, band);
+    if (!read.ok()) return read.error();
+    for (int c = 0; c < channels; ++c)
+      for (int64_t y = 0; y < rows; ++y)
+        for (int64_t x = 0; x < finest.width; ++x)
+          finest.texels[((y0 + y) * finest.width + x) * channels + c] = band[(c * rows + y) * finest.width + x];
+  }
+
+  std::vector<uint16_t> fixed(finest.texels.size());
+  for (size_t i = 0; i < fixed.size(); ++i) fixed[i] = static_cast<uint16_t>(finest.texels[i] << 8);
+  for (int l = domain.texture_depth - 1; l >= 0; --l) {
+    const DenseLevel& finer = t.levels[l + 1];
+    DenseLevel& level = t.levels[l];
+    fixed = denseDownsample(t.format, fixed, finer.width, finer.height);
+    level.width = (finer.width + 1) / 2;
+    level.height = (finer.height + 1) / 2;
+    level.texels.resize(fixed.size());
+    for (size_t i = 0; i < fixed.size(); ++i)
+      level.texels[i] = static_cast<uint8_t>(std::min(255, (fixed[i] + 128) >> 8));
+  }
+  return t;
+}
+
+// --- B. dense relief
+
+Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain) {
+  DenseRelief r;
+  r.samples_per_texel_log2 = domain.relief_depth - domain.texture_depth;
+  r.offset_mm = source.minMm();
+  r.scale_mm = (source.maxMm() - source.minMm()) / 65535.0;
+  const double width_px = static_cast<double>(domain.width_px), height_px = static_cast<double>(domain.height_px);
+  r.width = static_cast<int64_t>(std::ceil(std::ldexp(width_px, r.samples_per_texel_log2))) + 1;
+  r.height = static_cast<int64_t>(std::ceil(std::ldexp(height_px, r.samples_per_texel_log2))) + 1;
+  r.samples.resize(static_cast<size_t>(r.width * r.height));
+
+  const int64_t map_width = source.width(), map_height = source.height();
+  std::vector<float> map(static_cast<size_t>(map_width * map_height));
+  auto read = source.read({0, 0, map_width, map_height}, map);
+  if (!read.ok()) return read.error();
+
+  struct Tap {
+    int64_t a, b;
+    double t;
+  };
+  auto tap = [&](int64_t i, double extent_px, int64_t map_extent) {
+    const double x = std::min(std::ldexp(static_cast<double>(i), -r.samples_per_texel_log2), extent_px);
+    const double p = x * static_cast<double>(map_extent) / extent_px - 0.5;
+    const double cell = std::floor(p);
+    auto clamped = [&](int64_t k) { return std::clamp<int64_t>(k, 0, map_extent - 1); };
+    return Tap{clamped(static_cast<int64_t>(cell)), clamped(static_cast<int64_t>(cell) + 1), p - cell};
+  };
+  std::vector<Tap> columns(static_cast<size_t>(r.width));
+  for (int64_t i = 0; i < r.width; ++i) columns[i] = tap(i, width_px, map_width);
+  for (int64_t j = 0; j < r.height; ++j) {
+    const Tap row = tap(j, height_px, map_height);
+    for (int64_t i = 0; i < r.width; ++i) {
+      const Tap& col = columns[i];
+      const double top = map[row.a * map_width + col.a] * (1 - col.t) + map[row.a * map_width + col.b] * col.t;
+      const double bottom = map[row.b * map_width + col.a] * (1 - col.t) + map[row.b * map_width + col.b] * col.t;
+      const double mm = top * (1 - row.t) + bottom * row.t;
+      const double q = r.scale_mm > 0 ? std::floor((mm - r.offset_mm) / r.scale_mm + 0.5) : 0.0;
+      r.samples[j * r.width + i] = static_cast<uint16_t>(std::clamp(q, 0.0, 65535.0));
+    }
+  }
+  return r;
+}
+
+double denseHeightMm(const DenseRelief& relief, const PlanarDomain& domain, int64_t x, int64_t y) {
+  // Exact: a power of two times an integer of at most 53 bits.
+  auto place = [&](int64_t units, uint64_t extent_px) {
+    const double extent = std::ldexp(static_cast<double>(extent_px), relief.samples_per_texel_log2);
+    const double p = std::ldexp(static_cast<double>(units), relief.samples_per_texel_log2 - kUnitsPerTexelLog2);
+    return p >= extent ? std::ceil(extent) : p;
+  };
+  const double px = place(x, domain.width_px), py = place(y, domain.height_px);
+  const int64_t i = std::min(static_cast<int64_t>(px), relief.width - 1),
+                j = std::min(static_cast<int64_t>(py), relief.height - 1);
+  const double fx = px - static_cast<double>(i), fy = py - static_cast<double>(j);
+  auto q = [&](int64_t a, int64_t b) {
+    return static_cast<double>(
+        relief.samples[std::min(b, relief.height - 1) * relief.width + std::min(a, relief.width - 1)]);
+  };
+  const double q00 = q(i, j), q11 = q(i + 1, j + 1);
+  double value = 0;
+  if (fx >= fy) {
+    const double q10 = q(i + 1, j);
+    value = q00 + fx * (q10 - q00) + fy * (q11 - q10);
+  } else {
+    const double q01 = q(i, j + 1);
+    value = q00 + fy * (q01 - q00) + fx * (q11 - q01);
+  }
+  return relief.offset_mm + value * relief.scale_mm;
+}
+
+// --- C. rasteriser
+
+std::array<uint8_t, 3> DensePixel::bytes() const {
+  std::array<uint8_t, 3> out{};
+  for (int c = 0; c < 3; ++c) out[c] = static_cast<uint8_t>(std::floor(std::clamp(rgb[c], 0.0, 255.0) + 0.5));
+  return out;
+}
+
+size_t DenseImage::coveredPixels() const {
+  return static_cast<size_t>(
+      std::count_if(pixels.begin(), pixels.end(), [](const DensePixel& p) { return p.covered(); }));
+}
+size_t DenseImage::edgePixels() const {
+  return static_cast<size_t>(
+      std::count_if(pixels.begin(), pixels.end(), [](const DensePixel& p) { return p.edge != 0; }));
+}
+double DenseImage::edgeShare() const {
+  size_t shown = 0;
+  for (const DensePixel& p : pixels) shown += p.covered() || p.edge != 0;
+  return shown == 0 ? 0.0 : static_cast<double>(edgePixels()) / static_cast<double>(shown);
+}
+
+namespace {
+
+// value = at_origin + dx * x + dy * y, (x, y) in pixels, y downwards from the top left corner of the image.
+struct Affine {
+  double dx = 0, dy = 0, at_origin = 0;
+  double operator()(double x, double y) const { return at_origin + dx * x + dy * y; }
+};
+
+// A triangle in the homogeneous form of Olano and Greer 1997: with M = (x, y, w) of its corners, b = M^-1 (x_ndc,
+// y_ndc, 1) are the barycentric coordinates over w, affine on the screen. Their sum is 1/w. No clipping is needed for
+// exact mappings.
+struct Triangle {
+  std::array<Affine, 3> b;
+  Affine inv_w;         // sum of b
+  Affine x_num, y_num;  // sum of b_i * (X_i - X_0)
+  Affine depth;         // z/w
+  double x0 = 0, y0 = 0;
+  int32_t id = -1;
+
+  glm::dvec2 texel(double x, double y) const {
+    const double d = inv_w(x, y);
+    return {x0 + x_num(x, y) / d, y0 + y_num(x, y) / d};
+  }
+  glm::dvec2 texelDx(double x, double y) const {
+    const double d = inv_w(x, y);
+    return {(x_num.dx - x_num(x, y) / d * inv_w.dx) / d, (y_num.dx - y_num(x, y) / d * inv_w.dx) / d};
+  }
+  glm::dvec2 texelDy(double x, double y) const {
+    const double d = inv_w(x, y);
+    return {(x_num.dy - x_num(x, y) / d * inv_w.dy) / d, (y_num.dy - y_num(x, y) / d * inv_w.dy) / d};
+  }
+};
+
+struct Vertex {
+  glm::dvec4 clip{0};
+  double x = 0, y = 0;  // artwork texels
+};
+
+struct PixelBox {
+  int x0 = 0, y0 = 0, x1 = -1, y1 = -1;  // inclusive
+  bool empty() const { return x1 < x0 || y1 < y0; }
+};
+
+// The pixels whose centre or edge samples the part of the triangle before the near plane can cover.
+PixelBox pixelBox(const std::array<Vertex, 3>& v, int width, int height) {
+  double min_x = std::numeric_limits<double>::infinity(), max_x = -min_x, min_y = min_x, max_y = -min_x;
+  auto add = [&](const glm::dvec4& c) {
+    const double x = (c.x / c.w * 0.5 + 0.5) * width, y = (0.5 - c.y / c.w * 0.5) * height;
+    min_x = std::min(min_x, x);
+    max_x = std::max(max_x, x);
+    min_y = std::min(min_y, y);
+    max_y = std::max(max_y, y);
+  };
+  for (int i = 0; i < 3; ++i) {
+    const glm::dvec4 &a = v[i].clip, &b = v[(i + 1) % 3].clip;
+    const double da = a.z + a.w, db = b.z + b.w;
+    if (da >= 0 && a.w > 0) add(a);
+    if ((da >= 0) != (db >= 0)) {
+      const glm::dvec4 cut = a + (b - a) * (da / (da - db));
+      if (cut.w > 0) add(cut);
+      else return {0, 0, width - 1, height - 1};
+    }
+  }
+  if (!(min_x <= max_x)) return {};
+  auto low = [](double p, int last) {
+    return static_cast<int>(std::clamp(std::floor(p - 1.0), 0.0, double(last) + 1));
+  };
+  auto high = [](double p, int last) { return static_cast<int>(std::clamp(std::ceil(p + 1.0), -1.0, double(last))); };
+  return {low(min_x, width - 1), low(min_y, height - 1), high(max_x, width - 1), high(max_y, height - 1)};
+}
+
+bool setUp(const std::array<Vertex, 3>& v, int width, int height, Triangle& t) {
+  // Rows of M^-1 are cross products of M's columns (x_i, y_i, w_i) over its determinant.
+  std::array<glm::dvec3, 3> p;
+  for (int i = 0; i < 3; ++i) p[i] = {v[i].clip.x, v[i].clip.y, v[i].clip.w};
+  const glm::dvec3 n0 = glm::cross(p[1], p[2]);
+  const double det = glm::dot(p[0], n0);
+  const double size = glm::length(p[0]) * glm::length(p[1]) * glm::length(p[2]);
+  if (!(std::abs(det) > 1e-15 * size)) return false;  // seen edge on, or no area
+  const std::array<glm::dvec3, 3> rows{n0 / det, glm::cross(p[2], p[0]) / det, glm::cross(p[0], p[1]) / det};
+  t.inv_w = t.x_num = t.y_num = t.depth = {};
+  t.x0 = v[0].x;
+  t.y0 = v[0].y;
+  auto accumulate = [](Affine& to, const Affine& from, double weight) {
+    to.dx += from.dx * weight;
+    to.dy += from.dy * weight;
+    to.at_origin += from.at_origin * weight;
+  };
+  for (int i = 0; i < 3; ++i) {
+    // x_ndc = 2 x / width - 1, y_ndc = 1 - 2 y / height
+    t.b[i] = {rows[i].x * 2.0 / width, -rows[i].y * 2.0 / height, rows[i].z - rows[i].x + rows[i].y};
+    accumulate(t.inv_w, t.b[i], 1.0);
+    accumulate(t.x_num, t.b[i], v[i].x - v[0].x);
+    accumulate(t.y_num, t.b[i], v[i].y - v[0].y);
+    accumulate(t.depth, t.b[i], v[i].clip.z);
+  }
+  return true;
+}
+
+// The centre and the four edge samples of one pixel.
+struct Samples {
+  std::array<double, 5> depth;
+  std::array<int32_t, 5> triangle;
+};
+constexpr std::array<std::array<double, 2>, 5> kSamplePlaces{{{0, 0},
+                                                              {-kSampleOffsetPx, -kSampleOffsetPx},
+                                                              {kSampleOffsetPx, -kSampleOffsetPx},
+                                                              {-kSampleOffsetPx, kSampleOffsetPx},
+                                                              {kSampleOffsetPx, kSampleOffsetPx}}};
+
+// A centre on an edge that two triangles share must not fall between them by rounding.
+constexpr double kInsideTolerance = 1e-10;
+
+void rasterise(const Triangle& t, int32_t index, const PixelBox& box, int width, std::vector<Samples>& samples) {
+  std::array<double, 3> margin;
+  for (int k = 0; k < 3; ++k) margin[k] = (std::abs(t.b[k].dx) + std::abs(t.b[k].dy)) * kSampleOffsetPx;
+  for (int y = box.y0; y <= box.y1; ++y) {
+    for (int x = box.x0; x <= box.x1; ++x) {
+      const double cx = x + 0.5, cy = y + 0.5;
+      const double b0 = t.b[0](cx, cy), b1 = t.b[1](cx, cy), b2 = t.b[2](cx, cy);
+      const double tolerance = kInsideTolerance * (std::abs(b0) + std::abs(b1) + std::abs(b2));
+      if (b0 < -margin[0] - tolerance || b1 < -margin[1] - tolerance || b2 < -margin[2] - tolerance) continue;
+      const bool all = b0 >= margin[0] && b1 >= margin[1] && b2 >= margin[2];
+      Samples& s = samples[static_cast<size_t>(y) * width + x];
+      for (int k = 0; k < 5; ++k) {
+        const double sx = cx + kSamplePlaces[k][0], sy = cy + kSamplePlaces[k][1];
+        if (!all && (t.b[0](sx, sy) < -tolerance || t.b[1](sx, sy) < -tolerance || t.b[2](sx, sy) < -tolerance))
+          continue;
+        if (!(t.inv_w(sx, sy) > 0)) continue;
+        const double z = t.depth(sx, sy);
+        if (!(z >= -1.0 && z <= 1.0) || z >= s.depth[k]) continue;
+        s.depth[k] = z;
+        s.triangle[k] = index;
+      }
+    }
+  }
+}
+
+// Raw channels at a texel position of the finest level, bilinear on level k (0 coarsest). Texel centres at +0.5,
+// clamped.
+void sampleLevel(const DenseTexture& t, int k, glm::dvec2 texel, const DenseView& view, double* out, int channels) {
+  const DenseLevel& level = t.levels[k];
+  const int shift = t.domain.texture_depth - k;
+  const double px = std::ldexp(texel.x, -shift) - 0.5, py = std::ldexp(texel.y, -shift) - 0.5;
+  const double cell_x = std::floor(px), cell_y = std::floor(py), fx = px - cell_x, fy = py - cell_y;
+  auto clampTo = [](double v, int64_t extent) {
+    return static_cast<int64_t>(std::clamp(v, 0.0, static_cast<double>(extent - 1)));
+  };
+  const int64_t x0 = clampTo(cell_x, level.width), x1 = clampTo(cell_x + 1, level.width);
+  const int64_t y0 = clampTo(cell_y, level.height), y1 = clampTo(cell_y + 1, level.height);
+  const int raw_channels = t.format.channels();
+  const std::array<const uint8_t*, 4> taps{
+      &level.texels[(y0 * level.width + x0) * raw_channels], &level.texels[(y0 * level.width + x1) * raw_channels],
+      &level.texels[(y1 * level.width + x0) * raw_channels], &level.texels[(y1 * level.width + x1) * raw_channels]};
+  const std::array<double, 4> weights{(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy};
+  for (int c = 0; c < channels; ++c) out[c] = 0;
+  for (int n = 0; n < 4; ++n) {
+    if (view.resolved) {
+      std::array<double, kMaxChannels> raw{};
+      for (int c = 0; c < raw_channels; ++c) raw[c] = taps[n][c];
+      const auto rgb = evaluatePixel(t.format, raw.data(), view.light_u, view.light_v);
+      for (int c = 0; c < 3; ++c) out[c] += weights[n] * std::floor(rgb[c] + 0.5);
+    } else {
+      for (int c = 0; c < channels; ++c) out[c] += weights[n] * taps[n][c];
+    }
+  }
+}
+
+glm::dvec3 shadeLevels(const DenseTexture& t, glm::dvec2 texel, int finer, double coarser_share,
+                       const DenseView& view) {
+  const int channels = view.resolved ? 3 : t.format.channels();
+  const int depth = t.domain.texture_depth;
+  std::array<double, kMaxChannels> a{}, b{};
+  sampleLevel(t, depth - finer, texel, view, a.data(), channels);
+  if (coarser_share > 0) {
+    sampleLevel(t, depth - finer - 1, texel, view, b.data(), channels);
+    for (int c = 0; c < channels; ++c) a[c] = a[c] * (1 - coarser_share) + b[c] * coarser_share;
+  }
+  glm::dvec3 rgb{a[0], a[1], a[2]};
+  if (!view.resolved) {
+    const auto e = evaluatePixel(t.format, a.data(), view.light_u, view.light_v);
+    rgb = {e[0], e[1], e[2]};
+  }
+  return glm::clamp(rgb, 0.0, 255.0);
+}
+
+double lambdaOf(glm::dvec2 dx, glm::dvec2 dy, const DenseTexture& t, const DenseView& view) {
+  const double rho2 = std::max(glm::dot(dx, dx), glm::dot(dy, dy));
+  const double lambda = rho2 > 0 ? 0.5 * std::log2(rho2) + view.lod_bias : 0.0;
+  return std::clamp(lambda, 0.0, static_cast<double>(t.domain.texture_depth));
+}
+
+struct Mapping {
+  glm::dvec2 texel, dx, dy;
+};
+// The triangle's mapping at the centre of pixel (x, y), whether or not the triangle covers it.
+Mapping mappingAt(const Triangle& t, int x, int y, const DenseView& view) {
+  const double cx = x + 0.5, cy = y + 0.5;
+  Mapping m{t.texel(cx, cy), {}, {}};
+  if (view.derivatives == DenseDerivatives::kExact) {
+    m.dx = t.texelDx(cx, cy);
+    m.dy = t.texelDy(cx, cy);
+    return m;
+  }
+  // Quads are aligned to GL's origin, the bottom left corner.
+  const double left = (x & ~1) + 0.5;
+  const int up = view.height_px - 1 - y;
+  const double bottom = view.height_px - 1 - (up & ~1) + 0.5;
+  m.dx = t.texel(left + 1, cy) - t.texel(left, cy);
+  m.dy = t.texel(cx, bottom) - t.texel(cx, bottom - 1);
+  return m;
+}
+
+bool coloursDiffer(glm::dvec3 a, glm::dvec3 b) {
+  return std::abs(a.x - b.x) > 0.5 || std::abs(a.y - b.y) > 0.5 || std::abs(a.z - b.z) > 0.5;
+}
+
+}  // namespace
+
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view) {
+  const int depth = texture.domain.texture_depth;
+  lambda = std::clamp(lambda, 0.0, static_cast<double>(depth));
+  if (!view.trilinear)
+    return shadeLevels(texture, texel, std::min(depth, static_cast<int>(std::floor(lambda + 0.5))), 0, view);
+  const int finer = static_cast<int>(std::floor(lambda));
+  return shadeLevels(texture, texel, finer, lambda - finer, view);
+}
+
+DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, std::span<const PatchInstance> instances,
+                       const DenseView& view) {
+  const PlanarDomain& domain = texture.domain;
+  const int width = view.width_px, height = view.height_px;
+  const int64_t last_x = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
+  const int64_t last_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
+  assert(instances.size() < (size_t{1} << 20));
+
+  constexpr double kFar = std::numeric_limits<double>::infinity();
+  std::vector<Samples> samples(static_cast<size_t>(width) * height,
+                               Samples{{kFar, kFar, kFar, kFar, kFar}, {-1, -1, -1, -1, -1}});
+  std::vector<Triangle> triangles;
+  std::vector<Vertex> grid;
+  for (size_t n = 0; n < instances.size(); ++n) {
+    const PatchInstance& p = instances[n];
+    const uint32_t cells = 1u << p.grid_level, side = cells + 1;
+    grid.resize(static_cast<size_t>(side) * side);
+    for (uint32_t j = 0; j < side; ++j) {
+      for (uint32_t i = 0; i < side; ++i) {
+        const auto snapped = snapVertex(i, j, p);
+        const int64_t x = p.x0 + (static_cast<int64_t>(snapped[0]) << p.step_log2);
+        const int64_t y = p.y0 + (static_cast<int64_t>(snapped[1]) << p.step_log2);
+        Vertex& v = grid[static_cast<size_t>(j) * side + i];
+        v.x = std::ldexp(static_cast<double>(std::min(x, last_x)), -kUnitsPerTexelLog2);
+        v.y = std::ldexp(static_cast<double>(std::min(y, last_y)), -kUnitsPerTexelLog2);
+        const double height_mm = relief != nullptr ? denseHeightMm(*relief, domain, x, y) : 0.0;
+        v.clip =
+            view.clip_from_world * glm::dvec4((v.x - 0.5 * static_cast<double>(domain.width_px)) * domain.mm_per_px,
+                                              (0.5 * static_cast<double>(domain.height_px) - v.y) * domain.mm_per_px,
+                                              height_mm * view.exaggerate, 1.0);
+      }
+    }
+    for (uint32_t j = 0; j < cells; ++j) {
+      for (uint32_t i = 0; i < cells; ++i) {
+        const Vertex &v00 = grid[j * side + i], &v10 = grid[j * side + i + 1];
+        const Vertex &v01 = grid[(j + 1) * side + i], &v11 = grid[(j + 1) * side + i + 1];
+        for (int half = 0; half < 2; ++half) {
+          const std::array<Vertex, 3> corners = half == 0 ? std::array{v00, v10, v11} : std::array{v00, v11, v01};
+          // Cells beyond the border and snapped away have no area; exact, these are small multiples of 1/16.
+          const double area = (corners[1].x - corners[0].x) * (corners[2].y - corners[0].y) -
+                              (corners[2].x - corners[0].x) * (corners[1].y - corners[0].y);
+          if (area == 0) continue;
+          const PixelBox box = pixelBox(corners, width, height);
+          Triangle t;
+          if (box.empty() || !setUp(corners, width, height, t)) continue;
+          t.id = static_cast<int32_t>(n << 11 | (j * cells + i) << 1 | static_cast<uint32_t>(half));
+          rasterise(t, static_cast<int32_t>(triangles.size()), box, width, samples);
+          triangles.push_back(t);
+        }
+      }
+    }
+  }
+
+  DenseImage image{width, height, std::vector<DensePixel>(static_cast<size_t>(width) * height)};
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const Samples& s = samples[static_cast<size_t>(y) * width + x];
+      DensePixel& pixel = image.pixels[static_cast<size_t>(y) * width + x];
+      const int32_t centre = s.triangle[0];
+      if (centre < 0) {
+        for (int k = 1; k < 5; ++k)
+          if (s.triangle[k] >= 0) pixel.edge |= kEdgeSilhouette;
+        continue;
+      }
+      const Mapping m = mappingAt(triangles[centre], x, y, view);
+      pixel.triangle = triangles[centre].id;
+      pixel.depth = s.depth[0];
+      pixel.texel = m.texel;
+      pixel.texel_dx = m.dx;
+      pixel.texel_dy = m.dy;
+      pixel.lambda = lambdaOf(m.dx, m.dy, texture, view);
+      pixel.rgb = shadeDense(texture, m.texel, pixel.lambda, view);
+
+      const double footprint = std::sqrt(std::max(glm::dot(m.dx, m.dx), glm::dot(m.dy, m.dy)));
+      for (int k = 1; k < 5; ++k) {
+        const int32_t other = s.triangle[k];
+        if (other == centre) continue;
+        if (other < 0) {
+          pixel.edge |= kEdgeSilhouette;
+          continue;
+        }
+        const double ox = kSamplePlaces[k][0], oy = kSamplePlaces[k][1];
+        const glm::dvec2 found = triangles[other].texel(x + 0.5 + ox, y + 0.5 + oy);
+        if (glm::length(found - (m.texel + m.dx * ox + m.dy * oy)) > 0.5 * footprint) {
+          pixel.edge |= kEdgeOcclusion;
+          continue;
+        }
+        const Mapping o = mappingAt(triangles[other], x, y, view);
+        if (coloursDiffer(pixel.rgb, shadeDense(texture, o.texel, lambdaOf(o.dx, o.dy, texture, view), view)))
+          pixel.edge |= kEdgeColour;
+      }
+      if (!view.trilinear) {
+        constexpr double kTie = 1.0 / 256.0;
+        const double from_change = pixel.lambda + 0.5 - std::floor(pixel.lambda + 0.5);
+        const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
+        if (nudge != 0 && coloursDiffer(pixel.rgb, shadeDense(texture, m.texel, pixel.lambda + nudge, view)))
+          pixel.edge |= kEdgeLevelTie;
+      }
+    }
+  }
+  return image;
+}
+
+std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level) {
+  std::vector<PatchInstance> out;
+  const int node_units_log2 = std::bit_width(domain.patchPx()) - 1 + kUnitsPerTexelLog2 - level;
+  assert(node_units_log2 >= grid_level);
+  for (uint32_t patch = 0; patch < domain.patchCount(); ++patch) {
+    for (uint32_t y = 0; y < 1u << level; ++y) {
+      for (uint32_t x = 0; x < 1u << level; ++x) {
+        const NodeId node{patch, static_cast<uint32_t>(level), x, y};
+        if (!domain.nodeExists(node)) continue;
+        PatchInstance p;
+        p.node = node;
+        p.x0 =
+            static_cast<int32_t>((domain.patchOriginX(patch) << kUnitsPerTexelLog2) + (uint64_t{x} << node_units_log2));
+        p.y0 =
+            static_cast<int32_t>((domain.patchOriginY(patch) << kUnitsPerTexelLog2) + (uint64_t{y} << node_units_log2));
+        p.grid_level = static_cast<uint8_t>(grid_level);
+        p.step_log2 = static_cast<uint8_t>(node_units_log2 - grid_level);
+        for (auto& side : p.edges) side = {static_cast<uint8_t>(grid_level), PatchInstance::kWholeEdge};
+        p.relief_page = node.ancestor(static_cast<uint32_t>(std::clamp(level, 0, std::max(0, domain.relief_depth))));
+        out.push_back(p);
+      }
+    }
+  }
+  return out;
+}
+
+// --- D. comparison
+
+ImageDifference compareImages(const DenseImage& reference, std::span<const uint8_t> rgba, bool bottom_up) {
+  assert(rgba.size() >= size_t(reference.width) * reference.height * 4);
+  ImageDifference d;
+  std::vector<double> per_pixel;
+  double worst = -1;
+  for (int y = 0; y < reference.height; ++y) {
+    const int row = bottom_up ? reference.height - 1 - y : y;
+    for (int x = 0; x < reference.width; ++x) {
+      const DensePixel& expected = reference.at(x, y);
+      const uint8_t* found = &rgba[(static_cast<size_t>(row) * reference.width + x) * 4];
+      auto note = [&](double badness, int channel) {
+        if (badness <= worst) return;
+        worst = badness;
+        d.worst = {x, y, channel, expected.rgb, {found[0], found[1], found[2], found[3]}};
+      };
+      if (expected.edge != 0) {
+        ++d.edge_pixels;
+        continue;
+      }
+      if (!expected.covered()) {
+        if (found[3] != 0) {
+          ++d.extras;
+          note(1000, 3);
+        }
+        continue;
+      }
+      ++d.compared;
+      if (found[3] == 0) {
+        ++d.holes;
+        note(2000, 3);
+        continue;
+      }
+      const auto bytes = expected.bytes();
+      int byte_max = 0;
+      double exact_max = 0;
+      for (int c = 0; c < 3; ++c) {
+        const int byte_difference = std::abs(int{bytes[c]} - int{found[c]});
+        const double exact = std::abs(expected.rgb[c] - found[c]);
+        d.max_difference[c] = std::max(d.max_difference[c], byte_difference);
+        byte_max = std::max(byte_max, byte_difference);
+        exact_max = std::max(exact_max, exact);
+        note(exact, c);
+      }
+      d.count_above_1 += byte_max > 1;
+      d.max_exact = std::max(d.max_exact, exact_max);
+      per_pixel.push_back(exact_max);
+    }
+  }
+  if (!per_pixel.empty()) {
+    auto at = per_pixel.begin() + static_cast<ptrdiff_t>((per_pixel.size() - 1) * 999 / 1000);
+    std::nth_element(per_pixel.begin(), at, per_pixel.end());
+    d.percentile_999 = *at;
+  }
+  return d;
+}
+
+std::string ImageDifference::text() const {
+  char line[400];
+  std::snprintf(
+      line, sizeof line,
+      "max %d %d %d (exact %.3f, 99.9%% %.3f), %zu above 1, %zu holes, %zu extras, %zu compared, %zu edge; worst at "
+      "(%d, %d) channel %d: expected %.3f %.3f %.3f, found %d %d %d alpha %d",
+      max_difference[0], max_difference[1], max_difference[2], max_exact, percentile_999, count_above_1, holes, extras,
+      compared, edge_pixels, worst.x, worst.y, worst.channel, worst.expected.x, worst.expected.y, worst.expected.z,
+      worst.found[0], worst.found[1], worst.found[2], worst.found[3]);
+  return line;
+}
+
+}  // namespace relievo

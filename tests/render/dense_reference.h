@@ -1,0 +1,169 @@
+// dense_reference.h - the oracle of "virtual equals dense": the same frame from plain dense textures, in double
+// precision. It knows nothing of pages, caches, page tables or shaders. Of the engine it uses plain types only
+// (PlanarDomain, the raster sources, PatchInstance with its snapping) and texturing/basis.h's evaluatePixel. Slow,
+// simple, no GL, one thread.
+//
+// A frame needs a DenseTexture (the whole mip pyramid), perhaps a DenseRelief (all height samples), the list of drawn
+// nodes and a DenseView. Limits: everything lies in memory (a texel takes 1.34 bytes per channel), at most 2^20
+// instances.
+//
+// World: x right, y up, z towards the viewer, mm, origin at the artwork's centre. Artwork texel position (X, Y):
+//   ((X - W/2) * mm_per_px, (H/2 - Y) * mm_per_px, (offset + q * scale) * exaggerate), without relief z = 0.
+// Screen: GL's rules (clip volume -w <= z <= w, smaller z/w is nearer, both faces drawn, a pixel is covered by its
+// centre), but images are stored top row first and derivatives are taken per pixel to the right (dx) and per pixel
+// downwards (dy).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/planar_lod.h"
+#include "src/base/planar_domain.h"
+#include "texturing/basis.h"
+#include "texturing/raster_source.h"
+
+namespace relievo {
+
+// --- A. dense pyramid
+
+struct DenseLevel {
+  int64_t width = 0, height = 0;
+  std::vector<uint8_t> texels;  // the pages' bytes: texels[(y * width + x) * channels + c]
+};
+
+struct DenseTexture {
+  PlanarDomain domain;
+  TextureFormat format;
+  std::vector<DenseLevel> levels;  // [0] coarsest ... [texture_depth] finest
+};
+
+// The domain of a source as a build lays it out; mm_per_px 1. relief may be null.
+PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px = 1.0);
+
+// The finest level is the source; a coarser one follows by the rule of texturing/mip.h, implemented here on its own.
+Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain);
+
+// What mip.h calls the next coarser level, on channel-interleaved 8.8 fixed point texels of any size (odd borders
+// repeated).
+std::vector<uint16_t> denseDownsample(const TextureFormat& format, const std::vector<uint16_t>& in, int64_t width,
+                                      int64_t height);
+
+// --- B. dense relief
+
+// Every sample of the finest relief level, over the whole artwork: sample (i, j) lies at texel position
+// (min(i * spacing, W), min(j * spacing, H)), spacing = 2^(texture_depth - relief_depth) texels.
+struct DenseRelief {
+  int64_t width = 0, height = 0;
+  int samples_per_texel_log2 = 0;  // relief_depth - texture_depth; may be negative
+  double offset_mm = 0, scale_mm = 0;
+  std::vector<uint16_t> samples;
+};
+
+Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain);
+
+// Height in mm (not exaggerated) of a vertex at (x, y) units of 2^-kUnitsPerTexelLog2 texels, before it is clamped to
+// the border. Between samples: linear on the sample cell's two triangles, split along (0,0)-(1,1). At or beyond the
+// right (bottom) border: the next sample at or beyond it.
+double denseHeightMm(const DenseRelief& relief, const PlanarDomain& domain, int64_t x, int64_t y);
+
+// --- C. rasteriser
+
+// How dX/dx and its kin are taken. Both come from the perspective mapping of the pixel's own triangle.
+enum class DenseDerivatives {
+  kExact,  // at the pixel's centre
+  kQuad    // differences within the pixel's 2x2 quad, as a fragment shader's dFdxFine and dFdyFine give them
+};
+
+struct DenseView {
+  glm::dmat4 clip_from_world{1.0};
+  int width_px = 0, height_px = 0;
+  double exaggerate = 1.0;
+  double light_u = 0, light_v = 0;
+  bool trilinear = true;  // false: the nearest level, floor(lambda + 0.5)
+  double lod_bias = 0;
+  bool resolved =
+      false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
+  DenseDerivatives derivatives = DenseDerivatives::kExact;
+};
+
+// Why a pixel's value is not determined. GL snaps vertices to a fixed-point grid (1/256 px, at least 1/16 px by the
+// standard) and computes in single precision, so a pixel within that distance of a triangle's edge may go to another
+// triangle than here. Looked at are the four samples at (+-1/64, +-1/64) px from the pixel's centre.
+enum EdgeReason : uint8_t {
+  kEdgeSilhouette = 1,  // the centre is covered and a sample is not, or the reverse
+  kEdgeOcclusion = 2,   // a sample shows another triangle, and there a texel position that is further than half a
+                       // pixel's footprint (0.5 * sqrt(rho2) texels) from what the centre's derivatives predict
+  kEdgeColour = 4,  // a sample shows another triangle, and that triangle's mapping, continued to the pixel's centre,
+                    // gives a colour that differs by more than 0.5 of 255 in a channel (the place is the same, the
+                    // level of detail is not)
+  kEdgeLevelTie = 8  // without trilinear: lambda within 1/256 of the change of level, and the other level's colour
+                     // differs by more than 0.5 of 255
+};
+
+struct DensePixel {
+  glm::dvec3 rgb{0};                    // 0..255, not rounded
+  glm::dvec2 texel{0};                  // artwork texel position (X, Y)
+  glm::dvec2 texel_dx{0}, texel_dy{0};  // (dX/dx, dY/dx) and (dX/dy, dY/dy), y downwards
+  double depth = 1;                     // z / w
+  double lambda = 0;                    // level of detail after bias and clamping: 0 finest ... texture_depth coarsest
+  int32_t triangle = -1;                // instance << 11 | cell << 1 | half; -1: background
+  uint8_t edge = 0;                     // EdgeReason bits
+  bool covered() const { return triangle >= 0; }
+  std::array<uint8_t, 3> bytes() const;
+};
+
+struct DenseImage {
+  int width = 0, height = 0;
+  std::vector<DensePixel> pixels;  // top row first
+  const DensePixel& at(int x, int y) const { return pixels[size_t(y) * width + x]; }
+  size_t coveredPixels() const;
+  size_t edgePixels() const;
+  double edgeShare() const;  // edge pixels / (covered or edge pixels); 0 for an empty image
+};
+
+// relief null: flat.
+DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, std::span<const PatchInstance> instances,
+                       const DenseView& view);
+
+// The colour at a texel position and level of detail (clamped to 0..texture_depth): the shading part of renderDense
+// alone.
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view);
+
+// All nodes of one level as drawn nodes of 2^grid_level segments: a list that needs no LOD.
+std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level);
+
+// --- D. comparison with an image of the engine
+
+struct PixelPair {
+  int x = -1, y = -1;  // top row first
+  int channel = 0;
+  glm::dvec3 expected{0};
+  std::array<uint8_t, 4> found{};
+};
+
+// "Inside" is where the reference is covered and not an edge pixel.
+struct ImageDifference {
+  std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes
+  double max_exact = 0;                 // the same over all channels, against the reference before rounding
+  double percentile_999 = 0;            // of the pixels' largest difference before rounding
+  size_t count_above_1 = 0;             // pixels inside whose bytes differ by more than 1
+  size_t compared = 0;                  // pixels inside
+  size_t edge_pixels = 0;
+  size_t holes = 0;   // inside, but the engine shows background: a defect, whatever the colours
+  size_t extras = 0;  // not covered and not an edge pixel, but the engine shows something
+  PixelPair worst;    // a hole before any difference of colour
+  int maxDifference() const { return std::max({max_difference[0], max_difference[1], max_difference[2]}); }
+  bool within(int limit) const { return maxDifference() <= limit && holes == 0 && extras == 0; }
+  std::string text() const;  // one line
+};
+
+// rgba: width * height * 4 bytes, tightly packed; alpha 0 is background.
+ImageDifference compareImages(const DenseImage& reference, std::span<const uint8_t> rgba, bool bottom_up);
+
+}  // namespace relievo
