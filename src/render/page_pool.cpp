@@ -4,6 +4,7 @@
 #include <bit>
 
 #include "src/base/planar_domain.h"
+#include "texturing/page_codec.h"
 
 namespace relievo {
 namespace {
