@@ -2,7 +2,9 @@
 #pragma once
 
 #include <string_view>
+#include <vector>
 
 namespace relievo {
 std::string_view shaderSource(std::string_view name);
-}
+std::vector<std::string_view> shaderNames();
+}  // namespace relievo

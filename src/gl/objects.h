@@ -1,4 +1,5 @@
 // objects.h - GL objects as move-only values with labels. A default-constructed object is empty (id 0).
+// Needs the context current that the object was made in, for create() and for the destructor.
 #pragma once
 
 #include <cstdint>
@@ -24,6 +25,8 @@ class Object {
     return *this;
   }
   ~Object() { destroy(); }
+  // Textures and queries get their kind from their first binding, so they cannot bear the label yet: use createTexture(),
+  // or label() after the first binding. There is no create() for shaders, which need their stage.
   static Object create(const char* label = nullptr);
   GLuint id() const { return id_; }
   explicit operator bool() const { return id_ != 0; }
@@ -40,7 +43,40 @@ using Framebuffer = Object<Kind::kFramebuffer>;
 using Renderbuffer = Object<Kind::kRenderbuffer>;
 using Query = Object<Kind::kQuery>;
 
+// Target: 2D, 2D array, 3D or cube map. Leaves the bindings as they were.
+Texture createTexture(GLenum target, const char* label);
 // A label needs the object to have been bound once; does nothing without KHR_debug.
 void label(GLenum identifier, GLuint id, const char* text);
+
+template <>
+Texture Texture::create(const char*);
+template <>
+void Texture::destroy();
+template <>
+Buffer Buffer::create(const char*);
+template <>
+void Buffer::destroy();
+template <>
+VertexArray VertexArray::create(const char*);
+template <>
+void VertexArray::destroy();
+template <>
+Framebuffer Framebuffer::create(const char*);
+template <>
+void Framebuffer::destroy();
+template <>
+Renderbuffer Renderbuffer::create(const char*);
+template <>
+void Renderbuffer::destroy();
+template <>
+Query Query::create(const char*);
+template <>
+void Query::destroy();
+template <>
+Object<Kind::kProgram> Object<Kind::kProgram>::create(const char*);
+template <>
+void Object<Kind::kProgram>::destroy();
+template <>
+void Object<Kind::kShader>::destroy();
 
 }  // namespace relievo::gl

@@ -1,5 +1,6 @@
 // program.h - linked shader programs from the files in shaders/, as one dialect: GL 3.3 core intersected with ES 3.0.
-// A file has no #version; `#include "name"` is resolved among the embedded files. Defines choose the variant.
+// A file has no #version; `#include "name"` is resolved among the embedded files, each once. Defines choose the variant;
+// RELIEVO_VERTEX or RELIEVO_FRAGMENT is defined as well. `#include <...>` lines are for C++ and are left out.
 #pragma once
 
 #include <string>
@@ -15,6 +16,10 @@ namespace relievo::gl {
 
 using Defines = std::vector<std::pair<std::string, std::string>>;
 
+struct ShaderText {
+  std::string name, text;  // the name stands for the file in error messages
+};
+
 class Program {
  public:
   Program() = default;
@@ -23,12 +28,15 @@ class Program {
   ~Program();
   // feedback_varyings: for transform feedback (interleaved). attributes: name -> location is fixed by order.
   struct Source {
-    std::string vertex, fragment;                 // file names in shaders/
+    std::string vertex, fragment;                 // file names in shaders/; fragment may be empty: draws nothing
     Defines defines;
     std::vector<std::string> attributes;          // attribute i gets location i
     std::vector<const char*> feedback_varyings;
   };
+  // Errors (kRuntime): the file, the driver's log with file names and line numbers, and the lines that it speaks of.
   static Result<Program> link(Api api, const Source& source);
+  // The same from texts that are not in shaders/, such as those of tests; source.vertex and .fragment are not looked at.
+  static Result<Program> linkTexts(Api api, const ShaderText& vertex, const ShaderText& fragment, const Source& source);
   GLuint id() const { return id_; }
   void use() const { glUseProgram(id_); }
   GLint uniform(const char* name) const;  // -1 when absent or optimised away

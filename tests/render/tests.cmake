@@ -22,3 +22,5 @@ target_compile_definitions(gl_gltest PRIVATE RELIEVO_SHADER_DIR="${CMAKE_SOURCE_
 add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
 target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
 relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)
+
+relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_gltest.cpp)
