@@ -1,0 +1,76 @@
+// lod_worker.cpp - see the header. One request and one answer are ever waiting; older ones are replaced.
+#include "geometry/lod_worker.h"
+
+#include <algorithm>
+#include <cassert>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <utility>
+
+namespace relievo {
+
+struct LodWorker::Impl {
+  Impl(PlanarDomain d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
+    assert(oracle);
+    thread = std::thread([this] { work(); });
+  }
+  ~Impl() {
+    requests.close();
+    thread.join();
+  }
+
+  void work() {
+    static const ReliefSet kNothing;
+    while (std::optional<LodRequest> request = requests.take()) {
+      auto start = std::chrono::steady_clock::now();
+      LodAnswer answer;
+      answer.frame = request->frame;
+      answer.view = request->view;
+      answer.lod = selectPlanarLod(domain, *oracle, request->view, request->resident ? *request->resident : kNothing);
+      answer.evaluate_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      answers.post(std::move(answer));
+    }
+  }
+
+  const PlanarDomain domain;
+  const std::shared_ptr<const ReliefOracle> oracle;
+  Mailbox<LodRequest> requests;
+  Mailbox<LodAnswer> answers;
+  // Of the owner's thread.
+  std::optional<LodRequest> last_request;
+  std::optional<uint64_t> last_taken;
+  std::thread thread;
+};
+
+LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
+    : impl_(std::make_unique<Impl>(domain, std::move(oracle))) {}
+LodWorker::~LodWorker() = default;
+
+void LodWorker::post(LodRequest request) {
+  impl_->last_request = request;
+  impl_->requests.post(std::move(request));
+}
+
+std::optional<LodAnswer> LodWorker::tryTake() {
+  std::optional<LodAnswer> answer = impl_->answers.tryTake();
+  if (answer) impl_->last_taken = answer->frame;
+  return answer;
+}
+
+LodAnswer LodWorker::waitFor(uint64_t frame) {
+  assert(impl_->last_request && frame <= impl_->last_request->frame);  // else nobody will ever answer
+  if (!impl_->last_request) return {};
+  frame = std::min(frame, impl_->last_request->frame);
+  // Its answer was already taken: ask again, so that the caller never hangs.
+  if (impl_->last_taken && *impl_->last_taken >= frame) impl_->requests.post(*impl_->last_request);
+  for (;;) {
+    std::optional<LodAnswer> answer = impl_->answers.take();
+    assert(answer);  // answers is never closed
+    if (answer->frame < frame) continue;
+    impl_->last_taken = answer->frame;
+    return std::move(*answer);
+  }
+}
+
+}  // namespace relievo

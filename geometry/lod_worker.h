@@ -22,13 +22,14 @@ struct LodAnswer {
   double evaluate_ms = 0;
 };
 
+// Used from one thread (the render thread).
 class LodWorker {
  public:
   LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle);
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);
   std::optional<LodAnswer> tryTake();
-  // For settling headless: waits for the answer to the request of this frame (or a later one).
+  // For settling headless: waits for the answer to the posted request of this frame (or a later one).
   LodAnswer waitFor(uint64_t frame);
 
  private:

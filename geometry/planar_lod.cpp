@@ -1,0 +1,571 @@
+// planar_lod.cpp - see the header. The order of the work:
+//   1. roots in view (the strip is culled as a binary tree of ranges),
+//   2. refine: a node that wants more is split, after the coarser neighbours that the 2:1 rule asks for,
+//   3. one level per edge, both sides answering from the same record,
+//   4. grid levels, relief pages, wants, predicted error.
+// Bounded: when refining asks for more than kMaxNodes, everything starts again with twice the error, so detail falls evenly.
+//
+// Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L) units
+// apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr + 7.
+#include "geometry/planar_lod.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+
+namespace relievo {
+namespace {
+
+constexpr int kPageLog2 = 7;  // kPagePx cells a relief page's side
+static_assert(1 << kPageLog2 == kPagePx);
+constexpr size_t kMaxNodes = 20000;        // nodes below the roots
+constexpr double kMaxNodePx = 1024;        // keeps a node's varyings exact to a small part of a texel in fp32
+constexpr int kMaxSplitLevel = kMaxGridLevel - 1;  // above it a node splits; the last level is for sides of half edges
+constexpr int kAnyLevel = 127;             // the finest relief page is resident: vertices at every level
+constexpr int kLadder = 3;                 // wants keep every third page above the wanted one, see addWants
+constexpr double kCullSlack = 1.0 / 512;   // of the screen: the GPU's fp32 may move what doubles put just outside
+constexpr double kMinErrorPx = 1.0 / 64;
+
+// Open addressing, keys are never 0 (callers add 1). Values are indices into a vector that the caller owns.
+class IndexTable {
+ public:
+  IndexTable() { resize(1u << 12); }
+  static constexpr uint32_t kNone = ~0u;
+
+  uint32_t find(uint64_t key) const {
+    for (size_t at = slot(key);; at = (at + 1) & mask_) {
+      if (keys_[at] == key + 1) return values_[at];
+      if (keys_[at] == 0) return kNone;
+    }
+  }
+  void insert(uint64_t key, uint32_t value) {
+    if (2 * (++size_) > keys_.size()) resize(2 * keys_.size());
+    place(key + 1, value);
+  }
+  void clear() {
+    std::fill(keys_.begin(), keys_.end(), 0);
+    size_ = 0;
+  }
+
+ private:
+  size_t slot(uint64_t key) const {
+    uint64_t h = (key + 1) * 0x9E3779B97F4A7C15ull;
+    return (h ^ (h >> 29)) & mask_;
+  }
+  void place(uint64_t stored, uint32_t value) {
+    size_t at = slot(stored - 1);
+    while (keys_[at] != 0) at = (at + 1) & mask_;
+    keys_[at] = stored;
+    values_[at] = value;
+  }
+  void resize(size_t count) {
+    std::vector<uint64_t> keys(count, 0);
+    std::vector<uint32_t> values(count, 0);
+    keys.swap(keys_);
+    values.swap(values_);
+    mask_ = count - 1;
+    for (size_t i = 0; i < keys.size(); ++i)
+      if (keys[i] != 0) place(keys[i], values[i]);
+  }
+  std::vector<uint64_t> keys_;
+  std::vector<uint32_t> values_;
+  size_t mask_ = 0, size_ = 0;
+};
+
+// A square of the forest by its place along the whole strip, so that patch seams are places like any other.
+struct Square {
+  int level = 0;
+  int64_t x = 0, y = 0;
+  Square ancestor(int coarser) const { return {coarser, x >> (level - coarser), y >> (level - coarser)}; }
+};
+
+struct Box {
+  glm::dvec3 centre{0}, half{0};
+};
+
+bool finite(const glm::dmat4& m) {
+  for (int c = 0; c < 4; ++c)
+    for (int r = 0; r < 4; ++r)
+      if (!std::isfinite(m[c][r])) return false;
+  return true;
+}
+
+class Selection {
+ public:
+  Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident)
+      : domain_(domain), oracle_(oracle), resident_(resident) {
+    unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
+    width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
+    height_units_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
+    mm_per_unit_ = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
+    flat_ = !view.relief || domain.relief_depth < 0;
+    exaggerate_ = std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
+    error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
+    setView(view);
+  }
+
+  PlanarLodResult run() {
+    int attempts = valid_ ? 40 : 0;
+    for (int attempt = 0;; ++attempt) {
+      if (refine(attempt < attempts)) break;
+      error_px_ *= 2;
+      max_node_px_ *= 2;
+      edges_.clear();
+      edge_index_.clear();
+    }
+    return finish();
+  }
+
+ private:
+  enum class State : uint8_t { kLeaf, kSplit };
+  struct Node {
+    Square square;
+    State state = State::kLeaf;
+    bool blocked = false;       // would be split if more pages were resident
+    uint8_t resident_level = 0; // vertices up to this absolute level have samples
+    int8_t needs_level = 0;     // absolute level that must be resident before it can be split
+    uint8_t grid_level = 1;
+    std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
+    std::array<std::array<uint8_t, 2>, 4> segments{};
+  };
+  // One segment between two squares of one level (the finer node's whole edge), keyed by the right or lower square.
+  struct Edge {
+    Square low, high;          // the squares left of (above) and right of (below) it
+    bool has_low = false, has_high = false;
+    bool counted = false;
+    int8_t wanted_level = 0;   // absolute; at most the squares' level + kPageLog2
+    double px_per_mm = 0;      // what a millimetre near it can be on the screen
+    double range_mm = 0;       // of the heights in both squares
+  };
+
+  // ---- places
+  uint64_t key(const Square& s) const {
+    auto along = static_cast<uint64_t>(domain_.alongX() ? s.x : s.y);
+    auto across = static_cast<uint64_t>(domain_.alongX() ? s.y : s.x);
+    return (static_cast<uint64_t>(s.level) << 58) | (along << 28) | across;
+  }
+  NodeId nodeId(const Square& s) const {
+    int64_t along = domain_.alongX() ? s.x : s.y;
+    int64_t within = along & ((int64_t{1} << s.level) - 1);
+    return {static_cast<uint32_t>(along >> s.level), static_cast<uint32_t>(s.level),
+            static_cast<uint32_t>(domain_.alongX() ? within : s.x), static_cast<uint32_t>(domain_.alongX() ? s.y : within)};
+  }
+  bool exists(const Square& s) const {
+    return s.x >= 0 && s.y >= 0 && (s.x << (unit_log2_ - s.level)) < width_units_ && (s.y << (unit_log2_ - s.level)) < height_units_;
+  }
+  static Square neighbour(const Square& s, int side) {
+    static constexpr int kDx[4] = {-1, 1, 0, 0}, kDy[4] = {0, 0, -1, 1};
+    return {s.level, s.x + kDx[side], s.y + kDy[side]};
+  }
+
+  // ---- heights
+  const HeightBounds& pageBounds(const Square& page) {
+    uint64_t k = key(page);
+    if (uint32_t found = bounds_index_.find(k); found != IndexTable::kNone) return bounds_[found];
+    HeightBounds b = oracle_.bounds(nodeId(page));
+    if (!(b.min_mm <= b.max_mm) || !std::isfinite(b.min_mm) || !std::isfinite(b.max_mm)) {
+      b.min_mm = static_cast<float>(domain_.relief_offset_mm);
+      b.max_mm = static_cast<float>(domain_.relief_offset_mm + 65535 * domain_.relief_scale_mm);
+      if (b.min_mm > b.max_mm) std::swap(b.min_mm, b.max_mm);
+    }
+    if (!(b.error_mm >= 0 && b.error_mm <= b.max_mm - b.min_mm)) b.error_mm = b.max_mm - b.min_mm;
+    bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
+    return bounds_.emplace_back(b);
+  }
+  HeightBounds heights(const Square& s) { return pageBounds(s.ancestor(std::min(s.level, domain_.relief_depth))); }
+
+  Box boxOf(int64_t x0, int64_t y0, int64_t x1, int64_t y1, double z0_mm, double z1_mm) const {
+    x1 = std::min(x1, width_units_);
+    y1 = std::min(y1, height_units_);
+    double left = (static_cast<double>(x0) - 0.5 * static_cast<double>(width_units_)) * mm_per_unit_;
+    double right = (static_cast<double>(x1) - 0.5 * static_cast<double>(width_units_)) * mm_per_unit_;
+    double top = (0.5 * static_cast<double>(height_units_) - static_cast<double>(y0)) * mm_per_unit_;
+    double bottom = (0.5 * static_cast<double>(height_units_) - static_cast<double>(y1)) * mm_per_unit_;
+    z0_mm *= exaggerate_;
+    z1_mm *= exaggerate_;
+    return {{0.5 * (left + right), 0.5 * (top + bottom), 0.5 * (z0_mm + z1_mm)},
+            {0.5 * (right - left), 0.5 * (top - bottom), 0.5 * std::abs(z1_mm - z0_mm)}};
+  }
+  Box boxOf(const Square& s) {
+    HeightBounds h = flat_ ? HeightBounds{} : heights(s);
+    int shift = unit_log2_ - s.level;
+    return boxOf(s.x << shift, s.y << shift, (s.x + 1) << shift, (s.y + 1) << shift, h.min_mm, h.max_mm);
+  }
+
+  // ---- the view
+  void setView(const LodView& view) {
+    eye_ = view.eye_mm;
+    near_ = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
+    scale_ = view.pixels_per_radian;
+    glm::dmat4 rows = glm::transpose(view.clip_from_world);
+    valid_ = finite(rows) && std::isfinite(scale_) && scale_ > 0 && std::isfinite(near_) && std::isfinite(eye_.x) &&
+             std::isfinite(eye_.y) && std::isfinite(eye_.z);
+    if (!valid_) return;
+    double w_length = glm::length(glm::dvec3(rows[3]));
+    orthographic_ = w_length <= 1e-12 * std::abs(rows[3].w);
+    planes_ = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
+               rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
+    for (int i = 0; i < 4; ++i) clip_rows_[i] = rows[i];
+    if (orthographic_) return;
+    valid_ = w_length > 0;
+    if (!valid_) return;
+    depth_row_ = rows[3] / w_length;
+    // The largest secant in the picture: its corner. An off-centre row is a side part and a forward part.
+    auto tangent = [&](const glm::dvec4& row) {
+      glm::dvec3 r = glm::dvec3(row) / w_length, forward(depth_row_);
+      double ahead = glm::dot(r, forward), aside = glm::length(r - ahead * forward);
+      return aside > 1e-9 ? (1 + std::abs(ahead)) / aside : 1e9;
+    };
+    double tx = tangent(rows[0]), ty = tangent(rows[1]);
+    max_secant_ = std::sqrt(1 + tx * tx + ty * ty);
+  }
+  static double extent(const glm::dvec4& row, const Box& b) {
+    return std::abs(row.x) * b.half.x + std::abs(row.y) * b.half.y + std::abs(row.z) * b.half.z;
+  }
+  static double value(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
+  bool culled(const Box& b) const {
+    if (!valid_) return false;
+    for (const glm::dvec4& plane : planes_) {
+      double middle = value(plane, b.centre), reach = extent(plane, b);
+      // Rounding of the sums above is below 1e-12 of their terms; what is on the plane stays.
+      if (middle + reach < -1e-9 * (std::abs(middle) + reach)) return true;
+    }
+    return false;
+  }
+  // An upper bound of how many pixels a millimetre, in any direction and anywhere in the box, can be on the screen.
+  // The perspective image f X / Z moves by at most f / (Z cos a) per unit, a the angle off the axis. Direction is ignored on
+  // purpose: a segment that points at the eye must not vanish from the metric. In front of the near plane nothing is drawn.
+  double pxPerMm(const Box& b) const {
+    if (!valid_) return 0;
+    if (orthographic_) return scale_;
+    double centre_depth = value(depth_row_, b.centre);
+    double depth = std::max(near_, centre_depth - extent(depth_row_, b));
+    glm::dvec3 d = b.centre - eye_;
+    double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + glm::length(b.half);
+    double secant = std::min(max_secant_, std::sqrt(1 + (aside / depth) * (aside / depth)));
+    return scale_ / depth * secant;
+  }
+
+  // ---- edges
+  // The error of a surface through the samples of an absolute level: from the page of that level.
+  double errorMm(const Edge& e, int level) {
+    if (flat_) return 0;
+    int page_level = level - kPageLog2;
+    if (page_level >= domain_.relief_depth) return 0;
+    if (page_level < 0) return e.range_mm;  // coarser than a root page: only the range is known
+    double error = 0;
+    if (e.has_low) error = pageBounds(e.low.ancestor(std::min(page_level, e.low.level))).error_mm;
+    if (e.has_high) error = std::max<double>(error, pageBounds(e.high.ancestor(std::min(page_level, e.high.level))).error_mm);
+    return std::min(error, e.range_mm);
+  }
+  double errorPx(const Edge& e, int level) { return errorMm(e, level) * std::abs(exaggerate_) * e.px_per_mm; }
+
+  // A function of the segment alone: its two squares, never of who asks.
+  uint32_t edgeAt(const Square& s, int side) {
+    Square high = side == kRight || side == kBottom ? neighbour(s, side) : s;
+    bool upright = side == kLeft || side == kRight;
+    uint64_t k = key(high) * 2 + (upright ? 0 : 1);
+    if (uint32_t found = edge_index_.find(k); found != IndexTable::kNone) return found;
+    Edge e;
+    e.high = high;
+    e.low = neighbour(high, upright ? kLeft : kTop);
+    e.has_high = exists(e.high);
+    e.has_low = exists(e.low);
+    if (!flat_) {
+      double z0 = std::numeric_limits<double>::max(), z1 = std::numeric_limits<double>::lowest();
+      for (const Square* q : {&e.low, &e.high}) {
+        if (!(q == &e.low ? e.has_low : e.has_high)) continue;
+        HeightBounds h = heights(*q);
+        z0 = std::min<double>(z0, h.min_mm);
+        z1 = std::max<double>(z1, h.max_mm);
+        e.range_mm = std::max<double>(e.range_mm, double{h.max_mm} - h.min_mm);
+      }
+      const Square& first = e.has_low ? e.low : e.high;
+      const Square& last = e.has_high ? e.high : e.low;
+      int shift = unit_log2_ - s.level;
+      e.px_per_mm = pxPerMm(boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1));
+      int level = s.level;
+      while (level < s.level + kPageLog2 && !(errorPx(e, level) <= error_px_)) ++level;
+      e.wanted_level = static_cast<int8_t>(level);
+    } else {
+      e.wanted_level = static_cast<int8_t>(s.level);
+    }
+    auto index = static_cast<uint32_t>(edges_.size());
+    edges_.push_back(e);
+    edge_index_.insert(k, index);
+    return index;
+  }
+
+  // ---- the tree
+  bool isResident(const Square& page) const {
+    return page.level == 0 || (page.level <= domain_.relief_depth && page.level <= static_cast<int>(kMaxNodeLevel) &&
+                               resident_.count(nodeId(page)) != 0);
+  }
+  int residentLevel(const Square& s, int inherited) const {
+    if (flat_ || inherited == kAnyLevel) return kAnyLevel;
+    if (!isResident(s)) return inherited;
+    return s.level == domain_.relief_depth ? kAnyLevel : s.level + kPageLog2;
+  }
+  uint32_t findNode(const Square& s) const { return node_index_.find(key(s)); }
+  void addNode(const Square& s, int resident_level) {
+    if (culled(boxOf(s))) return;  // a node that is not in the table is not drawn
+    node_index_.insert(key(s), static_cast<uint32_t>(nodes_.size()));
+    Node n;
+    n.square = s;
+    n.resident_level = static_cast<uint8_t>(resident_level);
+    nodes_.push_back(n);
+  }
+  void addRoots(uint32_t first, uint32_t last) {
+    int64_t side = int64_t{1} << unit_log2_;
+    double z0 = flat_ ? 0 : domain_.relief_offset_mm, z1 = flat_ ? 0 : z0 + 65535 * domain_.relief_scale_mm;
+    int64_t a = first * side, b = last * side;
+    if (culled(domain_.alongX() ? boxOf(a, 0, b, side, z0, z1) : boxOf(0, a, side, b, z0, z1))) return;
+    if (last - first > 1) {
+      uint32_t middle = first + (last - first) / 2;
+      addRoots(first, middle);
+      addRoots(middle, last);
+      return;
+    }
+    Square root{0, domain_.alongX() ? first : 0, domain_.alongX() ? 0 : first};
+    addNode(root, flat_ || domain_.relief_depth == 0 ? kAnyLevel : kPageLog2);
+  }
+
+  template <class F>
+  void forChildren(const Square& s, F&& f) const {
+    for (int cy = 0; cy < 2; ++cy)
+      for (int cx = 0; cx < 2; ++cx)
+        if (Square c{s.level + 1, 2 * s.x + cx, 2 * s.y + cy}; exists(c)) f(c);
+  }
+  // Children need at least the grid of level 1: whole units, and samples for it.
+  bool maySplit(uint32_t index) {
+    Node& n = nodes_[index];
+    if (n.square.level + 2 > unit_log2_) return false;
+    if (n.resident_level >= n.square.level + 2) return true;
+    bool all = true;
+    forChildren(n.square, [&](const Square& c) { all = all && isResident(c); });
+    if (!all) {
+      n.needs_level = static_cast<int8_t>(n.square.level + 2);
+      n.blocked = true;
+    }
+    return all;
+  }
+  bool wantsSplit(uint32_t index) {
+    const Node n = nodes_[index];
+    Box box = boxOf(n.square);
+    if (2 * std::max(box.half.x, box.half.y) * pxPerMm(box) > max_node_px_) return true;
+    if (flat_) return false;
+    int limit = n.square.level + kMaxSplitLevel;
+    bool wants = false;
+    for (int side = 0; side < 4 && !wants; ++side) wants = edges_[edgeAt(n.square, side)].wanted_level > limit;
+    if (!wants || n.resident_level > limit) return wants;
+    // Without finer pages smaller nodes would only cut the same triangles into more instances.
+    bool finer = false;
+    forChildren(n.square, [&](const Square& c) { finer = finer || isResident(c); });
+    return finer;
+  }
+  bool split(uint32_t index) {
+    if (nodes_[index].state == State::kSplit) return true;
+    if (!maySplit(index)) return false;
+    const Square s = nodes_[index].square;
+    for (int side = 0; side < 4 && s.level > 0; ++side) {
+      Square other = neighbour(s, side);
+      if (!exists(other) || findNode(other) != IndexTable::kNone) continue;
+      uint32_t coarser = findNode(other.ancestor(s.level - 1));
+      if (coarser == IndexTable::kNone || nodes_[coarser].state == State::kSplit) continue;  // out of view
+      if (!split(coarser)) {
+        nodes_[index].blocked = nodes_[coarser].blocked;
+        return false;
+      }
+    }
+    nodes_[index].state = State::kSplit;
+    int inherited = nodes_[index].resident_level;
+    forChildren(s, [&](const Square& c) { addNode(c, residentLevel(c, inherited)); });
+    return true;
+  }
+  // False: too many nodes for this error.
+  bool refine(bool may_fail) {
+    nodes_.clear();
+    node_index_.clear();
+    addRoots(0, domain_.patchCount());
+    size_t limit = nodes_.size() + kMaxNodes;
+    if (!valid_) return true;
+    for (uint32_t i = 0; i < nodes_.size(); ++i) {
+      if (nodes_.size() > limit) return !may_fail;
+      if (nodes_[i].state == State::kLeaf && wantsSplit(i)) split(i);
+    }
+    return true;
+  }
+
+  // ---- the answer
+  // The segments' level of one edge: as wanted, as far as both sides have samples for it.
+  uint8_t segmentsOf(uint32_t edge, int base_level, int cap, int resident_a, int resident_b, bool blocked) {
+    Edge& e = edges_[edge];
+    int available = std::min(resident_a, resident_b);
+    int level = std::min({static_cast<int>(e.wanted_level), available, base_level + cap, unit_log2_});
+    level = std::max(level, base_level);
+    if (level < e.wanted_level && (available < e.wanted_level || blocked) && !e.counted) {
+      e.counted = true;
+      ++limited_;
+    }
+    return static_cast<uint8_t>(level - base_level);
+  }
+  void levelSides(Node& n) {
+    for (int side = 0; side < 4; ++side) {
+      const Square& s = n.square;
+      Square other = neighbour(s, side);
+      auto whole = [&](int cap, const Node* neighbour_node) {
+        uint32_t e = edgeAt(s, side);
+        n.edge[side] = {e, e};
+        uint8_t m = segmentsOf(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
+                               n.blocked || (neighbour_node && neighbour_node->blocked));
+        n.segments[side] = {m, PatchInstance::kWholeEdge};
+        n.grid_level = std::max(n.grid_level, m);
+      };
+      if (!exists(other)) {
+        whole(kMaxGridLevel, nullptr);
+        continue;
+      }
+      if (uint32_t same = findNode(other); same != IndexTable::kNone) {
+        if (nodes_[same].state == State::kLeaf) {
+          whole(kMaxGridLevel, &nodes_[same]);
+          continue;
+        }
+        // Two half edges, each the whole edge of a finer node (or of nothing, if that one is out of view).
+        bool upright = side == kLeft || side == kRight;
+        for (int half = 0; half < 2; ++half) {
+          Square mine{s.level + 1, 2 * s.x + (upright ? (side == kRight) : half), 2 * s.y + (upright ? half : (side == kBottom))};
+          if (!exists(mine)) mine = Square{s.level + 1, 2 * s.x + (upright && side == kRight), 2 * s.y + (!upright && side == kBottom)};
+          uint32_t e = edgeAt(mine, side);
+          uint32_t finer = findNode(neighbour(mine, side));
+          const Node* f = finer != IndexTable::kNone ? &nodes_[finer] : nullptr;
+          assert(!f || f->state == State::kLeaf);
+          uint8_t m = segmentsOf(e, s.level + 1, kMaxGridLevel - 1, n.resident_level, f ? f->resident_level : kAnyLevel,
+                                 n.blocked || (f && f->blocked));
+          n.edge[side][half] = e;
+          n.segments[side][half] = m;
+          n.grid_level = std::max<uint8_t>(n.grid_level, m + 1);
+        }
+        continue;
+      }
+      const Node* coarser = nullptr;
+      if (s.level > 0)
+        if (uint32_t up = findNode(other.ancestor(s.level - 1)); up != IndexTable::kNone && nodes_[up].state == State::kLeaf)
+          coarser = &nodes_[up];
+      whole(coarser ? kMaxGridLevel - 1 : kMaxGridLevel, coarser);
+    }
+  }
+  NodeId reliefPage(const Node& n) const {
+    int needed = n.square.level + n.grid_level;
+    int level = std::clamp(needed - kPageLog2, 0, domain_.relief_depth);
+    for (; level < std::min(n.square.level, domain_.relief_depth); ++level)
+      if (isResident(n.square.ancestor(level))) break;
+    assert(isResident(n.square.ancestor(level)));
+    return nodeId(n.square.ancestor(level));
+  }
+  // The page that a node would like, the one it uses, and a ladder above: descending needs a resident page at least every
+  // few levels, and the ladder is what a missing page falls back to (1.6 % more pages).
+  void addWants(const Node& n, int wanted_level, const NodeId& used) {
+    const Square& s = n.square;
+    float priority = 1;
+    glm::dvec3 c = boxOf(s).centre;
+    double w = value(clip_rows_[3], c);
+    if (w > 0) {
+      double x = value(clip_rows_[0], c) / w, y = value(clip_rows_[1], c) / w;
+      priority = static_cast<float>(std::min(1.0, std::sqrt(0.5 * (x * x + y * y))));
+      if (!(priority >= 0)) priority = 1;
+    }
+    int finest = std::min(s.level, domain_.relief_depth);
+    int level = std::clamp(wanted_level - kPageLog2, 0, finest);
+    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kLadder) : -1) addWant(s.ancestor(at), priority);
+    if (static_cast<int>(used.level) != level) addWant(s.ancestor(static_cast<int>(used.level)), priority);
+  }
+  void addWant(const Square& page, float priority) {
+    uint64_t k = key(page);
+    uint32_t found = want_index_.find(k);
+    if (found == IndexTable::kNone) {
+      want_index_.insert(k, static_cast<uint32_t>(wants_.size()));
+      wants_.push_back({nodeId(page), priority});
+    } else {
+      wants_[found].priority = std::min(wants_[found].priority, priority);
+    }
+  }
+
+  PlanarLodResult finish() {
+    PlanarLodResult result;
+    for (Node& n : nodes_)
+      if (n.state == State::kLeaf) levelSides(n);
+    for (const Node& n : nodes_) {
+      if (n.state != State::kLeaf) continue;
+      PatchInstance p;
+      p.node = nodeId(n.square);
+      int shift = unit_log2_ - n.square.level;
+      p.x0 = static_cast<int32_t>(n.square.x << shift);
+      p.y0 = static_cast<int32_t>(n.square.y << shift);
+      p.grid_level = n.grid_level;
+      p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
+      p.edges = n.segments;
+      p.relief_page = {p.node.patch, 0, 0, 0};
+      if (!flat_) {
+        p.relief_page = reliefPage(n);
+        int wanted = std::max<int>(n.square.level + n.grid_level, n.needs_level);
+        for (int side = 0; side < 4; ++side) {
+          bool halves = n.segments[side][1] != PatchInstance::kWholeEdge;
+          for (int half = 0; half < (halves ? 2 : 1); ++half) {
+            const Edge& e = edges_[n.edge[side][half]];
+            wanted = std::max<int>(wanted, e.wanted_level);
+            int level = n.square.level + n.segments[side][half] + (halves ? 1 : 0);
+            // Where vertices snapped, a triangle has corners of two levels: each may be off by the coarser level's error, to
+            // opposite sides. Never more than the whole range.
+            double factor = level < n.square.level + n.grid_level ? 2 : 1;
+            double px = std::min(factor * errorMm(e, level), e.range_mm) * std::abs(exaggerate_) * e.px_per_mm;
+            result.max_error_px = std::max(result.max_error_px, px);
+          }
+        }
+        if (valid_) addWants(n, wanted, p.relief_page);
+      }
+      result.instances.push_back(p);
+    }
+    std::sort(result.instances.begin(), result.instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
+      return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
+    });
+    std::sort(wants_.begin(), wants_.end(), [](const ReliefWant& a, const ReliefWant& b) {
+      if (a.page.level != b.page.level) return a.page.level < b.page.level;
+      return a.priority != b.priority ? a.priority < b.priority : a.page < b.page;
+    });
+    result.wants = std::move(wants_);
+    result.limited_by_residency = limited_;
+    return result;
+  }
+
+  const PlanarDomain& domain_;
+  const ReliefOracle& oracle_;
+  const ReliefSet& resident_;
+  int unit_log2_ = 0;  // U: log2 of a patch's side in units
+  int64_t width_units_ = 0, height_units_ = 0;
+  double mm_per_unit_ = 1;
+  bool flat_ = false;
+  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx;
+  // The view.
+  bool valid_ = false, orthographic_ = false;
+  glm::dvec3 eye_{0};
+  double near_ = 1, scale_ = 1, max_secant_ = 1;
+  std::array<glm::dvec4, 7> planes_{};
+  std::array<glm::dvec4, 4> clip_rows_{};
+  glm::dvec4 depth_row_{0};
+  // The tree, and what was looked up for it.
+  std::vector<Node> nodes_;
+  std::vector<Edge> edges_;
+  std::vector<HeightBounds> bounds_;
+  std::vector<ReliefWant> wants_;
+  IndexTable node_index_, edge_index_, bounds_index_, want_index_;
+  uint32_t limited_ = 0;
+};
+
+}  // namespace
+
+PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident) {
+  return Selection(domain, oracle, view, resident).run();
+}
+
+}  // namespace relievo

@@ -3,6 +3,9 @@
 // drawn nodes share (the finer one's whole edge) has one level, a function of that segment and of the residency on both sides,
 // so both nodes agree; grid vertices on it snap to its coarser vertices (Dyken, Reimers, Seland 2009, section 4). Nodes form a
 // restricted (2:1) quadtree, so a node's side is one whole edge or two half edges.
+// Each cell is cut along the diagonal (i, j) - (i+1, j+1), so that finer grids refine the same triangles and snapped triangles
+// keep to one side of the coarser diagonal. What draws the grids must use that diagonal.
+// A view that is not finite gets the roots, flat levels, no wants. The artwork's longer side is below 2^27 texels.
 // Pure: no GL, any thread. Deterministic: the same view and residency give the same list in the same order.
 #pragma once
 
@@ -29,7 +32,7 @@ inline constexpr int kUnitsPerTexelLog2 = 4;
 struct LodView {
   glm::dmat4 clip_from_world{1.0};
   glm::dvec3 eye_mm{0};
-  double pixels_per_radian = 1.0;   // viewport height in px / (2 tan(fov / 2))
+  double pixels_per_radian = 1.0;   // viewport height in px / (2 tan(fov / 2)); orthographic: pixels per mm
   double near_mm = 1.0;
   double error_px = 1.0;
   double exaggerate = 1.0;          // heights are multiplied by it
@@ -50,7 +53,7 @@ enum Side : int { kLeft = 0, kRight = 1, kTop = 2, kBottom = 3 };  // x = 0, x =
 
 // One drawn node. Vertex (i, j), 0 <= i, j <= 2^grid_level, lies at units (x0 + (i << step_log2), y0 + (j << step_log2)).
 struct PatchInstance {
-  NodeId node;
+  NodeId node;                 // its level may exceed kMaxNodeLevel in close-ups: not for packNode()
   int32_t x0 = 0, y0 = 0;      // units, absolute
   uint8_t step_log2 = 0;
   uint8_t grid_level = 1;      // n
@@ -70,7 +73,9 @@ struct PlanarLodResult {
   std::vector<PatchInstance> instances;      // sorted by grid_level, then by node
   std::vector<ReliefWant> wants;             // relief pages, resident or not: coarse before fine
   uint32_t limited_by_residency = 0;         // edges coarser than wanted because pages are missing
-  double max_error_px = 0;                   // the largest predicted error of a drawn edge
+  // The largest predicted error of what is drawn: an upper bound of how far the picture of a point of the finest relief lies
+  // from that of the drawn surface above the same place. Up to 2 error_px where levels meet; more only where pages are missing.
+  double max_error_px = 0;
 };
 
 using ReliefSet = std::unordered_set<NodeId>;  // resident relief pages
