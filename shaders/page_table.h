@@ -1,5 +1,10 @@
 // page_table.h - compiles as C++ and as GLSL: the hash functions of the page table (texturing/page_table.h).
-// key_lo, key_hi: the 64-bit key packNode(node) + 1. mask: entries - 1 (a power of two).
+// key_lo, key_hi: the 64-bit key packNode(node) + 1. mask: entries - 1 (a power of two, at least 2 entries).
+//
+// Only uint arithmetic, so that GLSL 3.30, GLSL ES 3.00 and C++ give the same bits.
+// The finaliser is lowbias32 (Chris Wellons, hash-prospector: bias 0.17 of the ideal 0). The seed enters before the first
+// finaliser and the two halves of the key one after the other, so that keys which collide under one seed do not under the
+// next: a rehash always helps. (With the halves merged by xor first, they would collide under every seed.)
 #ifdef __cplusplus
 #pragma once
 #include <cstdint>
@@ -10,14 +15,15 @@ using uint = uint32_t;
 #define RV_FUNC
 #endif
 
-RV_FUNC uint pageHash(uint key_lo, uint key_hi, uint seed) {
-  uint h = (key_lo * 0x9E3779B1u) ^ (key_hi * 0x85EBCA77u) ^ seed;
-  h = (h ^ (h >> 15u)) * 0x2C1B3C6Du;
-  h = (h ^ (h >> 12u)) * 0x297A2D39u;
-  return h ^ (h >> 15u);
+RV_FUNC uint pageMix(uint h) {
+  h = (h ^ (h >> 16u)) * 0x7FEB352Du;
+  h = (h ^ (h >> 15u)) * 0x846CA68Bu;
+  return h ^ (h >> 16u);
 }
+RV_FUNC uint pageHash(uint key_lo, uint key_hi, uint seed) { return pageMix(pageMix(key_lo ^ seed) + key_hi); }
 RV_FUNC uint pageProbe0(uint h, uint mask) { return h & mask; }
-RV_FUNC uint pageProbe1(uint h, uint mask) { return (((h >> 16u) * 0x9E3779B1u) ^ (h * 0x7FEB352Du)) >> 7u & mask; }
+// Differs from the first probe in its lowest bit, always: the two cells of a key are never the same one.
+RV_FUNC uint pageProbe1(uint h, uint mask) { return (h ^ (pageMix(h + 0x9E3779B9u) | 1u)) & mask; }
 
 #ifdef __cplusplus
 }  // namespace relievo::shader
