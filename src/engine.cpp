@@ -3,9 +3,8 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <mutex>
+#include <deque>
 #include <thread>
-#include <unordered_map>
 
 #include <nlohmann/json.hpp>
 
@@ -106,6 +105,14 @@ struct Engine::Impl {
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
   uint64_t adopted_frame = 0;         // of the LOD request whose answer is drawn
+  // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never looked at.
+  struct DrawnView {
+    uint64_t frame = 0;
+    ViewTransform view;
+    double exaggerate = 1;
+  };
+  DrawnView drawn;
+  std::deque<DrawnView> posted;       // requests whose answers are still to come
   double lod_bias = 0;
   uint32_t slot_count = 0;
   EngineStats stats;
@@ -164,6 +171,7 @@ struct Engine::Impl {
     pinned_relief.clear();
     resident_generation = ~uint64_t{0};
     adopted_frame = 0;
+    posted.clear();
   }
 
   LodView lodView(const ViewTransform& view) const {
@@ -185,11 +193,14 @@ struct Engine::Impl {
       resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
     }
     lod->post({frame, lodView(view), resident_relief});
+    posted.push_back({frame, view, scene.exaggerate});
   }
 
   // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while it is.
   void adopt(LodAnswer answer) {
     stats.lod_ms = answer.evaluate_ms;
+    while (!posted.empty() && posted.front().frame < answer.frame) posted.pop_front();
+    if (posted.empty() || posted.front().frame != answer.frame) return;  // asked for before streaming was restarted
     relief_wants.clear();
     for (const ReliefWant& w : answer.lod.wants) relief_wants.push_back({w.page, 1, w.priority});
     std::vector<NodeId> pages;
@@ -209,6 +220,7 @@ struct Engine::Impl {
     stats.predicted_error_px = answer.lod.max_error_px;
     stats.edges_limited = answer.lod.limited_by_residency;
     adopted_frame = answer.frame;
+    drawn = posted.front();
   }
 
   void setShadingUniforms(const gl::Program& program, double now_s, double bias) {
@@ -278,8 +290,8 @@ struct Engine::Impl {
     pool->uploadTable(streamer->table());
   }
 
-  EyeFrame prepareInstances(const ViewTransform& view) {
-    EyeFrame eye = eyeFrame(view, domain(), scene.exaggerate, plan.relief);
+  EyeFrame prepareInstances() {
+    EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief);
     patches->setInstances(instances, domain(), eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
     return eye;
   }
@@ -298,7 +310,7 @@ struct Engine::Impl {
       postLod(view);
     }
     lod_bias = streamer->detailBias();
-    EyeFrame eye = prepareInstances(view);
+    EyeFrame eye = prepareInstances();
     drawPicture(eye, now_s);
     issueFeedback(eye, now_s, settling);
     glFlush();
@@ -345,7 +357,7 @@ const Scene& Engine::scene() const { return impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
-ViewTransform Engine::view() const { return impl_->currentView(); }
+ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
   EffectPlan before = impl_->plan;
@@ -380,7 +392,7 @@ Result<void> Engine::settle(double timeout_s) {
     for (const NodeWant& w : e.texture_wants) wanted.push_back(w.node);
     std::sort(wanted.begin(), wanted.end());
     // Feedback of a frame is read in the next: calm means that nothing was missing and nothing new was wanted twice over.
-    bool steady = e.streamer->settled() && wanted == wanted_before && e.frame > 2 && !wanted.empty();
+    bool steady = e.streamer->settled() && wanted == wanted_before && !wanted.empty() && e.adopted_frame == e.frame;
     if (e.plan.relief) {
       for (const NodeWant& w : e.relief_wants) {
         PageState state = e.streamer->state(PageId(Plane::kRelief, w.node));
@@ -465,7 +477,7 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   }
   e.target.resize(e.width, e.height);
   glBindFramebuffer(GL_FRAMEBUFFER, e.target.framebuffer.id());  // transform feedback answers zeros without one
-  EyeFrame eye = e.prepareInstances(e.currentView());
+  EyeFrame eye = e.prepareInstances();
   e.capture_program.use();
   e.pool->bind(e.capture_program, e.streamer->table());
   e.setShadingUniforms(e.capture_program, 0, 0);

@@ -78,7 +78,7 @@ class Engine {
   std::vector<std::string> takeMessages();
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
-  ViewTransform view() const;
+  ViewTransform view() const;  // that the last picture was drawn with: a frame behind setCamera at most times
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the watertight test.
   std::vector<float> captureVertices(uint32_t max_vertices);
 

@@ -1,0 +1,174 @@
+// The program as its users run it: exit codes, messages that name the file and what to do, and files that appear whole or not at all.
+#include <gtest/gtest.h>
+
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Run {
+  int exit_code = -1;
+  std::string output;  // stdout and stderr
+};
+
+Run run(const std::string& command) {
+  Run r;
+  FILE* pipe = popen((command + " 2>&1 </dev/null").c_str(), "r");
+  if (!pipe) return r;
+  char buffer[4096];
+  while (size_t n = fread(buffer, 1, sizeof buffer, pipe)) r.output.append(buffer, n);
+  int status = pclose(pipe);
+  r.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  return r;
+}
+
+class Cli : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string pattern = (fs::temp_directory_path() / "relievo-cli-XXXXXX").string();
+    folder_ = mkdtemp(pattern.data());
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  std::string file(const std::string& name) const { return folder_ + "/" + name; }
+  Run relievo(const std::string& arguments) const { return run(std::string(RELIEVO_PROGRAM) + " " + arguments); }
+  void write(const std::string& name, const std::string& bytes) const { std::ofstream(file(name), std::ios::binary) << bytes; }
+  int filesNamed(const std::string& part) const {
+    int n = 0;
+    for (const auto& e : fs::directory_iterator(folder_)) n += e.path().filename().string().find(part) != std::string::npos;
+    return n;
+  }
+  std::string folder_;
+};
+
+TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
+  EXPECT_EQ(relievo("--help").exit_code, 0);
+  for (const char* command : {"sample", "build", "info", "verify", "render", "view"}) {
+    Run r = relievo(std::string(command) + " --help");
+    EXPECT_EQ(r.exit_code, 0) << command;
+    EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
+  }
+}
+
+TEST_F(Cli, WrongUsageIsExitCode1) {
+  EXPECT_EQ(relievo("").exit_code, 1);
+  EXPECT_EQ(relievo("frobnicate").exit_code, 1);
+  EXPECT_EQ(relievo("render").exit_code, 1);
+  EXPECT_EQ(relievo("sample vase -o " + file("d")).exit_code, 1);
+  EXPECT_EQ(relievo("sample coin --size 0x5 -o " + file("d")).exit_code, 1);
+  EXPECT_EQ(relievo("render x.relievo -o y.png --size 12by7").exit_code, 1);
+}
+
+TEST_F(Cli, AMissingFileIsExitCode2AndNamed) {
+  for (const char* command : {"info ", "verify ", "render -o x.png ", "build -o x.relievo --ptm "}) {
+    Run r = relievo(command + file("nowhere.bin"));
+    EXPECT_EQ(r.exit_code, 2) << command << r.output;
+    EXPECT_NE(r.output.find("nowhere.bin"), std::string::npos) << r.output;
+  }
+}
+
+TEST_F(Cli, InvalidDataIsExitCode3AndUnsupportedIs5) {
+  write("bad.ptm", "PTM_1.2\nPTM_FORMAT_LRGB\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\nshort");
+  Run r = relievo("build --ptm " + file("bad.ptm") + " -o " + file("a.relievo"));
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+  EXPECT_NE(r.output.find("bad.ptm"), std::string::npos);
+  write("lut.ptm", "PTM_1.2\nPTM_FORMAT_PTM_C_LUT\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\n");
+  r = relievo("build --ptm " + file("lut.ptm") + " -o " + file("a.relievo"));
+  EXPECT_EQ(r.exit_code, 5) << r.output;
+  EXPECT_NE(r.output.find("LUT"), std::string::npos) << r.output;
+  write("no.relievo", "this is no package");
+  for (const char* command : {"info ", "verify ", "render -o x.png "}) EXPECT_EQ(relievo(command + file("no.relievo")).exit_code, 3);
+  EXPECT_FALSE(fs::exists(file("a.relievo")));
+  EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+TEST_F(Cli, SampleBuildInfoVerifyRoundTrip) {
+  Run r = relievo("sample inscription -o " + file("s") + " --size 300x200 --write height,ptm-lrgb --package " + file("direct.relievo"));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_TRUE(fs::exists(file("s/truth.json")));
+  r = relievo("info " + file("direct.relievo") + " --json");
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  auto info = nlohmann::json::parse(r.output, nullptr, false);
+  ASSERT_FALSE(info.is_discarded()) << r.output;
+  EXPECT_EQ(relievo("verify " + file("direct.relievo")).exit_code, 0);
+  // One flipped bit in the middle of the pages: named, and exit code 3.
+  std::fstream damaged(file("direct.relievo"), std::ios::in | std::ios::out | std::ios::binary);
+  damaged.seekg(static_cast<std::streamoff>(fs::file_size(file("direct.relievo")) / 2));
+  char byte = static_cast<char>(damaged.peek());
+  damaged.seekp(static_cast<std::streamoff>(fs::file_size(file("direct.relievo")) / 2));
+  damaged.put(static_cast<char>(byte ^ 0x10));
+  damaged.close();
+  r = relievo("verify " + file("direct.relievo"));
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+}
+
+TEST_F(Cli, ATargetIsKeptWhenTheBuildFails) {
+  write("old.relievo", "precious");
+  write("bad.ptm", "PTM_1.2\nPTM_FORMAT_LRGB\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\nshort");
+  EXPECT_NE(relievo("build --ptm " + file("bad.ptm") + " -o " + file("old.relievo")).exit_code, 0);
+  std::ifstream in(file("old.relievo"));
+  std::string text;
+  in >> text;
+  EXPECT_EQ(text, "precious");
+}
+
+TEST_F(Cli, AnInterruptedBuildLeavesNothingBehind) {
+  // SIGINT after 1.5 s of a build that takes far longer.
+  Run r = run("timeout -s INT 1.5 " RELIEVO_PROGRAM " sample painting -o " + file("s") + " --size 32768x32768 --write height --package " +
+              file("big.relievo"));
+  EXPECT_NE(r.exit_code, 0) << r.output;
+  EXPECT_FALSE(fs::exists(file("big.relievo")));
+  EXPECT_EQ(filesNamed(".part-"), 0);
+  int left = 0;
+  if (fs::exists(file("s"))) {
+    for (const auto& e : fs::recursive_directory_iterator(file("s"))) left += e.path().string().find(".part-") != std::string::npos;
+  }
+  EXPECT_EQ(left, 0);
+}
+
+TEST_F(Cli, AFullDiskIsOneErrorAndLeavesNothing) {
+  Run r = run("ulimit -f 64; trap '' XFSZ; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
+              file("big.relievo"));
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_FALSE(fs::exists(file("big.relievo")));
+  EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+TEST_F(Cli, ViewWithoutADisplayNamesRender) {
+  ASSERT_EQ(relievo("sample coin -o " + file("s") + " --size 64x64 --write height --package " + file("c.relievo")).exit_code, 0);
+  Run r = run("env -u DISPLAY -u WAYLAND_DISPLAY " RELIEVO_PROGRAM " view " + file("c.relievo"));
+  EXPECT_EQ(r.exit_code, 4) << r.output;
+  EXPECT_NE(r.output.find("relievo render"), std::string::npos) << r.output;
+}
+
+TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 700x500 --write height --package " + file("i.relievo")).exit_code, 0);
+  std::string common = "render " + file("i.relievo") + " --size 320x180 --azimuth 30 --elevation 20 --light -0.7,0.2,0.5 --settle ";
+  Run first = relievo(common + "-o " + file("a.png") + " --stats " + file("a.json"));
+  if (first.exit_code == 4) GTEST_SKIP() << first.output;
+  ASSERT_EQ(first.exit_code, 0) << first.output;
+  ASSERT_EQ(relievo(common + "-o " + file("b.png") + " --workers 5").exit_code, 0);
+  EXPECT_EQ(run("cmp " + file("a.png") + " " + file("b.png")).exit_code, 0);
+  auto stats = nlohmann::json::parse(std::ifstream(file("a.json")), nullptr, false);
+  ASSERT_FALSE(stats.is_discarded());
+  EXPECT_GT(stats["planes"]["relief"]["pages_read"].get<int>(), 0);
+  EXPECT_EQ(stats["missing_pages"].get<int>(), 0);
+  // Without relief no relief page is read; under a fixed light only resolved pages are uploaded.
+  ASSERT_EQ(relievo(common + "-o " + file("c.png") + " --no-relief --stats " + file("c.json")).exit_code, 0);
+  stats = nlohmann::json::parse(std::ifstream(file("c.json")), nullptr, false);
+  EXPECT_FALSE(stats["planes"].contains("relief")) << stats.dump(1);
+  ASSERT_EQ(relievo(common + "-o " + file("d.png") + " --no-relight --stats " + file("d.json")).exit_code, 0);
+  stats = nlohmann::json::parse(std::ifstream(file("d.json")), nullptr, false);
+  EXPECT_GT(stats["planes"]["resolved"]["pages_uploaded"].get<int>(), 0);
+  EXPECT_EQ(stats["planes"]["a0-a2"]["pages_uploaded"].get<int>(), 0) << stats.dump(1);
+}
+
+}  // namespace
