@@ -1,21 +1,26 @@
 // resolve.cpp - the sums of basis.h with the light folded in: every coefficient's scale, bias and basis function become one
 // weight and one constant (computed in double precision), so that a texel costs six multiplications and additions a colour.
-// Texels are handled as 32-bit words of four bytes; the loops are plain so that the compiler makes SIMD code of them.
 #include "texturing/resolve.h"
 
-#include <algorithm>
 #include <cassert>
 #include <cstring>
 
 #include "texturing/page_codec.h"
 
+// Vectors are passed between inlined functions of this file only, so that how they are passed does not matter.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
 namespace relievo {
 namespace {
 
+// Eight texels at a time, in the vector types of g++ and clang (which split them where the machine's are narrower): left to
+// itself g++ 12 does not vectorise the clamping of floats, as comparisons may trap.
+typedef float Floats __attribute__((vector_size(32)));
+typedef int32_t Ints __attribute__((vector_size(32)));
+constexpr size_t kLanes = 8;
 constexpr size_t kTexels = kSlotBytes / 4;
-constexpr size_t kBlock = 136;  // texels at a time: a row; what lies between the passes stays in the first-level cache
-static_assert(kTexels % kBlock == 0);
-constexpr uint32_t kOpaque = 0xFF000000u;
+static_assert(kTexels % kLanes == 0);
+constexpr int32_t kOpaque = static_cast<int32_t>(0xFF000000u);
 
 struct Weights {
   float w[6];
@@ -36,49 +41,45 @@ Weights weightsFor(const TextureFormat& format, double u, double v, double gain)
   return out;
 }
 
-inline float byteAt(uint32_t texel, int channel) { return static_cast<float>(static_cast<int32_t>(texel >> 8 * channel & 255u)); }
-
-// Round half up, as everywhere in the engine.
-inline uint32_t toByte(float value) {
-  return static_cast<uint32_t>(static_cast<int32_t>(std::min(std::max(value, 0.0f), 255.0f) + 0.5f));
+Ints load(const uint8_t* slot, size_t texel) {
+  Ints out;
+  std::memcpy(&out, slot + 4 * texel, sizeof out);
+  return out;
 }
 
-void loadBlock(const uint8_t* slot, size_t first, uint32_t* texels) { std::memcpy(texels, slot + 4 * first, 4 * kBlock); }
+template <int kChannel>
+Floats channel(Ints texels) { return __builtin_convertvector(texels >> 8 * kChannel & 255, Floats); }
+
+// Rounded half up, as everywhere in the engine, and packed.
+void store(Floats red, Floats green, Floats blue, uint8_t* out, size_t texel) {
+  auto toByte = [](Floats v) {
+    v = v > 0.0f ? v : Floats{};
+    v = v < 255.0f ? v : Floats{} + 255.0f;
+    return __builtin_convertvector(v + 0.5f, Ints);
+  };
+  Ints packed = toByte(red) | toByte(green) << 8 | toByte(blue) << 16 | kOpaque;
+  std::memcpy(out + 4 * texel, &packed, sizeof packed);
+}
 
 void resolveLrgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
-  uint32_t high[kBlock], low[kBlock], colour[kBlock];
-  for (size_t first = 0; first < kTexels; first += kBlock) {
-    loadBlock(slots[0], first, high);
-    loadBlock(slots[1], first, low);
-    loadBlock(slots[2], first, colour);
-    for (size_t i = 0; i < kBlock; ++i) {
-      float lum = s.constant + byteAt(high[i], 0) * s.w[0] + byteAt(high[i], 1) * s.w[1] + byteAt(high[i], 2) * s.w[2] +
-                  byteAt(low[i], 0) * s.w[3] + byteAt(low[i], 1) * s.w[4] + byteAt(low[i], 2) * s.w[5];
-      colour[i] = toByte(byteAt(colour[i], 0) * lum) | toByte(byteAt(colour[i], 1) * lum) << 8 |
-                  toByte(byteAt(colour[i], 2) * lum) << 16 | kOpaque;
-    }
-    std::memcpy(out + 4 * first, colour, 4 * kBlock);
+  for (size_t i = 0; i < kTexels; i += kLanes) {
+    Ints high = load(slots[0], i), low = load(slots[1], i), colour = load(slots[2], i);
+    Floats lum = channel<0>(high) * s.w[0] + channel<1>(high) * s.w[1] + channel<2>(high) * s.w[2] +
+                 channel<0>(low) * s.w[3] + channel<1>(low) * s.w[4] + channel<2>(low) * s.w[5] + s.constant;
+    store(channel<0>(colour) * lum, channel<1>(colour) * lum, channel<2>(colour) * lum, out, i);
   }
 }
 
 void resolveRgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
-  uint32_t texels[kBlock];
-  float sum[3][kBlock];
-  for (size_t first = 0; first < kTexels; first += kBlock) {
-    for (auto& colour : sum) std::fill(colour, colour + kBlock, s.constant);
+  for (size_t i = 0; i < kTexels; i += kLanes) {
+    Floats red = Floats{} + s.constant, green = red, blue = red;
     for (int k = 0; k < 6; ++k) {
-      loadBlock(slots[k], first, texels);
-      const float w = s.w[k];
-      for (size_t i = 0; i < kBlock; ++i) {
-        sum[0][i] += byteAt(texels[i], 0) * w;
-        sum[1][i] += byteAt(texels[i], 1) * w;
-        sum[2][i] += byteAt(texels[i], 2) * w;
-      }
+      Ints texels = load(slots[k], i);
+      red += channel<0>(texels) * s.w[k];
+      green += channel<1>(texels) * s.w[k];
+      blue += channel<2>(texels) * s.w[k];
     }
-    for (size_t i = 0; i < kBlock; ++i) {
-      texels[i] = toByte(sum[0][i]) | toByte(sum[1][i]) << 8 | toByte(sum[2][i]) << 16 | kOpaque;
-    }
-    std::memcpy(out + 4 * first, texels, 4 * kBlock);
+    store(red, green, blue, out, i);
   }
 }
 
@@ -87,15 +88,12 @@ void resolveRgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t
 void resolvePage(const TextureFormat& format, double u, double v, std::span<const uint8_t* const> slots, uint8_t* out) {
   assert(slots.size() >= static_cast<size_t>(format.planes()));
   switch (format.basis) {
-    case Basis::kColour: {
-      uint32_t texels[kBlock];
-      for (size_t first = 0; first < kTexels; first += kBlock) {
-        loadBlock(slots[0], first, texels);
-        for (uint32_t& texel : texels) texel |= kOpaque;
-        std::memcpy(out + 4 * first, texels, 4 * kBlock);
+    case Basis::kColour:
+      for (size_t i = 0; i < kTexels; i += kLanes) {
+        Ints texels = load(slots[0], i) | kOpaque;
+        std::memcpy(out + 4 * i, &texels, sizeof texels);
       }
       break;
-    }
     // pixel = RGB * L / 255: the division is in the weights.
     case Basis::kPtmLrgb: resolveLrgb(weightsFor(format, u, v, 1.0 / 255), slots, out); break;
     case Basis::kPtmRgb: resolveRgb(weightsFor(format, u, v, 1), slots, out); break;
