@@ -32,7 +32,10 @@ class SampleArtwork {
   // Rectangles inside the artwork; thread-safe. heights: mm. albedo: sRGB 8 bit, 3 channels interleaved.
   void heights(const Rect& rect, std::span<float> out) const;
   void albedo(const Rect& rect, std::span<uint8_t> out) const;
-  void normals(const Rect& rect, std::span<float> out) const;  // xyz interleaved, unit, +y up
+  void normals(const Rect& rect, std::span<float> out) const;  // xyz interleaved, unit, +y up: central differences
+  // What the shading needs beside (sample_shading.h): share of the sky seen, (0, 1]; gloss 0..1 and how strongly it counts.
+  void material(const Rect& rect, std::span<float> cavity, std::span<float> gloss) const;
+  double glossStrength() const;
 
   // PTM of the artwork: coefficients fitted to its shading (Lambert, ambient occlusion-like cavity term, broad gloss), without cast shadows.
   std::unique_ptr<TextureSource> ptmSource(Basis basis) const;  // kPtmLrgb or kPtmRgb; refers to this artwork
@@ -40,6 +43,7 @@ class SampleArtwork {
   std::unique_ptr<HeightSource> heightSource() const;
 
  private:
+  friend class SamplePtmSource;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
