@@ -34,7 +34,11 @@ namespace relievo {
 
 struct DenseLevel {
   int64_t width = 0, height = 0;
-  std::vector<uint8_t> texels;  // the pages' bytes: texels[(y * width + x) * channels + c]
+  int64_t stored_width = 0, stored_height = 0;  // equal, or the period after which the texels repeat
+  std::vector<uint8_t> texels;                  // the pages' bytes: texels[(y * stored_width + x) * channels + c]
+  const uint8_t* texel(int64_t x, int64_t y, int channels) const {
+    return &texels[((y % stored_height) * stored_width + x % stored_width) * channels];
+  }
 };
 
 struct DenseTexture {
@@ -48,6 +52,10 @@ PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relie
 
 // The finest level is the source; a coarser one follows by the rule of texturing/mip.h, implemented here on its own.
 Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain);
+
+// An artwork of any size (2^24 texels a side) whose texels repeat. The period's width and height are powers of two that
+// divide the artwork's, so that its levels repeat as well, also at odd borders (by then the level is constant).
+Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const PlanarDomain& domain);
 
 // What mip.h calls the next coarser level, on channel-interleaved 8.8 fixed point texels of any size (odd borders
 // repeated).
@@ -98,10 +106,10 @@ struct DenseView {
 enum EdgeReason : uint8_t {
   kEdgeSilhouette = 1,  // the centre is covered and a sample is not, or the reverse
   kEdgeOcclusion = 2,   // a sample shows another triangle, and there a texel position that is further than half a
-                       // pixel's footprint (0.5 * sqrt(rho2) texels) from what the centre's derivatives predict
-  kEdgeColour = 4,  // a sample shows another triangle, and that triangle's mapping, continued to the pixel's centre,
-                    // gives a colour that differs by more than 0.5 of 255 in a channel (the place is the same, the
-                    // level of detail is not)
+                        // pixel's footprint (0.5 * sqrt(rho2) texels) from what the centre's derivatives predict
+  kEdgeColour = 4,   // a sample shows another triangle, and that triangle's mapping, continued to the pixel's centre,
+                     // gives a colour that differs by more than 0.5 of 255 in a channel (the place is the same, the
+                     // level of detail is not)
   kEdgeLevelTie = 8  // without trilinear: lambda within 1/256 of the change of level, and the other level's colour
                      // differs by more than 0.5 of 255
 };
@@ -114,6 +122,7 @@ struct DensePixel {
   double lambda = 0;                    // level of detail after bias and clamping: 0 finest ... texture_depth coarsest
   int32_t triangle = -1;                // instance << 11 | cell << 1 | half; -1: background
   uint8_t edge = 0;                     // EdgeReason bits
+  glm::dvec3 low{0}, high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeLevelTie
   bool covered() const { return triangle >= 0; }
   std::array<uint8_t, 3> bytes() const;
 };
@@ -147,17 +156,20 @@ struct PixelPair {
   std::array<uint8_t, 4> found{};
 };
 
-// "Inside" is where the reference is covered and not an edge pixel.
+// "Inside" is where the reference is covered and neither a silhouette nor an occlusion edge runs through the pixel.
+// Where only the level of detail is undetermined (kEdgeColour, kEdgeLevelTie) a difference is the distance to the range
+// low..high.
 struct ImageDifference {
   std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes
   double max_exact = 0;                 // the same over all channels, against the reference before rounding
   double percentile_999 = 0;            // of the pixels' largest difference before rounding
   size_t count_above_1 = 0;             // pixels inside whose bytes differ by more than 1
   size_t compared = 0;                  // pixels inside
-  size_t edge_pixels = 0;
-  size_t holes = 0;   // inside, but the engine shows background: a defect, whatever the colours
-  size_t extras = 0;  // not covered and not an edge pixel, but the engine shows something
-  PixelPair worst;    // a hole before any difference of colour
+  size_t compared_to_range = 0;         // of these, pixels whose level of detail is undetermined
+  size_t edge_pixels = 0;               // pixels left out
+  size_t holes = 0;                     // inside, but the engine shows background: a defect, whatever the colours
+  size_t extras = 0;                    // not covered and not an edge pixel, but the engine shows something
+  PixelPair worst;                      // a hole before any difference of colour
   int maxDifference() const { return std::max({max_difference[0], max_difference[1], max_difference[2]}); }
   bool within(int limit) const { return maxDifference() <= limit && holes == 0 && extras == 0; }
   std::string text() const;  // one line

@@ -408,6 +408,23 @@ TEST(DensePyramid, LrgbColourIsWeightedByLuminance) {
   EXPECT_EQ(out[6], (200 + 3 * 40) * 64);
 }
 
+TEST(DensePyramid, APeriodicTextureIsTheSameAsItsRepetition) {
+  FunctionTexture period(64, 32, ptmFormat(Basis::kPtmLrgb), noise);
+  FunctionTexture whole(448, 352, ptmFormat(Basis::kPtmLrgb),
+                        [](int64_t x, int64_t y, int c) { return noise(x % 64, y % 32, c); });
+  DenseTexture full = dense(whole);
+  auto periodic = buildPeriodicTexture(period, full.domain);
+  ASSERT_TRUE(periodic.ok());
+  ASSERT_EQ(full.levels.size(), periodic->levels.size());
+  for (size_t l = 0; l < full.levels.size(); ++l) {
+    ASSERT_EQ(full.levels[l].width, periodic->levels[l].width);
+    ASSERT_EQ(full.levels[l].height, periodic->levels[l].height);
+    for (int64_t y = 0; y < full.levels[l].height; ++y)
+      for (int64_t x = 0; x < full.levels[l].width; ++x)
+        for (int c = 0; c < 9; ++c) ASSERT_EQ(full.levels[l].texel(x, y, 9)[c], periodic->levels[l].texel(x, y, 9)[c]);
+  }
+}
+
 // --- relief
 
 TEST(DenseRelief, SamplesArePlacedOnTexelCorners) {

@@ -24,3 +24,6 @@ target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
 relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)
 
 relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_gltest.cpp)
+add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
+target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_texturing)
+relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
