@@ -124,6 +124,7 @@ struct OutputFile::Impl {
   }
   Result<void> flush(const std::string& path) {
     auto written = write(path, flushed, buffer);
+    if (!written) return written;  // what is buffered stays: a later commit writes all of it or fails again
     flushed += buffer.size();
     buffer.clear();
     return written;

@@ -1,0 +1,541 @@
+// src/base: hand-over between threads, names of places, the strip of patches, files that appear whole or not at all.
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <random>
+#include <set>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "src/base/channel.h"
+#include "src/base/file.h"
+#include "src/base/mailbox.h"
+#include "src/base/node_id.h"
+#include "src/base/planar_domain.h"
+#include "src/base/result.h"
+
+namespace relievo {
+namespace {
+
+namespace fs = std::filesystem;
+
+// ---- Result, Error ----
+
+TEST(Error, TextNamesFileOffsetMessageAndHint) {
+  EXPECT_EQ((Error{ErrorKind::kInvalidData, "a.ptm", "expected 6, found 5", "get a whole copy", 17}.text()),
+            "a.ptm: at byte 17: expected 6, found 5 (get a whole copy)");
+  EXPECT_EQ((Error{ErrorKind::kIo, "a.ptm", "is a folder", "", {}}.text()), "a.ptm: is a folder");
+  EXPECT_EQ((Error{ErrorKind::kRuntime, "", "no driver", "install one", {}}.text()), "no driver (install one)");
+  EXPECT_EQ((Error{ErrorKind::kInvalidData, "f", "m", "", 0}.text()), "f: at byte 0: m") << "offset 0 is an offset";
+}
+
+TEST(Error, KindIsTheDocumentedExitCode) {
+  const std::pair<ErrorKind, int> documented[] = {
+      {ErrorKind::kUsage, 1},       {ErrorKind::kIo, 2},         {ErrorKind::kInvalidData, 3},
+      {ErrorKind::kRuntime, 4},     {ErrorKind::kUnsupported, 5}, {ErrorKind::kDifference, 7},
+      {ErrorKind::kInterrupted, 130}};
+  for (const auto& [kind, code] : documented) EXPECT_EQ(Error{.kind = kind}.exitCode(), code);
+}
+
+TEST(Result, HoldsEitherAndMovesItsValue) {
+  Result<std::unique_ptr<int>> value = std::make_unique<int>(5);
+  ASSERT_TRUE(value.ok());
+  std::unique_ptr<int> taken = std::move(*value);
+  EXPECT_EQ(*taken, 5);
+  Result<std::unique_ptr<int>> error = Error{.message = "no"};
+  EXPECT_FALSE(error.ok());
+  EXPECT_EQ(error.error().message, "no");
+  Result<void> fine;
+  EXPECT_TRUE(fine.ok());
+}
+
+// ---- Channel, Mailbox ----
+
+TEST(Channel, KeepsTheOrderAndDrainsAfterClose) {
+  Channel<int> channel;
+  for (int i = 0; i < 5; ++i) EXPECT_TRUE(channel.push(i));
+  EXPECT_EQ(channel.size(), 5u);
+  channel.close();
+  EXPECT_FALSE(channel.push(99));
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(channel.pop(), i);
+  EXPECT_EQ(channel.pop(), std::nullopt);
+  EXPECT_EQ(channel.tryPop(), std::nullopt);
+}
+
+TEST(Channel, TryPopNeverWaits) {
+  Channel<std::unique_ptr<int>> channel;
+  EXPECT_EQ(channel.tryPop(), std::nullopt);
+  EXPECT_TRUE(channel.push(std::make_unique<int>(3)));
+  std::optional<std::unique_ptr<int>> value = channel.tryPop();
+  ASSERT_TRUE(value);
+  EXPECT_EQ(**value, 3);
+}
+
+TEST(Channel, AFullOneHoldsItsPusherUntilThereIsSpace) {
+  Channel<int> channel(2);
+  ASSERT_TRUE(channel.push(0) && channel.push(1));
+  std::atomic<bool> pushed = false;
+  std::thread pusher([&] {
+    EXPECT_TRUE(channel.push(2));
+    pushed = true;
+  });
+  // Whatever the scheduling: while both places are taken, the third value is not in.
+  EXPECT_FALSE(pushed);
+  EXPECT_EQ(channel.size(), 2u);
+  EXPECT_EQ(channel.pop(), 0);
+  pusher.join();
+  EXPECT_TRUE(pushed);
+  EXPECT_EQ(channel.pop(), 1);
+  EXPECT_EQ(channel.pop(), 2);
+}
+
+TEST(Channel, CloseWakesWaitingPushersAndPoppers) {
+  Channel<int> full(1), empty;
+  ASSERT_TRUE(full.push(0));
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 3; ++i) {
+    threads.emplace_back([&] { EXPECT_FALSE(full.push(1)); });
+    threads.emplace_back([&] { EXPECT_EQ(empty.pop(), std::nullopt); });
+  }
+  full.close();
+  empty.close();
+  for (std::thread& t : threads) t.join();  // a missed wake-up would hang here
+  EXPECT_EQ(full.pop(), 0);
+}
+
+TEST(Channel, ManyToManyLosesAndDoublesNothing) {
+  constexpr int kPushers = 4, kPoppers = 4, kEach = 2000;
+  Channel<int> channel(7);
+  std::vector<std::vector<int>> got(kPoppers);
+  std::vector<std::thread> pushers, poppers;
+  for (int p = 0; p < kPoppers; ++p)
+    poppers.emplace_back([&, p] {
+      while (std::optional<int> v = channel.pop()) got[p].push_back(*v);
+    });
+  for (int p = 0; p < kPushers; ++p)
+    pushers.emplace_back([&, p] {
+      for (int i = 0; i < kEach; ++i) EXPECT_TRUE(channel.push(p * kEach + i));
+    });
+  for (std::thread& t : pushers) t.join();
+  channel.close();
+  for (std::thread& t : poppers) t.join();
+  std::vector<int> all;
+  for (const std::vector<int>& one : got) {
+    all.insert(all.end(), one.begin(), one.end());
+    // Each popper sees each pusher's values in that pusher's order.
+    for (int p = 0; p < kPushers; ++p) {
+      std::vector<int> mine;
+      std::copy_if(one.begin(), one.end(), std::back_inserter(mine), [&](int v) { return v / kEach == p; });
+      EXPECT_TRUE(std::is_sorted(mine.begin(), mine.end()));
+    }
+  }
+  std::sort(all.begin(), all.end());
+  ASSERT_EQ(all.size(), size_t{kPushers * kEach});
+  for (int i = 0; i < kPushers * kEach; ++i) ASSERT_EQ(all[i], i);
+}
+
+TEST(Mailbox, NewestWins) {
+  Mailbox<int> box;
+  EXPECT_EQ(box.tryTake(), std::nullopt);
+  box.post(1);
+  box.post(2);
+  EXPECT_EQ(box.tryTake(), 2);
+  EXPECT_EQ(box.tryTake(), std::nullopt);
+}
+
+TEST(Mailbox, TheTakerEndsWithTheLastLetterAndNeverGoesBack) {
+  Mailbox<int> box;
+  constexpr int kLast = 20000;
+  std::vector<int> taken;
+  std::thread taker([&] {
+    while (std::optional<int> v = box.take()) {
+      taken.push_back(*v);
+      if (*v == kLast) break;
+    }
+  });
+  for (int i = 1; i <= kLast; ++i) box.post(i);
+  taker.join();
+  ASSERT_FALSE(taken.empty());
+  EXPECT_EQ(taken.back(), kLast);
+  EXPECT_TRUE(std::is_sorted(taken.begin(), taken.end()));
+  EXPECT_EQ(std::adjacent_find(taken.begin(), taken.end()), taken.end()) << "a letter was taken twice";
+}
+
+TEST(Mailbox, CloseWakesTheTaker) {
+  Mailbox<int> box;
+  std::thread taker([&] { EXPECT_EQ(box.take(), std::nullopt); });
+  box.close();
+  taker.join();
+}
+
+// ---- NodeId ----
+
+std::vector<uint32_t> corners(uint32_t maximum) {
+  std::set<uint32_t> values = {0, maximum};
+  for (uint32_t bit = 1; bit != 0 && bit <= maximum; bit <<= 1) values.insert({bit, bit - 1, std::min(bit + 1, maximum)});
+  return {values.begin(), values.end()};
+}
+
+TEST(NodeId, PackingIsReversibleAndUniqueAtAllCorners) {
+  const std::vector<uint32_t> places = corners((1u << kMaxNodeLevel) - 1), patches = corners(kMaxPatches - 1);
+  std::vector<uint64_t> keys;
+  for (uint32_t level = 0; level <= kMaxNodeLevel; ++level)
+    for (uint32_t patch : patches)
+      for (uint32_t x : places)
+        for (uint32_t y : {x, places.front(), places.back(), places[places.size() / 2]}) {
+          const NodeId n{patch, level, x, y};
+          const uint64_t key = packNode(n);
+          ASSERT_EQ(unpackNode(key), n);
+          ASSERT_LT(key, uint64_t{1} << 59);
+          ASSERT_NE(key + 1, 0u) << "key + 1 is what the page table stores, and 0 means empty there";
+          keys.push_back(key);
+        }
+  std::sort(keys.begin(), keys.end());
+  std::set<NodeId> distinct;
+  for (uint64_t key : keys) distinct.insert(unpackNode(key));
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  EXPECT_EQ(keys.size(), distinct.size());
+}
+
+TEST(NodeId, EachFieldHasItsOwnBits) {
+  EXPECT_EQ(packNode({0, 0, 0, (1u << 17) - 1}), 0x1FFFFu);
+  EXPECT_EQ(packNode({0, 0, (1u << 17) - 1, 0}), uint64_t{0x1FFFF} << 17);
+  EXPECT_EQ(packNode({kMaxPatches - 1, 0, 0, 0}), uint64_t{0xFFFFF} << 34);
+  EXPECT_EQ(packNode({0, 31, 0, 0}), uint64_t{31} << 54);
+}
+
+TEST(NodeId, FamilyTies) {
+  const NodeId n{3, 5, 21, 30};
+  for (uint32_t cy : {0u, 1u})
+    for (uint32_t cx : {0u, 1u}) {
+      EXPECT_EQ(n.child(cx, cy).parent(), n);
+      EXPECT_EQ(n.child(cx, cy).ancestor(5), n);
+    }
+  EXPECT_EQ(n.ancestor(5), n);
+  EXPECT_EQ(n.ancestor(0), (NodeId{3, 0, 0, 0}));
+  NodeId up = n;
+  while (up.level > 2) up = up.parent();
+  EXPECT_EQ(n.ancestor(2), up);
+}
+
+// ---- PlanarDomain ----
+
+PlanarDomain domainOf(uint64_t width, uint64_t height) {
+  PlanarDomain d;
+  d.width_px = width;
+  d.height_px = height;
+  d.texture_depth = PlanarDomain::depthFor(width, height);
+  return d;
+}
+
+// Independent of the header's integer trick: the node's open square and the open artwork, in texels as long double.
+bool meets(const PlanarDomain& d, const NodeId& n) {
+  const long double side = static_cast<long double>(d.patchPx()) / static_cast<long double>(uint64_t{1} << n.level);
+  const bool landscape = d.patchColumns() >= d.patchRows();
+  const long double x0 = (landscape ? n.patch * static_cast<long double>(d.patchPx()) : 0) + n.x * side;
+  const long double y0 = (landscape ? 0 : n.patch * static_cast<long double>(d.patchPx())) + n.y * side;
+  const long double right = std::min<long double>(x0 + side, d.width_px);
+  const long double bottom = std::min<long double>(y0 + side, d.height_px);
+  return right > x0 && bottom > y0;
+}
+
+const std::pair<uint64_t, uint64_t> kSizes[] = {{1, 1},     {1, 300},   {300, 1},   {127, 129}, {128, 128}, {129, 128},
+                                                {256, 255}, {257, 256}, {640, 480}, {480, 640}, {385, 1153}, {2000, 129}};
+
+TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
+  for (const auto& [width, height] : kSizes) {
+    const PlanarDomain d = domainOf(width, height);
+    // Two levels beyond the texels: relief may go deeper.
+    for (uint32_t level = 0; level <= static_cast<uint32_t>(d.texture_depth) + 9 && level <= 9; ++level) {
+      const uint32_t side = 1u << level;
+      // All nodes of small levels; of large ones the rows and columns around every border.
+      for (uint32_t patch = 0; patch < d.patchCount() + 2; ++patch)
+        for (uint32_t y = 0; y < side; y += level > 6 ? 3 : 1)
+          for (uint32_t x = 0; x < side; x += level > 6 ? 3 : 1) {
+            const NodeId n{patch, level, x, y};
+            ASSERT_EQ(d.nodeExists(n), patch < d.patchCount() && meets(d, n))
+                << width << "x" << height << " patch " << patch << " level " << level << " at " << x << "," << y;
+          }
+      EXPECT_FALSE(d.nodeExists({0, level, side, 0}));
+      EXPECT_FALSE(d.nodeExists({0, level, 0, side}));
+    }
+    EXPECT_FALSE(d.nodeExists({0, kMaxNodeLevel + 1, 0, 0}));
+  }
+}
+
+TEST(PlanarDomain, NodeExistsAtTheLargestSizesWithoutOverflow) {
+  const uint64_t largest = uint64_t{1} << 24;
+  for (const auto& [width, height] : {std::pair{largest, largest}, {largest - 1, largest}, {largest, uint64_t{1}},
+                                      {largest * 3 + 1, largest}, {largest, largest / 2 + 1}}) {
+    const PlanarDomain d = domainOf(width, height);
+    ASSERT_LE(d.texture_depth, static_cast<int>(kMaxNodeLevel));
+    std::mt19937 random(7);
+    for (int i = 0; i < 20000; ++i) {
+      const uint32_t level = static_cast<uint32_t>(random() % (kMaxNodeLevel + 1)), mask = (1u << level) - 1;
+      NodeId n{static_cast<uint32_t>(random() % std::min(d.patchCount(), 64u)), level,
+               static_cast<uint32_t>(random()) & mask, static_cast<uint32_t>(random()) & mask};
+      if (i % 3 == 0) n.x = mask;  // the last column and row
+      if (i % 3 == 1) n.y = mask;
+      ASSERT_EQ(d.nodeExists(n), meets(d, n)) << "seed 7: level " << level << " at " << n.x << "," << n.y;
+    }
+  }
+}
+
+TEST(PlanarDomain, PatchesCoverTheArtworkOnceAndAreTheSmallestThatCoverTheShorterSide) {
+  for (const auto& [width, height] : kSizes) {
+    const PlanarDomain d = domainOf(width, height);
+    const uint64_t shorter = std::min(width, height);
+    EXPECT_GE(d.patchPx(), shorter);
+    EXPECT_TRUE(d.patchPx() == uint64_t{kPagePx} || d.patchPx() / 2 < shorter);
+    EXPECT_TRUE(d.patchColumns() == 1 || d.patchRows() == 1);
+    uint64_t covered = 0;
+    for (uint32_t p = 0; p < d.patchCount(); ++p) {
+      EXPECT_EQ(d.patchOriginX(p) % d.patchPx(), 0u);
+      EXPECT_TRUE(d.nodeExists({p, 0, 0, 0})) << "a patch without a texel";
+      covered += std::min(d.patchPx(), width - d.patchOriginX(p)) * std::min(d.patchPx(), height - d.patchOriginY(p));
+    }
+    EXPECT_EQ(covered, width * height);
+    // The pages of the finest level hold every texel once.
+    uint64_t payload = 0;
+    const uint32_t level = static_cast<uint32_t>(d.texture_depth);
+    for (uint32_t p = 0; p < d.patchCount(); ++p)
+      for (uint32_t y = 0; y < 1u << level; ++y)
+        for (uint32_t x = 0; x < 1u << level; ++x)
+          if (d.nodeExists({p, level, x, y}))
+            payload += std::min<uint64_t>(kPagePx, width - d.patchOriginX(p) - x * uint64_t{kPagePx}) *
+                       std::min<uint64_t>(kPagePx, height - d.patchOriginY(p) - y * uint64_t{kPagePx});
+    EXPECT_EQ(payload, width * height);
+  }
+}
+
+TEST(PlanarDomain, LevelSizesHalveRoundingUp) {
+  for (const auto& [width, height] : kSizes) {
+    const PlanarDomain d = domainOf(width, height);
+    EXPECT_EQ(d.levelWidth(d.texture_depth), width);
+    EXPECT_EQ(d.levelHeight(d.texture_depth), height);
+    for (int level = d.texture_depth; level > 0; --level) {
+      EXPECT_EQ(d.levelWidth(level - 1), (d.levelWidth(level) + 1) / 2);
+      EXPECT_EQ(d.levelHeight(level - 1), (d.levelHeight(level) + 1) / 2);
+    }
+    EXPECT_LE(std::min(d.levelWidth(0), d.levelHeight(0)), uint64_t{kPagePx});
+  }
+}
+
+// ---- files ----
+
+class Files : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "relievo-base-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  std::string at(const char* name) const { return (folder_ / name).string(); }
+  static void put(const std::string& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
+  static std::string get(const std::string& path) {
+    std::ifstream in(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+  static std::span<const uint8_t> bytes(const std::string& text) {
+    return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+  }
+  size_t filesInFolder() const {
+    return static_cast<size_t>(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
+  }
+  fs::path folder_;
+};
+
+TEST_F(Files, InputReadsAnyRangeAndNamesTheOffsetWhereAFileEnds) {
+  put(at("in"), "0123456789");
+  Result<InputFile> file = InputFile::open(at("in"));
+  ASSERT_TRUE(file.ok());
+  EXPECT_EQ(file->size(), 10u);
+  std::string out(4, ' ');
+  std::span<uint8_t> span(reinterpret_cast<uint8_t*>(out.data()), out.size());
+  for (uint64_t offset = 0; offset <= 6; ++offset) {
+    ASSERT_TRUE(file->read(offset, span).ok());
+    EXPECT_EQ(out, std::string("0123456789").substr(offset, 4));
+  }
+  for (uint64_t offset : {7, 9, 10, 1000}) {
+    Result<void> read = file->read(offset, span);
+    ASSERT_FALSE(read.ok());
+    EXPECT_EQ(read.error().kind, ErrorKind::kInvalidData);
+    EXPECT_EQ(read.error().offset, offset);
+    EXPECT_EQ(read.error().file, at("in"));
+  }
+  EXPECT_TRUE(file->read(10, {}).ok());
+  InputFile moved = std::move(*file);
+  EXPECT_TRUE(moved.read(0, span).ok());
+}
+
+TEST_F(Files, InputOfNothingAndOfAFolderAreErrorsThatNameThem) {
+  for (const std::string& path : {at("absent"), folder_.string()}) {
+    Result<InputFile> file = InputFile::open(path);
+    ASSERT_FALSE(file.ok());
+    EXPECT_EQ(file.error().kind, ErrorKind::kIo);
+    EXPECT_EQ(file.error().file, path);
+  }
+}
+
+TEST_F(Files, TheTargetIsUntouchedUntilCommitAndThenWhole) {
+  put(at("out"), "before");
+  {
+    Result<OutputFile> file = OutputFile::create(at("out"));
+    ASSERT_TRUE(file.ok());
+    ASSERT_TRUE(file->append(bytes("hello ")).ok());
+    ASSERT_TRUE(file->append(bytes("world")).ok());
+    EXPECT_EQ(file->size(), 11u);
+    EXPECT_EQ(get(at("out")), "before");
+    EXPECT_EQ(filesInFolder(), 2u);
+    OutputFile moved = std::move(*file);
+    ASSERT_TRUE(moved.writeAt(0, bytes("H")).ok());
+    EXPECT_EQ(get(at("out")), "before");
+    ASSERT_TRUE(moved.commit().ok());
+    EXPECT_EQ(get(at("out")), "Hello world");
+    EXPECT_EQ(filesInFolder(), 1u);
+  }
+  EXPECT_EQ(get(at("out")), "Hello world") << "the destructor took a committed file away";
+  EXPECT_EQ(filesInFolder(), 1u);
+}
+
+TEST_F(Files, AnUncommittedFileLeavesNothing) {
+  put(at("out"), "before");
+  {
+    Result<OutputFile> file = OutputFile::create(at("out"));
+    ASSERT_TRUE(file.ok());
+    ASSERT_TRUE(file->append(std::vector<uint8_t>(5 << 20, 7)).ok());  // more than the buffer
+    EXPECT_EQ(filesInFolder(), 2u);
+  }
+  EXPECT_EQ(filesInFolder(), 1u);
+  EXPECT_EQ(get(at("out")), "before");
+}
+
+TEST_F(Files, RemovePartFilesTakesAwayWhatIsUncommittedOnly) {
+  ASSERT_TRUE(writeFile(at("done"), bytes("done")).ok());
+  Result<OutputFile> a = OutputFile::create(at("a")), b = OutputFile::create(at("b"));
+  ASSERT_TRUE(a.ok() && b.ok());
+  EXPECT_EQ(filesInFolder(), 3u);
+  removePartFiles();
+  EXPECT_EQ(filesInFolder(), 1u);
+  EXPECT_EQ(get(at("done")), "done");
+}
+
+TEST_F(Files, BytesArriveWhateverTheirSizesAndPlaces) {
+  std::mt19937 random(11);
+  std::vector<uint8_t> expected;
+  Result<OutputFile> file = OutputFile::create(at("big"));
+  ASSERT_TRUE(file.ok());
+  while (expected.size() < (9u << 20)) {
+    std::vector<uint8_t> chunk(random() % (2u << 20));
+    for (uint8_t& b : chunk) b = static_cast<uint8_t>(random());
+    ASSERT_TRUE(file->append(chunk).ok());
+    expected.insert(expected.end(), chunk.begin(), chunk.end());
+    // Somewhere in what was appended, flushed or still buffered or both.
+    std::vector<uint8_t> patch(std::min<size_t>(expected.size(), 1 + random() % 1000), 0xAB);
+    const size_t offset = random() % (expected.size() - patch.size() + 1);
+    ASSERT_TRUE(file->writeAt(offset, patch).ok());
+    std::copy(patch.begin(), patch.end(), expected.begin() + static_cast<std::ptrdiff_t>(offset));
+  }
+  EXPECT_EQ(file->size(), expected.size());
+  ASSERT_TRUE(file->commit().ok());
+  const std::string got = get(at("big"));
+  ASSERT_EQ(got.size(), expected.size());
+  EXPECT_TRUE(std::equal(expected.begin(), expected.end(), reinterpret_cast<const uint8_t*>(got.data()))) << "seed 11";
+}
+
+TEST_F(Files, AFolderOrAMissingFolderAsTargetIsAnError) {
+  for (const std::string& path : {folder_.string(), at("missing/out")}) {
+    Result<OutputFile> file = OutputFile::create(path);
+    ASSERT_FALSE(file.ok()) << path;
+    EXPECT_EQ(file.error().kind, ErrorKind::kIo);
+    EXPECT_EQ(file.error().file, path);
+    EXPECT_FALSE(writeFile(path, bytes("x")).ok());
+  }
+  EXPECT_EQ(filesInFolder(), 0u);
+}
+
+// The nearest to a full disk that needs no disk: files of this process may not grow beyond a limit.
+struct FileSizeLimit {
+  explicit FileSizeLimit(rlim_t limit) {
+    old_handler = std::signal(SIGXFSZ, SIG_IGN);
+    getrlimit(RLIMIT_FSIZE, &old);
+    rlimit now = old;
+    now.rlim_cur = limit;
+    setrlimit(RLIMIT_FSIZE, &now);
+  }
+  ~FileSizeLimit() {
+    setrlimit(RLIMIT_FSIZE, &old);
+    std::signal(SIGXFSZ, old_handler);
+  }
+  rlimit old{};
+  void (*old_handler)(int) = nullptr;
+};
+
+TEST_F(Files, AFullDiskIsAnErrorAndTheTargetStays) {
+  put(at("out"), "before");
+  const std::string text(100000, 'x');
+  {
+    FileSizeLimit limit(50000);
+    Result<void> written = writeFile(at("out"), bytes(text));
+    ASSERT_FALSE(written.ok());
+    EXPECT_EQ(written.error().kind, ErrorKind::kIo);
+    EXPECT_EQ(written.error().file, at("out"));
+  }
+  EXPECT_EQ(get(at("out")), "before");
+  EXPECT_EQ(filesInFolder(), 1u);
+  EXPECT_TRUE(writeFile(at("out"), bytes(text)).ok()) << "with space it works";
+  EXPECT_EQ(get(at("out")), text);
+}
+
+TEST_F(Files, AFailedWriteIsNeverCommittedWithBytesMissing) {
+  const std::string text(100000, 'x');
+  Result<OutputFile> file = OutputFile::create(at("out"));
+  ASSERT_TRUE(file.ok());
+  ASSERT_TRUE(file->append(bytes(text)).ok());
+  {
+    FileSizeLimit limit(50000);
+    ASSERT_FALSE(file->commit().ok());
+    EXPECT_FALSE(fs::exists(at("out")));
+  }
+  // The caller frees some space and tries again: all of it, or an error.
+  if (file->commit().ok()) {
+    EXPECT_TRUE(get(at("out")) == text) << "committed a file with bytes missing";
+  }
+}
+
+TEST_F(Files, TextFilesAreReadUpToALimit) {
+  put(at("t"), "12345");
+  Result<std::string> text = readTextFile(at("t"), 5);
+  ASSERT_TRUE(text.ok());
+  EXPECT_EQ(*text, "12345");
+  Result<std::string> too_long = readTextFile(at("t"), 4);
+  ASSERT_FALSE(too_long.ok());
+  EXPECT_EQ(too_long.error().kind, ErrorKind::kInvalidData);
+}
+
+TEST_F(Files, HashesTellFilesApart) {
+  put(at("a"), "relievo");
+  put(at("b"), "relievo");
+  put(at("c"), "relievO");
+  put(at("empty"), "");
+  ASSERT_TRUE(hashFile(at("a")).ok());
+  EXPECT_EQ(*hashFile(at("a")), *hashFile(at("b")));
+  EXPECT_NE(*hashFile(at("a")), *hashFile(at("c")));
+  EXPECT_EQ(*hashFile(at("empty")), "2d06800538d394c2");  // xxh3-64 of nothing, from the xxHash specification
+  EXPECT_FALSE(hashFile(at("absent")).ok());
+}
+
+}  // namespace
+}  // namespace relievo
