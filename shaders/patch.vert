@@ -45,6 +45,28 @@ int heightSample(ivec3 origin, ivec2 s) {
   vec4 texel = texelFetch(u_pool, origin + ivec3(s, 0), 0);
   return int(texel.r * 255.0 + 0.5) * 256 + int(texel.g * 255.0 + 0.5);
 }
+
+// In 1/256 of a height step; between samples on the cell's two triangles, in integers.
+int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
+  ivec2 s = local >> spacing_log2;
+  ivec2 f = local & ((1 << spacing_log2) - 1);
+  int q00 = heightSample(origin, s);
+  if ((f.x | f.y) == 0) return q00 << 8;
+  int cut = max(0, spacing_log2 - 15);
+  int bits = spacing_log2 - cut;
+  f >>= cut;
+  ivec2 t = min(s + 1, ivec2(kPagePx));
+  int q11 = heightSample(origin, t);
+  int value = q00 << bits;
+  if (f.x >= f.y) {
+    int q10 = heightSample(origin, ivec2(t.x, s.y));
+    value += f.x * (q10 - q00) + f.y * (q11 - q10);
+  } else {
+    int q01 = heightSample(origin, ivec2(s.x, t.y));
+    value += f.y * (q01 - q00) + f.x * (q11 - q01);
+  }
+  return bits > 8 ? value >> (bits - 8) : value << (8 - bits);
+}
 #endif
 
 void main() {
@@ -69,23 +91,8 @@ void main() {
   ivec2 local = a_relief.xy + in_node;
   if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
   if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
-  ivec2 s = local >> spacing_log2;
-  ivec2 f = local & mask;
-  ivec3 origin = slotOrigin(a_relief.z);
-  int height = heightSample(origin, s) << spacing_log2;
-  if ((f.x | f.y) != 0) {
-    // Between samples: on the cell's two triangles, in integers (below 2^31 for spacings up to 2^14 units).
-    int q00 = height >> spacing_log2;
-    int q11 = heightSample(origin, s + ivec2(min(f.x, 1), min(f.y, 1)));
-    if (f.x >= f.y) {
-      int q10 = heightSample(origin, s + ivec2(1, 0));
-      height += f.x * (q10 - q00) + f.y * (q11 - q10);
-    } else {
-      int q01 = heightSample(origin, s + ivec2(0, 1));
-      height += f.y * (q01 - q00) + f.x * (q11 - q01);
-    }
-  }
-  height_mm += (float(height) * powerOfTwo(-spacing_log2)) * u_scale.y;
+  float height_steps = float(heightQ8(slotOrigin(a_relief.z), local, spacing_log2)) * 0.00390625;
+  height_mm += height_steps * u_scale.y;
 #endif
 
   vec3 from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
