@@ -45,6 +45,13 @@ class PageCache {
   std::optional<Placement> place(PageId id, uint64_t tick);
   void remove(PageId id);  // not pinned; absent: nothing happens
 
+  // Every resident page, in the order of slots.
+  template <class F>
+  void forEach(F&& f) const {
+    for (const Slot& s : slots_)
+      if (s.used) f(s.page);
+  }
+
   // Unpinned pages, least recently used first; for tests.
   std::vector<PageId> lruOrder() const;
   bool checkInvariants(std::string* why) const;

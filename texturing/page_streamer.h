@@ -1,9 +1,37 @@
-// page_streamer.h - the life of a page: Absent -> Queued -> Decoding -> Ready -> Resident (-> Absent), or Failed.
-// Owned by the render thread; reading and decoding happen on worker threads. Nothing here waits.
+// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread;
+// reading and decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the
+// destructor.
 //
-// Order of service: newest batch first, coarse before fine, then near the view's centre. A queued page that the newest
-// two batches of its kind no longer want is cancelled before it is read. A failed page is retried with back-off
-// kMaxAttempts times, then stays Failed (its ancestor shows); it is named once.
+//                      wanted, and there will be room                 a worker takes it
+//          +--------+ ------------------------------> +--------+ ---------------------> +----------+
+//    +---> | Absent |                                 | Queued |                        | Decoding |
+//    |     +--------+ <------------------------------ +--------+                        +----------+
+//    |      ^      ^     not in the newest two wish     ^                                 |      |
+//    |      |      |     lists of its kind: cancelled   |                          failed |      | read, checked,
+//    decoded |      |      |                                    | still wanted after              v      v |      | |
+//    | 0.1, 0.4, 1.6 s       +--------+    +-------+ |      |      | +---------------------- | Failed |    | Ready | |
+//    |      |                                         at most            +--------+    +-------+ |      |      |
+//    kMaxAttempts         for good:     |    | |      |      |                                         attempts stays,
+//    named  |    | |      |      |                                                              once          |    | |
+//    |      +----------------------------------------------------------------------------+    | placeReady: a free
+//    slot, or |      |                 no slot to be had, and no longer wanted: dropped                       | that of
+//    the least recently used |      | v page that nobody uses now |      | +----------+ |
+//    +---------------------------------------------------------------------------------- | Resident | | evicted for
+//    another page (of any plane)                           +----------+
+//    +-- (setLight) pages resolved under the old light, wherever they are
+//
+// Each request carries a ticket. An answer whose ticket is not that of a page in state Decoding is late or cancelled,
+// and is dropped: in one place (takeResults). A node of the texture enters the page table when all of its planes are
+// Resident, and leaves it with the first evicted.
+//
+// Order of service, decided at the moment when a worker takes a job: newest wish list first, coarse before fine, then
+// near the view's centre. Room: a page wanted now is never evicted for another one wanted now, and a missing node is
+// only asked for when all of its planes will find slots beside everything else that is wanted. So a working set larger
+// than the cache ends in a still state without loads, never in thrashing; what found no room is counted (deferred) and
+// detailBias() asks the view for less. Faults: an error of kind kInvalidData without a byte offset is the source's word
+// that there is no such page, and is final at once. All others may pass and are retried, at most kMaxAttempts attempts
+// in all. A failed page's ancestor shows. Memory: at most bufferBytes(), besides the slots (which live on the GPU) and
+// the first upload of the roots.
 #pragma once
 
 #include <array>
@@ -26,15 +54,18 @@ namespace relievo {
 
 enum class PageState : uint8_t { kAbsent, kQueued, kDecoding, kReady, kResident, kFailed };
 inline constexpr int kMaxAttempts = 4;
+inline constexpr double kMaxDetailBias = 6;
 
 struct StreamerOptions {
-  uint32_t slot_count = 1024;      // the cache budget over kSlotBytes
+  uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most 65,536
   int workers = 2;
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
-  // fixed light: the worker then reads the stored planes of `format` and evaluates them for (light_u, light_v) per texel.
+  // fixed light: the worker then reads the stored planes of `format` and evaluates them for (light_u, light_v) per
+  // texel.
   std::vector<Plane> texture_planes;
   TextureFormat format;
   double light_u = 0, light_v = 0;
+  uint32_t ready_limit = 64;  // decoded pages that may wait for a slot; workers pause when that many do
 };
 
 // Texels to copy into a slot of the page pool. The memory lives until the next beginFrame().
@@ -44,24 +75,34 @@ struct PageUpload {
   const uint8_t* texels;  // kSlotBytes
 };
 
+// Reading and decoding are counted under the planes that are stored, uploads under the planes that are streamed: they
+// differ for kResolved.
 struct StreamerStats {
   std::array<uint64_t, 16> pages_read{}, bytes_read{}, pages_decoded{}, pages_uploaded{};  // by plane number
   uint64_t evictions = 0, cancelled = 0, failed_pages = 0, retries = 0;
   uint64_t queued = 0, decoding = 0, ready = 0, resident = 0;  // now
   uint64_t deferred = 0;  // pages that found no slot in the last frame: the working set exceeds the cache
+  uint64_t wanted = 0;    // pages that the last wish lists name, without those that failed for good
 };
+
+// Encoded bytes to slot texels (kSlotBytes). Called from several threads at once.
+using SlotDecoder = std::function<Result<void>(Plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels)>;
 
 class PageStreamer {
  public:
-  PageStreamer(std::shared_ptr<const PageSource> source, StreamerOptions options);
-  ~PageStreamer();  // stops the workers
+  // decoder: null is PageDecoder, one per worker.
+  PageStreamer(std::shared_ptr<const PageSource> source, StreamerOptions options, SlotDecoder decoder = {});
+  ~PageStreamer();  // stops the workers; waits for the reads under way
 
   // Pages that are loaded at once and stay (the roots of every plane in use). Call before the first frame.
+  // A root that cannot be read is replaced by a neutral page (mid-grey texture, flat relief), counted and named, so
+  // that a look-up always ends somewhere. Their uploads come with the next placeReady, beyond its limit.
   void pinRoots(std::span<const NodeId> texture_roots, std::span<const NodeId> relief_roots);
 
   // A frame, in this order. now_s drives back-off and the page fade.
-  void beginFrame(uint64_t frame, double now_s);
+  void beginFrame(uint64_t frame, double now_s);  // frame > 0, growing
   // The newest wish lists; each replaces the previous of its kind. Touches what is resident, queues what is not.
+  // A list that is not replaced in a frame still holds.
   void wantTexture(std::span<const NodeWant> wants);
   void wantRelief(std::span<const NodeWant> wants);
   // Places decoded pages (at most max_uploads) and returns what to upload; updates the page table.
@@ -69,18 +110,30 @@ class PageStreamer {
 
   // Relief pages in use by the geometry being drawn stay until released (counted).
   SlotIndex findRelief(const NodeId& node) const;
-  void pinRelief(const NodeId& node);
+  bool pinRelief(const NodeId& node);  // false: not resident (any more), nothing was pinned
   void unpinRelief(const NodeId& node);
-  // Resident relief nodes, for the LOD worker; the generation changes whenever the set does.
+  // Resident relief nodes, sorted, for the LOD worker; the generation changes whenever the set does.
   std::vector<NodeId> residentRelief() const;
   uint64_t reliefGeneration() const;
 
-  // Everything that the last wish lists ask for is resident (or has failed for good), nothing is under way.
+  // For kResolved: another fixed light. Pages resolved under the old one are dropped, except pinned roots: those show
+  // the old light until their new texels arrive, before everything else. The others are resolved when they are wanted
+  // again.
+  void setLight(double u, double v);
+
+  // How many texture levels coarser the view should ask (add to its LOD bias) so that its wishes fit the cache: rises
+  // by 0.05 a wish list while pages are deferred, falls again as soon as that cannot bring the overflow back.
+  // 0..kMaxDetailBias.
+  double detailBias() const;
+
+  // Everything that the last wish lists ask for is resident (or has failed for good, or has no room at the largest
+  // detail bias), nothing is under way, and the detail bias holds still.
   bool settled() const;
   PageState state(PageId id) const;
   const StreamerStats& stats() const;
   PageTable& table();
   const PageCache& cache() const;
+  uint64_t bufferBytes() const;  // upper bound of what decoded pages and scratch memory take
   // Messages that a user should see (each failed page once); cleared by the call.
   std::vector<std::string> takeMessages();
 
