@@ -1,4 +1,5 @@
 // package.h - reading a .relievo package. Layout: texturing/PACKAGE.md.
+// Safe for untrusted files: nothing is allocated or read from a size that was not checked against the file's length first.
 // Opening costs at most a few reads, whatever the package's size: index blocks are read (and checked) when first asked for.
 // A damaged package opens as far as it is sound; what is not answers with an Error that names the place.
 #pragma once
@@ -47,8 +48,12 @@ class Package final : public PageSource {
   const std::string& path() const;
   uint64_t fileBytes() const;
   const Manifest& manifest() const;
-  const std::string& manifestJson() const;  // as stored
+  const std::string& manifestJson() const;  // as stored; empty when damaged
+  // What was found damaged on opening; the package works without it.
+  const std::vector<std::string>& warnings() const;
   Result<PageRecord> record(PageId id) const;  // thread-safe
+  // Is the index block that holds the page's entry sound?
+  Result<void> checkIndex(PageId id) const;
   Result<EncodedPage> read(PageId id) const override;
 
  private:
@@ -66,7 +71,7 @@ struct VerifyReport {
   std::vector<DamagedPage> damaged;
   std::vector<std::string> other;  // damage outside pages (index blocks, header)
 };
-// Reads and decodes every page. progress(done, total) may be null.
+// Reads, checks and decodes every page. The damage is listed in the index's order, whatever the workers. progress(done, total) may be null.
 Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total));
 
 }  // namespace relievo

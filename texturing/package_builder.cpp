@@ -1,0 +1,894 @@
+// How a build runs.
+//
+// The artwork's levels are images over the whole strip (patch origins are multiples of the patch size, so level l of a patch
+// is a window of level l of the strip). A *stage* takes one level L, cut into tiles of 8 x 8 pages, and makes from each tile,
+// with 16 texels around it, the pages of the levels L, L-1 and L-2 (16 = 4 levels' worth: a border of 4 at L-2) and the
+// texels of level L-3, which it spills for the next stage. So the finest texels are read once (6 % twice), every level is the
+// mean of the whole level before, and memory depends on the tile alone. Beyond the artwork's border the edge texel of each
+// level is repeated, at that level: tiles know nothing that the whole image would not.
+//
+// Relief is cut the same way on the grid of vertices: 1024 x 1024 cells a tile, shared samples computed from the same inputs
+// by both tiles. Where texture and relief have the same depth, one tile does both and their pages lie together.
+//
+// Tiles are independent: workers take them in the file's order and the caller's thread writes what they made in that order,
+// so the bytes do not depend on the workers. At most kTilesAhead finished tiles a worker wait to be written.
+#include "texturing/package_builder.h"
+
+#include <fcntl.h>
+#include <stdlib.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "src/base/file.h"
+#include "texturing/mip.h"
+#include "texturing/package_layout.h"
+#include "texturing/page_codec.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kTilePages = 8;
+constexpr int kTilePx = kTilePages * kPagePx;             // 1024
+constexpr int kStageLevels = 3;                           // levels L, L-1, L-2 get their pages in one stage
+constexpr int kMarginPx = kPageBorderPx << (kStageLevels - 1);  // 16
+constexpr int kSpillPx = kTilePx >> kStageLevels;         // 128
+constexpr int kTilesAhead = 2;
+constexpr double kSpacingSlack = 1.01;                    // a height map wider than the texture by rounding stays at its depth
+
+// Bytes at any offset: in memory when small, else in a file without a name beside the output. Regions that do not overlap
+// may be written and read by several threads.
+class SpillStore {
+ public:
+  static Result<std::unique_ptr<SpillStore>> create(uint64_t size, bool in_memory, const std::string& beside) {
+    auto store = std::unique_ptr<SpillStore>(new SpillStore);
+    store->path_ = beside;
+    if (in_memory) {
+      store->memory_ = std::make_unique_for_overwrite<uint8_t[]>(std::max<uint64_t>(size, 1));
+      return store;
+    }
+    std::string folder = beside.substr(0, beside.find_last_of('/') + 1);
+    if (folder.empty()) folder = "./";
+    store->fd_ = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    if (store->fd_ < 0) {
+      std::string name = folder + ".relievo-XXXXXX";
+      store->fd_ = ::mkostemp(name.data(), O_CLOEXEC);
+      if (store->fd_ >= 0) ::unlink(name.c_str());
+    }
+    if (store->fd_ < 0) return store->failed("creating a temporary file beside it", errno);
+    return store;
+  }
+  ~SpillStore() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Result<void> write(uint64_t offset, const void* bytes, size_t size) {
+    if (memory_) {
+      std::memcpy(memory_.get() + offset, bytes, size);
+      return {};
+    }
+    const uint8_t* p = static_cast<const uint8_t*>(bytes);
+    while (size > 0) {
+      ssize_t n = ::pwrite(fd_, p, size, static_cast<off_t>(offset));
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) return failed("writing a temporary file beside it", n < 0 ? errno : ENOSPC);
+      p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
+    }
+    return {};
+  }
+  Result<void> read(uint64_t offset, void* bytes, size_t size) const {
+    if (memory_) {
+      std::memcpy(bytes, memory_.get() + offset, size);
+      return {};
+    }
+    uint8_t* p = static_cast<uint8_t*>(bytes);
+    while (size > 0) {
+      ssize_t n = ::pread(fd_, p, size, static_cast<off_t>(offset));
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) return failed("reading a temporary file beside it", n < 0 ? errno : EIO);
+      p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
+    }
+    return {};
+  }
+
+ private:
+  SpillStore() = default;
+  Error failed(const char* doing, int error_number) const {
+    return {ErrorKind::kIo, path_, std::string(doing) + " failed: " + std::strerror(error_number),
+            error_number == ENOSPC ? "free some disk space, or write to another disk" : "check the folder's permissions", {}};
+  }
+  std::string path_;
+  std::unique_ptr<uint8_t[]> memory_;
+  int fd_ = -1;
+};
+
+// Hands out the bytes that spills may keep in memory.
+struct SpillBudget {
+  uint64_t left = 0;
+  std::string beside;
+  Result<std::unique_ptr<SpillStore>> create(uint64_t size) {
+    bool in_memory = size <= left;
+    if (in_memory) left -= size;
+    return SpillStore::create(size, in_memory, beside);
+  }
+};
+
+// What a relief node knows of the samples below it, in 16-bit units.
+struct NodeRange {
+  uint16_t min = 65535, max = 0, error = 0;
+};
+
+struct Placed {            // a page that a tile made
+  uint64_t index_offset;   // of its entry, from the index's start
+  uint32_t size;
+  uint64_t checksum;
+  NodeRange range;
+  bool relief;
+};
+struct TileOutput {
+  std::vector<uint8_t> bytes;
+  std::vector<Placed> pages;
+  uint64_t texels = 0;     // finest texels of the texture done
+  Result<void> status;
+};
+
+struct TextureStage {
+  int level = -1;                    // L; -1: none
+  const TextureSource* source = nullptr;  // the first stage reads this, the others `in`
+  const SpillStore* in = nullptr;
+  SpillStore* out = nullptr;         // level L-3, blocks of kSpillPx^2 texels, channel-major; null: nothing left to do
+  uint64_t in_columns = 0, out_columns = 0;  // blocks a row
+};
+struct ReliefStage {
+  int level = -1;
+  const HeightSource* source = nullptr;
+  const SpillStore* in = nullptr;    // blocks of 129^2 samples, one a node of level L
+  SpillStore* out = nullptr;
+  const std::vector<NodeRange>* in_ranges = nullptr;
+  std::vector<NodeRange>* out_ranges = nullptr;
+  uint64_t in_columns = 0, out_columns = 0;
+};
+struct Stage {
+  TextureStage texture;
+  ReliefStage relief;
+  uint64_t tile_columns = 0, tile_rows = 0;
+};
+
+// Tiles in Z-order, in squares along the strip.
+class TileOrder {
+ public:
+  TileOrder(uint64_t columns, uint64_t rows) : columns_(columns), rows_(rows) {
+    while ((uint64_t{1} << side_log2_) < std::min(columns, rows)) ++side_log2_;
+    uint64_t squares = (std::max(columns, rows) + (uint64_t{1} << side_log2_) - 1) >> side_log2_;
+    end_ = squares << (2 * side_log2_);
+  }
+  bool next(uint64_t* x, uint64_t* y) {
+    for (; code_ < end_; ++code_) {
+      uint64_t in_square = code_ & ((uint64_t{1} << (2 * side_log2_)) - 1);
+      uint64_t square = code_ >> (2 * side_log2_) << side_log2_;
+      *x = even(in_square) + (columns_ >= rows_ ? square : 0);
+      *y = even(in_square >> 1) + (columns_ >= rows_ ? 0 : square);
+      if (*x < columns_ && *y < rows_) {
+        ++code_;
+        return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  static uint64_t even(uint64_t v) {  // the bits at even places, packed
+    uint64_t out = 0;
+    for (int b = 0; b < 32; ++b) out |= (v >> (2 * b) & 1) << b;
+    return out;
+  }
+  uint64_t columns_, rows_, code_ = 0, end_ = 0;
+  int side_log2_ = 0;
+};
+
+// The relief grid of one level: vertices at texel positions i * patch_px / (128 * 2^level), clamped to the artwork.
+struct ReliefGrid {
+  int64_t whole_x, whole_y;  // cells that lie wholly inside the artwork
+  int64_t cells_x, cells_y;  // cells that meet it
+  ReliefGrid(const PlanarDomain& d, int level) {
+    auto count = [&](uint64_t extent, bool up) {
+      int shift = level - d.texture_depth;
+      if (shift >= 0) return static_cast<int64_t>(extent << shift);
+      return static_cast<int64_t>((extent + (up ? (uint64_t{1} << -shift) - 1 : 0)) >> -shift);
+    };
+    whole_x = count(d.width_px, false), cells_x = count(d.width_px, true);
+    whole_y = count(d.height_px, false), cells_y = count(d.height_px, true);
+  }
+};
+
+struct BuildContext {
+  const TextureSource& texture;
+  const HeightSource* relief;
+  PlanarDomain domain;
+  TextureFormat format;
+  PackageLayout layout;
+  MipFilter mip;
+};
+
+// One worker's memory.
+class TileWorker {
+ public:
+  TileWorker(const BuildContext& context, int zstd_level) : context_(context), encoder_(zstd_level) {}
+
+  TileOutput run(const Stage& stage, uint64_t tile_x, uint64_t tile_y) {
+    TileOutput out;
+    stage_ = &stage;
+    tile_x_ = tile_x, tile_y_ = tile_y;
+    if (stage.texture.level >= 0) out.status = prepareTexture();
+    if (out.status.ok() && stage.relief.level >= 0) out.status = prepareRelief();
+    if (!out.status.ok()) return out;
+    int level = std::max(stage.texture.level, stage.relief.level);
+    int coarsest = std::min(kStageLevels - 1, level);
+    int side = kTilePages >> coarsest;
+    for (int code = 0; code < side * side; ++code) {
+      int x = (code & 1) | (code >> 1 & 2) | (code >> 2 & 4), y = (code >> 1 & 1) | (code >> 2 & 2) | (code >> 3 & 4);
+      emit(level, coarsest, x, y, out);
+    }
+    if (stage.texture.source)
+      out.texels = static_cast<uint64_t>(valid_.width) * static_cast<uint64_t>(valid_.height);
+    return out;
+  }
+
+ private:
+  // ---- texture ----
+  // Level images of the region: the tile's pages and kMarginPx around, halved from level to level.
+  struct Region {
+    int width = 0, height = 0;
+  };
+  Region regionAt(int down) const { return {region_.width >> down, region_.height >> down}; }
+
+  Result<void> prepareTexture() {
+    const TextureStage& s = stage_->texture;
+    const PlanarDomain& d = context_.domain;
+    const int channels = context_.format.channels();
+    const int64_t level_width = static_cast<int64_t>(d.levelWidth(s.level)), level_height = static_cast<int64_t>(d.levelHeight(s.level));
+    const int64_t x0 = static_cast<int64_t>(tile_x_) * kTilePx, y0 = static_cast<int64_t>(tile_y_) * kTilePx;
+    // Whole pages at every level of the stage, and whole 2 x 2 squares down to the spill.
+    const int64_t page = kPagePx << std::min(kStageLevels - 1, s.level);
+    auto wholePages = [&](int64_t texels) { return static_cast<int>(std::min<int64_t>(kTilePx, (texels + page - 1) / page * page)); };
+    const int payload_width = wholePages(level_width - x0), payload_height = wholePages(level_height - y0);
+    region_ = {payload_width + 2 * kMarginPx, payload_height + 2 * kMarginPx};
+    valid_ = {x0, y0, std::min<int64_t>(payload_width, level_width - x0), std::min<int64_t>(payload_height, level_height - y0)};
+    const size_t texels = static_cast<size_t>(region_.width) * region_.height;
+    // The part of the region that lies on the artwork.
+    Rect rect;
+    rect.x = std::max<int64_t>(0, x0 - kMarginPx), rect.y = std::max<int64_t>(0, y0 - kMarginPx);
+    rect.width = std::min(level_width, x0 - kMarginPx + region_.width) - rect.x;
+    rect.height = std::min(level_height, y0 - kMarginPx + region_.height) - rect.y;
+    const int rx = static_cast<int>(rect.x - (x0 - kMarginPx)), ry = static_cast<int>(rect.y - (y0 - kMarginPx));
+    const int rw = static_cast<int>(rect.width), rh = static_cast<int>(rect.height);
+
+    if (s.source) {
+      bytes_.resize(texels * channels);
+      if (rw == region_.width && rh == region_.height) {
+        if (auto read = s.source->read(rect, bytes_); !read) return read;
+      } else {
+        size_t part = static_cast<size_t>(rw) * rh;
+        part_.resize(part * channels);
+        if (auto read = s.source->read(rect, part_); !read) return read;
+        for (int c = 0; c < channels; ++c)
+          for (int y = 0; y < rh; ++y)
+            std::memcpy(bytes_.data() + c * texels + static_cast<size_t>(ry + y) * region_.width + rx,
+                        part_.data() + c * part + static_cast<size_t>(y) * rw, rw);
+        repeatBorder(bytes_.data(), region_.width, region_.height, channels, rx, ry, rx + rw, ry + rh);
+      }
+    } else {
+      levels_[0].resize(texels * channels);
+      if (auto read = readSpill(rect, rx, ry); !read) return read;
+      repeatBorder(levels_[0].data(), region_.width, region_.height, channels, rx, ry, rx + rw, ry + rh);
+    }
+    for (int down = 1; down <= kStageLevels && s.level - down >= 0; ++down) {
+      Region from = regionAt(down - 1), to = regionAt(down);
+      auto& out = levels_[down];
+      out.resize(static_cast<size_t>(to.width) * to.height * channels);
+      if (down == 1 && s.source) {
+        context_.mip.downsample(bytes_.data(), from.width, from.height, out.data());
+      } else {
+        context_.mip.downsample(levels_[down - 1].data(), from.width, from.height, out.data());
+      }
+      // What lies beyond this level's border is its own edge texel, not the mean of the finer level's repeats.
+      int64_t left = (x0 - kMarginPx) >> down, top = (y0 - kMarginPx) >> down;
+      int64_t lw = static_cast<int64_t>(d.levelWidth(s.level - down)), lh = static_cast<int64_t>(d.levelHeight(s.level - down));
+      repeatBorder(out.data(), to.width, to.height, channels, static_cast<int>(std::max<int64_t>(0, -left)),
+                   static_cast<int>(std::max<int64_t>(0, -top)), static_cast<int>(std::min<int64_t>(to.width, lw - left)),
+                   static_cast<int>(std::min<int64_t>(to.height, lh - top)));
+    }
+    return s.out ? writeSpill() : Result<void>();
+  }
+
+  static uint64_t spillBlockBytes(int channels) { return uint64_t{2} * kSpillPx * kSpillPx * channels; }
+
+  // Blocks that meet rect, into levels_[0] with rect's corner at (rx, ry).
+  Result<void> readSpill(const Rect& rect, int rx, int ry) {
+    const TextureStage& s = stage_->texture;
+    const int channels = context_.format.channels();
+    spill_.resize(static_cast<size_t>(kSpillPx) * kSpillPx * channels);
+    for (int64_t by = rect.y / kSpillPx; by * kSpillPx < rect.y + rect.height; ++by) {
+      for (int64_t bx = rect.x / kSpillPx; bx * kSpillPx < rect.x + rect.width; ++bx) {
+        uint64_t offset = (static_cast<uint64_t>(by) * s.in_columns + static_cast<uint64_t>(bx)) * spillBlockBytes(channels);
+        if (auto read = s.in->read(offset, spill_.data(), spill_.size() * 2); !read) return read;
+        int64_t left = std::max(rect.x, bx * kSpillPx), right = std::min(rect.x + rect.width, (bx + 1) * kSpillPx);
+        int64_t top = std::max(rect.y, by * kSpillPx), bottom = std::min(rect.y + rect.height, (by + 1) * kSpillPx);
+        for (int c = 0; c < channels; ++c) {
+          for (int64_t y = top; y < bottom; ++y) {
+            const uint16_t* from = spill_.data() + (static_cast<size_t>(c) * kSpillPx + static_cast<size_t>(y - by * kSpillPx)) * kSpillPx +
+                                   (left - bx * kSpillPx);
+            uint16_t* to = levels_[0].data() + (static_cast<size_t>(c) * region_.height + static_cast<size_t>(y - rect.y + ry)) * region_.width +
+                           (left - rect.x + rx);
+            std::memcpy(to, from, static_cast<size_t>(right - left) * 2);
+          }
+        }
+      }
+    }
+    return {};
+  }
+
+  // The tile's texels of level L-3, without the margin, as one block.
+  Result<void> writeSpill() {
+    const TextureStage& s = stage_->texture;
+    const int channels = context_.format.channels();
+    Region r = regionAt(kStageLevels);
+    const int margin = kMarginPx >> kStageLevels;
+    spill_.assign(static_cast<size_t>(kSpillPx) * kSpillPx * channels, 0);
+    for (int c = 0; c < channels; ++c)
+      for (int y = 0; y < r.height - 2 * margin; ++y)
+        std::memcpy(spill_.data() + (static_cast<size_t>(c) * kSpillPx + y) * kSpillPx,
+                    levels_[kStageLevels].data() + (static_cast<size_t>(c) * r.height + y + margin) * r.width + margin,
+                    static_cast<size_t>(r.width - 2 * margin) * 2);
+    return s.out->write((tile_y_ * s.out_columns + tile_x_) * spillBlockBytes(channels), spill_.data(), spill_.size() * 2);
+  }
+
+  // Page (x, y) of the tile, `down` levels below L.
+  void cutTexture(int down, int x, int y, int plane) {
+    Region r = regionAt(down);
+    const int margin = kMarginPx >> down;
+    const size_t corner = static_cast<size_t>(y * kPagePx + margin - kPageBorderPx) * r.width + (x * kPagePx + margin - kPageBorderPx);
+    uint8_t* out = page_.data();
+    for (int c = 3 * plane; c < 3 * plane + 3; ++c) {
+      const size_t from = static_cast<size_t>(c) * r.width * r.height + corner;
+      for (int row = 0; row < kPageFullPx; ++row, out += kPageFullPx) {
+        const size_t place = from + static_cast<size_t>(row) * r.width;
+        if (down == 0 && stage_->texture.source) {
+          std::memcpy(out, bytes_.data() + place, kPageFullPx);
+        } else {
+          const uint16_t* in = levels_[down].data() + place;
+          for (int i = 0; i < kPageFullPx; ++i) out[i] = byteFromLevel(in[i]);
+        }
+      }
+    }
+  }
+
+  // ---- relief ----
+  static constexpr int gridSide(int down) { return (kTilePx >> down) + 1; }
+
+  Result<void> prepareRelief() {
+    const ReliefStage& s = stage_->relief;
+    grid_[0].resize(static_cast<size_t>(gridSide(0)) * gridSide(0));
+    NodeGrid nodes = nodeGrid(context_.domain, s.level);
+    relief_columns_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.columns - tile_x_ * kTilePages));
+    relief_rows_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.rows - tile_y_ * kTilePages));
+    if (auto filled = s.source ? sampleHeights() : readReliefSpill(); !filled) return filled;
+    int columns = relief_columns_, rows = relief_rows_;
+    for (int down = 1; down <= kStageLevels && s.level - down >= 0; ++down) {
+      // Coarser samples are finer ones.
+      const int side = gridSide(down), finer_side = gridSide(down - 1);
+      grid_[down].resize(static_cast<size_t>(side) * side);
+      for (int y = 0; y < side; ++y)
+        for (int x = 0; x < side; ++x)
+          grid_[down][static_cast<size_t>(y) * side + x] = grid_[down - 1][static_cast<size_t>(2 * y) * finer_side + 2 * x];
+      const int finer_columns = columns, finer_rows = rows;
+      columns = (columns + 1) / 2, rows = (rows + 1) / 2;
+      for (int y = 0; y < rows; ++y) {
+        for (int x = 0; x < columns; ++x) {
+          NodeRange r;
+          uint32_t error = 0;
+          for (int cy = 2 * y; cy < std::min(2 * y + 2, finer_rows); ++cy) {
+            for (int cx = 2 * x; cx < std::min(2 * x + 2, finer_columns); ++cx) {
+              const NodeRange& child = ranges_[down - 1][static_cast<size_t>(cy) * kTilePages + cx];
+              r.min = std::min(r.min, child.min);
+              r.max = std::max(r.max, child.max);
+              error = std::max<uint32_t>(error, child.error);
+            }
+          }
+          error += deviation(down, x, y);
+          // Both surfaces lie between the finest samples' extremes.
+          r.error = static_cast<uint16_t>(std::min<uint32_t>(error, static_cast<uint32_t>(r.max - r.min)));
+          ranges_[down][static_cast<size_t>(y) * kTilePages + x] = r;
+        }
+      }
+    }
+    if (!s.out) return {};
+    (*s.out_ranges)[tile_y_ * s.out_columns + tile_x_] = ranges_[kStageLevels][0];
+    return s.out->write((tile_y_ * s.out_columns + tile_x_) * kReliefPageSamples * 2, grid_[kStageLevels].data(),
+                        kReliefPageSamples * 2);
+  }
+
+  // How far the samples of the next finer level lie, at most, from this level's surface over node (x, y) of the tile: cells
+  // split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
+  // so its finer samples lie at other parameters than the halves: there the cell's range of samples is the bound.
+  uint32_t deviation(int down, int node_x, int node_y) const {
+    const ReliefStage& s = stage_->relief;
+    ReliefGrid cells(context_.domain, s.level - down);
+    const int64_t first_x = (static_cast<int64_t>(tile_x_) * kTilePx >> down) + node_x * kPagePx;
+    const int64_t first_y = (static_cast<int64_t>(tile_y_) * kTilePx >> down) + node_y * kPagePx;
+    auto local = [](int64_t end, int64_t first) { return static_cast<int>(std::clamp<int64_t>(end - first, 0, kPagePx)); };
+    const int whole_x = local(cells.whole_x, first_x), whole_y = local(cells.whole_y, first_y);
+    const int cells_x = local(cells.cells_x, first_x), cells_y = local(cells.cells_y, first_y);
+    const int side = gridSide(down - 1);
+    const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(node_y) * 2 * kPagePx * side + node_x * 2 * kPagePx;
+    int worst = 0;  // in quarters
+    if (whole_x > 0 && whole_y > 0) {
+      for (int y = 0; y <= whole_y; ++y) {
+        const uint16_t *r0 = g + static_cast<size_t>(2 * y) * side, *r1 = r0 + side, *r2 = r1 + side;
+        for (int x = 0; x < whole_x; ++x) worst = std::max(worst, 2 * std::abs(2 * r0[2 * x + 1] - r0[2 * x] - r0[2 * x + 2]));
+        if (y == whole_y) break;
+        for (int x = 0; x <= whole_x; ++x) worst = std::max(worst, 2 * std::abs(2 * r1[2 * x] - r0[2 * x] - r2[2 * x]));
+        for (int x = 0; x < whole_x; ++x) {
+          int a = r0[2 * x], b = r0[2 * x + 2], c = r2[2 * x], d = r2[2 * x + 2], m = r1[2 * x + 1];
+          worst = std::max(worst, std::max(2 * std::abs(2 * m - a - d), std::abs(4 * m - a - b - c - d)));
+        }
+      }
+    }
+    int bound = (worst + 3) / 4;
+    for (int y = 0; y < cells_y; ++y) {
+      for (int x = y < whole_y ? whole_x : 0; x < cells_x; ++x) {
+        int low = 65535, high = 0;
+        for (int j = 0; j <= 2; ++j) {
+          for (int i = 0; i <= 2; ++i) {
+            int v = g[static_cast<size_t>(2 * y + j) * side + 2 * x + i];
+            low = std::min(low, v), high = std::max(high, v);
+          }
+        }
+        bound = std::max(bound, high - low);
+      }
+    }
+    return static_cast<uint32_t>(bound);
+  }
+
+  Result<void> sampleHeights() {
+    const PlanarDomain& d = context_.domain;
+    const HeightSource& source = *stage_->relief.source;
+    const int side = gridSide(0);
+    const int used_x = relief_columns_ * kPagePx + 1, used_y = relief_rows_ * kPagePx + 1;
+    struct Tap {
+      int64_t low;
+      double fraction;
+    };
+    // Texel position -> place among the map's pixel centres.
+    auto taps = [&](uint64_t tile, int count, uint64_t extent, int64_t pixels) {
+      std::vector<Tap> out(static_cast<size_t>(count));
+      const double spacing = std::ldexp(1.0, d.texture_depth - d.relief_depth);
+      for (int i = 0; i < count; ++i) {
+        double texel = std::min(static_cast<double>(tile * kTilePx + static_cast<uint64_t>(i)) * spacing, static_cast<double>(extent));
+        double at = std::clamp(texel * static_cast<double>(pixels) / static_cast<double>(extent) - 0.5, 0.0, static_cast<double>(pixels - 1));
+        int64_t low = std::min(static_cast<int64_t>(at), std::max<int64_t>(pixels - 2, 0));
+        out[static_cast<size_t>(i)] = {low, at - static_cast<double>(low)};
+      }
+      return out;
+    };
+    auto tx = taps(tile_x_, used_x, d.width_px, source.width());
+    auto ty = taps(tile_y_, used_y, d.height_px, source.height());
+    Rect rect{tx.front().low, ty.front().low, 0, 0};
+    rect.width = std::min(tx.back().low + 2, source.width()) - rect.x;
+    rect.height = std::min(ty.back().low + 2, source.height()) - rect.y;
+    heights_.resize(static_cast<size_t>(rect.width) * static_cast<size_t>(rect.height));
+    if (auto read = source.read(rect, heights_); !read) return read;
+    const double offset = d.relief_offset_mm;
+    const double per_mm = d.relief_scale_mm > 0 ? 1.0 / d.relief_scale_mm : 0.0;
+    const bool one_column = source.width() == 1, one_row = source.height() == 1;
+    for (int y = 0; y < used_y; ++y) {
+      const float* row0 = heights_.data() + static_cast<size_t>(ty[y].low - rect.y) * static_cast<size_t>(rect.width);
+      const float* row1 = one_row ? row0 : row0 + rect.width;
+      const double fy = ty[y].fraction;
+      uint16_t* out = grid_[0].data() + static_cast<size_t>(y) * side;
+      for (int x = 0; x < used_x; ++x) {
+        const int64_t i = tx[x].low - rect.x, j = one_column ? i : i + 1;
+        const double fx = tx[x].fraction;
+        double mm = (1 - fy) * ((1 - fx) * row0[i] + fx * row0[j]) + fy * ((1 - fx) * row1[i] + fx * row1[j]);
+        double q = (mm - offset) * per_mm + 0.5;
+        out[x] = q > 0 ? static_cast<uint16_t>(std::min(q, 65535.0)) : uint16_t{0};  // not a number: 0
+      }
+    }
+    for (int py = 0; py < relief_rows_; ++py) {
+      for (int px = 0; px < relief_columns_; ++px) {
+        NodeRange r;
+        for (int y = 0; y < kReliefSamples; ++y) {
+          const uint16_t* row = grid_[0].data() + static_cast<size_t>(py * kPagePx + y) * side + px * kPagePx;
+          for (int x = 0; x < kReliefSamples; ++x) r.min = std::min(r.min, row[x]), r.max = std::max(r.max, row[x]);
+        }
+        ranges_[0][static_cast<size_t>(py) * kTilePages + px] = r;
+      }
+    }
+    return {};
+  }
+
+  Result<void> readReliefSpill() {
+    const ReliefStage& s = stage_->relief;
+    const int side = gridSide(0);
+    std::array<uint16_t, kReliefPageSamples> block;
+    for (int py = 0; py < relief_rows_; ++py) {
+      for (int px = 0; px < relief_columns_; ++px) {
+        uint64_t n = (tile_y_ * kTilePages + static_cast<uint64_t>(py)) * s.in_columns + tile_x_ * kTilePages + static_cast<uint64_t>(px);
+        if (auto read = s.in->read(n * kReliefPageSamples * 2, block.data(), sizeof block); !read) return read;
+        for (int y = 0; y < kReliefSamples; ++y)
+          std::memcpy(grid_[0].data() + static_cast<size_t>(py * kPagePx + y) * side + px * kPagePx,
+                      block.data() + static_cast<size_t>(y) * kReliefSamples, kReliefSamples * 2);
+        ranges_[0][static_cast<size_t>(py) * kTilePages + px] = (*s.in_ranges)[n];
+      }
+    }
+    return {};
+  }
+
+  // ---- pages ----
+  // Children first (Z-order), then the node: its texture planes, then its relief.
+  void emit(int level, int down, int x, int y, TileOutput& out) {
+    const uint64_t column = (tile_x_ * kTilePages >> down) + static_cast<uint64_t>(x);
+    const uint64_t row = (tile_y_ * kTilePages >> down) + static_cast<uint64_t>(y);
+    NodeGrid nodes = nodeGrid(context_.domain, level - down);
+    if (column >= nodes.columns || row >= nodes.rows) return;
+    if (down > 0)
+      for (int child = 0; child < 4; ++child) emit(level, down - 1, 2 * x + (child & 1), 2 * y + (child >> 1), out);
+    const NodeId node = nodeAt(context_.domain, level - down, column, row);
+    auto place = [&](std::span<const uint8_t> encoded, uint64_t index_offset, bool is_relief, NodeRange range) {
+      out.bytes.insert(out.bytes.end(), encoded.begin(), encoded.end());
+      out.pages.push_back({index_offset, static_cast<uint32_t>(encoded.size()), XXH3_64bits(encoded.data(), encoded.size()), range, is_relief});
+    };
+    if (stage_->texture.level >= 0) {
+      auto at = context_.layout.texture.find(node);
+      for (int plane = 0; plane < context_.format.planes(); ++plane) {
+        cutTexture(down, x, y, plane);
+        place(encoder_.encodeTexture(page_), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, {});
+      }
+    }
+    if (stage_->relief.level >= 0) {
+      auto at = context_.layout.relief.find(node);
+      const int side = gridSide(down);
+      for (int j = 0; j < kReliefSamples; ++j)
+        std::memcpy(samples_.data() + static_cast<size_t>(j) * kReliefSamples,
+                    grid_[down].data() + static_cast<size_t>(y * kPagePx + j) * side + x * kPagePx, kReliefSamples * 2);
+      place(encoder_.encodeRelief(samples_), at.block_offset + at.node_offset, true, ranges_[down][static_cast<size_t>(y) * kTilePages + x]);
+    }
+  }
+
+  const BuildContext& context_;
+  PageEncoder encoder_;
+  const Stage* stage_ = nullptr;
+  uint64_t tile_x_ = 0, tile_y_ = 0;
+
+  Region region_;
+  Rect valid_;                       // the tile's texels on the artwork, level L
+  std::vector<uint8_t> bytes_, part_;  // level L of the first stage
+  std::array<std::vector<uint16_t>, kStageLevels + 1> levels_;
+  std::vector<uint16_t> spill_;
+  std::array<uint8_t, kTexturePageBytes> page_;
+
+  int relief_columns_ = 0, relief_rows_ = 0;  // pages of level L in the tile
+  std::vector<float> heights_;
+  std::array<std::vector<uint16_t>, kStageLevels + 1> grid_;
+  std::array<std::array<NodeRange, kTilePages * kTilePages>, kStageLevels + 1> ranges_;
+  std::array<uint16_t, kReliefPageSamples> samples_;
+};
+
+std::string manifestText(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
+  const PlanarDomain& d = h.domain;
+  nlohmann::ordered_json json;
+  json["format"] = "relievo-package";
+  json["version"] = 1;
+  json["tool_version"] = tool_version;
+  json["width_px"] = d.width_px;
+  json["height_px"] = d.height_px;
+  json["mm_per_px"] = d.mm_per_px;
+  json["page_px"] = kPagePx;
+  json["page_border_px"] = kPageBorderPx;
+  json["texture_depth"] = d.texture_depth;
+  json["patches"] = d.patchCount();
+  json["basis"] = basisName(h.texture.basis);
+  json["texture_planes"] = h.texture.planes();
+  if (h.texture.basis != Basis::kColour) {
+    json["scale"] = h.texture.scale;
+    json["bias"] = h.texture.bias;
+  }
+  if (d.relief_depth >= 0) {
+    json["relief"] = {{"depth", d.relief_depth}, {"offset_mm", d.relief_offset_mm}, {"scale_mm", d.relief_scale_mm}};
+  }
+  json["pages"] = h.page_count;
+  auto addSource = [&](const Provenance& p, const char* role) {
+    nlohmann::ordered_json s;
+    s["role"] = role;
+    s["name"] = p.name;
+    if (!p.xxh3.empty()) s["xxh3"] = p.xxh3;
+    if (!p.generator.empty()) s["generator"] = p.generator;
+    json["sources"].push_back(s);
+  };
+  addSource(texture.provenance(), "texture");
+  if (relief) addSource(relief->provenance(), "relief");
+  return json.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
+Error usage(std::string message, std::string hint = {}) { return {ErrorKind::kUsage, "", std::move(message), std::move(hint), {}}; }
+
+Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
+  PlanarDomain d;
+  if (texture.width() < 1 || texture.height() < 1) return usage("the texture is empty");
+  d.width_px = static_cast<uint64_t>(texture.width());
+  d.height_px = static_cast<uint64_t>(texture.height());
+  d.mm_per_px = mm_per_px;
+  if (std::min(d.width_px, d.height_px) > (uint64_t{kPagePx} << kMaxNodeLevel))
+    return Error{ErrorKind::kUnsupported, "", "the texture's shorter side exceeds 2^24 texels", "split the artwork", {}};
+  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  if (relief) {
+    if (relief->width() < 1 || relief->height() < 1) return usage("the height map is empty");
+    if (!std::isfinite(relief->minMm()) || !std::isfinite(relief->maxMm()) || relief->maxMm() < relief->minMm())
+      return usage("the height map's range is not one: " + std::to_string(relief->minMm()) + " to " + std::to_string(relief->maxMm()) + " mm");
+    double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(relief->width()),
+                            static_cast<double>(d.height_px) / static_cast<double>(relief->height()));
+    d.relief_depth = 0;
+    while (std::ldexp(1.0, d.texture_depth - d.relief_depth) > pixel * kSpacingSlack) ++d.relief_depth;
+    if (d.relief_depth > static_cast<int>(kMaxNodeLevel))
+      return Error{ErrorKind::kUnsupported, "", "the height map is too fine for the texture", "scale it down to the texture's size", {}};
+    d.relief_offset_mm = relief->minMm();
+    d.relief_scale_mm = (relief->maxMm() - relief->minMm()) / 65535.0;
+  }
+  if (std::string problem = domainProblem(d); !problem.empty()) return usage("cannot build this: " + problem);
+  return d;
+}
+
+// Runs one stage's tiles: workers make them, this thread writes them in order.
+class StageRunner {
+ public:
+  StageRunner(const BuildContext& context, const Stage& stage, int workers, int zstd_level, const std::atomic<bool>* interrupted)
+      : order_(stage.tile_columns, stage.tile_rows), interrupted_(interrupted), ahead_(static_cast<uint64_t>(workers) * (1 + kTilesAhead)) {
+    uint64_t tiles = stage.tile_columns * stage.tile_rows;
+    int count = static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers), tiles));
+    for (int i = 0; i < count; ++i) threads_.emplace_back([this, &context, &stage, zstd_level] { work(context, stage, zstd_level); });
+  }
+  ~StageRunner() {
+    {
+      std::lock_guard lock(mutex_);
+      stopped_ = true;
+    }
+    room_.notify_all();
+    for (std::thread& t : threads_) t.join();
+  }
+  // The next tile in order; waits at most a tenth of a second (then null).
+  std::unique_ptr<TileOutput> take() {
+    std::unique_lock lock(mutex_);
+    ready_.wait_for(lock, std::chrono::milliseconds(100), [&] { return done_.contains(written_); });
+    auto found = done_.find(written_);
+    if (found == done_.end()) return nullptr;
+    auto out = std::make_unique<TileOutput>(std::move(found->second));
+    done_.erase(found);
+    ++written_;
+    lock.unlock();
+    room_.notify_all();
+    return out;
+  }
+
+ private:
+  void work(const BuildContext& context, const Stage& stage, int zstd_level) {
+    auto worker = std::make_unique<TileWorker>(context, zstd_level);
+    for (;;) {
+      uint64_t x, y, serial;
+      {
+        std::unique_lock lock(mutex_);
+        room_.wait(lock, [&] { return stopped_ || taken_ < written_ + ahead_; });
+        if (stopped_ || (interrupted_ && interrupted_->load()) || !order_.next(&x, &y)) return;
+        serial = taken_++;
+      }
+      TileOutput out = worker->run(stage, x, y);
+      {
+        std::lock_guard lock(mutex_);
+        done_.emplace(serial, std::move(out));
+      }
+      ready_.notify_one();
+    }
+  }
+
+  std::mutex mutex_;
+  std::condition_variable ready_, room_;
+  TileOrder order_;
+  const std::atomic<bool>* interrupted_;
+  std::map<uint64_t, TileOutput> done_;
+  uint64_t taken_ = 0, written_ = 0, ahead_;
+  bool stopped_ = false;
+  std::vector<std::thread> threads_;
+};
+
+}  // namespace
+
+Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+  auto planned = planDomain(texture, relief, options.mm_per_px);
+  if (!planned) return planned.error();
+
+  PackageHeader header;
+  header.domain = *planned;
+  header.texture = texture.format();
+  for (int k = 0; k < 6; ++k)
+    if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
+      return usage("a coefficient's scale or bias is not a number");
+  const PlanarDomain& d = header.domain;
+  header.page_count = packageLayout(d, header.texture, 0).page_count;
+  const std::string manifest = manifestText(header, texture, relief, options.tool_version);
+  if (manifest.size() > kMaxManifestBytes) return usage("the sources' names are too long");
+  header.manifest_bytes = manifest.size();
+  header.manifest_hash = XXH3_64bits(manifest.data(), manifest.size());
+  header.index_offset = (header.manifest_offset + header.manifest_bytes + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes;
+  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset), MipFilter(header.texture)};
+  header.index_bytes = context.layout.index_bytes;
+  header.pages_offset = header.index_offset + header.index_bytes;
+
+  // A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.
+  const uint64_t region_texels = uint64_t{kTilePx + 2 * kMarginPx} * (kTilePx + 2 * kMarginPx);
+  const uint64_t tile_pages = kTilePages * kTilePages * 4 / 3;
+  const uint64_t worker_bytes = region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 +
+                                (relief ? region_texels * 8 : 0) +
+                                tile_pages * (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kTilesAhead);
+  int workers = options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
+  const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
+  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0, options.output};
+
+  auto file = OutputFile::create(options.output);
+  if (!file) return file.error();
+  auto index = spills.create(header.index_bytes);
+  if (!index) return index.error();
+  {
+    // Header, manifest and index are filled in at the end.
+    std::vector<uint8_t> zeros(size_t{1} << 20);
+    for (uint64_t left = header.pages_offset; left > 0;) {
+      size_t n = static_cast<size_t>(std::min<uint64_t>(left, zeros.size()));
+      if (auto appended = file->append({zeros.data(), n}); !appended) return appended.error();
+      left -= n;
+    }
+  }
+
+  BuildProgress progress;
+  progress.pages_total = header.page_count;
+  progress.texels_total = d.width_px * d.height_px;
+  double last_report = -1;
+  auto report = [&](bool last) {
+    progress.seconds = seconds();
+    if (!options.progress || (!last && progress.seconds - last_report < 0.2)) return;
+    last_report = progress.seconds;
+    options.progress(progress);
+  };
+
+  uint64_t offset = header.pages_offset;
+  auto runStage = [&](const Stage& stage) -> Result<void> {
+    StageRunner runner(context, stage, workers, options.zstd_level, options.interrupted);
+    for (uint64_t left = stage.tile_columns * stage.tile_rows; left > 0;) {
+      if (options.interrupted && options.interrupted->load())
+        return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+      auto tile = runner.take();
+      report(false);
+      if (!tile) continue;
+      --left;
+      if (!tile->status.ok()) return tile->status;
+      if (auto appended = file->append(tile->bytes); !appended) return appended;
+      for (const Placed& p : tile->pages) {
+        uint8_t entry[kReliefEntryBytes];
+        storeLittle(entry, offset);
+        storeLittle(entry + 8, p.size);
+        storeLittle(entry + 12, p.checksum);
+        storeLittle(entry + 20, p.range.min);
+        storeLittle(entry + 22, p.range.max);
+        storeLittle(entry + 24, p.range.error);
+        auto written = (*index)->write(p.index_offset - header.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
+        if (!written) return written;
+        offset += p.size;
+      }
+      progress.pages_done += tile->pages.size();
+      progress.texels_done += tile->texels;
+    }
+    return {};
+  };
+
+  // Stages from the finest level on; a spill lives from the stage that writes it to the one that reads it.
+  std::unique_ptr<SpillStore> texture_in, texture_out, relief_in, relief_out;
+  std::vector<NodeRange> ranges_in, ranges_out;
+  int texture_level = d.texture_depth, relief_level = d.relief_depth;
+  const bool together = texture_level == relief_level;
+  for (bool relief_pass : {false, true}) {
+    if (relief_pass && (together || relief_level < 0)) break;
+    const bool with_texture = !relief_pass, with_relief = relief_pass || together;
+    for (int level = with_texture ? texture_level : relief_level; level >= 0; level -= kStageLevels) {
+      const bool first = level == (with_texture ? texture_level : relief_level);
+      const bool more = level >= kStageLevels;
+      Stage stage;
+      NodeGrid nodes = nodeGrid(d, level);
+      stage.tile_columns = (nodes.columns + kTilePages - 1) / kTilePages;
+      stage.tile_rows = (nodes.rows + kTilePages - 1) / kTilePages;
+      const uint64_t tiles = stage.tile_columns * stage.tile_rows;
+      if (with_texture) {
+        TextureStage& s = stage.texture;
+        s.level = level;
+        s.source = first ? &texture : nullptr;
+        s.in = texture_in.get();
+        s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
+        if (more) {
+          auto made = spills.create(tiles * kSpillPx * kSpillPx * 2 * static_cast<uint64_t>(header.texture.channels()));
+          if (!made) return made.error();
+          texture_out = std::move(*made);
+          s.out = texture_out.get();
+        }
+      }
+      if (with_relief) {
+        ReliefStage& s = stage.relief;
+        s.level = level;
+        s.source = first ? relief : nullptr;
+        s.in = relief_in.get();
+        s.in_ranges = &ranges_in, s.out_ranges = &ranges_out;
+        s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
+        if (more) {
+          auto made = spills.create(tiles * kReliefPageSamples * 2);
+          if (!made) return made.error();
+          relief_out = std::move(*made);
+          s.out = relief_out.get();
+          ranges_out.assign(tiles, {});
+        }
+      }
+      if (auto ran = runStage(stage); !ran) return ran.error();
+      texture_in = std::move(texture_out);
+      relief_in = std::move(relief_out);
+      ranges_in = std::move(ranges_out);
+    }
+  }
+  assert(progress.pages_done == header.page_count);
+
+  header.pages_bytes = offset - header.pages_offset;
+  header.file_bytes = offset + kHeaderBytes;
+  std::vector<uint8_t> head(kHeaderBytes);
+  encodeHeader(header, head);
+  if (auto appended = file->append(head); !appended) return appended.error();
+
+  // The index, block after block with its checksum, in pieces of a few MiB.
+  Result<void> status;
+  std::vector<uint8_t> piece;
+  uint64_t piece_offset = header.index_offset;
+  auto flush = [&] {
+    status = file->writeAt(piece_offset, piece);
+    piece_offset += piece.size();
+    piece.clear();
+  };
+  for (const IndexLayout* tree : {&context.layout.texture, &context.layout.relief}) {
+    tree->forEachBlock([&](const IndexLayout::Block& block) {
+      size_t at = piece.size();
+      piece.resize(at + block.bytes);
+      status = (*index)->read(block.offset - header.index_offset, piece.data() + at, block.bytes - 8);
+      storeLittle(piece.data() + at + block.bytes - 8, static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
+      if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
+      return status.ok();
+    });
+    if (!status.ok()) return status.error();
+  }
+  flush();
+  if (!status.ok()) return status.error();
+  if (auto w = file->writeAt(header.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest.data()), manifest.size()}); !w) return w.error();
+  if (auto w = file->writeAt(0, head); !w) return w.error();
+  if (options.interrupted && options.interrupted->load())
+    return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+  if (auto committed = file->commit(); !committed) return committed.error();
+  report(true);
+  return BuildReport{header.page_count, header.file_bytes, seconds()};
+}
+
+}  // namespace relievo

@@ -1,0 +1,219 @@
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "src/base/file.h"
+#include "texturing/package.h"
+#include "texturing/package_layout.h"
+#include "texturing/page_codec.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint64_t kIndexCacheBytes = uint64_t{32} << 20;
+// No encoded page is larger than its head and its raw streams.
+constexpr uint32_t kMaxEncodedBytes = static_cast<uint32_t>(kTexturePageBytes) + 4;
+
+using Block = std::shared_ptr<const std::vector<uint8_t>>;
+
+}  // namespace
+
+struct Package::Impl {
+  InputFile file;
+  PackageHeader header;
+  PackageLayout layout;
+  Manifest manifest;
+  std::string manifest_json;
+  std::vector<std::string> warnings;
+
+  // Index blocks by their offset in the file, dropped in the order of their arrival beyond kIndexCacheBytes.
+  mutable std::mutex mutex;
+  mutable std::unordered_map<uint64_t, Block> blocks;
+  mutable std::deque<uint64_t> arrivals;
+  mutable uint64_t cached_bytes = 0;
+
+  explicit Impl(InputFile f) : file(std::move(f)) {}
+
+  Result<Block> block(const IndexLayout::Place& place) const {
+    {
+      std::lock_guard lock(mutex);
+      if (auto found = blocks.find(place.block_offset); found != blocks.end()) return found->second;
+    }
+    auto bytes = std::make_shared<std::vector<uint8_t>>(place.block_bytes);
+    if (auto read = file.read(place.block_offset, *bytes); !read) return read.error();
+    size_t entries = bytes->size() - 8;
+    if (loadLittle<uint64_t>(bytes->data() + entries) != XXH3_64bits(bytes->data(), entries)) {
+      return Error{ErrorKind::kInvalidData, file.path(), "an index block is damaged: its checksum does not match",
+                   "rebuild the package, or get a whole copy", place.block_offset};
+    }
+    std::lock_guard lock(mutex);
+    if (blocks.emplace(place.block_offset, bytes).second) {
+      arrivals.push_back(place.block_offset);
+      cached_bytes += bytes->size();
+      while (cached_bytes > kIndexCacheBytes) {
+        auto oldest = blocks.find(arrivals.front());
+        cached_bytes -= oldest->second->size();
+        blocks.erase(oldest);
+        arrivals.pop_front();
+      }
+    }
+    return Block(std::move(bytes));
+  }
+
+  // What the header does not hold: where the data came from.
+  void readManifest() {
+    std::string bytes(header.manifest_bytes, '\0');
+    auto read = file.read(header.manifest_offset, {reinterpret_cast<uint8_t*>(bytes.data()), bytes.size()});
+    if (!read) {
+      warnings.push_back("the manifest cannot be read: " + read.error().message);
+      return;
+    }
+    if (XXH3_64bits(bytes.data(), bytes.size()) != header.manifest_hash) {
+      warnings.push_back("the manifest at byte " + std::to_string(header.manifest_offset) +
+                         " is damaged: its checksum does not match; provenance is unknown");
+      return;
+    }
+    auto json = nlohmann::json::parse(bytes, nullptr, false);
+    if (!json.is_object()) {
+      warnings.push_back("the manifest is not a JSON object; provenance is unknown");
+      return;
+    }
+    manifest_json = std::move(bytes);
+    auto text = [](const nlohmann::json& object, const char* key) {
+      auto it = object.find(key);
+      return it != object.end() && it->is_string() ? it->get<std::string>() : std::string();
+    };
+    manifest.tool_version = text(json, "tool_version");
+    if (auto sources = json.find("sources"); sources != json.end() && sources->is_array()) {
+      for (const auto& s : *sources)
+        if (s.is_object()) manifest.sources.push_back({text(s, "name"), text(s, "xxh3"), text(s, "generator")});
+    }
+  }
+};
+
+Package::Package(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Package::~Package() = default;
+
+Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
+  auto file = InputFile::open(path);
+  if (!file) return file.error();
+  if (file->size() < kHeaderBytes) {
+    return Error{ErrorKind::kInvalidData, path,
+                 "expected a header of 4096 bytes, found a file of " + std::to_string(file->size()),
+                 "not a Relievo package, or a truncated one", 0};
+  }
+  auto impl = std::make_unique<Impl>(std::move(*file));
+  std::vector<uint8_t> bytes(kHeaderBytes);
+  if (auto read = impl->file.read(0, bytes); !read) return read.error();
+  auto header = decodeHeader(bytes, path);
+  if (!header && header.error().kind == ErrorKind::kInvalidData) {
+    // The same bytes stand at the end of the file.
+    if (auto read = impl->file.read(impl->file.size() - kHeaderBytes, bytes); !read) return read.error();
+    auto copy = decodeHeader(bytes, path);
+    if (!copy || copy->file_bytes != impl->file.size()) return header.error();
+    impl->warnings.push_back("the header is damaged; its copy at the end of the file is used");
+    header = std::move(copy);
+  }
+  if (!header) return header.error();
+  impl->header = *header;
+  const PackageHeader& h = impl->header;
+  if (h.file_bytes != impl->file.size()) {
+    impl->warnings.push_back("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " +
+                             std::to_string(impl->file.size()) + ": pages are missing");
+  }
+  // A truncated file can be shorter than what the header promises.
+  if (h.manifest_offset > impl->file.size() || h.manifest_bytes > impl->file.size() - h.manifest_offset) {
+    impl->warnings.push_back("the manifest lies beyond the end of the file");
+  } else {
+    impl->readManifest();
+  }
+  impl->layout = packageLayout(h.domain, h.texture, h.index_offset);
+  impl->manifest.domain = h.domain;
+  impl->manifest.texture = h.texture;
+  impl->manifest.page_count = h.page_count;
+  return std::shared_ptr<Package>(new Package(std::move(impl)));
+}
+
+const std::string& Package::path() const { return impl_->file.path(); }
+uint64_t Package::fileBytes() const { return impl_->file.size(); }
+const Manifest& Package::manifest() const { return impl_->manifest; }
+const std::string& Package::manifestJson() const { return impl_->manifest_json; }
+const std::vector<std::string>& Package::warnings() const { return impl_->warnings; }
+
+Result<void> Package::checkIndex(PageId id) const {
+  const IndexLayout& tree = id.plane() == Plane::kRelief ? impl_->layout.relief : impl_->layout.texture;
+  if (!tree.contains(id.node())) return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
+  auto block = impl_->block(tree.find(id.node()));
+  if (!block) return block.error();
+  return {};
+}
+
+Result<PageRecord> Package::record(PageId id) const {
+  const NodeId node = id.node();
+  const bool relief = id.plane() == Plane::kRelief;
+  const IndexLayout& tree = relief ? impl_->layout.relief : impl_->layout.texture;
+  const int plane = static_cast<int>(id.plane());
+  if ((!relief && plane >= impl_->manifest.texture.planes()) || !tree.contains(node)) {
+    return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
+  }
+  IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) {
+    Error error = block.error();
+    error.message = "page " + describePage(id) + ": " + error.message;
+    return error;
+  }
+  const uint8_t* entry = (*block)->data() + place.node_offset + (relief ? 0 : plane * kTextureEntryBytes);
+  PageRecord record;
+  record.offset = loadLittle<uint64_t>(entry);
+  record.size = loadLittle<uint32_t>(entry + 8);
+  record.checksum = loadLittle<uint64_t>(entry + 12);
+  const PackageHeader& h = impl_->header;
+  if (record.size == 0 || record.size > kMaxEncodedBytes || record.offset < h.pages_offset ||
+      record.offset - h.pages_offset > h.pages_bytes ||
+      record.size > h.pages_bytes - (record.offset - h.pages_offset)) {
+    return Error{ErrorKind::kInvalidData, path(), "page " + describePage(id) + ": its index entry points outside the pages",
+                 "rebuild the package, or get a whole copy", place.block_offset + place.node_offset};
+  }
+  if (relief) {
+    // Outwards, so that the floats stay bounds.
+    auto mm = [&](int i) { return h.domain.relief_offset_mm + loadLittle<uint16_t>(entry + 20 + 2 * i) * h.domain.relief_scale_mm; };
+    auto below = [](double v) {
+      float f = static_cast<float>(v);
+      return static_cast<double>(f) > v ? std::nextafter(f, -INFINITY) : f;
+    };
+    auto above = [](double v) {
+      float f = static_cast<float>(v);
+      return static_cast<double>(f) < v ? std::nextafter(f, INFINITY) : f;
+    };
+    record.relief.min_mm = below(mm(0));
+    record.relief.max_mm = above(mm(1));
+    record.relief.error_mm = above(loadLittle<uint16_t>(entry + 24) * h.domain.relief_scale_mm);
+  }
+  return record;
+}
+
+Result<EncodedPage> Package::read(PageId id) const {
+  auto found = record(id);
+  if (!found) return found.error();
+  auto failed = [&](std::string what, ErrorKind kind) {
+    return Error{kind, path(), "page " + describePage(id) + ": " + what, "rebuild the package, or get a whole copy",
+                 found->offset};
+  };
+  // Checked before the allocation: the file may be truncated.
+  if (found->offset > fileBytes() || found->size > fileBytes() - found->offset)
+    return failed("it lies beyond the end of the file", ErrorKind::kInvalidData);
+  EncodedPage page;
+  page.bytes.resize(found->size);
+  if (auto read = impl_->file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
+  if (XXH3_64bits(page.bytes.data(), page.bytes.size()) != found->checksum)
+    return failed("its checksum does not match", ErrorKind::kInvalidData);
+  return page;
+}
+
+}  // namespace relievo

@@ -1,0 +1,216 @@
+#include "texturing/package_layout.h"
+
+#include <xxhash.h>
+
+#include <bit>
+#include <cassert>
+#include <cmath>
+
+namespace relievo {
+
+static_assert(std::endian::native == std::endian::little, "package files are read and written in place, little-endian");
+
+namespace {
+
+uint64_t blocks(uint64_t nodes) { return (nodes + kIndexBlockNodes - 1) / kIndexBlockNodes; }
+
+// Nodes of a level that meet [0, extent) texels: ceil(extent * 2^level / patch_px).
+uint64_t nodesAlong(const PlanarDomain& domain, uint64_t extent, int level) {
+  return ((extent << level) + domain.patchPx() - 1) / domain.patchPx();
+}
+
+struct HeaderField {
+  uint8_t* out;
+  template <class T>
+  void put(size_t offset, T v) {
+    storeLittle(out + offset, v);
+  }
+};
+
+}  // namespace
+
+NodeGrid nodeGrid(const PlanarDomain& domain, int level) {
+  return {nodesAlong(domain, domain.width_px, level), nodesAlong(domain, domain.height_px, level)};
+}
+
+NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row) {
+  uint64_t mask = (uint64_t{1} << level) - 1;
+  uint64_t along = domain.alongX() ? column : row;
+  return {static_cast<uint32_t>(along >> level), static_cast<uint32_t>(level), static_cast<uint32_t>(column & mask),
+          static_cast<uint32_t>(row & mask)};
+}
+
+std::string domainProblem(const PlanarDomain& d) {
+  constexpr uint64_t kMaxExtent = uint64_t{1} << 44;  // kMaxPatches patches of 2^24 texels
+  if (d.width_px < 1 || d.height_px < 1) return "the artwork is empty";
+  if (d.width_px > kMaxExtent || d.height_px > kMaxExtent) return "a side exceeds 2^44 texels";
+  uint64_t shorter = std::min(d.width_px, d.height_px);
+  if (shorter > (uint64_t{kPagePx} << kMaxNodeLevel)) return "the shorter side exceeds 2^24 texels";
+  if (d.texture_depth != PlanarDomain::depthFor(d.width_px, d.height_px)) return "the texture depth does not fit the size";
+  if (std::max(d.width_px, d.height_px) > d.patchPx() * kMaxPatches) return "the strip has more than 2^20 patches";
+  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel)) return "the relief depth is out of range";
+  if (!std::isfinite(d.mm_per_px) || d.mm_per_px <= 0) return "the size of a pixel in mm is not a positive number";
+  if (!std::isfinite(d.relief_offset_mm) || !std::isfinite(d.relief_scale_mm) || d.relief_scale_mm < 0)
+    return "the relief's range is not a number";
+  return {};
+}
+
+IndexLayout::IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_bytes, uint64_t base)
+    : patch_count_(domain.patchCount()), node_bytes_(node_bytes), base_(base) {
+  auto layOut = [&](uint32_t patch) {
+    Patch p;
+    uint64_t width = std::min(domain.patchPx(), domain.width_px - domain.patchOriginX(patch));
+    uint64_t height = std::min(domain.patchPx(), domain.height_px - domain.patchOriginY(patch));
+    for (int l = 0; l <= depth; ++l) {
+      Level level;
+      level.base = p.bytes;
+      level.columns = static_cast<uint32_t>(nodesAlong(domain, width, l));
+      level.rows = static_cast<uint32_t>(nodesAlong(domain, height, l));
+      uint64_t nodes = uint64_t{level.columns} * level.rows;
+      p.nodes += nodes;
+      p.bytes += nodes * node_bytes_ + 8 * blocks(level.columns) * blocks(level.rows);
+      p.levels.push_back(level);
+    }
+    return p;
+  };
+  full_ = layOut(0);
+  last_ = layOut(patch_count_ - 1);
+  bytes_ = full_.bytes * (patch_count_ - 1) + last_.bytes;
+  nodes_ = full_.nodes * (patch_count_ - 1) + last_.nodes;
+}
+
+bool IndexLayout::contains(const NodeId& n) const {
+  if (n.patch >= patch_count_) return false;
+  const Patch& p = patchOf(n.patch);
+  return n.level < p.levels.size() && n.x < p.levels[n.level].columns && n.y < p.levels[n.level].rows;
+}
+
+IndexLayout::Place IndexLayout::find(const NodeId& n) const {
+  assert(contains(n));
+  const Level& level = patchOf(n.patch).levels[n.level];
+  uint32_t bx = n.x / kIndexBlockNodes, by = n.y / kIndexBlockNodes;
+  uint32_t columns = std::min(kIndexBlockNodes, level.columns - bx * kIndexBlockNodes);
+  uint32_t rows = std::min(kIndexBlockNodes, level.rows - by * kIndexBlockNodes);
+  uint64_t nodes_before = uint64_t{by} * kIndexBlockNodes * level.columns + uint64_t{bx} * kIndexBlockNodes * rows;
+  uint64_t blocks_before = by * blocks(level.columns) + bx;
+  Place place;
+  place.block_offset = base_ + n.patch * full_.bytes + level.base + nodes_before * node_bytes_ + blocks_before * 8;
+  place.block_bytes = columns * rows * node_bytes_ + 8;
+  place.node_offset = ((n.y % kIndexBlockNodes) * columns + n.x % kIndexBlockNodes) * node_bytes_;
+  return place;
+}
+
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset) {
+  PackageLayout layout;
+  const uint32_t planes = static_cast<uint32_t>(format.planes());
+  layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
+  layout.index_bytes = layout.texture.bytes();
+  layout.page_count = layout.texture.nodeCount() * planes;
+  if (domain.relief_depth >= 0) {
+    layout.relief = IndexLayout(domain, domain.relief_depth, kReliefEntryBytes, index_offset + layout.index_bytes);
+    layout.index_bytes += layout.relief.bytes();
+    layout.page_count += layout.relief.nodeCount();
+  }
+  return layout;
+}
+
+void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
+  assert(out.size() == kHeaderBytes);
+  std::fill(out.begin(), out.end(), uint8_t{0});
+  std::copy(kPackageMagic.begin(), kPackageMagic.end(), out.begin());
+  HeaderField f{out.data()};
+  f.put(8, uint32_t{1});
+  f.put(12, kHeaderBytes);
+  f.put(16, h.file_bytes);
+  f.put(24, h.manifest_offset);
+  f.put(32, h.manifest_bytes);
+  f.put(40, h.manifest_hash);
+  f.put(48, h.index_offset);
+  f.put(56, h.index_bytes);
+  f.put(64, h.pages_offset);
+  f.put(72, h.pages_bytes);
+  f.put(80, h.page_count);
+  f.put(88, h.domain.width_px);
+  f.put(96, h.domain.height_px);
+  f.put(104, h.domain.mm_per_px);
+  f.put(112, h.domain.relief_offset_mm);
+  f.put(120, h.domain.relief_scale_mm);
+  f.put(128, static_cast<int32_t>(h.domain.texture_depth));
+  f.put(132, static_cast<int32_t>(h.domain.relief_depth));
+  f.put(136, static_cast<uint32_t>(h.texture.basis));
+  for (int k = 0; k < 6; ++k) {
+    f.put(144 + 8 * k, h.texture.scale[k]);
+    f.put(192 + 8 * k, h.texture.bias[k]);
+  }
+  f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
+}
+
+Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::string& path) {
+  assert(bytes.size() == kHeaderBytes);
+  const uint8_t* p = bytes.data();
+  auto invalid = [&](uint64_t offset, std::string message) {
+    return Error{ErrorKind::kInvalidData, path, std::move(message), "rebuild the package, or get a whole copy", offset};
+  };
+  if (!std::equal(kPackageMagic.begin(), kPackageMagic.end(), p)) {
+    return Error{ErrorKind::kInvalidData, path, "not a Relievo package: its first bytes are not the signature",
+                 "make one with `relievo build`", 0};
+  }
+  if (uint32_t version = loadLittle<uint32_t>(p + 8); version != 1) {
+    return Error{ErrorKind::kUnsupported, path, "expected package version 1, found " + std::to_string(version),
+                 "use a newer relievo, or rebuild the package", 8};
+  }
+  if (loadLittle<uint64_t>(p + kHeaderBytes - 8) != XXH3_64bits(p, kHeaderBytes - 8))
+    return invalid(kHeaderBytes - 8, "the header is damaged: its checksum does not match");
+  PackageHeader h;
+  h.file_bytes = loadLittle<uint64_t>(p + 16);
+  h.manifest_offset = loadLittle<uint64_t>(p + 24);
+  h.manifest_bytes = loadLittle<uint64_t>(p + 32);
+  h.manifest_hash = loadLittle<uint64_t>(p + 40);
+  h.index_offset = loadLittle<uint64_t>(p + 48);
+  h.index_bytes = loadLittle<uint64_t>(p + 56);
+  h.pages_offset = loadLittle<uint64_t>(p + 64);
+  h.pages_bytes = loadLittle<uint64_t>(p + 72);
+  h.page_count = loadLittle<uint64_t>(p + 80);
+  h.domain.width_px = loadLittle<uint64_t>(p + 88);
+  h.domain.height_px = loadLittle<uint64_t>(p + 96);
+  h.domain.mm_per_px = loadLittle<double>(p + 104);
+  h.domain.relief_offset_mm = loadLittle<double>(p + 112);
+  h.domain.relief_scale_mm = loadLittle<double>(p + 120);
+  h.domain.texture_depth = loadLittle<int32_t>(p + 128);
+  h.domain.relief_depth = loadLittle<int32_t>(p + 132);
+  uint32_t basis = loadLittle<uint32_t>(p + 136);
+  if (basis > 2) return invalid(136, "expected basis 0, 1 or 2, found " + std::to_string(basis));
+  h.texture.basis = static_cast<Basis>(basis);
+  for (int k = 0; k < 6; ++k) {
+    h.texture.scale[k] = loadLittle<double>(p + 144 + 8 * k);
+    h.texture.bias[k] = loadLittle<double>(p + 192 + 8 * k);
+    if (!std::isfinite(h.texture.scale[k]) || !std::isfinite(h.texture.bias[k]))
+      return invalid(144 + 8 * k, "a coefficient's scale or bias is not a number");
+  }
+  if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
+  // Written so that no sum can overflow.
+  auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
+  if (loadLittle<uint32_t>(p + 12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
+  if (!inside(h.manifest_offset, h.manifest_bytes) || h.manifest_bytes > kMaxManifestBytes)
+    return invalid(24, "the manifest lies outside the file");
+  if (!inside(h.index_offset, h.index_bytes)) return invalid(48, "the index lies outside the file");
+  if (!inside(h.pages_offset, h.pages_bytes)) return invalid(64, "the pages lie outside the file");
+  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset);
+  if (layout.index_bytes != h.index_bytes) {
+    return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
+                           std::to_string(h.index_bytes));
+  }
+  if (layout.page_count != h.page_count) {
+    return invalid(80, "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
+  }
+  return h;
+}
+
+std::string describePage(PageId id) {
+  NodeId n = id.node();
+  std::string plane = id.plane() == Plane::kRelief ? "relief" : std::to_string(static_cast<int>(id.plane()));
+  return "plane " + plane + " patch " + std::to_string(n.patch) + " level " + std::to_string(n.level) + " x " +
+         std::to_string(n.x) + " y " + std::to_string(n.y);
+}
+
+}  // namespace relievo
