@@ -27,3 +27,5 @@ relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_g
 add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
 target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_texturing)
 relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
+relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
+  SOURCES render/virtual_equals_dense_gltest.cpp)
