@@ -21,7 +21,7 @@ class Inscription final : public Kind {
     layOut(w, h, mm);
     layCracks(w, h, o.seed);
     max_mm = kReliefMm;
-    min_mm = -(kReliefMm + kDeepestMm + 0.3f + kCrackDeepMm + kSpallMm + 4 * (1.3f + 0.7f + 0.3f + 0.12f));
+    min_mm = -(kReliefMm + kDeepestMm + 0.3f + kCrackDeepMm + kSpallMm + 4 * (0.9f + 0.7f + 0.3f + 0.12f));
     gloss_strength = 0.25f;
   }
 
@@ -32,7 +32,7 @@ class Inscription final : public Kind {
     fill(b, low, 0);
     addFbm(b, low, 190, 0.62f, 0.52f, 5, seed_ + 1);
     fill(b, grain, 0);
-    addFbm(b, grain, 13, 0.16f, 0.60f, 9, seed_ + 2);
+    addFbm(b, grain, 13, 0.17f, 0.66f, 10, seed_ + 2);
     // Flaked places: where a slow noise is high, a skin of stone has come off, with a ragged rim.
     Plane& spall = out.tmp[6];
     fill(b, spall, 0);
@@ -42,7 +42,7 @@ class Inscription final : public Kind {
     const bool letters = strokes_.eval(b, sd, out.found);
     if (letters) {
       fill(b, wobble, 0);
-      addFbm(b, wobble, 9, 0.34f, 0.5f, 6, seed_ + 4);
+      addFbm(b, wobble, 9, 0.36f, 0.58f, 7, seed_ + 4);
       forPixels(b, [&](int i, int, int) {
         float edge = 0.55f + 0.5f * low[i];  // rounding of the rim, mm: 0.1 .. 1.2
         edge = edge < 0.18f ? 0.18f : (edge > 1.2f ? 1.2f : edge);
@@ -72,12 +72,15 @@ class Inscription final : public Kind {
     // Dents of all sizes; the cut faces are younger and cleaner.
     Plane& pits = out.tmp[7];
     fill(b, pits, 0);
-    addDents(b, pits, 34, 0.10f, 1.3f, seed_ + 6);
+    addDents(b, pits, 34, 0.05f, 0.9f, seed_ + 6);
     addDents(b, pits, 12, 0.22f, 0.7f, seed_ + 7);
     addDents(b, pits, 4.2, 0.34f, 0.3f, seed_ + 8);
     addDents(b, pits, 1.3, 0.40f, 0.12f, seed_ + 9);
     forPixels(b, [&](int i, int, int) {
       float clean = 1.0f - 0.55f * clamp01(cut[i] * 0.6f);
+      float ragged = 0.72f + 4.0f * grain[i];
+      ragged = ragged < 0.1f ? 0.1f : (ragged > 1.0f ? 1.0f : ragged);
+      pits[i] *= ragged;
       h[i] = low[i] + clean * grain[i] + clean * pits[i] - cut[i] - crack[i] - kSpallMm * spall[i] * clean;
     });
     if (letters) {
@@ -102,12 +105,12 @@ class Inscription final : public Kind {
       v = v * v * 0.34f;
       float g = grain[i] * 70.0f;
       float deep = clamp01(cut[i] * 0.30f);
-      float hollow = clamp01(-pits[i] * 1.6f);
+      float hollow = clamp01(-pits[i] * 1.4f) * 0.6f;
       float dirt = clamp01(0.30f + 1.1f * tone[i]);
       float shade = 1.0f - 0.20f * dirt - 0.34f * hollow - 0.22f * deep;
-      float r = (222.0f + 22.0f * tone[i] + g) * shade;
-      float gr = (209.0f + 14.0f * tone[i] + g) * shade;
-      float bl = (186.0f - 4.0f * tone[i] + g) * shade;
+      float r = (238.0f + 16.0f * tone[i] + g) * shade;
+      float gr = (226.0f + 10.0f * tone[i] + g) * shade;
+      float bl = (202.0f - 6.0f * tone[i] + g) * shade;
       r = mixf(r, 142.0f, v), gr = mixf(gr, 138.0f, v), bl = mixf(bl, 136.0f, v);
       // Fresh stone where it flaked.
       float f = 0.45f * spall[i];
@@ -130,10 +133,10 @@ class Inscription final : public Kind {
 
   void layOut(double w, double h, double mm) {
     static const char* const kLines[] = {"LVX.ET.VMBRA", "FORMAM.DANT", "QVOD.MANVS", "FECIT.OCVLVS", "TANGIT"};
-    constexpr double kPitch = 1.52, kSpace = 0.12;
+    constexpr double kPitch = 1.62, kSpace = 0.12;
     double widest = 0;
     for (const char* line : kLines) widest = std::max(widest, lineWidth(line, kSpace));
-    const double cap = std::min({0.80 * w / widest, 0.80 * h / (4 * kPitch + 1), 0.11 * kShortMm});
+    const double cap = std::min({0.82 * w / widest, 0.80 * h / (4 * kPitch + 1), 0.11 * kShortMm});
     const int steps = mm < 0.08 ? 220 : 96;
     std::vector<Segment> all;
     double y = 0.5 * h - 0.5 * (4 * kPitch + 1) * cap + cap;  // first baseline

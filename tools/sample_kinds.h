@@ -16,6 +16,7 @@ struct Layers {
   Plane gloss;                 // 0..1
   Plane tmp[8];
   std::vector<int> found;
+  std::shared_ptr<void> memo;  // a kind's own
 };
 
 class Kind {
