@@ -2,7 +2,7 @@
 // and height out, all in integers, so that two nodes that share a vertex get the same bits whatever their levels and pages are.
 //
 // What must fit (the shader has 32-bit integers only), U = texture_depth + 11 the log2 of a patch's side in units:
-//   place    x, y < 2^31 units: the artwork's longer side is below 2^27 texels
+//   place    x, y < 2^31 units: the artwork's longer side, in whole patches, is below 2^27 texels
 //   height   sample spacing 2^sr units, sr = U - page level - 7; fractions are cut to 15 bits, so that
 //            q * 2^15 < 2^31 fits int32. Nothing is lost that both sides would not lose alike: a vertex with a non-zero fraction
 //            is only drawn from pages of the finest level (relief_depth), the same one on both sides.

@@ -106,14 +106,10 @@ class Selection {
   }
 
   PlanarLodResult run() {
-    int attempts = valid_ ? 40 : 0;
-    for (int attempt = 0;; ++attempt) {
-      if (refine(attempt < attempts)) break;
-      error_px_ *= 2;
-      max_node_px_ *= 2;
-      edges_.clear();
-      edge_index_.clear();
-    }
+    // Four times the error until it fits, then back to twice if that fits too.
+    double asked_px = error_px_, scale = 1;
+    while (!fits(asked_px, scale, !valid_ || scale > 1e12)) scale *= 4;
+    if (scale > 1 && scale <= 1e12 && !fits(asked_px, scale / 2, false)) fits(asked_px, scale, true);
     return finish();
   }
 
@@ -123,8 +119,9 @@ class Selection {
     Square square;
     State state = State::kLeaf;
     bool blocked = false;       // would be split if more pages were resident
+    bool rough = false;         // an edge wants more than its grid can give
     uint8_t resident_level = 0; // vertices up to this absolute level have samples
-    int8_t needs_level = 0;     // absolute level that must be resident before it can be split
+    int8_t needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
     uint8_t grid_level = 1;
     std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
     std::array<std::array<uint8_t, 2>, 4> segments{};
@@ -207,8 +204,8 @@ class Selection {
     planes_ = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
                rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
     for (int i = 0; i < 4; ++i) clip_rows_[i] = rows[i];
+    valid_ = orthographic_ ? rows[3].w > 0 : w_length > 0;
     if (orthographic_) return;
-    valid_ = w_length > 0;
     if (!valid_) return;
     depth_row_ = rows[3] / w_length;
     // The largest secant in the picture: its corner. An off-centre row is a side part and a forward part.
@@ -308,12 +305,13 @@ class Selection {
     return s.level == domain_.relief_depth ? kAnyLevel : s.level + kPageLog2;
   }
   uint32_t findNode(const Square& s) const { return node_index_.find(key(s)); }
-  void addNode(const Square& s, int resident_level) {
+  void addNode(const Square& s, int resident_level, int needs_level = 0) {
     if (culled(boxOf(s))) return;  // a node that is not in the table is not drawn
     node_index_.insert(key(s), static_cast<uint32_t>(nodes_.size()));
     Node n;
     n.square = s;
     n.resident_level = static_cast<uint8_t>(resident_level);
+    n.needs_level = static_cast<int8_t>(needs_level);
     nodes_.push_back(n);
   }
   void addRoots(uint32_t first, uint32_t last) {
@@ -328,7 +326,7 @@ class Selection {
       return;
     }
     Square root{0, domain_.alongX() ? first : 0, domain_.alongX() ? 0 : first};
-    addNode(root, flat_ || domain_.relief_depth == 0 ? kAnyLevel : kPageLog2);
+    addNode(root, flat_ || assume_resident_ || domain_.relief_depth == 0 ? kAnyLevel : kPageLog2);
   }
 
   template <class F>
@@ -345,7 +343,8 @@ class Selection {
     bool all = true;
     forChildren(n.square, [&](const Square& c) { all = all && isResident(c); });
     if (!all) {
-      n.needs_level = static_cast<int8_t>(n.square.level + 2);
+      limited_tree_ = true;
+      n.needs_level = std::max(n.needs_level, static_cast<int8_t>(n.square.level + 2));
       n.blocked = true;
     }
     return all;
@@ -358,10 +357,12 @@ class Selection {
     int limit = n.square.level + kMaxSplitLevel;
     bool wants = false;
     for (int side = 0; side < 4 && !wants; ++side) wants = edges_[edgeAt(n.square, side)].wanted_level > limit;
+    nodes_[index].rough = wants;
     if (!wants || n.resident_level > limit) return wants;
     // Without finer pages smaller nodes would only cut the same triangles into more instances.
     bool finer = false;
     forChildren(n.square, [&](const Square& c) { finer = finer || isResident(c); });
+    limited_tree_ = limited_tree_ || !finer;
     return finer;
   }
   bool split(uint32_t index) {
@@ -380,18 +381,42 @@ class Selection {
     }
     nodes_[index].state = State::kSplit;
     int inherited = nodes_[index].resident_level;
-    forChildren(s, [&](const Square& c) { addNode(c, residentLevel(c, inherited)); });
+    // The pages that this split rests on must stay wanted, even if the children, whose edges are known better, want less:
+    // else they would be evicted, the split undone, and the pages asked for again.
+    int needs = s.level + (nodes_[index].rough ? kMaxSplitLevel + 1 : 2);
+    forChildren(s, [&](const Square& c) { addNode(c, residentLevel(c, inherited), needs); });
     return true;
   }
+  // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else arriving
+  // pages would coarsen the error, the pages would no longer be wanted, be evicted, and the error refine again.
+  bool fits(double asked_px, double scale, bool anyway) {
+    error_px_ = asked_px * scale;
+    max_node_px_ = kMaxNodePx * scale;
+    edges_.clear();
+    edge_index_.clear();
+    if (!refine(anyway)) return false;
+    if (!limited_tree_ || anyway) return true;
+    std::vector<Node> nodes;
+    IndexTable index;
+    nodes.swap(nodes_);
+    std::swap(index, node_index_);
+    assume_resident_ = true;
+    bool whole_tree_fits = refine(false);
+    assume_resident_ = false;
+    nodes.swap(nodes_);
+    std::swap(index, node_index_);
+    return whole_tree_fits;
+  }
   // False: too many nodes for this error.
-  bool refine(bool may_fail) {
+  bool refine(bool anyway) {
     nodes_.clear();
     node_index_.clear();
+    limited_tree_ = false;
     addRoots(0, domain_.patchCount());
     size_t limit = nodes_.size() + kMaxNodes;
     if (!valid_) return true;
     for (uint32_t i = 0; i < nodes_.size(); ++i) {
-      if (nodes_.size() > limit) return !may_fail;
+      if (nodes_.size() > limit) return anyway;
       if (nodes_[i].state == State::kLeaf && wantsSplit(i)) split(i);
     }
     return true;
@@ -535,6 +560,7 @@ class Selection {
     });
     result.wants = std::move(wants_);
     result.limited_by_residency = limited_;
+    result.error_px = error_px_;
     return result;
   }
 
@@ -559,6 +585,8 @@ class Selection {
   std::vector<HeightBounds> bounds_;
   std::vector<ReliefWant> wants_;
   IndexTable node_index_, edge_index_, bounds_index_, want_index_;
+  bool assume_resident_ = false;  // what would be drawn if every page were here
+  bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;
 };
 

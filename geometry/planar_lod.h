@@ -5,7 +5,7 @@
 // restricted (2:1) quadtree, so a node's side is one whole edge or two half edges.
 // Each cell is cut along the diagonal (i, j) - (i+1, j+1), so that finer grids refine the same triangles and snapped triangles
 // keep to one side of the coarser diagonal. What draws the grids must use that diagonal.
-// A view that is not finite gets the roots, flat levels, no wants. The artwork's longer side is below 2^27 texels.
+// A view that is not finite gets the roots, flat levels, no wants. The artwork's longer side, in whole patches, is below 2^27 texels.
 // Pure: no GL, any thread. Deterministic: the same view and residency give the same list in the same order.
 #pragma once
 
@@ -73,6 +73,7 @@ struct PlanarLodResult {
   std::vector<PatchInstance> instances;      // sorted by grid_level, then by node
   std::vector<ReliefWant> wants;             // relief pages, resident or not: coarse before fine
   uint32_t limited_by_residency = 0;         // edges coarser than wanted because pages are missing
+  double error_px = 0;                       // as asked for, or twice that, four times... where the node budget ran out
   // The largest predicted error of what is drawn: an upper bound of how far the picture of a point of the finest relief lies
   // from that of the drawn surface above the same place. Up to 2 error_px where levels meet; more only where pages are missing.
   double max_error_px = 0;

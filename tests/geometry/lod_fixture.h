@@ -57,23 +57,28 @@ class PageSet {
   std::unordered_map<NodeId, std::vector<uint16_t>> pages_;
 };
 
-// Made-up bounds: errors fall by about 2 a level, with rough and smooth places; monotone down the tree.
+// Made-up bounds: errors fall by about 2 a level, with rough and smooth places; monotone down the tree. narrowing: the range of
+// heights falls too, as a real relief's does; else every page claims the whole range.
 class MadeUpOracle final : public ReliefOracle {
  public:
-  MadeUpOracle(const PlanarDomain& domain, uint64_t seed) : domain_(domain), seed_(seed) {}
+  MadeUpOracle(const PlanarDomain& domain, uint64_t seed, bool narrowing = false) : domain_(domain), seed_(seed), narrowing_(narrowing) {}
   HeightBounds bounds(const NodeId& page) const override {
-    double range = 65535 * domain_.relief_scale_mm, error = range;
+    double low = domain_.relief_offset_mm, high = low + 65535 * domain_.relief_scale_mm, error = high - low;
     for (uint32_t level = 0; level <= page.level; ++level) {
-      NodeId a = page.ancestor(level);
-      uint64_t h = mix(seed_ ^ mix(packNode(a)));
+      uint64_t h = mix(seed_ ^ mix(packNode(page.ancestor(level))));
       error *= 0.2 + 0.8 * static_cast<double>(h >> 11) * 0x1p-53;
+      if (!narrowing_ || level == 0) continue;
+      double width = (high - low) * (0.4 + 0.4 * static_cast<double>(h & 255) / 255), at = static_cast<double>((h >> 8) & 255) / 255;
+      low += (high - low - width) * at;
+      high = low + width;
     }
-    return {static_cast<float>(domain_.relief_offset_mm), static_cast<float>(domain_.relief_offset_mm + range), static_cast<float>(error)};
+    return {static_cast<float>(low), static_cast<float>(high), static_cast<float>(std::min(error, high - low))};
   }
 
  private:
   PlanarDomain domain_;
   uint64_t seed_;
+  bool narrowing_;
 };
 
 inline PlanarDomain makeDomain(uint64_t width_px, uint64_t height_px, int relief_depth_minus_texture_depth) {

@@ -20,11 +20,12 @@ struct Case {
   LodView view;
   ReliefSet resident;
 };
-Case randomCase(uint64_t seed) {
+// narrowing: see MadeUpOracle; a claim about heights that the noise of the pages does not keep.
+Case randomCase(uint64_t seed, bool narrowing = true) {
   Random random(seed);
   Case c;
   c.domain = randomDomain(random);
-  c.oracle = std::make_shared<MadeUpOracle>(c.domain, random.engine());
+  c.oracle = std::make_shared<MadeUpOracle>(c.domain, random.engine(), narrowing);
   c.camera = randomCamera(c.domain, random);
   c.view = makeView(c.camera, random.real(0.7, 4));
   c.view.exaggerate = random.chance(0.3) ? random.real(0, 5) : 1;
@@ -185,7 +186,7 @@ TEST(PlanarLod, DrawnNodesTileWhatIsInView) {
   int cases = 0, with_holes = 0;
   uint64_t control = 0;
   for (uint64_t seed = kSeed; cases < 300; ++seed) {
-    Case c = randomCase(seed);
+    Case c = randomCase(seed, false);
     ++cases;
     PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     PlacedIndex index(c.domain, lod.instances);
@@ -303,7 +304,7 @@ TEST(PlanarLod, SameInputSameList) {
 
 // Grant what is asked for: after a few rounds nothing is missing, the wants are stable, and only they are needed.
 TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
-  int most_rounds = 0;
+  int most_rounds = 0, over_budget = 0;
   size_t most_nodes = 0, most_wants = 0;
   for (uint64_t seed = kSeed; seed < kSeed + 150; ++seed) {
     Case c = randomCase(seed);
@@ -317,16 +318,17 @@ TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
       if (wanted == resident) break;
       resident = std::move(wanted);  // a cache of exactly what is wanted: everything else is evicted at once
     }
-    EXPECT_LT(rounds, 30) << describe(c, seed);
-    EXPECT_EQ(lod.limited_by_residency, 0u) << describe(c, seed);
-    if (lod.instances.size() < 10000) {
-      EXPECT_LE(lod.max_error_px, 2 * std::max(c.view.error_px, 1.0 / 64) * (1 + 1e-9)) << describe(c, seed);
-    }
+    over_budget += lod.error_px > c.view.error_px;
+    ASSERT_LT(rounds, 30) << describe(c, seed);
+    ASSERT_EQ(lod.limited_by_residency, 0u) << describe(c, seed);
+    ASSERT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9)) << describe(c, seed);
     most_rounds = std::max(most_rounds, rounds);
     most_nodes = std::max(most_nodes, lod.instances.size());
     most_wants = std::max(most_wants, lod.wants.size());
   }
-  std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages\n", most_rounds, most_nodes, most_wants);
+  std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", most_rounds, most_nodes, most_wants,
+              over_budget);
+  EXPECT_LT(over_budget, 75);
 }
 
 // ---- hard views
