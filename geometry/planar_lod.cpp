@@ -119,6 +119,7 @@ class Selection {
     Square square;
     State state = State::kLeaf;
     bool blocked = false;       // would be split if more pages were resident
+    bool barren = false;        // split, and no child is in view
     bool rough = false;         // an edge wants more than its grid can give
     uint8_t resident_level = 0; // vertices up to this absolute level have samples
     int8_t needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
@@ -384,7 +385,12 @@ class Selection {
     // The pages that this split rests on must stay wanted, even if the children, whose edges are known better, want less:
     // else they would be evicted, the split undone, and the pages asked for again.
     int needs = s.level + (nodes_[index].rough ? kMaxSplitLevel + 1 : 2);
+    size_t before = nodes_.size();
     forChildren(s, [&](const Square& c) { addNode(c, residentLevel(c, inherited), needs); });
+    if (nodes_.size() == before) {  // known better, it is out of view: it still wants the pages that tell
+      nodes_[index].barren = true;
+      nodes_[index].needs_level = static_cast<int8_t>(needs);
+    }
     return true;
   }
   // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else arriving
@@ -521,6 +527,7 @@ class Selection {
     for (Node& n : nodes_)
       if (n.state == State::kLeaf) levelSides(n);
     for (const Node& n : nodes_) {
+      if (n.barren && !flat_ && valid_) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
       p.node = nodeId(n.square);

@@ -306,7 +306,7 @@ TEST(PlanarLod, SameInputSameList) {
 TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
   int most_rounds = 0, over_budget = 0;
   size_t most_nodes = 0, most_wants = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + 150; ++seed) {
+  for (uint64_t seed = kSeed; seed < kSeed + 250; ++seed) {
     Case c = randomCase(seed);
     ReliefSet resident;
     PlanarLodResult lod;
@@ -328,7 +328,7 @@ TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
   }
   std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", most_rounds, most_nodes, most_wants,
               over_budget);
-  EXPECT_LT(over_budget, 75);
+  EXPECT_LT(over_budget, 125);
 }
 
 // ---- hard views
