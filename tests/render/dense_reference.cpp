@@ -13,7 +13,12 @@ namespace relievo {
 
 namespace {
 
-constexpr double kSampleOffsetPx = 1.0 / 64.0;
+// Half the side of the square around a pixel's centre in which triangles may be confused (the header says why).
+constexpr double kBoxPx = 1.0 / 64.0;
+// Two ends of a triangle's height, each snapped to 1/256 px: what the height may be off by.
+constexpr double kSnapPx = 1.41421356 / 256.0;
+// Depths closer than this may be taken in either order: a few steps of a 24-bit buffer.
+constexpr double kDepthSlack = 5e-7;
 constexpr int kMaxChannels = 18;
 
 }  // namespace
@@ -298,8 +303,12 @@ struct Triangle {
   Affine x_num, y_num;  // sum of b_i * (X_i - X_0)
   Affine depth;         // z/w
   double x0 = 0, y0 = 0;
+  glm::dvec2 low{0}, high{0};  // extent on the screen, px
+  double min_depth = -1;       // of the corners
+  double height_px = 1e9;      // the smallest of its three heights on the screen
   int32_t id = -1;
 
+  bool covers(double x, double y) const;
   glm::dvec2 texel(double x, double y) const {
     const double d = inv_w(x, y);
     return {x0 + x_num(x, y) / d, y0 + y_num(x, y) / d};
@@ -324,32 +333,57 @@ struct PixelBox {
   bool empty() const { return x1 < x0 || y1 < y0; }
 };
 
-// The pixels whose centre or edge samples the part of the triangle before the near plane can cover.
-PixelBox pixelBox(const std::array<Vertex, 3>& v, int width, int height) {
-  double min_x = std::numeric_limits<double>::infinity(), max_x = -min_x, min_y = min_x, max_y = -min_x;
-  auto add = [&](const glm::dvec4& c) {
-    const double x = (c.x / c.w * 0.5 + 0.5) * width, y = (0.5 - c.y / c.w * 0.5) * height;
-    min_x = std::min(min_x, x);
-    max_x = std::max(max_x, x);
-    min_y = std::min(min_y, y);
-    max_y = std::max(max_y, y);
+// The extent on the screen of the part of the triangle before the near plane. False: there is none.
+bool screenExtent(const std::array<Vertex, 3>& v, int width, int height, Triangle& t) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  t.low = glm::dvec2(kInfinity);
+  t.high = glm::dvec2(-kInfinity);
+  std::array<glm::dvec2, 3> corner;
+  auto onScreen = [&](const glm::dvec4& c) {
+    return glm::dvec2((c.x / c.w * 0.5 + 0.5) * width, (0.5 - c.y / c.w * 0.5) * height);
   };
+  auto add = [&](glm::dvec2 p) {
+    t.low = glm::min(t.low, p);
+    t.high = glm::max(t.high, p);
+  };
+  int before = 0;
+  t.min_depth = 1;
   for (int i = 0; i < 3; ++i) {
     const glm::dvec4 &a = v[i].clip, &b = v[(i + 1) % 3].clip;
     const double da = a.z + a.w, db = b.z + b.w;
-    if (da >= 0 && a.w > 0) add(a);
+    if (da >= 0 && a.w > 0) {
+      corner[i] = onScreen(a);
+      add(corner[i]);
+      t.min_depth = std::min(t.min_depth, a.z / a.w);
+      ++before;
+    }
     if ((da >= 0) != (db >= 0)) {
       const glm::dvec4 cut = a + (b - a) * (da / (da - db));
-      if (cut.w > 0) add(cut);
-      else return {0, 0, width - 1, height - 1};
+      t.min_depth = -1;
+      if (cut.w > 0) {
+        add(onScreen(cut));
+      } else {
+        t.low = glm::dvec2(-kInfinity);
+        t.high = glm::dvec2(kInfinity);
+      }
     }
   }
-  if (!(min_x <= max_x)) return {};
-  auto low = [](double p, int last) {
-    return static_cast<int>(std::clamp(std::floor(p - 1.0), 0.0, double(last) + 1));
+  if (before == 3) {
+    const glm::dvec2 e0 = corner[1] - corner[0], e1 = corner[2] - corner[1], e2 = corner[0] - corner[2];
+    const double longest = std::sqrt(std::max({glm::dot(e0, e0), glm::dot(e1, e1), glm::dot(e2, e2)}));
+    t.height_px = std::abs(e0.x * e1.y - e0.y * e1.x) / std::max(longest, 1e-300);
+  }
+  return t.low.x <= t.high.x;
+}
+
+PixelBox pixelBox(const Triangle& t, int width, int height) {
+  auto low = [](double p, int extent) {
+    return static_cast<int>(std::clamp(std::floor(p - 0.6), 0.0, double(extent)));
   };
-  auto high = [](double p, int last) { return static_cast<int>(std::clamp(std::ceil(p + 1.0), -1.0, double(last))); };
-  return {low(min_x, width - 1), low(min_y, height - 1), high(max_x, width - 1), high(max_y, height - 1)};
+  auto high = [](double p, int extent) {
+    return static_cast<int>(std::clamp(std::ceil(p - 0.4), -1.0, double(extent - 1)));
+  };
+  return {low(t.low.x, width), low(t.low.y, height), high(t.high.x, width), high(t.high.y, height)};
 }
 
 bool setUp(const std::array<Vertex, 3>& v, int width, int height, Triangle& t) {
@@ -380,43 +414,99 @@ bool setUp(const std::array<Vertex, 3>& v, int width, int height, Triangle& t) {
   return true;
 }
 
-// The centre and the four edge samples of one pixel.
-struct Samples {
-  std::array<double, 5> depth;
-  std::array<int32_t, 5> triangle;
-};
-constexpr std::array<std::array<double, 2>, 5> kSamplePlaces{{{0, 0},
-                                                              {-kSampleOffsetPx, -kSampleOffsetPx},
-                                                              {kSampleOffsetPx, -kSampleOffsetPx},
-                                                              {-kSampleOffsetPx, kSampleOffsetPx},
-                                                              {kSampleOffsetPx, kSampleOffsetPx}}};
-
 // A centre on an edge that two triangles share must not fall between them by rounding.
 constexpr double kInsideTolerance = 1e-10;
 
-void rasterise(const Triangle& t, int32_t index, const PixelBox& box, int width, std::vector<Samples>& samples) {
+bool Triangle::covers(double x, double y) const {
+  const double b0 = b[0](x, y), b1 = b[1](x, y), b2 = b[2](x, y);
+  const double tolerance = kInsideTolerance * (std::abs(b0) + std::abs(b1) + std::abs(b2));
+  if (b0 < -tolerance || b1 < -tolerance || b2 < -tolerance || !(inv_w(x, y) > 0)) return false;
+  const double z = depth(x, y);
+  return z >= -1.0 && z <= 1.0;
+}
+
+// The nearest triangle that covers a pixel's whole box.
+struct FullCover {
+  double depth = std::numeric_limits<double>::infinity();
+  int32_t triangle = -1;
+};
+// A triangle that touches a pixel's box and does not cover all of it.
+struct Touch {
+  int32_t pixel, triangle;
+  friend bool operator<(const Touch& a, const Touch& b) {
+    return a.pixel != b.pixel ? a.pixel < b.pixel : a.triangle < b.triangle;
+  }
+};
+
+void rasterise(const Triangle& t, int32_t index, const PixelBox& box, int width, std::vector<FullCover>& full,
+               std::vector<Touch>& touches) {
   std::array<double, 3> margin;
-  for (int k = 0; k < 3; ++k) margin[k] = (std::abs(t.b[k].dx) + std::abs(t.b[k].dy)) * kSampleOffsetPx;
+  for (int k = 0; k < 3; ++k) margin[k] = (std::abs(t.b[k].dx) + std::abs(t.b[k].dy)) * kBoxPx;
+  const double depth_margin = (std::abs(t.depth.dx) + std::abs(t.depth.dy)) * kBoxPx;
   for (int y = box.y0; y <= box.y1; ++y) {
     for (int x = box.x0; x <= box.x1; ++x) {
       const double cx = x + 0.5, cy = y + 0.5;
       const double b0 = t.b[0](cx, cy), b1 = t.b[1](cx, cy), b2 = t.b[2](cx, cy);
       const double tolerance = kInsideTolerance * (std::abs(b0) + std::abs(b1) + std::abs(b2));
       if (b0 < -margin[0] - tolerance || b1 < -margin[1] - tolerance || b2 < -margin[2] - tolerance) continue;
-      const bool all = b0 >= margin[0] && b1 >= margin[1] && b2 >= margin[2];
-      Samples& s = samples[static_cast<size_t>(y) * width + x];
-      for (int k = 0; k < 5; ++k) {
-        const double sx = cx + kSamplePlaces[k][0], sy = cy + kSamplePlaces[k][1];
-        if (!all && (t.b[0](sx, sy) < -tolerance || t.b[1](sx, sy) < -tolerance || t.b[2](sx, sy) < -tolerance))
-          continue;
-        if (!(t.inv_w(sx, sy) > 0)) continue;
-        const double z = t.depth(sx, sy);
-        if (!(z >= -1.0 && z <= 1.0) || z >= s.depth[k]) continue;
-        s.depth[k] = z;
-        s.triangle[k] = index;
+      if (cx + kBoxPx < t.low.x || cx - kBoxPx > t.high.x || cy + kBoxPx < t.low.y || cy - kBoxPx > t.high.y) continue;
+      const double z = t.depth(cx, cy);
+      if (z + depth_margin < -1.0 || z - depth_margin > 1.0) continue;
+      FullCover& cover = full[static_cast<size_t>(y) * width + x];
+      const bool covers_all =
+          b0 >= margin[0] && b1 >= margin[1] && b2 >= margin[2] && z - depth_margin >= -1.0 && z + depth_margin <= 1.0;
+      if (!covers_all) {
+        touches.push_back({static_cast<int32_t>(y * width + x), index});
+      } else if (z < cover.depth) {
+        cover = {z, index};
       }
     }
   }
+}
+
+// What a pixel may show: the triangle at its centre (-1: background), and the others that snapping may put there.
+struct Visible {
+  int32_t centre = -1;
+  bool background = false;  // somewhere in the box nothing is drawn
+  std::vector<int32_t> others;
+};
+
+Visible resolve(const std::vector<Triangle>& triangles, const FullCover& full, std::span<const Touch> touches,
+                double cx, double cy) {
+  Visible v;
+  if (touches.empty()) {
+    v.centre = full.triangle;
+    v.background = full.triangle < 0;
+    return v;
+  }
+  // The farthest depth that is seen anywhere in the box: what lies behind it can't be drawn. By 5 x 5 samples.
+  double farthest = -1;
+  for (int sy = -2; sy <= 2; ++sy) {
+    for (int sx = -2; sx <= 2; ++sx) {
+      const double x = cx + sx * (kBoxPx / 2), y = cy + sy * (kBoxPx / 2);
+      int32_t nearest = full.triangle;
+      double depth = nearest >= 0 ? triangles[nearest].depth(x, y) : std::numeric_limits<double>::infinity();
+      for (const Touch& touch : touches) {
+        const Triangle& t = triangles[touch.triangle];
+        if (t.depth(x, y) < depth && t.covers(x, y)) {
+          nearest = touch.triangle;
+          depth = t.depth(x, y);
+        }
+      }
+      if (sx == 0 && sy == 0) v.centre = nearest;
+      v.background = v.background || nearest < 0;
+      farthest = std::max(farthest, depth);
+    }
+  }
+  auto addIfSeen = [&](int32_t index) {
+    if (index < 0 || index == v.centre) return;
+    const Triangle& t = triangles[index];
+    const double least = t.depth(cx, cy) - (std::abs(t.depth.dx) + std::abs(t.depth.dy)) * kBoxPx;
+    if (std::max(least, t.min_depth) <= farthest + kDepthSlack) v.others.push_back(index);
+  };
+  addIfSeen(full.triangle);
+  for (const Touch& touch : touches) addIfSeen(touch.triangle);
+  return v;
 }
 
 // Raw channels at a texel position of the finest level, bilinear on level k (0 coarsest). Texel centres at +0.5,
@@ -516,9 +606,8 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
   const int64_t last_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   assert(instances.size() < (size_t{1} << 20));
 
-  constexpr double kFar = std::numeric_limits<double>::infinity();
-  std::vector<Samples> samples(static_cast<size_t>(width) * height,
-                               Samples{{kFar, kFar, kFar, kFar, kFar}, {-1, -1, -1, -1, -1}});
+  std::vector<FullCover> full(static_cast<size_t>(width) * height);
+  std::vector<Touch> touches;
   std::vector<Triangle> triangles;
   std::vector<Vertex> grid;
   for (size_t n = 0; n < instances.size(); ++n) {
@@ -550,66 +639,75 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
           const double area = (corners[1].x - corners[0].x) * (corners[2].y - corners[0].y) -
                               (corners[2].x - corners[0].x) * (corners[1].y - corners[0].y);
           if (area == 0) continue;
-          const PixelBox box = pixelBox(corners, width, height);
           Triangle t;
+          if (!screenExtent(corners, width, height, t)) continue;
+          const PixelBox box = pixelBox(t, width, height);
           if (box.empty() || !setUp(corners, width, height, t)) continue;
           t.id = static_cast<int32_t>(n << 11 | (j * cells + i) << 1 | static_cast<uint32_t>(half));
-          rasterise(t, static_cast<int32_t>(triangles.size()), box, width, samples);
+          rasterise(t, static_cast<int32_t>(triangles.size()), box, width, full, touches);
           triangles.push_back(t);
         }
       }
     }
   }
 
+  std::sort(touches.begin(), touches.end());
+
   DenseImage image{width, height, std::vector<DensePixel>(static_cast<size_t>(width) * height)};
-  for (int y = 0; y < height; ++y) {
-    for (int x = 0; x < width; ++x) {
-      const Samples& s = samples[static_cast<size_t>(y) * width + x];
-      DensePixel& pixel = image.pixels[static_cast<size_t>(y) * width + x];
-      const int32_t centre = s.triangle[0];
-      if (centre < 0) {
-        for (int k = 1; k < 5; ++k)
-          if (s.triangle[k] >= 0) pixel.edge |= kEdgeSilhouette;
+  auto touch = touches.begin();
+  for (int32_t index = 0; index < width * height; ++index) {
+    const int x = index % width, y = index / width;
+    const auto first_touch = touch;
+    while (touch != touches.end() && touch->pixel == index) ++touch;
+    const Visible visible = resolve(triangles, full[index], {first_touch, touch}, x + 0.5, y + 0.5);
+    DensePixel& pixel = image.pixels[index];
+    if (visible.centre < 0) {
+      if (!visible.others.empty()) pixel.edge |= kEdgeSilhouette;
+      continue;
+    }
+    const Triangle& centre = triangles[visible.centre];
+    const Mapping m = mappingAt(centre, x, y, view);
+    pixel.triangle = centre.id;
+    pixel.depth = centre.depth(x + 0.5, y + 0.5);
+    pixel.texel = m.texel;
+    pixel.texel_dx = m.dx;
+    pixel.texel_dy = m.dy;
+    pixel.lambda = lambdaOf(m.dx, m.dy, texture, view);
+    pixel.rgb = pixel.low = pixel.high = shadeDense(texture, m.texel, pixel.lambda, view);
+    if (visible.background) pixel.edge |= kEdgeSilhouette;
+
+    auto mayAlsoBe = [&](glm::dvec3 rgb, EdgeReason reason) {
+      if (!coloursDiffer(pixel.rgb, rgb)) return;
+      pixel.edge |= reason;
+      pixel.low = glm::min(pixel.low, rgb);
+      pixel.high = glm::max(pixel.high, rgb);
+    };
+    // Everything that a triangle of this height may show here, once its corners are snapped.
+    auto mayShow = [&](const Triangle& t, const Mapping& at, double lambda) {
+      const double off = t.height_px > kSnapPx ? -std::log2(1 - kSnapPx / t.height_px) : 1e9;
+      const double lowest = std::max(lambda - off, 0.0), highest = std::min(lambda + off, double(domain.texture_depth));
+      const EdgeReason reason = &t == &centre ? kEdgeThin : kEdgeColour;
+      mayAlsoBe(shadeDense(texture, at.texel, lowest, view), reason);
+      mayAlsoBe(shadeDense(texture, at.texel, highest, view), reason);
+      for (double level = std::floor(lowest) + 1; level < highest; ++level)
+        mayAlsoBe(shadeDense(texture, at.texel, level, view), reason);
+    };
+    if (centre.height_px < 4) mayShow(centre, m, pixel.lambda);  // of a taller one lambda is off by less than 0.002
+
+    const double footprint = std::sqrt(std::max(glm::dot(m.dx, m.dx), glm::dot(m.dy, m.dy)));
+    for (int32_t other : visible.others) {
+      const Mapping o = mappingAt(triangles[other], x, y, view);
+      if (glm::length(o.texel - m.texel) > 0.5 * footprint) {
+        pixel.edge |= kEdgeOcclusion;
         continue;
       }
-      const Mapping m = mappingAt(triangles[centre], x, y, view);
-      pixel.triangle = triangles[centre].id;
-      pixel.depth = s.depth[0];
-      pixel.texel = m.texel;
-      pixel.texel_dx = m.dx;
-      pixel.texel_dy = m.dy;
-      pixel.lambda = lambdaOf(m.dx, m.dy, texture, view);
-      pixel.rgb = pixel.low = pixel.high = shadeDense(texture, m.texel, pixel.lambda, view);
-      auto mayAlsoBe = [&](glm::dvec3 rgb, EdgeReason reason) {
-        if (!coloursDiffer(pixel.rgb, rgb)) return;
-        pixel.edge |= reason;
-        pixel.low = glm::min(pixel.low, rgb);
-        pixel.high = glm::max(pixel.high, rgb);
-      };
-
-      const double footprint = std::sqrt(std::max(glm::dot(m.dx, m.dx), glm::dot(m.dy, m.dy)));
-      for (int k = 1; k < 5; ++k) {
-        const int32_t other = s.triangle[k];
-        if (other == centre) continue;
-        if (other < 0) {
-          pixel.edge |= kEdgeSilhouette;
-          continue;
-        }
-        const double ox = kSamplePlaces[k][0], oy = kSamplePlaces[k][1];
-        const glm::dvec2 found = triangles[other].texel(x + 0.5 + ox, y + 0.5 + oy);
-        if (glm::length(found - (m.texel + m.dx * ox + m.dy * oy)) > 0.5 * footprint) {
-          pixel.edge |= kEdgeOcclusion;
-          continue;
-        }
-        const Mapping o = mappingAt(triangles[other], x, y, view);
-        mayAlsoBe(shadeDense(texture, o.texel, lambdaOf(o.dx, o.dy, texture, view), view), kEdgeColour);
-      }
-      if (!view.trilinear) {
-        constexpr double kTie = 1.0 / 256.0;
-        const double from_change = pixel.lambda + 0.5 - std::floor(pixel.lambda + 0.5);
-        const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
-        if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
-      }
+      mayShow(triangles[other], o, lambdaOf(o.dx, o.dy, texture, view));
+    }
+    if (!view.trilinear) {
+      constexpr double kTie = 1.0 / 256.0;
+      const double from_change = pixel.lambda + 0.5 - std::floor(pixel.lambda + 0.5);
+      const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
+      if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
     }
   }
   return image;

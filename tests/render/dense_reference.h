@@ -100,18 +100,19 @@ struct DenseView {
   DenseDerivatives derivatives = DenseDerivatives::kExact;
 };
 
-// Why a pixel's value is not determined. GL snaps vertices to a fixed-point grid (1/256 px, at least 1/16 px by the
-// standard) and computes in single precision, so a pixel within that distance of a triangle's edge may go to another
-// triangle than here. Looked at are the four samples at (+-1/64, +-1/64) px from the pixel's centre.
+// Why a pixel's value is not determined. GL snaps vertices to a fixed-point grid (here taken as 1/256 px; the standard
+// asks for 1/16 px or better) and computes in single precision. So a triangle that touches the square of +-1/64 px
+// around a pixel's centre may be the one that is drawn there, unless it lies behind all that is seen in that square;
+// and the gradients of a triangle that is thin on the screen depend on where its corners were snapped to.
 enum EdgeReason : uint8_t {
-  kEdgeSilhouette = 1,  // the centre is covered and a sample is not, or the reverse
-  kEdgeOcclusion = 2,   // a sample shows another triangle, and there a texel position that is further than half a
-                        // pixel's footprint (0.5 * sqrt(rho2) texels) from what the centre's derivatives predict
-  kEdgeColour = 4,   // a sample shows another triangle, and that triangle's mapping, continued to the pixel's centre,
-                     // gives a colour that differs by more than 0.5 of 255 in a channel (the place is the same, the
-                     // level of detail is not)
-  kEdgeLevelTie = 8  // without trilinear: lambda within 1/256 of the change of level, and the other level's colour
-                     // differs by more than 0.5 of 255
+  kEdgeSilhouette = 1,  // the artwork's outline runs through the square
+  kEdgeOcclusion = 2,   // another triangle may show, and its texel position at the pixel's centre is more than half a
+                       // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork
+  kEdgeColour = 4,  // another triangle may show; the place is the same, but its level of detail gives another colour
+                    // (by more than 0.5 of 255 in a channel)
+  kEdgeThin = 8,    // of height h px: lambda may be off by log2(1 - sqrt(2) / 256 / h), and the colour by more than 0.5
+  kEdgeLevelTie =
+      16  // without trilinear: lambda within 1/256 of the change of level, the other level's colour as above
 };
 
 struct DensePixel {
@@ -122,7 +123,8 @@ struct DensePixel {
   double lambda = 0;                    // level of detail after bias and clamping: 0 finest ... texture_depth coarsest
   int32_t triangle = -1;                // instance << 11 | cell << 1 | half; -1: background
   uint8_t edge = 0;                     // EdgeReason bits
-  glm::dvec3 low{0}, high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeLevelTie
+  glm::dvec3 low{0},
+      high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeThin, kEdgeLevelTie
   bool covered() const { return triangle >= 0; }
   std::array<uint8_t, 3> bytes() const;
 };
@@ -157,8 +159,8 @@ struct PixelPair {
 };
 
 // "Inside" is where the reference is covered and neither a silhouette nor an occlusion edge runs through the pixel.
-// Where only the level of detail is undetermined (kEdgeColour, kEdgeLevelTie) a difference is the distance to the range
-// low..high.
+// Where only the level of detail is undetermined (kEdgeColour, kEdgeThin, kEdgeLevelTie) a difference is the distance
+// to the range low..high.
 struct ImageDifference {
   std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes
   double max_exact = 0;                 // the same over all channels, against the reference before rounding
