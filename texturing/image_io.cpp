@@ -3,7 +3,7 @@
 // Reading. Images may be larger than memory and are asked for in rectangles about as wide as high, from left to right, then
 // downwards, by several threads at once; most files hold (compressed) strips or rows. So rows are decoded in bands as wide
 // as the image and kept in a bounded cache, least recently used out first: each row is decoded once as long as the rows
-// of one rectangle, at the image's full width, fit (kCacheBytes, more where a rectangle's rows need it).
+// of one rectangle, at the image's full width, fit (cache_bytes, more where a rectangle's rows need it).
 // Formats that can only be read from the top (PNG, JPEG) are decoded in order: skipped bands are decoded and kept on the way.
 //
 // Nothing from OpenImageIO escapes: errors become Results, exceptions are caught at each call.
@@ -27,8 +27,7 @@
 namespace relievo {
 namespace {
 
-constexpr uint64_t kCacheBytes = uint64_t{256} << 20;
-constexpr uint64_t kMaxCacheBytes = uint64_t{1} << 30;  // for images so wide that a rectangle's rows exceed kCacheBytes
+constexpr uint64_t kMaxCacheBytes = uint64_t{1} << 30;  // for images so wide that a rectangle's rows exceed cache_bytes
 constexpr uint64_t kBandBytes = uint64_t{4} << 20;      // as many rows as fit, at least one (or one row of tiles)
 // The best that formats in use pack is about 1:1000 (deflate), lossy ones some more on a blank image; a file that claims
 // more than this times its own length is damaged, and must not make us allocate what it claims.
@@ -106,11 +105,11 @@ Result<OpenImage> openImage(const std::string& path) {
 // Bands of decoded rows of one image, shared by the threads that read it.
 class BandCache {
  public:
-  BandCache(std::string path, OpenImage image, OIIO::TypeDesc type, int channels)
-      : path_(std::move(path)), image_(std::move(image)), type_(type), channels_(channels) {
+  BandCache(std::string path, OpenImage image, OIIO::TypeDesc type, int channels, uint64_t cache_bytes)
+      : path_(std::move(path)), image_(std::move(image)), type_(type), channels_(channels), capacity_(cache_bytes) {
     const auto& s = image_.spec;
     row_bytes_ = static_cast<size_t>(s.width) * channels * type.size();
-    band_rows_ = std::clamp<int64_t>(static_cast<int64_t>(kBandBytes / row_bytes_), 1, s.height);
+    band_rows_ = std::clamp<int64_t>(static_cast<int64_t>(std::min(kBandBytes, cache_bytes / 8) / row_bytes_), 1, s.height);
     if (s.tile_height > 0) {
       band_rows_ = std::max<int64_t>(band_rows_ / s.tile_height, 1) * s.tile_height;
     } else if (int strip = s.get_int_attribute("tiff:RowsPerStrip", 1); strip > 1 && strip <= band_rows_) {
@@ -235,15 +234,15 @@ class BandCache {
   std::condition_variable decoded_;
   std::map<int64_t, Entry> bands_;
   int64_t next_band_ = 0;
-  uint64_t held_bytes_ = 0, capacity_ = kCacheBytes, clock_ = 0;
+  uint64_t held_bytes_ = 0, capacity_, clock_ = 0;
 };
 
 class ColourImage final : public TextureSource {
  public:
-  ColourImage(std::string path, OpenImage image)
+  ColourImage(std::string path, OpenImage image, uint64_t cache_bytes)
       : provenance_(path, true),
         channels_(image.spec.nchannels >= 3 ? 3 : 1),
-        cache_(std::move(path), std::move(image), OIIO::TypeUInt8, channels_) {}
+        cache_(std::move(path), std::move(image), OIIO::TypeUInt8, channels_, cache_bytes) {}
   int64_t width() const override { return cache_.width(); }
   int64_t height() const override { return cache_.height(); }
   TextureFormat format() const override { return {}; }
@@ -274,8 +273,12 @@ class ColourImage final : public TextureSource {
 // Heights in mm = offset + scale * sample.
 class HeightImage final : public HeightSource {
  public:
-  HeightImage(std::string path, OpenImage image, OIIO::TypeDesc type, double offset, double scale)
-      : provenance_(path, true), type_(type), offset_(offset), scale_(scale), cache_(std::move(path), std::move(image), type, 1) {}
+  HeightImage(std::string path, OpenImage image, OIIO::TypeDesc type, double offset, double scale, uint64_t cache_bytes)
+      : provenance_(path, true),
+        type_(type),
+        offset_(offset),
+        scale_(scale),
+        cache_(std::move(path), std::move(image), type, 1, cache_bytes) {}
   int64_t width() const override { return cache_.width(); }
   int64_t height() const override { return cache_.height(); }
   double minMm() const override { return min_mm_; }
@@ -416,7 +419,7 @@ class OiioWriter final : public ImageWriter {
 
 }  // namespace
 
-Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path) {
+Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path, const ImageReadOptions& options) {
   return guarded(path, [&]() -> Result<std::unique_ptr<TextureSource>> {
     auto image = openImage(path);
     if (!image) return image.error();
@@ -425,12 +428,13 @@ Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path) 
                    std::string("expected 8- or 16-bit colour, found samples of type ") + image->spec.format.c_str(),
                    "develop it to sRGB first", {}};
     }
-    return std::unique_ptr<TextureSource>(new ColourImage(path, std::move(*image)));
+    return std::unique_ptr<TextureSource>(new ColourImage(path, std::move(*image), options.cache_bytes));
   });
 }
 
 Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path,
-                                                      std::optional<std::pair<double, double>> range_mm) {
+                                                      std::optional<std::pair<double, double>> range_mm,
+                                                      const ImageReadOptions& options) {
   return guarded(path, [&]() -> Result<std::unique_ptr<HeightSource>> {
     auto image = openImage(path);
     if (!image) return image.error();
@@ -466,7 +470,7 @@ Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path,
     }
     const double offset = range_mm ? range_mm->first : 0;
     const double scale = range_mm ? (range_mm->second - range_mm->first) / full : 1;
-    auto source = std::make_unique<HeightImage>(path, std::move(*image), type, offset, scale);
+    auto source = std::make_unique<HeightImage>(path, std::move(*image), type, offset, scale, options.cache_bytes);
     if (floats) {
       if (auto scanned = source->scanRange(); !scanned) return scanned.error();
     } else {

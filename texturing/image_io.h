@@ -7,18 +7,27 @@
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "src/base/result.h"
 #include "texturing/raster_source.h"
 
 namespace relievo {
 
+// Decoded rows are kept, so that reading in rectangles does not decode them again and again. The limit grows (to 1 GiB) if
+// the rows of one rectangle, at the image's full width, do not fit.
+struct ImageReadOptions {
+  uint64_t cache_bytes = uint64_t{256} << 20;
+};
+
 // 8-bit sRGB colour (grey is spread to three channels, alpha dropped, 16 bit rounded to 8). Read in bands or tiles where the
 // format allows it; one scanline cache, thread-safe.
-Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path);
-// Any single-channel image, 8/16-bit or float. Integer samples 0..max map to range_mm; float samples are mm, or map
+Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path, const ImageReadOptions& options = {});
+// Any single-channel image, 8/16/32-bit unsigned or float; floats are read once on opening, for their range; heights that are
+// not finite are refused. Integer samples 0..max map to range_mm; float samples are mm, or map
 // 0..1 to range_mm where it is given. Integer without range_mm is a usage error.
-Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path, std::optional<std::pair<double, double>> range_mm);
+Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path, std::optional<std::pair<double, double>> range_mm,
+                                                      const ImageReadOptions& options = {});
 
 // Pixel-interleaved, rows top first; written beside and renamed.
 Result<void> writePng(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels);

@@ -61,7 +61,7 @@ class HeaderParser {
     token_offset_ = at_;
     size_t end = at_;
     while (end < text_.size() && !isSpace(text_[end])) ++end;
-    if (end == at_) {
+    if (end == text_.size()) {  // no token, or one that may be cut short: something always follows in the header
       noteEnd(what);
       return {};
     }

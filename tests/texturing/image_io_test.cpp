@@ -1,0 +1,400 @@
+// Images through OpenImageIO: regions of what was written, whatever the file's layout; damaged files cost one Error.
+#include "texturing/image_io.h"
+
+#include <OpenImageIO/imageio.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <random>
+#include <thread>
+
+#include "src/base/file.h"
+
+namespace relievo {
+namespace {
+
+namespace fs = std::filesystem;
+using Bytes = std::vector<uint8_t>;
+
+fs::path folder() {
+  static const fs::path path = [] {
+    auto p = fs::temp_directory_path() / ("relievo_image_io_test_" + std::to_string(::getpid()));
+    fs::create_directories(p);
+    return p;
+  }();
+  return path;
+}
+struct RemoveFolder : testing::Environment {
+  void TearDown() override { fs::remove_all(folder()); }
+};
+[[maybe_unused]] auto* const kRemoveFolder = testing::AddGlobalTestEnvironment(new RemoveFolder);
+
+Bytes load(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return Bytes(std::istreambuf_iterator<char>(in), {});
+}
+std::string save(const std::string& name, const Bytes& bytes) {
+  const std::string path = folder() / name;
+  std::ofstream(path, std::ios::binary | std::ios::trunc)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  return path;
+}
+
+template <class T>
+OIIO::TypeDesc typeOf() { return OIIO::TypeDesc(OIIO::BaseTypeFromC<T>::value); }
+
+// What the tests read is written here by OpenImageIO itself, in layouts that our own writer does not have.
+template <class T>
+std::string writeImage(const std::string& name, int width, int height, int channels, const std::vector<T>& pixels,
+                       OIIO::TypeDesc type, const char* compression = "none", int tile = 0) {
+  const std::string path = folder() / name;
+  OIIO::ImageSpec spec(width, height, channels, type);
+  spec.attribute("compression", compression);
+  spec.attribute("oiio:UnassociatedAlpha", 1);
+  if (tile) spec.tile_width = spec.tile_height = tile;
+  auto out = OIIO::ImageOutput::create(path);
+  EXPECT_TRUE(out && out->open(path, spec));
+  EXPECT_TRUE(out->write_image(typeOf<T>(), pixels.data()));
+  EXPECT_TRUE(out->close());
+  return path;
+}
+
+template <class T>
+std::vector<T> noise(size_t count, uint32_t seed) {
+  std::vector<T> out(count);
+  std::mt19937 random(seed);
+  for (T& v : out) v = static_cast<T>(std::is_floating_point_v<T> ? std::uniform_real_distribution<>(-3, 9)(random) : random());
+  return out;
+}
+
+Rect randomRect(std::mt19937& random, int64_t width, int64_t height) {
+  Rect r{static_cast<int64_t>(random() % width), static_cast<int64_t>(random() % height), 0, 0};
+  r.width = 1 + static_cast<int64_t>(random() % (width - r.x));
+  r.height = 1 + static_cast<int64_t>(random() % (height - r.y));
+  return r;
+}
+
+// expected(x, y) in mm.
+template <class Expected>
+void expectHeights(const std::string& path, std::optional<std::pair<double, double>> range, int64_t width, int64_t height,
+                   Expected expected, uint64_t cache_bytes = uint64_t{256} << 20) {
+  auto source = openHeightImage(path, range, {.cache_bytes = cache_bytes});
+  ASSERT_TRUE(source) << source.error().text();
+  ASSERT_EQ((*source)->width(), width);
+  ASSERT_EQ((*source)->height(), height);
+  std::mt19937 random(3);
+  for (int i = 0; i < 40; ++i) {
+    const Rect r = i ? randomRect(random, width, height) : Rect{0, 0, width, height};
+    std::vector<float> out(static_cast<size_t>(r.width * r.height));
+    auto read = (*source)->read(r, out);
+    ASSERT_TRUE(read) << read.error().text();
+    for (int64_t y = 0; y < r.height; ++y)
+      for (int64_t x = 0; x < r.width; ++x) {
+        const float found = out[static_cast<size_t>(y * r.width + x)];
+        ASSERT_FLOAT_EQ(found, static_cast<float>(expected(r.x + x, r.y + y))) << path << " at " << r.x + x << ", " << r.y + y;
+        ASSERT_GE(found, (*source)->minMm());
+        ASSERT_LE(found, (*source)->maxMm());
+      }
+  }
+}
+
+TEST(HeightImage, IntegersMapToTheRange) {
+  const int w = 130, h = 75;
+  auto u16 = noise<uint16_t>(w * h, 1);
+  u16[5] = 0, u16[6] = 65535;
+  auto mm16 = [&](int64_t x, int64_t y) { return -2 + 7.0 * u16[static_cast<size_t>(y * w + x)] / 65535; };
+  for (auto [name, compression, tile] : {std::tuple{"a.tif", "none", 0}, {"b.tif", "zip", 0}, {"c.tif", "lzw", 16},
+                                         {"d.tif", "none", 32}, {"e.png", "none", 0}}) {
+    auto path = writeImage(name, w, h, 1, u16, OIIO::TypeUInt16, compression, tile);
+    expectHeights(path, {{-2, 5}}, w, h, mm16);
+    expectHeights(path, {{-2, 5}}, w, h, mm16, 8 * w * 8);  // a cache of a few rows: bands come and go
+  }
+  auto u8 = noise<uint8_t>(w * h, 2);
+  expectHeights(writeImage("g.tif", w, h, 1, u8, OIIO::TypeUInt8), {{0, 1}}, w, h,
+                [&](int64_t x, int64_t y) { return u8[static_cast<size_t>(y * w + x)] / 255.0; });
+  auto u32 = noise<uint32_t>(w * h, 3);
+  expectHeights(writeImage("h.tif", w, h, 1, u32, OIIO::TypeUInt32), {{0, 10}}, w, h,
+                [&](int64_t x, int64_t y) { return 10.0 * u32[static_cast<size_t>(y * w + x)] / 4294967295.0; });
+}
+
+TEST(HeightImage, FloatsAreMillimetresAndTheirRangeIsTight) {
+  const int w = 130, h = 75;
+  auto f = noise<float>(w * h, 4);
+  auto mm = [&](int64_t x, int64_t y) { return f[static_cast<size_t>(y * w + x)]; };
+  for (auto [name, compression, tile] : {std::tuple{"f.tif", "none", 0}, {"f2.tif", "zip", 32}, {"f.exr", "zip", 0}}) {
+    auto path = writeImage(name, w, h, 1, f, OIIO::TypeFloat, compression, tile);
+    expectHeights(path, {}, w, h, mm);
+    auto source = openHeightImage(path, {});
+    ASSERT_TRUE(source);
+    EXPECT_EQ((*source)->minMm(), *std::min_element(f.begin(), f.end()));
+    EXPECT_EQ((*source)->maxMm(), *std::max_element(f.begin(), f.end()));
+    expectHeights(path, {{10, 12}}, w, h, [&](int64_t x, int64_t y) { return 10 + 2.0 * mm(x, y); });
+  }
+  std::vector<double> d(f.begin(), f.end());
+  expectHeights(writeImage("d.tif", w, h, 1, d, OIIO::TypeDesc::DOUBLE), {}, w, h, mm);
+  std::vector<float> halves(f);
+  for (float& v : halves) v = std::round(v * 8) / 8;  // what a half holds exactly
+  expectHeights(writeImage("half.exr", w, h, 1, halves, OIIO::TypeHalf), {}, w, h,
+                [&](int64_t x, int64_t y) { return halves[static_cast<size_t>(y * w + x)]; });
+}
+
+TEST(HeightImage, HolesAreRefusedWithTheirPlace) {
+  for (float hole : {std::nanf(""), INFINITY, -INFINITY}) {
+    auto f = noise<float>(50 * 40, 5);
+    f[17 * 50 + 23] = hole;
+    f[30 * 50 + 2] = hole;
+    auto source = openHeightImage(writeImage("nan.tif", 50, 40, 1, f, OIIO::TypeFloat), {});
+    ASSERT_FALSE(source);
+    EXPECT_EQ(source.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(source.error().message.find("(23, 17)"), std::string::npos) << source.error().text();
+  }
+}
+
+TEST(HeightImage, WhatIsNoHeightIsRefused) {
+  auto three = writeImage("rgb.tif", 8, 8, 3, noise<uint8_t>(192, 1), OIIO::TypeUInt8);
+  EXPECT_EQ(openHeightImage(three, {{0, 1}}).error().kind, ErrorKind::kUnsupported);
+  auto signed16 = writeImage("i16.tif", 8, 8, 1, noise<int16_t>(64, 1), OIIO::TypeInt16);
+  EXPECT_EQ(openHeightImage(signed16, {{0, 1}}).error().kind, ErrorKind::kUnsupported);
+  auto u16 = writeImage("u16.tif", 8, 8, 1, noise<uint16_t>(64, 1), OIIO::TypeUInt16);
+  EXPECT_EQ(openHeightImage(u16, {}).error().kind, ErrorKind::kUsage);
+  EXPECT_EQ(openHeightImage(u16, {{1, 0}}).error().kind, ErrorKind::kUsage);
+  EXPECT_EQ(openHeightImage(u16, {{0, NAN}}).error().kind, ErrorKind::kUsage);
+  EXPECT_EQ(openHeightImage(folder() / "missing.tif", {}).error().kind, ErrorKind::kIo);
+  EXPECT_EQ(openHeightImage(save("empty.tif", {}), {}).error().kind, ErrorKind::kInvalidData);
+  EXPECT_EQ(openHeightImage(save("text.tif", Bytes(100, 'x')), {}).error().kind, ErrorKind::kInvalidData);
+}
+
+TEST(ColourImage, ReadsRegionsOfEveryLayout) {
+  const int w = 133, h = 90;
+  for (int channels : {1, 2, 3, 4}) {
+    auto pixels = noise<uint8_t>(static_cast<size_t>(w * h * channels), 6);
+    for (auto [name, compression, tile] : {std::tuple{"a.tif", "none", 0}, {"b.tif", "zip", 0}, {"c.tif", "lzw", 16}, {"d.png", "none", 0}}) {
+      auto path = writeImage(name, w, h, channels, pixels, OIIO::TypeUInt8, compression, tile);
+      for (uint64_t cache_bytes : {uint64_t{1} << 28, uint64_t{3 * w * 40}}) {
+        auto source = openColourImage(path, {.cache_bytes = cache_bytes});
+        ASSERT_TRUE(source) << source.error().text();
+        std::mt19937 random(3);
+        for (int i = 0; i < 25; ++i) {
+          const Rect r = i ? randomRect(random, w, h) : Rect{0, 0, w, h};
+          Bytes out(static_cast<size_t>(3 * r.width * r.height));
+          auto read = (*source)->read(r, out);
+          ASSERT_TRUE(read) << read.error().text();
+          size_t n = 0;
+          for (int c = 0; c < 3; ++c)
+            for (int64_t y = r.y; y < r.y + r.height; ++y)
+              for (int64_t x = r.x; x < r.x + r.width; ++x) {
+                ASSERT_EQ(out[n++], pixels[static_cast<size_t>((y * w + x) * channels + (channels < 3 ? 0 : c))]) << path << " channels " << channels;
+              }
+        }
+      }
+    }
+  }
+}
+
+TEST(ColourImage, SixteenBitIsRounded) {
+  std::vector<uint16_t> pixels(256 * 3);
+  for (size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<uint16_t>(i * 85);
+  auto source = openColourImage(writeImage("c16.png", 16, 16, 3, pixels, OIIO::TypeUInt16));
+  ASSERT_TRUE(source);
+  Bytes out(768);
+  ASSERT_TRUE((*source)->read({0, 0, 16, 16}, out));
+  for (size_t i = 0; i < 256; ++i)
+    for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(out[c * 256 + i], pixels[3 * i + c] / 257.0, 0.501);
+}
+
+TEST(ColourImage, ManyThreadsReadTheSame) {
+  const int w = 400, h = 300;
+  auto pixels = noise<uint8_t>(w * h * 3, 8);
+  for (const char* name : {"t.tif", "t.png"}) {
+    auto path = writeImage(name, w, h, 3, pixels, OIIO::TypeUInt8, "zip");
+    auto source = openColourImage(path, {.cache_bytes = 3 * w * 64});
+    ASSERT_TRUE(source);
+    std::atomic<int> wrong{0};
+    std::vector<std::thread> threads;
+    for (uint32_t t = 0; t < 4; ++t) {
+      threads.emplace_back([&, t] {
+        std::mt19937 random(t);
+        for (int i = 0; i < 30; ++i) {
+          const Rect r = randomRect(random, w, h);
+          Bytes out(static_cast<size_t>(3 * r.width * r.height));
+          if (!(*source)->read(r, out)) ++wrong;
+          for (int64_t y = 0; y < r.height; ++y)
+            for (int64_t x = 0; x < r.width; ++x)
+              wrong += out[static_cast<size_t>(y * r.width + x)] != pixels[static_cast<size_t>(((r.y + y) * w + r.x + x) * 3)];
+        }
+      });
+    }
+    for (auto& t : threads) t.join();
+    EXPECT_EQ(wrong, 0) << name;
+  }
+}
+
+TEST(ColourImage, ProvenanceNamesTheFileAndItsDigest) {
+  auto path = writeImage("named.png", 8, 8, 3, noise<uint8_t>(192, 1), OIIO::TypeUInt8);
+  auto source = openColourImage(path);
+  ASSERT_TRUE(source);
+  EXPECT_EQ((*source)->provenance().name, "named.png");
+  EXPECT_EQ((*source)->provenance().xxh3, *hashFile(path));
+}
+
+// ---- writing
+
+TEST(WritePng, RoundTripIsExact) {
+  // Four channels: colour under zero alpha must survive too.
+  for (int channels : {1, 2, 3, 4}) {
+    auto pixels = noise<uint8_t>(static_cast<size_t>(31 * 17 * channels), 9);
+    const std::string path = folder() / "w.png";
+    ASSERT_TRUE(writePng(path, 31, 17, channels, pixels));
+    auto image = readImage8(path);
+    ASSERT_TRUE(image) << image.error().text();
+    EXPECT_EQ(image->channels, channels);
+    EXPECT_TRUE(image->pixels == pixels) << channels << " channels";
+  }
+}
+
+template <class T>
+void expectWriterRoundTrip(SampleType type, const char* name, int channels) {
+  const int w = 61, h = 50;
+  auto pixels = noise<T>(static_cast<size_t>(w * h * channels), 10);
+  const std::string path = folder() / (std::string("writer_") + name);
+  auto writer = ImageWriter::create(path, w, h, channels, type);
+  ASSERT_TRUE(writer) << writer.error().text();
+  for (int y = 0, rows = 1; y < h; y += rows, rows = 1 + rows * 5 % 13) {
+    rows = std::min(rows, h - y);
+    ASSERT_TRUE((*writer)->appendRows(rows, &pixels[static_cast<size_t>(y * w * channels)]));
+  }
+  EXPECT_FALSE(fs::exists(path)) << "must not appear before it is whole";
+  ASSERT_TRUE((*writer)->commit());
+  auto in = OIIO::ImageInput::open(path);
+  ASSERT_TRUE(in);
+  EXPECT_TRUE(in->spec().format == typeOf<T>());
+  std::vector<T> back(pixels.size());
+  ASSERT_TRUE(in->read_image(0, 0, 0, channels, typeOf<T>(), back.data()));
+  EXPECT_TRUE(back == pixels) << name;
+  in->close();
+  fs::remove(path);
+}
+
+TEST(ImageWriter, RoundTripIsExact) {
+  for (int channels : {1, 3}) {
+    expectWriterRoundTrip<uint8_t>(SampleType::kUint8, "w.tif", channels);
+    expectWriterRoundTrip<uint16_t>(SampleType::kUint16, "w.tiff", channels);
+    expectWriterRoundTrip<float>(SampleType::kFloat, "w.TIF", channels);
+    expectWriterRoundTrip<uint8_t>(SampleType::kUint8, "w.png", channels);
+    expectWriterRoundTrip<uint16_t>(SampleType::kUint16, "w.png", channels);
+  }
+}
+
+TEST(ImageWriter, JpegIsClose) {
+  const int w = 64, h = 48;
+  Bytes pixels(w * h * 3);
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x)
+      for (int c = 0; c < 3; ++c) pixels[static_cast<size_t>((y * w + x) * 3 + c)] = static_cast<uint8_t>(128 + 90 * std::sin(0.1 * x + c) * std::cos(0.13 * y));
+  const std::string path = folder() / "w.jpg";
+  auto writer = ImageWriter::create(path, w, h, 3, SampleType::kUint8);
+  ASSERT_TRUE(writer);
+  ASSERT_TRUE((*writer)->appendRows(h, pixels.data()));
+  ASSERT_TRUE((*writer)->commit());
+  auto image = readImage8(path);
+  ASSERT_TRUE(image);
+  int worst = 0;
+  for (size_t i = 0; i < pixels.size(); ++i) worst = std::max(worst, std::abs(image->pixels[i] - pixels[i]));
+  EXPECT_LE(worst, 6);
+  EXPECT_GT(worst, 0) << "control: it is a JPEG";
+}
+
+TEST(ImageWriter, LeavesNothingBehind) {
+  const size_t before = static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {}));
+  const std::string path = folder() / "gone.tif";
+  {
+    auto writer = ImageWriter::create(path, 10, 10, 1, SampleType::kUint8);
+    ASSERT_TRUE(writer);
+    ASSERT_TRUE((*writer)->appendRows(5, Bytes(50).data()));
+    EXPECT_EQ(static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {})), before + 1) << "control: the part file";
+  }
+  EXPECT_EQ(static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {})), before);
+  EXPECT_EQ(ImageWriter::create(folder() / "no" / "such.tif", 10, 10, 1, SampleType::kUint8).error().kind, ErrorKind::kIo);
+  EXPECT_EQ(ImageWriter::create(folder() / "x.bmp2", 10, 10, 1, SampleType::kUint8).error().kind, ErrorKind::kUsage);
+  EXPECT_EQ(ImageWriter::create(folder() / "x.jpg", 10, 10, 1, SampleType::kFloat).error().kind, ErrorKind::kUsage);
+}
+
+// ---- damaged files
+
+std::vector<std::string> smallFiles() {
+  std::vector<uint16_t> smooth(24 * 20);
+  for (size_t i = 0; i < smooth.size(); ++i) smooth[i] = static_cast<uint16_t>(i * 130);
+  auto colour = noise<uint8_t>(24 * 20 * 3, 3);
+  return {writeImage("s1.tif", 24, 20, 1, smooth, OIIO::TypeUInt16), writeImage("s2.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "zip"),
+          writeImage("s3.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "lzw", 16), writeImage("s4.png", 24, 20, 1, smooth, OIIO::TypeUInt16),
+          writeImage("s5.png", 24, 20, 3, colour, OIIO::TypeUInt8), writeImage("s6.jpg", 24, 20, 3, colour, OIIO::TypeUInt8, "jpeg:95"),
+          writeImage("s7.jpg", 24, 20, 1, smooth, OIIO::TypeUInt8, "jpeg:95")};
+}
+
+// All pixels, or the error.
+Result<Bytes> readAll(const std::string& path) {
+  auto source = openColourImage(path);
+  if (!source) return source.error();
+  if ((*source)->width() * (*source)->height() > 1 << 22) return Bytes();
+  Bytes out(static_cast<size_t>(3 * (*source)->width() * (*source)->height()));
+  if (auto read = (*source)->read({0, 0, (*source)->width(), (*source)->height()}, out); !read) return read.error();
+  return out;
+}
+
+TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
+  for (const auto& whole_path : smallFiles()) {
+    const Bytes file = load(whole_path);
+    auto whole = readAll(whole_path);
+    ASSERT_TRUE(whole) << whole.error().text();
+    auto path = save("cut" + fs::path(whole_path).extension().string(), file);
+    size_t still_whole = 0;
+    for (size_t length = file.size(); length-- > 0;) {
+      ASSERT_EQ(0, ::truncate(path.c_str(), static_cast<off_t>(length)));
+      auto cut = readAll(path);
+      if (cut) {
+        ASSERT_TRUE(*cut == *whole) << whole_path << " cut to " << length << " of " << file.size() << " reads as something else";
+        ++still_whole;
+      } else {
+        EXPECT_EQ(cut.error().file, path);
+        EXPECT_FALSE(cut.error().message.empty());
+        EXPECT_EQ(cut.error().kind, ErrorKind::kInvalidData);
+      }
+      (void)!!readImage8(path);
+    }
+    EXPECT_LT(still_whole, 30u) << whole_path << ": only trailing bytes that no pixel needs may be missing";
+  }
+}
+
+TEST(ImageDamage, MutatedFilesNeverCrash) {
+  const uint32_t seed = 20260102;
+  const int kFiles = 400;
+  std::cout << "seed " << seed << ", " << kFiles << " files each\n";
+  for (const auto& whole_path : smallFiles()) {
+    const Bytes file = load(whole_path);
+    std::mt19937 random(seed);
+    int opened = 0;
+    for (int i = 0; i < kFiles; ++i) {
+      Bytes mutated = file;
+      for (int n = 1 + static_cast<int>(random() % 4); n > 0; --n) mutated[random() % mutated.size()] = static_cast<uint8_t>(random());
+      if (random() % 8 == 0) mutated.resize(random() % mutated.size() + 1);
+      auto path = save("m" + fs::path(whole_path).extension().string(), mutated);
+      auto all = readAll(path);
+      if (all) ++opened;
+      else EXPECT_EQ(all.error().file, path);
+      if (auto height = openHeightImage(path, {{0, 1}}); height && (*height)->width() * (*height)->height() < 1 << 22) {
+        std::vector<float> out(static_cast<size_t>((*height)->width() * (*height)->height()));
+        (void)!!(*height)->read({0, 0, (*height)->width(), (*height)->height()}, out);
+      }
+    }
+    std::cout << fs::path(whole_path).filename() << ": " << opened << " still open\n";
+  }
+}
+
+}  // namespace
+}  // namespace relievo

@@ -1,0 +1,102 @@
+// resolvePage against basis.h in double precision.
+#include "texturing/resolve.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <iostream>
+#include <random>
+#include <vector>
+
+#include "texturing/page_codec.h"
+
+namespace relievo {
+namespace {
+
+constexpr size_t kTexels = kSlotBytes / 4;
+
+struct Comparison {
+  int worst = 0;        // bytes
+  size_t different = 0, channels = 0;
+  size_t different_off_ties = 0;  // where the exact value is further than 1e-4 from a tie
+};
+
+Comparison compare(const TextureFormat& f, double u, double v, std::mt19937& random, const TextureFormat& oracle_format) {
+  std::vector<std::vector<uint8_t>> slots(static_cast<size_t>(f.planes()), std::vector<uint8_t>(kSlotBytes));
+  std::vector<const uint8_t*> pointers;
+  for (auto& slot : slots) {
+    for (auto& byte : slot) byte = static_cast<uint8_t>(random());
+    pointers.push_back(slot.data());
+  }
+  std::vector<uint8_t> out(kSlotBytes);
+  resolvePage(f, u, v, pointers, out.data());
+  Comparison result;
+  for (size_t i = 0; i < kTexels; ++i) {
+    double raw[18];
+    for (int c = 0; c < f.channels(); ++c) raw[c] = slots[static_cast<size_t>(c / 3)][4 * i + static_cast<size_t>(c % 3)];
+    auto exact = evaluatePixel(oracle_format, raw, u, v);
+    for (size_t c = 0; c < 3; ++c) {
+      const int expected = static_cast<int>(std::floor(exact[c] + 0.5)), found = out[4 * i + c];
+      ++result.channels;
+      result.worst = std::max(result.worst, std::abs(expected - found));
+      if (expected == found) continue;
+      ++result.different;
+      if (std::abs(exact[c] + 0.5 - std::round(exact[c] + 0.5)) > 1e-4) ++result.different_off_ties;
+    }
+    EXPECT_EQ(out[4 * i + 3], 255);
+  }
+  return result;
+}
+
+TextureFormat format(Basis basis) {
+  TextureFormat f;
+  f.basis = basis;
+  if (basis != Basis::kColour) {
+    f.scale = {2, 2, 2, 1.5, 0.7, 1.3};
+    f.bias = {160, 160, 150, 127, 127, 0};
+  }
+  return f;
+}
+
+TEST(Resolve, EqualsTheDoublePrecisionPixel) {
+  const uint32_t seed = 5;
+  std::cout << "seed " << seed << "\n";
+  std::mt19937 random(seed);
+  for (Basis basis : {Basis::kColour, Basis::kPtmLrgb, Basis::kPtmRgb}) {
+    for (auto [u, v] : {std::pair{0.0, 0.0}, {0.3, -0.4}, {-0.99, 0.05}, {0.0, 1.0}, {-0.2, -0.77}}) {
+      const auto f = format(basis);
+      auto r = compare(f, u, v, random, f);
+      EXPECT_LE(r.worst, 1) << basisName(basis);
+      EXPECT_EQ(r.different_off_ties, 0u) << basisName(basis) << ": " << r.different << " of " << r.channels << " differ";
+    }
+  }
+}
+
+TEST(Resolve, ClampsAndNeverWraps) {
+  // Coefficients far outside what a display shows: all results are 0 or 255.
+  std::mt19937 random(6);
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
+    auto f = format(basis);
+    f.scale = {1e6, 1e6, 1e6, 1e6, 1e6, 1e6};
+    f.bias = {127.5, 127.5, 127.5, 127.5, 127.5, 127.5};
+    auto r = compare(f, 0.31, 0.47, random, f);
+    EXPECT_LE(r.different, 100u);  // only where the sum of huge numbers nearly cancels
+    f.scale = {1e12, 1e12, 1e12, 1e12, 1e12, 1e12};
+    compare(f, 0.31, 0.47, random, f);  // does not trap (sanitizers)
+  }
+}
+
+TEST(Resolve, TheComparisonNoticesASwappedTermAndAForgottenBias) {
+  std::mt19937 random(7);
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
+    auto f = format(basis), wrong = f;
+    std::swap(wrong.scale[3], wrong.scale[4]);
+    EXPECT_GT(compare(f, 0.3, -0.4, random, wrong).different_off_ties, kTexels / 2);
+    wrong = f;
+    wrong.bias[4] += 1;
+    EXPECT_GT(compare(f, 0.3, -0.4, random, wrong).different_off_ties, kTexels / 10);
+  }
+}
+
+}  // namespace
+}  // namespace relievo
