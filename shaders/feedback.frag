@@ -4,7 +4,7 @@
 out uvec4 o_want;
 
 void main() {
-  float lod = textureLod();
+  float lod = virtualTextureLod();
 #ifdef TRILINEAR
   int level = u_depth.x - int(floor(lod));
 #else

@@ -100,7 +100,7 @@ vec3 levelTint(int level) {
 }
 
 void main() {
-  float lod = textureLod();
+  float lod = virtualTextureLod();
   vec3 channels[PLANES];
 #ifdef TRILINEAR
   float base = min(floor(lod), float(u_depth.x));

@@ -15,7 +15,7 @@ flat in uint v_grid_level;
 // Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels. From the exact derivatives of the
 // perspective mapping: v_uv / w and 1 / w are linear on screen, so their differences do not depend on the step, and
 // d(uv)/dx = (d(uv/w)/dx - uv d(1/w)/dx) / (1/w). Taken of the virtual coordinate, before any fract().
-float textureLod() {
+float virtualTextureLod() {
   float iw = gl_FragCoord.w;
   vec2 q = v_uv * iw;
   vec2 ux = (dFdx(q) - v_uv * dFdx(iw)) / iw;
