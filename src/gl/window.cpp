@@ -3,6 +3,7 @@
 #include <cctype>
 #include <cstdlib>
 #include <set>
+#include <utility>
 
 #include <epoxy/gl.h>
 #define GLFW_INCLUDE_NONE
@@ -94,6 +95,11 @@ struct Window::Impl {
       self.width = width_px;
       self.height = height_px;
       self.events.push_back(self.at(EventKind::kResize, width_px, height_px, 0));
+    });
+    // Uncovered, or otherwise in need of a new picture.
+    glfwSetWindowRefreshCallback(window, [](GLFWwindow* w) {
+      Impl& self = of(w);
+      self.events.push_back(self.at(EventKind::kResize, self.width, self.height, 0));
     });
     glfwSetWindowCloseCallback(window, [](GLFWwindow* w) {
       of(w).events.push_back(of(w).at(EventKind::kClose, 0, 0, 0));
@@ -199,6 +205,17 @@ void Window::setTitle(const std::string& title) { glfwSetWindowTitle(impl_->wind
 std::vector<Event> Window::pollEvents() {
   glfwPollEvents();
   return std::exchange(impl_->events, {});
+}
+
+std::vector<Event> Window::waitEvents(double timeout_s) {
+  glfwWaitEventsTimeout(timeout_s);
+  return std::exchange(impl_->events, {});
+}
+
+double Window::contentScale() const {
+  float x = 1, y = 1;
+  glfwGetWindowContentScale(impl_->window, &x, &y);
+  return x > 0 ? x : 1;
 }
 
 void Window::swap() { glfwSwapBuffers(impl_->window); }

@@ -32,6 +32,8 @@ class Window {
   bool keyIsDown(const std::string& key) const;
   void setTitle(const std::string& title);
   std::vector<Event> pollEvents();
+  std::vector<Event> waitEvents(double timeout_s);  // sleeps until there is one, or the time is over
+  double contentScale() const;                      // of text and lines: 1, or 2 on a HiDPI display
   void swap();         // presents; waits for vertical sync where there is one
   void* nativeHandle() const;  // GLFWwindow*, for the HUD's back end
 

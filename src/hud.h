@@ -1,0 +1,42 @@
+// hud.h - the head-up display: a line of figures, a message, the light's direction, and the help. Dear ImGui lays it out, behind
+// hud.cpp alone; OverlayPass draws it, since ImGui's own back end raises GL errors under ES.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <string>
+
+#include "src/base/result.h"
+#include "src/gl/context.h"
+
+namespace relievo {
+
+struct HudState {
+  double fps = 0, frame_ms = 0;
+  uint32_t resident_pages = 0, slots = 0, missing_pages = 0;
+  double error_px = 1;            // allowed
+  double predicted_error_px = 0;  // of what is drawn
+  std::array<double, 3> light{0, 0, 1};
+  bool show_light = false;
+  bool help = false;
+  std::string message;  // empty: none
+};
+
+// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px"
+std::string hudLine(const HudState& state);
+
+class Hud {
+ public:
+  // One at a time: ImGui has one current context. scale: of text, 1 or 2.
+  static Result<std::unique_ptr<Hud>> create(gl::Api api, double scale);
+  ~Hud();
+  // Into the framebuffer that is bound, over what is there.
+  void draw(const HudState& state, int width_px, int height_px);
+
+ private:
+  struct Impl;
+  explicit Hud(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace relievo
