@@ -385,6 +385,14 @@ class TileWorker {
     relief_columns_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.columns - tile_x_ * kTilePages));
     relief_rows_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.rows - tile_y_ * kTilePages));
     if (auto filled = s.source ? sampleHeights() : readReliefSpill(); !filled) return filled;
+    // Coarser pages reach beyond the finest ones, where every vertex lies clamped on the artwork's border.
+    const int full = gridSide(0), used_x = relief_columns_ * kPagePx + 1, used_y = relief_rows_ * kPagePx + 1;
+    for (int y = 0; y < used_y; ++y) {
+      uint16_t* row = grid_[0].data() + static_cast<size_t>(y) * full;
+      std::fill(row + used_x, row + full, row[used_x - 1]);
+    }
+    for (int y = used_y; y < full; ++y)
+      std::memcpy(grid_[0].data() + static_cast<size_t>(y) * full, grid_[0].data() + static_cast<size_t>(used_y - 1) * full, full * sizeof(uint16_t));
     int columns = relief_columns_, rows = relief_rows_;
     for (int down = 1; down <= kStageLevels && s.level - down >= 0; ++down) {
       // Coarser samples are finer ones.

@@ -1,0 +1,145 @@
+// relievo build: raster files into a package.
+#include <sys/stat.h>
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "src/base/file.h"
+#include "src/base/progress.h"
+#include "texturing/image_io.h"
+#include "texturing/package_builder.h"
+#include "texturing/ptm.h"
+#include "tools/commands.h"
+
+namespace relievo {
+namespace {
+
+struct BuildArguments {
+  std::string output, ptm, image, relief, relief_mm, json_file;
+  double mm_per_px = 1.0;
+  int workers = 0, zstd_level = 1;
+  uint64_t memory_mib = 768;
+};
+
+Result<std::optional<std::pair<double, double>>> parseRange(const std::string& text) {
+  if (text.empty()) return std::optional<std::pair<double, double>>();
+  double low = 0, high = 0;
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%lf:%lf%n", &low, &high, &end) != 2 || end != static_cast<int>(text.size()) || !std::isfinite(low) ||
+      !std::isfinite(high) || high < low) {
+    return Error{ErrorKind::kUsage, "", "expected --relief-mm MIN:MAX in mm with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5", {}};
+  }
+  return std::optional(std::pair(low, high));
+}
+
+bool sameFile(const std::string& a, const std::string& b) {
+  struct stat sa {}, sb {};
+  return ::stat(a.c_str(), &sa) == 0 && ::stat(b.c_str(), &sb) == 0 && sa.st_dev == sb.st_dev && sa.st_ino == sb.st_ino;
+}
+
+std::string duration(double seconds) {
+  char text[32];
+  if (seconds < 60) {
+    std::snprintf(text, sizeof text, "%.0f s", seconds);
+  } else {
+    std::snprintf(text, sizeof text, "%d min %02d s", static_cast<int>(seconds / 60), static_cast<int>(seconds) % 60);
+  }
+  return text;
+}
+
+Result<void> build(const BuildArguments& o) {
+  if (o.ptm.empty() == o.image.empty()) {
+    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE and --image FILE", "see relievo build --help", {}};
+  }
+  if (o.relief.empty() && !o.relief_mm.empty()) return Error{ErrorKind::kUsage, "", "--relief-mm needs --relief HEIGHTMAP", "", {}};
+  auto range = parseRange(o.relief_mm);
+  if (!range) return range.error();
+  for (const std::string& input : {o.ptm, o.image, o.relief}) {
+    if (!input.empty() && sameFile(input, o.output)) {
+      return Error{ErrorKind::kUsage, o.output, "the output is one of the inputs", "choose another name for -o", {}};
+    }
+  }
+  const uint64_t budget = o.memory_mib << 20;
+  auto texture = o.ptm.empty() ? openColourImage(o.image) : openPtm(o.ptm, {.memory_budget_bytes = budget});
+  if (!texture) return texture.error();
+  std::unique_ptr<HeightSource> relief;
+  if (!o.relief.empty()) {
+    auto opened = openHeightImage(o.relief, *range);
+    if (!opened) return opened.error();
+    relief = std::move(*opened);
+  }
+
+  ProgressLine line("build");
+  BuildOptions options;
+  options.output = o.output;
+  options.mm_per_px = o.mm_per_px;
+  options.workers = o.workers;
+  options.zstd_level = o.zstd_level;
+  options.memory_budget_bytes = budget;
+  options.tool_version = "relievo " RELIEVO_VERSION;
+  options.interrupted = &interruptedFlag();
+  options.progress = [&](const BuildProgress& p) {
+    double fraction = static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total);
+    char text[160];
+    std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left", static_cast<unsigned long long>(p.pages_done),
+                  static_cast<unsigned long long>(p.pages_total), static_cast<double>(p.texels_done) / 1e6 / std::max(p.seconds, 1e-3),
+                  fraction > 0 ? duration(p.seconds * (1 - fraction) / fraction).c_str() : "?");
+    line.update(fraction, text);
+  };
+  auto built = buildPackage(**texture, relief.get(), options);
+  if (!built) return built.error();
+
+  const double pixels = static_cast<double>((*texture)->width()) * static_cast<double>((*texture)->height());
+  const double mpix_s = pixels / 1e6 / std::max(built->seconds, 1e-9), bytes_per_px = static_cast<double>(built->package_bytes) / pixels;
+  if (!o.json_file.empty()) {
+    nlohmann::ordered_json json;
+    json["package"] = o.output;
+    json["width_px"] = (*texture)->width();
+    json["height_px"] = (*texture)->height();
+    json["pages"] = built->pages;
+    json["package_bytes"] = built->package_bytes;
+    json["bytes_per_px"] = bytes_per_px;
+    json["seconds"] = built->seconds;
+    json["mpix_per_s"] = mpix_s;
+    std::string text = json.dump(2) + "\n";
+    if (o.json_file == "-") {
+      std::fputs(text.c_str(), stdout);
+      return {};
+    }
+    if (auto written = writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written) return written;
+  }
+  std::printf("%s: %lld x %lld px, %llu pages, %.1f MiB (%.2f bytes per pixel), %.1f s, %.1f MPix/s\n", o.output.c_str(),
+              static_cast<long long>((*texture)->width()), static_cast<long long>((*texture)->height()),
+              static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20), bytes_per_px, built->seconds, mpix_s);
+  return {};
+}
+
+}  // namespace
+
+void addBuildCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<BuildArguments>();
+  auto* c = app.add_subcommand("build", "Make a streamable package from a PTM or an image, and a height map");
+  c->footer(
+      "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
+      "      --relief heights.tif --relief-mm -1.5:2.5\n\n"
+      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind.\n"
+      "The same inputs give the same bytes, with any number of workers.");
+  c->add_option("-o,--output", o->output, "Package to write")->required();
+  c->add_option("--ptm", o->ptm, "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB)");
+  c->add_option("--image", o->image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
+  c->add_option("--relief", o->relief, "Height map, one channel: 8 or 16 bit (with --relief-mm), or float in mm");
+  c->add_option("--relief-mm", o->relief_mm, "MIN:MAX, the heights of the map's 0 and its largest value, mm");
+  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(CLI::PositiveNumber)->capture_default_str();
+  c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
+  c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")->check(CLI::Range(-7, 19))->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")->check(CLI::Range(64, 1 << 20))->capture_default_str();
+  c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output");
+  c->callback([o, &context] {
+    if (auto done = build(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo

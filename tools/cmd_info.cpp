@@ -1,0 +1,102 @@
+// relievo info: what a package holds.
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "texturing/package.h"
+#include "tools/commands.h"
+
+namespace relievo {
+namespace {
+
+struct InfoArguments {
+  std::string file;
+  bool json = false;
+};
+
+Result<void> info(const InfoArguments& o) {
+  auto opened = Package::open(o.file);
+  if (!opened) return opened.error();
+  const Package& package = **opened;
+  const Manifest& m = package.manifest();
+  const PlanarDomain& d = m.domain;
+  const double pixels = static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
+  const double bytes_per_px = static_cast<double>(package.fileBytes()) / pixels;
+  for (const std::string& warning : package.warnings()) std::fprintf(stderr, "relievo: warning: %s: %s\n", o.file.c_str(), warning.c_str());
+  if (o.json) {
+    nlohmann::ordered_json json;
+    json["file"] = o.file;
+    json["file_bytes"] = package.fileBytes();
+    json["width_px"] = d.width_px;
+    json["height_px"] = d.height_px;
+    json["mm_per_px"] = d.mm_per_px;
+    json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
+    json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
+    json["basis"] = basisName(m.texture.basis);
+    json["texture_planes"] = m.texture.planes();
+    json["texture_levels"] = d.texture_depth + 1;
+    json["relief_levels"] = d.relief_depth + 1;
+    json["patches"] = d.patchCount();
+    if (m.texture.basis != Basis::kColour) {
+      json["scale"] = m.texture.scale;
+      json["bias"] = m.texture.bias;
+    }
+    if (d.relief_depth >= 0) {
+      json["relief_min_mm"] = d.relief_offset_mm;
+      json["relief_max_mm"] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
+      json["relief_step_mm"] = d.relief_scale_mm;
+    }
+    json["pages"] = m.page_count;
+    json["bytes_per_px"] = bytes_per_px;
+    json["tool_version"] = m.tool_version;
+    json["sources"] = nlohmann::ordered_json::array();
+    for (const Provenance& p : m.sources) json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
+    json["warnings"] = package.warnings();
+    std::printf("%s\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace).c_str());
+    return {};
+  }
+  std::printf("%s\n", o.file.c_str());
+  std::printf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
+              static_cast<unsigned long long>(d.height_px), static_cast<double>(d.width_px) * d.mm_per_px,
+              static_cast<double>(d.height_px) * d.mm_per_px, d.mm_per_px);
+  std::printf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
+              m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
+  if (m.texture.basis != Basis::kColour) {
+    std::printf("  scale    ");
+    for (double v : m.texture.scale) std::printf(" %.6g", v);
+    std::printf("\n  bias     ");
+    for (double v : m.texture.bias) std::printf(" %.6g", v);
+    std::printf("\n");
+  }
+  if (d.relief_depth >= 0) {
+    std::printf("  relief    %.6g to %.6g mm in steps of %.3g mm, %d level%s, a vertex every %.6g px\n", d.relief_offset_mm,
+                d.relief_offset_mm + 65535 * d.relief_scale_mm, d.relief_scale_mm, d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
+                static_cast<double>(d.patchPx()) / (128.0 * static_cast<double>(uint64_t{1} << d.relief_depth)));
+  } else {
+    std::printf("  relief    none\n");
+  }
+  std::printf("  patches   %u of %llu px a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
+  std::printf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
+              static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
+  if (!m.tool_version.empty()) std::printf("  made by   %s\n", m.tool_version.c_str());
+  for (const Provenance& p : m.sources) {
+    std::printf("  source    %s%s%s%s%s\n", p.name.c_str(), p.xxh3.empty() ? "" : "  xxh3 ", p.xxh3.c_str(), p.generator.empty() ? "" : "  generator ",
+                p.generator.c_str());
+  }
+  return {};
+}
+
+}  // namespace
+
+void addInfoCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<InfoArguments>();
+  auto* c = app.add_subcommand("info", "Tell what a package holds: sizes in px and mm, planes, levels, pages, where it came from");
+  c->footer("Example:\n  relievo info tablet.relievo\n  relievo info tablet.relievo --json");
+  c->add_option("FILE", o->file, "Package to read")->required();
+  c->add_flag("--json", o->json, "Print JSON");
+  c->callback([o, &context] {
+    if (auto done = info(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo
