@@ -41,6 +41,7 @@ Bytes load(const std::string& path) {
 }
 std::string save(const std::string& name, const Bytes& bytes) {
   const std::string path = folder() / name;
+  fs::remove(path);  // file systems flush a file that is rewritten in place, which takes its time
   std::ofstream(path, std::ios::binary | std::ios::trunc)
       .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   return path;
