@@ -29,3 +29,5 @@ target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo
 relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
   SOURCES render/virtual_equals_dense_gltest.cpp)
+relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
+relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)

@@ -1,0 +1,114 @@
+// The head-up display: what it says, where it draws, and that it leaves the rest of the picture alone. And the viewer's
+// small helpers.
+#include <array>
+#include <cstdint>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "src/gl/objects.h"
+#include "src/hud.h"
+#include "src/render/overlay_pass.h"
+#include "src/viewer.h"
+#include "tests/render/gl_fixture.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kWidth = 640, kHeight = 360;
+
+struct Picture {
+  gl::Texture colour = gl::createTexture(GL_TEXTURE_2D, "picture");
+  gl::Framebuffer framebuffer = gl::Framebuffer::create("picture");
+  Picture() {
+    glBindTexture(GL_TEXTURE_2D, colour.id());
+    glTexStorage2D(GL_TEXTURE_2D, 1, GL_RGBA8, kWidth, kHeight);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour.id(), 0);
+    glClearColor(0.2f, 0.4f, 0.6f, 1);
+    glClear(GL_COLOR_BUFFER_BIT);
+  }
+  // How many pixels of the rectangle (origin top left) differ from the clear colour.
+  int touched(int left, int top, int right, int bottom) const {
+    std::vector<uint8_t> px(kWidth * kHeight * 4);
+    glReadPixels(0, 0, kWidth, kHeight, GL_RGBA, GL_UNSIGNED_BYTE, px.data());
+    int count = 0;
+    for (int y = top; y < bottom; ++y)
+      for (int x = left; x < right; ++x) {
+        const uint8_t* p = &px[static_cast<size_t>(((kHeight - 1 - y) * kWidth + x) * 4)];
+        count += p[0] != 51 || p[1] != 102 || p[2] != 153;
+      }
+    return count;
+  }
+};
+
+TEST(Hud, LineNamesTheFigures) {
+  HudState s{.fps = 31.4, .frame_ms = 31.85, .resident_pages = 312, .slots = 3628, .missing_pages = 4};
+  s.error_px = 1;
+  s.predicted_error_px = 0.84;
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px");
+}
+
+TEST(Hud, DrawsInItsCornerAndNowhereElse) {
+  auto hud = Hud::create(gltest::api(), 1);
+  ASSERT_TRUE(hud.ok()) << hud.error().text();
+  Picture picture;
+  ASSERT_EQ(picture.touched(0, 0, kWidth, kHeight), 0);
+  for (int i = 0; i < 3; ++i) {  // an auto-resized window has its size from the second frame on
+    glClear(GL_COLOR_BUFFER_BIT);
+    (*hud)->draw({.message = "hello"}, kWidth, kHeight);
+  }
+  EXPECT_GT(picture.touched(0, 0, kWidth, 60), 1000);
+  EXPECT_EQ(picture.touched(0, 60, kWidth, kHeight), 0);
+}
+
+TEST(Hud, HelpAndLightComeWhenAsked) {
+  auto hud = Hud::create(gltest::api(), 1);
+  ASSERT_TRUE(hud.ok());
+  Picture picture;
+  for (int i = 0; i < 3; ++i) {
+    glClear(GL_COLOR_BUFFER_BIT);
+    (*hud)->draw({.light = {0.5, 0.5, 0.7}, .show_light = true}, kWidth, kHeight);
+  }
+  EXPECT_GT(picture.touched(0, 240, 200, kHeight), 1000) << "the light's gauge, bottom left";
+  EXPECT_EQ(picture.touched(200, 60, kWidth, kHeight), 0);
+  for (int i = 0; i < 3; ++i) {
+    glClear(GL_COLOR_BUFFER_BIT);
+    (*hud)->draw({.help = true}, kWidth, kHeight);
+  }
+  EXPECT_GT(picture.touched(160, 100, 480, 260), 10000) << "the help, in the middle";
+}
+
+TEST(Overlay, ClipsToItsRectangle) {
+  const uint8_t white[4] = {255, 255, 255, 255};
+  auto pass = OverlayPass::create(gltest::api(), 2, 2, white);
+  ASSERT_TRUE(pass.ok()) << pass.error().text();
+  Picture picture;
+  const OverlayVertex corners[3] = {{-kWidth, 0, 0, 0, ~0u}, {3 * kWidth, 0, 0, 0, ~0u}, {0, 4 * kHeight, 0, 0, ~0u}};
+  const uint16_t indices[3] = {0, 1, 2};
+  const OverlayCommand command{.clip = {10, 20, 40, 50}, .indices = 3};
+  pass->draw(corners, indices, {&command, 1}, kWidth, kHeight);
+  EXPECT_EQ(picture.touched(10, 20, 40, 50), 30 * 30);
+  EXPECT_EQ(picture.touched(0, 0, kWidth, kHeight), 30 * 30);
+}
+
+TEST(Viewer, SnapshotsTakeTheFirstFreeNumber) {
+  const auto folder = std::filesystem::temp_directory_path() / ("relievo-snapshot-" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  EXPECT_EQ(freeSnapshotName(folder.string(), "coin"), (folder / "coin-0001.png").string());
+  for (const char* taken : {"coin-0001.png", "coin-0002.png", "coin-0004.png"}) std::ofstream(folder / taken) << "x";
+  EXPECT_EQ(freeSnapshotName(folder.string(), "coin"), (folder / "coin-0003.png").string());
+  std::filesystem::remove_all(folder);
+}
+
+TEST(Viewer, BackgroundShowsWhereTheArtworkIsNot) {
+  const std::vector<uint8_t> rgba = {1, 2, 3, 255, 9, 9, 9, 0};
+  EXPECT_EQ(overBackground(rgba, {24, 25, 26}), (std::vector<uint8_t>{1, 2, 3, 24, 25, 26}));
+}
+
+}  // namespace
+}  // namespace relievo
