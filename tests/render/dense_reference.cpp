@@ -635,10 +635,11 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
         const Vertex &v01 = grid[(j + 1) * side + i], &v11 = grid[(j + 1) * side + i + 1];
         for (int half = 0; half < 2; ++half) {
           const std::array<Vertex, 3> corners = half == 0 ? std::array{v00, v10, v11} : std::array{v00, v11, v01};
-          // Cells beyond the border and snapped away have no area; exact, these are small multiples of 1/16.
-          const double area = (corners[1].x - corners[0].x) * (corners[2].y - corners[0].y) -
-                              (corners[2].x - corners[0].x) * (corners[1].y - corners[0].y);
-          if (area == 0) continue;
+          // Cells beyond the border and snapped away: the same integers gave the same bits. (Where the border's own
+          // edge is coarser than the grid, upright slivers between the two remain and are drawn.)
+          if (corners[0].clip == corners[1].clip || corners[1].clip == corners[2].clip ||
+              corners[2].clip == corners[0].clip)
+            continue;
           Triangle t;
           if (!screenExtent(corners, width, height, t)) continue;
           const PixelBox box = pixelBox(t, width, height);
