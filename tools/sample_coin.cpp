@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kShortMm = 31, kRadius = 12.0;
 constexpr double kPi = std::numbers::pi;
-constexpr float kClothMm = -1.9f, kThreadMm = 0.16f, kMaxReliefMm = 1.35f;
+constexpr float kClothMm = -1.9f, kThreadMm = 0.10f, kMaxReliefMm = 1.35f;
 
 enum class Shape { kDome, kLeaf, kRod };
 struct Form {
@@ -38,6 +38,8 @@ class Coin final : public Kind {
     Dice dice(o.seed * 131 + 9);
     turn_ = dice.range(-0.10, 0.10);  // a coin never lies quite straight
     layOwl();
+    // The owl is drawn about its breast; here it gets its size and place.
+    enlarge(1.22, 0.85);
     layWreath();
     layBeads();
     layLegend(mm);
@@ -71,6 +73,13 @@ class Coin final : public Kind {
   void place(double x, double y, double& px, double& py) const {
     double c = std::cos(turn_), s = std::sin(turn_);
     px = cx_ + c * x - s * y, py = cy_ - (s * x + c * y);
+  }
+  void enlarge(double k, double up) {
+    for (Form& f : forms_) {
+      double dx = f.x - cx_, dy = f.y - cy_;
+      f.x = cx_ + k * dx - up * std::sin(turn_), f.y = cy_ + k * dy - up * std::cos(turn_);
+      f.rx *= k, f.ry *= k;
+    }
   }
   // angle: of the form's long axis, degrees, counter-clockwise.
   void add(Shape shape, double x, double y, double angle, double rx, double ry, double base, double height, double tilt = 0, double ridge = 0,
@@ -114,7 +123,7 @@ class Coin final : public Kind {
           if (row == 3 && i > 2) continue;
           add(Shape::kDome, x, y, -90 + side * (8 + 10 * t), 0.52, 0.29, 0.36 + 0.045 * row - 0.12 * t, 0.14, 0.10, 0.045);
         }
-      add(Shape::kDome, side * 2.05, 0.75, side * 62, 1.05, 0.55, 0.28, 0.34);  // shoulder
+      add(Shape::kDome, side * 1.78, 0.45, side * 58 + 90, 1.25, 0.72, 0.30, 0.20);  // shoulder
       // Ear tufts.
       add(Shape::kLeaf, side * 1.62, 3.72, 90 - side * 34, 0.95, 0.34, 0.34, 0.34, 0.06, 0.06);
       add(Shape::kLeaf, side * 1.12, 3.86, 90 - side * 20, 0.66, 0.24, 0.40, 0.28, 0.04, 0.05);
@@ -163,7 +172,7 @@ class Coin final : public Kind {
         double along = a + side * 90;  // the way the branch grows
         for (int leaf : {-1, 1}) {
           double angle = along + side * leaf * -31.0, lx = (r + leaf * 0.36) * std::cos(a * kPi / 180), ly = (r + leaf * 0.36) * std::sin(a * kPi / 180);
-          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * kPi / 180), ly + 0.55 * size * std::sin(angle * kPi / 180), angle, 0.92 * size, 0.27 * size, 0.05, 0.34,
+          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * kPi / 180), ly + 0.55 * size * std::sin(angle * kPi / 180), angle, 1.02 * size, 0.32 * size, 0.05, 0.36,
               0.08, -0.045);
         }
         if (i % 2) {
@@ -238,21 +247,20 @@ class Coin final : public Kind {
     scratches_.build(std::move(all), 0.012);
   }
 
-  // Dark twill: threads of 0.42 mm, raised and sunk in turn, each twisted from finer ones.
+  // Dark twill: threads of 0.33 mm, raised and sunk in turn, each twisted from finer ones.
   void cloth(const Block& b, bool colour, Layers& out) const {
-    constexpr double kPitch = 0.42;
+    constexpr double kPitch = 0.33;
     Plane &h = out.height, &fuzz = out.tmp[0], &fold = out.tmp[1];
     fill(b, fuzz, 0);
     addFbm(b, fuzz, 0.55, 0.055f, 0.62f, 8, seed_ + 61);
     fill(b, fold, 0);
     addFbm(b, fold, 11, 0.22f, 0.45f, 3, seed_ + 62);
     auto fraction = [](double v) { return v - std::floor(v); };
-    alignas(64) float crest_x[kBlockPx], over_x[kBlockPx], ply_x[kBlockPx];
+    alignas(64) float crest_x[kBlockPx], ply_x[kBlockPx];
     int32_t column[kBlockPx];
     for (int x = 0; x < kBlockPx; ++x) {
       double u = (b.left_mm + x * b.mm) / kPitch;
       crest_x[x] = static_cast<float>(std::sin(kPi * fraction(u)));
-      over_x[x] = static_cast<float>(std::cos(2 * kPi * u));
       ply_x[x] = static_cast<float>(fraction(u * 3));
       column[x] = static_cast<int32_t>(std::floor(u));
     }
@@ -277,7 +285,7 @@ class Coin final : public Kind {
     if (!colour) return;
     forPixels(b, [&](int i, int, int) {
       float k = 0.50f + 0.55f * fold[i] + 2.2f * fuzz[i];
-      out.red[i] = 46.0f * k + 6.0f, out.green[i] = 22.0f * k + 5.0f, out.blue[i] = 30.0f * k + 8.0f;
+      out.red[i] = 112.0f * k + 8.0f, out.green[i] = 30.0f * k + 6.0f, out.blue[i] = 40.0f * k + 8.0f;
       out.cavity[i] = 0.62f + 0.36f * fold[i];
       out.gloss[i] = 0.05f;
     });
@@ -338,17 +346,17 @@ class Coin final : public Kind {
       relief[i] = relief[i] < kMaxReliefMm + 0.2f ? relief[i] : kMaxReliefMm + 0.2f;
     });
     if (colour) {
-      const float r0 = gold_ ? 236.0f : 206.0f, g0 = gold_ ? 188.0f : 204.0f, b0 = gold_ ? 104.0f : 198.0f;
+      const float r0 = gold_ ? 250.0f : 226.0f, g0 = gold_ ? 202.0f : 224.0f, b0 = gold_ ? 118.0f : 218.0f;
       const float r1 = gold_ ? 108.0f : 66.0f, g1 = gold_ ? 70.0f : 64.0f, b1 = gold_ ? 34.0f : 68.0f;
       forPixels(b, [&](int i, int, int) {
         float outside = cut_out ? clamp01((radius[i] - 11.97f) * 9.0f) : 0.0f;
         // Toning lies in the recesses and fades on what is rubbed.
         float high = clamp01(relief[i] * 1.9f + 0.05f);
-        float patina = clamp01((1.0f - high) * (0.42f + 0.55f * soft[i]) + 0.10f - scratch[i] * 3.0f - fine[i] * 6.0f + 0.25f * outside);
+        float patina = clamp01((1.0f - high) * (0.18f + 0.50f * soft[i]) + 0.06f - scratch[i] * 3.0f - fine[i] * 6.0f + 0.25f * outside);
         float bright = 1.0f + 0.06f * high + fine[i] * 1.5f;
         float r = mixf(r0, r1, patina) * bright, g = mixf(g0, g1, patina) * bright, bl = mixf(b0, b1, patina) * bright;
         float keep = cut_out ? smooth01((12.12f - radius[i]) * 16.0f) : 1.0f;
-        float cavity = 0.66f + 0.34f * high;
+        float cavity = 0.78f + 0.22f * high;
         float gloss = 0.86f - 0.62f * patina + 0.10f * high;
         if (cut_out) {
           out.red[i] = mixf(out.red[i] * (0.45f + 0.55f * clamp01((radius[i] - 12.0f) * 1.1f)), r, keep);
