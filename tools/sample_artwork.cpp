@@ -248,7 +248,9 @@ TextureFormat ptmFormat(Basis basis) {
   f.basis = basis;
   const auto& table = sample::shadingTable();
   for (size_t k = 0; k < 6; ++k) {
-    double lo = table.lowest[k], hi = table.highest[k];
+    // A hundredth more on both sides: between the table's normals the fit reaches a little further.
+    const double more = 0.01 * (table.highest[k] - table.lowest[k]);
+    double lo = table.lowest[k] - more, hi = table.highest[k] + more;
     // LRGB scales by the cavity, RGB by cavity and albedo.
     double least = basis == Basis::kPtmLrgb ? sample::kMinCavity : 0.0;
     lo = std::min(lo, lo * least), hi = std::max(hi, hi * least);
