@@ -16,7 +16,6 @@
 #include <bit>
 #include <cassert>
 #include <cstdint>
-#include <span>
 
 #include "geometry/planar_lod.h"
 #include "geometry/snap.h"
@@ -37,8 +36,10 @@ inline int reliefSpacingLog2(const PlanarDomain& domain, uint32_t page_level) {
   return domain.texture_depth + kUnitsPerTexelLog2 - static_cast<int>(page_level);
 }
 
-// The height at a place inside a page of 129 x 129 samples (row by row, y down). local_* in units from the page's corner.
-inline uint32_t sampleHeightQ8(std::span<const uint16_t> page, int32_t local_x, int32_t local_y, int spacing_log2) {
+// The height at a place inside a page of 129 x 129 samples (row by row, y down; a span, or anything else with an operator[]).
+// local_* in units from the page's corner.
+template <class Samples>
+uint32_t sampleHeightQ8(const Samples& page, int32_t local_x, int32_t local_y, int spacing_log2) {
   int32_t mask = (1 << spacing_log2) - 1;
   int32_t sx = local_x >> spacing_log2, sy = local_y >> spacing_log2;
   int cut = std::max(0, spacing_log2 - 15);
@@ -60,8 +61,8 @@ inline int32_t heightPlace(int32_t place, int64_t border, int spacing_log2, int3
   return (place - page_origin + mask) & ~mask;
 }
 
-// Vertex (i, j) of an instance. page(NodeId) gives the 129 x 129 samples of a resident relief page as span<const uint16_t>;
-// relief false: a flat view.
+// Vertex (i, j) of an instance. page(NodeId) gives the 129 x 129 samples of a resident relief page, say as a
+// span<const uint16_t>; relief false: a flat view.
 template <class PageOf>
 PatchVertex patchVertex(const PlanarDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief, PageOf&& page) {
   std::array<uint32_t, 2> g = snapVertex(i, j, p);

@@ -28,33 +28,34 @@ inline uint16_t noiseHeight(int64_t x_units, int64_t y_units) {
   return static_cast<uint16_t>(mix(static_cast<uint64_t>(x_units) * 0x100000001B3ull + static_cast<uint64_t>(y_units)) >> 48);
 }
 
-using HeightFunction = std::function<uint16_t(int64_t x_units, int64_t y_units)>;
+using HeightFunction = uint16_t (*)(int64_t x_units, int64_t y_units);
 
-// Relief pages as the builder defines them: the height at the sample's place, clamped to the artwork.
-class PageSet {
+// Relief pages as the builder defines them: the height at the sample's place, clamped to the artwork. Computed when looked at.
+class ReliefPages {
  public:
-  PageSet(const PlanarDomain& domain, HeightFunction height) : domain_(domain), height_(std::move(height)) {}
-  std::span<const uint16_t> operator()(const NodeId& page) {
-    auto [at, fresh] = pages_.try_emplace(page);
-    if (fresh) fill(page, at->second);
-    return at->second;
+  struct Page {
+    const ReliefPages& pages;
+    int spacing_log2;
+    int64_t x0, y0;
+    uint16_t operator[](size_t index) const {
+      auto i = static_cast<int64_t>(index % kReliefSamples), j = static_cast<int64_t>(index / kReliefSamples);
+      return pages.height_(std::min(x0 + (i << spacing_log2), pages.right_), std::min(y0 + (j << spacing_log2), pages.bottom_));
+    }
+  };
+  ReliefPages(const PlanarDomain& domain, HeightFunction height) : domain_(domain), height_(height) {
+    right_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
+    bottom_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   }
-  size_t size() const { return pages_.size(); }
+  Page operator()(const NodeId& page) const {
+    int spacing = reliefSpacingLog2(domain_, page.level);
+    return {*this, spacing, (static_cast<int64_t>(domain_.patchOriginX(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.x) << (spacing + 7)),
+            (static_cast<int64_t>(domain_.patchOriginY(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.y) << (spacing + 7))};
+  }
 
  private:
-  void fill(const NodeId& page, std::vector<uint16_t>& out) const {
-    int spacing = reliefSpacingLog2(domain_, page.level);
-    int64_t x0 = (static_cast<int64_t>(domain_.patchOriginX(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.x) << (spacing + 7));
-    int64_t y0 = (static_cast<int64_t>(domain_.patchOriginY(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.y) << (spacing + 7));
-    auto right = static_cast<int64_t>(domain_.width_px) << kUnitsPerTexelLog2, bottom = static_cast<int64_t>(domain_.height_px) << kUnitsPerTexelLog2;
-    out.resize(size_t{kReliefSamples} * kReliefSamples);
-    for (int64_t j = 0; j < kReliefSamples; ++j)
-      for (int64_t i = 0; i < kReliefSamples; ++i)
-        out[static_cast<size_t>(j * kReliefSamples + i)] = height_(std::min(x0 + (i << spacing), right), std::min(y0 + (j << spacing), bottom));
-  }
   PlanarDomain domain_;
   HeightFunction height_;
-  std::unordered_map<NodeId, std::vector<uint16_t>> pages_;
+  int64_t right_, bottom_;
 };
 
 // Made-up bounds: errors fall by about 2 a level, with rough and smooth places; monotone down the tree. narrowing: the range of
@@ -140,7 +141,7 @@ inline PlanarDomain randomDomain(Random& random) {
                                            {777, 9001}, {1u << 20, 64}, {1u << 20, 1000}, {1000, (1u << 20) - 3}, {30000, 20001},
                                            {(1u << 24) - 5, (1u << 24) - 77}, {100003, 65537}};
   const auto& size = kSizes[random.integer(0, static_cast<int>(std::size(kSizes)) - 1)];
-  return makeDomain(size[0], size[1], random.integer(-3, 4));
+  return makeDomain(size[0], size[1], random.chance(0.15) ? -static_cast<int>(kMaxNodeLevel) : random.integer(-3, 4));
 }
 
 // Pages as they may have arrived: some rounds of asking, each want granted or not, some pages lost again.

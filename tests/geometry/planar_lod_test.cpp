@@ -29,10 +29,11 @@ Case randomCase(uint64_t seed, bool narrowing = true) {
   c.camera = randomCamera(c.domain, random);
   c.view = makeView(c.camera, random.real(0.7, 4));
   c.view.exaggerate = random.chance(0.3) ? random.real(0, 5) : 1;
+  c.view.relief = !random.chance(0.05);
   c.resident = randomResidency(c.domain, *c.oracle, c.view, random);
   return c;
 }
-VertexFunction twin(const PlanarDomain& domain, PageSet& pages, bool relief = true) {
+VertexFunction twin(const PlanarDomain& domain, ReliefPages& pages, bool relief = true) {
   return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) { return patchVertex(domain, p, i, j, relief, pages); };
 }
 std::string describe(const Case& c, uint64_t seed) {
@@ -43,27 +44,26 @@ std::string describe(const Case& c, uint64_t seed) {
 
 TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
   SeamReport total;
-  uint64_t cases = 0, drawn = 0, limited = 0, mixed = 0, pages_used = 0;
+  uint64_t cases = 0, drawn = 0, limited = 0, mixed = 0;
   auto start = std::chrono::steady_clock::now();
   // Bounded by count, not by time, so that a run is the same everywhere.
   for (uint64_t seed = kSeed; total.comparisons < 10'000'000 && cases < 4000; ++seed, ++cases) {
     Case c = randomCase(seed);
     PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
-    PageSet pages(c.domain, noiseHeight);
-    SeamReport report = compareSeams(c.domain, lod.instances, twin(c.domain, pages));
+    ReliefPages pages(c.domain, noiseHeight);
+    SeamReport report = compareSeams(c.domain, lod.instances, twin(c.domain, pages, c.view.relief));
     ASSERT_EQ(report.mismatches, 0u) << describe(c, seed);
     total += report;
     drawn += lod.instances.size();
     limited += lod.limited_by_residency;
-    pages_used += pages.size();
     for (const PatchInstance& p : lod.instances)
       for (const auto& side : p.edges) mixed += side[1] != PatchInstance::kWholeEdge;
   }
   double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::printf("[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu pages, %llu shared segments (%llu limited by residency, %llu sides of "
+  std::printf("[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu shared segments (%llu limited by residency, %llu sides of "
               "halves), %llu vertices compared, %.1f s\n",
               static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases), static_cast<unsigned long long>(drawn),
-              static_cast<unsigned long long>(pages_used), static_cast<unsigned long long>(total.pairs), static_cast<unsigned long long>(limited),
+              static_cast<unsigned long long>(total.pairs), static_cast<unsigned long long>(limited),
               static_cast<unsigned long long>(mixed), static_cast<unsigned long long>(total.comparisons), seconds);
   EXPECT_GE(total.comparisons, 10'000'000u);
   EXPECT_GT(limited, 0u);
@@ -75,7 +75,7 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
   for (uint64_t seed = kSeed; seed < kSeed + 60; ++seed) {
     Case c = randomCase(seed);
     PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
-    PageSet pages(c.domain, noiseHeight);
+    ReliefPages pages(c.domain, noiseHeight);
     // Without snapping.
     unsnapped += compareSeams(c.domain, lod.instances, [&](const PatchInstance& p, uint32_t i, uint32_t j) {
       PatchInstance loose = p;
@@ -168,7 +168,7 @@ struct CoverCheck {
       return;
     }
     cover.holes += (x1 - x0) * (y1 - y0);
-    double z0 = c.domain.relief_offset_mm, z1 = z0 + 65535 * c.domain.relief_scale_mm;
+    double z0 = c.view.relief ? c.domain.relief_offset_mm : 0, z1 = c.view.relief ? z0 + 65535 * c.domain.relief_scale_mm : 0;
     for (int j = 0; j <= 8; ++j)
       for (int i = 0; i <= 8; ++i)
         for (double z : {z0, 0.5 * (z0 + z1), z1})
@@ -201,7 +201,8 @@ TEST(PlanarLod, DrawnNodesTileWhatIsInView) {
     Random random(seed);
     for (int k = 0; k < 200; ++k) {
       double x = random.real(0, 1) * static_cast<double>(check.width), y = random.real(0, 1) * static_cast<double>(check.height);
-      if (!check.insideFrustum(x, y, c.domain.relief_offset_mm + random.real(0, 65535) * c.domain.relief_scale_mm)) continue;
+      double z = c.view.relief ? c.domain.relief_offset_mm + random.real(0, 65535) * c.domain.relief_scale_mm : 0;
+      if (!check.insideFrustum(x, y, z)) continue;
       int count = 0;
       index.covering(static_cast<int64_t>(x), static_cast<int64_t>(y), &count);
       ASSERT_EQ(count, 1) << describe(c, seed);
@@ -244,6 +245,7 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
         most = std::max<int>(most, side[1] == PatchInstance::kWholeEdge ? side[0] : std::max(side[0], side[1]) + 1);
       }
       ASSERT_EQ(most, n) << describe(c, seed);
+      if (!c.view.relief) continue;
       // The relief page: resident, covers the node, has all samples, and no coarser resident one does.
       ASSERT_TRUE(isResident(p.relief_page) && p.relief_page.level <= p.node.level && p.node.ancestor(p.relief_page.level) == p.relief_page);
       auto hasSamples = [&](uint32_t page_level) {
@@ -345,7 +347,7 @@ void expectSane(const PlanarDomain& domain, const LodView& view, const char* wha
   EXPECT_GE(lod.max_error_px, 0);
   EXPECT_LT(lod.instances.size(), 30000u);
   for (const ReliefWant& w : lod.wants) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
-  PageSet pages(domain, noiseHeight);
+  ReliefPages pages(domain, noiseHeight);
   SeamReport seams = compareSeams(domain, lod.instances, twin(domain, pages, view.relief));
   EXPECT_EQ(seams.mismatches, 0u);
   std::printf("[ figures  ] %-34s %6zu nodes %6zu wants  error %.3g px\n", what, lod.instances.size(), lod.wants.size(), lod.max_error_px);
