@@ -65,6 +65,38 @@ struct Hud::Impl {
   std::vector<uint16_t> indices;
   std::vector<OverlayCommand> commands;
 
+  void layOut(const HudState& state) const {
+    const ImVec2 display = ImGui::GetIO().DisplaySize;
+    const float edge = 8 * scale;
+
+    ImGui::SetNextWindowPos(ImVec2(edge, edge));
+    ImGui::SetNextWindowBgAlpha(0.55f);
+    ImGui::Begin("figures", nullptr, kPassive);
+    ImGui::TextUnformatted(hudLine(state).c_str());
+    if (!state.message.empty()) ImGui::TextUnformatted(state.message.c_str());
+    ImGui::End();
+
+    if (state.show_light) {
+      ImGui::SetNextWindowPos(ImVec2(edge, display.y - edge), ImGuiCond_Always, ImVec2(0, 1));
+      ImGui::SetNextWindowBgAlpha(0.55f);
+      ImGui::Begin("light", nullptr, kPassive);
+      drawLightGauge(state.light, scale);
+      ImGui::End();
+    }
+    if (state.help) {
+      ImGui::SetNextWindowPos(ImVec2(display.x / 2, display.y / 2), ImGuiCond_Always, ImVec2(0.5f, 0.5f));
+      ImGui::SetNextWindowBgAlpha(0.85f);
+      ImGui::Begin("help", nullptr, kPassive);
+      float widest = 0;
+      for (const auto& row : kHelp) widest = std::max(widest, ImGui::CalcTextSize(row[0]).x);
+      for (const auto& row : kHelp) {
+        ImGui::TextUnformatted(row[0]);
+        ImGui::SameLine(widest + 4 * edge);
+        ImGui::TextUnformatted(row[1]);
+      }
+      ImGui::End();
+    }
+  }
   Impl(ImGuiContext* c, float s, OverlayPass&& p) : context(c), scale(s), pass(std::move(p)) {}
   ~Impl() { ImGui::DestroyContext(context); }
 };
@@ -104,36 +136,12 @@ void Hud::draw(const HudState& state, int width_px, int height_px) {
   ImGuiIO& io = ImGui::GetIO();
   io.DisplaySize = ImVec2(static_cast<float>(width_px), static_cast<float>(height_px));
   io.DeltaTime = 1.0f / 60;  // nothing here is animated
+  // ImGui fits a window to its content one frame late; nothing may come after this frame, so it is laid out twice.
   ImGui::NewFrame();
-  const float edge = 8 * self.scale;
-
-  ImGui::SetNextWindowPos(ImVec2(edge, edge));
-  ImGui::SetNextWindowBgAlpha(0.55f);
-  ImGui::Begin("figures", nullptr, kPassive);
-  ImGui::TextUnformatted(hudLine(state).c_str());
-  if (!state.message.empty()) ImGui::TextUnformatted(state.message.c_str());
-  ImGui::End();
-
-  if (state.show_light) {
-    ImGui::SetNextWindowPos(ImVec2(edge, io.DisplaySize.y - edge), ImGuiCond_Always, ImVec2(0, 1));
-    ImGui::SetNextWindowBgAlpha(0.55f);
-    ImGui::Begin("light", nullptr, kPassive);
-    drawLightGauge(state.light, self.scale);
-    ImGui::End();
-  }
-  if (state.help) {
-    ImGui::SetNextWindowPos(ImVec2(io.DisplaySize.x / 2, io.DisplaySize.y / 2), ImGuiCond_Always, ImVec2(0.5f, 0.5f));
-    ImGui::SetNextWindowBgAlpha(0.85f);
-    ImGui::Begin("help", nullptr, kPassive);
-    float widest = 0;
-    for (const auto& row : kHelp) widest = std::max(widest, ImGui::CalcTextSize(row[0]).x);
-    for (const auto& row : kHelp) {
-      ImGui::TextUnformatted(row[0]);
-      ImGui::SameLine(widest + 4 * edge);
-      ImGui::TextUnformatted(row[1]);
-    }
-    ImGui::End();
-  }
+  self.layOut(state);
+  ImGui::EndFrame();
+  ImGui::NewFrame();
+  self.layOut(state);
   ImGui::Render();
 
   const ImDrawData* data = ImGui::GetDrawData();

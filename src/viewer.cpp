@@ -22,7 +22,10 @@ namespace {
 
 constexpr double kMessageS = 6;        // how long a message stays
 constexpr double kLightGaugeS = 1.5;   // and the light's direction after a drag
-constexpr double kCalmS = 0.5;         // without change nor pages on their way: stop redrawing
+// Redrawing stops once nothing has changed for this long, in seconds and in frames (the LOD and the feedback answer some
+// frames late); longer where pages are missing, which may be on their way.
+constexpr double kCalmS = 0.5, kCalmMissingS = 3;
+constexpr int kCalmFrames = 12;
 constexpr double kIdleWaitS = 0.25;    // between looks at the clock then
 constexpr double kIdleRedrawS = 1;     // and between pictures: a page that failed may be tried again
 
@@ -107,14 +110,17 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
 
   std::string message = "F1 shows the controls";
   double message_until = nowSeconds() + kMessageS, light_until = 0, last_frame = 0, drawn_at = 0;
-  double busy_until = nowSeconds() + kCalmS;
+  double changed_at = nowSeconds();
+  int calm_frames = 0;
+  std::array<uint64_t, 6> progress_before{};
   FrameMeter meter;
   int64_t frames = 0;
   HudState shown;
   while (!control.quit) {
     if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
     double now = nowSeconds();
-    const bool busy = now < busy_until || options.frames > 0;
+    const bool busy = options.frames > 0 || calm_frames < kCalmFrames ||
+                      now < changed_at + (shown.missing_pages > 0 ? kCalmMissingS : kCalmS);
     bool changed = false;
     for (const gl::Event& e : busy ? window.pollEvents() : window.waitEvents(kIdleWaitS)) changed |= control.handle(e);
     if (window.width() < 1 || window.height() < 1) {  // minimised
@@ -123,7 +129,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     }
     now = nowSeconds();
     if (control.draggingLight()) light_until = now + kLightGaugeS;
-    if (changed) busy_until = now + kCalmS;
+    if (changed) changed_at = now;
     const bool show_light = now < light_until || control.help;
     const bool message_over = now >= message_until && !shown.message.empty();
     if (!busy && !changed && show_light == shown.show_light && !message_over && now < drawn_at + kIdleRedrawS) continue;
@@ -142,7 +148,10 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     engine.setCamera(control.view().camera);
     engine.frame(now);
     const EngineStats stats = engine.stats();
-    if (stats.streamer.queued + stats.streamer.decoding + stats.streamer.ready > 0) busy_until = std::max(busy_until, now + kCalmS);
+    const std::array<uint64_t, 6> progress = {stats.resident, stats.missing_pages, stats.wanted_nodes, stats.triangles,
+                                              stats.streamer.decoding + stats.streamer.ready, stats.streamer.queued};
+    if (progress != std::exchange(progress_before, progress)) changed_at = now;
+    calm_frames = changed_at == now ? 0 : calm_frames + 1;
     for (const std::string& text : engine.takeMessages()) {
       message = text;
       message_until = now + kMessageS;
