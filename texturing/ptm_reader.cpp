@@ -353,11 +353,20 @@ Result<void> readBlockRows(const InputFile& file, uint64_t block_offset, int pix
   buffer.resize(pitch * (rows_a_read - 1) + row_bytes);
   // In the file's order, bottom row first.
   const int64_t first = height - rect.y - rect.height;
+  // Rows far apart look random to the system, which then reads one at a time, at the disk's latency. As soon as one is
+  // not in memory, many rows to come are asked for at once.
+  constexpr int64_t kRowsAhead = 256;
+  int64_t asked_to = 0;
   for (int64_t r = 0; r < rect.height; r += rows_a_read) {
     const int64_t rows = std::min(rows_a_read, rect.height - r);
     const uint64_t offset = block_offset + static_cast<uint64_t>(first + r) * pitch + static_cast<uint64_t>(rect.x) * pixel_bytes;
     std::span<uint8_t> bytes(buffer.data(), pitch * (rows - 1) + row_bytes);
-    if (auto read = file.read(offset, bytes); !read) return read;
+    if (rows_a_read > 1 || !file.readIfCached(offset, bytes)) {
+      for (asked_to = std::max(asked_to, r + 1); rows_a_read == 1 && asked_to < std::min(rect.height, r + kRowsAhead); ++asked_to) {
+        file.willNeed(offset + static_cast<uint64_t>(asked_to - r) * pitch, row_bytes);
+      }
+      if (auto read = file.read(offset, bytes); !read) return read;
+    }
     for (int64_t i = 0; i < rows; ++i) use(rect.height - 1 - (r + i), buffer.data() + i * pitch);
   }
   return {};

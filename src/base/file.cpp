@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/stat.h>
+#include <sys/uio.h>
 #include <unistd.h>
 #include <xxhash.h>
 
@@ -95,6 +96,20 @@ Result<void> InputFile::read(uint64_t offset, std::span<uint8_t> out) const {
     done += static_cast<size_t>(n);
   }
   return {};
+}
+
+bool InputFile::readIfCached(uint64_t offset, std::span<uint8_t> out) const {
+#ifdef RWF_NOWAIT
+  iovec part{out.data(), out.size()};
+  return ::preadv2(fd_, &part, 1, static_cast<off_t>(offset), RWF_NOWAIT) == static_cast<ssize_t>(out.size());
+#else
+  (void)offset, (void)out;
+  return false;
+#endif
+}
+
+void InputFile::willNeed(uint64_t offset, uint64_t bytes) const {
+  ::posix_fadvise(fd_, static_cast<off_t>(offset), static_cast<off_t>(bytes), POSIX_FADV_WILLNEED);
 }
 
 struct OutputFile::Impl {

@@ -23,6 +23,9 @@ class InputFile {
   uint64_t size() const { return size_; }
   // Exactly out.size() bytes, or an Error with the offset (kInvalidData when the file ends before, kIo otherwise).
   Result<void> read(uint64_t offset, std::span<uint8_t> out) const;
+  // Hints for many small reads to come. False: reading would wait for the disk (or nobody knows); nothing was read.
+  bool readIfCached(uint64_t offset, std::span<uint8_t> out) const;
+  void willNeed(uint64_t offset, uint64_t bytes) const;  // starts reading in the background
 
  private:
   InputFile() = default;
