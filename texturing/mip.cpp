@@ -3,7 +3,7 @@
 //   linear  with lin(v) = round(65535 * f(v / 65280)), f the sRGB decoding curve (IEC 61966-2-1), and
 //           enc(n) = round(65280 * f^-1(n / 65535)):  enc((lin(a) + lin(b) + lin(c) + lin(d) + 2) >> 2)
 //   LRGB    a texel's weight, from its coefficients 0, 1 and 5, with t_k = v_k >> 4:
-//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 12, 1, 4095)          (in 1 / 16 of a unit of display intensity)
+//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 14, 1, 4095)          (in quarters of a unit of display intensity)
 //             M_k = round(4096 f_k scale_k / 2^s), f = 1/3, 1/3, 1; s >= 0 the smallest with all |M_k| <= 65536
 //             C = clamp(-sum M_k round(16 bias_k), +-8e8)
 //           colour (wa a + wb b + wc c + wd d + floor(W / 2)) / W, rounded down, W = wa + wb + wc + wd
@@ -146,7 +146,7 @@ void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out)
       int32_t* w = weights.data();
       for (int x = 0; x < 2 * width; ++x) {
         int32_t sum = m0 * (levelValue(a0[x]) >> 4) + m1 * (levelValue(a1[x]) >> 4) + m5 * (levelValue(a5[x]) >> 4) + offset;
-        w[x] = std::clamp(sum >> 12, 1, kMaxWeight);
+        w[x] = std::clamp(sum >> 14, 1, kMaxWeight);
       }
       for (int c = 6; c < 9; ++c) {
         const T* top = base + c * plane;

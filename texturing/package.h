@@ -4,6 +4,7 @@
 // A damaged package opens as far as it is sound; what is not answers with an Error that names the place.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -72,6 +73,8 @@ struct VerifyReport {
   std::vector<std::string> other;  // damage outside pages (index blocks, header)
 };
 // Reads, checks and decodes every page. The damage is listed in the index's order, whatever the workers. progress(done, total) may be null.
-Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total));
+// (kInterrupted when the flag is set, which may be null.)
+Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total),
+                                   const std::atomic<bool>* interrupted = nullptr);
 
 }  // namespace relievo

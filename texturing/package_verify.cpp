@@ -62,7 +62,8 @@ Outcome verifyBlock(const Package& package, PageDecoder& decoder, std::vector<ui
 
 }  // namespace
 
-Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total)) {
+Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total),
+                                   const std::atomic<bool>* interrupted) {
   const Manifest& manifest = package.manifest();
   if (workers <= 0) workers = std::max(1u, std::thread::hardware_concurrency());
   VerifyReport report;
@@ -87,17 +88,19 @@ Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*p
       }
     });
   }
+  auto stop = [&] { return interrupted && interrupted->load(); };
   PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0);
   uint64_t serial = 0;
   for (bool relief : {false, true}) {
     (relief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
       jobs.push({serial++, relief, block});
       if (progress) progress(done, manifest.page_count);
-      return true;
+      return !stop();
     });
   }
   jobs.close();
   for (std::thread& t : threads) t.join();
+  if (stop()) return Error{ErrorKind::kInterrupted, package.path(), "interrupted", "", {}};
   if (progress) progress(done, manifest.page_count);
   for (auto& [place, out] : bad) {
     for (auto& d : out.damaged) report.damaged.push_back(std::move(d));

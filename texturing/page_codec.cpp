@@ -200,6 +200,9 @@ PageEncoder::PageEncoder(int zstd_level) : impl_(new Impl) {
   impl_->context = ZSTD_createCCtx();
   ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_compressionLevel, zstd_level);
   ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_contentSizeFlag, 0);  // known from the page's kind
+  // Residuals are noise with a narrow histogram: nearly all of the gain is in the entropy coder, which zstd leaves out at
+  // negative levels unless told otherwise.
+  if (zstd_level < 0) ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
   impl_->out.resize(kTextureHeadBytes + std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
 }
 

@@ -30,7 +30,7 @@ Result<void> verify(const VerifyArguments& o) {
     report = verifyPackage(**package, o.workers, [](uint64_t done, uint64_t total) {
       progress_line->update(total ? static_cast<double>(done) / static_cast<double>(total) : 1.0,
                             std::to_string(done) + " of " + std::to_string(total) + " pages");
-    });
+    }, &interruptedFlag());
     progress_line = nullptr;
   }
   if (!report) return report.error();

@@ -144,7 +144,7 @@ inline NaiveImage naiveCoarser(const NaiveImage& fine, const TextureFormat& form
   auto weight = [&](int64_t x, int64_t y) {
     int64_t sum = offset;
     for (int k : {0, 1, 5}) sum += m[k] * (fine.at(k, x, y) >> 4);
-    return std::clamp<int64_t>(floorShift(sum, 12), 1, 4095);
+    return std::clamp<int64_t>(floorShift(sum, 14), 1, 4095);
   };
   for (size_t c = 0; c < fine.channels.size(); ++c) {
     for (int64_t y = 0; y < out.height; ++y) {

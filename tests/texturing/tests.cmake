@@ -7,3 +7,6 @@ relievo_test(page_streamer_test LIBS relievo_texturing SOURCES texturing/page_st
 relievo_test(ptm_test LIBS relievo_texturing relievo_image SOURCES texturing/ptm_test.cpp)
 relievo_test(image_io_test LIBS relievo_image PkgConfig::oiio SOURCES texturing/image_io_test.cpp)
 relievo_test(resolve_test LIBS relievo_texturing SOURCES texturing/resolve_test.cpp)
+relievo_test(mip_test LIBS relievo_texturing SOURCES texturing/mip_test.cpp)
+relievo_test(page_codec_test LIBS relievo_texturing SOURCES texturing/page_codec_test.cpp)
+relievo_test(package_test LIBS relievo_texturing SOURCES texturing/package_test.cpp)
