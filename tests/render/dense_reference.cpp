@@ -58,7 +58,7 @@ std::vector<int64_t> tabulate(int64_t (*function)(int64_t), int64_t count) {
   return table;
 }
 
-// The weight of an LRGB texel's colour: its luminance under diffuse light, (a0 + a1) / 3 + a5, in 1/16.
+// The weight of an LRGB texel's colour: its luminance under diffuse light, (a0 + a1) / 3 + a5, in quarters.
 struct LuminanceWeight {
   static constexpr std::array<int, 3> kTerms{0, 1, 5};
   std::array<int64_t, 3> m{};
@@ -78,7 +78,7 @@ struct LuminanceWeight {
   int64_t operator()(const uint16_t* texel) const {
     int64_t sum = c;
     for (int i = 0; i < 3; ++i) sum += m[i] * (texel[kTerms[i]] >> 4);
-    return std::clamp<int64_t>(sum >> 12, 1, 4095);
+    return std::clamp<int64_t>(sum >> 14, 1, 4095);
   }
 };
 

@@ -391,7 +391,7 @@ TEST(DensePyramid, ColourIsAveragedInLinearLight) {
 }
 
 TEST(DensePyramid, LrgbColourIsWeightedByLuminance) {
-  // By hand: weights 16 * ((a0 + a1) / 3 + a5) = 16 * 100, 16 * 20, 16 * 20, 16 * 20 (raw a0, a1 at their bias).
+  // By hand: weights 4 * ((a0 + a1) / 3 + a5) = 4 * 100, 4 * 20, 4 * 20, 4 * 20 (raw a0, a1 at their bias).
   TextureFormat f = ptmFormat(Basis::kPtmLrgb);
   std::vector<uint16_t> in;
   for (int i = 0; i < 4; ++i)

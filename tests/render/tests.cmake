@@ -27,7 +27,17 @@ relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_g
 add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
 target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_texturing)
 relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
-relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
+relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package_agrees_test.cpp)
+relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
+relievo_gltest(sample_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
+  SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
 relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)
+
+# The viewer in a window, under a virtual display.
+foreach(api gl es)
+  add_test(NAME view_window_test_${api}
+    COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/render/view_window_test.sh $<TARGET_FILE:relievo> ${api})
+  set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77)
+endforeach()

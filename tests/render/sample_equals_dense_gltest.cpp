@@ -1,0 +1,44 @@
+// Virtual equals dense over the whole way: a sample artwork of 4096 x 4096 texels with relief, built into a package,
+// against the oracle that reads the same sources. A hundred random views of each PTM basis.
+#include "tests/render/test_artwork.h"
+#include "tests/render/virtual_equals_dense.h"
+#include "texturing/package_builder.h"
+#include "tools/sample_artwork.h"
+
+namespace relievo {
+namespace {
+
+using namespace test;
+
+class SampleEqualsDense : public testing::TestWithParam<Basis> {};
+
+TEST_P(SampleEqualsDense, HundredRandomViews) {
+  TemporaryFolder folder;
+  SampleArtwork sample({.kind = SampleKind::kInscription, .width = 4096, .height = 4096, .seed = 3});
+  auto texture = sample.ptmSource(GetParam());
+  auto heights = sample.heightSource();
+  BuildOptions options;
+  options.output = folder.file("sample.relievo");
+  options.mm_per_px = sample.mmPerPx();
+  auto built = buildPackage(*texture, heights.get(), options);
+  ASSERT_TRUE(built.ok()) << built.error().text();
+  auto package = Package::open(options.output);
+  ASSERT_TRUE(package.ok()) << package.error().text();
+  Subject s;
+  s.artwork = artworkFromPackage(*package);
+  const PlanarDomain& domain = s.artwork.manifest.domain;
+  auto dense = buildDenseTexture(*texture, domain);
+  ASSERT_TRUE(dense.ok());
+  s.texture = std::make_shared<DenseTexture>(std::move(*dense));
+  auto relief = buildDenseRelief(*heights, domain);
+  ASSERT_TRUE(relief.ok());
+  s.relief = std::make_shared<DenseRelief>(std::move(*relief));
+  expectEqual(compare(s, {}, {.views = 100}), basisName(GetParam()));
+}
+
+INSTANTIATE_TEST_SUITE_P(Bases, SampleEqualsDense, testing::Values(Basis::kPtmLrgb, Basis::kPtmRgb), [](const auto& i) {
+  return i.param == Basis::kPtmLrgb ? std::string("Lrgb") : std::string("Rgb");
+});
+
+}  // namespace
+}  // namespace relievo
