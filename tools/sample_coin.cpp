@@ -132,8 +132,8 @@ class Coin final : public Kind {
         double a = i * 360.0 / 26;
         add(Shape::kLeaf, side * 0.94 + 0.93 * std::cos(a * kPi / 180), 2.42 + 0.93 * std::sin(a * kPi / 180), a, 0.36, 0.105, 0.70, 0.17, 0.05, 0.0);
       }
-      for (int i = 0; i < 40; ++i) {
-        double a = i * 9.0, q = (i + 1) * 9.0;
+      for (int i = 0; i < 150; ++i) {
+        double a = i * 2.4, q = (i + 1) * 2.4;
         rod(side * 0.94 + 0.60 * std::cos(a * kPi / 180), 2.42 + 0.60 * std::sin(a * kPi / 180), side * 0.94 + 0.60 * std::cos(q * kPi / 180),
             2.42 + 0.60 * std::sin(q * kPi / 180), 0.085, 0.78, 0.20);
       }
@@ -162,9 +162,9 @@ class Coin final : public Kind {
     const double r = 6.35;
     for (int side : {-1, 1}) {
       double px = 0, py = -r;
-      for (int i = 1; i <= 60; ++i) {
-        double a = (-90 + side * 158.0 * i / 60) * kPi / 180, x = r * std::cos(a), y = r * std::sin(a);
-        rod(px, py, x, y, 0.14 - 0.0012 * i, 0.0, 0.20);
+      for (int i = 1; i <= 240; ++i) {
+        double a = (-90 + side * 158.0 * i / 240) * kPi / 180, x = r * std::cos(a), y = r * std::sin(a);
+        rod(px, py, x, y, 0.14 - 0.0003 * i, 0.0, 0.20);
         px = x, py = y;
       }
       for (int i = 0; i < 15; ++i) {
@@ -415,7 +415,7 @@ class Coin final : public Kind {
         }
       };
       if (f.shape == Shape::kDome) each([](float u, float v, float) { return 1.0f - u * u - v * v; });
-      else if (f.shape == Shape::kLeaf) each([](float u, float, float av) { return 1.0f - u * u - av; });
+      else if (f.shape == Shape::kLeaf) each([](float u, float v, float) { return 1.02f - u * u - std::sqrt(v * v + 0.0018f); });  // a rubbed crest
       else
         each([=](float u, float v, float) {
           float au = u < 0 ? -u : u;

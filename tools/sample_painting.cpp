@@ -253,6 +253,7 @@ class Painting final : public Kind {
     };
     std::vector<Entry> entries{kEntries};
     std::vector<Stroke> layer, stack;
+    std::vector<const Stroke*> chosen;
     static constexpr size_t kEntries = 1024;
     const Stroke& find(const Painting& p, const BrushLayer& l, uint32_t index, int32_t x, int32_t y) {
       int64_t key = (int64_t{index} << 58) | (int64_t{x & 0x1fffffff} << 29) | (y & 0x1fffffff);
@@ -295,20 +296,41 @@ class Painting final : public Kind {
       });
       for (const Stroke& s : layer_strokes) {
         strokes.push_back(s);
-        if (coversBlock(s, b)) {
+        if (covers(s, cx, cy, radius)) {
           covered = true;
           break;
         }
       }
     }
-    for (size_t i = strokes.size(); i-- > 0;) lay(strokes[i], b, colour, out, paint, wet);
+    // By quarters (where a block is several millimetres wide, the fewer strokes the smaller the place).
+    constexpr int kQuarter = kBlockPx / 2;
+    for (int qy = 0; qy < kBlockPx; qy += kQuarter)
+      for (int qx = 0; qx < kBlockPx; qx += kQuarter) {
+        const Range range{std::max(b.x0, qx), std::min(b.x1, qx + kQuarter), std::max(b.y0, qy), std::min(b.y1, qy + kQuarter)};
+        if (range.x0 >= range.x1 || range.y0 >= range.y1) continue;
+        const double half = 0.5 * (kQuarter - 1) * b.mm, mx = b.left_mm + qx * b.mm + half, my = b.top_mm + qy * b.mm + half;
+        const double r = half * std::numbers::sqrt2 * 1.001 + 1e-6;
+        memo.chosen.clear();
+        for (const Stroke& s : strokes) {
+          double px = mx - s.x, py = my - s.y, along = px * s.c + py * s.s, across = py * s.c - px * s.s;
+          if (std::abs(along) > s.half_length + r || std::abs(across) > s.half_width + std::abs(s.bend_mm) + r) continue;
+          memo.chosen.push_back(&s);
+          if (covers(s, mx, my, r)) break;
+        }
+        for (size_t i = memo.chosen.size(); i-- > 0;) lay(*memo.chosen[i], b, range, colour, out, paint, wet);
+      }
   }
+
+  struct Range {
+    int x0, x1, y0, y1;
+  };
 
   static constexpr float kEdge = 3.2f;  // opacity rises over the outer third of the half-width
   static constexpr float kEnd = 6.0f;   // and over the last sixth of the length, from where the hairs lift
 
-  static bool coversBlock(const Stroke& s, const Block& b) {
-    double px = b.centreX() - s.x, py = b.centreY() - s.y, r = b.radius() * 1.01 + 1e-4;
+  // Is it opaque (alpha exactly 1) everywhere within `radius` of a place?
+  static bool covers(const Stroke& s, double x, double y, double radius) {
+    double px = x - s.x, py = y - s.y, r = radius * 1.01 + 1e-4;
     double along = px * s.c + py * s.s, across = py * s.c - px * s.s;
     double a = std::abs(along) + r;
     if (a > 0.5 * s.half_length) return false;  // 1 - 0.3 (hairs lift) - 1/6 (fading) > 0.5
@@ -320,7 +342,7 @@ class Painting final : public Kind {
     return off < half * (1 - 1.0 / kEdge - 0.08);  // rim >= 1/kEdge whatever the hairs take from it
   }
 
-  void lay(const Stroke& s, const Block& b, bool colour, Layers& out, Plane& paint, Plane& wet) const {
+  void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out, Plane& paint, Plane& wet) const {
     const auto ox = static_cast<float>(s.x - b.left_mm), oy = static_cast<float>(s.y - b.top_mm);
     const auto c = static_cast<float>(s.c), si = static_cast<float>(s.s);
     const auto inv_l = static_cast<float>(1.0 / s.half_length), bend = static_cast<float>(s.bend_mm);
@@ -331,12 +353,26 @@ class Painting final : public Kind {
     const auto dr = static_cast<float>(s.dark.r), dg = static_cast<float>(s.dark.g), db = static_cast<float>(s.dark.b);
     const float *xs = b.x_mm, *ys = b.x_mm;
     alignas(64) float alpha[kBlockPx], level[kBlockPx], mixture[kBlockPx];
-    for (int y = b.y0; y < b.y1; ++y) {
+    const double reach_l = s.half_length * 1.001, reach_w = (s.half_width + std::abs(s.bend_mm)) * 1.001;
+    for (int y = range.y0; y < range.y1; ++y) {
       const float py = ys[y] - oy;
-      const int row = y * kBlockPx, x1 = b.x1;
+      // The columns where the stroke can be: between its ends and between its sides. Elsewhere alpha is exactly 0.
+      double lo = -1e9, hi = 1e9;
+      auto between = [&](double k, double offset, double reach) {  // |k x + offset| <= reach
+        if (std::abs(k) < 1e-6) return;
+        double a = (-reach - offset) / k, z = (reach - offset) / k;
+        lo = std::max(lo, std::min(a, z)), hi = std::min(hi, std::max(a, z));
+      };
+      between(s.c, double{py} * s.s, reach_l);
+      between(-s.s, double{py} * s.c, reach_w);
+      if (lo > hi) continue;
+      const double inv_mm = 1.0 / b.mm;
+      const int first_x = std::max(range.x0, static_cast<int>(std::clamp((lo + ox) * inv_mm - 1.0, 0.0, 64.0)) & ~7);
+      const int x1 = std::min(range.x1, (static_cast<int>(std::clamp((hi + ox) * inv_mm + 2.0, 0.0, 64.0)) + 7) & ~7);
+      const int row = y * kBlockPx;
       float* to = paint.v + row;
 #pragma GCC ivdep
-      for (int x = b.x0; x < x1; ++x) {
+      for (int x = first_x; x < x1; ++x) {
         float px = xs[x] - ox;
         float q = (px * c + py * si) * inv_l;       // -1 .. 1 along
         float q2 = q * q;
@@ -365,11 +401,11 @@ class Painting final : public Kind {
         mixture[x] = hair * 1.5f - 0.25f;
       }
 #pragma GCC ivdep
-      for (int x = b.x0; x < x1; ++x) to[x] = to[x] * (1.0f - alpha[x]) + level[x] * alpha[x];
+      for (int x = first_x; x < x1; ++x) to[x] = to[x] * (1.0f - alpha[x]) + level[x] * alpha[x];
       if (!colour) continue;
       float *r = out.red.v + row, *g = out.green.v + row, *bl = out.blue.v + row, *w = wet.v + row;
 #pragma GCC ivdep
-      for (int x = b.x0; x < x1; ++x) {
+      for (int x = first_x; x < x1; ++x) {
         float a = alpha[x], m = mixture[x], n = 1.0f - a;
         r[x] = r[x] * n + (dr + (lr - dr) * m) * a;
         g[x] = g[x] * n + (dg + (lg - dg) * m) * a;
