@@ -65,6 +65,7 @@ struct Window::Impl {
   GLFWwindow* window = nullptr;
   bool initialised = false;
   int width = 0, height = 0;  // framebuffer pixels
+  double mouse_x = 0, mouse_y = 0;  // screen coordinates, of the last move
   std::set<std::string> keys_down;
   std::vector<Event> events;
 
@@ -106,14 +107,16 @@ struct Window::Impl {
     });
     glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) {
       Impl& self = of(w);
+      self.mouse_x = x;
+      self.mouse_y = y;
       self.events.push_back(self.atMouse(EventKind::kMouseMove, x, y, self.heldMods()));
     });
     glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int mods) {
       if (button > GLFW_MOUSE_BUTTON_MIDDLE) return;
       Impl& self = of(w);
-      double x = 0, y = 0;
-      glfwGetCursorPos(w, &x, &y);
-      Event e = self.atMouse(action == GLFW_PRESS ? EventKind::kMouseDown : EventKind::kMouseUp, x, y, mods);
+      // Not glfwGetCursorPos: that is where the mouse is now, not where it was when the button went down a slow frame ago.
+      Event e = self.atMouse(action == GLFW_PRESS ? EventKind::kMouseDown : EventKind::kMouseUp, self.mouse_x, self.mouse_y,
+                             mods);
       e.button = button == GLFW_MOUSE_BUTTON_LEFT    ? MouseButton::kLeft
                  : button == GLFW_MOUSE_BUTTON_RIGHT ? MouseButton::kRight
                                                      : MouseButton::kMiddle;
@@ -193,6 +196,7 @@ Result<std::unique_ptr<Window>> Window::create(const std::string& title, int wid
   glfwSwapInterval(1);
   installDebugCallback();
   glfwGetFramebufferSize(window, &self->impl_->width, &self->impl_->height);
+  glfwGetCursorPos(window, &self->impl_->mouse_x, &self->impl_->mouse_y);
   self->impl_->installCallbacks();
   return self;
 }
