@@ -26,6 +26,7 @@ constexpr int kAnyLevel = 127;             // the finest relief page is resident
 constexpr int kLadder = 3;                 // wants keep every third page above the wanted one, see addWants
 constexpr double kCullSlack = 1.0 / 512;   // of the screen: the GPU's fp32 may move what doubles put just outside
 constexpr double kMinErrorPx = 1.0 / 64;
+constexpr double kMinSine = 1.0 / 32;       // of the angle between a height and the line of sight, in the error metric
 
 // Open addressing, keys are never 0 (callers add 1). Values are indices into a vector that the caller owns.
 class IndexTable {
@@ -195,6 +196,7 @@ class Selection {
   void setView(const LodView& view) {
     eye_ = view.eye_mm;
     near_ = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
+    min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
     scale_ = view.pixels_per_radian;
     glm::dmat4 rows = glm::transpose(view.clip_from_world);
     valid_ = finite(rows) && std::isfinite(scale_) && scale_ > 0 && std::isfinite(near_) && std::isfinite(eye_.x) &&
@@ -231,18 +233,36 @@ class Selection {
     }
     return false;
   }
-  // An upper bound of how many pixels a millimetre, in any direction and anywhere in the box, can be on the screen.
-  // The perspective image f X / Z moves by at most f / (Z cos a) per unit, a the angle off the axis. Direction is ignored on
-  // purpose: a segment that points at the eye must not vanish from the metric. In front of the near plane nothing is drawn.
+  // An upper bound of how many pixels a millimetre of height (along z), anywhere in the box, can be on the screen.
+  // The perspective image f X / Z of a point moves by f / Z |n - (n . forward) d / Z| when the point moves along n; d / Z, d from
+  // the eye to the point and Z its depth, is taken at the box's centre and differs within the box by at most
+  // |half| / (Z cos a), a the angle off the axis. So a height that points at the eye counts for what the rest of its
+  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn.
   double pxPerMm(const Box& b) const {
     if (!valid_) return 0;
+    const glm::dvec3 forward(depth_row_), up(0, 0, 1);
     if (orthographic_) return scale_;
     double centre_depth = value(depth_row_, b.centre);
     double depth = std::max(near_, centre_depth - extent(depth_row_, b));
     glm::dvec3 d = b.centre - eye_;
-    double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + glm::length(b.half);
+    double reach = glm::length(b.half);
+    double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + reach;
     double secant = std::min(max_secant_, std::sqrt(1 + (aside / depth) * (aside / depth)));
-    return scale_ / depth * secant;
+    double factor = secant;
+    if (centre_depth > near_) {
+      double at_centre = glm::length(up - forward.z * d / centre_depth);
+      double wholly = std::sqrt(1 + (aside / depth) * (aside / depth));  // not cut at the picture's corner: the box may reach beyond
+      factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
+    }
+    return scale_ / depth * factor;
+  }
+
+  // How wide, seen head on, a cell between vertices of this level is on the screen where the box is nearest.
+  double cellPx(const Box& b, int level) const {
+    if (!valid_) return 0;
+    double cell_mm = std::ldexp(domain_.mm_per_px, unit_log2_ - kUnitsPerTexelLog2 - level);
+    if (orthographic_) return cell_mm * scale_;
+    return cell_mm * scale_ / std::max(near_, value(depth_row_, b.centre) - extent(depth_row_, b));
   }
 
   // ---- edges
@@ -282,9 +302,10 @@ class Selection {
       const Square& first = e.has_low ? e.low : e.high;
       const Square& last = e.has_high ? e.high : e.low;
       int shift = unit_log2_ - s.level;
-      e.px_per_mm = pxPerMm(boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1));
+      Box box = boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1);
+      e.px_per_mm = pxPerMm(box);
       int level = s.level;
-      while (level < s.level + kPageLog2 && !(errorPx(e, level) <= error_px_)) ++level;
+      while (level < s.level + kPageLog2 && !(errorPx(e, level) <= error_px_) && cellPx(box, level) > min_cell_px_) ++level;
       e.wanted_level = static_cast<int8_t>(level);
     } else {
       e.wanted_level = static_cast<int8_t>(s.level);
@@ -582,7 +603,7 @@ class Selection {
   // The view.
   bool valid_ = false, orthographic_ = false;
   glm::dvec3 eye_{0};
-  double near_ = 1, scale_ = 1, max_secant_ = 1;
+  double near_ = 1, scale_ = 1, max_secant_ = 1, min_cell_px_ = 0;
   std::array<glm::dvec4, 7> planes_{};
   std::array<glm::dvec4, 4> clip_rows_{};
   glm::dvec4 depth_row_{0};

@@ -181,6 +181,7 @@ struct Engine::Impl {
     v.pixels_per_radian = view.pixels_per_radian;
     v.near_mm = view.near_mm;
     v.error_px = scene.error_px;
+    v.min_cell_px = 2 * scene.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     return v;
