@@ -59,6 +59,7 @@ inline OrbitCamera nearCamera(std::mt19937& random, const PlanarDomain& d, int h
 }
 
 struct Totals {
+  uint32_t seed = 0;
   int views = 0, seen = 0;
   int max_difference = 0;
   double max_exact = 0, worst_percentile = 0;
@@ -66,10 +67,11 @@ struct Totals {
   double engine_s = 0, oracle_s = 0;
   void print(const char* what) const {
     std::printf(
-        "[ dense ] %s: %d views (%d see it), %zu pixels: max %d/255, exact %.3f, worst 99.9%% %.3f, %zu above 1, %zu "
+        "[ dense ] %s: seed %u, %d views (%d see it), %zu pixels: max %d/255, exact %.3f, worst 99.9%% %.3f, %zu above "
+        "1, %zu "
         "holes, "
         "%zu extras; %.3f%% edge pixels left out, %.3f%% compared to a range; engine %.1f s, oracle %.1f s\n",
-        what, views, seen, compared, max_difference, max_exact, worst_percentile, above_1, holes, extras,
+        what, seed, views, seen, compared, max_difference, max_exact, worst_percentile, above_1, holes, extras,
         100.0 * static_cast<double>(edges) / static_cast<double>(std::max<size_t>(1, compared + edges)),
         100.0 * static_cast<double>(to_range) / static_cast<double>(std::max<size_t>(1, compared)), engine_s, oracle_s);
   }
@@ -92,6 +94,7 @@ inline double now() {
 
 inline Totals compare(const Subject& subject, Scene scene, const Views& run, double cache_mib = 256) {
   Totals totals;
+  totals.seed = run.seed;
   EngineOptions options;
   options.cache_mib = cache_mib;
   auto engine = Engine::create(subject.artwork, scene, options);
