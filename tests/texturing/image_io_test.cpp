@@ -338,8 +338,20 @@ std::vector<std::string> smallFiles() {
           writeImage("s7.jpg", 24, 20, 1, smooth, OIIO::TypeUInt8, "jpeg:95")};
 }
 
-// All pixels, or the error.
+// All pixels, or the error. One channel is read as heights, thus without OpenImageIO's conversion of samples, whose buffer
+// of 64 MiB a sanitizer takes long to mark.
 Result<Bytes> readAll(const std::string& path) {
+  if (auto height = openHeightImage(path, {{0, 1}})) {
+    const int64_t w = (*height)->width(), h = (*height)->height();
+    if (w * h > 1 << 22) return Bytes();
+    std::vector<float> heights(static_cast<size_t>(w * h));
+    if (auto read = (*height)->read({0, 0, w, h}, heights); !read) return read.error();
+    Bytes out(heights.size() * sizeof(float));
+    std::memcpy(out.data(), heights.data(), out.size());
+    return out;
+  } else if (height.error().kind != ErrorKind::kUnsupported) {
+    return height.error();
+  }
   auto source = openColourImage(path);
   if (!source) return source.error();
   if ((*source)->width() * (*source)->height() > 1 << 22) return Bytes();
@@ -366,7 +378,7 @@ TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
         EXPECT_FALSE(cut.error().message.empty());
         EXPECT_EQ(cut.error().kind, ErrorKind::kInvalidData);
       }
-      (void)!!readImage8(path);
+      if (length % 32 == 0) (void)!!readImage8(path);
     }
     EXPECT_LT(still_whole, 30u) << whole_path << ": only trailing bytes that no pixel needs may be missing";
   }
@@ -388,10 +400,7 @@ TEST(ImageDamage, MutatedFilesNeverCrash) {
       auto all = readAll(path);
       if (all) ++opened;
       else EXPECT_EQ(all.error().file, path);
-      if (auto height = openHeightImage(path, {{0, 1}}); height && (*height)->width() * (*height)->height() < 1 << 22) {
-        std::vector<float> out(static_cast<size_t>((*height)->width() * (*height)->height()));
-        (void)!!(*height)->read({0, 0, (*height)->width(), (*height)->height()}, out);
-      }
+      if (i % 16 == 0) (void)!!openColourImage(path);
     }
     std::cout << fs::path(whole_path).filename() << ": " << opened << " still open\n";
   }
