@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <condition_variable>
@@ -31,17 +32,21 @@ constexpr double kBiasStep = 0.05;
 constexpr int kPressureLists = 3;  // wish lists in a row that must overflow before the bias rises
 constexpr int kCalmLists = 8;  // wish lists in a row that must fit before it may fall: more than the feedback's latency
 
-// An ordering of pages that is also the order of service.
+// An ordering of pages that is also the order of service: wish lists since a page was last wanted, then level, then
+// distance from the centre (the bits of a float that is not negative are ordered as it is), then whole nodes.
 struct Rank {
-  uint64_t age = 0;  // wish lists since it was last wanted
-  float centre = 0;
+  uint64_t key = 0;
   PageId id;
+  Rank() = default;
+  Rank(uint64_t age, float centre, PageId page)
+      : key(std::min<uint64_t>(age, 0xFFFF) << 48 | uint64_t{page.node().level} << 32 |
+            std::bit_cast<uint32_t>(centre)),
+        id(page) {}
+  uint64_t age() const { return key >> 48; }
   friend bool operator<(const Rank& a, const Rank& b) {
-    NodeId na = a.id.node(), nb = b.id.node();
-    auto key = [](const Rank& r, const NodeId& n) {
-      return std::tuple(r.age, n.level, r.centre, packNode(n), r.id.bits);
-    };
-    return key(a, na) < key(b, nb);
+    if (a.key != b.key) return a.key < b.key;
+    uint64_t node_a = packNode(a.id.node()), node_b = packNode(b.id.node());
+    return node_a != node_b ? node_a < node_b : a.id < b.id;
   }
 };
 
@@ -353,12 +358,12 @@ struct PageStreamer::Impl {
     next_wishes.clear();
     next_wishes.reserve(wants.size());
     for (const NodeWant& w : wants)
-      next_wishes.push_back({w.node, std::isfinite(w.centre_distance) ? w.centre_distance : 1.0f, relief});
+      next_wishes.push_back({w.node, w.centre_distance >= 0 ? std::min(w.centre_distance + 0.0f, 2.0f) : 2.0f, relief});
     if (!std::is_sorted(next_wishes.begin(), next_wishes.end())) std::sort(next_wishes.begin(), next_wishes.end());
     mine.swap(next_wishes);
     merged.clear();
     std::merge(wishes[0].begin(), wishes[0].end(), wishes[1].begin(), wishes[1].end(), std::back_inserter(merged));
-    plan();
+    planned_frame = kNever;
   }
 
   std::span<const Plane> planesOf(const Wish& w) const {
@@ -526,7 +531,7 @@ struct PageStreamer::Impl {
       std::optional<PageCache::Placement> placement;
       if (placed < max_uploads) placement = cache.place(r.id, frame);
       if (!placement) {
-        if (placed < max_uploads && r.age >= 2) {
+        if (placed < max_uploads && r.age() >= 2) {
           ++stats.cancelled;
           forget(it);
         } else {

@@ -99,11 +99,12 @@ class PageStreamer {
 
   // A frame, in this order. now_s drives back-off and the page fade.
   void beginFrame(uint64_t frame, double now_s);  // frame > 0, growing
-  // The newest wish lists; each replaces the previous of its kind. Touches what is resident, queues what is not.
-  // A list that is not replaced in a frame still holds.
+  // The newest wish lists; each replaces the previous of its kind. A list that is not replaced in a frame still holds.
+  // centre_distance may be any urgency from 0 (first) to 2; what is negative or not a number counts as 2.
   void wantTexture(std::span<const NodeWant> wants);
   void wantRelief(std::span<const NodeWant> wants);
-  // Places decoded pages (at most max_uploads) and returns what to upload; updates the page table.
+  // Touches what is resident of both lists and queues what is not; then places decoded pages (at most max_uploads) and
+  // returns what to upload; updates the page table.
   std::span<const PageUpload> placeReady(uint32_t max_uploads);
 
   // Relief pages in use by the geometry being drawn stay until released (counted).
