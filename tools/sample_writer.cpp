@@ -98,7 +98,7 @@ Result<void> writeHeights(Job& job) {
 }
 
 Result<void> writeRgb(Job& job, const std::string& stem, const std::function<void(const Rect&, std::span<uint8_t>)>& f) {
-  const std::string name = stem + (job.width * job.height <= kPngPx ? ".png" : ".tif");
+  const std::string name = stem + (job.width * job.height <= kPngPx && std::max(job.width, job.height) <= 65500 ? ".png" : ".tif");
   auto writer = ImageWriter::create(job.path(name), job.width, job.height, 3, SampleType::kUint8);
   if (!writer) return writer.error();
   std::vector<uint8_t> rgb;

@@ -1,6 +1,6 @@
 // sample_writer.h - writes a sample artwork's files into a folder, in bands, within a fixed memory budget (below 1 GiB).
 //   height_float.tif, height_16.tif   mm; 16 bit: 0..65535 is MIN..MAX mm of truth.json
-//   albedo.png, normals.png           sRGB; RGB = XYZ, +Y up (.tif above 64 Mpx)
+//   albedo.png, normals.png           sRGB; RGB = XYZ, +Y up (.tif above 64 Mpx, or 65,500 px a side)
 //   ptm_lrgb.ptm, ptm_rgb.ptm
 //   photos/light_NNN.jpg, lights.lp   with cast shadows (.tif where a side is more than 65,500 px)
 //   mesh.ply                          at most 4 M triangles
