@@ -56,15 +56,25 @@ ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domai
   return view;
 }
 
+double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px) {
+  constexpr double kMargin = 1.06;
+  double tan_y = std::tan(glm::radians(camera.fov_deg) / 2) / kMargin;
+  double tan_x = tan_y * static_cast<double>(width_px) / height_px;
+  double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
+  double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
+  glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
+  double distance = 0;
+  for (int corner = 0; corner < 4; ++corner) {
+    glm::dvec3 p = camera_from_world * (glm::dvec3{corner & 1 ? half_w : -half_w, corner & 2 ? half_h : -half_h, 0} - camera.target_mm);
+    distance = std::max({distance, std::abs(p.x) / tan_x + p.z, std::abs(p.y) / tan_y + p.z});
+  }
+  return distance;
+}
+
 OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg) {
   OrbitCamera camera;
   camera.fov_deg = fov_deg;
-  double tan_half = std::tan(glm::radians(fov_deg) / 2);
-  double aspect = static_cast<double>(width_px) / height_px;
-  double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
-  double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
-  constexpr double kMargin = 1.06;
-  camera.distance_mm = kMargin * std::max(half_h / tan_half, half_w / (tan_half * aspect));
+  camera.distance_mm = fitDistance(camera, domain, width_px, height_px);
   return camera;
 }
 

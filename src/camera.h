@@ -30,6 +30,8 @@ glm::dvec3 eyePosition(const OrbitCamera& camera);
 // min_z_mm, max_z_mm: the (exaggerated) heights of the artwork; near and far are chosen around it.
 ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
+// The smallest distance from which all of the artwork's plane is in view in the camera's direction, with a little margin, mm.
+double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px);
 // Looks straight at the artwork from where all of it is in view.
 OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg = 35);
 

@@ -104,11 +104,9 @@ Result<OrbitCamera> SceneOptions::camera(const PlanarDomain& domain, int width_p
   OrbitCamera c = fitCamera(domain, width_px, height_px, fov_deg);
   if (auto r = take(*state, "azimuth_deg", state_file, &c.azimuth_deg); !r) return r.error();
   if (auto r = take(*state, "elevation_deg", state_file, &c.elevation_deg); !r) return r.error();
-  if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   if (auto t = takeTriple(*state, "target_mm", state_file, &c.target_mm.x); !t) return t.error();
   c.azimuth_deg = azimuth.value_or(c.azimuth_deg);
   c.elevation_deg = elevation.value_or(c.elevation_deg);
-  c.distance_mm = distance.value_or(c.distance_mm);
   if (!target.empty()) {
     auto t = parseTriple(target, "--target");
     if (!t) return t.error();
@@ -116,6 +114,9 @@ Result<OrbitCamera> SceneOptions::camera(const PlanarDomain& domain, int width_p
   }
   if (!std::isfinite(c.azimuth_deg)) return usage("expected a finite --azimuth in degrees", "");
   if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usage("expected --elevation from -89 to 89 degrees", "");
+  c.distance_mm = fitDistance(c, domain, width_px, height_px);
+  if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
+  c.distance_mm = distance.value_or(c.distance_mm);
   if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usage("expected a --distance above 0 mm", "");
   return c;
 }
