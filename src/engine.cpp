@@ -180,8 +180,8 @@ struct Engine::Impl {
     v.eye_mm = view.eye_mm;
     v.pixels_per_radian = view.pixels_per_radian;
     v.near_mm = view.near_mm;
-    v.error_px = scene.error_px;
-    v.min_cell_px = 2 * scene.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
+    v.error_px = scene.error_px * std::exp2(lod_bias);  // under pressure geometry gives way as texture does
+    v.min_cell_px = 2 * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     return v;
@@ -297,13 +297,13 @@ struct Engine::Impl {
     return eye;
   }
 
-  void frameOnce(double now_s, bool settling) {
+  void frameOnce(double now_s) {
     ++frame;
     ++stats.frames;
-    analyze(settling ? feedback->wait() : feedback->poll());
-    stream(now_s, settling ? slot_count : options.uploads_per_frame);
+    analyze(feedback->poll());
+    stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
-    if (settling || adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
+    if (adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
       postLod(view);
       adopt(lod->waitFor(frame));
     } else {
@@ -313,8 +313,31 @@ struct Engine::Impl {
     lod_bias = streamer->detailBias();
     EyeFrame eye = prepareInstances();
     drawPicture(eye, now_s);
-    issueFeedback(eye, now_s, settling);
+    issueFeedback(eye, now_s, false);
     glFlush();
+  }
+
+  bool allArrived(std::span<const NodeWant> wants, std::span<const Plane> planes) const {
+    for (const NodeWant& w : wants) {
+      for (Plane p : planes) {
+        PageState state = streamer->state(PageId(p, w.node));
+        if (state != PageState::kResident && state != PageState::kFailed) return false;
+      }
+    }
+    return true;
+  }
+
+  // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when it was made.
+  bool settleGeometry() {
+    ++frame;
+    stream(steadySeconds(), slot_count);
+    lod_bias = streamer->detailBias();
+    postLod(currentView());
+    uint64_t generation = resident_generation;
+    adopt(lod->waitFor(frame));
+    if (adopted_frame != frame) return false;
+    static constexpr Plane kReliefPlane[] = {Plane::kRelief};
+    return !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
   }
 };
 
@@ -380,39 +403,41 @@ Result<void> Engine::sabotage(const Sabotage& what) {
   return impl_->linkPrograms();
 }
 
-void Engine::frame(double now_s) { impl_->frameOnce(now_s, false); }
+void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
 
 Result<void> Engine::settle(double timeout_s) {
+  // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and patch list
+  // first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it over, with less detail.
   Impl& e = *impl_;
   double start = steadySeconds();
-  int calm = 0;
-  std::vector<NodeId> wanted_before;
-  for (;;) {
-    e.frameOnce(steadySeconds(), true);
-    std::vector<NodeId> wanted;
-    for (const NodeWant& w : e.texture_wants) wanted.push_back(w.node);
-    std::sort(wanted.begin(), wanted.end());
-    // Feedback of a frame is read in the next: calm means that nothing was missing and nothing new was wanted twice over.
-    bool steady = e.streamer->settled() && wanted == wanted_before && !wanted.empty() && e.adopted_frame == e.frame;
-    if (e.plan.relief) {
-      for (const NodeWant& w : e.relief_wants) {
-        PageState state = e.streamer->state(PageId(Plane::kRelief, w.node));
-        steady = steady && (state == PageState::kResident || state == PageState::kFailed);
+  auto timedOut = [&] { return steadySeconds() - start > timeout_s; };
+  auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
+  double bias = 0;
+  for (bool done = false; !done;) {
+    while (!e.settleGeometry() && !timedOut()) pause();
+    bias = e.lod_bias;
+    EyeFrame eye = e.prepareInstances();
+    if (e.issueFeedback(eye, steadySeconds(), true)) e.analyze(e.feedback->wait());
+    for (int step = 0; !timedOut(); ++step) {
+      // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
+      bool geometry = e.settleGeometry();
+      if (geometry && e.streamer->settled() && e.lod_bias == bias && e.allArrived(e.texture_wants, e.plan.texture_planes)) {
+        done = true;
+        break;
       }
+      if (e.lod_bias != bias && step >= 16) break;
+      if (e.streamer->stats().queued + e.streamer->stats().decoding > 0) pause();
     }
-    calm = steady ? calm + 1 : 0;
-    wanted_before = std::move(wanted);
-    if (calm >= 2) break;
-    double waited = steadySeconds() - start;
-    if (waited > timeout_s) {
-      return Error{ErrorKind::kRuntime, "", "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s: " +
-                       std::to_string(e.streamer->stats().queued + e.streamer->stats().decoding) + " pages under way, " +
-                       std::to_string(e.streamer->stats().deferred) + " without a place in the cache",
-                   "raise --cache-mib or --timeout", {}};
-    }
-    if (e.texture_wants.empty() && e.frame > 4 && waited > 0.5) break;  // the artwork is out of view
-    if (!steady) std::this_thread::sleep_for(std::chrono::microseconds(200));
+    if (timedOut()) break;
   }
+  if (timedOut()) {
+    const StreamerStats& s = e.streamer->stats();
+    return Error{ErrorKind::kRuntime, "", "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s: " +
+                     std::to_string(s.queued + s.decoding) + " pages under way, " + std::to_string(s.deferred) + " without a place in the cache",
+                 "raise --cache-mib or --timeout", {}};
+  }
+  ++e.stats.frames;
+  e.drawPicture(e.prepareInstances(), steadySeconds());
   glFinish();
   return {};
 }

@@ -66,7 +66,7 @@ class Engine {
 
   // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock.
   void frame(double now_s);
-  // Frames with full-size feedback until every page that the view wants is resident and the LOD is final; then draws it.
+  // Streams until every page that the view wants (by full-size feedback) is resident and the patch list is final; then draws it.
   // The picture depends on the artwork, camera and scene only. Fails after timeout_s, naming what is missing.
   Result<void> settle(double timeout_s);
 

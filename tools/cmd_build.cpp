@@ -8,10 +8,10 @@
 #include <optional>
 
 #include "src/base/file.h"
-#include "src/base/progress.h"
 #include "texturing/image_io.h"
 #include "texturing/package_builder.h"
 #include "texturing/ptm.h"
+#include "tools/build_run.h"
 #include "tools/commands.h"
 
 namespace relievo {
@@ -40,16 +40,6 @@ bool sameFile(const std::string& a, const std::string& b) {
   return ::stat(a.c_str(), &sa) == 0 && ::stat(b.c_str(), &sb) == 0 && sa.st_dev == sb.st_dev && sa.st_ino == sb.st_ino;
 }
 
-std::string duration(double seconds) {
-  char text[32];
-  if (seconds < 60) {
-    std::snprintf(text, sizeof text, "%.0f s", seconds);
-  } else {
-    std::snprintf(text, sizeof text, "%d min %02d s", static_cast<int>(seconds / 60), static_cast<int>(seconds) % 60);
-  }
-  return text;
-}
-
 Result<void> build(const BuildArguments& o) {
   if (o.ptm.empty() == o.image.empty()) {
     return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE and --image FILE", "see relievo build --help", {}};
@@ -72,38 +62,26 @@ Result<void> build(const BuildArguments& o) {
     relief = std::move(*opened);
   }
 
-  ProgressLine line("build");
   BuildOptions options;
   options.output = o.output;
   options.mm_per_px = o.mm_per_px;
   options.workers = o.workers;
   options.zstd_level = o.zstd_level;
   options.memory_budget_bytes = budget;
-  options.tool_version = "relievo " RELIEVO_VERSION;
-  options.interrupted = &interruptedFlag();
-  options.progress = [&](const BuildProgress& p) {
-    double fraction = static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total);
-    char text[160];
-    std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left", static_cast<unsigned long long>(p.pages_done),
-                  static_cast<unsigned long long>(p.pages_total), static_cast<double>(p.texels_done) / 1e6 / std::max(p.seconds, 1e-3),
-                  fraction > 0 ? duration(p.seconds * (1 - fraction) / fraction).c_str() : "?");
-    line.update(fraction, text);
-  };
-  auto built = buildPackage(**texture, relief.get(), options);
+  auto built = buildWithProgress(**texture, relief.get(), options);
   if (!built) return built.error();
 
-  const double pixels = static_cast<double>((*texture)->width()) * static_cast<double>((*texture)->height());
-  const double mpix_s = pixels / 1e6 / std::max(built->seconds, 1e-9), bytes_per_px = static_cast<double>(built->package_bytes) / pixels;
   if (!o.json_file.empty()) {
+    const double pixels = static_cast<double>((*texture)->width()) * static_cast<double>((*texture)->height());
     nlohmann::ordered_json json;
     json["package"] = o.output;
     json["width_px"] = (*texture)->width();
     json["height_px"] = (*texture)->height();
     json["pages"] = built->pages;
     json["package_bytes"] = built->package_bytes;
-    json["bytes_per_px"] = bytes_per_px;
+    json["bytes_per_px"] = static_cast<double>(built->package_bytes) / pixels;
     json["seconds"] = built->seconds;
-    json["mpix_per_s"] = mpix_s;
+    json["mpix_per_s"] = pixels / 1e6 / std::max(built->seconds, 1e-9);
     std::string text = json.dump(2) + "\n";
     if (o.json_file == "-") {
       std::fputs(text.c_str(), stdout);
@@ -111,9 +89,7 @@ Result<void> build(const BuildArguments& o) {
     }
     if (auto written = writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written) return written;
   }
-  std::printf("%s: %lld x %lld px, %llu pages, %.1f MiB (%.2f bytes per pixel), %.1f s, %.1f MPix/s\n", o.output.c_str(),
-              static_cast<long long>((*texture)->width()), static_cast<long long>((*texture)->height()),
-              static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20), bytes_per_px, built->seconds, mpix_s);
+  std::printf("%s\n", buildSummary(**texture, options, *built).c_str());
   return {};
 }
 

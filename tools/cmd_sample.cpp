@@ -1,10 +1,11 @@
 // relievo sample: procedural artworks with known truth, as files or straight into a package.
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <sstream>
 
 #include "src/base/progress.h"
-#include "texturing/package_builder.h"
+#include "tools/build_run.h"
 #include "tools/commands.h"
 #include "tools/sample_artwork.h"
 #include "tools/sample_writer.h"
@@ -16,8 +17,9 @@ constexpr int64_t kMaxSidePx = int64_t{1} << 20;
 constexpr int64_t kEverythingPx = int64_t{4096} * 4096;
 
 struct Options {
-  std::string kind, folder, size = "2048x2048", write, package, basis = "lrgb";
+  std::string kind, folder, size = "2048x2048", package, basis = "lrgb";
   uint64_t seed = 1;
+  std::optional<std::string> write;
   int lights = 49, workers = 0;
 };
 
@@ -25,13 +27,14 @@ Error usage(const std::string& message, const std::string& hint) {
   return Error{.kind = ErrorKind::kUsage, .message = message, .hint = hint};
 }
 
-Result<void> chooseFiles(const std::string& list, int64_t pixels, SampleWriteOptions& out) {
-  if (list.empty()) {
+Result<void> chooseFiles(const std::optional<std::string>& list, int64_t pixels, SampleWriteOptions& out) {
+  if (!list) {
     out.height = out.ptm_lrgb = true;
     if (pixels <= kEverythingPx) out.albedo = out.normals = out.ptm_rgb = out.photos = out.mesh = true;
     return {};
   }
-  std::stringstream items(list);
+  if (list->empty()) return usage("--write: the list is empty", "leave -o out to build a package only");
+  std::stringstream items(*list);
   for (std::string item; std::getline(items, item, ',');) {
     bool* flag = item == "height"     ? &out.height
                  : item == "albedo"   ? &out.albedo
@@ -62,7 +65,7 @@ Result<void> makeSample(const Options& o) {
   if (o.folder.empty() && o.package.empty()) return usage("nothing to write", "-o DIR for files, --package FILE for a package, or both");
   SampleWriteOptions files{.folder = o.folder, .lights = o.lights, .interrupted = &interruptedFlag()};
   if (auto chosen = chooseFiles(o.write, size->first * size->second, files); !chosen) return chosen;
-  if (!o.write.empty() && o.folder.empty()) return usage("--write needs a folder", "-o DIR");
+  if (o.write && o.folder.empty()) return usage("--write needs a folder", "-o DIR");
 
   SampleArtwork artwork({.kind = *kind, .width = size->first, .height = size->second, .seed = o.seed});
   std::printf("%s, %s px, seed %llu: %.9g mm per px\n", sampleKindName(*kind), o.size.c_str(), static_cast<unsigned long long>(o.seed), artwork.mmPerPx());
@@ -81,20 +84,9 @@ Result<void> makeSample(const Options& o) {
     build.output = o.package;
     build.mm_per_px = artwork.mmPerPx();
     build.workers = o.workers;
-    build.tool_version = "relievo " RELIEVO_VERSION;
-    build.interrupted = &interruptedFlag();
-    ProgressLine progress("package");
-    build.progress = [&](const BuildProgress& p) {
-      double done = p.pages_total ? static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total) : 0;
-      char detail[96];
-      std::snprintf(detail, sizeof detail, "%llu pages, %.1f Mtexel/s", static_cast<unsigned long long>(p.pages_done),
-                    p.seconds > 0 ? static_cast<double>(p.texels_done) / p.seconds * 1e-6 : 0.0);
-      progress.update(done, detail);
-    };
-    auto report = buildPackage(*texture, relief.get(), build);
+    auto report = buildWithProgress(*texture, relief.get(), build);
     if (!report) return report.error();
-    std::printf("%s: %llu pages, %.1f MiB, %.2f s\n", o.package.c_str(), static_cast<unsigned long long>(report->pages),
-                static_cast<double>(report->package_bytes) / 1048576.0, report->seconds);
+    std::printf("%s\n", buildSummary(*texture, build, *report).c_str());
   }
   return {};
 }
