@@ -15,13 +15,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Run {
+struct Outcome {
   int exit_code = -1;
   std::string output;  // stdout and stderr
 };
 
-Run run(const std::string& command) {
-  Run r;
+Outcome run(const std::string& command) {
+  Outcome r;
   FILE* pipe = popen((command + " 2>&1 </dev/null").c_str(), "r");
   if (!pipe) return r;
   char buffer[4096];
@@ -39,7 +39,7 @@ class Cli : public ::testing::Test {
   }
   void TearDown() override { fs::remove_all(folder_); }
   std::string file(const std::string& name) const { return folder_ + "/" + name; }
-  Run relievo(const std::string& arguments) const { return run(std::string(RELIEVO_PROGRAM) + " " + arguments); }
+  Outcome relievo(const std::string& arguments) const { return run(std::string(RELIEVO_PROGRAM) + " " + arguments); }
   void write(const std::string& name, const std::string& bytes) const { std::ofstream(file(name), std::ios::binary) << bytes; }
   int filesNamed(const std::string& part) const {
     int n = 0;
@@ -52,7 +52,7 @@ class Cli : public ::testing::Test {
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
   for (const char* command : {"sample", "build", "info", "verify", "render", "view"}) {
-    Run r = relievo(std::string(command) + " --help");
+    Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
   }
@@ -69,7 +69,7 @@ TEST_F(Cli, WrongUsageIsExitCode1) {
 
 TEST_F(Cli, AMissingFileIsExitCode2AndNamed) {
   for (const char* command : {"info ", "verify ", "render -o x.png ", "build -o x.relievo --ptm "}) {
-    Run r = relievo(command + file("nowhere.bin"));
+    Outcome r = relievo(command + file("nowhere.bin"));
     EXPECT_EQ(r.exit_code, 2) << command << r.output;
     EXPECT_NE(r.output.find("nowhere.bin"), std::string::npos) << r.output;
   }
@@ -77,7 +77,7 @@ TEST_F(Cli, AMissingFileIsExitCode2AndNamed) {
 
 TEST_F(Cli, InvalidDataIsExitCode3AndUnsupportedIs5) {
   write("bad.ptm", "PTM_1.2\nPTM_FORMAT_LRGB\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\nshort");
-  Run r = relievo("build --ptm " + file("bad.ptm") + " -o " + file("a.relievo"));
+  Outcome r = relievo("build --ptm " + file("bad.ptm") + " -o " + file("a.relievo"));
   EXPECT_EQ(r.exit_code, 3) << r.output;
   EXPECT_NE(r.output.find("bad.ptm"), std::string::npos);
   write("lut.ptm", "PTM_1.2\nPTM_FORMAT_PTM_C_LUT\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\n");
@@ -91,7 +91,7 @@ TEST_F(Cli, InvalidDataIsExitCode3AndUnsupportedIs5) {
 }
 
 TEST_F(Cli, SampleBuildInfoVerifyRoundTrip) {
-  Run r = relievo("sample inscription -o " + file("s") + " --size 300x200 --write height,ptm-lrgb --package " + file("direct.relievo"));
+  Outcome r = relievo("sample inscription -o " + file("s") + " --size 300x200 --write height,ptm-lrgb --package " + file("direct.relievo"));
   ASSERT_EQ(r.exit_code, 0) << r.output;
   EXPECT_TRUE(fs::exists(file("s/truth.json")));
   r = relievo("info " + file("direct.relievo") + " --json");
@@ -122,7 +122,7 @@ TEST_F(Cli, ATargetIsKeptWhenTheBuildFails) {
 
 TEST_F(Cli, AnInterruptedBuildLeavesNothingBehind) {
   // SIGINT after 1.5 s of a build that takes far longer.
-  Run r = run("timeout -s INT 1.5 " RELIEVO_PROGRAM " sample painting -o " + file("s") + " --size 32768x32768 --write height --package " +
+  Outcome r = run("timeout -s INT 1.5 " RELIEVO_PROGRAM " sample painting -o " + file("s") + " --size 32768x32768 --write height --package " +
               file("big.relievo"));
   EXPECT_NE(r.exit_code, 0) << r.output;
   EXPECT_FALSE(fs::exists(file("big.relievo")));
@@ -135,7 +135,7 @@ TEST_F(Cli, AnInterruptedBuildLeavesNothingBehind) {
 }
 
 TEST_F(Cli, AFullDiskIsOneErrorAndLeavesNothing) {
-  Run r = run("ulimit -f 64; trap '' XFSZ; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
+  Outcome r = run("ulimit -f 64; trap '' XFSZ; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
               file("big.relievo"));
   EXPECT_EQ(r.exit_code, 2) << r.output;
   EXPECT_FALSE(fs::exists(file("big.relievo")));
@@ -144,7 +144,7 @@ TEST_F(Cli, AFullDiskIsOneErrorAndLeavesNothing) {
 
 TEST_F(Cli, ViewWithoutADisplayNamesRender) {
   ASSERT_EQ(relievo("sample coin -o " + file("s") + " --size 64x64 --write height --package " + file("c.relievo")).exit_code, 0);
-  Run r = run("env -u DISPLAY -u WAYLAND_DISPLAY " RELIEVO_PROGRAM " view " + file("c.relievo"));
+  Outcome r = run("env -u DISPLAY -u WAYLAND_DISPLAY " RELIEVO_PROGRAM " view " + file("c.relievo"));
   EXPECT_EQ(r.exit_code, 4) << r.output;
   EXPECT_NE(r.output.find("relievo render"), std::string::npos) << r.output;
 }
@@ -152,7 +152,7 @@ TEST_F(Cli, ViewWithoutADisplayNamesRender) {
 TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
   ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 700x500 --write height --package " + file("i.relievo")).exit_code, 0);
   std::string common = "render " + file("i.relievo") + " --size 320x180 --azimuth 30 --elevation 20 --light -0.7,0.2,0.5 --settle ";
-  Run first = relievo(common + "-o " + file("a.png") + " --stats " + file("a.json"));
+  Outcome first = relievo(common + "-o " + file("a.png") + " --stats " + file("a.json"));
   if (first.exit_code == 4) GTEST_SKIP() << first.output;
   ASSERT_EQ(first.exit_code, 0) << first.output;
   ASSERT_EQ(relievo(common + "-o " + file("b.png") + " --workers 5").exit_code, 0);
