@@ -5,19 +5,13 @@ if [ -z "${CCACHE_DIR:-}" ] && { [ -z "${HOME:-}" ] || [ ! -w "$HOME" ]; }; then
   export CCACHE_DIR="$PWD/.cache/ccache"
 fi
 
-# step TITLE COMMAND...: runs it and says how long it took. A failure ends the script with its exit code.
+# step TITLE COMMAND...: runs it, says how long it took, and answers with its exit code. A shell function as COMMAND must
+# chain its parts by && or `|| return`: whoever asks for the exit code (step ... ||) switches `set -e` off within.
 step() {
   local title=$1 start=$SECONDS status=0
   shift
   printf '\n== %s\n' "$title"
-  # Not as the condition of an if: that would switch `set -e` off inside functions.
-  set +e
-  (
-    set -e
-    "$@"
-  )
-  status=$?
-  set -e
+  "$@" || status=$?
   if [ "$status" -ne 0 ]; then
     printf '== %s: FAILED after %d s (exit code %d)\n' "$title" $((SECONDS - start)) "$status" >&2
     return "$status"
@@ -34,6 +28,6 @@ configureOnce() {
     printf 'configured before\n'
     return 0
   fi
-  cmake --preset "$preset" -B "$folder" "$@"
-  printf '%s\n' "$*" >"$folder/.options"
+  cmake --preset "$preset" -B "$folder" "$@" &&
+    printf '%s\n' "$*" >"$folder/.options"
 }

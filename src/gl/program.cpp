@@ -1,8 +1,8 @@
 #include "src/gl/program.h"
 
 #include <algorithm>
+#include <charconv>
 #include <optional>
-#include <regex>
 #include <set>
 #include <string_view>
 
@@ -114,22 +114,52 @@ Result<ShaderText> embedded(const std::string& name) {
                .hint = "add it to RELIEVO_SHADERS in shaders/CMakeLists.txt"};
 }
 
-// Drivers write "0:12(5): error" (Mesa), "0(12) : error" (NVIDIA) or "ERROR: 0:12: " (ANGLE, Apple): the number of the
-// source string becomes the file's name, and the lines spoken of follow the log, two around each.
+// Where a line of a driver's log points to. Drivers write "0:12(5): error" (Mesa), "0(12) : error" (NVIDIA) or
+// "ERROR: 0:12: " (ANGLE, Apple); the first number is that of the source string.
+struct LogPlace {
+  size_t file = 0, line = 0;
+  std::string_view before, after;
+};
+std::optional<LogPlace> logPlace(std::string_view text) {
+  LogPlace place;
+  size_t at = 0;
+  for (std::string_view prefix : {"ERROR: ", "WARNING: "})
+    if (text.starts_with(prefix)) at = prefix.size();
+  place.before = text.substr(0, at);
+  auto number = [&](size_t& value) {
+    auto [end, bad] = std::from_chars(text.data() + at, text.data() + text.size(), value);
+    at = static_cast<size_t>(end - text.data());
+    return bad == std::errc();
+  };
+  if (!number(place.file) || at >= text.size() || (text[at] != ':' && text[at] != '(')) return std::nullopt;
+  const bool bracketed = text[at++] == '(';
+  if (!number(place.line)) return std::nullopt;
+  if (bracketed && (at >= text.size() || text[at++] != ')')) return std::nullopt;
+  if (!bracketed && at < text.size() && text[at] == '(') {  // the column
+    const size_t close = text.find(')', at);
+    if (close == std::string_view::npos) return std::nullopt;
+    at = close + 1;
+  }
+  place.after = text.substr(at);
+  return place;
+}
+
+// With file names for the numbers of source strings, and the lines spoken of after the log, two around each.
 std::string readableLog(const std::string& log, const std::vector<ShaderText>& files) {
-  static const std::regex place(R"(^((?:ERROR|WARNING): )?(\d{1,4})(?::(\d{1,6})(?:\(\d+\))?|\((\d{1,6})\)))");
   std::string out;
   std::set<std::pair<size_t, size_t>> shown;
-  for (std::string_view view : linesOf(log)) {
-    std::string line(view);
-    std::smatch m;
-    if (std::regex_search(line, m, place) && std::stoul(m[2]) < files.size()) {
-      const size_t file = std::stoul(m[2]), at = std::stoul(m[3].matched ? m[3] : m[4]);
-      line = m[1].str() + files[file].name + ":" + std::to_string(at) + m.suffix().str();
-      const size_t count = linesOf(files[file].text).size();
-      for (size_t i = at > 2 ? at - 2 : 1; i <= std::min(at + 2, count); ++i) shown.insert({file, i});
+  for (std::string_view line : linesOf(log)) {
+    out += "\n  ";
+    const std::optional<LogPlace> place = logPlace(line);
+    if (!place || place->file >= files.size()) {
+      out += line;
+      continue;
     }
-    out += "\n  " + line;
+    const ShaderText& file = files[place->file];
+    out.append(place->before).append(file.name + ":" + std::to_string(place->line)).append(place->after);
+    const size_t count = linesOf(file.text).size();
+    const size_t first = place->line > 2 ? place->line - 2 : 1;
+    for (size_t i = first; i <= count && i <= place->line + 2; ++i) shown.insert({place->file, i});
   }
   for (const auto& [file, i] : shown) {
     std::string number = std::to_string(i);
