@@ -17,8 +17,8 @@ namespace {
 constexpr double kBoxPx = 1.0 / 64.0;
 // Two ends of a triangle's height, each snapped to 1/256 px: what the height may be off by.
 constexpr double kSnapPx = 1.41421356 / 256.0;
-// Depths closer than this may be taken in either order: a few steps of a 24-bit buffer.
-constexpr double kDepthSlack = 5e-7;
+// Depths closer than this may be taken in either order (the header derives it).
+constexpr double kDepthSlack = 0x1p-21;
 constexpr int kMaxChannels = 18;
 
 }  // namespace
@@ -430,7 +430,7 @@ struct FullCover {
   double depth = std::numeric_limits<double>::infinity();
   int32_t triangle = -1;
 };
-// A triangle that touches a pixel's box and does not cover all of it.
+// A triangle that touches a pixel's box or covers all of it.
 struct Touch {
   int32_t pixel, triangle;
   friend bool operator<(const Touch& a, const Touch& b) {
@@ -439,7 +439,7 @@ struct Touch {
 };
 
 void rasterise(const Triangle& t, int32_t index, const PixelBox& box, int width, std::vector<FullCover>& full,
-               std::vector<Touch>& touches) {
+               std::vector<Touch>& touches, std::vector<Touch>& covers) {
   std::array<double, 3> margin;
   for (int k = 0; k < 3; ++k) margin[k] = (std::abs(t.b[k].dx) + std::abs(t.b[k].dy)) * kBoxPx;
   const double depth_margin = (std::abs(t.depth.dx) + std::abs(t.depth.dy)) * kBoxPx;
@@ -457,26 +457,39 @@ void rasterise(const Triangle& t, int32_t index, const PixelBox& box, int width,
           b0 >= margin[0] && b1 >= margin[1] && b2 >= margin[2] && z - depth_margin >= -1.0 && z + depth_margin <= 1.0;
       if (!covers_all) {
         touches.push_back({static_cast<int32_t>(y * width + x), index});
-      } else if (z < cover.depth) {
-        cover = {z, index};
+      } else {
+        covers.push_back({static_cast<int32_t>(y * width + x), index});
+        if (z < cover.depth) cover = {z, index};
       }
     }
   }
 }
 
-// What a pixel may show: the triangle at its centre (-1: background), and the others that snapping may put there.
+// What a pixel may show: the triangle at its centre (-1: background), and the others that snapping may put there or
+// that lie too close behind.
 struct Visible {
   int32_t centre = -1;
   bool background = false;  // somewhere in the box nothing is drawn
   std::vector<int32_t> others;
 };
 
+// touches: those that touch the box and do not cover it; covers: all that cover it, full the nearest of them.
 Visible resolve(const std::vector<Triangle>& triangles, const FullCover& full, std::span<const Touch> touches,
-                double cx, double cy) {
+                std::span<const Touch> covers, double cx, double cy) {
   Visible v;
+  // Of those that cover the box, the ones whose distance behind the nearest falls to kDepthSlack somewhere in it.
+  std::vector<int32_t> close;
+  for (const Touch& cover : covers) {
+    if (cover.triangle == full.triangle) continue;
+    const Affine &near = triangles[full.triangle].depth, &far = triangles[cover.triangle].depth;
+    const double least =
+        far(cx, cy) - near(cx, cy) - (std::abs(far.dx - near.dx) + std::abs(far.dy - near.dy)) * kBoxPx;
+    if (least <= kDepthSlack) close.push_back(cover.triangle);
+  }
   if (touches.empty()) {
     v.centre = full.triangle;
     v.background = full.triangle < 0;
+    v.others = std::move(close);
     return v;
   }
   // The farthest depth that is seen anywhere in the box: what lies behind it can't be drawn. By 5 x 5 samples.
@@ -505,6 +518,7 @@ Visible resolve(const std::vector<Triangle>& triangles, const FullCover& full, s
     if (std::max(least, t.min_depth) <= farthest + kDepthSlack) v.others.push_back(index);
   };
   addIfSeen(full.triangle);
+  for (int32_t index : close) addIfSeen(index);
   for (const Touch& touch : touches) addIfSeen(touch.triangle);
   return v;
 }
@@ -607,7 +621,7 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
   assert(instances.size() < (size_t{1} << 20));
 
   std::vector<FullCover> full(static_cast<size_t>(width) * height);
-  std::vector<Touch> touches;
+  std::vector<Touch> touches, covers;
   std::vector<Triangle> triangles;
   std::vector<Vertex> grid;
   for (size_t n = 0; n < instances.size(); ++n) {
@@ -645,7 +659,7 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
           const PixelBox box = pixelBox(t, width, height);
           if (box.empty() || !setUp(corners, width, height, t)) continue;
           t.id = static_cast<int32_t>(n << 11 | (j * cells + i) << 1 | static_cast<uint32_t>(half));
-          rasterise(t, static_cast<int32_t>(triangles.size()), box, width, full, touches);
+          rasterise(t, static_cast<int32_t>(triangles.size()), box, width, full, touches, covers);
           triangles.push_back(t);
         }
       }
@@ -653,14 +667,17 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
   }
 
   std::sort(touches.begin(), touches.end());
+  std::sort(covers.begin(), covers.end());
 
   DenseImage image{width, height, std::vector<DensePixel>(static_cast<size_t>(width) * height)};
-  auto touch = touches.begin();
+  auto touch = touches.begin(), cover = covers.begin();
   for (int32_t index = 0; index < width * height; ++index) {
     const int x = index % width, y = index / width;
-    const auto first_touch = touch;
+    const auto first_touch = touch, first_cover = cover;
     while (touch != touches.end() && touch->pixel == index) ++touch;
-    const Visible visible = resolve(triangles, full[index], {first_touch, touch}, x + 0.5, y + 0.5);
+    while (cover != covers.end() && cover->pixel == index) ++cover;
+    const Visible visible =
+        resolve(triangles, full[index], {first_touch, touch}, {first_cover, cover}, x + 0.5, y + 0.5);
     DensePixel& pixel = image.pixels[index];
     if (visible.centre < 0) {
       if (!visible.others.empty()) pixel.edge |= kEdgeSilhouette;

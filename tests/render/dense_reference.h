@@ -104,10 +104,20 @@ struct DenseView {
 // asks for 1/16 px or better) and computes in single precision. So a triangle that touches the square of +-1/64 px
 // around a pixel's centre may be the one that is drawn there, unless it lies behind all that is seen in that square;
 // and the gradients of a triangle that is thin on the screen depend on where its corners were snapped to.
+//
+// "Behind" is by more than 2^-21 of z/w. Nearer than that the depth buffer does not tell two surfaces apart, also where
+// both cover the whole square: next to a fold, where a slope goes over into its hidden back side, they come as close as
+// one likes. The 2^-21 are the sum of what a common depth buffer leaves open:
+//   - 24 bits: two depths within one step, 2^-24 of window depth or 2^-23 of z/w, may be stored as the same number, and
+//     which triangle then wins is a matter of the order of drawing;
+//   - single precision: a window depth of 1/2 to 1 is rounded by up to 2^-25, or 2^-24 of z/w, each time: z/w at the
+//     corners, its window depth there, the interpolation at the pixel: 3 * 2^-24 for each of the two surfaces.
+// Errors of the clip coordinates are not counted: at a fold, the case that matters, triangles share corners and move
+// together.
 enum EdgeReason : uint8_t {
   kEdgeSilhouette = 1,  // the artwork's outline runs through the square
   kEdgeOcclusion = 2,   // another triangle may show, and its texel position at the pixel's centre is more than half a
-                       // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork
+                        // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork
   kEdgeColour = 4,  // another triangle may show; the place is the same, but its level of detail gives another colour
                     // (by more than 0.5 of 255 in a channel)
   kEdgeThin = 8,    // of height h px: lambda may be off by log2(1 - sqrt(2) / 256 / h), and the colour by more than 0.5

@@ -543,6 +543,51 @@ TEST(DenseRelief, AStepHidesWhatItShould) {
   EXPECT_NEAR(image.at(4 * 60, 10).texel.x, 60.125, 1e-9);
 }
 
+TEST(DenseRelief, SurfacesAtOneDepthAreUndetermined) {
+  // The step of the test above, with heights and thus depths squeezed by e and the slant stretched by as much: the same
+  // picture. Behind the top (screen place u from 55 on, depth -0.01 e) lie the riser, by 0.01 e (u - 55) / 9, and the
+  // ground, by 0.01 e.
+  FunctionTexture texture(128, 128, colourFormat(), [](int64_t x, int64_t, int) { return uint8_t(2 * x); });
+  DenseTexture t = dense(texture);
+  t.domain.relief_depth = 0;
+  DenseRelief r;
+  r.width = r.height = 129;
+  r.scale_mm = 0.01;
+  for (int64_t j = 0; j < 129; ++j)
+    for (int64_t i = 0; i < 129; ++i) r.samples.push_back(i <= 64 ? 0 : 1000);
+  auto instances = uniformInstances(t.domain, 2, 5);
+  auto undeterminedColumns = [&](double e) {
+    DenseView view = frontView(t.domain, 512, 64, 0.25, 0, 0, -1 / e);
+    view.exaggerate = e;
+    const DenseImage image = renderDense(t, &r, instances, view);
+    std::vector<int> columns;
+    for (int x = 0; x < 512; ++x) {
+      const double u = (x + 0.5) / 4;
+      int marked = 0;
+      for (int y = 0; y < 64; ++y) {
+        const DensePixel& p = image.at(x, y);
+        marked += (p.edge & kEdgeOcclusion) != 0;
+        if (u < 118) {
+          EXPECT_NEAR(p.texel.x, u < 55 ? u : u + 10, 1e-6);
+        }
+      }
+      EXPECT_TRUE(marked == 0 || marked == 64) << x;
+      if (marked != 0) columns.push_back(x);
+    }
+    return columns;
+  };
+  // 2^-21 is 0.01 e (u - 55) / 9 at u = 55.43: two columns of a quarter of a texel.
+  EXPECT_EQ(undeterminedColumns(1e-3), (std::vector<int>{220, 221}));
+  // The ground is 4e-7 behind the top: all of the overlap, columns 220 to 255.
+  const auto all = undeterminedColumns(4e-5);
+  EXPECT_EQ(all.size(), 36u);
+  EXPECT_EQ(all.front(), 220);
+  EXPECT_EQ(all.back(), 255);
+  // Negative controls: far enough apart, nothing.
+  EXPECT_TRUE(undeterminedColumns(1).empty());
+  EXPECT_TRUE(undeterminedColumns(0.01).empty());
+}
+
 TEST(DenseRelief, ACrackShows) {
   // A ridge across a node border that one side resolves and the other does not, and whose edge levels disagree.
   FunctionTexture texture(256, 128, colourFormat(), [](int64_t, int64_t, int) { return uint8_t(90); });

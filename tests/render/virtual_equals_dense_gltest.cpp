@@ -121,6 +121,10 @@ TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
       {"level of detail off by a quarter", [](DenseView& v) { v.lod_bias = 0.25; }},
       {"light off by a degree", [](DenseView& v) { v.light_u += 0.0175; }},
       {"nearest level", [](DenseView& v) { v.trilinear = false; }},
+      {"the farthest surface instead of the nearest",
+       [](DenseView& v) {
+         for (int column = 0; column < 4; ++column) v.clip_from_world[column][2] *= -1;
+       }},
       {"half a pixel to the side", [](DenseView& v) {
          glm::dmat4 shift{1.0};
          shift[3][0] = 1.0 / v.width_px;
