@@ -410,13 +410,16 @@ Result<void> Engine::settle(double timeout_s) {
   // first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it over, with less detail.
   Impl& e = *impl_;
   double start = steadySeconds();
-  auto timedOut = [&] { return steadySeconds() - start > timeout_s; };
+  auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
+  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
   auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
   double bias = 0;
-  for (bool done = false; !done;) {
+  bool done = false;
+  while (!done && !timedOut()) {
     while (!e.settleGeometry() && !timedOut()) pause();
     bias = e.lod_bias;
     EyeFrame eye = e.prepareInstances();
+    e.feedback->wait();  // a target is free for sure
     if (e.issueFeedback(eye, steadySeconds(), true)) e.analyze(e.feedback->wait());
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
@@ -428,9 +431,9 @@ Result<void> Engine::settle(double timeout_s) {
       if (e.lod_bias != bias && step >= 16) break;
       if (e.streamer->stats().queued + e.streamer->stats().decoding > 0) pause();
     }
-    if (timedOut()) break;
   }
-  if (timedOut()) {
+  if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  if (!done) {
     const StreamerStats& s = e.streamer->stats();
     return Error{ErrorKind::kRuntime, "", "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s: " +
                      std::to_string(s.queued + s.decoding) + " pages under way, " + std::to_string(s.deferred) + " without a place in the cache",

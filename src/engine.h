@@ -5,6 +5,7 @@
 // budget; draw; issue the next feedback; post the camera to the LOD worker.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -33,6 +34,7 @@ struct EngineOptions {
   int workers = 2;
   int feedback_scale = 8;   // the feedback pass has 1/8 of the view's width and height
   uint32_t uploads_per_frame = 64;
+  const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
 };
 
 struct EngineStats {

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/progress.h"
 #include "src/engine.h"
 #include "src/gl/context.h"
 #include "texturing/image_io.h"
@@ -68,7 +69,7 @@ Result<void> render(const RenderOptions& o) {
   }
   double settled_s = nowSeconds() - start;
   std::vector<double> frame_ms;
-  for (int i = 0; i < o.frames; ++i) {
+  for (int i = 0; i < o.frames && !interruptedFlag(); ++i) {
     double t = nowSeconds();
     e.frame(nowSeconds());
     e.readPixels();  // waits for the picture

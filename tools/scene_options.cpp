@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/progress.h"
 #include "tools/commands.h"
 
 namespace relievo {
@@ -125,6 +126,7 @@ EngineOptions SceneOptions::engineOptions() const {
   EngineOptions o;
   o.cache_mib = cache_mib;
   o.workers = workers;
+  o.interrupted = &interruptedFlag();
   return o;
 }
 
