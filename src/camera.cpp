@@ -37,12 +37,22 @@ ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domai
     nearest = std::min(nearest, depth);
     farthest = std::max(farthest, depth);
   }
-  // No nearer than the artwork's box nor than a thousandth of the distance to the target.
-  view.near_mm = std::max(nearest * 0.98, std::max(camera.distance_mm, 1e-6) * 1e-3);
-  view.far_mm = std::max(farthest * 1.02, view.near_mm * 2);
-
   double tan_half = std::tan(glm::radians(camera.fov_deg) / 2);
   double aspect = static_cast<double>(width_px) / height_px;
+  // Nothing in view is nearer than the artwork's box, nor than where the steepest line of sight (one of the picture's corners)
+  // meets the plane of the greatest height. An eye within the heights gets a thousandth of the distance to the target.
+  double steepest = -1e300;
+  for (double x : {-1.0, 1.0}) {
+    for (double y : {-1.0, 1.0}) {
+      glm::dvec3 sight = world_from_camera * glm::dvec3{x * tan_half * aspect, y * tan_half, -1};  // one mm of depth
+      steepest = std::max(steepest, -sight.z);
+    }
+  }
+  double above = view.eye_mm.z - max_z_mm;
+  double nearest_seen = above > 0 && steepest > 0 ? std::max(nearest, above / steepest) : nearest;
+  view.near_mm = std::max(nearest_seen * 0.98, std::max(camera.distance_mm, 1e-6) * 1e-3);
+  view.far_mm = std::max(farthest * 1.02, view.near_mm * 2);
+
   double n = view.near_mm, f = view.far_mm;
   glm::dmat4 clip_from_camera(0.0);
   clip_from_camera[0][0] = 1 / (tan_half * aspect);

@@ -42,3 +42,4 @@ foreach(api gl es)
   set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77
     RESOURCE_LOCK display)  # xvfb-run looks for a free display number: two at once may find the same
 endforeach()
+relievo_test(camera_test LIBS relievo_render SOURCES render/camera_test.cpp)
