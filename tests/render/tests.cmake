@@ -4,6 +4,9 @@
 # It runs as a whole, since making a context takes time: NAME_gl under OpenGL 3.3 core, NAME_es under OpenGL ES 3.0. Mesa
 # promotes every request to the newest version it has, so its overrides keep it to what was asked for.
 function(relievo_gltest name)
+  if(NOT RELIEVO_GL_TESTS)
+    return()
+  endif()
   cmake_parse_arguments(T "" "" "LIBS;SOURCES" ${ARGN})
   add_executable(${name} ${T_SOURCES} ${CMAKE_SOURCE_DIR}/tests/render/gl_main.cpp)
   target_link_libraries(${name} PRIVATE ${T_LIBS} relievo_gl GTest::gtest)
@@ -17,7 +20,9 @@ function(relievo_gltest name)
 endfunction()
 
 relievo_gltest(gl_gltest LIBS relievo_gl relievo_shaders SOURCES render/gl_gltest.cpp)
-target_compile_definitions(gl_gltest PRIVATE RELIEVO_SHADER_DIR="${CMAKE_SOURCE_DIR}/shaders")
+if(TARGET gl_gltest)
+  target_compile_definitions(gl_gltest PRIVATE RELIEVO_SHADER_DIR="${CMAKE_SOURCE_DIR}/shaders")
+endif()
 # The oracle of "virtual equals dense": links nothing of the engine but plain types.
 add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
 target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
