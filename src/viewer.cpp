@@ -77,7 +77,7 @@ std::vector<uint8_t> overBackground(std::span<const uint8_t> rgba, const std::ar
 
 std::string freeSnapshotName(const std::string& folder, const std::string& stem) {
   for (int i = 1; i < 10000; ++i) {
-    char number[16];
+    char number[24];
     std::snprintf(number, sizeof number, "-%04d.png", i);
     std::filesystem::path path = std::filesystem::path(folder) / (stem + number);
     std::error_code ignored;
