@@ -5,17 +5,32 @@ set -euo pipefail
 
 program=$1
 export RELIEVO_GL=$2
-for needed in xvfb-run xdotool; do
+for needed in Xvfb xdotool; do
   command -v "$needed" >/dev/null || { echo "SKIPPED: $needed is not installed (tools/setup installs it)"; exit 77; }
 done
-# Run itself again within the virtual display.
-if [ -z "${RELIEVO_TEST_DISPLAY:-}" ]; then
-  RELIEVO_TEST_DISPLAY=1 exec xvfb-run -a -s "-screen 0 1000x700x24" "$0" "$@"
-fi
 
 folder=$(mktemp -d)
+display=
 viewer=
-trap '[ -z "$viewer" ] || kill "$viewer" 2>/dev/null || true; rm -rf -- "$folder"' EXIT
+cleanUp() {
+  [ -z "$viewer" ] || kill "$viewer" 2>/dev/null || true
+  [ -z "$display" ] || kill "$display" 2>/dev/null || true
+  rm -rf -- "$folder"
+}
+trap cleanUp EXIT
+
+# The server itself finds the number that is free; xvfb-run looks and then takes, and two at once take the same.
+# -noreset: without it the server starts anew, refusing callers, whenever the last client leaves, as each xdotool does.
+Xvfb -displayfd 3 -screen 0 1000x700x24 -nolisten tcp -noreset 3>"$folder/number" >/dev/null 2>"$folder/xvfb" &
+display=$!
+for _ in $(seq 300); do
+  [ -s "$folder/number" ] && break
+  kill -0 "$display" 2>/dev/null || { echo "FAILED: no virtual display:" >&2; cat "$folder/xvfb" >&2; exit 1; }
+  sleep 0.1
+done
+DISPLAY=:$(cat "$folder/number")
+export DISPLAY
+unset WAYLAND_DISPLAY XAUTHORITY
 cd -- "$folder"
 fail() { echo "FAILED: $*" >&2; cat errors >&2; exit 1; }
 
