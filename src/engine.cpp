@@ -250,7 +250,7 @@ struct Engine::Impl {
     glDepthFunc(GL_LEQUAL);
     glDisable(GL_BLEND);
     glDisable(GL_CULL_FACE);
-    glClearColor(0, 0, 0, 0);
+    glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);  // what a window shows beside the artwork; alpha says that it is none
     glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     shade_program.use();
     pool->bind(shade_program, streamer->table());

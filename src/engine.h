@@ -74,7 +74,7 @@ class Engine {
 
   // RGBA, rows top first; alpha 0 where the artwork is not.
   std::vector<uint8_t> readPixels();
-  // Copies the picture to the framebuffer that the window shows (0), over the background colour.
+  // Copies the picture to the framebuffer that the window shows (0); dark grey beside the artwork.
   void present(int window_width_px, int window_height_px);
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
