@@ -9,11 +9,11 @@
 #include <nlohmann/json.hpp>
 
 #include "geometry/lod_worker.h"
-#include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
+#include "src/render/picture_target.h"
 #include "texturing/basis.h"
 #include "texturing/page_codec.h"
 
@@ -43,32 +43,6 @@ class PackageOracle final : public ReliefOracle {
   HeightBounds whole_;
 };
 
-struct RenderTarget {
-  gl::Texture colour;
-  gl::Renderbuffer depth;
-  gl::Framebuffer framebuffer;
-  int width = 0, height = 0;
-
-  void resize(int w, int h) {
-    if (w == width && h == height) return;
-    width = w;
-    height = h;
-    colour = gl::Texture::create();
-    glBindTexture(GL_TEXTURE_2D, colour.id());
-    gl::label(GL_TEXTURE, colour.id(), "picture");
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, w, h, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    depth = gl::Renderbuffer::create();
-    glBindRenderbuffer(GL_RENDERBUFFER, depth.id());
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, w, h);
-    framebuffer = gl::Framebuffer::create();
-    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour.id(), 0);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth.id());
-  }
-};
-
 }  // namespace
 
 Artwork artworkFromPackage(std::shared_ptr<const Package> package) {
@@ -94,7 +68,7 @@ struct Engine::Impl {
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
   gl::Program shade_program, feedback_program, wire_program, capture_program;
-  RenderTarget target;
+  PictureTarget target;
   Sabotage broken;
 
   FeedbackAnalyzer analyzer;
@@ -224,42 +198,28 @@ struct Engine::Impl {
     drawn = posted.front();
   }
 
-  void setShadingUniforms(const gl::Program& program, double now_s, double bias) {
-    glUniform2i(program.uniform("u_depth"), domain().texture_depth, 0);
-    glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(bias));
+  void setUniforms(const gl::Program& program, double now_s, double bias) const {
     auto light = normalizedLight(scene.light);
-    auto basis = ptmBasis(light[0], light[1]);
-    float coefficients[24] = {};
-    for (int k = 0; k < 6; ++k) {
-      coefficients[4 * k] = static_cast<float>(artwork.manifest.texture.scale[k]);
-      coefficients[4 * k + 1] = static_cast<float>(artwork.manifest.texture.bias[k]);
-      coefficients[4 * k + 2] = static_cast<float>(basis[k]);
-    }
-    glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
-    if (plan.fade) {
-      glUniform2f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(now_s * 64) & 0xFFFFu),
-                  static_cast<float>(1.0 / std::max(scene.page_fade_s * 64, 1e-3)));
-    }
+    setShadingUniforms(program, {.format = &artwork.manifest.texture,
+                                 .texture_depth = domain().texture_depth,
+                                 .lod_bias = bias,
+                                 .light_u = light[0],
+                                 .light_v = light[1],
+                                 .now_s = now_s,
+                                 .page_fade_s = scene.page_fade_s});
   }
 
   void drawPicture(const EyeFrame& eye, double now_s) {
     target.resize(width, height);
-    glBindFramebuffer(GL_FRAMEBUFFER, target.framebuffer.id());
-    glViewport(0, 0, width, height);
-    glEnable(GL_DEPTH_TEST);
-    glDepthFunc(GL_LEQUAL);
-    glDisable(GL_BLEND);
-    glDisable(GL_CULL_FACE);
-    glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);  // what a window shows beside the artwork; alpha says that it is none
-    glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    target.begin();
     shade_program.use();
     pool->bind(shade_program, streamer->table());
-    setShadingUniforms(shade_program, now_s, lod_bias);
+    setUniforms(shade_program, now_s, lod_bias);
     stats.draw_calls = patches->draw(shade_program, eye, PatchPass::Mesh::kFull);
     if (plan.wireframe) {
       wire_program.use();
       pool->bind(wire_program, streamer->table());
-      setShadingUniforms(wire_program, now_s, lod_bias);
+      setUniforms(wire_program, now_s, lod_bias);
       stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
   }
@@ -268,11 +228,9 @@ struct Engine::Impl {
     int scale = full ? 1 : options.feedback_scale;
     feedback->resize(std::max(1, (width + scale - 1) / scale), std::max(1, (height + scale - 1) / scale));
     return feedback->issue([&] {
-      glEnable(GL_DEPTH_TEST);
-      glDepthFunc(GL_LEQUAL);
       feedback_program.use();
       pool->bind(feedback_program, streamer->table());
-      setShadingUniforms(feedback_program, now_s, lod_bias - std::log2(scale));
+      setUniforms(feedback_program, now_s, lod_bias - std::log2(scale));
       stats.draw_calls += patches->draw(feedback_program, eye, full ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse);
     });
   }
@@ -314,7 +272,7 @@ struct Engine::Impl {
     EyeFrame eye = prepareInstances();
     drawPicture(eye, now_s);
     issueFeedback(eye, now_s, false);
-    glFlush();
+    submitFrame();
   }
 
   bool allArrived(std::span<const NodeWant> wants, std::span<const Plane> planes) const {
@@ -441,30 +399,13 @@ Result<void> Engine::settle(double timeout_s) {
   }
   ++e.stats.frames;
   e.drawPicture(e.prepareInstances(), steadySeconds());
-  glFinish();
+  finishFrame();
   return {};
 }
 
-std::vector<uint8_t> Engine::readPixels() {
-  Impl& e = *impl_;
-  size_t row = static_cast<size_t>(e.target.width) * 4;
-  std::vector<uint8_t> bottom_up(row * static_cast<size_t>(e.target.height)), pixels(bottom_up.size());
-  glBindFramebuffer(GL_FRAMEBUFFER, e.target.framebuffer.id());
-  glPixelStorei(GL_PACK_ALIGNMENT, 4);
-  glReadPixels(0, 0, e.target.width, e.target.height, GL_RGBA, GL_UNSIGNED_BYTE, bottom_up.data());
-  for (int y = 0; y < e.target.height; ++y) {
-    std::copy_n(bottom_up.data() + row * static_cast<size_t>(e.target.height - 1 - y), row, pixels.data() + row * static_cast<size_t>(y));
-  }
-  return pixels;
-}
+std::vector<uint8_t> Engine::readPixels() { return impl_->target.readPixels(); }
 
-void Engine::present(int window_width_px, int window_height_px) {
-  Impl& e = *impl_;
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, e.target.framebuffer.id());
-  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
-  glBlitFramebuffer(0, 0, e.target.width, e.target.height, 0, 0, window_width_px, window_height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
-  glBindFramebuffer(GL_FRAMEBUFFER, 0);
-}
+void Engine::present(int window_width_px, int window_height_px) { impl_->target.present(window_width_px, window_height_px); }
 
 EngineStats Engine::stats() const {
   const Impl& e = *impl_;
@@ -505,11 +446,11 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     e.capture_program = std::move(*linked);
   }
   e.target.resize(e.width, e.height);
-  glBindFramebuffer(GL_FRAMEBUFFER, e.target.framebuffer.id());  // transform feedback answers zeros without one
+  e.target.bind();  // transform feedback answers zeros without one
   EyeFrame eye = e.prepareInstances();
   e.capture_program.use();
   e.pool->bind(e.capture_program, e.streamer->table());
-  e.setShadingUniforms(e.capture_program, 0, 0);
+  e.setUniforms(e.capture_program, 0, 0);
   return e.patches->capture(e.capture_program, eye, max_vertices);
 }
 

@@ -1,5 +1,6 @@
 // engine.h - one artwork on screen: pages in, frames out, with or without a window. Needs a current GL context on the thread that
-// calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker.
+// calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker; only the first, which has
+// nothing to draw yet, waits for its patch list.
 //
 // A frame: take the newest finished feedback and LOD answer; hand over wishes; place decoded pages and upload them within the
 // budget; draw; issue the next feedback; post the camera to the LOD worker.

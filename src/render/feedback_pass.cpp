@@ -49,6 +49,8 @@ bool FeedbackPass::issue(const std::function<void()>& draw) {
     if (t.fence) continue;
     glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
     glViewport(0, 0, width_, height_);
+    glEnable(GL_DEPTH_TEST);
+    glDepthFunc(GL_LEQUAL);
     const GLuint nothing[4] = {0, 0, 0, 0};
     glClearBufferuiv(GL_COLOR, 0, nothing);
     glClear(GL_DEPTH_BUFFER_BIT);

@@ -1,0 +1,78 @@
+#include "src/render/picture_target.h"
+
+#include <algorithm>
+
+namespace relievo {
+
+void PictureTarget::resize(int width_px, int height_px) {
+  if (width_px == width_ && height_px == height_) return;
+  width_ = width_px;
+  height_ = height_px;
+  colour_ = gl::Texture::create();
+  glBindTexture(GL_TEXTURE_2D, colour_.id());
+  gl::label(GL_TEXTURE, colour_.id(), "picture");
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  depth_ = gl::Renderbuffer::create();
+  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
+  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
+  framebuffer_ = gl::Framebuffer::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour_.id(), 0);
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
+}
+
+void PictureTarget::bind() const { glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id()); }
+
+void PictureTarget::begin() const {
+  bind();
+  glViewport(0, 0, width_, height_);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LEQUAL);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);
+  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+}
+
+std::vector<uint8_t> PictureTarget::readPixels() const {
+  size_t row = static_cast<size_t>(width_) * 4;
+  std::vector<uint8_t> bottom_up(row * static_cast<size_t>(height_)), pixels(bottom_up.size());
+  bind();
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, bottom_up.data());
+  for (int y = 0; y < height_; ++y) {
+    std::copy_n(bottom_up.data() + row * static_cast<size_t>(height_ - 1 - y), row, pixels.data() + row * static_cast<size_t>(y));
+  }
+  return pixels;
+}
+
+void PictureTarget::present(int window_width_px, int window_height_px) const {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glBlitFramebuffer(0, 0, width_, height_, 0, 0, window_width_px, window_height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+}
+
+void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) {
+  glUniform2i(program.uniform("u_depth"), p.texture_depth, 0);
+  glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));
+  auto basis = ptmBasis(p.light_u, p.light_v);
+  float coefficients[24] = {};
+  for (int k = 0; k < 6; ++k) {
+    coefficients[4 * k] = static_cast<float>(p.format->scale[k]);
+    coefficients[4 * k + 1] = static_cast<float>(p.format->bias[k]);
+    coefficients[4 * k + 2] = static_cast<float>(basis[k]);
+  }
+  glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
+  if (p.page_fade_s > 0) {
+    glUniform2f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(p.now_s * 64) & 0xFFFFu),
+                static_cast<float>(1.0 / std::max(p.page_fade_s * 64, 1e-3)));
+  }
+}
+
+void submitFrame() { glFlush(); }
+void finishFrame() { glFinish(); }
+
+}  // namespace relievo

@@ -1,0 +1,44 @@
+// picture_target.h - the framebuffer that the picture is drawn into, and the uniforms that every shading program shares.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+#include "texturing/basis.h"
+
+namespace relievo {
+
+class PictureTarget {
+ public:
+  void resize(int width_px, int height_px);
+  void bind() const;
+  // Binds, sets the depth test and clears to dark grey with alpha 0: what a window shows beside the artwork.
+  void begin() const;
+  // RGBA, rows top first. Waits for the picture.
+  std::vector<uint8_t> readPixels() const;
+  // Copies to the framebuffer that the window shows (0).
+  void present(int window_width_px, int window_height_px) const;
+
+ private:
+  gl::Texture colour_;
+  gl::Renderbuffer depth_;
+  gl::Framebuffer framebuffer_;
+  int width_ = 0, height_ = 0;
+};
+
+struct ShadingParameters {
+  const TextureFormat* format = nullptr;
+  int texture_depth = 0;
+  double lod_bias = 0;
+  double light_u = 0, light_v = 0;  // x and y of the unit vector towards the light
+  double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade
+};
+// Of the program in use.
+void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);
+
+void submitFrame();  // hands the frame's commands to the driver; does not wait
+void finishFrame();  // waits until they are done
+
+}  // namespace relievo
