@@ -64,6 +64,7 @@ int main(int argc, char** argv) {
   addVerifyCommand(app, context);
   addRenderCommand(app, context);
   addViewCommand(app, context);
+  addBenchCommand(app, context);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

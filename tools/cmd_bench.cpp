@@ -1,0 +1,175 @@
+// relievo bench: what the engine's parts cost, each beside a baseline of the same run.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <thread>
+
+#include <nlohmann/json.hpp>
+
+#include "src/base/file.h"
+#include "src/base/progress.h"
+#include "src/gl/context.h"
+#include "texturing/package_builder.h"
+#include "tools/bench.h"
+#include "tools/bench_groups.h"
+#include "tools/commands.h"
+#include "tools/sample_artwork.h"
+
+namespace relievo {
+namespace {
+
+struct BenchOptions {
+  std::string file, json_file, plots;
+  std::vector<std::string> only;
+  bool quick = false;
+};
+
+// Removed with everything in it, whatever happens.
+struct ScratchFolder {
+  std::string path;
+  ScratchFolder() {
+    std::string pattern = (std::filesystem::temp_directory_path() / "relievo-bench-XXXXXX").string();
+    if (mkdtemp(pattern.data())) path = pattern;
+  }
+  ~ScratchFolder() {
+    std::error_code ignored;
+    if (!path.empty()) std::filesystem::remove_all(path, ignored);
+  }
+};
+
+std::string number(double v) {
+  char text[40];
+  double size = std::abs(v);
+  std::snprintf(text, sizeof text, size >= 1000 ? "%.0f" : size >= 10 ? "%.1f" : size >= 0.1 ? "%.2f" : "%.4f", v);
+  return text;
+}
+
+bool meets(const BenchRow& row) { return row.at_most ? row.measured <= *row.goal : row.measured >= *row.goal; }
+
+void print(const BenchRow& row) {
+  std::string goal = row.goal ? (row.at_most ? "<= " : ">= ") + number(*row.goal) : "";
+  std::string baseline = row.baseline ? number(*row.baseline) + " " + row.baseline_name : "";
+  std::printf("  %-58s %10s %-9s %-10s %-4s  %s%s%s\n", row.what.c_str(), number(row.measured).c_str(), row.unit.c_str(),
+              goal.c_str(), !row.goal ? "" : meets(row) ? "ok" : "MISS", baseline.c_str(),
+              row.note.empty() || baseline.empty() ? "" : "; ", row.note.c_str());
+  std::fflush(stdout);
+}
+
+Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const std::string& folder) {
+  std::string path = o.file;
+  if (path.empty()) {
+    SampleOptions so;
+    so.kind = SampleKind::kInscription;
+    so.width = so.height = o.quick ? 2048 : 4096;
+    SampleArtwork artwork(so);
+    auto texture = artwork.ptmSource(Basis::kPtmLrgb);
+    auto heights = artwork.heightSource();
+    BuildOptions bo;
+    bo.output = path = folder + "/inscription.relievo";
+    bo.mm_per_px = artwork.mmPerPx();
+    bo.interrupted = &interruptedFlag();
+    if (auto built = buildPackage(*texture, heights.get(), bo); !built) return built.error();
+  }
+  auto package = Package::open(path);
+  if (!package) return package.error();
+  return std::shared_ptr<const Package>(*package);
+}
+
+Result<void> bench(const BenchOptions& o) {
+  ScratchFolder scratch;
+  if (scratch.path.empty()) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
+  auto package = openArtwork(o, scratch.path);
+  if (!package) return package.error();
+  if (!o.plots.empty()) {
+    std::error_code bad;
+    std::filesystem::create_directories(o.plots, bad);
+    if (bad) return Error{ErrorKind::kIo, o.plots, "cannot make the folder: " + bad.message(), "", {}};
+  }
+  auto context = gl::HeadlessContext::create();
+  if (!context) return context.error();
+
+  const Manifest& m = (*package)->manifest();
+  std::printf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(), std::thread::hardware_concurrency(),
+              static_cast<unsigned long long>(m.domain.width_px), static_cast<unsigned long long>(m.domain.height_px),
+              basisName(m.texture.basis), m.domain.relief_depth >= 0 ? " with relief" : "");
+  nlohmann::ordered_json json = {{"renderer", (*context)->info().renderer}, {"tool_version", "relievo " RELIEVO_VERSION}, {"quick", o.quick}};
+  auto rows = nlohmann::ordered_json::array();
+  const char* group_name = "";
+  BenchContext bc;
+  bc.package = *package;
+  bc.folder = scratch.path;
+  bc.plots = o.plots;
+  bc.quick = o.quick;
+  bc.interrupted = &interruptedFlag();
+  bc.row = [&](const BenchRow& row) {
+    print(row);
+    nlohmann::ordered_json j = {{"group", group_name}, {"what", row.what}, {"measured", row.measured}, {"unit", row.unit}};
+    if (row.goal) {
+      j["goal"] = *row.goal;
+      j["goal_is"] = row.at_most ? "at most" : "at least";
+      j["met"] = meets(row);
+    }
+    if (row.baseline) {
+      j["baseline"] = *row.baseline;
+      j["baseline_name"] = row.baseline_name;
+    }
+    if (!row.note.empty()) j["note"] = row.note;
+    rows.push_back(std::move(j));
+  };
+  for (const BenchGroup& group : benchGroups()) {
+    if (!o.only.empty() && std::find(o.only.begin(), o.only.end(), group.name) == o.only.end()) continue;
+    std::printf("%s: %s\n", group.name, group.purpose);
+    std::fflush(stdout);
+    group_name = group.name;
+    if (auto done = group.run(bc); !done) return done;
+    if (interruptedFlag()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  }
+  if (o.json_file.empty()) return {};
+  json["rows"] = std::move(rows);
+  std::string text = json.dump(2) + "\n";
+  return writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
+}  // namespace
+
+double quantile(std::vector<double> values, double q) {
+  if (values.empty()) return 0;
+  auto rank = static_cast<std::ptrdiff_t>(std::ceil(q * static_cast<double>(values.size()))) - 1;
+  rank = std::clamp<std::ptrdiff_t>(rank, 0, static_cast<std::ptrdiff_t>(values.size()) - 1);
+  std::nth_element(values.begin(), values.begin() + rank, values.end());
+  return values[static_cast<size_t>(rank)];
+}
+
+const std::vector<BenchGroup>& benchGroups() {
+  static const std::vector<BenchGroup> groups = {
+#define RELIEVO_GROUP(name, function, purpose) {name, purpose, function##Bench},
+      RELIEVO_BENCH_GROUPS(RELIEVO_GROUP)
+#undef RELIEVO_GROUP
+  };
+  return groups;
+}
+
+void addBenchCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<BenchOptions>();
+  auto* c = app.add_subcommand("bench", "Measure what the engine's parts cost, beside a baseline in the same run");
+  std::string groups;
+  std::vector<std::string> names;
+  for (const BenchGroup& g : benchGroups()) {
+    groups += "  " + std::string(g.name) + ": " + g.purpose + "\n";
+    names.emplace_back(g.name);
+  }
+  c->footer("Groups:\n" + groups + "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n\n"
+            "Example:\n  relievo bench --only feedback page-table --json bench.json");
+  c->add_option("FILE", o->file, "Package to measure with [an inscription of 4096x4096 px made for the run]");
+  c->add_option("--only", o->only, "Groups to run [all]")->check(CLI::IsMember(names));
+  c->add_flag("--quick", o->quick, "Fewer repetitions, a smaller artwork: about a minute");
+  c->add_option("--plots", o->plots, "Write plots (SVG) into this folder");
+  c->add_option("--json", o->json_file, "Write the rows to this JSON file");
+  c->callback([o, &context] {
+    if (auto done = bench(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo
