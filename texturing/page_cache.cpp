@@ -5,90 +5,227 @@
 
 namespace relievo {
 
-PageCache::PageCache(uint32_t slot_count) : slots_(slot_count) {
-  free_.reserve(slot_count);
-  for (uint32_t s = slot_count; s-- > 0;) free_.push_back(s);  // the lowest slot is taken first
-  by_page_.reserve(slot_count);
+const char* replacementName(Replacement policy) {
+  switch (policy) {
+    case Replacement::kLru: return "lru";
+    case Replacement::kClock: return "clock";
+    case Replacement::kHalving: return "halving";
+  }
+  return "";
 }
 
-uint32_t PageCache::slotCount() const { return static_cast<uint32_t>(slots_.size()); }
-uint32_t PageCache::residentCount() const { return static_cast<uint32_t>(slots_.size() - free_.size()); }
+std::optional<Replacement> replacementFromName(const std::string& name) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
+    if (name == replacementName(policy)) return policy;
+  return std::nullopt;
+}
+
+PageCache::PageCache(uint32_t slot_count, Replacement policy) : policy_(policy) {
+  slot_count = std::min(slot_count, kMaxSlots);
+  PageId nothing;
+  nothing.bits = kFreeBits;
+  pages_.assign(slot_count, nothing);
+  uses_.resize(slot_count);
+  pins_.resize(slot_count);
+  index_.assign(slot_count + slot_count / 2 + 1, kNone);
+  for (uint32_t s = slot_count; s-- > 0;) {  // the lowest slot is taken first
+    uses_[s].newer = free_;
+    free_ = static_cast<Link>(s);
+  }
+}
+
+uint32_t PageCache::slotCount() const { return static_cast<uint32_t>(pages_.size()); }
+uint32_t PageCache::residentCount() const { return resident_; }
 uint32_t PageCache::pinnedCount() const { return pinned_; }
 
 SlotIndex PageCache::find(PageId id) const {
-  auto it = by_page_.find(id);
-  return it == by_page_.end() ? kNoSlot : it->second;
+  Link slot = index_[locate(id)];
+  return slot == kNone ? kNoSlot : slot;
 }
 
 PageId PageCache::pageIn(SlotIndex slot) const {
-  assert(slot < slots_.size() && slots_[slot].used);
-  return slots_[slot].page;
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits);
+  return pages_[slot];
 }
 
-bool PageCache::isPinned(SlotIndex slot) const { return slots_[slot].pins > 0; }
+bool PageCache::isPinned(SlotIndex slot) const { return pinned(slot); }
+
+void PageCache::advance(uint64_t tick) {
+  if (tick <= last_tick_) return;
+  last_tick_ = tick;
+  used_now_ = 0;
+  threshold_ = kFirstThreshold;
+  hopeless_age_ = ~0u;
+}
+
+// The page is not pinned and not in the list.
+void PageCache::markUsed(SlotIndex s) {
+  uses_[s].tick = static_cast<uint32_t>(last_tick_);
+  pins_[s] |= kMark;
+  ++used_now_;
+  linkNewest(s);
+}
 
 void PageCache::touch(SlotIndex slot, uint64_t tick) {
-  assert(slot < slots_.size() && slots_[slot].used);
-  last_tick_ = std::max(last_tick_, tick);
-  Slot& s = slots_[slot];
-  s.tick = last_tick_;
-  if (s.pins > 0 || slot == newest_) return;
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits);
+  advance(tick);
+  if (pinned(slot)) return;
+  if (age(slot) == 0) --used_now_;
   unlink(slot);
-  linkNewest(slot);
+  markUsed(slot);
 }
 
 void PageCache::pin(SlotIndex slot) {
-  assert(slot < slots_.size() && slots_[slot].used);
-  if (slots_[slot].pins++ > 0) return;
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits && (pins_[slot] & ~kMark) != (kMark - 1));
+  if ((pins_[slot]++ & ~kMark) > 0) return;
+  if (age(slot) == 0) --used_now_;
   unlink(slot);
   ++pinned_;
 }
 
 void PageCache::unpin(SlotIndex slot) {
-  assert(slot < slots_.size() && slots_[slot].used && slots_[slot].pins > 0);
-  if (--slots_[slot].pins > 0) return;
+  assert(slot < pages_.size() && pinned(slot));
+  --pins_[slot];
+  if (pinned(slot)) return;
   --pinned_;
-  slots_[slot].tick = last_tick_;
-  linkNewest(slot);
+  markUsed(slot);
 }
 
-std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick) {
-  last_tick_ = std::max(last_tick_, tick);
+std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick, uint32_t min_age) {
+  advance(tick);
   Placement placement{find(id), std::nullopt};
   if (placement.slot != kNoSlot) {
     touch(placement.slot, tick);
     return placement;
   }
-  if (!free_.empty()) {
-    placement.slot = free_.back();
-    free_.pop_back();
+  if (free_ != kNone) {
+    placement.slot = free_;
+    free_ = uses_[free_].newer;
+    ++resident_;
   } else {
-    if (oldest_ == kNoSlot || slots_[oldest_].tick >= tick) return std::nullopt;
-    placement.slot = oldest_;
-    placement.evicted = slots_[oldest_].page;
-    by_page_.erase(slots_[oldest_].page);
-    unlink(oldest_);
+    placement.slot = victim(std::max(1u, min_age));
+    if (placement.slot == kNoSlot) return std::nullopt;
+    placement.evicted = pages_[placement.slot];
+    forget(*placement.evicted);
+    unlink(placement.slot);
   }
-  slots_[placement.slot] = Slot{.page = id, .used = true, .pins = 0, .tick = last_tick_};
-  by_page_.emplace(id, placement.slot);
-  linkNewest(placement.slot);
+  pages_[placement.slot] = id;
+  index_[locate(id)] = static_cast<Link>(placement.slot);
+  markUsed(placement.slot);
   return placement;
 }
 
 void PageCache::remove(PageId id) {
-  auto it = by_page_.find(id);
-  if (it == by_page_.end()) return;
-  SlotIndex slot = it->second;
-  assert(slots_[slot].pins == 0);
+  SlotIndex slot = find(id);
+  if (slot == kNoSlot) return;
+  assert(!pinned(slot));
+  if (age(slot) == 0) --used_now_;
   unlink(slot);
-  by_page_.erase(it);
-  slots_[slot] = Slot{};
-  free_.push_back(slot);
+  forget(id);
+  pages_[slot].bits = kFreeBits;
+  pins_[slot] = 0;
+  uses_[slot].newer = free_;
+  free_ = static_cast<Link>(slot);
+  --resident_;
+}
+
+// --- who leaves -------------------------------------------------------------------------------------------------------
+
+SlotIndex PageCache::victim(uint32_t min_age) {
+  if (policy_ == Replacement::kLru) {
+    // Ticks grow along the list, so its oldest end alone says whether anything can be had.
+    return oldest_ != kNone && age(oldest_) >= min_age ? oldest_ : kNoSlot;
+  }
+  // What the hand cannot find, it shall not look for again and again: within a frame pages only grow younger.
+  if (min_age >= hopeless_age_ || used_now_ + pinned_ >= resident_) return kNoSlot;
+  SlotIndex found = policy_ == Replacement::kClock ? clockVictim(min_age) : halvingVictim(min_age);
+  if (found == kNoSlot) hopeless_age_ = min_age;
+  return found;
+}
+
+SlotIndex PageCache::step() {
+  SlotIndex s = hand_;
+  hand_ = hand_ + 1 == pages_.size() ? 0 : hand_ + 1;
+  return s;
+}
+
+SlotIndex PageCache::clockVictim(uint32_t min_age) {
+  for (size_t n = 2 * pages_.size(); n > 0; --n) {  // the first round may find nothing but marks to clear
+    SlotIndex s = step();
+    if (!mayLeave(s, min_age)) continue;
+    if (!(pins_[s] & kMark)) return s;
+    pins_[s] &= static_cast<uint16_t>(~kMark);
+  }
+  return kNoSlot;
+}
+
+SlotIndex PageCache::halvingVictim(uint32_t min_age) {
+  for (;;) {
+    for (size_t n = pages_.size(); n > 0; --n) {
+      SlotIndex s = step();
+      if (mayLeave(s, std::max(min_age, threshold_ + 1))) return s;
+    }
+    if (threshold_ < min_age) return kNoSlot;
+    threshold_ /= 2;
+  }
+}
+
+// --- page -> slot -----------------------------------------------------------------------------------------------------
+
+size_t PageCache::home(PageId id) const {
+  uint64_t h = id.bits * 0x9E3779B97F4A7C15ull;
+  h = (h ^ (h >> 32)) * 0xD6E8FEB86659FD93ull;
+  return static_cast<size_t>(((h >> 32) * index_.size()) >> 32);
+}
+
+size_t PageCache::locate(PageId id) const {
+  size_t at = home(id);
+  while (index_[at] != kNone && pages_[index_[at]] != id) at = at + 1 == index_.size() ? 0 : at + 1;
+  return at;
+}
+
+// Moves what follows into the gap where its probes would stop short of it (Knuth, The Art of Computer Programming 3,
+// algorithm 6.4 R): no tombstones, so that probes do not lengthen as pages come and go.
+void PageCache::forget(PageId id) {
+  size_t gap = locate(id), size = index_.size();
+  for (size_t at = gap;;) {
+    at = at + 1 == size ? 0 : at + 1;
+    if (index_[at] == kNone) break;
+    size_t from = home(pages_[index_[at]]);
+    bool stays = gap < at ? gap < from && from <= at : gap < from || from <= at;
+    if (stays) continue;
+    index_[gap] = index_[at];
+    gap = at;
+  }
+  index_[gap] = kNone;
+}
+
+// --- list of uses -----------------------------------------------------------------------------------------------------
+
+void PageCache::unlink(SlotIndex s) {
+  Use& use = uses_[s];
+  (use.newer == kNone ? newest_ : uses_[use.newer].older) = use.older;
+  (use.older == kNone ? oldest_ : uses_[use.older].newer) = use.newer;
+  use.newer = use.older = kNone;
+}
+
+void PageCache::linkNewest(SlotIndex s) {
+  uses_[s].older = newest_;
+  uses_[s].newer = kNone;
+  (newest_ == kNone ? oldest_ : uses_[newest_].newer) = static_cast<Link>(s);
+  newest_ = static_cast<Link>(s);
+}
+
+// --- accounts and tests -----------------------------------------------------------------------------------------------
+
+size_t PageCache::metadataBytes() const {
+  return sizeof *this + pages_.capacity() * sizeof(PageId) + uses_.capacity() * sizeof(Use) +
+         pins_.capacity() * sizeof(uint16_t) + index_.capacity() * sizeof(Link);
 }
 
 std::vector<PageId> PageCache::lruOrder() const {
   std::vector<PageId> order;
-  for (SlotIndex s = oldest_; s != kNoSlot; s = slots_[s].newer) order.push_back(slots_[s].page);
+  for (Link s = oldest_; s != kNone; s = uses_[s].newer) order.push_back(pages_[s]);
   return order;
 }
 
@@ -97,50 +234,37 @@ bool PageCache::checkInvariants(std::string* why) const {
     if (why) *why = text;
     return false;
   };
-  size_t used = 0, pinned = 0;
-  for (SlotIndex s = 0; s < slots_.size(); ++s) {
-    if (!slots_[s].used) continue;
+  size_t used = 0, pinned_pages = 0, indexed = 0, used_now = 0;
+  for (SlotIndex s = 0; s < pages_.size(); ++s) {
+    if (pages_[s].bits == kFreeBits) continue;
     ++used;
-    pinned += slots_[s].pins > 0;
-    auto it = by_page_.find(slots_[s].page);
-    if (it == by_page_.end() || it->second != s)
-      return fail("slot " + std::to_string(s) + " holds a page that is not its own");
+    pinned_pages += pinned(s);
+    used_now += !pinned(s) && age(s) == 0;
+    if (find(pages_[s]) != s) return fail("slot " + std::to_string(s) + " holds a page that is not its own");
   }
-  if (used != by_page_.size()) return fail("a page is in two slots, or in none");
-  if (used + free_.size() != slots_.size()) return fail("free and used slots do not add up");
-  if (pinned != pinned_) return fail("the number of pinned pages is wrong");
-  std::vector<bool> is_free(slots_.size());
-  for (SlotIndex s : free_) {
-    if (slots_[s].used || is_free[s]) return fail("slot " + std::to_string(s) + " is free twice, or free and used");
-    is_free[s] = true;
+  for (Link s : index_) indexed += s != kNone;
+  if (used != indexed || used != resident_) return fail("a page is in two slots, or in none");
+  if (pinned_pages != pinned_) return fail("the number of pinned pages is wrong");
+  if (used_now != used_now_) return fail("the number of pages used in this frame is wrong");
+  size_t free = 0;
+  for (Link s = free_; s != kNone; s = uses_[s].newer) {
+    if (++free > pages_.size()) return fail("the list of free slots has a loop");
+    if (pages_[s].bits != kFreeBits) return fail("slot " + std::to_string(s) + " is free and used");
   }
+  if (used + free != pages_.size()) return fail("free and used slots do not add up");
   size_t linked = 0;
-  uint64_t tick = 0;
-  SlotIndex older = kNoSlot;
-  for (SlotIndex s = oldest_; s != kNoSlot; older = s, s = slots_[s].newer) {
+  uint32_t oldest_age = ~0u;
+  Link older = kNone;
+  for (Link s = oldest_; s != kNone; older = s, s = uses_[s].newer) {
     if (++linked > used) return fail("the list of uses has a loop");
-    if (!slots_[s].used || slots_[s].pins > 0) return fail("a free or pinned slot is in the list of uses");
-    if (slots_[s].older != older) return fail("the list of uses is not doubly linked");
-    if (slots_[s].tick < tick) return fail("ticks run backwards along the list of uses");
-    tick = slots_[s].tick;
+    if (pages_[s].bits == kFreeBits || pinned(s)) return fail("a free or pinned slot is in the list of uses");
+    if (uses_[s].older != older) return fail("the list of uses is not doubly linked");
+    if (age(s) > oldest_age) return fail("ticks run backwards along the list of uses");
+    oldest_age = age(s);
   }
   if (newest_ != older) return fail("the newest end of the list of uses is wrong");
-  if (linked + pinned != used) return fail("an unpinned page is not in the list of uses");
+  if (linked + pinned_pages != used) return fail("an unpinned page is not in the list of uses");
   return true;
-}
-
-void PageCache::unlink(SlotIndex s) {
-  Slot& slot = slots_[s];
-  (slot.newer == kNoSlot ? newest_ : slots_[slot.newer].older) = slot.older;
-  (slot.older == kNoSlot ? oldest_ : slots_[slot.older].newer) = slot.newer;
-  slot.newer = slot.older = kNoSlot;
-}
-
-void PageCache::linkNewest(SlotIndex s) {
-  slots_[s].older = newest_;
-  slots_[s].newer = kNoSlot;
-  (newest_ == kNoSlot ? oldest_ : slots_[newest_].newer) = s;
-  newest_ = s;
 }
 
 }  // namespace relievo

@@ -39,7 +39,7 @@ struct Model {
     e.order = ++order;
   }
   // Whether there is room, and who leaves.
-  std::pair<bool, std::optional<PageId>> place(PageId id, uint64_t tick) {
+  std::pair<bool, std::optional<PageId>> place(PageId id, uint64_t tick, uint64_t min_age) {
     last_tick = std::max(last_tick, tick);
     if (Entry* e = find(id)) {
       touch(*e, tick);
@@ -50,7 +50,7 @@ struct Model {
       auto victim = entries.end();
       for (auto e = entries.begin(); e != entries.end(); ++e)
         if (e->pins == 0 && (victim == entries.end() || e->order < victim->order)) victim = e;
-      if (victim == entries.end() || victim->tick >= tick) return {false, std::nullopt};
+      if (victim == entries.end() || victim->tick + min_age > tick) return {false, std::nullopt};
       evicted = victim->id;
       entries.erase(victim);
     }
@@ -115,8 +115,9 @@ std::string compareWithModel(uint64_t seed, bool broken) {
       default: {
         std::map<PageId, SlotIndex> before;
         cache.forEach([&](PageId p) { before[p] = cache.find(p); });
-        auto placement = cache.place(id, tick);
-        auto [room, evicted] = model.place(id, tick);
+        uint32_t min_age = upTo(3) ? 1 : 1 + upTo(6);
+        auto placement = cache.place(id, tick, min_age);
+        auto [room, evicted] = model.place(id, tick, min_age);
         if (placement.has_value() != room) return where + "one finds room, the other does not";
         if (!placement) break;
         if (placement->evicted != evicted) return where + "different pages are evicted";
@@ -145,6 +146,131 @@ TEST(PageCache, TheComparisonSeesAForgottenTouch) {
   int seen = 0;
   for (uint64_t seed = 1; seed <= 20; ++seed) seen += !compareWithModel(seed, true).empty();
   EXPECT_GE(seen, 10);  // with one or two slots the order says little
+}
+
+// What holds under every policy, against a plain record of uses and pins: who leaves was free to leave, nobody does while a
+// slot is free, and "no room" is true. `too_young` makes the record count pages of the last frame as used now: the control.
+std::string checkPolicy(Replacement policy, uint64_t seed, bool too_young) {
+  std::mt19937_64 random(seed);
+  auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
+  uint32_t slots = 1 + upTo(40);
+  PageCache cache(slots, policy);
+  struct Seen {
+    uint64_t tick;
+    int pins;
+  };
+  std::map<PageId, Seen> seen;
+  uint64_t tick = 1, told = 0;  // the frame, and the last one that the cache was told of
+  for (int step = 0; step < 4000; ++step) {
+    auto where = "step " + std::to_string(step) + ": ";
+    PageId id = upTo(2) ? texturePage(upTo(2 * slots + 1)) : reliefPage(upTo(2 * slots + 1));
+    auto it = seen.find(id);
+    SlotIndex slot = cache.find(id);
+    if ((slot != kNoSlot) != (it != seen.end())) return where + "resident in one, absent in the other";
+    uint32_t what = upTo(16);
+    if (what < 2) {
+      tick += upTo(10) ? 1 : 100;
+    } else if (what < 5 && it != seen.end()) {
+      cache.touch(slot, tick);
+      if (it->second.pins == 0) it->second.tick = tick;
+      told = tick;
+    } else if (what == 5 && it != seen.end() && cache.pinnedCount() < slots) {
+      cache.pin(slot);
+      ++it->second.pins;
+    } else if (what < 8 && it != seen.end() && it->second.pins > 0) {
+      cache.unpin(slot);
+      --it->second.pins;
+      it->second.tick = told;
+    } else if (what == 8 && it != seen.end() && it->second.pins == 0) {
+      cache.remove(id);
+      seen.erase(it);
+    } else {
+      uint32_t min_age = upTo(3) ? 1 : 1 + upTo(80);
+      bool full = seen.size() == slots, known = it != seen.end();
+      auto mayLeave = [&](const Seen& s) { return s.pins == 0 && s.tick + min_age + too_young <= tick; };
+      bool room = known || !full;
+      for (const auto& [page, s] : seen) room = room || mayLeave(s);
+      auto placement = cache.place(id, tick, min_age);
+      told = tick;
+      if (placement.has_value() != room) return where + (room ? "no slot, and there was one" : "a slot out of nothing");
+      if (!placement) continue;
+      if (placement->evicted.has_value() != (full && !known)) return where + "evicted for nothing, or not at all";
+      if (placement->evicted) {
+        auto gone = seen.find(*placement->evicted);
+        if (gone == seen.end() || !mayLeave(gone->second)) return where + "a page left that had to stay";
+        seen.erase(gone);
+      }
+      seen[id].tick = tick;
+    }
+    std::string why;
+    if (!cache.checkInvariants(&why)) return where + why;
+    if (cache.residentCount() != seen.size()) return where + "different numbers of pages";
+  }
+  return {};
+}
+
+TEST(PageCache, EveryPolicyKeepsWhatIsInUseAndFindsWhatIsNot) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
+    for (uint64_t seed = 1; seed <= 40; ++seed)
+      ASSERT_EQ(checkPolicy(policy, seed, false), "") << replacementName(policy) << ", seed " << seed;
+}
+
+TEST(PageCache, TheCheckSeesAPolicyThatEvictsWhatIsTooYoung) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving}) {
+    int caught = 0;
+    for (uint64_t seed = 1; seed <= 10; ++seed) caught += !checkPolicy(policy, seed, true).empty();
+    EXPECT_GE(caught, 9) << replacementName(policy);
+  }
+}
+
+TEST(PageCache, ClockGivesASecondChance) {
+  PageCache cache(4, Replacement::kClock);
+  for (uint32_t i = 0; i < 4; ++i) cache.place(texturePage(i), 1);
+  // All are marked: the hand clears every mark, comes back to slot 0 and takes it.
+  EXPECT_EQ(cache.place(texturePage(10), 2)->evicted, texturePage(0));
+  cache.touch(cache.find(texturePage(1)), 2);
+  // Slot 1 was used since: it is passed (in a later frame, too) and slot 2 leaves.
+  EXPECT_EQ(cache.place(texturePage(11), 3)->evicted, texturePage(2));
+  EXPECT_EQ(cache.place(texturePage(12), 3)->evicted, texturePage(3));
+  // 10 has its mark since it was placed, 1 lost its own: 1 leaves, though 10 was used no later than it.
+  EXPECT_EQ(cache.place(texturePage(13), 4)->evicted, texturePage(1));
+}
+
+TEST(PageCache, HalvingLowersItsThresholdWithinAFrameOnly) {
+  constexpr uint32_t kFirst = PageCache::kFirstThreshold;
+  PageCache cache(3, Replacement::kHalving);
+  cache.place(texturePage(0), 1);
+  cache.place(texturePage(1), 1 + kFirst / 4);
+  cache.place(texturePage(2), 2);
+  uint64_t now = 1 + kFirst;  // ages: kFirst, 3/4 kFirst, kFirst - 1; none is above kFirst, all are above kFirst / 2
+  EXPECT_EQ(cache.place(texturePage(3), now)->evicted, texturePage(0)) << "first slot of the round after the halving";
+  EXPECT_EQ(cache.place(texturePage(4), now)->evicted, texturePage(1)) << "the hand goes on, the threshold stays";
+  // A new frame: the threshold is back, and only page 2 is older than it.
+  EXPECT_EQ(cache.place(texturePage(5), 3 + kFirst)->evicted, texturePage(2));
+  PageCache again(2, Replacement::kHalving);
+  again.place(texturePage(0), 5);
+  again.place(texturePage(1), 4);
+  EXPECT_EQ(again.place(texturePage(2), 6)->evicted, texturePage(0)) << "down to threshold 0, any page of an older frame";
+  EXPECT_EQ(again.place(texturePage(3), 6)->evicted, texturePage(1));
+  EXPECT_FALSE(again.place(texturePage(4), 6));
+}
+
+TEST(PageCache, NamesOfPolicies) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
+    EXPECT_EQ(replacementFromName(replacementName(policy)), policy);
+  EXPECT_FALSE(replacementFromName("belady"));
+}
+
+TEST(PageCache, MetadataIsTwentyOneBytesASlot) {
+  for (uint32_t slots : {1000u, 3628u, kMaxSlots}) {
+    for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving}) {
+      PageCache cache(slots, policy);
+      for (uint32_t i = 0; i < 2 * slots; ++i) ASSERT_TRUE(cache.place(texturePage(i), 1 + i));
+      EXPECT_EQ(cache.residentCount(), slots);
+      EXPECT_LE(static_cast<double>(cache.metadataBytes() - sizeof cache) / slots, 21.01);
+    }
+  }
+  EXPECT_EQ(PageCache(70000).slotCount(), kMaxSlots);
 }
 
 TEST(PageCache, TexturePagesEvictStaleReliefPagesAndTheReverse) {
