@@ -148,6 +148,9 @@ std::string describe(PageId id) {
          std::to_string(n.x) + ", row " + std::to_string(n.y);
 }
 
+// A node has a slot for each of its planes.
+uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
+
 // Between the render thread and the workers; everything under the mutex, which is only held for moves of a few values.
 struct Exchange {
   std::mutex mutex;
@@ -191,8 +194,8 @@ struct PageStreamer::Impl {
       : source(std::move(source_in)),
         options(std::move(options_in)),
         decoder(std::move(decoder_in)),
-        cache(std::min(options.slot_count, 65536u)),
-        table(cache.slotCount()),
+        cache(options.slot_count, options.replacement),
+        table(nodesAtMost(cache.slotCount(), options.texture_planes.size()), static_cast<int>(options.texture_planes.size())),
         slot_plan(cache.slotCount()) {
     options.workers = std::max(1, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);

@@ -55,7 +55,8 @@ inline constexpr int kMaxAttempts = 4;
 inline constexpr double kMaxDetailBias = 6;
 
 struct StreamerOptions {
-  uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most 65,536
+  uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most kMaxSlots
+  Replacement replacement = Replacement::kLru;
   int workers = 2;
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
   // fixed light: the worker then reads the stored planes of `format` and evaluates them for (light_u, light_v) per

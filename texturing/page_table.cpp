@@ -4,6 +4,7 @@
 #include <bit>
 #include <cassert>
 #include <numeric>
+#include <utility>
 
 #include "shaders/page_table.h"
 
@@ -20,7 +21,7 @@ uint64_t keyOf(const NodeId& node) { return packNode(node) + 1; }
 uint64_t keyIn(const std::array<uint32_t, 4>& texel) { return uint64_t{texel[1]} << 32 | texel[0]; }
 }  // namespace
 
-PageTable::PageTable(uint32_t max_nodes) : max_nodes_(max_nodes) {
+PageTable::PageTable(uint32_t max_nodes, int planes) : max_nodes_(max_nodes) {
   // 2.5 entries for each node: load <= 0.4, below the 0.5 where two-choice cuckoo hashing with one cell a bucket breaks
   // down (Pagh, Rodler 2004).
   uint32_t entries = std::bit_ceil(std::max<uint32_t>(16, max_nodes * 5 / 2 + 1));
@@ -28,8 +29,8 @@ PageTable::PageTable(uint32_t max_nodes) : max_nodes_(max_nodes) {
   height_ = entries / width_;
   mask_ = entries - 1;
   texels_.resize(entries);
-  extra_.resize(entries);
-  dirty_flag_.resize(entries);
+  if (planes > kPlanesPerTexel) extra_.resize(entries);
+  dirty_.resize((entries + 63) / 64);
 }
 
 uint32_t PageTable::width() const { return width_; }
@@ -64,7 +65,7 @@ void PageTable::erase(const NodeId& node) {
 std::optional<PageTableEntry> PageTable::find(const NodeId& node) const {
   uint32_t index = locate(keyOf(node));
   if (index == kNowhere) return std::nullopt;
-  const auto &t = texels_[index], &e = extra_[index];
+  const auto [t, e] = itemAt(index);
   auto low = [](uint32_t v) { return static_cast<uint16_t>(v & 0xFFFFu); };
   auto high = [](uint32_t v) { return static_cast<uint16_t>(v >> 16); };
   PageTableEntry entry;
@@ -78,15 +79,26 @@ std::vector<uint32_t> PageTable::takeDirty() {
   if (all_dirty_) {
     dirty.resize(texels_.size());
     std::iota(dirty.begin(), dirty.end(), 0u);
-    std::fill(dirty_flag_.begin(), dirty_flag_.end(), uint8_t{0});
-  } else {
-    dirty.swap(dirty_);
-    std::sort(dirty.begin(), dirty.end());
-    for (uint32_t i : dirty) dirty_flag_[i] = 0;
+    std::fill(dirty_.begin(), dirty_.end(), uint64_t{0});
+  } else if (dirty_count_ > 0) {
+    dirty.reserve(dirty_count_);
+    for (size_t w = 0; w < dirty_.size(); ++w) {
+      for (uint64_t bits = std::exchange(dirty_[w], 0); bits != 0; bits &= bits - 1)
+        dirty.push_back(static_cast<uint32_t>(w * 64 + static_cast<size_t>(std::countr_zero(bits))));
+    }
   }
-  dirty_.clear();
+  dirty_count_ = 0;
   all_dirty_ = false;
   return dirty;
+}
+
+size_t PageTable::metadataBytes() const {
+  return sizeof *this + (texels_.capacity() + extra_.capacity()) * sizeof(texels_[0]) +
+         dirty_.capacity() * sizeof(uint64_t);
+}
+
+PageTable::Item PageTable::itemAt(uint32_t index) const {
+  return {texels_[index], extra_.empty() ? std::array<uint32_t, 4>{} : extra_[index]};
 }
 
 std::array<uint32_t, 2> PageTable::probes(const std::array<uint32_t, 4>& texel) const {
@@ -110,7 +122,7 @@ bool PageTable::place(Item& item) {
       return true;
     }
     uint32_t index = p[0] == avoid ? p[1] : p[0];
-    Item pushed{texels_[index], extra_[index]};
+    Item pushed = itemAt(index);
     put(index, item);
     item = pushed;
     avoid = index;
@@ -120,16 +132,16 @@ bool PageTable::place(Item& item) {
 
 void PageTable::put(uint32_t index, const Item& item) {
   texels_[index] = item.texel;
-  extra_[index] = item.extra;
-  if (all_dirty_ || dirty_flag_[index]) return;
-  dirty_flag_[index] = 1;
-  dirty_.push_back(index);
+  if (!extra_.empty()) extra_[index] = item.extra;
+  uint64_t bit = uint64_t{1} << (index & 63);
+  dirty_count_ += !(dirty_[index / 64] & bit);
+  dirty_[index / 64] |= bit;
 }
 
 void PageTable::rehash(const Item& homeless) {
   std::vector<Item> items{homeless};
   for (uint32_t i = 0; i < texels_.size(); ++i)
-    if (keyIn(texels_[i]) != 0) items.push_back({texels_[i], extra_[i]});
+    if (keyIn(texels_[i]) != 0) items.push_back(itemAt(i));
   all_dirty_ = true;
   // Each seed is an independent trial that succeeds with probability 1 - O(1/n), so this ends.
   for (bool whole = false; !whole;) {

@@ -73,17 +73,19 @@ void PagePool::upload(std::span<const PageUpload> uploads) {
 
 void PagePool::uploadTable(PageTable& table) {
   auto dirty = table.takeDirty();
-  if (table.width() != table_width_ || table.height() != table_height_) {
+  bool has_extra = table_extra_.id() != 0, wants_extra = !table.extraTexels().empty();
+  if (table.width() != table_width_ || table.height() != table_height_ || has_extra != wants_extra) {
     table_width_ = table.width();
     table_height_ = table.height();
     table_ = makeTable("page table", table_width_, table_height_);
-    table_extra_ = makeTable("page table, planes 3..", table_width_, table_height_);
+    table_extra_ = {};
+    if (wants_extra) table_extra_ = makeTable("page table, planes 3..", table_width_, table_height_);
     dirty.resize(table.texels().size());
     for (uint32_t i = 0; i < dirty.size(); ++i) dirty[i] = i;
   }
   if (dirty.empty()) return;
   uploadRuns(table_.id(), dirty, table.texels(), table_width_);
-  uploadRuns(table_extra_.id(), dirty, table.extraTexels(), table_width_);
+  if (table_extra_.id() != 0) uploadRuns(table_extra_.id(), dirty, table.extraTexels(), table_width_);
 }
 
 void PagePool::bind(const gl::Program& program, const PageTable& table) const {

@@ -142,6 +142,26 @@ TEST(PageTable, TheShadersViewAgreesWithAMap) {
 
 TEST(PageTable, TheComparisonSeesALostUpdate) { EXPECT_NE(compareWithMap(5, 300, 60, true), ""); }
 
+TEST(PageTable, UpToThreePlanesNeedNoSecondTexture) {
+  for (int planes = 1; planes <= kMaxTexturePlanes; ++planes) {
+    PageTable table(50, planes);
+    EXPECT_EQ(table.extraTexels().size(), planes > 3 ? table.texels().size() : 0u);
+    EXPECT_EQ(table.texelBytes(), (table.texels().size() + table.extraTexels().size()) * 16);
+    std::mt19937_64 random(planes);
+    std::vector<NodeId> nodes;
+    for (uint32_t i = 0; i < 50; ++i) {
+      nodes.push_back({i, 17, static_cast<uint32_t>(random()) >> 15, static_cast<uint32_t>(random()) >> 15});
+      table.insert(nodes.back(), entryOf(i));
+    }
+    for (uint32_t i = 0; i < 50; ++i) {
+      auto found = table.find(nodes[i]);
+      ASSERT_TRUE(found);
+      EXPECT_EQ(found->birth, entryOf(i).birth);
+      for (int k = 0; k < planes; ++k) EXPECT_EQ(found->slots[k], entryOf(i).slots[k]);
+    }
+  }
+}
+
 TEST(PageTable, KeyHalvesCarry) {
   // x's low 15 bits and y all ones: key + 1 carries into the high half.
   PageTable table(4);
