@@ -1,5 +1,5 @@
 // fake_sources.h - page sources for tests. They stack: a procedural source at the bottom, wrappers that fail, slow
-// down, block or record around it. Encoded pages are a few bytes that name their page; fakeDecode() turns them into
+// down, record (page_sources.h) or block around it. Encoded pages are a few bytes that name their page; fakeDecode() turns them into
 // texels that name their page and place, so that a texel in the wrong slot shows.
 #pragma once
 
@@ -20,6 +20,7 @@
 
 #include "texturing/page_codec.h"
 #include "texturing/page_source.h"
+#include "texturing/page_sources.h"
 
 namespace relievo::fake {
 
@@ -75,7 +76,7 @@ class ProceduralSource : public PageSource {
 };
 
 // What was kept is what is served.
-class MemorySource : public PageSource {
+class MapSource : public PageSource {
  public:
   std::map<PageId, std::vector<uint8_t>> pages;
   Result<EncodedPage> read(PageId id) const override {
@@ -85,94 +86,10 @@ class MemorySource : public PageSource {
   }
 };
 
-// Counts and lists what is asked for.
-class RecordingSource : public PageSource {
- public:
-  explicit RecordingSource(std::shared_ptr<const PageSource> inner) : inner_(std::move(inner)) {}
-  Result<EncodedPage> read(PageId id) const override {
-    {
-      std::lock_guard lock(mutex_);
-      reads_.push_back(id);
-    }
-    return inner_->read(id);
-  }
-  std::vector<PageId> reads() const {
-    std::lock_guard lock(mutex_);
-    return reads_;
-  }
-
- private:
-  std::shared_ptr<const PageSource> inner_;
-  mutable std::mutex mutex_;
-  mutable std::vector<PageId> reads_;
-};
-
-// Some reads fail, end early or come back changed: which ones follows from the seed, the page and the attempt, so that
-// a run can be repeated whatever the threads do.
-class FailingSource : public PageSource {
- public:
-  struct Rates {
-    double fail = 0, truncate = 0, corrupt = 0;
-    double forever = 0;  // of the pages: never readable
-  };
-  FailingSource(std::shared_ptr<const PageSource> inner, Rates rates, uint64_t seed)
-      : inner_(std::move(inner)), rates_(rates), seed_(seed) {}
-  Result<EncodedPage> read(PageId id) const override {
-    int attempt = 0;
-    {
-      std::lock_guard lock(mutex_);
-      attempt = attempts_[id]++;
-    }
-    if (uniform(id, -1) < rates_.forever) return failure(id);
-    double dice = uniform(id, attempt);
-    if (dice < rates_.fail) return failure(id);
-    auto page = inner_->read(id);
-    if (!page) return page;
-    if ((dice -= rates_.fail) < rates_.truncate) {
-      page->bytes.resize(page->bytes.size() / 2);
-    } else if ((dice -= rates_.truncate) < rates_.corrupt) {
-      page->bytes[page->bytes.size() / 3] ^= 0x40;
-    }
-    return page;
-  }
-  int attempts(PageId id) const {
-    std::lock_guard lock(mutex_);
-    auto it = attempts_.find(id);
-    return it == attempts_.end() ? 0 : it->second;
-  }
-  int mostAttempts() const {
-    std::lock_guard lock(mutex_);
-    int most = 0;
-    for (const auto& [id, n] : attempts_) most = std::max(most, n);
-    return most;
-  }
-
- private:
-  double uniform(PageId id, int attempt) const {
-    return static_cast<double>(mix(mix(id.bits ^ seed_) + static_cast<uint64_t>(attempt)) >> 11) * 0x1p-53;
-  }
-  Error failure(PageId id) const {
-    return {ErrorKind::kIo, "fake", "the read of page " + std::to_string(id.bits) + " failed", "", {}};
-  }
-  std::shared_ptr<const PageSource> inner_;
-  Rates rates_;
-  uint64_t seed_;
-  mutable std::mutex mutex_;
-  mutable std::map<PageId, int> attempts_;
-};
-
-class SlowSource : public PageSource {
+class SlowSource : public RateLimitedSource {
  public:
   SlowSource(std::shared_ptr<const PageSource> inner, std::chrono::microseconds delay)
-      : inner_(std::move(inner)), delay_(delay) {}
-  Result<EncodedPage> read(PageId id) const override {
-    std::this_thread::sleep_for(delay_);
-    return inner_->read(id);
-  }
-
- private:
-  std::shared_ptr<const PageSource> inner_;
-  std::chrono::microseconds delay_;
+      : RateLimitedSource(std::move(inner), {.latency_ms = static_cast<double>(delay.count()) / 1000}) {}
 };
 
 // Never answers while the gate is shut.

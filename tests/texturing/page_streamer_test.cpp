@@ -609,7 +609,7 @@ TEST(PageStreamer, PagesUnderWayWhenTheLightMovesAreDropped) {
 // --- the real codec ---
 
 TEST(PageStreamer, RealPagesArriveUnchanged) {
-  auto memory = std::make_shared<MemorySource>();
+  auto memory = std::make_shared<MapSource>();
   PageEncoder encoder(1);
   std::map<PageId, std::vector<uint8_t>> channels;
   std::map<PageId, std::vector<uint16_t>> samples;

@@ -10,3 +10,4 @@ relievo_test(resolve_test LIBS relievo_texturing SOURCES texturing/resolve_test.
 relievo_test(mip_test LIBS relievo_texturing SOURCES texturing/mip_test.cpp)
 relievo_test(page_codec_test LIBS relievo_texturing SOURCES texturing/page_codec_test.cpp)
 relievo_test(package_test LIBS relievo_texturing SOURCES texturing/package_test.cpp)
+relievo_test(page_sources_test LIBS relievo_texturing SOURCES texturing/page_sources_test.cpp)
