@@ -13,6 +13,7 @@
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
 #include "texturing/basis.h"
+#include "texturing/page_encoding.h"
 #include "texturing/page_source.h"
 #include "texturing/raster_source.h"
 
@@ -23,6 +24,7 @@ inline constexpr uint32_t kPackageVersion = 1;
 struct Manifest {
   PlanarDomain domain;
   TextureFormat texture;
+  PlaneEncodings encodings;  // of the texture's planes; relief is lossless
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;
@@ -62,6 +64,13 @@ class Package final : public PageSource {
   explicit Package(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
 };
+
+// What a plane takes in the file, by the index (which is read as a whole: 0.1 % of a package). Index blocks that are damaged
+// count as unknown pages.
+struct PlaneUsage {
+  uint64_t pages = 0, bytes = 0, unknown_pages = 0;
+};
+PlaneUsage planeUsage(const Package& package, Plane plane);
 
 struct DamagedPage {
   PageId id;

@@ -220,6 +220,7 @@ struct BuildContext {
   TextureFormat format;
   PackageLayout layout;
   MipFilter mip;
+  PlaneEncodings encodings;
 };
 
 // One worker's memory.
@@ -562,7 +563,7 @@ class TileWorker {
       auto at = context_.layout.texture.find(node);
       for (int plane = 0; plane < context_.format.planes(); ++plane) {
         cutTexture(down, x, y, plane);
-        place(encoder_.encodeTexture(page_), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, {});
+        place(encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, {});
       }
     }
     if (stage_->relief.level >= 0) {
@@ -609,6 +610,7 @@ std::string manifestText(const PackageHeader& h, const TextureSource& texture, c
   json["patches"] = d.patchCount();
   json["basis"] = basisName(h.texture.basis);
   json["texture_planes"] = h.texture.planes();
+  for (int k = 0; k < h.texture.planes(); ++k) json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
   if (h.texture.basis != Basis::kColour) {
     json["scale"] = h.texture.scale;
     json["bias"] = h.texture.bias;
@@ -730,6 +732,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   PackageHeader header;
   header.domain = *planned;
   header.texture = texture.format();
+  header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
   for (int k = 0; k < 6; ++k)
     if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
       return usage("a coefficient's scale or bias is not a number");
@@ -740,7 +743,8 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   header.manifest_bytes = manifest.size();
   header.manifest_hash = XXH3_64bits(manifest.data(), manifest.size());
   header.index_offset = (header.manifest_offset + header.manifest_bytes + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes;
-  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset), MipFilter(header.texture)};
+  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset), MipFilter(header.texture),
+                       header.encodings};
   header.index_bytes = context.layout.index_bytes;
   header.pages_offset = header.index_offset + header.index_bytes;
 

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "src/base/result.h"
+#include "texturing/page_encoding.h"
 #include "texturing/raster_source.h"
 
 namespace relievo {
@@ -24,6 +25,7 @@ struct BuildOptions {
   double mm_per_px = 1.0;
   int workers = 0;          // 0: one per core
   int zstd_level = 1;
+  PageEncoding coefficients, colour;  // of the planes of either kind; mip levels are computed from exact values all the same
   uint64_t memory_budget_bytes = uint64_t{768} << 20;
   std::string tool_version;
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second

@@ -142,6 +142,10 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
     f.put(144 + 8 * k, h.texture.scale[k]);
     f.put(192 + 8 * k, h.texture.bias[k]);
   }
+  for (int k = 0; k < kMaxTexturePlanes; ++k) {
+    f.put(240 + k, static_cast<uint8_t>(h.encodings[k].codec));
+    f.put(248 + k, h.encodings[k].parameter);
+  }
   f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
 }
 
@@ -186,6 +190,17 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.texture.bias[k] = loadLittle<double>(p + 192 + 8 * k);
     if (!std::isfinite(h.texture.scale[k]) || !std::isfinite(h.texture.bias[k]))
       return invalid(144 + 8 * k, "a coefficient's scale or bias is not a number");
+  }
+  for (int k = 0; k < kMaxTexturePlanes; ++k) {
+    auto encoding = encodingFromBytes(p[240 + k], p[248 + k]);
+    if (!encoding) {
+      Error error = encoding.error();
+      error.file = path;
+      error.message = "plane " + std::to_string(k) + ": " + error.message;
+      error.offset = static_cast<uint64_t>(240 + k);
+      return error;
+    }
+    h.encodings[k] = *encoding;
   }
   if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
   // Written so that no sum can overflow.

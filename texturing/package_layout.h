@@ -12,6 +12,7 @@
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
 #include "texturing/basis.h"
+#include "texturing/page_encoding.h"
 #include "texturing/page_id.h"
 
 namespace relievo {
@@ -30,6 +31,7 @@ struct PackageHeader {
   uint64_t pages_offset = 0, pages_bytes = 0, page_count = 0;
   PlanarDomain domain;
   TextureFormat texture;
+  PlaneEncodings encodings;
 };
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field.

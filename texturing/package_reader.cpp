@@ -16,9 +16,6 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kIndexCacheBytes = uint64_t{32} << 20;
-// No encoded page is larger than its head and its raw streams.
-constexpr uint32_t kMaxEncodedBytes = static_cast<uint32_t>(kTexturePageBytes) + 4;
-
 using Block = std::shared_ptr<const std::vector<uint8_t>>;
 
 }  // namespace
@@ -135,6 +132,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   impl->layout = packageLayout(h.domain, h.texture, h.index_offset);
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
+  impl->manifest.encodings = h.encodings;
   impl->manifest.page_count = h.page_count;
   return std::shared_ptr<Package>(new Package(std::move(impl)));
 }
@@ -174,7 +172,7 @@ Result<PageRecord> Package::record(PageId id) const {
   record.size = loadLittle<uint32_t>(entry + 8);
   record.checksum = loadLittle<uint64_t>(entry + 12);
   const PackageHeader& h = impl_->header;
-  if (record.size == 0 || record.size > kMaxEncodedBytes || record.offset < h.pages_offset ||
+  if (record.size == 0 || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
       record.offset - h.pages_offset > h.pages_bytes ||
       record.size > h.pages_bytes - (record.offset - h.pages_offset)) {
     return Error{ErrorKind::kInvalidData, path(), "page " + describePage(id) + ": its index entry points outside the pages",
@@ -214,6 +212,25 @@ Result<EncodedPage> Package::read(PageId id) const {
   if (XXH3_64bits(page.bytes.data(), page.bytes.size()) != found->checksum)
     return failed("its checksum does not match", ErrorKind::kInvalidData);
   return page;
+}
+
+PlaneUsage planeUsage(const Package& package, Plane plane) {
+  const Manifest& m = package.manifest();
+  PackageLayout layout = packageLayout(m.domain, m.texture, 0);
+  PlaneUsage usage;
+  (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
+    for (uint32_t i = 0; i < block.columns * block.rows; ++i) {
+      NodeId node = block.first;
+      node.x += i % block.columns;
+      node.y += i / block.columns;
+      auto record = package.record(PageId(plane, node));
+      ++usage.pages;
+      usage.unknown_pages += !record;
+      if (record) usage.bytes += record->size;
+    }
+    return true;
+  });
+  return usage;
 }
 
 }  // namespace relievo

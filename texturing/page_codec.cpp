@@ -1,7 +1,6 @@
-// Encoded page:
-//   byte 0      0: the streams follow as they are; 1: they follow as one zstd frame
-//   bytes 1..   one predictor a channel (texture: 3, relief: 1)
-//   then        the channels' residual streams, one after the other
+// Encoded page, by its first byte (PACKAGE.md says the same in more words):
+//   kRaw, kZstd                    the predictors (texture: 3, relief: 1), then the channels' residual streams
+//   kQuantisedRaw, kQuantisedZstd  the bits, then the same, of levels instead of values
 // Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod 256).
 // Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small residuals of
 // either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and high byte.
@@ -27,11 +26,12 @@ namespace relievo {
 namespace {
 
 enum Predictor : uint8_t { kNone = 0, kLeft = 1, kUp = 2, kGradient = 3, kSmoothUp = 4, kConstant = 5, kPredictorCount = 6 };
-enum Packing : uint8_t { kRaw = 0, kZstd = 1 };
+// The first byte of a page. The odd ones are a zstd frame of what the even ones hold.
+enum Packing : uint8_t { kRaw = 0, kZstd = 1, kQuantisedRaw = 2, kQuantisedZstd = 3 };
 
 constexpr int kSide = kPageFullPx;
 constexpr size_t kChannelBytes = size_t{kSide} * kSide;
-constexpr size_t kTextureHeadBytes = 4, kReliefHeadBytes = 2;
+constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kReliefHeadBytes = 2;
 constexpr size_t kReliefBytes = kReliefPageSamples * 2;
 
 // The row above, smoothed: (1 2 1) / 4 with the ends repeated. Averages noise away and needs nothing of the row itself.
@@ -172,6 +172,22 @@ Predictor choosePredictor(const T* data, int height) {
   return static_cast<Predictor>(std::min_element(cost, cost + kConstant) - cost);
 }
 
+// Levels back to values: round(255 level / (2^bits - 1)), in 16-bit arithmetic so that it vectorises; the constants are the
+// smallest that are exact for all levels. Levels that cannot be (from a damaged page) count as the largest.
+struct Expansion {
+  uint16_t factor, half;
+  int shift;
+};
+constexpr Expansion kExpansions[] = {{272, 0, 4}, {527, 23, 6}, {259, 33, 6}, {257, 64, 7}};
+void expandLevels(uint8_t* data, size_t n, int bits) {
+  const Expansion e = kExpansions[bits - kMinQuantisedBits];
+  const uint8_t top = static_cast<uint8_t>((1 << bits) - 1);
+  for (size_t i = 0; i < n; ++i) {
+    uint16_t level = std::min(data[i], top);
+    data[i] = static_cast<uint8_t>(static_cast<uint16_t>(level * e.factor + e.half) >> e.shift);
+  }
+}
+
 Error damaged(const char* what) {
   return {ErrorKind::kInvalidData, "", what, "rebuild the package, or get a whole copy", {}};
 }
@@ -181,18 +197,46 @@ Error damaged(const char* what) {
 struct PageEncoder::Impl {
   ZSTD_CCtx* context = nullptr;
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
+  std::array<uint8_t, kTexturePageBytes> levels;
   std::vector<uint8_t> out;
 
-  std::span<const uint8_t> pack(size_t head_bytes, size_t stream_bytes) {
+  // The streams behind the head, packed if that makes them smaller.
+  std::span<const uint8_t> pack(Packing raw, size_t head_bytes, size_t stream_bytes) {
     size_t packed = ZSTD_compress2(context, out.data() + head_bytes, out.size() - head_bytes, streams.data(), stream_bytes);
+    out[0] = raw;
     if (ZSTD_isError(packed) || packed >= stream_bytes) {
-      out[0] = kRaw;
       std::memcpy(out.data() + head_bytes, streams.data(), stream_bytes);
       packed = stream_bytes;
     } else {
-      out[0] = kZstd;
+      ++out[0];
     }
     return {out.data(), head_bytes + packed};
+  }
+
+  // Predictors and residual streams of three channels; the predictors' numbers end the head.
+  std::span<const uint8_t> encodeChannels(Packing raw, size_t head_bytes, const uint8_t* channels) {
+    static constexpr uint8_t kZeros[kSide] = {};
+    uint8_t* stream = streams.data();
+    for (int c = 0; c < 3; ++c) {
+      const uint8_t* data = channels + c * kChannelBytes;
+      Predictor p = choosePredictor<uint8_t, kSide>(data, kSide);
+      out[head_bytes - 3 + c] = p;
+      if (p == kConstant) {
+        *stream++ = data[0];
+        continue;
+      }
+      for (int y = 0; y < kSide; ++y, stream += kSide)
+        predictRow<uint8_t, kSide>(p, data + y * kSide, y == 0 ? kZeros : data + (y - 1) * kSide, stream);
+    }
+    return pack(raw, head_bytes, stream - streams.data());
+  }
+
+  std::span<const uint8_t> encodeQuantised(const uint8_t* channels, int bits) {
+    const int top = (1 << bits) - 1;
+    // 2 v top is even and 255 odd: no value lies halfway between two levels.
+    for (size_t i = 0; i < kTexturePageBytes; ++i) levels[i] = static_cast<uint8_t>((2 * channels[i] * top + 255) / 510);
+    out[1] = static_cast<uint8_t>(bits);
+    return encodeChannels(kQuantisedRaw, kQuantisedHeadBytes, levels.data());
   }
 };
 
@@ -203,7 +247,7 @@ PageEncoder::PageEncoder(int zstd_level) : impl_(new Impl) {
   // Residuals are noise with a narrow histogram: nearly all of the gain is in the entropy coder, which zstd leaves out at
   // negative levels unless told otherwise.
   if (zstd_level < 0) ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
-  impl_->out.resize(kTextureHeadBytes + std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
+  impl_->out.resize(kQuantisedHeadBytes + std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
 }
 
 PageEncoder::~PageEncoder() {
@@ -211,22 +255,10 @@ PageEncoder::~PageEncoder() {
   delete impl_;
 }
 
-std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> channels) {
+std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> channels, PageEncoding encoding) {
   assert(channels.size() == kTexturePageBytes);
-  static constexpr uint8_t kZeros[kSide] = {};
-  uint8_t* stream = impl_->streams.data();
-  for (int c = 0; c < 3; ++c) {
-    const uint8_t* data = channels.data() + c * kChannelBytes;
-    Predictor p = choosePredictor<uint8_t, kSide>(data, kSide);
-    impl_->out[1 + c] = p;
-    if (p == kConstant) {
-      *stream++ = data[0];
-      continue;
-    }
-    for (int y = 0; y < kSide; ++y, stream += kSide)
-      predictRow<uint8_t, kSide>(p, data + y * kSide, y == 0 ? kZeros : data + (y - 1) * kSide, stream);
-  }
-  return impl_->pack(kTextureHeadBytes, stream - impl_->streams.data());
+  if (encoding.codec == PageCodec::kQuantised) return impl_->encodeQuantised(channels.data(), encoding.parameter);
+  return impl_->encodeChannels(kRaw, kTextureHeadBytes, channels.data());
 }
 
 std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples) {
@@ -238,7 +270,7 @@ std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> sam
   if (p == kConstant) {
     stream[0] = static_cast<uint8_t>(samples[0]);
     stream[1] = static_cast<uint8_t>(samples[0] >> 8);
-    return impl_->pack(kReliefHeadBytes, 2);
+    return impl_->pack(kRaw, kReliefHeadBytes, 2);
   }
   uint8_t *low = stream, *high = stream + kReliefPageSamples;
   for (int y = 0; y < kReliefSamples; ++y) {
@@ -253,7 +285,7 @@ std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> sam
     low += kReliefSamples;
     high += kReliefSamples;
   }
-  return impl_->pack(kReliefHeadBytes, kReliefBytes);
+  return impl_->pack(kRaw, kReliefHeadBytes, kReliefBytes);
 }
 
 struct PageDecoder::Impl {
@@ -263,18 +295,18 @@ struct PageDecoder::Impl {
   std::array<uint16_t, kReliefPageSamples> samples;
 
   // The streams, of exactly the size expected, into `out`.
-  Result<void> unpack(uint8_t packing, std::span<const uint8_t> packed, std::span<uint8_t> out) {
-    if (packing == kRaw) {
+  Result<void> unpack(bool zstd, std::span<const uint8_t> packed, std::span<uint8_t> out) {
+    if (!zstd) {
       if (packed.size() != out.size()) return damaged("an encoded page has the wrong size");
       std::memcpy(out.data(), packed.data(), packed.size());
       return {};
     }
-    if (packing != kZstd) return damaged("an encoded page is packed in an unknown way");
     size_t n = ZSTD_decompressDCtx(context, out.data(), out.size(), packed.data(), packed.size());
     if (ZSTD_isError(n)) return damaged("an encoded page does not decompress");
     if (n != out.size()) return damaged("an encoded page decompresses to the wrong size");
     return {};
   }
+  Result<void> decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed, uint8_t* out_channels);
 };
 
 PageDecoder::PageDecoder() : impl_(new Impl) { impl_->context = ZSTD_createDCtx(); }
@@ -284,32 +316,45 @@ PageDecoder::~PageDecoder() {
   delete impl_;
 }
 
-Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::span<uint8_t> channels) {
-  assert(channels.size() == kTexturePageBytes);
-  if (encoded.size() < kTextureHeadBytes) return damaged("an encoded page is too short");
+Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed, uint8_t* out_channels) {
   size_t stream_bytes = 0;
   bool any_constant = false;
   for (int c = 0; c < 3; ++c) {
-    if (encoded[1 + c] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
-    bool constant = encoded[1 + c] == kConstant;
+    if (predictors[c] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
+    bool constant = predictors[c] == kConstant;
     any_constant |= constant;
     stream_bytes += constant ? 1 : kChannelBytes;
   }
   // Without constant channels the streams have the channels' places: no copy.
-  std::span<uint8_t> streams(any_constant ? impl_->streams.data() : channels.data(), stream_bytes);
-  if (auto unpacked = impl_->unpack(encoded[0], encoded.subspan(kTextureHeadBytes), streams); !unpacked) return unpacked;
-  const uint8_t* stream = streams.data();
+  std::span<uint8_t> out(any_constant ? streams.data() : out_channels, stream_bytes);
+  if (auto unpacked = unpack(zstd, packed, out); !unpacked) return unpacked;
+  const uint8_t* stream = out.data();
   for (int c = 0; c < 3; ++c) {
-    Predictor p = static_cast<Predictor>(encoded[1 + c]);
-    uint8_t* out = channels.data() + c * kChannelBytes;
+    Predictor p = static_cast<Predictor>(predictors[c]);
+    uint8_t* channel = out_channels + c * kChannelBytes;
     if (p == kConstant) {
-      std::memset(out, *stream++, kChannelBytes);
+      std::memset(channel, *stream++, kChannelBytes);
       continue;
     }
-    if (any_constant) std::memcpy(out, stream, kChannelBytes);
+    if (any_constant) std::memcpy(channel, stream, kChannelBytes);
     stream += kChannelBytes;
-    unpredict<uint8_t, kSide>(p, out, kSide);
+    unpredict<uint8_t, kSide>(p, channel, kSide);
   }
+  return {};
+}
+
+Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::span<uint8_t> channels) {
+  assert(channels.size() == kTexturePageBytes);
+  if (encoded.empty()) return damaged("an encoded page is empty");
+  const uint8_t packing = encoded[0];
+  const bool quantised = packing == kQuantisedRaw || packing == kQuantisedZstd;
+  if (packing > kQuantisedZstd) return damaged("an encoded page is packed in an unknown way");
+  const size_t head = quantised ? kQuantisedHeadBytes : kTextureHeadBytes;
+  if (encoded.size() < head) return damaged("an encoded page is too short");
+  const int bits = quantised ? encoded[1] : 8;
+  if (quantised && (bits < kMinQuantisedBits || bits > kMaxQuantisedBits)) return damaged("an encoded page has an unknown number of bits");
+  if (auto decoded = impl_->decodeChannels(packing & 1, encoded.subspan(head - 3, 3), encoded.subspan(head), channels.data()); !decoded) return decoded;
+  if (quantised) expandLevels(channels.data(), channels.size(), bits);
   return {};
 }
 
@@ -317,9 +362,10 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
   assert(samples.size() == kReliefPageSamples);
   if (encoded.size() < kReliefHeadBytes) return damaged("an encoded page is too short");
   if (encoded[1] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
+  if (encoded[0] > kZstd) return damaged("an encoded page is packed in an unknown way");
   Predictor p = static_cast<Predictor>(encoded[1]);
   std::span<uint8_t> streams(impl_->streams.data(), p == kConstant ? 2 : kReliefBytes);
-  if (auto unpacked = impl_->unpack(encoded[0], encoded.subspan(kReliefHeadBytes), streams); !unpacked) return unpacked;
+  if (auto unpacked = impl_->unpack(encoded[0] == kZstd, encoded.subspan(kReliefHeadBytes), streams); !unpacked) return unpacked;
   if (p == kConstant) {
     std::fill(samples.begin(), samples.end(), static_cast<uint16_t>(streams[0] | streams[1] << 8));
     return {};

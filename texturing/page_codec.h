@@ -1,10 +1,11 @@
-// page_codec.h - one page <-> its encoded bytes, lossless: a predictor per channel, then zstd.
+// page_codec.h - one page <-> its encoded bytes. Encoded pages say themselves how (page_encoding.h): a decoder needs no more.
 //
 // Shapes. A texture page is 3 channels x kPageFullPx^2 bytes, channel-major, rows top first, border included.
 // A relief page is kReliefSamples^2 uint16, rows top first, no border (its last row and column are its neighbour's first).
 // Decoding writes *slot texels*: kPageFullPx^2 RGBA8, what the page pool uploads. Texture: R G B 255.
 // Relief: sample (i, j) at texel (i, j): R = high byte, G = low byte, B = A = 0; texels beyond 128 are 0.
-// Safe for untrusted bytes: any input decodes or fails with an Error, and never reads or writes out of bounds.
+// Safe for untrusted bytes: any input decodes or fails with an Error, and never reads or writes out of bounds. The same bytes
+// decode to the same texels on every machine.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +14,14 @@
 
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
+#include "texturing/page_encoding.h"
 #include "texturing/page_id.h"
 
 namespace relievo {
 
 inline constexpr size_t kTexturePageBytes = size_t{3} * kPageFullPx * kPageFullPx;
 inline constexpr size_t kReliefPageSamples = size_t{kReliefSamples} * kReliefSamples;
+inline constexpr size_t kMaxEncodedPageBytes = kTexturePageBytes + 16;  // no encoding makes a page larger
 inline constexpr size_t kSlotBytes = size_t{4} * kPageFullPx * kPageFullPx;  // 73,984
 
 // One per thread: holds the compressor's context and scratch memory.
@@ -28,8 +31,8 @@ class PageEncoder {
   ~PageEncoder();
   PageEncoder(const PageEncoder&) = delete;
   PageEncoder& operator=(const PageEncoder&) = delete;
-  // Valid until the next call.
-  std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */);
+  // Valid until the next call. A page that JPEG would not make smaller is stored losslessly instead.
+  std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */, PageEncoding encoding = {});
   std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */);
 
  private:

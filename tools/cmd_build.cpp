@@ -19,6 +19,8 @@ namespace {
 
 struct BuildArguments {
   std::string output, ptm, image, relief, relief_mm, json_file;
+  std::string encoding = "lossless", coefficients, colour;
+  int quality = 90;
   double mm_per_px = 1.0;
   int workers = 0, zstd_level = 1;
   uint64_t memory_mib = 768;
@@ -47,6 +49,10 @@ Result<void> build(const BuildArguments& o) {
   if (o.relief.empty() && !o.relief_mm.empty()) return Error{ErrorKind::kUsage, "", "--relief-mm needs --relief HEIGHTMAP", "", {}};
   auto range = parseRange(o.relief_mm);
   if (!range) return range.error();
+  auto coefficients = parseEncoding(o.coefficients.empty() ? o.encoding : o.coefficients, o.quality);
+  if (!coefficients) return coefficients.error();
+  auto colour = parseEncoding(o.colour.empty() ? o.encoding : o.colour, o.quality);
+  if (!colour) return colour.error();
   for (const std::string& input : {o.ptm, o.image, o.relief}) {
     if (!input.empty() && sameFile(input, o.output)) {
       return Error{ErrorKind::kUsage, o.output, "the output is one of the inputs", "choose another name for -o", {}};
@@ -67,6 +73,8 @@ Result<void> build(const BuildArguments& o) {
   options.mm_per_px = o.mm_per_px;
   options.workers = o.workers;
   options.zstd_level = o.zstd_level;
+  options.coefficients = *coefficients;
+  options.colour = *colour;
   options.memory_budget_bytes = budget;
   auto built = buildWithProgress(**texture, relief.get(), options);
   if (!built) return built.error();
@@ -101,6 +109,12 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->footer(
       "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
       "      --relief heights.tif --relief-mm -1.5:2.5\n\n"
+      "Encodings of texture pages (relief is always exact):\n"
+      "  lossless  exact; q8 is another name for it\n"
+      "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
+      "  jpeg      smallest; --quality chooses. Slow to decode\n"
+      "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three channels\n"
+      "What each costs is measured in texturing/ENCODINGS.md, and for your artwork by `relievo bench FILE --only encodings`.\n\n"
       "The package is written beside and renamed when whole; an interrupted build leaves nothing behind.\n"
       "The same inputs give the same bytes, with any number of workers.");
   c->add_option("-o,--output", o->output, "Package to write")->required();
@@ -111,6 +125,10 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(CLI::PositiveNumber)->capture_default_str();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")->check(CLI::Range(-7, 19))->capture_default_str();
+  c->add_option("--encoding", o->encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")->capture_default_str();
+  c->add_option("--encoding-coefficients", o->coefficients, "Of coefficient planes alone [as --encoding]");
+  c->add_option("--encoding-colour", o->colour, "Of colour planes alone [as --encoding]");
+  c->add_option("--quality", o->quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")->check(CLI::Range(64, 1 << 20))->capture_default_str();
   c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output");
   c->callback([o, &context] {

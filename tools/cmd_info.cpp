@@ -3,11 +3,28 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "src/effect_plan.h"
 #include "texturing/package.h"
 #include "tools/commands.h"
 
 namespace relievo {
 namespace {
+
+struct PlaneLine {
+  std::string name, encoding;
+  PlaneUsage usage;
+};
+
+std::vector<PlaneLine> planeLines(const Package& package) {
+  const Manifest& m = package.manifest();
+  std::vector<PlaneLine> lines;
+  for (int k = 0; k < m.texture.planes(); ++k) {
+    const Plane plane = texturePlane(k);
+    lines.push_back({planeName(plane, m.texture.basis), encodingName(m.encodings[static_cast<size_t>(k)]), planeUsage(package, plane)});
+  }
+  if (m.domain.relief_depth >= 0) lines.push_back({"relief", "lossless", planeUsage(package, Plane::kRelief)});
+  return lines;
+}
 
 struct InfoArguments {
   std::string file;
@@ -23,6 +40,7 @@ Result<void> info(const InfoArguments& o) {
   const double pixels = static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
   const double bytes_per_px = static_cast<double>(package.fileBytes()) / pixels;
   for (const std::string& warning : package.warnings()) std::fprintf(stderr, "relievo: warning: %s: %s\n", o.file.c_str(), warning.c_str());
+  const auto planes = planeLines(package);
   if (o.json) {
     nlohmann::ordered_json json;
     json["file"] = o.file;
@@ -45,6 +63,11 @@ Result<void> info(const InfoArguments& o) {
       json["relief_min_mm"] = d.relief_offset_mm;
       json["relief_max_mm"] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
       json["relief_step_mm"] = d.relief_scale_mm;
+    }
+    json["planes"] = nlohmann::ordered_json::array();
+    for (const PlaneLine& p : planes) {
+      json["planes"].push_back({{"name", p.name}, {"encoding", p.encoding}, {"pages", p.usage.pages}, {"bytes", p.usage.bytes},
+                                {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels}, {"unknown_pages", p.usage.unknown_pages}});
     }
     json["pages"] = m.page_count;
     json["bytes_per_px"] = bytes_per_px;
@@ -78,6 +101,12 @@ Result<void> info(const InfoArguments& o) {
   std::printf("  patches   %u of %llu px a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
   std::printf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
               static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
+  for (const PlaneLine& p : planes) {
+    std::printf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(), static_cast<double>(p.usage.bytes) / (1 << 20),
+                static_cast<double>(p.usage.bytes) / pixels);
+    if (p.usage.unknown_pages) std::printf(", without %llu pages whose index entries are damaged", static_cast<unsigned long long>(p.usage.unknown_pages));
+    std::printf("\n");
+  }
   if (!m.tool_version.empty()) std::printf("  made by   %s\n", m.tool_version.c_str());
   for (const Provenance& p : m.sources) {
     std::printf("  source    %s%s%s%s%s\n", p.name.c_str(), p.xxh3.empty() ? "" : "  xxh3 ", p.xxh3.c_str(), p.generator.empty() ? "" : "  generator ",
