@@ -1,0 +1,145 @@
+// Replays of traces: Belady's optimum against brute force, and no policy beats it.
+#include "texturing/replacement.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <map>
+#include <random>
+#include <set>
+
+namespace relievo {
+namespace {
+
+constexpr Replacement kPolicies[] = {Replacement::kLru, Replacement::kClock, Replacement::kHalving};
+
+PageId page(uint32_t x) { return PageId(texturePlane(0), {0, 10, x, 0}); }
+
+PageTrace traceOf(std::initializer_list<std::initializer_list<uint32_t>> frames) {
+  PageTrace trace;
+  for (const auto& f : frames) {
+    trace.emplace_back();
+    for (uint32_t x : f) trace.back().push_back(page(x));
+  }
+  return trace;
+}
+
+// No frame wants more than `slots`. A drifting window with jumps back: something like a camera.
+PageTrace randomTrace(uint64_t seed, uint32_t slots, int frames) {
+  std::mt19937_64 random(seed);
+  auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
+  PageTrace trace;
+  uint32_t at = 0, range = 2 * slots + upTo(4 * slots + 1);
+  for (int f = 0; f < frames; ++f) {
+    if (upTo(4) == 0) at = upTo(10) == 0 ? upTo(range) : at + upTo(3);
+    std::set<uint32_t> want;
+    for (uint32_t n = upTo(slots + 1); n > 0; --n) want.insert((upTo(5) == 0 ? upTo(range) : at + upTo(slots)) % range);
+    trace.emplace_back();
+    for (uint32_t x : want) trace.back().push_back(page(x));
+    std::shuffle(trace.back().begin(), trace.back().end(), random);
+    if (!trace.back().empty() && upTo(3) == 0) trace.back().push_back(trace.back().front());  // named twice
+  }
+  return trace;
+}
+
+// The fewest misses of any choice of victims, by trying them all: a map from what may be resident to the fewest misses so far.
+uint64_t bruteForceMisses(const PageTrace& trace, size_t slots) {
+  std::map<std::set<PageId>, uint64_t> states{{{}, 0}};
+  for (const auto& frame : trace) {
+    std::set<PageId> want(frame.begin(), frame.end());
+    std::map<std::set<PageId>, uint64_t> after;
+    for (const auto& [resident, misses] : states) {
+      std::set<PageId> all = want;
+      all.insert(resident.begin(), resident.end());
+      std::vector<PageId> others;
+      std::set_difference(resident.begin(), resident.end(), want.begin(), want.end(), std::back_inserter(others));
+      auto missed = static_cast<uint64_t>(std::count_if(want.begin(), want.end(), [&](PageId p) { return !resident.contains(p); }));
+      size_t must_leave = all.size() > slots ? all.size() - slots : 0;
+      for (uint32_t choice = 0; choice < 1u << others.size(); ++choice) {
+        if (static_cast<size_t>(std::popcount(choice)) != must_leave) continue;
+        std::set<PageId> stay = all;
+        for (size_t i = 0; i < others.size(); ++i)
+          if (choice >> i & 1) stay.erase(others[i]);
+        auto [it, is_new] = after.try_emplace(stay, misses + missed);
+        it->second = std::min(it->second, misses + missed);
+      }
+    }
+    states = std::move(after);
+  }
+  uint64_t best = ~uint64_t{0};
+  for (const auto& [resident, misses] : states) best = std::min(best, misses);
+  return best;
+}
+
+TEST(Replacement, BeladyEqualsBruteForceOnSmallTraces) {
+  int lru_is_worse = 0;
+  for (uint64_t seed = 1; seed <= 150; ++seed) {
+    uint32_t slots = 1 + static_cast<uint32_t>(seed % 4);
+    PageTrace trace = randomTrace(seed, slots, 14);
+    uint64_t best = bruteForceMisses(trace, slots);
+    ASSERT_EQ(replayOptimum(trace, slots).misses, best) << "seed " << seed;
+    lru_is_worse += replay(trace, slots, Replacement::kLru).misses > best;
+  }
+  EXPECT_GT(lru_is_worse, 50) << "the control: a policy that is not the optimum does not pass for it";
+}
+
+TEST(Replacement, NoPolicyBeatsBelady) {
+  for (uint64_t seed = 1; seed <= 200; ++seed) {
+    auto slots = static_cast<uint32_t>(2 + seed % 60);
+    PageTrace trace = randomTrace(seed, slots, 300);
+    ReplayResult best = replayOptimum(trace, slots);
+    ASSERT_EQ(best.unplaced, 0u);
+    for (Replacement policy : kPolicies) {
+      ReplayResult r = replay(trace, slots, policy);
+      ASSERT_EQ(r.wanted, best.wanted);
+      ASSERT_EQ(r.first_uses, best.first_uses);
+      ASSERT_EQ(r.first_uses, distinctPages(trace));
+      ASSERT_GE(r.misses, best.misses) << replacementName(policy) << ", seed " << seed;
+      ASSERT_GE(best.misses, best.first_uses);
+    }
+  }
+}
+
+// The control of the one above: when frames want more than the cache holds, the comparison is of another kind, and says so.
+TEST(Replacement, FramesLargerThanTheCacheAreCounted) {
+  PageTrace trace = traceOf({{0, 1, 2, 3}, {3, 2, 1, 0}});
+  for (Replacement policy : kPolicies) {
+    ReplayResult r = replay(trace, 3, policy);
+    EXPECT_EQ(r.misses, 5u);
+    EXPECT_EQ(r.unplaced, 2u) << "page 3, twice: what is wanted now does not make room for what is wanted now";
+    EXPECT_EQ(r.evictions, 0u);
+  }
+  EXPECT_EQ(replayOptimum(trace, 3).misses, 5u);
+  EXPECT_EQ(replayOptimum(trace, 3).unplaced, 2u);
+  EXPECT_EQ(replayOptimum(trace, 0).misses, 8u);
+  EXPECT_EQ(replay(trace, 0, Replacement::kLru).unplaced, 8u);
+}
+
+TEST(Replacement, ALoopIsTheWorstForLruAndNotForBelady) {
+  // 5 pages in turn, 4 slots: LRU always has just lost what comes next; the optimum misses one in (slots - 1 + 1) of them.
+  PageTrace trace;
+  for (uint32_t f = 0; f < 400; ++f) trace.push_back({page(f % 5)});
+  EXPECT_EQ(replay(trace, 4, Replacement::kLru).hits(), 0u);
+  EXPECT_EQ(replayOptimum(trace, 4).misses, 5u + (400 - 5) / 4);
+  for (Replacement policy : kPolicies) EXPECT_EQ(replay(trace, 5, policy).misses, 5u) << "with room for all, first uses only";
+}
+
+TEST(Replacement, CountsByHand) {
+  PageTrace trace = traceOf({{0, 1}, {2, 2}, {0}, {3}, {1}});
+  ReplayResult r = replay(trace, 3, Replacement::kLru);  // 3 takes the slot of 1, the oldest; 1 takes that of 2
+  EXPECT_EQ(r.wanted, 6u);
+  EXPECT_EQ(r.misses, 5u);
+  EXPECT_EQ(r.first_uses, 4u);
+  EXPECT_EQ(r.evictions, 2u);
+  ReplayResult best = replayOptimum(trace, 3);  // 3 takes the slot of 2 or 0, which are never wanted again
+  EXPECT_EQ(best.misses, 4u);
+  EXPECT_EQ(best.evictions, 1u);
+  EXPECT_NEAR(best.hitRate(), 2.0 / 6, 1e-12);
+  EXPECT_EQ(distinctPages(trace), 4u);
+  EXPECT_EQ(largestFrame(trace), 2u);
+  EXPECT_EQ(replay({}, 3, Replacement::kLru).hitRate(), 1.0);
+}
+
+}  // namespace
+}  // namespace relievo
