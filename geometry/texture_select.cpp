@@ -20,7 +20,6 @@ namespace {
 
 constexpr int kFlatSplits = 3;    // a node that may be wanted is cut into quarters so often before it counts as wanted
 constexpr int kReliefSplits = 2;
-constexpr double kTinyPx = 4;     // pages up to this size are looked at for a pixel's centre
 
 double cross(const glm::dvec2& a, const glm::dvec2& b) { return a.x * b.y - a.y * b.x; }
 double norm2(const glm::dvec2& a) { return glm::dot(a, a); }
@@ -108,6 +107,7 @@ class TextureSelection {
     if (!(std::abs(det) > 1e-12 * glm::length(r) * glm::length(u) * glm::length(f))) return false;
     glm::dmat3 eye_from_screen = glm::inverse(screen_from_eye);
     q_ = {eye_from_screen[0], eye_from_screen[1]};
+    q_w_ = eye_from_screen[2];
     if (!std::isfinite(q_[0].x + q_[0].y + q_[0].z + q_[1].x + q_[1].y + q_[1].z)) return false;
     depth_row_ = rows[3];
     x_row_ = rows[0] * half_w;
@@ -152,8 +152,8 @@ class TextureSelection {
     double side = std::ldexp(static_cast<double>(domain_.patchPx()), -static_cast<int>(n.level));
     double left = static_cast<double>(domain_.patchOriginX(n.patch)) + side * n.x;
     double top = static_cast<double>(domain_.patchOriginY(n.patch)) + side * n.y;
-    // The taps of an anisotropic look-up lie up to half the ratio beside the pixel, in texels of the level.
-    double reach = view_.anisotropy > 1 ? 0.5 * view_.anisotropy * side / kPagePx : 0;
+    // The taps of an anisotropic look-up lie up to half the ratio beside the pixel, in steps of less than two texels of the level.
+    double reach = view_.anisotropy > 1 ? view_.anisotropy * side / kPagePx : 0;
     return rectangle(left - reach, top - reach, left + side + reach, top + side + reach);
   }
   Region rectangle(double left, double top, double right, double bottom) const {
@@ -164,14 +164,15 @@ class TextureSelection {
   }
   void setHeights(const NodeId& node, Region& r) const {
     if (flat_) return;
+    r.z0 = low_mm_;
+    r.z1 = high_mm_;
+    // Beside the page lie pixels whose taps reach into it: their heights are anyone's guess.
+    if (view_.anisotropy > 1) return;
     HeightBounds b = oracle_.bounds(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(domain_.relief_depth))));
+    if (!std::isfinite(b.min_mm) || !std::isfinite(b.max_mm) || !(b.min_mm <= b.max_mm)) return;
     r.z0 = b.min_mm * view_.exaggerate;
     r.z1 = b.max_mm * view_.exaggerate;
     if (r.z0 > r.z1) std::swap(r.z0, r.z1);
-    if (!std::isfinite(r.z0) || !std::isfinite(r.z1) || !(b.min_mm <= b.max_mm)) {
-      r.z0 = low_mm_;
-      r.z1 = high_mm_;
-    }
   }
 
   void addRoots(uint32_t first, uint32_t last, std::vector<TextureWant>& out) {
@@ -243,53 +244,50 @@ class TextureSelection {
   bool flatWanted(const Region& r, double threshold, int splits) const {
     Polygon p = visiblePart(r);
     if (p.count < 3) return false;
-    const double drop = -view_.eye_mm.z;
     double w_min = std::numeric_limits<double>::infinity(), stretch = 0;
-    std::array<glm::dvec2, Polygon::kMax> o;
-    glm::dvec2 low{1e300}, high{-1e300};
-    bool wanted = false;
+    Polygon o, screen;
     for (int i = 0; i < p.count; ++i) {
       const glm::dvec2& at = p.at[static_cast<size_t>(i)];
       glm::dvec3 world(at, 0);
       double w = value(depth_row_, world);
-      if (!(w > 0)) return true;  // on the plane of the eye: cannot tell
-      o[static_cast<size_t>(i)] = (at - glm::dvec2(view_.eye_mm)) / -drop;
-      glm::dvec2 screen = glm::dvec2(value(x_row_, world), value(y_row_, world)) / w;
-      low = glm::min(low, screen);
-      high = glm::max(high, screen);
+      if (!(w > 0)) return true;  // cannot tell
+      o.add((at - glm::dvec2(view_.eye_mm)) / view_.eye_mm.z);
+      glm::dvec2 s = glm::dvec2(value(x_row_, world), value(y_row_, world)) / w;
+      screen.add(s);
       w_min = std::min(w_min, w);
-      if (!wanted) {
-        std::array<glm::dvec2, 2> c;
-        for (size_t k = 0; k < 2; ++k) c[k] = w * (glm::dvec2(q_[k]) + q_[k].z * o[static_cast<size_t>(i)]);
-        wanted = footprint(c) < threshold;
-      }
       if (view_.anisotropy > 1) {
-        glm::dvec2 a = screen_x_ - screen.x * screen_w_, b = screen_y_ - screen.y * screen_w_;
+        glm::dvec2 a = screen_x_ - s.x * screen_w_, b = screen_y_ - s.y * screen_w_;
         stretch = std::max(stretch, largestSingular(glm::dvec2(a.x, b.x), glm::dvec2(a.y, b.y)));
       }
     }
-    if (high.x - low.x < kTinyPx && high.y - low.y < kTinyPx && !meetsPixelCentre(p, low, high)) return false;
-    if (!std::isinf(threshold) && !wanted) {
-      double longest = 0;
-      for (size_t k = 0; k < 2; ++k) {
-        if (std::abs(q_[k].z) < 1e-12 * glm::length(q_[k])) {
-          longest = std::max(longest, glm::length(glm::dvec2(q_[k])));
-          continue;
-        }
-        glm::dvec2 from = glm::dvec2(q_[k]) / -q_[k].z;
-        longest = std::max(longest, std::abs(q_[k].z) * distance(from, o, p.count));
-      }
-      double least = view_.anisotropy > 1 ? std::max(1 / stretch, longest / view_.anisotropy) : longest;
-      if (w_min * least >= threshold) return false;
-      if (splits > 0) return anyQuarter(r, [&](const Region& quarter) { return flatWanted(quarter, threshold, splits - 1); });
-    }
-    return true;
+    if (!std::isinf(threshold) && w_min * leastAtUnitDepth(o, stretch) >= threshold) return false;
+    glm::dvec2 pixel;
+    if (!findPixelCentre(screen, &pixel)) return false;
+    if (std::isinf(threshold) || splits == 0) return true;
+    // The line of sight of that pixel, and its footprint: (1).
+    glm::dvec3 ray = q_[0] * pixel.x + q_[1] * pixel.y + q_w_;
+    double w = -view_.eye_mm.z / ray.z;
+    glm::dvec2 sideways = glm::dvec2(ray) / -ray.z;
+    std::array<glm::dvec2, 2> c;
+    for (size_t k = 0; k < 2; ++k) c[k] = w * (glm::dvec2(q_[k]) + q_[k].z * sideways);
+    if (footprint(c) < threshold) return true;
+    return anyQuarter(r, [&](const Region& quarter) { return flatWanted(quarter, threshold, splits - 1); });
   }
-  static double distance(const glm::dvec2& from, const std::array<glm::dvec2, Polygon::kMax>& at, int count) {
+  // Over a convex part of the plane, given by its o, at w = 1.
+  double leastAtUnitDepth(const Polygon& o, double stretch) const {
+    double longest = 0;
+    for (const glm::dvec3& q : q_) {
+      double least = glm::length(glm::dvec2(q));
+      if (std::abs(q.z) > 1e-12 * glm::length(q)) least = std::abs(q.z) * distance(glm::dvec2(q) / -q.z, o);
+      longest = std::max(longest, least);
+    }
+    return view_.anisotropy > 1 ? std::max(1 / stretch, longest / view_.anisotropy) : longest;
+  }
+  static double distance(const glm::dvec2& from, const Polygon& p) {
     double best = 1e300;
     bool left = false, right = false;
-    for (int i = 0; i < count; ++i) {
-      const glm::dvec2 &a = at[static_cast<size_t>(i)], &b = at[static_cast<size_t>((i + 1) % count)];
+    for (int i = 0; i < p.count; ++i) {
+      const glm::dvec2 &a = p.at[static_cast<size_t>(i)], &b = p.at[static_cast<size_t>((i + 1) % p.count)];
       best = std::min(best, distance2ToSegment(from, a, b));
       double side = cross(b - a, from - a);
       left = left || side > 0;
@@ -308,18 +306,37 @@ class TextureSelection {
     }
     return false;
   }
-  bool meetsPixelCentre(const Polygon& p, const glm::dvec2& low, const glm::dvec2& high) const {
-    // Pixel centres relative to the view's centre: k + 0.5 - half the width.
-    double x_shift = 0.5 * view_.width_px - 0.5, y_shift = 0.5 * view_.height_px - 0.5;
-    std::array<glm::dvec2, Polygon::kMax> s;
-    for (int i = 0; i < p.count; ++i) {
-      glm::dvec3 world(p.at[static_cast<size_t>(i)], 0);
-      double w = value(depth_row_, world);
-      s[static_cast<size_t>(i)] = glm::dvec2(value(x_row_, world), value(y_row_, world)) / w + glm::dvec2(x_shift, y_shift);
+  // A pixel's centre in the polygon (or up to kPixelSlack beside it), from the middle rows outwards: large pages have one there.
+  bool findPixelCentre(const Polygon& screen, glm::dvec2* pixel) const {
+    // Pixel centres from the view's centre: k + 0.5 - half the size.
+    const double x_shift = 0.5 * view_.width_px - 0.5, y_shift = 0.5 * view_.height_px - 0.5;
+    double low = 1e300, high = -1e300;
+    for (int i = 0; i < screen.count; ++i) {
+      low = std::min(low, screen.at[static_cast<size_t>(i)].y);
+      high = std::max(high, screen.at[static_cast<size_t>(i)].y);
     }
-    for (double y = std::ceil(low.y + y_shift - kPixelSlack); y <= high.y + y_shift + kPixelSlack; ++y)
-      for (double x = std::ceil(low.x + x_shift - kPixelSlack); x <= high.x + x_shift + kPixelSlack; ++x)
-        if (distance({x, y}, s, p.count) <= kPixelSlack) return true;
+    const double first = std::ceil(low + y_shift - kPixelSlack), last = std::floor(high + y_shift + kPixelSlack);
+    const double middle = std::floor(0.5 * (first + last));
+    for (double step = 0; step <= last - first + 1; ++step) {
+      double row = std::fmod(step, 2) == 0 ? middle - 0.5 * step : middle + 0.5 * (step + 1);
+      if (row < first || row > last) continue;
+      double left = 1e300, right = -1e300;  // of the polygon within kPixelSlack of the row
+      for (int i = 0; i < screen.count; ++i) {
+        const glm::dvec2 &a = screen.at[static_cast<size_t>(i)], &b = screen.at[static_cast<size_t>((i + 1) % screen.count)];
+        double y0 = row - y_shift - kPixelSlack, y1 = row - y_shift + kPixelSlack;
+        if (std::max(a.y, b.y) < y0 || std::min(a.y, b.y) > y1) continue;
+        for (double y : {y0, y1}) {
+          double t = a.y != b.y ? std::clamp((y - a.y) / (b.y - a.y), 0.0, 1.0) : y == y0 ? 0.0 : 1.0;
+          double x = a.x + (b.x - a.x) * t;
+          left = std::min(left, x);
+          right = std::max(right, x);
+        }
+      }
+      double column = std::round(0.5 * (left + right) + x_shift);
+      if (std::abs(column - (0.5 * (left + right) + x_shift)) > 0.5 * (right - left) + kPixelSlack) continue;
+      *pixel = {column - x_shift, row - y_shift};
+      return true;
+    }
     return false;
   }
 
@@ -417,6 +434,7 @@ class TextureSelection {
   double half_w_mm_ = 0, half_h_mm_ = 0, low_mm_ = 0, high_mm_ = 0;
   double slope_per_mm_ = 0;               // steepest slope for a range of heights of 1 mm
   std::array<glm::dvec3, 2> q_{};         // see (1)
+  glm::dvec3 q_w_{0};                     // the line of sight in the middle
   glm::dvec4 x_row_{0}, y_row_{0}, depth_row_{0};
   glm::dvec2 screen_x_{0}, screen_y_{0}, screen_w_{0};
   std::array<glm::dvec4, 6> planes_{};

@@ -2,7 +2,7 @@
 // A node of level l is wanted where the shader's texture LOD (shaders/texture_lookup.glsl) asks for level l or a finer one; so the
 // ancestors of a wanted node are wanted too.
 // Flat artworks: the perspective image of a plane is known exactly, so the answer is exact up to kLodSlack levels and
-// kPixelSlack px around each page; a page that covers no pixel's centre is left out where it is a few pixels small.
+// kPixelSlack px around each page; a page that covers no pixel's centre is left out.
 // Relief: the surface may have any slope that its heights' bounds allow, and the finest level that such a slope may want is asked
 // for. Seen from above that is nearly what pixels want; at a slant, up to log2(1 / cos(angle)) levels too fine. Nothing is known of
 // what hides what: hidden parts are asked for too.
@@ -20,7 +20,7 @@ namespace relievo {
 
 inline constexpr size_t kMaxTextureWants = 65536;  // as many as slots can exist; coarse levels first
 inline constexpr double kLodSlack = 1.0 / 256;     // levels: the shader computes in fp32
-inline constexpr double kPixelSlack = 1.0 / 32;    // px: a rasteriser snaps to 1/256 px or so, vertices are fp32
+inline constexpr double kPixelSlack = 1.0 / 128;   // px: rasterisers snap to 1/256 px or finer, vertices are fp32
 
 struct TextureView {
   glm::dmat4 clip_from_world{1.0};

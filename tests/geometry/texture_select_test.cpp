@@ -1,0 +1,478 @@
+// CPU page determination against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of the relief),
+// and its footprint is measured by rays beside it, in double precision.
+#include "geometry/texture_select.h"
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+#include <set>
+
+#include "tests/geometry/lod_fixture.h"
+
+namespace relievo::test {
+namespace {
+
+constexpr uint64_t kSeed = 20261121;
+
+TextureView textureView(const Camera& c, int height_px, bool relief) {
+  Camera sized = c;
+  sized.viewport_height_px = height_px;
+  LodView lod = makeView(sized);
+  TextureView v;
+  v.clip_from_world = lod.clip_from_world;
+  v.eye_mm = lod.eye_mm;
+  v.pixels_per_radian = lod.pixels_per_radian;
+  v.near_mm = lod.near_mm;
+  v.height_px = height_px;
+  v.width_px = std::max(1, static_cast<int>(std::lround(height_px * c.aspect)));
+  v.relief = relief;
+  v.error_px = 0;
+  return v;
+}
+
+// ---- a pixel's wish
+struct Footprint {
+  glm::dvec2 texel{0};  // of the finest level, from the artwork's top left corner
+  glm::dvec2 dx{0}, dy{0};
+};
+
+// By rays: from the eye through places of the screen, until they meet a plane.
+class Rays {
+ public:
+  explicit Rays(const TextureView& v) : view_(v), world_from_clip_(glm::inverse(v.clip_from_world)) {}
+  // x, y: px from the top left corner. The plane: (p - at) . normal = 0.
+  std::optional<glm::dvec3> meet(double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
+    glm::dvec2 ndc{2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px};
+    glm::dvec4 far = world_from_clip_ * glm::dvec4(ndc, 0.9, 1);
+    glm::dvec3 direction = glm::dvec3(far) / far.w - view_.eye_mm;
+    double along = glm::dot(direction, normal);
+    if (along == 0) return std::nullopt;
+    double t = glm::dot(at - view_.eye_mm, normal) / along;
+    if (!(t > 0) || !std::isfinite(t)) return std::nullopt;
+    glm::dvec3 p = view_.eye_mm + direction * t;
+    glm::dvec4 clip = view_.clip_from_world * glm::dvec4(p, 1);
+    if (!(std::abs(clip.z) <= clip.w)) return std::nullopt;
+    return p;
+  }
+  std::optional<Footprint> footprint(const PlanarDomain& d, double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
+    constexpr double kStep = 1.0 / 1024;
+    auto texel = [&](double sx, double sy) -> std::optional<glm::dvec2> {
+      std::optional<glm::dvec3> p = meet(sx, sy, at, normal);
+      if (!p) return std::nullopt;
+      return glm::dvec2(p->x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px), 0.5 * static_cast<double>(d.height_px) - p->y / d.mm_per_px);
+    };
+    auto centre = texel(x, y), right = texel(x + kStep, y), left = texel(x - kStep, y), down = texel(x, y + kStep), up = texel(x, y - kStep);
+    if (!centre || !right || !left || !down || !up) return std::nullopt;
+    return Footprint{*centre, (*right - *left) / (2 * kStep), (*down - *up) / (2 * kStep)};
+  }
+
+ private:
+  const TextureView& view_;
+  glm::dmat4 world_from_clip_;
+};
+
+std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& texel, int level) {
+  if (texel.x < 0 || texel.y < 0 || texel.x >= static_cast<double>(d.width_px) || texel.y >= static_cast<double>(d.height_px)) return std::nullopt;
+  double side = static_cast<double>(d.patchPx());
+  auto patch = static_cast<uint32_t>((d.alongX() ? texel.x : texel.y) / side);
+  double cell = std::ldexp(side, -level);
+  return NodeId{patch, static_cast<uint32_t>(level), static_cast<uint32_t>((texel.x - static_cast<double>(d.patchOriginX(patch))) / cell),
+                static_cast<uint32_t>((texel.y - static_cast<double>(d.patchOriginY(patch))) / cell)};
+}
+int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint& f) {
+  double major = std::sqrt(std::max(glm::dot(f.dx, f.dx), glm::dot(f.dy, f.dy)));
+  if (v.anisotropy > 1) {
+    double aa = glm::dot(f.dx, f.dx), bb = glm::dot(f.dy, f.dy), ab = glm::dot(f.dx, f.dy);
+    double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
+    double longest = std::sqrt(0.5 * (aa + bb + root)), shortest = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / longest;
+    major = std::max(shortest, longest / v.anisotropy);
+  }
+  double lod = std::clamp(std::log2(major) + v.lod_bias, 0.0, static_cast<double>(d.texture_depth));
+  return d.texture_depth - static_cast<int>(std::floor(v.trilinear ? lod : lod + 0.5));
+}
+// From the pixel to the end of its footprint, or of as many steps as there are taps.
+glm::dvec2 tapReach(const TextureView& v, const Footprint& f) {
+  glm::dvec2 major(0);
+  for (int k = 0; k < 720; ++k) {
+    double angle = k * 3.14159265358979 / 720;
+    glm::dvec2 side = f.dx * std::cos(angle) + f.dy * std::sin(angle);
+    if (glm::length(side) > glm::length(major)) major = side;
+  }
+  double minor = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / glm::length(major);
+  double step = std::max(1.0, std::max(minor, glm::length(major) / v.anisotropy) * std::exp2(v.lod_bias));
+  return 0.5 * glm::normalize(major) * std::min(glm::length(major), step * v.anisotropy);
+}
+void addWithAncestors(NodeId node, std::set<NodeId>& out) {
+  while (out.insert(node).second && node.level > 0) node = node.parent();
+}
+
+// What all pixels of a flat artwork want; sampled off their centres, where a rasteriser may sample too.
+std::set<NodeId> pixelsWant(const PlanarDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
+  Rays rays(v);
+  std::set<NodeId> wanted;
+  NodeId last{~0u, 0, 0, 0};
+  for (int y = 0; y < v.height_px; ++y) {
+    for (int x = 0; x < v.width_px; ++x) {
+      auto f = rays.footprint(d, x + 0.5 + off.x, y + 0.5 + off.y, glm::dvec3(0), glm::dvec3(0, 0, 1));
+      if (!f) continue;
+      int level = levelOf(d, v, *f);
+      auto node = nodeAt(d, f->texel, level);
+      if (!node) continue;
+      if (v.anisotropy > 1 && level > 0) {  // the ends of the footprint
+        for (double end : {-1.0, 1.0})
+          if (auto tap = nodeAt(d, f->texel + end * tapReach(v, *f), level)) addWithAncestors(*tap, wanted);
+      }
+      if (*node == last) continue;
+      last = *node;
+      addWithAncestors(*node, wanted);
+    }
+  }
+  return wanted;
+}
+
+struct Agreement {
+  size_t wanted = 0, named = 0, missed = 0;
+  size_t needless = 0, inexplicable = 0;  // named, not wanted; neither within the slack that the determination allows itself
+  void operator+=(const Agreement& o) {
+    wanted += o.wanted, named += o.named, missed += o.missed, needless += o.needless, inexplicable += o.inexplicable;
+  }
+  double recall() const { return wanted ? 1 - static_cast<double>(missed) / static_cast<double>(wanted) : 1; }
+  double precision() const { return named ? 1 - static_cast<double>(needless) / static_cast<double>(named) : 1; }
+  double precisionWithSlack() const { return named ? 1 - static_cast<double>(inexplicable) / static_cast<double>(named) : 1; }
+};
+Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureWant>& named) {
+  Agreement a;
+  std::set<NodeId> set;
+  for (const TextureWant& w : named) set.insert(w.node);
+  a.wanted = wanted.size();
+  a.named = named.size();
+  for (const NodeId& n : wanted) a.missed += !set.contains(n);
+  for (const NodeId& n : set) a.needless += !wanted.contains(n);
+  return a;
+}
+
+std::string describe(const PlanarDomain& d, const Camera& c) {
+  char text[200];
+  std::snprintf(text, sizeof text, "%llu x %llu, eye %.6g %.6g %.6g target %.6g %.6g fov %.4g", static_cast<unsigned long long>(d.width_px),
+                static_cast<unsigned long long>(d.height_px), c.eye.x, c.eye.y, c.eye.z, c.target.x, c.target.y, c.fov_y);
+  return text;
+}
+
+struct Flat {
+  int views = 60, height_px = 120;
+  uint64_t seed = kSeed;
+  std::function<void(Camera&, Random&)> camera;
+  std::function<void(TextureView&)> settings, broken;  // broken: what the determination sees, but not the oracle
+  std::function<void(std::vector<TextureWant>&)> lose;
+};
+Agreement flatAgreement(const Flat& f, bool report) {
+  Random random(f.seed);
+  Agreement total;
+  for (int i = 0; i < f.views; ++i) {
+    PlanarDomain d = randomDomain(random);
+    MadeUpOracle oracle(d, 1);
+    Camera c = randomCamera(d, random);
+    if (f.camera) f.camera(c, random);
+    TextureView v = textureView(c, f.height_px, false);
+    v.lod_bias = -3;  // as many pages as eight times the size would have
+    if (f.settings) f.settings(v);
+    std::set<NodeId> wanted = pixelsWant(d, v), within_slack = wanted;
+    TextureView finer = v;
+    finer.lod_bias -= kLodSlack;
+    for (double x : {-kPixelSlack, 0.0, kPixelSlack})
+      for (double y : {-kPixelSlack, 0.0, kPixelSlack}) within_slack.merge(pixelsWant(d, finer, {x, y}));
+    if (f.broken) f.broken(v);
+    std::vector<TextureWant> named = selectTextureNodes(d, oracle, v);
+    if (f.lose) f.lose(named);
+    Agreement a = agreement(wanted, named);
+    a.inexplicable = agreement(within_slack, named).needless;
+    total += a;
+    if (report && a.missed) ADD_FAILURE() << "view " << i << " of seed " << f.seed << " missed " << a.missed << " of " << a.wanted << ": " << describe(d, c);
+  }
+  return total;
+}
+void print(const char* what, const Agreement& a, bool flat = true) {
+  std::printf("[ pages ] %s: seed %llu, %zu wanted, %zu named, recall %.4f %%, precision %.3f %%", what,
+              static_cast<unsigned long long>(kSeed), a.wanted, a.named, 100 * a.recall(), 100 * a.precision());
+  if (flat) std::printf(", %.3f %% within the slack", 100 * a.precisionWithSlack());
+  std::printf("\n");
+}
+
+TEST(TextureSelect, FlatNothingIsMissed) {
+  Agreement a = flatAgreement({}, true);
+  print("flat", a);
+  EXPECT_EQ(a.missed, 0u);
+  EXPECT_GT(a.wanted, 1000u);
+  EXPECT_GT(a.precision(), 0.95);
+  EXPECT_GT(a.precisionWithSlack(), 0.99);
+}
+
+TEST(TextureSelect, FlatWithinTheWholeRangeOfFieldsOfView) {
+  for (double fov_deg : {1.0, 20.0, 90.0, 140.0, 170.0}) {
+    Flat f;
+    f.views = 25;
+    f.camera = [&](Camera& c, Random&) { c.fov_y = fov_deg * 3.14159265358979 / 180; };
+    Agreement a = flatAgreement(f, true);
+    print(("field of view of " + std::to_string(static_cast<int>(fov_deg)) + " degrees").c_str(), a);
+    EXPECT_EQ(a.missed, 0u);
+    EXPECT_GT(a.precisionWithSlack(), fov_deg < 100 ? 0.99 : 0.9) << "at the horizon pages are hairlines";
+  }
+}
+
+TEST(TextureSelect, FlatGrazing) {
+  Flat f;
+  f.views = 60;
+  f.camera = [](Camera& c, Random& random) {
+    double distance = glm::length(c.eye - c.target), tilt = random.real(1.5, 1.5707), turn = random.real(0, 6.2832);
+    c.eye = c.target + distance * glm::dvec3(std::sin(tilt) * std::cos(turn), std::sin(tilt) * std::sin(turn), std::cos(tilt));
+  };
+  Agreement a = flatAgreement(f, true);
+  print("grazing", a);
+  EXPECT_EQ(a.missed, 0u);
+  EXPECT_GT(a.precisionWithSlack(), 0.9);
+}
+
+TEST(TextureSelect, FlatFromBehindWithBiasAndNearestLevel) {
+  Flat f;
+  f.views = 60;
+  f.camera = [](Camera& c, Random& random) {
+    if (random.chance(0.5)) c.eye.z = -c.eye.z;
+  };
+  int view = 0;
+  f.settings = [&](TextureView& v) {
+    v.trilinear = ++view % 2 == 0;
+    v.lod_bias = (view % 7) * 0.5 - 3;
+  };
+  Agreement a = flatAgreement(f, true);
+  print("from behind too, biased, every other view with the nearest level", a);
+  EXPECT_EQ(a.missed, 0u);
+  EXPECT_GT(a.precisionWithSlack(), 0.99);
+}
+
+TEST(TextureSelect, FlatAnisotropic) {
+  for (double ratio : {2.0, 8.0}) {
+    Flat f;
+    f.views = 40;
+    f.settings = [&](TextureView& v) { v.anisotropy = ratio; };
+    Agreement a = flatAgreement(f, true);
+    print("anisotropic", a);
+    EXPECT_EQ(a.missed, 0u);
+    EXPECT_GT(a.precision(), 0.8) << "taps reach beyond the pixel; their pages are named too";
+  }
+}
+
+TEST(TextureSelect, FlatNegativeControls) {
+  Flat f;
+  f.views = 40;
+  f.lose = [](std::vector<TextureWant>& named) {
+    if (!named.empty()) named.pop_back();
+  };
+  EXPECT_GT(flatAgreement(f, false).missed, 10u) << "a page lost";
+  f.lose = {};
+  f.broken = [](TextureView& v) { v.lod_bias += 0.05; };
+  EXPECT_GT(flatAgreement(f, false).missed, 10u) << "a twentieth of a level too coarse";
+  f.broken = [](TextureView& v) { v.eye_mm.z *= 0.9; };
+  EXPECT_GT(flatAgreement(f, false).missed, 10u) << "another eye";
+  f.broken = [](TextureView& v) { v.width_px = v.width_px * 9 / 10; };
+  EXPECT_GT(flatAgreement(f, false).missed, 10u) << "another size of the picture";
+  f.broken = [](TextureView& v) { v.lod_bias -= 0.5; };
+  Agreement fine = flatAgreement(f, false);
+  EXPECT_EQ(fine.missed, 0u);
+  EXPECT_LT(fine.precision(), 0.9) << "half a level too fine";
+}
+
+// ---- relief: a small artwork whose every facet is looked at
+struct Terrain {
+  PlanarDomain domain;
+  std::function<double(int64_t, int64_t)> height;  // 0..1 at a sample
+  double spacing() const { return std::ldexp(1.0, domain.texture_depth - domain.relief_depth); }  // texels
+  double mm(int64_t i, int64_t j) const { return domain.relief_offset_mm + 65535 * domain.relief_scale_mm * height(i, j); }
+  glm::dvec3 place(int64_t i, int64_t j, double exaggerate) const {
+    double x = static_cast<double>(i) * spacing(), y = static_cast<double>(j) * spacing();
+    return {(x - 0.5 * static_cast<double>(domain.width_px)) * domain.mm_per_px, (0.5 * static_cast<double>(domain.height_px) - y) * domain.mm_per_px,
+            mm(i, j) * exaggerate};
+  }
+};
+class TerrainOracle final : public ReliefOracle {
+ public:
+  explicit TerrainOracle(const Terrain& t) : terrain_(t) {}
+  HeightBounds bounds(const NodeId& page) const override {
+    const PlanarDomain& d = terrain_.domain;
+    int64_t cells = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
+    auto x0 = static_cast<int64_t>(static_cast<double>(d.patchOriginX(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.x) * cells;
+    auto y0 = static_cast<int64_t>(static_cast<double>(d.patchOriginY(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.y) * cells;
+    auto right = static_cast<int64_t>(static_cast<double>(d.width_px) / terrain_.spacing()), bottom = static_cast<int64_t>(static_cast<double>(d.height_px) / terrain_.spacing());
+    HeightBounds b{1e30f, -1e30f, 0};
+    for (int64_t j = y0; j <= std::min(y0 + cells, bottom); ++j) {
+      for (int64_t i = x0; i <= std::min(x0 + cells, right); ++i) {
+        b.min_mm = std::min(b.min_mm, std::nextafter(static_cast<float>(terrain_.mm(i, j)), -1e30f));
+        b.max_mm = std::max(b.max_mm, std::nextafter(static_cast<float>(terrain_.mm(i, j)), 1e30f));
+      }
+    }
+    return b;
+  }
+
+ private:
+  const Terrain& terrain_;
+};
+
+Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
+  Terrain t;
+  t.domain = makeDomain(384, 256, relief_shift);
+  t.domain.relief_scale_mm = range_mm / 65535;
+  t.domain.relief_offset_mm = -0.4 * range_mm;
+  if (kind == 0) t.height = [](int64_t i, int64_t j) { return static_cast<double>(noiseHeight(i, j)) / 65535; };            // rough
+  if (kind == 1) t.height = [](int64_t i, int64_t j) { return 0.5 + 0.5 * std::sin(double(i) * 0.05) * std::cos(double(j) * 0.04); };  // smooth
+  if (kind == 2) t.height = [](int64_t i, int64_t j) { return (i / 23 + j / 31) % 2 ? 1.0 : 0.0; };                        // walls
+  return t;
+}
+
+// What pixels want of every facet in view that faces the eye, whether or not something hides it.
+std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
+  Rays rays(v);
+  std::set<NodeId> wanted;
+  auto right = static_cast<int64_t>(static_cast<double>(t.domain.width_px) / t.spacing());
+  auto bottom = static_cast<int64_t>(static_cast<double>(t.domain.height_px) / t.spacing());
+  for (int64_t j = 0; j < bottom; ++j) {
+    for (int64_t i = 0; i < right; ++i) {
+      for (int half = 0; half < 2; ++half) {
+        glm::dvec3 a = t.place(i, j, v.exaggerate), b = t.place(i + 1, j + 1, v.exaggerate);
+        glm::dvec3 c = half ? t.place(i, j + 1, v.exaggerate) : t.place(i + 1, j, v.exaggerate);
+        glm::dvec3 normal = glm::cross(b - a, c - a);
+        if (normal.z < 0) normal = -normal;
+        glm::dvec3 middle = (a + b + c) / 3.0;
+        if (glm::dot(normal, v.eye_mm - middle) <= 0) continue;
+        glm::dvec4 clip = v.clip_from_world * glm::dvec4(middle, 1);
+        double edge_x = 1 - 1.0 / v.width_px, edge_y = 1 - 1.0 / v.height_px;  // the outermost pixel centres
+        if (!(clip.w > 0) || std::abs(clip.x) > clip.w * edge_x || std::abs(clip.y) > clip.w * edge_y || std::abs(clip.z) > clip.w) continue;
+        double x = (clip.x / clip.w + 1) * 0.5 * v.width_px, y = (1 - clip.y / clip.w) * 0.5 * v.height_px;
+        auto f = rays.footprint(t.domain, x, y, middle, normal);
+        if (!f) continue;
+        if (auto node = nodeAt(t.domain, f->texel, levelOf(t.domain, v, *f))) addWithAncestors(*node, wanted);
+      }
+    }
+  }
+  return wanted;
+}
+
+Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool report, double bias = -2) {
+  TerrainOracle oracle(t);
+  Random random(kSeed);
+  Agreement total;
+  for (int i = 0; i < views; ++i) {
+    Camera c = randomCamera(t.domain, random);
+    c.eye.z += 65535 * t.domain.relief_scale_mm * random.real(0, 1);
+    TextureView v = textureView(c, 200, true);
+    v.exaggerate = random.chance(0.3) ? -1.5 : 1;
+    v.lod_bias = bias;
+    std::set<NodeId> wanted = facetsWant(t, v);
+    v.relief = !as_if_flat;
+    Agreement a = agreement(wanted, selectTextureNodes(t.domain, oracle, v));
+    total += a;
+    if (report && a.missed) ADD_FAILURE() << "view " << i << " missed " << a.missed << " of " << a.wanted << ": " << describe(t.domain, c);
+  }
+  return total;
+}
+
+TEST(TextureSelect, ReliefNothingIsMissed) {
+  for (int kind = 0; kind < 3; ++kind) {
+    for (double range_mm : {0.0, 0.02, 1.0}) {
+      for (int shift : {0, -1}) {
+        Agreement a = reliefAgreement(makeTerrain(kind, range_mm, shift), 12, false, true);
+        char what[80];
+        std::snprintf(what, sizeof what, "terrain %d, range %.2f mm, a sample every %d texels", kind, range_mm, 1 << -shift);
+        print(what, a, false);
+        EXPECT_EQ(a.missed, 0u);
+        EXPECT_GT(a.wanted, 50u);
+      }
+    }
+  }
+}
+
+TEST(TextureSelect, ReliefNegativeControl) {
+  EXPECT_GT(reliefAgreement(makeTerrain(2, 1.0, 0), 12, true, false, -1).missed, 5u) << "walls, taken for a plane";
+}
+
+// ---- form
+TEST(TextureSelect, CoarseBeforeFineThenTheCentreEachOnceAfterItsParent) {
+  Random random(kSeed);
+  for (int i = 0; i < 60; ++i) {
+    PlanarDomain d = randomDomain(random);
+    MadeUpOracle oracle(d, 3, true);
+    TextureView v = textureView(randomCamera(d, random), 180, random.chance(0.5));
+    std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
+    ASSERT_LE(wants.size(), kMaxTextureWants);
+    std::set<NodeId> seen;
+    for (size_t k = 0; k < wants.size(); ++k) {
+      const TextureWant& w = wants[k];
+      ASSERT_TRUE(d.nodeExists(w.node));
+      ASSERT_LE(static_cast<int>(w.node.level), d.texture_depth);
+      ASSERT_TRUE(seen.insert(w.node).second);
+      ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
+      ASSERT_TRUE(w.priority >= 0 && w.priority <= 1);
+      if (k == 0) continue;
+      ASSERT_LE(wants[k - 1].node.level, w.node.level);
+      ASSERT_TRUE(wants[k - 1].node.level < w.node.level || wants[k - 1].priority <= w.priority);
+    }
+  }
+}
+
+TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
+  PlanarDomain d = makeDomain(5000, 300, 0);
+  MadeUpOracle oracle(d, 3);
+  const TextureView good = textureView({}, 100, false);
+  const double nan = std::nan(""), infinite = std::numeric_limits<double>::infinity();
+  std::vector<std::function<void(TextureView&)>> bad = {
+      [&](TextureView& v) { v.clip_from_world[1][2] = nan; }, [&](TextureView& v) { v.clip_from_world[3][3] = infinite; },
+      [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); }, [&](TextureView& v) { v.clip_from_world = glm::dmat4(1); },
+      [&](TextureView& v) { v.eye_mm.x = nan; }, [&](TextureView& v) { v.near_mm = 0; }, [&](TextureView& v) { v.near_mm = nan; },
+      [&](TextureView& v) { v.width_px = 0; }, [&](TextureView& v) { v.height_px = -3; }, [&](TextureView& v) { v.lod_bias = nan; },
+      [&](TextureView& v) { v.exaggerate = infinite; }, [&](TextureView& v) { v.anisotropy = 0.5; }, [&](TextureView& v) { v.eye_mm.z = 0; }};
+  for (size_t i = 0; i < bad.size(); ++i) {
+    TextureView v = good;
+    bad[i](v);
+    std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
+    ASSERT_EQ(wants.size(), d.patchCount()) << i;
+    for (const TextureWant& w : wants) EXPECT_EQ(w.node.level, 0u);
+  }
+}
+
+TEST(TextureSelect, NeverMoreThanSlots) {
+  PlanarDomain d = makeDomain(1u << 20, 1u << 20, 0);
+  MadeUpOracle oracle(d, 3);
+  Camera c;
+  c.eye = {0, 0, static_cast<double>(d.width_px) * d.mm_per_px * 0.8};
+  TextureView v = textureView(c, 720, false);
+  v.lod_bias = -9;  // texels of a five-hundredth of a pixel
+  std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
+  EXPECT_EQ(wants.size(), kMaxTextureWants);
+  std::set<NodeId> seen;
+  for (const TextureWant& w : wants) {
+    ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
+    seen.insert(w.node);
+  }
+}
+
+// Not asserted: printed for the record.
+TEST(TextureSelect, Timing) {
+  for (bool relief : {false, true}) {
+    PlanarDomain d = makeDomain(1u << 20, 1u << 20, 0);
+    MadeUpOracle oracle(d, 3, true);
+    Random random(5);
+    double seconds = 0;
+    size_t nodes = 0;
+    for (int i = 0; i < 40; ++i) {
+      TextureView v = textureView(randomCamera(d, random), 720, relief);
+      auto start = std::chrono::steady_clock::now();
+      nodes += selectTextureNodes(d, oracle, v).size();
+      seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    }
+    std::printf("%s: %zu nodes a view, %.3f ms, %.2f us a node\n", relief ? "relief" : "flat", nodes / 40, seconds / 40 * 1e3, seconds / static_cast<double>(nodes) * 1e6);
+  }
+}
+
+}  // namespace
+}  // namespace relievo::test
