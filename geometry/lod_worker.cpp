@@ -24,11 +24,19 @@ struct LodWorker::Impl {
     static const ReliefSet kNothing;
     while (std::optional<LodRequest> request = requests.take()) {
       auto start = std::chrono::steady_clock::now();
+      auto msSince = [](std::chrono::steady_clock::time_point t) {
+        return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - t).count();
+      };
       LodAnswer answer;
       answer.frame = request->frame;
       answer.view = request->view;
       answer.lod = selectPlanarLod(domain, *oracle, request->view, request->resident ? *request->resident : kNothing);
-      answer.evaluate_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      if (request->texture) {
+        auto texture_start = std::chrono::steady_clock::now();
+        answer.texture = selectTextureNodes(domain, *oracle, *request->texture);
+        answer.determine_ms = msSince(texture_start);
+      }
+      answer.evaluate_ms = msSince(start);
       answers.post(std::move(answer));
     }
   }

@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "geometry/planar_lod.h"
+#include "geometry/texture_select.h"
 #include "src/base/mailbox.h"
 
 namespace relievo {
@@ -14,12 +15,15 @@ struct LodRequest {
   uint64_t frame = 0;
   LodView view;
   std::shared_ptr<const ReliefSet> resident;
+  std::optional<TextureView> texture;  // the texture nodes of this view are asked for, too
 };
 struct LodAnswer {
   uint64_t frame = 0;   // of the request
   LodView view;
   PlanarLodResult lod;
-  double evaluate_ms = 0;
+  std::optional<std::vector<TextureWant>> texture;  // when they were asked for
+  double evaluate_ms = 0;     // of both
+  double determine_ms = 0;    // of the texture nodes
 };
 
 // Used from one thread (the render thread).

@@ -70,6 +70,28 @@ TEST(LodWorker, StopsAtAnyTime) {
   EXPECT_FALSE(idle.tryTake().has_value());
 }
 
+TEST(LodWorker, NamesTextureNodesWhenAsked) {
+  LodSetup s;
+  LodWorker worker(s.domain, s.oracle);
+  LodRequest request = s.request(1);
+  worker.post(request);
+  EXPECT_FALSE(worker.waitFor(1).texture.has_value());
+  TextureView view;
+  view.clip_from_world = request.view.clip_from_world;
+  view.eye_mm = request.view.eye_mm;
+  view.near_mm = request.view.near_mm;
+  view.width_px = 320;
+  view.height_px = 200;
+  request.frame = 2;
+  request.texture = view;
+  worker.post(request);
+  LodAnswer answer = worker.waitFor(2);
+  ASSERT_TRUE(answer.texture.has_value());
+  std::vector<TextureWant> direct = selectTextureNodes(s.domain, *s.oracle, view);
+  ASSERT_EQ(answer.texture->size(), direct.size());
+  for (size_t i = 0; i < direct.size(); ++i) EXPECT_EQ((*answer.texture)[i].node, direct[i].node);
+}
+
 TEST(LodWorker, NoResidencyMeansRootsOnly) {
   LodSetup s;
   LodWorker worker(s.domain, s.oracle);

@@ -95,12 +95,8 @@ int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint& f) {
 }
 // From the pixel to the end of its footprint, or of as many steps as there are taps.
 glm::dvec2 tapReach(const TextureView& v, const Footprint& f) {
-  glm::dvec2 major(0);
-  for (int k = 0; k < 720; ++k) {
-    double angle = k * 3.14159265358979 / 720;
-    glm::dvec2 side = f.dx * std::cos(angle) + f.dy * std::sin(angle);
-    if (glm::length(side) > glm::length(major)) major = side;
-  }
+  double angle = 0.5 * std::atan2(2 * glm::dot(f.dx, f.dy), glm::dot(f.dx, f.dx) - glm::dot(f.dy, f.dy));
+  glm::dvec2 major = f.dx * std::cos(angle) + f.dy * std::sin(angle);
   double minor = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / glm::length(major);
   double step = std::max(1.0, std::max(minor, glm::length(major) / v.anisotropy) * std::exp2(v.lod_bias));
   return 0.5 * glm::normalize(major) * std::min(glm::length(major), step * v.anisotropy);
