@@ -2,11 +2,8 @@
 
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cassert>
 #include <cmath>
-#include <condition_variable>
-#include <mutex>
 #include <optional>
 #include <thread>
 #include <tuple>
@@ -14,164 +11,38 @@
 #include <utility>
 
 #include "texturing/page_codec.h"
-#include "texturing/resolve.h"
+#include "texturing/recent_use.h"
 
 namespace relievo {
 
 namespace {
 
-using Texels = std::unique_ptr<uint8_t[]>;  // kSlotBytes
-Texels makeTexels() { return std::make_unique<uint8_t[]>(kSlotBytes); }
-
 constexpr double kFirstBackOff_s = 0.1;
 constexpr double kBackOffFactor = 4;
 constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessages; the rest is counted only
-constexpr size_t kMaxKnownFailures = 65536;  // failures for good that are remembered, wanted ones apart
+constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
 constexpr uint64_t kNever = ~uint64_t{0};
+constexpr uint64_t kAlways = kNever - 1;  // as a wish list's number: wanted whatever the lists say
 constexpr double kBiasStep = 0.05;
 constexpr int kPressureLists = 3;  // wish lists in a row that must overflow before the bias rises
 constexpr int kCalmLists = 8;  // wish lists in a row that must fit before it may fall: more than the feedback's latency
 
-// An ordering of pages that is also the order of service: wish lists since a page was last wanted, then level, then
-// distance from the centre (the bits of a float that is not negative are ordered as it is), then whole nodes.
-struct Rank {
-  uint64_t key = 0;
-  PageId id;
-  Rank() = default;
-  Rank(uint64_t age, float centre, PageId page)
-      : key(std::min<uint64_t>(age, 0xFFFF) << 48 | uint64_t{page.node().level} << 32 |
-            std::bit_cast<uint32_t>(centre)),
-        id(page) {}
-  uint64_t age() const { return key >> 48; }
-  friend bool operator<(const Rank& a, const Rank& b) {
-    if (a.key != b.key) return a.key < b.key;
-    uint64_t node_a = packNode(a.id.node()), node_b = packNode(b.id.node());
-    return node_a != node_b ? node_a < node_b : a.id < b.id;
-  }
-};
-
-struct Job {
-  Rank rank;
-  uint64_t ticket = 0;
-};
-
-// What a job cost, by stored plane.
-struct Cost {
-  Plane plane;
-  uint64_t bytes = 0;
-  bool decoded = false;
-};
-
-struct Outcome {
-  PageId id;
-  uint64_t ticket = 0;
-  Texels texels;  // null: failed
-  std::optional<Error> error;
-  bool permanent = false;
-  std::vector<Cost> costs;
-};
-
-// What a thread needs to turn a PageId into texels.
-class Loader {
- public:
-  Loader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder)
-      : source_(source), format_(format), decoder_(decoder) {
-    if (!decoder_) own_.emplace();
-  }
-
-  void load(PageId id, double u, double v, uint8_t* texels, Outcome& outcome) {
-    if (id.plane() != Plane::kResolved) {
-      one(id, texels, outcome);
-      return;
-    }
-    std::vector<const uint8_t*> slots;
-    for (int k = 0; k < format_.planes(); ++k) {
-      if (scratch_.size() <= size_t(k)) scratch_.push_back(makeTexels());
-      if (!one(PageId(texturePlane(k), id.node()), scratch_[k].get(), outcome)) return;
-      slots.push_back(scratch_[k].get());
-    }
-    resolvePage(format_, u, v, slots, texels);
-  }
-
- private:
-  bool one(PageId id, uint8_t* texels, Outcome& outcome) {
-    Result<EncodedPage> page = source_.read(id);
-    if (!page) {
-      outcome.permanent = page.error().kind == ErrorKind::kInvalidData && !page.error().offset;
-      outcome.error = page.error();
-      return false;
-    }
-    outcome.costs.push_back({id.plane(), page->bytes.size(), false});
-    std::span<uint8_t> out(texels, kSlotBytes);
-    Result<void> decoded =
-        own_ ? own_->decodeToSlot(id.plane(), page->bytes, out) : decoder_(id.plane(), page->bytes, out);
-    if (!decoded) {
-      outcome.error = decoded.error();
-      return false;
-    }
-    outcome.costs.back().decoded = true;
-    return true;
-  }
-
-  const PageSource& source_;
-  const TextureFormat& format_;
-  const SlotDecoder& decoder_;
-  std::optional<PageDecoder> own_;
-  std::vector<Texels> scratch_;
-};
-
-// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range.
-void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels) {
-  std::array<uint8_t, 4> texel{128, 128, 128, 255};
-  auto raw = [&](int k, double value) {
-    double scale = format.scale[k] != 0 ? format.scale[k] : 1;
-    return static_cast<uint8_t>(std::clamp(std::round(value / scale + format.bias[k]), 0.0, 255.0));
-  };
-  int k = static_cast<int>(plane);
-  if (plane == Plane::kRelief) {
-    texel = {};
-  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmLrgb && k < 2) {
-    for (int c = 0; c < 3; ++c) texel[c] = raw(3 * k + c, 3 * k + c == 5 ? 255 : 0);
-  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmRgb && k < 6) {
-    for (int c = 0; c < 3; ++c) texel[c] = raw(k, k == 5 ? 128 : 0);
-  }
-  for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
-}
-
-std::string describe(PageId id) {
-  NodeId n = id.node();
-  std::string plane = id.plane() == Plane::kRelief ? "relief"
-                      : id.plane() == Plane::kResolved
-                          ? "texture"
-                          : "texture plane " + std::to_string(static_cast<int>(id.plane()));
-  return plane + " page of patch " + std::to_string(n.patch) + ", level " + std::to_string(n.level) + ", column " +
-         std::to_string(n.x) + ", row " + std::to_string(n.y);
-}
-
 // A node has a slot for each of its planes.
 uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
 
-// Between the render thread and the workers; everything under the mutex, which is only held for moves of a few values.
-struct Exchange {
-  std::mutex mutex;
-  std::condition_variable work;
-  bool stop = false;
-  std::vector<Job> jobs;                             // the best one last
-  std::vector<std::pair<PageId, uint64_t>> started;  // since the render thread last looked
-  std::vector<Outcome> done;
-  std::vector<Texels> pool;
-  size_t buffers = 0, max_buffers = 0;  // made so far, and at most
-  double light_u = 0, light_v = 0;
-};
-
+// A page that is neither Absent nor merely Resident.
 struct Page {
   PageState state = PageState::kAbsent;
-  bool permanent = false;  // kFailed for good
+  bool permanent = false;    // kFailed for good
+  bool speculative = false;  // prefetched, and not wanted since
   int attempts = 0;
   uint64_t ticket = 0;
-  uint64_t list = 0;     // the last wish list of its kind that wanted it
-  uint64_t plan = 0;     // the last plan that counted it
-  uint64_t offered = 0;  // the last plan that offered it to the workers
+  uint64_t list = kNever;     // the last wish list of its kind that wanted it
+  uint64_t prefetch = 0;      // the last plan that prefetched it
+  uint64_t plan = 0;          // the last plan that counted it
+  uint64_t offered = 0;       // the last plan that offered it to the workers
+  uint64_t wanted_frame = 0;  // since when it is wanted; 0: it is not
+  double wanted_s = 0;
   double retry_at_s = 0;
   float centre = 0;
   Texels texels;  // kReady
@@ -195,87 +66,43 @@ struct PageStreamer::Impl {
         options(std::move(options_in)),
         decoder(std::move(decoder_in)),
         cache(options.slot_count, options.replacement),
-        table(nodesAtMost(cache.slotCount(), options.texture_planes.size()), static_cast<int>(options.texture_planes.size())),
-        slot_plan(cache.slotCount()) {
-    options.workers = std::max(1, options.workers);
+        table(nodesAtMost(cache.slotCount(), options.texture_planes.size()),
+              static_cast<int>(options.texture_planes.size())),
+        slots(cache.slotCount()),
+        recent(cache.slotCount()) {
+    options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
-    exchange.max_buffers = size_t(options.workers) + options.ready_limit;
-    exchange.light_u = options.light_u;
-    exchange.light_v = options.light_v;
-    for (int i = 0; i < options.workers; ++i) threads.emplace_back([this] { work(); });
-  }
-  ~Impl() {
-    {
-      std::lock_guard lock(exchange.mutex);
-      exchange.stop = true;
-    }
-    exchange.work.notify_all();
-    for (std::thread& t : threads) t.join();
+    jobs.emplace(*source, options.format, decoder, options.workers, size_t(options.workers) + options.ready_limit);
+    jobs->setLight(
+        options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
   }
 
-  // --- worker threads -----------------------------------------------------------------------------------------------
+  // --- states -------------------------------------------------------------------------------------------------------
 
-  void work() {
-    Loader loader(*source, options.format, decoder);
-    std::unique_lock lock(exchange.mutex);
-    for (;;) {
-      exchange.work.wait(lock, [&] {
-        return exchange.stop ||
-               (!exchange.jobs.empty() && (!exchange.pool.empty() || exchange.buffers < exchange.max_buffers));
-      });
-      if (exchange.stop) return;
-      Job job = exchange.jobs.back();
-      exchange.jobs.pop_back();
-      exchange.started.emplace_back(job.rank.id, job.ticket);
-      Texels texels;
-      if (exchange.pool.empty()) {
-        ++exchange.buffers;
-      } else {
-        texels = std::move(exchange.pool.back());
-        exchange.pool.pop_back();
-      }
-      double u = exchange.light_u, v = exchange.light_v;
-      lock.unlock();
-      if (!texels) texels = makeTexels();
-      Outcome outcome;
-      outcome.id = job.rank.id;
-      outcome.ticket = job.ticket;
-      loader.load(job.rank.id, u, v, texels.get(), outcome);
-      lock.lock();
-      if (outcome.error) {
-        exchange.pool.push_back(std::move(texels));
-      } else {
-        outcome.texels = std::move(texels);
-      }
-      exchange.done.push_back(std::move(outcome));
-    }
-  }
-
-  // --- render thread: states ----------------------------------------------------------------------------------------
-
-  uint64_t& count(PageState s) { return state_count[static_cast<size_t>(s)]; }
-  void setState(Page& page, PageState s) {
-    --count(page.state);
+  uint64_t count(PageState s) const { return census.count(s); }
+  void setState(PageId id, Page& page, PageState s) {
+    census.move(static_cast<size_t>(id.plane()), page.state, s);
     page.state = s;
-    ++count(s);
-  }
-  Page& pageOf(PageId id) {
-    auto [it, is_new] = pages.try_emplace(id);
-    if (is_new) ++count(PageState::kAbsent);
-    return it->second;
   }
   using PageMap = std::unordered_map<PageId, Page>;
   PageMap::iterator forget(PageMap::iterator it) {
-    --count(it->second.state);
-    if (it->second.state == PageState::kFailed && it->second.permanent) --permanent_failures;
+    Page& page = it->second;
+    if (page.state != PageState::kAbsent) setState(it->first, page, PageState::kAbsent);
+    return erase(it);
+  }
+  PageMap::iterator erase(PageMap::iterator it) {
+    if (it->second.permanent) --permanent_failures;
     if (it->second.texels) returned.push_back(std::move(it->second.texels));
     return pages.erase(it);
   }
   bool isRelief(PageId id) const { return id.plane() == Plane::kRelief; }
-  uint64_t ageOf(PageId id, const Page& page) const {
-    return page.list == kAlways ? 0 : list[isRelief(id)] - page.list;
+  Tier tierOf(PageId id, const Page& page) const {
+    uint64_t newest = list[isRelief(id)];
+    if (page.list == kAlways || page.list == newest) return Tier::kVisible;
+    if (page.prefetch == plan_number) return Tier::kPrefetch;
+    return page.list + 1 == newest ? Tier::kRecent : Tier::kNone;
   }
-  Rank rankOf(PageId id, const Page& page) const { return {ageOf(id, page), page.centre, id}; }
+  PageRank rankOf(PageId id, const Page& page) const { return {tierOf(id, page), page.centre, id}; }
 
   void say(std::string text) {
     if (messages.size() < kMaxMessages) messages.push_back(std::move(text));
@@ -283,31 +110,51 @@ struct PageStreamer::Impl {
 
   // Wants a page that has (or will have) room.
   void request(PageId id, float centre, uint64_t in_list) {
-    Page& page = pageOf(id);
+    Page& page = pages[id];
     page.list = in_list;
+    page.plan = plan_number;
     page.centre = centre;
+    if (page.wanted_frame == 0) {
+      page.wanted_frame = frame;
+      page.wanted_s = now_s;
+    }
+    if (page.speculative) {
+      page.speculative = false;
+      stats.prefetch_used += page.state != PageState::kQueued;
+    }
     bool retry = page.state == PageState::kFailed && !page.permanent && now_s >= page.retry_at_s;
-    if (page.state != PageState::kAbsent && !retry) return;
-    if (retry) ++stats.retries;
+    if (page.state == PageState::kAbsent || retry) enqueue(id, page);
+    stats.retries += retry;
+  }
+  void prefetch(PageId id, float centre) {
+    Page& page = pages[id];
+    page.prefetch = plan_number;
+    if (page.state != PageState::kAbsent) return;
+    page.speculative = true;
+    page.centre = centre;
+    enqueue(id, page);
+  }
+  void enqueue(PageId id, Page& page) {
     page.ticket = ++last_ticket;
-    setState(page, PageState::kQueued);
+    setState(id, page, PageState::kQueued);
     queued.push_back(id);
   }
 
   void fail(PageId id, Page& page, const Error& error, bool permanent) {
-    setState(page, PageState::kFailed);
+    setState(id, page, PageState::kFailed);
     ++page.attempts;
+    stats.prefetch_wasted += std::exchange(page.speculative, false);
     page.permanent = permanent || page.attempts >= kMaxAttempts;
     page.retry_at_s = now_s + kFirstBackOff_s * std::pow(kBackOffFactor, page.attempts - 1);
     if (!page.permanent) return;
     ++permanent_failures;
     ++stats.failed_pages;
     std::erase(refresh, id);
-    say(describe(id) + " cannot be shown: " + error.text());
+    say(pageWords(id) + " cannot be shown: " + error.text());
   }
 
-  void account(const std::vector<Cost>& costs) {
-    for (const Cost& c : costs) {
+  void account(const std::vector<LoadCost>& costs) {
+    for (const LoadCost& c : costs) {
       auto p = static_cast<size_t>(c.plane);
       ++stats.pages_read[p];
       stats.bytes_read[p] += c.bytes;
@@ -315,57 +162,76 @@ struct PageStreamer::Impl {
     }
   }
 
-  // The mutex is held.
-  void noteStarted() {
-    for (const auto& [id, ticket] : exchange.started) {
-      auto it = pages.find(id);
-      if (it != pages.end() && it->second.ticket == ticket && it->second.state == PageState::kQueued)
-        setState(it->second, PageState::kDecoding);
+  // --- workers ------------------------------------------------------------------------------------------------------
+
+  PageMap::iterator findLive(PageId id, uint64_t ticket, PageState state) {
+    auto it = pages.find(id);
+    return it != pages.end() && it->second.ticket == ticket && it->second.state == state ? it : pages.end();
+  }
+
+  void noteStarted(const std::vector<PageJob>& started_jobs) {
+    for (const PageJob& job : started_jobs) {
+      auto it = findLive(job.id, job.ticket, PageState::kQueued);
+      if (it == pages.end()) continue;
+      setState(job.id, it->second, PageState::kDecoding);
+      stats.prefetched += it->second.speculative;
     }
-    exchange.started.clear();
   }
 
   void takeResults() {
-    outcomes.clear();
-    bool more_buffers = false;
-    {
-      std::lock_guard lock(exchange.mutex);
-      noteStarted();
-      outcomes.swap(exchange.done);
-      more_buffers = !returned.empty();
-      for (Texels& t : returned) exchange.pool.push_back(std::move(t));
-      returned.clear();
-    }
-    if (more_buffers) exchange.work.notify_all();
-    for (Outcome& o : outcomes) {
+    jobs->collect(report, returned);
+    noteStarted(report.started);
+    for (LoadOutcome& o : report.done) {
       account(o.costs);
-      auto it = pages.find(o.id);
-      if (it == pages.end() || it->second.ticket != o.ticket || it->second.state != PageState::kDecoding) {
-        ++stats.cancelled;
-        if (o.texels) returned.push_back(std::move(o.texels));
-      } else if (o.error) {
-        fail(o.id, it->second, *o.error, o.permanent);
-      } else {
-        it->second.texels = std::move(o.texels);
-        setState(it->second, PageState::kReady);
-        ready.push_back(o.id);
+      auto it = findLive(o.id, o.ticket, PageState::kDecoding);
+      switch (o.end) {
+        case LoadOutcome::End::kCancelledBeforeRead:
+        case LoadOutcome::End::kCancelledBeforeDecode:
+          ++(o.end == LoadOutcome::End::kCancelledBeforeRead ? stats.cancelled_before_read
+                                                             : stats.cancelled_before_decode);
+          if (it != pages.end()) drop(it);
+          break;
+        case LoadOutcome::End::kFailed:
+          if (it != pages.end()) fail(o.id, it->second, *o.error, o.permanent);
+          else ++stats.cancelled_after_decode;
+          break;
+        case LoadOutcome::End::kLoaded:
+          if (it == pages.end()) {
+            ++stats.cancelled_after_decode;
+            returned.push_back(std::move(o.texels));
+            break;
+          }
+          it->second.texels = std::move(o.texels);
+          setState(o.id, it->second, PageState::kReady);
+          ready.push_back(o.id);
       }
     }
   }
 
-  // --- render thread: wishes ----------------------------------------------------------------------------------------
+  // Forgets a page that is on its way; what was prefetched was so in vain.
+  PageMap::iterator drop(PageMap::iterator it) {
+    stats.prefetch_wasted += it->second.speculative && it->second.state != PageState::kQueued;
+    return forget(it);
+  }
 
+  // --- wishes -------------------------------------------------------------------------------------------------------
+
+  void toWishes(bool relief, std::span<const NodeWant> wants, std::vector<Wish>& out) {
+    out.clear();
+    out.reserve(wants.size());
+    for (const NodeWant& w : wants)
+      out.push_back({w.node, w.centre_distance >= 0 ? std::min(w.centre_distance + 0.0f, 2.0f) : 2.0f, relief});
+    if (!std::is_sorted(out.begin(), out.end())) std::sort(out.begin(), out.end());
+  }
+  static void merge(const std::array<std::vector<Wish>, 2>& lists, std::vector<Wish>& out) {
+    out.clear();
+    std::merge(lists[0].begin(), lists[0].end(), lists[1].begin(), lists[1].end(), std::back_inserter(out));
+  }
   void want(bool relief, std::span<const NodeWant> wants) {
     ++list[relief];
-    auto& mine = wishes[relief];
-    next_wishes.clear();
-    next_wishes.reserve(wants.size());
-    for (const NodeWant& w : wants)
-      next_wishes.push_back({w.node, w.centre_distance >= 0 ? std::min(w.centre_distance + 0.0f, 2.0f) : 2.0f, relief});
-    if (!std::is_sorted(next_wishes.begin(), next_wishes.end())) std::sort(next_wishes.begin(), next_wishes.end());
-    mine.swap(next_wishes);
-    merged.clear();
-    std::merge(wishes[0].begin(), wishes[0].end(), wishes[1].begin(), wishes[1].end(), std::back_inserter(merged));
+    is_new[relief] = true;
+    toWishes(relief, wants, wishes[relief]);
+    merge(wishes, merged);
     planned_frame = kNever;
   }
 
@@ -375,49 +241,59 @@ struct PageStreamer::Impl {
   }
 
   // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
-  uint32_t use(SlotIndex slot) {
+  uint32_t use(SlotIndex slot, bool new_list) {
     cache.touch(slot, frame);
-    if (slot_plan[slot] == plan_number) return 0;
-    slot_plan[slot] = plan_number;
+    Slot& s = slots[slot];
+    if (s.plan == plan_number) return 0;
+    s.plan = plan_number;
+    recent.use(slot);
+    stats.hits += new_list;
+    stats.prefetch_used += std::exchange(s.prefetched, false);
     ++wanted_pages;
     return cache.isPinned(slot) ? 0 : 1;
   }
 
-  // From the wish lists: touches what is resident, gives the room that is left to what is missing, cancels what is no
-  // longer wanted, and hands the workers their new order of service.
+  // Which pages of a node are still to come; nothing when one of them never will.
+  std::optional<uint32_t> absentPages(const Wish& w) const {
+    uint32_t absent = 0;
+    for (Plane p : planesOf(w)) {
+      PageId id(p, w.node);
+      if (cache.find(id) != kNoSlot) continue;
+      ++absent;
+      auto it = pages.find(id);
+      if (it != pages.end() && it->second.permanent) return {};
+    }
+    return absent;
+  }
+
+  // From the wish lists: touches what is resident, gives the room that is left to what is missing, and what is then
+  // left to what may be wanted soon; cancels what is no longer wanted, and hands the workers their new order of
+  // service.
   void plan() {
+    if (planned_touches != frame) {  // as if used in the last frame: before what is, behind what will be in this one
+      planned_touches = frame;
+      for (const auto& [slot, id] : predicted)
+        if (cache.find(id) == slot) cache.touch(slot, frame - 1);
+    }
     ++plan_number;
     planned_frame = frame;
     wanted_pages = 0;
     uint64_t room_used = cache.pinnedCount();
     uint64_t deferred = 0;
     missing.clear();
-    {
-      std::lock_guard lock(exchange.mutex);
-      noteStarted();
-    }
-
     for (const Wish& w : merged) {
       auto planes = planesOf(w);
       if (!w.relief) {
         if (auto entry = table.find(w.node)) {
-          for (size_t i = 0; i < planes.size(); ++i) room_used += use(entry->slots[i]);
+          for (size_t i = 0; i < planes.size(); ++i) room_used += use(entry->slots[i], is_new[0]);
           continue;
         }
       }
-      bool failed = false;
-      uint32_t absent = 0;
-      for (Plane p : planes) {
-        PageId id(p, w.node);
-        if (cache.find(id) != kNoSlot) continue;
-        ++absent;
-        auto it = pages.find(id);
-        failed = failed || (it != pages.end() && it->second.state == PageState::kFailed && it->second.permanent);
-      }
-      if (failed) continue;  // it will never show: what is there of it need not stay
+      auto absent = absentPages(w);
+      if (!absent) continue;  // it will never show: what is there of it need not stay
       for (Plane p : planes)
-        if (SlotIndex slot = cache.find(PageId(p, w.node)); slot != kNoSlot) room_used += use(slot);
-      if (absent > 0) missing.emplace_back(&w, absent);
+        if (SlotIndex slot = cache.find(PageId(p, w.node)); slot != kNoSlot) room_used += use(slot, is_new[w.relief]);
+      if (*absent > 0) missing.emplace_back(&w, *absent);
     }
 
     for (const PageId& id : refresh) request(id, 0, kAlways);
@@ -427,6 +303,7 @@ struct PageStreamer::Impl {
       auto twin = pages.find(PageId(planes.back(), wish->node));
       if (twin != pages.end() && twin->second.plan == plan_number) continue;
       wanted_pages += absent;
+      if (is_new[wish->relief]) stats.misses += absent;
       if (room_used + absent > cache.slotCount()) {
         deferred += absent;
         continue;
@@ -434,58 +311,81 @@ struct PageStreamer::Impl {
       room_used += absent;
       for (Plane p : planes) {
         PageId id(p, wish->node);
-        if (cache.find(id) != kNoSlot) continue;
-        request(id, wish->centre, list[wish->relief]);
-        pages.find(id)->second.plan = plan_number;
+        if (cache.find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
       }
     }
     stats.deferred = deferred;
     stats.wanted = wanted_pages;
+    is_new = {};
+    planPrefetch(room_used);
     publish();
-    if (permanent_failures > kMaxKnownFailures) forgetFailures();
+    if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
+  }
+
+  void planPrefetch(uint64_t room_used) {
+    predicted.clear();
+    if (stats.deferred > 0 || bias > 0) return;
+    room_used += recent.idleCount();
+    for (const Wish& w : predictions) {
+      auto absent = absentPages(w);
+      if (!absent || room_used + *absent > cache.slotCount()) continue;
+      for (Plane p : planesOf(w)) {
+        PageId id(p, w.node);
+        SlotIndex slot = cache.find(id);
+        if (slot == kNoSlot) {
+          auto it = pages.find(id);
+          bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
+          room_used += !counted;
+          prefetch(id, w.centre);
+        } else if (std::exchange(slots[slot].plan, plan_number) != plan_number) {
+          room_used += !cache.isPinned(slot) && !recent.isRecent(slot);
+          predicted.emplace_back(slot, id);
+        }
+      }
+    }
   }
 
   void publish() {
-    if (queued.empty() && !published) return;
-    jobs.clear();
+    if (queued.empty() && !published && count(PageState::kDecoding) == 0) return;
+    offers.clear();
+    unwanted.clear();
     size_t kept = 0;
     for (const PageId& id : queued) {
       auto it = pages.find(id);
       if (it == pages.end() || it->second.state != PageState::kQueued) continue;
-      if (ageOf(id, it->second) >= 2) {
-        ++stats.cancelled;
-        forget(it);
+      if (std::exchange(it->second.offered, plan_number) == plan_number) continue;
+      PageRank rank = rankOf(id, it->second);
+      if (rank.tier() == Tier::kNone) {
+        unwanted.push_back(id);
         continue;
       }
-      if (std::exchange(it->second.offered, plan_number) == plan_number) continue;
       queued[kept++] = id;
-      jobs.push_back({rankOf(id, it->second), it->second.ticket});
+      offers.push_back({rank, it->second.ticket});
     }
     queued.resize(kept);
-    std::sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) { return b.rank < a.rank; });
-    {
-      std::lock_guard lock(exchange.mutex);
-      if (!exchange.started.empty()) {  // taken while this list was made
-        noteStarted();
-        std::erase_if(jobs, [&](const Job& j) {
-          auto it = pages.find(j.rank.id);
-          return it == pages.end() || it->second.state != PageState::kQueued;
-        });
-      }
-      exchange.jobs.swap(jobs);
-      published = !exchange.jobs.empty();
+    std::sort(offers.begin(), offers.end(), [](const RankedJob& a, const RankedJob& b) { return b.rank < a.rank; });
+    published = !offers.empty();
+    jobs->publish(offers, started, [&](const PageJob& job) {
+      auto it = pages.find(job.id);
+      return it != pages.end() && it->second.ticket == job.ticket && tierOf(job.id, it->second) != Tier::kNone;
+    });
+    noteStarted(started);
+    for (const PageId& id : unwanted) {
+      auto it = pages.find(id);
+      if (it->second.state != PageState::kQueued) continue;  // taken meanwhile: cancelled by whoever took it
+      ++stats.cancelled_before_read;
+      drop(it);
     }
-    if (published) exchange.work.notify_all();
   }
 
   void forgetFailures() {
     for (auto it = pages.begin(); it != pages.end();) {
-      bool old = it->second.state == PageState::kFailed && it->second.permanent && ageOf(it->first, it->second) >= 2;
+      bool old = it->second.state == PageState::kFailed && tierOf(it->first, it->second) == Tier::kNone;
       it = old ? forget(it) : std::next(it);
     }
   }
 
-  // --- render thread: slots -----------------------------------------------------------------------------------------
+  // --- slots --------------------------------------------------------------------------------------------------------
 
   void enter(PageId id) {
     if (isRelief(id)) {
@@ -509,13 +409,24 @@ struct PageStreamer::Impl {
     }
   }
 
+  // The page's texels leave the slot, or no longer count.
+  void vacate(SlotIndex slot, PageId id) {
+    census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+    stats.prefetch_wasted += std::exchange(slots[slot].prefetched, false);
+    recent.forget(slot);
+    leave(id);
+  }
+  void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
+    uploads.push_back({slot, id, texels});
+    ++stats.pages_uploaded[static_cast<size_t>(id.plane())];
+  }
+
   void placeReady(uint32_t max_uploads) {
     takeResults();
     if (planned_frame != frame) plan();
     uploads.clear();
     for (auto& [slot, texels] : root_uploads) {
-      uploads.push_back({slot, cache.pageIn(slot), texels.get()});
-      ++stats.pages_uploaded[static_cast<size_t>(uploads.back().id.plane())];
+      upload(slot, cache.pageIn(slot), texels.get());
       uploaded_roots.push_back(std::move(texels));
     }
     root_uploads.clear();
@@ -528,17 +439,19 @@ struct PageStreamer::Impl {
     std::sort(ranked.begin(), ranked.end());
     ready.clear();
     uint32_t placed = 0;
-    for (const Rank& r : ranked) {
+    for (const PageRank& r : ranked) {
       auto it = pages.find(r.id);
-      bool was_resident = cache.find(r.id) != kNoSlot;
+      SlotIndex before = cache.find(r.id);
       std::optional<PageCache::Placement> placement;
-      if (placed < max_uploads) placement = cache.place(r.id, frame);
+      // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
+      bool room_for_one = placed < max_uploads;
+      if (room_for_one) placement = cache.place(r.id, frame, r.tier() == Tier::kVisible ? 1 : kSparedFrames);
       if (!placement) {
-        if (placed < max_uploads && r.age() >= 2) {
-          ++stats.cancelled;
-          forget(it);
+        if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
+          ++stats.cancelled_after_decode;
+          drop(it);
         } else {
-          stats.deferred += placed < max_uploads;
+          stats.deferred += room_for_one && r.tier() == Tier::kVisible;
           ready.push_back(r.id);
         }
         continue;
@@ -546,13 +459,20 @@ struct PageStreamer::Impl {
       ++placed;
       if (placement->evicted) {
         ++stats.evictions;
-        leave(*placement->evicted);
+        vacate(placement->slot, *placement->evicted);
       }
-      uploads.push_back({placement->slot, r.id, it->second.texels.get()});
-      uploaded.push_back(std::move(it->second.texels));
-      ++stats.pages_uploaded[static_cast<size_t>(r.id.plane())];
-      forget(it);
-      if (was_resident) {
+      Page& page = it->second;
+      slots[placement->slot].prefetched = page.speculative;
+      if (!page.speculative) recent.use(placement->slot);
+      if (page.wanted_frame > 0) {
+        latency_frames.add(frame - page.wanted_frame);
+        latency_us.add(static_cast<uint64_t>(std::llround(std::max(0.0, now_s - page.wanted_s) * 1e6)));
+      }
+      upload(placement->slot, r.id, page.texels.get());
+      uploaded.push_back(std::move(page.texels));
+      setState(r.id, page, PageState::kResident);
+      erase(it);
+      if (before != kNoSlot) {
         std::erase(refresh, r.id);
       } else {
         enter(r.id);
@@ -590,30 +510,34 @@ struct PageStreamer::Impl {
     calm_demand = demand;
   }
 
-  static constexpr uint64_t kAlways = ~uint64_t{0};
-
   std::shared_ptr<const PageSource> source;
   StreamerOptions options;
   SlotDecoder decoder;
   PageCache cache;
   PageTable table;
-  Exchange exchange;
-  std::vector<std::thread> threads;
 
-  uint64_t frame = 0, planned_frame = 0, plan_number = 0, last_ticket = 0;
+  uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
   double now_s = 0;
-  PageMap pages;  // all that is neither Absent nor merely Resident
-  std::array<uint64_t, 6> state_count{};
+  PageMap pages;
+  PageCensus census;
   uint64_t permanent_failures = 0;
   std::vector<PageId> queued, ready;  // may name pages that are no longer so
   bool published = false;             // the workers may still hold jobs of the last publish()
   std::vector<PageId> refresh;        // pinned pages whose texels are out of date
 
   std::array<uint64_t, 2> list{};  // number of the newest wish list: texture, relief
+  std::array<bool, 2> is_new{};    // no plan has seen it yet
   std::array<std::vector<Wish>, 2> wishes;
-  std::vector<Wish> merged;  // coarse before fine, then near the centre
+  std::vector<Wish> merged;       // coarse before fine, then near the centre
+  std::vector<Wish> predictions;  // the same, of the prefetch lists
   uint64_t wanted_pages = 0;
-  std::vector<uint64_t> slot_plan;
+  struct Slot {
+    uint64_t plan = 0;        // the last plan that counted it
+    bool prefetched = false;  // and not wanted since
+  };
+  std::vector<Slot> slots;
+  RecentUse recent;
+  std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be wanted
 
   std::vector<PageUpload> uploads;
   std::vector<Texels> uploaded, uploaded_roots, returned;
@@ -626,14 +550,19 @@ struct PageStreamer::Impl {
   uint64_t bias_list = 0;
 
   StreamerStats stats;
+  LatencyHistogram latency_us, latency_frames;
   std::vector<std::string> messages;
 
   // Scratch, kept between calls.
-  std::vector<Wish> next_wishes;
+  std::array<std::vector<Wish>, 2> next_predictions;
   std::vector<std::pair<const Wish*, uint32_t>> missing;
-  std::vector<Job> jobs;
-  std::vector<Rank> ranked;
-  std::vector<Outcome> outcomes;
+  std::vector<RankedJob> offers;
+  std::vector<PageJob> started;
+  std::vector<PageId> unwanted;
+  std::vector<PageRank> ranked;
+  PageJobs::Report report;
+
+  std::optional<PageJobs> jobs;  // last: its threads end before what they use does
 };
 
 PageStreamer::PageStreamer(std::shared_ptr<const PageSource> source, StreamerOptions options, SlotDecoder decoder)
@@ -643,10 +572,15 @@ PageStreamer::~PageStreamer() = default;
 
 void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<const NodeId> relief_roots) {
   Impl& m = *impl_;
-  std::vector<Outcome> roots;
+  std::vector<LoadOutcome> roots;
   auto add = [&](Plane plane, const NodeId& node) {
+    PageId id(plane, node);
+    if (SlotIndex slot = m.cache.find(id); slot != kNoSlot) {
+      m.cache.pin(slot);
+      return;
+    }
     roots.emplace_back();
-    roots.back().id = PageId(plane, node);
+    roots.back().id = id;
   };
   for (const NodeId& node : texture_roots)
     for (Plane p : m.options.texture_planes) add(p, node);
@@ -659,13 +593,14 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
 
   std::atomic<size_t> next{0};
   auto loadSome = [&] {
-    Loader loader(*m.source, m.options.format, m.decoder);
+    PageLoader loader(*m.source, m.options.format, m.decoder);
     for (size_t i = next++; i < roots.size(); i = next++) {
-      Outcome& root = roots[i];
+      LoadOutcome& root = roots[i];
       root.texels = makeTexels();
       for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
         root.error.reset();
-        loader.load(root.id, m.options.light_u, m.options.light_v, root.texels.get(), root);
+        loader.load(
+            root.id, m.options.light_u, m.options.light_v, [] { return true; }, root.texels.get(), root);
         if (!root.error) break;
       }
       if (root.error) neutralPage(root.id.plane(), m.options.format, root.texels.get());
@@ -676,22 +611,24 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
   loadSome();
   for (std::thread& t : helpers) t.join();
 
-  for (Outcome& root : roots) {
+  for (LoadOutcome& root : roots) {
     m.account(root.costs);
-    if (root.error) {
-      Page& page = m.pageOf(root.id);  // remembered, so that it is not tried (and named) again
-      m.setState(page, PageState::kFailed);
-      page.permanent = true;
-      page.list = Impl::kAlways;
-      ++m.permanent_failures;
-      ++m.stats.failed_pages;
-      m.say("the coarsest " + describe(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
-    }
-    bool known = m.cache.find(root.id) != kNoSlot;
     auto placement = m.cache.place(root.id, m.frame);
     if (!placement) continue;
     m.cache.pin(placement->slot);
-    if (known) continue;
+    Page& page = m.pages[root.id];
+    for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
+    if (root.error) {  // remembered, so that it is not tried (and named) again
+      m.setState(root.id, page, PageState::kFailed);
+      page.permanent = true;
+      page.list = kAlways;
+      ++m.permanent_failures;
+      ++m.stats.failed_pages;
+      m.say("the coarsest " + pageWords(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
+    } else {
+      for (PageState s : {PageState::kReady, PageState::kResident}) m.setState(root.id, page, s);
+      m.pages.erase(root.id);
+    }
     m.root_uploads.emplace_back(placement->slot, std::move(root.texels));
     m.enter(root.id);
   }
@@ -701,6 +638,7 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   Impl& m = *impl_;
   m.frame = frame;
   m.now_s = now_s;
+  m.recent.beginFrame(frame);
   for (Texels& t : m.uploaded) m.returned.push_back(std::move(t));
   m.uploaded.clear();
   m.uploaded_roots.clear();
@@ -712,6 +650,19 @@ void PageStreamer::wantTexture(std::span<const NodeWant> wants) {
   if (!impl_->options.texture_planes.empty()) impl_->want(false, wants);
 }
 void PageStreamer::wantRelief(std::span<const NodeWant> wants) { impl_->want(true, wants); }
+
+void PageStreamer::wantPrefetch(std::span<const NodeWant> texture, std::span<const NodeWant> relief) {
+  Impl& m = *impl_;
+  if (m.options.texture_planes.empty()) texture = {};
+  m.toWishes(false, texture, m.next_predictions[0]);
+  m.toWishes(true, relief, m.next_predictions[1]);
+  Impl::merge(m.next_predictions, m.predictions);
+  m.planned_frame = kNever;
+}
+
+std::optional<PageJob> PageStreamer::takeJob() { return impl_->jobs->take(); }
+void PageStreamer::finishJob(const PageJob& job) { impl_->jobs->finish(job); }
+bool PageStreamer::jobWanted(const PageJob& job) const { return impl_->jobs->wanted(job); }
 
 std::span<const PageUpload> PageStreamer::placeReady(uint32_t max_uploads) {
   impl_->placeReady(max_uploads);
@@ -748,29 +699,29 @@ void PageStreamer::setLight(double u, double v) {
   Impl& m = *impl_;
   m.options.light_u = u;
   m.options.light_v = v;
-  {
-    // Jobs taken until now have the old light, later ones the new.
-    std::lock_guard lock(m.exchange.mutex);
-    m.noteStarted();
-    m.exchange.light_u = u;
-    m.exchange.light_v = v;
-  }
+  m.jobs->setLight(
+      u, v, [](const PageJob& job) { return job.id.plane() != Plane::kResolved; }, m.started);
+  m.noteStarted(m.started);
   for (auto it = m.pages.begin(); it != m.pages.end();) {
-    bool old = it->first.plane() == Plane::kResolved &&
-               (it->second.state == PageState::kDecoding || it->second.state == PageState::kReady);
-    it = old ? m.forget(it) : std::next(it);
+    bool is_ready = it->second.state == PageState::kReady;
+    bool old = it->first.plane() == Plane::kResolved && (it->second.state == PageState::kDecoding || is_ready);
+    m.stats.cancelled_after_decode += old && is_ready;
+    it = old ? m.drop(it) : std::next(it);
   }
   std::vector<PageId> resolved;
   m.cache.forEach([&](PageId id) {
     if (id.plane() == Plane::kResolved) resolved.push_back(id);
   });
   for (PageId id : resolved) {
-    if (m.cache.isPinned(m.cache.find(id))) {
+    SlotIndex slot = m.cache.find(id);
+    if (m.cache.isPinned(slot)) {
       auto it = m.pages.find(id);
-      bool damaged = it != m.pages.end() && it->second.state == PageState::kFailed && it->second.permanent;
-      if (!damaged && std::find(m.refresh.begin(), m.refresh.end(), id) == m.refresh.end()) m.refresh.push_back(id);
+      bool damaged = it != m.pages.end() && it->second.permanent;
+      if (damaged || std::find(m.refresh.begin(), m.refresh.end(), id) != m.refresh.end()) continue;
+      m.census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+      m.refresh.push_back(id);
     } else {
-      m.table.erase(id.node());
+      m.vacate(slot, id);
       m.cache.remove(id);
     }
   }
@@ -786,7 +737,7 @@ bool PageStreamer::settled() const {
   if (m.stats.deferred > 0 && m.bias < kMaxDetailBias) return false;
   if (m.bias_moved || (m.bias > 0 && m.stats.deferred == 0 && m.calm_lists < kCalmLists)) return false;
   for (const auto& [id, page] : m.pages)
-    if (page.state == PageState::kFailed && !page.permanent && m.ageOf(id, page) == 0) return false;
+    if (page.state == PageState::kFailed && !page.permanent && m.tierOf(id, page) == Tier::kVisible) return false;
   return true;
 }
 
@@ -802,6 +753,16 @@ const StreamerStats& PageStreamer::stats() const {
   m.stats.decoding = m.count(PageState::kDecoding);
   m.stats.ready = m.count(PageState::kReady);
   m.stats.resident = m.cache.residentCount();
+  m.stats.pages = m.census.pages;
+  m.stats.moves = m.census.moves;
+  m.stats.cancelled = m.stats.cancelled_before_read + m.stats.cancelled_before_decode + m.stats.cancelled_after_decode;
+  for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
+    m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * kSlotBytes;
+    m.stats.bytes_uploaded[p] = m.stats.pages_uploaded[p] * kSlotBytes;
+  }
+  m.stats.detail_bias = m.bias;
+  m.stats.latency_ms = summarize(m.latency_us, 1e-3);
+  m.stats.latency_frames = summarize(m.latency_frames, 1);
   return m.stats;
 }
 
@@ -812,8 +773,8 @@ uint64_t PageStreamer::bufferBytes() const {
   const Impl& m = *impl_;
   bool resolve = std::find(m.options.texture_planes.begin(), m.options.texture_planes.end(), Plane::kResolved) !=
                  m.options.texture_planes.end();
-  uint64_t scratch = resolve ? uint64_t(m.options.workers) * m.options.format.planes() : 0;
-  return (m.exchange.max_buffers + scratch) * kSlotBytes;
+  uint64_t scratch = resolve ? uint64_t(std::max(1, m.options.workers)) * m.options.format.planes() : 0;
+  return (m.jobs->maxBuffers() + scratch) * kSlotBytes;
 }
 
 std::vector<std::string> PageStreamer::takeMessages() { return std::exchange(impl_->messages, {}); }

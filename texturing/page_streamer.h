@@ -34,30 +34,31 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "src/base/result.h"
 #include "texturing/basis.h"
 #include "texturing/feedback.h"
+#include "texturing/latency.h"
 #include "texturing/page_cache.h"
 #include "texturing/page_id.h"
+#include "texturing/page_jobs.h"
+#include "texturing/page_life.h"
 #include "texturing/page_source.h"
 #include "texturing/page_table.h"
 
 namespace relievo {
 
-enum class PageState : uint8_t { kAbsent, kQueued, kDecoding, kReady, kResident, kFailed };
 inline constexpr int kMaxAttempts = 4;
 inline constexpr double kMaxDetailBias = 6;
 
 struct StreamerOptions {
   uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most kMaxSlots
   Replacement replacement = Replacement::kLru;
-  int workers = 2;
+  int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
   // fixed light: the worker then reads the stored planes of `format` and evaluates them for (light_u, light_v) per
   // texel.
@@ -75,17 +76,30 @@ struct PageUpload {
 };
 
 // Reading and decoding are counted under the planes that are stored, uploads under the planes that are streamed: they
-// differ for kResolved.
+// differ for kResolved. Since the start, unless it says "now".
 struct StreamerStats {
   std::array<uint64_t, 16> pages_read{}, bytes_read{}, pages_decoded{}, pages_uploaded{};  // by plane number
-  uint64_t evictions = 0, cancelled = 0, failed_pages = 0, retries = 0;
-  uint64_t queued = 0, decoding = 0, ready = 0, resident = 0;  // now
-  uint64_t deferred = 0;  // pages that found no slot in the last frame: the working set exceeds the cache
-  uint64_t wanted = 0;    // pages that the last wish lists name, without those that failed for good
+  std::array<uint64_t, 16> bytes_decoded{}, bytes_uploaded{};                              // texels
+  // Now, by state and plane number; pinned roots that show a stand-in (damaged, or another light) are not Resident
+  // here.
+  std::array<std::array<uint64_t, 16>, kPageStates> pages{};
+  std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // changes of state, [from][to]
+  uint64_t queued = 0, decoding = 0, ready = 0;                        // now
+  uint64_t resident = 0;                                               // slots in use now
+  uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
+  uint64_t evictions = 0, failed_pages = 0, retries = 0;
+  // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.
+  uint64_t cancelled_before_read = 0, cancelled_before_decode = 0, cancelled_after_decode = 0, cancelled = 0;
+  // Pages that a worker took for a predicted view only; wanted later (also while under way); gone without ever being
+  // wanted. What is missing in the sum is still there or under way.
+  uint64_t prefetched = 0, prefetch_used = 0, prefetch_wasted = 0;
+  uint64_t deferred = 0;   // pages that found no slot in the last frame: the working set exceeds the cache
+  uint64_t wanted = 0;     // pages that the last wish lists name, without those that failed for good
+  double detail_bias = 0;  // now
+  // From the frame whose wish list first wanted a page (and had room for it) to the frame in which it is placed, and so
+  // shown; by the clock of beginFrame.
+  LatencySummary latency_ms, latency_frames;
 };
-
-// Encoded bytes to slot texels (kSlotBytes). Called from several threads at once.
-using SlotDecoder = std::function<Result<void>(Plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels)>;
 
 class PageStreamer {
  public:
@@ -104,9 +118,19 @@ class PageStreamer {
   // centre_distance may be any urgency from 0 (first) to 2; what is negative or not a number counts as 2.
   void wantTexture(std::span<const NodeWant> wants);
   void wantRelief(std::span<const NodeWant> wants);
+  // Pages that a predicted view will want; replaces the previous such lists. They come after all that is wanted now,
+  // evict nothing that was used in the last kSparedFrames frames, have no room while detailBias() is above 0, and are
+  // cancelled when no longer listed. One that becomes wanted is not read again.
+  void wantPrefetch(std::span<const NodeWant> texture, std::span<const NodeWant> relief);
   // Touches what is resident of both lists and queues what is not; then places decoded pages (at most max_uploads) and
   // returns what to upload; updates the page table.
   std::span<const PageUpload> placeReady(uint32_t max_uploads);
+
+  // What the workers do; any thread may. The best job, if one is to be had (see PageJobs::take); to be finished by
+  // finishJob, which reads, decodes and delivers on the calling thread, or gives up where the job is no longer wanted.
+  std::optional<PageJob> takeJob();
+  void finishJob(const PageJob& job);
+  bool jobWanted(const PageJob& job) const;  // false: cancelled meanwhile
 
   // Relief pages in use by the geometry being drawn stay until released (counted).
   SlotIndex findRelief(const NodeId& node) const;

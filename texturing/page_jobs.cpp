@@ -1,0 +1,150 @@
+#include "texturing/page_jobs.h"
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace relievo {
+
+PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers,
+                   size_t max_buffers)
+    : source_(source), format_(format), decoder_(decoder), max_buffers_(max_buffers), free_buffers_(max_buffers) {
+  for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { work(); });
+}
+
+PageJobs::~PageJobs() {
+  {
+    std::lock_guard lock(mutex_);
+    stop_ = true;
+    for (Running& r : running_) r.wanted = false;
+  }
+  work_.notify_all();
+  for (std::thread& t : threads_) t.join();
+}
+
+void PageJobs::work() {
+  for (;;) {
+    PageJob job;
+    {
+      std::unique_lock lock(mutex_);
+      work_.wait(lock, [&] { return stop_ || available(); });
+      if (stop_) return;
+      job = takeLocked();
+    }
+    finish(job);
+  }
+}
+
+bool PageJobs::available() const {
+  if (jobs_.empty() || free_buffers_ == 0) return false;
+  return jobs_.back().rank.tier() != Tier::kPrefetch || 2 * free_buffers_ > max_buffers_;
+}
+
+PageJob PageJobs::takeLocked() {
+  PageJob job{jobs_.back().rank.id, jobs_.back().ticket};
+  jobs_.pop_back();
+  started_.push_back(job);
+  running_.push_back({job, true, light_u_, light_v_});
+  --free_buffers_;
+  return job;
+}
+
+std::optional<PageJob> PageJobs::take() {
+  std::lock_guard lock(mutex_);
+  if (!available()) return {};
+  return takeLocked();
+}
+
+PageJobs::Running* PageJobs::find(uint64_t ticket) {
+  for (Running& r : running_)
+    if (r.job.ticket == ticket) return &r;
+  return nullptr;
+}
+const PageJobs::Running* PageJobs::find(uint64_t ticket) const { return const_cast<PageJobs*>(this)->find(ticket); }
+
+bool PageJobs::wanted(const PageJob& job) const {
+  std::lock_guard lock(mutex_);
+  const Running* r = find(job.ticket);
+  return r && r->wanted;
+}
+
+void PageJobs::finish(const PageJob& job) {
+  std::unique_lock lock(mutex_);
+  const Running* known = find(job.ticket);
+  assert(known);
+  if (!known) return;
+  Running running = *known;
+  Texels texels;
+  if (!pool_.empty()) {
+    texels = std::move(pool_.back());
+    pool_.pop_back();
+  }
+  std::unique_ptr<PageLoader> loader;
+  if (!loaders_.empty()) {
+    loader = std::move(loaders_.back());
+    loaders_.pop_back();
+  }
+  lock.unlock();
+
+  if (!texels) texels = makeTexels();
+  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_);
+  LoadOutcome outcome;
+  outcome.id = job.id;
+  outcome.ticket = job.ticket;
+  loader->load(
+      job.id, running.light_u, running.light_v, [&] { return wanted(job); }, texels.get(), outcome);
+
+  lock.lock();
+  loaders_.push_back(std::move(loader));
+  std::erase_if(running_, [&](const Running& r) { return r.job.ticket == job.ticket; });
+  if (outcome.end == LoadOutcome::End::kLoaded) {
+    outcome.texels = std::move(texels);
+  } else {
+    pool_.push_back(std::move(texels));
+    ++free_buffers_;
+    work_.notify_one();
+  }
+  done_.push_back(std::move(outcome));
+}
+
+void PageJobs::collect(Report& report, std::vector<Texels>& returned) {
+  report.started.clear();
+  report.done.clear();
+  bool more_buffers = !returned.empty();
+  {
+    std::lock_guard lock(mutex_);
+    report.started.swap(started_);
+    report.done.swap(done_);
+    free_buffers_ += returned.size();
+    for (Texels& t : returned) pool_.push_back(std::move(t));
+  }
+  returned.clear();
+  if (more_buffers) work_.notify_all();
+}
+
+void PageJobs::publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& started,
+                       const std::function<bool(const PageJob&)>& still_wanted) {
+  started.clear();
+  bool any = false;
+  {
+    std::lock_guard lock(mutex_);
+    started.swap(started_);
+    for (const PageJob& s : started) std::erase_if(jobs, [&](const RankedJob& j) { return j.ticket == s.ticket; });
+    for (Running& r : running_) r.wanted = !stop_ && still_wanted(r.job);
+    jobs_.swap(jobs);
+    any = !jobs_.empty();
+  }
+  if (any) work_.notify_all();
+}
+
+void PageJobs::setLight(double u, double v, const std::function<bool(const PageJob&)>& still_wanted,
+                        std::vector<PageJob>& started) {
+  started.clear();
+  std::lock_guard lock(mutex_);
+  started.swap(started_);
+  light_u_ = u;
+  light_v_ = v;
+  for (Running& r : running_) r.wanted = r.wanted && still_wanted(r.job);
+}
+
+}  // namespace relievo

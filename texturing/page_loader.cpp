@@ -1,0 +1,83 @@
+#include "texturing/page_loader.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "texturing/resolve.h"
+
+namespace relievo {
+
+PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder)
+    : source_(source), format_(format), decoder_(decoder) {
+  if (!decoder_) own_.emplace();
+}
+
+void PageLoader::load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
+                      LoadOutcome& outcome) {
+  if (id.plane() != Plane::kResolved) {
+    loadOne(id, wanted, texels, outcome);
+    return;
+  }
+  std::vector<const uint8_t*> slots;
+  for (int k = 0; k < format_.planes(); ++k) {
+    if (scratch_.size() <= size_t(k)) scratch_.push_back(makeTexels());
+    if (!loadOne(PageId(texturePlane(k), id.node()), wanted, scratch_[k].get(), outcome)) return;
+    slots.push_back(scratch_[k].get());
+  }
+  resolvePage(format_, light_u, light_v, slots, texels);
+}
+
+bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
+  auto end = [&](LoadOutcome::End how) {
+    outcome.end = how;
+    return how == LoadOutcome::End::kLoaded;
+  };
+  if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeRead);
+  Result<EncodedPage> page = source_.read(id);
+  if (!page) {
+    outcome.permanent = page.error().kind == ErrorKind::kInvalidData && !page.error().offset;
+    outcome.error = page.error();
+    return end(LoadOutcome::End::kFailed);
+  }
+  outcome.costs.push_back({id.plane(), page->bytes.size(), false});
+  if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
+  std::span<uint8_t> out(texels, kSlotBytes);
+  Result<void> decoded =
+      own_ ? own_->decodeToSlot(id.plane(), page->bytes, out) : decoder_(id.plane(), page->bytes, out);
+  if (!decoded) {
+    outcome.error = decoded.error();
+    return end(LoadOutcome::End::kFailed);
+  }
+  outcome.costs.back().decoded = true;
+  return end(LoadOutcome::End::kLoaded);
+}
+
+void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels) {
+  std::array<uint8_t, 4> texel{128, 128, 128, 255};
+  auto raw = [&](int k, double value) {
+    double scale = format.scale[k] != 0 ? format.scale[k] : 1;
+    return static_cast<uint8_t>(std::clamp(std::round(value / scale + format.bias[k]), 0.0, 255.0));
+  };
+  int k = static_cast<int>(plane);
+  if (plane == Plane::kRelief) {
+    texel = {};
+  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmLrgb && k < 2) {
+    for (int c = 0; c < 3; ++c) texel[c] = raw(3 * k + c, 3 * k + c == 5 ? 255 : 0);
+  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmRgb && k < 6) {
+    for (int c = 0; c < 3; ++c) texel[c] = raw(k, k == 5 ? 128 : 0);
+  }
+  for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
+}
+
+std::string pageWords(PageId id) {
+  NodeId n = id.node();
+  std::string plane = id.plane() == Plane::kRelief ? "relief"
+                      : id.plane() == Plane::kResolved
+                          ? "texture"
+                          : "texture plane " + std::to_string(static_cast<int>(id.plane()));
+  return plane + " page of patch " + std::to_string(n.patch) + ", level " + std::to_string(n.level) + ", column " +
+         std::to_string(n.x) + ", row " + std::to_string(n.y);
+}
+
+}  // namespace relievo

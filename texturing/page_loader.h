@@ -1,0 +1,69 @@
+// page_loader.h - what a thread needs to turn a PageId into the texels of a slot: reads from the source, decodes, and
+// for a fixed light evaluates the stored planes. One loader per thread at a time.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/base/result.h"
+#include "texturing/basis.h"
+#include "texturing/page_codec.h"
+#include "texturing/page_id.h"
+#include "texturing/page_source.h"
+
+namespace relievo {
+
+using Texels = std::unique_ptr<uint8_t[]>;  // kSlotBytes
+inline Texels makeTexels() { return std::make_unique<uint8_t[]>(kSlotBytes); }
+
+// Encoded bytes to slot texels (kSlotBytes). Called from several threads at once.
+using SlotDecoder = std::function<Result<void>(Plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels)>;
+
+// What a job cost, by stored plane.
+struct LoadCost {
+  Plane plane;
+  uint64_t bytes = 0;
+  bool decoded = false;
+};
+
+struct LoadOutcome {
+  enum class End : uint8_t { kLoaded, kFailed, kCancelledBeforeRead, kCancelledBeforeDecode };
+  PageId id;
+  uint64_t ticket = 0;
+  End end = End::kFailed;
+  Texels texels;               // kLoaded
+  std::optional<Error> error;  // kFailed
+  bool permanent = false;      // kFailed, and there is no such page
+  std::vector<LoadCost> costs;
+};
+
+class PageLoader {
+ public:
+  // The three outlive the loader. decoder: empty is a PageDecoder of its own.
+  PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder);
+  // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent
+  // and costs of the outcome.
+  void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
+            LoadOutcome& outcome);
+
+ private:
+  bool loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome);
+
+  const PageSource& source_;
+  const TextureFormat& format_;
+  const SlotDecoder& decoder_;
+  std::optional<PageDecoder> own_;
+  std::vector<Texels> scratch_;
+};
+
+// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range.
+void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels);
+// For messages: "relief page of patch 0, level 3, column 1, row 2".
+std::string pageWords(PageId id);
+
+}  // namespace relievo
