@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdlib>
 
 namespace relievo {
 
@@ -14,7 +15,43 @@ bool isNode(const std::array<uint32_t, 4>& p) {
   return (p[0] & 0xFFu) == 1 && (p[0] >> 17) == 0 && level <= kMaxNodeLevel && p[1] < kMaxPatches &&
          (p[2] >> level) == 0 && (p[3] >> level) == 0;
 }
+
+std::vector<FeedbackOffset> offsetsOf(int scale) {
+  auto distance2 = [scale](const FeedbackOffset& a, const FeedbackOffset& b) {
+    int dx = std::abs(a.x - b.x), dy = std::abs(a.y - b.y);
+    dx = std::min(dx, scale - dx);
+    dy = std::min(dy, scale - dy);
+    return dx * dx + dy * dy;
+  };
+  std::vector<FeedbackOffset> left, order;
+  for (int y = 0; y < scale; ++y)
+    for (int x = 0; x < scale; ++x) left.push_back({x, y});
+  std::vector<int> nearest(left.size(), 4 * scale * scale);
+  size_t next = static_cast<size_t>(scale / 2 * scale + scale / 2);
+  while (!left.empty()) {
+    FeedbackOffset chosen = left[next];
+    order.push_back(chosen);
+    left.erase(left.begin() + static_cast<std::ptrdiff_t>(next));
+    nearest.erase(nearest.begin() + static_cast<std::ptrdiff_t>(next));
+    next = 0;
+    for (size_t i = 0; i < left.size(); ++i) {
+      nearest[i] = std::min(nearest[i], distance2(left[i], chosen));
+      if (nearest[i] > nearest[next]) next = i;
+    }
+  }
+  return order;
+}
 }  // namespace
+
+FeedbackOffset feedbackOffset(int scale, uint64_t turn) {
+  static const auto kOrders = [] {
+    std::array<std::vector<FeedbackOffset>, kMaxFeedbackScale + 1> orders;
+    for (int s = 1; s <= kMaxFeedbackScale; ++s) orders[static_cast<size_t>(s)] = offsetsOf(s);
+    return orders;
+  }();
+  const auto& order = kOrders[static_cast<size_t>(std::clamp(scale, 1, kMaxFeedbackScale))];
+  return order[turn % order.size()];
+}
 
 std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px,
                                                     int height_px) {

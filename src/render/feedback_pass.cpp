@@ -1,8 +1,33 @@
 #include "src/render/feedback_pass.h"
 
+#include <algorithm>
 #include <cstring>
 
 namespace relievo {
+
+FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint64_t turn) {
+  FeedbackGrid grid;
+  grid.view_width_px = std::max(1, view_width_px);
+  grid.view_height_px = std::max(1, view_height_px);
+  grid.scale = std::clamp(scale, 1, std::min({kMaxFeedbackScale, grid.view_width_px, grid.view_height_px}));
+  grid.offset = feedbackOffset(grid.scale, turn);
+  return grid;
+}
+
+glm::dmat4 FeedbackGrid::clipFromWorld(const glm::dmat4& view_clip_from_world) const {
+  // Window coordinates X of the picture become (X - offset - 0.5) / scale + 0.5 of the target; in clip space x' = a x + b w.
+  auto axis = [this](int view_px, int target_px, int at) {
+    double a = static_cast<double>(view_px) / (static_cast<double>(scale) * target_px);
+    return glm::dvec2(a, a - 1 + (1 - (2.0 * at + 1) / scale) / target_px);
+  };
+  glm::dvec2 x = axis(view_width_px, width(), offset.x), y = axis(view_height_px, height(), offset.y);
+  glm::dmat4 target_from_view(1.0);
+  target_from_view[0][0] = x[0];
+  target_from_view[3][0] = x[1];
+  target_from_view[1][1] = y[0];
+  target_from_view[3][1] = y[1];
+  return target_from_view * view_clip_from_world;
+}
 
 FeedbackPass::FeedbackPass(bool software) : software_(software) {}
 
@@ -44,7 +69,8 @@ void FeedbackPass::resize(int width_px, int height_px) {
   result_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_), {});
 }
 
-bool FeedbackPass::issue(const std::function<void()>& draw) {
+bool FeedbackPass::issue(const FeedbackGrid& grid, uint64_t tag, const std::function<void()>& draw) {
+  resize(grid.width(), grid.height());
   for (Target& t : ring_) {
     if (t.fence) continue;
     glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
@@ -54,7 +80,10 @@ bool FeedbackPass::issue(const std::function<void()>& draw) {
     const GLuint nothing[4] = {0, 0, 0, 0};
     glClearBufferuiv(GL_COLOR, 0, nothing);
     glClear(GL_DEPTH_BUFFER_BIT);
+    glEnable(GL_SCISSOR_TEST);
+    glScissor(0, 0, grid.columns(), grid.rows());
     draw();
+    glDisable(GL_SCISSOR_TEST);
     if (!software_) {
       glBindBuffer(GL_PIXEL_PACK_BUFFER, t.pixels.id());
       glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
@@ -62,12 +91,14 @@ bool FeedbackPass::issue(const std::function<void()>& draw) {
     }
     t.fence = glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
     t.serial = ++serial_;
+    t.tag = tag;
     return true;
   }
   return false;
 }
 
 void FeedbackPass::read(Target& target) {
+  tag_ = target.tag;
   if (software_) {
     glBindFramebuffer(GL_FRAMEBUFFER, target.framebuffer.id());
     glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, result_.data());
@@ -83,19 +114,15 @@ void FeedbackPass::read(Target& target) {
 }
 
 std::span<const std::array<uint32_t, 4>> FeedbackPass::poll() {
-  Target* newest = nullptr;
+  Target* oldest = nullptr;
   for (Target& t : ring_) {
-    if (!t.fence) continue;
-    GLenum state = glClientWaitSync(t.fence, 0, 0);
-    if (state != GL_ALREADY_SIGNALED && state != GL_CONDITION_SATISFIED) continue;
-    if (!newest || t.serial > newest->serial) newest = &t;
+    if (t.fence && (!oldest || t.serial < oldest->serial)) oldest = &t;
   }
-  if (!newest) return {};
-  read(*newest);
-  uint64_t serial = newest->serial;
-  for (Target& t : ring_) {
-    if (t.fence && t.serial <= serial) drop(t);
-  }
+  if (!oldest) return {};
+  GLenum state = glClientWaitSync(oldest->fence, 0, 0);  // targets finish in the order of issue
+  if (state != GL_ALREADY_SIGNALED && state != GL_CONDITION_SATISFIED) return {};
+  read(*oldest);
+  drop(*oldest);
   return result_;
 }
 

@@ -9,9 +9,29 @@
 #include <span>
 #include <vector>
 
+#include <glm/glm.hpp>
+
 #include "src/gl/objects.h"
+#include "texturing/feedback.h"
 
 namespace relievo {
+
+// Which pixels of the full picture a feedback picture consists of: its pixel (i, j) is (i * scale + offset.x, j * scale + offset.y),
+// counted from the bottom left corner, as GL does.
+struct FeedbackGrid {
+  int view_width_px = 1, view_height_px = 1;
+  int scale = 1;
+  FeedbackOffset offset;
+  // The size of the target, the same for all offsets; and of the part of it that lies inside the picture.
+  int width() const { return (view_width_px + scale - 1) / scale; }
+  int height() const { return (view_height_px + scale - 1) / scale; }
+  int columns() const { return (view_width_px - offset.x + scale - 1) / scale; }
+  int rows() const { return (view_height_px - offset.y + scale - 1) / scale; }
+  // Puts the centres of exactly these pixels onto the centres of the target's.
+  glm::dmat4 clipFromWorld(const glm::dmat4& view_clip_from_world) const;
+};
+// scale: at most what leaves a pixel in each direction for every offset.
+FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint64_t turn);
 
 class FeedbackPass {
  public:
@@ -22,12 +42,15 @@ class FeedbackPass {
   int width() const { return width_; }
   int height() const { return height_; }
 
-  // Draws with `draw` into the next free target; false (nothing drawn) while all are under way.
-  bool issue(const std::function<void()>& draw);
-  // The newest finished result, rows bottom first; empty when there is none. Never waits.
+  // Draws with `draw` into the next free target; false (nothing drawn) while all are under way. Nothing is drawn outside of the
+  // first columns and rows. tag: comes back with the result.
+  bool issue(const FeedbackGrid& grid, uint64_t tag, const std::function<void()>& draw);
+  // The oldest finished result that was not returned yet, rows bottom first; empty when there is none. Never waits. Valid until the
+  // next call of poll, wait or resize.
   std::span<const std::array<uint32_t, 4>> poll();
-  // Waits for the newest issued result (settling).
+  // Waits for the newest issued result and drops all others (settling).
   std::span<const std::array<uint32_t, 4>> wait();
+  uint64_t tag() const { return tag_; }  // of the result returned last
 
  private:
   struct Target {
@@ -36,14 +59,14 @@ class FeedbackPass {
     gl::Framebuffer framebuffer;
     gl::Buffer pixels;
     GLsync fence = nullptr;
-    uint64_t serial = 0;
+    uint64_t serial = 0, tag = 0;
   };
   void read(Target& target);
   void drop(Target& target);
 
   bool software_ = false;
   int width_ = 0, height_ = 0;
-  uint64_t serial_ = 0;
+  uint64_t serial_ = 0, tag_ = 0;
   std::array<Target, 3> ring_;
   std::vector<std::array<uint32_t, 4>> result_;
 };
