@@ -1,10 +1,13 @@
 #include "src/engine.h"
 
 #include <algorithm>
+#include <cassert>
 #include <chrono>
 #include <cmath>
 #include <deque>
+#include <optional>
 #include <thread>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -14,14 +17,28 @@
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
+#include "src/stream_switch.h"
 #include "texturing/basis.h"
 #include "texturing/page_codec.h"
+#include "texturing/want_memory.h"
 
 namespace relievo {
 namespace {
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// The wishes of several feedbacks of one view as one list: each node once, in the order of FeedbackAnalyzer.
+std::vector<NodeWant> unionOfWants(std::vector<NodeWant> wants) {
+  std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+    return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
+  });
+  wants.erase(std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; }), wants.end());
+  std::stable_sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+    return a.node.level != b.node.level ? a.node.level < b.node.level : a.centre_distance < b.centre_distance;
+  });
+  return wants;
 }
 
 class PackageOracle final : public ReliefOracle {
@@ -63,6 +80,11 @@ struct Engine::Impl {
   gl::ContextInfo context;
 
   std::unique_ptr<PageStreamer> streamer;
+  StreamSwitch stream_switch;
+  EffectPlan starting_plan;              // of the streamer that stream_switch makes ready
+  std::array<double, 3> starting_light{};
+  std::optional<Scene> wished;           // a scene of other planes: shown once their roots have come
+  std::vector<std::string> messages;
   std::unique_ptr<PagePool> pool;
   std::unique_ptr<PatchPass> patches;
   std::unique_ptr<FeedbackPass> feedback;
@@ -72,6 +94,20 @@ struct Engine::Impl {
   Sabotage broken;
 
   FeedbackAnalyzer analyzer;
+  WantMemory want_memory;
+  uint64_t feedback_turn = 0;
+  // Results of the same view add up; any difference here makes it another one.
+  struct FeedbackView {
+    glm::dmat4 clip_from_world{0.0};
+    double exaggerate = 1, lod_bias = 0;
+    int width = 0, height = 0;
+    Sampling sampling = Sampling::kTrilinear;
+    int anisotropy = 1;
+    friend bool operator==(const FeedbackView&, const FeedbackView&) = default;
+  };
+  FeedbackView feedback_view;
+  uint64_t feedback_view_number = 0;
+  std::vector<NodeWant> feedback_wants, geometry_wants;  // by determination; their union is texture_wants
   std::vector<NodeWant> texture_wants, relief_wants;
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
@@ -88,10 +124,13 @@ struct Engine::Impl {
   DrawnView drawn;
   std::deque<DrawnView> posted;       // requests whose answers are still to come
   double lod_bias = 0;
+  int tap_phase = 0;
   uint32_t slot_count = 0;
   EngineStats stats;
 
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
+  bool usesFeedback() const { return options.determination != Determination::kGeometry; }
+  bool usesGeometry() const { return options.determination != Determination::kFeedback; }
 
   ViewTransform currentView() const {
     double low = 0, high = 0;
@@ -107,6 +146,7 @@ struct Engine::Impl {
     gl::Defines defines = plan.defines();
     if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
     auto link = [&](gl::Program& program, const char* fragment, gl::Defines with, std::vector<const char*> varyings = {}) -> Result<void> {
       auto linked = gl::Program::link(context.api, {"patch.vert", fragment, std::move(with), patchAttributes(), std::move(varyings)});
       if (!linked) return linked.error();
@@ -114,7 +154,9 @@ struct Engine::Impl {
       return {};
     };
     if (auto r = link(shade_program, "patch.frag", defines); !r) return r;
-    if (auto r = link(feedback_program, "feedback.frag", defines); !r) return r;
+    if (usesFeedback()) {
+      if (auto r = link(feedback_program, "feedback.frag", defines); !r) return r;
+    }
     capture_program = {};
     wire_program = {};
     if (plan.wireframe) {
@@ -125,20 +167,33 @@ struct Engine::Impl {
     return {};
   }
 
-  // A new streamer for the plan's planes: what is resident for other planes is dropped.
-  void restartStreaming() {
+  // Begins a new streamer, for other planes than those of the present one.
+  void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
     StreamerOptions so;
     so.slot_count = slot_count;
     so.workers = options.workers;
-    so.texture_planes = plan.texture_planes;
+    so.texture_planes = for_plan.texture_planes;
     so.format = artwork.manifest.texture;
-    auto light = normalizedLight(scene.light);
-    so.light_u = light[0];
-    so.light_v = light[1];
-    streamer = std::make_unique<PageStreamer>(artwork.source, so);
+    starting_plan = for_plan;
+    starting_light = normalizedLight(for_scene.light);
+    so.light_u = starting_light[0];
+    so.light_v = starting_light[1];
     std::vector<NodeId> roots;
     for (uint32_t p = 0; p < domain().patchCount(); ++p) roots.push_back({p, 0, 0, 0});
-    streamer->pinRoots(roots, plan.relief ? std::span<const NodeId>(roots) : std::span<const NodeId>());
+    stream_switch.start(artwork.source, so, roots, for_plan.relief ? roots : std::vector<NodeId>());
+  }
+
+  // What is resident for other planes is dropped.
+  void adoptStreamer(std::unique_ptr<PageStreamer> next) {
+    if (streamer) {
+      for (std::string& text : streamer->takeMessages()) messages.push_back(std::move(text));
+      stream_switch.retire(std::move(streamer));
+    }
+    streamer = std::move(next);
+    pool->forgetTable();
+    want_memory.clear();
+    feedback_wants.clear();
+    geometry_wants.clear();
     texture_wants.clear();
     relief_wants.clear();
     instances.clear();
@@ -146,6 +201,27 @@ struct Engine::Impl {
     resident_generation = ~uint64_t{0};
     adopted_frame = 0;
     posted.clear();
+  }
+
+  // Goes over to the wished scene once the roots of its planes are there.
+  Result<void> switchPlanes() {
+    if (!wished) return {};
+    EffectPlan wanted = planEffects(*wished, artwork.manifest);
+    if (stream_switch.busy()) {
+      auto next = stream_switch.tryTake();
+      if (!next) return {};
+      if (starting_plan.samePages(wanted)) {
+        adoptStreamer(std::move(next));
+        scene = *std::exchange(wished, std::nullopt);
+        plan = wanted;
+        auto light = normalizedLight(scene.light);
+        if (plan.resolve && light != starting_light) streamer->setLight(light[0], light[1]);
+        return linkPrograms();
+      }
+      stream_switch.retire(std::move(next));  // the scene changed once more meanwhile
+    }
+    startStreaming(wanted, *wished);
+    return {};
   }
 
   LodView lodView(const ViewTransform& view) const {
@@ -161,13 +237,30 @@ struct Engine::Impl {
     return v;
   }
 
+  TextureView textureView(const ViewTransform& view) const {
+    TextureView v;
+    v.clip_from_world = view.clip_from_world;
+    v.eye_mm = view.eye_mm;
+    v.pixels_per_radian = view.pixels_per_radian;
+    v.near_mm = view.near_mm;
+    v.width_px = width;
+    v.height_px = height;
+    v.lod_bias = lod_bias;
+    v.trilinear = plan.sampling >= Sampling::kTrilinear;
+    v.anisotropy = plan.anisotropy;
+    v.relief = plan.relief;
+    v.exaggerate = scene.exaggerate;
+    v.error_px = scene.error_px * std::exp2(lod_bias);
+    return v;
+  }
+
   void postLod(const ViewTransform& view) {
     if (streamer->reliefGeneration() != resident_generation) {
       resident_generation = streamer->reliefGeneration();
       auto nodes = streamer->residentRelief();
       resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
     }
-    lod->post({frame, lodView(view), resident_relief});
+    lod->post({frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
     posted.push_back({frame, view, scene.exaggerate});
   }
 
@@ -178,6 +271,12 @@ struct Engine::Impl {
     if (posted.empty() || posted.front().frame != answer.frame) return;  // asked for before streaming was restarted
     relief_wants.clear();
     for (const ReliefWant& w : answer.lod.wants) relief_wants.push_back({w.page, 1, w.priority});
+    if (answer.texture) {
+      stats.determine_ms = answer.determine_ms;
+      geometry_wants.clear();
+      for (const TextureWant& w : *answer.texture) geometry_wants.push_back({w.node, 1, w.priority});
+      uniteWants();
+    }
     std::vector<NodeId> pages;
     if (plan.relief) {
       pages.reserve(answer.lod.instances.size());
@@ -198,11 +297,13 @@ struct Engine::Impl {
     drawn = posted.front();
   }
 
-  void setUniforms(const gl::Program& program, double now_s, double bias) const {
+  void setUniforms(const gl::Program& program, double now_s, double bias, double pixel_scale = 1) const {
     auto light = normalizedLight(scene.light);
     setShadingUniforms(program, {.format = &artwork.manifest.texture,
-                                 .texture_depth = domain().texture_depth,
+                                 .domain = &domain(),
                                  .lod_bias = bias,
+                                 .pixel_scale = pixel_scale,
+                                 .tap_phase = tap_phase,
                                  .light_u = light[0],
                                  .light_v = light[1],
                                  .now_s = now_s,
@@ -224,21 +325,61 @@ struct Engine::Impl {
     }
   }
 
-  bool issueFeedback(const EyeFrame& eye, double now_s, bool full) {
-    int scale = full ? 1 : options.feedback_scale;
-    feedback->resize(std::max(1, (width + scale - 1) / scale), std::max(1, (height + scale - 1) / scale));
-    return feedback->issue([&] {
+  // One pixel of each block of feedback_scale^2, another one every time; full: every pixel.
+  bool issueFeedback(double now_s, bool full) {
+    FeedbackGrid grid = feedbackGrid(width, height, full ? 1 : options.feedback_scale, feedback_turn);
+    FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy};
+    if (!(seen == feedback_view)) {
+      feedback_view = seen;
+      ++feedback_view_number;
+    }
+    ViewTransform view = drawn.view;
+    view.clip_from_world = grid.clipFromWorld(view.clip_from_world);
+    EyeFrame eye = eyeFrame(view, domain(), drawn.exaggerate, plan.relief);
+    return feedback->issue(grid, feedback_view_number, [&] {
       feedback_program.use();
       pool->bind(feedback_program, streamer->table());
-      setUniforms(feedback_program, now_s, lod_bias - std::log2(scale));
+      setUniforms(feedback_program, now_s, lod_bias - std::log2(grid.scale), 1.0 / grid.scale);
       stats.draw_calls += patches->draw(feedback_program, eye, full ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse);
     });
   }
 
-  void analyze(std::span<const std::array<uint32_t, 4>> pixels) {
-    if (pixels.empty()) return;
-    auto wants = analyzer.analyze(pixels, feedback->width(), feedback->height());
-    texture_wants.assign(wants.begin(), wants.end());
+  void uniteWants() {
+    if (!usesGeometry()) {
+      texture_wants = feedback_wants;
+    } else if (!usesFeedback()) {
+      texture_wants = geometry_wants;
+    } else {
+      std::vector<NodeWant> both = feedback_wants;
+      both.insert(both.end(), geometry_wants.begin(), geometry_wants.end());
+      texture_wants = unionOfWants(std::move(both));
+    }
+  }
+
+  // All results that are finished: none is lost, so that a still view has seen every pixel after scale^2 of them.
+  void takeFeedback() {
+    bool any = false;
+    for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
+      auto results = static_cast<uint32_t>(options.feedback_scale * options.feedback_scale * plan.feedbackPhases());
+      auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
+      feedback_wants.assign(wants.begin(), wants.end());
+      any = true;
+    }
+    if (any) uniteWants();
+  }
+
+  // What every pixel of the drawn list wants, at once: waits for it.
+  void takeFullFeedback() {
+    std::vector<NodeWant> wants;
+    for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
+      feedback->wait();  // a target is free for sure
+      if (!issueFeedback(steadySeconds(), true)) continue;
+      auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
+      wants.insert(wants.end(), found.begin(), found.end());
+    }
+    feedback_wants = plan.feedbackPhases() > 1 ? unionOfWants(std::move(wants)) : std::move(wants);
+    want_memory.clear();
+    uniteWants();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
@@ -258,7 +399,8 @@ struct Engine::Impl {
   void frameOnce(double now_s) {
     ++frame;
     ++stats.frames;
-    analyze(feedback->poll());
+    if (auto switched = switchPlanes(); !switched) messages.push_back(switched.error().text());
+    takeFeedback();
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
     if (adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
@@ -271,7 +413,8 @@ struct Engine::Impl {
     lod_bias = streamer->detailBias();
     EyeFrame eye = prepareInstances();
     drawPicture(eye, now_s);
-    issueFeedback(eye, now_s, false);
+    tap_phase = static_cast<int>(frame % static_cast<uint64_t>(plan.feedbackPhases()));
+    if (usesFeedback() && issueFeedback(now_s, false)) ++feedback_turn;
     submitFrame();
   }
 
@@ -323,7 +466,8 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
   impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
   if (auto linked = impl->linkPrograms(); !linked) return linked.error();
-  impl->restartStreaming();
+  impl->startStreaming(impl->plan, impl->scene);
+  impl->adoptStreamer(impl->stream_switch.take());
   return std::unique_ptr<Engine>(new Engine(std::move(impl)));
 }
 
@@ -335,25 +479,34 @@ int Engine::width() const { return impl_->width; }
 int Engine::height() const { return impl_->height; }
 void Engine::setCamera(const OrbitCamera& camera) { impl_->camera = camera; }
 const OrbitCamera& Engine::camera() const { return impl_->camera; }
-const Scene& Engine::scene() const { return impl_->scene; }
+const Scene& Engine::scene() const { return impl_->wished ? *impl_->wished : impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
+const std::vector<NodeWant>& Engine::textureWants() const { return impl_->texture_wants; }
 ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
-  EffectPlan before = impl_->plan;
-  auto light_before = normalizedLight(impl_->scene.light);
-  impl_->scene = scene;
-  impl_->plan = planEffects(scene, impl_->artwork.manifest);
-  if (!impl_->plan.samePages(before)) {
-    impl_->restartStreaming();
-  } else if (impl_->plan.resolve) {
-    auto light = normalizedLight(scene.light);
-    if (light != light_before) impl_->streamer->setLight(light[0], light[1]);
+  Impl& e = *impl_;
+  EffectPlan before = e.plan;
+  auto light_before = normalizedLight(e.scene.light);
+  Scene now = scene;
+  e.wished.reset();
+  if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
+    // What decides on the planes stays until theirs have come; everything else changes at once.
+    e.wished = scene;
+    now.relief = e.scene.relief;
+    now.relight = e.scene.relight;
+    now.exaggerate = e.scene.exaggerate;
   }
-  if (impl_->plan == before) return {};
-  return impl_->linkPrograms();
+  e.scene = now;
+  e.plan = planEffects(now, e.artwork.manifest);
+  assert(e.plan.samePages(before));
+  if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) e.streamer->setLight(light[0], light[1]);
+  if (e.plan != before) {
+    if (auto linked = e.linkPrograms(); !linked) return linked;
+  }
+  return e.switchPlanes();
 }
 
 Result<void> Engine::sabotage(const Sabotage& what) {
@@ -371,14 +524,17 @@ Result<void> Engine::settle(double timeout_s) {
   auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
   auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
   auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
+  while (e.wished && !timedOut()) {
+    if (auto switched = e.switchPlanes(); !switched) return switched;
+    if (e.wished) pause();
+  }
   double bias = 0;
   bool done = false;
   while (!done && !timedOut()) {
     while (!e.settleGeometry() && !timedOut()) pause();
     bias = e.lod_bias;
-    EyeFrame eye = e.prepareInstances();
-    e.feedback->wait();  // a target is free for sure
-    if (e.issueFeedback(eye, steadySeconds(), true)) e.analyze(e.feedback->wait());
+    e.prepareInstances();
+    if (e.usesFeedback()) e.takeFullFeedback();
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
       bool geometry = e.settleGeometry();
@@ -423,7 +579,9 @@ EngineStats Engine::stats() const {
   s.slots = e.slot_count;
   s.resident = e.streamer->cache().residentCount();
   s.detail_bias = e.lod_bias;
+  s.switching = e.wished.has_value();
   s.passes = e.plan.passes();
+  if (!e.usesFeedback()) std::erase(s.passes, "feedback");
   if (e.plan.resolve) {
     for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k) s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
     if (e.plan.relief) s.planes_read.push_back("relief");
@@ -433,7 +591,11 @@ EngineStats Engine::stats() const {
   return s;
 }
 
-std::vector<std::string> Engine::takeMessages() { return impl_->streamer->takeMessages(); }
+std::vector<std::string> Engine::takeMessages() {
+  std::vector<std::string> all = std::exchange(impl_->messages, {});
+  for (std::string& text : impl_->streamer->takeMessages()) all.push_back(std::move(text));
+  return all;
+}
 
 std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   Impl& e = *impl_;
@@ -484,6 +646,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"detail_bias_levels", s.detail_bias},
       {"edges_limited_by_residency", s.edges_limited},
       {"lod_ms", s.lod_ms},
+      {"determine_ms", s.determine_ms},
   };
   return j.dump(2);
 }

@@ -30,10 +30,16 @@ struct Artwork {
 };
 Artwork artworkFromPackage(std::shared_ptr<const Package> package);
 
+// How the texture pages that a view wants are found. kFeedback: a small picture of wishes, read back (src/render/feedback_pass.h).
+// kGeometry: from the view and the heights' bounds on the LOD worker, without a pass (geometry/texture_select.h); exact for flat
+// artworks, too fine at a slant with relief. kBoth: the union.
+enum class Determination { kFeedback, kGeometry, kBoth };
+
 struct EngineOptions {
   double cache_mib = 256;   // all planes together
   int workers = 2;
-  int feedback_scale = 8;   // the feedback pass has 1/8 of the view's width and height
+  int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
+  Determination determination = Determination::kFeedback;
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
 };
@@ -48,6 +54,8 @@ struct EngineStats {
   double detail_bias = 0;
   uint32_t edges_limited = 0;
   double lod_ms = 0;        // of the last LOD evaluation, on its worker
+  double determine_ms = 0;  // the part of it that named texture pages; 0 with kFeedback
+  bool switching = false;   // the scene asks for other planes, whose roots are still on the way
   std::vector<std::string> passes, planes_read;
 };
 
@@ -61,7 +69,8 @@ class Engine {
   int height() const;
   void setCamera(const OrbitCamera& camera);
   const OrbitCamera& camera() const;
-  // Links another shader or streams other planes where the effect plan asks for it.
+  // Links another shader or streams other planes where the effect plan asks for it. Never waits: relief, relight and exaggerate
+  // of a scene that needs other planes show from the frame on in which those planes' roots have come (settle() waits for it).
   Result<void> setScene(const Scene& scene);
   const Scene& scene() const;
   const EffectPlan& plan() const;
@@ -81,6 +90,7 @@ class Engine {
   std::vector<std::string> takeMessages();
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
+  const std::vector<NodeWant>& textureWants() const;  // the newest wish list
   ViewTransform view() const;  // that the last picture was drawn with: a frame behind setCamera at most times
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the watertight test.
   std::vector<float> captureVertices(uint32_t max_vertices);
@@ -89,6 +99,7 @@ class Engine {
   struct Sabotage {
     bool no_borders = false;   // samples are clamped to the page's payload
     bool no_snapping = false;
+    bool one_lookup = false;   // taps beyond a page's border are clamped to it
   };
   Result<void> sabotage(const Sabotage& what);
 

@@ -59,13 +59,23 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
   c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
   c.add_flag("--no-relight", no_relight, "Fixed light: coefficients are resolved once per page, not per pixel and frame");
-  c.add_flag("--no-trilinear", no_trilinear, "Nearest texture level instead of a blend of two");
+  c.add_option("--sampling", sampling, "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
+               "(two levels) or anisotropic (several trilinear taps: sharp at grazing angles)")
+      ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic"}))->capture_default_str();
+  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")->check(CLI::Range(1, kMaxAnisotropy))->capture_default_str();
+  c.add_flag("--no-trilinear", no_trilinear, "The same as --sampling bilinear");
   c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
       ->check(CLI::IsMember({"exact", "fast"}))->capture_default_str();
   c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")->check(CLI::Range(0.0, 60000.0))->capture_default_str();
   c.add_flag("--wireframe", wireframe, "Draw the triangles' edges");
   c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
       ->check(CLI::IsMember({"pages", "lod", "none"}))->capture_default_str();
+  c.add_option("--determination", determination, "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
+               "the view on the CPU, no pass) or both")
+      ->check(CLI::IsMember({"feedback", "geometry", "both"}))->capture_default_str();
+  c.add_option("--feedback-scale", feedback_scale, "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
+               "every pixel once in the square of that many frames")
+      ->check(CLI::Range(1, kMaxFeedbackScale))->capture_default_str();
   c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
   c.add_option("--workers", workers, "Threads that read and decode pages")->check(CLI::Range(1, 64))->capture_default_str();
 }
@@ -85,7 +95,11 @@ Result<Scene> SceneOptions::scene() const {
   if (!(error_px >= 0) || error_px > 1e4) return usage("expected --error-px from 0 to 10000 px", "");
   s.relief = !no_relief;
   s.relight = !no_relight;
-  s.trilinear = !no_trilinear;
+  s.sampling = no_trilinear || sampling == "bilinear" ? Sampling::kBilinear
+               : sampling == "nearest"                ? Sampling::kNearest
+               : sampling == "anisotropic"            ? Sampling::kAnisotropic
+                                                      : Sampling::kTrilinear;
+  s.anisotropy = anisotropy;
   s.filter = filter == "fast" ? Filter::kFast : Filter::kExact;
   s.page_fade_s = page_fade_ms / 1000;
   s.exaggerate = exaggerate;
@@ -126,6 +140,10 @@ EngineOptions SceneOptions::engineOptions() const {
   EngineOptions o;
   o.cache_mib = cache_mib;
   o.workers = workers;
+  o.feedback_scale = feedback_scale;
+  o.determination = determination == "geometry" ? Determination::kGeometry
+                    : determination == "both"   ? Determination::kBoth
+                                                : Determination::kFeedback;
   o.interrupted = &interruptedFlag();
   return o;
 }

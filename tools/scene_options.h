@@ -15,10 +15,13 @@ namespace relievo {
 
 struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov;
-  std::string target, light, state_file, show = "none", filter = "exact";
+  std::string target, light, state_file, show = "none", filter = "exact", sampling = "trilinear";
   bool no_relief = false, no_relight = false, no_trilinear = false, wireframe = false;
   double exaggerate = 1, error_px = 1, page_fade_ms = 0, cache_mib = 256;
-  int workers = 2;
+  int workers = 2, anisotropy = kMaxAnisotropy;
+
+  std::string determination = "feedback";
+  int feedback_scale = 8;
 
   void addTo(CLI::App& command);
   Result<Scene> scene() const;
