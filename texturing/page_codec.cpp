@@ -1,6 +1,8 @@
 // Encoded page, by its first byte (PACKAGE.md says the same in more words):
 //   kRaw, kZstd                    the predictors (texture: 3, relief: 1), then the channels' residual streams
 //   kQuantisedRaw, kQuantisedZstd  the bits, then the same, of levels instead of values
+//   kJpegFile                      a JPEG
+//   kBlocksRaw, kBlocksZstd        the PageCodec, then blocks of 4 x 4 texels
 // Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod 256).
 // Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small residuals of
 // either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and high byte.
@@ -22,16 +24,19 @@
 #include <tmmintrin.h>
 #endif
 
+#include "texturing/page_block_codec.h"
+#include "texturing/page_jpeg_codec.h"
+
 namespace relievo {
 namespace {
 
 enum Predictor : uint8_t { kNone = 0, kLeft = 1, kUp = 2, kGradient = 3, kSmoothUp = 4, kConstant = 5, kPredictorCount = 6 };
 // The first byte of a page. The odd ones are a zstd frame of what the even ones hold.
-enum Packing : uint8_t { kRaw = 0, kZstd = 1, kQuantisedRaw = 2, kQuantisedZstd = 3 };
+enum Packing : uint8_t { kRaw = 0, kZstd = 1, kQuantisedRaw = 2, kQuantisedZstd = 3, kJpegFile = 4, kBlocksRaw = 6, kBlocksZstd = 7 };
 
 constexpr int kSide = kPageFullPx;
 constexpr size_t kChannelBytes = size_t{kSide} * kSide;
-constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kReliefHeadBytes = 2;
+constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kJpegHeadBytes = 1, kBlocksHeadBytes = 2, kReliefHeadBytes = 2;
 constexpr size_t kReliefBytes = kReliefPageSamples * 2;
 
 // The row above, smoothed: (1 2 1) / 4 with the ends repeated. Averages noise away and needs nothing of the row itself.
@@ -188,6 +193,38 @@ void expandLevels(uint8_t* data, size_t n, int bits) {
   }
 }
 
+// Three channels <-> RGBA8 texels, alpha 255.
+void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) {
+  const uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
+#if defined(__SSSE3__)
+  static_assert(kChannelBytes % 16 == 0);
+  const __m128i opaque = _mm_set1_epi8(-1);
+  for (size_t i = 0; i < kChannelBytes; i += 16) {
+    auto load = [&](const uint8_t* p) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p + i)); };
+    auto store = [&](int k, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*>(texels + 4 * i + 16 * k), v); };
+    __m128i red = load(r), green = load(g), blue = load(b);
+    __m128i rg = _mm_unpacklo_epi8(red, green), ba = _mm_unpacklo_epi8(blue, opaque);
+    store(0, _mm_unpacklo_epi16(rg, ba));
+    store(1, _mm_unpackhi_epi16(rg, ba));
+    rg = _mm_unpackhi_epi8(red, green), ba = _mm_unpackhi_epi8(blue, opaque);
+    store(2, _mm_unpacklo_epi16(rg, ba));
+    store(3, _mm_unpackhi_epi16(rg, ba));
+  }
+#else
+  for (size_t i = 0; i < kChannelBytes; ++i) {
+    texels[4 * i] = r[i];
+    texels[4 * i + 1] = g[i];
+    texels[4 * i + 2] = b[i];
+    texels[4 * i + 3] = 255;
+  }
+#endif
+}
+
+void separate(const uint8_t* __restrict texels, uint8_t* __restrict channels) {
+  uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
+  for (size_t i = 0; i < kChannelBytes; ++i) r[i] = texels[4 * i], g[i] = texels[4 * i + 1], b[i] = texels[4 * i + 2];
+}
+
 Error damaged(const char* what) {
   return {ErrorKind::kInvalidData, "", what, "rebuild the package, or get a whole copy", {}};
 }
@@ -198,7 +235,9 @@ struct PageEncoder::Impl {
   ZSTD_CCtx* context = nullptr;
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
   std::array<uint8_t, kTexturePageBytes> levels;
+  std::array<uint8_t, kSlotBytes> texels;
   std::vector<uint8_t> out;
+  JpegPageEncoder jpeg;
 
   // The streams behind the head, packed if that makes them smaller.
   std::span<const uint8_t> pack(Packing raw, size_t head_bytes, size_t stream_bytes) {
@@ -238,6 +277,22 @@ struct PageEncoder::Impl {
     out[1] = static_cast<uint8_t>(bits);
     return encodeChannels(kQuantisedRaw, kQuantisedHeadBytes, levels.data());
   }
+
+  std::span<const uint8_t> encodeJpeg(const uint8_t* channels, PageEncoding encoding) {
+    interleave(channels, texels.data());
+    const bool ycc = encoding.codec == PageCodec::kJpegYcc;
+    size_t n = jpeg.encode(texels.data(), encoding.parameter, ycc, {out.data() + kJpegHeadBytes, kTexturePageBytes});
+    if (n == 0) return encodeChannels(kRaw, kTextureHeadBytes, channels);  // noise, and a quality near 100
+    out[0] = kJpegFile;
+    return {out.data(), kJpegHeadBytes + n};
+  }
+
+  std::span<const uint8_t> encodeBlocks(const uint8_t* channels, PageCodec codec) {
+    interleave(channels, texels.data());
+    encodePageBlocks(codec, texels.data(), {streams.data(), pageBlockBytes(codec)});
+    out[1] = static_cast<uint8_t>(codec);
+    return pack(kBlocksRaw, kBlocksHeadBytes, pageBlockBytes(codec));
+  }
 };
 
 PageEncoder::PageEncoder(int zstd_level) : impl_(new Impl) {
@@ -257,7 +312,16 @@ PageEncoder::~PageEncoder() {
 
 std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> channels, PageEncoding encoding) {
   assert(channels.size() == kTexturePageBytes);
-  if (encoding.codec == PageCodec::kQuantised) return impl_->encodeQuantised(channels.data(), encoding.parameter);
+  switch (encoding.codec) {
+    case PageCodec::kLossless: break;
+    case PageCodec::kQuantised: return impl_->encodeQuantised(channels.data(), encoding.parameter);
+    case PageCodec::kJpeg:
+    case PageCodec::kJpegYcc: return impl_->encodeJpeg(channels.data(), encoding);
+    case PageCodec::kBc1:
+    case PageCodec::kBc4:
+    case PageCodec::kBc5:
+    case PageCodec::kBc7: return impl_->encodeBlocks(channels.data(), encoding.codec);
+  }
   return impl_->encodeChannels(kRaw, kTextureHeadBytes, channels.data());
 }
 
@@ -293,6 +357,8 @@ struct PageDecoder::Impl {
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
   std::array<uint8_t, kTexturePageBytes> channels;
   std::array<uint16_t, kReliefPageSamples> samples;
+  std::array<uint8_t, kSlotBytes> texels;
+  JpegPageDecoder jpeg;
 
   // The streams, of exactly the size expected, into `out`.
   Result<void> unpack(bool zstd, std::span<const uint8_t> packed, std::span<uint8_t> out) {
@@ -307,6 +373,7 @@ struct PageDecoder::Impl {
     return {};
   }
   Result<void> decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed, uint8_t* out_channels);
+  Result<void> decodeBlocks(std::span<const uint8_t> encoded, uint8_t* out_texels);
 };
 
 PageDecoder::PageDecoder() : impl_(new Impl) { impl_->context = ZSTD_createDCtx(); }
@@ -343,12 +410,26 @@ Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_
   return {};
 }
 
+Result<void> PageDecoder::Impl::decodeBlocks(std::span<const uint8_t> encoded, uint8_t* out_texels) {
+  if (encoded.size() < kBlocksHeadBytes) return damaged("an encoded page is too short");
+  const PageCodec codec = static_cast<PageCodec>(encoded[1]);
+  const size_t bytes = pageBlockBytes(codec);
+  if (bytes == 0) return damaged("an encoded page has blocks of an unknown kind");
+  if (auto unpacked = unpack(encoded[0] == kBlocksZstd, encoded.subspan(kBlocksHeadBytes), {streams.data(), bytes}); !unpacked) return unpacked;
+  decodePageBlocks(codec, {streams.data(), bytes}, out_texels);
+  return {};
+}
+
 Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::span<uint8_t> channels) {
   assert(channels.size() == kTexturePageBytes);
   if (encoded.empty()) return damaged("an encoded page is empty");
   const uint8_t packing = encoded[0];
   const bool quantised = packing == kQuantisedRaw || packing == kQuantisedZstd;
-  if (packing > kQuantisedZstd) return damaged("an encoded page is packed in an unknown way");
+  if (packing > kQuantisedZstd) {  // those decode to texels
+    if (auto decoded = decodeToSlot(Plane::kTexture0, encoded, impl_->texels); !decoded) return decoded;
+    separate(impl_->texels.data(), channels.data());
+    return {};
+  }
   const size_t head = quantised ? kQuantisedHeadBytes : kTextureHeadBytes;
   if (encoded.size() < head) return damaged("an encoded page is too short");
   const int bits = quantised ? encoded[1] : 8;
@@ -380,39 +461,13 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
   return {};
 }
 
-namespace {
-
-void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) {
-  const uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
-#if defined(__SSSE3__)
-  static_assert(kChannelBytes % 16 == 0);
-  const __m128i opaque = _mm_set1_epi8(-1);
-  for (size_t i = 0; i < kChannelBytes; i += 16) {
-    auto load = [&](const uint8_t* p) { return _mm_loadu_si128(reinterpret_cast<const __m128i*>(p + i)); };
-    auto store = [&](int k, __m128i v) { _mm_storeu_si128(reinterpret_cast<__m128i*>(texels + 4 * i + 16 * k), v); };
-    __m128i red = load(r), green = load(g), blue = load(b);
-    __m128i rg = _mm_unpacklo_epi8(red, green), ba = _mm_unpacklo_epi8(blue, opaque);
-    store(0, _mm_unpacklo_epi16(rg, ba));
-    store(1, _mm_unpackhi_epi16(rg, ba));
-    rg = _mm_unpackhi_epi8(red, green), ba = _mm_unpackhi_epi8(blue, opaque);
-    store(2, _mm_unpacklo_epi16(rg, ba));
-    store(3, _mm_unpackhi_epi16(rg, ba));
-  }
-#else
-  for (size_t i = 0; i < kChannelBytes; ++i) {
-    texels[4 * i] = r[i];
-    texels[4 * i + 1] = g[i];
-    texels[4 * i + 2] = b[i];
-    texels[4 * i + 3] = 255;
-  }
-#endif
-}
-
-}  // namespace
-
 Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
   assert(texels.size() == kSlotBytes);
   if (isTexturePlane(plane)) {
+    if (encoded.empty()) return damaged("an encoded page is empty");
+    if (encoded[0] == kJpegFile) return impl_->jpeg.decode(encoded.subspan(kJpegHeadBytes), texels.data());
+    if (encoded[0] == kBlocksRaw || encoded[0] == kBlocksZstd) return impl_->decodeBlocks(encoded, texels.data());
+    if (encoded[0] > kQuantisedZstd) return damaged("an encoded page is packed in an unknown way");
     if (auto decoded = decodeTexture(encoded, impl_->channels); !decoded) return decoded;
     interleave(impl_->channels.data(), texels.data());
     return {};

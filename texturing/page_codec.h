@@ -5,7 +5,8 @@
 // Decoding writes *slot texels*: kPageFullPx^2 RGBA8, what the page pool uploads. Texture: R G B 255.
 // Relief: sample (i, j) at texel (i, j): R = high byte, G = low byte, B = A = 0; texels beyond 128 are 0.
 // Safe for untrusted bytes: any input decodes or fails with an Error, and never reads or writes out of bounds. The same bytes
-// decode to the same texels on every machine.
+// decode to the same texels on every machine. Where neighbouring pages overlap they decode to the same texels, lossy or not: blocks
+// of 4 or 8 texels begin at the same places in both.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +32,7 @@ class PageEncoder {
   ~PageEncoder();
   PageEncoder(const PageEncoder&) = delete;
   PageEncoder& operator=(const PageEncoder&) = delete;
-  // Valid until the next call. A page that JPEG would not make smaller is stored losslessly instead.
+  // Valid until the next call. A page whose JPEG would be larger than its channels is stored losslessly.
   std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */, PageEncoding encoding = {});
   std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */);
 
