@@ -17,10 +17,12 @@ int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
   return int(high ? pair >> 16u : pair & 0xFFFFu);
 }
 
-// Bilinear at p, in texels of the slot, border included; channels 0..255.
+// At p, in texels of the slot, border included; channels 0..255.
 vec3 filterPage(int slot, vec2 p) {
   ivec3 origin = slotOrigin(slot);
-#ifdef FAST_FILTER
+#if defined(NEAREST)
+  return texelFetch(u_pool, origin + ivec3(ivec2(p), 0), 0).rgb * 255.0;
+#elif defined(FAST_FILTER)
   float size = float(kPageFullPx * kSlotsPerSide);
   return textureLod(u_pool, vec3((vec2(origin.xy) + p) / size, float(origin.z)), 0.0).rgb * 255.0;
 #else
@@ -49,32 +51,74 @@ void filterNode(uvec4 entry, uint index, vec2 local, out vec3 channels[PLANES]) 
   for (int k = 0; k < PLANES; ++k) channels[k] = filterPage(slotOfPlane(k, entry, extra), p);
 }
 
-// The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none, a neutral grey).
-int sampleLevel(int wanted, out vec3 channels[PLANES]) {
-  for (int level = wanted; level >= 0; --level) {
-    vec2 local;
-    uvec4 entry;
-    uint index;
-    uvec4 node = nodeAtLevel(level, local);
-    if (!findNode(node, entry, index)) continue;
-    filterNode(entry, index, local, channels);
+// The channels at uv, from the resident node of `place`; a new page blends in.
+void samplePage(Place place, uvec4 entry, uint index, vec2 uv, out vec3 channels[PLANES]) {
+  filterNode(entry, index, localAt(place, uv), channels);
 #ifdef FADE
-    float age = float((uint(u_fade.x) - (entry.w >> 16u)) & 0xFFFFu) * u_fade.y;
-    if (age < 1.0 && level > 0) {
-      for (int coarser = level - 1; coarser >= 0; --coarser) {
-        vec3 below[PLANES];
-        node = nodeAtLevel(coarser, local);
-        if (!findNode(node, entry, index)) continue;
-        filterNode(entry, index, local, below);
-        for (int k = 0; k < PLANES; ++k) channels[k] = mix(below[k], channels[k], age);
-        break;
+  float age = float((uint(u_fade.x) - (entry.w >> 16u)) & 0xFFFFu) * u_fade.y;
+  if (age < 1.0 && place.node.y > 0u) {
+    toParent(place);
+    if (findResident(place, entry, index)) {
+      vec3 below[PLANES];
+      filterNode(entry, index, localAt(place, uv), below);
+      for (int k = 0; k < PLANES; ++k) channels[k] = mix(below[k], channels[k], age);
+    }
+  }
+#endif
+}
+
+#ifdef ANISOTROPY
+// The taps along the footprint. What a page's border covers shares the fragment's look-up, other taps have their own.
+void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f, out vec3 channels[PLANES]) {
+  const float reach = (float(kPageBorderPx) - 0.5) / float(kPagePx);
+  int count = tapCount(f.ratio);
+  for (int k = 0; k < PLANES; ++k) channels[k] = vec3(0.0);
+  for (int i = 0; i < count; ++i) {
+    vec2 tap = tapAt(i, count, f.ratio);
+    vec2 uv = tapPlace(tap.x, f);
+    vec3 one[PLANES];
+    vec2 local = localAt(place, uv);
+#ifdef ONE_LOOKUP
+    samplePage(place, entry, index, clamp(local, -reach, 1.0 + reach) / place.scale - place.base, one);
+#else
+    if (min(local.x, local.y) >= -reach && max(local.x, local.y) < 1.0 + reach) {
+      samplePage(place, entry, index, uv, one);
+    } else {
+      Place own = wanted;
+      uvec4 own_entry;
+      uint own_index;
+      toNodeAt(uv, own);
+      if (findResident(own, own_entry, own_index)) {
+        samplePage(own, own_entry, own_index, uv, one);
+      } else {
+        for (int k = 0; k < PLANES; ++k) one[k] = vec3(128.0);
       }
     }
 #endif
-    return level;
+    for (int k = 0; k < PLANES; ++k) channels[k] += one[k] * (tap.y / f.ratio);
   }
-  for (int k = 0; k < PLANES; ++k) channels[k] = vec3(128.0);
-  return -1;
+}
+#endif
+
+// The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none, a neutral grey).
+#ifdef ANISOTROPY
+int sampleLevel(int level, Footprint f, out vec3 channels[PLANES]) {
+#else
+int sampleLevel(int level, out vec3 channels[PLANES]) {
+#endif
+  Place wanted = placeAtLevel(level), place = wanted;
+  uvec4 entry;
+  uint index;
+  if (!findResident(place, entry, index)) {
+    for (int k = 0; k < PLANES; ++k) channels[k] = vec3(128.0);
+    return -1;
+  }
+#ifdef ANISOTROPY
+  sampleTaps(wanted, place, entry, index, f, channels);
+#else
+  samplePage(place, entry, index, v_uv, channels);
+#endif
+  return int(place.node.y);
 }
 
 vec3 shade(vec3 channels[PLANES]) {
@@ -100,21 +144,28 @@ vec3 levelTint(int level) {
 }
 
 void main() {
-  float lod = virtualTextureLod();
   vec3 channels[PLANES];
+#ifdef ANISOTROPY
+  Footprint footprint;
+  float lod = virtualTextureLod(footprint);
+#define SAMPLE_LEVEL(level, out_channels) sampleLevel(level, footprint, out_channels)
+#else
+  float lod = virtualTextureLod();
+#define SAMPLE_LEVEL(level, out_channels) sampleLevel(level, out_channels)
+#endif
 #ifdef TRILINEAR
-  float base = min(floor(lod), float(u_depth.x));
+  float base = min(floor(lod), float(u_artwork.x));
   float blend = lod - base;
-  int fine = u_depth.x - int(base);
-  int found = sampleLevel(fine, channels);
+  int fine = u_artwork.x - int(base);
+  int found = SAMPLE_LEVEL(fine, channels);
   if (blend > 0.0 && fine > 0) {
     vec3 coarse[PLANES];
-    sampleLevel(fine - 1, coarse);
+    SAMPLE_LEVEL(fine - 1, coarse);
     for (int k = 0; k < PLANES; ++k) channels[k] += (coarse[k] - channels[k]) * blend;
   }
 #else
-  int fine = u_depth.x - int(floor(lod + 0.5));
-  int found = sampleLevel(fine, channels);
+  int fine = u_artwork.x - int(floor(lod + 0.5));
+  int found = SAMPLE_LEVEL(fine, channels);
 #endif
   vec3 colour = clamp(shade(channels) / 255.0, 0.0, 1.0);
 #ifdef SHOW_PAGES

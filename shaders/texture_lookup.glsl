@@ -1,46 +1,148 @@
-// texture_lookup.glsl - the virtual texture's look-up: which node of which level a fragment wants, and where it is resident.
+// texture_lookup.glsl - the virtual texture's look-up: what a pixel covers of the texture, which node of a level lies there,
+// and where it is resident.
 #include "common.glsl"
 #include "page_table.h"
 
 uniform usampler2D u_table;        // texturing/page_table.h
 uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
 uniform uvec4 u_table_shape;       // entries - 1; log2 of the width; seed; -
-uniform ivec2 u_depth;             // finest texture level; -
+uniform ivec4 u_artwork;           // finest texture level; 1: the patches' strip runs along x; width, height in texels
 uniform float u_lod_bias;          // added to the texture LOD
+uniform float u_pixel_scale;       // width of a pixel of the picture, in pixels of this pass (feedback: 1/8)
 
 in vec2 v_uv;
 flat in uvec4 v_node;
 flat in uint v_grid_level;
 
-// Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels. From the exact derivatives of the
-// perspective mapping: v_uv / w and 1 / w are linear on screen, so their differences do not depend on the step, and
+#ifdef ANISOTROPY
+struct Footprint {
+  vec2 step;       // in v_uv: one unit of `ratio` along the major axis
+  float ratio;     // length of the major axis in steps, 1 .. ANISOTROPY
+  vec2 low, high;  // the artwork's corners, in v_uv
+};
+#endif
+
+// d(uv)/dx and d(uv)/dy in texels of the finest level. From the exact derivatives of the perspective mapping: v_uv / w and
+// 1 / w are linear on screen, so their differences do not depend on the step, and
 // d(uv)/dx = (d(uv/w)/dx - uv d(1/w)/dx) / (1/w). Taken of the virtual coordinate, before any fract().
-float virtualTextureLod() {
+float nodeTexels() { return float(kPagePx) * powerOfTwo(u_artwork.x - int(v_node.y)); }
+void textureGradient(out vec2 dx, out vec2 dy) {
   float iw = gl_FragCoord.w;
   vec2 q = v_uv * iw;
-  vec2 ux = (dFdx(q) - v_uv * dFdx(iw)) / iw;
-  vec2 uy = (dFdy(q) - v_uv * dFdy(iw)) / iw;
-  float texels = float(kPagePx) * powerOfTwo(u_depth.x - int(v_node.y));  // of the finest level over this node
-  float rho2 = max(dot(ux, ux), dot(uy, uy)) * texels * texels;
-  // A gradient of zero, infinity or NaN asks for the coarsest level, never for the finest.
-  float lod = rho2 > 1e-12 && rho2 < 1e24 ? 0.5 * log2(rho2) : float(u_depth.x);
-  return clamp(lod + u_lod_bias, 0.0, float(u_depth.x));
+  float scale = nodeTexels() / iw;
+  dx = (dFdx(q) - v_uv * dFdx(iw)) * scale;
+  dy = (dFdy(q) - v_uv * dFdy(iw)) * scale;
 }
 
-// The node of a level at this fragment (patch, level, x, y), and the place inside it, 0..1.
-uvec4 nodeAtLevel(int level, out vec2 local) {
+// A gradient of zero, infinity or NaN asks for the coarsest level, never for the finest.
+bool soundGradient(float squared) { return squared > 1e-12 && squared < 1e24; }
+
+#ifndef ANISOTROPY
+// Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels.
+float virtualTextureLod() {
+  vec2 dx, dy;
+  textureGradient(dx, dy);
+  float rho2 = max(dot(dx, dx), dot(dy, dy));
+  float lod = soundGradient(rho2) ? 0.5 * log2(rho2) : float(u_artwork.x);
+  return clamp(lod + u_lod_bias, 0.0, float(u_artwork.x));
+}
+#else
+// A pixel covers an ellipse of the texture, whose axes are the singular values of (dx dy). The level follows the minor one,
+// but for what more than ANISOTROPY taps would take; the taps lie along the major one. In magnification a tap is a texel wide
+// whatever its level, so no more taps are taken than texels are covered.
+float virtualTextureLod(out Footprint f) {
+  vec2 dx, dy;
+  textureGradient(dx, dy);
+  float a = dx.x * dx.x + dy.x * dy.x, b = dx.x * dx.y + dy.x * dy.y, c = dx.y * dx.y + dy.y * dy.y;
+  float d = 0.5 * (a - c);
+  float root = sqrt(d * d + b * b);
+  float major2 = 0.5 * (a + c) + root;
+  bool sound = soundGradient(major2);
+  float major = sqrt(major2);
+  float minor = abs(dx.x * dy.y - dx.y * dy.x) / major;  // without the cancellation of 0.5 (a + c) - root
+  float size = max(minor, major / float(ANISOTROPY)) * exp2(u_lod_bias);
+  float unit = max(size, 1.0);
+  vec2 axis = d >= 0.0 ? vec2(d + root, b) : vec2(b, root - d);  // of the two forms the one without cancellation
+  f.step = sound && root > 0.0 ? normalize(axis) * (unit / nodeTexels()) : vec2(0.0);
+  f.ratio = sound ? clamp(major * u_pixel_scale / unit, 1.0, float(ANISOTROPY)) : 1.0;
+  // Exact integers, so that the corner is where it is for nodes at the border; the other nodes' never matters.
+  int level = int(v_node.y);
+  ivec2 node = ivec2(v_node.zw);
+  int before = int(v_node.x) << level;
+  if (u_artwork.y == 1) node.x += before;
+  else node.y += before;
+  int e = u_artwork.x + 7 - level;  // log2 of the node's texels
+  ivec2 extent = e >= 0 ? u_artwork.zw - (node << max(e, 0)) : (u_artwork.zw << max(-e, 0)) - node;
+  f.low = -vec2(node);
+  f.high = vec2(extent) * (e >= 0 ? powerOfTwo(-e) : 1.0);
+  return sound ? clamp(log2(size), 0.0, float(u_artwork.x)) : float(u_artwork.x);
+}
+
+// The footprint as taps at distances of one step, weighted by how much of a step around them lies inside it: continuous in
+// the ratio, which a number of equal taps is not. As many as ANISOTROPY is even or odd, or one.
+int tapCount(float ratio) {
+  int odd = ANISOTROPY & 1;
+  if (ratio <= 1.0) return 1;
+  return odd + 2 * int(ceil(0.5 * (ratio - float(odd))));
+}
+// x: place along the axis, in steps; y: weight. The weights add up to the ratio.
+vec2 tapAt(int i, int count, float ratio) {
+  float at = float(i) - 0.5 * float(count - 1);
+  float weight = clamp(0.5 * ratio + 0.5 - abs(at), 0.0, 1.0);
+  return vec2(count == 2 ? at * (ratio - 1.0) : at, weight);
+}
+vec2 tapPlace(float at, Footprint f) { return clamp(v_uv + at * f.step, f.low, f.high); }
+#endif
+
+// A node and the coordinates in it: (uv + base) * scale is 0..1 inside.
+struct Place {
+  uvec4 node;  // patch, level, x, y
+  vec2 base;
+  float scale;
+};
+vec2 localAt(Place place, vec2 uv) { return (uv + place.base) * place.scale; }
+
+// The node of a level at this fragment.
+Place placeAtLevel(int level) {
   int s = level - int(v_node.y);
+  float scale = powerOfTwo(s);
   if (s >= 0) {
-    vec2 t = v_uv * powerOfTwo(s);
-    vec2 cell = clamp(floor(t), vec2(0.0), vec2(powerOfTwo(s) - 1.0));
-    local = t - cell;
-    return uvec4(v_node.x, uint(level), (v_node.zw << uint(s)) + uvec2(cell));
+    vec2 cell = clamp(floor(v_uv * scale), vec2(0.0), vec2(scale - 1.0));
+    return Place(uvec4(v_node.x, uint(level), (v_node.zw << uint(s)) + uvec2(cell)), -cell * powerOfTwo(-s), scale);
   }
   uint k = uint(-s);
   uvec2 rest = v_node.zw & uvec2((1u << k) - 1u);
-  local = (vec2(rest) + v_uv) * powerOfTwo(s);
-  return uvec4(v_node.x, uint(level), v_node.zw >> k);
+  return Place(uvec4(v_node.x, uint(level), v_node.zw >> k), vec2(rest), scale);
 }
+
+uvec4 nodeAtLevel(int level, out vec2 local) {
+  Place place = placeAtLevel(level);
+  local = localAt(place, v_uv);
+  return place.node;
+}
+
+void toParent(inout Place place) {
+  place.base += vec2(place.node.zw & uvec2(1u)) / place.scale;
+  place.scale *= 0.5;
+  place.node = uvec4(place.node.x, place.node.y - 1u, place.node.zw >> 1u);
+}
+
+#ifdef ANISOTROPY
+// To the node of the same level in which uv lies, over the patches of the strip.
+void toNodeAt(vec2 uv, inout Place place) {
+  int level = int(place.node.y);
+  ivec2 from = ivec2(place.node.zw);
+  int before = int(place.node.x) << level;
+  if (u_artwork.y == 1) from.x += before;
+  else from.y += before;
+  ivec2 last = (u_artwork.zw - 1) >> (u_artwork.x + 7 - level);
+  ivec2 at = clamp(from + ivec2(floor(localAt(place, uv))), ivec2(0), last);
+  place.base -= vec2(at - from) / place.scale;
+  int patch_mask = (1 << level) - 1;
+  int patch_index = (u_artwork.y == 1 ? at.x : at.y) >> level;
+  place.node = uvec4(uint(patch_index), uint(level), uvec2(at & patch_mask));
+}
+#endif
 
 bool findNode(uvec4 node, out uvec4 entry, out uint index) {
   // packNode(node) + 1 of src/base/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.
@@ -56,4 +158,13 @@ bool findNode(uvec4 node, out uvec4 entry, out uint index) {
   index = pageProbe1(h, u_table_shape.x);
   entry = texelFetch(u_table, ivec2(index & width_mask, index >> u_table_shape.y), 0);
   return entry.x == lo && entry.y == hi;
+}
+
+// To the nearest resident ancestor, or the node itself; false: there is none.
+bool findResident(inout Place place, out uvec4 entry, out uint index) {
+  while (!findNode(place.node, entry, index)) {
+    if (place.node.y == 0u) return false;
+    toParent(place);
+  }
+  return true;
 }

@@ -1,5 +1,6 @@
 #include "src/effect_plan.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace relievo {
@@ -17,7 +18,8 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
     for (int k = 0; k < manifest.texture.planes(); ++k) plan.texture_planes.push_back(texturePlane(k));
   }
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
-  plan.trilinear = scene.trilinear;
+  plan.sampling = scene.sampling;
+  if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
   plan.fade = scene.page_fade_s > 0;
   plan.filter = scene.filter;
   plan.wireframe = scene.wireframe;
@@ -30,7 +32,9 @@ gl::Defines EffectPlan::defines() const {
   d.emplace_back("PLANES", std::to_string(texture_planes.size()));
   d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
   if (relief) d.emplace_back("RELIEF", "1");
-  if (trilinear) d.emplace_back("TRILINEAR", "1");
+  if (sampling == Sampling::kNearest) d.emplace_back("NEAREST", "1");
+  if (sampling >= Sampling::kTrilinear) d.emplace_back("TRILINEAR", "1");
+  if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));
   if (fade) d.emplace_back("FADE", "1");
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
   if (show == Show::kPages) d.emplace_back("SHOW_PAGES", "1");

@@ -16,12 +16,18 @@ enum class Show { kNone, kPages, kLod };
 // kExact: bilinear weights in full float precision (four fetches a plane). kFast: the texture unit's own filter, whose
 // weights have 8 bits on most hardware; the error it costs is measured in the README.
 enum class Filter { kExact, kFast };
+// Texels of a level and levels. kNearest: the nearest texel of the nearest level. kBilinear: four texels of it. kTrilinear: four
+// texels of two levels, blended. kAnisotropic: up to Scene::anisotropy such taps along the major axis of the pixel's footprint,
+// from levels that follow the minor one (shaders/texture_lookup.glsl).
+enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
+inline constexpr int kMaxAnisotropy = 8;
 
 struct Scene {
   std::array<double, 3> light{0, 0, 1};  // towards the light; x right, y up, z to the viewer; normalised on use
   bool relief = true;                    // displaced geometry, where the package has relief
   bool relight = true;                   // false: the light is fixed and resolved once per page
-  bool trilinear = true;
+  Sampling sampling = Sampling::kTrilinear;
+  int anisotropy = kMaxAnisotropy;       // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
   Filter filter = Filter::kExact;
   double page_fade_s = 0;                // a new page blends in over this time; 0: at once
   double exaggerate = 1;                 // heights times this
@@ -36,12 +42,16 @@ struct EffectPlan {
   bool relief = false;
   bool relight = false;
   bool resolve = false;              // coefficient pages are resolved to colour under a fixed light, on the workers
-  bool trilinear = true, fade = false, wireframe = false;
+  Sampling sampling = Sampling::kTrilinear;
+  int anisotropy = 1;
+  bool fade = false, wireframe = false;
   Filter filter = Filter::kExact;
   Show show = Show::kNone;
 
   gl::Defines defines() const;              // of the shading pass
   std::vector<std::string> passes() const;  // names, in order
+  // Feedback passes after which a still view has asked for every node that it reads: taps reach into other nodes.
+  int feedbackPhases() const { return anisotropy > 1 ? 7 : 1; }
   std::vector<std::string> planesRead() const;  // names of the stored planes that are read
   // Does going from one to the other need other pages (not only another shader)?
   bool samePages(const EffectPlan& other) const;

@@ -56,7 +56,11 @@ void PictureTarget::present(int window_width_px, int window_height_px) const {
 }
 
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) {
-  glUniform2i(program.uniform("u_depth"), p.texture_depth, 0);
+  const PlanarDomain& d = *p.domain;
+  glUniform4i(program.uniform("u_artwork"), d.texture_depth, d.alongX() ? 1 : 0, static_cast<GLint>(d.width_px),
+              static_cast<GLint>(d.height_px));
+  glUniform1f(program.uniform("u_pixel_scale"), static_cast<float>(p.pixel_scale));
+  glUniform1i(program.uniform("u_tap_phase"), p.tap_phase);
   glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));
   auto basis = ptmBasis(p.light_u, p.light_v);
   float coefficients[24] = {};

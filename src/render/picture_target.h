@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "src/base/planar_domain.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "texturing/basis.h"
@@ -30,8 +31,10 @@ class PictureTarget {
 
 struct ShadingParameters {
   const TextureFormat* format = nullptr;
-  int texture_depth = 0;
+  const PlanarDomain* domain = nullptr;
   double lod_bias = 0;
+  double pixel_scale = 1;  // width of a pixel of the picture, in pixels of the pass (a feedback at 1/8: 1/8)
+  int tap_phase = 0;       // of an anisotropic feedback pass (shaders/feedback.frag)
   double light_u = 0, light_v = 0;  // x and y of the unit vector towards the light
   double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade
 };

@@ -19,6 +19,8 @@ constexpr double kBoxPx = 1.0 / 64.0;
 constexpr double kSnapPx = 1.41421356 / 256.0;
 // Depths closer than this may be taken in either order (the header derives it).
 constexpr double kDepthSlack = 0x1p-21;
+// Twice what snapping moves a place by, and what is left for single precision.
+constexpr double kTexelTiePx = 1.0 / 128.0;
 constexpr int kMaxChannels = 18;
 
 }  // namespace
@@ -523,13 +525,16 @@ Visible resolve(const std::vector<Triangle>& triangles, const FullCover& full, s
   return v;
 }
 
-// Raw channels at a texel position of the finest level, bilinear on level k (0 coarsest). Texel centres at +0.5,
-// clamped.
+// Raw channels at a texel position of the finest level, on level k (0 coarsest): bilinear, or the texel there. Texel centres at
+// +0.5, clamped.
 void sampleLevel(const DenseTexture& t, int k, glm::dvec2 texel, const DenseView& view, double* out, int channels) {
   const DenseLevel& level = t.levels[k];
   const int shift = t.domain.texture_depth - k;
-  const double px = std::ldexp(texel.x, -shift) - 0.5, py = std::ldexp(texel.y, -shift) - 0.5;
-  const double cell_x = std::floor(px), cell_y = std::floor(py), fx = px - cell_x, fy = py - cell_y;
+  const bool nearest = view.sampling == DenseSampling::kNearest;
+  const double half = nearest ? 0.0 : 0.5;
+  const double px = std::ldexp(texel.x, -shift) - half, py = std::ldexp(texel.y, -shift) - half;
+  const double cell_x = std::floor(px), cell_y = std::floor(py);
+  const double fx = nearest ? 0 : px - cell_x, fy = nearest ? 0 : py - cell_y;
   auto clampTo = [](double v, int64_t extent) {
     return static_cast<int64_t>(std::clamp(v, 0.0, static_cast<double>(extent - 1)));
   };
@@ -552,28 +557,71 @@ void sampleLevel(const DenseTexture& t, int k, glm::dvec2 texel, const DenseView
   }
 }
 
-glm::dvec3 shadeLevels(const DenseTexture& t, glm::dvec2 texel, int finer, double coarser_share,
-                       const DenseView& view) {
+struct Tap {
+  glm::dvec2 texel{0};
+  double weight = 1;
+};
+// Where a pixel's channels come from: taps, each on the two levels around lambda. The weights add up to 1.
+struct Taps {
+  double lambda = 0;
+  std::vector<Tap> taps;
+};
+
+Taps tapsOf(const DenseTexture& t, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view, double offset) {
+  const double depth = t.domain.texture_depth;
+  const double longer2 = std::max(glm::dot(dx, dx), glm::dot(dy, dy));
+  auto level = [&](double size) { return std::clamp(size > 0 ? std::log2(size) + view.lod_bias + offset : 0.0, 0.0, depth); };
+  if (view.sampling != DenseSampling::kAnisotropic) return {level(std::sqrt(longer2)), {{texel, 1}}};
+  // The derivatives J take the unit circle to the ellipse. Half the angle of the double-angle vector of J J^T is the major
+  // axis' direction; the extents along it and across it are the singular values.
+  const double xx = dx.x * dx.x + dy.x * dy.x, yy = dx.y * dx.y + dy.y * dy.y, xy = dx.x * dx.y + dy.x * dy.y;
+  const double angle = 0.5 * std::atan2(2 * xy, xx - yy);
+  const glm::dvec2 along{std::cos(angle), std::sin(angle)}, across{-along.y, along.x};
+  const double major = std::hypot(glm::dot(dx, along), glm::dot(dy, along));
+  const double minor = std::hypot(glm::dot(dx, across), glm::dot(dy, across));
+  const int n = view.anisotropy;
+  const double wanted = std::max(minor, major / n);
+  const double size = std::max(wanted * std::exp2(view.lod_bias + offset), 1.0);
+  const double ratio = std::clamp(major / size, 1.0, static_cast<double>(n));
+  Taps out{level(wanted), {}};
+  auto add = [&](double place, double weight) {
+    if (!(weight > 0)) return;
+    const glm::dvec2 at = texel + along * (place * size);
+    out.taps.push_back({{std::clamp(at.x, 0.0, static_cast<double>(t.domain.width_px)),
+                         std::clamp(at.y, 0.0, static_cast<double>(t.domain.height_px))},
+                        weight / ratio});
+  };
+  if (n % 2 == 0 && ratio <= 2) {
+    add(-0.5 * (ratio - 1), 0.5 * ratio);
+    add(0.5 * (ratio - 1), 0.5 * ratio);
+    return out;
+  }
+  for (double place = -0.5 * (n - 1); place <= 0.5 * (n - 1); ++place) {
+    const double low = std::max(place - 0.5, -0.5 * ratio), high = std::min(place + 0.5, 0.5 * ratio);
+    add(place, high - low);
+  }
+  return out;
+}
+
+glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& view) {
   const int channels = view.resolved ? 3 : t.format.channels();
   const int depth = t.domain.texture_depth;
-  std::array<double, kMaxChannels> a{}, b{};
-  sampleLevel(t, depth - finer, texel, view, a.data(), channels);
-  if (coarser_share > 0) {
-    sampleLevel(t, depth - finer - 1, texel, view, b.data(), channels);
-    for (int c = 0; c < channels; ++c) a[c] = a[c] * (1 - coarser_share) + b[c] * coarser_share;
+  const double lambda = std::clamp(from.lambda, 0.0, static_cast<double>(depth));
+  const bool one_level = view.sampling == DenseSampling::kNearest || view.sampling == DenseSampling::kBilinear;
+  const int finer = std::min(depth, static_cast<int>(std::floor(one_level ? lambda + 0.5 : lambda)));
+  const double coarser_share = one_level ? 0 : lambda - finer;
+  std::array<double, kMaxChannels> sum{}, a{}, b{};
+  for (const Tap& tap : from.taps) {
+    sampleLevel(t, depth - finer, tap.texel, view, a.data(), channels);
+    if (coarser_share > 0) sampleLevel(t, depth - finer - 1, tap.texel, view, b.data(), channels);
+    for (int c = 0; c < channels; ++c) sum[c] += tap.weight * (a[c] * (1 - coarser_share) + b[c] * coarser_share);
   }
-  glm::dvec3 rgb{a[0], a[1], a[2]};
+  glm::dvec3 rgb{sum[0], sum[1], sum[2]};
   if (!view.resolved) {
-    const auto e = evaluatePixel(t.format, a.data(), view.light_u, view.light_v);
+    const auto e = evaluatePixel(t.format, sum.data(), view.light_u, view.light_v);
     rgb = {e[0], e[1], e[2]};
   }
   return glm::clamp(rgb, 0.0, 255.0);
-}
-
-double lambdaOf(glm::dvec2 dx, glm::dvec2 dy, const DenseTexture& t, const DenseView& view) {
-  const double rho2 = std::max(glm::dot(dx, dx), glm::dot(dy, dy));
-  const double lambda = rho2 > 0 ? 0.5 * std::log2(rho2) + view.lod_bias : 0.0;
-  return std::clamp(lambda, 0.0, static_cast<double>(t.domain.texture_depth));
 }
 
 struct Mapping {
@@ -604,12 +652,11 @@ bool coloursDiffer(glm::dvec3 a, glm::dvec3 b) {
 }  // namespace
 
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view) {
-  const int depth = texture.domain.texture_depth;
-  lambda = std::clamp(lambda, 0.0, static_cast<double>(depth));
-  if (!view.trilinear)
-    return shadeLevels(texture, texel, std::min(depth, static_cast<int>(std::floor(lambda + 0.5))), 0, view);
-  const int finer = static_cast<int>(std::floor(lambda));
-  return shadeLevels(texture, texel, finer, lambda - finer, view);
+  return shadeTaps(texture, {lambda, {{texel, 1}}}, view);
+}
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view,
+                      double lambda_offset) {
+  return shadeTaps(texture, tapsOf(texture, texel, dx, dy, view, lambda_offset), view);
 }
 
 DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, std::span<const PatchInstance> instances,
@@ -690,8 +737,9 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
     pixel.texel = m.texel;
     pixel.texel_dx = m.dx;
     pixel.texel_dy = m.dy;
-    pixel.lambda = lambdaOf(m.dx, m.dy, texture, view);
-    pixel.rgb = pixel.low = pixel.high = shadeDense(texture, m.texel, pixel.lambda, view);
+    const Taps taps = tapsOf(texture, m.texel, m.dx, m.dy, view, 0);
+    pixel.lambda = taps.lambda;
+    pixel.rgb = pixel.low = pixel.high = shadeTaps(texture, taps, view);
     if (visible.background) pixel.edge |= kEdgeSilhouette;
 
     auto mayAlsoBe = [&](glm::dvec3 rgb, EdgeReason reason) {
@@ -701,16 +749,20 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
       pixel.high = glm::max(pixel.high, rgb);
     };
     // Everything that a triangle of this height may show here, once its corners are snapped.
-    auto mayShow = [&](const Triangle& t, const Mapping& at, double lambda) {
+    auto mayShow = [&](const Triangle& t, const Mapping& at) {
       const double off = t.height_px > kSnapPx ? -std::log2(1 - kSnapPx / t.height_px) : 1e9;
-      const double lowest = std::max(lambda - off, 0.0), highest = std::min(lambda + off, double(domain.texture_depth));
+      const double own = tapsOf(texture, at.texel, at.dx, at.dy, view, 0).lambda;
+      const double depth = domain.texture_depth;
+      const double lowest = std::max(own - off, 0.0), highest = std::min(own + off, depth);
       const EdgeReason reason = &t == &centre ? kEdgeThin : kEdgeColour;
-      mayAlsoBe(shadeDense(texture, at.texel, lowest, view), reason);
-      mayAlsoBe(shadeDense(texture, at.texel, highest, view), reason);
-      for (double level = std::floor(lowest) + 1; level < highest; ++level)
-        mayAlsoBe(shadeDense(texture, at.texel, level, view), reason);
+      auto shadeAt = [&](double lambda) {
+        mayAlsoBe(shadeDense(texture, at.texel, at.dx, at.dy, view, lambda - own), reason);
+      };
+      shadeAt(lowest);
+      shadeAt(highest);
+      for (double level = std::floor(lowest) + 1; level < highest; ++level) shadeAt(level);
     };
-    if (centre.height_px < 4) mayShow(centre, m, pixel.lambda);  // of a taller one lambda is off by less than 0.002
+    if (centre.height_px < 4) mayShow(centre, m);  // of a taller one lambda is off by less than 0.002
 
     const double footprint = std::sqrt(std::max(glm::dot(m.dx, m.dx), glm::dot(m.dy, m.dy)));
     for (int32_t other : visible.others) {
@@ -719,13 +771,19 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
         pixel.edge |= kEdgeOcclusion;
         continue;
       }
-      mayShow(triangles[other], o, lambdaOf(o.dx, o.dy, texture, view));
+      mayShow(triangles[other], o);
     }
-    if (!view.trilinear) {
+    if (view.sampling == DenseSampling::kNearest || view.sampling == DenseSampling::kBilinear) {
       constexpr double kTie = 1.0 / 256.0;
       const double from_change = pixel.lambda + 0.5 - std::floor(pixel.lambda + 0.5);
       const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
       if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
+    }
+    if (view.sampling == DenseSampling::kNearest) {
+      for (int corner = 0; corner < 9; ++corner) {
+        const double x_px = (corner % 3 - 1) * kTexelTiePx, y_px = (corner / 3 - 1) * kTexelTiePx;
+        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, pixel.lambda, view), kEdgeTexelTie);
+      }
     }
   }
   return image;

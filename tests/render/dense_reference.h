@@ -88,12 +88,25 @@ enum class DenseDerivatives {
   kQuad    // differences within the pixel's 2x2 quad, as a fragment shader's dFdxFine and dFdyFine give them
 };
 
+// Which texels a pixel's colour comes from; (dX/dx, dY/dx) and (dX/dy, dY/dy) span its footprint.
+//   kNearest     the texel whose square holds the place, of the nearest level, floor(lambda + 0.5)
+//   kBilinear    bilinear on the nearest level
+//   kTrilinear   bilinear on the two levels around lambda, blended. To here lambda follows the longer derivative
+//   kAnisotropic the footprint's ellipse has half the singular values of the derivatives as its half axes, major >= minor. With
+//                N = anisotropy and size = max(minor, major / N, 1) texels, lambda is log2(size) and the colour's channels are the
+//                mean over a box of length major (N size at most) along the major axis, taken as trilinear taps one size apart,
+//                symmetric about the place: each counts as much as the part of its interval of one size that lies in the box.
+//                As many taps as N is even or odd; but with a ratio r = major / size <= 2 and an even N two, (r - 1) size apart.
+//                A tap beyond the artwork is moved to its border, coordinate by coordinate; each tap filters as kTrilinear does.
+enum class DenseSampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
+
 struct DenseView {
   glm::dmat4 clip_from_world{1.0};
   int width_px = 0, height_px = 0;
   double exaggerate = 1.0;
   double light_u = 0, light_v = 0;
-  bool trilinear = true;  // false: the nearest level, floor(lambda + 0.5)
+  DenseSampling sampling = DenseSampling::kTrilinear;
+  int anisotropy = 8;
   double lod_bias = 0;
   bool resolved =
       false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
@@ -122,7 +135,8 @@ enum EdgeReason : uint8_t {
                     // (by more than 0.5 of 255 in a channel)
   kEdgeThin = 8,    // of height h px: lambda may be off by log2(1 - sqrt(2) / 256 / h), and the colour by more than 0.5
   kEdgeLevelTie =
-      16  // without trilinear: lambda within 1/256 of the change of level, the other level's colour as above
+      16,  // nearest and bilinear: lambda within 1/256 of the change of level, the other level's colour as above
+  kEdgeTexelTie = 32  // nearest: within 1/128 px of the next texel, whose colour differs as above
 };
 
 struct DensePixel {
@@ -134,7 +148,7 @@ struct DensePixel {
   int32_t triangle = -1;                // instance << 11 | cell << 1 | half; -1: background
   uint8_t edge = 0;                     // EdgeReason bits
   glm::dvec3 low{0},
-      high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeThin, kEdgeLevelTie
+      high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeThin, kEdgeLevelTie, kEdgeTexelTie
   bool covered() const { return triangle >= 0; }
   std::array<uint8_t, 3> bytes() const;
 };
@@ -153,8 +167,11 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
                        const DenseView& view);
 
 // The colour at a texel position and level of detail (clamped to 0..texture_depth): the shading part of renderDense
-// alone.
+// alone; kAnisotropic with a round footprint.
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view);
+// The same with a footprint, from its derivatives. lambda_offset: as lod_bias, on top of it.
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view,
+                      double lambda_offset = 0);
 
 // All nodes of one level as drawn nodes of 2^grid_level segments: a list that needs no LOD.
 std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level);
@@ -169,7 +186,7 @@ struct PixelPair {
 };
 
 // "Inside" is where the reference is covered and neither a silhouette nor an occlusion edge runs through the pixel.
-// Where only the level of detail is undetermined (kEdgeColour, kEdgeThin, kEdgeLevelTie) a difference is the distance
+// Where only the level of detail or the texel is undetermined (kEdgeColour, kEdgeThin, kEdgeLevelTie, kEdgeTexelTie) a difference is the distance
 // to the range low..high.
 struct ImageDifference {
   std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes

@@ -252,7 +252,7 @@ TEST(DenseReference, LevelsAreTheLevelImages) {
   // Negative control: a bias off by one is far from the truth.
   EXPECT_GT(largestDifference(sharp, biased), 50);
 
-  view.trilinear = false;
+  view.sampling = DenseSampling::kBilinear;
   view.lod_bias = 0.49;
   EXPECT_LT(largestDifference(renderDense(t, nullptr, instances, view), sharp), 1e-9);
   view.lod_bias = 0.51;

@@ -18,6 +18,11 @@
 
 namespace relievo::test {
 
+static_assert(static_cast<int>(DenseSampling::kNearest) == static_cast<int>(Sampling::kNearest) &&
+              static_cast<int>(DenseSampling::kBilinear) == static_cast<int>(Sampling::kBilinear) &&
+              static_cast<int>(DenseSampling::kTrilinear) == static_cast<int>(Sampling::kTrilinear) &&
+              static_cast<int>(DenseSampling::kAnisotropic) == static_cast<int>(Sampling::kAnisotropic));
+
 inline constexpr uint32_t kSeed = 20261121;
 
 // Both sides of the comparison: what the engine streams, and the oracle's dense textures.
@@ -128,7 +133,8 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     const auto light = normalizedLight(scene.light);
     v.light_u = light[0];
     v.light_v = light[1];
-    v.trilinear = scene.trilinear;
+    v.sampling = static_cast<DenseSampling>(scene.sampling);
+    v.anisotropy = scene.anisotropy;
     v.resolved = e.plan().resolve;
     if (run.wrong_oracle) run.wrong_oracle(v);
     const DenseImage reference =

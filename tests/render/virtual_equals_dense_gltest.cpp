@@ -49,9 +49,9 @@ TEST(VirtualEqualsDense, FixedLightAndNearestLevel) {
   scene.relight = false;
   expectEqual(compare(subject, scene, {.views = 8}), "resolved pages");
   scene.relight = true;
-  scene.trilinear = false;
+  scene.sampling = Sampling::kBilinear;
   expectEqual(compare(subject, scene, {.views = 8}), "nearest level");
-  scene.trilinear = true;
+  scene.sampling = Sampling::kTrilinear;
   scene.exaggerate = 2.5;
   expectEqual(compare(subject, scene, {.views = 8}), "exaggerated relief");
 }
@@ -120,7 +120,7 @@ TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
   const std::vector<std::pair<const char*, std::function<void(DenseView&)>>> mistakes{
       {"level of detail off by a quarter", [](DenseView& v) { v.lod_bias = 0.25; }},
       {"light off by a degree", [](DenseView& v) { v.light_u += 0.0175; }},
-      {"nearest level", [](DenseView& v) { v.trilinear = false; }},
+      {"nearest level", [](DenseView& v) { v.sampling = DenseSampling::kBilinear; }},
       {"the farthest surface instead of the nearest",
        [](DenseView& v) {
          for (int column = 0; column < 4; ++column) v.clip_from_world[column][2] *= -1;
