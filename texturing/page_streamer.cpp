@@ -23,9 +23,6 @@ constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessage
 constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
 constexpr uint64_t kNever = ~uint64_t{0};
 constexpr uint64_t kAlways = kNever - 1;  // as a wish list's number: wanted whatever the lists say
-constexpr double kBiasStep = 0.05;
-constexpr int kPressureLists = 3;  // wish lists in a row that must overflow before the bias rises
-constexpr int kCalmLists = 8;  // wish lists in a row that must fit before it may fall: more than the feedback's latency
 
 // A node has a slot for each of its planes.
 uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
@@ -314,6 +311,7 @@ struct PageStreamer::Impl {
         if (cache.find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
       }
     }
+    demand_pages = room_used + deferred;
     stats.deferred = deferred;
     stats.wanted = wanted_pages;
     is_new = {};
@@ -324,7 +322,7 @@ struct PageStreamer::Impl {
 
   void planPrefetch(uint64_t room_used) {
     predicted.clear();
-    if (stats.deferred > 0 || bias > 0) return;
+    if (stats.deferred > 0 || bias.value() > 0) return;
     room_used += recent.idleCount();
     for (const Wish& w : predictions) {
       auto absent = absentPages(w);
@@ -486,28 +484,11 @@ struct PageStreamer::Impl {
   void updateBias() {
     if (bias_list == list[0] + list[1]) return;  // no new wish list
     bias_list = list[0] + list[1];
-    bias_moved = false;
-    if (stats.deferred > 0) {
-      calm_lists = 0;
-      if (++pressure_lists < kPressureLists || bias >= kMaxDetailBias) return;
-      overflow_bias = bias;
-      bias = std::min(kMaxDetailBias, bias + kBiasStep);
-      bias_moved = true;
-      return;
-    }
-    pressure_lists = 0;
-    if (bias <= 0 || ++calm_lists < kCalmLists) return;
-    auto demand = static_cast<double>(wanted_pages);
-    if (calm_lists == kCalmLists) calm_demand = demand;
-    // A quarter more or less is another view: what overflowed then says nothing about now.
-    if (std::abs(demand - calm_demand) > 0.25 * calm_demand) overflow_bias = -1;
-    // One level finer has at most four nodes for each, and their parents: 5 times the demand.
-    bool surely_fits = 5 * demand <= cache.slotCount() - std::min(cache.pinnedCount(), cache.slotCount());
-    double lower = std::max(0.0, bias - kBiasStep);
-    if (!surely_fits && lower <= overflow_bias + kBiasStep / 2) return;
-    bias = lower;
-    bias_moved = true;
-    calm_demand = demand;
+    auto roots = static_cast<double>(root_count);
+    bias.observe({.pages = static_cast<double>(demand_pages) - roots,
+                  .room = cache.slotCount() - roots,
+                  .overflow = stats.deferred > 0},
+                 wish_bias);
   }
 
   std::shared_ptr<const PageSource> source;
@@ -544,10 +525,11 @@ struct PageStreamer::Impl {
   std::vector<std::pair<SlotIndex, Texels>> root_uploads;
   uint64_t relief_generation = 1;
 
-  double bias = 0, overflow_bias = -1, calm_demand = 0;
-  int pressure_lists = 0, calm_lists = 0;
-  bool bias_moved = false;
+  DetailBias bias;
   uint64_t bias_list = 0;
+  std::optional<double> wish_bias;
+  uint64_t demand_pages = 0;  // slots that the wish lists need, with those that hold something pinned
+  uint64_t root_count = 0;
 
   StreamerStats stats;
   LatencyHistogram latency_us, latency_frames;
@@ -616,6 +598,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
     auto placement = m.cache.place(root.id, m.frame);
     if (!placement) continue;
     m.cache.pin(placement->slot);
+    ++m.root_count;
     Page& page = m.pages[root.id];
     for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
     if (root.error) {  // remembered, so that it is not tried (and named) again
@@ -728,14 +711,16 @@ void PageStreamer::setLight(double u, double v) {
   m.planned_frame = kNever;
 }
 
-double PageStreamer::detailBias() const { return impl_->bias; }
+double PageStreamer::detailBias() const { return impl_->bias.value(); }
+
+void PageStreamer::setWishBias(std::optional<double> bias) { impl_->wish_bias = bias; }
 
 bool PageStreamer::settled() const {
   Impl& m = *impl_;
   if (m.count(PageState::kQueued) + m.count(PageState::kDecoding) + m.count(PageState::kReady) > 0) return false;
   if (!m.refresh.empty() || !m.root_uploads.empty() || m.planned_frame == kNever) return false;
-  if (m.stats.deferred > 0 && m.bias < kMaxDetailBias) return false;
-  if (m.bias_moved || (m.bias > 0 && m.stats.deferred == 0 && m.calm_lists < kCalmLists)) return false;
+  if (m.stats.deferred > 0 && m.bias.value() < kMaxDetailBias) return false;
+  if (!m.bias.isStill()) return false;
   for (const auto& [id, page] : m.pages)
     if (page.state == PageState::kFailed && !page.permanent && m.tierOf(id, page) == Tier::kVisible) return false;
   return true;
@@ -760,7 +745,7 @@ const StreamerStats& PageStreamer::stats() const {
     m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * kSlotBytes;
     m.stats.bytes_uploaded[p] = m.stats.pages_uploaded[p] * kSlotBytes;
   }
-  m.stats.detail_bias = m.bias;
+  m.stats.detail_bias = m.bias.value();
   m.stats.latency_ms = summarize(m.latency_us, 1e-3);
   m.stats.latency_frames = summarize(m.latency_frames, 1);
   return m.stats;

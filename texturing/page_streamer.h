@@ -41,6 +41,7 @@
 #include <vector>
 
 #include "texturing/basis.h"
+#include "texturing/detail_bias.h"
 #include "texturing/feedback.h"
 #include "texturing/latency.h"
 #include "texturing/page_cache.h"
@@ -53,7 +54,6 @@
 namespace relievo {
 
 inline constexpr int kMaxAttempts = 4;
-inline constexpr double kMaxDetailBias = 6;
 
 struct StreamerOptions {
   uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most kMaxSlots
@@ -145,10 +145,12 @@ class PageStreamer {
   // again.
   void setLight(double u, double v);
 
-  // How many texture levels coarser the view should ask (add to its LOD bias) so that its wishes fit the cache: rises
-  // by 0.05 a wish list while pages are deferred, falls again as soon as that cannot bring the overflow back.
-  // 0..kMaxDetailBias.
+  // How many texture levels coarser the view should ask (add to its LOD bias) so that its wishes fit the cache
+  // (detail_bias.h); 0..kMaxDetailBias. Follows the wish lists with each placeReady.
   double detailBias() const;
+  // The detail bias that the wish lists from now on were made with; nothing (as at first): not known, they follow it by
+  // kLatencyLists at most.
+  void setWishBias(std::optional<double> bias);
 
   // Everything that the last wish lists ask for is resident (or has failed for good, or has no room at the largest
   // detail bias), nothing is under way, and the detail bias holds still.

@@ -284,7 +284,7 @@ TEST(PageStreamer, DetailFallsUntilTheViewFitsAndComesBack) {
     EXPECT_EQ(rig.streamer.stats().deferred, 0u) << "the view fits now";
     EXPECT_TRUE(rig.streamer.settled());
     for (size_t i = 1; i < biases.size(); ++i)
-      EXPECT_LE(std::abs(biases[i] - biases[i - 1]), 0.05 + 1e-9) << "smoothly";
+      EXPECT_LE(std::abs(biases[i] - biases[i - 1]), kBiasSlew * kBiasStep + 1e-9) << "smoothly";
     size_t reads = record->reads().size();
     run(5, 16, 200);
     EXPECT_EQ(rig.streamer.detailBias(), bias) << "a still camera: no swinging";
