@@ -620,11 +620,15 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   nlohmann::ordered_json planes = nlohmann::ordered_json::object();
   for (int p = 0; p < 16; ++p) {
     if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
-    planes[planeName(static_cast<Plane>(p), manifest.texture.basis)] = {{"pages_read", s.streamer.pages_read[p]},
-                                                                       {"bytes_read", s.streamer.bytes_read[p]},
-                                                                       {"pages_decoded", s.streamer.pages_decoded[p]},
-                                                                       {"pages_uploaded", s.streamer.pages_uploaded[p]}};
+    auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
+    plane = {{"pages_read", s.streamer.pages_read[p]},       {"bytes_read", s.streamer.bytes_read[p]},
+             {"pages_decoded", s.streamer.pages_decoded[p]}, {"bytes_decoded", s.streamer.bytes_decoded[p]},
+             {"pages_uploaded", s.streamer.pages_uploaded[p]}, {"bytes_uploaded", s.streamer.bytes_uploaded[p]}};
+    for (size_t state = 1; state < kPageStates; ++state) plane["states"][std::string(kPageStateNames[state])] = s.streamer.pages[state][p];
   }
+  auto latencyJson = [](const LatencySummary& l) {
+    return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
+  };
   nlohmann::ordered_json j = {
       {"planes_read", s.planes_read},
       {"passes", s.passes},
@@ -639,7 +643,17 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"resident_pages", s.resident},
       {"resident_mib", s.resident * static_cast<double>(kSlotBytes) / (1024 * 1024)},
       {"evictions", s.streamer.evictions},
+      {"hits", s.streamer.hits},
+      {"misses", s.streamer.misses},
       {"cancelled", s.streamer.cancelled},
+      {"cancelled_before_read", s.streamer.cancelled_before_read},
+      {"cancelled_before_decode", s.streamer.cancelled_before_decode},
+      {"cancelled_after_decode", s.streamer.cancelled_after_decode},
+      {"prefetched", s.streamer.prefetched},
+      {"prefetch_used", s.streamer.prefetch_used},
+      {"prefetch_wasted", s.streamer.prefetch_wasted},
+      {"latency_ms", latencyJson(s.streamer.latency_ms)},
+      {"latency_frames", latencyJson(s.streamer.latency_frames)},
       {"failed_pages", s.streamer.failed_pages},
       {"retries", s.streamer.retries},
       {"predicted_error_px", s.predicted_error_px},
