@@ -14,6 +14,7 @@
 #include "texturing/image_io.h"
 #include "tools/commands.h"
 #include "tools/scene_options.h"
+#include "tools/source_options.h"
 
 namespace relievo {
 namespace {
@@ -30,6 +31,7 @@ struct RenderOptions {
   int frames = 0;
   double timeout_s = 120;
   SceneOptions scene;
+  SourceOptions source;
 };
 
 double median(std::vector<double> values) {
@@ -57,7 +59,7 @@ Result<void> render(const RenderOptions& o) {
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
-  auto engine = Engine::create(artworkFromPackage(*package), *scene, o.scene.engineOptions());
+  auto engine = Engine::create(o.source.artwork(*package), *scene, o.scene.engineOptions());
   if (!engine) return engine.error();
   Engine& e = **engine;
   e.resize(width, height);
@@ -111,6 +113,7 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   c->add_option("-o,--output", o->output, "PNG to write")->required();
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px")->capture_default_str();
   o->scene.addTo(*c);
+  o->source.addTo(*c);
   c->add_flag("--settle,!--no-settle", o->settle, "Wait until all wanted pages are resident: the picture is then deterministic [on]");
   c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")->check(CLI::Range(0.1, 86400.0))->capture_default_str();
   c->add_option("--frames", o->frames, "Frames to time once settled, for --stats")->check(CLI::Range(0, 100000))->capture_default_str();

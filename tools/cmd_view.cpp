@@ -6,6 +6,7 @@
 #include "src/viewer.h"
 #include "tools/commands.h"
 #include "tools/scene_options.h"
+#include "tools/source_options.h"
 
 namespace relievo {
 namespace {
@@ -13,6 +14,7 @@ namespace {
 struct ViewOptions {
   std::string file, size = "1280x800";
   SceneOptions scene;
+  SourceOptions source;
   ViewerOptions viewer;
 };
 
@@ -35,7 +37,7 @@ Result<void> view(ViewOptions& o) {
   o.viewer.camera = [&](const PlanarDomain& domain, int width_px, int height_px) {
     return o.scene.camera(domain, width_px, height_px);
   };
-  return runViewer(artworkFromPackage(*package), o.viewer);
+  return runViewer(o.source.artwork(*package), o.viewer);
 }
 
 }  // namespace
@@ -51,6 +53,7 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   c->add_option("FILE", o->file, "Package to show")->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();
   o->scene.addTo(*c);
+  o->source.addTo(*c);
   c->add_flag("--print-view", o->viewer.print_view, "On leaving, print camera and light as JSON, for --state");
   // For tests.
   c->add_option("--frames", o->viewer.frames, "")->group("");

@@ -9,6 +9,8 @@
 namespace relievo {
 namespace {
 
+constexpr int kFirstLayers = 4;  // 18 MiB: the roots and a first view
+
 void setNearest(GLenum target) {
   glTexParameteri(target, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(target, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
@@ -47,20 +49,41 @@ uint32_t PagePool::maxSlots() {
   return std::min<uint32_t>(static_cast<uint32_t>(layers) * kSlotsPerLayer, 65535);  // slots are 16-bit in the page table
 }
 
-PagePool::PagePool(uint32_t slot_count) : pool_(gl::Texture::create()) {
-  glBindTexture(GL_TEXTURE_2D_ARRAY, pool_.id());
-  gl::label(GL_TEXTURE, pool_.id(), "page pool");
+PagePool::PagePool(uint32_t slot_count)
+    : max_layers_(static_cast<int>((slot_count + kSlotsPerLayer - 1) / kSlotsPerLayer)) {
+  grow(std::min(max_layers_, kFirstLayers));
+}
+
+uint64_t PagePool::textureBytes() const { return static_cast<uint64_t>(layers_) * kSlotsPerLayer * kSlotBytes; }
+
+void PagePool::grow(int layers) {
+  gl::Texture larger = gl::Texture::create();
+  glBindTexture(GL_TEXTURE_2D_ARRAY, larger.id());
+  gl::label(GL_TEXTURE, larger.id(), "page pool");
   setNearest(GL_TEXTURE_2D_ARRAY);
   // The fast filter reads through the texture unit; borders keep it inside the slot.
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-  GLsizei layers = static_cast<GLsizei>((slot_count + kSlotsPerLayer - 1) / kSlotsPerLayer);
   constexpr GLsizei kSide = kSlotsPerSide * kPageFullPx;
   glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, kSide, kSide, layers, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  if (layers_ > 0) {
+    gl::Framebuffer from = gl::Framebuffer::create();
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, from.id());
+    for (int layer = 0; layer < layers_; ++layer) {
+      glFramebufferTextureLayer(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, pool_.id(), 0, layer);
+      glCopyTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, layer, 0, 0, kSide, kSide);
+    }
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+  }
+  pool_ = std::move(larger);
+  layers_ = layers;
 }
 
 void PagePool::upload(std::span<const PageUpload> uploads) {
   if (uploads.empty()) return;
+  int last_layer = 0;
+  for (const PageUpload& u : uploads) last_layer = std::max(last_layer, static_cast<int>(u.slot / kSlotsPerLayer));
+  if (last_layer >= layers_) grow(std::min(max_layers_, std::max(2 * layers_, last_layer + 1)));
   glBindTexture(GL_TEXTURE_2D_ARRAY, pool_.id());
   for (const PageUpload& u : uploads) {
     GLint x = static_cast<GLint>(u.slot % kSlotsPerSide) * kPageFullPx;

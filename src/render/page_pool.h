@@ -17,19 +17,25 @@ inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
 
 class PagePool {
  public:
+  // Memory is taken as slots are filled: four layers first, then twice as many each time, up to slot_count. (A driver in software
+  // clears what it allocates: 140 ms for 256 MiB, before the first picture.)
   explicit PagePool(uint32_t slot_count);
 
   void upload(std::span<const PageUpload> uploads);
   // The page table's changed texels; its textures are made anew when its shape changes.
   void uploadTable(PageTable& table);
+  void forgetTable() { table_width_ = table_height_ = 0; }  // the next one is another table: nothing of the old one holds
   // Binds pool and table to texture units 0..2 and sets their uniforms in the program in use.
   void bind(const gl::Program& program, const PageTable& table) const;
 
   static uint32_t maxSlots();  // of this context
   uint64_t bytesUploaded() const { return bytes_uploaded_; }
+  uint64_t textureBytes() const;  // taken by now
 
  private:
+  void grow(int layers);
   gl::Texture pool_, table_, table_extra_;
+  int layers_ = 0, max_layers_ = 0;
   uint32_t table_width_ = 0, table_height_ = 0;
   uint64_t bytes_uploaded_ = 0;
 };

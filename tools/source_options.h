@@ -1,0 +1,18 @@
+// source_options.h - the options with which render and view show a package on slow or damaged storage.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+#include "src/engine.h"
+#include "texturing/page_sources.h"
+
+namespace relievo {
+
+struct SourceOptions {
+  SimulatedStorage storage;
+
+  void addTo(CLI::App& command);
+  Artwork artwork(std::shared_ptr<const Package> package) const;
+};
+
+}  // namespace relievo
