@@ -28,6 +28,7 @@ add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
 target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
 relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)
 
+relievo_gltest(bc_blocks_gltest LIBS relievo_gl relievo_texturing SOURCES render/bc_blocks_gltest.cpp)
 relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_gltest.cpp)
 add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
 target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_texturing)
@@ -35,6 +36,8 @@ relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agr
 relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package_agrees_test.cpp)
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
+relievo_gltest(filters_equal_dense_gltest LIBS relievo_render relievo_dense_pages
+  SOURCES render/filters_equal_dense_gltest.cpp)
 relievo_gltest(sample_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
   SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
@@ -47,3 +50,5 @@ foreach(api gl es)
   set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77)
 endforeach()
 relievo_test(camera_test LIBS relievo_render SOURCES render/camera_test.cpp)
+relievo_gltest(engine_faults_gltest LIBS relievo_render SOURCES render/engine_faults_gltest.cpp)
+relievo_gltest(feedback_gltest LIBS relievo_render SOURCES render/feedback_gltest.cpp)
