@@ -124,6 +124,8 @@ struct Engine::Impl {
   DrawnView drawn;
   std::deque<DrawnView> posted;       // requests whose answers are still to come
   double lod_bias = 0;
+  std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
+  double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
   uint32_t slot_count = 0;
   EngineStats stats;
@@ -332,6 +334,7 @@ struct Engine::Impl {
     if (!(seen == feedback_view)) {
       feedback_view = seen;
       ++feedback_view_number;
+      feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
     }
     ViewTransform view = drawn.view;
     view.clip_from_world = grid.clipFromWorld(view.clip_from_world);
@@ -363,6 +366,7 @@ struct Engine::Impl {
       auto results = static_cast<uint32_t>(options.feedback_scale * options.feedback_scale * plan.feedbackPhases());
       auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
       feedback_wants.assign(wants.begin(), wants.end());
+      wants_bias = feedback_bias[feedback->tag() % feedback_bias.size()];
       any = true;
     }
     if (any) uniteWants();
@@ -379,11 +383,13 @@ struct Engine::Impl {
     }
     feedback_wants = plan.feedbackPhases() > 1 ? unionOfWants(std::move(wants)) : std::move(wants);
     want_memory.clear();
+    wants_bias = lod_bias;
     uniteWants();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
+    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias));
     streamer->wantTexture(texture_wants);
     if (plan.relief) streamer->wantRelief(relief_wants);
     pool->upload(streamer->placeReady(max_uploads));
