@@ -571,7 +571,7 @@ Taps tapsOf(const DenseTexture& t, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 d
   const double depth = t.domain.texture_depth;
   const double longer2 = std::max(glm::dot(dx, dx), glm::dot(dy, dy));
   auto level = [&](double size) { return std::clamp(size > 0 ? std::log2(size) + view.lod_bias + offset : 0.0, 0.0, depth); };
-  if (view.sampling != DenseSampling::kAnisotropic) return {level(std::sqrt(longer2)), {{texel, 1}}};
+  if (view.sampling != DenseSampling::kAnisotropic || view.anisotropy == 1) return {level(std::sqrt(longer2)), {{texel, 1}}};
   // The derivatives J take the unit circle to the ellipse. Half the angle of the double-angle vector of J J^T is the major
   // axis' direction; the extents along it and across it are the singular values.
   const double xx = dx.x * dx.x + dy.x * dy.x, yy = dx.y * dx.y + dy.y * dy.y, xy = dx.x * dx.y + dy.x * dy.y;

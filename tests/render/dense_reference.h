@@ -98,6 +98,7 @@ enum class DenseDerivatives {
 //                symmetric about the place: each counts as much as the part of its interval of one size that lies in the box.
 //                As many taps as N is even or odd; but with a ratio r = major / size <= 2 and an even N two, (r - 1) size apart.
 //                A tap beyond the artwork is moved to its border, coordinate by coordinate; each tap filters as kTrilinear does.
+//                N = 1 is kTrilinear.
 enum class DenseSampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
 
 struct DenseView {

@@ -341,6 +341,88 @@ TEST(DenseReference, QuadDerivativesAreDifferencesInGlQuads) {
   EXPECT_GT(same_triangle, 200);
 }
 
+// --- anisotropic taps
+
+// Orthographic from the front with other scales along x and y: a pixel is texels.x by texels.y texels.
+DenseView stretchedView(const PlanarDomain& d, int width, int height, glm::dvec2 texels, glm::dvec2 from) {
+  DenseView v = frontView(d, width, height, 1);
+  const double half_w = 0.5 * static_cast<double>(d.width_px), half_h = 0.5 * static_cast<double>(d.height_px);
+  const double sx = 2 / (width * texels.x), sy = 2 / (height * texels.y);
+  v.clip_from_world[0][0] = sx;
+  v.clip_from_world[1][1] = sy;
+  v.clip_from_world[3] = {(half_w - from.x) * sx - 1, 1 - (half_h - from.y) * sy, 0, 1};
+  v.sampling = DenseSampling::kAnisotropic;
+  return v;
+}
+
+TEST(DenseReference, AnisotropicTapsByHand) {
+  FunctionTexture source(256, 128, colourFormat(), noise);
+  DenseTexture t = dense(source);
+  auto instances = uniformInstances(t.domain, 0, 1);
+  auto texel = [&](int x, int y, int c) { return double(noise(std::clamp(x, 0, 255), std::clamp(y, 0, 127), c)); };
+  // A pixel of 4 x 1 texels whose centre lies between two texels' centres: the mean of the four texels it covers.
+  DenseView view = stretchedView(t.domain, 32, 16, {4, 1}, {40, 30});
+  DenseImage four = renderDense(t, nullptr, instances, view);
+  // 3 x 1: the two nearest taps whole, half a texel of the next two; centres between texels' centres: 0.5 + 1 + 1 + 0.5.
+  DenseImage three = renderDense(t, nullptr, instances, stretchedView(t.domain, 32, 16, {3, 1}, {40.5, 30}));
+  // The same upright.
+  DenseImage upright = renderDense(t, nullptr, instances, stretchedView(t.domain, 32, 16, {1, 4}, {40, 30}));
+  for (int y = 0; y < 16; ++y)
+    for (int x = 0; x < 32; ++x)
+      for (int c = 0; c < 3; ++c) {
+        double sum = 0;
+        for (int i = 0; i < 4; ++i) sum += texel(40 + 4 * x + i, 30 + y, c);
+        ASSERT_NEAR(four.at(x, y).rgb[c], sum / 4, 1e-7);
+        const int middle = 40 + 3 * x + 2;  // the pixel's centre, an integer
+        sum = 0.5 * texel(middle - 2, 30 + y, c) + texel(middle - 1, 30 + y, c) + texel(middle, 30 + y, c) +
+              0.5 * texel(middle + 1, 30 + y, c);
+        ASSERT_NEAR(three.at(x, y).rgb[c], sum / 3, 1e-7);
+        sum = 0;
+        for (int i = 0; i < 4; ++i) sum += texel(40 + x, 30 + 4 * y + i, c);
+        ASSERT_NEAR(upright.at(x, y).rgb[c], sum / 4, 1e-7);
+      }
+  for (const DensePixel& p : four.pixels) ASSERT_NEAR(p.lambda, 0, 1e-12);
+  // Taps beyond the left border repeat its texels: a pixel of 8 x 1 around the border.
+  DenseImage border = renderDense(t, nullptr, instances, stretchedView(t.domain, 8, 4, {8, 1}, {-3, 30}));
+  for (int c = 0; c < 3; ++c) {
+    double sum = 3 * texel(0, 30, c);
+    for (int i = 0; i < 5; ++i) sum += texel(i, 30, c);
+    ASSERT_NEAR(border.at(0, 0).rgb[c], sum / 8, 1e-7);
+  }
+  // Negative control: trilinear of the same view is another picture.
+  view.sampling = DenseSampling::kTrilinear;
+  EXPECT_GT(largestDifference(renderDense(t, nullptr, instances, view), four), 20);
+}
+
+TEST(DenseReference, AnisotropicIsContinuousAndEndsAtTrilinear) {
+  FunctionTexture source(1024, 1024, colourFormat(), noise);
+  DenseTexture t = dense(source);
+  for (int n = 2; n <= 8; ++n) {
+    DenseView view;
+    view.sampling = DenseSampling::kAnisotropic;
+    view.anisotropy = n;
+    const glm::dvec2 place{517.3, 301.8};
+    glm::dvec3 before{0};
+    double largest = 0;
+    for (int i = 0; i <= 20000; ++i) {
+      const double major = 1 + 11.0 * i / 20000, turn = 0.7;
+      const glm::dvec2 along{std::cos(turn), std::sin(turn)}, across{-along.y, along.x};
+      // A rotated basis of the same ellipse.
+      const glm::dvec2 dx = along * (major * 0.6) + across * 0.8, dy = along * (major * -0.8) + across * 0.6;
+      const glm::dvec3 rgb = shadeDense(t, place, dx, dy, view);
+      if (i == 0) {
+        view.sampling = DenseSampling::kTrilinear;
+        EXPECT_LT(glm::length(rgb - shadeDense(t, place, dx, dy, view)), 1e-9);
+        view.sampling = DenseSampling::kAnisotropic;
+      } else {
+        largest = std::max(largest, glm::length(rgb - before));
+      }
+      before = rgb;
+    }
+    EXPECT_LT(largest, 1.0) << n;  // a step is 0.00055 texels
+  }
+}
+
 // --- mip levels
 
 TEST(DensePyramid, ConstantsStayConstant) {

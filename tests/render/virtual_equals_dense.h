@@ -107,7 +107,8 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
   if (!engine.ok()) return totals;
   Engine& e = **engine;
   e.resize(run.width, run.height);
-  if (run.sabotage.no_borders) {
+  const bool sabotaged = run.sabotage.no_borders || run.sabotage.one_lookup;
+  if (sabotaged) {
     EXPECT_TRUE(e.sabotage(run.sabotage).ok());
   }
   std::mt19937 random(run.seed);
@@ -153,7 +154,7 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     totals.edges += d.edge_pixels;
     totals.holes += d.holes;
     totals.extras += d.extras;
-    if (!run.wrong_oracle && !run.sabotage.no_borders && !d.within(run.limit)) {
+    if (!run.wrong_oracle && !sabotaged && !d.within(run.limit)) {
       std::printf("  view %d of seed %u: azimuth %.3f elevation %.3f distance %.3f fov %.3f target %.3f %.3f: %s", view,
                   run.seed, camera.azimuth_deg, camera.elevation_deg, camera.distance_mm, camera.fov_deg,
                   camera.target_mm.x, camera.target_mm.y, d.text().c_str());

@@ -1,35 +1,12 @@
 // Virtual equals dense: with everything resident, the engine's frame equals the frame that the oracle
 // (dense_reference.h) draws from plain dense textures in double precision, within 1/255, inside the silhouette. Random
 // views, seeds printed. Negative controls: pages without borders, and an oracle that is wrong by a little.
-#include "tests/render/test_artwork.h"
-#include "tests/render/virtual_equals_dense.h"
+#include "tests/render/dense_subjects.h"
 
 namespace relievo {
 namespace {
 
 using namespace test;
-
-// --- the oracle's own pages: any size, no builder, no file
-
-Subject noiseSubject(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed) {
-  NoiseTexture texture(w, h, basis, seed);
-  NoiseHeight heights(w, h, range_mm, seed + 100);
-  const PlanarDomain domain = denseDomain(texture, range_mm > 0 ? &heights : nullptr, 0.1);
-  Subject s;
-  auto dense = buildDenseTexture(texture, domain);
-  EXPECT_TRUE(dense.ok());
-  s.texture = std::make_shared<DenseTexture>(std::move(*dense));
-  s.artwork.manifest.domain = domain;
-  s.artwork.manifest.texture = texture.format();
-  if (range_mm > 0) {
-    auto relief = buildDenseRelief(heights, domain);
-    EXPECT_TRUE(relief.ok());
-    s.relief = std::make_shared<DenseRelief>(std::move(*relief));
-    s.artwork.oracle = denseReliefBounds(*s.relief, domain);
-  }
-  s.artwork.source = densePages(s.texture, s.relief);
-  return s;
-}
 
 TEST(VirtualEqualsDense, ReliefOfEveryBasis) {
   for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kColour})
@@ -66,25 +43,6 @@ TEST(VirtualEqualsDense, FromOneTexel) {
     views.camera = [&](std::mt19937& random) { return nearCamera(random, subject.texture->domain, 90, -5, 1); };
     expectEqual(compare(subject, {}, views), name);
   }
-}
-
-// Sizes that no memory holds: the texture repeats, its pages are made when asked for.
-Subject periodicSubject(int64_t w, int64_t h, Basis basis) {
-  NoiseTexture period(512, 512, basis, 77);
-  const auto width = static_cast<uint64_t>(w), height = static_cast<uint64_t>(h);
-  PlanarDomain domain;
-  domain.width_px = width;
-  domain.height_px = height;
-  domain.mm_per_px = 0.01;
-  domain.texture_depth = PlanarDomain::depthFor(width, height);
-  Subject s;
-  auto dense = buildPeriodicTexture(period, domain);
-  EXPECT_TRUE(dense.ok());
-  s.texture = std::make_shared<DenseTexture>(std::move(*dense));
-  s.artwork.manifest.domain = domain;
-  s.artwork.manifest.texture = period.format();
-  s.artwork.source = densePages(s.texture, nullptr);
-  return s;
 }
 
 TEST(VirtualEqualsDense, ToTwoToThe24Texels) {

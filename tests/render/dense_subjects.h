@@ -1,0 +1,52 @@
+// dense_subjects.h - artworks for the tests of "virtual equals dense": the oracle's own pages, at any size, without builder and file.
+#pragma once
+
+#include "tests/render/test_artwork.h"
+#include "tests/render/virtual_equals_dense.h"
+
+namespace relievo::test {
+
+inline Subject denseSubject(const TextureSource& texture, const HeightSource* heights) {
+  const PlanarDomain domain = denseDomain(texture, heights, 0.1);
+  Subject s;
+  auto dense = buildDenseTexture(texture, domain);
+  EXPECT_TRUE(dense.ok());
+  s.texture = std::make_shared<DenseTexture>(std::move(*dense));
+  s.artwork.manifest.domain = domain;
+  s.artwork.manifest.texture = texture.format();
+  if (heights != nullptr) {
+    auto relief = buildDenseRelief(*heights, domain);
+    EXPECT_TRUE(relief.ok());
+    s.relief = std::make_shared<DenseRelief>(std::move(*relief));
+    s.artwork.oracle = denseReliefBounds(*s.relief, domain);
+  }
+  s.artwork.source = densePages(s.texture, s.relief);
+  return s;
+}
+
+// range_mm 0: no relief.
+inline Subject noiseSubject(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed) {
+  NoiseHeight heights(w, h, range_mm, seed + 100);
+  return denseSubject(NoiseTexture(w, h, basis, seed), range_mm > 0 ? &heights : nullptr);
+}
+
+// Sizes that no memory holds: the texture repeats, its pages are made when asked for.
+inline Subject periodicSubject(int64_t w, int64_t h, Basis basis) {
+  NoiseTexture period(512, 512, basis, 77);
+  const auto width = static_cast<uint64_t>(w), height = static_cast<uint64_t>(h);
+  PlanarDomain domain;
+  domain.width_px = width;
+  domain.height_px = height;
+  domain.mm_per_px = 0.01;
+  domain.texture_depth = PlanarDomain::depthFor(width, height);
+  Subject s;
+  auto dense = buildPeriodicTexture(period, domain);
+  EXPECT_TRUE(dense.ok());
+  s.texture = std::make_shared<DenseTexture>(std::move(*dense));
+  s.artwork.manifest.domain = domain;
+  s.artwork.manifest.texture = period.format();
+  s.artwork.source = densePages(s.texture, nullptr);
+  return s;
+}
+
+}  // namespace relievo::test
