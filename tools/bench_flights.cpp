@@ -63,6 +63,33 @@ Result<void> replacementBench(BenchContext& context) {
   return {};
 }
 
-Result<void> prefetchBench(BenchContext&) { return {}; }
+Result<void> prefetchBench(BenchContext& context) {
+  Artwork artwork = artworkFromPackage(context.package);
+  FlightScene scene = sceneOf(context, artwork);
+  auto flights = flightsOver(scene);
+  flights.push_back(wanderFlight(scene.domain, scene.width_px, scene.height_px));
+  FlightStreaming how;
+  how.format = artwork.manifest.texture;
+  how.page_bytes = [&](PageId id) {
+    auto record = context.package->record(id);
+    return record ? record->size : 0u;
+  };
+  std::vector<std::optional<PredictorOptions>> predictors = {std::nullopt};
+  for (double h : {0.2, 0.35, 0.5, 0.7, 1.0}) for (int steps : {1, 2}) predictors.push_back(PredictorOptions{.horizon_s = h, .steps = steps});
+  for (const Flight& flight : flights) {
+    if (context.stopped()) return {};
+    double start = benchSeconds();
+    auto results = streamFlight(scene, flight, how, predictors);
+    printf("%s %.2f s, %.1f s flight\n", flight.name.c_str(), benchSeconds() - start, flight.duration_s());
+    for (size_t i = 0; i < results.size(); ++i) {
+      const auto& r = results[i];
+      printf("  %-9s %.4f %% coarse, levels %.3f, down %.1f %%, bytes %.2f MB (%+.1f %%), prefetched %lu used %lu wasted %lu p50 %.0f p90 %.0f\n",
+             predictors[i] ? (std::to_string(predictors[i]->horizon_s).substr(0, 4) + " x" + std::to_string(predictors[i]->steps)).c_str() : "none", 100 * r.coarseShare(),
+             double(r.levels_missing) / r.points * 100, 100 * (1 - double(r.coarse) / results[0].coarse), r.bytes / 1e6, 100.0 * r.bytes / results[0].bytes - 100,
+             r.stats.prefetched, r.stats.prefetch_used, r.stats.prefetch_wasted, double(r.stats.latency_ms.p50), double(r.stats.latency_ms.p90));
+    }
+  }
+  return {};
+}
 
 }  // namespace relievo

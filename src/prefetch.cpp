@@ -1,0 +1,78 @@
+#include "src/prefetch.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace relievo {
+namespace {
+
+constexpr double kGap_s = 1;
+
+std::array<double, 6> valuesOf(const OrbitCamera& c) {
+  return {c.azimuth_deg, c.elevation_deg, std::log(c.distance_mm), c.target_mm.x, c.target_mm.y, c.target_mm.z};
+}
+
+}  // namespace
+
+void CameraPredictor::observe(const OrbitCamera& camera, double now_s) {
+  if (!past_.empty() && (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s || camera.fov_deg != past_.back().camera.fov_deg)) {
+    past_.clear();
+  }
+  past_.push_back({now_s, camera});
+  // At least two, so that slow frames have a velocity, too.
+  while (past_.size() > 2 && past_[1].time_s <= now_s - options_.window_s) past_.pop_front();
+}
+
+std::array<double, CameraPredictor::kValues> CameraPredictor::velocity() const {
+  std::array<double, kValues> v{};
+  if (past_.size() < 2) return v;
+  double mean_t = 0;
+  std::array<double, kValues> mean{};
+  auto n = static_cast<double>(past_.size());
+  for (const Seen& s : past_) {
+    mean_t += s.time_s / n;
+    auto values = valuesOf(s.camera);
+    for (size_t k = 0; k < kValues; ++k) mean[k] += values[k] / n;
+  }
+  double tt = 0;
+  for (const Seen& s : past_) {
+    double dt = s.time_s - mean_t;
+    tt += dt * dt;
+    auto values = valuesOf(s.camera);
+    for (size_t k = 0; k < kValues; ++k) v[k] += dt * (values[k] - mean[k]);
+  }
+  for (double& x : v) x /= tt;
+  return v;
+}
+
+OrbitCamera CameraPredictor::predict(double ahead_s) const {
+  if (past_.empty()) return {};
+  OrbitCamera c = past_.back().camera;
+  auto v = velocity();
+  c.azimuth_deg += v[0] * ahead_s;
+  c.elevation_deg = std::clamp(c.elevation_deg + v[1] * ahead_s, -89.0, 89.0);
+  c.distance_mm *= std::exp(v[2] * ahead_s);
+  // The integral of exp(v2 t) from 0 to ahead_s: the distance's factor over the time.
+  double way_s = std::abs(v[2] * ahead_s) < 1e-6 ? ahead_s : std::expm1(v[2] * ahead_s) / v[2];
+  c.target_mm += glm::dvec3(v[3], v[4], v[5]) * way_s;
+  return c;
+}
+
+std::vector<OrbitCamera> CameraPredictor::views(int height_px) const {
+  std::vector<OrbitCamera> result;
+  if (past_.size() < 2 || options_.steps < 1) return result;
+  const OrbitCamera& now = past_.back().camera;
+  OrbitCamera then = predict(options_.horizon_s);
+  double pixels_per_radian = height_px / (2 * std::tan(now.fov_deg * std::numbers::pi / 360));
+  double nearer_mm = std::min(now.distance_mm, then.distance_mm);
+  double turned = std::max(std::abs(then.azimuth_deg - now.azimuth_deg), std::abs(then.elevation_deg - now.elevation_deg));
+  double moved_px = pixels_per_radian * glm::length(then.target_mm - now.target_mm) / nearer_mm;
+  moved_px += pixels_per_radian * turned * std::numbers::pi / 180;
+  moved_px += 0.5 * height_px * std::abs(std::log(then.distance_mm / now.distance_mm));
+  if (!(moved_px >= options_.still_px)) return result;
+  for (int i = 1; i <= options_.steps; ++i) result.push_back(predict(options_.horizon_s * i / options_.steps));
+  return result;
+}
+
+}  // namespace relievo
