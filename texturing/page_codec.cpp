@@ -489,4 +489,11 @@ Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> enc
   return {};
 }
 
+Result<void> PageDecoder::decodeToBlocks(PageCodec codec, std::span<const uint8_t> encoded, std::span<uint8_t> blocks) {
+  assert(isBlockCodec(codec) && blocks.size() == pageBlockBytes(codec));
+  if (encoded.size() < kBlocksHeadBytes || (encoded[0] != kBlocksRaw && encoded[0] != kBlocksZstd) || encoded[1] != static_cast<uint8_t>(codec))
+    return damaged("an encoded page does not hold the blocks that its plane should have");
+  return impl_->unpack(encoded[0] == kBlocksZstd, encoded.subspan(kBlocksHeadBytes), blocks);
+}
+
 }  // namespace relievo

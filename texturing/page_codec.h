@@ -52,6 +52,8 @@ class PageDecoder {
   Result<void> decodeRelief(std::span<const uint8_t> encoded, std::span<uint16_t> samples /* kReliefPageSamples */);
   // To slot texels, by the plane's kind (not for kResolved).
   Result<void> decodeToSlot(Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels /* kSlotBytes */);
+  // A page of blocks as a GPU takes them (page_block_codec.h); pages of any other codec are an Error.
+  Result<void> decodeToBlocks(PageCodec codec, std::span<const uint8_t> encoded, std::span<uint8_t> blocks /* pageBlockBytes(codec) */);
 
  private:
   struct Impl;

@@ -11,6 +11,7 @@
 
 #include "package_fixture.h"
 #include "texturing/package.h"
+#include "texturing/package_layout.h"
 
 namespace relievo {
 namespace {
@@ -275,6 +276,86 @@ TEST(Determinism, workersAndMemoryDoNotMatter) {
   ASSERT_TRUE(build(folder.file("other"), other, &heights, 2).ok());
   EXPECT_FALSE(one == fileBytes(folder.file("other")));
   EXPECT_EQ(folder.entries(), 5u);
+}
+
+// ---- encodings ----
+
+Result<BuildReport> buildEncoded(const std::string& path, const TextureSource& t, const HeightSource* h, PageEncoding coefficients, PageEncoding colour,
+                                 int workers = 2) {
+  BuildOptions o;
+  o.output = path;
+  o.workers = workers;
+  o.coefficients = coefficients;
+  o.colour = colour;
+  return buildPackage(t, h, o);
+}
+
+// Every page is the encoding of the exact page: mip levels see nothing of what the finer ones lost.
+TEST(Encodings, everyPageIsTheExactOneEncoded) {
+  ScratchFolder folder;
+  NoisyTexture texture(900, 420, Basis::kPtmLrgb, 31, 3);
+  NoisyHeights heights(900, 420, 32);
+  ASSERT_TRUE(build(folder.file("exact"), texture, &heights).ok());
+  auto exact = Package::open(folder.file("exact"));
+  ASSERT_TRUE(exact.ok());
+  const PlanarDomain& d = (*exact)->manifest().domain;
+  PageDecoder decoder;
+  PageEncoder encoder(1);
+  const std::pair<PageEncoding, PageEncoding> choices[] = {{{PageCodec::kQuantised, 5}, {}},
+                                                           {{PageCodec::kJpeg, 80}, {PageCodec::kJpeg, 60}},
+                                                           {{PageCodec::kBc4, 0}, {PageCodec::kBc7, 0}},
+                                                           {{}, {PageCodec::kBc1, 0}}};
+  for (auto [coefficients, colour] : choices) {
+    const std::string name = encodingName(coefficients) + " " + encodingName(colour);
+    ASSERT_TRUE(buildEncoded(folder.file("lossy"), texture, &heights, coefficients, colour).ok());
+    auto lossy = Package::open(folder.file("lossy"));
+    ASSERT_TRUE(lossy.ok());
+    const PlaneEncodings& encodings = (*lossy)->manifest().encodings;
+    EXPECT_EQ(encodings, planeEncodings((*exact)->manifest().texture, coefficients, colour));
+    EXPECT_NE((*lossy)->manifestJson().find('"' + encodingName(encodings[2]) + '"'), std::string::npos);
+    std::vector<uint8_t> channels(kTexturePageBytes);
+    int differ = 0;
+    forEachNode(d, d.texture_depth, [&](const NodeId& n) {
+      for (int k = 0; k < 3; ++k) {
+        PageId id(texturePlane(k), n);
+        auto page = (*exact)->read(id);
+        ASSERT_TRUE(decoder.decodeTexture(page->bytes, channels).ok());
+        auto expected = encoder.encodeTexture(channels, encodings[static_cast<size_t>(k)]);
+        auto found = (*lossy)->read(id);
+        ASSERT_TRUE(found.ok());
+        ASSERT_TRUE(std::equal(expected.begin(), expected.end(), found->bytes.begin(), found->bytes.end())) << name << ": " << describePage(id);
+        differ += found->bytes != page->bytes;
+      }
+    });
+    EXPECT_GT(differ, 10) << name << ": the negative control: lossy pages are others";
+    forEachNode(d, d.relief_depth, [&](const NodeId& n) {
+      PageId id(Plane::kRelief, n);
+      ASSERT_EQ((*exact)->read(id)->bytes, (*lossy)->read(id)->bytes) << "relief stays lossless";
+    });
+    auto report = verifyPackage(**lossy, 2, nullptr);
+    ASSERT_TRUE(report.ok());
+    EXPECT_TRUE(report->damaged.empty() && report->other.empty());
+    // Planes and their bytes, as `relievo info` shows them, add up.
+    uint64_t pages = 0, bytes = 0;
+    for (Plane p : {Plane::kTexture0, texturePlane(1), texturePlane(2), Plane::kRelief}) {
+      PlaneUsage usage = planeUsage(**lossy, p);
+      pages += usage.pages, bytes += usage.bytes;
+      EXPECT_EQ(usage.unknown_pages, 0u);
+    }
+    EXPECT_EQ(pages, (*lossy)->manifest().page_count);
+    EXPECT_EQ(bytes, report->bytes);
+  }
+}
+
+TEST(Encodings, theSameBytesWithAnyWorkers) {
+  ScratchFolder folder;
+  NoisyTexture texture(1300, 1100, Basis::kPtmLrgb, 41);
+  for (auto [coefficients, colour] : {std::pair{PageEncoding{PageCodec::kQuantised, 6}, PageEncoding{PageCodec::kJpeg, 85}},
+                                      {PageEncoding{PageCodec::kBc7, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
+    ASSERT_TRUE(buildEncoded(folder.file("one"), texture, nullptr, coefficients, colour, 1).ok());
+    ASSERT_TRUE(buildEncoded(folder.file("three"), texture, nullptr, coefficients, colour, 3).ok());
+    EXPECT_TRUE(fileBytes(folder.file("one")) == fileBytes(folder.file("three"))) << encodingName(coefficients);
+  }
 }
 
 // ---- failures leave nothing behind ----

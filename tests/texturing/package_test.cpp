@@ -215,6 +215,25 @@ TEST_F(SmallPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_FALSE(refused(withField(88, uint64_t{150})));
 }
 
+// What a newer tool wrote is unsupported, not damaged; what is known opens (and its pages say themselves how they are encoded).
+TEST_F(SmallPackage, unknownEncodingsAreUnsupported) {
+  auto kindOf = [&](const std::vector<uint8_t>& bytes) {
+    writeAll(damaged_, bytes);
+    auto package = Package::open(damaged_);
+    return package.ok() ? std::string("opens") : package.error().kind == ErrorKind::kUnsupported ? package.error().text() : "another error";
+  };
+  for (size_t plane : {0u, 2u, 7u}) {
+    for (uint8_t codec : {4, 16, 18, 24, 255}) {
+      std::string text = kindOf(withField(240 + plane, codec));
+      EXPECT_NE(text.find("plane " + std::to_string(plane)), std::string::npos) << text;
+      EXPECT_NE(text.find("page encoding " + std::to_string(codec)), std::string::npos) << text;
+    }
+    EXPECT_NE(kindOf(withField(248 + plane, uint8_t{1})), "opens") << "lossless has no parameter";
+    EXPECT_NE(kindOf(withField(240 + plane, uint8_t{1})), "opens") << "no bits";
+    EXPECT_EQ(kindOf(withField(240 + plane, uint8_t{23})), "opens");
+  }
+}
+
 TEST_F(SmallPackage, hostileIndexEntriesAreRefused) {
   PackageHeader header = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
   uint8_t* block = bytes_.data() + header.index_offset;  // patch 0, one node: three entries and the checksum

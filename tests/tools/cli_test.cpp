@@ -110,6 +110,32 @@ TEST_F(Cli, SampleBuildInfoVerifyRoundTrip) {
   EXPECT_EQ(r.exit_code, 3) << r.output;
 }
 
+TEST_F(Cli, EncodingsAreChosenPlaneByPlane) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 300x200 --write ptm-lrgb").exit_code, 0);
+  const std::string build = "build --ptm " + file("s/ptm_lrgb.ptm") + " -o " + file("a.relievo") + " ";
+  auto planes = [&](const std::string& options) {
+    Outcome r = relievo(build + options);
+    EXPECT_EQ(r.exit_code, 0) << r.output;
+    auto info = nlohmann::json::parse(relievo("info " + file("a.relievo") + " --json").output, nullptr, false);
+    EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+    std::string out;
+    if (!info.is_discarded())
+      for (const auto& p : info["planes"]) out += p["encoding"].get<std::string>() + (p["bytes"].get<uint64_t>() > 0 ? " " : "? ");
+    return out;
+  };
+  EXPECT_EQ(planes(""), "lossless lossless lossless ");
+  EXPECT_EQ(planes("--encoding q8"), "lossless lossless lossless ");
+  EXPECT_EQ(planes("--encoding q6"), "q6 q6 q6 ");
+  EXPECT_EQ(planes("--encoding jpeg --quality 75"), "jpeg75 jpeg75 jpeg75-ycc ");
+  EXPECT_EQ(planes("--encoding-coefficients q5 --encoding-colour jpeg"), "q5 q5 jpeg90-ycc ");
+  EXPECT_EQ(planes("--encoding bc4 --encoding-colour bc1"), "bc4 bc4 bc1 ");
+  for (const char* wrong : {"--encoding q3", "--encoding webp", "--encoding-colour bc6", "--encoding jpeg --quality 0", "--quality 101"})
+    EXPECT_EQ(relievo(build + wrong).exit_code, 1) << wrong;
+  Outcome r = relievo(build + "--encoding bc7");
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(relievo("info " + file("a.relievo")).output.find("bc7"), std::string::npos);
+}
+
 TEST_F(Cli, ATargetIsKeptWhenTheBuildFails) {
   write("old.relievo", "precious");
   write("bad.ptm", "PTM_1.2\nPTM_FORMAT_LRGB\n4\n4\n1 1 1 1 1 1\n0 0 0 0 0 0\nshort");
