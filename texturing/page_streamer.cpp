@@ -11,7 +11,6 @@
 #include <utility>
 
 #include "texturing/page_codec.h"
-#include "texturing/recent_use.h"
 
 namespace relievo {
 

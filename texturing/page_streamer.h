@@ -50,6 +50,7 @@
 #include "texturing/page_life.h"
 #include "texturing/page_source.h"
 #include "texturing/page_table.h"
+#include "texturing/recent_use.h"
 
 namespace relievo {
 
