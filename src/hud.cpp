@@ -26,6 +26,7 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn"},
                                     {"P", "pages by texture level"},
                                     {"S", "snapshot (PNG)"},
                                     {"F1", "this help"},
+                                    {"F2", "figures: pages by state, bytes, latency"},
                                     {"Esc", "quit"}};
 
 constexpr ImGuiWindowFlags kPassive = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_NoNav |
@@ -46,6 +47,25 @@ void drawLightGauge(const std::array<double, 3>& light, float scale) {
   const double degrees = 180 / std::numbers::pi;
   ImGui::Text("light %.2f, %.2f, %.2f", light[0], light[1], light[2]);
   ImGui::Text("%.0f deg above the surface", std::asin(std::clamp(light[2], -1.0, 1.0)) * degrees);
+}
+
+// The first column stands left, numbers stand right.
+void drawFigures(const HudFigures& figures, float gap) {
+  std::vector<float> width;
+  for (const auto& row : figures.planes) {
+    width.resize(std::max(width.size(), row.size()));
+    for (size_t i = 0; i < row.size(); ++i) width[i] = std::max(width[i], ImGui::CalcTextSize(row[i].c_str()).x);
+  }
+  const float left = ImGui::GetCursorPosX();
+  for (const auto& row : figures.planes) {
+    float x = left;
+    for (size_t i = 0; i < row.size(); ++i) {
+      if (i > 0) ImGui::SameLine(x + width[i] - ImGui::CalcTextSize(row[i].c_str()).x);
+      ImGui::TextUnformatted(row[i].c_str());
+      x += width[i] + 1.5f * gap;
+    }
+  }
+  for (const std::string& line : figures.lines) ImGui::TextUnformatted(line.c_str());
 }
 
 }  // namespace
@@ -74,7 +94,16 @@ struct Hud::Impl {
     ImGui::Begin("figures", nullptr, kPassive);
     ImGui::TextUnformatted(hudLine(state).c_str());
     if (!state.message.empty()) ImGui::TextUnformatted(state.message.c_str());
+    const float line_bottom = ImGui::GetWindowPos().y + ImGui::GetWindowSize().y;
     ImGui::End();
+
+    if (state.figures) {
+      ImGui::SetNextWindowPos(ImVec2(edge, line_bottom + edge));
+      ImGui::SetNextWindowBgAlpha(0.7f);
+      ImGui::Begin("pages", nullptr, kPassive);
+      drawFigures(*state.figures, edge);
+      ImGui::End();
+    }
 
     if (state.show_light) {
       ImGui::SetNextWindowPos(ImVec2(edge, display.y - edge), ImGuiCond_Always, ImVec2(0, 1));

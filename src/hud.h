@@ -1,13 +1,15 @@
-// hud.h - the head-up display: a line of figures, a message, the light's direction, and the help. Dear ImGui lays it out, behind
+// hud.h - the head-up display: a line of figures, a message, a panel of more figures, the light's direction, and the help. Dear ImGui lays it out, behind
 // hud.cpp alone; OverlayPass draws it, since ImGui's own back end raises GL errors under ES.
 #pragma once
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "src/base/result.h"
 #include "src/gl/context.h"
+#include "src/hud_figures.h"
 
 namespace relievo {
 
@@ -20,6 +22,7 @@ struct HudState {
   bool show_light = false;
   bool help = false;
   std::string message;  // empty: none
+  std::optional<HudFigures> figures;  // the panel
 };
 
 // "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px"

@@ -143,6 +143,8 @@ bool ViewControl::handle(const gl::Event& e) {
     snapshot_wished_ = true;
   } else if (e.key == "F1") {
     help = !help;
+  } else if (e.key == "F2") {
+    figures = !figures;
   } else if (e.key == "Escape") {
     quit = true;
   } else {

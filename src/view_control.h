@@ -3,7 +3,7 @@
 //   middle drag, shift+left   pan: the point that was grabbed stays under the mouse
 //   wheel                 zoom: the point under the mouse stays there
 //   right drag, L + move  light
-//   W P R S F1 Esc        wireframe, page overlay, reset, snapshot, help, quit
+//   W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot, help, figures, quit
 // Angles are kept where the artwork is seen from the front, the target on the artwork, the distance within bounds.
 #pragma once
 
@@ -32,7 +32,7 @@ class ViewControl {
 
   const View& view() const { return view_; }
   bool draggingLight() const { return mode_ == Mode::kLight; }
-  bool wireframe = false, show_pages = false, help = false;
+  bool wireframe = false, show_pages = false, help = false, figures = false;
   bool quit = false;
   bool takeSnapshotWish() { return std::exchange(snapshot_wished_, false); }
 

@@ -112,6 +112,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   double message_until = nowSeconds() + kMessageS, light_until = 0, last_frame = 0, drawn_at = 0;
   double changed_at = nowSeconds();
   int calm_frames = 0;
+  bool switching = false;
   std::array<uint64_t, 6> progress_before{};
   FrameMeter meter;
   int64_t frames = 0;
@@ -120,7 +121,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
     double now = nowSeconds();
     const bool busy = options.frames > 0 || calm_frames < kCalmFrames ||
-                      now < changed_at + (shown.missing_pages > 0 ? kCalmMissingS : kCalmS);
+                      now < changed_at + (shown.missing_pages > 0 || switching ? kCalmMissingS : kCalmS);
     bool changed = false;
     for (const gl::Event& e : busy ? window.pollEvents() : window.waitEvents(kIdleWaitS)) changed |= control.handle(e);
     if (window.width() < 1 || window.height() < 1) {  // minimised
@@ -137,6 +138,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     shown.show_light = show_light;
     shown.message = now < message_until ? message : std::string();
     shown.help = control.help;
+    if (control.figures != shown.figures.has_value()) changed_at = now;
     shown.light = control.view().light;
 
     Scene wanted = scene;
@@ -148,6 +150,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     engine.setCamera(control.view().camera);
     engine.frame(now);
     const EngineStats stats = engine.stats();
+    if (std::exchange(switching, stats.switching) != stats.switching) changed_at = now;
     const std::array<uint64_t, 6> progress = {stats.resident, stats.missing_pages, stats.wanted_nodes, stats.triangles,
                                               stats.streamer.decoding + stats.streamer.ready, stats.streamer.queued};
     if (progress != std::exchange(progress_before, progress)) changed_at = now;
@@ -172,6 +175,8 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     shown.missing_pages = stats.missing_pages;
     shown.error_px = scene.error_px;
     shown.predicted_error_px = stats.predicted_error_px;
+    shown.figures.reset();
+    if (control.figures) shown.figures = hudFigures(stats, engine.manifest());
     engine.present(window.width(), window.height());
     (*hud)->draw(shown, window.width(), window.height());
     window.swap();

@@ -48,7 +48,7 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   c->footer(
       "Left drag turns, middle drag (or Shift + left drag) moves, the wheel zooms to the point under the mouse, right drag\n"
       "(or L held) moves the light. R resets, W wireframe, P pages, S writes a snapshot into the current folder, F1 help,\n"
-      "Esc quits. Without a display, use relievo render.\n\n"
+      "F2 figures, Esc quits. Without a display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file, "Package to show")->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();

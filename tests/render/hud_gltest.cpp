@@ -86,6 +86,64 @@ TEST(Hud, HelpAndLightComeWhenAsked) {
   EXPECT_GT(picture.touched(160, 100, 480, 260), 10000) << "the help, in the middle";
 }
 
+EngineStats busyStats() {
+  EngineStats s;
+  s.detail_bias = 0.25;
+  StreamerStats& t = s.streamer;
+  for (size_t p : {0u, 1u, 2u, 8u}) {
+    t.pages_read[p] = t.pages_uploaded[p] = 120 + p;
+    t.bytes_read[p] = 2'345'678;
+    t.bytes_decoded[p] = t.bytes_uploaded[p] = (120 + p) * 73'984;
+    for (size_t state = 1; state < kPageStates; ++state) t.pages[state][p] = 10 * state + p;
+  }
+  t.hits = 990, t.misses = 10, t.evictions = 5, t.retries = 3, t.failed_pages = 1;
+  t.cancelled = 9, t.cancelled_before_read = 6, t.cancelled_before_decode = 2, t.cancelled_after_decode = 1;
+  t.prefetched = 20, t.prefetch_used = 15, t.prefetch_wasted = 2, t.deferred = 7;
+  t.latency_ms = {.count = 400, .p50 = 18, .p90 = 33, .p99 = 51};
+  t.latency_frames = {.count = 400, .p50 = 1, .p90 = 2, .p99 = 3};
+  return s;
+}
+
+TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
+  Manifest manifest;
+  manifest.texture.basis = Basis::kPtmLrgb;
+  HudFigures f = hudFigures(busyStats(), manifest);
+  ASSERT_EQ(f.planes.size(), 5u);
+  EXPECT_EQ(f.planes[1], (std::vector<std::string>{"a0-a2", "10", "20", "30", "40", "50", "2.35 MB", "8.88 MB", "8.88 MB"}));
+  EXPECT_EQ(f.planes[4][0], "relief");
+  EXPECT_EQ(f.planes[4][1], "18");
+  std::string lines;
+  for (const auto& l : f.lines) lines += l + "\n";
+  for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1", "cancelled 9: 6 to read, 2 to decode, 1 decoded",
+                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "p50 18 ms (1 frames)", "p99 51 (3)"})
+    EXPECT_NE(lines.find(part), std::string::npos) << part << " in\n" << lines;
+  HudFigures idle = hudFigures({}, manifest);
+  EXPECT_EQ(idle.planes.size(), 1u) << "planes that are not in use stay away";
+  EXPECT_EQ(idle.lines.size() + 1, f.lines.size()) << "no latency before the first page";
+}
+
+TEST(HudFigures, BytesHaveThreeDigits) {
+  for (auto [bytes, text] : std::initializer_list<std::pair<uint64_t, const char*>>{
+           {0, "0 B"}, {999, "999 B"}, {1000, "1.00 kB"}, {9994, "9.99 kB"}, {9996, "10.0 kB"}, {123456, "123 kB"}, {999499, "999 kB"},
+           {999600, "1.00 MB"}, {4060000000, "4.06 GB"}, {5000000000000000, "5000 TB"}})
+    EXPECT_EQ(bytesText(bytes), text);
+}
+
+TEST(Hud, ThePanelStandsBelowTheLineWithinThePicture) {
+  Manifest manifest;
+  manifest.texture.basis = Basis::kPtmLrgb;
+  auto hud = Hud::create(gltest::api(), 1);
+  ASSERT_TRUE(hud.ok());
+  Picture picture;
+  (*hud)->draw({.message = "hello", .figures = hudFigures(busyStats(), manifest)}, kWidth, kHeight);
+  EXPECT_GT(picture.touched(0, 60, kWidth, 240), 20000);
+  EXPECT_EQ(picture.touched(0, 270, kWidth, kHeight), 0) << "it leaves the artwork free";
+  EXPECT_EQ(picture.touched(kWidth - 4, 0, kWidth, kHeight), 0) << "and is not cut off";
+  glClear(GL_COLOR_BUFFER_BIT);
+  (*hud)->draw({.message = "hello"}, kWidth, kHeight);
+  EXPECT_EQ(picture.touched(0, 60, kWidth, kHeight), 0) << "and goes again";
+}
+
 TEST(Overlay, ClipsToItsRectangle) {
   const uint8_t white[4] = {255, 255, 255, 255};
   auto pass = OverlayPass::create(gltest::api(), 2, 2, white);

@@ -168,11 +168,11 @@ TEST(ViewControl, HoldingLMovesTheLightWithoutAButton) {
 TEST(ViewControl, KeysToggleResetAndQuit) {
   ViewControl control(artwork(), startView(), kWidth, kHeight);
   Hand hand{control};
-  EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.quit);
-  for (const char* key : {"W", "P", "F1"}) hand.press(key);
-  EXPECT_TRUE(control.wireframe && control.show_pages && control.help);
-  for (const char* key : {"W", "P", "F1"}) hand.press(key);
-  EXPECT_FALSE(control.wireframe || control.show_pages || control.help);
+  EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures || control.quit);
+  for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);
+  EXPECT_TRUE(control.wireframe && control.show_pages && control.help && control.figures);
+  for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);
+  EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures);
   hand.press("S");
   EXPECT_TRUE(control.takeSnapshotWish());
   EXPECT_FALSE(control.takeSnapshotWish());

@@ -100,7 +100,7 @@ expect distance_mm "$(echo "$before" | awk '{ printf "%.12g", $1 * 0.85 * 0.85 }
 expect light 0.3 0
 expect light 0.2 1
 
-# Reset undoes all of it; S writes a picture, twice under two names; W, P and F1 come and go.
+# Reset undoes all of it; S writes a picture, twice under two names; W, P, F1 and F2 come and go.
 start
 xdotool mousemove 300 200
 drag 1 -100 50
@@ -111,9 +111,9 @@ snapshot() {
   for _ in $(seq 300); do [ -e "$1" ] && return 0; sleep 0.1; done
   fail "S did not write $1"
 }
-for key in w p F1; do xdotool key "$key"; done
+for key in w p F1 F2; do xdotool key "$key"; done
 snapshot stone-0001.png
-for key in w p F1; do xdotool key "$key"; done
+for key in w p F1 F2; do xdotool key "$key"; done
 snapshot stone-0002.png
 xdotool key r
 finish
