@@ -1,35 +1,19 @@
-// clang-format off
-// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread; reading and
-// decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the destructor.
+// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread; reading
+// and decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the destructor.
 //
-//                 wanted, and there            a worker            read, checked,          placeReady: a slot is
-//                 will be room                 takes it            decoded                 free, or unused now
-//    +--------+  (1)   +--------+      (2)      +----------+  (3)   +-------+         (4)     +----------+
-//    | Absent | -----> | Queued | ------------> | Decoding | -----> | Ready | --------------> | Resident |
-//    +--------+        +--------+               +----------+        +-------+                 +----------+
-//     ^ ^ ^  ^           |    ^                   | failed (6)          |                          |
-//     | | |  |  (5)      |    |  (7) after        v                     |                          |
-//     | | |  +-----------+    |  0.1, 0.4,    +--------+                |                          |
-//     | | |  not in the two   |  1.6 s, if    | Failed |  after kMaxAttempts attempts, or when     |
-//     | | |  newest wish      |  wanted       |        |  there is no such page: for good,         |
-//     | | |  lists: cancelled +-------------- |        |  named once; its ancestor shows           |
-//     | | |                                   +--------+                |                          |
-//     | | +---------------- (8) no slot to be had, and no longer wanted -+                         |
-//     | +------------------ (9) evicted, least recently used first, for a page of any plane -------+
-//     +-------------------- (10) setLight: Decoding, Ready or Resident under the old light
+//   Absent -> Queued -> Decoding -> Ready -> Resident -> Absent        and Failed: README.md has the whole diagram
 //
-// (3) Each request carries a ticket. An answer whose ticket is not that of a page in state Decoding is late or cancelled,
-//     and is dropped: in one place (takeResults).
-// (4) A node of the texture enters the page table when all of its planes are Resident, and leaves it with the first evicted.
-// Order of service, decided at the moment when a worker takes a job: newest wish list first, coarse before fine, then near
-// the view's centre.
-// Room: a page wanted now is never evicted for another one wanted now, and a missing node is only asked for when all of its
-// planes will find slots beside everything else that is wanted. So a working set larger than the cache ends in a still state
-// without loads, never in thrashing; what found no room is counted (deferred) and detailBias() asks the view for less.
-// Faults: an error of kind kInvalidData without a byte offset is the source's word that there is no such page, and is final at
-// once. All others may pass and are retried, at most kMaxAttempts attempts in all.
+// Each request carries a ticket. An answer whose ticket is not that of a page in state Decoding is late or cancelled, and
+// is dropped: in one place (takeResults).
+// Order of service (page_rank.h), made anew in every frame: what is wanted now, what is predicted, what the list before
+// the newest wanted; within a tier coarse before fine, then near the view's centre.
+// Room: a page wanted now is never evicted for another one wanted now, and a missing node is only asked for when all of
+// its planes will find slots beside everything else that is wanted. So a working set larger than the cache ends in a
+// still state without loads, never in thrashing; what found no room is counted (deferred) and detailBias() asks the view
+// for less.
+// Faults: an error of kind kInvalidData without a byte offset is the source's word that there is no such page, and is
+// final at once. All others may pass and are retried, at most kMaxAttempts attempts in all.
 // Memory: at most bufferBytes(), besides the slots (which live on the GPU) and the first upload of the roots.
-// clang-format on
 #pragma once
 
 #include <array>

@@ -108,11 +108,15 @@ struct Simulation {
     }
   }
   bool resident(PageId id) const { return streamer.cache().find(id) != kNoSlot; }
+  // Of nodes that can be shown whole: what is there of others need not stay.
   std::vector<PageId> wantedResident() const {
     std::vector<PageId> pages;
-    for (const NodeWant& w : texture)
+    for (const NodeWant& w : texture) {
+      bool failed = std::any_of(planes.begin(), planes.end(),
+                                [&](Plane p) { return streamer.state(PageId(p, w.node)) == PageState::kFailed; });
       for (Plane p : planes)
-        if (resident(PageId(p, w.node))) pages.push_back(PageId(p, w.node));
+        if (!failed && resident(PageId(p, w.node))) pages.push_back(PageId(p, w.node));
+    }
     for (const NodeWant& w : relief)
       if (resident(PageId(Plane::kRelief, w.node))) pages.push_back(PageId(Plane::kRelief, w.node));
     return pages;

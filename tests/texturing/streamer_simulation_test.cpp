@@ -1,10 +1,10 @@
 // The streamer on a simulated clock: order of service, prefetching, cancellation, counters, the states of a page.
 #include "tests/texturing/streamer_simulation.h"
 
+#include <cctype>
 #include <cmath>
-#include <numeric>
-
-#include "texturing/resolve.h"
+#include <fstream>
+#include <sstream>
 
 namespace relievo {
 namespace {
@@ -51,6 +51,31 @@ TEST(StreamerStates, EveryLegalChangeOccursAndNoOther) {
       EXPECT_TRUE(rare || (seen[from][to] > 0) == isLegal(a, b))
           << kPageStateNames[from] << " -> " << kPageStateNames[to];
     }
+}
+
+// Every arrow of the diagram is in the table, and the other way round.
+TEST(StreamerStates, TheDiagramInTheReadmeIsTheTable) {
+  std::ifstream readme(RELIEVO_PAGE_LIFE);
+  ASSERT_TRUE(readme) << RELIEVO_PAGE_LIFE;
+  auto stateOf = [](std::string name) {
+    if (!name.empty()) name[0] = static_cast<char>(std::tolower(name[0]));
+    return std::find(kPageStateNames.begin(), kPageStateNames.end(), name) - kPageStateNames.begin();
+  };
+  std::set<std::pair<long, long>> drawn, table;
+  std::string line;
+  bool inside = false;
+  while (std::getline(readme, line)) {
+    if (line.starts_with("```")) inside = line == "```mermaid";
+    std::istringstream words(line);
+    std::string from, arrow, to;
+    if (!inside || !(words >> from >> arrow >> to) || arrow != "-->" || from == "[*]") continue;
+    if (to.ends_with(':')) to.pop_back();
+    ASSERT_LT(stateOf(from), static_cast<long>(kPageStates)) << line;
+    ASSERT_LT(stateOf(to), static_cast<long>(kPageStates)) << line;
+    drawn.insert({stateOf(from), stateOf(to)});
+  }
+  for (const PageTransition& t : kPageTransitions) table.insert({static_cast<long>(t.from), static_cast<long>(t.to)});
+  EXPECT_EQ(drawn, table);
 }
 
 TEST(StreamerStates, FailuresAreForgottenBeyondABound) {

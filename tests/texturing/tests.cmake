@@ -7,6 +7,8 @@ relievo_test(feedback_test LIBS relievo_texturing SOURCES texturing/feedback_tes
 relievo_test(page_streamer_test LIBS relievo_texturing SOURCES texturing/page_streamer_test.cpp)
 relievo_test(detail_bias_test LIBS relievo_texturing SOURCES texturing/detail_bias_test.cpp)
 relievo_test(streamer_simulation_test LIBS relievo_texturing SOURCES texturing/streamer_simulation_test.cpp)
+target_compile_definitions(streamer_simulation_test PRIVATE RELIEVO_PAGE_LIFE="${CMAKE_SOURCE_DIR}/texturing/README.md")
+relievo_test(streamer_faults_test LIBS relievo_texturing SOURCES texturing/streamer_faults_test.cpp)
 relievo_test(ptm_test LIBS relievo_texturing relievo_image SOURCES texturing/ptm_test.cpp)
 relievo_test(image_io_test LIBS relievo_image PkgConfig::oiio SOURCES texturing/image_io_test.cpp)
 relievo_test(resolve_test LIBS relievo_texturing SOURCES texturing/resolve_test.cpp)
