@@ -198,10 +198,12 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
       if (scene.relief) streamer.wantRelief(wants.relief);
       if (run.predictor) {
         run.predictor->observe(camera, flight_s);
-        auto views = run.predictor->views(scene.height_px);
+        double horizon_s = prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options());
+        auto views = run.predictor->views(scene.height_px, horizon_s);
         run.predicted.texture.clear();
         if (relief_turn || views.empty()) run.predicted.relief.clear();
-        for (const OrbitCamera& view : views) texture(view, run.predicted.texture);
+        for (const OrbitCamera& view : views)
+          addWants(run.predicted.texture, selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)));
         if (relief_turn && !views.empty()) relief(views.back(), run.predicted.relief, false);
         streamer.wantPrefetch(run.predicted.texture, run.predicted.relief);
       }

@@ -1,8 +1,13 @@
 #include "src/prefetch.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <numbers>
+#include <thread>
+#include <utility>
+
+#include "src/base/mailbox.h"
 
 namespace relievo {
 namespace {
@@ -14,6 +19,10 @@ std::array<double, 6> valuesOf(const OrbitCamera& c) {
 }
 
 }  // namespace
+
+double prefetchHorizon(double latency_p90_s, const PredictorOptions& options) {
+  return std::clamp(2 * latency_p90_s, std::min(kShortestHorizon_s, options.horizon_s), options.horizon_s);
+}
 
 void CameraPredictor::observe(const OrbitCamera& camera, double now_s) {
   if (!past_.empty() && (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s || camera.fov_deg != past_.back().camera.fov_deg)) {
@@ -59,11 +68,11 @@ OrbitCamera CameraPredictor::predict(double ahead_s) const {
   return c;
 }
 
-std::vector<OrbitCamera> CameraPredictor::views(int height_px) const {
+std::vector<OrbitCamera> CameraPredictor::views(int height_px, double horizon_s) const {
   std::vector<OrbitCamera> result;
   if (past_.size() < 2 || options_.steps < 1) return result;
   const OrbitCamera& now = past_.back().camera;
-  OrbitCamera then = predict(options_.horizon_s);
+  OrbitCamera then = predict(horizon_s);
   double pixels_per_radian = height_px / (2 * std::tan(now.fov_deg * std::numbers::pi / 360));
   double nearer_mm = std::min(now.distance_mm, then.distance_mm);
   double turned = std::max(std::abs(then.azimuth_deg - now.azimuth_deg), std::abs(then.elevation_deg - now.elevation_deg));
@@ -71,8 +80,57 @@ std::vector<OrbitCamera> CameraPredictor::views(int height_px) const {
   moved_px += pixels_per_radian * turned * std::numbers::pi / 180;
   moved_px += 0.5 * height_px * std::abs(std::log(then.distance_mm / now.distance_mm));
   if (!(moved_px >= options_.still_px)) return result;
-  for (int i = 1; i <= options_.steps; ++i) result.push_back(predict(options_.horizon_s * i / options_.steps));
+  for (int i = 1; i <= options_.steps; ++i) result.push_back(predict(horizon_s * i / options_.steps));
   return result;
 }
+
+void addWants(std::vector<NodeWant>& wants, const std::vector<TextureWant>& more) {
+  for (const TextureWant& w : more) wants.push_back({w.node, 1, w.priority});
+  std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+    return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
+  });
+  auto end = std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; });
+  wants.erase(end, wants.end());
+}
+
+struct Prefetcher::Impl {
+  Impl(const PlanarDomain& d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
+    thread = std::thread([this] { work(); });
+  }
+  ~Impl() {
+    requests.close();
+    thread.join();
+  }
+
+  void work() {
+    static const ReliefSet kNothing;
+    std::vector<NodeWant> relief;
+    while (std::optional<Request> request = requests.take()) {
+      auto start = std::chrono::steady_clock::now();
+      Answer answer;
+      for (const TextureView& view : request->texture) addWants(answer.texture, selectTextureNodes(domain, *oracle, view));
+      if (request->relief) {
+        relief.clear();
+        const ReliefSet& resident = request->resident ? *request->resident : kNothing;
+        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants) relief.push_back({w.page, 1, w.priority});
+      }
+      answer.relief = relief;
+      answer.determine_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      answers.post(std::move(answer));
+    }
+  }
+
+  const PlanarDomain domain;
+  const std::shared_ptr<const ReliefOracle> oracle;
+  Mailbox<Request> requests;
+  Mailbox<Answer> answers;
+  std::thread thread;
+};
+
+Prefetcher::Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
+    : impl_(std::make_unique<Impl>(domain, std::move(oracle))) {}
+Prefetcher::~Prefetcher() = default;
+void Prefetcher::post(Request request) { impl_->requests.post(std::move(request)); }
+std::optional<Prefetcher::Answer> Prefetcher::tryTake() { return impl_->answers.tryTake(); }
 
 }  // namespace relievo

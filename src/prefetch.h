@@ -1,21 +1,33 @@
-// prefetch.h - where the camera will be when a page asked for now arrives. Pure; used by the engine and by simulations alike.
+// prefetch.h - where the camera will be when a page asked for now arrives, and what it will want there. The prediction is pure, and
+// used by the engine and by simulations alike; the Prefetcher determines the pages on a thread of its own, on the CPU.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <deque>
+#include <memory>
+#include <optional>
 #include <vector>
 
+#include "geometry/planar_lod.h"
+#include "geometry/texture_select.h"
 #include "src/camera.h"
+#include "texturing/feedback.h"
 
 namespace relievo {
 
 struct PredictorOptions {
   double window_s = 0.1;   // cameras of this age and younger tell the velocity: evens out the jitter of hands and frame times
-  double horizon_s = 0.5;  // how far ahead
+  double horizon_s = 0.6;  // how far ahead at most; see prefetchHorizon()
   int steps = 2;           // views predicted up to there, evenly spaced
   double still_px = 2;     // predicted to move less than this on screen: the camera stands still
 };
+
+// A page has to be asked for as long ahead as it takes to come, and a view's worth of them as long as they take together: twice the
+// 90th percentile of the latency from wanted to shown, within these bounds. 0.6 s is where flights at 20 MB/s and 50 ms have most of
+// the gain (relievo bench --only prefetch); beyond, what is read in vain grows faster.
+inline constexpr double kShortestHorizon_s = 0.2;
+double prefetchHorizon(double latency_p90_s, const PredictorOptions& options);
 
 // Constant velocity in azimuth, elevation, log distance and target, by least squares over the window. The target's velocity is
 // meant relative to the distance: who zooms in on a place moves ever more slowly towards it, and who pans keeps to so many screens a
@@ -28,8 +40,9 @@ class CameraPredictor {
   void observe(const OrbitCamera& camera, double now_s);
   void reset() { past_.clear(); }
   OrbitCamera predict(double ahead_s) const;  // at now_s + ahead_s; the newest camera when there is too little to go by
-  // The views to prefetch for, nearest in time first; empty when the camera stands still (or is about to).
-  std::vector<OrbitCamera> views(int height_px) const;
+  // The views to prefetch for, up to a horizon, nearest in time first; empty when the camera stands still.
+  std::vector<OrbitCamera> views(int height_px, double horizon_s) const;
+  const PredictorOptions& options() const { return options_; }
 
  private:
   static constexpr size_t kValues = 6;  // azimuth, elevation, log distance, target
@@ -41,6 +54,32 @@ class CameraPredictor {
 
   PredictorOptions options_;
   std::deque<Seen> past_;
+};
+
+// Nodes of several views: each once, as urgent as where it is nearest to the centre.
+void addWants(std::vector<NodeWant>& wants, const std::vector<TextureWant>& more);
+
+// Newest request in, newest answer out; used from one thread, which never waits (but for the destructor).
+class Prefetcher {
+ public:
+  struct Request {
+    std::vector<TextureView> texture;
+    std::optional<LodView> relief;  // of the farthest view ahead
+    std::shared_ptr<const ReliefSet> resident;
+  };
+  struct Answer {
+    std::vector<NodeWant> texture, relief;  // relief: of the last request that asked for it
+    double determine_ms = 0;
+  };
+
+  Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
+  ~Prefetcher();
+  void post(Request request);
+  std::optional<Answer> tryTake();
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace relievo
