@@ -100,6 +100,37 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
 }
 #endif
 
+#ifdef DENSE
+// What the virtual texture is compared with: the same filters on plain mip-mapped textures, a layer a plane, of one whole patch.
+uniform sampler2DArray u_dense;
+
+vec3 filterDense(int plane, int level, vec2 p) {
+  int mip = u_artwork.x - level, last = (kPagePx << level) - 1;
+#if defined(NEAREST)
+  return texelFetch(u_dense, ivec3(clamp(ivec2(p), ivec2(0), ivec2(last)), plane), mip).rgb * 255.0;
+#elif defined(FAST_FILTER)
+  return textureLod(u_dense, vec3(p / float(last + 1), float(plane)), float(mip)).rgb * 255.0;
+#else
+  vec2 corner = floor(p - 0.5);
+  vec2 f = p - 0.5 - corner;
+  ivec2 low = max(ivec2(corner), ivec2(0)), high = min(ivec2(corner) + 1, ivec2(last));
+  vec3 c00 = texelFetch(u_dense, ivec3(low, plane), mip).rgb;
+  vec3 c10 = texelFetch(u_dense, ivec3(high.x, low.y, plane), mip).rgb;
+  vec3 c01 = texelFetch(u_dense, ivec3(low.x, high.y, plane), mip).rgb;
+  vec3 c11 = texelFetch(u_dense, ivec3(high, plane), mip).rgb;
+  vec3 top = c00 + (c10 - c00) * f.x;
+  vec3 bottom = c01 + (c11 - c01) * f.x;
+  return (top + (bottom - top) * f.y) * 255.0;
+#endif
+}
+
+int sampleLevel(int level, out vec3 channels[PLANES]) {
+  vec2 p = (vec2(v_node.zw) + v_uv) * (powerOfTwo(level - int(v_node.y)) * float(kPagePx));
+  for (int k = 0; k < PLANES; ++k) channels[k] = filterDense(k, level, p);
+  return level;
+}
+#else
+
 // The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none, a neutral grey).
 #ifdef ANISOTROPY
 int sampleLevel(int level, Footprint f, out vec3 channels[PLANES]) {
@@ -120,6 +151,7 @@ int sampleLevel(int level, out vec3 channels[PLANES]) {
 #endif
   return int(place.node.y);
 }
+#endif
 
 vec3 shade(vec3 channels[PLANES]) {
 #if BASIS == 0
