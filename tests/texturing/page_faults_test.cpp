@@ -1,9 +1,7 @@
 // The streamer on bad storage, in a cache that is too small, and under random operations.
-#include "tests/texturing/streamer_simulation.h"
+#include "tests/texturing/page_simulation.h"
 
-#include <atomic>
 #include <cmath>
-#include <thread>
 
 namespace relievo {
 namespace {
@@ -13,25 +11,6 @@ using namespace fake;
 // --- faults ---
 
 double dice(PageId id, uint64_t seed) { return static_cast<double>(mix(id.bits * 31 + seed) >> 11) * 0x1p-53; }
-
-void expectFinal(Simulation& sim, const FailingSource& source) {
-  uint64_t failed = 0;
-  for (const NodeWant& w : sim.texture) {
-    bool whole = true, any_failed = false;
-    for (Plane p : sim.planes) {
-      PageState state = sim.streamer.state(PageId(p, w.node));
-      whole = whole && state == PageState::kResident;
-      any_failed = any_failed || state == PageState::kFailed;
-      failed += state == PageState::kFailed;
-    }
-    EXPECT_EQ(whole, !any_failed) << "a page that may still come";
-    EXPECT_EQ(sim.streamer.table().find(w.node).has_value(), whole);
-  }
-  EXPECT_LE(source.mostAttempts(), kMaxAttempts);
-  EXPECT_LE(failed, sim.streamer.stats().failed_pages);
-  EXPECT_EQ(sim.messages.size(), sim.streamer.stats().failed_pages);
-  EXPECT_EQ(std::set(sim.messages.begin(), sim.messages.end()).size(), sim.messages.size()) << "named twice";
-}
 
 TEST(StreamerFaults, FailingShortCorruptAndLateReads) {
   for (uint64_t seed = 1; seed <= 6; ++seed) {
@@ -76,31 +55,6 @@ TEST(StreamerFaults, FailingShortCorruptAndLateReads) {
   }
 }
 
-TEST(StreamerFaults, TheSameWithThreads) {
-  auto failing = std::make_shared<FailingSource>(
-      std::make_shared<ProceduralSource>(),
-      FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.02, .late = 0.1, .late_s = 0.02},
-      3);
-  auto options = Simulation::options(1024);
-  options.workers = 4;
-  Simulation sim(failing, options);
-  sim.texels_matter = false;
-  sim.in_flight = 0;  // the threads work
-  sim.frame_s = 0.05;
-  sim.streamer.pinRoots({{kRoot}}, {});
-  sim.texture = square(5, 3, 3, 8);
-  uint64_t frames = 0;
-  do {
-    sim.step();
-    ASSERT_FALSE(HasFatalFailure());
-    for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
-    std::this_thread::sleep_for(std::chrono::microseconds(500));
-    ++frames;
-  } while (!sim.streamer.settled());
-  expectFinal(sim, *failing);
-  EXPECT_GT(frames, 3u);
-}
-
 TEST(StreamerFaults, ASourceThatNeverAnswersStopsNothing) {
   auto options = Simulation::options(256);
   options.ready_limit = 12;
@@ -120,34 +74,6 @@ TEST(StreamerFaults, ASourceThatNeverAnswersStopsNothing) {
   EXPECT_EQ(sim.taken.size(), 12u) << "bounded by the buffers";
   EXPECT_GT(sim.streamer.stats().cancelled_before_read, 1000u);
 }  // and so does the destructor not wait: nobody reads
-
-TEST(StreamerFaults, TheDestructorWaitsForTheReadsUnderWayAndForNothingElse) {
-  auto gate = std::make_shared<GatedSource>(std::make_shared<ProceduralSource>());
-  auto record = std::make_shared<RecordingSource>(gate);
-  std::atomic<int> decoded{0};
-  auto options = Simulation::options(256);
-  options.workers = 2;
-  auto streamer = std::make_unique<PageStreamer>(
-      record, options, [&](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
-        ++decoded;
-        return fakeDecode(plane, encoded, texels);
-      });
-  streamer->beginFrame(1, 0);
-  streamer->wantTexture(square(4, 0, 0, 8));
-  streamer->placeReady(8);
-  gate->waitForReaders(2);
-  std::atomic<bool> gone{false};
-  std::thread owner([&] {
-    streamer.reset();
-    gone = true;
-  });
-  std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  EXPECT_FALSE(gone) << "the reads use the source";
-  gate->open();
-  owner.join();
-  EXPECT_EQ(record->reads().size(), 2u) << "what was queued is not read";
-  EXPECT_EQ(decoded, 0) << "what nobody will see is not decoded";
-}
 
 // --- pressure ---
 

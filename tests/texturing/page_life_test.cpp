@@ -1,5 +1,5 @@
 // The streamer on a simulated clock: order of service, prefetching, cancellation, counters, the states of a page.
-#include "tests/texturing/streamer_simulation.h"
+#include "tests/texturing/page_simulation.h"
 
 #include <cctype>
 #include <cmath>

@@ -1,4 +1,4 @@
-// streamer_simulation.h - a page streamer without threads, on a clock of its own: jobs are taken as a link with so many
+// page_simulation.h - a page streamer without threads, on a clock of its own: jobs are taken as a link with so many
 // reads in flight would, and finish when the simulated time has come. Same seed, same run. With the checks of every
 // frame.
 #pragma once
@@ -162,5 +162,25 @@ struct Simulation {
     return {};
   }
 };
+
+// Settled on storage that fails: each wanted page is there or has failed for good, and each that has is named once.
+inline void expectFinal(Simulation& sim, const FailingSource& source) {
+  uint64_t failed = 0;
+  for (const NodeWant& w : sim.texture) {
+    bool whole = true, any_failed = false;
+    for (Plane p : sim.planes) {
+      PageState state = sim.streamer.state(PageId(p, w.node));
+      whole = whole && state == PageState::kResident;
+      any_failed = any_failed || state == PageState::kFailed;
+      failed += state == PageState::kFailed;
+    }
+    EXPECT_EQ(whole, !any_failed) << "a page that may still come";
+    EXPECT_EQ(sim.streamer.table().find(w.node).has_value(), whole);
+  }
+  EXPECT_LE(source.mostAttempts(), kMaxAttempts);
+  EXPECT_LE(failed, sim.streamer.stats().failed_pages);
+  EXPECT_EQ(sim.messages.size(), sim.streamer.stats().failed_pages);
+  EXPECT_EQ(std::set(sim.messages.begin(), sim.messages.end()).size(), sim.messages.size()) << "named twice";
+}
 
 }  // namespace relievo::fake
