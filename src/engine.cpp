@@ -13,6 +13,7 @@
 
 #include "geometry/lod_worker.h"
 #include "src/gl/program.h"
+#include "src/prefetch.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
@@ -123,6 +124,9 @@ struct Engine::Impl {
   };
   DrawnView drawn;
   std::deque<DrawnView> posted;       // requests whose answers are still to come
+  CameraPredictor predictor;
+  std::unique_ptr<Prefetcher> prefetcher;  // from the first move of the camera on
+  bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
   double wants_bias = 0;                   // of feedback_wants
@@ -134,14 +138,15 @@ struct Engine::Impl {
   bool usesFeedback() const { return options.determination != Determination::kGeometry; }
   bool usesGeometry() const { return options.determination != Determination::kFeedback; }
 
-  ViewTransform currentView() const {
+  ViewTransform currentView() const { return viewOf(camera); }
+  ViewTransform viewOf(const OrbitCamera& of) const {
     double low = 0, high = 0;
     if (plan.relief) {
       low = domain().relief_offset_mm * scene.exaggerate;
       high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
       if (low > high) std::swap(low, high);
     }
-    return viewTransform(camera, domain(), low, high, width, height);
+    return viewTransform(of, domain(), low, high, width, height);
   }
 
   Result<void> linkPrograms() {
@@ -173,6 +178,7 @@ struct Engine::Impl {
   void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
     StreamerOptions so;
     so.slot_count = slot_count;
+    so.replacement = options.replacement;
     so.workers = options.workers;
     so.texture_planes = for_plan.texture_planes;
     so.format = artwork.manifest.texture;
@@ -192,6 +198,8 @@ struct Engine::Impl {
       stream_switch.retire(std::move(streamer));
     }
     streamer = std::move(next);
+    predictor.reset();
+    predicting = false;
     pool->forgetTable();
     want_memory.clear();
     feedback_wants.clear();
@@ -396,6 +404,39 @@ struct Engine::Impl {
     pool->uploadTable(streamer->table());
   }
 
+  void stopPrefetch() {
+    predictor.reset();
+    if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+  }
+
+  // Nothing to do while the camera stands still; else a prediction, and a request that another thread answers.
+  void prefetch(double now_s) {
+    if (!options.prefetch) return;
+    predictor.observe(camera, now_s);
+    auto views = predictor.views(height, prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
+    if (views.empty() || lod_bias > 0) {
+      if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+      return;
+    }
+    if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain(), artwork.oracle);
+    if (auto answer = prefetcher->tryTake(); answer && predicting) {
+      streamer->wantPrefetch(answer->texture, plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
+      stats.predict_ms = answer->determine_ms;
+    }
+    Prefetcher::Request request;
+    for (const OrbitCamera& ahead : views) {
+      request.texture.push_back(textureView(viewOf(ahead)));
+      request.texture.back().relief = false;  // like the feedback, not the finest level that a slope might want
+    }
+    constexpr uint64_t kReliefEvery = 4;  // frames: its cost is that of a frame's patch list
+    if (plan.relief && frame % kReliefEvery == 0) {
+      request.relief = lodView(viewOf(views.back()));
+      request.resident = resident_relief;
+    }
+    prefetcher->post(std::move(request));
+    predicting = true;
+  }
+
   EyeFrame prepareInstances() {
     EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief);
     patches->setInstances(instances, domain(), eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
@@ -407,6 +448,7 @@ struct Engine::Impl {
     ++stats.frames;
     if (auto switched = switchPlanes(); !switched) messages.push_back(switched.error().text());
     takeFeedback();
+    prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
     if (adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
@@ -526,6 +568,7 @@ Result<void> Engine::settle(double timeout_s) {
   // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and patch list
   // first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it over, with less detail.
   Impl& e = *impl_;
+  e.stopPrefetch();
   double start = steadySeconds();
   auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
   auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
@@ -655,6 +698,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"cancelled_before_read", s.streamer.cancelled_before_read},
       {"cancelled_before_decode", s.streamer.cancelled_before_decode},
       {"cancelled_after_decode", s.streamer.cancelled_after_decode},
+      {"predict_ms", s.predict_ms},
       {"prefetched", s.streamer.prefetched},
       {"prefetch_used", s.streamer.prefetch_used},
       {"prefetch_wasted", s.streamer.prefetch_wasted},

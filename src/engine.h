@@ -40,6 +40,8 @@ struct EngineOptions {
   int workers = 2;
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
+  Replacement replacement = Replacement::kLru;
+  bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h)
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
 };
@@ -55,6 +57,7 @@ struct EngineStats {
   uint32_t edges_limited = 0;
   double lod_ms = 0;        // of the last LOD evaluation, on its worker
   double determine_ms = 0;  // the part of it that named texture pages; 0 with kFeedback
+  double predict_ms = 0;    // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way
   std::vector<std::string> passes, planes_read;
 };

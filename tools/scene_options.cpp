@@ -77,6 +77,9 @@ void SceneOptions::addTo(CLI::App& c) {
                "every pixel once in the square of that many frames")
       ->check(CLI::Range(1, kMaxFeedbackScale))->capture_default_str();
   c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
+  c.add_option("--replacement", replacement, "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
+      ->check(CLI::IsMember({"lru", "clock", "halving"}))->capture_default_str();
+  c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now [on]");
   c.add_option("--workers", workers, "Threads that read and decode pages")->check(CLI::Range(1, 64))->capture_default_str();
 }
 
@@ -144,6 +147,8 @@ EngineOptions SceneOptions::engineOptions() const {
   o.determination = determination == "geometry" ? Determination::kGeometry
                     : determination == "both"   ? Determination::kBoth
                                                 : Determination::kFeedback;
+  o.replacement = *replacementFromName(replacement);
+  o.prefetch = prefetch;
   o.interrupted = &interruptedFlag();
   return o;
 }

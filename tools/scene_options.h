@@ -22,6 +22,8 @@ struct SceneOptions {
 
   std::string determination = "feedback";
   int feedback_scale = 8;
+  std::string replacement = "lru";
+  bool prefetch = true;
 
   void addTo(CLI::App& command);
   Result<Scene> scene() const;
