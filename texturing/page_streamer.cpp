@@ -20,6 +20,7 @@ constexpr double kFirstBackOff_s = 0.1;
 constexpr double kBackOffFactor = 4;
 constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessages; the rest is counted only
 constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
+constexpr std::ptrdiff_t kMaxOffers = 1024;  // jobs a frame: more than workers can take until the next
 constexpr uint64_t kNever = ~uint64_t{0};
 constexpr uint64_t kAlways = kNever - 1;  // as a wish list's number: wanted whatever the lists say
 
@@ -131,6 +132,7 @@ struct PageStreamer::Impl {
     enqueue(id, page);
   }
   void enqueue(PageId id, Page& page) {
+    if (auto known = dropped_attempts.extract(id)) page.attempts = known.mapped();
     page.ticket = ++last_ticket;
     setState(id, page, PageState::kQueued);
     queued.push_back(id);
@@ -207,6 +209,7 @@ struct PageStreamer::Impl {
   // Forgets a page that is on its way; what was prefetched was so in vain.
   PageMap::iterator drop(PageMap::iterator it) {
     stats.prefetch_wasted += it->second.speculative && it->second.state != PageState::kQueued;
+    if (it->second.attempts > 0) dropped_attempts[it->first] = it->second.attempts;
     return forget(it);
   }
 
@@ -317,6 +320,7 @@ struct PageStreamer::Impl {
     planPrefetch(room_used);
     publish();
     if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
+    if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
   }
 
   void planPrefetch(uint64_t room_used) {
@@ -324,7 +328,9 @@ struct PageStreamer::Impl {
     if (stats.deferred > 0 || bias.value() > 0) return;
     room_used += recent.idleCount();
     for (const Wish& w : predictions) {
-      auto absent = absentPages(w);
+      auto entry = w.relief ? std::nullopt : table.find(w.node);
+      if (entry && slots[entry->slots[0]].plan == plan_number) continue;  // wanted now
+      auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
       if (!absent || room_used + *absent > cache.slotCount()) continue;
       for (Plane p : planesOf(w)) {
         PageId id(p, w.node);
@@ -360,7 +366,12 @@ struct PageStreamer::Impl {
       offers.push_back({rank, it->second.ticket});
     }
     queued.resize(kept);
-    std::sort(offers.begin(), offers.end(), [](const RankedJob& a, const RankedJob& b) { return b.rank < a.rank; });
+    auto last = [](const RankedJob& a, const RankedJob& b) { return b.rank < a.rank; };
+    if (std::ssize(offers) > kMaxOffers) {
+      std::nth_element(offers.begin(), offers.end() - kMaxOffers, offers.end(), last);
+      offers.erase(offers.begin(), offers.end() - kMaxOffers);
+    }
+    std::sort(offers.begin(), offers.end(), last);
     published = !offers.empty();
     jobs->publish(offers, started, [&](const PageJob& job) {
       auto it = pages.find(job.id);
@@ -501,6 +512,7 @@ struct PageStreamer::Impl {
   PageMap pages;
   PageCensus census;
   uint64_t permanent_failures = 0;
+  std::unordered_map<PageId, int> dropped_attempts;  // of pages that failed and were cancelled when tried again
   std::vector<PageId> queued, ready;  // may name pages that are no longer so
   bool published = false;             // the workers may still hold jobs of the last publish()
   std::vector<PageId> refresh;        // pinned pages whose texels are out of date
