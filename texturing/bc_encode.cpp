@@ -1,6 +1,6 @@
 // bc_encode.cpp - a block's texels lie near a line (or two) in the space of its channels: the principal axis gives the first ends,
-// and the least squares of the indices so found give better ones, two or three times over. What is left of the choice (BC7's
-// modes, partitions and p bits) is tried, as far as an estimate does not rule it out.
+// and the least squares of the indices so found give better ones, two or three times over. BC7's modes are tried in turn, as far
+// as an estimate of what they leave over does not rule them out.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -160,57 +160,74 @@ constexpr NearestIndex nearestIndices() {
 }
 constexpr NearestIndex kNearest = nearestIndices();
 
+// An end at v as it can be stored: channel by channel the nearest value with that p bit.
+struct End {
+  std::array<uint8_t, 3> stored{};
+  int value[3] = {};
+  float error = 0;
+};
+End quantise(const Point& v, int channels, int bits, bool has_p, int p) {
+  End out;
+  for (int c = 0; c < channels; ++c) {
+    if (has_p) {
+      const float scaled = v.c[c] * static_cast<float>((2 << bits) - 1) / 255;
+      const int stored = std::clamp(rounded((scaled - static_cast<float>(p)) / 2), 0, (1 << bits) - 1);
+      out.stored[c] = static_cast<uint8_t>(stored);
+      out.value[c] = expand(stored << 1 | p, bits + 1);
+    } else {
+      out.stored[c] = static_cast<uint8_t>(rounded(v.c[c] * static_cast<float>((1 << bits) - 1) / 255));
+      out.value[c] = expand(out.stored[c], bits);
+    }
+    const float e = v.c[c] - static_cast<float>(out.value[c]);
+    out.error += e * e;
+  }
+  return out;
+}
+
 // channels: how many of the three count (the rest are 0 and stay 0).
 Line fitLine(const Point* points, int n, int channels, int bits, PBits p_bits, int index_bits) {
   const uint8_t* weights = bc7::weights(index_bits);
   const uint8_t* nearest = kNearest.of[index_bits - 2];
+  const bool has_p = p_bits != PBits::kNone;
   Segment s = firstSegment(points, n);
   for (Point* p : {&s.a, &s.b})
     for (float& x : p->c) x = std::clamp(x, 0.0f, 255.0f);
   Line best;
   for (int round = 0; round < kRefinements; ++round) {
-    const int before = best.error;
-    const int choices = p_bits == PBits::kNone ? 1 : p_bits == PBits::kShared ? 2 : 4;
-    for (int choice = 0; choice < choices; ++choice) {
-      Line line;
-      line.p = {static_cast<uint8_t>(choice & 1), static_cast<uint8_t>(p_bits == PBits::kShared ? choice : choice >> 1)};
-      float end[2][3] = {}, d[3] = {}, length2 = 0;
-      int value[2][3] = {};
-      for (int c = 0; c < channels; ++c) {
-        for (int k = 0; k < 2; ++k) {
-          const float v = k ? s.b.c[c] : s.a.c[c];
-          int stored;
-          if (p_bits == PBits::kNone) {
-            stored = rounded(v * static_cast<float>((1 << bits) - 1) / 255);
-            value[k][c] = expand(stored, bits);
-          } else {
-            stored = std::clamp(rounded((v * static_cast<float>((2 << bits) - 1) / 255 - static_cast<float>(line.p[k])) / 2), 0, (1 << bits) - 1);
-            value[k][c] = expand(stored << 1 | line.p[k], bits + 1);
-          }
-          line.ends[k][c] = static_cast<uint8_t>(stored);
-          end[k][c] = static_cast<float>(value[k][c]);
-        }
-        d[c] = end[1][c] - end[0][c];
-        length2 += d[c] * d[c];
-      }
-      const float per_length2 = length2 > 0 ? 64 / length2 : 0;
-      int palette[16][3];
-      for (int k = 0; k < 1 << index_bits; ++k)
-        for (int c = 0; c < 3; ++c) palette[k][c] = ((64 - weights[k]) * value[0][c] + weights[k] * value[1][c] + 32) >> 6;
-      line.error = 0;
-      for (int i = 0; i < n; ++i) {
-        float t = 0;
-        for (int c = 0; c < 3; ++c) t += (points[i].c[c] - end[0][c]) * d[c];
-        const int k = nearest[rounded(std::clamp(t * per_length2, 0.0f, 64.0f))];
-        line.indices[i] = static_cast<uint8_t>(k);
-        for (int c = 0; c < 3; ++c) {
-          int e = static_cast<int>(points[i].c[c]) - palette[k][c];
-          line.error += e * e;
-        }
-      }
-      if (line.error < best.error) best = line;
+    // Of the p bits those that bring the ends nearest to where they should be.
+    End a[2], b[2];
+    for (int p = 0; p < (has_p ? 2 : 1); ++p) a[p] = quantise(s.a, channels, bits, has_p, p), b[p] = quantise(s.b, channels, bits, has_p, p);
+    int pa = 0, pb = 0;
+    if (p_bits == PBits::kEach) pa = a[1].error < a[0].error, pb = b[1].error < b[0].error;
+    if (p_bits == PBits::kShared) pa = pb = a[1].error + b[1].error < a[0].error + b[0].error;
+    const End &from = a[pa], &to = b[pb];
+    Line line;
+    line.ends = {from.stored, to.stored};
+    line.p = {static_cast<uint8_t>(pa), static_cast<uint8_t>(pb)};
+    float d[3], length2 = 0;
+    for (int c = 0; c < 3; ++c) {
+      d[c] = static_cast<float>(to.value[c] - from.value[c]);
+      length2 += d[c] * d[c];
     }
-    if (best.error == 0 || best.error == before || round + 1 == kRefinements) break;
+    const float per_length2 = length2 > 0 ? 64 / length2 : 0;
+    float palette[16][3];
+    for (int k = 0; k < 1 << index_bits; ++k)
+      for (int c = 0; c < 3; ++c) palette[k][c] = static_cast<float>(((64 - weights[k]) * from.value[c] + weights[k] * to.value[c] + 32) >> 6);
+    float error = 0;
+    for (int i = 0; i < n; ++i) {
+      float t = 0;
+      for (int c = 0; c < 3; ++c) t += (points[i].c[c] - static_cast<float>(from.value[c])) * d[c];
+      const int k = nearest[rounded(std::clamp(t * per_length2, 0.0f, 64.0f))];
+      line.indices[i] = static_cast<uint8_t>(k);
+      for (int c = 0; c < 3; ++c) {
+        const float e = points[i].c[c] - palette[k][c];
+        error += e * e;
+      }
+    }
+    line.error = static_cast<int>(error);  // of whole numbers, exactly
+    if (line.error >= best.error) break;
+    best = line;
+    if (best.error == 0 || round + 1 == kRefinements) break;
     float weight[16];
     for (int i = 0; i < n; ++i) weight[i] = static_cast<float>(weights[best.indices[i]]) / 64;
     if (!leastSquares(points, weight, n, &s)) break;
