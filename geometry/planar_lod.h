@@ -64,6 +64,7 @@ struct PatchInstance {
   static constexpr uint8_t kWholeEdge = 15;
   std::array<std::array<uint8_t, 2>, 4> edges{};
   NodeId relief_page;          // the resident page to displace from; it covers the node. Unused in a flat view.
+  friend bool operator==(const PatchInstance&, const PatchInstance&) = default;
 };
 
 struct ReliefWant {

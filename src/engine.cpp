@@ -104,15 +104,18 @@ struct Engine::Impl {
     int width = 0, height = 0;
     Sampling sampling = Sampling::kTrilinear;
     int anisotropy = 1;
+    uint64_t list = 0;
     friend bool operator==(const FeedbackView&, const FeedbackView&) = default;
   };
   FeedbackView feedback_view;
   uint64_t feedback_view_number = 0;
+  uint64_t full_passes = 0;                              // of this view, with the full mesh
   std::vector<NodeWant> feedback_wants, geometry_wants;  // by determination; their union is texture_wants
   std::vector<NodeWant> texture_wants, relief_wants;
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
+  uint64_t list_number = 0;           // differs whenever `instances` does
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
   uint64_t adopted_frame = 0;         // of the LOD request whose answer is drawn
@@ -202,6 +205,7 @@ struct Engine::Impl {
     predicting = false;
     pool->forgetTable();
     want_memory.clear();
+    feedback_view = {};
     feedback_wants.clear();
     geometry_wants.clear();
     texture_wants.clear();
@@ -300,6 +304,7 @@ struct Engine::Impl {
       for (const NodeId& page : pinned_relief) streamer->unpinRelief(page);
     }
     pinned_relief = std::move(pages);
+    list_number += answer.lod.instances != instances;
     instances = std::move(answer.lod.instances);
     stats.predicted_error_px = answer.lod.max_error_px;
     stats.edges_limited = answer.lod.limited_by_residency;
@@ -335,15 +340,36 @@ struct Engine::Impl {
     }
   }
 
-  // One pixel of each block of feedback_scale^2, another one every time; full: every pixel.
-  bool issueFeedback(double now_s, bool full) {
-    FeedbackGrid grid = feedbackGrid(width, height, full ? 1 : options.feedback_scale, feedback_turn);
-    FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy};
-    if (!(seen == feedback_view)) {
-      feedback_view = seen;
-      ++feedback_view_number;
-      feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
-    }
+  // Is the view that of the last feedback?
+  bool followView() {
+    FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy, list_number};
+    if (seen == feedback_view) return true;
+    feedback_view = seen;
+    full_passes = 0;
+    ++feedback_view_number;
+    feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
+    return false;
+  }
+  // Results until every pixel of a still view was seen, by every tap.
+  uint64_t stillPasses() const {
+    auto scale = static_cast<uint64_t>(options.feedback_scale);
+    return std::max<uint64_t>(scale * scale * static_cast<uint64_t>(plan.feedbackPhases()), kMovingResults);
+  }
+  // While the view moves a coarse mesh tells enough. A still one is asked with the mesh that is drawn, until every pixel was seen;
+  // then nothing is new, and no more passes are drawn.
+  void feedbackStep(double now_s) {
+    bool still = followView();
+    if (still && full_passes >= stillPasses()) return;
+    auto scale = static_cast<uint64_t>(options.feedback_scale);
+    tap_phase = static_cast<int>(feedback_turn / (scale * scale) % static_cast<uint64_t>(plan.feedbackPhases()));
+    if (!issueFeedback(now_s, options.feedback_scale, still ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse)) return;
+    ++feedback_turn;
+    full_passes += still;
+  }
+
+  // One pixel of each block of scale^2.
+  bool issueFeedback(double now_s, int scale, PatchPass::Mesh mesh) {
+    FeedbackGrid grid = feedbackGrid(width, height, scale, feedback_turn);
     ViewTransform view = drawn.view;
     view.clip_from_world = grid.clipFromWorld(view.clip_from_world);
     EyeFrame eye = eyeFrame(view, domain(), drawn.exaggerate, plan.relief);
@@ -351,7 +377,7 @@ struct Engine::Impl {
       feedback_program.use();
       pool->bind(feedback_program, streamer->table());
       setUniforms(feedback_program, now_s, lod_bias - std::log2(grid.scale), 1.0 / grid.scale);
-      stats.draw_calls += patches->draw(feedback_program, eye, full ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse);
+      stats.draw_calls += patches->draw(feedback_program, eye, mesh);
     });
   }
 
@@ -371,7 +397,7 @@ struct Engine::Impl {
   void takeFeedback() {
     bool any = false;
     for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
-      auto results = static_cast<uint32_t>(options.feedback_scale * options.feedback_scale * plan.feedbackPhases());
+      auto results = static_cast<uint32_t>(stillPasses() + 1);
       auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
       feedback_wants.assign(wants.begin(), wants.end());
       wants_bias = feedback_bias[feedback->tag() % feedback_bias.size()];
@@ -383,14 +409,17 @@ struct Engine::Impl {
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
     std::vector<NodeWant> wants;
+    followView();
     for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
       feedback->wait();  // a target is free for sure
-      if (!issueFeedback(steadySeconds(), true)) continue;
+      if (!issueFeedback(steadySeconds(), 1, PatchPass::Mesh::kFull)) continue;
       auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
       wants.insert(wants.end(), found.begin(), found.end());
     }
     feedback_wants = plan.feedbackPhases() > 1 ? unionOfWants(std::move(wants)) : std::move(wants);
     want_memory.clear();
+    want_memory.add(feedback_wants, feedback_view_number, 1);
+    full_passes = stillPasses();  // frames of this view have nothing to add
     wants_bias = lod_bias;
     uniteWants();
   }
@@ -413,8 +442,7 @@ struct Engine::Impl {
   void prefetch(double now_s) {
     if (!options.prefetch) return;
     predictor.observe(camera, now_s);
-    auto views = predictor.views(height, prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
-    if (views.empty() || lod_bias > 0) {
+    if (!predictor.moves(height) || lod_bias > 0) {
       if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
       return;
     }
@@ -423,6 +451,7 @@ struct Engine::Impl {
       streamer->wantPrefetch(answer->texture, plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
       stats.predict_ms = answer->determine_ms;
     }
+    auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
     Prefetcher::Request request;
     for (const OrbitCamera& ahead : views) {
       request.texture.push_back(textureView(viewOf(ahead)));
@@ -461,8 +490,7 @@ struct Engine::Impl {
     lod_bias = streamer->detailBias();
     EyeFrame eye = prepareInstances();
     drawPicture(eye, now_s);
-    tap_phase = static_cast<int>(frame % static_cast<uint64_t>(plan.feedbackPhases()));
-    if (usesFeedback() && issueFeedback(now_s, false)) ++feedback_turn;
+    if (usesFeedback()) feedbackStep(now_s);
     submitFrame();
   }
 
@@ -498,6 +526,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->artwork = std::move(artwork);
   impl->scene = scene;
   impl->options = options;
+  impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
   impl->context = gl::currentContextInfo();
   impl->plan = planEffects(scene, impl->artwork.manifest);
   double slots = options.cache_mib * 1024 * 1024 / kSlotBytes;

@@ -7,103 +7,15 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <optional>
 #include <set>
 
 #include "tests/geometry/lod_fixture.h"
+#include "tests/geometry/pixel_wants.h"
 
 namespace relievo::test {
 namespace {
 
 constexpr uint64_t kSeed = 20261121;
-
-TextureView textureView(const Camera& c, int height_px, bool relief) {
-  Camera sized = c;
-  sized.viewport_height_px = height_px;
-  LodView lod = makeView(sized);
-  TextureView v;
-  v.clip_from_world = lod.clip_from_world;
-  v.eye_mm = lod.eye_mm;
-  v.pixels_per_radian = lod.pixels_per_radian;
-  v.near_mm = lod.near_mm;
-  v.height_px = height_px;
-  v.width_px = std::max(1, static_cast<int>(std::lround(height_px * c.aspect)));
-  v.relief = relief;
-  v.error_px = 0;
-  return v;
-}
-
-// ---- a pixel's wish
-struct Footprint {
-  glm::dvec2 texel{0};  // of the finest level, from the artwork's top left corner
-  glm::dvec2 dx{0}, dy{0};
-};
-
-// By rays: from the eye through places of the screen, until they meet a plane.
-class Rays {
- public:
-  explicit Rays(const TextureView& v) : view_(v), world_from_clip_(glm::inverse(v.clip_from_world)) {}
-  // x, y: px from the top left corner. The plane: (p - at) . normal = 0.
-  std::optional<glm::dvec3> meet(double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
-    glm::dvec2 ndc{2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px};
-    glm::dvec4 far = world_from_clip_ * glm::dvec4(ndc, 0.9, 1);
-    glm::dvec3 direction = glm::dvec3(far) / far.w - view_.eye_mm;
-    double along = glm::dot(direction, normal);
-    if (along == 0) return std::nullopt;
-    double t = glm::dot(at - view_.eye_mm, normal) / along;
-    if (!(t > 0) || !std::isfinite(t)) return std::nullopt;
-    glm::dvec3 p = view_.eye_mm + direction * t;
-    glm::dvec4 clip = view_.clip_from_world * glm::dvec4(p, 1);
-    if (!(std::abs(clip.z) <= clip.w)) return std::nullopt;
-    return p;
-  }
-  std::optional<Footprint> footprint(const PlanarDomain& d, double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
-    constexpr double kStep = 1.0 / 1024;
-    auto texel = [&](double sx, double sy) -> std::optional<glm::dvec2> {
-      std::optional<glm::dvec3> p = meet(sx, sy, at, normal);
-      if (!p) return std::nullopt;
-      return glm::dvec2(p->x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px), 0.5 * static_cast<double>(d.height_px) - p->y / d.mm_per_px);
-    };
-    auto centre = texel(x, y), right = texel(x + kStep, y), left = texel(x - kStep, y), down = texel(x, y + kStep), up = texel(x, y - kStep);
-    if (!centre || !right || !left || !down || !up) return std::nullopt;
-    return Footprint{*centre, (*right - *left) / (2 * kStep), (*down - *up) / (2 * kStep)};
-  }
-
- private:
-  const TextureView& view_;
-  glm::dmat4 world_from_clip_;
-};
-
-std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& texel, int level) {
-  if (texel.x < 0 || texel.y < 0 || texel.x >= static_cast<double>(d.width_px) || texel.y >= static_cast<double>(d.height_px)) return std::nullopt;
-  double side = static_cast<double>(d.patchPx());
-  auto patch = static_cast<uint32_t>((d.alongX() ? texel.x : texel.y) / side);
-  double cell = std::ldexp(side, -level);
-  return NodeId{patch, static_cast<uint32_t>(level), static_cast<uint32_t>((texel.x - static_cast<double>(d.patchOriginX(patch))) / cell),
-                static_cast<uint32_t>((texel.y - static_cast<double>(d.patchOriginY(patch))) / cell)};
-}
-int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint& f) {
-  double major = std::sqrt(std::max(glm::dot(f.dx, f.dx), glm::dot(f.dy, f.dy)));
-  if (v.anisotropy > 1) {
-    double aa = glm::dot(f.dx, f.dx), bb = glm::dot(f.dy, f.dy), ab = glm::dot(f.dx, f.dy);
-    double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
-    double longest = std::sqrt(0.5 * (aa + bb + root)), shortest = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / longest;
-    major = std::max(shortest, longest / v.anisotropy);
-  }
-  double lod = std::clamp(std::log2(major) + v.lod_bias, 0.0, static_cast<double>(d.texture_depth));
-  return d.texture_depth - static_cast<int>(std::floor(v.trilinear ? lod : lod + 0.5));
-}
-// From the pixel to the end of its footprint, or of as many steps as there are taps.
-glm::dvec2 tapReach(const TextureView& v, const Footprint& f) {
-  double angle = 0.5 * std::atan2(2 * glm::dot(f.dx, f.dy), glm::dot(f.dx, f.dx) - glm::dot(f.dy, f.dy));
-  glm::dvec2 major = f.dx * std::cos(angle) + f.dy * std::sin(angle);
-  double minor = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / glm::length(major);
-  double step = std::max(1.0, std::max(minor, glm::length(major) / v.anisotropy) * std::exp2(v.lod_bias));
-  return 0.5 * glm::normalize(major) * std::min(glm::length(major), step * v.anisotropy);
-}
-void addWithAncestors(NodeId node, std::set<NodeId>& out) {
-  while (out.insert(node).second && node.level > 0) node = node.parent();
-}
 
 // What all pixels of a flat artwork want; sampled off their centres, where a rasteriser may sample too.
 std::set<NodeId> pixelsWant(const PlanarDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
