@@ -111,7 +111,9 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
     double u = 1 - t;
     at[v] = a[v] * (u * u * (1 + 2 * t)) + b[v] * (t * t * (3 - 2 * t)) + h * (slope(i, v) * (t * u * u) - slope(i + 1, v) * (t * t * u));
   }
-  return cameraOf(at);
+  OrbitCamera camera = cameraOf(at);
+  if (keys[i].camera.distance_mm == keys[i + 1].camera.distance_mm) camera.distance_mm = keys[i].camera.distance_mm;  // not exp(log())
+  return camera;
 }
 
 Flight orbitFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {

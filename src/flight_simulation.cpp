@@ -198,8 +198,9 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
       if (scene.relief) streamer.wantRelief(wants.relief);
       if (run.predictor) {
         run.predictor->observe(camera, flight_s);
-        double horizon_s = prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options());
-        auto views = run.predictor->views(scene.height_px, horizon_s);
+        std::vector<OrbitCamera> views;
+        if (run.predictor->moves(scene.height_px))
+          views = run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
         run.predicted.texture.clear();
         if (relief_turn || views.empty()) run.predicted.relief.clear();
         for (const OrbitCamera& view : views)

@@ -52,6 +52,9 @@ std::array<double, CameraPredictor::kValues> CameraPredictor::velocity() const {
     for (size_t k = 0; k < kValues; ++k) v[k] += dt * (values[k] - mean[k]);
   }
   for (double& x : v) x /= tt;
+  // From the window's mean distance to the present one.
+  double nearer = past_.back().camera.distance_mm / std::exp(mean[2]);
+  for (size_t k = 3; k < kValues; ++k) v[k] *= nearer;
   return v;
 }
 
@@ -68,18 +71,21 @@ OrbitCamera CameraPredictor::predict(double ahead_s) const {
   return c;
 }
 
-std::vector<OrbitCamera> CameraPredictor::views(int height_px, double horizon_s) const {
-  std::vector<OrbitCamera> result;
-  if (past_.size() < 2 || options_.steps < 1) return result;
+bool CameraPredictor::moves(int height_px) const {
+  if (past_.size() < 2) return false;
   const OrbitCamera& now = past_.back().camera;
-  OrbitCamera then = predict(horizon_s);
+  OrbitCamera then = predict(options_.horizon_s);
   double pixels_per_radian = height_px / (2 * std::tan(now.fov_deg * std::numbers::pi / 360));
   double nearer_mm = std::min(now.distance_mm, then.distance_mm);
   double turned = std::max(std::abs(then.azimuth_deg - now.azimuth_deg), std::abs(then.elevation_deg - now.elevation_deg));
   double moved_px = pixels_per_radian * glm::length(then.target_mm - now.target_mm) / nearer_mm;
   moved_px += pixels_per_radian * turned * std::numbers::pi / 180;
   moved_px += 0.5 * height_px * std::abs(std::log(then.distance_mm / now.distance_mm));
-  if (!(moved_px >= options_.still_px)) return result;
+  return moved_px >= options_.still_px;
+}
+
+std::vector<OrbitCamera> CameraPredictor::views(double horizon_s) const {
+  std::vector<OrbitCamera> result;
   for (int i = 1; i <= options_.steps; ++i) result.push_back(predict(horizon_s * i / options_.steps));
   return result;
 }

@@ -20,7 +20,7 @@ struct PredictorOptions {
   double window_s = 0.1;   // cameras of this age and younger tell the velocity: evens out the jitter of hands and frame times
   double horizon_s = 0.6;  // how far ahead at most; see prefetchHorizon()
   int steps = 2;           // views predicted up to there, evenly spaced
-  double still_px = 2;     // predicted to move less than this on screen: the camera stands still
+  double still_px = 2;     // predicted to move less than this on screen until horizon_s: the camera stands still
 };
 
 // A page has to be asked for as long ahead as it takes to come, and a view's worth of them as long as they take together: twice the
@@ -40,8 +40,9 @@ class CameraPredictor {
   void observe(const OrbitCamera& camera, double now_s);
   void reset() { past_.clear(); }
   OrbitCamera predict(double ahead_s) const;  // at now_s + ahead_s; the newest camera when there is too little to go by
-  // The views to prefetch for, up to a horizon, nearest in time first; empty when the camera stands still.
-  std::vector<OrbitCamera> views(int height_px, double horizon_s) const;
+  bool moves(int height_px) const;  // by still_px or more until the longest horizon
+  // The views to prefetch for, up to a horizon, nearest in time first.
+  std::vector<OrbitCamera> views(double horizon_s) const;
   const PredictorOptions& options() const { return options_; }
 
  private:
