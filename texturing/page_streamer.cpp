@@ -190,8 +190,13 @@ struct PageStreamer::Impl {
           if (it != pages.end()) drop(it);
           break;
         case LoadOutcome::End::kFailed:
-          if (it != pages.end()) fail(o.id, it->second, *o.error, o.permanent);
-          else ++stats.cancelled_after_decode;
+          if (it != pages.end()) {
+            fail(o.id, it->second, *o.error, o.permanent);
+          } else {
+            ++stats.cancelled_after_decode;
+            auto again = pages.find(o.id);
+            ++(again == pages.end() ? dropped_attempts[o.id] : again->second.attempts);
+          }
           break;
         case LoadOutcome::End::kLoaded:
           if (it == pages.end()) {
