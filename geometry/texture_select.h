@@ -7,7 +7,8 @@
 // for. Seen from above that is nearly what pixels want; at a slant, up to log2(1 / cos(angle)) levels too fine. Nothing is known of
 // what hides what: hidden parts are asked for too.
 // Never misses a page (up to LodView::error_px: the drawn surface is that far off the full one), may name too many.
-// Pure: no GL, any thread. Deterministic. Cost: about 0.4 us a node looked at, flat, 1 us with relief; at most 4 kMaxTextureWants.
+// Pure: no GL, any thread. Deterministic. Cost: about 0.4 us a node named, flat, 0.6 to 2 us with relief; at most
+// 4 kMaxTextureWants nodes are looked at, those just beyond the view or the wanted level included.
 #pragma once
 
 #include <vector>

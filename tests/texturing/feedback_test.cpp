@@ -1,5 +1,6 @@
 // Feedback analysis: what the pixels want, in the order of request, against a naive count.
 #include "texturing/feedback.h"
+#include "texturing/want_memory.h"
 
 #include <gtest/gtest.h>
 
@@ -171,6 +172,119 @@ TEST(Feedback, GarbageNeitherCrashesNorFloods) {
   }
   auto pixels = inclinedView(160, 90, 9);
   EXPECT_EQ(compare(analyzer.analyze(pixels, 160, 90), naive(pixels, 160, 90)), "") << "and recovers";
+}
+
+// ---- offsets
+TEST(FeedbackOffset, EveryPixelOfABlockOnceInScaleSquaredTurns) {
+  for (int scale = 1; scale <= kMaxFeedbackScale; ++scale) {
+    std::set<std::pair<int, int>> seen;
+    for (int turn = 0; turn < scale * scale; ++turn) {
+      FeedbackOffset o = feedbackOffset(scale, static_cast<uint64_t>(turn));
+      ASSERT_TRUE(o.x >= 0 && o.y >= 0 && o.x < scale && o.y < scale);
+      ASSERT_TRUE(seen.insert({o.x, o.y}).second) << "scale " << scale << " turn " << turn;
+    }
+    FeedbackOffset again = feedbackOffset(scale, static_cast<uint64_t>(scale * scale)), first = feedbackOffset(scale, 0);
+    EXPECT_EQ(again.x, first.x);
+    EXPECT_EQ(again.y, first.y);
+    EXPECT_EQ(first.x, scale / 2);
+  }
+}
+
+// The largest distance of a pixel to the nearest sample after some turns, blocks repeating on all sides.
+double largestHole(int scale, int turns, bool in_rows) {
+  double largest = 0;
+  for (int y = 0; y < scale; ++y)
+    for (int x = 0; x < scale; ++x) {
+      double nearest = 1e9;
+      for (int t = 0; t < turns; ++t) {
+        FeedbackOffset o = in_rows ? FeedbackOffset{t % scale, t / scale} : feedbackOffset(scale, static_cast<uint64_t>(t));
+        int dx = std::abs(o.x - x), dy = std::abs(o.y - y);
+        nearest = std::min(nearest, std::hypot(std::min(dx, scale - dx), std::min(dy, scale - dy)));
+      }
+      largest = std::max(largest, nearest);
+    }
+  return largest;
+}
+TEST(FeedbackOffset, EveryBeginningIsSpread) {
+  for (int scale : {4, 8, 16}) {
+    for (int turns : {2, 4, 8, 16}) {
+      // Samples on a square grid would leave holes of scale / sqrt(2 turns).
+      EXPECT_LE(largestHole(scale, turns, false), 1.5 * scale / std::sqrt(2.0 * turns) + 0.01) << scale << ", " << turns;
+    }
+    if (scale == 4) continue;
+    EXPECT_GT(largestHole(scale, scale, true), 1.5 * scale / std::sqrt(2.0 * scale)) << "negative control: row by row";
+  }
+}
+
+// ---- memory
+std::vector<NodeWant> chain(NodeId node, float distance) {
+  std::vector<NodeWant> wants;
+  for (uint32_t level = 0; level <= node.level; ++level) wants.push_back({node.ancestor(level), level == node.level, distance});
+  return wants;
+}
+bool has(std::span<const NodeWant> wants, const NodeId& node) {
+  return std::any_of(wants.begin(), wants.end(), [&](const NodeWant& w) { return w.node == node; });
+}
+
+TEST(WantMemory, AStillViewRemembersUntilEveryPixelWasSeenAgain) {
+  WantMemory memory;
+  const NodeId thin{0, 5, 3, 7}, wide{0, 5, 20, 7};
+  memory.add(chain(thin, 0.5f), 1, 64);
+  for (int k = 1; k < 64; ++k) ASSERT_TRUE(has(memory.add(chain(wide, 0.2f), 1, 64), thin)) << k;
+  auto after = memory.add(chain(wide, 0.2f), 1, 64);
+  EXPECT_FALSE(has(after, thin)) << "64 results later nothing asks for it";
+  EXPECT_EQ(after.size(), 6u);
+}
+
+TEST(WantMemory, AMovedViewRemembersAFewResults) {
+  WantMemory memory;
+  const NodeId old{0, 5, 3, 7}, now{0, 5, 20, 7};
+  for (int k = 0; k < 10; ++k) memory.add(chain(old, 0.5f), 1, 64);
+  uint64_t view = 1;
+  for (uint32_t k = 1; k < kMovingResults; ++k) EXPECT_TRUE(has(memory.add(chain(now, 0.2f), ++view, 64), old));
+  EXPECT_FALSE(has(memory.add(chain(now, 0.2f), ++view, 64), old));
+  // Standing still again brings nothing back, and forgets nothing of the new view.
+  for (int k = 0; k < 20; ++k) memory.add(chain(old, 0.5f), view, 64);
+  EXPECT_TRUE(has(memory.add(chain(old, 0.5f), view, 64), now));
+}
+
+TEST(WantMemory, AgreesWithTheUnionOfTheLastResults) {
+  std::mt19937_64 random(12);
+  FeedbackAnalyzer analyzer;
+  WantMemory memory;
+  std::vector<std::vector<NodeWant>> results;
+  constexpr uint32_t kStill = 9;
+  for (int k = 0; k < 200; ++k) {
+    std::vector<Pixel> pixels(64);
+    for (Pixel& p : pixels) {
+      uint32_t level = random() % 6;
+      p = pixelOf({static_cast<uint32_t>(random() % 2), level, static_cast<uint32_t>(random()) & ((1u << level) - 1), static_cast<uint32_t>(random()) & ((1u << level) - 1)});
+    }
+    auto newest = analyzer.analyze(std::span(pixels).first(random() % 65 / 8 * 8), 8, 8);
+    results.emplace_back(newest.begin(), newest.end());
+    auto wants = memory.add(newest, 77, kStill);
+    std::map<NodeId, float> expected;
+    for (size_t r = results.size() - std::min<size_t>(results.size(), kStill); r < results.size(); ++r)
+      for (const NodeWant& w : results[r]) expected.emplace(w.node, 2.0f);
+    ASSERT_EQ(wants.size(), expected.size()) << k;
+    for (size_t i = 0; i < wants.size(); ++i) {
+      ASSERT_TRUE(expected.contains(wants[i].node));
+      ASSERT_TRUE(i == 0 || std::pair(wants[i - 1].node.level, wants[i - 1].centre_distance) <= std::pair(wants[i].node.level, wants[i].centre_distance));
+      ASSERT_TRUE(wants[i].node.level == 0 || has(wants.first(i), wants[i].node.parent())) << "closed under parents";
+    }
+    ASSERT_TRUE(results.size() <= kStill || k < 20 || wants.size() > newest.size()) << "negative control: the newest alone is less";
+  }
+}
+
+TEST(WantMemory, FloodsAreForgotten) {
+  WantMemory memory;
+  for (uint32_t k = 0; k < 40; ++k) {
+    std::vector<NodeWant> flood;
+    for (uint32_t i = 0; i < 5000; ++i) flood.push_back({{k, 13, i, k}, 1, 0.5f});
+    EXPECT_LE(memory.add(flood, 1, 64).size(), kMaxWants);
+  }
+  memory.clear();
+  EXPECT_EQ(memory.add(chain({0, 3, 1, 1}, 0), 1, 64).size(), 4u);
 }
 
 // Not asserted: printed for the record.
