@@ -132,7 +132,8 @@ struct Engine::Impl {
   bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
-  double wants_bias = 0;                   // of feedback_wants
+  double wants_bias = 0;                   // of the last result of feedback_wants,
+  uint32_t wants_results = 0;              // and of how many in a row
   int tap_phase = 0;
   uint32_t slot_count = 0;
   EngineStats stats;
@@ -400,7 +401,9 @@ struct Engine::Impl {
       auto results = static_cast<uint32_t>(stillPasses() + 1);
       auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
       feedback_wants.assign(wants.begin(), wants.end());
-      wants_bias = feedback_bias[feedback->tag() % feedback_bias.size()];
+      double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
+      wants_results = bias == wants_bias ? std::min(wants_results + 1, kMovingResults) : 1;
+      wants_bias = bias;
       any = true;
     }
     if (any) uniteWants();
@@ -421,12 +424,15 @@ struct Engine::Impl {
     want_memory.add(feedback_wants, feedback_view_number, 1);
     full_passes = stillPasses();  // frames of this view have nothing to add
     wants_bias = lod_bias;
+    wants_results = kMovingResults;
     uniteWants();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
-    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias));
+    // Until as many results have followed a change, the list names what the old bias wanted, too.
+    double made_at = wants_results >= kMovingResults ? wants_bias : kMixedBias;
+    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(made_at));
     streamer->wantTexture(texture_wants);
     if (plan.relief) streamer->wantRelief(relief_wants);
     pool->upload(streamer->placeReady(max_uploads));
@@ -453,6 +459,7 @@ struct Engine::Impl {
     }
     auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
     Prefetcher::Request request;
+    request.now_s = now_s;
     for (const OrbitCamera& ahead : views) {
       request.texture.push_back(textureView(viewOf(ahead)));
       request.texture.back().relief = false;  // like the feedback, not the finest level that a slope might want
@@ -496,10 +503,13 @@ struct Engine::Impl {
 
   bool allArrived(std::span<const NodeWant> wants, std::span<const Plane> planes) const {
     for (const NodeWant& w : wants) {
+      bool whole = true, failed = false;
       for (Plane p : planes) {
         PageState state = streamer->state(PageId(p, w.node));
-        if (state != PageState::kResident && state != PageState::kFailed) return false;
+        whole = whole && state == PageState::kResident;
+        failed = failed || state == PageState::kFailed;  // then the other planes are asked for no more
       }
+      if (!whole && !failed) return false;
     }
     return true;
   }

@@ -143,7 +143,7 @@ struct Run {
   std::optional<CameraPredictor> predictor;
   std::unique_ptr<PageStreamer> streamer;
   std::unique_ptr<Link> link;
-  Wants predicted;
+  PredictedWants texture, relief;
   StreamedFlight result;
   uint64_t bytes_before = 0, pages_before = 0;
 };
@@ -175,11 +175,11 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
     for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
       wants.push_back({w.node, 1, w.priority});
   };
-  auto relief = [&](const OrbitCamera& camera, std::vector<NodeWant>& wants, bool remember) {
-    for (const ReliefWant& w : selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).wants) {
-      wants.push_back({w.page, 1, w.priority});
-      if (remember) known.insert(w.page);
-    }
+  auto reliefOf = [&](const OrbitCamera& camera) {
+    std::vector<NodeWant> result;
+    for (const ReliefWant& w : selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).wants)
+      result.push_back({w.page, 1, w.priority});
+    return result;
   };
 
   double dt = 1 / scene.frames_per_s;
@@ -201,12 +201,17 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
         std::vector<OrbitCamera> views;
         if (run.predictor->moves(scene.height_px))
           views = run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
-        run.predicted.texture.clear();
-        if (relief_turn || views.empty()) run.predicted.relief.clear();
+        run.texture.begin(now_s);
+        run.relief.begin(now_s);
         for (const OrbitCamera& view : views)
-          addWants(run.predicted.texture, selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)));
-        if (relief_turn && !views.empty()) relief(views.back(), run.predicted.relief, false);
-        streamer.wantPrefetch(run.predicted.texture, run.predicted.relief);
+          for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view))) run.texture.add(w.node, w.priority);
+        if (relief_turn && !views.empty())
+          for (const NodeWant& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
+        if (views.empty()) {
+          streamer.wantPrefetch({}, {});
+        } else {
+          streamer.wantPrefetch(run.texture.finish(), run.relief.finish());
+        }
       }
       streamer.placeReady(64);
       run.link->ask(streamer, now_s);
@@ -215,8 +220,8 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
     texture(camera, next.texture);
     next.relief = wants.relief;
     if (relief_turn) {
-      next.relief.clear();
-      relief(camera, next.relief, true);
+      next.relief = reliefOf(camera);
+      for (const NodeWant& w : next.relief) known.insert(w.node);
     }
     std::swap(wants, next);
     if (!flying) return;

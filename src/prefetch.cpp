@@ -90,13 +90,22 @@ std::vector<OrbitCamera> CameraPredictor::views(double horizon_s) const {
   return result;
 }
 
-void addWants(std::vector<NodeWant>& wants, const std::vector<TextureWant>& more) {
-  for (const TextureWant& w : more) wants.push_back({w.node, 1, w.priority});
-  std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
-    return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
-  });
-  auto end = std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; });
-  wants.erase(end, wants.end());
+void PredictedWants::begin(double now_s) {
+  if (now_s < now_s_) known_.clear();
+  now_s_ = now_s;
+}
+
+void PredictedWants::add(const NodeId& node, float centre_distance) {
+  auto [it, is_new] = known_.try_emplace(node, Known{now_s_, centre_distance});
+  if (!is_new && it->second.last_s == now_s_) centre_distance = std::min(centre_distance, it->second.centre_distance);
+  it->second = {now_s_, centre_distance};
+}
+
+const std::vector<NodeWant>& PredictedWants::finish() {
+  std::erase_if(known_, [&](const auto& k) { return k.second.last_s + kRemember_s < now_s_; });
+  wants_.clear();
+  for (const auto& [node, k] : known_) wants_.push_back({node, 1, k.last_s == now_s_ ? k.centre_distance : 2.0f});
+  return wants_;
 }
 
 struct Prefetcher::Impl {
@@ -110,17 +119,20 @@ struct Prefetcher::Impl {
 
   void work() {
     static const ReliefSet kNothing;
-    std::vector<NodeWant> relief;
+    PredictedWants texture, relief;
     while (std::optional<Request> request = requests.take()) {
       auto start = std::chrono::steady_clock::now();
       Answer answer;
-      for (const TextureView& view : request->texture) addWants(answer.texture, selectTextureNodes(domain, *oracle, view));
+      texture.begin(request->now_s);
+      for (const TextureView& view : request->texture)
+        for (const TextureWant& w : selectTextureNodes(domain, *oracle, view)) texture.add(w.node, w.priority);
+      answer.texture = texture.finish();
+      relief.begin(request->now_s);
       if (request->relief) {
-        relief.clear();
         const ReliefSet& resident = request->resident ? *request->resident : kNothing;
-        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants) relief.push_back({w.page, 1, w.priority});
+        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants) relief.add(w.page, w.priority);
       }
-      answer.relief = relief;
+      answer.relief = relief.finish();
       answer.determine_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
       answers.post(std::move(answer));
     }

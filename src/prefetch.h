@@ -7,6 +7,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <unordered_map>
 #include <vector>
 
 #include "geometry/planar_lod.h"
@@ -57,8 +58,26 @@ class CameraPredictor {
   std::deque<Seen> past_;
 };
 
-// Nodes of several views: each once, as urgent as where it is nearest to the centre.
-void addWants(std::vector<NodeWant>& wants, const std::vector<TextureWant>& more);
+// What was predicted lately. Predictions tremble; a page that is on its way and drops out of the list for some frames would be
+// cancelled and read again. So a node stays listed until it was not predicted for kRemember_s, behind what is predicted now.
+class PredictedWants {
+ public:
+  static constexpr double kRemember_s = 0.25;
+
+  // The views predicted now, by their nodes: each node once, as urgent as where it is nearest to the centre.
+  void begin(double now_s);
+  void add(const NodeId& node, float centre_distance);
+  const std::vector<NodeWant>& finish();
+
+ private:
+  struct Known {
+    double last_s;
+    float centre_distance;
+  };
+  double now_s_ = 0;
+  std::unordered_map<NodeId, Known> known_;
+  std::vector<NodeWant> wants_;
+};
 
 // Newest request in, newest answer out; used from one thread, which never waits (but for the destructor).
 class Prefetcher {
@@ -67,9 +86,10 @@ class Prefetcher {
     std::vector<TextureView> texture;
     std::optional<LodView> relief;  // of the farthest view ahead
     std::shared_ptr<const ReliefSet> resident;
+    double now_s = 0;
   };
   struct Answer {
-    std::vector<NodeWant> texture, relief;  // relief: of the last request that asked for it
+    std::vector<NodeWant> texture, relief;
     double determine_ms = 0;
   };
 

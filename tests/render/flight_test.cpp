@@ -185,6 +185,26 @@ TEST(PrefetchHorizon, FollowsTheLatencyWithinBounds) {
   EXPECT_EQ(prefetchHorizon(10, {.horizon_s = 0.1}), 0.1);
 }
 
+TEST(PredictedWants, RemembersForAWhileBehindWhatIsPredictedNow) {
+  NodeId a{0, 3, 1, 1}, b{0, 3, 2, 1};
+  PredictedWants wants;
+  wants.begin(1.0);
+  wants.add(a, 0.7f);
+  wants.add(a, 0.2f);
+  wants.add(a, 0.9f);
+  ASSERT_EQ(wants.finish().size(), 1u);
+  EXPECT_EQ(wants.finish()[0].centre_distance, 0.2f) << "as urgent as where it is nearest";
+  wants.begin(1.0 + 0.8 * PredictedWants::kRemember_s);
+  wants.add(b, 0.5f);
+  ASSERT_EQ(wants.finish().size(), 2u);
+  for (const NodeWant& w : wants.finish()) EXPECT_EQ(w.centre_distance, w.node == b ? 0.5f : 2.0f);
+  wants.begin(1.0 + 1.1 * PredictedWants::kRemember_s);
+  ASSERT_EQ(wants.finish().size(), 1u);
+  EXPECT_EQ(wants.finish()[0].node, b);
+  wants.begin(0.5);
+  EXPECT_TRUE(wants.finish().empty()) << "another clock";
+}
+
 // --- streaming on a virtual clock -------------------------------------------------------------------------------------
 
 struct Streamed {
