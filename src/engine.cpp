@@ -132,8 +132,7 @@ struct Engine::Impl {
   bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
-  double wants_bias = 0;                   // of the last result of feedback_wants,
-  uint32_t wants_results = 0;              // and of how many in a row
+  double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
   uint32_t slot_count = 0;
   EngineStats stats;
@@ -399,11 +398,11 @@ struct Engine::Impl {
     bool any = false;
     for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
       auto results = static_cast<uint32_t>(stillPasses() + 1);
+      double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
+      if (bias != wants_bias) want_memory.clear();  // else the streamer would judge a bias by what another one wanted
+      wants_bias = bias;
       auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
       feedback_wants.assign(wants.begin(), wants.end());
-      double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
-      wants_results = bias == wants_bias ? std::min(wants_results + 1, kMovingResults) : 1;
-      wants_bias = bias;
       any = true;
     }
     if (any) uniteWants();
@@ -424,15 +423,12 @@ struct Engine::Impl {
     want_memory.add(feedback_wants, feedback_view_number, 1);
     full_passes = stillPasses();  // frames of this view have nothing to add
     wants_bias = lod_bias;
-    wants_results = kMovingResults;
     uniteWants();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
-    // Until as many results have followed a change, the list names what the old bias wanted, too.
-    double made_at = wants_results >= kMovingResults ? wants_bias : kMixedBias;
-    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(made_at));
+    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias));
     streamer->wantTexture(texture_wants);
     if (plan.relief) streamer->wantRelief(relief_wants);
     pool->upload(streamer->placeReady(max_uploads));
