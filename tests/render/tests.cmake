@@ -30,6 +30,7 @@ relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/de
 
 relievo_gltest(bc_blocks_gltest LIBS relievo_gl relievo_texturing SOURCES render/bc_blocks_gltest.cpp)
 relievo_gltest(watertight_gltest LIBS relievo_render SOURCES render/watertight_gltest.cpp)
+relievo_gltest(prefetch_gltest LIBS relievo_render SOURCES render/prefetch_gltest.cpp)
 add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
 target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_texturing)
 relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
