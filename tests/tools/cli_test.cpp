@@ -51,7 +51,7 @@ class Cli : public ::testing::Test {
 
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
-  for (const char* command : {"sample", "build", "info", "verify", "render", "view"}) {
+  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench"}) {
     Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
@@ -195,6 +195,48 @@ TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
   stats = nlohmann::json::parse(std::ifstream(file("d.json")), nullptr, false);
   EXPECT_GT(stats["planes"]["resolved"]["pages_uploaded"].get<int>(), 0);
   EXPECT_EQ(stats["planes"]["a0-a2"]["pages_uploaded"].get<int>(), 0) << stats.dump(1);
+}
+
+TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo")).exit_code, 0);
+  std::string common = "render " + file("i.relievo") + " --size 160x90 --workers 8 --timeout 60 --stats " + file("s.json") + " -o ";
+  Outcome sound = relievo(common + file("a.png"));
+  if (sound.exit_code == 4) GTEST_SKIP() << sound.output;
+  ASSERT_EQ(sound.exit_code, 0) << sound.output;
+  Outcome slow = relievo(common + file("b.png") + " --source-rate 20 --source-latency 3 --source-jitter 2");
+  ASSERT_EQ(slow.exit_code, 0) << slow.output;
+  EXPECT_EQ(run("cmp " + file("a.png") + " " + file("b.png")).exit_code, 0);
+  // Every read goes wrong: stand-ins are drawn, each page that failed is named once, and that is no error of the program's.
+  Outcome dead = relievo(common + file("c.png") + " --source-fail 100 --source-seed 3");
+  ASSERT_EQ(dead.exit_code, 0) << dead.output;
+  EXPECT_NE(run("cmp " + file("a.png") + " " + file("c.png")).exit_code, 0);
+  auto stats = nlohmann::json::parse(std::ifstream(file("s.json")), nullptr, false);
+  ASSERT_FALSE(stats.is_discarded());
+  int failed = stats["failed_pages"].get<int>(), named = 0;
+  EXPECT_GT(failed, 0);
+  for (size_t at = 0; (at = dead.output.find("warning", at)) != std::string::npos; ++at) ++named;
+  EXPECT_EQ(named, failed) << dead.output;
+  for (const char* bad : {"--source-rate -1", "--source-latency x", "--source-fail 101", "--source-memory -3"}) {
+    Outcome r = relievo(common + file("d.png") + " " + bad);
+    EXPECT_EQ(r.exit_code, 1) << bad;
+    EXPECT_NE(r.output.find(std::string(bad).substr(0, 12)), std::string::npos) << r.output;
+  }
+  for (const char* command : {"render --help", "view --help"}) EXPECT_NE(relievo(command).output.find("Simulated storage"), std::string::npos);
+}
+
+TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
+  Outcome r = relievo("bench --quick --only decode --json " + file("b.json"));
+  if (r.exit_code == 4) GTEST_SKIP() << r.output;
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  auto json = nlohmann::json::parse(std::ifstream(file("b.json")), nullptr, false);
+  ASSERT_FALSE(json.is_discarded());
+  ASSERT_FALSE(json["rows"].empty());
+  for (const auto& row : json["rows"]) {
+    EXPECT_EQ(row["group"], "decode");
+    EXPECT_GT(row["measured"].get<double>(), 0);
+    EXPECT_GT(row["baseline"].get<double>(), 0) << "nothing to compare with";
+  }
+  EXPECT_EQ(relievo("bench --only nonsense").exit_code, 1);
 }
 
 }  // namespace
