@@ -79,7 +79,7 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
     vec3 one[PLANES];
     vec2 local = localAt(place, uv);
 #ifdef ONE_LOOKUP
-    samplePage(place, entry, index, clamp(local, -reach, 1.0 + reach) / place.scale - place.base, one);
+    samplePage(place, entry, index, clamp(local, -reach, 1.0 + reach) * place.inverse_scale - place.base, one);
 #else
     if (min(local.x, local.y) >= -reach && max(local.x, local.y) < 1.0 + reach) {
       samplePage(place, entry, index, uv, one);

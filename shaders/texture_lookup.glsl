@@ -94,25 +94,24 @@ vec2 tapAt(int i, int count, float ratio) {
 vec2 tapPlace(float at, Footprint f) { return clamp(v_uv + at * f.step, f.low, f.high); }
 #endif
 
-// A node and the coordinates in it: (uv + base) * scale is 0..1 inside.
+// A node and the coordinates in it: (uv + base) * scale is 0..1 inside. scale is a power of two.
 struct Place {
   uvec4 node;  // patch, level, x, y
   vec2 base;
-  float scale;
+  float scale, inverse_scale;
 };
 vec2 localAt(Place place, vec2 uv) { return (uv + place.base) * place.scale; }
 
-// The node of a level at this fragment.
+// The node of a level at this fragment: an ancestor of the drawn node, or in it. No branch, which would cost software GL both sides.
 Place placeAtLevel(int level) {
   int s = level - int(v_node.y);
-  float scale = powerOfTwo(s);
-  if (s >= 0) {
-    vec2 cell = clamp(floor(v_uv * scale), vec2(0.0), vec2(scale - 1.0));
-    return Place(uvec4(v_node.x, uint(level), (v_node.zw << uint(s)) + uvec2(cell)), -cell * powerOfTwo(-s), scale);
-  }
-  uint k = uint(-s);
-  uvec2 rest = v_node.zw & uvec2((1u << k) - 1u);
-  return Place(uvec4(v_node.x, uint(level), v_node.zw >> k), vec2(rest), scale);
+  int down = max(s, 0);
+  uint up = uint(max(-s, 0));
+  float cells = powerOfTwo(down);
+  vec2 cell = clamp(floor(v_uv * cells), vec2(0.0), vec2(cells - 1.0));
+  uvec2 node = ((v_node.zw << uint(down)) + uvec2(cell)) >> up;
+  vec2 base = vec2(v_node.zw & uvec2((1u << up) - 1u)) - cell * powerOfTwo(-down);
+  return Place(uvec4(v_node.x, uint(level), node), base, powerOfTwo(s), powerOfTwo(-s));
 }
 
 uvec4 nodeAtLevel(int level, out vec2 local) {
@@ -122,8 +121,9 @@ uvec4 nodeAtLevel(int level, out vec2 local) {
 }
 
 void toParent(inout Place place) {
-  place.base += vec2(place.node.zw & uvec2(1u)) / place.scale;
+  place.base += vec2(place.node.zw & uvec2(1u)) * place.inverse_scale;
   place.scale *= 0.5;
+  place.inverse_scale *= 2.0;
   place.node = uvec4(place.node.x, place.node.y - 1u, place.node.zw >> 1u);
 }
 
@@ -137,7 +137,7 @@ void toNodeAt(vec2 uv, inout Place place) {
   else from.y += before;
   ivec2 last = (u_artwork.zw - 1) >> (u_artwork.x + 7 - level);
   ivec2 at = clamp(from + ivec2(floor(localAt(place, uv))), ivec2(0), last);
-  place.base -= vec2(at - from) / place.scale;
+  place.base -= vec2(at - from) * place.inverse_scale;
   int patch_mask = (1 << level) - 1;
   int patch_index = (u_artwork.y == 1 ? at.x : at.y) >> level;
   place.node = uvec4(uint(patch_index), uint(level), uvec2(at & patch_mask));
