@@ -275,6 +275,7 @@ Result<void> streamingBench(BenchContext& context) {
     return above(d, line % 2 == 0 ? left + x : right - x, top + y, 1);
   };
 
+  double speed = kWantedRate * 128 / ((kHeight / 128.0 + 1) * 1.33 * m.texture.planes());  // px/s
   struct Frames {
     std::vector<double> ms, at_px;
     double rate = 0;
@@ -283,8 +284,10 @@ Result<void> streamingBench(BenchContext& context) {
   // Runs for `seconds`; without a path, at a speed that holds the rate, else at the cameras of that path.
   auto run = [&](Engine& e, const Frames* path) {
     Frames f;
-    double px = 0, speed = 1000, start = benchSeconds(), now = start;
-    uint64_t before = sum(e.stats().streamer.pages_uploaded), at_start = before;
+    // A column of finest nodes every 128 px, and a third more above them. The speed follows what half a second brought.
+    double px = 0, start = benchSeconds(), now = start, window_start = start;
+    const uint64_t at_start = sum(e.stats().streamer.pages_uploaded);
+    uint64_t before = at_start;
     for (size_t i = 0; (path ? i < path->at_px.size() : now - start < seconds) && !context.stopped(); ++i) {
       e.setCamera(cameraAfter(path ? path->at_px[i] : px));
       double t = benchSeconds();
@@ -293,13 +296,15 @@ Result<void> streamingBench(BenchContext& context) {
       now = benchSeconds();
       f.ms.push_back((now - t) * 1000);
       f.at_px.push_back(px);
-      uint64_t pages = sum(e.stats().streamer.pages_uploaded);
-      double rate = static_cast<double>(pages - before) / (now - t);
-      speed = std::clamp(speed * (rate > kWantedRate ? 0.98 : 1.02), 100.0, 60000.0);
       px += std::min(speed * (now - t), 0.7 * kWidth);
+      if (now - window_start < 0.5) continue;
+      uint64_t pages = sum(e.stats().streamer.pages_uploaded);
+      double rate = static_cast<double>(pages - before) / (now - window_start);
+      if (!path) speed *= std::clamp(kWantedRate / std::max(1.0, rate), 0.7, 1.4);
       before = pages;
+      window_start = now;
     }
-    f.pages = before - at_start;
+    f.pages = sum(e.stats().streamer.pages_uploaded) - at_start;
     f.rate = static_cast<double>(f.pages) / (now - start);
     return f;
   };
