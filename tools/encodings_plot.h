@@ -16,7 +16,8 @@ struct EncodingFigures {
   double decode_us = 0;       // a page, CPU time
   double resident_rgba8 = 0;  // bytes per texel, all planes
   double resident_blocks = 0; // if the planes that hold blocks were uploaded as such
-  double frame_ms = 0, settle_ms = 0, encode_s = 0;
+  double frame_ms = 0, settle_ms = 0;
+  double frame_cpu_ms = 0, settle_cpu_ms = 0, encode_cpu_s = 0;  // of all threads
 };
 
 // PSNR over bytes per pixel and over the time to decode a page; what is exact is a line at its place.
