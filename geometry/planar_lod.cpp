@@ -28,6 +28,10 @@ constexpr double kCullSlack = 1.0 / 512;   // of the screen: the GPU's fp32 may 
 constexpr double kMinErrorPx = 1.0 / 64;
 constexpr double kMinSine = 1.0 / 32;       // of the angle between a height and the line of sight, in the error metric
 
+// The parts of a page, level after level of ever smaller ones, the coarsest four first.
+constexpr int firstPart(int depth) { return ((1 << (2 * depth)) - 4) / 3; }
+constexpr int kParts = firstPart(kErrorBlocksLog2 + 1);
+
 // Open addressing, keys are never 0 (callers add 1). Values are indices into a vector that the caller owns.
 class IndexTable {
  public:
@@ -172,6 +176,41 @@ class Selection {
     bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
     return bounds_.emplace_back(b);
   }
+  // Of the surface through the samples of a page level, over a square: what the page knows of its parts.
+  double errorWithin(const Square& s, int page_level) {
+    Square page = s.ancestor(std::min(page_level, s.level));
+    double whole = pageBounds(page).error_mm;
+    int depth = std::min(s.level - page.level, kErrorBlocksLog2);
+    if (depth == 0 || whole == 0) return whole;
+    uint64_t k = key(page);
+    uint32_t found = parts_index_.find(k);
+    if (found == IndexTable::kNone) {
+      found = static_cast<uint32_t>(parts_.size());
+      parts_index_.insert(k, found);
+      addParts(page, whole);
+    }
+    Square part = s.ancestor(page.level + depth);
+    int64_t x = part.x - (page.x << depth), y = part.y - (page.y << depth);
+    return parts_[found][static_cast<size_t>(firstPart(depth) + (y << depth) + x)];
+  }
+  void addParts(const Square& page, double whole) {
+    auto& parts = parts_.emplace_back();
+    constexpr int kBlocks = 1 << (2 * kErrorBlocksLog2);
+    std::span<float> finest = std::span(parts).subspan(firstPart(kErrorBlocksLog2), kBlocks);
+    bool known = oracle_.errorBlocks(nodeId(page), finest);
+    for (float& e : finest)
+      if (!known || !(e >= 0 && e <= whole)) e = static_cast<float>(whole);
+    for (int depth = kErrorBlocksLog2 - 1; depth > 0; --depth) {
+      const float* finer = parts.data() + firstPart(depth + 1);
+      float* at = parts.data() + firstPart(depth);
+      int side = 1 << depth;
+      for (int y = 0; y < side; ++y)
+        for (int x = 0; x < side; ++x) {
+          const float* q = finer + 4 * y * side + 2 * x;
+          at[y * side + x] = std::max({q[0], q[1], q[2 * side], q[2 * side + 1]});
+        }
+    }
+  }
   HeightBounds heights(const Square& s) { return pageBounds(s.ancestor(std::min(s.level, domain_.relief_depth))); }
 
   Box boxOf(int64_t x0, int64_t y0, int64_t x1, int64_t y1, double z0_mm, double z1_mm) const {
@@ -273,8 +312,8 @@ class Selection {
     if (page_level >= domain_.relief_depth) return 0;
     if (page_level < 0) return e.range_mm;  // coarser than a root page: only the range is known
     double error = 0;
-    if (e.has_low) error = pageBounds(e.low.ancestor(std::min(page_level, e.low.level))).error_mm;
-    if (e.has_high) error = std::max<double>(error, pageBounds(e.high.ancestor(std::min(page_level, e.high.level))).error_mm);
+    if (e.has_low) error = errorWithin(e.low, page_level);
+    if (e.has_high) error = std::max(error, errorWithin(e.high, page_level));
     return std::min(error, e.range_mm);
   }
   double errorPx(const Edge& e, int level) { return errorMm(e, level) * std::abs(exaggerate_) * e.px_per_mm; }
@@ -611,8 +650,9 @@ class Selection {
   std::vector<Node> nodes_;
   std::vector<Edge> edges_;
   std::vector<HeightBounds> bounds_;
+  std::vector<std::array<float, kParts>> parts_;
   std::vector<ReliefWant> wants_;
-  IndexTable node_index_, edge_index_, bounds_index_, want_index_;
+  IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;

@@ -25,6 +25,7 @@
 namespace relievo {
 
 inline constexpr int kMaxGridLevel = 5;  // 32 segments
+inline constexpr int kErrorBlocksLog2 = 4;  // a page's error is known by 16 x 16 parts
 // Geometry coordinates are integers: units of 2^-kUnitsPerTexelLog2 texels from the artwork's top left corner.
 inline constexpr int kUnitsPerTexelLog2 = 4;
 
@@ -49,6 +50,9 @@ class ReliefOracle {
  public:
   virtual ~ReliefOracle() = default;
   virtual HeightBounds bounds(const NodeId& relief_page) const = 0;  // thread-safe
+  // error_mm of the page's parts: kErrorBlocks^2 squares of it, rows top first, none above that of the whole. False: not known.
+  // Thread-safe.
+  virtual bool errorBlocks(const NodeId& /*relief_page*/, std::span<float> /*error_mm*/) const { return false; }
 };
 
 enum Side : int { kLeft = 0, kRight = 1, kTop = 2, kBottom = 3 };  // x = 0, x = N, y = 0, y = N of the node's grid

@@ -55,6 +55,7 @@ class PackageOracle final : public ReliefOracle {
     if (!record || record->size == 0) return whole_;
     return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
   }
+  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override { return package_->reliefErrors(page, error_mm); }
 
  private:
   std::shared_ptr<const Package> package_;
@@ -340,15 +341,16 @@ struct Engine::Impl {
     }
   }
 
-  // Is the view that of the last feedback?
+  // Is the camera that of the last feedback? A change of detail or of the list makes another view of it all the same.
   bool followView() {
     FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy, list_number};
-    if (seen == feedback_view) return true;
+    bool still = seen.clip_from_world == feedback_view.clip_from_world && seen.exaggerate == feedback_view.exaggerate;
+    if (seen == feedback_view) return still;
     feedback_view = seen;
     full_passes = 0;
     ++feedback_view_number;
     feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
-    return false;
+    return still;
   }
   // Results until every pixel of a still view was seen, by every tap.
   uint64_t stillPasses() const {

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -55,6 +56,10 @@ class Package final : public PageSource {
   // What was found damaged on opening; the package works without it.
   const std::vector<std::string>& warnings() const;
   Result<PageRecord> record(PageId id) const;  // thread-safe
+  // How far a relief page's surface can lie from the finest relief, mm, by 16 x 16 blocks of 8 x 8 cells, rows top first: upper
+  // bounds, none above the page's own. False: the package does not say (an older one, or damaged).
+  bool reliefErrors(const NodeId& node, std::span<float> error_mm /* 256 */) const;
+  Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of these sound?
   // Is the index block that holds the page's entry sound?
   Result<void> checkIndex(PageId id) const;
   Result<EncodedPage> read(PageId id) const override;

@@ -128,14 +128,16 @@ struct SpillBudget {
 // What a relief node knows of the samples below it, in 16-bit units.
 struct NodeRange {
   uint16_t min = 65535, max = 0, error = 0;
+  std::array<uint16_t, kReliefDetailBytes> block_errors{};
 };
 
 struct Placed {            // a page that a tile made
   uint64_t index_offset;   // of its entry, from the index's start
   uint32_t size;
   uint64_t checksum;
+  bool relief = false;
+  uint64_t detail_offset = 0;  // relief: of its errors by block
   NodeRange range;
-  bool relief;
 };
 struct TileOutput {
   std::vector<uint8_t> bytes;
@@ -407,18 +409,16 @@ class TileWorker {
       for (int y = 0; y < rows; ++y) {
         for (int x = 0; x < columns; ++x) {
           NodeRange r;
-          uint32_t error = 0;
-          for (int cy = 2 * y; cy < std::min(2 * y + 2, finer_rows); ++cy) {
-            for (int cx = 2 * x; cx < std::min(2 * x + 2, finer_columns); ++cx) {
-              const NodeRange& child = ranges_[down - 1][static_cast<size_t>(cy) * kTilePages + cx];
-              r.min = std::min(r.min, child.min);
-              r.max = std::max(r.max, child.max);
-              error = std::max<uint32_t>(error, child.error);
-            }
+          std::array<const NodeRange*, 4> children{};
+          for (int child = 0; child < 4; ++child) {
+            int cx = 2 * x + (child & 1), cy = 2 * y + (child >> 1);
+            if (cx >= finer_columns || cy >= finer_rows) continue;
+            const NodeRange& c = ranges_[down - 1][static_cast<size_t>(cy) * kTilePages + cx];
+            children[child] = &c;
+            r.min = std::min(r.min, c.min);
+            r.max = std::max(r.max, c.max);
           }
-          error += deviation(down, x, y);
-          // Both surfaces lie between the finest samples' extremes.
-          r.error = static_cast<uint16_t>(std::min<uint32_t>(error, static_cast<uint32_t>(r.max - r.min)));
+          boundErrors(down, x, y, children, r);
           ranges_[down][static_cast<size_t>(y) * kTilePages + x] = r;
         }
       }
@@ -429,19 +429,39 @@ class TileWorker {
                         kReliefPageSamples * 2);
   }
 
-  // How far the samples of the next finer level lie, at most, from this level's surface over node (x, y) of the tile: cells
-  // split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
+  // A block's error: what the finer level's blocks below it leave out, and how far that level lies from this one. Both surfaces lie
+  // between the finest samples' extremes.
+  void boundErrors(int down, int node_x, int node_y, const std::array<const NodeRange*, 4>& children, NodeRange& r) const {
+    constexpr int kHalf = kErrorBlocks / 2;
+    for (int by = 0; by < kErrorBlocks; ++by) {
+      for (int bx = 0; bx < kErrorBlocks; ++bx) {
+        uint32_t error = 0;
+        if (const NodeRange* child = children[(by >= kHalf ? 2 : 0) + (bx >= kHalf ? 1 : 0)]) {
+          const uint16_t* below = child->block_errors.data() + 2 * (by % kHalf) * kErrorBlocks + 2 * (bx % kHalf);
+          error = std::max({below[0], below[1], below[kErrorBlocks], below[kErrorBlocks + 1]});
+        }
+        error = std::min<uint32_t>(error + deviation(down, node_x, node_y, bx, by), static_cast<uint32_t>(r.max - r.min));
+        r.block_errors[static_cast<size_t>(by * kErrorBlocks + bx)] = static_cast<uint16_t>(error);
+        r.error = std::max(r.error, static_cast<uint16_t>(error));
+      }
+    }
+  }
+
+  // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of the tile:
+  // cells split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
   // so its finer samples lie at other parameters than the halves: there the cell's range of samples is the bound.
-  uint32_t deviation(int down, int node_x, int node_y) const {
+  uint32_t deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
+    constexpr int kCells = kPagePx / kErrorBlocks;
     const ReliefStage& s = stage_->relief;
     ReliefGrid cells(context_.domain, s.level - down);
-    const int64_t first_x = (static_cast<int64_t>(tile_x_) * kTilePx >> down) + node_x * kPagePx;
-    const int64_t first_y = (static_cast<int64_t>(tile_y_) * kTilePx >> down) + node_y * kPagePx;
-    auto local = [](int64_t end, int64_t first) { return static_cast<int>(std::clamp<int64_t>(end - first, 0, kPagePx)); };
+    const int64_t first_x = (static_cast<int64_t>(tile_x_) * kTilePx >> down) + node_x * kPagePx + block_x * kCells;
+    const int64_t first_y = (static_cast<int64_t>(tile_y_) * kTilePx >> down) + node_y * kPagePx + block_y * kCells;
+    auto local = [](int64_t end, int64_t first) { return static_cast<int>(std::clamp<int64_t>(end - first, 0, kCells)); };
     const int whole_x = local(cells.whole_x, first_x), whole_y = local(cells.whole_y, first_y);
     const int cells_x = local(cells.cells_x, first_x), cells_y = local(cells.cells_y, first_y);
     const int side = gridSide(down - 1);
-    const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(node_y) * 2 * kPagePx * side + node_x * 2 * kPagePx;
+    const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(2 * (node_y * kPagePx + block_y * kCells)) * side +
+                        2 * (node_x * kPagePx + block_x * kCells);
     int worst = 0;  // in quarters
     if (whole_x > 0 && whole_y > 0) {
       for (int y = 0; y <= whole_y; ++y) {
@@ -555,24 +575,25 @@ class TileWorker {
     if (down > 0)
       for (int child = 0; child < 4; ++child) emit(level, down - 1, 2 * x + (child & 1), 2 * y + (child >> 1), out);
     const NodeId node = nodeAt(context_.domain, level - down, column, row);
-    auto place = [&](std::span<const uint8_t> encoded, uint64_t index_offset, bool is_relief, NodeRange range) {
+    auto place = [&](std::span<const uint8_t> encoded, uint64_t index_offset, bool is_relief, uint64_t detail_offset, const NodeRange& range) {
       out.bytes.insert(out.bytes.end(), encoded.begin(), encoded.end());
-      out.pages.push_back({index_offset, static_cast<uint32_t>(encoded.size()), XXH3_64bits(encoded.data(), encoded.size()), range, is_relief});
+      out.pages.push_back({index_offset, static_cast<uint32_t>(encoded.size()), XXH3_64bits(encoded.data(), encoded.size()), is_relief, detail_offset, range});
     };
     if (stage_->texture.level >= 0) {
       auto at = context_.layout.texture.find(node);
       for (int plane = 0; plane < context_.format.planes(); ++plane) {
         cutTexture(down, x, y, plane);
-        place(encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, {});
+        place(encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, 0, {});
       }
     }
     if (stage_->relief.level >= 0) {
-      auto at = context_.layout.relief.find(node);
+      auto at = context_.layout.relief.find(node), detail = context_.layout.relief_detail.find(node);
       const int side = gridSide(down);
       for (int j = 0; j < kReliefSamples; ++j)
         std::memcpy(samples_.data() + static_cast<size_t>(j) * kReliefSamples,
                     grid_[down].data() + static_cast<size_t>(y * kPagePx + j) * side + x * kPagePx, kReliefSamples * 2);
-      place(encoder_.encodeRelief(samples_), at.block_offset + at.node_offset, true, ranges_[down][static_cast<size_t>(y) * kTilePages + x]);
+      place(encoder_.encodeRelief(samples_), at.block_offset + at.node_offset, true, detail.block_offset + detail.node_offset,
+            ranges_[down][static_cast<size_t>(y) * kTilePages + x]);
     }
   }
 
@@ -737,13 +758,14 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
       return usage("a coefficient's scale or bias is not a number");
   const PlanarDomain& d = header.domain;
-  header.page_count = packageLayout(d, header.texture, 0).page_count;
+  header.relief_detail = d.relief_depth >= 0;
+  header.page_count = packageLayout(d, header.texture, 0, false).page_count;
   const std::string manifest = manifestText(header, texture, relief, options.tool_version);
   if (manifest.size() > kMaxManifestBytes) return usage("the sources' names are too long");
   header.manifest_bytes = manifest.size();
   header.manifest_hash = XXH3_64bits(manifest.data(), manifest.size());
   header.index_offset = (header.manifest_offset + header.manifest_bytes + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes;
-  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset), MipFilter(header.texture),
+  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.relief_detail), MipFilter(header.texture),
                        header.encodings};
   header.index_bytes = context.layout.index_bytes;
   header.pages_offset = header.index_offset + header.index_bytes;
@@ -806,6 +828,11 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
         storeLittle(entry + 24, p.range.error);
         auto written = (*index)->write(p.index_offset - header.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
         if (!written) return written;
+        if (p.relief) {
+          uint8_t errors[kReliefDetailBytes];
+          for (size_t i = 0; i < kReliefDetailBytes; ++i) errors[i] = byteFromError(p.range.block_errors[i]);
+          if (written = (*index)->write(p.detail_offset - header.index_offset, errors, sizeof errors); !written) return written;
+        }
         offset += p.size;
       }
       progress.pages_done += tile->pages.size();
@@ -881,7 +908,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     piece_offset += piece.size();
     piece.clear();
   };
-  for (const IndexLayout* tree : {&context.layout.texture, &context.layout.relief}) {
+  for (const IndexLayout* tree : {&context.layout.texture, &context.layout.relief, &context.layout.relief_detail}) {
     tree->forEachBlock([&](const IndexLayout::Block& block) {
       size_t at = piece.size();
       piece.resize(at + block.bytes);

@@ -100,7 +100,14 @@ IndexLayout::Place IndexLayout::find(const NodeId& n) const {
   return place;
 }
 
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset) {
+uint8_t byteFromError(uint32_t steps) {
+  if (steps < 32) return static_cast<uint8_t>(steps);
+  int e = std::bit_width(steps) - 4;  // steps >> (e - 1) is 16..31
+  uint32_t m = (steps + (1u << (e - 1)) - 1) >> (e - 1);
+  return static_cast<uint8_t>(16 * e + static_cast<int>(m) - 16);  // m of 32 is the next e's first
+}
+
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, bool relief_detail) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
   layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
@@ -110,6 +117,10 @@ PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& for
     layout.relief = IndexLayout(domain, domain.relief_depth, kReliefEntryBytes, index_offset + layout.index_bytes);
     layout.index_bytes += layout.relief.bytes();
     layout.page_count += layout.relief.nodeCount();
+    if (relief_detail) {
+      layout.relief_detail = IndexLayout(domain, domain.relief_depth, kReliefDetailBytes, index_offset + layout.index_bytes);
+      layout.index_bytes += layout.relief_detail.bytes();
+    }
   }
   return layout;
 }
@@ -146,6 +157,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
     f.put(240 + k, static_cast<uint8_t>(h.encodings[k].codec));
     f.put(248 + k, h.encodings[k].parameter);
   }
+  f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
 }
 
@@ -202,6 +214,13 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     }
     h.encodings[k] = *encoding;
   }
+  if (uint32_t blocks = loadLittle<uint32_t>(p + 256); blocks != 0 && blocks != kErrorBlocks) {
+    Error error = invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
+    error.kind = ErrorKind::kUnsupported;
+    return error;
+  } else {
+    h.relief_detail = blocks != 0;
+  }
   if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
   // Written so that no sum can overflow.
   auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
@@ -210,7 +229,7 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     return invalid(24, "the manifest lies outside the file");
   if (!inside(h.index_offset, h.index_bytes)) return invalid(48, "the index lies outside the file");
   if (!inside(h.pages_offset, h.pages_bytes)) return invalid(64, "the pages lie outside the file");
-  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset);
+  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
   if (layout.index_bytes != h.index_bytes) {
     return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
                            std::to_string(h.index_bytes));

@@ -22,6 +22,12 @@ inline constexpr uint32_t kHeaderBytes = 4096;           // at the file's start,
 inline constexpr uint32_t kIndexBlockNodes = 16;         // a block holds up to 16 x 16 nodes of one patch and level
 inline constexpr uint32_t kTextureEntryBytes = 20;       // u64 offset, u32 size, u64 checksum
 inline constexpr uint32_t kReliefEntryBytes = 26;        // the same, then u16 min, max, error
+// What a relief page's surface leaves out of the finest one, by blocks of 8 x 8 cells: 16 x 16 bytes, rows top first. As a byte
+// 16 e + m: m for e = 0, else (16 + m) << (e - 1) steps of the height's 16 bits, rounded up.
+inline constexpr int kErrorBlocks = 16;
+inline constexpr uint32_t kReliefDetailBytes = kErrorBlocks * kErrorBlocks;
+inline constexpr uint32_t errorFromByte(uint8_t b) { return b < 32 ? b : (16u + (b & 15u)) << ((b >> 4) - 1); }
+uint8_t byteFromError(uint32_t steps /* at most 65,535 */);
 inline constexpr uint64_t kMaxManifestBytes = uint64_t{16} << 20;
 
 struct PackageHeader {
@@ -32,6 +38,7 @@ struct PackageHeader {
   PlanarDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;
+  bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
 };
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field.
@@ -91,10 +98,10 @@ class IndexLayout {
 };
 
 struct PackageLayout {
-  IndexLayout texture, relief;
+  IndexLayout texture, relief, relief_detail;
   uint64_t index_bytes = 0, page_count = 0;
 };
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset);
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, bool relief_detail);
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
 std::string domainProblem(const PlanarDomain& domain);
 

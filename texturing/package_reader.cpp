@@ -1,6 +1,7 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <deque>
 #include <mutex>
@@ -129,7 +130,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   } else {
     impl->readManifest();
   }
-  impl->layout = packageLayout(h.domain, h.texture, h.index_offset);
+  impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
@@ -149,6 +150,30 @@ Result<void> Package::checkIndex(PageId id) const {
   auto block = impl_->block(tree.find(id.node()));
   if (!block) return block.error();
   return {};
+}
+
+Result<void> Package::checkReliefDetail(const NodeId& node) const {
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_detail || !tree.contains(node)) return {};
+  auto block = impl_->block(tree.find(node));
+  if (!block) return block.error();
+  return {};
+}
+
+bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const {
+  assert(error_mm.size() == kReliefDetailBytes);
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_detail || !tree.contains(node)) return false;
+  IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) return false;  // the page's own error holds
+  const uint8_t* bytes = (*block)->data() + place.node_offset;
+  for (size_t i = 0; i < error_mm.size(); ++i) {
+    double mm = errorFromByte(bytes[i]) * impl_->header.domain.relief_scale_mm;
+    error_mm[i] = std::nextafter(static_cast<float>(mm), INFINITY);
+    if (bytes[i] == 0) error_mm[i] = 0;
+  }
+  return true;
 }
 
 Result<PageRecord> Package::record(PageId id) const {
@@ -216,7 +241,7 @@ Result<EncodedPage> Package::read(PageId id) const {
 
 PlaneUsage planeUsage(const Package& package, Plane plane) {
   const Manifest& m = package.manifest();
-  PackageLayout layout = packageLayout(m.domain, m.texture, 0);
+  PackageLayout layout = packageLayout(m.domain, m.texture, 0, false);
   PlaneUsage usage;
   (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
     for (uint32_t i = 0; i < block.columns * block.rows; ++i) {

@@ -89,12 +89,18 @@ Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*p
     });
   }
   auto stop = [&] { return interrupted && interrupted->load(); };
-  PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0);
+  PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0, false);
   uint64_t serial = 0;
   for (bool relief : {false, true}) {
     (relief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
       jobs.push({serial++, relief, block});
       if (progress) progress(done, manifest.page_count);
+      if (relief) {
+        if (auto sound = package.checkReliefDetail(block.first); !sound) {
+          std::lock_guard lock(mutex);
+          report.other.push_back(sound.error().text() + ": errors by block, relief level " + std::to_string(block.first.level));
+        }
+      }
       return !stop();
     });
   }

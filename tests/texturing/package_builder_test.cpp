@@ -169,7 +169,7 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
   }
 
   // Bounds: against the finest samples of the square, by brute force.
-  uint64_t tight = 0;
+  uint64_t tight = 0, block_tight = 0, block_smaller = 0;
   const double scale = d.relief_scale_mm;
   for (const auto& [n, page] : pages) {
     auto record = package.record(PageId(Plane::kRelief, n));
@@ -187,6 +187,7 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     auto clampedY = [&](int64_t g) { return std::min(static_cast<double>(g) * cell_px, static_cast<double>(d.height_px)); };
     uint16_t low = 65535, high = 0;
     double worst = 0;
+    std::array<double, 256> block_worst{};
     for (int64_t gy = 0; gy <= kPagePx * stride; ++gy) {
       for (int64_t gx = 0; gx <= kPagePx * stride; ++gx) {
         auto it = by_place.find({ox + gx, oy + gy});
@@ -200,8 +201,18 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
         double a = sampleAt(page, i, j), bb = sampleAt(page, i + 1, j), cc = sampleAt(page, i, j + 1), dd = sampleAt(page, i + 1, j + 1);
         double triangles = s >= t ? a + s * (bb - a) + t * (dd - bb) : a + t * (cc - a) + s * (dd - cc);
         double bilinear = (1 - t) * ((1 - s) * a + s * bb) + t * ((1 - s) * cc + s * dd);
-        worst = std::max({worst, std::abs(triangles - it->second), std::abs(bilinear - it->second)});
+        double off = std::max(std::abs(triangles - it->second), std::abs(bilinear - it->second));
+        worst = std::max(worst, off);
+        double& block = block_worst[static_cast<size_t>(j / 8 * 16 + i / 8)];
+        block = std::max(block, off);
       }
+    }
+    std::array<float, 256> block_errors{};
+    ASSERT_TRUE(package.reliefErrors(n, block_errors));
+    for (size_t k = 0; k < block_errors.size(); ++k) {
+      EXPECT_GE(block_errors[k], block_worst[k] * scale * (1 - 1e-9)) << "level " << n.level << " x " << n.x << " y " << n.y << " block " << k;
+      block_tight += block_worst[k] > 0 && block_errors[k] / 2 < block_worst[k] * scale;  // half the bound is none
+      block_smaller += block_errors[k] < b.error_mm / 2;                                  // a part tells more than the whole
     }
     EXPECT_GE(b.error_mm, worst * scale * (1 - 1e-9)) << "level " << n.level << " x " << n.x << " y " << n.y;
     EXPECT_LE(b.min_mm, d.relief_offset_mm + low * scale);
@@ -220,6 +231,8 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
   }
   if (d.relief_depth > 0) {
     EXPECT_GT(tight, 0u);
+    EXPECT_GT(block_tight, 0u);
+    EXPECT_GT(block_smaller, 0u);
   }
 }
 

@@ -258,7 +258,7 @@ TEST(PackageLayout, entriesTileTheIndex) {
     d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
     d.relief_depth = std::max(0, d.texture_depth - 1);
     TextureFormat format = sampleFormat(Basis::kPtmLrgb);
-    PackageLayout layout = packageLayout(d, format, 8192);
+    PackageLayout layout = packageLayout(d, format, 8192, true);
     std::vector<uint8_t> used(layout.index_bytes);
     auto use = [&](uint64_t offset, uint32_t bytes) {
       for (uint32_t i = 0; i < bytes; ++i) {
