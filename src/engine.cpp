@@ -135,6 +135,7 @@ struct Engine::Impl {
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
   double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
+  bool fades_over = false;            // while settle() draws
   uint32_t slot_count = 0;
   EngineStats stats;
 
@@ -323,7 +324,8 @@ struct Engine::Impl {
                                  .light_u = light[0],
                                  .light_v = light[1],
                                  .now_s = now_s,
-                                 .page_fade_s = scene.page_fade_s});
+                                 .page_fade_s = scene.page_fade_s,
+                                 .fades_over = fades_over});
   }
 
   void drawPicture(const EyeFrame& eye, double now_s) {
@@ -640,7 +642,9 @@ Result<void> Engine::settle(double timeout_s) {
                  "raise --cache-mib or --timeout", {}};
   }
   ++e.stats.frames;
+  e.fades_over = true;
   e.drawPicture(e.prepareInstances(), steadySeconds());
+  e.fades_over = false;
   finishFrame();
   return {};
 }
