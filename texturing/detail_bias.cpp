@@ -14,6 +14,8 @@ constexpr double kPlateau = 0.98;
 constexpr int kCloseEnough = 5;     // steps between a bias that fits and a finer one that does not
 constexpr double kMargin = 0.95;    // of the room that a finer view may be expected to need
 constexpr double kOtherView = 0.1;  // more or less demand at the same bias
+constexpr int kSettlingWindows =
+    4;  // after a move, in which relief and what is remembered of older wishes still follow it
 // One level finer has at most four nodes for each, and their parents.
 constexpr double kMostAtOnce = 5;
 constexpr int kLevel = 20;  // steps
@@ -52,7 +54,7 @@ void DetailBias::judge(double room) {
   largest_ = 0;
 
   bool contradiction = overflow ? steps_ >= high_ : !some && steps_ <= low_;
-  bool another = reference_ > 0 && std::abs(pages - reference_) > kOtherView * reference_;
+  bool another = ++windows_ > kSettlingWindows && std::abs(pages - reference_) > kOtherView * reference_;
   if (contradiction || another || kMostAtOnce * pages <= room) {
     low_ = -1;
     high_ = kMaxBiasSteps + 1;
@@ -97,6 +99,7 @@ void DetailBias::moveTo(int steps) {
   target_ = steps;
   stale_lists_ = kLatencyLists;
   reference_ = 0;
+  windows_ = 0;
   noisy_windows_ = 0;
 }
 

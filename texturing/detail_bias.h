@@ -58,7 +58,7 @@ class DetailBias {
   // The lists at this bias since the last judgement.
   int lists_ = 0, overflows_ = 0;
   double largest_ = 0;
-  int noisy_windows_ = 0;
+  int windows_ = 0, noisy_windows_ = 0;
   int rise_ = 0;  // steps of the last move, if it was one
   // Of this view: the coarsest bias that overflowed, the finest that fitted, the demand last judged.
   int low_ = -1, high_ = kMaxBiasSteps + 1;
