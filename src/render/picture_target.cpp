@@ -71,8 +71,8 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   }
   glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
   if (p.page_fade_s > 0) {
-    glUniform2f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(p.now_s * 64) & 0xFFFFu),
-                static_cast<float>(1.0 / std::max(p.page_fade_s * 64, 1e-3)));
+    glUniform3f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(p.now_s * 64) & 0xFFFFu),
+                static_cast<float>(1.0 / std::max(p.page_fade_s * 64, 1e-3)), p.fades_over ? 1.0f : 0.0f);
   }
 }
 

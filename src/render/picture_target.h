@@ -37,6 +37,7 @@ struct ShadingParameters {
   int tap_phase = 0;       // of an anisotropic feedback pass (shaders/feedback.frag)
   double light_u = 0, light_v = 0;  // x and y of the unit vector towards the light
   double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade
+  bool fades_over = false;            // every page shows whole, whatever its age: a settled picture
 };
 // Of the program in use.
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);

@@ -39,6 +39,7 @@ relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pag
   SOURCES render/virtual_equals_dense_gltest.cpp)
 relievo_gltest(filters_equal_dense_gltest LIBS relievo_render relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
+relievo_gltest(page_fade_gltest LIBS relievo_render relievo_dense_pages SOURCES render/page_fade_gltest.cpp)
 relievo_gltest(sample_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
   SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
