@@ -248,11 +248,10 @@ struct PageStreamer::Impl {
   uint32_t use(SlotIndex slot, bool new_list) {
     cache.touch(slot, frame);
     Slot& s = slots[slot];
-    if (s.plan == plan_number) return 0;
-    s.plan = plan_number;
+    if (!s.count(plan_number)) return 0;
     recent.use(slot);
     stats.hits += new_list;
-    stats.prefetch_used += std::exchange(s.prefetched, false);
+    stats.prefetch_used += s.takePrefetched();
     ++wanted_pages;
     return cache.isPinned(slot) ? 0 : 1;
   }
@@ -334,7 +333,7 @@ struct PageStreamer::Impl {
     room_used += recent.idleCount();
     for (const Wish& w : predictions) {
       auto entry = w.relief ? std::nullopt : table.find(w.node);
-      if (entry && slots[entry->slots[0]].plan == plan_number) continue;  // wanted now
+      if (entry && slots[entry->slots[0]].counted(plan_number)) continue;  // wanted now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
       if (!absent || room_used + *absent > cache.slotCount()) continue;
       for (Plane p : planesOf(w)) {
@@ -345,7 +344,7 @@ struct PageStreamer::Impl {
           bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
           room_used += !counted;
           prefetch(id, w.centre);
-        } else if (std::exchange(slots[slot].plan, plan_number) != plan_number) {
+        } else if (slots[slot].count(plan_number)) {
           room_used += !cache.isPinned(slot) && !recent.isRecent(slot);
           predicted.emplace_back(slot, id);
         }
@@ -425,7 +424,7 @@ struct PageStreamer::Impl {
   // The page's texels leave the slot, or no longer count.
   void vacate(SlotIndex slot, PageId id) {
     census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
-    stats.prefetch_wasted += std::exchange(slots[slot].prefetched, false);
+    stats.prefetch_wasted += slots[slot].takePrefetched();
     recent.forget(slot);
     leave(id);
   }
@@ -475,7 +474,7 @@ struct PageStreamer::Impl {
         vacate(placement->slot, *placement->evicted);
       }
       Page& page = it->second;
-      slots[placement->slot].prefetched = page.speculative;
+      slots[placement->slot].setPrefetched(page.speculative);
       if (!page.speculative) recent.use(placement->slot);
       if (page.wanted_frame > 0) {
         latency_frames.add(frame - page.wanted_frame);
@@ -528,9 +527,25 @@ struct PageStreamer::Impl {
   std::vector<Wish> merged;       // coarse before fine, then near the centre
   std::vector<Wish> predictions;  // the same, of the prefetch lists
   uint64_t wanted_pages = 0;
-  struct Slot {
-    uint64_t plan = 0;        // the last plan that counted it
-    bool prefetched = false;  // and not wanted since
+  // 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
+  class Slot {
+   public:
+    bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
+    bool count(uint64_t plan) {  // true: for the first time in this plan
+      bool first = !counted(plan);
+      bits_ = markOf(plan) | (bits_ & 1u);
+      return first;
+    }
+    void setPrefetched(bool prefetched) { bits_ = (bits_ & ~1u) | static_cast<uint32_t>(prefetched); }
+    bool takePrefetched() {
+      bool prefetched = bits_ & 1u;
+      setPrefetched(false);
+      return prefetched;
+    }
+
+   private:
+    static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
+    uint32_t bits_ = 0;
   };
   std::vector<Slot> slots;
   RecentUse recent;
@@ -769,6 +784,11 @@ const StreamerStats& PageStreamer::stats() const {
 
 PageTable& PageStreamer::table() { return impl_->table; }
 const PageCache& PageStreamer::cache() const { return impl_->cache; }
+
+uint64_t PageStreamer::metadataBytes() const {
+  const Impl& m = *impl_;
+  return m.cache.metadataBytes() + m.table.metadataBytes() + m.slots.capacity() * sizeof(m.slots[0]) + m.recent.bytes();
+}
 
 uint64_t PageStreamer::bufferBytes() const {
   const Impl& m = *impl_;

@@ -144,6 +144,8 @@ class PageStreamer {
   const StreamerStats& stats() const;
   PageTable& table();
   const PageCache& cache() const;
+  // Cache, page table (without its texture) and what is known of each slot; not the pages that are on their way.
+  uint64_t metadataBytes() const;
   uint64_t bufferBytes() const;  // upper bound of what decoded pages and scratch memory take
   // Messages that a user should see (each failed page once); cleared by the call.
   std::vector<std::string> takeMessages();

@@ -15,18 +15,29 @@ class RecentUse {
   explicit RecentUse(size_t slots) : last_(slots, 0) {}
   void beginFrame(uint64_t frame) {  // > 0, growing
     for (uint64_t f = frame_ + 1; f <= frame && f <= frame_ + kSparedFrames; ++f) count_[f % kSparedFrames] = 0;
+    uint64_t passed = frame - frame_;
     frame_ = frame;
+    // Marks are frames modulo kCycle: old ones are cleared, each within half a cycle, before they look new again.
+    size_t steps = passed < kCycle / 4 ? passed * (last_.size() * 4 / kCycle + 1) : last_.size();
+    for (steps = steps < last_.size() ? steps : last_.size(); steps > 0; --steps) {
+      if (sweep_ >= last_.size()) sweep_ = 0;
+      if (passed >= kCycle / 4 || !isRecent(sweep_)) last_[sweep_] = 0;
+      ++sweep_;
+    }
   }
   void use(size_t slot) {
     forget(slot);
-    last_[slot] = frame_;
+    last_[slot] = static_cast<uint8_t>(frame_ % kCycle + 1);
     ++count_[frame_ % kSparedFrames];
   }
   void forget(size_t slot) {
-    if (isRecent(slot)) --count_[last_[slot] % kSparedFrames];
+    if (isRecent(slot)) --count_[(last_[slot] - 1u) % kSparedFrames];
     last_[slot] = 0;
   }
-  bool isRecent(size_t slot) const { return last_[slot] != 0 && last_[slot] + kSparedFrames > frame_; }
+  bool isRecent(size_t slot) const {
+    return last_[slot] != 0 && (frame_ % kCycle + kCycle + 1 - last_[slot]) % kCycle < kSparedFrames;
+  }
+  size_t bytes() const { return last_.capacity(); }
   // Used recently, but not in the current frame.
   uint64_t idleCount() const {
     uint64_t sum = 0;
@@ -35,7 +46,11 @@ class RecentUse {
   }
 
  private:
-  std::vector<uint64_t> last_;
+  static constexpr uint64_t kCycle = 128;
+  static_assert(kCycle % kSparedFrames == 0);
+
+  std::vector<uint8_t> last_;  // frame % kCycle + 1; 0: long ago
+  size_t sweep_ = 0;
   std::array<uint64_t, kSparedFrames> count_{};
   uint64_t frame_ = 0;
 };
