@@ -276,10 +276,12 @@ TEST(PackageLayout, entriesTileTheIndex) {
     forEachNode(d, d.relief_depth, [&](const NodeId& n) {
       auto place = layout.relief.find(n);
       use(place.block_offset + place.node_offset, kReliefEntryBytes);
+      auto detail = layout.relief_detail.find(n);
+      use(detail.block_offset + detail.node_offset, kReliefDetailBytes);
       ++nodes;
     });
     EXPECT_EQ(nodes, layout.page_count);
-    for (const IndexLayout* tree : {&layout.texture, &layout.relief}) {
+    for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
       tree->forEachBlock([&](const IndexLayout::Block& b) {
         auto place = tree->find(b.first);
         EXPECT_EQ(place.block_offset, b.offset);
