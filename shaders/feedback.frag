@@ -5,9 +5,14 @@
 uniform int u_tap_phase;  // 0..6; over seven of them each pixel asks for every node that its taps can touch
 #endif
 
+uniform ivec4 u_sample;  // pixel (i, j) of the pass is pixel (i, j) * x + (y, z) of the picture
+
 out uvec4 o_want;
 
 void main() {
+  o_want = uvec4(0u);
+  ivec2 pixel = ivec2(gl_FragCoord.xy) * u_sample.x + u_sample.yz;
+  if (!loadSurface(pixel)) return;
 #ifdef ANISOTROPY
   Footprint footprint;
   float lod = virtualTextureLod(footprint);

@@ -6,7 +6,7 @@
 in uvec2 a_grid;     // 0 .. 2^n
 in ivec4 a_origin;   // units from the eye's unit to the node's corner: x, y; log2 of the grid step in units; n
 in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot; log2 of the sample spacing in units
-in uvec4 a_node;     // patch, level, x, y
+in uvec2 a_node;     // index in the list of instances, + 1; the node's level
 in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
 
 uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
@@ -15,8 +15,7 @@ uniform vec4 u_scale;          // mm per unit; mm per height step; mm of height 
 
 invariant gl_Position;
 out vec2 v_uv;                 // place in the node, 0..1
-flat out uvec4 v_node;
-flat out uint v_grid_level;
+flat out uvec2 v_instance;     // a_node.x, n << 28; a_node.y
 #ifdef CAPTURE
 out vec4 v_clip;
 #endif
@@ -104,6 +103,5 @@ void main() {
   gl_Position.z -= u_scale.w * gl_Position.w;
 #endif
   v_uv = vec2(place - a_origin.xy) * powerOfTwo(-(a_origin.z + n));
-  v_node = a_node;
-  v_grid_level = uint(n);
+  v_instance = uvec2(a_node.x | (uint(n) << 28u), a_node.y);
 }

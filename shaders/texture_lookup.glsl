@@ -1,6 +1,7 @@
-// texture_lookup.glsl - the virtual texture's look-up: what a pixel covers of the texture, which node of a level lies there,
-// and where it is resident.
+// texture_lookup.glsl - the virtual texture's look-up: what a pixel covers of the texture (from the surface buffer), which node of
+// a level lies there, and where it is resident.
 #include "common.glsl"
+#include "gradient.glsl"
 #include "page_table.h"
 
 uniform usampler2D u_table;        // texturing/page_table.h
@@ -8,11 +9,33 @@ uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
 uniform uvec4 u_table_shape;       // entries - 1; log2 of the width; seed; -
 uniform ivec4 u_artwork;           // finest texture level; 1: the patches' strip runs along x; width, height in texels
 uniform float u_lod_bias;          // added to the texture LOD
-uniform float u_pixel_scale;       // width of a pixel of the picture, in pixels of this pass (feedback: 1/8)
 
-in vec2 v_uv;
-flat in uvec4 v_node;
-flat in uint v_grid_level;
+uniform usampler2D u_surface;      // what is seen at each pixel (surface.frag)
+uniform usampler2D u_gradient;     // with anisotropy: d(uv)/dx, d(uv)/dy there
+uniform usampler2D u_nodes;        // the node of each instance: patch, level, x, y; 256 a row
+
+// What is seen at a pixel; after loadSurface().
+vec2 v_uv;         // place in the node, 0..1
+uvec4 v_node;      // patch, level, x, y
+uint v_grid_level;
+float v_lod;       // of an isotropic footprint, without bias
+vec4 v_gradient;
+
+// False: nothing is seen there.
+bool loadSurface(ivec2 pixel) {
+  uvec4 s = texelFetch(u_surface, pixel, 0);
+  uint index = s.z & 0xFFFFFFFu;
+  if (index == 0u) return false;
+  --index;
+  v_node = texelFetch(u_nodes, ivec2(index & 255u, index >> 8u), 0);
+  v_grid_level = s.z >> 28u;
+  v_uv = uintBitsToFloat(s.xy);
+  v_lod = uintBitsToFloat(s.w);
+#ifdef ANISOTROPY
+  v_gradient = uintBitsToFloat(texelFetch(u_gradient, pixel, 0));
+#endif
+  return true;
+}
 
 #ifdef ANISOTROPY
 struct Footprint {
@@ -22,37 +45,17 @@ struct Footprint {
 };
 #endif
 
-// d(uv)/dx and d(uv)/dy in texels of the finest level. From the exact derivatives of the perspective mapping: v_uv / w and
-// 1 / w are linear on screen, so their differences do not depend on the step, and
-// d(uv)/dx = (d(uv/w)/dx - uv d(1/w)/dx) / (1/w). Taken of the virtual coordinate, before any fract().
 float nodeTexels() { return float(kPagePx) * powerOfTwo(u_artwork.x - int(v_node.y)); }
-void textureGradient(out vec2 dx, out vec2 dy) {
-  float iw = gl_FragCoord.w;
-  vec2 q = v_uv * iw;
-  float scale = nodeTexels() / iw;
-  dx = (dFdx(q) - v_uv * dFdx(iw)) * scale;
-  dy = (dFdy(q) - v_uv * dFdy(iw)) * scale;
-}
-
-// A gradient of zero, infinity or NaN asks for the coarsest level, never for the finest.
-bool soundGradient(float squared) { return squared > 1e-12 && squared < 1e24; }
 
 #ifndef ANISOTROPY
 // Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels.
-float virtualTextureLod() {
-  vec2 dx, dy;
-  textureGradient(dx, dy);
-  float rho2 = max(dot(dx, dx), dot(dy, dy));
-  float lod = soundGradient(rho2) ? 0.5 * log2(rho2) : float(u_artwork.x);
-  return clamp(lod + u_lod_bias, 0.0, float(u_artwork.x));
-}
+float virtualTextureLod() { return clamp(v_lod + u_lod_bias, 0.0, float(u_artwork.x)); }
 #else
 // A pixel covers an ellipse of the texture, whose axes are the singular values of (dx dy). The level follows the minor one,
 // but for what more than ANISOTROPY taps would take; the taps lie along the major one. In magnification a tap is a texel wide
 // whatever its level, so no more taps are taken than texels are covered.
 float virtualTextureLod(out Footprint f) {
-  vec2 dx, dy;
-  textureGradient(dx, dy);
+  vec2 dx = v_gradient.xy, dy = v_gradient.zw;
   float a = dx.x * dx.x + dy.x * dy.x, b = dx.x * dx.y + dy.x * dy.y, c = dx.y * dx.y + dy.y * dy.y;
   float d = 0.5 * (a - c);
   float root = sqrt(d * d + b * b);
@@ -64,7 +67,7 @@ float virtualTextureLod(out Footprint f) {
   float unit = max(size, 1.0);
   vec2 axis = d >= 0.0 ? vec2(d + root, b) : vec2(b, root - d);  // of the two forms the one without cancellation
   f.step = sound && root > 0.0 ? normalize(axis) * (unit / nodeTexels()) : vec2(0.0);
-  f.ratio = sound ? clamp(major * u_pixel_scale / unit, 1.0, float(ANISOTROPY)) : 1.0;
+  f.ratio = sound ? clamp(major / unit, 1.0, float(ANISOTROPY)) : 1.0;
   // Exact integers, so that the corner is where it is for nodes at the border; the other nodes' never matters.
   int level = int(v_node.y);
   ivec2 node = ivec2(v_node.zw);

@@ -43,8 +43,8 @@ gl::Defines EffectPlan::defines() const {
 }
 
 std::vector<std::string> EffectPlan::passes() const {
-  std::vector<std::string> names{"shade", "feedback"};
-  if (wireframe) names.insert(names.begin() + 1, "wireframe");
+  std::vector<std::string> names{"surface", "shade", "feedback"};
+  if (wireframe) names.insert(names.begin() + 2, "wireframe");
   return names;
 }
 

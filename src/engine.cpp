@@ -18,6 +18,7 @@
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
+#include "src/render/surface_target.h"
 #include "src/stream_switch.h"
 #include "texturing/basis.h"
 #include "texturing/page_codec.h"
@@ -91,7 +92,9 @@ struct Engine::Impl {
   std::unique_ptr<PatchPass> patches;
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
-  gl::Program shade_program, feedback_program, wire_program, capture_program;
+  std::unique_ptr<ScreenPass> screen;
+  gl::Program surface_program, shade_program, feedback_program, wire_program, capture_program;
+  SurfaceTarget surface;
   PictureTarget target;
   Sabotage broken;
 
@@ -110,7 +113,7 @@ struct Engine::Impl {
   };
   FeedbackView feedback_view;
   uint64_t feedback_view_number = 0;
-  uint64_t full_passes = 0;                              // of this view, with the full mesh
+  uint64_t feedback_passes = 0;                          // of this view
   std::vector<NodeWant> feedback_wants, geometry_wants;  // by determination; their union is texture_wants
   std::vector<NodeWant> texture_wants, relief_wants;
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
@@ -131,6 +134,16 @@ struct Engine::Impl {
   CameraPredictor predictor;
   std::unique_ptr<Prefetcher> prefetcher;  // from the first move of the camera on
   bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
+  // What the surface buffer shows.
+  struct DrawnSurface {
+    uint64_t list_number = 0;
+    glm::dmat4 clip_from_world{0.0};
+    double exaggerate = 1;
+    int width = 0, height = 0;
+    friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
+  };
+  DrawnSurface surface_drawn;
+  std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
   double wants_bias = 0;                   // of feedback_wants
@@ -159,22 +172,24 @@ struct Engine::Impl {
     if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
-    auto link = [&](gl::Program& program, const char* fragment, gl::Defines with, std::vector<const char*> varyings = {}) -> Result<void> {
-      auto linked = gl::Program::link(context.api, {"patch.vert", fragment, std::move(with), patchAttributes(), std::move(varyings)});
+    auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
+      bool screen_wide = std::string_view(vertex) == "screen.vert";
+      auto linked = gl::Program::link(
+          context.api, {vertex, fragment, defines, screen_wide ? std::vector<std::string>{"a_corner"} : patchAttributes(), {}});
       if (!linked) return linked.error();
       program = std::move(*linked);
       return {};
     };
-    if (auto r = link(shade_program, "patch.frag", defines); !r) return r;
+    if (auto r = link(surface_program, "patch.vert", "surface.frag"); !r) return r;
+    if (auto r = link(shade_program, "screen.vert", "shade.frag"); !r) return r;
     if (usesFeedback()) {
-      if (auto r = link(feedback_program, "feedback.frag", defines); !r) return r;
+      if (auto r = link(feedback_program, "screen.vert", "feedback.frag"); !r) return r;
     }
     capture_program = {};
     wire_program = {};
     if (plan.wireframe) {
-      gl::Defines with = defines;
-      with.emplace_back("WIREFRAME", "1");
-      if (auto r = link(wire_program, "patch.frag", with); !r) return r;
+      defines.emplace_back("WIREFRAME", "1");
+      if (auto r = link(wire_program, "patch.vert", "lines.frag"); !r) return r;
     }
     return {};
   }
@@ -314,12 +329,12 @@ struct Engine::Impl {
     drawn = posted.front();
   }
 
-  void setUniforms(const gl::Program& program, double now_s, double bias, double pixel_scale = 1) const {
+  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0}) const {
     auto light = normalizedLight(scene.light);
     setShadingUniforms(program, {.format = &artwork.manifest.texture,
                                  .domain = &domain(),
-                                 .lod_bias = bias,
-                                 .pixel_scale = pixel_scale,
+                                 .lod_bias = lod_bias,
+                                 .sample = sample,
                                  .tap_phase = tap_phase,
                                  .light_u = light[0],
                                  .light_v = light[1],
@@ -328,60 +343,74 @@ struct Engine::Impl {
                                  .fades_over = fades_over});
   }
 
-  void drawPicture(const EyeFrame& eye, double now_s) {
-    target.resize(width, height);
+  DrawnSurface surfaceNow() const { return {list_number, drawn.view.clip_from_world, drawn.exaggerate, width, height}; }
+  // What is seen at each pixel: the only pass over the geometry.
+  void drawSurface(const EyeFrame& eye) {
+    surface_drawn = surfaceNow();
+    surface.resize(width, height, plan.sampling == Sampling::kAnisotropic);
+    surface.begin();
+    surface_program.use();
+    pool->bind(surface_program, streamer->table());
+    setUniforms(surface_program, 0);
+    stats.draw_calls = patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
+  }
+
+  void bindSurface(const gl::Program& program) const {
+    pool->bind(program, streamer->table());
+    patches->bindNodes(program, 3);
+    surface.bind(program, 4);
+  }
+
+  void shadeSurface(const EyeFrame& eye, double now_s) {
+    target.resize(width, height, surface.depth());
     target.begin();
     shade_program.use();
-    pool->bind(shade_program, streamer->table());
-    setUniforms(shade_program, now_s, lod_bias);
-    stats.draw_calls = patches->draw(shade_program, eye, PatchPass::Mesh::kFull);
+    bindSurface(shade_program);
+    setUniforms(shade_program, now_s);
+    screen->draw(true);
+    ++stats.draw_calls;
     if (plan.wireframe) {
       wire_program.use();
       pool->bind(wire_program, streamer->table());
-      setUniforms(wire_program, now_s, lod_bias);
+      setUniforms(wire_program, now_s);
       stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
   }
 
-  // Is the camera that of the last feedback? A change of detail or of the list makes another view of it all the same.
-  bool followView() {
+  // Any difference to the last feedback makes another view.
+  void followView() {
     FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy, list_number};
-    bool still = seen.clip_from_world == feedback_view.clip_from_world && seen.exaggerate == feedback_view.exaggerate;
-    if (seen == feedback_view) return still;
+    if (seen == feedback_view) return;
     feedback_view = seen;
-    full_passes = 0;
+    feedback_passes = 0;
     ++feedback_view_number;
     feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
-    return still;
   }
   // Results until every pixel of a still view was seen, by every tap.
   uint64_t stillPasses() const {
     auto scale = static_cast<uint64_t>(options.feedback_scale);
     return std::max<uint64_t>(scale * scale * static_cast<uint64_t>(plan.feedbackPhases()), kMovingResults);
   }
-  // While the view moves a coarse mesh tells enough. A still one is asked with the mesh that is drawn, until every pixel was seen;
-  // then nothing is new, and no more passes are drawn.
-  void feedbackStep(double now_s) {
-    bool still = followView();
-    if (still && full_passes >= stillPasses()) return;
+  // Until every pixel of a still view was seen; then nothing is new, and no more passes are drawn.
+  void feedbackStep() {
+    followView();
+    if (feedback_passes >= stillPasses()) return;
     auto scale = static_cast<uint64_t>(options.feedback_scale);
     tap_phase = static_cast<int>(feedback_turn / (scale * scale) % static_cast<uint64_t>(plan.feedbackPhases()));
-    if (!issueFeedback(now_s, options.feedback_scale, still ? PatchPass::Mesh::kFull : PatchPass::Mesh::kCoarse)) return;
+    if (!issueFeedback(options.feedback_scale)) return;
     ++feedback_turn;
-    full_passes += still;
+    ++feedback_passes;
   }
 
-  // One pixel of each block of scale^2.
-  bool issueFeedback(double now_s, int scale, PatchPass::Mesh mesh) {
+  // One pixel of each block of scale^2, from the surface buffer.
+  bool issueFeedback(int scale) {
     FeedbackGrid grid = feedbackGrid(width, height, scale, feedback_turn);
-    ViewTransform view = drawn.view;
-    view.clip_from_world = grid.clipFromWorld(view.clip_from_world);
-    EyeFrame eye = eyeFrame(view, domain(), drawn.exaggerate, plan.relief);
     return feedback->issue(grid, feedback_view_number, [&] {
       feedback_program.use();
-      pool->bind(feedback_program, streamer->table());
-      setUniforms(feedback_program, now_s, lod_bias - std::log2(grid.scale), 1.0 / grid.scale);
-      stats.draw_calls += patches->draw(feedback_program, eye, mesh);
+      bindSurface(feedback_program);
+      setUniforms(feedback_program, 0, {grid.scale, grid.offset.x, grid.offset.y});
+      screen->draw(false);
+      ++stats.draw_calls;
     });
   }
 
@@ -414,18 +443,21 @@ struct Engine::Impl {
 
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
+    drawSurface(prepareInstances());
+    uint32_t picture_calls = stats.draw_calls;
     std::vector<NodeWant> wants;
     followView();
     for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
       feedback->wait();  // a target is free for sure
-      if (!issueFeedback(steadySeconds(), 1, PatchPass::Mesh::kFull)) continue;
+      if (!issueFeedback(1)) continue;
       auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
       wants.insert(wants.end(), found.begin(), found.end());
     }
+    stats.draw_calls = picture_calls;
     feedback_wants = plan.feedbackPhases() > 1 ? unionOfWants(std::move(wants)) : std::move(wants);
     want_memory.clear();
     want_memory.add(feedback_wants, feedback_view_number, 1);
-    full_passes = stillPasses();  // frames of this view have nothing to add
+    feedback_passes = stillPasses();  // frames of this view have nothing to add
     wants_bias = lod_bias;
     uniteWants();
   }
@@ -496,8 +528,9 @@ struct Engine::Impl {
     }
     lod_bias = streamer->detailBias();
     EyeFrame eye = prepareInstances();
-    drawPicture(eye, now_s);
-    if (usesFeedback()) feedbackStep(now_s);
+    drawSurface(eye);
+    shadeSurface(eye, now_s);
+    if (usesFeedback()) feedbackStep();
     submitFrame();
   }
 
@@ -518,13 +551,17 @@ struct Engine::Impl {
   bool settleGeometry() {
     ++frame;
     stream(steadySeconds(), slot_count);
+    if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias())) return true;  // nothing new to know
+    settled_geometry = {};
     lod_bias = streamer->detailBias();
     postLod(currentView());
     uint64_t generation = resident_generation;
     adopt(lod->waitFor(frame));
     if (adopted_frame != frame) return false;
     static constexpr Plane kReliefPlane[] = {Plane::kRelief};
-    return !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
+    bool final_list = !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
+    if (final_list) settled_geometry = {generation, lod_bias};
+    return final_list;
   }
 };
 
@@ -550,6 +587,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->camera = fitCamera(impl->domain(), impl->width, impl->height);
   impl->pool = std::make_unique<PagePool>(impl->slot_count);
   impl->patches = std::make_unique<PatchPass>();
+  impl->screen = std::make_unique<ScreenPass>();
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
   impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
   if (auto linked = impl->linkPrograms(); !linked) return linked.error();
@@ -616,12 +654,12 @@ Result<void> Engine::settle(double timeout_s) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
     if (e.wished) pause();
   }
+  e.settled_geometry = {};
   double bias = 0;
   bool done = false;
   while (!done && !timedOut()) {
     while (!e.settleGeometry() && !timedOut()) pause();
     bias = e.lod_bias;
-    e.prepareInstances();
     if (e.usesFeedback()) e.takeFullFeedback();
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
@@ -642,8 +680,10 @@ Result<void> Engine::settle(double timeout_s) {
                  "raise --cache-mib or --timeout", {}};
   }
   ++e.stats.frames;
+  EyeFrame eye = e.prepareInstances();
+  if (!(e.surface_drawn == e.surfaceNow())) e.drawSurface(eye);
   e.fades_over = true;
-  e.drawPicture(e.prepareInstances(), steadySeconds());
+  e.shadeSurface(eye, steadySeconds());
   e.fades_over = false;
   finishFrame();
   return {};
@@ -693,16 +733,17 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     gl::Defines defines = e.plan.defines();
     if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     defines.emplace_back("CAPTURE", "1");
-    auto linked = gl::Program::link(e.context.api, {"patch.vert", "patch.frag", defines, patchAttributes(), {"v_clip"}});
+    auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
     if (!linked) return {};
     e.capture_program = std::move(*linked);
   }
-  e.target.resize(e.width, e.height);
+  e.surface.resize(e.width, e.height, false);
+  e.target.resize(e.width, e.height, e.surface.depth());
   e.target.bind();  // transform feedback answers zeros without one
   EyeFrame eye = e.prepareInstances();
   e.capture_program.use();
   e.pool->bind(e.capture_program, e.streamer->table());
-  e.setUniforms(e.capture_program, 0, 0);
+  e.setUniforms(e.capture_program, 0);
   return e.patches->capture(e.capture_program, eye, max_vertices);
 }
 

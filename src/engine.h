@@ -3,7 +3,7 @@
 // nothing to draw yet, waits for its patch list.
 //
 // A frame: take the newest finished feedback and LOD answer; hand over wishes; place decoded pages and upload them within the
-// budget; draw; issue the next feedback; post the camera to the LOD worker.
+// budget; draw the surface; shade it; issue the next feedback; post the camera to the LOD worker.
 #pragma once
 
 #include <atomic>

@@ -18,6 +18,7 @@
 #include "src/render/feedback_pass.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
+#include "src/render/surface_target.h"
 #include "texturing/want_memory.h"
 #include "tools/bench_groups.h"
 
@@ -41,8 +42,12 @@ class FlatFeedback {
     auto f = std::unique_ptr<FlatFeedback>(new FlatFeedback(manifest));
     Scene scene;
     scene.relief = false;
-    auto linked = gl::Program::link(gl::currentContextInfo().api,
-                                    {"patch.vert", "feedback.frag", planEffects(scene, manifest).defines(), patchAttributes(), {}});
+    const gl::Defines defines = planEffects(scene, manifest).defines();
+    const gl::Api api = gl::currentContextInfo().api;
+    auto surface = gl::Program::link(api, {"patch.vert", "surface.frag", defines, patchAttributes(), {}});
+    if (!surface) return surface.error();
+    f->surface_program_ = std::move(*surface);
+    auto linked = gl::Program::link(api, {"screen.vert", "feedback.frag", defines, {"a_corner"}, {}});
     if (!linked) return linked.error();
     f->program_ = std::move(*linked);
     return f;
@@ -59,20 +64,25 @@ class FlatFeedback {
       HeightBounds bounds(const NodeId&) const override { return {}; }
     } flat;
     auto instances = selectPlanarLod(manifest_.domain, flat, lod, {}).instances;
-    patches_.setInstances(instances, manifest_.domain, eyeFrame(view_, manifest_.domain, 1, false), false, [](const NodeId&) { return kNoSlot; });
+    const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false);
+    patches_.setInstances(instances, manifest_.domain, eye, false, [](const NodeId&) { return kNoSlot; });
+    // The surface is drawn for the picture anyhow.
+    surface_.resize(kWidth, kHeight, false);
+    surface_.begin();
+    surface_program_.use();
+    setShadingUniforms(surface_program_, {.format = &manifest_.texture, .domain = &manifest_.domain});
+    patches_.draw(surface_program_, eye, PatchPass::Mesh::kFull);
   }
   const ViewTransform& view() const { return view_; }
   FeedbackPass& pass() { return pass_; }
   void draw(const FeedbackGrid& grid) {
-    ViewTransform view = view_;
-    view.clip_from_world = grid.clipFromWorld(view.clip_from_world);
-    EyeFrame eye = eyeFrame(view, manifest_.domain, 1, false);
     program_.use();
+    patches_.bindNodes(program_, 3);
+    surface_.bind(program_, 4);
     setShadingUniforms(program_, {.format = &manifest_.texture,
                                   .domain = &manifest_.domain,
-                                  .lod_bias = -std::log2(grid.scale),
-                                  .pixel_scale = 1.0 / grid.scale});
-    patches_.draw(program_, eye, PatchPass::Mesh::kCoarse);
+                                  .sample = {grid.scale, grid.offset.x, grid.offset.y}});
+    screen_.draw(false);
   }
   Pixels pixels(const FeedbackGrid& grid) {
     pass_.issue(grid, 0, [&] { draw(grid); });
@@ -83,8 +93,10 @@ class FlatFeedback {
  private:
   explicit FlatFeedback(const Manifest& manifest) : manifest_(manifest), pass_(gl::currentContextInfo().software) {}
   Manifest manifest_;
-  gl::Program program_;
+  gl::Program surface_program_, program_;
   PatchPass patches_;
+  SurfaceTarget surface_;
+  ScreenPass screen_;
   FeedbackPass pass_;
   ViewTransform view_;
 };

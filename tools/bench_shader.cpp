@@ -13,6 +13,7 @@
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
+#include "src/render/surface_target.h"
 #include "texturing/page_codec.h"
 #include "tools/bench_groups.h"
 
@@ -102,8 +103,21 @@ Result<void> shaderBench(BenchContext& context) {
   PatchPass patches;
   const EyeFrame eye = eyeFrame(view, d, 1, false);
   patches.setInstances(instances, d, eye, false, [](const NodeId&) { return kNoSlot; });
+  // What is seen is the same for both, and is not timed.
+  SurfaceTarget surface;
+  surface.resize(kWidth, kHeight, false);
+  Scene flat;
+  flat.relief = false;
+  auto surface_program = gl::Program::link(
+      info.api, {"patch.vert", "surface.frag", planEffects(flat, both.manifest).defines(), patchAttributes(), {}});
+  if (!surface_program) return surface_program.error();
+  surface.begin();
+  surface_program->use();
+  setShadingUniforms(*surface_program, {.format = &both.manifest.texture, .domain = &d});
+  patches.draw(*surface_program, eye, PatchPass::Mesh::kFull);
+  ScreenPass screen;
   PictureTarget target;
-  target.resize(kWidth, kHeight);
+  target.resize(kWidth, kHeight, surface.depth());
 
   enum class Texture { kVirtual, kDense };
   auto seconds = [&](const gl::Program& program, Texture from, bool linear) {
@@ -112,9 +126,11 @@ Result<void> shaderBench(BenchContext& context) {
     target.begin();
     program.use();
     both.pool->bind(program, *both.table);
+    patches.bindNodes(program, 3);
+    surface.bind(program, 4);
     if (from == Texture::kDense) both.dense->bind(program, linear);
     setShadingUniforms(program, {.format = &both.manifest.texture, .domain = &d, .light_u = -0.5, .light_v = 0.3});
-    patches.draw(program, eye, PatchPass::Mesh::kFull);
+    screen.draw(true);
     finishFrame();
     return (info.software ? processSeconds() : benchSeconds()) - start;
   };
@@ -137,10 +153,10 @@ Result<void> shaderBench(BenchContext& context) {
     scene.sampling = c.sampling;
     scene.filter = c.filter;
     gl::Defines defines = planEffects(scene, both.manifest).defines();
-    auto virtual_program = gl::Program::link(info.api, {"patch.vert", "patch.frag", defines, patchAttributes(), {}});
+    auto virtual_program = gl::Program::link(info.api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
     if (!virtual_program) return virtual_program.error();
     defines.emplace_back("DENSE", "1");
-    auto dense_program = gl::Program::link(info.api, {"patch.vert", "patch.frag", defines, patchAttributes(), {}});
+    auto dense_program = gl::Program::link(info.api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
     if (!dense_program) return dense_program.error();
     const bool linear = c.filter == Filter::kFast;
     // The two are the same picture, or the comparison says nothing.

@@ -26,12 +26,12 @@ void DenseLevels::upload(int level, int plane, uint32_t x, uint32_t y, std::span
 }
 
 void DenseLevels::bind(const gl::Program& program, bool linear) const {
-  glActiveTexture(GL_TEXTURE3);
+  glActiveTexture(GL_TEXTURE6);
   glBindTexture(GL_TEXTURE_2D_ARRAY, texture_.id());
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, linear ? GL_LINEAR_MIPMAP_LINEAR : GL_NEAREST_MIPMAP_NEAREST);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, linear ? GL_LINEAR : GL_NEAREST);
   glActiveTexture(GL_TEXTURE0);
-  glUniform1i(program.uniform("u_dense"), 3);
+  glUniform1i(program.uniform("u_dense"), 6);
 }
 
 }  // namespace relievo

@@ -14,21 +14,6 @@ FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint
   return grid;
 }
 
-glm::dmat4 FeedbackGrid::clipFromWorld(const glm::dmat4& view_clip_from_world) const {
-  // Window coordinates X of the picture become (X - offset - 0.5) / scale + 0.5 of the target; in clip space x' = a x + b w.
-  auto axis = [this](int view_px, int target_px, int at) {
-    double a = static_cast<double>(view_px) / (static_cast<double>(scale) * target_px);
-    return glm::dvec2(a, a - 1 + (1 - (2.0 * at + 1) / scale) / target_px);
-  };
-  glm::dvec2 x = axis(view_width_px, width(), offset.x), y = axis(view_height_px, height(), offset.y);
-  glm::dmat4 target_from_view(1.0);
-  target_from_view[0][0] = x[0];
-  target_from_view[3][0] = x[1];
-  target_from_view[1][1] = y[0];
-  target_from_view[3][1] = y[1];
-  return target_from_view * view_clip_from_world;
-}
-
 FeedbackPass::FeedbackPass(bool software) : software_(software) {}
 
 FeedbackPass::~FeedbackPass() {
@@ -44,42 +29,39 @@ void FeedbackPass::resize(int width_px, int height_px) {
   if (width_px == width_ && height_px == height_) return;
   width_ = width_px;
   height_ = height_px;
-  for (Target& t : ring_) {
-    drop(t);
-    t.wants = gl::Texture::create();
-    glBindTexture(GL_TEXTURE_2D, t.wants.id());
-    gl::label(GL_TEXTURE, t.wants.id(), "feedback");
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_, height_, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    t.depth = gl::Renderbuffer::create();
-    glBindRenderbuffer(GL_RENDERBUFFER, t.depth.id());
-    glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
-    t.framebuffer = gl::Framebuffer::create();
-    glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, t.wants.id(), 0);
-    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, t.depth.id());
-    t.pixels = gl::Buffer::create();
-    if (!software_) {
-      glBindBuffer(GL_PIXEL_PACK_BUFFER, t.pixels.id());
-      glBufferData(GL_PIXEL_PACK_BUFFER, static_cast<GLsizeiptr>(width_) * height_ * 16, nullptr, GL_STREAM_READ);
-      glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
-    }
-  }
+  for (Target& t : ring_) drop(t);
   result_.assign(static_cast<size_t>(width_) * static_cast<size_t>(height_), {});
+}
+
+void FeedbackPass::fit(Target& t) {
+  if (t.width == width_ && t.height == height_) return;
+  t.width = width_;
+  t.height = height_;
+  t.wants = gl::Texture::create();
+  glBindTexture(GL_TEXTURE_2D, t.wants.id());
+  gl::label(GL_TEXTURE, t.wants.id(), "feedback");
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_, height_, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  t.framebuffer = gl::Framebuffer::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, t.wants.id(), 0);
+  t.pixels = gl::Buffer::create();
+  if (software_) return;
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, t.pixels.id());
+  glBufferData(GL_PIXEL_PACK_BUFFER, static_cast<GLsizeiptr>(width_) * height_ * 16, nullptr, GL_STREAM_READ);
+  glBindBuffer(GL_PIXEL_PACK_BUFFER, 0);
 }
 
 bool FeedbackPass::issue(const FeedbackGrid& grid, uint64_t tag, const std::function<void()>& draw) {
   resize(grid.width(), grid.height());
   for (Target& t : ring_) {
     if (t.fence) continue;
+    fit(t);
     glBindFramebuffer(GL_FRAMEBUFFER, t.framebuffer.id());
     glViewport(0, 0, width_, height_);
-    glEnable(GL_DEPTH_TEST);
-    glDepthFunc(GL_LEQUAL);
     const GLuint nothing[4] = {0, 0, 0, 0};
     glClearBufferuiv(GL_COLOR, 0, nothing);
-    glClear(GL_DEPTH_BUFFER_BIT);
     glEnable(GL_SCISSOR_TEST);
     glScissor(0, 0, grid.columns(), grid.rows());
     draw();

@@ -9,8 +9,6 @@
 #include <span>
 #include <vector>
 
-#include <glm/glm.hpp>
-
 #include "src/gl/objects.h"
 #include "texturing/feedback.h"
 
@@ -27,8 +25,6 @@ struct FeedbackGrid {
   int height() const { return (view_height_px + scale - 1) / scale; }
   int columns() const { return (view_width_px - offset.x + scale - 1) / scale; }
   int rows() const { return (view_height_px - offset.y + scale - 1) / scale; }
-  // Puts the centres of exactly these pixels onto the centres of the target's.
-  glm::dmat4 clipFromWorld(const glm::dmat4& view_clip_from_world) const;
 };
 // scale: at most what leaves a pixel in each direction for every offset.
 FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint64_t turn);
@@ -54,13 +50,14 @@ class FeedbackPass {
 
  private:
   struct Target {
+    int width = 0, height = 0;
     gl::Texture wants;
-    gl::Renderbuffer depth;
     gl::Framebuffer framebuffer;
     gl::Buffer pixels;
     GLsync fence = nullptr;
     uint64_t serial = 0, tag = 0;
   };
+  void fit(Target& target);  // to the size wanted: memory is taken when a target is first drawn
   void read(Target& target);
   void drop(Target& target);
 

@@ -1,6 +1,7 @@
 #include "src/render/patch_pass.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -11,6 +12,7 @@ namespace relievo {
 namespace {
 
 constexpr int kAttributes = 5;
+constexpr int kNodesPerRow = 256;  // of the texture of nodes; known to texture_lookup.glsl
 
 uint32_t packEdges(const PatchInstance& p) {
   uint32_t bits = 0;
@@ -49,7 +51,8 @@ PatchPass::PatchPass()
     : vertex_array_(gl::VertexArray::create()),
       vertices_(gl::Buffer::create()),
       indices_(gl::Buffer::create()),
-      instances_(gl::Buffer::create()) {
+      instances_(gl::Buffer::create()),
+      nodes_(gl::Texture::create()) {
   std::vector<uint8_t> vertices;
   std::vector<uint16_t> indices;
   for (int n = 1; n <= kMaxGridLevel; ++n) {
@@ -92,12 +95,18 @@ PatchPass::PatchPass()
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   gl::label(GL_BUFFER, instances_.id(), "patch instances");
   glBindVertexArray(0);
+  glBindTexture(GL_TEXTURE_2D, nodes_.id());
+  gl::label(GL_TEXTURE, nodes_.id(), "nodes");
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
 }
 
 void PatchPass::setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye,
                              bool relief, const std::function<SlotIndex(const NodeId&)>& slot_of) {
   std::vector<GpuPatchInstance> gpu;
-  gpu.reserve(instances.size() * 2);
+  gpu.reserve(instances.size());
+  std::vector<std::array<uint32_t, 4>> nodes;
+  nodes.reserve(instances.size() + kNodesPerRow);
   std::fill(std::begin(group_first_), std::end(group_first_), 0u);
   triangles_ = 0;
   int patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
@@ -121,36 +130,38 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Pla
       g.relief[2] = static_cast<int32_t>(slot_of(p.relief_page));
       g.relief[3] = page_log2 - 7;
     }
-    g.node[0] = p.node.patch;
+    g.node[0] = static_cast<uint32_t>(gpu.size() + 1);
     g.node[1] = p.node.level;
-    g.node[2] = p.node.x;
-    g.node[3] = p.node.y;
+    nodes.push_back({p.node.patch, p.node.level, p.node.x, p.node.y});
     g.edges = packEdges(p);
     gpu.push_back(g);
   }
   for (int n = 1; n <= kMaxGridLevel + 1; ++n) group_first_[n] += group_first_[n - 1];
   instance_count_ = static_cast<uint32_t>(gpu.size());
-  coarse_offset_ = gpu.size() * sizeof(GpuPatchInstance);
-  for (uint32_t i = 0; i < instance_count_; ++i) {
-    GpuPatchInstance g = gpu[i];
-    g.origin[2] += g.origin[3] - 1;
-    g.origin[3] = 1;
-    g.edges = 0xF1F1F1F1u;  // each side one whole edge of two segments
-    gpu.push_back(g);
-  }
+  nodes.resize((nodes.size() + kNodesPerRow) / kNodesPerRow * kNodesPerRow);
+  glBindTexture(GL_TEXTURE_2D, nodes_.id());
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kNodesPerRow, static_cast<GLsizei>(nodes.size() / kNodesPerRow), 0,
+               GL_RGBA_INTEGER, GL_UNSIGNED_INT, nodes.data());
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuPatchInstance)), gpu.data(), GL_STREAM_DRAW);
 }
 
-void PatchPass::bindInstances(size_t first_instance, bool coarse) const {
-  size_t base = first_instance * sizeof(GpuPatchInstance) + (coarse ? coarse_offset_ : 0);
+void PatchPass::bindInstances(size_t first_instance) const {
+  size_t base = first_instance * sizeof(GpuPatchInstance);
   auto at = [base](size_t member) { return reinterpret_cast<const void*>(base + member); };
   constexpr GLsizei kStride = sizeof(GpuPatchInstance);
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
   glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
-  glVertexAttribIPointer(3, 4, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
+  glVertexAttribIPointer(3, 2, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
   glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+}
+
+void PatchPass::bindNodes(const gl::Program& program, int unit) const {
+  glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
+  glBindTexture(GL_TEXTURE_2D, nodes_.id());
+  glUniform1i(program.uniform("u_nodes"), unit);
+  glActiveTexture(GL_TEXTURE0);
 }
 
 void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const {
@@ -163,12 +174,12 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   setUniforms(program, eye, depth_bias);
   glBindVertexArray(vertex_array_.id());
   uint32_t calls = 0;
-  auto drawGroup = [&](int n, uint32_t first, uint32_t count, bool coarse) {
+  auto drawGroup = [&](int n, uint32_t first, uint32_t count) {
     if (count == 0) return;
     const Grid& grid = grids_[n];
     glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
     glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
-    bindInstances(first, coarse);
+    bindInstances(first);
     bool lines = mesh == Mesh::kLines;
     uint32_t first_index = lines ? grid.first_line : grid.first_index;
     glDrawElementsInstanced(lines ? GL_LINES : GL_TRIANGLES, static_cast<GLsizei>(lines ? grid.line_indices : grid.indices),
@@ -176,11 +187,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
                             static_cast<GLsizei>(count));
     ++calls;
   };
-  if (mesh == Mesh::kCoarse) {
-    drawGroup(1, 0, instance_count_, true);
-  } else {
-    for (int n = 1; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n], false);
-  }
+  for (int n = 1; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glBindVertexArray(0);
   return calls;
 }
@@ -202,7 +209,7 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
     const Grid& grid = grids_[n];
     glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
     glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
-    bindInstances(group_first_[n], false);
+    bindInstances(group_first_[n]);
     uint64_t bytes = uint64_t{count} * grid.vertices * 16;
     glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes));
     glBeginTransformFeedback(GL_POINTS);

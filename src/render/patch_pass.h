@@ -18,7 +18,7 @@ namespace relievo {
 struct GpuPatchInstance {
   int32_t origin[4];   // x, y from the eye's unit; log2 of the step; grid level
   int32_t relief[4];   // x, y from the relief page's corner; slot; log2 of the sample spacing
-  uint32_t node[4];    // patch, level, x, y
+  uint32_t node[2];    // index in the list + 1; level
   uint32_t edges;      // per side a byte
 };
 
@@ -37,14 +37,16 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
 class PatchPass {
  public:
   PatchPass();
-  // `slot_of` answers with the slot of a relief page in use. coarse: each node as 2 x 2 cells, for the feedback pass.
+  // `slot_of` answers with the slot of a relief page in use.
   void setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye, bool relief,
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
-  enum class Mesh { kFull, kCoarse, kLines };
+  enum class Mesh { kFull, kLines };
   // With a program in use and its other uniforms set. Returns draw calls made.
   uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0) const;
   // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
   std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const;
+  // The nodes of the list, as texture `unit`, for what reads the surface buffer.
+  void bindNodes(const gl::Program& program, int unit) const;
   uint32_t triangles() const { return triangles_; }
   uint32_t instanceCount() const { return instance_count_; }
 
@@ -54,15 +56,15 @@ class PatchPass {
     uint32_t first_index = 0, indices = 0;        // triangles
     uint32_t first_line = 0, line_indices = 0;
   };
-  void bindInstances(size_t first_instance, bool coarse) const;
+  void bindInstances(size_t first_instance) const;
   void setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const;
 
   gl::VertexArray vertex_array_;
   gl::Buffer vertices_, indices_, instances_;
+  gl::Texture nodes_;
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;
-  size_t coarse_offset_ = 0;
 };
 
 }  // namespace relievo

@@ -4,8 +4,9 @@
 
 namespace relievo {
 
-void PictureTarget::resize(int width_px, int height_px) {
-  if (width_px == width_ && height_px == height_) return;
+void PictureTarget::resize(int width_px, int height_px, GLuint depth) {
+  if (width_px == width_ && height_px == height_ && depth == depth_) return;
+  depth_ = depth;
   width_ = width_px;
   height_ = height_px;
   colour_ = gl::Texture::create();
@@ -14,13 +15,10 @@ void PictureTarget::resize(int width_px, int height_px) {
   glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  depth_ = gl::Renderbuffer::create();
-  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour_.id(), 0);
-  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_);
 }
 
 void PictureTarget::bind() const { glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id()); }
@@ -33,7 +31,7 @@ void PictureTarget::begin() const {
   glDisable(GL_BLEND);
   glDisable(GL_CULL_FACE);
   glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);
-  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  glClear(GL_COLOR_BUFFER_BIT);
 }
 
 std::vector<uint8_t> PictureTarget::readPixels() const {
@@ -59,7 +57,7 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   const PlanarDomain& d = *p.domain;
   glUniform4i(program.uniform("u_artwork"), d.texture_depth, d.alongX() ? 1 : 0, static_cast<GLint>(d.width_px),
               static_cast<GLint>(d.height_px));
-  glUniform1f(program.uniform("u_pixel_scale"), static_cast<float>(p.pixel_scale));
+  glUniform4i(program.uniform("u_sample"), p.sample[0], p.sample[1], p.sample[2], 0);
   glUniform1i(program.uniform("u_tap_phase"), p.tap_phase);
   glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));
   auto basis = ptmBasis(p.light_u, p.light_v);

@@ -1,6 +1,7 @@
 // picture_target.h - the framebuffer that the picture is drawn into, and the uniforms that every shading program shares.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -13,9 +14,10 @@ namespace relievo {
 
 class PictureTarget {
  public:
-  void resize(int width_px, int height_px);
+  // depth: of the surface that is shaded, a renderbuffer of the same size; it is not owned, and is read only.
+  void resize(int width_px, int height_px, GLuint depth);
   void bind() const;
-  // Binds, sets the depth test and clears to dark grey with alpha 0: what a window shows beside the artwork.
+  // Binds, sets the depth test and clears the colour to dark grey with alpha 0: what a window shows beside the artwork.
   void begin() const;
   // RGBA, rows top first. Waits for the picture.
   std::vector<uint8_t> readPixels() const;
@@ -24,7 +26,7 @@ class PictureTarget {
 
  private:
   gl::Texture colour_;
-  gl::Renderbuffer depth_;
+  GLuint depth_ = 0;
   gl::Framebuffer framebuffer_;
   int width_ = 0, height_ = 0;
 };
@@ -33,7 +35,7 @@ struct ShadingParameters {
   const TextureFormat* format = nullptr;
   const PlanarDomain* domain = nullptr;
   double lod_bias = 0;
-  double pixel_scale = 1;  // width of a pixel of the picture, in pixels of the pass (a feedback at 1/8: 1/8)
+  std::array<int, 3> sample{1, 0, 0};  // of a feedback pass: its pixel (i, j) is pixel (i, j) * [0] + ([1], [2]) of the picture
   int tap_phase = 0;       // of an anisotropic feedback pass (shaders/feedback.frag)
   double light_u = 0, light_v = 0;  // x and y of the unit vector towards the light
   double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade

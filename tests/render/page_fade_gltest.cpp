@@ -89,7 +89,7 @@ TEST(PageFade, OffLeavesNoTrace) {
     Scene scene;
     scene.page_fade_s = fade_s;
     const auto plan = planEffects(scene, subject.artwork.manifest);
-    auto program = gl::Program::link(gltest::api(), {"patch.vert", "patch.frag", plan.defines(), patchAttributes(), {}});
+    auto program = gl::Program::link(gltest::api(), {"screen.vert", "shade.frag", plan.defines(), {"a_corner"}, {}});
     ASSERT_TRUE(program.ok()) << program.error().text();
     EXPECT_EQ(program->uniform("u_fade") >= 0, fade_s > 0);
   }

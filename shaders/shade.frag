@@ -1,4 +1,4 @@
-// patch.frag - the shading pass: filtered channels from the page cache, evaluated under the light (C++ twin: texturing/basis.h).
+// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (C++ twin: texturing/basis.h).
 // PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
 #include "texture_lookup.glsl"
 
@@ -6,10 +6,6 @@ uniform vec4 u_coefficients[6];  // x: scale, y: bias of coefficient k; z: basis
 uniform vec3 u_fade;             // frame time in 1/64 s; 1 / (fade time in 1/64 s); 1: fades are over
 
 out vec4 o_colour;
-
-#ifdef WIREFRAME
-void main() { o_colour = vec4(0.05, 0.9, 0.55, 1.0); }
-#else
 
 int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
   uint pair = plane < 2 ? entry.z : plane == 2 ? entry.w : plane < 5 ? extra.x : plane < 7 ? extra.y : extra.z;
@@ -175,7 +171,11 @@ vec3 levelTint(int level) {
   return clamp(abs(fract(vec3(hue) + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, 0.0, 1.0);
 }
 
+// Of a pixel, in units of a node of this level: what lines over the picture are drawn by.
+vec2 pixelIn(int level, float lod) { return vec2(exp2(lod) / (float(kPagePx) * powerOfTwo(u_artwork.x - level))); }
+
 void main() {
+  loadSurface(ivec2(gl_FragCoord.xy));
   vec3 channels[PLANES];
 #ifdef ANISOTROPY
   Footprint footprint;
@@ -203,15 +203,14 @@ void main() {
 #ifdef SHOW_PAGES
   vec2 local;
   nodeAtLevel(max(found, 0), local);
-  vec2 from_edge = min(local, 1.0 - local) / max(fwidth(local), vec2(1e-6));
+  vec2 from_edge = min(local, 1.0 - local) / pixelIn(max(found, 0), v_lod);
   colour = mix(colour, levelTint(found), 0.3);
   if (min(from_edge.x, from_edge.y) < 1.0) colour = found < fine ? vec3(1.0, 0.1, 0.1) : vec3(0.0);
 #endif
 #ifdef SHOW_LOD
   colour = mix(colour, levelTint(int(v_node.y)), 0.25 + 0.07 * float(v_grid_level));
-  vec2 edge = min(v_uv, 1.0 - v_uv) / max(fwidth(v_uv), vec2(1e-6));
+  vec2 edge = min(v_uv, 1.0 - v_uv) / pixelIn(int(v_node.y), v_lod);
   if (min(edge.x, edge.y) < 1.0) colour = vec3(0.0);
 #endif
   o_colour = vec4(colour, 1.0);
 }
-#endif

@@ -1,0 +1,84 @@
+#include "src/render/surface_target.h"
+
+namespace relievo {
+
+namespace {
+
+gl::Texture makeSurface(const char* label, int width_px, int height_px) {
+  auto texture = gl::Texture::create();
+  glBindTexture(GL_TEXTURE_2D, texture.id());
+  gl::label(GL_TEXTURE, texture.id(), label);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_px, height_px, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  return texture;
+}
+
+}  // namespace
+
+void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
+  if (width_px == width_ && height_px == height_ && gradient == static_cast<bool>(gradient_)) return;
+  width_ = width_px;
+  height_ = height_px;
+  surface_ = makeSurface("surface", width_, height_);
+  gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
+  depth_ = gl::Renderbuffer::create();
+  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
+  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
+  framebuffer_ = gl::Framebuffer::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);
+  if (gradient) glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, gradient_.id(), 0);
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
+  const GLenum outputs[2] = {GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
+  glDrawBuffers(gradient ? 2 : 1, outputs);
+}
+
+void SurfaceTarget::begin() const {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glViewport(0, 0, width_, height_);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LEQUAL);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  const GLuint nothing[4] = {0, 0, 0, 0};
+  glClearBufferuiv(GL_COLOR, 0, nothing);
+  glClear(GL_DEPTH_BUFFER_BIT);
+}
+
+void SurfaceTarget::bind(const gl::Program& program, int unit) const {
+  glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
+  glBindTexture(GL_TEXTURE_2D, surface_.id());
+  glUniform1i(program.uniform("u_surface"), unit);
+  glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit + 1));
+  glBindTexture(GL_TEXTURE_2D, gradient_.id());
+  glUniform1i(program.uniform("u_gradient"), unit + 1);
+  glActiveTexture(GL_TEXTURE0);
+}
+
+ScreenPass::ScreenPass() : vertex_array_(gl::VertexArray::create()), corners_(gl::Buffer::create()) {
+  const float corners[6] = {-1, -1, 3, -1, -1, 3};
+  glBindVertexArray(vertex_array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, corners_.id());
+  glBufferData(GL_ARRAY_BUFFER, sizeof corners, corners, GL_STATIC_DRAW);
+  glEnableVertexAttribArray(0);
+  glVertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glBindVertexArray(0);
+}
+
+void ScreenPass::draw(bool where_seen) const {
+  if (where_seen) {
+    glDepthFunc(GL_GREATER);
+    glDepthMask(GL_FALSE);
+  } else {
+    glDisable(GL_DEPTH_TEST);
+  }
+  glBindVertexArray(vertex_array_.id());
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+  glBindVertexArray(0);
+  glEnable(GL_DEPTH_TEST);
+  glDepthMask(GL_TRUE);
+  glDepthFunc(GL_LEQUAL);
+}
+
+}  // namespace relievo

@@ -1,0 +1,39 @@
+// surface_target.h - the surface buffer: for each pixel what is seen there (instance, place in its node, texture LOD), before any
+// texture is read. RGBA32UI, shaders/surface.frag; with anisotropy a second one for the texture's gradient.
+// One pass over the geometry serves the picture, which is then shaded once a pixel, and the feedback, which reads any pixels of it.
+#pragma once
+
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+
+namespace relievo {
+
+class SurfaceTarget {
+ public:
+  void resize(int width_px, int height_px, bool gradient);
+  // Binds, sets the depth test and clears: nothing is seen anywhere.
+  void begin() const;
+  // As texture `unit`, and the gradient as `unit` + 1.
+  void bind(const gl::Program& program, int unit) const;
+  GLuint depth() const { return depth_.id(); }  // a renderbuffer; 1 where nothing is seen
+
+ private:
+  gl::Texture surface_, gradient_;
+  gl::Renderbuffer depth_;
+  gl::Framebuffer framebuffer_;
+  int width_ = 0, height_ = 0;
+};
+
+// A triangle over the whole screen (shaders/screen.vert).
+class ScreenPass {
+ public:
+  ScreenPass();
+  // where_seen: only where the bound depth buffer holds something.
+  void draw(bool where_seen) const;
+
+ private:
+  gl::VertexArray vertex_array_;
+  gl::Buffer corners_;
+};
+
+}  // namespace relievo
