@@ -27,6 +27,8 @@
 namespace relievo {
 namespace {
 
+constexpr uint32_t kReadyLimit = 256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
+
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
@@ -200,6 +202,7 @@ struct Engine::Impl {
     so.slot_count = slot_count;
     so.replacement = options.replacement;
     so.workers = options.workers;
+    so.ready_limit = kReadyLimit;
     so.texture_planes = for_plan.texture_planes;
     so.format = artwork.manifest.texture;
     starting_plan = for_plan;
@@ -441,20 +444,37 @@ struct Engine::Impl {
     if (any) uniteWants();
   }
 
+  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells what of it counts.
+  void expectPages() {
+    if (usesGeometry() || lod_bias > 0) return;
+    TextureView view = textureView(drawn.view);
+    view.relief = false;  // like the feedback, not the finest level that a slope might want
+    auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
+    if (expected.size() * plan.texture_planes.size() > slot_count / 2) return;
+    texture_wants.clear();
+    for (const TextureWant& w : expected) texture_wants.push_back({w.node, 1, w.priority});
+    ++frame;
+    stream(steadySeconds(), slot_count);
+  }
+
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
+    expectPages();
     drawSurface(prepareInstances());
     uint32_t picture_calls = stats.draw_calls;
     std::vector<NodeWant> wants;
     followView();
+    constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
     for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
-      feedback->wait();  // a target is free for sure
-      if (!issueFeedback(1)) continue;
-      auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
-      wants.insert(wants.end(), found.begin(), found.end());
+      for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
+        feedback->wait();  // a target is free for sure
+        if (!issueFeedback(kBlock)) continue;
+        auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
+        wants.insert(wants.end(), found.begin(), found.end());
+      }
     }
     stats.draw_calls = picture_calls;
-    feedback_wants = plan.feedbackPhases() > 1 ? unionOfWants(std::move(wants)) : std::move(wants);
+    feedback_wants = unionOfWants(std::move(wants));
     want_memory.clear();
     want_memory.add(feedback_wants, feedback_view_number, 1);
     feedback_passes = stillPasses();  // frames of this view have nothing to add

@@ -59,6 +59,7 @@ Result<void> render(const RenderOptions& o) {
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
+  double context_s = nowSeconds() - start;
   auto engine = Engine::create(o.source.artwork(*package), *scene, o.scene.engineOptions());
   if (!engine) return engine.error();
   Engine& e = **engine;
@@ -89,7 +90,9 @@ Result<void> render(const RenderOptions& o) {
 
   if (!o.stats_file.empty()) {
     auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
+    stats["context_ms"] = context_s * 1000;
     stats["settled_ms"] = settled_s * 1000;
+    stats["settled_at_s"] = start + settled_s;  // of the steady clock, for who started the program
     if (!frame_ms.empty()) {
       stats["frame_ms_median"] = median(frame_ms);
       stats["frame_ms_max"] = *std::max_element(frame_ms.begin(), frame_ms.end());

@@ -9,7 +9,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kFirstLayers = 4;  // 18 MiB: the roots and a first view
+constexpr int kFirstLayers = 8;  // 36 MiB: the roots and a first view
 
 void setNearest(GLenum target) {
   glTexParameteri(target, GL_TEXTURE_MIN_FILTER, GL_NEAREST);

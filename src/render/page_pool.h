@@ -17,7 +17,7 @@ inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
 
 class PagePool {
  public:
-  // Memory is taken as slots are filled: four layers first, then twice as many each time, up to slot_count. (A driver in software
+  // Memory is taken as slots are filled: eight layers first, then twice as many each time, up to slot_count. (A driver in software
   // clears what it allocates: 140 ms for 256 MiB, before the first picture.)
   explicit PagePool(uint32_t slot_count);
 
