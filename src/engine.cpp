@@ -27,6 +27,7 @@
 namespace relievo {
 namespace {
 
+constexpr int kMaxReads = 64;          // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
 constexpr uint32_t kReadyLimit = 256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
 double steadySeconds() {
@@ -202,6 +203,7 @@ struct Engine::Impl {
     so.slot_count = slot_count;
     so.replacement = options.replacement;
     so.workers = options.workers;
+    so.max_reads = kMaxReads;
     so.ready_limit = kReadyLimit;
     so.texture_planes = for_plan.texture_planes;
     so.format = artwork.manifest.texture;

@@ -1,14 +1,30 @@
 #include "texturing/page_jobs.h"
 
+#include <sys/resource.h>
+
 #include <algorithm>
 #include <cassert>
+#include <system_error>
 #include <utility>
 
 namespace relievo {
+namespace {
+
+constexpr int kNiceness = 10;
+
+}  // namespace
 
 PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers,
-                   size_t max_buffers)
-    : source_(source), format_(format), decoder_(decoder), max_buffers_(max_buffers), free_buffers_(max_buffers) {
+                   int max_reads, size_t max_buffers)
+    : source_(source),
+      format_(format),
+      decoder_(decoder),
+      workers_(workers),
+      max_threads_(static_cast<size_t>(std::max(workers, max_reads))),
+      max_buffers_(max_buffers),
+      gate_(std::max(1, workers)),
+      free_buffers_(max_buffers) {
+  threads_.reserve(max_threads_);
   for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { work(); });
 }
 
@@ -23,6 +39,8 @@ PageJobs::~PageJobs() {
 }
 
 void PageJobs::work() {
+  // Behind those who draw: on few cores a frame is not to wait for a page that comes a little later. (Linux: of this thread.)
+  (void)setpriority(PRIO_PROCESS, 0, kNiceness);
   for (;;) {
     PageJob job;
     {
@@ -32,6 +50,19 @@ void PageJobs::work() {
       job = takeLocked();
     }
     finish(job);
+  }
+}
+
+void PageJobs::addThreads() {
+  // Since the last publish, a frame ago, fewer jobs were done than there are threads, and all of them are reading.
+  const size_t threads = threads_.size();
+  const bool slow = std::exchange(finished_, 0) < threads && gate_.reading.load() >= static_cast<int>(threads);
+  if (!slow || stop_ || workers_ == 0) return;
+  try {
+    for (size_t i = threads; i < std::min({2 * threads, max_threads_, threads + jobs_.size()}); ++i)
+      threads_.emplace_back([this] { work(); });
+  } catch (const std::system_error&) {
+    // The system gives no more: those that there are go on.
   }
 }
 
@@ -87,7 +118,7 @@ void PageJobs::finish(const PageJob& job) {
   lock.unlock();
 
   if (!texels) texels = makeTexels();
-  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_);
+  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, workers_ > 0 ? &gate_ : nullptr);
   LoadOutcome outcome;
   outcome.id = job.id;
   outcome.ticket = job.ticket;
@@ -95,6 +126,7 @@ void PageJobs::finish(const PageJob& job) {
       job.id, running.light_u, running.light_v, [&] { return wanted(job); }, texels.get(), outcome);
 
   lock.lock();
+  ++finished_;
   loaders_.push_back(std::move(loader));
   std::erase_if(running_, [&](const Running& r) { return r.job.ticket == job.ticket; });
   if (outcome.end == LoadOutcome::End::kLoaded) {
@@ -133,6 +165,7 @@ void PageJobs::publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& start
     for (Running& r : running_) r.wanted = !stop_ && still_wanted(r.job);
     jobs_.swap(jobs);
     any = !jobs_.empty();
+    if (any) addThreads();
   }
   if (any) work_.notify_all();
 }

@@ -32,8 +32,10 @@ struct RankedJob {
 
 class PageJobs {
  public:
-  // The first three outlive the jobs. max_buffers: jobs under way and decoded pages that are not returned yet, at most.
-  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers,
+  // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as many threads
+  // as workers serve a fast source, and more are added while all of them wait for a slow one (a link with latency).
+  // max_buffers: jobs under way and decoded pages that are not returned yet, at most.
+  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers, int max_reads,
            size_t max_buffers);
   ~PageJobs();  // waits for the reads under way, not for decoding what they bring
 
@@ -67,6 +69,7 @@ class PageJobs {
     double light_u = 0, light_v = 0;
   };
   void work();
+  void addThreads();       // the mutex is held
   bool available() const;  // the mutex is held
   PageJob takeLocked();
   Running* find(uint64_t ticket);
@@ -75,7 +78,9 @@ class PageJobs {
   const PageSource& source_;
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
-  const size_t max_buffers_;
+  const int workers_;
+  const size_t max_threads_, max_buffers_;
+  LoadGate gate_;
 
   mutable std::mutex mutex_;
   std::condition_variable work_;
@@ -88,6 +93,7 @@ class PageJobs {
   size_t free_buffers_;  // those of the pool, and those not made yet
   std::vector<std::unique_ptr<PageLoader>> loaders_;
   double light_u_ = 0, light_v_ = 0;
+  size_t finished_ = 0;  // jobs, since the last publish()
   std::vector<std::thread> threads_;
 };
 

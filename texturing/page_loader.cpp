@@ -8,8 +8,8 @@
 
 namespace relievo {
 
-PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder)
-    : source_(source), format_(format), decoder_(decoder) {
+PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, LoadGate* gate)
+    : source_(source), format_(format), decoder_(decoder), gate_(gate) {
   if (!decoder_) own_.emplace();
 }
 
@@ -34,7 +34,9 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
     return how == LoadOutcome::End::kLoaded;
   };
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeRead);
+  if (gate_) ++gate_->reading;
   Result<EncodedPage> page = source_.read(id);
+  if (gate_) --gate_->reading;
   if (!page) {
     outcome.permanent = page.error().kind == ErrorKind::kInvalidData && !page.error().offset;
     outcome.error = page.error();
@@ -43,8 +45,10 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   outcome.costs.push_back({id.plane(), page->bytes.size(), false});
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
   std::span<uint8_t> out(texels, kSlotBytes);
+  if (gate_) gate_->decode.acquire();
   Result<void> decoded =
       own_ ? own_->decodeToSlot(id.plane(), page->bytes, out) : decoder_(id.plane(), page->bytes, out);
+  if (gate_) gate_->decode.release();
   if (!decoded) {
     outcome.error = decoded.error();
     return end(LoadOutcome::End::kFailed);

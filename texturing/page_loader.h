@@ -2,10 +2,12 @@
 // for a fixed light evaluates the stored planes. One loader per thread at a time.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <semaphore>
 #include <span>
 #include <string>
 #include <vector>
@@ -42,10 +44,17 @@ struct LoadOutcome {
   std::vector<LoadCost> costs;
 };
 
+// Shared by the threads of one PageJobs: a thread that waits for its source does not count as one that works.
+struct LoadGate {
+  std::counting_semaphore<> decode;  // who decodes holds one
+  std::atomic<int> reading{0};
+  explicit LoadGate(int workers) : decode(workers) {}
+};
+
 class PageLoader {
  public:
-  // The three outlive the loader. decoder: empty is a PageDecoder of its own.
-  PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder);
+  // All outlive the loader. decoder: empty is a PageDecoder of its own. gate: may be null.
+  PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, LoadGate* gate = nullptr);
   // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent
   // and costs of the outcome.
   void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
@@ -57,6 +66,7 @@ class PageLoader {
   const PageSource& source_;
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
+  LoadGate* gate_;
   std::optional<PageDecoder> own_;
   std::vector<Texels> scratch_;
 };

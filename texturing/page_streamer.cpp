@@ -69,7 +69,8 @@ struct PageStreamer::Impl {
         recent(cache.slotCount()) {
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
-    jobs.emplace(*source, options.format, decoder, options.workers, size_t(options.workers) + options.ready_limit);
+    jobs.emplace(*source, options.format, decoder, options.workers, options.max_reads,
+                 size_t(options.workers) + options.ready_limit);
     jobs->setLight(
         options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
   }
@@ -794,7 +795,7 @@ uint64_t PageStreamer::bufferBytes() const {
   const Impl& m = *impl_;
   bool resolve = std::find(m.options.texture_planes.begin(), m.options.texture_planes.end(), Plane::kResolved) !=
                  m.options.texture_planes.end();
-  uint64_t scratch = resolve ? uint64_t(std::max(1, m.options.workers)) * m.options.format.planes() : 0;
+  uint64_t scratch = resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
   return (m.jobs->maxBuffers() + scratch) * kSlotBytes;
 }
 

@@ -50,6 +50,7 @@ struct StreamerOptions {
   std::vector<Plane> texture_planes;
   TextureFormat format;
   double light_u = 0, light_v = 0;
+  int max_reads = 0;           // reads under way at most, where a source is slow; fewer than workers: as many as workers
   uint32_t ready_limit = 64;  // decoded pages that may wait for a slot; workers pause when that many do
 };
 

@@ -80,7 +80,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--replacement", replacement, "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
       ->check(CLI::IsMember({"lru", "clock", "halving"}))->capture_default_str();
   c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now [on]");
-  c.add_option("--workers", workers, "Threads that read and decode pages")->check(CLI::Range(1, 64))->capture_default_str();
+  c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")->check(CLI::Range(1, 64))->capture_default_str();
 }
 
 Result<Scene> SceneOptions::scene() const {

@@ -63,6 +63,61 @@ TEST(StreamerThreads, TheDestructorWaitsForTheReadsUnderWayAndForNothingElse) {
   EXPECT_EQ(decoded, 0) << "what nobody will see is not decoded";
 }
 
+// Counts the reads that are under way at a time; each waits until the gate opens.
+class CrowdedGate final : public PageSource {
+ public:
+  Result<EncodedPage> read(PageId id) const override {
+    int now = ++under_way, before = most;
+    while (before < now && !most.compare_exchange_weak(before, now)) {
+    }
+    while (!open) std::this_thread::sleep_for(std::chrono::microseconds(200));
+    --under_way;
+    return inner_.read(id);
+  }
+  mutable std::atomic<int> under_way{0}, most{0};
+  std::atomic<bool> open{false};
+
+ private:
+  ProceduralSource inner_;
+};
+
+// While all threads wait for a slow source, more are added, as many as may read; a source that answers at once has the workers alone.
+TEST(StreamerThreads, ASlowSourceIsAskedForManyPagesAtATime) {
+  struct Case {
+    int max_reads;
+    bool open;
+    int least, most;
+  };
+  for (const Case& c : {Case{16, false, 16, 16}, Case{0, false, 2, 2} /* negative control */, Case{16, true, 1, 8}}) {
+    auto gate = std::make_shared<CrowdedGate>();
+    gate->open = c.open;
+    auto options = Simulation::options(400);
+    options.workers = 2;
+    options.max_reads = c.max_reads;
+    std::atomic<int> decoding{0}, most_decoding{0};
+    auto streamer = std::make_unique<PageStreamer>(gate, options, [&](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+      int now = ++decoding, before = most_decoding;
+      while (before < now && !most_decoding.compare_exchange_weak(before, now)) {
+      }
+      auto done = fakeDecode(plane, encoded, texels);
+      --decoding;
+      return done;
+    });
+    uint64_t frame = 0;
+    for (; frame < 40 || (gate->most < c.least && frame < 5000); ++frame) {
+      streamer->beginFrame(frame + 1, static_cast<double>(frame) / 60);
+      streamer->wantTexture(square(5, 3, 3, 8));
+      streamer->placeReady(64);
+      std::this_thread::sleep_for(std::chrono::milliseconds(c.open ? 5 : 1));
+    }
+    EXPECT_GE(gate->most, c.least) << "max_reads " << c.max_reads;
+    EXPECT_LE(gate->most, c.most) << "max_reads " << c.max_reads << (c.open ? ", open" : "");
+    gate->open = true;
+    streamer.reset();
+    EXPECT_LE(most_decoding, 2) << "decoding stays with the workers";
+  }
+}
+
 // Own workers, and callers who do the same, while the camera jumps, the light moves and predictions change.
 TEST(StreamerThreads, WorkersOfItsOwnAndCallersShareTheJobs) {
   for (bool fixed_light : {false, true}) {
