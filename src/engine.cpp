@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "geometry/lod_worker.h"
+#include "src/lod_views.h"
 #include "src/gl/program.h"
 #include "src/prefetch.h"
 #include "src/render/feedback_pass.h"
@@ -261,11 +262,7 @@ struct Engine::Impl {
   }
 
   LodView lodView(const ViewTransform& view) const {
-    LodView v;
-    v.clip_from_world = view.clip_from_world;
-    v.eye_mm = view.eye_mm;
-    v.pixels_per_radian = view.pixels_per_radian;
-    v.near_mm = view.near_mm;
+    LodView v = lodViewFrom(view);
     v.error_px = scene.error_px * std::exp2(lod_bias);  // under pressure geometry gives way as texture does
     v.min_cell_px = 2 * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
@@ -274,13 +271,7 @@ struct Engine::Impl {
   }
 
   TextureView textureView(const ViewTransform& view) const {
-    TextureView v;
-    v.clip_from_world = view.clip_from_world;
-    v.eye_mm = view.eye_mm;
-    v.pixels_per_radian = view.pixels_per_radian;
-    v.near_mm = view.near_mm;
-    v.width_px = width;
-    v.height_px = height;
+    TextureView v = textureViewFrom(view, width, height);
     v.lod_bias = lod_bias;
     v.trilinear = plan.sampling >= Sampling::kTrilinear;
     v.anisotropy = plan.anisotropy;

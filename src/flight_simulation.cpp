@@ -6,6 +6,8 @@
 #include <memory>
 #include <numbers>
 
+#include "src/lod_views.h"
+
 namespace relievo {
 namespace {
 
@@ -21,26 +23,14 @@ ViewTransform viewOf(const FlightScene& scene, const OrbitCamera& camera) {
 }  // namespace
 
 TextureView textureViewOf(const FlightScene& scene, const OrbitCamera& camera, double lod_bias) {
-  ViewTransform view = viewOf(scene, camera);
-  TextureView t;
-  t.clip_from_world = view.clip_from_world;
-  t.eye_mm = view.eye_mm;
-  t.pixels_per_radian = view.pixels_per_radian;
-  t.near_mm = view.near_mm;
-  t.width_px = scene.width_px;
-  t.height_px = scene.height_px;
+  TextureView t = textureViewFrom(viewOf(scene, camera), scene.width_px, scene.height_px);
   t.lod_bias = lod_bias;
   t.relief = false;
   return t;
 }
 
 LodView lodViewOf(const FlightScene& scene, const OrbitCamera& camera, double lod_bias) {
-  ViewTransform view = viewOf(scene, camera);
-  LodView v;
-  v.clip_from_world = view.clip_from_world;
-  v.eye_mm = view.eye_mm;
-  v.pixels_per_radian = view.pixels_per_radian;
-  v.near_mm = view.near_mm;
+  LodView v = lodViewFrom(viewOf(scene, camera));
   v.error_px = scene.error_px * std::exp2(lod_bias);
   v.min_cell_px = 2 * v.error_px;
   v.relief = scene.relief;

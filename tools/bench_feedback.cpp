@@ -15,6 +15,7 @@
 #include "geometry/texture_select.h"
 #include "src/engine.h"
 #include "src/gl/context.h"
+#include "src/lod_views.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -54,11 +55,7 @@ class FlatFeedback {
   }
   void setCamera(const OrbitCamera& camera) {
     view_ = viewTransform(camera, manifest_.domain, 0, 0, kWidth, kHeight);
-    LodView lod;
-    lod.clip_from_world = view_.clip_from_world;
-    lod.eye_mm = view_.eye_mm;
-    lod.pixels_per_radian = view_.pixels_per_radian;
-    lod.near_mm = view_.near_mm;
+    LodView lod = lodViewFrom(view_);
     lod.relief = false;
     struct Flat final : ReliefOracle {
       HeightBounds bounds(const NodeId&) const override { return {}; }
@@ -157,13 +154,7 @@ double share(const std::set<NodeId>& of, const std::set<NodeId>& in) {
 }
 
 TextureView textureView(const ViewTransform& view, bool relief) {
-  TextureView v;
-  v.clip_from_world = view.clip_from_world;
-  v.eye_mm = view.eye_mm;
-  v.pixels_per_radian = view.pixels_per_radian;
-  v.near_mm = view.near_mm;
-  v.width_px = kWidth;
-  v.height_px = kHeight;
+  TextureView v = textureViewFrom(view, kWidth, kHeight);
   v.relief = relief;
   return v;
 }

@@ -9,6 +9,7 @@
 #include "src/camera.h"
 #include "src/effect_plan.h"
 #include "src/gl/context.h"
+#include "src/lod_views.h"
 #include "src/render/dense_levels.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
@@ -93,11 +94,7 @@ Result<void> shaderBench(BenchContext& context) {
   const double texels_per_px = 0.7 * std::min(static_cast<double>(d.width_px) / kWidth, static_cast<double>(d.height_px) / kHeight);
   camera.distance_mm = texels_per_px * kHeight / (2 * std::tan(camera.fov_deg * 3.14159265358979 / 360));
   const ViewTransform view = viewTransform(camera, d, 0, 0, kWidth, kHeight);
-  LodView lod;
-  lod.clip_from_world = view.clip_from_world;
-  lod.eye_mm = view.eye_mm;
-  lod.pixels_per_radian = view.pixels_per_radian;
-  lod.near_mm = view.near_mm;
+  LodView lod = lodViewFrom(view);
   lod.relief = false;
   const auto instances = selectPlanarLod(d, FlatOracle(), lod, {}).instances;
   PatchPass patches;
