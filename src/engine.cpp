@@ -172,6 +172,7 @@ struct Engine::Impl {
   }
 
   Result<void> linkPrograms() {
+    surface_drawn = {};
     gl::Defines defines = plan.defines();
     if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
@@ -541,7 +542,8 @@ struct Engine::Impl {
     }
     lod_bias = streamer->detailBias();
     EyeFrame eye = prepareInstances();
-    drawSurface(eye);
+    stats.draw_calls = 0;
+    if (!(surface_drawn == surfaceNow())) drawSurface(eye);  // a still camera: light, new pages and fades change the shading only
     shadeSurface(eye, now_s);
     if (usesFeedback()) feedbackStep();
     submitFrame();
@@ -750,6 +752,7 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     if (!linked) return {};
     e.capture_program = std::move(*linked);
   }
+  e.surface_drawn = {};
   e.surface.resize(e.width, e.height, false);
   e.target.resize(e.width, e.height, e.surface.depth());
   e.target.bind();  // transform feedback answers zeros without one
