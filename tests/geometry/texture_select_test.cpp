@@ -79,7 +79,8 @@ struct Flat {
 Agreement flatAgreement(const Flat& f, bool report) {
   Random random(f.seed);
   Agreement total;
-  for (int i = 0; i < f.views; ++i) {
+  const int views = report ? f.views / kViewShare : f.views;  // negative controls need them all
+  for (int i = 0; i < views; ++i) {
     PlanarDomain d = randomDomain(random);
     MadeUpOracle oracle(d, 1);
     Camera c = randomCamera(d, random);
@@ -113,7 +114,7 @@ TEST(TextureSelect, FlatNothingIsMissed) {
   Agreement a = flatAgreement({}, true);
   print("flat", a);
   EXPECT_EQ(a.missed, 0u);
-  EXPECT_GT(a.wanted, 1000u);
+  EXPECT_GT(a.wanted, kViewShare > 1 ? 100u : 1000u);
   EXPECT_GT(a.precision(), 0.95);
   EXPECT_GT(a.precisionWithSlack(), 0.99);
 }
