@@ -9,6 +9,9 @@
 namespace relievo {
 namespace {
 
+#ifdef RELIEVO_IMAGE_LINKED
+Result<const ImageIoModule*> load() { return &relievo_image_io; }
+#else
 // Beside the program, or where the build left it.
 Result<const ImageIoModule*> load() {
   static const Result<const ImageIoModule*> loaded = []() -> Result<const ImageIoModule*> {
@@ -27,6 +30,7 @@ Result<const ImageIoModule*> load() {
   }();
   return loaded;
 }
+#endif
 
 }  // namespace
 

@@ -15,4 +15,6 @@ struct ImageIoModule {
   decltype(&ImageWriter::create) create_writer;
 };
 
+extern "C" __attribute__((visibility("default"))) const ImageIoModule relievo_image_io;  // image_io_oiio.cpp
+
 }  // namespace relievo

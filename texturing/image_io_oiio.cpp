@@ -543,7 +543,6 @@ Result<std::unique_ptr<ImageWriter>> createWriter(const std::string& path, int64
 
 }  // namespace
 
-extern "C" __attribute__((visibility("default"))) const ImageIoModule relievo_image_io;
 const ImageIoModule relievo_image_io{openColour, openHeight, writePngFile, readPixels8, createWriter};
 
 }  // namespace relievo
