@@ -1,18 +1,11 @@
 #include "texturing/page_jobs.h"
 
-#include <sys/resource.h>
-
 #include <algorithm>
 #include <cassert>
 #include <system_error>
 #include <utility>
 
 namespace relievo {
-namespace {
-
-constexpr int kNiceness = 10;
-
-}  // namespace
 
 PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers,
                    int max_reads, size_t max_buffers)
@@ -39,8 +32,6 @@ PageJobs::~PageJobs() {
 }
 
 void PageJobs::work() {
-  // Behind those who draw: on few cores a frame is not to wait for a page that comes a little later. (Linux: of this thread.)
-  (void)setpriority(PRIO_PROCESS, 0, kNiceness);
   for (;;) {
     PageJob job;
     {
