@@ -182,7 +182,7 @@ class BandCache {
       held_bytes_ += (*decoded)->size();
       evict();
       decoded_.notify_all();
-      wanted = *decoded;
+      if (b == band) wanted = *decoded;
     }
     if (wanted) return wanted;
     lock.unlock();
