@@ -50,7 +50,7 @@ class ReliefOracle {
  public:
   virtual ~ReliefOracle() = default;
   virtual HeightBounds bounds(const NodeId& relief_page) const = 0;  // thread-safe
-  // error_mm of the page's parts: kErrorBlocks^2 squares of it, rows top first, none above that of the whole. False: not known.
+  // error_mm of the page's parts: 2^kErrorBlocksLog2 squares of it a side, rows top first, none above that of the whole but for rounding. False: not known.
   // Thread-safe.
   virtual bool errorBlocks(const NodeId& /*relief_page*/, std::span<float> /*error_mm*/) const { return false; }
 };

@@ -48,7 +48,7 @@ struct EffectPlan {
   Filter filter = Filter::kExact;
   Show show = Show::kNone;
 
-  gl::Defines defines() const;              // of the shading pass
+  gl::Defines defines() const;              // of every program
   std::vector<std::string> passes() const;  // names, in order
   // Feedback passes after which a still view has asked for every node that it reads: taps reach into other nodes.
   int feedbackPhases() const { return anisotropy > 1 ? 7 : 1; }

@@ -105,14 +105,21 @@ struct Engine::Impl {
   FeedbackAnalyzer analyzer;
   WantMemory want_memory;
   uint64_t feedback_turn = 0;
+  // What a surface buffer shows.
+  struct DrawnSurface {
+    uint64_t list_number = 0;
+    glm::dmat4 clip_from_world{0.0};
+    double exaggerate = 1;
+    int width = 0, height = 0;
+    friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
+  };
+  DrawnSurface surface_drawn;
   // Results of the same view add up; any difference here makes it another one.
   struct FeedbackView {
-    glm::dmat4 clip_from_world{0.0};
-    double exaggerate = 1, lod_bias = 0;
-    int width = 0, height = 0;
+    DrawnSurface surface;
+    double lod_bias = 0;
     Sampling sampling = Sampling::kTrilinear;
     int anisotropy = 1;
-    uint64_t list = 0;
     friend bool operator==(const FeedbackView&, const FeedbackView&) = default;
   };
   FeedbackView feedback_view;
@@ -138,15 +145,6 @@ struct Engine::Impl {
   CameraPredictor predictor;
   std::unique_ptr<Prefetcher> prefetcher;  // from the first move of the camera on
   bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
-  // What the surface buffer shows.
-  struct DrawnSurface {
-    uint64_t list_number = 0;
-    glm::dmat4 clip_from_world{0.0};
-    double exaggerate = 1;
-    int width = 0, height = 0;
-    friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
-  };
-  DrawnSurface surface_drawn;
   std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
@@ -341,27 +339,28 @@ struct Engine::Impl {
   }
 
   DrawnSurface surfaceNow() const { return {list_number, drawn.view.clip_from_world, drawn.exaggerate, width, height}; }
-  // What is seen at each pixel: the only pass over the geometry.
-  void drawSurface(const EyeFrame& eye) {
+  // What is seen at each pixel: the only pass over the geometry, and only when it shows something else than the last.
+  void updateSurface() {
+    if (surface_drawn == surfaceNow()) return;
     surface_drawn = surfaceNow();
-    surface.resize(width, height, plan.sampling == Sampling::kAnisotropic);
+    surface.resize(width, height, plan.anisotropy > 1);
+    target.resize(width, height, surface.depth());
     surface.begin();
     surface_program.use();
     pool->bind(surface_program, streamer->table());
     setUniforms(surface_program, 0);
-    stats.draw_calls = patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
+    stats.draw_calls += patches->draw(surface_program, prepareInstances(), PatchPass::Mesh::kFull);
   }
 
   void bindSurface(const gl::Program& program) const {
-    pool->bind(program, streamer->table());
     patches->bindNodes(program, 3);
     surface.bind(program, 4);
   }
 
-  void shadeSurface(const EyeFrame& eye, double now_s) {
-    target.resize(width, height, surface.depth());
+  void shadeSurface(double now_s) {
     target.begin();
     shade_program.use();
+    pool->bind(shade_program, streamer->table());
     bindSurface(shade_program);
     setUniforms(shade_program, now_s);
     screen->draw(true);
@@ -369,14 +368,13 @@ struct Engine::Impl {
     if (plan.wireframe) {
       wire_program.use();
       pool->bind(wire_program, streamer->table());
-      setUniforms(wire_program, now_s);
-      stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
+      stats.draw_calls += patches->draw(wire_program, prepareInstances(), PatchPass::Mesh::kLines, 2e-5f);
     }
   }
 
   // Any difference to the last feedback makes another view.
   void followView() {
-    FeedbackView seen{drawn.view.clip_from_world, drawn.exaggerate, lod_bias, width, height, plan.sampling, plan.anisotropy, list_number};
+    FeedbackView seen{surfaceNow(), lod_bias, plan.sampling, plan.anisotropy};
     if (seen == feedback_view) return;
     feedback_view = seen;
     feedback_passes = 0;
@@ -454,14 +452,14 @@ struct Engine::Impl {
   // What every pixel of the drawn list wants, at once: waits for it.
   void takeFullFeedback() {
     expectPages();
-    drawSurface(prepareInstances());
+    updateSurface();
     uint32_t picture_calls = stats.draw_calls;
     std::vector<NodeWant> wants;
     followView();
     constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
+    feedback->wait();  // all targets are free
     for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
       for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
-        feedback->wait();  // a target is free for sure
         if (!issueFeedback(kBlock)) continue;
         auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
         wants.insert(wants.end(), found.begin(), found.end());
@@ -541,10 +539,9 @@ struct Engine::Impl {
       postLod(view);
     }
     lod_bias = streamer->detailBias();
-    EyeFrame eye = prepareInstances();
     stats.draw_calls = 0;
-    if (!(surface_drawn == surfaceNow())) drawSurface(eye);  // a still camera: light, new pages and fades change the shading only
-    shadeSurface(eye, now_s);
+    updateSurface();  // a still camera: light, new pages and fades change the shading only
+    shadeSurface(now_s);
     if (usesFeedback()) feedbackStep();
     submitFrame();
   }
@@ -670,6 +667,7 @@ Result<void> Engine::settle(double timeout_s) {
     if (e.wished) pause();
   }
   e.settled_geometry = {};
+  e.stats.draw_calls = 0;
   double bias = 0;
   bool done = false;
   while (!done && !timedOut()) {
@@ -695,10 +693,9 @@ Result<void> Engine::settle(double timeout_s) {
                  "raise --cache-mib or --timeout", {}};
   }
   ++e.stats.frames;
-  EyeFrame eye = e.prepareInstances();
-  if (!(e.surface_drawn == e.surfaceNow())) e.drawSurface(eye);
+  e.updateSurface();
   e.fades_over = true;
-  e.shadeSurface(eye, steadySeconds());
+  e.shadeSurface(steadySeconds());
   e.fades_over = false;
   finishFrame();
   return {};
@@ -759,7 +756,6 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   EyeFrame eye = e.prepareInstances();
   e.capture_program.use();
   e.pool->bind(e.capture_program, e.streamer->table());
-  e.setUniforms(e.capture_program, 0);
   return e.patches->capture(e.capture_program, eye, max_vertices);
 }
 

@@ -2,8 +2,8 @@
 // calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker; only the first, which has
 // nothing to draw yet, waits for its patch list.
 //
-// A frame: take the newest finished feedback and LOD answer; hand over wishes; place decoded pages and upload them within the
-// budget; draw the surface; shade it; issue the next feedback; post the camera to the LOD worker.
+// A frame: take the finished feedback; hand over wishes; place decoded pages and upload them within the budget; take the newest LOD
+// answer and post the camera to the LOD worker; draw the surface if it changed; shade it; issue the next feedback.
 #pragma once
 
 #include <atomic>

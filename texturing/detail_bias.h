@@ -6,7 +6,7 @@
 // then log4(demand / room) away, where the bias moves at kBiasSlew a list: proportional control. What the model gets
 // wrong (demand by whole levels, or by less than 4) the next judgements mend: the bias is the root of a monotone
 // function, known to lie between the finest bias that did fit and the coarsest that did not, and is looked for by that
-// bracket. So it ends after a bounded number of moves at a bias that fits and is within 0.2 levels of the finest, and
+// bracket. So it ends after a bounded number of moves at a bias that fits and is within 0.3 levels of the finest, and
 // there it stays: what did not fit is not tried again until the demand at the same bias says that the view is another
 // one.
 //

@@ -23,7 +23,8 @@ Result<const ImageIoModule*> load() {
       if (library) {
         if (const void* symbol = dlsym(library, "relievo_image_io")) return static_cast<const ImageIoModule*>(symbol);
       }
-      why = dlerror();
+      const char* reason = dlerror();
+      why += (why.empty() ? "" : "; ") + std::string(reason ? reason : "no reason given");
     }
     return Error{ErrorKind::kRuntime, RELIEVO_IMAGE_MODULE_NAME, "cannot load the module that reads and writes images: " + why,
                  "it belongs beside the program; install OpenImageIO (libopenimageio2.4)", {}};

@@ -57,7 +57,7 @@ class Package final : public PageSource {
   const std::vector<std::string>& warnings() const;
   Result<PageRecord> record(PageId id) const;  // thread-safe
   // How far a relief page's surface can lie from the finest relief, mm, by 16 x 16 blocks of 8 x 8 cells, rows top first: upper
-  // bounds, none above the page's own. False: the package does not say (an older one, or damaged).
+  // bounds, none above the page's own (but for their rounding up). False: the package does not say (an older one, or damaged).
   bool reliefErrors(const NodeId& node, std::span<float> error_mm /* 256 */) const;
   Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of these sound?
   // Is the index block that holds the page's entry sound?

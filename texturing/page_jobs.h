@@ -57,7 +57,7 @@ class PageJobs {
   // started. Every job under way is then wanted or not as still_wanted says (under the mutex: be brief).
   void publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& started,
                const std::function<bool(const PageJob&)>& still_wanted);
-  // Jobs taken until now are not wanted any more and have the old light, later ones the new.
+  // Jobs taken until now are not wanted any more and have the old light, later ones the new; started and still_wanted as for publish.
   void setLight(double u, double v, const std::function<bool(const PageJob&)>& still_wanted,
                 std::vector<PageJob>& started);
   size_t maxBuffers() const { return max_buffers_; }

@@ -89,7 +89,6 @@ struct PageStreamer::Impl {
     return erase(it);
   }
   PageMap::iterator erase(PageMap::iterator it) {
-    if (it->second.permanent) --permanent_failures;
     if (it->second.texels) returned.push_back(std::move(it->second.texels));
     return pages.erase(it);
   }
@@ -146,7 +145,6 @@ struct PageStreamer::Impl {
     page.permanent = permanent || page.attempts >= kMaxAttempts;
     page.retry_at_s = now_s + kFirstBackOff_s * std::pow(kBackOffFactor, page.attempts - 1);
     if (!page.permanent) return;
-    ++permanent_failures;
     ++stats.failed_pages;
     std::erase(refresh, id);
     say(pageWords(id) + " cannot be shown: " + error.text());
@@ -516,7 +514,6 @@ struct PageStreamer::Impl {
   double now_s = 0;
   PageMap pages;
   PageCensus census;
-  uint64_t permanent_failures = 0;
   std::unordered_map<PageId, int> dropped_attempts;  // of pages that failed and were cancelled when tried again
   std::vector<PageId> queued, ready;  // may name pages that are no longer so
   bool published = false;             // the workers may still hold jobs of the last publish()
@@ -637,7 +634,6 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
       m.setState(root.id, page, PageState::kFailed);
       page.permanent = true;
       page.list = kAlways;
-      ++m.permanent_failures;
       ++m.stats.failed_pages;
       m.say("the coarsest " + pageWords(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
     } else {

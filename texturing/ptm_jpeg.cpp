@@ -1,4 +1,4 @@
-// ptm_jpeg.cpp - the JPEG variants of .ptm; the only user of libjpeg.
+// ptm_jpeg.cpp - the JPEG variants of .ptm.
 //
 // Each plane is a grey JPEG, perhaps predicted from a plane decoded before it:
 //   sample += reference - 128, the reference inverted (255 - r) if transform bit 0 is set, and taken from

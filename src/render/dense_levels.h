@@ -16,7 +16,7 @@ class DenseLevels {
   DenseLevels(int depth, int planes);
   // The payload of a page's slot texels (page_codec.h).
   void upload(int level, int plane, uint32_t x, uint32_t y, std::span<const uint8_t> slot_texels);
-  // To texture unit 3, in the program in use. linear: for the filters of the texture unit, all levels together.
+  // To texture unit 6, in the program in use. linear: for the filters of the texture unit, all levels together.
   void bind(const gl::Program& program, bool linear) const;
 
  private:

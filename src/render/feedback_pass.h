@@ -33,8 +33,6 @@ class FeedbackPass {
  public:
   explicit FeedbackPass(bool software);
   ~FeedbackPass();
-  // Width and height of the target; reallocates when changed (results under way are dropped).
-  void resize(int width_px, int height_px);
   int width() const { return width_; }
   int height() const { return height_; }
 
@@ -42,7 +40,7 @@ class FeedbackPass {
   // first columns and rows. tag: comes back with the result.
   bool issue(const FeedbackGrid& grid, uint64_t tag, const std::function<void()>& draw);
   // The oldest finished result that was not returned yet, rows bottom first; empty when there is none. Never waits. Valid until the
-  // next call of poll, wait or resize.
+  // next call of poll, wait or issue.
   std::span<const std::array<uint32_t, 4>> poll();
   // Waits for the newest issued result and drops all others (settling).
   std::span<const std::array<uint32_t, 4>> wait();
@@ -57,6 +55,7 @@ class FeedbackPass {
     GLsync fence = nullptr;
     uint64_t serial = 0, tag = 0;
   };
+  void resize(int width_px, int height_px);  // results under way are dropped when it changes
   void fit(Target& target);  // to the size wanted: memory is taken when a target is first drawn
   void read(Target& target);
   void drop(Target& target);

@@ -17,7 +17,7 @@
 
 namespace relievo::test {
 
-// Sanitizers take ten times as long, and look at memory, not at geometry: they see a quarter of the views.
+// AddressSanitizer takes ten times as long, and looks at memory, not at geometry: it sees a quarter of the views.
 #ifdef __SANITIZE_ADDRESS__
 inline constexpr int kViewShare = 4;
 #else

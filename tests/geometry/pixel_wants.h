@@ -111,7 +111,9 @@ struct PixelWish {
 inline PixelWish pixelWish(const PlanarDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
   PixelWish wish;
   bool first = true;
-  for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1)}) {
+  // The corners may lie off the artwork where places nearer to the centre do not.
+  for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1), glm::dvec2(-0.5, 0),
+                         glm::dvec2(0.5, 0), glm::dvec2(0, -0.5), glm::dvec2(0, 0.5)}) {
     auto f = rays.footprint(d, x + 0.5 + off.x * kPixelSlack, y + 0.5 + off.y * kPixelSlack, glm::dvec3(0), glm::dvec3(0, 0, 1));
     std::optional<NodeId> last;
     for (double slack : {0.0, -kLodSlack, kLodSlack}) {

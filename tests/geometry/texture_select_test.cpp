@@ -4,7 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <set>
@@ -362,24 +361,6 @@ TEST(TextureSelect, NeverMoreThanSlots) {
   for (const TextureWant& w : wants) {
     ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
     seen.insert(w.node);
-  }
-}
-
-// Not asserted: printed for the record.
-TEST(TextureSelect, Timing) {
-  for (bool relief : {false, true}) {
-    PlanarDomain d = makeDomain(1u << 20, 1u << 20, 0);
-    MadeUpOracle oracle(d, 3, true);
-    Random random(5);
-    double seconds = 0;
-    size_t nodes = 0;
-    for (int i = 0; i < 40; ++i) {
-      TextureView v = textureView(randomCamera(d, random), 720, relief);
-      auto start = std::chrono::steady_clock::now();
-      nodes += selectTextureNodes(d, oracle, v).size();
-      seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    }
-    std::printf("%s: %zu nodes a view, %.3f ms, %.2f us a node\n", relief ? "relief" : "flat", nodes / 40, seconds / 40 * 1e3, seconds / static_cast<double>(nodes) * 1e6);
   }
 }
 

@@ -236,17 +236,17 @@ TEST(StreamedFlight, AnInfiniteLinkShowsWhatIsWantedButForTheFramesThatWishesTak
   EXPECT_LT(fast[0].coarseShare(), 0.002);
   EXPECT_GT(fast[0].pages, 20u);
   EXPECT_EQ(fast[0].bytes, fast[0].pages * 20000);
-  // The control: a link that never brings anything leaves the first view's pages.
+  // The control: a link that answers half a second later leaves coarser pages in view.
   s.how.link = {.bytes_per_s = 1e15, .latency_s = 0.5, .in_flight = 1000};
   auto slow = streamFlight(s.scene, flight, s.how, {std::nullopt});
   EXPECT_GT(slow[0].coarse, 10 * fast[0].coarse);
 }
 
-TEST(StreamedFlight, PrefetchHelpsWhenThePredictionIsRightAndNotWhenItIsWrong) {
+TEST(StreamedFlight, PrefetchHelpsWhenThePredictionIsRightAndCostsBytesWhenItIsWrong) {
   Streamed s;
   Flight flight = readingFlight(s.scene.domain, 320, 180);
-  PredictorOptions none{.still_px = 1e9}, blind{.window_s = 0.1, .horizon_s = 0.6, .steps = 2};
-  auto r = streamFlight(s.scene, flight, s.how, {std::nullopt, blind, none});
+  PredictorOptions none{.still_px = 1e9}, sure{.window_s = 0.1, .horizon_s = 0.6, .steps = 2};
+  auto r = streamFlight(s.scene, flight, s.how, {std::nullopt, sure, none});
   ASSERT_GT(r[0].coarse, 1000u);
   EXPECT_LT(static_cast<double>(r[1].coarse), 0.3 * static_cast<double>(r[0].coarse));
   EXPECT_GT(r[1].stats.prefetch_used, 10u);

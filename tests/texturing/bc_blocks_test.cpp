@@ -111,7 +111,6 @@ TEST(BcDecode, Bc4IsTheSpecificationRounded) {
 
 TEST(BcDecode, Bc7Mode6IsTheSpecificationRounded) {
   std::mt19937 random(kSeed);
-  int exact = 0;
   for (int n = 0; n < 20000; ++n) {
     auto block = randomBytes(random, 16);
     block[0] = static_cast<uint8_t>((block[0] & 0x80) | 0x40);
@@ -122,10 +121,8 @@ TEST(BcDecode, Bc7Mode6IsTheSpecificationRounded) {
       ASSERT_EQ(texels[4 * i], roundedByte(truth[i].r)) << "seed " << kSeed << " block " << n;
       ASSERT_EQ(texels[4 * i + 1], roundedByte(truth[i].g));
       ASSERT_EQ(texels[4 * i + 2], roundedByte(truth[i].b));
-      ++exact;
     }
   }
-  EXPECT_EQ(exact, 320000);
   // The reserved mode is black and transparent.
   uint8_t reserved[16] = {0, 1, 2, 3}, texels[64];
   std::fill(texels, texels + 64, uint8_t{7});
@@ -133,8 +130,8 @@ TEST(BcDecode, Bc7Mode6IsTheSpecificationRounded) {
   EXPECT_EQ(std::count(texels, texels + 64, 0), 64);
 }
 
-// Negative control of the two above: a decoder with one wrong weight would be seen.
-TEST(BcDecode, AWrongWeightIsSeen) {
+// Negative control: blocks whose ends are swapped are other texels.
+TEST(BcDecode, SwappedEndsAreSeen) {
   std::mt19937 random(kSeed);
   int different = 0;
   for (int n = 0; n < 100; ++n) {

@@ -41,7 +41,7 @@ inline std::vector<NodeWant> square(uint32_t level, uint32_t x, uint32_t y, uint
 }
 
 // What is wrong with the counts of a streamer: a change of state that the diagram does not know, or pages that came
-// into a state and neither left nor are there; or nothing. stand_ins: slots that show something else than their page.
+// into a state and neither left nor are there; or nothing.
 inline std::string censusError(const StreamerStats& s) {
   for (size_t from = 0; from < kPageStates; ++from)
     for (size_t to = 0; to < kPageStates; ++to)

@@ -117,7 +117,7 @@ TEST(Replacement, FramesLargerThanTheCacheAreCounted) {
 }
 
 TEST(Replacement, ALoopIsTheWorstForLruAndNotForBelady) {
-  // 5 pages in turn, 4 slots: LRU always has just lost what comes next; the optimum misses one in (slots - 1 + 1) of them.
+  // 5 pages in turn, 4 slots: LRU always has just lost what comes next; the optimum misses one in four of them.
   PageTrace trace;
   for (uint32_t f = 0; f < 400; ++f) trace.push_back({page(f % 5)});
   EXPECT_EQ(replay(trace, 4, Replacement::kLru).hits(), 0u);
