@@ -55,8 +55,6 @@ class ReliefOracle {
   virtual bool errorBlocks(const NodeId& /*relief_page*/, std::span<float> /*error_mm*/) const { return false; }
 };
 
-enum Side : int { kLeft = 0, kRight = 1, kTop = 2, kBottom = 3 };  // x = 0, x = N, y = 0, y = N of the node's grid
-
 // One drawn node. Vertex (i, j), 0 <= i, j <= 2^grid_level, lies at units (x0 + (i << step_log2), y0 + (j << step_log2)).
 struct PatchInstance {
   NodeId node;                 // its level may exceed kMaxNodeLevel in close-ups: not for packNode()

@@ -23,6 +23,8 @@ struct NodeId {
   NodeId ancestor(uint32_t coarser) const { return {patch, coarser, x >> (level - coarser), y >> (level - coarser)}; }
 };
 
+enum Side : int { kLeft = 0, kRight = 1, kTop = 2, kBottom = 3 };  // x = 0, x = N, y = 0, y = N of a node's grid
+
 // 64-bit packing: level 5 | patch 20 | x 17 | y 17 bits, 59 in all (PageId adds the plane above them).
 inline constexpr uint32_t kMaxNodeLevel = 17;  // 2^17 pages of 128 texels = 2^24 texels a side
 inline constexpr uint32_t kMaxPatches = 1u << 20;

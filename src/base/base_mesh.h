@@ -1,0 +1,65 @@
+// base_mesh.h - the coarse quads of an artwork that is not flat (adaptive quad patches: Gobbetti et al. 2012). Patch p of the base
+// mesh is patch p of the forest of quadtrees; its surface is
+//   S(u, v) = P(u, v) + h(u, v) N(u, v),  (u, v) in [0, 1]^2,
+// P and N bilinear in the four corners' positions and normals, N not normalised (so that S is a polynomial where h is), h the
+// relief's height in mm. What is drawn and measured: the triangles of the finest grid of vertices of S, cut along (0,0)-(1,1).
+//
+// Orientation: seen from outside, with u to the right, v points down, as x and y of a flat artwork's texels do: P_v x P_u points
+// outwards. Neighbours share corners by index; their sides need not run alike, and a patch may even meet a neighbour upside down (a
+// Moebius strip): only the direction along a side, by its corners' indices, is ever relied on.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "src/base/node_id.h"
+
+namespace relievo {
+
+struct BaseCorner {
+  glm::vec3 position_mm{0};  // from BaseMesh::origin_mm
+  glm::vec3 normal{0};       // of length 1, outwards
+  friend bool operator==(const BaseCorner&, const BaseCorner&) = default;
+};
+
+struct BaseMesh {
+  glm::dvec3 origin_mm{0};                       // of the corners' positions, in the coordinates of the scan
+  std::vector<BaseCorner> corners;
+  std::vector<std::array<uint32_t, 4>> patches;  // corners at (u, v) = (0,0), (1,0), (0,1), (1,1)
+
+  glm::dvec3 point(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::position_mm); }
+  glm::dvec3 normal(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::normal); }
+  friend bool operator==(const BaseMesh&, const BaseMesh&) = default;
+
+ private:
+  glm::dvec3 bilinear(uint32_t patch, double u, double v, glm::vec3 BaseCorner::* field) const {
+    auto at = [&](int k) { return glm::dvec3(corners[patches[patch][k]].*field); };
+    return (at(0) * (1 - u) + at(1) * u) * (1 - v) + (at(2) * (1 - u) + at(3) * u) * v;
+  }
+};
+
+// The corner slots of a side's two ends, in the direction of growing u or v.
+inline constexpr std::array<std::array<int, 2>, 4> kSideCorners{{{0, 2}, {1, 3}, {0, 1}, {2, 3}}};  // by Side
+
+// What lies across a patch's side.
+struct PatchNeighbour {
+  static constexpr uint32_t kNone = ~uint32_t{0};
+  uint32_t patch = kNone;  // kNone: the mesh's border
+  Side side = kLeft;       // the neighbour's side
+  bool reversed = false;   // its parameter runs the other way
+  friend bool operator==(const PatchNeighbour&, const PatchNeighbour&) = default;
+};
+using PatchNeighbours = std::array<PatchNeighbour, 4>;  // by Side
+
+// By patch. Sides that more than two patches share, or a patch with itself, are borders for all of them.
+std::vector<PatchNeighbours> patchNeighbours(const BaseMesh& mesh);
+
+// Is it fit for use: indices in range, all numbers finite, normals of length 1 (within 1e-3), no patch that names a corner
+// twice, at least one patch? Says what is wrong, or nothing.
+std::string baseMeshProblem(const BaseMesh& mesh);
+
+}  // namespace relievo
