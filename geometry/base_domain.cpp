@@ -1,0 +1,1 @@
+#include "geometry/base_domain.h"

@@ -1,0 +1,63 @@
+// mesh_bake.h - a triangle mesh sampled over a base mesh: heights along the base's interpolated normals, colours, normals, and how
+// far coarser grids lie from the finest. The same for any number of workers.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "geometry/tri_mesh.h"
+#include "src/base/base_mesh.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+struct BakeOptions {
+  int cells_log2 = -1;      // 2^this relief cells a patch's side; -1: as many as tolerance_mm takes
+  double tolerance_mm = 0;  // of the surface, 0: 1e-4 of the bounding box's diagonal
+  int texture_depth = -1;   // 128 << this texels a patch's side; -1: as fine as the colours
+  int workers = 0;          // 0: one a core
+  std::function<void(double /*0..1*/)> progress;
+  const std::atomic<bool>* interrupted = nullptr;
+};
+
+struct BakeReport {
+  int cells_log2 = 0, texture_depth = 0;
+  uint64_t samples = 0;     // (2^cells_log2 + 1)^2 a patch, shared ones counted once
+  uint64_t by_closest_point = 0;  // samples whose line meets the mesh nowhere near
+  double seconds = 0;
+};
+
+class MeshBake {
+ public:
+  // The image that mesh.texture_path names, if any: sRGB, rows top first, three channels; else empty.
+  struct Image {
+    int width = 0, height = 0;
+    std::span<const uint8_t> rgb;
+  };
+  static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options);
+  ~MeshBake();
+
+  const BaseMesh& base() const;
+  const BakeReport& report() const;
+  // As texturing/patch_source.h has them. reliefDepth: max(cells_log2 - 7, 0); where cells_log2 is below 7, values between samples are
+  // interpolated on the cells' triangles, rounded alike from both sides of a patch's border.
+  int textureDepth() const;
+  int reliefDepth() const;
+  double reliefOffsetMm() const;
+  double reliefScaleMm() const;
+  double errorUnitMm() const;
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;  // 6 channels: R G B, then the normal, byte = round(127.5 (n + 1))
+  Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
+  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const;
+
+ private:
+  struct Impl;
+  explicit MeshBake(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace relievo

@@ -1,0 +1,30 @@
+// mesh_distance.h - how far two surfaces lie apart, both ways: samples of either against the closest point of the other.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "geometry/mesh_bake.h"
+#include "geometry/tri_mesh.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+struct DistanceStats {
+  uint64_t samples = 0;
+  double max_mm = 0, rms_mm = 0;
+  std::array<double, 5> percentiles_mm{};  // p50, p90, p95, p99, p99.9
+};
+struct MeshDistance {
+  DistanceStats to_baked, to_scan;    // from the scan's surface to the baked one; the other way
+  double diagonal_mm = 0;             // of the scan's bounding box
+  double psnr_db = 0;                 // 20 log10(diagonal / the larger RMS)
+  std::vector<float> scan_vertex_mm;  // of each vertex of the scan, for pictures
+};
+// Samples: every vertex, and about samples_per_triangle points in each triangle, at fixed places.
+Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3, int workers = 0);
+// The finest surface of a bake as triangles, patch by patch (for measuring and for pictures).
+TriMesh bakedTriangles(const MeshBake& baked);
+
+}  // namespace relievo
