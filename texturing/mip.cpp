@@ -123,14 +123,15 @@ void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out)
   assert(width % 2 == 0 && height % 2 == 0);
   const int out_width = width / 2, out_height = height / 2;
   const size_t plane = static_cast<size_t>(width) * height, out_plane = plane / 4;
-  const int numbers = format_.basis == Basis::kPtmLrgb ? 6 : format_.basis == Basis::kPtmRgb ? 18 : 0;
-  for (int c = 0; c < numbers; ++c) {
+  const bool first_is_colour = format_.basis == Basis::kColour || format_.basis == Basis::kAlbedoNormal;
+  const int channels = format_.channels();
+  for (int c = first_is_colour ? 3 : 0; c < (format_.basis == Basis::kPtmLrgb ? 6 : channels); ++c) {
     for (int y = 0; y < out_height; ++y) {
       const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;
       averageNumbers(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
     }
   }
-  if (format_.basis == Basis::kColour) {
+  if (first_is_colour) {
     for (int c = 0; c < 3; ++c) {
       for (int y = 0; y < out_height; ++y) {
         const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;

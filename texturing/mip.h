@@ -3,7 +3,8 @@
 // Level texels are kept as 8.8 fixed point (uint16, 0..65280) below the finest level, so that rounding does not pile up; a
 // page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or column is repeated.
 //   coefficients  (a + b + c + d + 2) >> 2: averaged as numbers
-//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), basis kColour
+//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), bases kColour and kAlbedoNormal
+//   normals       averaged as numbers, and not made longer again (basis.h says why)
 //   LRGB colour   averaged with weights: a texel's luminance under diffuse light from the upper hemisphere,
 //                 w = (a0 + a1) / 3 + a5 (u^2 and v^2 average 1/3 there, the odd terms 0), at least a small positive number,
 //                 so that the product colour x luminance stays close to the average of the products

@@ -632,7 +632,7 @@ std::string manifestText(const PackageHeader& h, const TextureSource& texture, c
   json["basis"] = basisName(h.texture.basis);
   json["texture_planes"] = h.texture.planes();
   for (int k = 0; k < h.texture.planes(); ++k) json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
-  if (h.texture.basis != Basis::kColour) {
+  if (isPtm(h.texture.basis)) {
     json["scale"] = h.texture.scale;
     json["bias"] = h.texture.bias;
   }

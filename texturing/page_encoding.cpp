@@ -77,7 +77,7 @@ Result<PageEncoding> encodingFromBytes(uint8_t codec, uint8_t parameter) {
 }
 
 bool isColourPlane(const TextureFormat& format, int plane) {
-  return format.basis == Basis::kColour || (format.basis == Basis::kPtmLrgb && plane == 2);
+  return format.basis == Basis::kColour || (format.basis == Basis::kPtmLrgb && plane == 2) || (format.basis == Basis::kAlbedoNormal && plane == 0);
 }
 
 PlaneEncodings planeEncodings(const TextureFormat& format, PageEncoding coefficients, PageEncoding colour) {

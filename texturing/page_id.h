@@ -11,7 +11,7 @@
 namespace relievo {
 
 // Texture planes hold three 8-bit channels each. What the channels mean depends on the artwork's basis (basis.h):
-// colour: plane 0 = R G B. LRGB PTM: 0 = a0 a1 a2, 1 = a3 a4 a5, 2 = R G B. RGB PTM: plane k = a_k of R, G and B.
+// colour: plane 0 = R G B. Albedo and normal: 0 = R G B, 1 = x y z of the normal. LRGB PTM: 0 = a0 a1 a2, 1 = a3 a4 a5, 2 = R G B. RGB PTM: plane k = a_k of R, G and B.
 enum class Plane : uint8_t {
   kTexture0 = 0,  // ... kTexture0 + 7
   kRelief = 8,    // 16-bit displacement, vertex-centred

@@ -70,6 +70,8 @@ void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels) {
     for (int c = 0; c < 3; ++c) texel[c] = raw(3 * k + c, 3 * k + c == 5 ? 255 : 0);
   } else if (isTexturePlane(plane) && format.basis == Basis::kPtmRgb && k < 6) {
     for (int c = 0; c < 3; ++c) texel[c] = raw(k, k == 5 ? 128 : 0);
+  } else if (isTexturePlane(plane) && format.basis == Basis::kAlbedoNormal && k == 1) {
+    texel = {128, 128, 255, 255};  // towards +z: nothing suits every side of a body, and no normal at all is nearly black
   }
   for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
 }

@@ -40,8 +40,8 @@ void interleaveRow(const uint8_t* const* channels, size_t pixels, uint8_t* out) 
 Result<void> writePtm(const std::string& path, const TextureSource& source, const std::atomic<bool>* interrupted) {
   const TextureFormat format = source.format();
   const int64_t width = source.width(), height = source.height();
-  if (format.basis == Basis::kColour) {
-    return Error{ErrorKind::kUsage, path, "expected polynomial coefficients to write, found plain colour",
+  if (!isPtm(format.basis)) {
+    return Error{ErrorKind::kUsage, path, std::string("expected polynomial coefficients to write, found ") + (format.basis == Basis::kColour ? "plain colour" : basisName(format.basis)),
                  "write an image instead", {}};
   }
   const bool lrgb = format.basis == Basis::kPtmLrgb;

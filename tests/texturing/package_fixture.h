@@ -27,7 +27,7 @@ inline uint64_t mixBits(uint64_t v) {
 inline TextureFormat sampleFormat(Basis basis) {
   TextureFormat f;
   f.basis = basis;
-  if (basis != Basis::kColour) {
+  if (isPtm(basis)) {
     f.scale = {2, 2, 2, 2, 2, 4};
     f.bias = {160, 150, 128, 120, 128, 20};
   }
@@ -158,7 +158,7 @@ inline NaiveImage naiveCoarser(const NaiveImage& fine, const TextureFormat& form
           }
         }
         int64_t r;
-        if (format.basis == Basis::kColour) {
+        if (format.basis == Basis::kColour || (format.basis == Basis::kAlbedoNormal && c < 3)) {
           r = enc((lin(v[0]) + lin(v[1]) + lin(v[2]) + lin(v[3]) + 2) / 4);
         } else if (format.basis == Basis::kPtmLrgb && c >= 6) {
           int64_t total = w[0] + w[1] + w[2] + w[3];

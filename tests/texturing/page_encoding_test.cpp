@@ -117,6 +117,9 @@ TEST(PageEncoding, planesGetWhatTheirChannelsAreGoodFor) {
   EXPECT_EQ(planeEncodings(f, jpeg, q6)[5], (PageEncoding{PageCodec::kJpegYcc, 80}));
   f.basis = Basis::kColour;
   EXPECT_EQ(planeEncodings(f, jpeg, q6)[0], q6);
+  f.basis = Basis::kAlbedoNormal;
+  EXPECT_EQ(planeEncodings(f, jpeg, q6)[0], q6);
+  EXPECT_EQ(planeEncodings(f, jpeg, q6)[1], jpeg) << "a normal is no colour";
 }
 
 // The largest error is half a step of 255 / (2^n - 1), rounded to bytes: exactly, for every value.
