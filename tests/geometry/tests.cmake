@@ -4,3 +4,4 @@ relievo_test(planar_lod_test LIBS relievo_geometry SOURCES geometry/planar_lod_t
 relievo_test(lod_error_test LIBS relievo_geometry SOURCES geometry/lod_error_test.cpp)
 relievo_test(lod_worker_test LIBS relievo_geometry SOURCES geometry/lod_worker_test.cpp)
 relievo_test(texture_select_test LIBS relievo_geometry SOURCES geometry/texture_select_test.cpp)
+relievo_test(ray_scene_test LIBS relievo_mesh SOURCES geometry/ray_scene_test.cpp)

@@ -1,0 +1,56 @@
+// ray_scene.h - where lines meet a triangle mesh, and the mesh's point closest to a place. The one file that knows Embree.
+// Embree (robust mode: no line slips between two triangles) finds the triangle in single precision; where on it is then computed in
+// double precision, so that results carry the mesh's own rounding only. Places are the mesh's: from mesh.origin_mm.
+// All queries are const and thread-safe.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <span>
+
+#include <glm/glm.hpp>
+
+#include "geometry/tri_mesh.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+struct SurfacePoint {
+  static constexpr uint32_t kNone = ~uint32_t{0};
+  uint32_t triangle = kNone;  // kNone: nothing within reach
+  double b1 = 0, b2 = 0;      // weights of its corners 1 and 2; corner 0 has the rest
+  double along = 0;           // a line's: the point is at + along * direction. A closest point's: its distance
+  explicit operator bool() const { return triangle != kNone; }
+};
+
+// The points at + t direction with |t| <= reach.
+struct Line {
+  glm::dvec3 at{0};
+  glm::dvec3 direction{0};  // of any length but 0
+  double reach = 0;
+};
+enum class Facing { kAny, kAlong };  // kAlong: only surfaces whose outside faces along the direction
+
+class RayScene {
+ public:
+  // The mesh's arrays are used in place: they must outlive the scene unchanged. Interrupted: ErrorKind::kInterrupted.
+  static Result<std::unique_ptr<RayScene>> create(const TriMesh& mesh, const std::atomic<bool>* interrupted = nullptr);
+  ~RayScene();
+
+  // Of each line the hit with the smallest |t|. Fastest for lines that lie beside one another.
+  void nearestOnLines(std::span<const Line> lines, Facing facing, std::span<SurfacePoint> hits) const;
+  SurfacePoint nearestOnLine(const Line& line, Facing facing) const;
+  // The closest point that is not further away than `within`; of several triangles that share it, the first.
+  SurfacePoint closestPoint(const glm::dvec3& place, double within = std::numeric_limits<double>::infinity()) const;
+
+  uint64_t bytes() const;  // that Embree holds, beside the mesh
+
+ private:
+  struct Impl;
+  explicit RayScene(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace relievo
