@@ -4,6 +4,7 @@
 // A damaged package opens as far as it is sound; what is not answers with an Error that names the place.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -11,16 +12,16 @@
 #include <string>
 #include <vector>
 
+#include "src/base/base_mesh.h"
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
 #include "texturing/basis.h"
 #include "texturing/page_encoding.h"
 #include "texturing/page_source.h"
+#include "texturing/patch_source.h"
 #include "texturing/raster_source.h"
 
 namespace relievo {
-
-inline constexpr uint32_t kPackageVersion = 1;
 
 struct Manifest {
   PlanarDomain domain;
@@ -29,6 +30,11 @@ struct Manifest {
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;
+  // Of an artwork over a base mesh (null: flat). Its patches are the domain's, a strip of whole ones along x; errors are distances in
+  // space (patch_source.h). coarse_errors: a patch's grids of 2^k cells a side, k = 0..6; those of 128 and more have pages.
+  std::shared_ptr<const BaseMesh> base;
+  std::vector<CoarseErrors> coarse_errors;
+  double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
 
 // Heights of a relief page's square in mm, and how far its own samples (interpolated over triangles or bilinearly) can lie

@@ -1,5 +1,7 @@
 #include "texturing/package_layout.h"
 
+#include "texturing/package_base.h"
+
 #include <xxhash.h>
 
 #include <bit>
@@ -130,7 +132,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   std::fill(out.begin(), out.end(), uint8_t{0});
   std::copy(kPackageMagic.begin(), kPackageMagic.end(), out.begin());
   HeaderField f{out.data()};
-  f.put(8, uint32_t{1});
+  f.put(8, packageVersion(h));
   f.put(12, kHeaderBytes);
   f.put(16, h.file_bytes);
   f.put(24, h.manifest_offset);
@@ -158,6 +160,10 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
     f.put(248 + k, h.encodings[k].parameter);
   }
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
+  f.put(264, h.base_offset);
+  f.put(272, h.base_bytes);
+  f.put(280, h.base_hash);
+  f.put(288, h.base_copy_offset);
   f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
 }
 
@@ -171,8 +177,9 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     return Error{ErrorKind::kInvalidData, path, "not a Relievo package: its first bytes are not the signature",
                  "make one with `relievo build`", 0};
   }
-  if (uint32_t version = loadLittle<uint32_t>(p + 8); version != 1) {
-    return Error{ErrorKind::kUnsupported, path, "expected package version 1, found " + std::to_string(version),
+  const uint32_t version = loadLittle<uint32_t>(p + 8);
+  if (version != 1 && version != 2) {
+    return Error{ErrorKind::kUnsupported, path, "expected package version 1 or 2, found " + std::to_string(version),
                  "use a newer relievo, or rebuild the package", 8};
   }
   if (loadLittle<uint64_t>(p + kHeaderBytes - 8) != XXH3_64bits(p, kHeaderBytes - 8))
@@ -195,7 +202,8 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   h.domain.texture_depth = loadLittle<int32_t>(p + 128);
   h.domain.relief_depth = loadLittle<int32_t>(p + 132);
   uint32_t basis = loadLittle<uint32_t>(p + 136);
-  if (basis > 2) return invalid(136, "expected basis 0, 1 or 2, found " + std::to_string(basis));
+  if (basis > (version == 1 ? 2 : 3))
+    return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " + std::to_string(basis));
   h.texture.basis = static_cast<Basis>(basis);
   for (int k = 0; k < 6; ++k) {
     h.texture.scale[k] = loadLittle<double>(p + 144 + 8 * k);
@@ -229,6 +237,21 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     return invalid(24, "the manifest lies outside the file");
   if (!inside(h.index_offset, h.index_bytes)) return invalid(48, "the index lies outside the file");
   if (!inside(h.pages_offset, h.pages_bytes)) return invalid(64, "the pages lie outside the file");
+  if (version == 2) {
+    h.base_offset = loadLittle<uint64_t>(p + 264);
+    h.base_bytes = loadLittle<uint64_t>(p + 272);
+    h.base_hash = loadLittle<uint64_t>(p + 280);
+    h.base_copy_offset = loadLittle<uint64_t>(p + 288);
+    if (!inside(h.base_offset, h.base_bytes)) return invalid(264, "the base mesh lies outside the file");
+    if (!inside(h.base_copy_offset, h.base_bytes)) return invalid(288, "the base mesh's copy lies outside the file");
+    if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
+      return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
+    if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
+    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount()), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
+        h.base_bytes < least || h.base_bytes > most) {
+      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) + " bytes, found " + std::to_string(h.base_bytes));
+    }
+  }
   PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
   if (layout.index_bytes != h.index_bytes) {
     return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +

@@ -39,7 +39,11 @@ struct PackageHeader {
   TextureFormat texture;
   PlaneEncodings encodings;
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
+  // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
+  uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
 };
+// 1, or 2 with a base mesh.
+inline uint32_t packageVersion(const PackageHeader& h) { return h.base_bytes == 0 ? 1 : 2; }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field.
 Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes /* kHeaderBytes */, const std::string& path);

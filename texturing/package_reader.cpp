@@ -10,6 +10,7 @@
 
 #include "src/base/file.h"
 #include "texturing/package.h"
+#include "texturing/package_base.h"
 #include "texturing/package_layout.h"
 #include "texturing/page_codec.h"
 
@@ -61,6 +62,36 @@ struct Package::Impl {
       }
     }
     return Block(std::move(bytes));
+  }
+
+  // Nothing can be drawn without it, so it is there twice.
+  Result<void> readBase() {
+    auto readAt = [&](uint64_t offset) -> Result<BaseSection> {
+      // Checked before the allocation: the file may be truncated.
+      if (offset > file.size() || header.base_bytes > file.size() - offset)
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh lies beyond the end of the file", "get a whole copy", offset};
+      std::vector<uint8_t> bytes(header.base_bytes);
+      if (auto read = file.read(offset, bytes); !read) return read.error();
+      if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match", "rebuild the package, or get a whole copy", offset};
+      auto section = decodeBaseSection(bytes, header.domain.patchCount());
+      if (section) return section;
+      Error error = section.error();
+      error.file = file.path();
+      error.offset = offset + error.offset.value_or(0);
+      return error;
+    };
+    auto section = readAt(header.base_offset);
+    if (!section) {
+      const Error first = section.error();
+      section = readAt(header.base_copy_offset);
+      if (!section) return first;
+      warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) + " is damaged; its copy is used");
+    }
+    manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
+    manifest.coarse_errors = std::move(section->coarse_errors);
+    manifest.error_unit_mm = section->error_unit_mm;
+    return {};
   }
 
   // What the header does not hold: where the data came from.
@@ -130,11 +161,15 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   } else {
     impl->readManifest();
   }
+  if (h.base_bytes > 0) {
+    if (auto read = impl->readBase(); !read) return read.error();
+  }
   impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
   impl->manifest.page_count = h.page_count;
+  if (!impl->manifest.base) impl->manifest.error_unit_mm = h.domain.relief_scale_mm;
   return std::shared_ptr<Package>(new Package(std::move(impl)));
 }
 
@@ -169,7 +204,7 @@ bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const 
   if (!block) return false;  // the page's own error holds
   const uint8_t* bytes = (*block)->data() + place.node_offset;
   for (size_t i = 0; i < error_mm.size(); ++i) {
-    double mm = errorFromByte(bytes[i]) * impl_->header.domain.relief_scale_mm;
+    double mm = errorFromByte(bytes[i]) * impl_->manifest.error_unit_mm;
     error_mm[i] = std::nextafter(static_cast<float>(mm), INFINITY);
     if (bytes[i] == 0) error_mm[i] = 0;
   }
@@ -216,7 +251,7 @@ Result<PageRecord> Package::record(PageId id) const {
     };
     record.relief.min_mm = below(mm(0));
     record.relief.max_mm = above(mm(1));
-    record.relief.error_mm = above(loadLittle<uint16_t>(entry + 24) * h.domain.relief_scale_mm);
+    record.relief.error_mm = above(loadLittle<uint16_t>(entry + 24) * impl_->manifest.error_unit_mm);
   }
   return record;
 }

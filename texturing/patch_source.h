@@ -3,6 +3,7 @@
 // each 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side, beside the base mesh.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -14,6 +15,9 @@
 #include "texturing/raster_source.h"
 
 namespace relievo {
+
+// Errors in mm of grids of 2^k cells a patch's side, k = 0..6.
+using CoarseErrors = std::array<float, 7>;
 
 class PatchSource {
  public:
@@ -37,6 +41,8 @@ class PatchSource {
   // finest, at the same (u, v): an upper bound by blocks of 8 x 8 cells of that level, out[y * B + x], B = 16 << level. 0 at
   // level reliefDepth; a block's error is not below those of the blocks of finer levels inside it.
   virtual Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const = 0;
+  // The same for whole patches of fewer cells than a page has: element k is that of 2^k cells a side, never below those behind it.
+  virtual Result<CoarseErrors> coarseErrors(uint32_t patch) const = 0;
 };
 
 }  // namespace relievo

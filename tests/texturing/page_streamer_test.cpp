@@ -545,7 +545,7 @@ struct ResolvedRig {
       const auto& texels = shown[PageId(Plane::kResolved, w.node)];
       if (texels.empty()) return 1e9;
       for (size_t i = 0; i < kSlotBytes / 4; i += 37) {
-        double raw[9];
+        double raw[18] = {};
         for (int k = 0; k < 9; ++k) raw[k] = texelByte(PageId(texturePlane(k / 3), w.node), 4 * i + k % 3);
         auto rgb = evaluatePixel(ptmFormat(), raw, light_u, light_v);
         for (int c = 0; c < 3; ++c) worst = std::max(worst, std::abs(rgb[c] - texels[4 * i + c]));

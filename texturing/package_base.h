@@ -1,0 +1,31 @@
+// package_base.h - the section of a package that holds its base mesh (texturing/PACKAGE.md, "Base mesh").
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/base/base_mesh.h"
+#include "src/base/result.h"
+#include "texturing/patch_source.h"
+
+namespace relievo {
+
+struct BaseSection {
+  BaseMesh mesh;
+  std::vector<CoarseErrors> coarse_errors;  // a patch
+  double error_unit_mm = 0;
+};
+
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28;
+constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches) {
+  return kBaseHeadBytes + corners * kBaseCornerBytes + patches * kBasePatchBytes;
+}
+
+std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
+// Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there must be.
+// The error names what is wrong, and its offset counts from the section's start; its file is empty.
+Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches);
+
+}  // namespace relievo
