@@ -11,8 +11,8 @@
 namespace relievo {
 
 struct LodWorker::Impl {
-  Impl(PlanarDomain d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
-    assert(oracle);
+  using TextureStrategy = std::function<std::vector<TextureWant>(const TextureView&)>;
+  Impl(LodStrategy select, TextureStrategy textures) : select_lod(std::move(select)), select_texture(std::move(textures)) {
     thread = std::thread([this] { work(); });
   }
   ~Impl() {
@@ -30,10 +30,10 @@ struct LodWorker::Impl {
       LodAnswer answer;
       answer.frame = request->frame;
       answer.view = request->view;
-      answer.lod = selectPlanarLod(domain, *oracle, request->view, request->resident ? *request->resident : kNothing);
-      if (request->texture) {
+      answer.lod = select_lod(request->view, request->resident ? *request->resident : kNothing);
+      if (request->texture && select_texture) {
         auto texture_start = std::chrono::steady_clock::now();
-        answer.texture = selectTextureNodes(domain, *oracle, *request->texture);
+        answer.texture = select_texture(*request->texture);
         answer.determine_ms = msSince(texture_start);
       }
       answer.evaluate_ms = msSince(start);
@@ -41,8 +41,8 @@ struct LodWorker::Impl {
     }
   }
 
-  const PlanarDomain domain;
-  const std::shared_ptr<const ReliefOracle> oracle;
+  const LodStrategy select_lod;
+  const TextureStrategy select_texture;
   Mailbox<LodRequest> requests;
   Mailbox<LodAnswer> answers;
   // Of the owner's thread.
@@ -52,7 +52,12 @@ struct LodWorker::Impl {
 };
 
 LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
-    : impl_(std::make_unique<Impl>(domain, std::move(oracle))) {}
+    : impl_(std::make_unique<Impl>(
+          [domain, oracle](const LodView& view, const ReliefSet& resident) { return selectPlanarLod(domain, *oracle, view, resident); },
+          [domain, oracle](const TextureView& view) { return selectTextureNodes(domain, *oracle, view); })) {
+  assert(oracle);
+}
+LodWorker::LodWorker(LodStrategy strategy) : impl_(std::make_unique<Impl>(std::move(strategy), nullptr)) {}
 LodWorker::~LodWorker() = default;
 
 void LodWorker::post(LodRequest request) {

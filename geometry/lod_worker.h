@@ -1,6 +1,7 @@
 // lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. The render thread never waits.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <thread>
@@ -26,9 +27,14 @@ struct LodAnswer {
   double determine_ms = 0;    // of the texture nodes
 };
 
+// View and resident relief pages to what is drawn; called on the worker's thread alone.
+using LodStrategy = std::function<PlanarLodResult(const LodView&, const ReliefSet&)>;
+
 // Used from one thread (the render thread).
 class LodWorker {
  public:
+  // Texture nodes that a request asks for are left out.
+  explicit LodWorker(LodStrategy strategy);
   LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle);
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);

@@ -1,17 +1,24 @@
 // patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and its
 // 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots
-// (C++ twin: geometry/patch_vertex.h).
+// (C++ twin: geometry/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
+// the order of their indices, and its place between them (C++ twin: geometry/mesh_vertex.h).
 #include "common.glsl"
 
 in uvec2 a_grid;     // 0 .. 2^n
-in ivec4 a_origin;   // units from the eye's unit to the node's corner: x, y; log2 of the grid step in units; n
+in ivec4 a_origin;   // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
 in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot; log2 of the sample spacing in units
-in uvec2 a_node;     // index in the list of instances, + 1; the node's level
+in uvec3 a_node;     // index in the list of instances, + 1; the node's level; its patch
 in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
 
 uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
-uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border
-uniform vec4 u_scale;          // mm per unit; mm per height step; mm of height 0 above the eye; depth bias (wireframe)
+uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
+uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base);
+                               // depth bias (wireframe)
+#ifdef MESH
+uniform sampler2D u_corners;   // src/render/base_corners.h
+uniform sampler2D u_normals;
+uniform usampler2D u_base;
+#endif
 
 invariant gl_Position;
 out vec2 v_uv;                 // place in the node, 0..1
@@ -68,6 +75,48 @@ int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
 }
 #endif
 
+#ifdef MESH
+ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
+vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
+  float s = 1.0 - t;
+  return lo * s + hi * t;
+}
+
+// The base mesh's point, from the eye, and normal, at a place of a patch.
+void basePoint(ivec2 place, int side, out vec3 point, out vec3 normal) {
+  uvec4 index = texelFetch(u_base, inTable(a_node.z), 0);
+  vec2 uv = vec2(place) * u_scale.x;
+  uint a = index.x, b = index.y;
+  float t = uv.x;
+  bool on_column = place.x == 0 || place.x == side;
+  if (on_column) {
+    a = place.x == 0 ? index.x : index.y;
+    b = place.x == 0 ? index.z : index.w;
+    t = uv.y;
+  } else if (place.y == side) {
+    a = index.z;
+    b = index.w;
+  }
+  uint lo = min(a, b), hi = max(a, b);
+#ifdef UNORDERED_ENDS
+  lo = a;
+  hi = b;
+#endif
+  if (lo != a) t = 1.0 - t;
+  point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
+  normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);
+  if (on_column || place.y == 0 || place.y == side) return;
+  vec3 p[4];
+  vec3 n[4];
+  for (int k = 0; k < 4; ++k) {
+    p[k] = texelFetch(u_corners, inTable(index[k]), 0).xyz;
+    n[k] = texelFetch(u_normals, inTable(index[k]), 0).xyz;
+  }
+  point = lerpOrdered(lerpOrdered(p[0], p[1], uv.x), lerpOrdered(p[2], p[3], uv.x), uv.y);
+  normal = lerpOrdered(lerpOrdered(n[0], n[1], uv.x), lerpOrdered(n[2], n[3], uv.x), uv.y);
+}
+#endif
+
 void main() {
   int n = a_origin.w;
   int last = 1 << n;
@@ -80,21 +129,33 @@ void main() {
 
   ivec2 in_node = ivec2(snapped.x << a_origin.z, snapped.y << a_origin.z);
   ivec2 at = a_origin.xy + in_node;
+#ifndef MESH
   ivec2 place = min(at, u_limit);
+#endif
 
   float height_mm = u_scale.z;
 #ifdef RELIEF
   // A vertex at or beyond the border takes the next sample at or beyond it, so that all that is clamped there agrees.
   int spacing_log2 = a_relief.w;
+#ifndef MESH
   int mask = (1 << spacing_log2) - 1;
+#endif
   ivec2 local = a_relief.xy + in_node;
+#ifndef MESH
   if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
   if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
+#endif
   float height_steps = float(heightQ8(slotOrigin(a_relief.z), local, spacing_log2)) * 0.00390625;
   height_mm += height_steps * u_scale.y;
 #endif
 
+#ifdef MESH
+  vec3 point, normal;
+  basePoint(at, u_limit.x, point, normal);
+  vec3 from_eye = point + normal * height_mm;
+#else
   vec3 from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
+#endif
   gl_Position = u_clip_from_eye * vec4(from_eye, 1.0);
 #ifdef CAPTURE
   v_clip = gl_Position;
@@ -102,6 +163,10 @@ void main() {
 #ifdef WIREFRAME
   gl_Position.z -= u_scale.w * gl_Position.w;
 #endif
+#ifdef MESH
+  v_uv = vec2(in_node) * powerOfTwo(-(a_origin.z + n));
+#else
   v_uv = vec2(place - a_origin.xy) * powerOfTwo(-(a_origin.z + n));
+#endif
   v_instance = uvec2(a_node.x | (uint(n) << 28u), a_node.y);
 }

@@ -85,6 +85,9 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
       uint own_index;
       toNodeAt(uv, own);
       if (findResident(own, own_entry, own_index)) {
+#ifdef MESH
+        uv = clamp(localAt(own, uv), -reach, 1.0 + reach) * own.inverse_scale - own.base;
+#endif
         samplePage(own, own_entry, own_index, uv, one);
       } else {
         for (int k = 0; k < PLANES; ++k) one[k] = vec3(128.0);
@@ -159,6 +162,11 @@ vec3 shade(vec3 channels[PLANES]) {
     luminance += (channels[1][k] - u_coefficients[k + 3].y) * u_coefficients[k + 3].x * u_coefficients[k + 3].z;
   }
   return channels[2] * (luminance / 255.0);
+#elif BASIS == 3
+  // Albedo and normal (texturing/basis.h): Lambert's law, shown on a display of gamma 2.2.
+  vec3 light = vec3(u_coefficients[0].z, u_coefficients[1].z, u_coefficients[2].z);
+  float lit = max(dot(channels[1] / 127.5 - 1.0, light), 0.0);
+  return channels[0] * pow(min(0.04 + 0.96 * lit, 1.0), 1.0 / 2.2);
 #else
   vec3 sum = vec3(0.0);
   for (int k = 0; k < 6; ++k) sum += (channels[k] - u_coefficients[k].y) * (u_coefficients[k].x * u_coefficients[k].z);

@@ -78,6 +78,11 @@ float virtualTextureLod(out Footprint f) {
   ivec2 extent = e >= 0 ? u_artwork.zw - (node << max(e, 0)) : (u_artwork.zw << max(-e, 0)) - node;
   f.low = -vec2(node);
   f.high = vec2(extent) * (e >= 0 ? powerOfTwo(-e) : 1.0);
+#ifdef MESH
+  // Pages know a little of the neighbouring patches; sampleTaps() keeps taps within that.
+  f.low = vec2(-1e9);
+  f.high = vec2(1e9);
+#endif
   return sound ? clamp(log2(size), 0.0, float(u_artwork.x)) : float(u_artwork.x);
 }
 
@@ -138,12 +143,22 @@ void toNodeAt(vec2 uv, inout Place place) {
   int before = int(place.node.x) << level;
   if (u_artwork.y == 1) from.x += before;
   else from.y += before;
+#ifdef MESH
+  before = 0;
+  from = ivec2(place.node.zw);
+  ivec2 last = ivec2((1 << level) - 1);
+#else
   ivec2 last = (u_artwork.zw - 1) >> (u_artwork.x + 7 - level);
+#endif
   ivec2 at = clamp(from + ivec2(floor(localAt(place, uv))), ivec2(0), last);
   place.base -= vec2(at - from) * place.inverse_scale;
   int patch_mask = (1 << level) - 1;
-  int patch_index = (u_artwork.y == 1 ? at.x : at.y) >> level;
-  place.node = uvec4(uint(patch_index), uint(level), uvec2(at & patch_mask));
+#ifdef MESH
+  uint patch_index = place.node.x;
+#else
+  uint patch_index = uint((u_artwork.y == 1 ? at.x : at.y) >> level);
+#endif
+  place.node = uvec4(patch_index, uint(level), uvec2(at & patch_mask));
 }
 #endif
 

@@ -1,12 +1,14 @@
 // camera.h - an orbit camera around a point on the artwork, and the transforms that follow from it, in double precision.
-// World: x right, y up, z towards the viewer, mm, origin at the artwork's centre on the plane of height 0.
-// Azimuth turns the eye to the right, elevation lifts it; at 0, 0 the eye looks straight at the artwork (along -z).
+// World: x right, y up, z towards the viewer, mm. Flat artworks: origin at the artwork's centre on the plane of height 0. Others: the base
+// mesh's origin. Azimuth turns the eye to the right, elevation lifts it; at 0, 0 the eye looks along -z.
+// Functions of a domain are those of its extent, for flat artworks.
 #pragma once
 
 #include <string>
 
 #include <glm/glm.hpp>
 
+#include "src/base/base_mesh.h"
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
 
@@ -19,22 +21,39 @@ struct OrbitCamera {
   glm::dvec3 target_mm{0};
 };
 
+// What there is to see.
+struct Extent {
+  glm::dvec3 min_mm{0}, max_mm{0};  // a box around it
+  double texel_mm = 1;
+  bool flat = true;                 // a plane of heights, seen from the front; else a body, seen from everywhere
+  glm::dvec3 centre() const { return (min_mm + max_mm) / 2.0; }
+};
+Extent extentOf(const PlanarDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
+Extent extentOf(const BaseMesh& base, double min_height_mm, double max_height_mm, double texel_mm);
+
 struct ViewTransform {
   glm::dmat4 clip_from_world{1.0};  // GL clip space, -w <= z <= w
   glm::dvec3 eye_mm{0};
   double near_mm = 1, far_mm = 1000;
   double pixels_per_radian = 1000;  // viewport height / (2 tan(fov / 2))
+  glm::dmat3 world_from_camera{1.0};  // camera: x right, y up, z towards the viewer
 };
 
 glm::dvec3 eyePosition(const OrbitCamera& camera);
-// min_z_mm, max_z_mm: the (exaggerated) heights of the artwork; near and far are chosen around it.
+// Near and far are chosen around the extent (of the exaggerated heights: min_z_mm, max_z_mm).
+ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
-// The smallest distance from which all of the artwork's plane is in view in the camera's direction, with a little margin, mm.
+// The smallest distance from which all of the extent (a flat artwork's plane) is in view in the camera's direction, with a little
+// margin, mm.
+double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px);
-// Looks straight at the artwork from where all of it is in view.
+// Looks straight at the extent's centre from where all of it is in view.
+OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg = 35);
 OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg = 35);
 
+// The point under a pixel (origin top left) of the plane through the target that faces the eye.
+glm::dvec3 pointAtTarget(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px);
 // The point of the plane z = 0 under a pixel (origin top left); false when the ray misses it.
 bool pointOnPlane(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px, glm::dvec3* point_mm);
 

@@ -18,6 +18,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
     for (int k = 0; k < manifest.texture.planes(); ++k) plan.texture_planes.push_back(texturePlane(k));
   }
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
+  plan.mesh = manifest.base != nullptr;
   plan.sampling = scene.sampling;
   if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
   plan.fade = scene.page_fade_s > 0;
@@ -31,6 +32,7 @@ gl::Defines EffectPlan::defines() const {
   gl::Defines d;
   d.emplace_back("PLANES", std::to_string(texture_planes.size()));
   d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
+  if (mesh) d.emplace_back("MESH", "1");
   if (relief) d.emplace_back("RELIEF", "1");
   if (sampling == Sampling::kNearest) d.emplace_back("NEAREST", "1");
   if (sampling >= Sampling::kTrilinear) d.emplace_back("TRILINEAR", "1");
@@ -54,6 +56,7 @@ std::string planeName(Plane plane, Basis basis) {
   int k = static_cast<int>(plane);
   if (basis == Basis::kColour) return "colour";
   if (basis == Basis::kPtmLrgb) return k == 0 ? "a0-a2" : k == 1 ? "a3-a5" : "colour";
+  if (basis == Basis::kAlbedoNormal) return k == 0 ? "albedo" : "normal";
   return "rgb-a" + std::to_string(k);
 }
 

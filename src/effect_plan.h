@@ -23,7 +23,9 @@ enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
 inline constexpr int kMaxAnisotropy = 8;
 
 struct Scene {
-  std::array<double, 3> light{0, 0, 1};  // towards the light; x right, y up, z to the viewer; normalised on use
+  // Towards the light; x right, y up, z to the viewer; normalised on use. Of flat artworks seen from the front. Over a base mesh it
+  // turns with the camera while it is relit, and stays with the artwork (z >= 0 counts) where it is fixed.
+  std::array<double, 3> light{0, 0, 1};
   bool relief = true;                    // displaced geometry, where the package has relief
   bool relight = true;                   // false: the light is fixed and resolved once per page
   Sampling sampling = Sampling::kTrilinear;
@@ -39,6 +41,7 @@ struct Scene {
 struct EffectPlan {
   Basis shade = Basis::kColour;      // what the fragment shader evaluates
   std::vector<Plane> texture_planes; // streamed (or resolved), in the page table's order
+  bool mesh = false;                 // over a base mesh
   bool relief = false;
   bool relight = false;
   bool resolve = false;              // coefficient pages are resolved to colour under a fixed light, on the workers

@@ -9,12 +9,15 @@
 #include <thread>
 #include <utility>
 
+#include <glm/gtc/type_ptr.hpp>
 #include <nlohmann/json.hpp>
 
 #include "geometry/lod_worker.h"
+#include "geometry/mesh_lod.h"
 #include "src/lod_views.h"
 #include "src/gl/program.h"
 #include "src/prefetch.h"
+#include "src/render/base_corners.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
@@ -77,6 +80,14 @@ Artwork artworkFromPackage(std::shared_ptr<const Package> package) {
   return artwork;
 }
 
+Extent artworkExtent(const Manifest& manifest, double exaggerate) {
+  const PlanarDomain& d = manifest.domain;
+  if (!manifest.base) return extentOf(d);
+  double low = d.relief_offset_mm * exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * exaggerate;
+  if (d.relief_depth < 0) low = high = 0;
+  return extentOf(*manifest.base, std::min(low, high), std::max(low, high), d.mm_per_px);
+}
+
 struct Engine::Impl {
   Artwork artwork;
   Scene scene;
@@ -94,6 +105,7 @@ struct Engine::Impl {
   std::vector<std::string> messages;
   std::unique_ptr<PagePool> pool;
   std::unique_ptr<PatchPass> patches;
+  std::unique_ptr<BaseCorners> corners;  // over a base mesh
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
@@ -155,8 +167,10 @@ struct Engine::Impl {
   EngineStats stats;
 
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
-  bool usesFeedback() const { return options.determination != Determination::kGeometry; }
-  bool usesGeometry() const { return options.determination != Determination::kFeedback; }
+  bool overMesh() const { return artwork.manifest.base != nullptr; }
+  // Over a base mesh the pass alone knows: a texture's density varies over its patches.
+  bool usesFeedback() const { return overMesh() || options.determination != Determination::kGeometry; }
+  bool usesGeometry() const { return !overMesh() && options.determination != Determination::kFeedback; }
 
   ViewTransform currentView() const { return viewOf(camera); }
   ViewTransform viewOf(const OrbitCamera& of) const {
@@ -166,6 +180,7 @@ struct Engine::Impl {
       high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
       if (low > high) std::swap(low, high);
     }
+    if (overMesh()) return viewTransform(of, artworkExtent(artwork.manifest, plan.relief ? scene.exaggerate : 0), width, height);
     return viewTransform(of, domain(), low, high, width, height);
   }
 
@@ -325,7 +340,8 @@ struct Engine::Impl {
   }
 
   void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0}) const {
-    auto light = normalizedLight(scene.light);
+    glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
+    if (overMesh()) light = drawn.view.world_from_camera * light;
     setShadingUniforms(program, {.format = &artwork.manifest.texture,
                                  .domain = &domain(),
                                  .lod_bias = lod_bias,
@@ -333,6 +349,7 @@ struct Engine::Impl {
                                  .tap_phase = tap_phase,
                                  .light_u = light[0],
                                  .light_v = light[1],
+                                 .light_w = light[2],
                                  .now_s = now_s,
                                  .page_fade_s = scene.page_fade_s,
                                  .fades_over = fades_over});
@@ -349,7 +366,8 @@ struct Engine::Impl {
     surface_program.use();
     pool->bind(surface_program, streamer->table());
     setUniforms(surface_program, 0);
-    stats.draw_calls += patches->draw(surface_program, prepareInstances(), PatchPass::Mesh::kFull);
+    const EyeFrame eye = prepareInstances(surface_program);
+    stats.draw_calls += patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
   }
 
   void bindSurface(const gl::Program& program) const {
@@ -368,7 +386,8 @@ struct Engine::Impl {
     if (plan.wireframe) {
       wire_program.use();
       pool->bind(wire_program, streamer->table());
-      stats.draw_calls += patches->draw(wire_program, prepareInstances(), PatchPass::Mesh::kLines, 2e-5f);
+      const EyeFrame eye = prepareInstances(wire_program);
+      stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
   }
 
@@ -438,7 +457,7 @@ struct Engine::Impl {
 
   // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells what of it counts.
   void expectPages() {
-    if (usesGeometry() || lod_bias > 0) return;
+    if (overMesh() || usesGeometry() || lod_bias > 0) return;
     TextureView view = textureView(drawn.view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
@@ -490,7 +509,7 @@ struct Engine::Impl {
 
   // Nothing to do while the camera stands still; else a prediction, and a request that another thread answers.
   void prefetch(double now_s) {
-    if (!options.prefetch) return;
+    if (!options.prefetch || overMesh()) return;
     predictor.observe(camera, now_s);
     if (!predictor.moves(height) || lod_bias > 0) {
       if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
@@ -517,9 +536,15 @@ struct Engine::Impl {
     predicting = true;
   }
 
-  EyeFrame prepareInstances() {
-    EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief);
-    patches->setInstances(instances, domain(), eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
+  // For the program in use.
+  EyeFrame prepareInstances(const gl::Program& program) {
+    EyeFrame eye = overMesh() ? meshEyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief)
+                              : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief);
+    if (corners) {
+      corners->setEye(drawn.view.eye_mm);
+      corners->bind(program, 6);
+    }
+    patches->setInstances(instances, eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
     return eye;
   }
 
@@ -596,12 +621,19 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                  "give it at least " + std::to_string(least * kSlotBytes / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
   }
   impl->slot_count = static_cast<uint32_t>(std::min<double>(slots, PagePool::maxSlots()));
-  impl->camera = fitCamera(impl->domain(), impl->width, impl->height);
+  impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
   impl->pool = std::make_unique<PagePool>(impl->slot_count);
   impl->patches = std::make_unique<PatchPass>();
   impl->screen = std::make_unique<ScreenPass>();
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
-  impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
+  if (const Manifest& m = impl->artwork.manifest; m.base) {
+    impl->corners = std::make_unique<BaseCorners>(m.base);
+    auto lod = std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm, impl->artwork.oracle,
+                                          m.coarse_errors);
+    impl->lod = std::make_unique<LodWorker>([lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
+  } else {
+    impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
+  }
   if (auto linked = impl->linkPrograms(); !linked) return linked.error();
   impl->startStreaming(impl->plan, impl->scene);
   impl->adoptStreamer(impl->stream_switch.take());
@@ -753,8 +785,8 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   e.surface.resize(e.width, e.height, false);
   e.target.resize(e.width, e.height, e.surface.depth());
   e.target.bind();  // transform feedback answers zeros without one
-  EyeFrame eye = e.prepareInstances();
   e.capture_program.use();
+  EyeFrame eye = e.prepareInstances(e.capture_program);
   e.pool->bind(e.capture_program, e.streamer->table());
   return e.patches->capture(e.capture_program, eye, max_vertices);
 }

@@ -29,6 +29,8 @@ struct Artwork {
   std::shared_ptr<const ReliefOracle> oracle;
 };
 Artwork artworkFromPackage(std::shared_ptr<const Package> package);
+// Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
+Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 
 // How the texture pages that a view wants are found. kFeedback: a small picture of wishes, read back (src/render/feedback_pass.h).
 // kGeometry: from the view and the heights' bounds on the LOD worker, without a pass (geometry/texture_select.h); exact for flat

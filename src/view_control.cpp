@@ -20,14 +20,14 @@ std::array<double, 3> lightAt(double x, double y) {
 
 }  // namespace
 
-ViewControl::ViewControl(const PlanarDomain& domain, const View& start, int width_px, int height_px)
-    : domain_(domain), start_(start), view_(start), width_px_(std::max(1, width_px)), height_px_(std::max(1, height_px)) {
+ViewControl::ViewControl(const Extent& extent, const View& start, int width_px, int height_px)
+    : extent_(extent), start_(start), view_(start), width_px_(std::max(1, width_px)), height_px_(std::max(1, height_px)) {
   const auto& l = start.light;
   const double length = std::hypot(l[0], l[1], l[2]);
   if (length > 0) start_.light = lightAt(l[0] / length, l[1] / length);
-  const double fit_mm = fitCamera(domain, width_px_, height_px_, start.camera.fov_deg).distance_mm;
+  const double fit_mm = fitCamera(extent, width_px_, height_px_, start.camera.fov_deg).distance_mm;
   // From eight texels across the window's height to the artwork as a stamp.
-  min_distance_mm_ = std::min(fit_mm, 8 * domain.mm_per_px / (2 * std::tan(glm::radians(start.camera.fov_deg) / 2)));
+  min_distance_mm_ = std::min(fit_mm, 8 * extent.texel_mm / (2 * std::tan(glm::radians(start.camera.fov_deg) / 2)));
   max_distance_mm_ = std::max(20 * fit_mm, start.camera.distance_mm);
   min_distance_mm_ = std::min(min_distance_mm_, start.camera.distance_mm);
   view_ = start_;
@@ -36,18 +36,29 @@ ViewControl::ViewControl(const PlanarDomain& domain, const View& start, int widt
 void ViewControl::keepWithinBounds() {
   OrbitCamera& c = view_.camera;
   const double tilt = std::max({kMaxTiltDeg, std::abs(start_.camera.azimuth_deg), std::abs(start_.camera.elevation_deg)});
-  c.azimuth_deg = std::clamp(c.azimuth_deg, -tilt, tilt);
-  c.elevation_deg = std::clamp(c.elevation_deg, -std::min(tilt, 89.0), std::min(tilt, 89.0));
+  if (extent_.flat) {
+    c.azimuth_deg = std::clamp(c.azimuth_deg, -tilt, tilt);
+    c.elevation_deg = std::clamp(c.elevation_deg, -std::min(tilt, 89.0), std::min(tilt, 89.0));
+  } else {
+    c.azimuth_deg = std::remainder(c.azimuth_deg, 360.0);
+    c.elevation_deg = std::clamp(c.elevation_deg, -89.0, 89.0);
+  }
   c.distance_mm = std::clamp(c.distance_mm, min_distance_mm_, max_distance_mm_);
-  const double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px;
-  const double half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
-  c.target_mm.x = std::clamp(c.target_mm.x, -half_w, half_w);
-  c.target_mm.y = std::clamp(c.target_mm.y, -half_h, half_h);
+  const double z = c.target_mm.z;
+  c.target_mm = glm::clamp(c.target_mm, extent_.min_mm, extent_.max_mm);
+  if (extent_.flat) c.target_mm.z = z;
+}
+
+bool ViewControl::pointUnder(double x, double y, glm::dvec3* point_mm) const {
+  const OrbitCamera& c = view_.camera;
+  if (extent_.flat) return pointOnPlane(c, width_px_, height_px_, x, y, point_mm);
+  *point_mm = pointAtTarget(c, width_px_, height_px_, x, y);
+  return true;
 }
 
 void ViewControl::beginDrag(Mode mode) {
   mode_ = mode;
-  if (mode == Mode::kPan) grabbed_ = pointOnPlane(view_.camera, width_px_, height_px_, x_, y_, &grabbed_mm_);
+  if (mode == Mode::kPan) grabbed_ = pointUnder(x_, y_, &grabbed_mm_);
 }
 
 void ViewControl::pan(double x, double y) {
@@ -55,7 +66,7 @@ void ViewControl::pan(double x, double y) {
   glm::dvec3 now_mm;
   // Near the horizon the plane runs away under the mouse: there, as outside it, pan by what a pixel is worth at the target.
   const double largest_mm = 4 * c.distance_mm;
-  if (grabbed_ && pointOnPlane(c, width_px_, height_px_, x, y, &now_mm) && glm::length(now_mm - c.target_mm) < largest_mm &&
+  if (grabbed_ && pointUnder(x, y, &now_mm) && glm::length(now_mm - c.target_mm) < largest_mm &&
       glm::length(grabbed_mm_ - c.target_mm) < largest_mm) {
     c.target_mm += grabbed_mm_ - now_mm;
   } else {
@@ -71,7 +82,7 @@ void ViewControl::pan(double x, double y) {
 void ViewControl::zoom(double steps) {
   OrbitCamera& c = view_.camera;
   glm::dvec3 fixed_mm;
-  if (!pointOnPlane(c, width_px_, height_px_, x_, y_, &fixed_mm)) fixed_mm = c.target_mm;
+  if (!pointUnder(x_, y_, &fixed_mm)) fixed_mm = c.target_mm;
   const double distance_mm = std::clamp(c.distance_mm * std::pow(kWheelFactor, steps), min_distance_mm_, max_distance_mm_);
   // Eye and target scale about the same point, so the ray through it stays.
   c.target_mm = fixed_mm + (c.target_mm - fixed_mm) * (distance_mm / c.distance_mm);

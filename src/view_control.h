@@ -4,13 +4,13 @@
 //   wheel                 zoom: the point under the mouse stays there
 //   right drag, L + move  light
 //   W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot, help, figures, quit
-// Angles are kept where the artwork is seen from the front, the target on the artwork, the distance within bounds.
+// Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the distance
+// within bounds.
 #pragma once
 
 #include <array>
 #include <utility>
 
-#include "src/base/planar_domain.h"
 #include "src/camera.h"
 #include "src/gl/window.h"
 
@@ -25,7 +25,7 @@ class ViewControl {
   static constexpr double kMaxTiltDeg = 85;
   static constexpr double kWheelFactor = 0.85;  // of the distance, a step
 
-  ViewControl(const PlanarDomain& domain, const View& start, int width_px, int height_px);
+  ViewControl(const Extent& extent, const View& start, int width_px, int height_px);
 
   // True when it changed what is shown.
   bool handle(const gl::Event& event);
@@ -44,7 +44,10 @@ class ViewControl {
   void zoom(double steps);
   void keepWithinBounds();
 
-  PlanarDomain domain_;
+  // The point under a pixel: of a flat artwork's plane, else of the plane through the target that faces the eye.
+  bool pointUnder(double x, double y, glm::dvec3* point_mm) const;
+
+  Extent extent_;
   View start_, view_;
   int width_px_, height_px_;
   double min_distance_mm_, max_distance_mm_;

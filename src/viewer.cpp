@@ -90,7 +90,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   Result<std::unique_ptr<gl::Window>> made_window = gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
-  const PlanarDomain domain = artwork.manifest.domain;
+  const Extent extent = artworkExtent(artwork.manifest, options.scene.relief ? options.scene.exaggerate : 0);
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();
   Engine& engine = **made_engine;
@@ -100,11 +100,11 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   Scene scene = options.scene;
   ViewControl::View start;
   start.light = scene.light;
-  Result<OrbitCamera> camera = options.camera ? options.camera(domain, window.width(), window.height())
-                                              : fitCamera(domain, window.width(), window.height());
+  Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
+                                              : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(domain, start, window.width(), window.height());
+  ViewControl control(extent, start, window.width(), window.height());
   control.wireframe = scene.wireframe;
   control.show_pages = scene.show == Show::kPages;
 

@@ -21,7 +21,7 @@ struct ViewerOptions {
   Scene scene;
   EngineOptions engine;
   // The view to start with, for the size that the window got.
-  std::function<Result<OrbitCamera>(const PlanarDomain&, int width_px, int height_px)> camera;
+  std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
   // For tests: after so many frames (0: never), snapshot_file is written (if named) and the viewer ends.
   int64_t frames = 0;
   std::string snapshot_file;

@@ -16,9 +16,6 @@
 
 namespace relievo {
 
-// Errors in mm of grids of 2^k cells a patch's side, k = 0..6.
-using CoarseErrors = std::array<float, 7>;
-
 class PatchSource {
  public:
   virtual ~PatchSource() = default;

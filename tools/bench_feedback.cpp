@@ -62,7 +62,7 @@ class FlatFeedback {
     } flat;
     auto instances = selectPlanarLod(manifest_.domain, flat, lod, {}).instances;
     const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false);
-    patches_.setInstances(instances, manifest_.domain, eye, false, [](const NodeId&) { return kNoSlot; });
+    patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     // The surface is drawn for the picture anyhow.
     surface_.resize(kWidth, kHeight, false);
     surface_.begin();

@@ -99,7 +99,7 @@ Result<void> shaderBench(BenchContext& context) {
   const auto instances = selectPlanarLod(d, FlatOracle(), lod, {}).instances;
   PatchPass patches;
   const EyeFrame eye = eyeFrame(view, d, 1, false);
-  patches.setInstances(instances, d, eye, false, [](const NodeId&) { return kNoSlot; });
+  patches.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
   // What is seen is the same for both, and is not timed.
   SurfaceTarget surface;
   surface.resize(kWidth, kHeight, false);

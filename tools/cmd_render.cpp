@@ -54,7 +54,7 @@ Result<void> render(const RenderOptions& o) {
   if (!scene) return scene.error();
   auto package = Package::open(o.file);
   if (!package) return package.error();
-  auto camera = o.scene.camera((*package)->manifest().domain, width, height);
+  auto camera = o.scene.camera(artworkExtent((*package)->manifest(), scene->relief ? scene->exaggerate : 0), width, height);
   if (!camera) return camera.error();
 
   auto context = gl::HeadlessContext::create();

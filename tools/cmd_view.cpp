@@ -34,8 +34,8 @@ Result<void> view(ViewOptions& o) {
   o.viewer.height_px = static_cast<int>(size->second);
   o.viewer.scene = *scene;
   o.viewer.engine = o.scene.engineOptions();
-  o.viewer.camera = [&](const PlanarDomain& domain, int width_px, int height_px) {
-    return o.scene.camera(domain, width_px, height_px);
+  o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
+    return o.scene.camera(extent, width_px, height_px);
   };
   return runViewer(o.source.artwork(*package), o.viewer);
 }

@@ -51,7 +51,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--azimuth", azimuth, "Eye to the right of straight ahead, degrees [0]");
   c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
-  c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre [0,0,0]");
+  c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) [its middle]");
   c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170 [35]");
   c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, target_mm, light; options given beside it win");
   c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer [0,0,1]");
@@ -112,14 +112,14 @@ Result<Scene> SceneOptions::scene() const {
   return s;
 }
 
-Result<OrbitCamera> SceneOptions::camera(const PlanarDomain& domain, int width_px, int height_px) const {
+Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int height_px) const {
   auto state = readState(state_file);
   if (!state) return state.error();
   double fov_deg = 35;
   if (auto r = take(*state, "fov_deg", state_file, &fov_deg); !r) return r.error();
   fov_deg = fov.value_or(fov_deg);
   if (!(fov_deg >= 1 && fov_deg <= 170)) return usage("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
-  OrbitCamera c = fitCamera(domain, width_px, height_px, fov_deg);
+  OrbitCamera c = fitCamera(extent, width_px, height_px, fov_deg);
   if (auto r = take(*state, "azimuth_deg", state_file, &c.azimuth_deg); !r) return r.error();
   if (auto r = take(*state, "elevation_deg", state_file, &c.elevation_deg); !r) return r.error();
   if (auto t = takeTriple(*state, "target_mm", state_file, &c.target_mm.x); !t) return t.error();
@@ -132,7 +132,7 @@ Result<OrbitCamera> SceneOptions::camera(const PlanarDomain& domain, int width_p
   }
   if (!std::isfinite(c.azimuth_deg)) return usage("expected a finite --azimuth in degrees", "");
   if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usage("expected --elevation from -89 to 89 degrees", "");
-  c.distance_mm = fitDistance(c, domain, width_px, height_px);
+  c.distance_mm = fitDistance(c, extent, width_px, height_px);
   if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   c.distance_mm = distance.value_or(c.distance_mm);
   if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usage("expected a --distance above 0 mm", "");

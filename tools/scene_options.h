@@ -27,7 +27,7 @@ struct SceneOptions {
 
   void addTo(CLI::App& command);
   Result<Scene> scene() const;
-  Result<OrbitCamera> camera(const PlanarDomain& domain, int width_px, int height_px) const;
+  Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
   EngineOptions engineOptions() const;
 };
 

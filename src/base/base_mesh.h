@@ -45,6 +45,9 @@ struct BaseMesh {
 // The corner slots of a side's two ends, in the direction of growing u or v.
 inline constexpr std::array<std::array<int, 2>, 4> kSideCorners{{{0, 2}, {1, 3}, {0, 1}, {2, 3}}};  // by Side
 
+// How far in mm (a distance in space) a patch's grids of 2^k cells a side lie from the finest surface, k = 0..6.
+using CoarseErrors = std::array<float, 7>;
+
 // What lies across a patch's side.
 struct PatchNeighbour {
   static constexpr uint32_t kNone = ~uint32_t{0};

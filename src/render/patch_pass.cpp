@@ -28,6 +28,7 @@ std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_re
 
 EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
   EyeFrame eye;
+  eye.patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
   double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
   double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
   double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
@@ -44,6 +45,19 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
   eye.mm_per_unit = static_cast<float>(mm_per_unit);
   eye.mm_per_height_step = static_cast<float>(domain.relief_scale_mm * exaggerate);
   eye.zero_height_mm = static_cast<float>((relief ? domain.relief_offset_mm * exaggerate : 0.0) - view.eye_mm.z);
+  return eye;
+}
+
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
+  EyeFrame eye;
+  eye.patch_units_log2 = std::countr_zero(unsigned{kPagePx}) + std::max(domain.relief_depth, 0);
+  glm::dmat4 clip = glm::translate(view.clip_from_world, view.eye_mm);
+  for (int c = 0; c < 4; ++c)
+    for (int r = 0; r < 4; ++r) eye.clip_from_eye[4 * c + r] = static_cast<float>(clip[c][r]);
+  eye.limit_x = eye.limit_y = 1 << eye.patch_units_log2;
+  eye.mm_per_unit = std::ldexp(1.0f, -eye.patch_units_log2);
+  eye.mm_per_height_step = static_cast<float>(domain.relief_scale_mm * exaggerate);
+  eye.zero_height_mm = relief ? static_cast<float>(domain.relief_offset_mm * exaggerate) : 0.0f;
   return eye;
 }
 
@@ -101,15 +115,14 @@ PatchPass::PatchPass()
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
 }
 
-void PatchPass::setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye,
-                             bool relief, const std::function<SlotIndex(const NodeId&)>& slot_of) {
+void PatchPass::setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
+                             const std::function<SlotIndex(const NodeId&)>& slot_of) {
   std::vector<GpuPatchInstance> gpu;
   gpu.reserve(instances.size());
   std::vector<std::array<uint32_t, 4>> nodes;
   nodes.reserve(instances.size() + kNodesPerRow);
   std::fill(std::begin(group_first_), std::end(group_first_), 0u);
   triangles_ = 0;
-  int patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
   for (const PatchInstance& p : instances) {
     ++group_first_[p.grid_level + 1];
     triangles_ += 2u << (2 * p.grid_level);
@@ -120,8 +133,8 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Pla
     g.origin[3] = p.grid_level;
     if (relief) {
       // Both corners in units from the patch's corner.
-      int page_log2 = patch_units_log2 - static_cast<int>(p.relief_page.level);
-      int node_log2 = patch_units_log2 - static_cast<int>(p.node.level);
+      int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level);
+      int node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
       auto offset = [&](uint32_t node, uint32_t page) {
         return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2));
       };
@@ -132,6 +145,7 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Pla
     }
     g.node[0] = static_cast<uint32_t>(gpu.size() + 1);
     g.node[1] = p.node.level;
+    g.node[2] = p.node.patch;
     nodes.push_back({p.node.patch, p.node.level, p.node.x, p.node.y});
     g.edges = packEdges(p);
     gpu.push_back(g);
@@ -153,7 +167,7 @@ void PatchPass::bindInstances(size_t first_instance) const {
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
   glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
-  glVertexAttribIPointer(3, 2, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
+  glVertexAttribIPointer(3, 3, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
   glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
 }
 

@@ -16,9 +16,9 @@ namespace relievo {
 
 // What patch.vert reads of an instance.
 struct GpuPatchInstance {
-  int32_t origin[4];   // x, y from the eye's unit; log2 of the step; grid level
+  int32_t origin[4];   // x, y from the eye's unit (over a base mesh: from the patch's corner); log2 of the step; grid level
   int32_t relief[4];   // x, y from the relief page's corner; slot; log2 of the sample spacing
-  uint32_t node[2];    // index in the list + 1; level
+  uint32_t node[3];    // index in the list + 1; level; patch
   uint32_t edges;      // per side a byte
 };
 
@@ -28,17 +28,20 @@ std::vector<std::string> patchAttributes();
 // The eye in whole units, and what turns unit differences from it into clip space.
 struct EyeFrame {
   int64_t unit_x = 0, unit_y = 0;
+  int patch_units_log2 = 0;  // units of a patch's side
   float clip_from_eye[16];
   int32_t limit_x = 0, limit_y = 0;
   float mm_per_unit = 1, mm_per_height_step = 0, zero_height_mm = 0;
 };
 EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief);
+// Over a base mesh: instances' units count within their patch.
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief);
 
 class PatchPass {
  public:
   PatchPass();
   // `slot_of` answers with the slot of a relief page in use.
-  void setInstances(std::span<const PatchInstance> instances, const PlanarDomain& domain, const EyeFrame& eye, bool relief,
+  void setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
   enum class Mesh { kFull, kLines };
   // With a program in use and its other uniforms set. Returns draw calls made.

@@ -51,7 +51,7 @@ class FlatFeedback {
     ViewTransform view;
     view.clip_from_world = v.clip_from_world;
     view.eye_mm = v.eye_mm;
-    patches_.setInstances(instances, manifest_.domain, eyeFrame(view, manifest_.domain, 1, false), false, [](const NodeId&) { return kNoSlot; });
+    patches_.setInstances(instances, eyeFrame(view, manifest_.domain, 1, false), false, [](const NodeId&) { return kNoSlot; });
     surface_.resize(grid.view_width_px, grid.view_height_px, false);
     surface_.begin();
     surface_program_.use();
@@ -294,7 +294,7 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glBindVertexArray(0);
   PatchPass nodes;  // of an empty list: node 0, level 0
-  nodes.setInstances({}, manifest.domain, {}, false, [](const NodeId&) { return kNoSlot; });
+  nodes.setInstances({}, {}, false, [](const NodeId&) { return kNoSlot; });
   ScreenPass screen;
   FeedbackPass pass(gltest::context().info().software);
   FeedbackGrid grid = feedbackGrid(16, 16, 1, 0);

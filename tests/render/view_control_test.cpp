@@ -57,7 +57,7 @@ TEST(ViewControl, ZoomKeepsThePointUnderTheMouse) {
     ViewControl::View start = startView();
     start.camera.azimuth_deg = int(random() % 100) - 50;
     start.camera.elevation_deg = int(random() % 100) - 50;
-    ViewControl control(artwork(), start, kWidth, kHeight);
+    ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
     Hand hand{control};
     const double x = kWidth * 0.3 + random() % int(kWidth * 0.4), y = kHeight * 0.3 + random() % int(kHeight * 0.4);
     hand.to(x, y);
@@ -72,7 +72,7 @@ TEST(ViewControl, ZoomKeepsThePointUnderTheMouse) {
 }
 
 TEST(ViewControl, ZoomThereAndBackIsWhereItWas) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   hand.to(400, 300);
   for (int i = 0; i < 10; ++i) hand.wheel(1);
@@ -82,7 +82,7 @@ TEST(ViewControl, ZoomThereAndBackIsWhereItWas) {
 }
 
 TEST(ViewControl, ZoomEndsAtItsBounds) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   for (double steps : {+1000.0, -2000.0, +1e9, -1e9}) {
     hand.to(700, 500);
@@ -99,7 +99,7 @@ TEST(ViewControl, PanHoldsTheGrabbedPoint) {
     start.camera.azimuth_deg = 35;
     start.camera.elevation_deg = -20;
     start.camera.distance_mm /= 3;
-    ViewControl control(artwork(), start, kWidth, kHeight);
+    ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
     Hand hand{control, shift};
     const glm::dvec3 grabbed = under(control, 600, 400);
     hand.drag(shift ? MouseButton::kLeft : MouseButton::kMiddle, 600, 400, 650, 300);
@@ -109,7 +109,7 @@ TEST(ViewControl, PanHoldsTheGrabbedPoint) {
 }
 
 TEST(ViewControl, PanNeverLosesTheArtwork) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   for (int i = 0; i < 50; ++i) hand.drag(MouseButton::kMiddle, 100, 700, 1200, 50);
   EXPECT_LE(std::abs(control.view().camera.target_mm.x), 150.0);
@@ -117,7 +117,7 @@ TEST(ViewControl, PanNeverLosesTheArtwork) {
 }
 
 TEST(ViewControl, OrbitFollowsTheHandAndStaysInFront) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   hand.drag(MouseButton::kLeft, 600, 400, 700, 400);
   EXPECT_NEAR(control.view().camera.azimuth_deg, -100 * 180.0 / kHeight, 1e-9) << "dragging right turns the eye left";
@@ -129,7 +129,7 @@ TEST(ViewControl, OrbitFollowsTheHandAndStaysInFront) {
 }
 
 TEST(ViewControl, LightFollowsTheHandAndStaysAUnitVectorAboveTheSurface) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   hand.down(MouseButton::kRight, 640, 400);
   EXPECT_TRUE(control.draggingLight());
@@ -152,7 +152,7 @@ TEST(ViewControl, LightFollowsTheHandAndStaysAUnitVectorAboveTheSurface) {
 }
 
 TEST(ViewControl, HoldingLMovesTheLightWithoutAButton) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   hand.to(640, 400);
   hand.press("L");
@@ -166,7 +166,7 @@ TEST(ViewControl, HoldingLMovesTheLightWithoutAButton) {
 }
 
 TEST(ViewControl, KeysToggleResetAndQuit) {
-  ViewControl control(artwork(), startView(), kWidth, kHeight);
+  ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
   EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures || control.quit);
   for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);

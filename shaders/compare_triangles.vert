@@ -1,0 +1,22 @@
+// compare_triangles.vert - a vertex of a strategy's explicit triangles (geometry/lod_strategy.h); the same arithmetic as patch.vert, so
+// that a vertex at the same place and height has the same bits.
+in ivec2 a_place;      // units from the eye's unit
+in float a_height;     // steps of the relief's range
+in vec2 a_uv;          // place in the instance's node
+in uint a_instance;    // index in the list of instances, + 1
+
+uniform mat4 u_clip_from_eye;
+uniform vec4 u_scale;  // as in patch.vert
+
+invariant gl_Position;
+out vec2 v_uv;
+flat out uvec2 v_instance;
+
+void main() {
+  float height_mm = u_scale.z;
+  height_mm += a_height * u_scale.y;
+  vec3 from_eye = vec3(float(a_place.x) * u_scale.x, -float(a_place.y) * u_scale.x, height_mm);
+  gl_Position = u_clip_from_eye * vec4(from_eye, 1.0);
+  v_uv = a_uv;
+  v_instance = uvec2(a_instance, 0u);
+}

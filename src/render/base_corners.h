@@ -1,0 +1,29 @@
+// base_corners.h - a base mesh as the vertex shader reads it (shaders/patch.vert, MESH): corners' positions from the eye, rounded from
+// double to float once a corner and frame, so that every patch at a corner gets the same bits; normals; corner indices by patch.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "src/base/base_mesh.h"
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+
+namespace relievo {
+
+class BaseCorners {
+ public:
+  explicit BaseCorners(std::shared_ptr<const BaseMesh> base);
+  void setEye(const glm::dvec3& eye_mm);  // uploads, if the eye moved
+  // As texture units first_unit .. first_unit + 2 of the program in use.
+  void bind(const gl::Program& program, int first_unit) const;
+
+ private:
+  std::shared_ptr<const BaseMesh> base_;
+  gl::Texture positions_, normals_, patches_;
+  std::optional<glm::dvec3> eye_mm_;
+  std::vector<float> texels_;
+};
+
+}  // namespace relievo

@@ -1,0 +1,158 @@
+#include "src/render/strategy_pass.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <cstddef>
+
+namespace relievo {
+namespace {
+
+struct GpuTriangleVertex {
+  int32_t place[2];
+  float height, uv[2];
+  uint32_t instance;
+};
+
+}  // namespace
+
+StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t relief_pages)
+    : api_(api), domain_(domain), pool_(relief_pages), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
+  pool_.uploadTable(table_);
+}
+
+void StrategyPass::resize(int width_px, int height_px) {
+  if (width_px == width_ && height_px == height_) return;
+  width_ = width_px;
+  height_ = height_px;
+  places_ = gl::Texture::create();
+  glBindTexture(GL_TEXTURE_2D, places_.id());
+  gl::label(GL_TEXTURE, places_.id(), "places");
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_, height_, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  depth_ = gl::Renderbuffer::create();
+  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
+  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
+  framebuffer_ = gl::Framebuffer::create();
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, places_.id(), 0);
+  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
+}
+
+void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
+  auto slot = static_cast<SlotIndex>(slots_.size());
+  slots_[relief_page] = slot;
+  const PageUpload upload{slot, PageId(Plane::kRelief, relief_page), texels};
+  pool_.upload({&upload, 1});
+}
+
+Result<const gl::Program*> StrategyPass::program(GridRule rule, bool capture) {
+  gl::Program& p = programs_[static_cast<size_t>(rule) * 2 + (capture ? 1 : 0)];
+  if (p.id() != 0) return &p;
+  gl::Defines defines = {{"RELIEF", "1"}};
+  if (rule == GridRule::kUnsnapped) defines.emplace_back("NO_SNAPPING", "1");
+  if (capture) defines.emplace_back("CAPTURE", "1");
+  std::vector<const char*> varyings;
+  if (capture) varyings.push_back("v_clip");
+  auto linked = gl::Program::link(api_, {"patch.vert", capture ? "lines.frag" : "compare_place.frag", defines, patchAttributes(), varyings});
+  if (!linked) return linked.error();
+  p = std::move(*linked);
+  return &p;
+}
+
+void StrategyPass::begin() const {
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glViewport(0, 0, width_, height_);
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(GL_LEQUAL);
+  glDisable(GL_BLEND);
+  glDisable(GL_CULL_FACE);
+  const GLuint nothing[4] = {0, 0, 0, 0};
+  glClearBufferuiv(GL_COLOR, 0, nothing);
+  glClear(GL_DEPTH_BUFFER_BIT);
+}
+
+void StrategyPass::bindPages(const gl::Program& in_use) { pool_.bind(in_use, table_); }
+
+Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate) {
+  EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
+  begin();
+  StrategyDraw drawn;
+  auto in_use = program(chosen.rule, false);
+  if (!in_use) return in_use.error();
+  (*in_use)->use();
+  bindPages(**in_use);
+  patches_.setInstances(chosen.instances, eye, true, [&](const NodeId& page) {
+    auto found = slots_.find(page);
+    assert(found != slots_.end());
+    return found->second;
+  });
+  drawn.draw_calls = patches_.draw(**in_use, eye, PatchPass::Mesh::kFull);
+  drawn.triangles = patches_.triangles();
+  if (chosen.triangles.empty()) return drawn;
+  if (triangle_program_.id() == 0) {
+    auto linked = gl::Program::link(api_, {"compare_triangles.vert", "compare_place.frag", {}, {"a_place", "a_height", "a_uv", "a_instance"}, {}});
+    if (!linked) return linked.error();
+    triangle_program_ = std::move(*linked);
+  }
+  drawTriangles(chosen, eye);
+  ++drawn.draw_calls;
+  drawn.triangles += chosen.triangles.size() / 3;
+  return drawn;
+}
+
+void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& eye) {
+  std::vector<GpuTriangleVertex> gpu;
+  gpu.reserve(chosen.triangles.size());
+  auto limit_x = static_cast<int64_t>(domain_.width_px) << kUnitsPerTexelLog2, limit_y = static_cast<int64_t>(domain_.height_px) << kUnitsPerTexelLog2;
+  for (const StrategyVertex& v : chosen.triangles) {
+    const PatchInstance& p = chosen.instances[v.instance];
+    int64_t x = std::min<int64_t>(v.x, limit_x), y = std::min<int64_t>(v.y, limit_y);
+    float size = std::ldexp(1.0f, p.step_log2 + p.grid_level);
+    gpu.push_back({{static_cast<int32_t>(x - eye.unit_x), static_cast<int32_t>(y - eye.unit_y)},
+                   v.height_steps,
+                   {static_cast<float>(x - p.x0) / size, static_cast<float>(y - p.y0) / size},
+                   v.instance + 1});
+  }
+  triangle_program_.use();
+  glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
+  glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
+  glBindVertexArray(vertex_array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(), GL_STREAM_DRAW);
+  constexpr GLsizei kStride = sizeof(GpuTriangleVertex);
+  auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
+  for (GLuint a = 0; a < 4; ++a) glEnableVertexAttribArray(a);
+  glVertexAttribIPointer(0, 2, GL_INT, kStride, at(offsetof(GpuTriangleVertex, place)));
+  glVertexAttribPointer(1, 1, GL_FLOAT, GL_FALSE, kStride, at(offsetof(GpuTriangleVertex, height)));
+  glVertexAttribPointer(2, 2, GL_FLOAT, GL_FALSE, kStride, at(offsetof(GpuTriangleVertex, uv)));
+  glVertexAttribIPointer(3, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuTriangleVertex, instance)));
+  glDrawArrays(GL_TRIANGLES, 0, static_cast<GLsizei>(gpu.size()));
+  glBindVertexArray(0);
+}
+
+void StrategyPass::read(std::vector<std::array<uint32_t, 4>>& pixels) const {
+  pixels.resize(static_cast<size_t>(width_) * static_cast<size_t>(height_));
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, pixels.data());
+}
+
+Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices) {
+  if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
+  EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
+  begin();  // transform feedback answers zeros without a framebuffer
+  auto in_use = program(chosen.rule, true);
+  if (!in_use) return in_use.error();
+  (*in_use)->use();
+  bindPages(**in_use);
+  patches_.setInstances(chosen.instances, eye, true, [&](const NodeId& page) { return slots_.at(page); });
+  return patches_.capture(**in_use, eye, max_vertices);
+}
+
+void StrategyPass::finish() { glFinish(); }
+
+bool StrategyPass::hasTessellation(gl::Api api) { return api == gl::Api::kGl33 && epoxy_gl_version() >= 40; }
+
+}  // namespace relievo

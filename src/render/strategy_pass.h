@@ -1,0 +1,68 @@
+// strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of the artwork each
+// pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0: nothing), depth as float bits.
+// Needs the context current that it was made in, and a page of relief in its slot before anything is displaced from it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <unordered_map>
+#include <vector>
+
+#include "geometry/lod_strategy.h"
+#include "src/camera.h"
+#include "src/gl/context.h"
+#include "src/gl/objects.h"
+#include "src/gl/program.h"
+#include "src/render/page_pool.h"
+#include "src/render/patch_pass.h"
+#include "texturing/page_table.h"
+
+namespace relievo {
+
+struct StrategyDraw {
+  uint64_t triangles = 0;
+  uint32_t draw_calls = 0;
+};
+
+class StrategyPass {
+ public:
+  StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t relief_pages);
+  void resize(int width_px, int height_px);
+  void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
+
+  // Clears, then draws; the driver may still be at it on return. Errors (kRuntime): a program that does not link;
+  // (kUnsupported): tessellation without GL 4.
+  Result<StrategyDraw> draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate);
+  // Rows bottom first, as GL has them.
+  void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
+  // Clip positions of every grid vertex, by transform feedback, instance by instance, rows of 2^n + 1; empty for tessellated patches, or
+  // above max_vertices.
+  Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices);
+  // With anything finished that was drawn.
+  static void finish();
+  static bool hasTessellation(gl::Api api);
+
+ private:
+  Result<const gl::Program*> program(GridRule rule, bool capture);
+  void drawTriangles(const StrategyResult& chosen, const EyeFrame& eye);
+  void bindPages(const gl::Program& program);
+  void begin() const;
+
+  gl::Api api_;
+  PlanarDomain domain_;
+  PagePool pool_;
+  PageTable table_;
+  std::unordered_map<NodeId, SlotIndex> slots_;
+  PatchPass patches_;
+  std::array<gl::Program, 8> programs_;
+  gl::Program triangle_program_;
+  gl::VertexArray vertex_array_;
+  gl::Buffer vertices_;
+  gl::Texture places_;
+  gl::Renderbuffer depth_;
+  gl::Framebuffer framebuffer_;
+  int width_ = 0, height_ = 0;
+};
+
+}  // namespace relievo
