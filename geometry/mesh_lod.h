@@ -2,12 +2,15 @@
 // The same rules: one level an edge, decided once; 2:1 across patches too; vertices snap to the edge's coarser ones. Differences:
 //   places    units of a patch's finest relief cells, 0 .. 128 << relief_depth along u and v; PatchInstance::x0, y0 count from the
 //             patch's corner (0, 0), and every vertex is a sample of the page it is displaced from: nothing is interpolated
+//   world     that of the base mesh's corners: mm from BaseMesh::origin_mm, for LodView too
 //   errors    distances in space (texturing/patch_source.h), against the finest surface at the same (u, v)
 //   edges     where patches meet, their sides may run either way (src/base/base_mesh.h)
 // Pure but for its scratch memory: not for several threads at once. Deterministic.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <vector>
 
 #include "geometry/planar_lod.h"
 #include "src/base/base_mesh.h"
@@ -16,8 +19,9 @@ namespace relievo {
 
 class MeshLod {
  public:
+  // coarse: by patch; empty, or an entry of it not finite: the diagonal of the patch's displaced bounds.
   MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
-          std::shared_ptr<const ReliefOracle> oracle);
+          std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse = {});
   ~MeshLod();
   // view.exaggerate multiplies heights; view.relief false: the base mesh itself, as fine as its bilinear patches ask for.
   PlanarLodResult select(const LodView& view, const ReliefSet& resident);

@@ -3,7 +3,7 @@
 // so alike for all vertices of a program:
 //   inside a patch   the same patch, (u, v) and height: the same operations on the same numbers
 //   on a side        ends ordered by their corner's index, then lo * (1 - t) + hi * t by one piece of code for all four sides
-//   at a corner      t = 0 or 1: x * 1 + y * 0 is x, contracted or not
+//   at a corner      t = 0 or 1: x * 1 + y * 0 is x, contracted or not (but for the sign of a zero, which shows nowhere)
 // u, v and t are dyadic, below 2^-24 never: exact. Heights are samples: integers, the same in every page.
 #pragma once
 
@@ -23,18 +23,23 @@ struct EyeCorner {
   glm::vec3 normal{0};
 };
 
-// Ops: mulAdd(a, b, c) for a * b + c; so that a test may model contraction. PlainOps: two roundings.
+// Ops: mulAdd(a, b, c) for a * b + c, mulMulAdd(a, b, c, d) for a * b + c * d; so that a test may model contraction, of either
+// product. PlainOps: every operation rounds.
 struct PlainOps {
   static float mulAdd(float a, float b, float c) {
     float product = a * b;
     return product + c;
+  }
+  static float mulMulAdd(float a, float b, float c, float d) {
+    float product = a * b;
+    return mulAdd(c, d, product);
   }
 };
 
 template <class Ops = PlainOps>
 glm::vec3 lerpOrdered(const glm::vec3& lo, const glm::vec3& hi, float t) {
   float s = 1.0f - t;
-  return {Ops::mulAdd(hi.x, t, lo.x * s), Ops::mulAdd(hi.y, t, lo.y * s), Ops::mulAdd(hi.z, t, lo.z * s)};
+  return {Ops::mulMulAdd(lo.x, s, hi.x, t), Ops::mulMulAdd(lo.y, s, hi.y, t), Ops::mulMulAdd(lo.z, s, hi.z, t)};
 }
 
 // Vertex (x, y) in units of 1 / side (a power of two, at most 2^23) of a patch; height_mm as the shader computes it (exaggerated).
