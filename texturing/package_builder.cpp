@@ -11,31 +11,21 @@
 // by both tiles. Where texture and relief have the same depth, one tile does both and their pages lie together.
 //
 // Tiles are independent: workers take them in the file's order and the caller's thread writes what they made in that order,
-// so the bytes do not depend on the workers. At most kTilesAhead finished tiles a worker wait to be written.
+// so the bytes do not depend on the workers. At most kPartsAhead finished tiles a worker wait to be written.
 #include "texturing/package_builder.h"
-
-#include <fcntl.h>
-#include <stdlib.h>
-#include <unistd.h>
-#include <xxhash.h>
 
 #include <algorithm>
 #include <array>
 #include <cassert>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <condition_variable>
 #include <cstring>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <nlohmann/json.hpp>
-#include <thread>
 
-#include "src/base/file.h"
 #include "texturing/mip.h"
 #include "texturing/package_layout.h"
+#include "texturing/package_writer.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -46,105 +36,7 @@ constexpr int kTilePx = kTilePages * kPagePx;             // 1024
 constexpr int kStageLevels = 3;                           // levels L, L-1, L-2 get their pages in one stage
 constexpr int kMarginPx = kPageBorderPx << (kStageLevels - 1);  // 16
 constexpr int kSpillPx = kTilePx >> kStageLevels;         // 128
-constexpr int kTilesAhead = 2;
 constexpr double kSpacingSlack = 1.01;                    // a height map wider than the texture by rounding stays at its depth
-
-// Bytes at any offset: in memory when small, else in a file without a name beside the output. Regions that do not overlap
-// may be written and read by several threads.
-class SpillStore {
- public:
-  static Result<std::unique_ptr<SpillStore>> create(uint64_t size, bool in_memory, const std::string& beside) {
-    auto store = std::unique_ptr<SpillStore>(new SpillStore);
-    store->path_ = beside;
-    if (in_memory) {
-      store->memory_ = std::make_unique_for_overwrite<uint8_t[]>(std::max<uint64_t>(size, 1));
-      return store;
-    }
-    std::string folder = beside.substr(0, beside.find_last_of('/') + 1);
-    if (folder.empty()) folder = "./";
-    store->fd_ = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-    if (store->fd_ < 0) {
-      std::string name = folder + ".relievo-XXXXXX";
-      store->fd_ = ::mkostemp(name.data(), O_CLOEXEC);
-      if (store->fd_ >= 0) ::unlink(name.c_str());
-    }
-    if (store->fd_ < 0) return store->failed("creating a temporary file beside it", errno);
-    return store;
-  }
-  ~SpillStore() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Result<void> write(uint64_t offset, const void* bytes, size_t size) {
-    if (memory_) {
-      std::memcpy(memory_.get() + offset, bytes, size);
-      return {};
-    }
-    const uint8_t* p = static_cast<const uint8_t*>(bytes);
-    while (size > 0) {
-      ssize_t n = ::pwrite(fd_, p, size, static_cast<off_t>(offset));
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) return failed("writing a temporary file beside it", n < 0 ? errno : ENOSPC);
-      p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
-    }
-    return {};
-  }
-  Result<void> read(uint64_t offset, void* bytes, size_t size) const {
-    if (memory_) {
-      std::memcpy(bytes, memory_.get() + offset, size);
-      return {};
-    }
-    uint8_t* p = static_cast<uint8_t*>(bytes);
-    while (size > 0) {
-      ssize_t n = ::pread(fd_, p, size, static_cast<off_t>(offset));
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) return failed("reading a temporary file beside it", n < 0 ? errno : EIO);
-      p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
-    }
-    return {};
-  }
-
- private:
-  SpillStore() = default;
-  Error failed(const char* doing, int error_number) const {
-    return {ErrorKind::kIo, path_, std::string(doing) + " failed: " + std::strerror(error_number),
-            error_number == ENOSPC ? "free some disk space, or write to another disk" : "check the folder's permissions", {}};
-  }
-  std::string path_;
-  std::unique_ptr<uint8_t[]> memory_;
-  int fd_ = -1;
-};
-
-// Hands out the bytes that spills may keep in memory.
-struct SpillBudget {
-  uint64_t left = 0;
-  std::string beside;
-  Result<std::unique_ptr<SpillStore>> create(uint64_t size) {
-    bool in_memory = size <= left;
-    if (in_memory) left -= size;
-    return SpillStore::create(size, in_memory, beside);
-  }
-};
-
-// What a relief node knows of the samples below it, in 16-bit units.
-struct NodeRange {
-  uint16_t min = 65535, max = 0, error = 0;
-  std::array<uint16_t, kReliefDetailBytes> block_errors{};
-};
-
-struct Placed {            // a page that a tile made
-  uint64_t index_offset;   // of its entry, from the index's start
-  uint32_t size;
-  uint64_t checksum;
-  bool relief = false;
-  uint64_t detail_offset = 0;  // relief: of its errors by block
-  NodeRange range;
-};
-struct TileOutput {
-  std::vector<uint8_t> bytes;
-  std::vector<Placed> pages;
-  uint64_t texels = 0;     // finest texels of the texture done
-  Result<void> status;
-};
 
 struct TextureStage {
   int level = -1;                    // L; -1: none
@@ -230,8 +122,8 @@ class TileWorker {
  public:
   TileWorker(const BuildContext& context, int zstd_level) : context_(context), encoder_(zstd_level) {}
 
-  TileOutput run(const Stage& stage, uint64_t tile_x, uint64_t tile_y) {
-    TileOutput out;
+  BuildPart run(const Stage& stage, uint64_t tile_x, uint64_t tile_y) {
+    BuildPart out;
     stage_ = &stage;
     tile_x_ = tile_x, tile_y_ = tile_y;
     if (stage.texture.level >= 0) out.status = prepareTexture();
@@ -567,7 +459,7 @@ class TileWorker {
 
   // ---- pages ----
   // Children first (Z-order), then the node: its texture planes, then its relief.
-  void emit(int level, int down, int x, int y, TileOutput& out) {
+  void emit(int level, int down, int x, int y, BuildPart& out) {
     const uint64_t column = (tile_x_ * kTilePages >> down) + static_cast<uint64_t>(x);
     const uint64_t row = (tile_y_ * kTilePages >> down) + static_cast<uint64_t>(y);
     NodeGrid nodes = nodeGrid(context_.domain, level - down);
@@ -575,15 +467,12 @@ class TileWorker {
     if (down > 0)
       for (int child = 0; child < 4; ++child) emit(level, down - 1, 2 * x + (child & 1), 2 * y + (child >> 1), out);
     const NodeId node = nodeAt(context_.domain, level - down, column, row);
-    auto place = [&](std::span<const uint8_t> encoded, uint64_t index_offset, bool is_relief, uint64_t detail_offset, const NodeRange& range) {
-      out.bytes.insert(out.bytes.end(), encoded.begin(), encoded.end());
-      out.pages.push_back({index_offset, static_cast<uint32_t>(encoded.size()), XXH3_64bits(encoded.data(), encoded.size()), is_relief, detail_offset, range});
-    };
     if (stage_->texture.level >= 0) {
       auto at = context_.layout.texture.find(node);
       for (int plane = 0; plane < context_.format.planes(); ++plane) {
         cutTexture(down, x, y, plane);
-        place(encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]), at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes, false, 0, {});
+        out.place({.index_offset = at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes},
+                  encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]));
       }
     }
     if (stage_->relief.level >= 0) {
@@ -592,8 +481,9 @@ class TileWorker {
       for (int j = 0; j < kReliefSamples; ++j)
         std::memcpy(samples_.data() + static_cast<size_t>(j) * kReliefSamples,
                     grid_[down].data() + static_cast<size_t>(y * kPagePx + j) * side + x * kPagePx, kReliefSamples * 2);
-      place(encoder_.encodeRelief(samples_), at.block_offset + at.node_offset, true, detail.block_offset + detail.node_offset,
-            ranges_[down][static_cast<size_t>(y) * kTilePages + x]);
+      out.place({.index_offset = at.block_offset + at.node_offset, .relief = true, .detail_offset = detail.block_offset + detail.node_offset,
+                 .range = ranges_[down][static_cast<size_t>(y) * kTilePages + x]},
+                encoder_.encodeRelief(samples_));
     }
   }
 
@@ -616,44 +506,12 @@ class TileWorker {
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
-std::string manifestText(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
-  const PlanarDomain& d = h.domain;
-  nlohmann::ordered_json json;
-  json["format"] = "relievo-package";
-  json["version"] = 1;
-  json["tool_version"] = tool_version;
-  json["width_px"] = d.width_px;
-  json["height_px"] = d.height_px;
-  json["mm_per_px"] = d.mm_per_px;
-  json["page_px"] = kPagePx;
-  json["page_border_px"] = kPageBorderPx;
-  json["texture_depth"] = d.texture_depth;
-  json["patches"] = d.patchCount();
-  json["basis"] = basisName(h.texture.basis);
-  json["texture_planes"] = h.texture.planes();
-  for (int k = 0; k < h.texture.planes(); ++k) json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
-  if (isPtm(h.texture.basis)) {
-    json["scale"] = h.texture.scale;
-    json["bias"] = h.texture.bias;
-  }
-  if (d.relief_depth >= 0) {
-    json["relief"] = {{"depth", d.relief_depth}, {"offset_mm", d.relief_offset_mm}, {"scale_mm", d.relief_scale_mm}};
-  }
-  json["pages"] = h.page_count;
-  auto addSource = [&](const Provenance& p, const char* role) {
-    nlohmann::ordered_json s;
-    s["role"] = role;
-    s["name"] = p.name;
-    if (!p.xxh3.empty()) s["xxh3"] = p.xxh3;
-    if (!p.generator.empty()) s["generator"] = p.generator;
-    json["sources"].push_back(s);
-  };
-  addSource(texture.provenance(), "texture");
-  if (relief) addSource(relief->provenance(), "relief");
-  return json.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+std::string manifestOf(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
+  nlohmann::ordered_json json = manifestJson(h, tool_version);
+  addSource(json, texture.provenance(), "texture");
+  if (relief) addSource(json, relief->provenance(), "relief");
+  return manifestText(json);
 }
-
-Error usage(std::string message, std::string hint = {}) { return {ErrorKind::kUsage, "", std::move(message), std::move(hint), {}}; }
 
 Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
   PlanarDomain d;
@@ -681,67 +539,6 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   return d;
 }
 
-// Runs one stage's tiles: workers make them, this thread writes them in order.
-class StageRunner {
- public:
-  StageRunner(const BuildContext& context, const Stage& stage, int workers, int zstd_level, const std::atomic<bool>* interrupted)
-      : order_(stage.tile_columns, stage.tile_rows), interrupted_(interrupted), ahead_(static_cast<uint64_t>(workers) * (1 + kTilesAhead)) {
-    uint64_t tiles = stage.tile_columns * stage.tile_rows;
-    int count = static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers), tiles));
-    for (int i = 0; i < count; ++i) threads_.emplace_back([this, &context, &stage, zstd_level] { work(context, stage, zstd_level); });
-  }
-  ~StageRunner() {
-    {
-      std::lock_guard lock(mutex_);
-      stopped_ = true;
-    }
-    room_.notify_all();
-    for (std::thread& t : threads_) t.join();
-  }
-  // The next tile in order; waits at most a tenth of a second (then null).
-  std::unique_ptr<TileOutput> take() {
-    std::unique_lock lock(mutex_);
-    ready_.wait_for(lock, std::chrono::milliseconds(100), [&] { return done_.contains(written_); });
-    auto found = done_.find(written_);
-    if (found == done_.end()) return nullptr;
-    auto out = std::make_unique<TileOutput>(std::move(found->second));
-    done_.erase(found);
-    ++written_;
-    lock.unlock();
-    room_.notify_all();
-    return out;
-  }
-
- private:
-  void work(const BuildContext& context, const Stage& stage, int zstd_level) {
-    auto worker = std::make_unique<TileWorker>(context, zstd_level);
-    for (;;) {
-      uint64_t x, y, serial;
-      {
-        std::unique_lock lock(mutex_);
-        room_.wait(lock, [&] { return stopped_ || taken_ < written_ + ahead_; });
-        if (stopped_ || (interrupted_ && interrupted_->load()) || !order_.next(&x, &y)) return;
-        serial = taken_++;
-      }
-      TileOutput out = worker->run(stage, x, y);
-      {
-        std::lock_guard lock(mutex_);
-        done_.emplace(serial, std::move(out));
-      }
-      ready_.notify_one();
-    }
-  }
-
-  std::mutex mutex_;
-  std::condition_variable ready_, room_;
-  TileOrder order_;
-  const std::atomic<bool>* interrupted_;
-  std::map<uint64_t, TileOutput> done_;
-  uint64_t taken_ = 0, written_ = 0, ahead_;
-  bool stopped_ = false;
-  std::vector<std::thread> threads_;
-};
-
 }  // namespace
 
 Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options) {
@@ -760,40 +557,24 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   const PlanarDomain& d = header.domain;
   header.relief_detail = d.relief_depth >= 0;
   header.page_count = packageLayout(d, header.texture, 0, false).page_count;
-  const std::string manifest = manifestText(header, texture, relief, options.tool_version);
-  if (manifest.size() > kMaxManifestBytes) return usage("the sources' names are too long");
-  header.manifest_bytes = manifest.size();
-  header.manifest_hash = XXH3_64bits(manifest.data(), manifest.size());
-  header.index_offset = (header.manifest_offset + header.manifest_bytes + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes;
+  const std::string manifest = manifestOf(header, texture, relief, options.tool_version);
+  if (auto placed = placeSections(header, manifest, {}); !placed) return placed.error();
   BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.relief_detail), MipFilter(header.texture),
                        header.encodings};
-  header.index_bytes = context.layout.index_bytes;
-  header.pages_offset = header.index_offset + header.index_bytes;
 
   // A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.
   const uint64_t region_texels = uint64_t{kTilePx + 2 * kMarginPx} * (kTilePx + 2 * kMarginPx);
   const uint64_t tile_pages = kTilePages * kTilePages * 4 / 3;
   const uint64_t worker_bytes = region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 +
                                 (relief ? region_texels * 8 : 0) +
-                                tile_pages * (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kTilesAhead);
+                                tile_pages * (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kPartsAhead);
   int workers = options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
   SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0, options.output};
 
-  auto file = OutputFile::create(options.output);
-  if (!file) return file.error();
-  auto index = spills.create(header.index_bytes);
-  if (!index) return index.error();
-  {
-    // Header, manifest and index are filled in at the end.
-    std::vector<uint8_t> zeros(size_t{1} << 20);
-    for (uint64_t left = header.pages_offset; left > 0;) {
-      size_t n = static_cast<size_t>(std::min<uint64_t>(left, zeros.size()));
-      if (auto appended = file->append({zeros.data(), n}); !appended) return appended.error();
-      left -= n;
-    }
-  }
+  auto writer = PackageWriter::create(options.output, header, manifest, {}, spills);
+  if (!writer) return writer.error();
 
   BuildProgress progress;
   progress.pages_total = header.page_count;
@@ -806,39 +587,23 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     options.progress(progress);
   };
 
-  uint64_t offset = header.pages_offset;
+  struct Tile {
+    uint64_t x = 0, y = 0;
+  };
   auto runStage = [&](const Stage& stage) -> Result<void> {
-    StageRunner runner(context, stage, workers, options.zstd_level, options.interrupted);
-    for (uint64_t left = stage.tile_columns * stage.tile_rows; left > 0;) {
-      if (options.interrupted && options.interrupted->load())
-        return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
-      auto tile = runner.take();
+    TileOrder order(stage.tile_columns, stage.tile_rows);
+    const uint64_t tiles = stage.tile_columns * stage.tile_rows;
+    OrderedWorkers<Tile> runner(
+        static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers), tiles)), kPartsAhead, options.interrupted,
+        [&](Tile* tile) { return order.next(&tile->x, &tile->y); },
+        [&] {
+          auto worker = std::make_shared<TileWorker>(context, options.zstd_level);
+          return [&stage, worker](const Tile& tile) { return worker->run(stage, tile.x, tile.y); };
+        });
+    return writeParts(runner, tiles, *writer->get(), options, [&](const BuildPart* part) {
+      if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
       report(false);
-      if (!tile) continue;
-      --left;
-      if (!tile->status.ok()) return tile->status;
-      if (auto appended = file->append(tile->bytes); !appended) return appended;
-      for (const Placed& p : tile->pages) {
-        uint8_t entry[kReliefEntryBytes];
-        storeLittle(entry, offset);
-        storeLittle(entry + 8, p.size);
-        storeLittle(entry + 12, p.checksum);
-        storeLittle(entry + 20, p.range.min);
-        storeLittle(entry + 22, p.range.max);
-        storeLittle(entry + 24, p.range.error);
-        auto written = (*index)->write(p.index_offset - header.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
-        if (!written) return written;
-        if (p.relief) {
-          uint8_t errors[kReliefDetailBytes];
-          for (size_t i = 0; i < kReliefDetailBytes; ++i) errors[i] = byteFromError(p.range.block_errors[i]);
-          if (written = (*index)->write(p.detail_offset - header.index_offset, errors, sizeof errors); !written) return written;
-        }
-        offset += p.size;
-      }
-      progress.pages_done += tile->pages.size();
-      progress.texels_done += tile->texels;
-    }
-    return {};
+    });
   };
 
   // Stages from the finest level on; a spill lives from the stage that writes it to the one that reads it.
@@ -893,41 +658,10 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   }
   assert(progress.pages_done == header.page_count);
 
-  header.pages_bytes = offset - header.pages_offset;
-  header.file_bytes = offset + kHeaderBytes;
-  std::vector<uint8_t> head(kHeaderBytes);
-  encodeHeader(header, head);
-  if (auto appended = file->append(head); !appended) return appended.error();
-
-  // The index, block after block with its checksum, in pieces of a few MiB.
-  Result<void> status;
-  std::vector<uint8_t> piece;
-  uint64_t piece_offset = header.index_offset;
-  auto flush = [&] {
-    status = file->writeAt(piece_offset, piece);
-    piece_offset += piece.size();
-    piece.clear();
-  };
-  for (const IndexLayout* tree : {&context.layout.texture, &context.layout.relief, &context.layout.relief_detail}) {
-    tree->forEachBlock([&](const IndexLayout::Block& block) {
-      size_t at = piece.size();
-      piece.resize(at + block.bytes);
-      status = (*index)->read(block.offset - header.index_offset, piece.data() + at, block.bytes - 8);
-      storeLittle(piece.data() + at + block.bytes - 8, static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
-      if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
-      return status.ok();
-    });
-    if (!status.ok()) return status.error();
-  }
-  flush();
-  if (!status.ok()) return status.error();
-  if (auto w = file->writeAt(header.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest.data()), manifest.size()}); !w) return w.error();
-  if (auto w = file->writeAt(0, head); !w) return w.error();
-  if (options.interrupted && options.interrupted->load())
-    return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
-  if (auto committed = file->commit(); !committed) return committed.error();
+  auto file_bytes = (*writer)->finish(options.interrupted);
+  if (!file_bytes) return file_bytes.error();
   report(true);
-  return BuildReport{header.page_count, header.file_bytes, seconds()};
+  return BuildReport{header.page_count, *file_bytes, seconds()};
 }
 
 }  // namespace relievo
