@@ -42,6 +42,7 @@ class StrategyPass {
   // With anything finished that was drawn.
   static void finish();
   static bool hasTessellation(gl::Api api);
+  static uint64_t maxPages() { return PagePool::maxSlots(); }
 
  private:
   Result<const gl::Program*> program(GridRule rule, bool capture);

@@ -1,0 +1,81 @@
+// lod_strategy.h - one interface for ways to choose geometry for a view, so that `relievo compare` can measure them side by side.
+// A strategy is one file, geometry/strategy_NAME.cpp, plus its line in strategy_registry.cpp; nothing else knows its name.
+// View in; out: instanced grids (planar_lod.h), explicit triangles, or both, and the error that the strategy foresees. All draw from the
+// same relief pages, every one of them resident: what is compared is geometry, not streaming.
+// What is drawn where (places, heights, projection) is not the strategy's business, so artworks over a base mesh need their own
+// StrategyScene and strategies that fill the same StrategyResult, and no other measuring: errors are taken by instance and place in its node.
+// Pure: no GL. A strategy is used by one thread; the same scene and view give the same result.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "geometry/planar_lod.h"
+#include "geometry/strategy_field.h"
+
+namespace relievo {
+
+// What strategies choose from.
+struct StrategyScene {
+  PlanarDomain domain;
+  std::shared_ptr<const ReliefOracle> oracle;
+  std::shared_ptr<const ReliefSet> resident;  // every relief page
+  std::shared_ptr<const ReliefField> field;   // the finest relief, for strategies that emit triangles of their own
+};
+
+// What a grid's vertices do (shaders/compare_*.vert, patch.vert).
+enum class GridRule : uint8_t {
+  kSnapped,     // those on edges snap to the edge's level (patch.vert as the engine draws it)
+  kUnsnapped,   // they stay; a negative control
+  kMorphed,     // they slide to the next coarser grid with the distance to the eye (StrategyResult::morph)
+  kTessellated  // the instance is one patch of the hardware tessellator: edge levels are its outer factors, grid_level the inner one
+};
+
+// Vertices of explicit triangles; the error is taken at the place within the instance's node.
+struct StrategyVertex {
+  int32_t x = 0, y = 0;   // units
+  float height_steps = 0; // of the 16-bit range (mm = offset + scale x steps), not exaggerated
+  uint32_t instance = 0;  // index into StrategyResult::instances
+};
+
+// Vertices of absolute level node.level + grid_level morph between these distances from the eye, mm.
+struct MorphRange {
+  float start_mm = 0, end_mm = 0;
+};
+inline constexpr int kMorphLevels = 32;
+
+struct StrategyResult {
+  std::vector<PatchInstance> instances;   // sorted by grid_level
+  GridRule rule = GridRule::kSnapped;
+  std::vector<StrategyVertex> triangles;  // three a triangle, drawn besides the grids
+  std::array<MorphRange, kMorphLevels> morph{};
+  glm::dvec3 morph_eye_mm{0};
+  double error_px = 0;                    // the budget that the choice kept to (a node budget may have doubled the one asked for)
+  // An upper bound of how far the picture of a point of the finest relief lies from that of the drawn surface above the same place.
+  // Negative: the strategy promises nothing.
+  double predicted_px = -1;
+};
+
+class LodStrategy {
+ public:
+  virtual ~LodStrategy() = default;
+  // view.error_px: the budget. What a strategy makes of view.min_cell_px it says in its purpose.
+  virtual StrategyResult select(const LodView& view) = 0;
+};
+
+struct StrategyEntry {
+  std::string name, title, purpose;  // "edge-lod", "Edge LOD", one sentence for --help and the report
+  bool control = false;              // a negative control: expected to fail
+  bool keeps_budget = false;         // promises predicted_px <= 2 x the budget (2: where levels meet), wherever it is not `error_px` itself that grew
+  bool needs_tessellation = false;   // GL 4
+  std::function<std::unique_ptr<LodStrategy>(const StrategyScene&)> make;
+};
+// In the order of reports.
+const std::vector<StrategyEntry>& lodStrategies();
+const StrategyEntry* findStrategy(const std::string& name);  // null: none of that name
+
+}  // namespace relievo

@@ -1,0 +1,73 @@
+// strategy_bounds.h - what strategies other than planar_lod.h's ask of a view and of the relief's pages: boxes, culling, error bounds.
+// The same bounds as geometry/README.md describes for the edge LOD, so that a comparison shows the strategies' difference and not the
+// metrics'; but for a node, not for an edge.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <unordered_map>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/lod_strategy.h"
+
+namespace relievo {
+
+struct WorldBox {
+  glm::dvec3 centre{0}, half{0};
+};
+
+class ViewBounds {
+ public:
+  explicit ViewBounds(const LodView& view);
+  bool valid() const { return valid_; }
+  bool culled(const WorldBox& box) const;
+  // Pixels that a millimetre of height, anywhere in the box, can be on screen.
+  double pxPerMm(const WorldBox& box) const;
+  double nearestMm(const WorldBox& box) const;   // from the eye
+  double farthestMm(const WorldBox& box) const;
+  // Pixels a millimetre at a distance from the eye is at most, wherever in the picture.
+  double pxPerMmAt(double distance_mm) const;
+
+ private:
+  bool valid_ = false, orthographic_ = false;
+  double near_ = 1, scale_ = 1, max_secant_ = 1;
+  glm::dvec3 eye_{0};
+  std::array<glm::dvec4, 7> planes_{};
+  glm::dvec4 depth_row_{0};
+};
+
+class ReliefBounds3d {
+ public:
+  explicit ReliefBounds3d(const StrategyScene& scene);
+  const PlanarDomain& domain() const { return scene_.domain; }
+  int unitLog2() const { return unit_log2_; }                  // log2 of a patch's side in units
+  int finestLevel() const { return scene_.domain.relief_depth + 7; }  // absolute level of the finest samples
+  WorldBox box(const NodeId& node, double exaggerate);
+  // Of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
+  double errorMm(const NodeId& node, int level);
+  // Over the whole artwork, and never less than a finer level's.
+  double worstErrorMm(int level) const { return level >= finestLevel() ? 0 : worst_[static_cast<size_t>(std::max(0, level))]; }
+  double rangeMm(const NodeId& node);  // of heights
+  // An instance as strategies make it: whole edges of its own grid's level, displaced from the coarsest page that has its samples.
+  PatchInstance instance(const NodeId& node, int grid_level) const;
+  // Nodes of a level in view, by patch, then in rows.
+  std::vector<NodeId> nodesInView(const ViewBounds& view, int level, double exaggerate);
+  // The bound for a list of instances, whoever chose their levels: where vertices snapped to a coarser level, twice that one's error.
+  double boundPx(const ViewBounds& view, const std::vector<PatchInstance>& instances, double exaggerate);
+
+ private:
+  const HeightBounds& heights(const NodeId& page);
+  void descend(const ViewBounds& view, const NodeId& node, int level, double exaggerate, std::vector<NodeId>& out);
+
+  StrategyScene scene_;
+  int unit_log2_ = 0;
+  std::unordered_map<NodeId, HeightBounds> heights_;
+  std::unordered_map<NodeId, std::array<float, 256>> blocks_;
+  std::vector<double> worst_;
+};
+
+void sortInstances(std::vector<PatchInstance>& instances);
+
+}  // namespace relievo

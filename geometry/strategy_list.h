@@ -1,0 +1,11 @@
+// strategy_list.h - what each strategy's file offers to the registry.
+#pragma once
+
+#include "geometry/lod_strategy.h"
+
+namespace relievo {
+
+StrategyEntry uniformStrategy();
+StrategyEntry edgeLodStrategy();
+
+}  // namespace relievo

@@ -1,0 +1,16 @@
+#include "geometry/strategy_list.h"
+
+namespace relievo {
+
+const std::vector<StrategyEntry>& lodStrategies() {
+  static const std::vector<StrategyEntry> all = {uniformStrategy(), edgeLodStrategy()};
+  return all;
+}
+
+const StrategyEntry* findStrategy(const std::string& name) {
+  for (const StrategyEntry& e : lodStrategies())
+    if (e.name == name) return &e;
+  return nullptr;
+}
+
+}  // namespace relievo
