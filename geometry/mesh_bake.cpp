@@ -1,1 +1,554 @@
 #include "geometry/mesh_bake.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "geometry/parallel_for.h"
+#include "geometry/ray_scene.h"
+#include "src/base/planar_domain.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kPageCellsLog2 = 7;  // of a relief page: kPagePx cells
+static_assert(1 << kPageCellsLog2 == kPagePx);
+constexpr int kMaxCellsLog2 = 14, kMaxAutoCellsLog2 = 10;
+constexpr uint64_t kMaxTexels = uint64_t{64} << 20;
+constexpr int kTexelChannels = 6;
+constexpr uint8_t kGrey = 200;
+
+// A place of the base surface and the line through it.
+struct Frame {
+  glm::dvec3 point{0}, normal{0};
+};
+glm::dvec3 lerp(const glm::dvec3& a, const glm::dvec3& b, double t) { return a * (1 - t) + b * t; }
+Frame lerp(const Frame& a, const Frame& b, double t) { return {lerp(a.point, b.point, t), lerp(a.normal, b.normal, t)}; }
+
+// Linear on the triangles of a cell, cut along (0,0)-(1,1).
+template <class T>
+T onCell(const T& c00, const T& c10, const T& c01, const T& c11, double fx, double fy) {
+  return fx >= fy ? c00 + (c10 - c00) * fx + (c11 - c10) * fy : c00 + (c01 - c00) * fy + (c11 - c01) * fx;
+}
+
+}  // namespace
+
+// Samples are kept once each: corners; then the inner samples of each side, from the corner with the smaller index to the other; then
+// those inside each patch, by rows. `m` below is the number of inner samples of a side, 2^cells_log2 - 1.
+struct SampleLayout {
+  std::vector<std::array<uint32_t, 2>> sides;         // their corners, the smaller index first
+  std::vector<std::array<uint32_t, 4>> patch_sides;   // by Side
+  size_t corners = 0, patches = 0;
+
+  explicit SampleLayout(const BaseMesh& base) : corners(base.corners.size()), patches(base.patches.size()) {
+    for (const auto& p : base.patches)
+      for (const auto& [a, b] : kSideCorners) sides.push_back({std::min(p[a], p[b]), std::max(p[a], p[b])});
+    const auto all = sides;
+    std::sort(sides.begin(), sides.end());
+    sides.erase(std::unique(sides.begin(), sides.end()), sides.end());
+    patch_sides.resize(patches);
+    for (size_t i = 0; i < all.size(); ++i)
+      patch_sides[i / 4][i % 4] = static_cast<uint32_t>(std::lower_bound(sides.begin(), sides.end(), all[i]) - sides.begin());
+  }
+  size_t sideFirst(size_t side, size_t m) const { return corners + side * m; }
+  size_t insideFirst(size_t patch, size_t m) const { return corners + sides.size() * m + patch * m * m; }
+  size_t count(size_t m) const { return corners + sides.size() * m + patches * m * m; }
+
+  // A patch's whole grid of (m + 2)^2, rows of v from 0.
+  template <class T>
+  void gather(const BaseMesh& base, uint32_t patch, size_t m, std::span<const T> samples, std::span<T> out) const {
+    const auto& corner = base.patches[patch];
+    const size_t n = m + 1, row = m + 2;
+    out[0] = samples[corner[0]];
+    out[n] = samples[corner[1]];
+    out[n * row] = samples[corner[2]];
+    out[n * row + n] = samples[corner[3]];
+    for (int s = 0; s < 4; ++s) {
+      const auto [a, b] = kSideCorners[static_cast<size_t>(s)];
+      const T* in = samples.data() + sideFirst(patch_sides[patch][static_cast<size_t>(s)], m);
+      const size_t first = s == kRight ? n : s == kBottom ? n * row : 0, step = s == kLeft || s == kRight ? row : 1;
+      const bool forward = corner[static_cast<size_t>(a)] < corner[static_cast<size_t>(b)];
+      for (size_t i = 1; i < n; ++i) out[first + i * step] = in[forward ? i - 1 : m - i];
+    }
+    const T* in = samples.data() + insideFirst(patch, m);
+    for (size_t y = 1; y < n; ++y) std::copy_n(in + (y - 1) * m, m, out.data() + y * row + 1);
+  }
+};
+
+struct MeshBake::Impl {
+  const TriMesh* mesh = nullptr;
+  Image image;
+  BaseMesh base;
+  BakeReport report;
+  int workers = 0;
+  std::unique_ptr<RayScene> scene;
+  std::unique_ptr<SampleLayout> layout;
+  glm::dvec3 shift{0};                 // from the base's coordinates to the mesh's
+  std::vector<glm::vec3> normals;      // of the mesh's vertices
+  std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines look
+  int relief_depth = 0;
+  double offset_mm = 0, scale_mm = 0, error_unit_mm = 0;
+  std::vector<uint16_t> samples;       // as SampleLayout has them
+  int tone_log2 = 0;                   // colours and normals: this fine a grid is looked up; or texel by texel
+
+  // ---- places ----
+  // Shared places are computed by one rule from the same numbers, whichever patch asks (as geometry/mesh_vertex.h does).
+  Frame corner(uint32_t index) const {
+    const BaseCorner& c = base.corners[index];
+    return {glm::dvec3(c.position_mm) + shift, glm::dvec3(c.normal)};
+  }
+  Frame onSide(std::array<uint32_t, 2> ends, double t) const { return lerp(corner(ends[0]), corner(ends[1]), t); }
+  Frame inside(uint32_t patch, double u, double v) const {
+    const auto& c = base.patches[patch];
+    return lerp(lerp(corner(c[0]), corner(c[1]), u), lerp(corner(c[2]), corner(c[3]), u), v);
+  }
+  // Vertex (x, y) of a grid of n cells a side.
+  Frame at(uint32_t patch, size_t x, size_t y, size_t n) const {
+    const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
+    const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
+    const auto& c = base.patches[patch];
+    if (on_u && on_v) return corner(c[(x ? 1 : 0) + (y ? 2 : 0)]);
+    if (!on_u && !on_v) return inside(patch, u, v);
+    const int side = on_u ? (x ? kRight : kLeft) : (y ? kBottom : kTop);
+    const auto [a, b] = kSideCorners[static_cast<size_t>(side)];
+    const double t = on_u ? v : u;
+    const uint32_t from = c[static_cast<size_t>(a)], to = c[static_cast<size_t>(b)];
+    return from < to ? onSide({from, to}, t) : onSide({to, from}, 1 - t);
+  }
+
+  void prepare(const BakeOptions& options);
+  bool makeNormals(const BakeOptions& options);
+  Result<void> sample(int cells_log2, const BakeOptions& options);
+  void heightsOf(uint32_t patch, std::span<uint16_t> out) const;
+  std::vector<glm::dvec3> surface(uint32_t patch) const;
+  void errorsOf(const std::vector<glm::dvec3>& finest, int cells_log2, std::span<float> out) const;
+  std::array<float, kTexelChannels> tone(const SurfacePoint& at) const;
+};
+
+namespace {
+
+Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
+
+// Heights along lines; by the closest point (found[i] = 0) where a line meets nothing within reach.
+void heightsAlong(const RayScene& scene, const TriMesh& mesh, std::span<const Line> lines, std::span<float> heights, std::span<uint8_t> found) {
+  std::vector<SurfacePoint> hits(lines.size());
+  scene.nearestOnLines(lines, Facing::kAlong, hits);
+  for (size_t i = 0; i < lines.size(); ++i) {
+    found[i] = hits[i] ? 1 : 0;
+    if (hits[i]) {
+      heights[i] = static_cast<float>(hits[i].along);
+      continue;
+    }
+    const SurfacePoint near = scene.closestPoint(lines[i].at);
+    const auto& t = mesh.triangles[near.triangle];
+    const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]);
+    const glm::dvec3 place = a + near.b1 * (b - a) + near.b2 * (c - a);
+    const double squared = glm::dot(lines[i].direction, lines[i].direction);
+    heights[i] = squared > 0 ? static_cast<float>(glm::dot(place - lines[i].at, lines[i].direction) / squared) : 0.0f;
+  }
+}
+
+// What the lines do not know takes the mean of its neighbours, again and again: no spikes where the closest point jumps.
+constexpr int kSmoothings = 8;
+
+}  // namespace
+
+void MeshBake::Impl::prepare(const BakeOptions& options) {
+  layout = std::make_unique<SampleLayout>(base);
+  shift = base.origin_mm - mesh->origin_mm;
+  workers = options.workers;
+  // Lines look about as far as a patch is wide: further away lie other parts of the artwork.
+  corner_reach.assign(layout->corners, 0);
+  side_reach.assign(layout->sides.size(), 0);
+  patch_reach.assign(layout->patches, 0);
+  for (uint32_t p = 0; p < layout->patches; ++p) {
+    const auto& c = base.patches[p];
+    auto length = [&](int a, int b) { return glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point); };
+    const double reach = std::max(length(0, 3), length(1, 2));
+    patch_reach[p] = reach;
+    for (uint32_t s : layout->patch_sides[p]) side_reach[s] = std::max(side_reach[s], reach);
+    for (uint32_t k : c) corner_reach[k] = std::max(corner_reach[k], reach);
+  }
+}
+
+// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich 1998).
+bool MeshBake::Impl::makeNormals(const BakeOptions& options) {
+  normals.assign(mesh->positions_mm.size(), glm::vec3(0));
+  const size_t parts = static_cast<size_t>(workerCount(workers));
+  // Every part goes through all triangles and sums up its own vertices: the same order of additions for any number of workers.
+  return parallelFor(parts, workers, options.interrupted, [&](size_t part) {
+    const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
+    for (const auto& t : mesh->triangles) {
+      std::array<bool, 3> mine{};
+      for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
+      if (!mine[0] && !mine[1] && !mine[2]) continue;
+      const std::array<glm::vec3, 3> p{mesh->positions_mm[t[0]], mesh->positions_mm[t[1]], mesh->positions_mm[t[2]]};
+      const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
+      const float area = glm::length(n);
+      if (!(area > 0)) continue;
+      for (size_t k = 0; k < 3; ++k) {
+        if (!mine[k]) continue;
+        const glm::vec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
+        normals[t[k]] += n * (std::atan2(area, glm::dot(a, b)) / area);
+      }
+    }
+    for (size_t i = first; i < last; ++i) {
+      const float length = glm::length(normals[i]);
+      if (length > 0) normals[i] /= length;
+    }
+  });
+}
+
+Result<void> MeshBake::Impl::sample(int cells_log2, const BakeOptions& options) {
+  const size_t n = size_t{1} << cells_log2, m = n - 1;
+  const SampleLayout& l = *layout;
+  std::vector<float> heights(l.count(m));
+  std::vector<uint8_t> found(heights.size(), 1);
+  constexpr size_t kCornersAJob = 256;
+  const size_t corner_jobs = (l.corners + kCornersAJob - 1) / kCornersAJob, side_jobs = l.sides.size(), jobs = corner_jobs + side_jobs + l.patches;
+  auto line = [](const Frame& f, double reach) { return Line{f.point, f.normal, reach / glm::length(f.normal)}; };
+  const bool done = parallelFor(
+      jobs, workers, options.interrupted,
+      [&](size_t job) {
+        std::vector<Line> lines;
+        size_t first = 0;
+        if (job < corner_jobs) {
+          first = job * kCornersAJob;
+          for (size_t i = first; i < std::min(l.corners, first + kCornersAJob); ++i) lines.push_back(line(corner(static_cast<uint32_t>(i)), corner_reach[i]));
+        } else if (job < corner_jobs + side_jobs) {
+          const size_t side = job - corner_jobs;
+          first = l.sideFirst(side, m);
+          for (size_t i = 1; i < n; ++i)
+            lines.push_back(line(onSide(l.sides[side], static_cast<double>(i) / static_cast<double>(n)), side_reach[side]));
+        } else {
+          const auto patch = static_cast<uint32_t>(job - corner_jobs - side_jobs);
+          first = l.insideFirst(patch, m);
+          lines.reserve(m * m);
+          for (size_t y = 1; y < n; ++y)
+            for (size_t x = 1; x < n; ++x)
+              lines.push_back(line(inside(patch, static_cast<double>(x) / static_cast<double>(n), static_cast<double>(y) / static_cast<double>(n)), patch_reach[patch]));
+        }
+        heightsAlong(*scene, *mesh, lines, std::span(heights).subspan(first, lines.size()), std::span(found).subspan(first, lines.size()));
+      },
+      [&](size_t taken) {
+        if (options.progress) options.progress(0.3 + 0.6 * static_cast<double>(taken) / static_cast<double>(jobs));
+      });
+  if (!done) return interruptedError();
+
+  // Smoothing: sides between their corners, then the inside between the sides, so that shared samples stay shared.
+  auto smooth = [&](size_t from, size_t count, auto&& neighbours) {
+    std::vector<std::pair<size_t, float>> next;
+    for (int round = 0; round < kSmoothings; ++round) {
+      next.clear();
+      for (size_t i = 0; i < count; ++i)
+        if (!found[from + i]) next.push_back({from + i, neighbours(i)});
+      if (next.empty()) return;
+      for (const auto& [i, h] : next) heights[i] = h;
+    }
+  };
+  for (size_t side = 0; side < l.sides.size(); ++side) {
+    const size_t first = l.sideFirst(side, m);
+    smooth(first, m, [&](size_t i) {
+      const float before = i ? heights[first + i - 1] : heights[l.sides[side][0]];
+      const float after = i + 1 < m ? heights[first + i + 1] : heights[l.sides[side][1]];
+      return 0.5f * (before + after);
+    });
+  }
+  std::vector<float> grid((n + 1) * (n + 1));
+  for (uint32_t patch = 0; patch < l.patches; ++patch) {
+    const size_t first = l.insideFirst(patch, m);
+    if (std::find(found.begin() + static_cast<ptrdiff_t>(first), found.begin() + static_cast<ptrdiff_t>(first + m * m), 0) ==
+        found.begin() + static_cast<ptrdiff_t>(first + m * m))
+      continue;
+    l.gather<float>(base, patch, m, heights, grid);
+    auto inner = [&](size_t x, size_t y) { return x > 0 && x < n && y > 0 && y < n; };
+    auto height = [&](size_t x, size_t y) { return inner(x, y) ? heights[first + (y - 1) * m + x - 1] : grid[y * (n + 1) + x]; };
+    smooth(first, m * m, [&](size_t i) {
+      const size_t x = i % m + 1, y = i / m + 1;
+      return 0.25f * (height(x - 1, y) + height(x + 1, y) + height(x, y - 1) + height(x, y + 1));
+    });
+  }
+
+  std::vector<uint8_t> used(l.corners, 0);
+  for (const auto& p : base.patches)
+    for (uint32_t c : p) used[c] = 1;
+  for (size_t i = 0; i < l.corners; ++i) {
+    if (used[i]) continue;
+    heights[i] = heights[base.patches[0][0]];
+    found[i] = 1;
+  }
+  const auto [low, high] = std::minmax_element(heights.begin(), heights.end());
+  offset_mm = *low;
+  scale_mm = (static_cast<double>(*high) - *low) / 65535.0;
+  const double per_mm = scale_mm > 0 ? 1.0 / scale_mm : 0.0;
+  samples.resize(heights.size());
+  for (size_t i = 0; i < heights.size(); ++i)
+    samples[i] = static_cast<uint16_t>(std::clamp(std::floor((heights[i] - offset_mm) * per_mm + 0.5), 0.0, 65535.0));
+  report.cells_log2 = cells_log2;
+  report.samples = heights.size() - static_cast<size_t>(std::count(used.begin(), used.end(), 0));
+  report.by_closest_point = static_cast<uint64_t>(std::count(found.begin(), found.end(), 0));
+  relief_depth = std::max(cells_log2 - kPageCellsLog2, 0);
+  return {};
+}
+
+void MeshBake::Impl::heightsOf(uint32_t patch, std::span<uint16_t> out) const {
+  const size_t n = size_t{1} << report.cells_log2;
+  if (report.cells_log2 >= kPageCellsLog2) {
+    layout->gather<uint16_t>(base, patch, n - 1, samples, out);
+    return;
+  }
+  std::vector<uint16_t> coarse((n + 1) * (n + 1));
+  layout->gather<uint16_t>(base, patch, n - 1, samples, coarse);
+  // In whole numbers: what a side's two samples give does not depend on which of them comes first.
+  const int up = kPageCellsLog2 - report.cells_log2, cells = 1 << up;
+  for (int y = 0; y <= kPagePx; ++y) {
+    const int cy = std::min(y >> up, static_cast<int>(n) - 1), fy = y - (cy << up);
+    for (int x = 0; x <= kPagePx; ++x) {
+      const int cx = std::min(x >> up, static_cast<int>(n) - 1), fx = x - (cx << up);
+      const uint16_t* c = coarse.data() + static_cast<size_t>(cy) * (n + 1) + static_cast<size_t>(cx);
+      const int c00 = c[0], c10 = c[1], c01 = c[n + 1], c11 = c[n + 2];
+      const int sum = fx >= fy ? c00 * (cells - fx) + c10 * (fx - fy) + c11 * fy : c00 * (cells - fy) + c01 * (fy - fx) + c11 * fx;
+      out[static_cast<size_t>(y) * kReliefSamples + static_cast<size_t>(x)] = static_cast<uint16_t>((sum + cells / 2) >> up);
+    }
+  }
+}
+
+// The vertices of the finest grid, in the mesh's coordinates.
+std::vector<glm::dvec3> MeshBake::Impl::surface(uint32_t patch) const {
+  const size_t n = size_t{kPagePx} << relief_depth;
+  std::vector<uint16_t> q((n + 1) * (n + 1));
+  heightsOf(patch, q);
+  std::vector<glm::dvec3> out(q.size());
+  for (size_t y = 0; y <= n; ++y) {
+    for (size_t x = 0; x <= n; ++x) {
+      const Frame f = at(patch, x, y, n);
+      const size_t i = y * (n + 1) + x;
+      out[i] = f.point + (offset_mm + scale_mm * q[i]) * f.normal;
+    }
+  }
+  return out;
+}
+
+// Both surfaces are linear on the finest grid's triangles, so they are furthest apart at its vertices. Monotone: a grid's error counts
+// those of all finer ones.
+void MeshBake::Impl::errorsOf(const std::vector<glm::dvec3>& finest, int cells_log2, std::span<float> out) const {
+  const int finest_log2 = kPageCellsLog2 + relief_depth;
+  const size_t n = size_t{1} << finest_log2, row = n + 1, blocks = static_cast<size_t>(errorBlocks(cells_log2));
+  std::fill(out.begin(), out.end(), 0.0f);
+  for (int log2 = finest_log2 - 1; log2 >= cells_log2; --log2) {
+    const int down = finest_log2 - log2;
+    const size_t step = size_t{1} << down, block = n / blocks;
+    const double scale = 1.0 / static_cast<double>(step);
+    for (size_t y = 0; y <= n; ++y) {
+      const size_t y0 = std::min(y, n - 1) >> down << down;
+      for (size_t x = 0; x <= n; ++x) {
+        const size_t x0 = std::min(x, n - 1) >> down << down;
+        const glm::dvec3* c = finest.data() + y0 * row + x0;
+        const glm::dvec3 flat = onCell(c[0], c[step], c[step * row], c[step * row + step], static_cast<double>(x - x0) * scale, static_cast<double>(y - y0) * scale);
+        // Up a little: what is drawn is computed in single precision.
+        const double distance = glm::length(finest[y * row + x] - flat) * (1 + 1e-6);
+        const float error = std::nextafter(static_cast<float>(distance), std::numeric_limits<float>::infinity());
+        if (distance == 0) continue;
+        const size_t bx = std::min(x, n - 1) / block, by = std::min(y, n - 1) / block;
+        // A vertex between blocks belongs to both.
+        for (size_t j = y % block == 0 && y > 0 && y < n ? by - 1 : by; j <= by; ++j)
+          for (size_t i = x % block == 0 && x > 0 && x < n ? bx - 1 : bx; i <= bx; ++i) out[j * blocks + i] = std::max(out[j * blocks + i], error);
+      }
+    }
+  }
+}
+
+// ---- colours and normals ----
+
+std::array<float, kTexelChannels> MeshBake::Impl::tone(const SurfacePoint& at) const {
+  const auto& t = mesh->triangles[at.triangle];
+  const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1), static_cast<float>(at.b2)};
+  std::array<float, kTexelChannels> out{kGrey, kGrey, kGrey, 0, 0, 0};
+  if (!image.rgb.empty() && !mesh->corner_uv.empty()) {
+    const auto& uv = mesh->corner_uv[at.triangle];
+    const glm::vec2 p = uv[0] * w[0] + uv[1] * w[1] + uv[2] * w[2];
+    const float x = std::clamp(p.x * static_cast<float>(image.width) - 0.5f, 0.0f, static_cast<float>(image.width - 1));
+    const float y = std::clamp((1 - p.y) * static_cast<float>(image.height) - 0.5f, 0.0f, static_cast<float>(image.height - 1));
+    const int x0 = static_cast<int>(x), y0 = static_cast<int>(y), x1 = std::min(x0 + 1, image.width - 1), y1 = std::min(y0 + 1, image.height - 1);
+    const float fx = x - static_cast<float>(x0), fy = y - static_cast<float>(y0);
+    auto texel = [&](int i, int j, size_t c) { return static_cast<float>(image.rgb[(static_cast<size_t>(j) * static_cast<size_t>(image.width) + static_cast<size_t>(i)) * 3 + c]); };
+    for (size_t c = 0; c < 3; ++c)
+      out[c] = (texel(x0, y0, c) * (1 - fx) + texel(x1, y0, c) * fx) * (1 - fy) + (texel(x0, y1, c) * (1 - fx) + texel(x1, y1, c) * fx) * fy;
+  } else if (!mesh->colours.empty()) {
+    for (size_t c = 0; c < 3; ++c) {
+      out[c] = 0;
+      for (size_t k = 0; k < 3; ++k) out[c] += w[k] * static_cast<float>(mesh->colours[t[k]][static_cast<int>(c)]);
+    }
+  }
+  glm::vec3 n(0);
+  for (size_t k = 0; k < 3; ++k) n += w[k] * normals[t[k]];
+  if (!(glm::length(n) > 1e-3f)) n = glm::cross(mesh->positions_mm[t[1]] - mesh->positions_mm[t[0]], mesh->positions_mm[t[2]] - mesh->positions_mm[t[0]]);
+  const float length = glm::length(n);
+  if (length > 0) n /= length;
+  out[3] = n.x;
+  out[4] = n.y;
+  out[5] = n.z;
+  return out;
+}
+
+// ---- MeshBake ----
+
+MeshBake::MeshBake(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+MeshBake::~MeshBake() = default;
+const BaseMesh& MeshBake::base() const { return impl_->base; }
+const BakeReport& MeshBake::report() const { return impl_->report; }
+int MeshBake::textureDepth() const { return impl_->report.texture_depth; }
+int MeshBake::reliefDepth() const { return impl_->relief_depth; }
+double MeshBake::reliefOffsetMm() const { return impl_->offset_mm; }
+double MeshBake::reliefScaleMm() const { return impl_->scale_mm; }
+double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
+
+Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options) {
+  const auto started = std::chrono::steady_clock::now();
+  auto usage = [](std::string what) { return Error{ErrorKind::kUsage, "", std::move(what), ""}; };
+  if (options.cells_log2 != -1 && (options.cells_log2 < 1 || options.cells_log2 > kMaxCellsLog2))
+    return usage("relief cells a patch: expected 2^1 to 2^" + std::to_string(kMaxCellsLog2) + ", found 2^" + std::to_string(options.cells_log2));
+  if (options.texture_depth < -1 || options.texture_depth > 7)
+    return usage("texture depth of a patch: expected 0 to 7, found " + std::to_string(options.texture_depth));
+  if (!(options.tolerance_mm >= 0) || !std::isfinite(options.tolerance_mm)) return usage("the tolerance is not a distance in mm");
+  if (mesh.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
+  if (auto problem = baseMeshProblem(base); !problem.empty()) return Error{ErrorKind::kInvalidData, "", "base mesh: " + problem, ""};
+
+  auto impl = std::make_unique<Impl>();
+  impl->mesh = &mesh;
+  impl->image = image;
+  impl->base = base;
+  impl->prepare(options);
+  auto scene = RayScene::create(mesh, options.interrupted);
+  if (!scene) return scene.error();
+  impl->scene = std::move(*scene);
+  if (!impl->makeNormals(options)) return interruptedError();
+  if (options.progress) options.progress(0.3);
+
+  const double vertices = static_cast<double>(mesh.positions_mm.size()), patches = static_cast<double>(base.patches.size());
+  int cells_log2 = options.cells_log2;
+  if (cells_log2 < 0) {
+    cells_log2 = 1;
+    while (cells_log2 < kMaxAutoCellsLog2 && std::ldexp(patches, 2 * cells_log2) < 4 * vertices) ++cells_log2;
+  }
+  if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();
+
+  // Texels: twice as dense as what they are taken from, along u and v.
+  double tones = 4 * vertices;
+  const bool from_image = !image.rgb.empty() && !mesh.corner_uv.empty();
+  if (from_image) {
+    double used = 0;
+    for (const auto& uv : mesh.corner_uv) {
+      const glm::dvec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
+      used += 0.5 * std::abs(a.x * b.y - a.y * b.x);
+    }
+    tones = used * image.width * image.height;
+  }
+  int& depth = impl->report.texture_depth = options.texture_depth;
+  if (depth < 0) {
+    depth = 0;
+    auto texels = [&](int d) { return std::ldexp(patches, 2 * (kPageCellsLog2 + d)); };
+    while (texels(depth) < tones && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
+  }
+  // Vertex colours are linear over the scan's triangles: a grid twice as fine as these knows all of them.
+  const int texels_log2 = kPageCellsLog2 + depth;
+  impl->tone_log2 = 1;
+  while (impl->tone_log2 < texels_log2 && std::ldexp(patches, 2 * impl->tone_log2) < 2 * vertices) ++impl->tone_log2;
+  if (from_image) impl->tone_log2 = texels_log2;
+
+  // The unit of errors: the largest is 65,535 of it.
+  std::vector<float> largest(base.patches.size(), 0);
+  if (impl->relief_depth > 0) {
+    const bool done = parallelFor(largest.size(), options.workers, options.interrupted, [&](size_t p) {
+      std::vector<float> blocks(static_cast<size_t>(errorBlocks(kPageCellsLog2)) * static_cast<size_t>(errorBlocks(kPageCellsLog2)));
+      impl->errorsOf(impl->surface(static_cast<uint32_t>(p)), kPageCellsLog2, blocks);
+      largest[p] = *std::max_element(blocks.begin(), blocks.end());
+    });
+    if (!done) return interruptedError();
+  }
+  const float error = *std::max_element(largest.begin(), largest.end());
+  impl->error_unit_mm = error > 0 ? static_cast<double>(error) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
+  impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+  if (options.progress) options.progress(1);
+  return std::unique_ptr<MeshBake>(new MeshBake(std::move(impl)));
+}
+
+Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
+  impl_->heightsOf(patch, out);
+  return {};
+}
+
+Result<void> MeshBake::errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const {
+  impl_->errorsOf(impl_->surface(patch), cells_log2, out_mm);
+  return {};
+}
+Result<void> MeshBake::errors(uint32_t patch, int level, std::span<float> out_mm) const {
+  return errorsOfCells(patch, kPageCellsLog2 + level, out_mm);
+}
+float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
+  std::vector<float> blocks(static_cast<size_t>(errorBlocks(cells_log2)) * static_cast<size_t>(errorBlocks(cells_log2)));
+  impl_->errorsOf(impl_->surface(patch), cells_log2, blocks);
+  return *std::max_element(blocks.begin(), blocks.end());
+}
+
+Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
+  const Impl& b = *impl_;
+  const size_t side = size_t{kPagePx} << b.report.texture_depth;
+  const bool direct = (size_t{1} << b.tone_log2) >= side;
+  // Places looked up: texel centres, or the vertices of a coarser grid.
+  const size_t cells = direct ? side : size_t{1} << b.tone_log2, row = direct ? side : cells + 1;
+  const size_t n = size_t{1} << b.report.cells_log2;
+  std::vector<uint16_t> q((n + 1) * (n + 1));
+  b.layout->gather<uint16_t>(b.base, patch, n - 1, b.samples, q);
+  auto height = [&](double u, double v) {
+    const double x = u * static_cast<double>(n), y = v * static_cast<double>(n);
+    const size_t x0 = std::min(static_cast<size_t>(x), n - 1), y0 = std::min(static_cast<size_t>(y), n - 1);
+    const uint16_t* c = q.data() + y0 * (n + 1) + x0;
+    return b.offset_mm + b.scale_mm * onCell<double>(c[0], c[1], c[n + 1], c[n + 2], x - static_cast<double>(x0), y - static_cast<double>(y0));
+  };
+  std::vector<std::array<float, kTexelChannels>> tones(row * row);
+  std::vector<Line> lines(row);
+  std::vector<SurfacePoint> hits(row);
+  for (size_t y = 0; y < row; ++y) {
+    for (size_t x = 0; x < row; ++x) {
+      const double half = direct ? 0.5 : 0;
+      const double u = (static_cast<double>(x) + half) / static_cast<double>(cells), v = (static_cast<double>(y) + half) / static_cast<double>(cells);
+      const Frame f = direct ? b.inside(patch, u, v) : b.at(patch, x, y, cells);
+      // From the surface that is drawn: what lies on it is what it shows.
+      lines[x] = {f.point + height(u, v) * f.normal, f.normal, b.patch_reach[patch] / glm::length(f.normal)};
+    }
+    b.scene->nearestOnLines(lines, Facing::kAlong, hits);
+    for (size_t x = 0; x < row; ++x) tones[y * row + x] = b.tone(hits[x] ? hits[x] : b.scene->closestPoint(lines[x].at));
+  }
+  const size_t plane = side * side;
+  for (size_t y = 0; y < side; ++y) {
+    for (size_t x = 0; x < side; ++x) {
+      std::array<float, kTexelChannels> value;
+      if (direct) {
+        value = tones[y * row + x];
+      } else {
+        const float per_texel = static_cast<float>(cells) / static_cast<float>(side);
+        const float gx = (static_cast<float>(x) + 0.5f) * per_texel, gy = (static_cast<float>(y) + 0.5f) * per_texel;
+        const size_t x0 = static_cast<size_t>(gx), y0 = static_cast<size_t>(gy);
+        const float fx = gx - static_cast<float>(x0), fy = gy - static_cast<float>(y0);
+        const auto* c = tones.data() + y0 * row + x0;
+        for (size_t k = 0; k < kTexelChannels; ++k)
+          value[k] = (c[0][k] * (1 - fx) + c[1][k] * fx) * (1 - fy) + (c[row][k] * (1 - fx) + c[row + 1][k] * fx) * fy;
+      }
+      const size_t at = y * side + x;
+      for (size_t k = 0; k < 3; ++k) out[k * plane + at] = static_cast<uint8_t>(std::clamp(value[k] + 0.5f, 0.0f, 255.0f));
+      const float length = std::sqrt(value[3] * value[3] + value[4] * value[4] + value[5] * value[5]);
+      for (size_t k = 3; k < kTexelChannels; ++k) {
+        const float component = length > 0 ? value[k] / length : 0.0f;
+        out[k * plane + at] = static_cast<uint8_t>(std::clamp(127.5f * (component + 1) + 0.5f, 0.0f, 255.0f));
+      }
+    }
+  }
+  return {};
+}
+
+}  // namespace relievo

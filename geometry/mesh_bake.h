@@ -38,6 +38,7 @@ class MeshBake {
     int width = 0, height = 0;
     std::span<const uint8_t> rgb;
   };
+  // The mesh and the image's bytes are used in place: they must outlive the bake unchanged.
   static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options);
   ~MeshBake();
 
@@ -53,6 +54,11 @@ class MeshBake {
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;  // 6 channels: R G B, then the normal, byte = round(127.5 (n + 1))
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const;
+  // The same for any grid of 2^cells_log2 cells a patch's side, 0 <= cells_log2 <= 7 + reliefDepth(): grids coarser than a root page's
+  // are drawn, too. By blocks of 8 x 8 cells, out[y * B + x], B = errorBlocks(cells_log2).
+  static int errorBlocks(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
+  Result<void> errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const;
+  float errorOfCells(uint32_t patch, int cells_log2) const;  // the whole patch's
 
  private:
   struct Impl;

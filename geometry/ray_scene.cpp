@@ -187,9 +187,10 @@ void RayScene::nearestOnLines(std::span<const Line> lines, Facing facing, std::s
       RTCRayHit8 rays;
       std::array<double, kPacket> behind{};
       for (size_t i = 0; i < kPacket; ++i) {
-        valid[i] = i < count ? -1 : 0;
         const Line& line = lines[from + std::min(i, count - 1)];
         const double length = glm::length(line.direction);
+        valid[i] = i < count && length > 0 ? -1 : 0;
+        if (!valid[i]) continue;
         behind[i] = std::min(line.reach, 2e-6 * impl_->size / length);
         const glm::dvec3 direction = up ? line.direction : -line.direction;
         const glm::dvec3 at = line.at - behind[i] * direction;
@@ -211,7 +212,7 @@ void RayScene::nearestOnLines(std::span<const Line> lines, Facing facing, std::s
       }
       rtcIntersect8(valid.data(), impl_->scene, &context, &rays);
       for (size_t i = 0; i < count; ++i) {
-        if (rays.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
+        if (!valid[i] || rays.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
         const double t = static_cast<double>(rays.ray.tfar[i]) - behind[i];
         const SurfacePoint hit =
             refined(*impl_->mesh, lines[from + i], rays.hit.primID[i], up ? t : -t, rays.hit.u[i], rays.hit.v[i]);
