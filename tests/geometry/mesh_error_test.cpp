@@ -252,8 +252,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
 }
 
 TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
-  std::vector<NamedMesh> meshes = wellShapedMeshes(), hard = hardMeshes();
-  meshes.insert(meshes.end(), hard.begin(), hard.end());
+  std::vector<NamedMesh> meshes = allMeshes();
   Figures all;
   int halved_above = 0;
   for (size_t k = 0; k < meshes.size(); ++k) {

@@ -147,7 +147,7 @@ inline std::vector<NamedMesh> hardMeshes() {
   BaseMesh point = openSheet(2, 2, 20);
   for (BaseCorner& c : point.corners) c.position_mm = {1, 2, 3};
   all.push_back({"one point", point});
-  all.push_back({"offset by 10^7 mm", openSheet(3, 3, 20, 0.3, {1e7, -1e7, 1e7})});
+  all.push_back({"corners 10^7 mm away", openSheet(3, 3, 20, 0.3, {1e7, -1e7, 1e7})});
   BaseMesh opposed = openSheet(3, 3, 20);
   for (size_t k = 0; k < opposed.corners.size(); k += 2) opposed.corners[k].normal = -opposed.corners[k].normal;
   all.push_back({"opposed normals", opposed});
@@ -293,9 +293,9 @@ inline Bits bitsOf(glm::vec3 v) {
 using MeshVertexFunction = std::function<Bits(const PatchInstance&, uint32_t x, uint32_t y)>;  // (x, y): units, snapped
 
 struct MeshSeams {
-  uint64_t lines = 0, pairs = 0, comparisons = 0, mismatches = 0, across_patches = 0, unmatched = 0;
+  uint64_t lines = 0, pairs = 0, comparisons = 0, mismatches = 0, across_patches = 0, unbalanced = 0;
   void operator+=(const MeshSeams& o) {
-    lines += o.lines, pairs += o.pairs, comparisons += o.comparisons, mismatches += o.mismatches, across_patches += o.across_patches, unmatched += o.unmatched;
+    lines += o.lines, pairs += o.pairs, comparisons += o.comparisons, mismatches += o.mismatches, across_patches += o.across_patches, unbalanced += o.unbalanced;
   }
 };
 
@@ -354,14 +354,13 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
     ++report.lines;
     std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return a.from < b.from; });
     for (size_t i = 0; i < entries.size(); ++i) {
-      bool met = false;
       for (size_t k = 0; k < entries.size(); ++k) {
         const Entry &a = entries[i], &b = entries[k];
         uint32_t from = std::max(a.from, b.from), to = std::min(a.to, b.to);
         if (i == k || from >= to) continue;
-        met = true;
         if (i > k) continue;
         ++report.pairs;
+        report.unbalanced += std::max(a.to - a.from, b.to - b.from) > 2 * std::min(a.to - a.from, b.to - b.from);
         report.across_patches += a.patch != b.patch;
         auto first = [&](const Entry& e) { return std::find_if(e.vertices.begin(), e.vertices.end(), [&](const auto& v) { return v.first >= from; }); };
         auto va = first(a), vb = first(b);
@@ -371,22 +370,68 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
         }
         if ((va != a.vertices.end() && va->first <= to) || (vb != b.vertices.end() && vb->first <= to)) ++report.mismatches;
       }
-      report.unmatched += !met;
     }
   }
   return report;
 }
 
-// As the vertex shader computes it, with a model of contraction.
+// As the vertex shader computes it, with a model of contraction. Heights come out of the instance's relief page: a vertex between its samples
+// gets another one's height.
 template <class Ops>
 MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
   std::vector<EyeCorner> corners;
   for (const BaseCorner& c : mesh.corners) corners.push_back({glm::vec3(glm::dvec3(c.position_mm) - view.eye_mm), c.normal});
   return [&mesh, &relief, &height, corners = std::move(corners), flat = !view.relief, exaggerate = view.exaggerate](const PatchInstance& p, uint32_t x, uint32_t y) {
     const auto& c = mesh.patches[p.node.patch];
-    float mm = flat ? 0.0f : relief.mm(height(p.node.patch, x, y), exaggerate);
+    float mm = 0;
+    if (!flat) {
+      const uint32_t between = (1u << (relief.depth - static_cast<int>(p.relief_page.level))) - 1;
+      mm = relief.mm(height(p.node.patch, x & ~between, y & ~between), exaggerate);
+    }
     return bitsOf(meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y, 1u << relief.unitLog2(), mm));
   };
+}
+
+// ---- random cases
+struct MeshCase {
+  NamedMesh named;
+  MeshRelief relief;
+  std::shared_ptr<MadeUpMeshOracle> oracle;
+  std::unique_ptr<MeshLod> lod;
+  Camera camera;
+  LodView view;
+  ReliefSet resident;
+};
+inline MeshCase randomMeshCase(uint64_t seed, NamedMesh named) {
+  Random random(seed);
+  MeshCase c;
+  c.named = std::move(named);
+  turnPatches(c.named.mesh, random);
+  auto [low, high] = boxOf(c.named.mesh);
+  c.relief.depth = random.integer(0, 6);
+  c.relief.scale_mm = glm::length(high - low) * std::exp(random.real(-9, -2.5)) / 65535;
+  c.relief.offset_mm = -random.real(0, 1) * 65535 * c.relief.scale_mm;
+  double error = 65535 * c.relief.scale_mm * random.real(0.01, 1);
+  c.oracle = std::make_shared<MadeUpMeshOracle>(c.relief, random.engine(), error);
+  c.lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm, c.oracle,
+                                    random.chance(0.8) ? c.oracle->coarse(c.named.mesh.patches.size()) : std::vector<CoarseErrors>{});
+  c.camera = randomMeshCamera(c.named.mesh, c.relief.unitLog2(), random);
+  double error_px = random.real(0.5, 8);
+  c.view = random.chance(0.15) ? orthographicView(c.camera, glm::length(c.camera.eye - c.camera.target), error_px) : makeView(c.camera, error_px);
+  c.view.exaggerate = random.chance(0.3) ? random.real(0, 3) : 1;
+  c.view.relief = !random.chance(0.1);
+  c.view.min_cell_px = random.chance(0.3) ? random.real(0.5, 4) : 0;
+  c.resident = randomMeshResidency(*c.lod, c.view, random);
+  return c;
+}
+inline std::string describe(const MeshCase& c, uint64_t seed) {
+  return "seed " + std::to_string(seed) + ", " + c.named.name + ", relief depth " + std::to_string(c.relief.depth) + ", " +
+         std::to_string(c.resident.size()) + " pages resident";
+}
+inline std::vector<NamedMesh> allMeshes() {
+  std::vector<NamedMesh> meshes = wellShapedMeshes();
+  for (NamedMesh& hard : hardMeshes()) meshes.push_back(std::move(hard));
+  return meshes;
 }
 
 }  // namespace relievo::test

@@ -23,48 +23,12 @@ struct FmaFirst {
   static float mulMulAdd(float a, float b, float c, float d) { return std::fma(a, b, c * d); }
 };
 
-struct Case {
-  NamedMesh named;
-  MeshRelief relief;
-  std::shared_ptr<MadeUpMeshOracle> oracle;
-  std::unique_ptr<MeshLod> lod;
-  LodView view;
-  ReliefSet resident;
-};
-Case randomCase(uint64_t seed, NamedMesh named) {
-  Random random(seed);
-  Case c;
-  c.named = std::move(named);
-  turnPatches(c.named.mesh, random);
-  auto [low, high] = boxOf(c.named.mesh);
-  c.relief.depth = random.integer(0, 6);
-  c.relief.scale_mm = glm::length(high - low) * std::exp(random.real(-9, -2.5)) / 65535;
-  c.relief.offset_mm = -random.real(0, 1) * 65535 * c.relief.scale_mm;
-  double error = 65535 * c.relief.scale_mm * random.real(0.01, 1);
-  c.oracle = std::make_shared<MadeUpMeshOracle>(c.relief, random.engine(), error);
-  c.lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm, c.oracle,
-                                    random.chance(0.8) ? c.oracle->coarse(c.named.mesh.patches.size()) : std::vector<CoarseErrors>{});
-  Camera camera = randomMeshCamera(c.named.mesh, c.relief.unitLog2(), random);
-  double error_px = random.real(0.5, 8);
-  c.view = random.chance(0.15) ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px) : makeView(camera, error_px);
-  c.view.exaggerate = random.chance(0.3) ? random.real(0, 3) : 1;
-  c.view.relief = !random.chance(0.1);
-  c.view.min_cell_px = random.chance(0.3) ? random.real(0.5, 4) : 0;
-  c.resident = randomMeshResidency(*c.lod, c.view, random);
-  return c;
-}
-std::string describe(const Case& c, uint64_t seed) {
-  return "seed " + std::to_string(seed) + ", " + c.named.name + ", relief depth " + std::to_string(c.relief.depth) + ", " +
-         std::to_string(c.resident.size()) + " pages resident";
-}
-
 TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
-  std::vector<NamedMesh> meshes = wellShapedMeshes();
-  for (NamedMesh& hard : hardMeshes()) meshes.push_back(std::move(hard));
+  const std::vector<NamedMesh> meshes = allMeshes();
   MeshSeams total;
   uint64_t cases = 0, nodes = 0, limited = 0, halves = 0;
   for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
-    Case c = randomCase(seed, meshes[seed % meshes.size()]);
+    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
@@ -72,6 +36,7 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
                                            twinOf<FmaSecond>(mesh, c.relief, height, c.view)}) {
       MeshSeams seams = compareMeshSeams(mesh, c.relief.unitLog2(), lod.instances, twin);
       ASSERT_EQ(seams.mismatches, 0u) << describe(c, seed);
+      ASSERT_EQ(seams.unbalanced, 0u) << describe(c, seed);
       total += seams;
     }
     nodes += lod.instances.size();
@@ -88,6 +53,192 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
   EXPECT_GT(limited, 0u);
   EXPECT_GT(halves, 0u);
   EXPECT_GT(total.across_patches, 0u);
+}
+
+
+// As meshVertexFromEye without its rule: a side runs as its patch does. (Where nothing is contracted, lo * s + hi * t is the same either
+// way round: only a model of contraction tells.)
+template <class Ops>
+glm::vec3 unorderedVertex(const BaseMesh& mesh, uint32_t patch, const glm::dvec3& eye, uint32_t x, uint32_t y, uint32_t side, float mm) {
+  const auto& c = mesh.patches[patch];
+  float u = static_cast<float>(x) / static_cast<float>(side), v = static_cast<float>(y) / static_cast<float>(side);
+  auto across = [&](auto&& field) { return lerpOrdered<Ops>(lerpOrdered<Ops>(field(c[0]), field(c[1]), u), lerpOrdered<Ops>(field(c[2]), field(c[3]), u), v); };
+  glm::vec3 p = across([&](uint32_t k) { return glm::vec3(glm::dvec3(mesh.corners[k].position_mm) - eye); });
+  glm::vec3 n = across([&](uint32_t k) { return mesh.corners[k].normal; });
+  return p + n * mm;
+}
+
+TEST(MeshWatertight, NegativeControls) {
+  const std::vector<NamedMesh> meshes = wellShapedMeshes();
+  uint64_t unsnapped = 0, alone = 0, unordered = 0, ranges = 0, one_sided = 0, straight = 0;
+  for (uint64_t seed = kSeed; seed < kSeed + 60; ++seed) {
+    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
+    const BaseMesh& mesh = c.named.mesh;
+    const int unit = c.relief.unitLog2();
+    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    MeshHeight height = noiseOver(mesh, unit, seed);
+    MeshVertexFunction twin = twinOf<PlainOps>(mesh, c.relief, height, c.view);
+    unsnapped += compareMeshSeams(mesh, unit, lod.instances, twin, false).mismatches;
+    std::vector<PatchInstance> own = lod.instances;  // each node decides alone
+    for (PatchInstance& p : own)
+      for (auto& side : p.edges) side = {p.grid_level, PatchInstance::kWholeEdge};
+    alone += compareMeshSeams(mesh, unit, own, twin).mismatches;
+    unordered += compareMeshSeams(mesh, unit, lod.instances, [&](const PatchInstance& p, uint32_t x, uint32_t y) {
+                   return bitsOf(unorderedVertex<FmaSecond>(mesh, p.node.patch, c.view.eye_mm, x, y, 1u << unit, c.relief.mm(height(p.node.patch, x, y), 1)));
+                 }).mismatches;
+    // The same heights, to half a step, in 16 bits of a range that is the patch's own.
+    ranges += compareMeshSeams(mesh, unit, lod.instances, [&](const PatchInstance& p, uint32_t x, uint32_t y) {
+                MeshRelief range = c.relief;
+                range.scale_mm *= 1 + 0.1 * p.node.patch;
+                auto q = static_cast<uint16_t>(std::min(65535.0, std::round(height(p.node.patch, x, y) * c.relief.scale_mm / range.scale_mm)));
+                const auto& k = mesh.patches[p.node.patch];
+                std::array<EyeCorner, 4> corners;
+                for (size_t i = 0; i < 4; ++i) corners[i] = {glm::vec3(glm::dvec3(mesh.corners[k[i]].position_mm) - c.view.eye_mm), mesh.corners[k[i]].normal};
+                return bitsOf(meshVertexFromEye(k, corners, x, y, 1u << unit, range.mm(q, 1)));
+              }).mismatches;
+    // Every other node takes the edges that it would have if more pages were resident.
+    ReliefSet more = c.resident;
+    for (const ReliefWant& want : lod.wants) more.insert(want.page);
+    std::map<NodeId, PatchInstance> rich;
+    for (const PatchInstance& p : c.lod->select(c.view, more).instances) rich[p.node] = p;
+    std::vector<PatchInstance> trap = lod.instances;
+    for (PatchInstance& p : trap)
+      if (auto found = rich.find(p.node); found != rich.end() && ((p.node.x + p.node.y + p.node.patch) & 1)) p = found->second;
+    one_sided += compareMeshSeams(mesh, unit, trap, twin).mismatches;
+    // Half edges in the neighbour's order, where that runs the other way.
+    std::vector<PatchInstance> swapped = lod.instances;
+    for (PatchInstance& p : swapped)
+      for (auto& side : p.edges)
+        if (side[1] != PatchInstance::kWholeEdge) std::swap(side[0], side[1]);
+    straight += compareMeshSeams(mesh, unit, swapped, twin).mismatches;
+  }
+  std::printf("[ figures  ] mismatches: %llu without snapping, %llu with levels per node, %llu with ends unordered, %llu with a range per patch, %llu with "
+              "residency of one side, %llu with halves exchanged\n",
+              static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(alone), static_cast<unsigned long long>(unordered),
+              static_cast<unsigned long long>(ranges), static_cast<unsigned long long>(one_sided), static_cast<unsigned long long>(straight));
+  EXPECT_GT(unsnapped, 0u);
+  EXPECT_GT(alone, 0u);
+  EXPECT_GT(unordered, 0u);
+  EXPECT_GT(ranges, 0u);
+  EXPECT_GT(one_sided, 0u);
+  EXPECT_GT(straight, 0u);
+}
+
+// ---- every pair of levels, whatever a selection would choose
+// Two patches that share a side, somehow turned, with the side's segment drawn by nodes and grids of any two levels.
+struct Pair {
+  std::array<std::array<uint32_t, 4>, 2> index{};
+  std::array<std::array<EyeCorner, 4>, 2> corner{};
+  std::array<int, 2> side{};
+};
+Pair randomPair(Random& random) {
+  std::array<uint32_t, 6> names{};
+  for (uint32_t& n : names) n = static_cast<uint32_t>(random.integer(0, 1 << 20));
+  std::array<EyeCorner, 6> at;
+  const double size = std::exp(random.real(-2, 6)), far = std::exp(random.real(-2, 8));
+  const glm::dvec3 centre(random.real(-far, far), random.real(-far, far), random.real(-far, far));
+  for (EyeCorner& c : at) {
+    c.from_eye_mm = glm::vec3(centre + size * glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1)));
+    c.normal = glm::vec3(glm::normalize(glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(0.1, 2))));
+  }
+  Pair pair;
+  for (size_t k = 0; k < 2; ++k) {
+    const int side = random.integer(0, 3);
+    const bool turned = random.chance(0.5);
+    std::array<int, 4> who{};
+    who[static_cast<size_t>(kSideCorners[static_cast<size_t>(side)][0])] = turned ? 1 : 0;
+    who[static_cast<size_t>(kSideCorners[static_cast<size_t>(side)][1])] = turned ? 0 : 1;
+    const int opposite = side ^ 1;
+    who[static_cast<size_t>(kSideCorners[static_cast<size_t>(opposite)][0])] = static_cast<int>(2 + 2 * k);
+    who[static_cast<size_t>(kSideCorners[static_cast<size_t>(opposite)][1])] = static_cast<int>(3 + 2 * k);
+    for (size_t i = 0; i < 4; ++i) {
+      pair.index[k][i] = names[static_cast<size_t>(who[i])];
+      pair.corner[k][i] = at[static_cast<size_t>(who[i])];
+    }
+    pair.side[k] = side;
+  }
+  return pair;
+}
+struct PairCount {
+  uint64_t comparisons = 0, mismatches = 0;
+};
+template <class Ops>
+void comparePair(const Pair& pair, int unit_log2, int level, uint32_t segment, int edge_level, const std::array<int, 2>& grid, const std::array<bool, 2>& half,
+                 const std::vector<float>& heights, PairCount& count) {
+  // Grid vertices of each node's side, snapped, as places from the corner with the smaller name.
+  std::array<std::vector<std::pair<uint32_t, Bits>>, 2> seen;
+  const uint32_t side_units = 1u << unit_log2, width = side_units >> level;
+  for (size_t k = 0; k < 2; ++k) {
+    const int side = pair.side[k];
+    const bool upright = side == kLeft || side == kRight;
+    const auto& ends = kSideCorners[static_cast<size_t>(side)];
+    const bool flip = pair.index[k][static_cast<size_t>(ends[0])] > pair.index[k][static_cast<size_t>(ends[1])];
+    const uint32_t mine = flip ? (1u << level) - 1 - segment : segment;
+    const auto n = static_cast<uint32_t>(grid[k]);
+    // A node of this level, or one above that has the segment as half of its side.
+    uint32_t first = 0, last = 1u << n, origin = mine * width, step = width >> n;
+    std::array<uint8_t, 2> record{static_cast<uint8_t>(edge_level), PatchInstance::kWholeEdge};
+    if (half[k]) {
+      const uint32_t which = mine & 1;
+      record = {static_cast<uint8_t>(which ? n - 1 : edge_level), static_cast<uint8_t>(which ? edge_level : n - 1)};
+      origin = (mine - which) * width;
+      step = 2 * width >> n;
+      first = which ? last / 2 : 0;
+      last = which ? last : last / 2;
+    }
+    for (uint32_t i = first; i <= last; ++i) {
+      const uint32_t t = origin + snapOnSide(i, n, record) * step, place = flip ? side_units - t : t;
+      if (!seen[k].empty() && seen[k].back().first == place) continue;
+      const uint32_t across = side == kRight || side == kBottom ? side_units : 0;
+      const glm::vec3 v = meshVertexFromEye<Ops>(pair.index[k], pair.corner[k], upright ? across : t, upright ? t : across, side_units, heights[place & (heights.size() - 1)]);
+      seen[k].push_back({place, bitsOf(v)});
+    }
+    if (flip) std::reverse(seen[k].begin(), seen[k].end());
+  }
+  count.comparisons += std::max(seen[0].size(), seen[1].size());
+  if (seen[0].size() != seen[1].size()) {
+    count.mismatches += std::max(seen[0].size(), seen[1].size());
+    return;
+  }
+  for (size_t i = 0; i < seen[0].size(); ++i) count.mismatches += seen[0][i] != seen[1][i];
+}
+PairCount comparePairs(uint64_t seed, uint64_t wanted) {
+  Random random(seed);
+  PairCount count;
+  std::vector<float> heights(1024);
+  while (count.comparisons < wanted) {
+    const Pair pair = randomPair(random);
+    if (pair.index[0][static_cast<size_t>(kSideCorners[static_cast<size_t>(pair.side[0])][0])] ==
+        pair.index[0][static_cast<size_t>(kSideCorners[static_cast<size_t>(pair.side[0])][1])])
+      continue;
+    const double scale = std::exp(random.real(-8, 3));
+    for (float& h : heights) h = static_cast<float>(scale) * static_cast<float>(random.engine() >> 48) + static_cast<float>(-20000 * scale);
+    const int unit_log2 = random.integer(7, 20), level = random.integer(0, unit_log2 - kMaxGridLevel);
+    const auto segment = static_cast<uint32_t>(random.engine() & ((1u << level) - 1));
+    for (bool half_a : {false, true})
+      for (bool half_b : {false, true}) {
+        if ((half_a || half_b) && level == 0) continue;
+        for (int a = 1; a <= kMaxGridLevel; ++a)
+          for (int b = 1; b <= kMaxGridLevel; ++b)
+            for (int m = 0; m <= std::min(a - half_a, b - half_b); ++m) {
+              comparePair<PlainOps>(pair, unit_log2, level, segment, m, {a, b}, {half_a, half_b}, heights, count);
+              comparePair<FmaFirst>(pair, unit_log2, level, segment, m, {a, b}, {half_a, half_b}, heights, count);
+              comparePair<FmaSecond>(pair, unit_log2, level, segment, m, {a, b}, {half_a, half_b}, heights, count);
+            }
+      }
+  }
+  return count;
+}
+
+// RELIEVO_LONG_TESTS=1: 10^9 comparisons instead of 10^7.
+TEST(MeshWatertight, EveryPairOfLevelsAndEveryOrientation) {
+  const char* long_tests = std::getenv("RELIEVO_LONG_TESTS");
+  const uint64_t wanted = long_tests && *long_tests == '1' ? 1'000'000'000 : 10'000'000 / kViewShare;
+  PairCount count = comparePairs(kSeed, wanted);
+  std::printf("[ figures  ] seed %llu: %llu vertices compared, %llu differ\n", static_cast<unsigned long long>(kSeed),
+              static_cast<unsigned long long>(count.comparisons), static_cast<unsigned long long>(count.mismatches));
+  EXPECT_GE(count.comparisons, wanted);
+  EXPECT_EQ(count.mismatches, 0u);
 }
 
 }  // namespace
