@@ -78,8 +78,12 @@ int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
 #ifdef MESH
 ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
 vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
+#ifdef UNORDERED_ENDS
+  return lo + (hi - lo) * t;
+#else
   float s = 1.0 - t;
   return lo * s + hi * t;
+#endif
 }
 
 // The base mesh's point, from the eye, and normal, at a place of a patch.

@@ -189,6 +189,7 @@ struct Engine::Impl {
     gl::Defines defines = plan.defines();
     if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
     auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
       bool screen_wide = std::string_view(vertex) == "screen.vert";
@@ -776,6 +777,7 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   if (e.capture_program.id() == 0) {
     gl::Defines defines = e.plan.defines();
     if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    if (e.broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     defines.emplace_back("CAPTURE", "1");
     auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
     if (!linked) return {};

@@ -104,6 +104,7 @@ class Engine {
   struct Sabotage {
     bool no_borders = false;   // samples are clamped to the page's payload
     bool no_snapping = false;
+    bool unordered_ends = false;  // over a base mesh: a side's points are interpolated in the patch's direction
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
   };
   Result<void> sabotage(const Sabotage& what);

@@ -1,0 +1,275 @@
+// Watertight over a base mesh: vertices that patches share have the same bits, whatever their levels, orientations, pages and arrival
+// order, and no background shows through a closed body. Negative controls: snapping off; sides interpolated in the patch's own direction.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstring>
+#include <random>
+
+#include "geometry/snap.h"
+#include "src/engine.h"
+#include "src/gl/context.h"
+#include "tests/geometry/mesh_fixture.h"
+#include "texturing/page_codec.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kWidth = 320, kHeight = 180;
+constexpr uint64_t kSeed = 20261121;
+
+// Pages of noise over a base mesh, made when they are asked for; one colour a patch.
+class NoisePages final : public PageSource {
+ public:
+  NoisePages(test::MeshHeight height, int unit_log2) : height_(std::move(height)), unit_log2_(unit_log2) {}
+  Result<EncodedPage> read(PageId id) const override {
+    PageEncoder encoder(1);
+    const NodeId n = id.node();
+    std::span<const uint8_t> bytes;
+    if (id.plane() == Plane::kRelief) {
+      std::vector<uint16_t> samples(kReliefPageSamples);
+      const int step_log2 = unit_log2_ - 7 - static_cast<int>(n.level);
+      for (uint32_t y = 0; y <= kPagePx; ++y)
+        for (uint32_t x = 0; x <= kPagePx; ++x)
+          samples[y * kReliefSamples + x] = height_(n.patch, (n.x * kPagePx + x) << step_log2, (n.y * kPagePx + y) << step_log2);
+      bytes = encoder.encodeRelief(samples);
+    } else {
+      std::vector<uint8_t> channels(kTexturePageBytes);
+      for (size_t i = 0; i < channels.size(); ++i) channels[i] = static_cast<uint8_t>(60 + (n.patch * 37 + i / (channels.size() / 3) * 91) % 150);
+      bytes = encoder.encodeTexture(channels);
+    }
+    return EncodedPage{{bytes.begin(), bytes.end()}};
+  }
+
+ private:
+  test::MeshHeight height_;
+  int unit_log2_;
+};
+
+struct Body {
+  std::shared_ptr<const BaseMesh> mesh;
+  Artwork artwork;
+};
+Body makeBody(BaseMesh mesh, int depth, double relief_mm) {
+  Body body;
+  body.mesh = std::make_shared<const BaseMesh>(std::move(mesh));
+  Manifest& m = body.artwork.manifest;
+  m.base = body.mesh;
+  m.domain.texture_depth = 0;
+  m.domain.width_px = body.mesh->patches.size() * kPagePx;
+  m.domain.height_px = kPagePx;
+  m.domain.mm_per_px = 0.2;
+  m.domain.relief_depth = depth;
+  m.domain.relief_offset_mm = -relief_mm / 2;
+  m.domain.relief_scale_mm = relief_mm / 65535;
+  test::MeshRelief relief{depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm};
+  auto height = [mesh = body.mesh, depth](uint32_t patch, uint32_t x, uint32_t y) {
+    return test::noiseOver(*mesh, depth + 7, kSeed)(patch, x, y);
+  };
+  auto oracle = std::make_shared<test::MadeUpMeshOracle>(relief, kSeed, relief_mm);
+  m.coarse_errors = oracle->coarse(body.mesh->patches.size());
+  body.artwork.oracle = oracle;
+  body.artwork.source = std::make_shared<NoisePages>(height, depth + 7);
+  return body;
+}
+
+class MeshWatertight : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    auto context = gl::HeadlessContext::create();
+    if (!context) GTEST_SKIP() << context.error().text();
+    context_ = std::move(*context);
+  }
+  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px) {
+    Scene scene;
+    scene.error_px = error_px;
+    EngineOptions options;
+    options.cache_mib = 4 + 0.16 * static_cast<double>(body.mesh->patches.size());  // pages come and go
+    options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
+    auto engine = Engine::create(body.artwork, scene, options);
+    EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
+    (*engine)->resize(kWidth, kHeight);
+    return std::move(*engine);
+  }
+  static OrbitCamera randomCamera(const BaseMesh& mesh, std::mt19937& random) {
+    auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+    auto [low, high] = test::boxOf(mesh);
+    const double size = glm::length(high - low);
+    OrbitCamera c;
+    c.azimuth_deg = uniform(-180, 180);
+    c.elevation_deg = uniform(-89, 89);
+    c.fov_deg = uniform(10, 100);
+    c.distance_mm = std::exp(uniform(std::log(0.02 * size), std::log(3 * size)));
+    auto patch = static_cast<uint32_t>(uniform(0, static_cast<double>(mesh.patches.size()) - 0.001));
+    c.target_mm = mesh.point(patch, uniform(0, 1), uniform(0, 1));
+    return c;
+  }
+  std::unique_ptr<gl::HeadlessContext> context_;
+};
+
+struct Comparison {
+  uint64_t compared = 0, different = 0, across_patches = 0;
+};
+
+// Every pair of vertices at one place, within one captured list.
+void compareShared(Engine& engine, Comparison* total) {
+  struct Shared {
+    test::Place place;
+    uint32_t patch;
+    std::array<uint32_t, 4> bits;
+  };
+  const auto& instances = engine.instances();
+  auto floats = engine.captureVertices(40'000'000);
+  if (instances.empty()) return;
+  ASSERT_FALSE(floats.empty());
+  const BaseMesh& mesh = *engine.manifest().base;
+  const int unit_log2 = 7 + engine.manifest().domain.relief_depth;
+  std::vector<Shared> shared;
+  size_t at = 0;
+  bool any_nonzero = false;
+  for (const PatchInstance& p : instances) {
+    const uint32_t last = 1u << p.grid_level;
+    for (uint32_t j = 0; j <= last; ++j) {
+      for (uint32_t i = 0; i <= last; ++i, at += 4) {
+        any_nonzero = any_nonzero || floats[at + 3] != 0;
+        if (i != 0 && j != 0 && i != last && j != last) continue;
+        auto s = snapVertex(i, j, p);
+        Shared v{test::placeOf(mesh, unit_log2, p.node.patch, static_cast<uint32_t>(p.x0) + (s[0] << p.step_log2), static_cast<uint32_t>(p.y0) + (s[1] << p.step_log2)),
+                 p.node.patch, {}};
+        for (size_t k = 0; k < 4; ++k) v.bits[k] = std::bit_cast<uint32_t>(floats[at + k] + 0.0f);  // -0 is 0
+        shared.push_back(v);
+      }
+    }
+  }
+  ASSERT_EQ(at, floats.size());
+  ASSERT_TRUE(any_nonzero) << "transform feedback answered zeros";
+  std::sort(shared.begin(), shared.end(), [](const Shared& a, const Shared& b) { return a.place < b.place; });
+  for (size_t i = 1; i < shared.size(); ++i) {
+    if (shared[i].place != shared[i - 1].place) continue;
+    ++total->compared;
+    total->across_patches += shared[i].patch != shared[i - 1].patch;
+    total->different += shared[i].bits != shared[i - 1].bits;
+  }
+}
+
+TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
+  Comparison total;
+  int frames = 0;
+  for (const test::NamedMesh& named : test::wellShapedMeshes()) {
+    std::mt19937 random(static_cast<uint32_t>(kSeed + named.mesh.patches.size()));
+    BaseMesh mesh = named.mesh;
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    Body body = makeBody(mesh, 2, 8);
+    auto engine = makeEngine(body, 0.5);
+    for (int frame = 0; frame < 21; ++frame, ++frames) {
+      if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
+      engine->frame(frame * 0.016);
+      compareShared(*engine, &total);
+      if (HasFatalFailure()) return;
+    }
+    EXPECT_EQ(total.different, 0u) << named.name;
+  }
+  std::printf("[ watertight ] seed %llu: %llu comparisons over %d frames, %llu of them across patches, %llu differ\n", (unsigned long long)kSeed,
+              (unsigned long long)total.compared, frames, (unsigned long long)total.across_patches, (unsigned long long)total.different);
+  EXPECT_GE(total.compared, 2'000'000u);
+  EXPECT_GE(total.across_patches, 100'000u);
+}
+
+TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
+  for (Engine::Sabotage broken : {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true}}) {
+    BaseMesh mesh = test::cubeSphere(3, 60);
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    auto engine = makeEngine(makeBody(mesh, 2, 8), 0.5);
+    ASSERT_TRUE(engine->sabotage(broken).ok());
+    std::mt19937 random(static_cast<uint32_t>(kSeed));
+    Comparison total;
+    for (int frame = 0; frame < 15; ++frame) {
+      if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
+      engine->frame(frame * 0.016);
+      compareShared(*engine, &total);
+    }
+    EXPECT_GT(total.different, 0u) << "of " << total.compared << (broken.no_snapping ? ", no snapping" : ", unordered ends");
+  }
+}
+
+// Half a body, open at the back, so that a crack shows the background and not the other side. A ray that meets a ball within the body at its
+// front must meet the body's surface before.
+uint64_t holes(Engine& engine, double ball_mm, uint64_t* inside) {
+  const ViewTransform view = engine.view();
+  const double distance = glm::length(view.eye_mm);
+  const double reach = glm::length(artworkExtent(engine.manifest()).max_mm);
+  if (distance < reach) return 0;  // the eye may be inside, or the near plane cut it
+  auto pixels = engine.readPixels();
+  const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
+  uint64_t count = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      glm::dvec4 far_point = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 0.5, 1);
+      const glm::dvec3 d = glm::normalize(glm::dvec3(far_point) / far_point.w - view.eye_mm);
+      const double along = -glm::dot(view.eye_mm, d);
+      const double aside = glm::length(view.eye_mm + along * d);
+      if (along <= 0 || aside > ball_mm) continue;
+      if ((view.eye_mm + (along - std::sqrt(ball_mm * ball_mm - aside * aside)) * d).z < 0.4 * ball_mm) continue;
+      ++*inside;
+      count += pixels[static_cast<size_t>(y * kWidth + x) * 4 + 3] == 0;
+    }
+  }
+  return count;
+}
+
+class MeshBackground : public MeshWatertight {
+ protected:
+  // Pixels inside and background ones among them over random views of a bumpy ball.
+  std::pair<uint64_t, uint64_t> look(int views, bool snapping) {
+    constexpr double kRadius = 60, kRelief = 8;
+    BaseMesh mesh = test::cubeSphere(3, kRadius);
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    std::erase_if(mesh.patches, [&](const auto& c) {
+      return std::all_of(c.begin(), c.end(), [&](uint32_t k) { return mesh.corners[k].position_mm.z < 1e-3f; });
+    });
+    Body body = makeBody(mesh, 2, kRelief);
+    // The surface keeps outside of the smallest |P + h N| of the base: P is a chord of the ball.
+    double least = kRadius;
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p)
+      for (int k = 0; k <= 64; ++k) least = std::min(least, glm::length(mesh.point(p, k % 9 / 8.0, k / 9 / 8.0)));
+    const double ball = 0.9 * (least - kRelief / 2);
+    auto engine = makeEngine(body, 2);
+    if (!snapping) {
+      EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok());
+    }
+    std::mt19937 random(static_cast<uint32_t>(kSeed + 1));
+    std::uniform_real_distribution<double> uniform(0, 1);
+    uint64_t inside = 0, background = 0;
+    for (int view = 0; view < views; ++view) {
+      OrbitCamera c;
+      c.azimuth_deg = 100 * uniform(random) - 50;
+      c.elevation_deg = 100 * uniform(random) - 50;
+      c.distance_mm = (kRadius + kRelief) * (1.75 + 3 * uniform(random));
+      c.fov_deg = 8 + 60 * uniform(random);
+      c.target_mm = 0.3 * kRadius * glm::dvec3(uniform(random), uniform(random), uniform(random));
+      engine->setCamera(c);
+      for (int k = 0; k < 3; ++k) engine->frame(view * 0.1 + k * 0.01);
+      background += holes(*engine, ball, &inside);
+    }
+    return {inside, background};
+  }
+};
+
+TEST_F(MeshBackground, NoneShowsThrough) {
+  auto [inside, background] = look(300, true);
+  std::printf("[ watertight ] seed %llu: %llu pixels inside, %llu of them background\n", (unsigned long long)kSeed + 1, (unsigned long long)inside,
+              (unsigned long long)background);
+  EXPECT_GT(inside, 1'000'000u);
+  EXPECT_EQ(background, 0u);
+}
+
+TEST_F(MeshBackground, ItDoesWithoutSnapping) {
+  auto [inside, background] = look(300, false);
+  EXPECT_GT(background, 0u) << "of " << inside;
+}
+
+}  // namespace
+}  // namespace relievo
