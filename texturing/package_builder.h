@@ -28,6 +28,7 @@ struct BuildOptions {
   PageEncoding coefficients, colour;  // of the planes of either kind; mip levels are computed from exact values all the same
   uint64_t memory_budget_bytes = uint64_t{768} << 20;
   std::string tool_version;
+  std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second
   const std::atomic<bool>* interrupted = nullptr;      // polled; set: stop, remove the part file, kInterrupted
 };

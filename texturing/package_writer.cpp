@@ -124,7 +124,6 @@ Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::s
   if (!base.empty()) {
     h.base_offset = h.index_offset;
     h.base_bytes = base.size();
-    h.base_hash = XXH3_64bits(base.data(), base.size());
     h.index_offset = aligned(h.base_offset + h.base_bytes);
   }
   const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
@@ -178,11 +177,17 @@ Result<void> PackageWriter::append(const BuildPart& part) {
   return {};
 }
 
+void PackageWriter::setBase(std::vector<uint8_t> base) {
+  assert(base.size() == base_.size());
+  base_ = std::move(base);
+}
+
 Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   PackageHeader& h = header_;
   h.pages_bytes = offset_ - h.pages_offset;
   if (!base_.empty()) {
     h.base_copy_offset = offset_;
+    h.base_hash = XXH3_64bits(base_.data(), base_.size());
     if (auto appended = file_.append(base_); !appended) return appended.error();
   }
   h.file_bytes = offset_ + base_.size() + kHeaderBytes;

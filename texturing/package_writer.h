@@ -147,7 +147,7 @@ class OrderedWorkers {
   std::vector<std::thread> threads_;
 };
 
-// Sets the offsets and sizes of what stands before the pages, from the manifest's and the base section's bytes.
+// Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may change).
 Result<void> placeSections(PackageHeader& header, const std::string& manifest, std::span<const uint8_t> base);
 
 // The part file: pages as they come, everything else when it is finished.
@@ -157,6 +157,7 @@ class PackageWriter {
   static Result<std::unique_ptr<PackageWriter>> create(const std::string& output, const PackageHeader& header, std::string manifest,
                                                        std::vector<uint8_t> base, SpillBudget& spills);
   Result<void> append(const BuildPart& part);
+  void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
   // Index, manifest, base mesh, header; renames. The file's bytes.
   Result<uint64_t> finish(const std::atomic<bool>* interrupted);
 

@@ -20,3 +20,4 @@ relievo_test(page_encoding_test LIBS relievo_texturing JPEG::JPEG SOURCES textur
 relievo_test(bc_blocks_test LIBS relievo_texturing SOURCES texturing/bc_blocks_test.cpp)
 relievo_test(package_test LIBS relievo_texturing SOURCES texturing/package_test.cpp)
 relievo_test(page_sources_test LIBS relievo_texturing SOURCES texturing/page_sources_test.cpp)
+relievo_test(patch_package_test LIBS relievo_texturing nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)

@@ -1,0 +1,511 @@
+// Packages over a base mesh, page by page against what PACKAGE.md says of them.
+#include "texturing/patch_package_builder.h"
+
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <xxhash.h>
+
+#include <csignal>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "patch_fixture.h"
+#include "texturing/package.h"
+#include "texturing/package_base.h"
+#include "texturing/package_layout.h"
+
+namespace relievo {
+namespace {
+
+using namespace testing_support;
+
+constexpr uint64_t kSeed = 17;
+
+std::vector<uint8_t> readAll(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
+  std::ofstream out(path, std::ios::binary);
+  out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+}
+
+Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2, uint64_t budget = uint64_t{256} << 20) {
+  BuildOptions o;
+  o.output = path;
+  o.workers = workers;
+  o.memory_budget_bytes = budget;
+  o.tool_version = "test";
+  o.manifest_extra = R"({"mesh": {"pieces": 3}})";
+  return buildPatchPackage(source, o);
+}
+
+// One patch's levels by the naive rule: as an artwork of its own.
+std::vector<NaiveImage> levelsOf(const NoisyPatches& source, uint32_t patch) {
+  std::vector<NaiveImage> levels(static_cast<size_t>(source.textureDepth()) + 1);
+  NaiveImage& finest = levels.back();
+  finest.width = finest.height = source.texelSide();
+  for (int c = 0; c < source.format().channels(); ++c) {
+    finest.channels.emplace_back();
+    for (int y = 0; y < finest.height; ++y)
+      for (int x = 0; x < finest.width; ++x) finest.channels.back().push_back(256 * source.texel(patch, c, x, y));
+  }
+  for (size_t l = levels.size() - 1; l-- > 0;) levels[l] = naiveCoarser(levels[l + 1], source.format());
+  return levels;
+}
+
+enum class Borders { kNeighbours, kOwnEdge, kNeverReversed, kMirroredAcross };  // all but the first are wrong
+
+// Texel (x, y) of a patch's level, which may lie beyond one of its sides: there, by the corners alone, the patch that has them both.
+int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>& levels, uint32_t patch, size_t level, int c, int64_t x, int64_t y, Borders how) {
+  const int64_t n = levels[patch][level].width;
+  const bool out_x = x < 0 || x >= n, out_y = y < 0 || y >= n;
+  if (out_x != out_y && how != Borders::kOwnEdge) {
+    // The side's ends, the first one at along = 0; how far beyond it the texel lies.
+    const int64_t along = out_x ? y : x, beyond = out_x ? (x < 0 ? -1 - x : x - n) : (y < 0 ? -1 - y : y - n);
+    const size_t first = out_x ? (x < 0 ? 0 : 1) : (y < 0 ? 0 : 2), second = first + (out_x ? 2 : 1);
+    const uint32_t a = base.patches[patch][first], b = base.patches[patch][second];
+    for (uint32_t q = 0; q < base.patches.size(); ++q) {
+      const auto& corners = base.patches[q];
+      const auto at_a = std::find(corners.begin(), corners.end(), a), at_b = std::find(corners.begin(), corners.end(), b);
+      if (q == patch || at_a == corners.end() || at_b == corners.end()) continue;
+      int64_t ka = at_a - corners.begin(), kb = at_b - corners.begin();
+      EXPECT_TRUE((ka ^ kb) == 1 || (ka ^ kb) == 2);
+      // From a's corner: along the axis in which a and b differ, and inwards along the other.
+      const bool axis_x = (ka ^ kb) == 1;
+      const int64_t inwards = how == Borders::kMirroredAcross ? 3 - beyond : beyond;
+      const bool a_first = how == Borders::kNeverReversed || (axis_x ? ka % 2 : ka / 2) == 0;
+      const bool side_first = (axis_x ? ka / 2 : ka % 2) == 0;
+      const int64_t u = a_first ? along : n - 1 - along, w = side_first ? inwards : n - 1 - inwards;
+      return levels[q][level].at(c, axis_x ? u : w, axis_x ? w : u);
+    }
+  }
+  return levels[patch][level].at(c, x, y);  // clamps
+}
+
+struct PageCounts {
+  uint64_t texture = 0, relief = 0, wrong = 0;
+};
+PageCounts comparePages(const Package& package, const NoisyPatches& source, Borders how) {
+  const BaseMesh& base = *package.manifest().base;
+  std::vector<std::vector<NaiveImage>> levels;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) levels.push_back(levelsOf(source, p));
+  PageCounts counts;
+  PageDecoder decoder;
+  std::vector<uint8_t> channels(kTexturePageBytes), expected;
+  forEachNode(package.manifest().domain, source.textureDepth(), [&](const NodeId& node) {
+    for (int plane = 0; plane < source.format().planes(); ++plane) {
+      auto page = package.read(PageId(texturePlane(plane), node));
+      ASSERT_TRUE(page.ok()) << page.error().text();
+      ASSERT_TRUE(decoder.decodeTexture(page->bytes, channels).ok());
+      expected.clear();
+      for (int c = 3 * plane; c < 3 * plane + 3; ++c)
+        for (int j = -kPageBorderPx; j < kPagePx + kPageBorderPx; ++j)
+          for (int i = -kPageBorderPx; i < kPagePx + kPageBorderPx; ++i)
+            expected.push_back(static_cast<uint8_t>(
+                (texelAt(base, levels, node.patch, node.level, c, int64_t{node.x} * kPagePx + i, int64_t{node.y} * kPagePx + j, how) + 128) / 256));
+      ++counts.texture;
+      counts.wrong += expected != channels;
+    }
+  });
+  return counts;
+}
+
+TEST(PatchPackage, everyTexturePageEqualsTheNaiveOneWithItsNeighboursBorders) {
+  std::cout << "seed " << kSeed << "\n";
+  for (bool open : {false, true}) {
+    NoisyPatches source(cubeSphere(2, 100, kSeed, open), 1, 0, kSeed);
+    ScratchFolder folder;
+    auto built = build(folder.file("a.relievo"), source);
+    ASSERT_TRUE(built.ok()) << built.error().text();
+    EXPECT_EQ(folder.entries(), 1u);
+    EXPECT_EQ(source.texel_calls, static_cast<int>(source.base().patches.size())) << "the source works once";
+    auto package = Package::open(folder.file("a.relievo"));
+    ASSERT_TRUE(package.ok()) << package.error().text();
+    EXPECT_TRUE((*package)->warnings().empty());
+    auto counts = comparePages(**package, source, Borders::kNeighbours);
+    EXPECT_EQ(counts.texture, (open ? 20u : 24u) * 5 * 2);
+    EXPECT_EQ(counts.wrong, 0u);
+    // Negative controls: what a builder that took the wrong texels would give is told apart. All pages but those of open sides differ.
+    EXPECT_GT(comparePages(**package, source, Borders::kOwnEdge).wrong, counts.texture * 9 / 10);
+    EXPECT_GT(comparePages(**package, source, Borders::kNeverReversed).wrong, counts.texture / 2);
+    EXPECT_GT(comparePages(**package, source, Borders::kMirroredAcross).wrong, counts.texture * 9 / 10);
+  }
+}
+
+TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
+  for (Basis basis : {Basis::kColour, Basis::kPtmLrgb}) {
+    BaseMesh one;
+    for (int k = 0; k < 4; ++k) one.corners.push_back({{float(k % 2), float(k / 2), 0}, {0, 0, 1}});
+    one.patches.push_back({2, 0, 3, 1});
+    NoisyPatches source(one, 2, 1, kSeed, basis);
+    ScratchFolder folder;
+    ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
+    auto package = Package::open(folder.file("a.relievo"));
+    ASSERT_TRUE(package.ok());
+    auto counts = comparePages(**package, source, Borders::kNeighbours);
+    EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
+    EXPECT_EQ(counts.wrong, 0u);
+  }
+}
+
+TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
+  NoisyPatches source(cubeSphere(1, 50, kSeed), 0, 2, kSeed);
+  ScratchFolder folder;
+  ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
+  auto opened = Package::open(folder.file("a.relievo"));
+  ASSERT_TRUE(opened.ok());
+  const Package& package = **opened;
+  const PlanarDomain& d = package.manifest().domain;
+  EXPECT_EQ(d.relief_depth, 2);
+  EXPECT_EQ(package.manifest().error_unit_mm, source.errorUnitMm());
+  PageDecoder decoder;
+  std::vector<uint16_t> samples(kReliefPageSamples);
+  std::vector<float> blocks(kReliefDetailBytes), child_blocks(kReliefDetailBytes);
+  uint64_t pages = 0;
+  forEachNode(d, 2, [&](const NodeId& node) {
+    ++pages;
+    auto page = package.read(PageId(Plane::kRelief, node));
+    ASSERT_TRUE(page.ok());
+    ASSERT_TRUE(decoder.decodeRelief(page->bytes, samples).ok());
+    const int step = 1 << (2 - static_cast<int>(node.level));
+    const int x0 = static_cast<int>(node.x) * kPagePx * step, y0 = static_cast<int>(node.y) * kPagePx * step;
+    for (int j = 0; j <= kPagePx; ++j)
+      for (int i = 0; i <= kPagePx; ++i) ASSERT_EQ(samples[static_cast<size_t>(j * kReliefSamples + i)], source.height(node.patch, x0 + i * step, y0 + j * step));
+    int low = 65535, high = 0;
+    for (int y = y0; y <= y0 + kPagePx * step; ++y)
+      for (int x = x0; x <= x0 + kPagePx * step; ++x) low = std::min<int>(low, source.height(node.patch, x, y)), high = std::max<int>(high, source.height(node.patch, x, y));
+    auto record = package.record(PageId(Plane::kRelief, node));
+    ASSERT_TRUE(record.ok());
+    EXPECT_NEAR(record->relief.min_mm, d.relief_offset_mm + low * d.relief_scale_mm, 1e-6);
+    EXPECT_NEAR(record->relief.max_mm, d.relief_offset_mm + high * d.relief_scale_mm, 1e-6);
+    // Errors: bounds of the source's, by no more than the steps they are kept in, or a finer block's where that is larger.
+    ASSERT_TRUE(package.reliefErrors(node, blocks));
+    const int level = static_cast<int>(node.level);
+    float largest = 0;
+    for (size_t i = 0; i < blocks.size(); ++i) {
+      const size_t across = size_t{16} << level, block = (node.y * 16 + i / 16) * across + node.x * 16 + i % 16;
+      float finest = source.error(node.patch, level, block);
+      for (int finer = level + 1; finer < 2; ++finer)
+        for (size_t k = 0; k < size_t{1} << 2 * (finer - level); ++k) {
+          const size_t scale = size_t{1} << (finer - level), bx = block % across * scale + k % scale, by = block / across * scale + k / scale;
+          finest = std::max(finest, source.error(node.patch, finer, by * (across * scale) + bx));
+        }
+      largest = std::max(largest, finest);
+      EXPECT_GE(blocks[i], finest);
+      EXPECT_LE(blocks[i], finest * (1 + 1.0 / 16) + source.errorUnitMm() * 1.001);
+    }
+    EXPECT_GE(record->relief.error_mm, largest);
+    EXPECT_LE(record->relief.error_mm, largest + source.errorUnitMm() * 1.001);
+    if (level == 2) {
+      EXPECT_EQ(record->relief.error_mm, 0);
+    }
+  });
+  EXPECT_EQ(pages, 6u * 21);
+  for (uint32_t p = 0; p < 6; ++p) {
+    const CoarseErrors& e = package.manifest().coarse_errors[p];
+    auto root = package.record(PageId(Plane::kRelief, NodeId{p, 0, 0, 0}));
+    for (size_t k = 0; k < e.size(); ++k) {
+      EXPECT_GE(e[k], source.coarseError(p, k));
+      EXPECT_GE(e[k], k + 1 < e.size() ? e[k + 1] : root->relief.error_mm * (1 - 1e-6f));
+    }
+  }
+}
+
+TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
+  NoisyPatches source(cubeSphere(2, 100, kSeed), 0, 0, kSeed);
+  ScratchFolder folder;
+  ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
+  auto package = Package::open(folder.file("a.relievo"));
+  ASSERT_TRUE(package.ok());
+  const Manifest& m = (*package)->manifest();
+  ASSERT_TRUE(m.base);
+  EXPECT_EQ(*m.base, source.base());
+  EXPECT_EQ(m.domain.width_px, 24u * 128);
+  EXPECT_EQ(m.domain.height_px, 128u);
+  EXPECT_EQ(m.domain.patchCount(), 24u);
+  EXPECT_EQ(m.texture.basis, Basis::kAlbedoNormal);
+  double mean = 0;
+  for (const auto& p : m.base->patches)
+    for (auto [a, b] : {std::pair{0, 1}, {0, 2}, {1, 3}, {2, 3}})
+      mean += glm::distance(m.base->corners[p[static_cast<size_t>(a)]].position_mm, m.base->corners[p[static_cast<size_t>(b)]].position_mm) / 96.0;
+  EXPECT_NEAR(m.domain.mm_per_px * 128, mean, 1e-4 * mean);
+  auto json = nlohmann::json::parse((*package)->manifestJson());
+  EXPECT_EQ(json["mesh"]["pieces"], 3);
+  EXPECT_EQ(json["version"], 2);
+  EXPECT_EQ(json["base"]["corners"], source.base().corners.size());
+  EXPECT_EQ(m.sources.at(0).name, "noise, seed 17");
+}
+
+TEST(PatchPackage, theSameBytesForAnyWorkersAndMemory) {
+  NoisyPatches source(cubeSphere(2, 100, kSeed), 1, 1, kSeed);
+  ScratchFolder folder;
+  std::vector<std::vector<uint8_t>> all;
+  for (auto [workers, budget] : {std::pair{1, 256}, {2, 256}, {3, 256}, {3, 1}}) {  // the last keeps all it can in files
+    const std::string path = folder.file("a.relievo");
+    ASSERT_TRUE(build(path, source, workers, static_cast<uint64_t>(budget) << 20).ok());
+    EXPECT_EQ(folder.entries(), 1u);
+    all.push_back(readAll(path));
+  }
+  for (size_t i = 1; i < all.size(); ++i) EXPECT_TRUE(all[0] == all[i]) << i;
+  // Negative control: another source gives others.
+  NoisyPatches other(cubeSphere(2, 100, kSeed), 1, 1, kSeed + 1);
+  ASSERT_TRUE(build(folder.file("a.relievo"), other).ok());
+  EXPECT_FALSE(all[0] == readAll(folder.file("a.relievo")));
+}
+
+// A source with one sample off, or one that fails.
+class FaultyPatches final : public NoisyPatches {
+ public:
+  enum class Fault { kNone, kSide, kCorner, kInside, kFails, kErrorTooLarge, kNotANumber };
+  FaultyPatches(BaseMesh base, Fault fault) : NoisyPatches(std::move(base), 0, 0, kSeed), fault_(fault) {}
+  uint16_t height(uint32_t patch, int x, int y) const override {
+    const uint16_t h = NoisyPatches::height(patch, x, y);
+    const bool here = patch == 4 && ((fault_ == Fault::kSide && x == 0 && y == 50) || (fault_ == Fault::kCorner && x == 128 && y == 0) ||
+                                     (fault_ == Fault::kInside && x == 7 && y == 9));
+    return here ? static_cast<uint16_t>(h + 1) : h;
+  }
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    if (fault_ == Fault::kFails && patch == 4) return Error{ErrorKind::kIo, "scan.ply", "no more", "", {}};
+    return NoisyPatches::texels(patch, out);
+  }
+  Result<void> errors(uint32_t patch, int level, std::span<float> out) const override {
+    auto done = NoisyPatches::errors(patch, level, out);
+    if (patch == 4 && fault_ == Fault::kErrorTooLarge) out[3] = 22.0f;  // 65,535 units are 21.8 mm
+    if (patch == 4 && fault_ == Fault::kNotANumber) out[3] = NAN;
+    return done;
+  }
+
+ private:
+  Fault fault_;
+};
+
+TEST(PatchPackage, sourcesThatWouldCrackOrFailAreRefusedByName) {
+  using Fault = FaultyPatches::Fault;
+  ScratchFolder folder;
+  auto refusal = [&](Fault fault) {
+    auto built = build(folder.file("a.relievo"), FaultyPatches(cubeSphere(1, 10, kSeed), fault));
+    const size_t entries = folder.entries();
+    std::filesystem::remove(folder.file("a.relievo"));
+    EXPECT_EQ(entries, built.ok() ? 1u : 0u);
+    return built.ok() ? std::string() : built.error().text();
+  };
+  EXPECT_EQ(refusal(Fault::kNone), "");
+  EXPECT_EQ(refusal(Fault::kInside), "");  // control: nobody else has that sample
+  const std::string side = refusal(Fault::kSide), corner = refusal(Fault::kCorner);
+  EXPECT_NE(side.find("differ along the side that they share"), std::string::npos) << side;
+  EXPECT_NE(side.find("4"), std::string::npos) << side;
+  EXPECT_NE(corner.find("differ"), std::string::npos) << corner;
+  EXPECT_EQ(refusal(Fault::kFails), "scan.ply: no more");
+  EXPECT_NE(refusal(Fault::kErrorTooLarge).find("patch 4: its error of 22"), std::string::npos);
+  EXPECT_NE(refusal(Fault::kNotANumber).find("patch 4"), std::string::npos);
+}
+
+TEST(PatchPackage, unfitMeshesAreRefused) {
+  ScratchFolder folder;
+  auto refused = [&](BaseMesh base, int texture_depth = 0, int relief_depth = 0) {
+    auto built = build(folder.file("a.relievo"), NoisyPatches(std::move(base), texture_depth, relief_depth, kSeed));
+    EXPECT_EQ(folder.entries(), 0u);
+    return built.ok() ? std::string() : built.error().text();
+  };
+  BaseMesh good = cubeSphere(1, 10, kSeed), bad = good;
+  bad.patches[2][1] = 99;
+  EXPECT_NE(refused(bad).find("corner 99"), std::string::npos);
+  bad = good;
+  bad.patches.clear();
+  EXPECT_NE(refused(bad).find("no patch"), std::string::npos);
+  EXPECT_NE(refused(good, -1), "");
+  EXPECT_NE(refused(good, 18), "");
+  EXPECT_NE(refused(good, 0, -1), "");
+  EXPECT_NE(refused(good, 0, 18), "");
+}
+
+TEST(PatchPackage, interruptedOrOutOfSpaceItLeavesNothing) {
+  NoisyPatches source(cubeSphere(2, 100, kSeed), 1, 0, kSeed);
+  ScratchFolder folder;
+  const std::string path = folder.file("a.relievo");
+  std::atomic<bool> stop{false};
+  BuildOptions o;
+  o.output = path;
+  o.workers = 2;
+  o.interrupted = &stop;
+  o.progress = [&](const BuildProgress& p) { stop = stop || p.pages_done > 30; };
+  auto built = buildPatchPackage(source, o);
+  ASSERT_FALSE(built.ok());
+  EXPECT_EQ(built.error().kind, ErrorKind::kInterrupted);
+  EXPECT_EQ(folder.entries(), 0u);
+
+  rlimit before{};
+  ASSERT_EQ(::getrlimit(RLIMIT_FSIZE, &before), 0);
+  auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  rlimit small{uint64_t{1} << 20, before.rlim_max};
+  ASSERT_EQ(::setrlimit(RLIMIT_FSIZE, &small), 0);
+  built = build(path, source);
+  auto with_files = build(path, source, 2, 1);
+  ::setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  ASSERT_FALSE(built.ok());
+  EXPECT_EQ(built.error().kind, ErrorKind::kIo);
+  ASSERT_FALSE(with_files.ok());
+  EXPECT_EQ(with_files.error().kind, ErrorKind::kIo);
+  EXPECT_EQ(folder.entries(), 0u);
+  EXPECT_TRUE(build(path, source).ok());
+}
+
+// ---- damaged and hostile files ----
+class BaseOfPackage : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_TRUE(build(path_, NoisyPatches(mesh_, 0, 0, kSeed)).ok());
+    bytes_ = readAll(path_);
+    auto header = decodeHeader({bytes_.data(), kHeaderBytes}, path_);
+    ASSERT_TRUE(header.ok());
+    header_ = *header;
+  }
+  // Fields of both headers, and of both base sections, with fitting checksums: what an attacker would do.
+  template <class T>
+  void setField(size_t offset, T value) {
+    for (uint8_t* head : {bytes_.data(), bytes_.data() + bytes_.size() - kHeaderBytes}) {
+      storeLittle(head + offset, value);
+      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+    }
+  }
+  template <class T>
+  void setBase(size_t offset, T value) {
+    for (uint64_t at : {header_.base_offset, header_.base_copy_offset}) storeLittle(bytes_.data() + at + offset, value);
+    setField(280, static_cast<uint64_t>(XXH3_64bits(bytes_.data() + header_.base_offset, header_.base_bytes)));
+  }
+  // What opening says; empty when it opens.
+  std::string refusal() {
+    writeAll(damaged_, bytes_);
+    auto package = Package::open(damaged_);
+    bytes_ = readAll(path_);
+    if (package.ok()) {
+      warnings_ = (*package)->warnings();
+      return {};
+    }
+    EXPECT_EQ(package.error().file, damaged_);
+    return package.error().text();
+  }
+  template <class T>
+  std::string withField(size_t offset, T value) {
+    setField(offset, value);
+    return refusal();
+  }
+  template <class T>
+  std::string withBase(size_t offset, T value) {
+    setBase(offset, value);
+    return refusal();
+  }
+
+  ScratchFolder folder_;
+  std::string path_ = folder_.file("a.relievo"), damaged_ = folder_.file("b.relievo");
+  BaseMesh mesh_ = cubeSphere(1, 10, kSeed);  // 8 corners, 6 patches
+  std::vector<uint8_t> bytes_;
+  std::vector<std::string> warnings_;
+  PackageHeader header_;
+};
+
+TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
+  EXPECT_EQ(header_.base_bytes, baseSectionBytes(8, 6));
+  EXPECT_EQ(withField(280, header_.base_hash), "") << "control: a field set to what it is";
+  for (uint64_t huge : {uint64_t{1} << 62, ~uint64_t{0}, ~uint64_t{0} - 4096, uint64_t{1} << 44, uint64_t{1} << 36}) {
+    for (size_t field : {264u, 272u, 288u}) EXPECT_NE(withField(field, huge), "") << field << " " << huge;
+  }
+  EXPECT_NE(withField(272, uint64_t{0}), "");
+  EXPECT_NE(withField(272, header_.base_bytes - 1), "");
+  EXPECT_NE(withField(272, uint64_t{39}), "");
+  EXPECT_EQ(withField(264, uint64_t{0}), "");
+  EXPECT_EQ(warnings_.size(), 1u) << "the header is no base mesh, but there is the copy";
+  EXPECT_NE(withField(132, int32_t{-1}), "") << "a mesh without relief";
+  EXPECT_NE(withField(136, uint32_t{4}).find("expected basis 0, 1 or 2 or 3"), std::string::npos);
+  // The strip of whole patches.
+  setField(88, uint64_t{6 * 128 - 1});
+  EXPECT_NE(refusal(), "");
+  setField(96, uint64_t{127});
+  EXPECT_NE(refusal(), "");
+  // Version 1 knows no albedo and normal, version 3 is yet to come.
+  EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{3}).find("version 1 or 2, found 3"), std::string::npos);
+}
+
+TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
+  auto expect = [&](const std::string& found, const std::string& words) { EXPECT_NE(found.find(words), std::string::npos) << found; };
+  EXPECT_EQ(withBase(0, uint32_t{8}), "") << "control: a field set to what it is";
+  for (uint32_t corners : {0u, 7u, 9u, ~0u, 1u << 31}) expect(withBase(0, corners), std::to_string(corners) + " corners and 6 patches take");
+  for (uint32_t patches : {0u, 5u, ~0u}) expect(withBase(4, patches), "expected 6 patches, found " + std::to_string(patches));
+  expect(withBase(8, double{NAN}), "the origin is not finite");
+  expect(withBase(32, double{NAN}), "unit of errors");
+  expect(withBase(32, -1.0), "unit of errors");
+  expect(withBase(40, std::numeric_limits<float>::infinity()), "corner 0 has no finite position");
+  expect(withBase(40 + 24 + 12, 7.0f), "the normal of corner 1 is not of length 1");
+  const size_t patches = 40 + 24 * 8, errors = patches + 16 * 6;
+  expect(withBase(patches + 16, uint32_t{8}), "patch 1 names corner 8, which does not exist");
+  expect(withBase(patches + 16, ~uint32_t{0}), "patch 1 names corner 4294967295");
+  setBase(patches + 32, uint32_t{5});
+  setBase(patches + 36, uint32_t{5});
+  expect(refusal(), "patch 2 names a corner twice");
+  for (float e : {NAN, -1.0f, INFINITY}) expect(withBase(errors + 28 * 3, e), "the errors of patch 3");
+  setBase(errors + 28 * 5, 1.0f);
+  setBase(errors + 28 * 5 + 4, 2.0f);
+  expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
+}
+
+TEST_F(BaseOfPackage, damagedItIsReadFromItsCopy) {
+  for (size_t i = 0; i < header_.base_bytes; i += 7) {
+    bytes_[header_.base_offset + i] ^= 16;
+    EXPECT_EQ(refusal(), "");
+    ASSERT_EQ(warnings_.size(), 1u);
+    EXPECT_NE(warnings_[0].find("its copy is used"), std::string::npos);
+  }
+  bytes_[header_.base_copy_offset + 50] ^= 1;
+  EXPECT_EQ(refusal(), "");
+  EXPECT_TRUE(warnings_.empty()) << "nobody needs the copy";
+  // Negative control: both damaged.
+  bytes_[header_.base_offset + 50] ^= 1;
+  bytes_[header_.base_copy_offset + 60] ^= 1;
+  EXPECT_NE(refusal().find("the base mesh is damaged: its checksum does not match"), std::string::npos);
+}
+
+TEST_F(BaseOfPackage, everyTruncationOpensOrFailsCleanly) {
+  size_t opened = 0, refused = 0;
+  for (size_t n = 0; n < bytes_.size(); n += n < header_.pages_offset ? 331 : 40009) {
+    writeAll(damaged_, {bytes_.data(), n});
+    auto package = Package::open(damaged_);
+    if (package.ok()) {
+      ++opened;
+      ASSERT_TRUE((*package)->manifest().base);
+      EXPECT_EQ(*(*package)->manifest().base, mesh_);
+      EXPECT_FALSE((*package)->warnings().empty());
+    } else {
+      ++refused;
+      EXPECT_EQ(package.error().kind, ErrorKind::kInvalidData);
+    }
+  }
+  EXPECT_GT(opened, 10u);
+  EXPECT_GT(refused, 10u);
+}
+
+TEST(FlatPackage, staysVersionOne) {
+  ScratchFolder folder;
+  NoisyTexture texture(300, 200, Basis::kPtmLrgb, 1);
+  NoisyHeights heights(300, 200, 2);
+  BuildOptions o;
+  o.output = folder.file("a.relievo");
+  ASSERT_TRUE(buildPackage(texture, &heights, o).ok());
+  auto bytes = readAll(o.output);
+  EXPECT_EQ(loadLittle<uint32_t>(bytes.data() + 8), 1u);
+  EXPECT_TRUE(std::all_of(bytes.begin() + 260, bytes.begin() + kHeaderBytes - 8, [](uint8_t b) { return b == 0; }));
+  auto package = Package::open(o.output);
+  ASSERT_TRUE(package.ok());
+  const Manifest& m = (*package)->manifest();
+  EXPECT_FALSE(m.base);
+  EXPECT_TRUE(m.coarse_errors.empty());
+  EXPECT_EQ(m.error_unit_mm, m.domain.relief_scale_mm);
+  EXPECT_EQ(nlohmann::json::parse((*package)->manifestJson())["version"], 1);
+}
+
+}  // namespace
+}  // namespace relievo
