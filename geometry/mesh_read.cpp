@@ -13,9 +13,9 @@ namespace {
 
 using namespace mesh_file;
 
-// Beyond these, coordinates are no measures of things that anybody scans: a wrong unit, or damage. They also keep products of three
-// lengths within floats.
-constexpr double kMaxCoordinateMm = 1e12, kMinDiagonalMm = 1e-6;
+// Beyond this, coordinates are no measures of things that anybody scans: a wrong unit, or damage. Products of three lengths stay
+// within floats.
+constexpr double kMaxCoordinateMm = 1e12;
 
 // About the box's centre, on a grid as coarse as the box: subtracting it from a float is exact in double, a mesh around the coordinates' origin
 // keeps its very floats, and what is left is at most twice the half diagonal: exact to 2^-23 of it.

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <cstring>
 
+#include "geometry/mesh_sheets.h"
+#include "geometry/mesh_tjunction.h"
+
 namespace relievo {
 namespace {
 
@@ -14,37 +17,68 @@ constexpr size_t kMaxPlaces = 8;
 
 class Repair {
  public:
-  Repair(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name) : mesh_(mesh), diagnosis_(diagnosis), name_(name) {}
+  Repair(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
+         const std::atomic<bool>* interrupted)
+      : mesh_(mesh), diagnosis_(diagnosis), name_(name), progress_(progress), interrupted_(interrupted) {}
 
   Result<void> run() {
+    if (!step(0)) return stopped();
     weld();
+    if (!step(0.2)) return stopped();
     dropDegenerate();
     if (mesh_.triangles.empty())
       return Error{ErrorKind::kInvalidData, name_, "expected a surface, found degenerate triangles only", "see whether the export lost digits", {}};
+    double diagonal = measure();
+    if (diagonal < kMinDiagonalMm)
+      return Error{ErrorKind::kInvalidData, name_, "expected a mesh of more than a nanometre, found one of " + std::to_string(diagonal * 1e6) + " nm",
+                   "set --unit", {}};
+
+    EdgeCensus census = census_();
+    if (!step(0.5)) return stopped();
+    if (!closeTJunctions(census, kTJunctionTolerance * diagonal)) return stopped();
+    Pieces pieces = turn(census);
+    if (!step(0.7)) return stopped();
+    if (!splitSheets(census, pieces))
+      return Error{ErrorKind::kInvalidData, name_, "non-manifold edges that touch one another beyond repair", "clean the mesh in a mesh editor", {}};
+    if (!step(0.9)) return stopped();
     compact();
-    summarise();
+    summarise(census.mate, pieces);
+    step(1);
     return {};
   }
 
  private:
-  glm::dvec3 place(uint32_t vertex) const { return mesh_.origin_mm + glm::dvec3(mesh_.positions_mm[vertex]); }
-  MeshFinding& find(const char* what, const char* done) {
-    for (MeshFinding& f : diagnosis_.findings)
-      if (f.what == what) return f;
-    diagnosis_.findings.push_back({what, 0, {}, done});
-    return diagnosis_.findings.back();
+  static constexpr double kTJunctionTolerance = 1e-7;  // of the diagonal: what floats from the origin can mean by "on the edge"
+  static constexpr double kMinDiagonalMm = 1e-6;
+
+  bool step(double done) {
+    if (progress_) progress_(done);
+    return !(interrupted_ && *interrupted_);
   }
-  void note(MeshFinding& finding, uint32_t vertex) {
-    ++finding.count;
-    if (finding.places_mm.size() < kMaxPlaces) finding.places_mm.push_back(place(vertex));
+  Error stopped() const { return {ErrorKind::kInterrupted, name_, "interrupted", "", {}}; }
+  glm::dvec3 place(uint32_t vertex) const { return mesh_.origin_mm + glm::dvec3(mesh_.positions_mm[vertex]); }
+  void note(MeshFinding& finding, uint32_t vertex) const {
+    if (++finding.count <= kMaxPlaces) finding.places_mm.push_back(place(vertex));
+  }
+  // Into the diagnosis, if there is anything; repeated findings add up.
+  void report(MeshFinding finding) {
+    if (finding.count == 0) return;
+    for (MeshFinding& f : diagnosis_.findings)
+      if (f.what == finding.what && f.done == finding.done) {
+        f.count += finding.count;
+        for (const glm::dvec3& p : finding.places_mm)
+          if (f.places_mm.size() < kMaxPlaces) f.places_mm.push_back(p);
+        return;
+      }
+    diagnosis_.findings.push_back(std::move(finding));
   }
 
   // Vertices at the same place become the first of them: in an open hash table, as the order of the vertices has it.
   void weld() {
     std::vector<glm::vec3>& p = mesh_.positions_mm;
     for (glm::vec3& v : p) v += 0.0f;  // -0 is 0
-    size_t size = std::bit_ceil(p.size() + p.size() / 2 + 1);
-    int shift = 64 - std::countr_zero(size);
+    const size_t size = std::bit_ceil(p.size() + p.size() / 2 + 1);
+    const int shift = 64 - std::countr_zero(size);
     std::vector<uint32_t> table(size, kNone);
     auto slot = [&](const glm::vec3& v) {
       uint64_t bits[2] = {0, 0};
@@ -53,6 +87,7 @@ class Repair {
       h = (h ^ (h >> 32)) * 0xD6E8FEB86659FD93ull;
       return static_cast<size_t>((h ^ (h >> 29)) * 0x9E3779B97F4A7C15ull >> shift);
     };
+    MeshFinding duplicates{"duplicate vertices", 0, {}, "welded"};
     std::vector<uint32_t> first;  // of each vertex; empty as long as each is itself
     for (size_t i = 0; i < p.size(); ++i) {
       size_t s = slot(p[i]);
@@ -66,8 +101,10 @@ class Repair {
         for (size_t k = 0; k < p.size(); ++k) first[k] = static_cast<uint32_t>(k);
       }
       first[i] = table[s];
-      note(find("duplicate vertices", "welded"), static_cast<uint32_t>(i));
+      note(duplicates, static_cast<uint32_t>(i));
     }
+    welded_ = duplicates.count;
+    report(std::move(duplicates));
     if (first.empty()) return;
     for (auto& t : mesh_.triangles)
       for (uint32_t& v : t) v = first[v];
@@ -90,11 +127,97 @@ class Repair {
   }
 
   void dropDegenerate() {
+    MeshFinding degenerate{"degenerate triangles", 0, {}, "dropped"};
     filterTriangles([&](size_t t) {
       if (!isDegenerate(mesh_, mesh_.triangles[t])) return true;
-      note(find("degenerate triangles", "dropped"), mesh_.triangles[t][0]);
+      note(degenerate, mesh_.triangles[t][0]);
       return false;
     });
+    report(std::move(degenerate));
+  }
+
+  // Without triangles that repeat an earlier one.
+  EdgeCensus census_() {
+    EdgeCensus census = takeCensus(mesh_);
+    if (census.duplicates.empty()) return census;
+    MeshFinding duplicates{"duplicate triangles", 0, {}, "dropped"};
+    size_t next = 0;
+    filterTriangles([&](size_t t) {
+      if (next == census.duplicates.size() || census.duplicates[next] != t) return true;
+      ++next;
+      note(duplicates, mesh_.triangles[t][0]);
+      return false;
+    });
+    report(std::move(duplicates));
+    census = {};
+    return takeCensus(mesh_);
+  }
+
+  // False: interrupted. A split makes new edges, on which further vertices may lie: a second round finds them.
+  bool closeTJunctions(EdgeCensus& census, double tolerance) {
+    constexpr int kRounds = 3;
+    MeshFinding kept{"T-junctions at slivers", 0, {}, ""};
+    for (int round = 0; round < kRounds && !census.open.empty(); ++round) {
+      if (!step(0.5 + 0.05 * round)) return false;
+      bool complete = true;
+      size_t most = 4 * census.open.size() + 1000;
+      std::vector<TJunction> found = findTJunctions(mesh_, census.open, tolerance, most, &complete);
+      if (!complete) {
+        MeshFinding many{"T-junctions, more than " + std::to_string(most), 0, {}, ""};
+        for (const TJunction& j : found) note(many, j.vertex);
+        report(std::move(many));
+        return true;
+      }
+      if (found.empty()) break;
+      std::vector<TJunction> left = splitAtTJunctions(mesh_, found);
+      kept = {"T-junctions at slivers", 0, {}, ""};
+      for (const TJunction& j : left) note(kept, j.vertex);
+      MeshFinding split{"T-junctions", 0, {}, "triangles split there"};
+      size_t next = 0;
+      for (const TJunction& j : found) {
+        if (next < left.size() && left[next].half_edge == j.half_edge && left[next].vertex == j.vertex) ++next;
+        else note(split, j.vertex);
+      }
+      bool any = split.count > 0;
+      report(std::move(split));
+      if (!any) break;
+      census = census_();
+    }
+    report(std::move(kept));
+    return true;
+  }
+
+  Pieces turn(EdgeCensus& census) {
+    Turned turned = orient(mesh_, census);
+    auto tell = [&](const char* what, const char* done, const std::vector<uint32_t>& triangles) {
+      MeshFinding finding{what, 0, {}, done};
+      for (uint32_t t : triangles) note(finding, mesh_.triangles[t][0]);
+      report(std::move(finding));
+    };
+    tell("flipped triangles", "turned as their piece", turned.triangles);
+    tell("closed pieces inside out", "turned", turned.inside_out);
+    tell("pieces that are not orientable", "", turned.not_orientable);
+    return std::move(turned.pieces);
+  }
+
+  bool splitSheets(EdgeCensus& census, Pieces& pieces) {
+    std::vector<bool> crowded(census.crowded.empty() ? 0 : mesh_.positions_mm.size());
+    MeshFinding edges{"non-manifold edges", 0, {}, "split into sheets"};
+    for (size_t i = 0, begin = 0; i < census.crowded_end.size(); begin = census.crowded_end[i++]) {
+      uint32_t a = fromVertex(mesh_.triangles, census.crowded[begin]), b = toVertex(mesh_.triangles, census.crowded[begin]);
+      crowded[a] = crowded[b] = true;
+      if (++edges.count <= kMaxPlaces) edges.places_mm.push_back(0.5 * (place(a) + place(b)));
+    }
+    report(std::move(edges));
+    pairCrowded(mesh_, census);
+    std::vector<uint32_t> split;
+    if (!splitFans(mesh_, census, split)) return false;
+    MeshFinding vertices{"non-manifold vertices", 0, {}, "split, one for each fan of triangles"};
+    for (uint32_t v : split)
+      if (crowded.empty() || (v < crowded.size() && !crowded[v])) note(vertices, v);
+    report(std::move(vertices));
+    if (!census.crowded.empty()) pieces = findPieces(mesh_, census.mate);
+    return true;
   }
 
   // Vertices of no triangle leave; the others keep their order.
@@ -110,27 +233,72 @@ class Repair {
       to[i] = n++;
     }
     if (n == to.size()) return;
+    if (uint64_t unused = to.size() - n; unused > welded_) report({"vertices of no triangle", unused - welded_, {}, "dropped"});
     mesh_.positions_mm.resize(n);
     if (!mesh_.colours.empty()) mesh_.colours.resize(n);
     for (auto& t : mesh_.triangles)
       for (uint32_t& v : t) v = to[v];
   }
 
-  void summarise() {
-    diagnosis_.vertices = mesh_.positions_mm.size();
-    diagnosis_.triangles = mesh_.triangles.size();
-    glm::vec3 low(mesh_.positions_mm[0]), high(low);
-    for (const glm::vec3& p : mesh_.positions_mm) {
-      low = glm::min(low, p);
-      high = glm::max(high, p);
-    }
+  // Of the triangles' bounding box, which goes to the diagnosis.
+  double measure() {
+    glm::vec3 low(mesh_.positions_mm[mesh_.triangles[0][0]]), high(low);
+    for (const auto& t : mesh_.triangles)
+      for (uint32_t v : t) {
+        low = glm::min(low, mesh_.positions_mm[v]);
+        high = glm::max(high, mesh_.positions_mm[v]);
+      }
     diagnosis_.min_mm = mesh_.origin_mm + glm::dvec3(low);
     diagnosis_.max_mm = mesh_.origin_mm + glm::dvec3(high);
+    return glm::length(glm::dvec3(high) - glm::dvec3(low));
+  }
+
+  void summarise(const std::vector<uint32_t>& mate, const Pieces& pieces) {
+    diagnosis_.vertices = mesh_.positions_mm.size();
+    diagnosis_.triangles = mesh_.triangles.size();
+    diagnosis_.pieces = pieces.count();
+    size_t largest = 0;
+    for (size_t p = 1; p < pieces.count(); ++p)
+      if (pieces.triangles(p).size() > pieces.triangles(largest).size()) largest = p;
+    MeshFinding isolated{"isolated pieces", 0, {}, ""};
+    for (size_t p = 0; p < pieces.count(); ++p)
+      if (p != largest) note(isolated, mesh_.triangles[pieces.triangles(p)[0]][0]);
+    report(std::move(isolated));
+
+    // A border vertex has two open half-edges (splitFans saw to it): loops are what hangs together.
+    std::vector<std::pair<uint32_t, uint32_t>> ends;  // vertex, number of its open half-edge
+    uint32_t open = 0;
+    for (uint32_t h = 0; h < mate.size(); ++h)
+      if (mate[h] == kNoHalfEdge) {
+        ends.emplace_back(fromVertex(mesh_.triangles, h), open);
+        ends.emplace_back(toVertex(mesh_.triangles, h), open++);
+      }
+    std::vector<uint32_t> loop(open);
+    for (uint32_t i = 0; i < open; ++i) loop[i] = i;
+    auto root = [&](uint32_t i) {
+      while (loop[i] != i) i = loop[i] = loop[loop[i]];
+      return i;
+    };
+    std::sort(ends.begin(), ends.end());
+    for (size_t i = 1; i < ends.size(); ++i)
+      if (ends[i].first == ends[i - 1].first) loop[root(ends[i].second)] = root(ends[i - 1].second);
+    MeshFinding borders{"open borders", 0, {}, ""};
+    std::vector<bool> seen(open);
+    for (const auto& [vertex, edge] : ends) {
+      uint32_t r = root(edge);
+      if (!seen[r]) note(borders, vertex);
+      seen[r] = true;
+    }
+    diagnosis_.border_loops = borders.count;
+    report(std::move(borders));
   }
 
   TriMesh& mesh_;
   MeshDiagnosis& diagnosis_;
   const std::string& name_;
+  const std::function<void(double)>& progress_;
+  const std::atomic<bool>* interrupted_;
+  uint64_t welded_ = 0;
 };
 
 }  // namespace
@@ -145,9 +313,7 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
 
 Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
                              const std::atomic<bool>* interrupted) {
-  (void)progress;
-  (void)interrupted;
-  return Repair(mesh, diagnosis, name).run();
+  return Repair(mesh, diagnosis, name, progress, interrupted).run();
 }
 
 }  // namespace relievo

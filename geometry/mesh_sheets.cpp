@@ -1,0 +1,282 @@
+#include "geometry/mesh_sheets.h"
+
+#include <cmath>
+
+namespace relievo {
+
+EdgeCensus takeCensus(const TriMesh& mesh) {
+  const Triangles& triangles = mesh.triangles;
+  EdgeCensus census;
+  census.mate.assign(triangles.size() * 3, kNoHalfEdge);
+  auto third = [&](uint32_t h) { return fromVertex(triangles, previousInTriangle(h)); };
+  std::vector<std::pair<uint32_t, uint32_t>> thirds;
+  forEachEdge(triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
+    if (edge.size() == 1) {
+      census.open.push_back(edge[0]);
+    } else if (edge.size() == 2) {
+      census.mate[edge[0]] = edge[1];
+      census.mate[edge[1]] = edge[0];
+      if (third(edge[0]) == third(edge[1])) census.duplicates.push_back(edge[1] / 3);
+    } else {
+      census.crowded.insert(census.crowded.end(), edge.begin(), edge.end());
+      census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()));
+      thirds.clear();
+      for (uint32_t h : edge) thirds.emplace_back(third(h), h);
+      std::sort(thirds.begin(), thirds.end());
+      for (size_t i = 1; i < thirds.size(); ++i)
+        if (thirds[i].first == thirds[i - 1].first) census.duplicates.push_back(thirds[i].second / 3);
+    }
+  });
+  std::sort(census.duplicates.begin(), census.duplicates.end());
+  census.duplicates.erase(std::unique(census.duplicates.begin(), census.duplicates.end()), census.duplicates.end());
+  return census;
+}
+
+namespace {
+
+// Walks over the pieces, triangle by triangle, in the order of their first triangles. cross(h, m) for each pair of mates of which h's triangle
+// was met first (twice for pairs within what is already met).
+template <class Meet, class Cross>
+Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, Meet meet, Cross cross) {
+  Pieces pieces;
+  pieces.order.reserve(triangles);
+  std::vector<bool> met(triangles);
+  for (uint32_t seed = 0; seed < triangles; ++seed) {
+    if (met[seed]) continue;
+    met[seed] = true;
+    size_t at = pieces.order.size();
+    pieces.order.push_back(seed);
+    for (; at < pieces.order.size(); ++at) {
+      uint32_t t = pieces.order[at];
+      for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+        uint32_t m = mate[h];
+        if (m == kNoHalfEdge) continue;
+        if (met[m / 3]) {
+          cross(h, m);
+          continue;
+        }
+        met[m / 3] = true;
+        pieces.order.push_back(m / 3);
+        meet(h, m);
+      }
+    }
+    pieces.end.push_back(static_cast<uint32_t>(pieces.order.size()));
+  }
+  return pieces;
+}
+
+}  // namespace
+
+Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate) {
+  auto nothing = [](uint32_t, uint32_t) {};
+  return walk(mesh.triangles.size(), mate, nothing, nothing);
+}
+
+Turned orient(TriMesh& mesh, EdgeCensus& census) {
+  const Triangles& triangles = mesh.triangles;
+  std::vector<bool> turn(triangles.size()), contradicts(triangles.size()), open(triangles.size());
+  auto alike = [&](uint32_t h, uint32_t m) { return fromVertex(triangles, h) == fromVertex(triangles, m); };
+  Turned out;
+  out.pieces = walk(
+      triangles.size(), census.mate, [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != alike(h, m); },
+      [&](uint32_t h, uint32_t m) {
+        if ((turn[m / 3] != turn[h / 3]) != alike(h, m)) contradicts[h / 3] = true;
+      });
+  for (uint32_t h : census.open) open[h / 3] = true;
+  bool any = false;
+  for (size_t piece = 0; piece < out.pieces.count(); ++piece) {
+    auto members = out.pieces.triangles(piece);
+    size_t turned = 0;
+    bool contradiction = false, closed = true;
+    for (uint32_t t : members) {
+      turned += turn[t];
+      contradiction = contradiction || contradicts[t];
+      closed = closed && !open[t];
+    }
+    if (contradiction) {
+      out.not_orientable.push_back(members[0]);
+      for (uint32_t t : members) turn[t] = false;
+      continue;
+    }
+    bool invert = turned > members.size() - turned;
+    for (uint32_t t : members) {
+      if (invert) turn[t] = !turn[t];
+      if (turn[t]) out.triangles.push_back(t);
+    }
+    any = any || !out.triangles.empty();
+    if (!closed) continue;
+    glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
+    double volume = 0;
+    for (uint32_t t : members) {
+      auto at = [&](size_t k) { return glm::dvec3(mesh.positions_mm[triangles[t][k]]) - origin; };
+      double v = glm::dot(at(0), glm::cross(at(1), at(2)));
+      volume += turn[t] ? -v : v;
+    }
+    if (volume >= 0) continue;
+    out.inside_out.push_back(members[0]);
+    for (uint32_t t : members) turn[t] = !turn[t];
+    any = true;
+  }
+  if (!any) return out;
+
+  // Corners 1 and 2 change places, and with them half-edges 0 and 2.
+  auto renamed = [&](uint32_t h) { return turn[h / 3] && h % 3 != 1 ? h / 3 * 3 + 2 - h % 3 : h; };
+  for (uint32_t t = 0; t < triangles.size(); ++t) {
+    if (!turn[t]) continue;
+    std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
+    if (!mesh.corner_uv.empty()) std::swap(mesh.corner_uv[t][1], mesh.corner_uv[t][2]);
+    std::swap(census.mate[3 * t], census.mate[3 * t + 2]);
+  }
+  for (uint32_t& m : census.mate)
+    if (m != kNoHalfEdge) m = renamed(m);
+  for (uint32_t& h : census.open) h = renamed(h);
+  for (uint32_t& h : census.crowded) h = renamed(h);
+  return out;
+}
+
+void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {
+  struct Leaf {
+    uint32_t half_edge;
+    bool forward;       // from the edge's lower vertex
+    glm::dvec3 into;    // of length 1, across the edge into the triangle
+    double angle;       // 0..4, growing with the angle around the edge
+  };
+  auto mate = [&](const Leaf& a, const Leaf& b) {
+    census.mate[a.half_edge] = b.half_edge;
+    census.mate[b.half_edge] = a.half_edge;
+  };
+  size_t begin = 0;
+  std::vector<Leaf> leaves;
+  for (uint32_t end : census.crowded_end) {
+    std::span<const uint32_t> edge = std::span(census.crowded).subspan(begin, end - begin);
+    begin = end;
+    if (edge.size() > kMaxPaired) continue;
+    auto place = [&](uint32_t v) { return glm::dvec3(mesh.positions_mm[v]); };
+    uint32_t low = std::min(fromVertex(mesh.triangles, edge[0]), toVertex(mesh.triangles, edge[0]));
+    uint32_t high = std::max(fromVertex(mesh.triangles, edge[0]), toVertex(mesh.triangles, edge[0]));
+    glm::dvec3 along = glm::normalize(place(high) - place(low));
+    leaves.clear();
+    for (uint32_t h : edge) {
+      glm::dvec3 w = place(fromVertex(mesh.triangles, previousInTriangle(h))) - place(low);
+      w -= along * glm::dot(w, along);
+      leaves.push_back({h, fromVertex(mesh.triangles, h) == low, w / std::max(glm::length(w), 1e-300), 0});
+    }
+    glm::dvec3 x = leaves[0].into, y = glm::cross(along, x);
+    for (Leaf& l : leaves) {  // without trigonometry: the same on every machine
+      double u = glm::dot(l.into, x), v = glm::dot(l.into, y), part = v / std::max(std::abs(u) + std::abs(v), 1e-300);
+      l.angle = u >= 0 ? (v >= 0 ? part : 4 + part) : 2 - part;
+    }
+    std::sort(leaves.begin(), leaves.end(), [](const Leaf& a, const Leaf& b) {
+      return a.angle != b.angle ? a.angle < b.angle : a.half_edge < b.half_edge;
+    });
+    // A backward triangle has its normal on the side of smaller angles, so the solid follows it.
+    const size_t n = leaves.size();
+    bool alternate = true;
+    for (size_t i = 0; i < n; ++i) alternate = alternate && leaves[i].forward != leaves[(i + 1) % n].forward;
+    if (alternate) {
+      for (size_t i = 0; i < n; ++i)
+        if (!leaves[i].forward) mate(leaves[i], leaves[(i + 1) % n]);
+      continue;
+    }
+    struct Pair {
+      double cosine;
+      size_t a, b;
+    };
+    std::vector<Pair> pairs;
+    for (size_t a = 0; a < n; ++a)
+      for (size_t b = a + 1; b < n; ++b)
+        if (leaves[a].forward != leaves[b].forward) pairs.push_back({glm::dot(leaves[a].into, leaves[b].into), a, b});
+    std::stable_sort(pairs.begin(), pairs.end(), [](const Pair& p, const Pair& q) { return p.cosine < q.cosine; });
+    std::vector<bool> taken(n);
+    for (const Pair& p : pairs) {
+      if (taken[p.a] || taken[p.b]) continue;
+      taken[p.a] = taken[p.b] = true;
+      mate(leaves[p.a], leaves[p.b]);
+    }
+  }
+}
+
+namespace {
+
+uint32_t copyVertex(TriMesh& mesh, uint32_t v) {
+  mesh.positions_mm.push_back(mesh.positions_mm[v]);
+  if (!mesh.colours.empty()) mesh.colours.push_back(mesh.colours[v]);
+  return static_cast<uint32_t>(mesh.positions_mm.size() - 1);
+}
+
+void splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split) {
+  Triangles& triangles = mesh.triangles;
+  const size_t vertices = mesh.positions_mm.size();
+  std::vector<bool> done(triangles.size() * 3), has_fan(vertices), counted(vertices);
+  std::vector<uint32_t> fan;  // corners, named as the half-edges that leave them
+  for (uint32_t corner = 0; corner < done.size(); ++corner) {
+    if (done[corner]) continue;
+    const uint32_t v = fromVertex(triangles, corner);
+    fan.assign(1, corner);
+    done[corner] = true;
+    for (uint32_t start : {corner, previousInTriangle(corner)}) {
+      for (uint32_t edge = start; mate[edge] != kNoHalfEdge;) {
+        // Into the next triangle through its edge m; on through its other edge at v. Mates may run alike (no orientation).
+        uint32_t m = mate[edge];
+        bool leaves = fromVertex(triangles, m) == v;
+        uint32_t c = leaves ? m : nextInTriangle(m);
+        if (done[c]) break;
+        done[c] = true;
+        fan.push_back(c);
+        edge = leaves ? previousInTriangle(c) : c;
+      }
+    }
+    if (!has_fan[v]) {
+      has_fan[v] = true;
+      continue;
+    }
+    if (!counted[v]) split.push_back(v);
+    counted[v] = true;
+    uint32_t copy = copyVertex(mesh, v);
+    for (uint32_t c : fan) triangles[c / 3][c % 3] = copy;
+  }
+}
+
+// Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex that the edge's first half-edge
+// starts from, each with a vertex of its own.
+bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
+  std::vector<std::array<uint32_t, 2>> leave;  // a half-edge, and its mate or none
+  forEachEdge(mesh.triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
+    if (edge.size() < 2 || (edge.size() == 2 && mate[edge[0]] == edge[1])) return;
+    auto paired = std::find_if(edge.begin(), edge.end(), [&](uint32_t h) { return mate[h] != kNoHalfEdge; });
+    uint32_t stays = paired != edge.end() ? *paired : edge[0];
+    for (uint32_t h : edge)
+      if (h != stays && mate[h] != stays && (mate[h] == kNoHalfEdge || mate[h] > h)) leave.push_back({h, mate[h]});
+  });
+  for (auto& pair : leave) {
+    const uint32_t v = fromVertex(mesh.triangles, pair[0]);
+    uint32_t copy = kNoHalfEdge;
+    for (uint32_t h : pair) {
+      if (h == kNoHalfEdge) continue;
+      // The corner at v, unless an earlier cut took it.
+      uint32_t corner = fromVertex(mesh.triangles, h) == v ? h : toVertex(mesh.triangles, h) == v ? nextInTriangle(h) : kNoHalfEdge;
+      if (corner == kNoHalfEdge) continue;
+      uint32_t other = corner == h ? previousInTriangle(h) : corner;
+      if (mate[other] != kNoHalfEdge) {
+        mate[mate[other]] = kNoHalfEdge;
+        mate[other] = kNoHalfEdge;
+      }
+      if (copy == kNoHalfEdge) copy = copyVertex(mesh, v);
+      mesh.triangles[corner / 3][corner % 3] = copy;
+    }
+  }
+  return !leave.empty();
+}
+
+}  // namespace
+
+bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split) {
+  constexpr int kMaxRounds = 100;  // one is usual, two are rare
+  for (int round = 0; round < kMaxRounds; ++round) {
+    splitFansOnce(mesh, census.mate, split);
+    if (census.crowded.empty() || !cutCurls(mesh, census.mate)) return true;
+  }
+  return false;
+}
+
+}  // namespace relievo
