@@ -22,6 +22,7 @@ void addVerifyCommand(CLI::App& app, CommandContext& context);
 void addRenderCommand(CLI::App& app, CommandContext& context);
 void addViewCommand(CLI::App& app, CommandContext& context);
 void addBenchCommand(CLI::App& app, CommandContext& context);
+void addCompareCommand(CLI::App& app, CommandContext& context);
 
 // "1920x1080" -> {1920, 1080}; a usage error otherwise.
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);

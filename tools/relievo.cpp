@@ -65,6 +65,7 @@ int main(int argc, char** argv) {
   addRenderCommand(app, context);
   addViewCommand(app, context);
   addBenchCommand(app, context);
+  addCompareCommand(app, context);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

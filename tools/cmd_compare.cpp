@@ -1,0 +1,159 @@
+// relievo compare: geometry LOD strategies over one artwork, measured against full resolution.
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include "src/base/file.h"
+#include "src/base/progress.h"
+#include "src/gl/context.h"
+#include "tools/commands.h"
+#include "tools/compare_report.h"
+#include "tools/compare_run.h"
+
+namespace relievo {
+namespace {
+
+constexpr int64_t kMaxSidePx = 8192;
+
+struct CompareOptions {
+  std::string file, folder, path = "orbit", strategies, budgets, size;
+  int frames = 0, repeats = 0;
+  double exaggerate = 1, memory_mib = 1024;
+  bool quick = false;
+};
+
+std::vector<std::string> parts(const std::string& list) {
+  std::vector<std::string> out;
+  size_t from = 0;
+  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1) out.push_back(list.substr(from, comma - from));
+  out.push_back(list.substr(from));
+  return out;
+}
+
+Error usage(const std::string& message, const std::string& hint = "") { return {ErrorKind::kUsage, "", message, hint, {}}; }
+
+std::string strategyNames() {
+  std::string names;
+  for (const StrategyEntry& e : lodStrategies()) names += (names.empty() ? "" : ", ") + e.name;
+  return names;
+}
+
+Result<ComparePlan> planOf(const CompareOptions& o) {
+  ComparePlan plan;
+  plan.path = o.path;
+  plan.exaggerate = o.exaggerate;
+  plan.memory_bytes = static_cast<uint64_t>(o.memory_mib * 1048576.0);
+  if (o.strategies.empty()) {
+    for (const StrategyEntry& e : lodStrategies()) plan.strategies.push_back(&e);
+  } else {
+    for (const std::string& name : parts(o.strategies)) {
+      const StrategyEntry* e = findStrategy(name);
+      if (!e) return usage("there is no strategy '" + name + "'", "there are: " + strategyNames());
+      plan.strategies.push_back(e);
+    }
+  }
+  for (const std::string& text : parts(o.budgets.empty() ? (o.quick ? "1,4" : "0.5,1,2,4,8") : o.budgets)) {
+    double px = 0;
+    auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
+    if (bad != std::errc() || end != text.data() + text.size() || !(px >= 0.05 && px <= 1000))
+      return usage("expected budgets from 0.05 to 1000 px, found '" + text + "'", "for example --error-px 0.5,1,2,4");
+    plan.budgets_px.push_back(px);
+  }
+  bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom";
+  plan.frames = o.frames > 0 ? o.frames : o.quick ? 6 : recorded ? 24 : 0;
+  plan.repeats = o.repeats > 0 ? o.repeats : o.quick ? 3 : 5;
+  auto size = parseSize(o.size.empty() ? (o.quick ? "640x360" : "1280x720") : o.size);
+  if (!size) return size.error();
+  if (size->first > kMaxSidePx || size->second > kMaxSidePx) return usage("expected a --size of at most 8192x8192 px, found " + o.size);
+  plan.width_px = static_cast<int>(size->first);
+  plan.height_px = static_cast<int>(size->second);
+  plan.interrupted = &interruptedFlag();
+  return plan;
+}
+
+Result<void> compare(const CompareOptions& o) {
+  auto plan = planOf(o);
+  if (!plan) return plan.error();
+  auto package = Package::open(o.file);
+  if (!package) return package.error();
+  plan->package = *package;
+  // Before an hour of measuring: is there a place for the report?
+  std::error_code bad;
+  std::filesystem::create_directories(o.folder, bad);
+  if (bad) return Error{ErrorKind::kIo, o.folder, "cannot make the folder: " + bad.message(), "", {}};
+  auto context = gl::HeadlessContext::create();
+  if (!context) return context.error();
+  Result<CompareFigures> figures = Error{};
+  {
+    ProgressLine line("comparing");
+    plan->progress = [&](double fraction, const std::string& what) { line.update(fraction, what); };
+    figures = runCompare(*plan, (*context)->info());
+  }
+  if (!figures) return figures.error();
+  struct Document {
+    const char* name;
+    std::string text;
+  };
+  for (const Document& document : {Document{"frames.csv", reportCsv(*figures)}, Document{"report.json", reportJson(*plan, *figures)}}) {
+    auto written = writeFile(o.folder + "/" + document.name, {reinterpret_cast<const uint8_t*>(document.text.data()), document.text.size()});
+    if (!written) return written;
+  }
+  std::printf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px", "p99 px", "pop px", "crack px", "bit diffs",
+              "triangles", "select ms", "frame ms");
+  for (const StrategyFigures& run : figures->runs) {
+    if (!run.available) {
+      std::printf("%-16s %9.3g not available here: needs OpenGL 4\n", run.strategy->name.c_str(), run.budget_px);
+      continue;
+    }
+    RunSummary s = summaryOf(run, *figures);
+    char predicted[32] = "-", mismatches[32] = "-";
+    if (s.predicted_px >= 0) std::snprintf(predicted, sizeof predicted, "%.3g", s.predicted_px);
+    if (s.seams_known) std::snprintf(mismatches, sizeof mismatches, "%llu", static_cast<unsigned long long>(s.seams_mismatched));
+    std::printf("%-16s %9.3g %9s %9.3g %9.3g %9.3g %8llu %9s %10.0f %9.2f %9.1f\n", run.strategy->name.c_str(), run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px,
+                static_cast<unsigned long long>(s.crack_pixels), mismatches, s.triangles, s.select_ms.median, s.frame_ms.median);
+  }
+  return {};
+}
+
+std::string footer() {
+  std::string text = "Strategies:\n";
+  for (const StrategyEntry& e : lodStrategies()) text += "  " + e.name + ": " + e.purpose + (e.control ? " (a negative control)" : "") + "\n";
+  text +=
+      "\nEach pixel of each frame says which place of the artwork it shows; its error is its distance to where the full-resolution relief\n"
+      "has that place on screen, in double precision. Everything is drawn from the same relief pages, all of them resident.\n\n"
+      "frames.csv, by column (report.json has the same, and sums over the frames):\n";
+  for (const ReportColumn& c : reportColumns()) text += "  " + std::string(c.name) + (*c.unit ? " (" + std::string(c.unit) + ")" : "") + ": " + c.meaning + "\n";
+  text +=
+      "\nA FILE.json for --path:\n"
+      "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, \"target_mm\": [0, 0, 0]}, ...]}\n"
+      "What a camera leaves out is that of one which sees the whole artwork from the front.\n\n"
+      "Example:\n  relievo compare inscription.relievo --path orbit --error-px 0.5,1,2,4 -o comparison\n"
+      "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison";
+  return text;
+}
+
+}  // namespace
+
+void addCompareCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<CompareOptions>();
+  auto* c = app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
+  c->footer(footer());
+  c->add_option("FILE", o->file, "Package of a flat artwork with relief")->required();
+  c->add_option("-o,--output", o->folder, "Folder for report.json and frames.csv")->required();
+  c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")->capture_default_str();
+  c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
+  c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
+  c->add_option("--frames", o->frames, "Frames, at even distances along the path [24; --quick: 6; of a file: all]")->check(CLI::Range(1, 100000));
+  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 640x360]");
+  c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed [5; --quick: 3]")->check(CLI::Range(1, 1000));
+  c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")->check(CLI::Range(-10000.0, 10000.0))->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")->check(CLI::Range(1.0, 65536.0))->capture_default_str();
+  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: within a minute for a 2048x2048 artwork");
+  c->callback([o, &context] {
+    if (auto done = compare(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo

@@ -1,0 +1,40 @@
+// compare_report.h - what `relievo compare` writes: report.json, frames.csv (compare_report.cpp) and report.html (compare_html.cpp).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tools/compare_run.h"
+
+namespace relievo {
+
+// Over the frames of a run.
+struct RunSummary {
+  double max_px = 0, p99_px = 0, rms_px = 0;  // the largest of the frames' maxima and p99, the RMS over all pixels
+  double predicted_px = -1;                   // the largest; negative: nothing is promised
+  double budget_px = 0;                       // the largest that was kept to
+  double pop_px = 0;
+  uint64_t above_bound_frames = 0;            // frames whose error is above what was promised, by more than measuring is off by
+  uint64_t crack_pixels = 0, silhouette_pixels = 0, seams_compared = 0, seams_mismatched = 0, streamed_bytes = 0;
+  bool seams_known = false;
+  double triangles = 0;                       // median over the frames
+  uint64_t max_triangles = 0, max_resident_bytes = 0;
+  uint32_t max_draw_calls = 0;
+  Timing select_ms, frame_ms;                 // of the frames' medians: median, fastest, slowest
+};
+RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all);
+// Measuring may be off by this much: twice what the reference shows, and never less than 1/64 px.
+double measuringSlackPx(const CompareFigures& all);
+
+struct ReportColumn {
+  const char* name;
+  const char* unit;
+  const char* meaning;
+};
+const std::vector<ReportColumn>& reportColumns();  // of frames.csv; for --help, too
+
+// What is not in its member "timings" is the same whenever the same is compared.
+std::string reportJson(const ComparePlan& plan, const CompareFigures& figures);
+std::string reportCsv(const CompareFigures& figures);
+
+}  // namespace relievo
