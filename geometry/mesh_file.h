@@ -119,5 +119,8 @@ std::string numberText(double value);
 std::string lowerCase(std::string_view text);
 
 Result<RawMesh> readPly(const InputFile& file, const MeshReadOptions& options);
+Result<RawMesh> readObj(const InputFile& file, const MeshReadOptions& options);
+Result<RawMesh> readStl(const InputFile& file, const MeshReadOptions& options);
+Result<RawMesh> readOff(const InputFile& file, const MeshReadOptions& options);
 
 }  // namespace relievo::mesh_file

@@ -95,7 +95,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
 
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
   std::string extension = lowerCase(std::filesystem::path(path).extension().string());
-  auto reader = extension == ".ply" ? readPly : nullptr;
+  auto reader = extension == ".ply" ? readPly : extension == ".obj" ? readObj : extension == ".stl" ? readStl : extension == ".off" ? readOff : nullptr;
   if (!reader)
     return Error{ErrorKind::kUnsupported, path, "expected a mesh file (.ply, .obj, .stl or .off), found the extension " + inQuotes(extension),
                  "convert it to one of them", {}};

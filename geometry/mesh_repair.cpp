@@ -2,12 +2,11 @@
 #include "geometry/mesh_repair.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <cstring>
 
 #include "geometry/mesh_sheets.h"
 #include "geometry/mesh_tjunction.h"
+#include "geometry/point_table.h"
 
 namespace relievo {
 namespace {
@@ -73,34 +72,24 @@ class Repair {
     diagnosis_.findings.push_back(std::move(finding));
   }
 
-  // Vertices at the same place become the first of them: in an open hash table, as the order of the vertices has it.
+  // Vertices at the same place become the first of them.
   void weld() {
     std::vector<glm::vec3>& p = mesh_.positions_mm;
     for (glm::vec3& v : p) v += 0.0f;  // -0 is 0
-    const size_t size = std::bit_ceil(p.size() + p.size() / 2 + 1);
-    const int shift = 64 - std::countr_zero(size);
-    std::vector<uint32_t> table(size, kNone);
-    auto slot = [&](const glm::vec3& v) {
-      uint64_t bits[2] = {0, 0};
-      std::memcpy(bits, &v, 12);
-      uint64_t h = (bits[0] ^ (bits[0] >> 29)) * 0x9E3779B97F4A7C15ull + bits[1];
-      h = (h ^ (h >> 32)) * 0xD6E8FEB86659FD93ull;
-      return static_cast<size_t>((h ^ (h >> 29)) * 0x9E3779B97F4A7C15ull >> shift);
-    };
+    PointTable<glm::vec3> table(p.size());
     MeshFinding duplicates{"duplicate vertices", 0, {}, "welded"};
     std::vector<uint32_t> first;  // of each vertex; empty as long as each is itself
     for (size_t i = 0; i < p.size(); ++i) {
-      size_t s = slot(p[i]);
-      while (table[s] != kNone && p[table[s]] != p[i]) s = (s + 1) & (size - 1);
-      if (table[s] == kNone) {
-        table[s] = static_cast<uint32_t>(i);
+      uint32_t& same = table.at(p, p[i]);
+      if (same == kNone) {
+        same = static_cast<uint32_t>(i);
         continue;
       }
       if (first.empty()) {
         first.resize(p.size());
         for (size_t k = 0; k < p.size(); ++k) first[k] = static_cast<uint32_t>(k);
       }
-      first[i] = table[s];
+      first[i] = same;
       note(duplicates, static_cast<uint32_t>(i));
     }
     welded_ = duplicates.count;
