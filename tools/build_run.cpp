@@ -4,6 +4,7 @@
 #include <cstdio>
 
 #include "src/base/progress.h"
+#include "texturing/patch_package_builder.h"
 
 namespace relievo {
 namespace {
@@ -18,13 +19,10 @@ std::string duration(double seconds) {
   return text;
 }
 
-}  // namespace
-
-Result<BuildReport> buildWithProgress(const TextureSource& texture, const HeightSource* relief, BuildOptions options) {
-  ProgressLine line("package");
+void watch(BuildOptions& options, ProgressLine& line) {
   options.tool_version = "relievo " RELIEVO_VERSION;
   options.interrupted = &interruptedFlag();
-  options.progress = [&](const BuildProgress& p) {
+  options.progress = [&line](const BuildProgress& p) {
     double fraction = p.pages_total ? static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total) : 0;
     char text[160];
     std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left", static_cast<unsigned long long>(p.pages_done),
@@ -32,7 +30,20 @@ Result<BuildReport> buildWithProgress(const TextureSource& texture, const Height
                   fraction > 0 ? duration(p.seconds * (1 - fraction) / fraction).c_str() : "?");
     line.update(fraction, text);
   };
+}
+
+}  // namespace
+
+Result<BuildReport> buildWithProgress(const TextureSource& texture, const HeightSource* relief, BuildOptions options) {
+  ProgressLine line("package");
+  watch(options, line);
   return buildPackage(texture, relief, options);
+}
+
+Result<BuildReport> buildPatchesWithProgress(const PatchSource& source, BuildOptions options) {
+  ProgressLine line("package");
+  watch(options, line);
+  return buildPatchPackage(source, options);
 }
 
 std::string buildSummary(const TextureSource& texture, const BuildOptions& options, const BuildReport& report) {

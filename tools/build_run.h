@@ -4,11 +4,13 @@
 #include <string>
 
 #include "texturing/package_builder.h"
+#include "texturing/patch_source.h"
 
 namespace relievo {
 
 // options: output, mm_per_px, workers, compression and budget; the rest is filled in here.
 Result<BuildReport> buildWithProgress(const TextureSource& texture, const HeightSource* relief, BuildOptions options);
+Result<BuildReport> buildPatchesWithProgress(const PatchSource& source, BuildOptions options);
 // "FILE: W x H px, N pages, MiB (bytes per pixel), s, MPix/s".
 std::string buildSummary(const TextureSource& texture, const BuildOptions& options, const BuildReport& report);
 

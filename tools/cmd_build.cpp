@@ -1,4 +1,4 @@
-// relievo build: raster files into a package.
+// relievo build: raster files, or a scanned mesh, into a package.
 #include <sys/stat.h>
 
 #include <cmath>
@@ -11,6 +11,7 @@
 #include "texturing/image_io.h"
 #include "texturing/package_builder.h"
 #include "texturing/ptm.h"
+#include "tools/build_mesh.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
 
@@ -19,6 +20,9 @@ namespace {
 
 struct BuildArguments {
   std::string output, ptm, image, relief, relief_mm, json_file;
+  std::string mesh, texture, unit = "mm", report;
+  uint32_t patches = 0;
+  double tolerance_mm = 0;
   std::string encoding = "lossless", coefficients, colour;
   int quality = 90;
   double mm_per_px = 1.0;
@@ -43,8 +47,8 @@ bool sameFile(const std::string& a, const std::string& b) {
 }
 
 Result<void> build(const BuildArguments& o) {
-  if (o.ptm.empty() == o.image.empty()) {
-    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE and --image FILE", "see relievo build --help", {}};
+  if (!o.ptm.empty() + !o.image.empty() + !o.mesh.empty() != 1) {
+    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE, --image FILE and --mesh FILE", "see relievo build --help", {}};
   }
   if (o.relief.empty() && !o.relief_mm.empty()) return Error{ErrorKind::kUsage, "", "--relief-mm needs --relief HEIGHTMAP", "", {}};
   auto range = parseRange(o.relief_mm);
@@ -53,12 +57,21 @@ Result<void> build(const BuildArguments& o) {
   if (!coefficients) return coefficients.error();
   auto colour = parseEncoding(o.colour.empty() ? o.encoding : o.colour, o.quality);
   if (!colour) return colour.error();
-  for (const std::string& input : {o.ptm, o.image, o.relief}) {
+  for (const std::string& input : {o.ptm, o.image, o.relief, o.mesh, o.texture}) {
     if (!input.empty() && sameFile(input, o.output)) {
       return Error{ErrorKind::kUsage, o.output, "the output is one of the inputs", "choose another name for -o", {}};
     }
   }
   const uint64_t budget = o.memory_mib << 20;
+  BuildOptions options;
+  options.output = o.output;
+  options.mm_per_px = o.mm_per_px;
+  options.workers = o.workers;
+  options.zstd_level = o.zstd_level;
+  options.coefficients = *coefficients;
+  options.colour = *colour;
+  options.memory_budget_bytes = budget;
+  if (!o.mesh.empty()) return buildFromMesh({o.mesh, o.texture, o.unit, o.patches, o.tolerance_mm, o.report, o.json_file, options});
   auto texture = o.ptm.empty() ? openColourImage(o.image) : openPtm(o.ptm, {.memory_budget_bytes = budget});
   if (!texture) return texture.error();
   std::unique_ptr<HeightSource> relief;
@@ -68,14 +81,6 @@ Result<void> build(const BuildArguments& o) {
     relief = std::move(*opened);
   }
 
-  BuildOptions options;
-  options.output = o.output;
-  options.mm_per_px = o.mm_per_px;
-  options.workers = o.workers;
-  options.zstd_level = o.zstd_level;
-  options.coefficients = *coefficients;
-  options.colour = *colour;
-  options.memory_budget_bytes = budget;
   auto built = buildWithProgress(**texture, relief.get(), options);
   if (!built) return built.error();
 
@@ -105,10 +110,13 @@ Result<void> build(const BuildArguments& o) {
 
 void addBuildCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<BuildArguments>();
-  auto* c = app.add_subcommand("build", "Make a streamable package from a PTM or an image, and a height map");
+  auto* c = app.add_subcommand("build", "Make a streamable package from a PTM or an image, and a height map; or from a scanned mesh");
   c->footer(
       "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
-      "      --relief heights.tif --relief-mm -1.5:2.5\n\n"
+      "      --relief heights.tif --relief-mm -1.5:2.5\n"
+      "  relievo build -o bust.relievo --mesh bust.ply --unit m --tolerance 0.05 --report bust.html\n\n"
+      "A mesh is diagnosed first (what is repaired is said, and kept: `relievo info`; what cannot be is an error that names places),\n"
+      "then laid over quadrilateral patches: heights along their normals, colours and normals on them.\n\n"
       "Encodings of texture pages (relief is always exact):\n"
       "  lossless  exact; q8 is another name for it\n"
       "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
@@ -120,9 +128,15 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("-o,--output", o->output, "Package to write")->required();
   c->add_option("--ptm", o->ptm, "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB)");
   c->add_option("--image", o->image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
-  c->add_option("--relief", o->relief, "Height map, one channel: 8 or 16 bit (with --relief-mm), or float in mm");
+  auto* mesh = c->add_option("--mesh", o->mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
+  c->add_option("--texture", o->texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")->needs(mesh);
+  c->add_option("--unit", o->unit, "Of the mesh's coordinates: mm, cm, m or in")->check(CLI::IsMember({"mm", "cm", "m", "in"}))->needs(mesh)->capture_default_str();
+  c->add_option("--patches", o->patches, "About how many patches; 0: as the shape asks for")->check(CLI::Range(0u, 1u << 20))->needs(mesh)->capture_default_str();
+  c->add_option("--tolerance", o->tolerance_mm, "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal")->check(CLI::NonNegativeNumber)->needs(mesh)->capture_default_str();
+  c->add_option("--report", o->report, "Write this HTML file: diagnosis, distances with a picture, time and memory")->needs(mesh);
+  c->add_option("--relief", o->relief, "Height map, one channel: 8 or 16 bit (with --relief-mm), or float in mm")->excludes(mesh);
   c->add_option("--relief-mm", o->relief_mm, "MIN:MAX, the heights of the map's 0 and its largest value, mm");
-  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(CLI::PositiveNumber)->capture_default_str();
+  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(CLI::PositiveNumber)->excludes(mesh)->capture_default_str();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")->check(CLI::Range(-7, 19))->capture_default_str();
   c->add_option("--encoding", o->encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")->capture_default_str();
@@ -130,7 +144,7 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--encoding-colour", o->colour, "Of colour planes alone [as --encoding]");
   c->add_option("--quality", o->quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")->check(CLI::Range(64, 1 << 20))->capture_default_str();
-  c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output");
+  c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output. Of a mesh: with distances");
   c->callback([o, &context] {
     if (auto done = build(*o); !done) context.fail(done.error());
   });

@@ -1,0 +1,220 @@
+#include "tools/build_mesh.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <optional>
+
+#include "geometry/base_domain.h"
+#include "geometry/mesh_bake.h"
+#include "geometry/mesh_distance.h"
+#include "geometry/mesh_read.h"
+#include "src/base/file.h"
+#include "src/base/progress.h"
+#include "texturing/file_provenance.h"
+#include "texturing/image_io.h"
+#include "texturing/package.h"
+#include "texturing/package_base.h"
+#include "texturing/patch_source.h"
+#include "tools/build_run.h"
+#include "tools/mesh_report.h"
+
+namespace relievo {
+namespace {
+
+class BakedPatches final : public PatchSource {
+ public:
+  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources) : bake_(bake), sources_(std::move(sources)) { format_.basis = Basis::kAlbedoNormal; }
+  const BaseMesh& base() const override { return bake_.base(); }
+  int textureDepth() const override { return bake_.textureDepth(); }
+  int reliefDepth() const override { return bake_.reliefDepth(); }
+  TextureFormat format() const override { return format_; }
+  double reliefOffsetMm() const override { return bake_.reliefOffsetMm(); }
+  double reliefScaleMm() const override { return bake_.reliefScaleMm(); }
+  double errorUnitMm() const override { return bake_.errorUnitMm(); }
+  std::vector<Provenance> provenance() const override { return sources_; }
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
+  Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
+  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override { return bake_.errors(patch, level, out_mm); }
+  Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
+    CoarseErrors out;
+    for (size_t k = 0; k < out.size(); ++k) out[k] = bake_.errorOfCells(patch, static_cast<int>(k));
+    return out;
+  }
+
+ private:
+  const MeshBake& bake_;
+  std::vector<Provenance> sources_;
+  TextureFormat format_;
+};
+
+// The largest resident size since the last call of restart(); Linux.
+struct PeakMemory {
+  static void restart() {
+    if (FILE* f = std::fopen("/proc/self/clear_refs", "w")) {
+      std::fputs("5", f);
+      std::fclose(f);
+    }
+  }
+  static uint64_t bytes() {
+    uint64_t kib = 0;
+    if (FILE* f = std::fopen("/proc/self/status", "r")) {
+      char line[256];
+      unsigned long long value = 0;
+      while (std::fgets(line, sizeof line, f))
+        if (std::sscanf(line, "VmHWM: %llu kB", &value) == 1) kib = value;
+      std::fclose(f);
+    }
+    return kib << 10;
+  }
+};
+
+// Runs a stage with its line of progress, and notes what it cost.
+class Stages {
+ public:
+  template <class F>
+  auto run(const char* name, F&& stage) {
+    const auto start = std::chrono::steady_clock::now();
+    PeakMemory::restart();
+    auto result = stage();
+    costs.push_back({name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), PeakMemory::bytes()});
+    return result;
+  }
+  template <class Options, class F>
+  auto run(const char* name, Options& options, F&& stage) {
+    ProgressLine line(name);
+    options.interrupted = &interruptedFlag();
+    options.progress = [&line](double done) { line.update(done, ""); };
+    return run(name, std::forward<F>(stage));
+  }
+  std::vector<StageCost> costs;
+};
+
+// The image that the scan's texture coordinates belong to, as three channels.
+Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
+  if (a.texture == "none") return Image8{};
+  if (!a.texture.empty() && mesh.corner_uv.empty())
+    return Error{ErrorKind::kUsage, a.mesh, "--texture needs texture coordinates, found none in the mesh", "leave --texture out: colours of vertices are used", {}};
+  const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
+  if (path.empty() || mesh.corner_uv.empty()) return Image8{};
+  auto image = readImage8(path);
+  if (!image) {
+    Error error = image.error();
+    if (a.texture.empty()) error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
+    return error;
+  }
+  if (image->channels == 3) return image;
+  Image8 rgb{image->width, image->height, 3, {}};
+  const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
+  rgb.pixels.resize(pixels * 3);
+  for (size_t i = 0; i < pixels; ++i)
+    for (size_t c = 0; c < 3; ++c) rgb.pixels[3 * i + c] = image->pixels[i * channels + (channels >= 3 ? c : 0)];
+  return rgb;
+}
+
+Error interrupted(const MeshBuildArguments& a) { return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}}; }
+
+Result<void> writeText(const std::string& path, const std::string& text) {
+  if (path == "-") {
+    std::fputs(text.c_str(), stdout);
+    return {};
+  }
+  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
+std::string millimetres(double mm) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g mm", mm);
+  return text;
+}
+
+}  // namespace
+
+double mmPerUnit(const std::string& unit) { return unit == "mm" ? 1 : unit == "cm" ? 10 : unit == "m" ? 1000 : unit == "in" ? 25.4 : 0; }
+
+Result<void> buildFromMesh(const MeshBuildArguments& a) {
+  Stages stages;
+  FileProvenance mesh_file(a.mesh, true);
+  MeshReadOptions read_options;
+  read_options.mm_per_unit = mmPerUnit(a.unit);
+  auto loaded = stages.run("read", read_options, [&] {
+    auto mesh = readMesh(a.mesh, read_options);
+    if (mesh.ok()) mesh_file.start();
+    return mesh;
+  });
+  if (!loaded) return loaded.error();
+  const TriMesh& scan = loaded->mesh;
+  auto image = readTexture(a, scan);
+  if (!image) return image.error();
+  if (interruptedFlag()) return interrupted(a);
+
+  BaseDomainOptions base_options;
+  base_options.patches = a.patches;
+  auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
+  if (!base) return base.error();
+
+  BakeOptions bake_options;
+  bake_options.tolerance_mm = a.tolerance_mm;
+  bake_options.workers = a.package.workers;
+  auto bake = stages.run("bake", bake_options, [&] { return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options); });
+  if (!bake) return bake.error();
+
+  std::vector<Provenance> sources{mesh_file.get()};
+  if (image->width > 0) sources.push_back(FileProvenance(a.texture.empty() ? scan.texture_path : a.texture, true).get());
+  MeshBuildResult result;
+  result.package = a.package.output;
+  result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report());
+  BuildOptions package = a.package;
+  package.manifest_extra = nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources), package); });
+  if (!built) return built.error();
+  result.pages = built->pages;
+  result.package_bytes = built->package_bytes;
+  result.triangles_read = loaded->diagnosis.triangles_read;
+  result.vertices = loaded->diagnosis.vertices;
+  {
+    auto opened = Package::open(a.package.output);
+    if (!opened) return opened.error();
+    result.relief_bytes = planeUsage(**opened, Plane::kRelief).bytes + baseSectionBytes(base->corners.size(), base->patches.size());
+  }
+
+  const bool measure = !a.report.empty() || !a.json_file.empty();
+  if (measure) {
+    auto distance = stages.run("distance", [&] {
+      ProgressLine line("distance");
+      line.update(0, "");
+      return measureDistance(scan, **bake, 3, a.package.workers);
+    });
+    if (!distance) return distance.error();
+    result.distance = std::move(*distance);
+  }
+  result.stages = stages.costs;
+  if (!a.report.empty())
+    if (auto written = writeMeshReport(a.report, scan, result); !written) return written;
+  if (!a.json_file.empty()) {
+    const std::string text = reportJson(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+    if (auto written = writeText(a.json_file, text); !written || a.json_file == "-") return written;
+  }
+
+  double seconds = 0;
+  std::string each;
+  for (const StageCost& s : stages.costs) {
+    char text[64];
+    std::snprintf(text, sizeof text, "%s%s %.1f s", each.empty() ? "" : ", ", s.name.c_str(), s.seconds);
+    each += text;
+    seconds += s.seconds;
+  }
+  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s)\n%s", a.package.output.c_str(), static_cast<unsigned long long>(built->pages),
+              static_cast<double>(built->package_bytes) / (1 << 20), seconds, each.c_str(), meshText(result.mesh).c_str());
+  if (measure) {
+    const MeshDistance& d = result.distance;
+    std::printf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n", millimetres(d.to_baked.max_mm).c_str(),
+                millimetres(d.to_scan.max_mm).c_str(), millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
+  }
+  return {};
+}
+
+}  // namespace relievo
