@@ -6,6 +6,7 @@
 #include "src/effect_plan.h"
 #include "texturing/package.h"
 #include "tools/commands.h"
+#include "tools/mesh_report.h"
 
 namespace relievo {
 namespace {
@@ -24,6 +25,20 @@ std::vector<PlaneLine> planeLines(const Package& package) {
   }
   if (m.domain.relief_depth >= 0) lines.push_back({"relief", "lossless", planeUsage(package, Plane::kRelief)});
   return lines;
+}
+
+// Of the corners, in the scan's coordinates.
+std::pair<glm::dvec3, glm::dvec3> extentMm(const BaseMesh& base) {
+  glm::dvec3 low(1e300), high(-1e300);
+  for (const BaseCorner& c : base.corners) low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
+  return {low + base.origin_mm, high + base.origin_mm};
+}
+
+// What the package keeps of the scan that it was made from; null if nothing.
+nlohmann::ordered_json meshOf(const Package& package) {
+  auto manifest = nlohmann::ordered_json::parse(package.manifestJson(), nullptr, false);
+  auto found = manifest.is_object() ? manifest.find("mesh") : manifest.end();
+  return manifest.is_object() && found != manifest.end() ? *found : nlohmann::ordered_json();
 }
 
 struct InfoArguments {
@@ -48,14 +63,21 @@ Result<void> info(const InfoArguments& o) {
     json["width_px"] = d.width_px;
     json["height_px"] = d.height_px;
     json["mm_per_px"] = d.mm_per_px;
-    json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
-    json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
+    if (m.base) {
+      const auto [low, high] = extentMm(*m.base);
+      json["base"] = {{"corners", m.base->corners.size()}, {"patches", m.base->patches.size()}, {"min_mm", {low.x, low.y, low.z}}, {"max_mm", {high.x, high.y, high.z}},
+                      {"error_unit_mm", m.error_unit_mm}};
+      if (auto mesh = meshOf(package); !mesh.is_null()) json["mesh"] = mesh;
+    } else {
+      json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
+      json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
+    }
     json["basis"] = basisName(m.texture.basis);
     json["texture_planes"] = m.texture.planes();
     json["texture_levels"] = d.texture_depth + 1;
     json["relief_levels"] = d.relief_depth + 1;
     json["patches"] = d.patchCount();
-    if (m.texture.basis != Basis::kColour) {
+    if (isPtm(m.texture.basis)) {
       json["scale"] = m.texture.scale;
       json["bias"] = m.texture.bias;
     }
@@ -79,12 +101,18 @@ Result<void> info(const InfoArguments& o) {
     return {};
   }
   std::printf("%s\n", o.file.c_str());
-  std::printf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
-              static_cast<unsigned long long>(d.height_px), static_cast<double>(d.width_px) * d.mm_per_px,
-              static_cast<double>(d.height_px) * d.mm_per_px, d.mm_per_px);
+  if (m.base) {
+    const auto [low, high] = extentMm(*m.base);
+    std::printf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x, high.y - low.y, high.z - low.z, d.mm_per_px);
+    std::printf("%s", meshText(meshOf(package)).c_str());
+  } else {
+    std::printf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
+                static_cast<unsigned long long>(d.height_px), static_cast<double>(d.width_px) * d.mm_per_px,
+                static_cast<double>(d.height_px) * d.mm_per_px, d.mm_per_px);
+  }
   std::printf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
               m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
-  if (m.texture.basis != Basis::kColour) {
+  if (isPtm(m.texture.basis)) {
     std::printf("  scale    ");
     for (double v : m.texture.scale) std::printf(" %.6g", v);
     std::printf("\n  bias     ");

@@ -156,7 +156,7 @@ std::string meshText(const Json& m) {
                     places.empty() ? "" : "; at ", places.c_str());
     }
   }
-  out += format("  relief    %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"), numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
+  out += format("    baked   %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"), numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
   if (double n = numberOf(m, "samples_by_closest_point"); n > 0) out += format(", %.0f of them by the closest point", n);
   return out + "\n";
 }
@@ -194,7 +194,7 @@ Json reportJson(const MeshBuildResult& r) {
   return json;
 }
 
-ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double scale_mm, int view_px) {
+ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm, int view_px) {
   constexpr int kViews = 4;
   glm::dvec3 low(1e300), high(-1e300);
   for (const glm::vec3& p : scan.positions_mm) low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
@@ -219,7 +219,7 @@ ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm
       if (area == 0) continue;
       const glm::dvec3 a(scan.positions_mm[t[0]]);
       const glm::dvec3 normal = glm::cross(glm::dvec3(scan.positions_mm[t[1]]) - a, glm::dvec3(scan.positions_mm[t[2]]) - a);
-      const double facing = (s * normal.x + c * normal.z) / std::max(glm::length(normal), 1e-300), light = 0.35 + 0.65 * std::abs(facing);
+      const double facing = (s * normal.x + c * normal.z) / std::max(glm::length(normal), 1e-300), light = 0.5 + 0.5 * std::abs(facing);
       auto inside = [&](double v) { return static_cast<int>(std::clamp(v, 0.0, static_cast<double>(view_px - 1))); };
       const int x0 = inside(std::floor(std::min({p[0].x, p[1].x, p[2].x}))), x1 = inside(std::ceil(std::max({p[0].x, p[1].x, p[2].x})));
       const int y0 = inside(std::floor(std::min({p[0].y, p[1].y, p[2].y}))), y1 = inside(std::ceil(std::max({p[0].y, p[1].y, p[2].y})));
@@ -234,7 +234,7 @@ ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm
           if (z <= nearest) continue;
           nearest = z;
           const double mm = w0 * vertex_mm[t[0]] + w1 * vertex_mm[t[1]] + w2 * vertex_mm[t[2]];
-          const auto colour = rampColour(scale_mm > 0 ? mm / scale_mm : 0);
+          const auto colour = rampColour(mm > low_mm ? std::log(mm / low_mm) / std::log(high_mm / low_mm) : 0);
           uint8_t* to = out.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(out.width) + static_cast<size_t>(view * view_px + x));
           for (size_t k = 0; k < 3; ++k) to[k] = static_cast<uint8_t>(colour[k] * light + 0.5);
         }
@@ -246,9 +246,9 @@ ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm
 
 Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const MeshBuildResult& r) {
   const MeshDistance& d = r.distance;
-  // Of the larger ones a few may lie far out, where the scan itself is doubtful: they would leave nothing to see of the others.
-  const double scale_mm = d.to_baked.percentiles_mm.back() > 0 ? d.to_baked.percentiles_mm.back() : d.to_baked.max_mm;
-  auto picture = pngUri(paintError(scan, d.scan_vertex_mm, scale_mm, 480));
+  // The same scale for every scan, so that reports compare.
+  constexpr double kLow = 1e-6, kHigh = 1e-2;
+  auto picture = pngUri(paintError(scan, d.scan_vertex_mm, kLow * d.diagonal_mm, kHigh * d.diagonal_mm, 480));
   if (!picture) return picture.error();
   const Json json = reportJson(r);
   std::string html = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>" + escaped(textOf(r.mesh, "file")) + "</title><style>" + kStyle + "</style>\n<h1>" +
@@ -258,7 +258,9 @@ Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const
                  static_cast<unsigned long long>(r.pages), static_cast<double>(r.package_bytes) / (1 << 20)) +
           escaped(r.package) + ".</p>\n";
   html += "<h2>Distance from the scan to its patches</h2>\n<img alt=\"The distance painted on the scan, from four sides\" src=\"" + *picture + "\">\n";
-  html += format("<div class=\"ramp\"></div><div class=\"ends\"><span>0</span><span>%.3g mm (p99.9) and more</span></div>\n", scale_mm);
+  html += "<div class=\"ramp\"></div><div class=\"ends\">";
+  for (double share = kLow; share < 2 * kHigh; share *= 10) html += format("<span>%.0e<br>%.3g mm</span>", share, share * d.diagonal_mm);
+  html += "</div>\n<p>By decades, in fractions of the diagonal of the scan's bounding box.</p>\n";
   html += "<table>" + row({"", "scan to patches", "of the diagonal", "patches to scan", "of the diagonal"}, "th");
   auto distance = [&](const char* name, double there, double back) {
     html += row({name, format("%.4g mm", there), format("%.2e", there / d.diagonal_mm), format("%.4g mm", back), format("%.2e", back / d.diagonal_mm)});

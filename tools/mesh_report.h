@@ -35,11 +35,12 @@ nlohmann::ordered_json reportJson(const MeshBuildResult& result);
 // One file, with its pictures: the error painted on the scan, from four sides.
 Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const MeshBuildResult& result);
 
-// The picture alone, RGB, rows top first: four views side by side, orthographic, y upwards; blue is 0, yellow scale_mm and more.
+// The picture alone, RGB, rows top first: four views side by side, orthographic, y upwards; from violet, low_mm and less, by decades to
+// yellow, high_mm and more.
 struct ErrorPicture {
   int width = 0, height = 0;
   std::vector<uint8_t> rgb;
 };
-ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double scale_mm, int view_px);
+ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm, int view_px);
 
 }  // namespace relievo
