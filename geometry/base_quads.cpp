@@ -40,7 +40,7 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
     for (int k = 0; k < 3; ++k) {
       const uint32_t a = x[k], b = x[(k + 1) % 3], c = x[(k + 2) % 3];
       std::array<uint32_t, 2> found;
-      if (m.sharing(a, b, found) != 2) continue;
+      if (m.sharing(a, b, found) != 2 || m.step(a, b)) continue;
       const uint32_t other = found[0] == t ? found[1] : found[0];
       uint32_t d = kNoIndex;
       for (uint32_t w : m.triangles[other]) {
@@ -49,7 +49,7 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
       if (d == c || d == kNoIndex) continue;
       const Triangle& y = m.triangles[other];
       const glm::dvec3 no = unit(glm::cross(m.points[y[1]] - m.points[y[0]], m.points[y[2]] - m.points[y[0]]));
-      const double quality = quadQuality({m.points[a], m.points[d], m.points[b], m.points[c]}, (1 + glm::dot(nt, no)) / 2);
+      const double quality = quadQuality({m.points[a], m.points[d], m.points[b], m.points[c]}, glm::dot(nt, no));
       if (quality < 0.05 && !all_wanted) continue;
       across[t].push_back({other, quality});
       if (t < other) pairs.push_back({quality, t, other});
@@ -194,22 +194,7 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
 
 }  // namespace
 
-glm::dvec3 BorderLoop::point(double s) const {
-  s -= std::floor(s / length) * length;
-  size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
-  i = i == 0 ? 0 : i - 1;
-  const size_t j = (i + 1) % points.size();
-  const double end = j == 0 ? length : at[j], t = end > at[i] ? std::clamp((s - at[i]) / (end - at[i]), 0.0, 1.0) : 0;
-  return points[i] * (1 - t) + points[j] * t;
-}
-
-double BorderLoop::ahead(double from, double to) const {
-  double d = to - from;
-  d -= std::floor(d / length) * length;
-  return d;
-}
-
-QuadMesh makeQuads(const EditMesh& m, std::span<const BorderLoop> loops, const std::function<BorderPlace(uint32_t)>& border_place, bool split) {
+QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
   QuadMesh out;
   const std::vector<uint32_t> partner = pairTriangles(m, !split);
   if (!split) {
@@ -217,35 +202,44 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const BorderLoop> loops, const s
       if (m.triangles[t][0] != kNoIndex && partner[t] == kNoIndex) return out;
     }
   }
-  auto add = [&](const glm::dvec3& p, const BorderPlace& place) {
+  auto add = [&](const glm::dvec3& p, bool fixed, const RailPlace& place) {
     out.points.push_back(p);
-    out.loop.push_back(place.loop);
-    out.along.push_back(place.along);
-    out.fixed.push_back(place.fixed);
+    out.fixed.push_back(fixed);
+    out.place.push_back(place);
     return static_cast<uint32_t>(out.points.size() - 1);
   };
   std::vector<uint32_t> corner(m.points.size(), kNoIndex);
   for (uint32_t v = 0; v < m.points.size(); ++v) {
-    if (!m.fans[v].empty()) corner[v] = add(m.points[v], m.border[v] ? border_place(v) : BorderPlace{});
+    if (m.fans[v].empty()) continue;
+    const bool sliding = m.steps[v].size() == 2 && !m.fixed[v];
+    corner[v] = add(m.points[v], !sliding && (m.fixed[v] || m.border[v] || !m.steps[v].empty()), {});
+    if (sliding) out.place.back() = {m.steps[v][0].rail, m.steps[v][0].along, kNoIndex, kNoIndex};
   }
-  std::map<std::array<uint32_t, 2>, uint32_t> middles;
-  auto middle = [&](uint32_t a, uint32_t b) {  // of the edge from a to b of a face
-    auto [it, fresh] = middles.try_emplace({std::min(a, b), std::max(a, b)}, 0);
-    if (fresh) {
-      std::array<uint32_t, 2> found;
-      BorderPlace place;
-      glm::dvec3 p = (m.points[a] + m.points[b]) / 2.0;
-      if (m.sharing(a, b, found) == 1) {
-        const uint32_t ca = corner[a], cb = corner[b];
-        const BorderLoop& l = loops[out.loop[ca]];
-        place.loop = out.loop[ca];
-        place.along = out.along[ca] + l.ahead(out.along[ca], out.along[cb]) / 2;
-        p = l.point(place.along);
-      }
-      it->second = add(p, place);
-    }
-    return it->second;
+  // Two points that follow one another on a rail, from the smaller place to the larger.
+  auto follow = [&](uint32_t a, uint32_t b) {
+    out.place[a].after = b;
+    out.place[b].before = a;
   };
+  std::map<std::array<uint32_t, 2>, uint32_t> middles;
+  auto middle = [&](uint32_t a, uint32_t b) {
+    auto [it, fresh] = middles.try_emplace({std::min(a, b), std::max(a, b)}, 0);
+    if (!fresh) return it->second;
+    const RailStep *there = m.step(a, b), *back = m.step(b, a);
+    if (!there) return it->second = add((m.points[a] + m.points[b]) / 2.0, false, {});
+    const double along = (there->along + back->along) / 2;
+    const uint32_t c = it->second = add(rails[there->rail].point(along), false, {there->rail, along, kNoIndex, kNoIndex});
+    const bool forwards = there->along < back->along;
+    follow(corner[forwards ? a : b], c);
+    follow(c, corner[forwards ? b : a]);
+    return c;
+  };
+  if (!split) {
+    for (uint32_t v = 0; v < m.points.size(); ++v) {
+      for (const RailStep& s : m.steps[v]) {
+        if (m.step(s.to, v)->along > s.along) follow(corner[v], corner[s.to]);
+      }
+    }
+  }
   for (uint32_t t = 0; t < m.triangles.size(); ++t) {
     const Triangle& x = m.triangles[t];
     if (x[0] == kNoIndex || (partner[t] != kNoIndex && partner[t] < t)) continue;
@@ -266,12 +260,36 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const BorderLoop> loops, const s
     }
     glm::dvec3 centre{0};
     for (uint32_t v : face) centre += m.points[v] / static_cast<double>(n);
-    const uint32_t c = add(centre, {});
+    const uint32_t c = add(centre, false, {});
     for (size_t k = 0; k < n; ++k) {
       out.quads.push_back({corner[face[k]], middle(face[k], face[(k + 1) % n]), c, middle(face[(k + n - 1) % n], face[k])});
     }
   }
   return out;
+}
+
+QuadStars::QuadStars(const QuadMesh& m) : begin(m.points.size() + 1, 0), quads(4 * m.quads.size()) {
+  for (const auto& q : m.quads) {
+    for (uint32_t c : q) ++begin[c + 1];
+  }
+  for (size_t c = 1; c < begin.size(); ++c) begin[c] += begin[c - 1];
+  std::vector<uint32_t> fill(begin.begin(), begin.end() - 1);
+  for (uint32_t q = 0; q < m.quads.size(); ++q) {
+    for (uint32_t c : m.quads[q]) quads[fill[c]++] = q;
+  }
+}
+
+double QuadStars::leastSine(const QuadMesh& m, uint32_t corner) const {
+  double least = 1;
+  for (uint32_t i = begin[corner]; i < begin[corner + 1]; ++i) {
+    const auto& q = m.quads[quads[i]];
+    for (int k = 0; k < 4; ++k) {
+      const glm::dvec3 a = m.points[q[(k + 1) % 4]] - m.points[q[k]], b = m.points[q[(k + 3) % 4]] - m.points[q[k]];
+      const double length = glm::length(a) * glm::length(b);
+      least = std::min(least, length > 0 ? glm::dot(glm::cross(a, b), m.normals[q[k]]) / length : 0.0);
+    }
+  }
+  return least;
 }
 
 glm::dvec3 ScanLookup::normal(uint32_t t) const { return unit(glm::cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0))); }
@@ -282,21 +300,18 @@ SurfacePoint ScanLookup::project(const glm::dvec3& p, const glm::dvec3& n, doubl
   return scene.nearestOnLine({p, n, reach}, Facing::kAlong);
 }
 
-void relaxQuads(QuadMesh& m, std::span<const BorderLoop> loops, const ScanLookup& scan, int rounds) {
+void updateNormals(QuadMesh& m) {
+  m.normals.assign(m.points.size(), glm::dvec3(0));
+  for (const auto& q : m.quads) {
+    const glm::dvec3 up = glm::cross(m.points[q[2]] - m.points[q[0]], m.points[q[3]] - m.points[q[1]]);
+    for (uint32_t v : q) m.normals[v] += up;
+  }
+  for (glm::dvec3& n : m.normals) n = unit(n);
+}
+
+void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan, int rounds) {
   const size_t n = m.points.size();
-  // Border corners: the ones before and after.
-  std::vector<std::array<uint32_t, 2>> beside(n, {kNoIndex, kNoIndex});
-  std::map<std::array<uint32_t, 2>, int> sides;
-  for (const auto& q : m.quads) {
-    for (int k = 0; k < 4; ++k) ++sides[{std::min(q[k], q[(k + 1) % 4]), std::max(q[k], q[(k + 1) % 4])}];
-  }
-  for (const auto& q : m.quads) {
-    for (int k = 0; k < 4; ++k) {
-      const uint32_t a = q[k], b = q[(k + 1) % 4];
-      if (sides[{std::min(a, b), std::max(a, b)}] == 1) beside[a][1] = b, beside[b][0] = a;
-    }
-  }
-  m.normals.assign(n, glm::dvec3(0));
+  const QuadStars stars(m);
   std::vector<glm::dvec3> target(n);
   std::vector<double> weight(n);
   std::vector<int> uses(n, 0);
@@ -304,13 +319,12 @@ void relaxQuads(QuadMesh& m, std::span<const BorderLoop> loops, const ScanLookup
     for (uint32_t v : q) ++uses[v];
   }
   for (int round = 0; round < rounds; ++round) {
-    std::fill(m.normals.begin(), m.normals.end(), glm::dvec3(0));
+    updateNormals(m);
     std::fill(target.begin(), target.end(), glm::dvec3(0));
     std::fill(weight.begin(), weight.end(), 0.0);
     for (const auto& q : m.quads) {
       const glm::dvec3 p[4] = {m.points[q[0]], m.points[q[1]], m.points[q[2]], m.points[q[3]]};
-      const glm::dvec3 up = glm::cross(p[2] - p[0], p[3] - p[1]), normal = unit(up);
-      for (uint32_t v : q) m.normals[v] += up;
+      const glm::dvec3 normal = unit(glm::cross(p[2] - p[0], p[3] - p[1]));
       if (normal == glm::dvec3(0)) continue;
       // The square that fits best: each corner turned back to the first one's place and averaged.
       const glm::dvec3 centre = (p[0] + p[1] + p[2] + p[3]) / 4.0;
@@ -328,27 +342,27 @@ void relaxQuads(QuadMesh& m, std::span<const BorderLoop> loops, const ScanLookup
       }
     }
     for (uint32_t v = 0; v < n; ++v) {
-      m.normals[v] = unit(m.normals[v]);
       if (m.fixed[v] || weight[v] <= 0) continue;
       const glm::dvec3 to = target[v] / weight[v];
-      if (m.loop[v] != kNoIndex) {
-        const BorderLoop& l = loops[m.loop[v]];
-        const uint32_t before = beside[v][0], after = beside[v][1];
-        if (before == kNoIndex || after == kNoIndex) continue;
-        const double start = m.along[before], whole = before == after ? l.length : l.ahead(start, m.along[after]);
-        const double here = l.ahead(start, m.along[v]);
-        // Along the border as far as the wish points that way, between a quarter and three quarters of the way.
-        const glm::dvec3 tangent = unit(m.points[after] - m.points[before]);
-        double s = here + 0.5 * glm::dot(to - m.points[v], tangent);
-        s = 0.7 * s + 0.3 * whole / 2;
-        m.along[v] = start + std::clamp(s, 0.25 * whole, 0.75 * whole);
-        m.points[v] = l.point(m.along[v]);
+      if (RailPlace& at = m.place[v]; at.rail != kNoIndex) {
+        const Rail& rail = rails[at.rail];
+        if (at.before == kNoIndex || at.after == kNoIndex) continue;
+        const double start = m.fixed[at.before] ? 0 : m.place[at.before].along, end = m.fixed[at.after] ? rail.length() : m.place[at.after].along;
+        // Along the rail as far as the wish points that way, and towards the middle.
+        const glm::dvec3 tangent = unit(m.points[at.after] - m.points[at.before]);
+        const double s = 0.7 * (at.along + 0.5 * glm::dot(to - m.points[v], tangent)) + 0.3 * (start + end) / 2;
+        at.along = std::clamp(s, 0.75 * start + 0.25 * end, 0.25 * start + 0.75 * end);
+        m.points[v] = rail.point(at.along);
         continue;
       }
       glm::dvec3 step = 0.6 * (to - m.points[v]);
       step -= m.normals[v] * glm::dot(step, m.normals[v]);
-      const double reach = weight[v] > 0 ? 2 * uses[v] / weight[v] : 0;  // twice the mean of the quads' radii, roughly
-      if (const SurfacePoint hit = scan.project(m.points[v] + step, m.normals[v], reach)) m.points[v] = scan.point(hit);
+      if (!m.slide.empty()) step = m.slide[v] * step;
+      const double reach = 2 * uses[v] / weight[v];  // about twice the quads' radius
+      const glm::dvec3 was = m.points[v];
+      const double before = stars.leastSine(m, v);
+      if (const SurfacePoint hit = scan.project(was + step, m.normals[v], reach)) m.points[v] = scan.point(hit);
+      if (stars.leastSine(m, v) < std::min(before, 0.3)) m.points[v] = was;
     }
   }
 }

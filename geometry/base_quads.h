@@ -4,7 +4,6 @@
 
 #include <array>
 #include <cstdint>
-#include <functional>
 #include <span>
 #include <vector>
 
@@ -16,28 +15,28 @@
 
 namespace relievo {
 
-// A border of the scan, by the distance along it.
-struct BorderLoop {
-  std::vector<glm::dvec3> points;
-  std::vector<double> at;  // of each point
-  double length = 0;
-  glm::dvec3 point(double s) const;
-  double ahead(double from, double to) const;  // 0 <= x < length
+// Where on a rail a point is that is not fixed, and the next points on it; a rail's fixed ends are at 0 and at its length.
+struct RailPlace {
+  uint32_t rail = kNoIndex;  // kNoIndex: on none
+  double along = 0;
+  uint32_t before = kNoIndex, after = kNoIndex;
 };
 
 struct QuadMesh {
   std::vector<glm::dvec3> points;
   std::vector<glm::dvec3> normals;            // of the surface near the point, for projections
   std::vector<std::array<uint32_t, 4>> quads;  // against the clock seen from outside
-  std::vector<uint32_t> loop;                 // the border that a point is on; kNoIndex: none
-  std::vector<double> along;                  // where on it
-  std::vector<uint8_t> fixed;
+  std::vector<uint8_t> fixed;                 // points that stay
+  std::vector<RailPlace> place;
+  std::vector<glm::dmat3> slide;              // the directions that a point may move in, those across a crease taken out; or empty
 };
 
-struct BorderPlace {
-  uint32_t loop = kNoIndex;
-  double along = 0;
-  bool fixed = false;
+// The quads around each corner.
+struct QuadStars {
+  std::vector<uint32_t> begin, quads;
+  explicit QuadStars(const QuadMesh& m);
+  // The smallest sine, seen along the normals, of all angles of the quads around a corner: 1: right angles, below 0: folded over.
+  double leastSine(const QuadMesh& m, uint32_t corner) const;
 };
 
 // Places on the scan (a reduced one will do).
@@ -55,7 +54,8 @@ struct ScanLookup {
 
 // split: every quad into four and every triangle into three (Catmull and Clark 1978); else the pairs alone, if all triangles find
 // one: an empty mesh if not.
-QuadMesh makeQuads(const EditMesh& mesh, std::span<const BorderLoop> loops, const std::function<BorderPlace(uint32_t)>& border_place, bool split);
-void relaxQuads(QuadMesh& mesh, std::span<const BorderLoop> loops, const ScanLookup& scan, int rounds);
+QuadMesh makeQuads(const EditMesh& mesh, std::span<const Rail> rails, bool split);
+void updateNormals(QuadMesh& mesh);  // of the quads around each corner, by area
+void relaxQuads(QuadMesh& mesh, std::span<const Rail> rails, const ScanLookup& scan, int rounds);
 
 }  // namespace relievo

@@ -111,19 +111,16 @@ struct Simplifier {
     }
   }
 
-  bool fixedPoint(uint32_t v) const { return !options.fixed.empty() && options.fixed[v]; }
+  bool held(uint32_t v) const { return m.fixed[v] || m.border[v] || !m.steps[v].empty(); }
 
   // Where both ends go, and at what cost; false: the edge must stay.
   bool evaluate(uint32_t a, uint32_t b, glm::dvec3& to, double& cost) const {
     Quadric q = quadrics[a];
     q.add(quadrics[b]);
-    const bool hold_a = fixedPoint(a) || m.border[a], hold_b = fixedPoint(b) || m.border[b];
+    const bool hold_a = held(a), hold_b = held(b);
     if (hold_a && hold_b) {
-      std::array<uint32_t, 2> found;
-      if (fixedPoint(a) && fixedPoint(b)) return false;
-      if (m.border[a] && m.border[b] && m.sharing(a, b, found) != 1) return false;
-      if (m.border[a] != m.border[b]) return false;
-      const bool to_a = fixedPoint(a) || (!fixedPoint(b) && q.at(m.points[a]) <= q.at(m.points[b]));
+      if ((m.fixed[a] && m.fixed[b]) || !m.step(a, b)) return false;
+      const bool to_a = m.fixed[a] || (!m.fixed[b] && q.at(m.points[a]) <= q.at(m.points[b]));
       to = m.points[to_a ? a : b];
     } else if (hold_a || hold_b) {
       to = m.points[hold_a ? a : b];
@@ -183,10 +180,11 @@ struct Simplifier {
         if (x == y) return false;
       }
     }
-    // The vertex across keeps three triangles (two at a border).
+    // The vertex across keeps three triangles (one at a border); and two rails do not become one.
     for (uint32_t k = 0; k < sides; ++k) {
       for (uint32_t w : m.triangles[found[k]]) {
-        if (w != a && w != b && m.fans[w].size() <= (m.border[w] ? 1u : 3u)) return false;
+        if (w == a || w == b) continue;
+        if (m.fans[w].size() <= (m.border[w] ? 1u : 3u) || (m.step(a, w) && m.step(b, w))) return false;
       }
     }
     for (uint32_t v : {a, b}) {
@@ -203,6 +201,23 @@ struct Simplifier {
     return true;
   }
 
+  // b goes; a takes its place on their rail.
+  void joinRails(uint32_t a, uint32_t b) {
+    const RailStep* joint = m.step(a, b);
+    if (joint) {
+      const RailStep was = *joint;
+      for (const RailStep& s : m.steps[b]) {
+        if (s.to == a) continue;
+        m.steps[a].push_back({s.to, s.rail, was.along});
+        for (RailStep& back : m.steps[s.to]) {
+          if (back.to == b && back.rail == s.rail) back.to = a;
+        }
+      }
+      std::erase_if(m.steps[a], [&](const RailStep& s) { return s.to == b; });
+    }
+    m.steps[b].clear();
+  }
+
   void collapse(uint32_t a, uint32_t b, const glm::dvec3& to) {
     std::array<uint32_t, 2> found;
     const uint32_t sides = m.sharing(a, b, found);
@@ -217,6 +232,7 @@ struct Simplifier {
       m.fans[a].push_back(t);
     }
     m.fans[b].clear();
+    joinRails(a, b);
     m.points[a] = to;
     m.border[a] |= m.border[b];
     quadrics[a].add(quadrics[b]);
@@ -242,8 +258,7 @@ struct Simplifier {
         glm::dvec3 to;
         double cost;
         if (evaluate(c.a, c.b, to, cost) && allowed(c.a, c.b, to)) {
-          // A fixed vertex is where the survivor must be remembered as fixed: it keeps its own index.
-          if (fixedPoint(c.b) || (m.border[c.b] && to == m.points[c.b])) {
+          if (held(c.b) && to == m.points[c.b]) {  // a place on a rail keeps its vertex
             collapse(c.b, c.a, to);
           } else {
             collapse(c.a, c.b, to);
@@ -260,14 +275,22 @@ struct Simplifier {
 
 }  // namespace
 
-EditMesh::EditMesh(const Surface& s)
-    : points(s.points.begin(), s.points.end()), triangles(s.triangles), fans(s.points.size()), border(s.points.size(), 0), live(s.triangles.size()) {
+EditMesh::EditMesh(const Surface& s, const Rails& rails)
+    : points(s.points.begin(), s.points.end()), triangles(s.triangles), fans(s.points.size()), border(s.points.size(), 0), fixed(rails.fixed),
+      steps(rails.steps), live(static_cast<uint32_t>(s.triangles.size())) {
   for (uint32_t t = 0; t < triangles.size(); ++t) {
     for (uint32_t v : triangles[t]) fans[v].push_back(t);
   }
   for (const auto& loop : s.loops) {
     for (uint32_t v : loop) border[v] = 1;
   }
+}
+
+const RailStep* EditMesh::step(uint32_t a, uint32_t b) const {
+  for (const RailStep& s : steps[a]) {
+    if (s.to == b) return &s;
+  }
+  return nullptr;
 }
 
 uint32_t EditMesh::sharing(uint32_t a, uint32_t b, std::array<uint32_t, 2>& found) const {
@@ -294,7 +317,7 @@ void flipEdges(EditMesh& m) {
       for (int k = 0; k < 3 && m.triangles[t][0] != kNoIndex; ++k) {
         const uint32_t a = m.triangles[t][k], b = m.triangles[t][(k + 1) % 3], c = m.triangles[t][(k + 2) % 3];
         std::array<uint32_t, 2> found;
-        if (m.sharing(a, b, found) != 2) continue;
+        if (m.sharing(a, b, found) != 2 || m.step(a, b)) continue;
         const uint32_t other = found[0] == t ? found[1] : found[0];
         uint32_t d = kNoIndex;
         for (uint32_t w : m.triangles[other]) {

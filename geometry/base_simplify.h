@@ -11,6 +11,7 @@
 
 #include <glm/glm.hpp>
 
+#include "geometry/base_rails.h"
 #include "geometry/base_topology.h"
 
 namespace relievo {
@@ -20,10 +21,12 @@ struct EditMesh {
   std::vector<glm::dvec3> points;
   std::vector<Triangle> triangles;
   std::vector<std::vector<uint32_t>> fans;
-  std::vector<uint8_t> border;  // of a vertex
-  uint32_t live = 0;            // triangles
+  std::vector<uint8_t> border, fixed;         // of a vertex
+  std::vector<std::vector<RailStep>> steps;  // of a vertex: along the rails that it is on
+  uint32_t live = 0;                         // triangles
 
-  explicit EditMesh(const Surface& s);
+  EditMesh(const Surface& s, const Rails& rails);
+  const RailStep* step(uint32_t a, uint32_t b) const;  // of the rail from a to b; null: their edge is on none
   uint32_t sharing(uint32_t a, uint32_t b, std::array<uint32_t, 2>& found) const;  // triangles at the edge: 0, 1 or 2
 };
 
@@ -31,12 +34,11 @@ struct SimplifyOptions {
   uint32_t triangles = 0;            // down to, where the topology lets it
   double uncertainty = 0.2;          // of a plane's direction, in radians: what bends less over a triangle counts as flat
   std::span<const float> weight;     // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
-  std::span<const uint8_t> fixed;    // vertices that stay; or empty
   const std::atomic<bool>* interrupted = nullptr;
 };
-// Border vertices stay where they are or go; others move.
+// Vertices on rails stay where they are or go, along their rail; fixed ones stay; others move.
 void simplify(EditMesh& mesh, const SimplifyOptions& options);
 // Turns edges over where that makes valences more even and the surface no rougher.
-void flipEdges(EditMesh& mesh);
+void flipEdges(EditMesh& mesh);  // none of a rail
 
 }  // namespace relievo

@@ -203,6 +203,7 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
     SurfacePiece& p = s.pieces[i];
     p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) + static_cast<int64_t>(p.triangles);
   }
+  s.twin = std::move(*twins);
   return s;
 }
 

@@ -28,6 +28,7 @@ struct SurfacePiece {
 struct Surface {
   std::vector<glm::vec3> points;
   std::vector<Triangle> triangles;
+  std::vector<uint32_t> twin;                  // of half edge 3 t + k (corner k to k + 1): the one back; kNoIndex: border
   std::vector<uint32_t> source;                // the vertex of the input that each vertex is (a copy of)
   std::vector<uint32_t> piece;                 // of a vertex; kNoIndex: no triangle uses it
   std::vector<SurfacePiece> pieces;

@@ -1,0 +1,221 @@
+#include "geometry/base_rails.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace relievo {
+
+namespace {
+
+constexpr double kSharp = 50 * std::numbers::pi / 180;  // turns of a rail, and folds of the surface, that count
+constexpr double kShortest = 0.25;                      // of a net of creases, for each of its ends, forks and sharp turns, in diagonals
+
+double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
+  const double length = glm::length(a) * glm::length(b);
+  return length > 0 ? std::acos(std::clamp(glm::dot(a, b) / length, -1.0, 1.0)) : 0;
+}
+
+// A line of vertices with their places; closed: the last one leads back to the first.
+struct Line {
+  std::vector<uint32_t> vertices;
+  std::vector<glm::dvec3> points;
+  bool closed = false, border = false;
+};
+
+// Indices into the line where it turns by more than kSharp within a window on either side, the sharpest of their surroundings.
+std::vector<size_t> sharpTurns(const Line& line) {
+  const size_t n = line.points.size();
+  std::vector<double> at{0};
+  for (size_t i = 0; i + 1 < n + line.closed; ++i) at.push_back(at.back() + glm::length(line.points[(i + 1) % n] - line.points[i]));
+  const double length = at.back(), window = std::max(length / 50, 0.005);
+  auto place = [&](double s) {
+    if (line.closed) s -= std::floor(s / length) * length;
+    s = std::clamp(s, 0.0, length);
+    size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
+    i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
+    const double t = at[i + 1] > at[i] ? (s - at[i]) / (at[i + 1] - at[i]) : 0;
+    return line.points[i] * (1 - t) + line.points[(i + 1) % n] * t;
+  };
+  std::vector<double> turn(n, 0.0);
+  for (size_t i = line.closed ? 0 : 1; i < n - !line.closed; ++i) {
+    turn[i] = angleOf(line.points[i] - place(at[i] - window), place(at[i] + window) - line.points[i]);
+  }
+  std::vector<size_t> sharp;
+  for (size_t i = 0; i < n; ++i) {
+    if (turn[i] < kSharp) continue;
+    bool largest = true;
+    for (int way : {1, -1}) {
+      double walked = 0;
+      for (size_t step = 1; step < n && largest; ++step) {
+        const size_t from = (i + n + way * (step - 1)) % n, j = (i + n + n + way * step) % n;
+        if (!line.closed && ((way > 0 && j < i) || (way < 0 && j > i))) break;
+        walked += glm::length(line.points[j] - line.points[from % n]);
+        if (walked > window) break;
+        largest = way > 0 ? turn[j] < turn[i] : turn[j] <= turn[i];
+      }
+    }
+    if (largest) sharp.push_back(i);
+  }
+  return sharp;
+}
+
+// Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names, kNoIndex: gone.
+void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& out) {
+  const size_t n = line.points.size();
+  // Fixed vertices must still exist.
+  std::vector<size_t> cuts;
+  for (size_t i : sharpTurns(line)) {
+    if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
+  }
+  if (line.closed && cuts.empty()) {
+    for (size_t i = 0; i < n && cuts.empty(); ++i) {
+      if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
+    }
+    if (cuts.empty()) return;
+  }
+  if (!line.closed) {
+    cuts.insert(cuts.begin(), 0);
+    cuts.push_back(n - 1);
+    cuts.erase(std::unique(cuts.begin(), cuts.end()), cuts.end());
+  }
+  for (size_t c = 0; c + !line.closed < cuts.size(); ++c) {
+    const size_t first = cuts[c], last = c + 1 < cuts.size() ? cuts[c + 1] : cuts[0] + n;
+    Rail rail;
+    rail.border = line.border;
+    const auto name = static_cast<uint32_t>(out.rails.size());
+    uint32_t before = kNoIndex;
+    double before_along = 0;
+    for (size_t i = first; i <= last; ++i) {
+      const glm::dvec3 p = line.points[i % n];
+      const double along = i == first ? 0 : rail.at.back() + glm::length(p - rail.points.back());
+      rail.points.push_back(p);
+      rail.at.push_back(along);
+      const uint32_t v = vertex_of[line.vertices[i % n]];
+      if (v == kNoIndex) continue;
+      if (before != kNoIndex) {
+        out.steps[before].push_back({v, name, before_along});
+        out.steps[v].push_back({before, name, along});
+      }
+      if (i == first || i == last) out.fixed[v] = 1;
+      before = v;
+      before_along = along;
+    }
+    out.rails.push_back(std::move(rail));
+  }
+}
+
+// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and forks.
+std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_border) {
+  auto normal = [&](uint32_t t) {
+    const Triangle& x = s.triangles[t];
+    const glm::dvec3 a = s.points[x[0]], n = glm::cross(glm::dvec3(s.points[x[1]]) - a, glm::dvec3(s.points[x[2]]) - a);
+    const double length = glm::length(n);
+    return length > 0 ? n / length : glm::dvec3(0);
+  };
+  std::vector<std::vector<uint32_t>> beside(s.points.size());
+  for (uint32_t h = 0; h < s.twin.size(); ++h) {
+    if (s.twin[h] == kNoIndex || s.twin[h] < h || glm::dot(normal(h / 3), normal(s.twin[h] / 3)) > std::cos(kSharp)) continue;
+    const uint32_t a = s.triangles[h / 3][h % 3], b = s.triangles[h / 3][(h + 1) % 3];
+    beside[a].push_back(b);
+    beside[b].push_back(a);
+  }
+  auto node = [&](uint32_t v) { return beside[v].size() != 2 || on_border[v]; };
+  std::vector<Line> lines;
+  std::vector<std::vector<uint8_t>> walked(s.points.size());
+  for (uint32_t v = 0; v < s.points.size(); ++v) walked[v].assign(beside[v].size(), 0);
+  auto walk = [&](uint32_t v, size_t k) {
+    Line line;
+    line.vertices.push_back(v);
+    for (uint32_t at = v;;) {
+      walked[at][k] = 1;
+      const uint32_t next = beside[at][k];
+      const size_t back = std::find(beside[next].begin(), beside[next].end(), at) - beside[next].begin();
+      walked[next][back] = 1;
+      if (next == v) {
+        line.closed = true;
+        break;
+      }
+      line.vertices.push_back(next);
+      if (node(next)) break;
+      k = 1 - back;
+      at = next;
+    }
+    for (uint32_t x : line.vertices) line.points.push_back(s.points[x]);
+    if (line.closed && node(v)) {  // back to a fork: it stays the end of both ways
+      line.closed = false;
+      line.vertices.push_back(v);
+      line.points.push_back(s.points[v]);
+    }
+    lines.push_back(std::move(line));
+  };
+  for (int pass = 0; pass < 2; ++pass) {  // from the nodes first; then what is left are circles
+    for (uint32_t v = 0; v < s.points.size(); ++v) {
+      if (pass == 0 && !node(v)) continue;
+      for (size_t k = 0; k < beside[v].size(); ++k) {
+        if (!walked[v][k]) walk(v, k);
+      }
+    }
+  }
+  // Nets that are too short for their fixed points are roughness.
+  std::vector<uint32_t> net(s.points.size());
+  std::iota(net.begin(), net.end(), 0u);
+  auto netOf = [&](uint32_t v) {
+    while (net[v] != v) v = net[v] = net[net[v]];
+    return v;
+  };
+  for (const Line& line : lines) {
+    const uint32_t a = netOf(line.vertices.front()), b = netOf(line.vertices.back());
+    net[std::max(a, b)] = std::min(a, b);
+  }
+  std::vector<double> length(s.points.size(), 0.0), fixed(s.points.size(), 0.0);
+  for (uint32_t v = 0; v < s.points.size(); ++v) fixed[netOf(v)] += !beside[v].empty() && node(v);
+  for (const Line& line : lines) {
+    const uint32_t n = netOf(line.vertices.front());
+    for (size_t i = 1; i < line.points.size(); ++i) length[n] += glm::length(line.points[i] - line.points[i - 1]);
+    fixed[n] += static_cast<double>(sharpTurns(line).size());
+  }
+  std::erase_if(lines, [&](const Line& line) {
+    const uint32_t n = netOf(line.vertices.front());
+    return length[n] < kShortest * std::max(fixed[n], 1.0);
+  });
+  return lines;
+}
+
+}  // namespace
+
+glm::dvec3 Rail::point(double s) const {
+  size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
+  i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
+  const double t = at[i + 1] > at[i] ? std::clamp((s - at[i]) / (at[i + 1] - at[i]), 0.0, 1.0) : 0;
+  return points[i] * (1 - t) + points[i + 1] * t;
+}
+
+Rails findRails(const std::vector<glm::vec3>& scan_points, const std::vector<std::vector<uint32_t>>& scan_loops, const Reduced& reduced, bool creases) {
+  const size_t n = reduced.surface.points.size();
+  Rails out;
+  out.steps.resize(n);
+  out.fixed.assign(n, 0);
+  std::vector<uint32_t> reduced_of(scan_points.size(), kNoIndex);
+  for (uint32_t v = 0; v < n; ++v) reduced_of[reduced.vertex[v]] = v;
+  std::vector<uint8_t> on_border(n, 0);
+  for (const auto& loop : scan_loops) {
+    Line line{loop, {}, true, true};
+    for (uint32_t v : loop) {
+      line.points.push_back(scan_points[v]);
+      if (reduced_of[v] != kNoIndex) on_border[reduced_of[v]] = 1;
+    }
+    addRails(line, reduced_of, out);
+  }
+  if (!creases) return out;
+  std::vector<uint32_t> itself(n);
+  for (uint32_t v = 0; v < n; ++v) itself[v] = v;
+  for (const Line& line : creaseLines(reduced.surface, on_border)) addRails(line, itself, out);
+  for (uint32_t v = 0; v < n; ++v) {
+    if (on_border[v] && out.steps[v].size() > 2) out.fixed[v] = 1;
+  }
+  return out;
+}
+
+}  // namespace relievo
