@@ -1,6 +1,9 @@
 // mesh_lod.cpp - see the header. The order of the work is that of planar_lod.cpp: roots in view, refinement with 2:1 balance, one level
 // an edge, the list. What differs:
 //
+// Many patches. All roots are looked at together (mesh_roots.h); where neither a root nor a neighbour needs more than a root's grid, it
+// is drawn from there. Only the others become nodes of a tree.
+//
 // Levels of squares, not of edges: the level that a square wants, W, is the coarsest whose error is small enough on the screen, a
 // function of the square alone. An edge between two squares of one level wants the larger of their two; so does either side, whoever
 // asks, and neither side's triangles are worse than that side asks for.
@@ -16,150 +19,46 @@
 #include "geometry/mesh_lod.h"
 
 #include <algorithm>
-#include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
 
 #include "geometry/lod_common.h"
+#include "geometry/mesh_forest.h"
+#include "geometry/mesh_roots.h"
 
 namespace relievo {
 namespace {
 
-constexpr size_t kMaxParts = 16384;  // of pages, 1.4 KB each, kept from view to view
+constexpr uint32_t kNone = IndexTable::kNone;
 
-struct Square {
-  uint32_t patch = 0;
-  int level = 0;
-  uint32_t x = 0, y = 0;
-  Square ancestor(int coarser) const { return {patch, coarser, x >> (level - coarser), y >> (level - coarser)}; }
-  Square child(uint32_t cx, uint32_t cy) const { return {patch, level + 1, 2 * x + cx, 2 * y + cy}; }
-  NodeId id() const { return {patch, static_cast<uint32_t>(level), x, y}; }
-};
-
-// Corners of a square at its lowest and at its highest height.
-struct Hull {
-  std::array<glm::dvec3, 8> points;
-};
-
-bool soundHeights(const HeightBounds& b) { return b.min_mm <= b.max_mm && std::isfinite(b.min_mm) && std::isfinite(b.max_mm); }
-
-// What does not change from view to view.
-struct Forest {
-  Forest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm, std::shared_ptr<const ReliefOracle> source,
-       std::vector<CoarseErrors> coarse)
-      : base(std::move(mesh)), oracle(std::move(source)), coarse_errors(std::move(coarse)), depth(std::max(relief_depth, 0)) {
-    assert(base && oracle);
-    has_relief = relief_depth >= 0;
-    unit_log2 = depth + kPageLog2;
-    double ends[2] = {offset_mm, offset_mm + 65535 * scale_mm};
-    whole_range.min_mm = static_cast<float>(std::min(ends[0], ends[1]));
-    whole_range.max_mm = static_cast<float>(std::max(ends[0], ends[1]));
-    neighbours = patchNeighbours(*base);
-    patch_bits = std::bit_width(std::max<size_t>(base->patches.size(), 2) - 1);
-    // A square's key has 5 bits of level; places as fine as what is left.
-    max_level = std::min({(58 - patch_bits) / 2, unit_log2 - 1, 31});
-    twist_mm.reserve(base->patches.size());
-    for (const auto& c : base->patches) {
-      auto at = [&](int k) { return glm::dvec3(base->corners[c[k]].position_mm); };
-      twist_mm.push_back(glm::length(at(0) - at(1) - at(2) + at(3)));
-    }
-    if (coarse_errors.size() != base->patches.size()) coarse_errors.clear();
-  }
-
-  std::shared_ptr<const BaseMesh> base;
-  std::shared_ptr<const ReliefOracle> oracle;
-  std::vector<CoarseErrors> coarse_errors;
-  std::vector<PatchNeighbours> neighbours;
-  std::vector<double> twist_mm;  // |c00 - c10 - c01 + c11|
-  int depth = 0, unit_log2 = 0, patch_bits = 0, max_level = 0;
-  bool has_relief = false;
-  HeightBounds whole_range;
-  // What the oracle said, kept.
-  std::vector<HeightBounds> bounds;
-  std::vector<PartErrors> parts;
-  IndexTable bounds_index, parts_index;
-
-  // ---- places
-  uint64_t key(const Square& s) const {
-    const int place_bits = (58 - patch_bits) / 2;
-    return (static_cast<uint64_t>(s.level) << 58) | (uint64_t{s.patch} << (2 * place_bits)) | (uint64_t{s.x} << place_bits) | s.y;
-  }
-  // The square of the same level across a side; false: the mesh's border.
-  bool neighbour(const Square& s, int side, Square& out) const {
-    static constexpr int kDx[4] = {-1, 1, 0, 0}, kDy[4] = {0, 0, -1, 1};
-    const uint32_t last = (1u << s.level) - 1;
-    const bool upright = side == kLeft || side == kRight;
-    const uint32_t across = upright ? s.x : s.y, along = upright ? s.y : s.x;
-    if (across != (side == kRight || side == kBottom ? last : 0)) {
-      out = {s.patch, s.level, s.x + static_cast<uint32_t>(kDx[side]), s.y + static_cast<uint32_t>(kDy[side])};
-      return true;
-    }
-    const PatchNeighbour& n = neighbours[s.patch][static_cast<size_t>(side)];
-    if (n.patch == PatchNeighbour::kNone) return false;
-    const uint32_t t = n.reversed ? last - along : along, edge = n.side == kRight || n.side == kBottom ? last : 0;
-    out = n.side == kLeft || n.side == kRight ? Square{n.patch, s.level, edge, t} : Square{n.patch, s.level, t, edge};
-    return true;
-  }
-
-  // ---- heights and errors, at exaggeration 1
-  const HeightBounds& pageBounds(const Square& page) {
-    uint64_t k = key(page);
-    if (uint32_t found = bounds_index.find(k); found != IndexTable::kNone) return bounds[found];
-    HeightBounds b = oracle->bounds(page.id());
-    if (!soundHeights(b)) b.min_mm = whole_range.min_mm, b.max_mm = whole_range.max_mm;
-    if (!(b.error_mm >= 0 && std::isfinite(b.error_mm))) b.error_mm = std::numeric_limits<float>::infinity();
-    bounds_index.insert(k, static_cast<uint32_t>(bounds.size()));
-    return bounds.emplace_back(b);
-  }
-  HeightBounds heights(const Square& s) { return pageBounds(s.ancestor(std::min(s.level, depth))); }
-  double bakedError(const Square& s, int level) {
-    if (level >= unit_log2) return 0;
-    int page_level = level - kPageLog2;
-    if (page_level < 0) {
-      if (coarse_errors.empty()) return std::numeric_limits<double>::infinity();
-      const auto& table = coarse_errors[s.patch];
-      // Not below those of finer grids, whatever the table says.
-      double error = pageBounds({s.patch, 0, 0, 0}).error_mm;
-      for (int k = level; k < kPageLog2; ++k) error = table[k] >= 0 ? std::max<double>(error, table[k]) : std::numeric_limits<double>::infinity();
-      return error;
-    }
-    Square page = s.ancestor(std::min(page_level, s.level));
-    double whole = pageBounds(page).error_mm;
-    int part_depth = std::min(s.level - page.level, kErrorBlocksLog2);
-    if (part_depth == 0 || whole == 0) return whole;
-    uint64_t k = key(page);
-    uint32_t found = parts_index.find(k);
-    if (found == IndexTable::kNone) {
-      found = static_cast<uint32_t>(parts.size());
-      parts_index.insert(k, found);
-      parts.emplace_back().read(*oracle, page.id(), static_cast<float>(whole));
-    }
-    Square part = s.ancestor(page.level + part_depth);
-    return parts[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth));
-  }
-};
-
+// Of each view anew; kept for its memory.
 class Selection {
  public:
-  Selection(Forest& mesh, const LodView& view, const ReliefSet& resident) : m_(mesh), resident_(resident), camera_(view) {
-    flat_ = !view.relief || !mesh.has_relief;
-    exaggerate_ = flat_ ? 0 : std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
-    error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
-    min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
-  }
+  explicit Selection(MeshForest& forest) : forest_(forest) { tree_.root_node.resize(forest.patchCount(), kNone); }
 
-  PlanarLodResult run() {
+  PlanarLodResult run(const LodView& view, const ReliefSet& resident) {
+    camera_ = LodCamera(view);
+    resident_ = &resident;
+    flat_ = !view.relief || !forest_.hasRelief();
+    exaggerate_ = flat_ ? 0 : std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
+    min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
+    limited_ = 0;
+    wants_.clear();
+    want_index_.clear();
+    error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
+    if (!camera_.valid) return rootsAlone();
+    roots_.prepare(forest_, exaggerate_);
     // Four times the error until it fits, then back to twice if that fits too.
     double asked_px = error_px_, scale = 1;
-    while (!fits(asked_px, scale, !camera_.valid || scale > 1e12)) scale *= 4;
+    while (!fits(asked_px, scale, scale > 1e12)) scale *= 4;
     if (scale > 1 && scale <= 1e12 && !fits(asked_px, scale / 2, false)) fits(asked_px, scale, true);
     return finish();
   }
 
  private:
   enum class State : uint8_t { kLeaf, kSplit };
-  // What a square alone determines.
+  // What a square alone determines. Culled: nothing is wanted, and no error shows.
   struct Info {
     double px_per_mm = 0, diameter_mm = 0, cell_px = 0;  // cell_px: of the whole square, as one cell
     glm::dvec3 centre{0};
@@ -178,51 +77,68 @@ class Selection {
     int wanted_level = 0;    // the largest of its edges'
     std::array<std::array<uint8_t, 2>, 4> segments{};
   };
+  struct Tree {
+    std::vector<Node> nodes;
+    std::vector<uint32_t> root_node;  // by patch; none: drawn from the roots' tables, or culled
+    IndexTable index;                 // of the other nodes
+    size_t roots = 0;                 // among the nodes
+    void clear() {
+      for (const Node& n : nodes)
+        if (n.square.level == 0) root_node[n.square.patch] = kNone;
+      nodes.clear();
+      index.clear();
+      roots = 0;
+    }
+  };
+  // A root that is no node, as it is drawn.
+  struct PlainRoot {
+    uint32_t patch;
+    std::array<uint8_t, 4> segments;
+  };
 
   // ---- squares
-  Hull hullOf(const Square& s) {
-    HeightBounds h{};
-    if (!flat_) h = m_.heights(s);
-    double low = flat_ ? 0 : h.min_mm * exaggerate_, high = flat_ ? 0 : h.max_mm * exaggerate_;
-    double step = std::ldexp(1.0, -s.level);
-    Hull hull;
-    for (int k = 0; k < 4; ++k) {
-      double u = (s.x + (k & 1)) * step, v = (s.y + (k >> 1)) * step;
-      glm::dvec3 p = m_.base->point(s.patch, u, v), n = m_.base->normal(s.patch, u, v);
-      hull.points[k] = p + low * n;
-      hull.points[4 + k] = p + high * n;
+  Info info(const Square& s) {
+    if (s.level == 0) {
+      const uint8_t code = roots_.codes()[s.patch];
+      if (!(code & MeshRoots::kCareful)) {
+        Info in;
+        in.culled = (code & MeshRoots::kCulled) != 0;
+        in.wanted_level = code & MeshRoots::kLevel;
+        in.px_per_mm = roots_.pxPerMm()[s.patch];
+        in.diameter_mm = roots_.diameter(s.patch);
+        return in;  // it needs neither centre nor cell_px
+      }
     }
-    return hull;
-  }
-  const Info& info(const Square& s) {
-    uint64_t k = m_.key(s);
-    if (uint32_t found = info_index_.find(k); found != IndexTable::kNone) return infos_[found];
+    const uint64_t k = forest_.key(s);
+    if (uint32_t found = info_index_.find(k); found != kNone) return infos_[found];
     info_index_.insert(k, static_cast<uint32_t>(infos_.size()));
     return infos_.emplace_back(evaluate(s));
   }
   Info evaluate(const Square& s) {
     Info in;
     in.wanted_level = s.level;
-    if (!camera_.valid) return in;
-    Hull hull = hullOf(s);
-    glm::dvec3 low = hull.points[0], high = low;
-    for (const glm::dvec3& p : hull.points) low = glm::min(low, p), high = glm::max(high, p);
-    in.centre = 0.5 * (low + high);
-    in.diameter_mm = glm::length(high - low);
+    const SquareHull hull = forest_.hull(s, exaggerate_);
     for (const glm::dvec4& plane : camera_.planes) {
       double reach = std::numeric_limits<double>::lowest(), terms = 0;
-      for (const glm::dvec3& p : hull.points) {
+      for (const glm::dvec3& p : hull) {
         reach = std::max(reach, LodCamera::value(plane, p));
         terms = std::max(terms, std::abs(plane.x * p.x) + std::abs(plane.y * p.y) + std::abs(plane.z * p.z) + std::abs(plane.w));
       }
       // Vertices are computed in floats: what is on the plane stays.
-      in.culled = in.culled || reach < -1e-6 * terms;
+      if (reach < -1e-6 * terms) {
+        in.culled = true;
+        return in;
+      }
     }
+    glm::dvec3 low = hull[0], high = low;
+    for (const glm::dvec3& p : hull) low = glm::min(low, p), high = glm::max(high, p);
+    in.centre = 0.5 * (low + high);
+    in.diameter_mm = glm::length(high - low);
     in.px_per_mm = camera_.scale;
     double nearest_px_per_mm = camera_.scale;
     if (!camera_.orthographic) {
       double depth = std::numeric_limits<double>::max(), secant = 1;
-      for (const glm::dvec3& p : hull.points) {
+      for (const glm::dvec3& p : hull) {
         double z = LodCamera::value(camera_.depth_row, p);
         depth = std::min(depth, z);
         secant = std::max(secant, z >= camera_.near_mm ? glm::length(p - camera_.eye) / z : camera_.max_secant);
@@ -231,26 +147,17 @@ class Selection {
       in.px_per_mm = nearest_px_per_mm * std::min(secant, camera_.max_secant);
     }
     double longest = 0;
-    for (int a : {0, 4})
-      for (auto [i, j] : {std::array{0, 1}, std::array{2, 3}, std::array{0, 2}, std::array{1, 3}})
-        longest = std::max(longest, glm::length(hull.points[a + i] - hull.points[a + j]));
+    for (size_t a : {0, 4})
+      for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2}, std::array<size_t, 2>{1, 3}})
+        longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
     in.cell_px = longest * nearest_px_per_mm;
-    int level = s.level;
     double cell_px = in.cell_px;
-    const int finest = std::min(s.level + kPageLog2, m_.unit_log2);
+    const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
+    int& level = in.wanted_level;
     for (; level < finest && !(errorMm(s, level, in) * in.px_per_mm <= error_px_) && cell_px > min_cell_px_; ++level) cell_px *= 0.5;
-    in.wanted_level = level;
     return in;
   }
-  // Of the surface through the vertices of an absolute level, within a square.
-  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: the baked error x times, and what is left of the bilinear P's.
-  // The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their middle.
-  double errorMm(const Square& s, int level, const Info& in) {
-    if (level >= m_.unit_log2) return 0;
-    double error = std::abs(1 - exaggerate_) * std::ldexp(0.25 * m_.twist_mm[s.patch], -2 * level);
-    if (!flat_) error += std::abs(exaggerate_) * m_.bakedError(s, level);
-    return std::isnan(error) ? in.diameter_mm : std::min(error, in.diameter_mm);
-  }
+  double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
   // Of an edge between two squares of one level, or at the border.
   int edgeWants(const Square& s, const Square* other) {
     int wanted = info(s).wanted_level;
@@ -259,29 +166,37 @@ class Selection {
 
   // ---- the tree
   bool isResident(const Square& page) const {
-    return assume_resident_ || page.level == 0 || (page.level <= m_.depth && resident_.count(page.id()) != 0);
+    return assume_resident_ || page.level == 0 || (page.level <= forest_.depth() && resident_->count(page.id()) != 0);
   }
   int residentLevel(const Square& s, int inherited) const {
-    if (flat_) return m_.unit_log2;
-    return s.level <= m_.depth && isResident(s) ? s.level + kPageLog2 : inherited;
+    if (flat_) return forest_.unitLog2();
+    return s.level <= forest_.depth() && isResident(s) ? s.level + kPageLog2 : inherited;
   }
-  uint32_t findNode(const Square& s) const { return node_index_.find(m_.key(s)); }
+  uint32_t findNode(const Square& s) const { return s.level == 0 ? tree_.root_node[s.patch] : tree_.index.find(forest_.key(s)); }
   void addNode(const Square& s, int inherited, int needs_level) {
     if (info(s).culled) return;  // a node that is not in the table is not drawn
-    node_index_.insert(m_.key(s), static_cast<uint32_t>(nodes_.size()));
-    Node n;
+    const auto index = static_cast<uint32_t>(tree_.nodes.size());
+    if (s.level == 0) tree_.root_node[s.patch] = index, ++tree_.roots;
+    else tree_.index.insert(forest_.key(s), index);
+    Node& n = tree_.nodes.emplace_back();
     n.square = s;
     n.resident_level = residentLevel(s, inherited);
     n.needs_level = needs_level;
-    nodes_.push_back(n);
+  }
+  void addRootAndNeighbours(uint32_t patch) {
+    auto add = [&](uint32_t p) {
+      if (tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, kPageLog2, 0);
+    };
+    add(patch);
+    for (uint32_t p : roots_.neighbours(patch)) add(p);
   }
   // Children need at least the grid of level 1: whole units, and samples for it.
   bool maySplit(uint32_t index) {
-    Node& n = nodes_[index];
-    if (n.square.level + 2 > m_.unit_log2 || n.square.level + 1 > m_.max_level) return false;
+    Node& n = tree_.nodes[index];
+    if (n.square.level + 2 > forest_.unitLog2() || n.square.level + 1 > forest_.maxLevel()) return false;
     if (n.resident_level >= n.square.level + 2) return true;
     bool all = true;
-    for (uint32_t k = 0; k < 4; ++k) all = all && isResident(n.square.child(k & 1, k >> 1));
+    for (uint32_t k = 0; k < 4; ++k) all = all && isResident(n.square.child(k));
     if (!all) {
       limited_tree_ = true;
       n.needs_level = std::max(n.needs_level, n.square.level + 2);
@@ -290,47 +205,49 @@ class Selection {
     return all;
   }
   bool wantsSplit(uint32_t index) {
-    const Square s = nodes_[index].square;
+    const Square s = tree_.nodes[index].square;
     const int limit = s.level + kMaxSplitLevel;
     if (info(s).cell_px > max_node_px_) return true;
     bool wants = false;
     for (int side = 0; side < 4 && !wants; ++side) {
       Square other;
-      wants = edgeWants(s, m_.neighbour(s, side, other) ? &other : nullptr) > limit;
+      wants = edgeWants(s, forest_.neighbour(s, side, other) ? &other : nullptr) > limit;
     }
-    Node& n = nodes_[index];
+    Node& n = tree_.nodes[index];
     n.rough = wants;
-    if (!wants || n.resident_level > limit || n.resident_level >= m_.unit_log2) return wants;
+    if (!wants || n.resident_level > limit || n.resident_level >= forest_.unitLog2()) return wants;
     // Without finer pages smaller nodes would only cut the same triangles into more instances.
     bool finer = false;
-    for (uint32_t k = 0; k < 4; ++k) finer = finer || isResident(s.child(k & 1, k >> 1));
+    for (uint32_t k = 0; k < 4; ++k) finer = finer || isResident(s.child(k));
     limited_tree_ = limited_tree_ || !finer;
     return finer;
   }
   bool split(uint32_t index) {
-    if (nodes_[index].state == State::kSplit) return true;
+    if (tree_.nodes[index].state == State::kSplit) return true;
     if (!maySplit(index)) return false;
-    const Square s = nodes_[index].square;
+    const Square s = tree_.nodes[index].square;
+    if (s.level == 0) addRootAndNeighbours(s.patch);
     for (int side = 0; side < 4 && s.level > 0; ++side) {
       Square other;
-      if (!m_.neighbour(s, side, other) || findNode(other) != IndexTable::kNone) continue;
+      if (!forest_.neighbour(s, side, other) || findNode(other) != kNone) continue;
       uint32_t coarser = findNode(other.ancestor(s.level - 1));
-      if (coarser == IndexTable::kNone || nodes_[coarser].state == State::kSplit) continue;  // out of view
+      if (coarser == kNone || tree_.nodes[coarser].state == State::kSplit) continue;  // out of view
       if (!split(coarser)) {
-        nodes_[index].blocked = nodes_[coarser].blocked;
+        tree_.nodes[index].blocked = tree_.nodes[coarser].blocked;
         return false;
       }
     }
-    nodes_[index].state = State::kSplit;
-    const int inherited = nodes_[index].resident_level;
+    Node& n = tree_.nodes[index];
+    n.state = State::kSplit;
+    const int inherited = n.resident_level;
     // The pages that this split rests on must stay wanted, even if the children, which are known better, want less:
     // else they would be evicted, the split undone, and the pages asked for again.
-    const int needs = s.level + (nodes_[index].rough ? kMaxSplitLevel + 1 : 2);
-    size_t before = nodes_.size();
-    for (uint32_t k = 0; k < 4; ++k) addNode(s.child(k & 1, k >> 1), inherited, needs);
-    if (nodes_.size() == before) {  // known better, it is out of view: it still wants the pages that tell
-      nodes_[index].barren = true;
-      nodes_[index].needs_level = needs;
+    const int needs = s.level + (n.rough ? kMaxSplitLevel + 1 : 2);
+    const size_t before = tree_.nodes.size();
+    for (uint32_t k = 0; k < 4; ++k) addNode(s.child(k), inherited, needs);
+    if (tree_.nodes.size() == before) {  // known better, it is out of view: it still wants the pages that tell
+      tree_.nodes[index].barren = true;
+      tree_.nodes[index].needs_level = needs;
     }
     return true;
   }
@@ -341,30 +258,29 @@ class Selection {
     max_node_px_ = kMaxNodePx * scale;
     infos_.clear();
     info_index_.clear();
+    roots_.evaluate(camera_, {error_px_, min_cell_px_, max_node_px_});
     if (!refine(anyway)) return false;
     if (!limited_tree_ || anyway) return true;
-    std::vector<Node> nodes;
-    IndexTable index;
-    nodes.swap(nodes_);
-    std::swap(index, node_index_);
+    other_tree_.root_node.resize(tree_.root_node.size(), kNone);
+    std::swap(tree_, other_tree_);
     assume_resident_ = true;
     bool whole_tree_fits = refine(false);
     assume_resident_ = false;
-    nodes.swap(nodes_);
-    std::swap(index, node_index_);
+    std::swap(tree_, other_tree_);
     return whole_tree_fits;
   }
   // False: too many nodes for this error.
   bool refine(bool anyway) {
-    nodes_.clear();
-    node_index_.clear();
+    tree_.clear();
     limited_tree_ = false;
-    for (uint32_t patch = 0; patch < m_.base->patches.size(); ++patch) addNode({patch, 0, 0, 0}, flat_ ? m_.unit_log2 : kPageLog2, 0);
-    size_t limit = nodes_.size() + kMaxLodNodes;
-    if (!camera_.valid) return true;
-    for (uint32_t i = 0; i < nodes_.size(); ++i) {
-      if (nodes_.size() > limit) return anyway;
-      if (nodes_[i].state == State::kLeaf && wantsSplit(i)) split(i);
+    const std::vector<uint8_t>& codes = roots_.codes();
+    uint8_t any = 0;
+    for (uint8_t code : codes) any |= code;
+    for (uint32_t p = 0; p < codes.size() && (any & MeshRoots::kCareful); ++p)
+      if (codes[p] & MeshRoots::kCareful) addRootAndNeighbours(p);
+    for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
+      if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
+      if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
     }
     return true;
   }
@@ -373,137 +289,201 @@ class Selection {
   // The segments' level of one edge between squares of base_level: as wanted, as far as both sides have samples for it.
   uint8_t segmentsOf(Node& n, const Node* across, int wanted, int base_level, int cap, bool counts) {
     int available = across ? std::min(n.resident_level, across->resident_level) : n.resident_level;
-    int level = std::max(std::min({wanted, available, base_level + cap, m_.unit_log2}), base_level);
+    int level = std::max(std::min({wanted, available, base_level + cap, forest_.unitLog2()}), base_level);
     bool blocked = n.blocked || (across && across->blocked);
     n.wanted_level = std::max(n.wanted_level, wanted);
     if (counts && level < wanted && (available < wanted || blocked)) ++limited_;
     return static_cast<uint8_t>(level - base_level);
   }
   void levelSides(uint32_t index) {
-    Node& n = nodes_[index];
+    Node& n = tree_.nodes[index];
     const Square s = n.square;
     n.wanted_level = info(s).wanted_level;
     for (int side = 0; side < 4; ++side) {
+      // across: none where nothing is drawn, or where a root is that is no node (it has samples for all that it can want).
       auto whole = [&](int cap, const Square* other, uint32_t across) {
-        const Node* a = across == IndexTable::kNone ? nullptr : &nodes_[across];
+        const Node* a = across == kNone ? nullptr : &tree_.nodes[across];
         // An edge is counted once: by the finer node, or by the first of two.
         uint8_t level = segmentsOf(n, a, edgeWants(s, other), s.level, cap, !a || a->square.level < s.level || index < across);
-        n.segments[side] = {level, PatchInstance::kWholeEdge};
+        n.segments[static_cast<size_t>(side)] = {level, PatchInstance::kWholeEdge};
         n.grid_level = std::max<int>(n.grid_level, level);
       };
       Square other;
-      if (!m_.neighbour(s, side, other)) {
-        whole(kMaxGridLevel, nullptr, IndexTable::kNone);
+      if (!forest_.neighbour(s, side, other)) {
+        whole(kMaxGridLevel, nullptr, kNone);
         continue;
       }
-      uint32_t same = findNode(other);
-      if (same != IndexTable::kNone && nodes_[same].state == State::kLeaf) {
-        whole(kMaxGridLevel, &other, same);
+      const uint32_t same = findNode(other);
+      if (same == kNone || tree_.nodes[same].state == State::kLeaf) {
+        uint32_t coarser = same == kNone && s.level > 0 ? findNode(other.ancestor(s.level - 1)) : kNone;
+        if (coarser != kNone && tree_.nodes[coarser].state == State::kSplit) coarser = kNone;
+        if (coarser != kNone) whole(kMaxGridLevel - 1, &other, coarser);
+        else whole(kMaxGridLevel, &other, same);
         continue;
       }
-      if (same != IndexTable::kNone) {
-        // Two half edges, each the whole edge of a finer node (or of nothing, if that one is out of view).
-        bool upright = side == kLeft || side == kRight;
-        for (uint32_t half = 0; half < 2; ++half) {
-          Square mine = s.child(upright ? (side == kRight) : half, upright ? half : (side == kBottom)), theirs;
-          m_.neighbour(mine, side, theirs);
-          uint32_t finer = findNode(theirs);
-          const Node* f = finer != IndexTable::kNone ? &nodes_[finer] : nullptr;
-          assert(!f || f->state == State::kLeaf);
-          uint8_t level = segmentsOf(n, f, edgeWants(mine, &theirs), s.level + 1, kMaxGridLevel - 1, !f);
-          n.segments[side][half] = level;
-          n.grid_level = std::max(n.grid_level, level + 1);
-        }
-        continue;
+      // Two half edges, each the whole edge of a finer node (or of nothing, if that one is out of view).
+      for (uint32_t half = 0; half < 2; ++half) {
+        Square mine = s.childAt(side, half), theirs;
+        forest_.neighbour(mine, side, theirs);
+        const uint32_t finer = findNode(theirs);
+        const Node* f = finer != kNone ? &tree_.nodes[finer] : nullptr;
+        assert(!f || f->state == State::kLeaf);
+        uint8_t level = segmentsOf(n, f, edgeWants(mine, &theirs), s.level + 1, kMaxGridLevel - 1, !f);
+        n.segments[static_cast<size_t>(side)][half] = level;
+        n.grid_level = std::max(n.grid_level, level + 1);
       }
-      uint32_t coarser = s.level > 0 ? findNode(other.ancestor(s.level - 1)) : IndexTable::kNone;
-      if (coarser != IndexTable::kNone && nodes_[coarser].state == State::kSplit) coarser = IndexTable::kNone;
-      whole(coarser != IndexTable::kNone ? kMaxGridLevel - 1 : kMaxGridLevel, &other, coarser);
     }
   }
-  double predictedPx(const Node& n) {
-    const Info& in = info(n.square);
-    int drawn = n.square.level + n.grid_level;
-    double error = errorMm(n.square, drawn, in);
-    for (const auto& side : n.segments) {
-      bool halves = side[1] != PatchInstance::kWholeEdge;
-      for (int half = 0; half < (halves ? 2 : 1); ++half) {
-        // Where vertices snapped, a triangle has corners of two levels: each may be off by the coarser level's error, to
-        // opposite sides.
-        int level = n.square.level + side[half] + (halves ? 1 : 0);
-        if (level < drawn) error = std::max(error, std::min(2 * errorMm(n.square, level, in), in.diameter_mm));
-      }
-    }
+  // Of the drawn surface within a square that is drawn with vertices of an absolute level, at an edge with those of a coarser one: where
+  // vertices snapped, a triangle has corners of both, and each may be off by the coarser level's error, to opposite sides.
+  double predictedPx(const Square& s, int drawn_level, int edge_level) {
+    const Info in = info(s);
+    if (in.culled) return 0;
+    double error = errorMm(s, drawn_level, in);
+    if (edge_level < drawn_level) error = std::max(error, std::min(2 * errorMm(s, edge_level, in), in.diameter_mm));
     return error * in.px_per_mm;
   }
+  double predictedPx(const Node& n) {
+    const Square& s = n.square;
+    const int drawn = s.level + n.grid_level;
+    int coarsest = drawn;  // of the whole edges
+    double px = 0;
+    for (int side = 0; side < 4; ++side) {
+      const auto& levels = n.segments[static_cast<size_t>(side)];
+      if (levels[1] == PatchInstance::kWholeEdge) {
+        coarsest = std::min(coarsest, s.level + levels[0]);
+        continue;
+      }
+      for (uint32_t half = 0; half < 2; ++half) px = std::max(px, predictedPx(s.childAt(side, half), drawn, s.level + 1 + levels[half]));
+    }
+    return std::max(px, predictedPx(s, drawn, coarsest));
+  }
   Square reliefPage(const Node& n) const {
-    int level = std::clamp(n.square.level + n.grid_level - kPageLog2, 0, m_.depth);
-    for (; level < std::min(n.square.level, m_.depth); ++level)
+    int level = std::clamp(n.square.level + n.grid_level - kPageLog2, 0, forest_.depth());
+    for (; level < std::min(n.square.level, forest_.depth()); ++level)
       if (isResident(n.square.ancestor(level))) break;
     assert(isResident(n.square.ancestor(level)));
     return n.square.ancestor(level);
   }
-  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp.
-  void addWants(const Node& n, int wanted_level, const Square& used) {
+  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots are always there.
+  void addWants(const Node& n, int wanted_level, int used_level) {
     const Square& s = n.square;
-    float priority = camera_.priority(info(s).centre);
-    int finest = std::min(s.level, m_.depth);
-    int level = std::clamp(wanted_level - kPageLog2, 0, finest);
-    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kWantLadder) : -1) addWant(s.ancestor(at), priority);
-    if (used.level != level) addWant(used, priority);
+    const int level = std::clamp(wanted_level - kPageLog2, 0, std::min(s.level, forest_.depth()));
+    if (level == 0 && used_level == 0) return;
+    const float priority = camera_.priority(info(s).centre);
+    for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
+    if (used_level != level && used_level > 0) addWant(s.ancestor(used_level), priority);
   }
   void addWant(const Square& page, float priority) {
-    uint64_t k = m_.key(page);
-    uint32_t found = want_index_.find(k);
-    if (found == IndexTable::kNone) {
-      want_index_.insert(k, static_cast<uint32_t>(wants_.size()));
-      wants_.push_back({page.id(), priority});
-    } else {
+    const uint64_t k = forest_.key(page);
+    if (uint32_t found = want_index_.find(k); found != kNone) {
       wants_[found].priority = std::min(wants_[found].priority, priority);
+      return;
     }
+    want_index_.insert(k, static_cast<uint32_t>(wants_.size()));
+    wants_.push_back({page.id(), priority});
+  }
+
+  PatchInstance rootInstance(uint32_t patch, int grid_level, const std::array<uint8_t, 4>& segments) const {
+    PatchInstance p;
+    p.node = p.relief_page = {patch, 0, 0, 0};
+    p.grid_level = static_cast<uint8_t>(grid_level);
+    p.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
+    for (size_t side = 0; side < 4; ++side) p.edges[side] = {segments[side], PatchInstance::kWholeEdge};
+    return p;
+  }
+  PlanarLodResult rootsAlone() const {
+    PlanarLodResult result;
+    result.error_px = error_px_;
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) result.instances.push_back(rootInstance(p, 1, {}));
+    return result;
+  }
+  // Roots that are no nodes, by grid level. Returns the largest predicted error.
+  float levelPlainRoots() {
+    for (auto& list : plain_) list.clear();
+    const uint8_t* codes = roots_.codes().data();
+    const float* px_per_mm = roots_.pxPerMm().data();
+    const bool nodes = !tree_.nodes.empty();
+    float worst = 0;
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) {
+      if ((codes[p] & (MeshRoots::kCulled | MeshRoots::kCareful)) || (nodes && tree_.root_node[p] != kNone)) continue;
+      const std::array<uint32_t, 4>& across = roots_.neighbours(p);
+      PlainRoot root{p, {}};
+      uint8_t coarsest = kMaxGridLevel, grid_level = 1;
+      for (size_t side = 0; side < 4; ++side) {
+        const uint8_t level = std::max<uint8_t>(codes[p], codes[across[side]] & MeshRoots::kLevel);
+        root.segments[side] = level;
+        coarsest = std::min(coarsest, level);
+        grid_level = std::max(grid_level, level);
+      }
+      plain_[grid_level].push_back(root);
+      float error_mm = roots_.error(grid_level, p);
+      if (coarsest < grid_level) error_mm = std::max(error_mm, std::min(2 * roots_.error(coarsest, p), roots_.diameter(p)));
+      worst = std::max(worst, error_mm * px_per_mm[p]);
+    }
+    return worst;
   }
 
   PlanarLodResult finish() {
     PlanarLodResult result;
-    for (uint32_t i = 0; i < nodes_.size(); ++i)
-      if (nodes_[i].state == State::kLeaf) levelSides(i);
-    const bool asks = !flat_ && camera_.valid;
-    for (const Node& n : nodes_) {
-      if (n.barren && asks) addWants(n, n.needs_level, n.square.ancestor(0));
+    for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
+      if (tree_.nodes[i].state == State::kLeaf) levelSides(i);
+    result.max_error_px = levelPlainRoots();
+    std::vector<PatchInstance>& drawn = of_nodes_.instances;
+    drawn.clear();
+    for (const Node& n : tree_.nodes) {
+      if (n.barren && !flat_) addWants(n, n.needs_level, 0);
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
       p.node = n.square.id();
-      int shift = m_.unit_log2 - n.square.level;
+      const int shift = forest_.unitLog2() - n.square.level;
       p.x0 = static_cast<int32_t>(n.square.x << shift);
       p.y0 = static_cast<int32_t>(n.square.y << shift);
       p.grid_level = static_cast<uint8_t>(n.grid_level);
       p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
       p.edges = n.segments;
       p.relief_page = {p.node.patch, 0, 0, 0};
-      if (camera_.valid) result.max_error_px = std::max(result.max_error_px, predictedPx(n));
+      result.max_error_px = std::max(result.max_error_px, predictedPx(n));
       if (!flat_) {
         Square page = reliefPage(n);
         p.relief_page = page.id();
-        if (asks) addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, n.wanted_level}), page);
+        addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, n.wanted_level}), page.level);
       }
-      result.instances.push_back(p);
+      drawn.push_back(p);
     }
-    result.wants = std::move(wants_);
-    sortLists(result);
+    of_nodes_.wants.swap(wants_);
+    sortLists(of_nodes_);
+    result.wants = of_nodes_.wants;
+    of_nodes_.wants.swap(wants_);
+    // Both lists are in order; a patch is in one of them alone.
+    size_t count = drawn.size();
+    for (const auto& list : plain_) count += list.size();
+    result.instances.reserve(count);
+    size_t next = 0;
+    for (uint8_t level = 0; level <= kMaxGridLevel; ++level) {
+      for (const PlainRoot& root : plain_[level]) {
+        while (next < drawn.size() && drawn[next].grid_level == level && drawn[next].node.patch < root.patch) result.instances.push_back(drawn[next++]);
+        result.instances.push_back(rootInstance(root.patch, level, root.segments));
+      }
+      while (next < drawn.size() && drawn[next].grid_level == level) result.instances.push_back(drawn[next++]);
+    }
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
     return result;
   }
 
-  Forest& m_;
-  const ReliefSet& resident_;
-  const LodCamera camera_;
+  MeshForest& forest_;
+  MeshRoots roots_;
+  const ReliefSet* resident_ = nullptr;
+  LodCamera camera_;
   bool flat_ = false;
   double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0;
-  std::vector<Node> nodes_;
+  Tree tree_, other_tree_;
   std::vector<Info> infos_;
   std::vector<ReliefWant> wants_;
-  IndexTable node_index_, info_index_, want_index_;
+  std::array<std::vector<PlainRoot>, kMaxGridLevel + 1> plain_;
+  PlanarLodResult of_nodes_;
+  IndexTable info_index_, want_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;
@@ -512,21 +492,18 @@ class Selection {
 }  // namespace
 
 struct MeshLod::Impl {
-  Forest forest;
+  MeshForest forest;
+  Selection selection{forest};
 };
 
 MeshLod::MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
                  std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse)
-    : impl_(new Impl{Forest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle), std::move(coarse))}) {}
+    : impl_(new Impl{MeshForest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle), std::move(coarse))}) {}
 MeshLod::~MeshLod() = default;
 
 PlanarLodResult MeshLod::select(const LodView& view, const ReliefSet& resident) {
-  Forest& forest = impl_->forest;
-  if (forest.parts.size() > kMaxParts) {
-    forest.parts.clear();
-    forest.parts_index.clear();
-  }
-  return Selection(forest, view, resident).run();
+  impl_->forest.forgetSome();
+  return impl_->selection.run(view, resident);
 }
 
 }  // namespace relievo

@@ -8,3 +8,4 @@ relievo_test(ray_scene_test LIBS relievo_mesh SOURCES geometry/ray_scene_test.cp
 relievo_test(mesh_watertight_test LIBS relievo_geometry SOURCES geometry/mesh_watertight_test.cpp)
 relievo_test(mesh_bake_test LIBS relievo_mesh SOURCES geometry/mesh_bake_test.cpp)
 relievo_test(mesh_error_test LIBS relievo_geometry SOURCES geometry/mesh_error_test.cpp)
+relievo_test(mesh_lod_test LIBS relievo_geometry SOURCES geometry/mesh_lod_test.cpp)

@@ -1,0 +1,167 @@
+// mesh_forest.h - what of an artwork over a base mesh does not change from view to view: where squares meet, and what the oracle said of
+// their heights and errors, kept once asked for. Internal to mesh_lod.cpp.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "geometry/lod_common.h"
+#include "src/base/base_mesh.h"
+
+namespace relievo {
+
+// A square of a patch: of level l there are 2^l x 2^l.
+struct Square {
+  uint32_t patch = 0;
+  int level = 0;
+  uint32_t x = 0, y = 0;
+  Square ancestor(int coarser) const { return {patch, coarser, x >> (level - coarser), y >> (level - coarser)}; }
+  Square child(uint32_t k) const { return {patch, level + 1, 2 * x + (k & 1), 2 * y + (k >> 1)}; }
+  // The child at a half of a side, the first half towards smaller coordinates.
+  Square childAt(int side, uint32_t half) const {
+    return child(side == kLeft || side == kRight ? (side == kRight) + 2 * half : half + 2 * (side == kBottom));
+  }
+  NodeId id() const { return {patch, static_cast<uint32_t>(level), x, y}; }
+};
+
+// Corners of a square at its lowest and at its highest height: the displaced square lies in their hull (see mesh_lod.cpp).
+using SquareHull = std::array<glm::dvec3, 8>;
+
+class MeshForest {
+ public:
+  MeshForest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm, std::shared_ptr<const ReliefOracle> oracle,
+             std::vector<CoarseErrors> coarse)
+      : base_(std::move(mesh)), oracle_(std::move(oracle)), coarse_errors_(std::move(coarse)), depth_(std::max(relief_depth, 0)), has_relief_(relief_depth >= 0) {
+    assert(base_ && oracle_);
+    const double ends[2] = {offset_mm, offset_mm + 65535 * scale_mm};
+    whole_range_.min_mm = static_cast<float>(std::min(ends[0], ends[1]));
+    whole_range_.max_mm = static_cast<float>(std::max(ends[0], ends[1]));
+    neighbours_ = patchNeighbours(*base_);
+    // A square's key has 5 bits of level; places have what patches leave.
+    place_bits_ = (58 - std::bit_width(std::max<size_t>(patchCount(), 2) - 1)) / 2;
+    twist_mm_.reserve(patchCount());
+    for (const auto& c : base_->patches) {
+      auto at = [&](size_t k) { return glm::dvec3(base_->corners[c[k]].position_mm); };
+      twist_mm_.push_back(glm::length(at(0) - at(1) - at(2) + at(3)));
+    }
+    if (coarse_errors_.size() != patchCount()) coarse_errors_.clear();
+  }
+
+  uint32_t patchCount() const { return static_cast<uint32_t>(base_->patches.size()); }
+  bool hasRelief() const { return has_relief_; }
+  int depth() const { return depth_; }               // of the relief's pages
+  int unitLog2() const { return depth_ + kPageLog2; }  // of a patch's side in finest cells
+  int maxLevel() const { return std::min({place_bits_, unitLog2() - 1, 31}); }  // of squares
+
+  // ---- places
+  uint64_t key(const Square& s) const {
+    return (static_cast<uint64_t>(s.level) << 58) | (uint64_t{s.patch} << (2 * place_bits_)) | (uint64_t{s.x} << place_bits_) | s.y;
+  }
+  const PatchNeighbours& patchNeighboursOf(uint32_t patch) const { return neighbours_[patch]; }
+  // The square of the same level across a side; false: the mesh's border.
+  bool neighbour(const Square& s, int side, Square& out) const {
+    static constexpr int kDx[4] = {-1, 1, 0, 0}, kDy[4] = {0, 0, -1, 1};
+    const uint32_t last = (1u << s.level) - 1;
+    const bool upright = side == kLeft || side == kRight;
+    const uint32_t across = upright ? s.x : s.y, along = upright ? s.y : s.x;
+    if (across != (side == kRight || side == kBottom ? last : 0)) {
+      out = {s.patch, s.level, s.x + static_cast<uint32_t>(kDx[side]), s.y + static_cast<uint32_t>(kDy[side])};
+      return true;
+    }
+    const PatchNeighbour& n = neighbours_[s.patch][static_cast<size_t>(side)];
+    if (n.patch == PatchNeighbour::kNone) return false;
+    const uint32_t t = n.reversed ? last - along : along, edge = n.side == kRight || n.side == kBottom ? last : 0;
+    out = n.side == kLeft || n.side == kRight ? Square{n.patch, s.level, edge, t} : Square{n.patch, s.level, t, edge};
+    return true;
+  }
+
+  // ---- the surface. exaggerate: of heights; 0: the base mesh
+  SquareHull hull(const Square& s, double exaggerate) {
+    double low = 0, high = 0;
+    if (exaggerate != 0) {
+      const HeightBounds& h = pageBounds(s.ancestor(std::min(s.level, depth_)));
+      low = h.min_mm * exaggerate, high = h.max_mm * exaggerate;
+    }
+    const double step = std::ldexp(1.0, -s.level);
+    SquareHull hull;
+    for (uint32_t k = 0; k < 4; ++k) {
+      const double u = (s.x + (k & 1)) * step, v = (s.y + (k >> 1)) * step;
+      const glm::dvec3 p = base_->point(s.patch, u, v), n = base_->normal(s.patch, u, v);
+      hull[k] = p + low * n;
+      hull[4 + k] = p + high * n;
+    }
+    return hull;
+  }
+  // In mm, of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
+  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: the baked error x times, and what is left of the bilinear P's.
+  // The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their middle.
+  double error(const Square& s, int level, double exaggerate) {
+    if (level >= unitLog2()) return 0;
+    double error = std::abs(1 - exaggerate) * std::ldexp(0.25 * twist_mm_[s.patch], -2 * level);
+    return exaggerate != 0 ? error + std::abs(exaggerate) * bakedError(s, level) : error;
+  }
+  // Between two views.
+  void forgetSome() {
+    if (parts_.size() <= kMaxParts) return;
+    parts_.clear();
+    parts_index_.clear();
+  }
+
+ private:
+  static constexpr size_t kMaxParts = 16384;  // of pages, 1.4 KB each, kept from view to view
+
+  const HeightBounds& pageBounds(const Square& page) {
+    const uint64_t k = key(page);
+    if (uint32_t found = bounds_index_.find(k); found != IndexTable::kNone) return bounds_[found];
+    HeightBounds b = oracle_->bounds(page.id());
+    if (!(b.min_mm <= b.max_mm) || !std::isfinite(b.min_mm) || !std::isfinite(b.max_mm)) b.min_mm = whole_range_.min_mm, b.max_mm = whole_range_.max_mm;
+    if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
+    bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
+    return bounds_.emplace_back(b);
+  }
+  double bakedError(const Square& s, int level) {
+    const int page_level = level - kPageLog2;
+    if (page_level < 0) {
+      if (coarse_errors_.empty()) return std::numeric_limits<double>::infinity();
+      // Not below those of finer grids, whatever the table says.
+      double error = depth_ > 0 ? pageBounds({s.patch, 0, 0, 0}).error_mm : 0;
+      for (int k = level; k < kPageLog2; ++k) {
+        const float e = coarse_errors_[s.patch][static_cast<size_t>(k)];
+        error = e >= 0 ? std::max<double>(error, e) : std::numeric_limits<double>::infinity();
+      }
+      return error;
+    }
+    const Square page = s.ancestor(std::min(page_level, s.level));
+    const double whole = pageBounds(page).error_mm;
+    const int part_depth = std::min(s.level - page.level, kErrorBlocksLog2);
+    if (part_depth == 0 || whole == 0) return whole;
+    const uint64_t k = key(page);
+    uint32_t found = parts_index_.find(k);
+    if (found == IndexTable::kNone) {
+      found = static_cast<uint32_t>(parts_.size());
+      parts_index_.insert(k, found);
+      parts_.emplace_back().read(*oracle_, page.id(), static_cast<float>(whole));
+    }
+    const Square part = s.ancestor(page.level + part_depth);
+    return parts_[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth));
+  }
+
+  std::shared_ptr<const BaseMesh> base_;
+  std::shared_ptr<const ReliefOracle> oracle_;
+  std::vector<CoarseErrors> coarse_errors_;
+  std::vector<PatchNeighbours> neighbours_;
+  std::vector<double> twist_mm_;  // |c00 - c10 - c01 + c11|
+  int depth_ = 0, place_bits_ = 0;
+  bool has_relief_ = false;
+  HeightBounds whole_range_;
+  std::vector<HeightBounds> bounds_;
+  std::vector<PartErrors> parts_;
+  IndexTable bounds_index_, parts_index_;
+};
+
+}  // namespace relievo
