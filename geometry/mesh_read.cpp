@@ -59,15 +59,18 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   out.diagnosis.vertices_read = raw.vertices_read;
   out.diagnosis.triangles_read = raw.triangles.size();
   const double unit = options.mm_per_unit;
-  glm::dvec3 low(1e300), high(-1e300);
   for (size_t i = 0; i < raw.positions.size(); ++i) {
     const glm::dvec3& p = raw.positions[i];
     if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm && std::abs(p.z * unit) <= kMaxCoordinateMm))
       return invalid(name, finiteProblem(p, i, unit), "remove the vertex and its faces, or set --unit");
-    low = glm::min(low, p);
-    high = glm::max(high, p);
   }
   if (raw.triangles.empty()) return invalid(name, "expected a surface, found no triangle", "points must be meshed first");
+  glm::dvec3 low(raw.positions[raw.triangles[0][0]]), high(low);  // of what is used: a stray point must not cost precision
+  for (const auto& t : raw.triangles)
+    for (uint32_t v : t) {
+      low = glm::min(low, raw.positions[v]);
+      high = glm::max(high, raw.positions[v]);
+    }
   TriMesh& mesh = out.mesh;
   mesh.origin_mm = originOf(low * unit, high * unit);
   mesh.positions_mm.resize(raw.positions.size());

@@ -1,6 +1,14 @@
 // mesh_read.h - a scan's file into a triangle mesh, diagnosed and, where that is safe, repaired.
 // PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF. Safe for untrusted files: nothing is allocated that the
-// file's length does not allow for.
+// file's length does not allow for. Deterministic.
+//
+// Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate triangles, triangles
+// that run against their piece, closed pieces inside out, edges of more than two triangles and vertices of several fans (split; the pieces stay where they
+// are), T-junctions (vertices of an open border within 1e-7 of the diagonal of another open edge), vertices of no triangle.
+// Reported only: open borders, isolated pieces, pieces that are not orientable.
+// Refused (kInvalidData): numbers that are not finite, coordinates beyond 10^12 mm, indices out of range, counts that the file cannot hold.
+//
+// In a repaired mesh all triangles of an orientable piece run alike, closed pieces outwards, and the triangles around a vertex form one fan.
 #pragma once
 
 #include <atomic>
@@ -39,8 +47,12 @@ struct LoadedMesh {
   TriMesh mesh;
   MeshDiagnosis diagnosis;
 };
+// texture_path of the result: the material's path, from the mesh file's folder if it is relative.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
 // The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name);
+
+// Which of TriMesh's promises a mesh breaks, or nothing; also vertices that no triangle names. For tests: sorts all edges.
+std::string triMeshProblem(const TriMesh& mesh);
 
 }  // namespace relievo

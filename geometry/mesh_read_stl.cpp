@@ -59,7 +59,7 @@ class StlReader {
         return in_.note("triangle " + std::to_string(number) + " (from 0), vertex " + std::to_string(3 * number + static_cast<uint64_t>(k)) +
                             ": expected finite coordinates, found " + numberText(p.x) + " " + numberText(p.y) + " " + numberText(p.z),
                         "remove the triangle");
-      t[static_cast<size_t>(k)] = table_.find(mesh_.positions, p);
+      t[static_cast<size_t>(k)] = table_.findOrAppend(mesh_.positions, p);
     }
     mesh_.triangles.push_back(t);
   }

@@ -76,15 +76,14 @@ class Repair {
   void weld() {
     std::vector<glm::vec3>& p = mesh_.positions_mm;
     for (glm::vec3& v : p) v += 0.0f;  // -0 is 0
+    constexpr size_t kAhead = 24;
     PointTable<glm::vec3> table(p.size());
     MeshFinding duplicates{"duplicate vertices", 0, {}, "welded"};
     std::vector<uint32_t> first;  // of each vertex; empty as long as each is itself
     for (size_t i = 0; i < p.size(); ++i) {
-      uint32_t& same = table.at(p, p[i]);
-      if (same == kNone) {
-        same = static_cast<uint32_t>(i);
-        continue;
-      }
+      if (i + kAhead < p.size()) table.prefetch(p[i + kAhead]);
+      uint32_t same = table.findOrAdd(p, p[i], static_cast<uint32_t>(i));
+      if (same == i) continue;
       if (first.empty()) {
         first.resize(p.size());
         for (size_t k = 0; k < p.size(); ++k) first[k] = static_cast<uint32_t>(k);

@@ -1,0 +1,925 @@
+// Mesh files: what is written is what is read, in every format and type; every defect is found, named and repaired as mesh_read.h says.
+// Oracles: writers from the formats' descriptions, OpenMesh's readers, writers and half-edges, analytic volumes and areas.
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // OpenMesh leaves new colours as they are
+#include "geometry/mesh_read.h"
+
+#include <gtest/gtest.h>
+
+#include <OpenMesh/Core/IO/MeshIO.hh>
+#include <OpenMesh/Core/Mesh/TriMesh_ArrayKernelT.hh>
+#include <algorithm>
+#include <cstdio>
+#include <numeric>
+#include <set>
+
+#include "tests/geometry/mesh_files.h"
+
+namespace relievo::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+uint32_t pick(std::mt19937& random, uint32_t n) { return static_cast<uint32_t>(random() % n); }
+
+LoadedMesh mustRead(const std::string& path, const MeshReadOptions& options = {}) {
+  auto read = readMesh(path, options);
+  EXPECT_TRUE(read.ok()) << read.error().text();
+  if (!read) return {};
+  EXPECT_EQ(triMeshProblem(read->mesh), "");
+  return std::move(*read);
+}
+LoadedMesh mustRepair(const TriMesh& mesh) {
+  auto repaired = repairMesh(mesh, "test");
+  EXPECT_TRUE(repaired.ok()) << repaired.error().text();
+  if (!repaired) return {};
+  EXPECT_EQ(triMeshProblem(repaired->mesh), "");
+  return std::move(*repaired);
+}
+uint64_t found(const MeshDiagnosis& d, const std::string& what) {
+  for (const MeshFinding& f : d.findings)
+    if (f.what == what) {
+      EXPECT_GT(f.count, 0u);
+      EXPECT_EQ(f.places_mm.empty(), what == "vertices of no triangle" || what.starts_with("faces of")) << what;
+      EXPECT_LE(f.places_mm.size(), 8u);
+      return f.count;
+    }
+  return 0;
+}
+// All that was found, but what open and several pieces have anyway.
+std::string defects(const MeshDiagnosis& d) {
+  std::string out;
+  for (const MeshFinding& f : d.findings)
+    if (f.what != "open borders" && f.what != "isolated pieces") out += f.what + "; ";
+  return out;
+}
+
+// The repaired mesh as OpenMesh sees it: it takes every face, and no vertex is complex.
+using HalfEdges = OpenMesh::TriMesh_ArrayKernelT<>;
+struct Seen {
+  size_t refused = 0, complex_vertices = 0, border_loops = 0, pieces = 0;
+};
+Seen seenByOpenMesh(const TriMesh& mesh) {
+  omerr().disable();  // what it refuses is counted
+  HalfEdges h;
+  Seen seen;
+  for (const glm::vec3& p : mesh.positions_mm) h.add_vertex({p.x, p.y, p.z});
+  for (const auto& t : mesh.triangles) {
+    auto v = [&](size_t k) { return OpenMesh::VertexHandle(static_cast<int>(t[k])); };
+    if (!h.add_face(v(0), v(1), v(2)).is_valid()) ++seen.refused;
+  }
+  for (auto v : h.vertices()) seen.complex_vertices += !h.is_manifold(v);
+  std::set<int> done;
+  for (auto e : h.halfedges()) {
+    if (!h.is_boundary(e) || done.count(e.idx())) continue;
+    ++seen.border_loops;
+    for (OpenMesh::HalfedgeHandle at = e; done.insert(at.idx()).second;) at = h.next_halfedge_handle(at);
+  }
+  std::vector<int> piece(h.n_faces());
+  std::iota(piece.begin(), piece.end(), 0);
+  auto root = [&](int i) {
+    while (piece[static_cast<size_t>(i)] != i) i = piece[static_cast<size_t>(i)] = piece[static_cast<size_t>(piece[static_cast<size_t>(i)])];
+    return i;
+  };
+  for (auto f : h.faces())
+    for (auto g : h.ff_range(f)) piece[static_cast<size_t>(root(f.idx()))] = root(g.idx());
+  for (size_t i = 0; i < piece.size(); ++i) seen.pieces += piece[i] == static_cast<int>(i);
+  return seen;
+}
+// Holds for meshes whose pieces are orientable.
+void expectManifold(const LoadedMesh& loaded) {
+  Seen seen = seenByOpenMesh(loaded.mesh);
+  EXPECT_EQ(seen.refused, 0u);
+  EXPECT_EQ(seen.complex_vertices, 0u);
+  EXPECT_EQ(seen.border_loops, loaded.diagnosis.border_loops);
+  EXPECT_EQ(seen.pieces, loaded.diagnosis.pieces);
+}
+
+// ---- formats ----
+
+// What of a sample a file keeps.
+void expectSame(const LoadedMesh& loaded, const Sample& s, bool colours, bool uv) {
+  const TriMesh& m = loaded.mesh;
+  ASSERT_EQ(m.positions_mm.size(), s.positions.size());
+  EXPECT_EQ(m.triangles, s.triangles);
+  for (size_t i = 0; i < s.positions.size(); ++i) ASSERT_EQ(glm::dvec3(m.positions_mm[i]) + m.origin_mm, s.positions[i]) << "vertex " << i;
+  EXPECT_EQ(m.colours, colours ? s.colours : std::vector<glm::u8vec3>());
+  EXPECT_TRUE(uv ? m.corner_uv == s.corner_uv : m.corner_uv.empty());
+  EXPECT_EQ(defects(loaded.diagnosis), "");
+  EXPECT_EQ(loaded.diagnosis.pieces, 1u);
+  EXPECT_EQ(loaded.diagnosis.border_loops, 0u);
+  EXPECT_EQ(loaded.diagnosis.triangles_read, s.triangles.size());
+  EXPECT_EQ(loaded.diagnosis.triangles, s.triangles.size());
+  EXPECT_EQ(loaded.diagnosis.vertices, s.positions.size());
+}
+
+TEST(MeshFormats, PlyInEveryEncodingAndType) {
+  Sample plain = cubeSphere(5), full = plain;
+  decorate(full, 7);
+  Sample coarse = plain;  // for types that hold whole numbers, and not many of them
+  for (auto& p : coarse.positions) p = glm::round(p);
+  for (Encoding encoding : {Encoding::kAscii, Encoding::kLittle, Encoding::kBig}) {
+    SCOPED_TRACE(static_cast<int>(encoding));
+    expectSame(mustRead(saveFile("a.ply", plyFile(plain, {.encoding = encoding}))), plain, false, false);
+    for (bool clutter : {false, true})
+      for (const char* end : {"\n", "\r\n"}) {
+        LoadedMesh m = mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .clutter = clutter, .line_end = end})));
+        expectSame(m, full, true, true);
+        EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "image of a test.png").string());
+      }
+    for (const char* type : {"char", "int8", "short", "int16", "int", "int32", "float", "float32", "double", "float64"})
+      expectSame(mustRead(saveFile("a.ply", plyFile(coarse, {.encoding = encoding, .coordinate = type}))), coarse, false, false);
+    for (const char* type : {"uchar", "ushort", "float", "double"}) {
+      if (std::string(type) == "double") continue;
+      expectSame(mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .colour = type}))), full, true, true);
+    }
+    for (const char* index : {"uchar", "short", "ushort", "int", "uint"})
+      for (const char* count : {"uchar", "char", "ushort", "int", "uint"})
+        expectSame(mustRead(saveFile("a.ply", plyFile(plain, {.encoding = encoding, .index = index, .count = count}))), plain, false, false);
+  }
+  // Negative control: one coordinate other than it was.
+  Sample other = plain;
+  other.positions[3].y += 1.0 / 4096;
+  LoadedMesh m = mustRead(saveFile("a.ply", plyFile(other, {})));
+  EXPECT_NE(glm::dvec3(m.mesh.positions_mm[3]) + m.mesh.origin_mm, plain.positions[3]);
+}
+
+TEST(MeshFormats, PlyTextureCoordinatesOfVertices) {
+  Sample s = sheet(3, 2);
+  decorate(s, 3);
+  std::vector<glm::vec2> of(s.positions.size());
+  for (size_t t = s.triangles.size(); t-- > 0;)
+    for (size_t k = 0; k < 3; ++k) of[s.triangles[t][k]] = s.corner_uv[t][k];
+  LoadedMesh m = mustRead(saveFile("a.ply", plyFile(s, {.vertex_uv = true})));
+  ASSERT_EQ(m.mesh.corner_uv.size(), s.triangles.size());
+  for (size_t t = 0; t < s.triangles.size(); ++t)
+    for (size_t k = 0; k < 3; ++k) EXPECT_EQ(m.mesh.corner_uv[t][k], of[m.mesh.triangles[t][k]]);
+}
+
+TEST(MeshFormats, PlyStrips) {
+  // Two strips over a sheet of 2 x 2: vertex 3 y + x.
+  std::string file =
+      "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\n"
+      "property list int int vertex_indices\nend_header\n";
+  for (int i = 0; i < 9; ++i) file += std::to_string(i % 3) + " " + std::to_string(i / 3) + " 0\n";
+  LoadedMesh m = mustRead(saveFile("a.ply", file + "13 0 3 1 4 2 5 -1 3 6 4 7 5 8\n"));
+  EXPECT_EQ(m.mesh.triangles.size(), 8u);
+  EXPECT_DOUBLE_EQ(area(m.mesh), 4);
+  EXPECT_EQ(defects(m.diagnosis), "");  // every second triangle turned, else they were flipped
+  EXPECT_EQ(m.diagnosis.border_loops, 1u);
+}
+
+TEST(MeshFormats, ObjWithMaterials) {
+  Sample s = cubeSphere(4);
+  decorate(s, 11);
+  saveFile("test.mtl", "newmtl other\nmap_Kd no.png\nnewmtl surface\r\nKd 1 1 1\nmap_Kd -s 2 2 -clamp on sub dir\\my image.png\r\n");
+  for (bool negative : {false, true}) {
+    LoadedMesh m = mustRead(saveFile("a.obj", objFile(s, negative)));
+    expectSame(m, s, true, true);
+    EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "sub dir/my image.png").string());
+  }
+  Sample plain = cubeSphere(4);
+  expectSame(mustRead(saveFile("a.obj", objFile(plain))), plain, false, false);
+
+  // Lines that go on, faces before their vertices, a line without its end, colours to 255.
+  LoadedMesh m = mustRead(saveFile("b.obj", "f 1 2 \\\n 3\nv 0 0 0 255 128 0\nv 1 0 0 0 0 0\r\nv 0 1 0 1 1 1\nl 1 2\nf 1 3 4\nv -1 0 0"));
+  EXPECT_EQ(m.mesh.triangles.size(), 2u);
+  ASSERT_EQ(m.mesh.colours.size(), 4u);
+  EXPECT_EQ(m.mesh.colours[0], glm::u8vec3(255, 128, 0));
+  EXPECT_EQ(m.mesh.colours[2], glm::u8vec3(1, 1, 1));
+
+  // Without the material file there is a mesh, and a finding.
+  m = mustRead(saveFile("c.obj", "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"));
+  EXPECT_EQ(m.mesh.texture_path, "");
+  EXPECT_NE(defects(m.diagnosis).find("none.mtl"), std::string::npos);
+
+  // Two images: that of most triangles.
+  saveFile("two.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\n");
+  m = mustRead(saveFile("d.obj", "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
+  EXPECT_NE(defects(m.diagnosis).find("triangles of further images"), std::string::npos);
+}
+
+TEST(MeshFormats, Off) {
+  Sample plain = cubeSphere(4), coloured = plain;
+  decorate(coloured, 5);
+  coloured.corner_uv.clear();
+  for (bool binary : {false, true}) {
+    expectSame(mustRead(saveFile("a.off", offFile(plain, binary))), plain, false, false);
+    expectSame(mustRead(saveFile("a.off", offFile(coloured, binary))), coloured, true, false);
+  }
+  LoadedMesh m = mustRead(saveFile("a.off", "STCNOFF 3 1 0 # all of it\n0 0 0  0 0 1  1 0 0 1  0.25 0.5\n1 0 0  0 0 1  0 1 0 1  1 0\n0 1 0  0 0 1  0 0 1 1  0 1\n3 0 1 2"));
+  ASSERT_EQ(m.mesh.corner_uv.size(), 1u);
+  EXPECT_EQ(m.mesh.corner_uv[0][0], glm::vec2(0.25f, 0.5f));
+  EXPECT_EQ(m.mesh.colours[1], glm::u8vec3(0, 255, 0));
+}
+
+TEST(MeshFormats, Stl) {
+  Sample s = cubeSphere(4);
+  for (bool binary : {false, true}) {
+    LoadedMesh m = mustRead(saveFile("a.stl", stlFile(s, binary)));
+    EXPECT_EQ(m.diagnosis.vertices_read, 3 * s.triangles.size());
+    EXPECT_EQ(m.diagnosis.vertices, s.positions.size());
+    EXPECT_EQ(defects(m.diagnosis), "");
+    EXPECT_EQ(m.diagnosis.border_loops, 0u);
+    ASSERT_EQ(m.mesh.triangles.size(), s.triangles.size());
+    for (size_t t = 0; t < s.triangles.size(); ++t)
+      for (size_t k = 0; k < 3; ++k)
+        ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm, s.positions[s.triangles[t][k]]);
+  }
+}
+
+TEST(MeshFormats, PolygonsAreCutByEars) {
+  // An arrow head whose fan from its first corner leaves it, by text and by binary; and a comb of 60 teeth.
+  LoadedMesh m = mustRead(saveFile("a.off", "OFF\n4 1 0\n0 0 0\n4 -2 0\n1 0 0\n4 2 0\n4 3 0 1 2\n"));
+  EXPECT_EQ(m.diagnosis.triangles_read, 2u);
+  EXPECT_DOUBLE_EQ(area(m.mesh), 2);
+  EXPECT_EQ(defects(m.diagnosis), "");
+  std::string vertices, corners;
+  constexpr int kTeeth = 30;
+  for (int i = 0; i <= kTeeth; ++i) vertices += "v " + std::to_string(i) + " 0 " + std::to_string(i % 3) + "\n";
+  for (int i = kTeeth; i >= 0; --i) vertices += "v " + std::to_string(i) + (i % 2 ? " 5 " : " 1 ") + std::to_string(i % 3) + "\n";
+  for (int i = 1; i <= 2 * kTeeth + 2; ++i) corners += " " + std::to_string(i);
+  m = mustRead(saveFile("a.obj", vertices + "f" + corners + "\n"));
+  EXPECT_EQ(m.diagnosis.triangles_read, static_cast<uint64_t>(2 * kTeeth));
+  double flat = 0;  // seen from above: the comb's area, each part once
+  for (const auto& t : m.mesh.triangles) {
+    glm::dvec3 a(m.mesh.positions_mm[t[0]]), n = glm::cross(glm::dvec3(m.mesh.positions_mm[t[1]]) - a, glm::dvec3(m.mesh.positions_mm[t[2]]) - a);
+    flat += 0.5 * std::abs(n.z);
+  }
+  EXPECT_NEAR(flat, kTeeth * 3.0, 1e-4);
+  // Negative control: the fan from corner 0 covers more.
+  double fan = 0;
+  std::vector<glm::dvec2> p;
+  for (int i = 0; i <= kTeeth; ++i) p.emplace_back(i, 0);
+  for (int i = kTeeth; i >= 0; --i) p.emplace_back(i, i % 2 ? 5 : 1);
+  for (size_t k = 1; k + 1 < p.size(); ++k) {
+    glm::dvec2 u = p[k] - p[0], v = p[k + 1] - p[0];
+    fan += 0.5 * std::abs(u.x * v.y - u.y * v.x);
+  }
+  EXPECT_GT(fan, kTeeth * 3.0 + 1);
+}
+
+TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
+  // A coin of 24 mm whose place is told to 0.0625 um in a system 12 km away.
+  const glm::dvec3 far(12345678.125, -9876543.5, 10000000);
+  Sample s = cubeSphere(6, 12, far);
+  struct File {
+    const char* name;
+    std::string bytes;
+  };
+  for (const File& f : {File{"far.ply", plyFile(s, {.coordinate = "double"})}, File{"far.ply", plyFile(s, {.encoding = Encoding::kAscii, .coordinate = "double"})},
+                        File{"far.obj", objFile(s)}, File{"far.off", offFile(s)}, File{"far.stl", stlFile(s, false)}}) {
+    SCOPED_TRACE(f.name);
+    std::string path = saveFile(f.name, f.bytes);
+    LoadedMesh m = mustRead(path);
+    ASSERT_EQ(m.mesh.triangles.size(), s.triangles.size());
+    double worst = 0;
+    for (size_t t = 0; t < s.triangles.size(); ++t)
+      for (size_t k = 0; k < 3; ++k)
+        worst = std::max(worst, glm::length(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm - s.positions[s.triangles[t][k]]));
+    EXPECT_LE(worst, 3e-6);  // floats of at most 42 mm
+    EXPECT_LT(glm::length(m.mesh.origin_mm - far), 60);
+    EXPECT_EQ(defects(m.diagnosis).find("degenerate"), std::string::npos);
+    // Negative control: the floats that OpenMesh reads are a quarter of a millimetre off, or more.
+    HalfEdges h;
+    h.request_vertex_normals();
+    if (!OpenMesh::IO::read_mesh(h, path) || h.n_vertices() == 0) continue;  // it does not know comments in OFF files
+    double off = 0;
+    for (auto v : h.vertices()) {
+      auto p = h.point(v);
+      double nearest = 1e30;
+      for (const glm::dvec3& q : s.positions) nearest = std::min(nearest, glm::length(glm::dvec3(p[0], p[1], p[2]) - q));
+      off = std::max(off, nearest);
+    }
+    EXPECT_GT(off, 0.2);
+  }
+  // A mesh around 0 keeps its very floats.
+  Sample near = cubeSphere(3, 0.3);
+  EXPECT_EQ(mustRead(saveFile("near.ply", plyFile(near, {}))).mesh.origin_mm, glm::dvec3(0));
+}
+
+TEST(MeshFormats, Units) {
+  Sample s = cubeSphere(3, 2);
+  LoadedMesh m = mustRead(saveFile("a.ply", plyFile(s, {})), {.mm_per_unit = 25.4});
+  for (size_t i = 0; i < s.positions.size(); ++i)
+    EXPECT_LT(glm::length(glm::dvec3(m.mesh.positions_mm[i]) + m.mesh.origin_mm - 25.4 * s.positions[i]), 1e-5);
+  double low = 0, high = 0;
+  for (const glm::dvec3& p : s.positions) low = std::min(low, p.x), high = std::max(high, p.x);
+  EXPECT_NEAR(m.diagnosis.max_mm.x - m.diagnosis.min_mm.x, (high - low) * 25.4, 1e-4);
+  auto bad = readMesh(saveFile("a.ply", plyFile(s, {})), {.mm_per_unit = 0});
+  ASSERT_FALSE(bad.ok());
+  EXPECT_EQ(bad.error().kind, ErrorKind::kUsage);
+}
+
+TEST(MeshFormats, FilesOfOpenMesh) {
+  Sample s = cubeSphere(5);
+  decorate(s, 17);
+  HalfEdges h;
+  h.request_vertex_colors();
+  for (size_t i = 0; i < s.positions.size(); ++i) {
+    auto v = h.add_vertex({static_cast<float>(s.positions[i].x), static_cast<float>(s.positions[i].y), static_cast<float>(s.positions[i].z)});
+    h.set_color(v, {s.colours[i].x, s.colours[i].y, s.colours[i].z});
+  }
+  for (const auto& t : s.triangles) h.add_face(h.vertex_handle(t[0]), h.vertex_handle(t[1]), h.vertex_handle(t[2]));
+  using Options = OpenMesh::IO::Options;
+  struct Case {
+    const char* name;
+    Options options;
+    bool colours;
+  };
+  int read = 0;
+  for (const Case& c : {Case{"om.ply", Options(Options::VertexColor), true}, Case{"om.ply", Options(Options::VertexColor | Options::Binary), true},
+                        Case{"om.ply", Options(Options::VertexColor | Options::Binary | Options::MSB), true}, Case{"om.ply", Options(Options::VertexColor | Options::ColorFloat), true},
+                        Case{"om.off", Options(Options::VertexColor), true}, Case{"om.off", Options(), false}, Case{"om.obj", Options(), false},
+                        Case{"om.stl", Options(), false}, Case{"om.stl", Options(Options::Binary), false}}) {
+    SCOPED_TRACE(c.name);
+    std::string path = meshFolder() / c.name;
+    omlog().disable();
+    ASSERT_TRUE(OpenMesh::IO::write_mesh(h, path, c.options, 17));
+    LoadedMesh m = mustRead(path);
+    ++read;
+    if (std::string(c.name) == "om.stl") {  // its vertices come in another order
+      EXPECT_EQ(m.diagnosis.vertices, s.positions.size());
+      EXPECT_EQ(m.diagnosis.border_loops, 0u);
+      EXPECT_NEAR(signedVolume(m.mesh) / signedVolume(toMesh(s)), 1, 1e-5);
+      continue;
+    }
+    Sample expected = s;
+    expected.corner_uv.clear();
+    if (!c.colours) expected.colours.clear();
+    expectSame(m, expected, c.colours, false);
+  }
+  EXPECT_EQ(read, 9);
+}
+
+// ---- refusals ----
+
+void expectRefused(const std::string& path, ErrorKind kind, const std::string& part) {
+  auto read = readMesh(path);
+  ASSERT_FALSE(read.ok()) << path << " was read, expected: " << part;
+  EXPECT_EQ(read.error().kind, kind) << read.error().text();
+  EXPECT_NE(read.error().text().find(part), std::string::npos) << read.error().text();
+  EXPECT_NE(read.error().text().find(path), std::string::npos) << read.error().text();
+}
+
+TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
+  const ErrorKind invalid = ErrorKind::kInvalidData;
+  const std::string head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const char* bad : {"nan", "inf", "-inf"}) {
+    expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 " + bad + " 0\n3 0 1 2\n"), invalid, "vertex 2 (from 0): expected y to be a finite number");
+    expectRefused(saveFile("a.obj", std::string("v 0 0 0\nv 1 0 ") + bad + "\nv 0 1 0\nf 1 2 3\n"), invalid, "vertex 1 (from 0): expected z");
+    expectRefused(saveFile("a.off", std::string("OFF\n3 1 0\n") + bad + " 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), invalid, "vertex 0 (from 0): expected x");
+  }
+  Sample s = cubeSphere(2), nan = s;
+  nan.positions[4].z = std::nan("");
+  expectRefused(saveFile("a.ply", plyFile(nan, {})), invalid, "vertex 4 (from 0): expected z to be a finite number");
+  expectRefused(saveFile("a.stl", stlFile(nan, true)), invalid, "expected finite coordinates");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1e13 0\n3 0 1 2\n"), invalid, "within 10^12 mm of 0");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n"), invalid, "face 0 names vertex 3, there are 3");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n"), invalid, "face 0 names vertex -1");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n"), invalid, "face 0 names vertex 1.5");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n"), invalid, "face 2 names vertex 9, there are 3");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n"), invalid, "face 1 (line 4) names vertex -4");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 2 3\n"), invalid, "face 1 (line 4) names vertex 0");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n"), invalid, "names texture coordinates 1");
+  expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 5\n"), invalid, "face 0 names vertex 5");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 one 0\n3 0 1 2\n"), invalid, "\"one\" in line 12");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n"), invalid, "bytes left in the file");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n"), invalid, "bytes left in the file");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n2 0 1"), invalid, "found no triangle");
+  for (const char* name : {"a.ply", "a.obj", "a.off", "a.stl"}) {
+    expectRefused(saveFile(name, ""), invalid, "expected");
+    expectRefused(saveFile(name, "This is a letter to the museum.\n"), invalid, "expected");
+    expectRefused(saveFile(name, std::string(2000, '\0')), invalid, "expected");
+  }
+  expectRefused(saveFile("a.xyz", "0 0 0\n"), ErrorKind::kUnsupported, ".ply, .obj, .stl or .off");
+  expectRefused(saveFile("a.off", "4OFF\n3 1 0\n"), ErrorKind::kUnsupported, "three coordinates");
+  expectRefused((meshFolder() / "none.ply").string(), ErrorKind::kIo, "none.ply");
+  std::string text = stlFile(s, false);
+  expectRefused(saveFile("a.stl", text.substr(0, text.size() / 2)), invalid, "truncated");
+  std::string binary = stlFile(s, true, "made by a test");
+  expectRefused(saveFile("a.stl", binary.substr(0, binary.size() / 2)), invalid, "triangles stated");
+}
+
+TEST(MeshRefusals, CountsAreCheckedBeforeAnythingIsAllocated) {
+  for (const char* format : {"ascii", "binary_little_endian", "binary_big_endian"}) {
+    std::string head = std::string("ply\nformat ") + format + " 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    expectRefused(saveFile("a.ply", head + "0 0 0\n"), ErrorKind::kInvalidData, "expected 1000000000 elements \"vertex\"");
+  }
+  expectRefused(saveFile("a.off", "OFF\n1000000000 1 0\n0 0 0\n"), ErrorKind::kInvalidData, "expected 1000000000 vertices");
+  expectRefused(saveFile("a.off", "OFF\n3 18446744073709551615 0\n0 0 0\n"), ErrorKind::kInvalidData, "18446744073709551615 faces");
+  expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000000 0 1 2\n"), ErrorKind::kInvalidData, "1000000000 corners of face 0");
+}
+
+TEST(MeshRefusals, Interrupted) {
+  std::atomic<bool> stop{true};
+  auto read = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.interrupted = &stop});
+  ASSERT_FALSE(read.ok());
+  EXPECT_EQ(read.error().kind, ErrorKind::kInterrupted);
+  // Between any two reports of progress, too.
+  for (int steps = 1; steps < 50; ++steps) {
+    int left = steps;
+    stop = false;
+    double last = 0;
+    auto again = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.progress = [&](double done) {
+                                                                             EXPECT_GE(done, last);
+                                                                             EXPECT_LE(done, 1);
+                                                                             last = done;
+                                                                             if (--left == 0) stop = true;
+                                                                           },
+                                                                           .interrupted = &stop});
+    if (again.ok()) {
+      EXPECT_EQ(last, 1);
+      EXPECT_GT(steps, 3);
+      return;
+    }
+    EXPECT_EQ(again.error().kind, ErrorKind::kInterrupted);
+  }
+  FAIL() << "never finished";
+}
+
+// ---- repairs ----
+
+TEST(MeshRepairs, ASoundMeshStaysAsItIs) {
+  for (const Sample& s : {cubeSphere(6), sheet(5, 4)}) {
+    TriMesh m = toMesh(s);
+    LoadedMesh r = mustRepair(m);
+    EXPECT_EQ(defects(r.diagnosis), "");
+    EXPECT_EQ(r.mesh.triangles, m.triangles);
+    EXPECT_EQ(r.mesh.positions_mm, m.positions_mm);
+    expectManifold(r);
+  }
+}
+
+TEST(MeshRepairs, DuplicateVerticesAreWelded) {
+  Sample s = cubeSphere(5), loose;
+  for (const auto& t : s.triangles)
+    for (uint32_t v : t) {
+      if (v % 3 == 0) loose.positions.push_back(s.positions[v] + glm::dvec3(-0.0));
+      else loose.positions.push_back(s.positions[v]);
+    }
+  for (uint32_t t = 0; t < s.triangles.size(); ++t) loose.triangles.push_back({3 * t, 3 * t + 1, 3 * t + 2});
+  LoadedMesh r = mustRepair(toMesh(loose));
+  EXPECT_EQ(found(r.diagnosis, "duplicate vertices"), 3 * s.triangles.size() - s.positions.size());
+  EXPECT_EQ(r.diagnosis.vertices, s.positions.size());
+  EXPECT_EQ(r.diagnosis.border_loops, 0u);
+  EXPECT_EQ(defects(r.diagnosis), "duplicate vertices; ");
+  expectManifold(r);
+  // Control: vertices that differ by one bit are no duplicates.
+  TriMesh m = toMesh(loose);
+  m.positions_mm[0].x = std::nextafter(m.positions_mm[0].x, 1e9f);
+  EXPECT_EQ(found(mustRepair(m).diagnosis, "duplicate vertices"), 3 * s.triangles.size() - s.positions.size() - 1);
+  // Zeros of either sign are one place.
+  Sample zeros{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-0.0, 0, -0.0}, {0, -1, 0}, {1, -0.0, 0}}, {{0, 1, 2}, {3, 4, 5}}, {}, {}};
+  EXPECT_EQ(found(mustRepair(toMesh(zeros)).diagnosis, "duplicate vertices"), 2u);
+}
+
+TEST(MeshRepairs, DegenerateAndDuplicateTrianglesAreDropped) {
+  Sample s = cubeSphere(3);
+  size_t sound = s.triangles.size();
+  s.triangles.push_back({0, 0, 1});
+  s.triangles.push_back({2, 2, 2});
+  auto first = s.triangles[5];
+  s.triangles.push_back(first);
+  s.triangles.push_back({first[1], first[2], first[0]});
+  s.triangles.push_back({first[1], first[0], first[2]});  // the other way round
+  decorate(s, 1);
+  auto uv = s.corner_uv;
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(found(r.diagnosis, "degenerate triangles"), 2u);
+  EXPECT_EQ(found(r.diagnosis, "duplicate triangles"), 3u);
+  EXPECT_EQ(r.mesh.triangles.size(), sound);
+  EXPECT_EQ(defects(r.diagnosis), "degenerate triangles; duplicate triangles; ");
+  uv.resize(sound);
+  EXPECT_EQ(r.mesh.corner_uv, uv);
+  expectManifold(r);
+  auto none = repairMesh(toMesh({{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}, {{0, 1, 2}}, {}, {}}), "line");
+  ASSERT_FALSE(none.ok());
+  EXPECT_EQ(none.error().kind, ErrorKind::kInvalidData);
+}
+
+TEST(MeshRepairs, FlippedTrianglesTurnAsTheirPiece) {
+  for (uint32_t seed = 1; seed <= 20; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    Sample s = seed % 2 ? cubeSphere(6) : sheet(7, 5);
+    decorate(s, seed);
+    TriMesh m = toMesh(s);
+    size_t flipped = 0;
+    for (size_t t = 0; t < m.triangles.size(); ++t)
+      if (random() % 10 < 3) {
+        std::swap(m.triangles[t][0], m.triangles[t][2]);
+        std::swap(m.corner_uv[t][0], m.corner_uv[t][2]);
+        ++flipped;
+      }
+    LoadedMesh r = mustRepair(m);
+    EXPECT_EQ(found(r.diagnosis, "flipped triangles"), flipped);
+    EXPECT_EQ(defects(r.diagnosis), "flipped triangles; ");
+    expectManifold(r);
+    for (size_t t = 0; t < m.triangles.size(); ++t)
+      for (size_t k = 0; k < 3; ++k) {
+        size_t was = 0;
+        while (s.triangles[t][was] != r.mesh.triangles[t][k]) ++was;
+        ASSERT_EQ(r.mesh.corner_uv[t][k], s.corner_uv[t][was]);
+      }
+    if (seed % 2) {
+      EXPECT_NEAR(signedVolume(r.mesh), signedVolume(toMesh(s)), 1);
+    }
+    // Control: OpenMesh refuses faces of what it was.
+    EXPECT_GT(seenByOpenMesh(m).refused, 0u);
+  }
+}
+
+TEST(MeshRepairs, ClosedPiecesFaceOutwards) {
+  Sample s = cubeSphere(4, 10, {100, 0, 0}), other = cubeSphere(4, 10, {-100, 0, 0});
+  for (auto& t : s.triangles) std::swap(t[1], t[2]);
+  append(s, other);
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(found(r.diagnosis, "closed pieces inside out"), 1u);
+  EXPECT_EQ(defects(r.diagnosis), "closed pieces inside out; ");
+  EXPECT_NEAR(signedVolume(r.mesh) / (2 * signedVolume(toMesh(other))), 1, 1e-4);
+  EXPECT_EQ(r.diagnosis.pieces, 2u);
+  EXPECT_EQ(found(r.diagnosis, "isolated pieces"), 1u);
+  // Control: an open piece has no outside; most of its triangles decide.
+  Sample open = sheet(4, 4);
+  for (auto& t : open.triangles) std::swap(t[1], t[2]);
+  EXPECT_EQ(defects(mustRepair(toMesh(open)).diagnosis), "");
+}
+
+Sample ring(int n, bool twisted) {
+  Sample s;
+  for (int i = 0; i < n; ++i) {
+    double a = 2 * M_PI * i / n, twist = twisted ? a / 2 : 0.3;
+    for (double w : {-1.0, 1.0}) s.positions.emplace_back((10 + w * std::cos(twist)) * std::cos(a), (10 + w * std::cos(twist)) * std::sin(a), w * std::sin(twist));
+  }
+  for (int i = 0; i < n; ++i) {
+    auto a = static_cast<uint32_t>(2 * i), b = a + 1, c = static_cast<uint32_t>(2 * ((i + 1) % n)), d = c + 1;
+    if (twisted && i == n - 1) std::swap(c, d);
+    s.triangles.push_back({a, c, d});
+    s.triangles.push_back({a, d, b});
+  }
+  return s;
+}
+
+TEST(MeshRepairs, AMoebiusStripStaysAsItIs) {
+  TriMesh m = toMesh(ring(40, true));
+  LoadedMesh r = mustRepair(m);
+  EXPECT_EQ(found(r.diagnosis, "pieces that are not orientable"), 1u);
+  EXPECT_EQ(defects(r.diagnosis), "pieces that are not orientable; ");
+  EXPECT_EQ(r.mesh.triangles, m.triangles);
+  EXPECT_EQ(r.mesh.positions_mm, m.positions_mm);
+  EXPECT_EQ(r.diagnosis.pieces, 1u);
+  EXPECT_EQ(r.diagnosis.border_loops, 1u);
+  // Control: a ring without the twist is orientable, and has two borders.
+  LoadedMesh plain = mustRepair(toMesh(ring(40, false)));
+  EXPECT_EQ(defects(plain.diagnosis), "");
+  EXPECT_EQ(plain.diagnosis.border_loops, 2u);
+  expectManifold(plain);
+}
+
+// A box of two triangles a side, from corner a to corner b, its vertices shared by place through repairMesh.
+Sample box(glm::dvec3 a, glm::dvec3 b) {
+  Sample s;
+  for (int i = 0; i < 8; ++i) s.positions.emplace_back(i & 1 ? b.x : a.x, i & 2 ? b.y : a.y, i & 4 ? b.z : a.z);
+  for (std::array<uint32_t, 4> q : {std::array<uint32_t, 4>{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}) {
+    s.triangles.push_back({q[0], q[1], q[2]});
+    s.triangles.push_back({q[0], q[2], q[3]});
+  }
+  return s;
+}
+
+TEST(MeshRepairs, BodiesThatTouchAtAVertexOrAnEdgeComeApart) {
+  for (bool edge : {false, true})
+    for (bool inside_out : {false, true}) {
+      Sample s = box({0, 0, 0}, {1, 1, 1}), other = box({1, 1, edge ? 0 : 1}, {2, 2, edge ? 1 : 2});
+      if (inside_out)
+        for (auto& t : other.triangles) std::swap(t[1], t[2]);
+      append(s, other);
+      LoadedMesh r = mustRepair(toMesh(s));
+      EXPECT_EQ(r.diagnosis.pieces, 2u);
+      EXPECT_EQ(r.diagnosis.border_loops, 0u);
+      EXPECT_EQ(r.diagnosis.vertices, 16u);
+      EXPECT_NEAR(signedVolume(r.mesh), 12, 1e-6);
+      EXPECT_EQ(found(r.diagnosis, "non-manifold edges"), edge ? 1u : 0u);
+      EXPECT_EQ(found(r.diagnosis, "non-manifold vertices"), edge ? 0u : 1u);
+      EXPECT_EQ(found(r.diagnosis, "closed pieces inside out"), inside_out ? 1u : 0u);
+      expectManifold(r);
+    }
+  // Control: bodies that do not touch.
+  Sample apart = box({0, 0, 0}, {1, 1, 1});
+  append(apart, box({3, 3, 3}, {4, 4, 4}));
+  EXPECT_EQ(defects(mustRepair(toMesh(apart)).diagnosis), "");
+  // Control: OpenMesh and the checker see what is wrong before.
+  Sample s = box({0, 0, 0}, {1, 1, 1}), other = box({1, 1, 0}, {2, 2, 1});
+  append(s, other);
+  TriMesh m = toMesh(s);
+  for (auto& t : m.triangles)
+    for (uint32_t& v : t) v = v == 8 ? 3 : v == 12 ? 7 : v;  // the edge that both have
+  EXPECT_NE(triMeshProblem(m).find("more than two triangles share the edge"), std::string::npos);
+  EXPECT_GT(seenByOpenMesh(m).refused, 0u);
+}
+
+TEST(MeshRepairs, SheetsAtNonManifoldEdges) {
+  // A fin on a sheet becomes a sheet of its own, from either side and with its triangles either way.
+  for (double up : {1.0, -1.0})
+    for (bool turned : {false, true}) {
+      Sample s = sheet(4, 4);
+      auto base = static_cast<uint32_t>(s.positions.size());
+      for (uint32_t x = 0; x < 4; ++x) s.positions.emplace_back(x + 0.5, 2, up);
+      for (uint32_t x = 1; x < 3; ++x) {
+        uint32_t a = 2 * 5 + x, b = a + 1;
+        s.triangles.push_back(turned ? std::array<uint32_t, 3>{b, a, base + x} : std::array<uint32_t, 3>{a, b, base + x});
+      }
+      s.positions.resize(base + 3);
+      LoadedMesh r = mustRepair(toMesh(s));
+      EXPECT_EQ(found(r.diagnosis, "non-manifold edges"), 2u);
+      EXPECT_EQ(r.mesh.triangles.size(), 34u);
+      expectManifold(r);
+      // The sheet is whole: one piece of 32 triangles with one border.
+      EXPECT_EQ(r.diagnosis.border_loops, r.diagnosis.pieces);
+      TriMesh flat = r.mesh;
+      flat.triangles.resize(32);
+      EXPECT_EQ(seenByOpenMesh(flat).border_loops, 1u);
+    }
+  // Two sheets that cross in a line of edges: two sheets.
+  Sample cross = sheet(2, 2), wall = sheet(2, 2);
+  for (auto& p : wall.positions) p = {p.x, 1, p.y - 1};
+  append(cross, wall);
+  LoadedMesh r = mustRepair(toMesh(cross));
+  EXPECT_EQ(found(r.diagnosis, "non-manifold edges"), 2u);
+  EXPECT_EQ(r.diagnosis.pieces, 2u);
+  EXPECT_EQ(r.diagnosis.border_loops, 2u);
+  expectManifold(r);
+  // A wall inside a body: the body stays closed.
+  Sample walled = box({0, 0, 0}, {1, 1, 1});
+  walled.triangles.push_back({0, 1, 7});
+  walled.triangles.push_back({0, 7, 6});
+  r = mustRepair(toMesh(walled));
+  expectManifold(r);
+  EXPECT_EQ(r.diagnosis.pieces, 2u);
+  EXPECT_EQ(r.diagnosis.border_loops, 1u);
+}
+
+TEST(MeshRepairs, ASheetThatCurlsUpToTouchItself) {
+  // A strip along a spiral whose second turn touches an edge of its first: one fan holds both at either end of that edge.
+  Sample s;
+  for (uint32_t i = 0; i < 12; ++i)
+    for (double y : {0.0, 1.0}) s.positions.emplace_back((5 + i * 0.3) * std::cos(i * 0.7), y, (5 + i * 0.3) * std::sin(i * 0.7));
+  s.positions[2 * 11] = s.positions[2 * 3];
+  s.positions[2 * 11 + 1] = s.positions[2 * 3 + 1];
+  for (uint32_t i = 0; i + 1 < 12; ++i) {
+    s.triangles.push_back({2 * i, 2 * i + 2, 2 * i + 3});
+    s.triangles.push_back({2 * i, 2 * i + 3, 2 * i + 1});
+  }
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(found(r.diagnosis, "non-manifold edges"), 1u);
+  EXPECT_EQ(r.diagnosis.pieces, 1u);
+  EXPECT_EQ(r.diagnosis.triangles, 22u);
+  expectManifold(r);
+  // Closed into one fan at both ends of the edge: three pages that hang together at top and bottom.
+  Sample pages;
+  pages.positions = {{0, 0, 0}, {0, 1, 0}, {0, 2, 0}, {0, -1, 0}};
+  for (int k = 0; k < 3; ++k) pages.positions.emplace_back(std::cos(2 * k), 0.5, std::sin(2 * k));
+  for (uint32_t k = 0; k < 3; ++k) {
+    pages.triangles.push_back({0, 1, 4 + k});
+    pages.triangles.push_back({1, 2, 4 + k});
+    pages.triangles.push_back({3, 0, 4 + k});
+  }
+  expectManifold(mustRepair(toMesh(pages)));
+}
+
+TEST(MeshRepairs, TJunctionsAreClosed) {
+  // One quad of side 4 beside a sheet of 1 x 4: three vertices lie on its edge.
+  Sample s = sheet(1, 4);
+  append(s, {{{1, 0, 0}, {5, 0, 0}, {5, 4, 0}, {1, 4, 0}}, {{0, 1, 2}, {0, 2, 3}}, {}, {}});
+  decorate(s, 1);
+  for (auto& uv : s.corner_uv) uv = {glm::vec2(0), glm::vec2(0), glm::vec2(0)};
+  for (size_t t = 8; t < 10; ++t)
+    for (size_t k = 0; k < 3; ++k) s.corner_uv[t][k] = glm::vec2(s.positions[s.triangles[t][k]]) / 8.0f;
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(found(r.diagnosis, "T-junctions"), 3u);
+  EXPECT_EQ(r.diagnosis.pieces, 1u);
+  EXPECT_EQ(r.diagnosis.border_loops, 1u);
+  EXPECT_EQ(r.mesh.triangles.size(), 13u);
+  EXPECT_DOUBLE_EQ(area(r.mesh), 20);
+  expectManifold(r);
+  for (size_t t = 0; t < r.mesh.triangles.size(); ++t)
+    for (size_t k = 0; k < 3; ++k)
+      if (r.mesh.corner_uv[t][k] != glm::vec2(0)) {
+        EXPECT_EQ(r.mesh.corner_uv[t][k], glm::vec2(r.mesh.positions_mm[r.mesh.triangles[t][k]]) / 8.0f);
+      }
+  // Control: the same vertices at the edge's ends only.
+  Sample sound = sheet(1, 1, 4);
+  append(sound, {{{4, 0, 0}, {8, 0, 0}, {8, 4, 0}, {4, 4, 0}}, {{0, 1, 2}, {0, 2, 3}}, {}, {}});
+  EXPECT_EQ(found(mustRepair(toMesh(sound)).diagnosis, "T-junctions"), 0u);
+  // Off the edge: within the tolerance (1e-7 of a diagonal of 6.4) and beyond.
+  for (auto [off, junctions] : {std::pair{3e-7, 3u}, {3e-6, 0u}, {-3e-7, 3u}, {-3e-6, 0u}}) {
+    TriMesh m = toMesh(s);
+    for (size_t v = 3; v <= 7; v += 2) m.positions_mm[v].x += static_cast<float>(off);
+    EXPECT_EQ(found(mustRepair(m).diagnosis, "T-junctions"), junctions) << off;
+  }
+}
+
+TEST(MeshRepairs, TJunctionsOnAllSidesOfATriangle) {
+  for (uint32_t seed = 1; seed <= 30; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    // A triangle in a ring of triangles that touch its sides at 0 to 5 dyadic places each.
+    Sample s{{{0, 0, 0}, {16, 0, 0}, {0, 16, 0}}, {{0, 1, 2}}, {}, {}};
+    size_t junctions = 0;
+    for (uint32_t k = 0; k < 3; ++k) {
+      glm::dvec3 a = s.positions[k], b = s.positions[(k + 1) % 3], out = k == 0 ? glm::dvec3(8, -8, 0) : k == 1 ? glm::dvec3(16, 16, 0) : glm::dvec3(-8, 8, 0);
+      std::set<int> cuts;
+      for (uint32_t n = random() % 6; n > 0; --n) cuts.insert(1 + static_cast<int>(random() % 15));
+      junctions += cuts.size();
+      std::vector<uint32_t> line{k};
+      for (int c : cuts) {
+        line.push_back(static_cast<uint32_t>(s.positions.size()));
+        s.positions.push_back(a + (b - a) * (c / 16.0));
+      }
+      line.push_back((k + 1) % 3);
+      auto tip = static_cast<uint32_t>(s.positions.size());
+      s.positions.push_back(out);
+      for (size_t i = 0; i + 1 < line.size(); ++i) s.triangles.push_back({line[i + 1], line[i], tip});
+    }
+    LoadedMesh r = mustRepair(toMesh(s));
+    EXPECT_EQ(found(r.diagnosis, "T-junctions"), junctions);
+    EXPECT_EQ(r.diagnosis.pieces, 1u);
+    EXPECT_EQ(r.diagnosis.border_loops, 1u);
+    EXPECT_NEAR(area(r.mesh), area(toMesh(s)), 1e-9);
+    expectManifold(r);
+  }
+}
+
+TEST(MeshRepairs, AClosedSurfaceWithAZeroAreaTriangleIsClosedAfterwards) {
+  // The middle of an edge is a vertex on one side; a triangle without area fills in on the other.
+  Sample s = box({0, 0, 0}, {2, 2, 2});
+  // Edge 4-5 of the top {4,5,7,6} and the front: the top's triangle {4,5,7} gets the middle, the front keeps the edge.
+  s.positions.emplace_back(1, 0, 2);
+  for (auto& t : s.triangles)
+    if (t == std::array<uint32_t, 3>{4, 5, 7}) t = {4, 8, 7};
+  s.triangles.push_back({8, 5, 7});
+  s.triangles.push_back({4, 5, 8});
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(found(r.diagnosis, "degenerate triangles"), 1u);
+  EXPECT_EQ(found(r.diagnosis, "T-junctions"), 1u);
+  EXPECT_EQ(r.diagnosis.border_loops, 0u);
+  EXPECT_NEAR(signedVolume(r.mesh), 48, 1e-6);
+  expectManifold(r);
+}
+
+TEST(MeshRepairs, BordersAndPiecesAreCounted) {
+  Sample s = cubeSphere(6);
+  // Two holes of a triangle each, far apart.
+  s.triangles.erase(s.triangles.begin() + 100);
+  s.triangles.erase(s.triangles.begin() + 10);
+  append(s, {{{500, 0, 0}, {510, 0, 0}, {500, 10, 0}}, {{0, 1, 2}}, {}, {}});
+  s.positions.emplace_back(1, 2, 3);  // of no triangle
+  LoadedMesh r = mustRepair(toMesh(s));
+  EXPECT_EQ(r.diagnosis.border_loops, 3u);
+  EXPECT_EQ(found(r.diagnosis, "open borders"), 3u);
+  EXPECT_EQ(r.diagnosis.pieces, 2u);
+  EXPECT_EQ(found(r.diagnosis, "isolated pieces"), 1u);
+  EXPECT_EQ(found(r.diagnosis, "vertices of no triangle"), 1u);
+  EXPECT_NEAR(r.diagnosis.max_mm.x, 510, 1e-6);
+  expectManifold(r);
+  for (const MeshFinding& f : r.diagnosis.findings)
+    if (f.what == "isolated pieces") {
+      EXPECT_EQ(f.places_mm.at(0), glm::dvec3(500, 0, 0));
+    }
+}
+
+// Triangles between few vertices: everything that can be wrong is.
+TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
+  size_t problems_before = 0, meshes = 0;
+  for (uint32_t seed = 1; seed <= 400; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    Sample s;
+    uint32_t vertices = 4 + pick(random, 12), triangles = 1 + pick(random, 60);
+    int lattice = seed % 3 ? 1000 : 3;  // a coarse lattice has duplicates, lines and T-junctions in plenty
+    for (uint32_t i = 0; i < vertices; ++i)
+      s.positions.emplace_back(static_cast<int>(random() % static_cast<uint32_t>(lattice)), static_cast<int>(random() % static_cast<uint32_t>(lattice)),
+                               static_cast<int>(random() % static_cast<uint32_t>(lattice)));
+    for (uint32_t t = 0; t < triangles; ++t) s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
+    if (seed % 2) decorate(s, seed);
+    TriMesh m = toMesh(s);
+    problems_before += !triMeshProblem(m).empty();
+    auto r = repairMesh(m, "random");
+    if (!r) {
+      EXPECT_NE(r.error().message.find("degenerate triangles only"), std::string::npos) << r.error().text();
+      continue;
+    }
+    ++meshes;
+    EXPECT_EQ(triMeshProblem(r->mesh), "");
+    if (found(r->diagnosis, "pieces that are not orientable") == 0) expectManifold(*r);
+    // Repaired is repaired: what is left is what is only reported. Vertices split in place would be welded again, so copies are moved.
+    for (size_t i = 0; i < r->mesh.positions_mm.size(); ++i) r->mesh.positions_mm[i] += glm::vec3(0.001f * static_cast<float>(i), 0.01f * static_cast<float>(i % 7), 0);
+    auto again = repairMesh(r->mesh, "again");
+    ASSERT_TRUE(again.ok());
+    if (found(again->diagnosis, "T-junctions") > 0) continue;  // the moved vertices made new ones
+    if (again->diagnosis.vertices_read == again->diagnosis.vertices) {
+      EXPECT_EQ(again->diagnosis.pieces, r->diagnosis.pieces);
+    }
+    EXPECT_EQ(found(again->diagnosis, "non-manifold edges") + found(again->diagnosis, "non-manifold vertices"), 0u) << defects(again->diagnosis);
+  }
+  EXPECT_GT(problems_before, 300u);  // control: the checker sees what they were
+  EXPECT_GT(meshes, 300u);
+}
+
+TEST(MeshRepairs, TheSameTwice) {
+  std::mt19937 random(5);
+  Sample s;
+  for (int i = 0; i < 300; ++i) s.positions.emplace_back(random() % 20, random() % 20, random() % 20);
+  for (int t = 0; t < 3000; ++t) s.triangles.push_back({pick(random, 300), pick(random, 300), pick(random, 300)});
+  LoadedMesh a = mustRepair(toMesh(s)), b = mustRepair(toMesh(s));
+  EXPECT_EQ(a.mesh.positions_mm, b.mesh.positions_mm);
+  EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
+  EXPECT_EQ(defects(a.diagnosis), defects(b.diagnosis));
+}
+
+TEST(MeshRepairs, WhatCallersGetWrongIsRefused) {
+  const TriMesh good = toMesh(sheet(2, 2));
+  auto refused = [](TriMesh m, const char* part) {
+    auto r = repairMesh(std::move(m), "made");
+    ASSERT_FALSE(r.ok()) << part;
+    EXPECT_EQ(r.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(r.error().text().find(part), std::string::npos) << r.error().text();
+  };
+  TriMesh m = good;
+  m.triangles[3][1] = 9;
+  refused(m, "triangle 3 names vertex 9, there are 9");
+  m = good;
+  m.positions_mm[4].y = std::nanf("");
+  refused(m, "vertex 4 (from 0): expected y to be a finite number");
+  m = good;
+  m.origin_mm.x = INFINITY;
+  refused(m, "vertex 0");
+  m = good;
+  m.colours.resize(3);
+  refused(m, "expected a colour a vertex");
+  m = good;
+  m.corner_uv.resize(3);
+  refused(m, "texture coordinates of 8 triangles");
+  m = good;
+  m.triangles.clear();
+  refused(m, "no triangle");
+  m = good;
+  for (auto& p : m.positions_mm) p *= 1e-8f;
+  refused(m, "nanometre");
+}
+
+// Negative controls of the checker itself.
+TEST(MeshChecker, NamesEveryBrokenPromise) {
+  const TriMesh good = toMesh(sheet(2, 2));
+  EXPECT_EQ(triMeshProblem(good), "");
+  auto problem = [](const TriMesh& mesh) { return triMeshProblem(mesh); };
+  TriMesh m = good;
+  m.triangles[0][0] = 77;
+  EXPECT_NE(problem(m).find("names vertex 77"), std::string::npos);
+  m = good;
+  m.positions_mm[2].x = INFINITY;
+  EXPECT_NE(problem(m).find("not finite"), std::string::npos);
+  m = good;
+  m.triangles[1][0] = m.triangles[1][1];
+  EXPECT_NE(problem(m).find("degenerate"), std::string::npos);
+  m = good;
+  m.positions_mm[4] = (m.positions_mm[0] + m.positions_mm[8]) * 0.5f;
+  m.triangles[0] = {0, 4, 8};
+  EXPECT_NE(problem(m).find("degenerate"), std::string::npos);
+  m = good;
+  m.triangles.push_back({0, 4, 8});
+  m.positions_mm[8].z = 1;
+  EXPECT_NE(problem(m).find("more than two"), std::string::npos);
+  m = good;
+  m.positions_mm.emplace_back(1, 1, 1);
+  EXPECT_NE(problem(m).find("no triangle names vertex"), std::string::npos);
+  m = good;
+  m.colours.resize(2);
+  EXPECT_NE(problem(m).find("colours"), std::string::npos);
+}
+
+TEST(MeshReal, Laurana) {
+  const fs::path path = fs::path(__FILE__).parent_path() / "../../../shared/data/laurana.ply";
+  if (!fs::exists(path)) GTEST_SKIP() << "no ../shared/data/laurana.ply beside the checkout";
+  LoadedMesh m = mustRead(path.string());
+  EXPECT_EQ(m.diagnosis.vertices_read, 25160u);
+  EXPECT_EQ(m.diagnosis.triangles_read, 50000u);
+  EXPECT_EQ(m.diagnosis.vertices, 25160u);
+  EXPECT_EQ(m.diagnosis.triangles, 50000u);
+  EXPECT_EQ(m.mesh.colours.size(), 25160u);
+  EXPECT_EQ(m.diagnosis.pieces, 1u);
+  expectManifold(m);
+  // Euler's number of a surface: V - E + F = 2 - 2 genus - borders, E from the borders' length.
+  HalfEdges h;
+  ASSERT_TRUE(OpenMesh::IO::read_mesh(h, path.string()));
+  EXPECT_EQ(h.n_vertices(), 25160u);
+  EXPECT_EQ(h.n_faces(), 50000u);
+  for (auto v : h.vertices()) {
+    auto p = h.point(v);
+    ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[static_cast<size_t>(v.idx())]) + m.mesh.origin_mm, glm::dvec3(p[0], p[1], p[2]));
+  }
+}
+
+}  // namespace
+}  // namespace relievo::test
