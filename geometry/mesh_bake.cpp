@@ -93,6 +93,7 @@ struct MeshBake::Impl {
   int relief_depth = 0;
   double offset_mm = 0, scale_mm = 0, error_unit_mm = 0;
   std::vector<uint16_t> samples;       // as SampleLayout has them
+  std::vector<std::vector<std::vector<float>>> errors;  // by patch, then as gridErrors() has them
   int tone_log2 = 0;                   // colours and normals: this fine a grid is looked up; or texel by texel
 
   // ---- places ----
@@ -124,8 +125,7 @@ struct MeshBake::Impl {
   bool makeNormals(const BakeOptions& options);
   Result<void> sample(int cells_log2, const BakeOptions& options);
   void heightsOf(uint32_t patch, std::span<uint16_t> out) const;
-  std::vector<glm::dvec3> surface(uint32_t patch) const;
-  void errorsOf(const std::vector<glm::dvec3>& finest, int cells_log2, std::span<float> out) const;
+  void surface(uint32_t patch, SurfaceGrid& out) const;
   std::array<float, kTexelChannels> tone(const SurfacePoint& at) const;
 };
 
@@ -318,45 +318,22 @@ void MeshBake::Impl::heightsOf(uint32_t patch, std::span<uint16_t> out) const {
 }
 
 // The vertices of the finest grid, in the mesh's coordinates.
-std::vector<glm::dvec3> MeshBake::Impl::surface(uint32_t patch) const {
-  const size_t n = size_t{kPagePx} << relief_depth;
-  std::vector<uint16_t> q((n + 1) * (n + 1));
+void MeshBake::Impl::surface(uint32_t patch, SurfaceGrid& out) const {
+  const size_t row = out.row();
+  std::vector<uint16_t> q(row * row);
   heightsOf(patch, q);
-  std::vector<glm::dvec3> out(q.size());
-  for (size_t y = 0; y <= n; ++y) {
-    for (size_t x = 0; x <= n; ++x) {
-      const Frame f = at(patch, x, y, n);
-      const size_t i = y * (n + 1) + x;
-      out[i] = f.point + (offset_mm + scale_mm * q[i]) * f.normal;
-    }
-  }
-  return out;
-}
-
-// Both surfaces are linear on the finest grid's triangles, so they are furthest apart at its vertices. Monotone: a grid's error counts
-// those of all finer ones.
-void MeshBake::Impl::errorsOf(const std::vector<glm::dvec3>& finest, int cells_log2, std::span<float> out) const {
-  const int finest_log2 = kPageCellsLog2 + relief_depth;
-  const size_t n = size_t{1} << finest_log2, row = n + 1, blocks = static_cast<size_t>(errorBlocks(cells_log2));
-  std::fill(out.begin(), out.end(), 0.0f);
-  for (int log2 = finest_log2 - 1; log2 >= cells_log2; --log2) {
-    const int down = finest_log2 - log2;
-    const size_t step = size_t{1} << down, block = n / blocks;
-    const double scale = 1.0 / static_cast<double>(step);
-    for (size_t y = 0; y <= n; ++y) {
-      const size_t y0 = std::min(y, n - 1) >> down << down;
-      for (size_t x = 0; x <= n; ++x) {
-        const size_t x0 = std::min(x, n - 1) >> down << down;
-        const glm::dvec3* c = finest.data() + y0 * row + x0;
-        const glm::dvec3 flat = onCell(c[0], c[step], c[step * row], c[step * row + step], static_cast<double>(x - x0) * scale, static_cast<double>(y - y0) * scale);
-        // Up a little: what is drawn is computed in single precision.
-        const double distance = glm::length(finest[y * row + x] - flat) * (1 + 1e-6);
-        const float error = std::nextafter(static_cast<float>(distance), std::numeric_limits<float>::infinity());
-        if (distance == 0) continue;
-        const size_t bx = std::min(x, n - 1) / block, by = std::min(y, n - 1) / block;
-        // A vertex between blocks belongs to both.
-        for (size_t j = y % block == 0 && y > 0 && y < n ? by - 1 : by; j <= by; ++j)
-          for (size_t i = x % block == 0 && x > 0 && x < n ? bx - 1 : bx; i <= bx; ++i) out[j * blocks + i] = std::max(out[j * blocks + i], error);
+  const auto& c = base.patches[patch];
+  const double per_cell = 1.0 / static_cast<double>(row - 1);
+  for (size_t y = 0; y < row; ++y) {
+    const double v = static_cast<double>(y) * per_cell;
+    const Frame left = lerp(corner(c[0]), corner(c[2]), v), right = lerp(corner(c[1]), corner(c[3]), v);
+    const uint16_t* height = q.data() + y * row;
+    for (int axis = 0; axis < 3; ++axis) {
+      const double p0 = left.point[axis], p1 = right.point[axis], n0 = left.normal[axis], n1 = right.normal[axis];
+      double* place = out.axes[static_cast<size_t>(axis)].data() + y * row;
+      for (size_t x = 0; x < row; ++x) {
+        const double u = static_cast<double>(static_cast<int>(x)) * per_cell;
+        place[x] = p0 * (1 - u) + p1 * u + (offset_mm + scale_mm * height[x]) * (n0 * (1 - u) + n1 * u);
       }
     }
   }
@@ -460,18 +437,26 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   while (impl->tone_log2 < texels_log2 && std::ldexp(patches, 2 * impl->tone_log2) < 2 * vertices) ++impl->tone_log2;
   if (from_image) impl->tone_log2 = texels_log2;
 
-  // The unit of errors: the largest is 65,535 of it.
-  std::vector<float> largest(base.patches.size(), 0);
-  if (impl->relief_depth > 0) {
-    const bool done = parallelFor(largest.size(), options.workers, options.interrupted, [&](size_t p) {
-      std::vector<float> blocks(static_cast<size_t>(errorBlocks(kPageCellsLog2)) * static_cast<size_t>(errorBlocks(kPageCellsLog2)));
-      impl->errorsOf(impl->surface(static_cast<uint32_t>(p)), kPageCellsLog2, blocks);
-      largest[p] = *std::max_element(blocks.begin(), blocks.end());
-    });
-    if (!done) return interruptedError();
-  }
-  const float error = *std::max_element(largest.begin(), largest.end());
-  impl->error_unit_mm = error > 0 ? static_cast<double>(error) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
+  impl->errors.resize(base.patches.size());
+  constexpr size_t kPatchesAJob = 16;
+  const bool done = parallelFor(
+      (base.patches.size() + kPatchesAJob - 1) / kPatchesAJob, options.workers, options.interrupted,
+      [&](size_t job) {
+        SurfaceGrid finest(kPageCellsLog2 + impl->relief_depth);
+        std::vector<SurfaceGrid> scratch;
+        for (size_t p = job * kPatchesAJob; p < std::min(base.patches.size(), (job + 1) * kPatchesAJob); ++p) {
+          impl->surface(static_cast<uint32_t>(p), finest);
+          impl->errors[p] = gridErrors(finest, scratch);
+        }
+      },
+      [&](size_t taken) {
+        if (options.progress) options.progress(0.9 + 0.1 * std::min(1.0, static_cast<double>(taken * kPatchesAJob) / static_cast<double>(base.patches.size())));
+      });
+  if (!done) return interruptedError();
+  float largest = 0;
+  for (const auto& by_grid : impl->errors)
+    for (float e : by_grid[kPageCellsLog2]) largest = std::max(largest, e);
+  impl->error_unit_mm = largest > 0 ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   if (options.progress) options.progress(1);
   return std::unique_ptr<MeshBake>(new MeshBake(std::move(impl)));
@@ -483,16 +468,16 @@ Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
 }
 
 Result<void> MeshBake::errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const {
-  impl_->errorsOf(impl_->surface(patch), cells_log2, out_mm);
+  const std::vector<float>& errors = impl_->errors[patch][static_cast<size_t>(cells_log2)];
+  std::copy(errors.begin(), errors.end(), out_mm.begin());
   return {};
 }
 Result<void> MeshBake::errors(uint32_t patch, int level, std::span<float> out_mm) const {
   return errorsOfCells(patch, kPageCellsLog2 + level, out_mm);
 }
 float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
-  std::vector<float> blocks(static_cast<size_t>(errorBlocks(cells_log2)) * static_cast<size_t>(errorBlocks(cells_log2)));
-  impl_->errorsOf(impl_->surface(patch), cells_log2, blocks);
-  return *std::max_element(blocks.begin(), blocks.end());
+  const std::vector<float>& errors = impl_->errors[patch][static_cast<size_t>(cells_log2)];
+  return *std::max_element(errors.begin(), errors.end());
 }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {

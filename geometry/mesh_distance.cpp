@@ -10,10 +10,10 @@
 namespace relievo {
 namespace {
 
-// Points k of n in a triangle: the plastic number's sequence, folded into it (Roberts 2018): even for every n.
-glm::dvec2 placeInTriangle(int k) {
+// The k-th place in a triangle: the plastic number's sequence, folded into it (Roberts 2018): any run of them is spread evenly.
+glm::dvec2 placeInTriangle(size_t k) {
   constexpr double kPlastic = 1.32471795724474602596;
-  double b1 = std::fmod(0.5 + k / kPlastic, 1.0), b2 = std::fmod(0.5 + k / (kPlastic * kPlastic), 1.0);
+  double b1 = std::fmod(0.5 + static_cast<double>(k) / kPlastic, 1.0), b2 = std::fmod(0.5 + static_cast<double>(k) / (kPlastic * kPlastic), 1.0);
   if (b1 + b2 > 1) {
     b1 = 1 - b1;
     b2 = 1 - b2;
@@ -21,25 +21,39 @@ glm::dvec2 placeInTriangle(int k) {
   return {b1, b2};
 }
 
-// From every vertex of `from`, and places in its triangles, to `to`; mm.
-std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RayScene& scene, int places, int workers) {
-  const size_t vertices = from.positions_mm.size(), total = vertices + from.triangles.size() * static_cast<size_t>(places);
-  std::vector<float> out(total);
+// In mm: from every vertex of `from` if these are asked for, then from `spread` places, evenly over its area, to `to`.
+std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RayScene& scene, bool with_vertices, size_t spread, int workers) {
+  const size_t vertices = with_vertices ? from.positions_mm.size() : 0;
+  std::vector<double> area_before{0.0};
+  area_before.reserve(from.triangles.size() + 1);
+  for (const auto& t : from.triangles) {
+    const glm::dvec3 a(from.positions_mm[t[0]]), b(from.positions_mm[t[1]]), c(from.positions_mm[t[2]]);
+    area_before.push_back(area_before.back() + glm::length(glm::cross(b - a, c - a)));
+  }
+  if (!(area_before.back() > 0)) spread = 0;
+  std::vector<float> out(vertices + spread);
   const glm::dvec3 shift = from.origin_mm - to.origin_mm;
   constexpr size_t kAJob = 4096;
-  parallelFor((total + kAJob - 1) / kAJob, workers, nullptr, [&](size_t job) {
-    for (size_t i = job * kAJob; i < std::min(total, (job + 1) * kAJob); ++i) {
+  parallelFor((out.size() + kAJob - 1) / kAJob, workers, nullptr, [&](size_t job) {
+    SurfacePoint last;  // where the sample before was closest: seldom far from where this one is
+    size_t triangle = 0;
+    for (size_t i = job * kAJob; i < std::min(out.size(), (job + 1) * kAJob); ++i) {
       glm::dvec3 p;
       if (i < vertices) {
         p = glm::dvec3(from.positions_mm[i]);
       } else {
-        const size_t place = i - vertices;
-        const auto& t = from.triangles[place / static_cast<size_t>(places)];
-        const glm::dvec2 w = placeInTriangle(static_cast<int>(place % static_cast<size_t>(places)));
+        const size_t k = i - vertices;
+        const double area = (static_cast<double>(k) + 0.5) / static_cast<double>(spread) * area_before.back();
+        if (area >= area_before[triangle + 1])
+          triangle = static_cast<size_t>(std::upper_bound(area_before.begin(), area_before.end(), area) - area_before.begin()) - 1;
+        triangle = std::min(triangle, from.triangles.size() - 1);
+        const auto& t = from.triangles[triangle];
+        const glm::dvec2 w = placeInTriangle(k);
         const glm::dvec3 a(from.positions_mm[t[0]]), b(from.positions_mm[t[1]]), c(from.positions_mm[t[2]]);
         p = a + w.x * (b - a) + w.y * (c - a);
       }
-      out[i] = static_cast<float>(scene.closestPoint(p + shift).along);
+      last = scene.closestPoint(p + shift, last);
+      out[i] = static_cast<float>(last.along);
     }
   });
   return out;
@@ -64,29 +78,59 @@ DistanceStats stats(std::vector<float> mm) {
 
 }  // namespace
 
-TriMesh bakedTriangles(const MeshBake& baked) {
-  TriMesh out;
+TriMesh bakedTriangles(const MeshBake& baked, int workers) {
   const BaseMesh& base = baked.base();
+  glm::dvec3 low(base.corners[0].position_mm), high = low;
+  for (const BaseCorner& c : base.corners) {
+    low = glm::min(low, glm::dvec3(c.position_mm));
+    high = glm::max(high, glm::dvec3(c.position_mm));
+  }
+  const double close_mm = std::max(5e-6 * glm::length(high - low), baked.reliefScaleMm());
+  const int finest_log2 = 7 + baked.reliefDepth();
+  struct Part {
+    int cells_log2 = 0;
+    size_t first_vertex = 0, first_triangle = 0;
+  };
+  std::vector<Part> parts(base.patches.size());
+  parallelFor(parts.size(), workers, nullptr, [&](size_t p) {
+    int& log2 = parts[p].cells_log2 = std::min(baked.report().cells_log2, finest_log2);
+    while (log2 < finest_log2 && baked.errorOfCells(static_cast<uint32_t>(p), log2) > close_mm) ++log2;
+  });
+  size_t vertices = 0, triangles = 0;
+  for (Part& part : parts) {
+    const size_t n = size_t{1} << part.cells_log2;
+    part.first_vertex = vertices;
+    part.first_triangle = triangles;
+    vertices += (n + 1) * (n + 1);
+    triangles += 2 * n * n;
+  }
+  TriMesh out;
   out.origin_mm = base.origin_mm;
-  const size_t n = size_t{kPagePx} << baked.reliefDepth(), row = n + 1;
-  std::vector<uint16_t> q(row * row);
-  for (uint32_t p = 0; p < base.patches.size(); ++p) {
-    const auto first = static_cast<uint32_t>(out.positions_mm.size());
+  out.positions_mm.resize(vertices);
+  out.triangles.resize(triangles);
+  parallelFor(parts.size(), workers, nullptr, [&](size_t index) {
+    const auto p = static_cast<uint32_t>(index);
+    const Part& part = parts[p];
+    const size_t n = size_t{1} << part.cells_log2, row = n + 1, finest_row = (size_t{1} << finest_log2) + 1, step = (finest_row - 1) / n;
+    std::vector<uint16_t> q(finest_row * finest_row);
     (void)baked.heights(p, q);
-    for (size_t y = 0; y < row; ++y) {
-      for (size_t x = 0; x < row; ++x) {
+    glm::vec3* vertex = out.positions_mm.data() + part.first_vertex;
+    for (size_t y = 0; y <= n; ++y) {
+      for (size_t x = 0; x <= n; ++x) {
         const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
-        out.positions_mm.push_back(glm::vec3(base.point(p, u, v) + (baked.reliefOffsetMm() + baked.reliefScaleMm() * q[y * row + x]) * base.normal(p, u, v)));
+        const double height = baked.reliefOffsetMm() + baked.reliefScaleMm() * q[(y * finest_row + x) * step];
+        *vertex++ = glm::vec3(base.point(p, u, v) + height * base.normal(p, u, v));
       }
     }
+    auto* triangle = out.triangles.data() + part.first_triangle;
     for (size_t y = 0; y < n; ++y) {
       for (size_t x = 0; x < n; ++x) {
-        const uint32_t a = first + static_cast<uint32_t>(y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row), d = c + 1;
-        out.triangles.push_back({a, d, b});
-        out.triangles.push_back({a, c, d});
+        const auto a = static_cast<uint32_t>(part.first_vertex + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row), d = c + 1;
+        *triangle++ = {a, d, b};
+        *triangle++ = {a, c, d};
       }
     }
-  }
+  });
   return out;
 }
 
@@ -98,15 +142,16 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
     high = glm::max(high, p);
   }
   out.diagonal_mm = glm::length(glm::dvec3(high) - glm::dvec3(low));
-  const TriMesh surface = bakedTriangles(baked);
+  const TriMesh surface = bakedTriangles(baked, workers);
   auto surface_scene = RayScene::create(surface);
   if (!surface_scene) return surface_scene.error();
   auto scan_scene = RayScene::create(scan);
   if (!scan_scene) return scan_scene.error();
-  std::vector<float> there = distances(scan, surface, **surface_scene, samples_per_triangle, workers);
+  const size_t spread = scan.triangles.size() * static_cast<size_t>(std::max(samples_per_triangle, 0));
+  std::vector<float> there = distances(scan, surface, **surface_scene, true, spread, workers);
   out.scan_vertex_mm.assign(there.begin(), there.begin() + static_cast<ptrdiff_t>(scan.positions_mm.size()));
   out.to_baked = stats(std::move(there));
-  out.to_scan = stats(distances(surface, scan, **scan_scene, samples_per_triangle, workers));
+  out.to_scan = stats(distances(surface, scan, **scan_scene, false, out.to_baked.samples, workers));
   out.psnr_db = 20 * std::log10(out.diagonal_mm / std::max(out.to_baked.rms_mm, out.to_scan.rms_mm));
   return out;
 }

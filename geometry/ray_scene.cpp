@@ -10,6 +10,9 @@ namespace relievo {
 namespace {
 
 constexpr size_t kPacket = 8;  // AVX2
+// Two ways to build: by Morton codes, 0.08 s of one core a million triangles and 56 bytes each at its peak; by surface areas, 0.3 s and
+// 37 bytes. Lines take the same time in both (0.08 us beside one another).
+constexpr size_t kQuickUpTo = size_t{16} << 20;
 
 // What a ray's id asks of the surfaces it meets.
 enum RayKind : unsigned { kRayAny = 0, kRayUp = 1, kRayDown = 2 };  // up: along the line's direction
@@ -147,8 +150,10 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const st
       impl.get());
   impl->scene = rtcNewScene(impl->device);
   rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
-  rtcSetSceneBuildQuality(impl->scene, RTC_BUILD_QUALITY_MEDIUM);
+  const RTCBuildQuality quality = mesh.triangles.size() <= kQuickUpTo ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
+  rtcSetSceneBuildQuality(impl->scene, quality);
   RTCGeometry geometry = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  rtcSetGeometryBuildQuality(geometry, quality);
   // Embree reads 16 bytes at a vertex. Behind the last one that stays in the same memory page unless the array ends with a page.
   const glm::vec3* positions = mesh.positions_mm.data();
   if (reinterpret_cast<uintptr_t>(positions + mesh.positions_mm.size()) % 4096 == 0) {
@@ -242,6 +247,11 @@ SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) cons
   sphere.radius = static_cast<float>(within * (1 + 1e-6) + slack);
   rtcPointQuery(impl_->scene, &sphere, &context, closestCallback, &query);
   return query.best;
+}
+
+SurfacePoint RayScene::closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const {
+  if (!guess) return closestPoint(place);
+  return closestPoint(place, closestOnTriangle(cornersOf(*impl_->mesh, guess.triangle), place).along);
 }
 
 }  // namespace relievo

@@ -45,6 +45,9 @@ class RayScene {
   // The closest point that is not further away than `within`; of several triangles that share it, the first.
   SurfacePoint closestPoint(const glm::dvec3& place, double within = std::numeric_limits<double>::infinity()) const;
 
+  // The same, sooner, if `guess` (of an earlier query) is not far from it.
+  SurfacePoint closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const;
+
   uint64_t bytes() const;  // that Embree holds, beside the mesh
 
  private:

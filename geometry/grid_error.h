@@ -1,0 +1,28 @@
+// grid_error.h - how far coarser grids over a patch lie from its finest, at the same (u, v).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <vector>
+
+namespace relievo {
+
+// The vertices of a grid of 2^cells_log2 cells a side, rows of v from 0: x, y, z each in an array of its own.
+struct SurfaceGrid {
+  int cells_log2 = 0;
+  std::array<std::vector<double>, 3> axes;
+  explicit SurfaceGrid(int log2 = 0) : cells_log2(log2) {
+    for (auto& axis : axes) axis.resize(row() * row());
+  }
+  size_t row() const { return (size_t{1} << cells_log2) + 1; }
+};
+
+// Blocks of 8 x 8 cells a side of a grid; coarser grids are one block.
+constexpr int errorBlocksASide(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
+
+// By cells_log2 from 0 to the finest's: for each block, an upper bound of the distance between the triangles (cells cut along
+// (0,0)-(1,1)) through every 2^n-th vertex and those of the finest; never below those of finer grids' blocks inside it; 0 for the finest.
+// Scratch: of any content; kept by the caller so that one patch after the other needs no new memory.
+std::vector<std::vector<float>> gridErrors(const SurfaceGrid& finest, std::vector<SurfaceGrid>& scratch);
+
+}  // namespace relievo
