@@ -1,53 +1,13 @@
 // The program as its users run it: exit codes, messages that name the file and what to do, and files that appear whole or not at all.
-#include <gtest/gtest.h>
-
-#include <sys/wait.h>
-
-#include <cstdio>
-#include <cstdlib>
-#include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <string>
 
-#include <nlohmann/json.hpp>
+#include "cli_fixture.h"
 
 namespace {
 
-namespace fs = std::filesystem;
-
-struct Outcome {
-  int exit_code = -1;
-  std::string output;  // stdout and stderr
-};
-
-Outcome run(const std::string& command) {
-  Outcome r;
-  FILE* pipe = popen((command + " 2>&1 </dev/null").c_str(), "r");
-  if (!pipe) return r;
-  char buffer[4096];
-  while (size_t n = fread(buffer, 1, sizeof buffer, pipe)) r.output.append(buffer, n);
-  int status = pclose(pipe);
-  r.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  return r;
-}
-
-class Cli : public ::testing::Test {
- protected:
-  void SetUp() override {
-    std::string pattern = (fs::temp_directory_path() / "relievo-cli-XXXXXX").string();
-    folder_ = mkdtemp(pattern.data());
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-  std::string file(const std::string& name) const { return folder_ + "/" + name; }
-  Outcome relievo(const std::string& arguments) const { return run(std::string(RELIEVO_PROGRAM) + " " + arguments); }
-  void write(const std::string& name, const std::string& bytes) const { std::ofstream(file(name), std::ios::binary) << bytes; }
-  int filesNamed(const std::string& part) const {
-    int n = 0;
-    for (const auto& e : fs::directory_iterator(folder_)) n += e.path().filename().string().find(part) != std::string::npos;
-    return n;
-  }
-  std::string folder_;
-};
+using namespace relievo::testing_support;
 
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);

@@ -1,0 +1,255 @@
+// relievo build --mesh as its users run it: the scan's diagnosis, what is refused and how, reports, the same bytes again.
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "cli_fixture.h"
+
+namespace {
+
+using namespace relievo::testing_support;
+using Json = nlohmann::json;
+
+// A sphere with waves, radius about 40: a corner of a grid of longitudes and latitudes after the other; the poles are one vertex each.
+struct Ball {
+  std::vector<std::array<double, 3>> points;
+  std::vector<std::array<int, 3>> triangles;
+};
+Ball wavyBall(int columns, int rows) {
+  Ball ball;
+  auto point = [&](double longitude, double latitude) {
+    const double r = 40 + 1.5 * std::sin(5 * longitude) * std::cos(latitude) * std::cos(4 * latitude);
+    ball.points.push_back({r * std::cos(latitude) * std::cos(longitude), r * std::cos(latitude) * std::sin(longitude), r * std::sin(latitude)});
+  };
+  const double pi = 3.14159265358979;
+  point(0, -pi / 2);
+  for (int y = 1; y < rows; ++y)
+    for (int x = 0; x < columns; ++x) point(2 * pi * x / columns, pi * y / rows - pi / 2);
+  point(0, pi / 2);
+  auto at = [&](int x, int y) { return 1 + (y - 1) * columns + x % columns; };
+  const int last = static_cast<int>(ball.points.size()) - 1;
+  for (int x = 0; x < columns; ++x) {
+    ball.triangles.push_back({0, at(x + 1, 1), at(x, 1)});
+    ball.triangles.push_back({last, at(x, rows - 1), at(x + 1, rows - 1)});
+    for (int y = 1; y + 1 < rows; ++y) {
+      ball.triangles.push_back({at(x, y), at(x + 1, y), at(x + 1, y + 1)});
+      ball.triangles.push_back({at(x, y), at(x + 1, y + 1), at(x, y + 1)});
+    }
+  }
+  return ball;
+}
+
+std::string plyOf(const Ball& ball, bool colours = true) {
+  std::ostringstream out;
+  out << "ply\nformat ascii 1.0\nelement vertex " << ball.points.size() << "\nproperty float x\nproperty float y\nproperty float z\n";
+  if (colours) out << "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+  out << "element face " << ball.triangles.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const auto& p : ball.points) {
+    out << p[0] << " " << p[1] << " " << p[2];
+    if (colours) out << " " << int(128 + 3 * p[0]) << " 90 " << int(128 - 3 * p[2]);
+    out << "\n";
+  }
+  for (const auto& t : ball.triangles) out << "3 " << t[0] << " " << t[1] << " " << t[2] << "\n";
+  return out.str();
+}
+
+std::string bytesOf(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+class MeshCli : public Cli {
+ protected:
+  void SetUp() override {
+    Cli::SetUp();
+    write("ball.ply", plyOf(wavyBall(60, 40)));
+  }
+  Json parsed(const std::string& text) const {
+    auto json = Json::parse(text, nullptr, false);
+    EXPECT_FALSE(json.is_discarded()) << text;
+    return json;
+  }
+  std::string build(const std::string& mesh, const std::string& options = "") const {
+    return "build --mesh " + file(mesh) + " -o " + file("a.relievo") + " " + (options.find("--patches") == std::string::npos ? "--patches 40 " : "") + options;
+  }
+};
+
+TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
+  Outcome r = relievo(build("ball.ply", "--report " + file("r.html") + " --json " + file("r.json")));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find("scan      ball.ply (in mm): 2342 vertices, 4680 triangles, 1 piece, 0 open borders"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("distance  at most"), std::string::npos) << r.output;
+  EXPECT_EQ(filesNamed(".part-"), 0);
+  EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+
+  auto report = parsed(bytesOf(file("r.json")));
+  EXPECT_EQ(report["mesh"]["triangles"], 4680);
+  EXPECT_GT(report["package_bytes"].get<double>(), 0);
+  EXPECT_GT(report["relief_bits_per_vertex"].get<double>(), 0);
+  const auto& there = report["distance"]["scan_to_patches"];
+  EXPECT_GT(there["samples"].get<int>(), 4680);
+  EXPECT_GT(there["max_mm"].get<double>(), 0);
+  EXPECT_LT(there["max_mm"].get<double>(), 1.5) << "of a ball of 80 mm with waves of 1.5 mm";
+  double before = 0;
+  for (const char* p : {"p50_mm", "p90_mm", "p95_mm", "p99_mm", "p99_9_mm", "max_mm"}) {
+    EXPECT_GE(there[p].get<double>(), before);
+    before = there[p].get<double>();
+  }
+  EXPECT_NEAR(there["max_of_diagonal"].get<double>() * report["distance"]["diagonal_mm"].get<double>(), there["max_mm"].get<double>(), 1e-9);
+  std::string stages;
+  for (const auto& s : report["stages"]) stages += s["name"].get<std::string>() + " ";
+  EXPECT_EQ(stages, "read base bake package distance ");
+
+  const std::string html = bytesOf(file("r.html"));
+  EXPECT_NE(html.find("data:image/png;base64,iVBORw0KGgo"), std::string::npos);
+  EXPECT_EQ(html.find("http"), std::string::npos) << "the page needs nothing else";
+  EXPECT_EQ(html.find("<script"), std::string::npos);
+
+  r = relievo("info " + file("a.relievo"));
+  ASSERT_EQ(r.exit_code, 0);
+  EXPECT_NE(r.output.find("scan      ball.ply (in mm): 2342 vertices"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("albedo-normal"), std::string::npos);
+  EXPECT_NE(r.output.find("source    ball.ply  xxh3 "), std::string::npos);
+  auto info = parsed(relievo("info " + file("a.relievo") + " --json").output);
+  EXPECT_EQ(info["mesh"]["vertices_read"], 2342);
+  EXPECT_EQ(info["base"]["patches"], info["patches"]);
+  EXPECT_NEAR(info["base"]["max_mm"][0].get<double>(), 40, 6);
+}
+
+TEST_F(MeshCli, TheJsonOnStandardOutputIsAllThatIsThere) {
+  Outcome r = relievo(build("ball.ply", "--json -"));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_EQ(parsed(r.output)["mesh"]["file"], "ball.ply");
+}
+
+TEST_F(MeshCli, TheSameBytesForAnyWorkers) {
+  std::string first;
+  for (int workers : {1, 2, 3}) {
+    ASSERT_EQ(relievo(build("ball.ply", "--workers " + std::to_string(workers))).exit_code, 0);
+    const std::string bytes = bytesOf(file("a.relievo"));
+    if (first.empty()) first = bytes;
+    EXPECT_TRUE(bytes == first) << workers << " workers";
+  }
+  // Negative control: other patches give others.
+  ASSERT_EQ(relievo(build("ball.ply", "--patches 20")).exit_code, 0);
+  EXPECT_FALSE(bytesOf(file("a.relievo")) == first);
+}
+
+TEST_F(MeshCli, UnitsSetTheSize) {
+  auto width = [&](const char* unit) {
+    EXPECT_EQ(relievo(build("ball.ply", std::string("--unit ") + unit)).exit_code, 0);
+    auto info = parsed(relievo("info " + file("a.relievo") + " --json").output);
+    return info["mesh"]["max_mm"][0].get<double>() - info["mesh"]["min_mm"][0].get<double>();
+  };
+  const double mm = width("mm");
+  EXPECT_NEAR(mm, 80, 4);
+  EXPECT_NEAR(width("cm") / mm, 10, 1e-4);
+  EXPECT_NEAR(width("in") / mm, 25.4, 1e-4);
+}
+
+TEST_F(MeshCli, WhatIsRepairedIsSaidAndKept) {
+  Ball ball = wavyBall(60, 40);
+  for (int k = 0; k < 5; ++k) {  // five triangles with vertices of their own
+    for (int& v : ball.triangles[static_cast<size_t>(900 + 7 * k)]) {
+      ball.points.push_back(ball.points[static_cast<size_t>(v)]);
+      v = static_cast<int>(ball.points.size()) - 1;
+    }
+  }
+  ball.triangles.push_back({7, 7, 9});  // and one without area
+  write("worn.ply", plyOf(ball));
+  Outcome r = relievo(build("worn.ply"));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find("found"), std::string::npos) << r.output;
+  auto info = parsed(relievo("info " + file("a.relievo") + " --json").output);
+  EXPECT_EQ(info["mesh"]["vertices_read"], 2342 + 15);
+  EXPECT_EQ(info["mesh"]["vertices"], 2342);
+  EXPECT_EQ(info["mesh"]["triangles"], 4680);
+  ASSERT_GE(info["mesh"]["findings"].size(), 2u) << info["mesh"].dump(1);
+  for (const auto& f : info["mesh"]["findings"]) {
+    EXPECT_GT(f["count"].get<int>(), 0);
+    EXPECT_NE(relievo("info " + file("a.relievo")).output.find(f["what"].get<std::string>()), std::string::npos);
+  }
+}
+
+TEST_F(MeshCli, BadMeshesAreExitCode3AndNamed) {
+  const std::string good = plyOf(wavyBall(60, 40));
+  std::string nan = good;
+  nan.replace(nan.find("end_header\n") + 11, 1, "nan ");
+  std::string range = good + "";
+  range.replace(range.rfind("3 "), std::string::npos, "3 0 1 99999\n");
+  for (const auto& [name, text] : std::vector<std::pair<std::string, std::string>>{
+           {"cut.ply", good.substr(0, good.size() / 2)}, {"words.ply", "this is no mesh"}, {"range.ply", range}, {"nan.ply", nan},
+           {"huge.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
+                        "property list uchar int vertex_indices\nend_header\nabc"},
+           {"points.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"}}) {
+    write(name, text);
+    Outcome r = relievo(build(name));
+    EXPECT_EQ(r.exit_code, 3) << name << ": " << r.output;
+    EXPECT_NE(r.output.find(name), std::string::npos) << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1) << "one clear error: " << r.output;
+    EXPECT_FALSE(std::filesystem::exists(file("a.relievo")));
+  }
+  EXPECT_EQ(filesNamed(".part-"), 0);
+  EXPECT_EQ(relievo(build("nowhere.ply")).exit_code, 2);
+  write("a.3ds", "x");
+  EXPECT_EQ(relievo(build("a.3ds")).exit_code, 5);
+}
+
+TEST_F(MeshCli, OptionsThatDoNotGoTogetherAreExitCode1) {
+  for (const char* options : {"--ptm x.ptm", "--image x.png", "--relief h.png", "--mm-per-pixel 2", "--unit furlong", "--tolerance -1", "--patches -3", "--texture none --unit"})
+    EXPECT_EQ(relievo(build("ball.ply", options)).exit_code, 1) << options;
+  for (const char* options : {"--unit mm", "--tolerance 1", "--patches 9", "--texture t.png", "--report r.html"})
+    EXPECT_EQ(relievo("build --image x.png -o " + file("a.relievo") + " " + options).exit_code, 1) << options;
+  Outcome r = relievo(build("ball.ply", "--texture " + file("ball.ply")));
+  EXPECT_EQ(r.exit_code, 1);
+  EXPECT_NE(r.output.find("--texture needs texture coordinates"), std::string::npos) << r.output;
+  EXPECT_EQ(relievo("build --mesh " + file("ball.ply") + " -o " + file("ball.ply")).exit_code, 1) << "the output is the input";
+  EXPECT_EQ(bytesOf(file("ball.ply")), plyOf(wavyBall(60, 40)));
+}
+
+// A slab whose material names a picture, red on the left and blue on the right.
+TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
+  std::ostringstream obj;
+  obj << "mtllib slab.mtl\nusemtl picture\n";
+  const int n = 12;
+  for (int y = 0; y <= n; ++y)
+    for (int x = 0; x <= n; ++x) obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 3 << "\nvt " << double(x) / n << " " << double(y) / n << "\n";
+  for (int y = 0; y < n; ++y)
+    for (int x = 0; x < n; ++x) {
+      const int a = y * (n + 1) + x + 1, b = a + 1, c = a + n + 1, d = c + 1;
+      obj << "f " << a << "/" << a << " " << b << "/" << b << " " << d << "/" << d << "\nf " << a << "/" << a << " " << d << "/" << d << " " << c << "/" << c << "\n";
+    }
+  write("slab.obj", obj.str());
+  write("slab.mtl", "newmtl picture\nmap_Kd picture.ppm\n");
+  write("picture.ppm", std::string("P6\n2 1\n255\n") + "\xff\x10\x10\x10\x10\xff");
+  write("grey.pgm", std::string("P5\n1 1\n255\n") + "\x80");
+  Outcome r = relievo(build("slab.obj"));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  const std::string coloured = bytesOf(file("a.relievo"));
+  EXPECT_NE(relievo("info " + file("a.relievo")).output.find("source    picture.ppm  xxh3 "), std::string::npos);
+  EXPECT_NE(relievo("info " + file("a.relievo")).output.find("1 open border,"), std::string::npos);
+  ASSERT_EQ(relievo(build("slab.obj", "--texture " + file("grey.pgm"))).exit_code, 0);
+  EXPECT_NE(bytesOf(file("a.relievo")), coloured);
+  ASSERT_EQ(relievo(build("slab.obj", "--texture none")).exit_code, 0);
+  EXPECT_EQ(relievo("info " + file("a.relievo")).output.find("picture.ppm"), std::string::npos);
+  std::filesystem::remove(file("picture.ppm"));
+  r = relievo(build("slab.obj"));
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_NE(r.output.find("picture.ppm"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("--texture none"), std::string::npos) << r.output;
+}
+
+TEST_F(MeshCli, AnInterruptedBuildLeavesWhatWasThere) {
+  write("dense.ply", plyOf(wavyBall(700, 500), false));
+  write("a.relievo", "precious");
+  Outcome r = run("timeout --preserve-status -s INT 0.5 " RELIEVO_PROGRAM " " + build("dense.ply", "--patches 5000 --tolerance 0.0001"));
+  EXPECT_EQ(r.exit_code, 130) << r.output;
+  EXPECT_EQ(bytesOf(file("a.relievo")), "precious");
+  EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+}  // namespace
