@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "geometry/grid_error.h"
 #include "geometry/tri_mesh.h"
 #include "src/base/base_mesh.h"
 #include "src/base/result.h"
@@ -56,7 +57,7 @@ class MeshBake {
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const;
   // The same for any grid of 2^cells_log2 cells a patch's side, 0 <= cells_log2 <= 7 + reliefDepth(): grids coarser than a root page's
   // are drawn, too. By blocks of 8 x 8 cells, out[y * B + x], B = errorBlocks(cells_log2).
-  static int errorBlocks(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
+  static int errorBlocks(int cells_log2) { return errorBlocksASide(cells_log2); }
   Result<void> errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const;
   float errorOfCells(uint32_t patch, int cells_log2) const;  // the whole patch's
 

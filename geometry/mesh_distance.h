@@ -22,9 +22,11 @@ struct MeshDistance {
   double psnr_db = 0;                 // 20 log10(diagonal / the larger RMS)
   std::vector<float> scan_vertex_mm;  // of each vertex of the scan, for pictures
 };
-// Samples: every vertex, and about samples_per_triangle points in each triangle, at fixed places.
+// Samples: every vertex of the scan, and samples_per_triangle for each of its triangles, spread evenly over its area; as many as these
+// together over the baked surface. At fixed places: the same mesh and bake give the same numbers.
 Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3, int workers = 0);
-// The finest surface of a bake as triangles, patch by patch (for measuring and for pictures).
-TriMesh bakedTriangles(const MeshBake& baked);
+// The finest surface of a bake as triangles, patch by patch, not welded (for measuring and for pictures). A patch's grid is the coarsest
+// that lies within 5 x 10^-6 of the base's diagonal or one step of the heights of the finest (errorOfCells()), never coarser than the samples.
+TriMesh bakedTriangles(const MeshBake& baked, int workers = 0);
 
 }  // namespace relievo
