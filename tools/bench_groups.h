@@ -14,7 +14,9 @@
   G("shader", shader, "the virtual texture's shader against the same shader with dense textures")               \
   G("replacement", replacement, "hit rates of replacement policies on three flights")                           \
   G("prefetch", prefetch, "pixels a level too coarse with and without prefetch, at 20 MB/s and 50 ms latency")  \
-  G("encodings", encodings, "page encodings: what accuracy costs in size and time")
+  G("encodings", encodings, "page encodings: what accuracy costs in size and time")                             \
+  G("mesh-lod", meshLod, "edge LOD of many patches over a base mesh")                                           \
+  G("mesh-build", meshBuild, "a scan into a package: time and memory; and what it takes to draw it")
 
 namespace relievo {
 
