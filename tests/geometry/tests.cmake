@@ -10,3 +10,4 @@ relievo_test(mesh_bake_test LIBS relievo_mesh SOURCES geometry/mesh_bake_test.cp
 relievo_test(mesh_error_test LIBS relievo_geometry SOURCES geometry/mesh_error_test.cpp)
 relievo_test(mesh_lod_test LIBS relievo_geometry SOURCES geometry/mesh_lod_test.cpp)
 relievo_test(mesh_read_test LIBS relievo_mesh OpenMeshCore SOURCES geometry/mesh_read_test.cpp)
+relievo_test(mesh_fuzz_test LIBS relievo_mesh SOURCES geometry/mesh_fuzz_test.cpp)
