@@ -69,7 +69,7 @@ PatchPass::PatchPass()
       nodes_(gl::Texture::create()) {
   std::vector<uint8_t> vertices;
   std::vector<uint16_t> indices;
-  for (int n = 1; n <= kMaxGridLevel; ++n) {
+  for (int n = 0; n <= kMaxGridLevel; ++n) {
     Grid& grid = grids_[n];
     int side = (1 << n) + 1;
     grid.first_vertex = static_cast<uint32_t>(vertices.size() / 4);
@@ -201,7 +201,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
                             static_cast<GLsizei>(count));
     ++calls;
   };
-  for (int n = 1; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
+  for (int n = 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glBindVertexArray(0);
   return calls;
 }
@@ -209,7 +209,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
 std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const {
   setUniforms(program, eye, 0);
   uint64_t total = 0;
-  for (int n = 1; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
+  for (int n = 0; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
   if (total == 0 || total > max_vertices) return {};
   auto buffer = gl::Buffer::create();
   glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, buffer.id());
@@ -217,7 +217,7 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
   glBindVertexArray(vertex_array_.id());
   glEnable(GL_RASTERIZER_DISCARD);
   uint64_t offset = 0;
-  for (int n = 1; n <= kMaxGridLevel; ++n) {
+  for (int n = 0; n <= kMaxGridLevel; ++n) {
     uint32_t count = group_first_[n + 1] - group_first_[n];
     if (count == 0) continue;
     const Grid& grid = grids_[n];
