@@ -90,16 +90,10 @@ class Selection {
       roots = 0;
     }
   };
-  // A root that is no node, as it is drawn.
-  struct PlainRoot {
-    uint32_t patch;
-    std::array<uint8_t, 4> segments;
-  };
-
   // ---- squares
   Info info(const Square& s) {
     if (s.level == 0) {
-      const uint8_t code = roots_.codes()[s.patch];
+      const int code = roots_.codes()[s.patch];
       if (!(code & MeshRoots::kCareful)) {
         Info in;
         in.culled = (code & MeshRoots::kCulled) != 0;
@@ -273,9 +267,9 @@ class Selection {
   bool refine(bool anyway) {
     tree_.clear();
     limited_tree_ = false;
-    const std::vector<uint8_t>& codes = roots_.codes();
-    uint8_t any = 0;
-    for (uint8_t code : codes) any |= code;
+    const std::vector<int32_t>& codes = roots_.codes();
+    int any = 0;
+    for (int code : codes) any |= code;
     for (uint32_t p = 0; p < codes.size() && (any & MeshRoots::kCareful); ++p)
       if (codes[p] & MeshRoots::kCareful) addRootAndNeighbours(p);
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
@@ -384,51 +378,29 @@ class Selection {
     wants_.push_back({page.id(), priority});
   }
 
-  PatchInstance rootInstance(uint32_t patch, int grid_level, const std::array<uint8_t, 4>& segments) const {
-    PatchInstance p;
-    p.node = p.relief_page = {patch, 0, 0, 0};
+  // Written in place: as a value it would be put together from bytes and read back in words, which waits.
+  void addRoot(std::vector<PatchInstance>& to, uint32_t patch, int grid_level, uint32_t segments) const {
+    PatchInstance& p = to.emplace_back();
+    p.node.patch = p.relief_page.patch = patch;
     p.grid_level = static_cast<uint8_t>(grid_level);
     p.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
-    for (size_t side = 0; side < 4; ++side) p.edges[side] = {segments[side], PatchInstance::kWholeEdge};
-    return p;
+    for (size_t side = 0; side < 4; ++side) p.edges[side] = {static_cast<uint8_t>(segments >> (8 * side)), PatchInstance::kWholeEdge};
   }
   PlanarLodResult rootsAlone() const {
     PlanarLodResult result;
     result.error_px = error_px_;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) result.instances.push_back(rootInstance(p, 1, {}));
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, p, 1, 0);
     return result;
-  }
-  // Roots that are no nodes, by grid level. Returns the largest predicted error.
-  float levelPlainRoots() {
-    for (auto& list : plain_) list.clear();
-    const uint8_t* codes = roots_.codes().data();
-    const float* px_per_mm = roots_.pxPerMm().data();
-    const bool nodes = !tree_.nodes.empty();
-    float worst = 0;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) {
-      if ((codes[p] & (MeshRoots::kCulled | MeshRoots::kCareful)) || (nodes && tree_.root_node[p] != kNone)) continue;
-      const std::array<uint32_t, 4>& across = roots_.neighbours(p);
-      PlainRoot root{p, {}};
-      uint8_t coarsest = kMaxGridLevel, grid_level = 1;
-      for (size_t side = 0; side < 4; ++side) {
-        const uint8_t level = std::max<uint8_t>(codes[p], codes[across[side]] & MeshRoots::kLevel);
-        root.segments[side] = level;
-        coarsest = std::min(coarsest, level);
-        grid_level = std::max(grid_level, level);
-      }
-      plain_[grid_level].push_back(root);
-      float error_mm = roots_.error(grid_level, p);
-      if (coarsest < grid_level) error_mm = std::max(error_mm, std::min(2 * roots_.error(coarsest, p), roots_.diameter(p)));
-      worst = std::max(worst, error_mm * px_per_mm[p]);
-    }
-    return worst;
   }
 
   PlanarLodResult finish() {
     PlanarLodResult result;
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
       if (tree_.nodes[i].state == State::kLeaf) levelSides(i);
-    result.max_error_px = levelPlainRoots();
+    for (const Node& n : tree_.nodes)
+      if (n.square.level == 0) roots_.leaveOut(n.square.patch);
+    roots_.levelEdges();
+    result.max_error_px = roots_.maxErrorPx();
     std::vector<PatchInstance>& drawn = of_nodes_.instances;
     drawn.clear();
     for (const Node& n : tree_.nodes) {
@@ -456,14 +428,13 @@ class Selection {
     result.wants = of_nodes_.wants;
     of_nodes_.wants.swap(wants_);
     // Both lists are in order; a patch is in one of them alone.
-    size_t count = drawn.size();
-    for (const auto& list : plain_) count += list.size();
+    size_t count = drawn.size(), next = 0;
+    for (int level = 0; level <= kMaxGridLevel; ++level) count += roots_.drawn(level).size();
     result.instances.reserve(count);
-    size_t next = 0;
-    for (uint8_t level = 0; level <= kMaxGridLevel; ++level) {
-      for (const PlainRoot& root : plain_[level]) {
-        while (next < drawn.size() && drawn[next].grid_level == level && drawn[next].node.patch < root.patch) result.instances.push_back(drawn[next++]);
-        result.instances.push_back(rootInstance(root.patch, level, root.segments));
+    for (int level = 0; level <= kMaxGridLevel; ++level) {
+      for (uint32_t patch : roots_.drawn(level)) {
+        while (next < drawn.size() && drawn[next].grid_level == level && drawn[next].node.patch < patch) result.instances.push_back(drawn[next++]);
+        addRoot(result.instances, patch, level, roots_.segments(patch));
       }
       while (next < drawn.size() && drawn[next].grid_level == level) result.instances.push_back(drawn[next++]);
     }
@@ -481,7 +452,6 @@ class Selection {
   Tree tree_, other_tree_;
   std::vector<Info> infos_;
   std::vector<ReliefWant> wants_;
-  std::array<std::vector<PlainRoot>, kMaxGridLevel + 1> plain_;
   PlanarLodResult of_nodes_;
   IndexTable info_index_, want_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here

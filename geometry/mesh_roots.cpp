@@ -1,6 +1,15 @@
 // mesh_roots.cpp - see the header. Compiled without errno from sqrt, which would keep the loop from becoming SIMD.
 #include "geometry/mesh_roots.h"
 
+#include <bit>
+
+// What the following loop writes, none of its other turns reads.
+#if defined(__GNUC__) && !defined(__clang__)
+#define RELIEVO_NO_LOOP_DEPENDENCE _Pragma("GCC ivdep")
+#else
+#define RELIEVO_NO_LOOP_DEPENDENCE
+#endif
+
 namespace relievo {
 namespace {
 
@@ -18,8 +27,9 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   extent_ = 0;
   for (auto* v : {&x_, &y_, &z_, &radius_, &longest_, &px_per_mm_}) v->resize(count_);
   for (auto& e : errors_) e.resize(count_);
+  for (auto& a : across_) a.resize(count_);
+  for (auto* v : {&segments_, &grid_, &order_}) v->resize(count_);
   codes_.resize(count_);
-  neighbours_.resize(count_);
   for (uint32_t p = 0; p < count_; ++p) {
     const Square root{p, 0, 0, 0};
     const SquareHull hull = forest.hull(root, exaggerate);
@@ -39,7 +49,7 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       errors_[static_cast<size_t>(k)][p] = static_cast<float>(std::min(forest.error(root, k, exaggerate), 2 * radius)) * kRoundUp;
     for (size_t side = 0; side < 4; ++side) {
       const PatchNeighbour& n = forest.patchNeighboursOf(p)[side];
-      neighbours_[p][side] = n.patch == PatchNeighbour::kNone ? p : n.patch;
+      across_[side][p] = n.patch == PatchNeighbour::kNone ? p : n.patch;
     }
   }
 }
@@ -74,19 +84,21 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
               max_node_px = static_cast<float>(view.max_node_px);
   std::array<float, kLevels> min_cell_px;
   for (int k = 0; k < kLevels; ++k) min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k));
-  const float* __restrict x = x_.data();
-  const float* __restrict y = y_.data();
-  const float* __restrict z = z_.data();
-  const float* __restrict radius = radius_.data();
-  const float* __restrict longest = longest_.data();
-  const float* __restrict e0 = errors_[0].data();
-  const float* __restrict e1 = errors_[1].data();
-  const float* __restrict e2 = errors_[2].data();
-  const float* __restrict e3 = errors_[3].data();
-  const float* __restrict e4 = errors_[4].data();
-  float* __restrict px_per_mm = px_per_mm_.data();
-  uint8_t* __restrict codes = codes_.data();
-  for (size_t p = 0; p < count_; ++p) {
+  const float* x = x_.data();
+  const float* y = y_.data();
+  const float* z = z_.data();
+  const float* radius = radius_.data();
+  const float* longest = longest_.data();
+  const float* e0 = errors_[0].data();
+  const float* e1 = errors_[1].data();
+  const float* e2 = errors_[2].data();
+  const float* e3 = errors_[3].data();
+  const float* e4 = errors_[4].data();
+  float* px_per_mm = px_per_mm_.data();
+  int32_t* codes = codes_.data();
+  const int count = static_cast<int>(count_);
+  RELIEVO_NO_LOOP_DEPENDENCE
+  for (int p = 0; p < count; ++p) {
     const float r = radius[p];
     float inside = 1e30f;
     for (const Plane& plane : planes) {
@@ -113,8 +125,64 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
     careful |= static_cast<int>(level == kLevels) | static_cast<int>(!(cell_px <= max_node_px));
     const int code = culled ? kCulled : careful ? kCareful : level;
     px_per_mm[p] = culled ? 0 : px;
-    codes[p] = static_cast<uint8_t>(code);
+    codes[p] = code;
   }
+}
+
+void MeshRoots::levelEdges() {
+  const float* e0 = errors_[0].data();
+  const float* e1 = errors_[1].data();
+  const float* e2 = errors_[2].data();
+  const float* e3 = errors_[3].data();
+  const float* e4 = errors_[4].data();
+  const float* radius = radius_.data();
+  const float* px_per_mm = px_per_mm_.data();
+  const int32_t* codes = codes_.data();
+  const uint32_t *left = across_[0].data(), *right = across_[1].data(), *top = across_[2].data(), *bottom = across_[3].data();
+  uint32_t* segments = segments_.data();
+  uint32_t* grid = grid_.data();
+  const int count = static_cast<int>(count_);
+  auto* error_bits = reinterpret_cast<int32_t*>(order_.data());  // room that is free as yet; the bits of a float not below 0 grow with it
+  RELIEVO_NO_LOOP_DEPENDENCE
+  for (int p = 0; p < count; ++p) {
+    const int own = codes[p] & kLevel, shown = (codes[p] & (kCulled | kCareful | kOthers)) == 0;
+    auto larger = [](int a, int b) { return a > b ? a : b; };
+    auto smaller = [](int a, int b) { return a < b ? a : b; };
+    const int a = larger(own, codes[left[p]] & kLevel), b = larger(own, codes[right[p]] & kLevel), c = larger(own, codes[top[p]] & kLevel),
+              d = larger(own, codes[bottom[p]] & kLevel);
+    const int finest = larger(larger(larger(a, b), larger(c, d)), 1), coarsest = smaller(smaller(a, b), smaller(c, d));
+    // One select after another: chains of them would become branches.
+    float at_finest = e1[p], at_coarsest = e0[p];
+    at_finest = finest > 1 ? e2[p] : at_finest;
+    at_finest = finest > 2 ? e3[p] : at_finest;
+    at_finest = finest > 3 ? e4[p] : at_finest;
+    at_coarsest = coarsest > 0 ? e1[p] : at_coarsest;
+    at_coarsest = coarsest > 1 ? e2[p] : at_coarsest;
+    at_coarsest = coarsest > 2 ? e3[p] : at_coarsest;
+    at_coarsest = coarsest > 3 ? e4[p] : at_coarsest;
+    // Where vertices snapped, see mesh_lod.cpp.
+    const float doubled = 2 * (at_coarsest < radius[p] ? at_coarsest : radius[p]), snapped = coarsest < finest ? doubled : 0.0f;
+    const float error_px = (at_finest > snapped ? at_finest : snapped) * px_per_mm[p];
+    const int32_t bits = shown ? std::bit_cast<int32_t>(error_px) : 0;
+    error_bits[p] = bits;
+    segments[p] = static_cast<uint32_t>(a | b << 8 | c << 16 | d << 24);
+    grid[p] = static_cast<uint32_t>(shown ? finest : kMaxGridLevel + 1);
+  }
+  int32_t worst = 0;
+  std::array<uint32_t, kMaxGridLevel + 2> counts{};
+  for (int p = 0; p < count; ++p) worst = worst > error_bits[p] ? worst : error_bits[p];
+  max_error_px_ = std::bit_cast<float>(worst);
+  for (uint32_t n = 0; n < counts.size(); ++n) {
+    uint32_t of_level = 0;
+    for (int p = 0; p < count; ++p) of_level += grid[p] == n;
+    counts[n] = of_level;
+  }
+  first_.fill(0);
+  for (size_t n = 0; n < counts.size(); ++n) first_[n + 1] = counts[n];
+  for (size_t n = 1; n < first_.size(); ++n) first_[n] += first_[n - 1];
+  std::array<size_t, kMaxGridLevel + 3> next = first_;
+  uint32_t* order = order_.data();
+  for (int p = 0; p < count; ++p) order[next[grid[p]]++] = static_cast<uint32_t>(p);
 }
 
 }  // namespace relievo

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "geometry/mesh_forest.h"
@@ -17,10 +18,11 @@ struct RootView {
 
 class MeshRoots {
  public:
-  // A patch's code: the level wanted, 0 .. kLevels - 1, or one of these.
-  static constexpr uint8_t kCulled = 0x80;   // out of view, and no level wanted
-  static constexpr uint8_t kCareful = 0x40;  // near the eye, or wants more than a root's grid gives
-  static constexpr uint8_t kLevel = 0x07;
+  // A patch's code: the level wanted, 0 .. kLevels - 1, and some of these.
+  static constexpr int kCulled = 0x80;   // out of view, and no level wanted
+  static constexpr int kCareful = 0x40;  // near the eye, or wants more than a root's grid gives
+  static constexpr int kOthers = 0x20;   // drawn by others, see leaveOut()
+  static constexpr int kLevel = 0x07;
   static constexpr int kLevels = 5;          // 0 .. 4: kMaxSplitLevel
 
   // Takes what depends on the exaggeration from the forest, if that changed.
@@ -28,11 +30,19 @@ class MeshRoots {
   // Fills codes() and pxPerMm(). The camera must be valid.
   void evaluate(const LodCamera& camera, const RootView& view);
 
-  const std::vector<uint8_t>& codes() const { return codes_; }
-  const std::vector<float>& pxPerMm() const { return px_per_mm_; }         // 0: culled
-  float error(int level, uint32_t patch) const { return errors_[static_cast<size_t>(level)][patch]; }
+  const std::vector<int32_t>& codes() const { return codes_; }
+  const std::vector<float>& pxPerMm() const { return px_per_mm_; }  // 0: culled
   float diameter(uint32_t patch) const { return 2 * radius_[patch]; }
-  const std::array<uint32_t, 4>& neighbours(uint32_t patch) const { return neighbours_[patch]; }  // itself at a border
+  std::array<uint32_t, 4> neighbours(uint32_t p) const { return {across_[0][p], across_[1][p], across_[2][p], across_[3][p]}; }  // itself at a border
+
+  // The rest as it is drawn: edges with the larger of both sides' levels, grids with the largest of four.
+  void leaveOut(uint32_t patch) { codes_[patch] |= kOthers; }
+  void levelEdges();
+  double maxErrorPx() const { return max_error_px_; }
+  // Of grid level n, after levelEdges(), growing.
+  std::span<const uint32_t> drawn(int n) const { return std::span(order_).subspan(first_[static_cast<size_t>(n)], first_[static_cast<size_t>(n) + 1] - first_[static_cast<size_t>(n)]); }
+  // By Side, a byte each, the first lowest.
+  uint32_t segments(uint32_t patch) const { return segments_[patch]; }
 
  private:
   template <bool kOrthographic>
@@ -44,9 +54,12 @@ class MeshRoots {
   double extent_ = 0;  // the largest coordinate of a sphere
   std::vector<float> x_, y_, z_, radius_, longest_;  // spheres; the longest side
   std::array<std::vector<float>, kLevels> errors_;   // of grids of 2^k cells a side
-  std::vector<std::array<uint32_t, 4>> neighbours_;
+  std::array<std::vector<uint32_t>, 4> across_;      // by side
   std::vector<float> px_per_mm_;
-  std::vector<uint8_t> codes_;
+  std::vector<int32_t> codes_;
+  std::vector<uint32_t> segments_, grid_, order_;
+  std::array<size_t, kMaxGridLevel + 3> first_{};    // in order_, by grid level; the last are those not drawn
+  double max_error_px_ = 0;
 };
 
 }  // namespace relievo
