@@ -5,9 +5,11 @@
 #include <numbers>
 #include <string>
 
+#include "geometry/base_fit.h"
 #include "geometry/base_place.h"
 #include "geometry/base_quads.h"
 #include "geometry/base_reduce.h"
+#include "geometry/base_sheet.h"
 #include "geometry/base_simplify.h"
 #include "geometry/base_topology.h"
 #include "geometry/ray_scene.h"
@@ -20,6 +22,63 @@ namespace {
 struct Frame {
   glm::dvec3 centre{0};
   double diagonal = 1;
+};
+
+// What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last of the numbers
+// keep too many pages pinned.
+constexpr double kLostEnough = 0.001;
+constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
+
+struct Candidate {
+  QuadMesh quads;
+  std::vector<glm::dvec3> normals;
+};
+
+struct Maker {
+  const Surface& surface;
+  ScanLookup scan;
+  Rails rails;
+  Fans fans;
+  const std::atomic<bool>* interrupted;
+
+  // Empty if the scan is no four-sided sheet.
+  Candidate sheet(uint32_t patches) const {
+    Candidate c{sheetQuads(rails.rails, surface.pieces.size(), scan, patches), {}};
+    if (!c.quads.quads.empty()) c.normals = cornerNormals(c.quads, surface, cornerRegions(c.quads, surface, fans, scan));
+    return c;
+  }
+
+  // split: makeQuads. Empty without it where triangles find no partner.
+  Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
+    EditMesh coarse(surface, rails);
+    simplify(coarse, {.triangles = triangles, .weight = weight, .interrupted = interrupted});
+    flipEdges(coarse);
+    Candidate c{makeQuads(coarse, rails.rails, split), {}};
+    if (c.quads.quads.empty()) return c;
+    updateNormals(c.quads);
+    std::vector<uint32_t> regions;
+    for (int round = 0; round < 4; ++round) {
+      if (round) relaxQuads(c.quads, rails.rails, scan, 8);
+      regions = cornerRegions(c.quads, surface, fans, scan);
+      placeCorners(c.quads, surface, regions, scan);
+    }
+    c.normals = c.quads.normals = cornerNormals(c.quads, surface, regions);
+    untangleQuads(c.quads, rails.rails, scan);
+    return c;
+  }
+
+  Candidate make(uint32_t patches, const std::vector<float>& weight) const {
+    // Few are better had without the split: its quads are four from one.
+    for (uint32_t more = 0; patches < 32 && more < 3; ++more) {
+      Candidate c = make(2 * patches + 2 * more, false, weight);
+      if (c.quads.quads.empty() || 10 * c.quads.quads.size() > 13 * patches) continue;
+      const QuadStars stars(c.quads);
+      bool fair = true;
+      for (uint32_t v = 0; v < c.quads.points.size(); ++v) fair = fair && stars.leastSine(c.quads, v) > 0.2;
+      if (fair) return c;
+    }
+    return make(std::max(4u, patches / 2), true, weight);
+  }
 };
 
 Error interruptedError() { return {ErrorKind::kInterrupted, {}, "interrupted", {}, {}}; }
@@ -53,39 +112,48 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
                  std::to_string(at.y) + ", " + std::to_string(at.z) + ") mm", "remove it from the scan", {}};
   }
   for (glm::vec3& p : scan->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
+  for (SurfacePiece& p : scan->pieces) p.area /= frame.diagonal * frame.diagonal;
   if (stopped()) return interruptedError();
   report(0.1);
 
-  const uint32_t patches = options.patches ? options.patches : 300;
-  const uint32_t triangles = std::max(4u, patches / 2);
   const std::vector<glm::vec3> scan_points = scan->points;
   const std::vector<std::vector<uint32_t>> scan_loops = scan->loops;
-  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 6 * size_t{triangles}), options.interrupted);
+  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}), options.interrupted);
   if (stopped()) return interruptedError();
   report(0.5);
   const Surface& surface = reduced.surface;
-  const Rails rails = findRails(scan_points, scan_loops, reduced, true);
-  EditMesh coarse(surface, rails);
-  simplify(coarse, {.triangles = triangles, .interrupted = options.interrupted});
-  if (stopped()) return interruptedError();
-  flipEdges(coarse);
-  report(0.7);
   TriMesh triangle_mesh;
   triangle_mesh.positions_mm = surface.points;
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  const ScanLookup lookup{triangle_mesh, **scene};
-  QuadMesh quads = makeQuads(coarse, rails.rails, true);
-  updateNormals(quads);
-  const Fans fans(surface);
-  std::vector<uint32_t> regions;
-  for (int round = 0; round < 4; ++round) {
-    if (round) relaxQuads(quads, rails.rails, lookup, 8);
-    regions = cornerRegions(quads, surface, fans, lookup);
-    placeCorners(quads, surface, regions, lookup);
+  const Maker maker{surface, {triangle_mesh, **scene}, findRails(scan_points, scan_loops, reduced, true), Fans(surface), options.interrupted};
+
+  // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
+  std::vector<uint32_t> numbers(3, options.patches);
+  if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
+  Candidate best;
+  Fit best_fit;
+  std::vector<float> weight;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    if (stopped()) return interruptedError();
+    Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
+    if (candidate.quads.quads.empty()) candidate = maker.make(numbers[i], weight);
+    if (stopped()) return interruptedError();
+    report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
+    if (candidate.quads.quads.empty()) continue;
+    const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
+    Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::clamp(static_cast<int>(cells), 4, 64));
+    if (getenv("VERBOSE")) printf("  %u: %zu patches, lost %.3f%%\n", numbers[i], candidate.quads.quads.size(), 100 * fit.lost);
+    const bool better = best.quads.quads.empty() || fit.lost < best_fit.lost;
+    if (better) best = std::move(candidate);
+    if (fit.lost <= (options.patches ? kLostEnough / 10 : kLostEnough)) break;
+    raiseWeights(fit, surface, weight);
+    if (better) best_fit = std::move(fit);
   }
-  const std::vector<glm::dvec3> normals = cornerNormals(quads, surface, regions);
+  if (best.quads.quads.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+  const QuadMesh& quads = best.quads;
+  const std::vector<glm::dvec3>& normals = best.normals;
 
   BaseMesh base;
   base.origin_mm = mesh.origin_mm;

@@ -367,4 +367,49 @@ void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan
   }
 }
 
+void untangleQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan) {
+  constexpr double kEnough = 0.3;  // of a sine: 17 degrees from folding
+  const QuadStars stars(m);
+  for (int round = 0; round < 20; ++round) {
+    bool moved = false;
+    for (uint32_t v = 0; v < m.points.size(); ++v) {
+      if (m.fixed[v] || stars.leastSine(m, v) >= kEnough) continue;
+      const glm::dvec3 was = m.points[v];
+      const RailPlace place = m.place[v];
+      if (place.rail != kNoIndex && (place.before == kNoIndex || place.after == kNoIndex)) continue;
+      // Towards the middle of the neighbours; of a rail's two neighbours.
+      glm::dvec3 middle{0};
+      double reach = 0;
+      for (uint32_t i = stars.begin[v]; i < stars.begin[v + 1]; ++i) {
+        for (uint32_t c : m.quads[stars.quads[i]]) {
+          if (c == v) continue;
+          middle += m.points[c];
+          reach = std::max(reach, glm::length(m.points[c] - was));
+        }
+      }
+      middle /= 3.0 * (stars.begin[v + 1] - stars.begin[v]);
+      glm::dvec3 best = was;
+      double best_sine = stars.leastSine(m, v), best_along = place.along;
+      for (double t : {1.0, 0.5, 0.25, 0.1}) {
+        if (place.rail != kNoIndex) {
+          const Rail& rail = rails[place.rail];
+          const double start = m.fixed[place.before] ? 0 : m.place[place.before].along;
+          const double end = m.fixed[place.after] ? rail.length() : m.place[place.after].along;
+          m.place[v].along = place.along + t * ((start + end) / 2 - place.along);
+          m.points[v] = rail.point(m.place[v].along);
+        } else {
+          const SurfacePoint hit = scan.project(was + t * (middle - was), m.normals[v], reach);
+          if (!hit) continue;
+          m.points[v] = scan.point(hit);
+        }
+        const double sine = stars.leastSine(m, v);
+        if (sine > best_sine + 1e-3) best_sine = sine, best = m.points[v], best_along = m.place[v].along, moved = true;
+      }
+      m.points[v] = best;
+      m.place[v].along = best_along;
+    }
+    if (!moved) return;
+  }
+}
+
 }  // namespace relievo

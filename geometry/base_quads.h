@@ -58,4 +58,7 @@ QuadMesh makeQuads(const EditMesh& mesh, std::span<const Rail> rails, bool split
 void updateNormals(QuadMesh& mesh);  // of the quads around each corner, by area
 void relaxQuads(QuadMesh& mesh, std::span<const Rail> rails, const ScanLookup& scan, int rounds);
 
+// Moves corners whose quads fold over or come close to it, seen along mesh.normals, until they do not or no move helps.
+void untangleQuads(QuadMesh& mesh, std::span<const Rail> rails, const ScanLookup& scan);
+
 }  // namespace relievo

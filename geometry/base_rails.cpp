@@ -29,7 +29,7 @@ std::vector<size_t> sharpTurns(const Line& line) {
   const size_t n = line.points.size();
   std::vector<double> at{0};
   for (size_t i = 0; i + 1 < n + line.closed; ++i) at.push_back(at.back() + glm::length(line.points[(i + 1) % n] - line.points[i]));
-  const double length = at.back(), window = std::max(length / 50, 0.005);
+  const double length = at.back(), window = std::max(length / 24, 0.01);
   auto place = [&](double s) {
     if (line.closed) s -= std::floor(s / length) * length;
     s = std::clamp(s, 0.0, length);

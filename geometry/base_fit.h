@@ -1,0 +1,27 @@
+// base_fit.h - how well a scan is reached by lines from a base mesh along its normals: what lies in undercuts is not.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/base_place.h"
+#include "geometry/base_quads.h"
+
+namespace relievo {
+
+struct Fit {
+  std::vector<float> error;  // of each vertex of the surface: its distance from the displaced base
+  double lost = 0;           // the part of the surface's area that is further away than kLostDistance
+};
+// In diagonals. The samples' own spacing leaves less.
+inline constexpr float kLostDistance = 2e-3f;
+
+// cells: of a patch's side that the base is displaced at.
+Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan, int cells);
+// Raises the weights (SimplifyOptions::weight) where the surface is lost, so that patches get smaller there.
+void raiseWeights(const Fit& fit, const Surface& s, std::vector<float>& weight);
+
+}  // namespace relievo
