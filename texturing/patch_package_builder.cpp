@@ -4,6 +4,9 @@
 //      of each level and side the strip of 4 texels that the neighbour's pages have as their border
 //   2  writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
 //
+// Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may, so what stands
+// there is what makes the mean of the four texels around the corner the same from all patches: that of all their corner texels.
+//
 // So the source is asked for each patch once, and no page waits for a neighbour's.
 #include "texturing/patch_package_builder.h"
 
@@ -59,7 +62,26 @@ struct Context {
   std::vector<CoarseErrors> coarse_errors;
   std::vector<std::array<uint64_t, 4>> side_hash;        // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
+  std::vector<uint8_t> corner_texels;                    // by patch, level, corner and channel
+  // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
+  std::vector<uint32_t> first, at;
+
+  uint8_t* cornerTexel(uint32_t patch, int level, size_t corner) {
+    return corner_texels.data() + ((static_cast<size_t>(patch) * static_cast<size_t>(store.depth + 1) + static_cast<size_t>(level)) * 4 + corner) * static_cast<size_t>(store.channels);
+  }
+  const uint8_t* cornerTexel(uint32_t patch, int level, size_t corner) const { return const_cast<Context*>(this)->cornerTexel(patch, level, corner); }
 };
+
+void listCorners(Context& c) {
+  const BaseMesh& base = c.source.base();
+  c.first.assign(base.corners.size() + 1, 0);
+  c.at.resize(base.patches.size() * 4);
+  for (const auto& patch : base.patches)
+    for (uint32_t corner : patch) ++c.first[corner + 1];
+  for (size_t i = 1; i < c.first.size(); ++i) c.first[i] += c.first[i - 1];
+  std::vector<uint32_t> next(c.first.begin(), c.first.end() - 1);
+  for (uint32_t i = 0; i < c.at.size(); ++i) c.at[next[base.patches[i / 4][i % 4]]++] = i;
+}
 
 Error invalid(uint32_t patch, const std::string& what) {
   return {ErrorKind::kInvalidData, "", "patch " + std::to_string(patch) + ": " + what, "", {}};
@@ -89,6 +111,9 @@ class PatchReader {
       const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
       if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
       if (auto kept = keepStrips(patch, level, side); !kept) return kept;
+      for (size_t k = 0; k < 4; ++k)
+        for (size_t c = 0; c < channels; ++c)
+          c_.cornerTexel(patch, level, k)[c] = texels_[(c * static_cast<size_t>(side) + (k / 2 ? side - 1 : 0)) * static_cast<size_t>(side) + (k % 2 ? side - 1 : 0)];
       if (level == 0) return {};
       coarser_.resize(texels_.size() / 4);
       if (level == store.depth) {
@@ -290,7 +315,26 @@ class TextureWriter {
         }
       }
     }
+    for (size_t k = 0; k < 4; ++k) fillCorner(patch, level, k);
     return {};
+  }
+
+  // The square of the border beyond corner k.
+  void fillCorner(uint32_t patch, int level, size_t k) {
+    const uint32_t corner = c_.source.base().patches[patch][k];
+    const size_t meet = c_.first[corner + 1] - c_.first[corner];
+    const size_t x_in = kPageBorderPx + (k % 2 ? side_ - 1 : 0), y_in = kPageBorderPx + (k / 2 ? side_ - 1 : 0);
+    const size_t x_out = k % 2 ? x_in + 1 : x_in - 1, y_out = k / 2 ? y_in + 1 : y_in - 1;
+    for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
+      uint8_t* plane = bordered_.data() + c * stride() * stride();
+      auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
+      size_t sum = 0;
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) sum += c_.cornerTexel(c_.at[i] / 4, level, c_.at[i] % 4)[c];
+      const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
+      const int beyond = std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
+      for (size_t j = 0; j < kPageBorderPx; ++j)
+        for (size_t i = 0; i < kPageBorderPx; ++i) at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
+    }
   }
 
   void cut(uint32_t patch, int level, BuildPart& out) {
@@ -403,10 +447,12 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
 
   Context context{source, header, packageLayout(d, header.texture, header.index_offset, true), MipFilter(header.texture),
-                  {header.texture.channels(), d.texture_depth}, patchNeighbours(source.base()), {}, {}, {}, {}, {}};
+                  {header.texture.channels(), d.texture_depth}, patchNeighbours(source.base()), {}, {}, {}, {}, {}, {}, {}, {}};
   context.coarse_errors.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
+  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 * static_cast<size_t>(context.store.channels));
+  listCorners(context);
 
   // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its finished parts.
   const PatchStore& store = context.store;

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <iostream>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "patch_fixture.h"
@@ -56,7 +57,7 @@ std::vector<NaiveImage> levelsOf(const NoisyPatches& source, uint32_t patch) {
   return levels;
 }
 
-enum class Borders { kNeighbours, kOwnEdge, kNeverReversed, kMirroredAcross };  // all but the first are wrong
+enum class Borders { kNeighbours, kOwnEdge, kNeverReversed, kMirroredAcross, kOwnCorner };  // all but the first are wrong
 
 // Texel (x, y) of a patch's level, which may lie beyond one of its sides: there, by the corners alone, the patch that has them both.
 int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>& levels, uint32_t patch, size_t level, int c, int64_t x, int64_t y, Borders how) {
@@ -82,7 +83,18 @@ int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>
       return levels[q][level].at(c, axis_x ? u : w, axis_x ? w : u);
     }
   }
-  return levels[patch][level].at(c, x, y);  // clamps
+  const int64_t own = levels[patch][level].at(c, x, y);  // clamps
+  if (!(out_x && out_y) || how == Borders::kOwnCorner) return own;
+  // Beyond a corner: what brings the four texels around it to the mean of all patches' corner texels. In bytes, as pages hold.
+  auto byte = [](int64_t v) { return static_cast<double>((v + 128) / 256); };
+  const size_t k = static_cast<size_t>((x < 0 ? 0 : 1) + (y < 0 ? 0 : 2));
+  const int64_t cx = x < 0 ? 0 : n - 1, cy = y < 0 ? 0 : n - 1;
+  double sum = 0, count = 0;
+  for (uint32_t q = 0; q < base.patches.size(); ++q)
+    for (size_t j = 0; j < 4; ++j)
+      if (base.patches[q][j] == base.patches[patch][k]) sum += byte(levels[q][level].at(c, j % 2 ? n - 1 : 0, j / 2 ? n - 1 : 0)), ++count;
+  const double beside = byte(texelAt(base, levels, patch, level, c, x < 0 ? -1 : n, cy, how)) + byte(texelAt(base, levels, patch, level, c, cx, y < 0 ? -1 : n, how));
+  return 256 * std::llround(std::clamp(std::floor(4 * sum / count + 0.5 + 1e-9) - byte(own) - beside, 0.0, 255.0));
 }
 
 struct PageCounts {
@@ -132,6 +144,61 @@ TEST(PatchPackage, everyTexturePageEqualsTheNaiveOneWithItsNeighboursBorders) {
     EXPECT_GT(comparePages(**package, source, Borders::kOwnEdge).wrong, counts.texture * 9 / 10);
     EXPECT_GT(comparePages(**package, source, Borders::kNeverReversed).wrong, counts.texture / 2);
     EXPECT_GT(comparePages(**package, source, Borders::kMirroredAcross).wrong, counts.texture * 9 / 10);
+    EXPECT_GT(comparePages(**package, source, Borders::kOwnCorner).wrong, counts.texture / 2);
+  }
+}
+
+// What bilinear filtering shows at a corner is the same from all patches that meet there, three or four or more; at sides, too.
+TEST(PatchPackage, patchesAgreeOnWhatTheirSidesAndCornersShow) {
+  // A fan of five around corner 0, beside the cube's three and four.
+  BaseMesh fan;
+  fan.corners.push_back({{0, 0, 0}, {0, 0, 1}});
+  for (int i = 0; i < 10; ++i) {
+    const float a = 0.62831853f * static_cast<float>(i), r = i % 2 ? 1.6f : 1.0f;
+    fan.corners.push_back({{r * std::cos(a), r * std::sin(a), 0}, {0, 0, 1}});
+  }
+  for (uint32_t i = 0; i < 5; ++i) fan.patches.push_back({0, 1 + 2 * i, 1 + (2 * i + 2) % 10, 2 + 2 * i});
+  for (const BaseMesh& mesh : {cubeSphere(2, 10, kSeed), fan}) {
+    NoisyPatches source(mesh, 1, 0, kSeed, Basis::kPtmLrgb);
+    ScratchFolder folder;
+    ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
+    auto package = Package::open(folder.file("a.relievo"));
+    ASSERT_TRUE(package.ok());
+    PageDecoder decoder;
+    std::vector<uint8_t> page(kTexturePageBytes);
+    double worst = 0, worst_own = 0;  // of a byte's steps; own: were the corner's texel repeated
+    uint64_t clamped = 0, corners = 0;
+    for (uint32_t level : {0u, 1u}) {
+      std::map<uint32_t, std::array<std::array<double, 2>, 4>> seen;  // by the mesh's corner: least and greatest; of own likewise
+      for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
+        for (uint32_t k = 0; k < 4; ++k) {
+          const uint32_t last = (1u << level) - 1;
+          auto encoded = (*package)->read(PageId(texturePlane(2), NodeId{p, level, k % 2 * last, k / 2 * last}));
+          ASSERT_TRUE(encoded.ok());
+          ASSERT_TRUE(decoder.decodeTexture(encoded->bytes, page).ok());
+          auto at = [&](int x, int y) { return static_cast<double>(page[static_cast<size_t>(y * kPageFullPx + x)]); };
+          const int x = k % 2 ? 131 : 3, y = k / 2 ? 131 : 3;  // the four texels around the corner begin here
+          const double beyond = at(k % 2 ? x + 1 : x, k / 2 ? y + 1 : y), own = at(k % 2 ? x : x + 1, k / 2 ? y : y + 1);
+          const double mean = (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)) / 4, repeated = mean + (own - beyond) / 4;
+          ++corners;
+          if (beyond == 0 || beyond == 255) {
+            ++clamped;
+            continue;
+          }
+          auto& s = seen.try_emplace(mesh.patches[p][k], std::array<std::array<double, 2>, 4>{{{1e9, -1e9}, {1e9, -1e9}, {}, {}}}).first->second;
+          s[0] = {std::min(s[0][0], mean), std::max(s[0][1], mean)};
+          s[1] = {std::min(s[1][0], repeated), std::max(s[1][1], repeated)};
+        }
+      }
+      for (const auto& [corner, s] : seen) {
+        if (s[0][1] < s[0][0]) continue;
+        worst = std::max(worst, s[0][1] - s[0][0]);
+        worst_own = std::max(worst_own, s[1][1] - s[1][0]);
+      }
+    }
+    EXPECT_EQ(worst, 0);
+    EXPECT_GT(worst_own, 4) << "negative control: a repeated texel would show a seam";
+    EXPECT_LT(clamped, corners / 3);
   }
 }
 
@@ -322,16 +389,25 @@ TEST(PatchPackage, unfitMeshesAreRefused) {
   EXPECT_NE(refused(good, 0, 18), "");
 }
 
+// Whoever reads patch 12 presses Ctrl-C.
+class StoppingPatches final : public NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    if (patch == 12) stop = true;
+    return NoisyPatches::texels(patch, out);
+  }
+  mutable std::atomic<bool> stop{false};
+};
+
 TEST(PatchPackage, interruptedOrOutOfSpaceItLeavesNothing) {
-  NoisyPatches source(cubeSphere(2, 100, kSeed), 1, 0, kSeed);
+  StoppingPatches source(cubeSphere(2, 100, kSeed), 1, 0, kSeed);
   ScratchFolder folder;
   const std::string path = folder.file("a.relievo");
-  std::atomic<bool> stop{false};
   BuildOptions o;
   o.output = path;
   o.workers = 2;
-  o.interrupted = &stop;
-  o.progress = [&](const BuildProgress& p) { stop = stop || p.pages_done > 30; };
+  o.interrupted = &source.stop;
   auto built = buildPatchPackage(source, o);
   ASSERT_FALSE(built.ok());
   EXPECT_EQ(built.error().kind, ErrorKind::kInterrupted);
