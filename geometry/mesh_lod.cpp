@@ -73,7 +73,7 @@ class Selection {
     bool rough = false;      // an edge wants more than its grid can give
     int resident_level = 0;  // vertices up to this absolute level have samples
     int needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
-    int grid_level = 1;
+    int grid_level = 0;
     int wanted_level = 0;    // the largest of its edges'
     std::array<std::array<uint8_t, 2>, 4> segments{};
   };
@@ -148,7 +148,7 @@ class Selection {
     double cell_px = in.cell_px;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
     int& level = in.wanted_level;
-    for (; level < finest && !(errorMm(s, level, in) * in.px_per_mm <= error_px_) && cell_px > min_cell_px_; ++level) cell_px *= 0.5;
+    for (; level < finest && !(errorMm(s, level, in) * in.px_per_mm <= error_px_) && cell_px > 2 * min_cell_px_; ++level) cell_px *= 0.5;
     return in;
   }
   double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
@@ -389,7 +389,7 @@ class Selection {
   PlanarLodResult rootsAlone() const {
     PlanarLodResult result;
     result.error_px = error_px_;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, p, 1, 0);
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, p, 0, 0);
     return result;
   }
 

@@ -4,6 +4,7 @@
 //             patch's corner (0, 0), and every vertex is a sample of the page it is displaced from: nothing is interpolated
 //   world     that of the base mesh's corners: mm from BaseMesh::origin_mm, for LodView too
 //   errors    distances in space (texturing/patch_source.h), against the finest surface at the same (u, v)
+//   grids     may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
 //   wants     pages below the roots: those of level 0 are taken for resident, always
 //   edges     where patches meet, their sides may run either way (src/base/base_mesh.h)
 // Pure but for its scratch memory: not for several threads at once. Deterministic.

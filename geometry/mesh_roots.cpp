@@ -83,7 +83,7 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
               max_secant = static_cast<float>(camera.max_secant) * kRoundUp, error_px = static_cast<float>(view.error_px),
               max_node_px = static_cast<float>(view.max_node_px);
   std::array<float, kLevels> min_cell_px;
-  for (int k = 0; k < kLevels; ++k) min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k));
+  for (int k = 0; k < kLevels; ++k) min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k + 1));
   const float* x = x_.data();
   const float* y = y_.data();
   const float* z = z_.data();
@@ -150,9 +150,10 @@ void MeshRoots::levelEdges() {
     auto smaller = [](int a, int b) { return a < b ? a : b; };
     const int a = larger(own, codes[left[p]] & kLevel), b = larger(own, codes[right[p]] & kLevel), c = larger(own, codes[top[p]] & kLevel),
               d = larger(own, codes[bottom[p]] & kLevel);
-    const int finest = larger(larger(larger(a, b), larger(c, d)), 1), coarsest = smaller(smaller(a, b), smaller(c, d));
+    const int finest = larger(larger(a, b), larger(c, d)), coarsest = smaller(smaller(a, b), smaller(c, d));
     // One select after another: chains of them would become branches.
-    float at_finest = e1[p], at_coarsest = e0[p];
+    float at_finest = e0[p], at_coarsest = e0[p];
+    at_finest = finest > 0 ? e1[p] : at_finest;
     at_finest = finest > 1 ? e2[p] : at_finest;
     at_finest = finest > 2 ? e3[p] : at_finest;
     at_finest = finest > 3 ? e4[p] : at_finest;

@@ -80,7 +80,7 @@ TEST(MeshLod, DrawnNodesTileWhatIsInView) {
 
 TEST(MeshLod, InstancesKeepTheHeadersPromises) {
   const auto meshes = allMeshes();
-  uint64_t nodes = 0, deepest_step = 0;
+  uint64_t nodes = 0, deepest_step = 0, single_cells = 0;
   for (uint64_t seed = kSeed + 1000; seed < kSeed + 1300 / kViewShare; ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
@@ -94,7 +94,8 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
         ASSERT_TRUE(q.grid_level < p.grid_level || (q.grid_level == p.grid_level && q.node < p.node)) << describe(c, seed);
       }
       const int n = p.grid_level, level = static_cast<int>(p.node.level);
-      ASSERT_TRUE(n >= 1 && n <= kMaxGridLevel);
+      ASSERT_LE(n, kMaxGridLevel);
+      single_cells += n == 0;
       ASSERT_EQ(p.step_log2 + n + level, unit) << describe(c, seed);
       deepest_step += p.step_log2 == 0;
       ASSERT_EQ(p.x0, static_cast<int64_t>(p.node.x) << (unit - level));
@@ -122,6 +123,7 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
   }
   std::printf("[ figures  ] %llu nodes, %llu with the finest cells\n", static_cast<unsigned long long>(nodes), static_cast<unsigned long long>(deepest_step));
   EXPECT_GT(deepest_step, 0u);
+  EXPECT_GT(single_cells, 0u);
 }
 
 bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
@@ -258,7 +260,7 @@ TEST(MeshLod, ViewsThatAreNoneDrawTheRoots) {
     EXPECT_EQ(lod.max_error_px, 0);
     for (uint32_t p = 0; p < lod.instances.size(); ++p) {
       EXPECT_EQ(lod.instances[p].node, (NodeId{p, 0, 0, 0}));
-      EXPECT_EQ(lod.instances[p].grid_level, 1);
+      EXPECT_EQ(lod.instances[p].grid_level, 0);
       for (const auto& side : lod.instances[p].edges) EXPECT_EQ(side, (std::array<uint8_t, 2>{0, PatchInstance::kWholeEdge}));
     }
   }
