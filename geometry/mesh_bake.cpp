@@ -21,6 +21,8 @@ constexpr int kMaxCellsLog2 = 14, kMaxAutoCellsLog2 = 10;
 constexpr uint64_t kMaxTexels = uint64_t{64} << 20;
 constexpr int kTexelChannels = 6;
 constexpr uint8_t kGrey = 200;
+constexpr size_t kProbes = 20'000;  // 20 of them may lie beyond the 99.9th percentile
+constexpr uint64_t kMaxSamples = uint64_t{1} << 32;
 
 // A place of the base surface and the line through it.
 struct Frame {
@@ -33,6 +35,14 @@ Frame lerp(const Frame& a, const Frame& b, double t) { return {lerp(a.point, b.p
 template <class T>
 T onCell(const T& c00, const T& c10, const T& c01, const T& c11, double fx, double fy) {
   return fx >= fy ? c00 + (c10 - c00) * fx + (c11 - c10) * fy : c00 + (c01 - c00) * fy + (c11 - c01) * fx;
+}
+
+// A grid of n cells a side at (u, v), its cells' triangles linear.
+double onGrid(std::span<const uint16_t> grid, size_t n, double u, double v) {
+  const double x = u * static_cast<double>(n), y = v * static_cast<double>(n);
+  const size_t x0 = std::min(static_cast<size_t>(x), n - 1), y0 = std::min(static_cast<size_t>(y), n - 1);
+  const uint16_t* c = grid.data() + y0 * (n + 1) + x0;
+  return onCell<double>(c[0], c[1], c[n + 1], c[n + 2], x - static_cast<double>(x0), y - static_cast<double>(y0));
 }
 
 }  // namespace
@@ -124,6 +134,7 @@ struct MeshBake::Impl {
   void prepare(const BakeOptions& options);
   bool makeNormals(const BakeOptions& options);
   Result<void> sample(int cells_log2, const BakeOptions& options);
+  bool probe(const BakeOptions& options, double& deviation_mm) const;
   void heightsOf(uint32_t patch, std::span<uint16_t> out) const;
   void surface(uint32_t patch, SurfaceGrid& out) const;
   std::array<float, kTexelChannels> tone(const SurfacePoint& at) const;
@@ -295,6 +306,42 @@ Result<void> MeshBake::Impl::sample(int cells_log2, const BakeOptions& options) 
   return {};
 }
 
+// How far the baked surface lies from the scan, in its tangents' direction, at places spread over the patches: the 99.9th percentile.
+bool MeshBake::Impl::probe(const BakeOptions& options, double& deviation_mm) const {
+  const size_t patches = layout->patches, places = std::max<size_t>(kProbes / patches, 4), n = size_t{1} << report.cells_log2;
+  std::vector<float> deviations(patches * places, -1.0f);
+  const bool done = parallelFor(patches, workers, options.interrupted, [&](size_t patch) {
+    std::vector<uint16_t> grid((n + 1) * (n + 1));
+    layout->gather<uint16_t>(base, static_cast<uint32_t>(patch), n - 1, samples, grid);
+    std::vector<Line> lines(places);
+    std::vector<double> heights(places);
+    for (size_t i = 0; i < places; ++i) {
+      // The plastic number's sequence (Roberts 2018), another run of it for each patch.
+      const double k = static_cast<double>(patch * places + i), u = std::fmod(0.5 + k * 0.75487766624669276, 1.0), v = std::fmod(0.5 + k * 0.56984029099805327, 1.0);
+      const Frame f = inside(static_cast<uint32_t>(patch), u, v);
+      lines[i] = {f.point, f.normal, patch_reach[patch] / glm::length(f.normal)};
+      heights[i] = offset_mm + scale_mm * onGrid(grid, n, u, v);
+    }
+    std::vector<SurfacePoint> hits(places);
+    scene->nearestOnLines(lines, Facing::kAlong, hits);
+    for (size_t i = 0; i < places; ++i) {
+      if (!hits[i]) continue;
+      const auto& t = mesh->triangles[hits[i].triangle];
+      const glm::dvec3 a(mesh->positions_mm[t[0]]), b(mesh->positions_mm[t[1]]), c(mesh->positions_mm[t[2]]);
+      const glm::dvec3 normal = glm::normalize(glm::cross(b - a, c - a));
+      deviations[patch * places + i] = static_cast<float>(std::abs((hits[i].along - heights[i]) * glm::dot(lines[i].direction, normal)));
+    }
+  });
+  std::erase_if(deviations, [](float d) { return !(d >= 0); });
+  deviation_mm = 0;
+  if (!deviations.empty()) {
+    const auto rank = deviations.begin() + static_cast<ptrdiff_t>(static_cast<double>(deviations.size() - 1) * 0.999);
+    std::nth_element(deviations.begin(), rank, deviations.end());
+    deviation_mm = *rank;
+  }
+  return done;
+}
+
 void MeshBake::Impl::heightsOf(uint32_t patch, std::span<uint16_t> out) const {
   const size_t n = size_t{1} << report.cells_log2;
   if (report.cells_log2 >= kPageCellsLog2) {
@@ -407,12 +454,27 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   if (options.progress) options.progress(0.3);
 
   const double vertices = static_cast<double>(mesh.positions_mm.size()), patches = static_cast<double>(base.patches.size());
-  int cells_log2 = options.cells_log2;
-  if (cells_log2 < 0) {
-    cells_log2 = 1;
-    while (cells_log2 < kMaxAutoCellsLog2 && std::ldexp(patches, 2 * cells_log2) < 4 * vertices) ++cells_log2;
+  glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
+  for (const glm::vec3& p : mesh.positions_mm) {
+    low = glm::min(low, p);
+    high = glm::max(high, p);
   }
-  if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();
+  const bool automatic = options.cells_log2 < 0;
+  const double tolerance_mm = options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * glm::length(glm::dvec3(high) - glm::dvec3(low));
+  // Small scans may have sharp edges that patches cross: a quarter of a million samples cost nothing.
+  const double most = std::max(vertices * (options.tolerance_mm > 0 ? 256 : 16), 262'144.0);
+  impl->report.tolerance_mm = tolerance_mm;
+  int cells_log2 = options.cells_log2;
+  auto count = [&](int log2) { return std::ldexp(patches, 2 * log2); };
+  if (automatic)
+    for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < vertices / 32;) ++cells_log2;
+  if (count(cells_log2) > static_cast<double>(kMaxSamples)) return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
+  for (;; ++cells_log2) {
+    if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();
+    if (!impl->probe(options, impl->report.deviation_mm)) return interruptedError();
+    if (!automatic || impl->report.deviation_mm <= tolerance_mm) break;
+    if (cells_log2 >= kMaxAutoCellsLog2 || count(cells_log2 + 1) > most) break;
+  }
 
   // Texels: twice as dense as what they are taken from, along u and v.
   double tones = 4 * vertices;
@@ -489,12 +551,7 @@ Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   const size_t n = size_t{1} << b.report.cells_log2;
   std::vector<uint16_t> q((n + 1) * (n + 1));
   b.layout->gather<uint16_t>(b.base, patch, n - 1, b.samples, q);
-  auto height = [&](double u, double v) {
-    const double x = u * static_cast<double>(n), y = v * static_cast<double>(n);
-    const size_t x0 = std::min(static_cast<size_t>(x), n - 1), y0 = std::min(static_cast<size_t>(y), n - 1);
-    const uint16_t* c = q.data() + y0 * (n + 1) + x0;
-    return b.offset_mm + b.scale_mm * onCell<double>(c[0], c[1], c[n + 1], c[n + 2], x - static_cast<double>(x0), y - static_cast<double>(y0));
-  };
+  auto height = [&](double u, double v) { return b.offset_mm + b.scale_mm * onGrid(q, n, u, v); };
   std::vector<std::array<float, kTexelChannels>> tones(row * row);
   std::vector<Line> lines(row);
   std::vector<SurfacePoint> hits(row);
