@@ -3,7 +3,7 @@
 //   2. refine: a node that wants more is split, after the coarser neighbours that the 2:1 rule asks for,
 //   3. one level per edge, both sides answering from the same record,
 //   4. grid levels, relief pages, wants, predicted error.
-// Bounded: when refining asks for more than kMaxNodes, everything starts again with twice the error, so detail falls evenly.
+// Bounded: when refining asks for more than kMaxLodNodes, everything starts again with twice the error, so detail falls evenly.
 //
 // Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L) units
 // apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr + 7.
@@ -14,69 +14,13 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/lod_common.h"
+
 namespace relievo {
 namespace {
 
-constexpr int kPageLog2 = 7;  // kPagePx cells a relief page's side
-static_assert(1 << kPageLog2 == kPagePx);
-constexpr size_t kMaxNodes = 20000;        // nodes below the roots
-constexpr double kMaxNodePx = 1024;        // keeps a node's varyings exact to a small part of a texel in fp32
-constexpr int kMaxSplitLevel = kMaxGridLevel - 1;  // above it a node splits; the last level is for sides of half edges
-constexpr int kAnyLevel = 127;             // the finest relief page is resident: vertices at every level
-constexpr int kLadder = 3;                 // wants keep every third page above the wanted one, see addWants
-constexpr double kCullSlack = 1.0 / 512;   // of the screen: the GPU's fp32 may move what doubles put just outside
-constexpr double kMinErrorPx = 1.0 / 64;
-constexpr double kMinSine = 1.0 / 32;       // of the angle between a height and the line of sight, in the error metric
-
-// The parts of a page, level after level of ever smaller ones, the coarsest four first.
-constexpr int firstPart(int depth) { return ((1 << (2 * depth)) - 4) / 3; }
-constexpr int kParts = firstPart(kErrorBlocksLog2 + 1);
-
-// Open addressing, keys are never 0 (callers add 1). Values are indices into a vector that the caller owns.
-class IndexTable {
- public:
-  IndexTable() { resize(1u << 12); }
-  static constexpr uint32_t kNone = ~0u;
-
-  uint32_t find(uint64_t key) const {
-    for (size_t at = slot(key);; at = (at + 1) & mask_) {
-      if (keys_[at] == key + 1) return values_[at];
-      if (keys_[at] == 0) return kNone;
-    }
-  }
-  void insert(uint64_t key, uint32_t value) {
-    if (2 * (++size_) > keys_.size()) resize(2 * keys_.size());
-    place(key + 1, value);
-  }
-  void clear() {
-    std::fill(keys_.begin(), keys_.end(), 0);
-    size_ = 0;
-  }
-
- private:
-  size_t slot(uint64_t key) const {
-    uint64_t h = (key + 1) * 0x9E3779B97F4A7C15ull;
-    return (h ^ (h >> 29)) & mask_;
-  }
-  void place(uint64_t stored, uint32_t value) {
-    size_t at = slot(stored - 1);
-    while (keys_[at] != 0) at = (at + 1) & mask_;
-    keys_[at] = stored;
-    values_[at] = value;
-  }
-  void resize(size_t count) {
-    std::vector<uint64_t> keys(count, 0);
-    std::vector<uint32_t> values(count, 0);
-    keys.swap(keys_);
-    values.swap(values_);
-    mask_ = count - 1;
-    for (size_t i = 0; i < keys.size(); ++i)
-      if (keys[i] != 0) place(keys[i], values[i]);
-  }
-  std::vector<uint64_t> keys_;
-  std::vector<uint32_t> values_;
-  size_t mask_ = 0, size_ = 0;
-};
+constexpr int kAnyLevel = 127;         // the finest relief page is resident: vertices at every level
+constexpr double kMinSine = 1.0 / 32;  // of the angle between a height and the line of sight, in the error metric
 
 // A square of the forest by its place along the whole strip, so that patch seams are places like any other.
 struct Square {
@@ -89,17 +33,10 @@ struct Box {
   glm::dvec3 centre{0}, half{0};
 };
 
-bool finite(const glm::dmat4& m) {
-  for (int c = 0; c < 4; ++c)
-    for (int r = 0; r < 4; ++r)
-      if (!std::isfinite(m[c][r])) return false;
-  return true;
-}
-
 class Selection {
  public:
   Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident)
-      : domain_(domain), oracle_(oracle), resident_(resident) {
+      : domain_(domain), oracle_(oracle), resident_(resident), camera_(view) {
     unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
     width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
     height_units_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
@@ -107,13 +44,13 @@ class Selection {
     flat_ = !view.relief || domain.relief_depth < 0;
     exaggerate_ = std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
     error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
-    setView(view);
+    min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
   }
 
   PlanarLodResult run() {
     // Four times the error until it fits, then back to twice if that fits too.
     double asked_px = error_px_, scale = 1;
-    while (!fits(asked_px, scale, !valid_ || scale > 1e12)) scale *= 4;
+    while (!fits(asked_px, scale, !camera_.valid || scale > 1e12)) scale *= 4;
     if (scale > 1 && scale <= 1e12 && !fits(asked_px, scale / 2, false)) fits(asked_px, scale, true);
     return finish();
   }
@@ -187,29 +124,10 @@ class Selection {
     if (found == IndexTable::kNone) {
       found = static_cast<uint32_t>(parts_.size());
       parts_index_.insert(k, found);
-      addParts(page, whole);
+      parts_.emplace_back().read(oracle_, nodeId(page), static_cast<float>(whole));
     }
     Square part = s.ancestor(page.level + depth);
-    int64_t x = part.x - (page.x << depth), y = part.y - (page.y << depth);
-    return parts_[found][static_cast<size_t>(firstPart(depth) + (y << depth) + x)];
-  }
-  void addParts(const Square& page, double whole) {
-    auto& parts = parts_.emplace_back();
-    constexpr int kBlocks = 1 << (2 * kErrorBlocksLog2);
-    std::span<float> finest = std::span(parts).subspan(firstPart(kErrorBlocksLog2), kBlocks);
-    bool known = oracle_.errorBlocks(nodeId(page), finest);
-    for (float& e : finest)
-      if (!known || !(e >= 0 && e <= whole)) e = static_cast<float>(whole);
-    for (int depth = kErrorBlocksLog2 - 1; depth > 0; --depth) {
-      const float* finer = parts.data() + firstPart(depth + 1);
-      float* at = parts.data() + firstPart(depth);
-      int side = 1 << depth;
-      for (int y = 0; y < side; ++y)
-        for (int x = 0; x < side; ++x) {
-          const float* q = finer + 4 * y * side + 2 * x;
-          at[y * side + x] = std::max({q[0], q[1], q[2 * side], q[2 * side + 1]});
-        }
-    }
+    return parts_[found].at(depth, part.x - (page.x << depth), part.y - (page.y << depth));
   }
   HeightBounds heights(const Square& s) { return pageBounds(s.ancestor(std::min(s.level, domain_.relief_depth))); }
 
@@ -232,41 +150,13 @@ class Selection {
   }
 
   // ---- the view
-  void setView(const LodView& view) {
-    eye_ = view.eye_mm;
-    near_ = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
-    min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
-    scale_ = view.pixels_per_radian;
-    glm::dmat4 rows = glm::transpose(view.clip_from_world);
-    valid_ = finite(rows) && std::isfinite(scale_) && scale_ > 0 && std::isfinite(near_) && std::isfinite(eye_.x) &&
-             std::isfinite(eye_.y) && std::isfinite(eye_.z);
-    if (!valid_) return;
-    double w_length = glm::length(glm::dvec3(rows[3]));
-    orthographic_ = w_length <= 1e-12 * std::abs(rows[3].w);
-    planes_ = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
-               rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
-    for (int i = 0; i < 4; ++i) clip_rows_[i] = rows[i];
-    valid_ = orthographic_ ? rows[3].w > 0 : w_length > 0;
-    if (orthographic_) return;
-    if (!valid_) return;
-    depth_row_ = rows[3] / w_length;
-    // The largest secant in the picture: its corner. An off-centre row is a side part and a forward part.
-    auto tangent = [&](const glm::dvec4& row) {
-      glm::dvec3 r = glm::dvec3(row) / w_length, forward(depth_row_);
-      double ahead = glm::dot(r, forward), aside = glm::length(r - ahead * forward);
-      return aside > 1e-9 ? (1 + std::abs(ahead)) / aside : 1e9;
-    };
-    double tx = tangent(rows[0]), ty = tangent(rows[1]);
-    max_secant_ = std::sqrt(1 + tx * tx + ty * ty);
-  }
   static double extent(const glm::dvec4& row, const Box& b) {
     return std::abs(row.x) * b.half.x + std::abs(row.y) * b.half.y + std::abs(row.z) * b.half.z;
   }
-  static double value(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
   bool culled(const Box& b) const {
-    if (!valid_) return false;
-    for (const glm::dvec4& plane : planes_) {
-      double middle = value(plane, b.centre), reach = extent(plane, b);
+    if (!camera_.valid) return false;
+    for (const glm::dvec4& plane : camera_.planes) {
+      double middle = LodCamera::value(plane, b.centre), reach = extent(plane, b);
       // Rounding of the sums above is below 1e-12 of their terms; what is on the plane stays.
       if (middle + reach < -1e-9 * (std::abs(middle) + reach)) return true;
     }
@@ -278,30 +168,30 @@ class Selection {
   // |half| / (Z cos a), a the angle off the axis. So a height that points at the eye counts for what the rest of its
   // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn.
   double pxPerMm(const Box& b) const {
-    if (!valid_) return 0;
-    const glm::dvec3 forward(depth_row_), up(0, 0, 1);
-    if (orthographic_) return scale_;
-    double centre_depth = value(depth_row_, b.centre);
-    double depth = std::max(near_, centre_depth - extent(depth_row_, b));
-    glm::dvec3 d = b.centre - eye_;
+    if (!camera_.valid) return 0;
+    const glm::dvec3 forward(camera_.depth_row), up(0, 0, 1);
+    if (camera_.orthographic) return camera_.scale;
+    double centre_depth = LodCamera::value(camera_.depth_row, b.centre);
+    double depth = std::max(camera_.near_mm, centre_depth - extent(camera_.depth_row, b));
+    glm::dvec3 d = b.centre - camera_.eye;
     double reach = glm::length(b.half);
     double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + reach;
-    double secant = std::min(max_secant_, std::sqrt(1 + (aside / depth) * (aside / depth)));
+    double secant = std::min(camera_.max_secant, std::sqrt(1 + (aside / depth) * (aside / depth)));
     double factor = secant;
-    if (centre_depth > near_) {
+    if (centre_depth > camera_.near_mm) {
       double at_centre = glm::length(up - forward.z * d / centre_depth);
       double wholly = std::sqrt(1 + (aside / depth) * (aside / depth));  // not cut at the picture's corner: the box may reach beyond
       factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
     }
-    return scale_ / depth * factor;
+    return camera_.scale / depth * factor;
   }
 
   // How wide, seen head on, a cell between vertices of this level is on the screen where the box is nearest.
   double cellPx(const Box& b, int level) const {
-    if (!valid_) return 0;
+    if (!camera_.valid) return 0;
     double cell_mm = std::ldexp(domain_.mm_per_px, unit_log2_ - kUnitsPerTexelLog2 - level);
-    if (orthographic_) return cell_mm * scale_;
-    return cell_mm * scale_ / std::max(near_, value(depth_row_, b.centre) - extent(depth_row_, b));
+    if (camera_.orthographic) return cell_mm * camera_.scale;
+    return cell_mm * camera_.scale / std::max(camera_.near_mm, LodCamera::value(camera_.depth_row, b.centre) - extent(camera_.depth_row, b));
   }
 
   // ---- edges
@@ -479,8 +369,8 @@ class Selection {
     node_index_.clear();
     limited_tree_ = false;
     addRoots(0, domain_.patchCount());
-    size_t limit = nodes_.size() + kMaxNodes;
-    if (!valid_) return true;
+    size_t limit = nodes_.size() + kMaxLodNodes;
+    if (!camera_.valid) return true;
     for (uint32_t i = 0; i < nodes_.size(); ++i) {
       if (nodes_.size() > limit) return anyway;
       if (nodes_[i].state == State::kLeaf && wantsSplit(i)) split(i);
@@ -558,17 +448,10 @@ class Selection {
   // few levels, and the ladder is what a missing page falls back to (1.6 % more pages).
   void addWants(const Node& n, int wanted_level, const NodeId& used) {
     const Square& s = n.square;
-    float priority = 1;
-    glm::dvec3 c = boxOf(s).centre;
-    double w = value(clip_rows_[3], c);
-    if (w > 0) {
-      double x = value(clip_rows_[0], c) / w, y = value(clip_rows_[1], c) / w;
-      priority = static_cast<float>(std::min(1.0, std::sqrt(0.5 * (x * x + y * y))));
-      if (!(priority >= 0)) priority = 1;
-    }
+    float priority = camera_.priority(boxOf(s).centre);
     int finest = std::min(s.level, domain_.relief_depth);
     int level = std::clamp(wanted_level - kPageLog2, 0, finest);
-    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kLadder) : -1) addWant(s.ancestor(at), priority);
+    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kWantLadder) : -1) addWant(s.ancestor(at), priority);
     if (static_cast<int>(used.level) != level) addWant(s.ancestor(static_cast<int>(used.level)), priority);
   }
   void addWant(const Square& page, float priority) {
@@ -587,7 +470,7 @@ class Selection {
     for (Node& n : nodes_)
       if (n.state == State::kLeaf) levelSides(n);
     for (const Node& n : nodes_) {
-      if (n.barren && !flat_ && valid_) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
+      if (n.barren && !flat_ && camera_.valid) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
       p.node = nodeId(n.square);
@@ -614,18 +497,12 @@ class Selection {
             result.max_error_px = std::max(result.max_error_px, px);
           }
         }
-        if (valid_) addWants(n, wanted, p.relief_page);
+        if (camera_.valid) addWants(n, wanted, p.relief_page);
       }
       result.instances.push_back(p);
     }
-    std::sort(result.instances.begin(), result.instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
-      return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
-    });
-    std::sort(wants_.begin(), wants_.end(), [](const ReliefWant& a, const ReliefWant& b) {
-      if (a.page.level != b.page.level) return a.page.level < b.page.level;
-      return a.priority != b.priority ? a.priority < b.priority : a.page < b.page;
-    });
     result.wants = std::move(wants_);
+    sortLists(result);
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
     return result;
@@ -637,20 +514,14 @@ class Selection {
   int unit_log2_ = 0;  // U: log2 of a patch's side in units
   int64_t width_units_ = 0, height_units_ = 0;
   double mm_per_unit_ = 1;
+  const LodCamera camera_;
   bool flat_ = false;
-  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx;
-  // The view.
-  bool valid_ = false, orthographic_ = false;
-  glm::dvec3 eye_{0};
-  double near_ = 1, scale_ = 1, max_secant_ = 1, min_cell_px_ = 0;
-  std::array<glm::dvec4, 7> planes_{};
-  std::array<glm::dvec4, 4> clip_rows_{};
-  glm::dvec4 depth_row_{0};
+  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0;
   // The tree, and what was looked up for it.
   std::vector<Node> nodes_;
   std::vector<Edge> edges_;
   std::vector<HeightBounds> bounds_;
-  std::vector<std::array<float, kParts>> parts_;
+  std::vector<PartErrors> parts_;
   std::vector<ReliefWant> wants_;
   IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
