@@ -26,12 +26,17 @@ struct Frame {
 
 // What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last of the numbers
 // keep too many pages pinned.
-constexpr double kLostEnough = 0.001;
+constexpr double kLostEnough = 0.0015;
 constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
 
 struct Candidate {
   QuadMesh quads;
   std::vector<glm::dvec3> normals;
+  std::vector<uint32_t> regions;  // cornerRegions
+  size_t folded = 0;              // corners
+  double lost = 1;                // Fit
+  // A folded corner spoils a part of its quads.
+  double badness() const { return quads.quads.empty() ? 2 : lost + 0.3 * static_cast<double>(folded) / static_cast<double>(quads.points.size()); }
 };
 
 struct Maker {
@@ -43,8 +48,10 @@ struct Maker {
 
   // Empty if the scan is no four-sided sheet.
   Candidate sheet(uint32_t patches) const {
-    Candidate c{sheetQuads(rails.rails, surface.pieces.size(), scan, patches), {}};
-    if (!c.quads.quads.empty()) c.normals = cornerNormals(c.quads, surface, cornerRegions(c.quads, surface, fans, scan));
+    Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches)};
+    if (c.quads.quads.empty()) return c;
+    c.regions = cornerRegions(c.quads, surface, fans, scan);
+    c.normals = cornerNormals(c.quads, surface, c.regions);
     return c;
   }
 
@@ -53,16 +60,15 @@ struct Maker {
     EditMesh coarse(surface, rails);
     simplify(coarse, {.triangles = triangles, .weight = weight, .interrupted = interrupted});
     flipEdges(coarse);
-    Candidate c{makeQuads(coarse, rails.rails, split), {}};
+    Candidate c{.quads = makeQuads(coarse, rails.rails, split)};
     if (c.quads.quads.empty()) return c;
     updateNormals(c.quads);
-    std::vector<uint32_t> regions;
     for (int round = 0; round < 4; ++round) {
       if (round) relaxQuads(c.quads, rails.rails, scan, 8);
-      regions = cornerRegions(c.quads, surface, fans, scan);
-      placeCorners(c.quads, surface, regions, scan);
+      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      placeCorners(c.quads, surface, c.regions, scan);
     }
-    c.normals = c.quads.normals = cornerNormals(c.quads, surface, regions);
+    c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions);
     untangleQuads(c.quads, rails.rails, scan);
     return c;
   }
@@ -112,6 +118,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
                  std::to_string(at.y) + ", " + std::to_string(at.z) + ") mm", "remove it from the scan", {}};
   }
   for (glm::vec3& p : scan->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
+  // Each corner owns some of the surface's vertices: there must be enough of them.
+  while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
   for (SurfacePiece& p : scan->pieces) p.area /= frame.diagonal * frame.diagonal;
   if (stopped()) return interruptedError();
   report(0.1);
@@ -133,7 +141,6 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   std::vector<uint32_t> numbers(3, options.patches);
   if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
   Candidate best;
-  Fit best_fit;
   std::vector<float> weight;
   for (size_t i = 0; i < numbers.size(); ++i) {
     if (stopped()) return interruptedError();
@@ -143,13 +150,14 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.quads.quads.empty()) continue;
     const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
-    Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::clamp(static_cast<int>(cells), 4, 64));
-    if (getenv("VERBOSE")) printf("  %u: %zu patches, lost %.3f%%\n", numbers[i], candidate.quads.quads.size(), 100 * fit.lost);
-    const bool better = best.quads.quads.empty() || fit.lost < best_fit.lost;
-    if (better) best = std::move(candidate);
-    if (fit.lost <= (options.patches ? kLostEnough / 10 : kLostEnough)) break;
-    raiseWeights(fit, surface, weight);
-    if (better) best_fit = std::move(fit);
+    const Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::clamp(static_cast<int>(cells), 4, 64));
+    const std::vector<uint8_t> folded = foldedCorners(candidate.quads, candidate.normals);
+    candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
+    candidate.lost = fit.lost;
+    const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
+    raiseWeights(fit, folded, candidate.regions, surface, weight);
+    if (candidate.badness() < best.badness()) best = std::move(candidate);
+    if (enough) break;
   }
   if (best.quads.quads.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
   const QuadMesh& quads = best.quads;

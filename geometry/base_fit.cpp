@@ -61,11 +61,22 @@ Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, cons
   return fit;
 }
 
-void raiseWeights(const Fit& fit, const Surface& s, std::vector<float>& weight) {
+std::vector<uint8_t> foldedCorners(const QuadMesh& quads, const std::vector<glm::dvec3>& normals) {
+  std::vector<uint8_t> folded(quads.points.size(), 0);
+  for (const auto& q : quads.quads) {
+    for (int k = 0; k < 4; ++k) {
+      const glm::dvec3 a = quads.points[q[(k + 1) % 4]] - quads.points[q[k]], b = quads.points[q[(k + 3) % 4]] - quads.points[q[k]];
+      if (glm::dot(glm::cross(a, b), normals[q[k]]) < 0.02 * glm::length(a) * glm::length(b)) folded[q[k]] = 1;
+    }
+  }
+  return folded;
+}
+
+void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions, const Surface& s, std::vector<float>& weight) {
   std::vector<float> factor(s.points.size(), 1.0f), next;
   for (uint32_t v = 0; v < s.points.size(); ++v) {
     // Half as long sides where it is lost.
-    if (fit.error[v] > kLostDistance) factor[v] = 16.0f;
+    if (fit.error[v] > kLostDistance || (regions[v] != kNoIndex && folded[regions[v]])) factor[v] = 16.0f;
   }
   for (int ring = 0; ring < 6; ++ring) {
     next = factor;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <queue>
+#include <span>
 
 namespace relievo {
 
@@ -134,18 +135,50 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
 }
 
 std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions) {
-  std::vector<glm::dvec3> sums(quads.points.size(), glm::dvec3(0));
+  // Each region's triangles' shares: (corner, area vector), by corner.
+  std::vector<uint32_t> begin(quads.points.size() + 1, 0);
+  for (const Triangle& t : s.triangles) {
+    for (uint32_t v : t) {
+      if (regions[v] != kNoIndex) ++begin[regions[v] + 1];
+    }
+  }
+  for (size_t c = 1; c < begin.size(); ++c) begin[c] += begin[c - 1];
+  std::vector<uint32_t> fill(begin.begin(), begin.end() - 1);
+  std::vector<glm::dvec3> shares(begin.back());
   for (const Triangle& t : s.triangles) {
     const glm::dvec3 a = s.points[t[0]], cross = glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
     for (uint32_t v : t) {
-      if (regions[v] != kNoIndex) sums[regions[v]] += cross / 3.0;
+      if (regions[v] != kNoIndex) shares[fill[regions[v]]++] = cross;
     }
   }
-  for (size_t c = 0; c < sums.size(); ++c) {
-    const double length = glm::length(sums[c]);
-    sums[c] = length > 0 ? sums[c] / length : quads.normals[c];
+  // What turns more than some 70 degrees away from the mean counts for more, step by step; the least of such turning is kept.
+  constexpr double kSteep = 0.35;
+  std::vector<glm::dvec3> normals(quads.points.size());
+  std::vector<double> weight, area;
+  for (size_t c = 0; c < normals.size(); ++c) {
+    const std::span<const glm::dvec3> region(shares.data() + begin[c], begin[c + 1] - begin[c]);
+    weight.assign(region.size(), 1.0);
+    area.resize(region.size());
+    for (size_t i = 0; i < region.size(); ++i) area[i] = glm::length(region[i]);
+    normals[c] = quads.normals[c];
+    double least = 1e300;
+    for (int step = 0; step < 16 && least > 0; ++step) {
+      glm::dvec3 sum{0};
+      for (size_t i = 0; i < region.size(); ++i) sum += weight[i] * region[i];
+      const double length = glm::length(sum);
+      if (!(length > 0)) break;
+      double steep = 0;
+      for (size_t i = 0; i < region.size(); ++i) {
+        const double missing = kSteep - glm::dot(sum, region[i]) / (length * std::max(area[i], 1e-300));
+        if (missing <= 0) continue;
+        steep += area[i] * missing * missing;
+        weight[i] *= 1 + missing;
+      }
+      if (steep < least) normals[c] = sum / length;
+      least = std::min(least, steep);
+    }
   }
-  return sums;
+  return normals;
 }
 
 }  // namespace relievo

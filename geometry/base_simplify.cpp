@@ -95,7 +95,7 @@ struct Simplifier {
       q.addPoint(centre, flat * area * weight / 3);
       for (int k = 0; k < 3; ++k) {
         quadrics[t[k]].add(q);
-        // The border's own plane, upright on the surface.
+        // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts off.
         std::array<uint32_t, 2> found;
         const uint32_t a = t[k], b = t[(k + 1) % 3];
         if (m.border[a] && m.border[b] && m.sharing(a, b, found) == 1) {
@@ -103,7 +103,7 @@ struct Simplifier {
           const double length = glm::length(out);
           if (!(length > 0)) continue;
           Quadric edge;
-          edge.addPlane(out / length, m.points[a], length * length * weight);
+          edge.addPlane(out / length, m.points[a], 5 * length * length * weight);
           quadrics[a].add(edge);
           quadrics[b].add(edge);
         }
@@ -242,7 +242,7 @@ struct Simplifier {
   }
 
   void run() {
-    for (int round = 0; round < 3 && m.live > options.triangles; ++round) {
+    for (int round = 0; round < 4 && m.live > options.triangles; ++round) {
       for (uint32_t v = 0; v < m.points.size(); ++v) {
         if (m.fans[v].empty()) continue;
         neighbours(v, around_a);
@@ -266,8 +266,8 @@ struct Simplifier {
         }
       }
       queue = {};
-      least_turn -= 0.25;
-      least_shape /= 4;
+      least_turn = std::max(0.02, least_turn - 0.14);
+      least_shape = round < 2 ? least_shape / 4 : 0;
       largest_fan += 6;
     }
   }

@@ -1,5 +1,6 @@
 #include "geometry/base_topology.h"
 
+#include <cassert>
 #include <cmath>
 #include <numeric>
 #include <string>
@@ -205,6 +206,32 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
   }
   s.twin = std::move(*twins);
   return s;
+}
+
+Surface subdivided(const Surface& s) {
+  std::vector<glm::vec3> points = s.points;
+  std::vector<Triangle> triangles;
+  triangles.reserve(4 * s.triangles.size());
+  std::vector<uint32_t> middle(s.twin.size());
+  for (uint32_t h = 0; h < middle.size(); ++h) {
+    if (s.twin[h] != kNoIndex && s.twin[h] < h) {
+      middle[h] = middle[s.twin[h]];
+      continue;
+    }
+    const Triangle& t = s.triangles[h / 3];
+    middle[h] = static_cast<uint32_t>(points.size());
+    points.push_back((s.points[t[h % 3]] + s.points[t[(h + 1) % 3]]) / 2.0f);
+  }
+  for (uint32_t t = 0; t < s.triangles.size(); ++t) {
+    const uint32_t a = middle[3 * t], b = middle[3 * t + 1], c = middle[3 * t + 2];
+    triangles.push_back({s.triangles[t][0], a, c});
+    triangles.push_back({a, s.triangles[t][1], b});
+    triangles.push_back({c, b, s.triangles[t][2]});
+    triangles.push_back({a, b, c});
+  }
+  auto finer = makeSurface(points, triangles);
+  assert(finer.ok());
+  return std::move(*finer);
 }
 
 }  // namespace relievo
