@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace relievo {
 namespace {
@@ -73,27 +74,30 @@ double ViewBounds::nearestMm(const WorldBox& b) const {
 }
 double ViewBounds::farthestMm(const WorldBox& b) const { return glm::length(glm::abs(eye_ - b.centre) + b.half); }
 
-double ViewBounds::pxPerMmAt(double distance_mm) const {
-  if (orthographic_) return scale_;
+double ViewBounds::distanceFor(double mm, double px) const {
+  if (orthographic_) return mm * scale_ <= px ? 0 : std::numeric_limits<double>::infinity();
   // Depth is distance / secant of the angle off the axis, and a movement counts for another secant there.
-  return scale_ * max_secant_ * max_secant_ / std::max(distance_mm, near_);
+  return mm * scale_ * max_secant_ * max_secant_ / px;
 }
 
 ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene) : scene_(scene), unit_log2_(scene.domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2) {
   const PlanarDomain& d = scene_.domain;
-  worst_.assign(static_cast<size_t>(std::max(0, finestLevel())) + 1, 0);
-  double range = std::abs(65535 * d.relief_scale_mm);
-  for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level) worst_[static_cast<size_t>(level)] = range;
-  // 1.3 pages of the finest level in all; what is coarser than the root pages is only known to lie within the range.
-  for (const NodeId& page : *scene_.resident)
-    if (static_cast<int>(page.level) < d.relief_depth) {
-      double& worst = worst_[page.level + kPageLog2];
-      worst = std::max<double>(worst, heights(page).error_mm);
-    }
-  for (uint32_t p = 0; p < d.patchCount(); ++p)
-    if (d.relief_depth > 0) worst_[kPageLog2] = std::max<double>(worst_[kPageLog2], heights({p, 0, 0, 0}).error_mm);
+  typical_.assign(static_cast<size_t>(std::max(0, finestLevel())) + 1, 0);
+  // What is coarser than the root pages is only known to lie within the range.
+  for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level) typical_[static_cast<size_t>(level)] = std::abs(65535 * d.relief_scale_mm);
+  std::vector<double> pages(typical_.size(), 0);
+  std::vector<NodeId> ordered(scene_.resident->begin(), scene_.resident->end());  // sums in the same order in every run
+  std::sort(ordered.begin(), ordered.end());
+  for (const NodeId& page : ordered) {
+    if (static_cast<int>(page.level) >= d.relief_depth) continue;
+    double error = heights(page).error_mm;
+    typical_[page.level + kPageLog2] += error * error;
+    ++pages[page.level + kPageLog2];
+  }
+  for (size_t level = 0; level < typical_.size(); ++level)
+    if (pages[level] > 0) typical_[level] = std::sqrt(typical_[level] / pages[level]);
   for (int level = finestLevel() - 1; level > 0; --level)
-    worst_[static_cast<size_t>(level - 1)] = std::max(worst_[static_cast<size_t>(level - 1)], worst_[static_cast<size_t>(level)]);
+    typical_[static_cast<size_t>(level - 1)] = std::max(typical_[static_cast<size_t>(level - 1)], typical_[static_cast<size_t>(level)]);
 }
 
 const HeightBounds& ReliefBounds3d::heights(const NodeId& page) {

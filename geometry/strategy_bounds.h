@@ -27,8 +27,8 @@ class ViewBounds {
   double pxPerMm(const WorldBox& box) const;
   double nearestMm(const WorldBox& box) const;   // from the eye
   double farthestMm(const WorldBox& box) const;
-  // Pixels a millimetre at a distance from the eye is at most, wherever in the picture.
-  double pxPerMmAt(double distance_mm) const;
+  // From this distance on a movement by so many millimetres is at most so many pixels, wherever in the picture. Orthographic: 0 or infinity.
+  double distanceFor(double mm, double px) const;
 
  private:
   bool valid_ = false, orthographic_ = false;
@@ -47,8 +47,8 @@ class ReliefBounds3d {
   WorldBox box(const NodeId& node, double exaggerate);
   // Of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
   double errorMm(const NodeId& node, int level);
-  // Over the whole artwork, and never less than a finer level's.
-  double worstErrorMm(int level) const { return level >= finestLevel() ? 0 : worst_[static_cast<size_t>(std::max(0, level))]; }
+  // Root mean square of the level's pages' errors over the whole artwork, and never less than a finer level's.
+  double typicalErrorMm(int level) const { return level >= finestLevel() ? 0 : typical_[static_cast<size_t>(std::max(0, level))]; }
   double rangeMm(const NodeId& node);  // of heights
   // An instance as strategies make it: whole edges of its own grid's level, displaced from the coarsest page that has its samples.
   PatchInstance instance(const NodeId& node, int grid_level) const;
@@ -65,7 +65,7 @@ class ReliefBounds3d {
   int unit_log2_ = 0;
   std::unordered_map<NodeId, HeightBounds> heights_;
   std::unordered_map<NodeId, std::array<float, 256>> blocks_;
-  std::vector<double> worst_;
+  std::vector<double> typical_;
 };
 
 void sortInstances(std::vector<PatchInstance>& instances);

@@ -6,6 +6,12 @@
 namespace relievo {
 
 StrategyEntry uniformStrategy();
+StrategyEntry cdlodStrategy();
 StrategyEntry edgeLodStrategy();
+StrategyEntry edgeScreenStrategy();
+StrategyEntry edgeLengthStrategy();
+StrategyEntry tessellationStrategy();
+StrategyEntry noSnappingStrategy();
+StrategyEntry skirtsStrategy();
 
 }  // namespace relievo

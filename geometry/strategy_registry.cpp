@@ -3,7 +3,8 @@
 namespace relievo {
 
 const std::vector<StrategyEntry>& lodStrategies() {
-  static const std::vector<StrategyEntry> all = {uniformStrategy(), edgeLodStrategy()};
+  static const std::vector<StrategyEntry> all = {uniformStrategy(),    cdlodStrategy(),        edgeLodStrategy(),    edgeScreenStrategy(),
+                                                 edgeLengthStrategy(), tessellationStrategy(), noSnappingStrategy(), skirtsStrategy()};
   return all;
 }
 

@@ -132,13 +132,16 @@ class Runner {
     LodView view = lodViewOf(now, out.budget_px);
     StrategyResult chosen;
     std::vector<double> select_ms, frame_ms;
-    for (int k = 0; k < plan_.repeats; ++k) {
+    double began = nowMs();
+    auto another = [&](int k) { return k == 0 || (k < plan_.repeats && nowMs() - began < 1000 * plan_.repeat_s); };
+    for (int k = 0; another(k); ++k) {
       double start = nowMs();
       chosen = running.strategy->select(view);
       select_ms.push_back(nowMs() - start);
     }
     StrategyDraw last;
-    for (int k = 0; k < plan_.repeats; ++k) {
+    began = nowMs();
+    for (int k = 0; another(k); ++k) {
       StrategyPass::finish();
       double start = nowMs();
       auto drawn = pass_->draw(chosen, now.view, plan_.exaggerate);

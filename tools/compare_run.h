@@ -22,7 +22,8 @@ struct ComparePlan {
   int frames = 24;
   int width_px = 1280, height_px = 720;
   double exaggerate = 1;
-  int repeats = 5;                              // of what is timed
+  int repeats = 5;                              // of what is timed, at most
+  double repeat_s = 3;                          // no further ones once they took this long
   uint64_t memory_bytes = uint64_t{1} << 30;    // for relief pages
   uint64_t reference_triangles = 40'000'000;    // a frame, see CompareFigures::reference_whole
   const std::atomic<bool>* interrupted = nullptr;

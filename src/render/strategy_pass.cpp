@@ -55,10 +55,50 @@ Result<const gl::Program*> StrategyPass::program(GridRule rule, bool capture) {
   if (capture) defines.emplace_back("CAPTURE", "1");
   std::vector<const char*> varyings;
   if (capture) varyings.push_back("v_clip");
-  auto linked = gl::Program::link(api_, {"patch.vert", capture ? "lines.frag" : "compare_place.frag", defines, patchAttributes(), varyings});
+  auto linked = gl::Program::link(api_, {rule == GridRule::kMorphed ? "compare_morph.vert" : "patch.vert", capture ? "lines.frag" : "compare_place.frag",
+                                         defines, patchAttributes(), varyings});
   if (!linked) return linked.error();
   p = std::move(*linked);
   return &p;
+}
+
+SlotIndex StrategyPass::slotOf(const NodeId& page) const {
+  auto found = slots_.find(page);
+  assert(found != slots_.end());
+  return found->second;
+}
+
+Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture) {
+  auto in_use = program(chosen.rule, capture);
+  if (!in_use) return in_use;
+  const gl::Program& p = **in_use;
+  p.use();
+  pool_.bind(p, table_);
+  if (chosen.rule == GridRule::kMorphed) {
+    // Vertices count from the eye's unit, which is not quite the eye.
+    double mm_per_unit = domain_.mm_per_px / (1 << kUnitsPerTexelLog2);
+    double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px, half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
+    glm::vec3 eye_mm(chosen.morph_eye_mm - glm::dvec3(static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
+                                                      half_h - static_cast<double>(eye.unit_y) * mm_per_unit, view.eye_mm.z));
+    glUniform3f(p.uniform("u_morph_eye"), eye_mm.x, eye_mm.y, eye_mm.z);
+    glUniform2fv(p.uniform("u_morph"), kMorphLevels, &chosen.morph[0].start_mm);
+  }
+  patches_.setInstances(chosen.instances, eye, true, [this](const NodeId& page) { return slotOf(page); });
+  return in_use;
+}
+
+Result<StrategyDraw> StrategyPass::drawTessellated(const StrategyResult& chosen, const EyeFrame& eye) {
+  if (!hasTessellation(api_)) return Error{ErrorKind::kUnsupported, "", "this context has no tessellation: it needs OpenGL 4", "", {}};
+  if (!tessellated_.linked())
+    if (auto done = tessellated_.link(api_); !done) return done.error();
+  // The pool stays bound to texture unit 0, which is what a sampler's uniform says that nobody set.
+  auto grids = program(GridRule::kSnapped, false);
+  if (!grids) return grids.error();
+  (*grids)->use();
+  pool_.bind(**grids, table_);
+  tessellated_.use();
+  uint64_t triangles = tessellated_.draw(chosen.instances, eye, [this](const NodeId& page) { return slotOf(page); });
+  return StrategyDraw{triangles, tessellated_.drawCalls()};
 }
 
 void StrategyPass::begin() const {
@@ -73,23 +113,20 @@ void StrategyPass::begin() const {
   glClear(GL_DEPTH_BUFFER_BIT);
 }
 
-void StrategyPass::bindPages(const gl::Program& in_use) { pool_.bind(in_use, table_); }
-
 Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate) {
   EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
   begin();
   StrategyDraw drawn;
-  auto in_use = program(chosen.rule, false);
-  if (!in_use) return in_use.error();
-  (*in_use)->use();
-  bindPages(**in_use);
-  patches_.setInstances(chosen.instances, eye, true, [&](const NodeId& page) {
-    auto found = slots_.find(page);
-    assert(found != slots_.end());
-    return found->second;
-  });
-  drawn.draw_calls = patches_.draw(**in_use, eye, PatchPass::Mesh::kFull);
-  drawn.triangles = patches_.triangles();
+  if (chosen.rule == GridRule::kTessellated) {
+    auto done = drawTessellated(chosen, eye);
+    if (!done) return done.error();
+    drawn = *done;
+  } else {
+    auto in_use = prepare(chosen, view, eye, false);
+    if (!in_use) return in_use.error();
+    drawn.draw_calls = patches_.draw(**in_use, eye, PatchPass::Mesh::kFull);
+    drawn.triangles = patches_.triangles();
+  }
   if (chosen.triangles.empty()) return drawn;
   if (triangle_program_.id() == 0) {
     auto linked = gl::Program::link(api_, {"compare_triangles.vert", "compare_place.frag", {}, {"a_place", "a_height", "a_uv", "a_instance"}, {}});
@@ -143,11 +180,8 @@ Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, c
   if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
   EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
   begin();  // transform feedback answers zeros without a framebuffer
-  auto in_use = program(chosen.rule, true);
+  auto in_use = prepare(chosen, view, eye, true);
   if (!in_use) return in_use.error();
-  (*in_use)->use();
-  bindPages(**in_use);
-  patches_.setInstances(chosen.instances, eye, true, [&](const NodeId& page) { return slots_.at(page); });
   return patches_.capture(**in_use, eye, max_vertices);
 }
 

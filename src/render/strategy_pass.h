@@ -16,6 +16,7 @@
 #include "src/gl/program.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
+#include "src/render/tessellated_pass.h"
 #include "texturing/page_table.h"
 
 namespace relievo {
@@ -47,7 +48,10 @@ class StrategyPass {
  private:
   Result<const gl::Program*> program(GridRule rule, bool capture);
   void drawTriangles(const StrategyResult& chosen, const EyeFrame& eye);
-  void bindPages(const gl::Program& program);
+  Result<StrategyDraw> drawTessellated(const StrategyResult& chosen, const EyeFrame& eye);
+  // A grid program in use, with the pages and its own uniforms; the instances set.
+  Result<const gl::Program*> prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture);
+  SlotIndex slotOf(const NodeId& page) const;
   void begin() const;
 
   gl::Api api_;
@@ -58,6 +62,7 @@ class StrategyPass {
   PatchPass patches_;
   std::array<gl::Program, 8> programs_;
   gl::Program triangle_program_;
+  TessellatedPass tessellated_;
   gl::VertexArray vertex_array_;
   gl::Buffer vertices_;
   gl::Texture places_;

@@ -1,0 +1,35 @@
+// strategy_edge_screen.cpp - edge LOD as the engine asks for it: no cells narrower on screen than LodView::min_cell_px (two budgets). Steps and
+// cracks in the relief keep an error until the finest level, so that without this floor they alone decide how many triangles there are.
+#include "geometry/strategy_list.h"
+
+namespace relievo {
+namespace {
+
+class EdgeScreen final : public LodStrategy {
+ public:
+  explicit EdgeScreen(const StrategyScene& scene) : scene_(scene) {}
+  StrategyResult select(const LodView& view) override {
+    PlanarLodResult lod = selectPlanarLod(scene_.domain, *scene_.oracle, view, *scene_.resident);
+    StrategyResult result;
+    result.instances = std::move(lod.instances);
+    result.error_px = lod.error_px;
+    result.predicted_px = lod.max_error_px;
+    return result;
+  }
+
+ private:
+  StrategyScene scene_;
+};
+
+}  // namespace
+
+StrategyEntry edgeScreenStrategy() {
+  StrategyEntry e;
+  e.name = "edge-screen";
+  e.title = "Edge LOD, cells >= 2 budgets";
+  e.purpose = "as edge-lod, but no cells narrower on screen than two budgets: what the viewer draws; the error it leaves is foreseen";
+  e.make = [](const StrategyScene& scene) { return std::make_unique<EdgeScreen>(scene); };
+  return e;
+}
+
+}  // namespace relievo
