@@ -142,24 +142,51 @@ struct MeshBake::Impl {
 
 namespace {
 
+// Where corners' normals oppose one another, those between them get short, and heights along them long: they end at twice the reach.
+Line lineOf(const Frame& f, double reach) { return {f.point, f.normal, reach / std::max(glm::length(f.normal), 0.5)}; }
+
 Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
 
-// Heights along lines; by the closest point (found[i] = 0) where a line meets nothing within reach.
-void heightsAlong(const RayScene& scene, const TriMesh& mesh, std::span<const Line> lines, std::span<float> heights, std::span<uint8_t> found) {
-  std::vector<SurfacePoint> hits(lines.size());
-  scene.nearestOnLines(lines, Facing::kAlong, hits);
-  for (size_t i = 0; i < lines.size(); ++i) {
-    found[i] = hits[i] ? 1 : 0;
-    if (hits[i]) {
-      heights[i] = static_cast<float>(hits[i].along);
-      continue;
-    }
-    const SurfacePoint near = scene.closestPoint(lines[i].at);
+// Where a line comes closest to the mesh: from its point to the mesh's closest one, from there back to the line, and so on. It ends at
+// borders that the line only just passes by, and at the nearest border from beyond it.
+struct Approach {
+  double along = 0, distance = 0;
+};
+Approach closestApproach(const RayScene& scene, const TriMesh& mesh, const Line& line) {
+  constexpr int kSteps = 16;  // as many as a surface sloped by 45 degrees takes to 1e-5
+  Approach out;
+  const double squared = glm::dot(line.direction, line.direction);
+  SurfacePoint near;
+  for (int step = 0; step < kSteps; ++step) {
+    const glm::dvec3 at = line.at + out.along * line.direction;
+    near = scene.closestPoint(at, near);
+    out.distance = near.along;
+    if (!(squared > 0)) break;
     const auto& t = mesh.triangles[near.triangle];
     const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]);
     const glm::dvec3 place = a + near.b1 * (b - a) + near.b2 * (c - a);
-    const double squared = glm::dot(lines[i].direction, lines[i].direction);
-    heights[i] = squared > 0 ? static_cast<float>(glm::dot(place - lines[i].at, lines[i].direction) / squared) : 0.0f;
+    const double along = std::clamp(glm::dot(place - line.at, line.direction) / squared, -line.reach, line.reach);
+    const bool settled = std::abs(along - out.along) <= 1e-7 * line.reach;
+    out.along = along;
+    if (settled) break;
+  }
+  return out;
+}
+
+// Heights along lines. found[i] = 0 where a line meets nothing within reach nor nearly does: borders that it touches are met.
+void heightsAlong(const RayScene& scene, const TriMesh& mesh, std::span<const Line> lines, std::span<float> heights, std::span<uint8_t> found) {
+  constexpr double kNearly = 1e-3;  // of what a line reaches
+  std::vector<SurfacePoint> hits(lines.size());
+  scene.nearestOnLines(lines, Facing::kAlong, hits);
+  for (size_t i = 0; i < lines.size(); ++i) {
+    if (hits[i]) {
+      heights[i] = static_cast<float>(hits[i].along);
+      found[i] = 1;
+    } else {
+      const Approach near = closestApproach(scene, mesh, lines[i]);
+      heights[i] = static_cast<float>(near.along);
+      found[i] = near.distance <= kNearly * lines[i].reach * glm::length(lines[i].direction) ? 1 : 0;
+    }
   }
 }
 
@@ -221,7 +248,6 @@ Result<void> MeshBake::Impl::sample(int cells_log2, const BakeOptions& options) 
   std::vector<uint8_t> found(heights.size(), 1);
   constexpr size_t kCornersAJob = 256;
   const size_t corner_jobs = (l.corners + kCornersAJob - 1) / kCornersAJob, side_jobs = l.sides.size(), jobs = corner_jobs + side_jobs + l.patches;
-  auto line = [](const Frame& f, double reach) { return Line{f.point, f.normal, reach / glm::length(f.normal)}; };
   const bool done = parallelFor(
       jobs, workers, options.interrupted,
       [&](size_t job) {
@@ -229,19 +255,19 @@ Result<void> MeshBake::Impl::sample(int cells_log2, const BakeOptions& options) 
         size_t first = 0;
         if (job < corner_jobs) {
           first = job * kCornersAJob;
-          for (size_t i = first; i < std::min(l.corners, first + kCornersAJob); ++i) lines.push_back(line(corner(static_cast<uint32_t>(i)), corner_reach[i]));
+          for (size_t i = first; i < std::min(l.corners, first + kCornersAJob); ++i) lines.push_back(lineOf(corner(static_cast<uint32_t>(i)), corner_reach[i]));
         } else if (job < corner_jobs + side_jobs) {
           const size_t side = job - corner_jobs;
           first = l.sideFirst(side, m);
           for (size_t i = 1; i < n; ++i)
-            lines.push_back(line(onSide(l.sides[side], static_cast<double>(i) / static_cast<double>(n)), side_reach[side]));
+            lines.push_back(lineOf(onSide(l.sides[side], static_cast<double>(i) / static_cast<double>(n)), side_reach[side]));
         } else {
           const auto patch = static_cast<uint32_t>(job - corner_jobs - side_jobs);
           first = l.insideFirst(patch, m);
           lines.reserve(m * m);
           for (size_t y = 1; y < n; ++y)
             for (size_t x = 1; x < n; ++x)
-              lines.push_back(line(inside(patch, static_cast<double>(x) / static_cast<double>(n), static_cast<double>(y) / static_cast<double>(n)), patch_reach[patch]));
+              lines.push_back(lineOf(inside(patch, static_cast<double>(x) / static_cast<double>(n), static_cast<double>(y) / static_cast<double>(n)), patch_reach[patch]));
         }
         heightsAlong(*scene, *mesh, lines, std::span(heights).subspan(first, lines.size()), std::span(found).subspan(first, lines.size()));
       },
@@ -319,7 +345,7 @@ bool MeshBake::Impl::probe(const BakeOptions& options, double& deviation_mm) con
       // The plastic number's sequence (Roberts 2018), another run of it for each patch.
       const double k = static_cast<double>(patch * places + i), u = std::fmod(0.5 + k * 0.75487766624669276, 1.0), v = std::fmod(0.5 + k * 0.56984029099805327, 1.0);
       const Frame f = inside(static_cast<uint32_t>(patch), u, v);
-      lines[i] = {f.point, f.normal, patch_reach[patch] / glm::length(f.normal)};
+      lines[i] = lineOf(f, patch_reach[patch]);
       heights[i] = offset_mm + scale_mm * onGrid(grid, n, u, v);
     }
     std::vector<SurfacePoint> hits(places);
@@ -467,7 +493,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   int cells_log2 = options.cells_log2;
   auto count = [&](int log2) { return std::ldexp(patches, 2 * log2); };
   if (automatic)
-    for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < vertices / 32;) ++cells_log2;
+    for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < vertices / 256;) ++cells_log2;
   if (count(cells_log2) > static_cast<double>(kMaxSamples)) return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
   for (;; ++cells_log2) {
     if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();
@@ -561,7 +587,7 @@ Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
       const double u = (static_cast<double>(x) + half) / static_cast<double>(cells), v = (static_cast<double>(y) + half) / static_cast<double>(cells);
       const Frame f = direct ? b.inside(patch, u, v) : b.at(patch, x, y, cells);
       // From the surface that is drawn: what lies on it is what it shows.
-      lines[x] = {f.point + height(u, v) * f.normal, f.normal, b.patch_reach[patch] / glm::length(f.normal)};
+      lines[x] = lineOf({f.point + height(u, v) * f.normal, f.normal}, b.patch_reach[patch]);
     }
     b.scene->nearestOnLines(lines, Facing::kAlong, hits);
     for (size_t x = 0; x < row; ++x) tones[y * row + x] = b.tone(hits[x] ? hits[x] : b.scene->closestPoint(lines[x].at));

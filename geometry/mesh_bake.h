@@ -31,7 +31,7 @@ struct BakeOptions {
 struct BakeReport {
   int cells_log2 = 0, texture_depth = 0;
   uint64_t samples = 0;     // (2^cells_log2 + 1)^2 a patch, shared ones counted once
-  uint64_t by_closest_point = 0;  // samples whose line meets the mesh nowhere near
+  uint64_t by_closest_point = 0;  // samples whose line meets the mesh nowhere within a patch's width, nor nearly
   double tolerance_mm = 0, deviation_mm = 0;  // asked for; what 99.9 % of places looked at, where lines meet the scan, keep
   double seconds = 0;
 };

@@ -105,6 +105,20 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
     }
     EXPECT_GT(reversed, 0u);
     EXPECT_EQ(compared, base.patches.size() * 4 * row);
+    // Control: with a range of its own for each patch, shared samples differ.
+    for (Heights& q : all) {
+      const auto [low, high] = std::minmax_element(q.begin(), q.end());
+      const double first = *low, scale = 65535.0 / (*high - first);
+      for (uint16_t& v : q) v = static_cast<uint16_t>(std::lround((v - first) * scale));
+    }
+    size_t different = 0;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      for (int side_of = 0; side_of < 4; ++side_of) {
+        const PatchNeighbour& other = neighbours[p][static_cast<size_t>(side_of)];
+        for (size_t i = 0; i <= n; ++i) different += onSide(p, static_cast<Side>(side_of), i) != onSide(other.patch, other.side, other.reversed ? n - i : i);
+      }
+    }
+    EXPECT_GT(different, compared / 2);
   }
 }
 
@@ -182,6 +196,286 @@ TEST(MeshBake, aFlatSheetHasNoRange) {
     for (uint16_t q : heightsOf(*baked, p)) ASSERT_EQ(q, 0);
     for (int log2 = 0; log2 <= 7; ++log2) EXPECT_LT(baked->errorOfCells(p, log2), 1e-12f);
   }
+}
+
+// The scan's vertices lie below the samples: what is baked are their heights, half a step around.
+TEST(MeshBake, bumpsKeepTheirHeights) {
+  const double amplitude = 0.7;
+  auto z = [&](double x, double y) { return amplitude * std::sin(0.9 * x) * std::cos(0.7 * y); };
+  const TriMesh mesh = sheetMesh(20, 10, 64, 32, z);
+  const BaseMesh base = sheetBase(20, 10, 2, 1);
+  auto baked = bake(mesh, base, {.cells_log2 = 5});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->report().by_closest_point, 0u);
+  for (uint32_t p = 0; p < 2; ++p) {
+    const Heights q = heightsOf(*baked, p);
+    for (size_t y = 0; y <= 128; y += 4) {
+      for (size_t x = 0; x <= 128; x += 4) {
+        const double h = baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x];
+        ASSERT_NEAR(h, static_cast<float>(z(10.0 * p + 10.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128)), 0.501 * baked->reliefScaleMm());
+      }
+    }
+  }
+  EXPECT_NEAR(baked->reliefScaleMm() * 65535, 2 * amplitude, 0.01);
+}
+
+struct AllBytes {
+  std::vector<uint16_t> heights;
+  std::vector<uint8_t> texels;
+  std::vector<float> errors;
+  double offset = 0, scale = 0, unit = 0;
+  bool operator==(const AllBytes&) const = default;
+};
+AllBytes allBytes(const MeshBake& baked) {
+  AllBytes out{.offset = baked.reliefOffsetMm(), .scale = baked.reliefScaleMm(), .unit = baked.errorUnitMm()};
+  for (uint32_t p = 0; p < baked.base().patches.size(); ++p) {
+    const Heights q = heightsOf(baked, p);
+    out.heights.insert(out.heights.end(), q.begin(), q.end());
+    const size_t size = size_t{128} << baked.textureDepth();
+    std::vector<uint8_t> texels(6 * size * size);
+    EXPECT_TRUE(baked.texels(p, texels));
+    out.texels.insert(out.texels.end(), texels.begin(), texels.end());
+    for (int log2 = 0; log2 <= 7 + baked.reliefDepth(); ++log2) out.errors.push_back(baked.errorOfCells(p, log2));
+  }
+  return out;
+}
+
+TEST(MeshBake, theSameForAnyNumberOfWorkers) {
+  TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y) * std::cos(8 * d.z); }, 50);
+  std::mt19937 random(21);
+  for (size_t i = 0; i < mesh.positions_mm.size(); ++i) mesh.colours.push_back(glm::u8vec3(random() % 256, random() % 256, random() % 256));
+  const BaseMesh base = sphereBase(10, 1);
+  for (int cells_log2 : {3, 8, -1}) {
+    std::vector<AllBytes> all;
+    for (int workers : {1, 2, 3}) {
+      auto baked = bake(mesh, base, {.cells_log2 = cells_log2, .workers = workers});
+      ASSERT_TRUE(baked);
+      all.push_back(allBytes(*baked));
+    }
+    EXPECT_TRUE(all[0] == all[1] && all[0] == all[2]) << cells_log2;
+  }
+  // Control: another mesh has other bytes.
+  mesh.positions_mm[7] *= 1.001f;
+  EXPECT_FALSE(allBytes(*bake(mesh, base, {.cells_log2 = 3})) == allBytes(*bake(sphereMesh(10, 50), base, {.cells_log2 = 3})));
+}
+
+TEST(MeshBake, beyondTheScansBorderLiesItsBorder) {
+  // The base reaches 1 mm further than the sheet on all sides: no line meets anything there.
+  auto z = [](double x, double y) { return 0.5 + 0.2 * std::sin(x) + 0.1 * y; };
+  TriMesh mesh = sheetMesh(20, 10, 80, 40, z);
+  mesh.origin_mm = {1e7, -1e7, 5};  // both from origins of their own
+  BaseMesh base = sheetBase(22, 12, 2, 1);
+  base.origin_mm = {1e7 - 1, -1e7 + 1, 5};
+  auto baked = bake(mesh, base, {.cells_log2 = 6});
+  ASSERT_TRUE(baked);
+  EXPECT_GT(baked->report().by_closest_point, 1000u);
+  EXPECT_LT(baked->report().by_closest_point, 4000u);
+  for (uint32_t p = 0; p < 2; ++p) {
+    const Heights q = heightsOf(*baked, p);
+    double last = 0;
+    for (size_t y = 0; y <= 128; y += 2) {
+      for (size_t x = 0; x <= 128; x += 2) {
+        const glm::dvec3 at = base.point(p, static_cast<double>(x) / 128, static_cast<double>(y) / 128);
+        const double h = baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x];
+        const double px = std::clamp(at.x - 1, 0.0, 20.0), py = std::clamp(at.y + 1, -10.0, 0.0);
+        EXPECT_NEAR(h, z(px, py), 0.08) << at.x << " " << at.y;
+        if (x) { EXPECT_LT(std::abs(h - last), 0.15); }  // no spikes
+        last = h;
+      }
+    }
+  }
+}
+
+TEST(MeshBake, needlesDoNoHarm) {
+  // Triangles 10,000 times as long as wide.
+  auto z = [](double x, double y) { return 0.1 * x + 0.2 * y; };
+  const TriMesh mesh = sheetMesh(100, 10, 1, 1000, z);
+  auto baked = bake(mesh, sheetBase(100, 10, 4, 1), {.cells_log2 = 5});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->report().by_closest_point, 0u);
+  for (uint32_t p = 0; p < 4; ++p) {
+    const Heights q = heightsOf(*baked, p);
+    for (size_t y = 0; y <= 128; ++y)
+      for (size_t x = 0; x <= 128; ++x)
+        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x], z(25.0 * p + 25.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128),
+                    baked->reliefScaleMm() + 1e-5);
+  }
+}
+
+TEST(MeshBake, aMoebiusStripAgreesWithItselfUpsideDown) {
+  constexpr int kPatches = 12;
+  const double pi = std::acos(-1.0);
+  auto place = [&](double along, double across) {  // along in turns
+    const double turn = 2 * pi * along, tilt = pi * along;
+    const glm::dvec3 outwards(std::cos(turn), std::sin(turn), 0);
+    return 10.0 * outwards + across * (std::cos(tilt) * outwards + std::sin(tilt) * glm::dvec3(0, 0, 1));
+  };
+  // After one turn the strip comes back upside down: across becomes -across.
+  auto strip = [&](int n, int m) {
+    CubeQuads out;
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j <= m; ++j) out.corners.push_back(place(static_cast<double>(i) / n, 4.0 * j / m - 2));
+    for (int i = 0; i < n; ++i) {
+      for (int j = 0; j < m; ++j) {
+        auto at = [&](int a, int b) { return static_cast<uint32_t>(a == n ? m - b : a * (m + 1) + b); };
+        out.quads.push_back({at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)});
+      }
+    }
+    return out;
+  };
+  const CubeQuads fine = strip(240, 16), coarse = strip(kPatches, 1);
+  TriMesh mesh;
+  for (const glm::dvec3& p : fine.corners) mesh.positions_mm.push_back(glm::vec3(p));
+  mesh.triangles = trianglesOf(fine.quads);
+  BaseMesh base;
+  for (size_t i = 0; i < coarse.corners.size(); ++i) {
+    const double along = static_cast<double>(i / 2) / kPatches;
+    const glm::dvec3 across = place(along, 1) - place(along, 0), ahead = place(along + 1e-4, 0) - place(along, 0);
+    base.corners.push_back({glm::vec3(coarse.corners[i]), glm::vec3(glm::normalize(glm::cross(across, ahead)))});
+  }
+  base.patches = coarse.quads;
+  ASSERT_EQ(baseMeshProblem(base), "");
+  const auto neighbours = patchNeighbours(base);
+  ASSERT_TRUE(neighbours[kPatches - 1][kRight].reversed);
+  for (int cells_log2 : {2, 6, 8}) {
+    auto baked = bake(mesh, base, {.cells_log2 = cells_log2});
+    ASSERT_TRUE(baked);
+    EXPECT_TRUE(std::isfinite(baked->reliefOffsetMm()) && std::isfinite(baked->reliefScaleMm()));
+    EXPECT_LT(std::abs(baked->reliefOffsetMm()) + baked->reliefScaleMm() * 65535, 20);
+    const size_t row = side(*baked), n = row - 1;
+    for (uint32_t p = 0; p < kPatches; ++p) {
+      const Heights here = heightsOf(*baked, p), next = heightsOf(*baked, (p + 1) % kPatches);
+      for (size_t i = 0; i <= n; ++i) ASSERT_EQ(here[i * row + n], next[(p + 1 == kPatches ? n - i : i) * row]) << p << " " << i;
+      std::vector<uint8_t> texels(6 * 128 * 128);
+      if (baked->textureDepth() == 0) { EXPECT_TRUE(baked->texels(p, texels)); }
+    }
+  }
+}
+
+TEST(MeshBake, aWallStaysWithinTheScan) {
+  // A step of 3 mm within 0.01 mm: no height beyond the two levels, whatever the lines beside it meet.
+  const TriMesh mesh = sheetMesh(10, 10, 1000, 4, [](double x, double) { return x < 5.001 ? 0.0 : 3.0; });
+  auto baked = bake(mesh, sheetBase(10, 10, 1, 1), {.cells_log2 = 7});
+  ASSERT_TRUE(baked);
+  EXPECT_NEAR(baked->reliefOffsetMm(), 0, 1e-6);
+  EXPECT_NEAR(baked->reliefScaleMm() * 65535, 3, 1e-5);
+}
+
+TEST(MeshBake, coloursAndNormalsAreTheScans) {
+  auto z = [](double x, double y) { return 0.3 * std::sin(0.8 * x) + 0.2 * std::cos(0.6 * y); };
+  TriMesh mesh = sheetMesh(20, 10, 100, 50, z);
+  auto colour = [](double x, double y) { return glm::dvec3(10 + 10 * x, 250 + 20 * y, 100 + 3 * x - 5 * y); };
+  for (const glm::vec3& p : mesh.positions_mm) mesh.colours.push_back(glm::u8vec3(glm::round(colour(p.x, p.y))));
+  const BaseMesh base = sheetBase(20, 10, 2, 1);
+  for (int depth : {0, 1}) {
+    auto baked = bake(mesh, base, {.cells_log2 = 6, .texture_depth = depth});
+    ASSERT_TRUE(baked);
+    const size_t size = size_t{128} << depth;
+    size_t swapped = 0;
+    for (uint32_t p = 0; p < 2; ++p) {
+      std::vector<uint8_t> texels(6 * size * size);
+      ASSERT_TRUE(baked->texels(p, texels));
+      for (size_t y = 0; y < size; ++y) {
+        for (size_t x = 0; x < size; ++x) {
+          const double px = 10.0 * p + 10 * (static_cast<double>(x) + 0.5) / static_cast<double>(size), py = -10 * (static_cast<double>(y) + 0.5) / static_cast<double>(size);
+          const glm::dvec3 expected = colour(px, py), other = colour(-py, -px);
+          const glm::dvec3 normal = glm::normalize(glm::dvec3(-0.24 * std::cos(0.8 * px), 0.12 * std::sin(0.6 * py), 1));
+          for (int c = 0; c < 3; ++c) {
+            const size_t at = (static_cast<size_t>(c) * size + y) * size + x;
+            ASSERT_NEAR(texels[at], expected[c], 1.6) << px << " " << py;
+            ASSERT_NEAR(texels[at + 3 * size * size], 127.5 * (normal[c] + 1), 2.0) << px << " " << py;
+            swapped += std::abs(texels[at] - other[c]) > 1.6;
+          }
+        }
+      }
+    }
+    EXPECT_GT(swapped, size * size);  // control: u for v would be seen
+  }
+}
+
+TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
+  TriMesh mesh = sheetMesh(20, 10, 20, 10, [](double x, double y) { return 0.2 * std::sin(x + y); });
+  for (const auto& t : mesh.triangles) {
+    std::array<glm::vec2, 3> uv;
+    for (size_t k = 0; k < 3; ++k) uv[k] = {mesh.positions_mm[t[k]].x / 20, 1 + mesh.positions_mm[t[k]].y / 10};
+    mesh.corner_uv.push_back(uv);
+  }
+  constexpr int kWidth = 64, kHeight = 32;
+  std::vector<uint8_t> rgb;
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) rgb.insert(rgb.end(), {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(8 * y), static_cast<uint8_t>(x + 2 * y)});
+  auto baked = bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .rgb = rgb});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->textureDepth(), 0);
+  for (uint32_t p = 0; p < 2; ++p) {
+    std::vector<uint8_t> texels(6 * 128 * 128);
+    ASSERT_TRUE(baked->texels(p, texels));
+    for (int y = 0; y < 128; ++y) {
+      for (int x = 0; x < 128; ++x) {
+        // Bilinear in the image, whose rows run as v does.
+        const double ix = std::clamp((static_cast<int>(p) * 128 + x + 0.5) / 256 * kWidth - 0.5, 0.0, kWidth - 1.0), iy = std::clamp((y + 0.5) / 128 * kHeight - 0.5, 0.0, kHeight - 1.0);
+        const size_t at = static_cast<size_t>(y * 128 + x);
+        ASSERT_NEAR(texels[at], 4 * ix, 1.01);
+        ASSERT_NEAR(texels[at + 128 * 128], 8 * iy, 1.01);
+        ASSERT_NEAR(texels[at + 2 * 128 * 128], ix + 2 * iy, 1.01);
+      }
+    }
+  }
+  // A scan without colours is grey.
+  mesh.corner_uv.clear();
+  auto grey = bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5});
+  std::vector<uint8_t> texels(6 * 128 * 128);
+  ASSERT_TRUE(grey->texels(0, texels));
+  EXPECT_TRUE(std::all_of(texels.begin(), texels.begin() + 3 * 128 * 128, [](uint8_t c) { return c == 200; }));
+}
+
+TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
+  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.2 * std::sin(12 * d.x) * std::cos(11 * d.y + 9 * d.z); }, 40);
+  const BaseMesh base = sphereBase(10, 2);
+  int last = 0;
+  for (double tolerance : {0.1, 0.01, 0.002}) {
+    auto baked = bake(mesh, base, {.tolerance_mm = tolerance});
+    ASSERT_TRUE(baked);
+    EXPECT_LE(baked->report().deviation_mm, tolerance);
+    EXPECT_GT(baked->report().cells_log2, last);
+    last = baked->report().cells_log2;
+    // Not more than that: one level less does not keep it.
+    auto coarser = bake(mesh, base, {.cells_log2 = last - 1});
+    EXPECT_GT(coarser->report().deviation_mm, tolerance);
+  }
+  // What no grid keeps ends at the bound on samples.
+  auto most = bake(mesh, base, {.tolerance_mm = 1e-9});
+  EXPECT_LE(most->report().samples, 260 * mesh.positions_mm.size());
+  EXPECT_GT(most->report().deviation_mm, 1e-9);
+}
+
+TEST(MeshBake, whatCannotBeBakedIsNamed) {
+  const TriMesh mesh = sphereMesh(10, 8);
+  const BaseMesh base = sphereBase(10, 1);
+  auto kind = [](const TriMesh& m, const BaseMesh& b, BakeOptions options) {
+    auto made = MeshBake::create(m, {}, b, options);
+    EXPECT_FALSE(made);
+    return made ? ErrorKind::kRuntime : made.error().kind;
+  };
+  EXPECT_EQ(kind(mesh, base, {.cells_log2 = 0}), ErrorKind::kUsage);
+  EXPECT_EQ(kind(mesh, base, {.cells_log2 = 15}), ErrorKind::kUsage);
+  EXPECT_EQ(kind(mesh, base, {.cells_log2 = 3, .texture_depth = 9}), ErrorKind::kUsage);
+  EXPECT_EQ(kind(mesh, base, {.cells_log2 = 3, .tolerance_mm = -1}), ErrorKind::kUsage);
+  EXPECT_EQ(kind(TriMesh{}, base, {.cells_log2 = 3}), ErrorKind::kInvalidData);
+  BaseMesh bad = base;
+  bad.corners[0].normal *= 2;
+  EXPECT_EQ(kind(mesh, bad, {.cells_log2 = 3}), ErrorKind::kInvalidData);
+  std::atomic<bool> interrupted{false};
+  BakeOptions options{.cells_log2 = 7, .workers = 2, .interrupted = &interrupted};
+  double last = 0;
+  options.progress = [&](double done) {
+    EXPECT_GE(done, last);
+    EXPECT_LE(done, 1);
+    last = done;
+    if (done > 0.5) interrupted = true;
+  };
+  EXPECT_EQ(kind(mesh, base, options), ErrorKind::kInterrupted);
+  EXPECT_GT(last, 0.5);
 }
 
 }  // namespace
