@@ -1,6 +1,7 @@
 #include "geometry/mesh_sheets.h"
 
 #include <cmath>
+#include <tuple>
 
 namespace relievo {
 
@@ -186,7 +187,9 @@ void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {
     for (size_t a = 0; a < n; ++a)
       for (size_t b = a + 1; b < n; ++b)
         if (leaves[a].forward != leaves[b].forward) pairs.push_back({glm::dot(leaves[a].into, leaves[b].into), a, b});
-    std::stable_sort(pairs.begin(), pairs.end(), [](const Pair& p, const Pair& q) { return p.cosine < q.cosine; });
+    std::sort(pairs.begin(), pairs.end(), [](const Pair& p, const Pair& q) {
+      return std::tie(p.cosine, p.a, p.b) < std::tie(q.cosine, q.a, q.b);
+    });
     std::vector<bool> taken(n);
     for (const Pair& p : pairs) {
       if (taken[p.a] || taken[p.b]) continue;

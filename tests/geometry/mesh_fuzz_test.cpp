@@ -22,6 +22,7 @@ void* operator new(size_t bytes) {
   }
   return p;
 }
+void* operator new(size_t bytes, const std::nothrow_t&) noexcept { return operator new(bytes); }
 void operator delete(void* p) noexcept {
   if (p) allocated -= malloc_usable_size(p);
   std::free(p);

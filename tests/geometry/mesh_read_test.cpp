@@ -282,8 +282,8 @@ TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
     EXPECT_EQ(defects(m.diagnosis).find("degenerate"), std::string::npos);
     // Negative control: the floats that OpenMesh reads are a quarter of a millimetre off, or more.
     HalfEdges h;
-    h.request_vertex_normals();
-    if (!OpenMesh::IO::read_mesh(h, path) || h.n_vertices() == 0) continue;  // it does not know comments in OFF files
+    if (path.ends_with(".off")) continue;  // it does not know comments in OFF files: it goes on with counts that nobody set
+    ASSERT_TRUE(OpenMesh::IO::read_mesh(h, path));
     double off = 0;
     for (auto v : h.vertices()) {
       auto p = h.point(v);
