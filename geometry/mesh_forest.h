@@ -15,6 +15,9 @@
 
 namespace relievo {
 
+// 1 / 2^times, up to 1,022 times.
+inline double halved(int times) { return std::bit_cast<double>(static_cast<uint64_t>(1023 - times) << 52); }
+
 // A square of a patch: of level l there are 2^l x 2^l.
 struct Square {
   uint32_t patch = 0;
@@ -44,12 +47,19 @@ class MeshForest {
     neighbours_ = patchNeighbours(*base_);
     // A square's key has 5 bits of level; places have what patches leave.
     place_bits_ = (58 - std::bit_width(std::max<size_t>(patchCount(), 2) - 1)) / 2;
+    root_bounds_.assign(patchCount(), {1, 0, 0});
     twist_mm_.reserve(patchCount());
     for (const auto& c : base_->patches) {
       auto at = [&](size_t k) { return glm::dvec3(base_->corners[c[k]].position_mm); };
       twist_mm_.push_back(glm::length(at(0) - at(1) - at(2) + at(3)));
     }
+    // Not below those of finer grids, whatever the table says.
     if (coarse_errors_.size() != patchCount()) coarse_errors_.clear();
+    for (CoarseErrors& errors : coarse_errors_)
+      for (size_t k = errors.size(); k-- > 0;) {
+        const float finer = k + 1 < errors.size() ? errors[k + 1] : 0;
+        errors[k] = errors[k] >= 0 ? std::max(errors[k], finer) : std::numeric_limits<float>::infinity();
+      }
   }
 
   uint32_t patchCount() const { return static_cast<uint32_t>(base_->patches.size()); }
@@ -87,7 +97,7 @@ class MeshForest {
       const HeightBounds& h = pageBounds(s.ancestor(std::min(s.level, depth_)));
       low = h.min_mm * exaggerate, high = h.max_mm * exaggerate;
     }
-    const double step = std::ldexp(1.0, -s.level);
+    const double step = halved(s.level);
     SquareHull hull;
     for (uint32_t k = 0; k < 4; ++k) {
       const double u = (s.x + (k & 1)) * step, v = (s.y + (k >> 1)) * step;
@@ -102,7 +112,7 @@ class MeshForest {
   // The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their middle.
   double error(const Square& s, int level, double exaggerate) {
     if (level >= unitLog2()) return 0;
-    double error = std::abs(1 - exaggerate) * std::ldexp(0.25 * twist_mm_[s.patch], -2 * level);
+    double error = std::abs(1 - exaggerate) * 0.25 * twist_mm_[s.patch] * halved(2 * level);
     return exaggerate != 0 ? error + std::abs(exaggerate) * bakedError(s, level) : error;
   }
   // Between two views.
@@ -116,25 +126,28 @@ class MeshForest {
   static constexpr size_t kMaxParts = 16384;  // of pages, 1.4 KB each, kept from view to view
 
   const HeightBounds& pageBounds(const Square& page) {
+    if (page.level == 0) {
+      HeightBounds& b = root_bounds_[page.patch];
+      if (!(b.min_mm <= b.max_mm)) b = askBounds(page);
+      return b;
+    }
     const uint64_t k = key(page);
     if (uint32_t found = bounds_index_.find(k); found != IndexTable::kNone) return bounds_[found];
+    bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
+    return bounds_.emplace_back(askBounds(page));
+  }
+  HeightBounds askBounds(const Square& page) const {
     HeightBounds b = oracle_->bounds(page.id());
     if (!(b.min_mm <= b.max_mm) || !std::isfinite(b.min_mm) || !std::isfinite(b.max_mm)) b.min_mm = whole_range_.min_mm, b.max_mm = whole_range_.max_mm;
     if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
-    bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
-    return bounds_.emplace_back(b);
+    return b;
   }
   double bakedError(const Square& s, int level) {
     const int page_level = level - kPageLog2;
     if (page_level < 0) {
       if (coarse_errors_.empty()) return std::numeric_limits<double>::infinity();
-      // Not below those of finer grids, whatever the table says.
-      double error = depth_ > 0 ? pageBounds({s.patch, 0, 0, 0}).error_mm : 0;
-      for (int k = level; k < kPageLog2; ++k) {
-        const float e = coarse_errors_[s.patch][static_cast<size_t>(k)];
-        error = e >= 0 ? std::max<double>(error, e) : std::numeric_limits<double>::infinity();
-      }
-      return error;
+      const float error = coarse_errors_[s.patch][static_cast<size_t>(level)];
+      return depth_ > 0 ? std::max(error, pageBounds({s.patch, 0, 0, 0}).error_mm) : error;
     }
     const Square page = s.ancestor(std::min(page_level, s.level));
     const double whole = pageBounds(page).error_mm;
@@ -159,7 +172,7 @@ class MeshForest {
   int depth_ = 0, place_bits_ = 0;
   bool has_relief_ = false;
   HeightBounds whole_range_;
-  std::vector<HeightBounds> bounds_;
+  std::vector<HeightBounds> root_bounds_, bounds_;  // the former by patch; min above max: not asked for yet
   std::vector<PartErrors> parts_;
   IndexTable bounds_index_, parts_index_;
 };

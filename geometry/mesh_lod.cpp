@@ -75,8 +75,11 @@ class Selection {
     int needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
     int grid_level = 0;
     int wanted_level = 0;    // the largest of its edges'
+    uint32_t info = 0;
+    std::array<int8_t, 4> across{kUnknown, kUnknown, kUnknown, kUnknown};  // what the squares across its sides want
     std::array<std::array<uint8_t, 2>, 4> segments{};
   };
+  static constexpr int8_t kUnknown = -1;
   struct Tree {
     std::vector<Node> nodes;
     std::vector<uint32_t> root_node;  // by patch; none: drawn from the roots' tables, or culled
@@ -91,22 +94,28 @@ class Selection {
     }
   };
   // ---- squares
-  Info info(const Square& s) {
-    if (s.level == 0) {
-      const int code = roots_.codes()[s.patch];
-      if (!(code & MeshRoots::kCareful)) {
-        Info in;
-        in.culled = (code & MeshRoots::kCulled) != 0;
-        in.wanted_level = code & MeshRoots::kLevel;
-        in.px_per_mm = roots_.pxPerMm()[s.patch];
-        in.diameter_mm = roots_.diameter(s.patch);
-        return in;  // it needs neither centre nor cell_px
-      }
-    }
+  uint32_t infoIndex(const Square& s) {
     const uint64_t k = forest_.key(s);
-    if (uint32_t found = info_index_.find(k); found != kNone) return infos_[found];
-    info_index_.insert(k, static_cast<uint32_t>(infos_.size()));
-    return infos_.emplace_back(evaluate(s));
+    if (uint32_t found = info_index_.find(k); found != kNone) return found;
+    const auto index = static_cast<uint32_t>(infos_.size());
+    info_index_.insert(k, index);
+    const int code = s.level == 0 ? roots_.codes()[s.patch] : MeshRoots::kCareful;
+    infos_.push_back(code & MeshRoots::kCareful ? evaluate(s) : ofRoot(s.patch, code));
+    return index;
+  }
+  // It is far away and coarse: nobody asks where it is, nor for the size of its cells.
+  Info ofRoot(uint32_t patch, int code) const {
+    Info in;
+    in.culled = (code & MeshRoots::kCulled) != 0;
+    in.wanted_level = code & MeshRoots::kLevel;
+    in.px_per_mm = roots_.pxPerMm()[patch];
+    in.diameter_mm = roots_.diameter(patch);
+    return in;
+  }
+  int wantedLevel(const Square& s) {
+    if (s.level == 0)
+      if (const int code = roots_.codes()[s.patch]; !(code & MeshRoots::kCareful)) return code & MeshRoots::kLevel;
+    return infos_[infoIndex(s)].wanted_level;
   }
   Info evaluate(const Square& s) {
     Info in;
@@ -152,10 +161,14 @@ class Selection {
     return in;
   }
   double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
-  // Of an edge between two squares of one level, or at the border.
-  int edgeWants(const Square& s, const Square* other) {
-    int wanted = info(s).wanted_level;
-    return other ? std::max(wanted, info(*other).wanted_level) : wanted;
+  // What the square across a node's side wants, of the same level; at the border what the node itself does.
+  int wantedAcross(Node& n, int side) {
+    int8_t& known = n.across[static_cast<size_t>(side)];
+    if (known == kUnknown) {
+      Square other;
+      known = static_cast<int8_t>(forest_.neighbour(n.square, side, other) ? wantedLevel(other) : infos_[n.info].wanted_level);
+    }
+    return known;
   }
 
   // ---- the tree
@@ -168,12 +181,14 @@ class Selection {
   }
   uint32_t findNode(const Square& s) const { return s.level == 0 ? tree_.root_node[s.patch] : tree_.index.find(forest_.key(s)); }
   void addNode(const Square& s, int inherited, int needs_level) {
-    if (info(s).culled) return;  // a node that is not in the table is not drawn
+    const uint32_t info = infoIndex(s);
+    if (infos_[info].culled) return;  // a node that is not in the table is not drawn
     const auto index = static_cast<uint32_t>(tree_.nodes.size());
     if (s.level == 0) tree_.root_node[s.patch] = index, ++tree_.roots;
     else tree_.index.insert(forest_.key(s), index);
     Node& n = tree_.nodes.emplace_back();
     n.square = s;
+    n.info = info;
     n.resident_level = residentLevel(s, inherited);
     n.needs_level = needs_level;
   }
@@ -201,13 +216,10 @@ class Selection {
   bool wantsSplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
     const int limit = s.level + kMaxSplitLevel;
-    if (info(s).cell_px > max_node_px_) return true;
-    bool wants = false;
-    for (int side = 0; side < 4 && !wants; ++side) {
-      Square other;
-      wants = edgeWants(s, forest_.neighbour(s, side, other) ? &other : nullptr) > limit;
-    }
     Node& n = tree_.nodes[index];
+    if (infos_[n.info].cell_px > max_node_px_) return true;
+    bool wants = infos_[n.info].wanted_level > limit;
+    for (int side = 0; side < 4 && !wants; ++side) wants = wantedAcross(n, side) > limit;
     n.rough = wants;
     if (!wants || n.resident_level > limit || n.resident_level >= forest_.unitLog2()) return wants;
     // Without finer pages smaller nodes would only cut the same triangles into more instances.
@@ -292,27 +304,28 @@ class Selection {
   void levelSides(uint32_t index) {
     Node& n = tree_.nodes[index];
     const Square s = n.square;
-    n.wanted_level = info(s).wanted_level;
+    const int own = infos_[n.info].wanted_level;
+    n.wanted_level = own;
     for (int side = 0; side < 4; ++side) {
       // across: none where nothing is drawn, or where a root is that is no node (it has samples for all that it can want).
-      auto whole = [&](int cap, const Square* other, uint32_t across) {
+      auto whole = [&](int cap, uint32_t across) {
         const Node* a = across == kNone ? nullptr : &tree_.nodes[across];
         // An edge is counted once: by the finer node, or by the first of two.
-        uint8_t level = segmentsOf(n, a, edgeWants(s, other), s.level, cap, !a || a->square.level < s.level || index < across);
+        uint8_t level = segmentsOf(n, a, std::max(own, wantedAcross(n, side)), s.level, cap, !a || a->square.level < s.level || index < across);
         n.segments[static_cast<size_t>(side)] = {level, PatchInstance::kWholeEdge};
         n.grid_level = std::max<int>(n.grid_level, level);
       };
       Square other;
       if (!forest_.neighbour(s, side, other)) {
-        whole(kMaxGridLevel, nullptr, kNone);
+        whole(kMaxGridLevel, kNone);
         continue;
       }
       const uint32_t same = findNode(other);
       if (same == kNone || tree_.nodes[same].state == State::kLeaf) {
         uint32_t coarser = same == kNone && s.level > 0 ? findNode(other.ancestor(s.level - 1)) : kNone;
         if (coarser != kNone && tree_.nodes[coarser].state == State::kSplit) coarser = kNone;
-        if (coarser != kNone) whole(kMaxGridLevel - 1, &other, coarser);
-        else whole(kMaxGridLevel, &other, same);
+        if (coarser != kNone) whole(kMaxGridLevel - 1, coarser);
+        else whole(kMaxGridLevel, same);
         continue;
       }
       // Two half edges, each the whole edge of a finer node (or of nothing, if that one is out of view).
@@ -322,7 +335,7 @@ class Selection {
         const uint32_t finer = findNode(theirs);
         const Node* f = finer != kNone ? &tree_.nodes[finer] : nullptr;
         assert(!f || f->state == State::kLeaf);
-        uint8_t level = segmentsOf(n, f, edgeWants(mine, &theirs), s.level + 1, kMaxGridLevel - 1, !f);
+        uint8_t level = segmentsOf(n, f, std::max(wantedLevel(mine), wantedLevel(theirs)), s.level + 1, kMaxGridLevel - 1, !f);
         n.segments[static_cast<size_t>(side)][half] = level;
         n.grid_level = std::max(n.grid_level, level + 1);
       }
@@ -330,8 +343,8 @@ class Selection {
   }
   // Of the drawn surface within a square that is drawn with vertices of an absolute level, at an edge with those of a coarser one: where
   // vertices snapped, a triangle has corners of both, and each may be off by the coarser level's error, to opposite sides.
-  double predictedPx(const Square& s, int drawn_level, int edge_level) {
-    const Info in = info(s);
+  double predictedPx(const Square& s, uint32_t info, int drawn_level, int edge_level) {
+    const Info& in = infos_[info];
     if (in.culled) return 0;
     double error = errorMm(s, drawn_level, in);
     if (edge_level < drawn_level) error = std::max(error, std::min(2 * errorMm(s, edge_level, in), in.diameter_mm));
@@ -348,9 +361,12 @@ class Selection {
         coarsest = std::min(coarsest, s.level + levels[0]);
         continue;
       }
-      for (uint32_t half = 0; half < 2; ++half) px = std::max(px, predictedPx(s.childAt(side, half), drawn, s.level + 1 + levels[half]));
+      for (uint32_t half = 0; half < 2; ++half) {
+        const Square child = s.childAt(side, half);
+        px = std::max(px, predictedPx(child, infoIndex(child), drawn, s.level + 1 + levels[half]));
+      }
     }
-    return std::max(px, predictedPx(s, drawn, coarsest));
+    return std::max(px, predictedPx(s, n.info, drawn, coarsest));
   }
   Square reliefPage(const Node& n) const {
     int level = std::clamp(n.square.level + n.grid_level - kPageLog2, 0, forest_.depth());
@@ -364,7 +380,7 @@ class Selection {
     const Square& s = n.square;
     const int level = std::clamp(wanted_level - kPageLog2, 0, std::min(s.level, forest_.depth()));
     if (level == 0 && used_level == 0) return;
-    const float priority = camera_.priority(info(s).centre);
+    const float priority = camera_.priority(infos_[n.info].centre);
     for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
     if (used_level != level && used_level > 0) addWant(s.ancestor(used_level), priority);
   }
