@@ -136,7 +136,8 @@ TriMesh bakedTriangles(const MeshBake& baked, int workers) {
 
 Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle, int workers) {
   MeshDistance out;
-  glm::vec3 low = scan.positions_mm.at(0), high = low;
+  if (scan.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
+  glm::vec3 low = scan.positions_mm[0], high = low;
   for (const glm::vec3& p : scan.positions_mm) {
     low = glm::min(low, p);
     high = glm::max(high, p);
@@ -152,7 +153,9 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
   out.scan_vertex_mm.assign(there.begin(), there.begin() + static_cast<ptrdiff_t>(scan.positions_mm.size()));
   out.to_baked = stats(std::move(there));
   out.to_scan = stats(distances(surface, scan, **scan_scene, false, out.to_baked.samples, workers));
-  out.psnr_db = 20 * std::log10(out.diagonal_mm / std::max(out.to_baked.rms_mm, out.to_scan.rms_mm));
+  // No more than 240 dB: a number even where both are the same.
+  const double rms = std::max({out.to_baked.rms_mm, out.to_scan.rms_mm, 1e-12 * out.diagonal_mm});
+  out.psnr_db = out.diagonal_mm > 0 ? 20 * std::log10(out.diagonal_mm / rms) : 0;
   return out;
 }
 

@@ -19,7 +19,7 @@ struct DistanceStats {
 struct MeshDistance {
   DistanceStats to_baked, to_scan;    // from the scan's surface to the baked one; the other way
   double diagonal_mm = 0;             // of the scan's bounding box
-  double psnr_db = 0;                 // 20 log10(diagonal / the larger RMS)
+  double psnr_db = 0;                 // 20 log10(diagonal / the larger RMS), at most 240
   std::vector<float> scan_vertex_mm;  // of each vertex of the scan, for pictures
 };
 // Samples: every vertex of the scan, and samples_per_triangle for each of its triangles, spread evenly over its area; as many as these
