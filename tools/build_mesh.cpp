@@ -200,15 +200,17 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   }
 
   double seconds = 0;
+  uint64_t peak = 0;
   std::string each;
   for (const StageCost& s : stages.costs) {
     char text[64];
     std::snprintf(text, sizeof text, "%s%s %.1f s", each.empty() ? "" : ", ", s.name.c_str(), s.seconds);
     each += text;
     seconds += s.seconds;
+    peak = std::max(peak, s.peak_bytes);
   }
-  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s)\n%s", a.package.output.c_str(), static_cast<unsigned long long>(built->pages),
-              static_cast<double>(built->package_bytes) / (1 << 20), seconds, each.c_str(), meshText(result.mesh).c_str());
+  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(), static_cast<unsigned long long>(built->pages),
+              static_cast<double>(built->package_bytes) / (1 << 20), seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
   if (measure) {
     const MeshDistance& d = result.distance;
     std::printf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n", millimetres(d.to_baked.max_mm).c_str(),

@@ -137,6 +137,8 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
   json["texels_a_side"] = kPagePx << bake.texture_depth;
   json["samples"] = bake.samples;
   json["samples_by_closest_point"] = bake.by_closest_point;
+  json["tolerance_mm"] = bake.tolerance_mm;
+  json["deviation_mm"] = bake.deviation_mm;
   return json;
 }
 
@@ -158,6 +160,8 @@ std::string meshText(const Json& m) {
   }
   out += format("    baked   %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"), numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
   if (double n = numberOf(m, "samples_by_closest_point"); n > 0) out += format(", %.0f of them by the closest point", n);
+  out += format("\n            99.9 %% of the surface within %.3g mm where lines along the normals meet the scan; %.3g mm were aimed at", numberOf(m, "deviation_mm"),
+                numberOf(m, "tolerance_mm"));
   return out + "\n";
 }
 

@@ -100,10 +100,14 @@ int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>
 struct PageCounts {
   uint64_t texture = 0, relief = 0, wrong = 0;
 };
-PageCounts comparePages(const Package& package, const NoisyPatches& source, Borders how) {
+using NaiveLevels = std::vector<std::vector<NaiveImage>>;  // by patch and level
+NaiveLevels levelsOf(const NoisyPatches& source) {
+  NaiveLevels levels;
+  for (uint32_t p = 0; p < source.base().patches.size(); ++p) levels.push_back(levelsOf(source, p));
+  return levels;
+}
+PageCounts comparePages(const Package& package, const NoisyPatches& source, const NaiveLevels& levels, Borders how) {
   const BaseMesh& base = *package.manifest().base;
-  std::vector<std::vector<NaiveImage>> levels;
-  for (uint32_t p = 0; p < base.patches.size(); ++p) levels.push_back(levelsOf(source, p));
   PageCounts counts;
   PageDecoder decoder;
   std::vector<uint8_t> channels(kTexturePageBytes), expected;
@@ -137,14 +141,16 @@ TEST(PatchPackage, everyTexturePageEqualsTheNaiveOneWithItsNeighboursBorders) {
     auto package = Package::open(folder.file("a.relievo"));
     ASSERT_TRUE(package.ok()) << package.error().text();
     EXPECT_TRUE((*package)->warnings().empty());
-    auto counts = comparePages(**package, source, Borders::kNeighbours);
+    const NaiveLevels levels = levelsOf(source);
+    auto counts = comparePages(**package, source, levels, Borders::kNeighbours);
     EXPECT_EQ(counts.texture, (open ? 20u : 24u) * 5 * 2);
     EXPECT_EQ(counts.wrong, 0u);
-    // Negative controls: what a builder that took the wrong texels would give is told apart. All pages but those of open sides differ.
-    EXPECT_GT(comparePages(**package, source, Borders::kOwnEdge).wrong, counts.texture * 9 / 10);
-    EXPECT_GT(comparePages(**package, source, Borders::kNeverReversed).wrong, counts.texture / 2);
-    EXPECT_GT(comparePages(**package, source, Borders::kMirroredAcross).wrong, counts.texture * 9 / 10);
-    EXPECT_GT(comparePages(**package, source, Borders::kOwnCorner).wrong, counts.texture / 2);
+    if (open) continue;
+    // Negative controls: what a builder that took the wrong texels would give is told apart. All pages have a side.
+    EXPECT_GT(comparePages(**package, source, levels, Borders::kOwnEdge).wrong, counts.texture * 9 / 10);
+    EXPECT_GT(comparePages(**package, source, levels, Borders::kNeverReversed).wrong, counts.texture / 2);
+    EXPECT_GT(comparePages(**package, source, levels, Borders::kMirroredAcross).wrong, counts.texture * 9 / 10);
+    EXPECT_GT(comparePages(**package, source, levels, Borders::kOwnCorner).wrong, counts.texture / 2);
   }
 }
 
@@ -212,7 +218,7 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
     ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
     auto package = Package::open(folder.file("a.relievo"));
     ASSERT_TRUE(package.ok());
-    auto counts = comparePages(**package, source, Borders::kNeighbours);
+    auto counts = comparePages(**package, source, levelsOf(source), Borders::kNeighbours);
     EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
     EXPECT_EQ(counts.wrong, 0u);
   }
