@@ -1,0 +1,508 @@
+// Base meshes of shapes whose topology, borders and surface are known: kept, followed, and reached by lines along the normals.
+#include "geometry/base_domain.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <random>
+
+#include "geometry/base_reduce.h"
+#include "geometry/mesh_read.h"
+#include "tests/geometry/base_shapes.h"
+#include "tests/geometry/shared_data.h"
+
+namespace relievo {
+namespace {
+
+constexpr double kDegrees = std::numbers::pi / 180;
+
+BaseMesh baseOf(const TriMesh& mesh, uint32_t patches = 0) {
+  auto base = makeBaseMesh(mesh, {.patches = patches});
+  EXPECT_TRUE(base.ok()) << (base.ok() ? "" : base.error().text());
+  return base.ok() ? *base : BaseMesh{};
+}
+
+double diagonalOf(const TriMesh& m) {
+  glm::dvec3 lo(1e300), hi(-1e300);
+  for (const glm::vec3& p : m.positions_mm) lo = glm::min(lo, glm::dvec3(p)), hi = glm::max(hi, glm::dvec3(p));
+  return glm::length(hi - lo);
+}
+
+struct Topology {
+  int64_t euler = 0;
+  size_t pieces = 0, borders = 0, border_sides = 0;
+  size_t shared_too_often = 0;  // sides of three patches or more
+  size_t turned = 0;            // sides that two patches run along the same way: wound differently
+  friend bool operator==(const Topology&, const Topology&) = default;
+};
+
+uint32_t rootOf(std::vector<uint32_t>& parent, uint32_t v) {
+  while (parent[v] != v) v = parent[v];
+  return v;
+}
+
+// Of polygons, wound alike.
+template <class Face>
+Topology topologyOf(size_t vertices, const std::vector<Face>& faces) {
+  Topology t;
+  std::map<std::array<uint32_t, 2>, std::pair<int, int>> sides;  // uses forwards and backwards
+  std::vector<uint32_t> parent(vertices), loop(vertices);
+  std::vector<uint8_t> used(vertices, 0), on_border(vertices, 0);
+  for (uint32_t v = 0; v < vertices; ++v) parent[v] = loop[v] = v;
+  for (const Face& f : faces) {
+    for (size_t k = 0; k < f.size(); ++k) {
+      const uint32_t a = f[k], b = f[(k + 1) % f.size()];
+      auto& uses = sides[{std::min(a, b), std::max(a, b)}];
+      ++(a < b ? uses.first : uses.second);
+      used[a] = 1;
+      parent[rootOf(parent, a)] = rootOf(parent, b);
+    }
+  }
+  for (const auto& [ends, uses] : sides) {
+    t.shared_too_often += uses.first + uses.second > 2;
+    t.turned += uses.first > 1 || uses.second > 1;
+    if (uses.first + uses.second != 1) continue;
+    ++t.border_sides;
+    on_border[ends[0]] = on_border[ends[1]] = 1;
+    loop[rootOf(loop, ends[0])] = rootOf(loop, ends[1]);
+  }
+  int64_t corners = 0;
+  for (uint32_t v = 0; v < vertices; ++v) {
+    corners += used[v];
+    t.pieces += used[v] && parent[v] == v;
+    t.borders += on_border[v] && loop[v] == v;
+  }
+  t.euler = corners - static_cast<int64_t>(sides.size()) + static_cast<int64_t>(faces.size());
+  return t;
+}
+
+// The patch's corners against the clock seen from outside: down, right, up.
+std::array<uint32_t, 4> around(const std::array<uint32_t, 4>& p) { return {p[0], p[2], p[3], p[1]}; }
+
+Topology topologyOf(const BaseMesh& base) {
+  std::vector<std::array<uint32_t, 4>> faces;
+  for (const auto& p : base.patches) faces.push_back(around(p));
+  return topologyOf(base.corners.size(), faces);
+}
+
+struct Shape {
+  double ratio95 = 0, angle95 = 0;  // longest side to shortest; farthest angle from 90 degrees: of 95 in 100 patches
+  double inward = 0;                // corners that face away from their normal, of all patches' corners
+};
+
+Shape shapeOf(const BaseMesh& base) {
+  std::vector<double> ratio, angle;
+  Shape s;
+  for (const auto& patch : base.patches) {
+    const auto c = around(patch);
+    double shortest = 1e300, longest = 0, worst = 0;
+    for (int k = 0; k < 4; ++k) {
+      const glm::dvec3 p = base.corners[c[k]].position_mm;
+      const glm::dvec3 a = glm::dvec3(base.corners[c[(k + 1) % 4]].position_mm) - p, b = glm::dvec3(base.corners[c[(k + 3) % 4]].position_mm) - p;
+      shortest = std::min(shortest, glm::length(a));
+      longest = std::max(longest, glm::length(a));
+      worst = std::max(worst, std::abs(std::acos(std::clamp(glm::dot(glm::normalize(a), glm::normalize(b)), -1.0, 1.0)) / kDegrees - 90));
+      s.inward += glm::dot(glm::cross(a, b), glm::dvec3(base.corners[c[k]].normal)) <= 0;
+    }
+    ratio.push_back(longest / shortest);
+    angle.push_back(worst);
+  }
+  std::sort(ratio.begin(), ratio.end());
+  std::sort(angle.begin(), angle.end());
+  s.ratio95 = ratio[(ratio.size() - 1) * 95 / 100];
+  s.angle95 = angle[(angle.size() - 1) * 95 / 100];
+  s.inward /= 4.0 * static_cast<double>(base.patches.size());
+  return s;
+}
+
+// Every triangle that faces along n against the line (Moeller and Trumbore 1997): no tree, no single precision.
+struct Crossing {
+  double along;
+  glm::dvec3 normal;
+};
+std::vector<Crossing> crossings(const TriMesh& m, const glm::dvec3& p, const glm::dvec3& n, double reach) {
+  std::vector<Crossing> found;
+  for (const auto& t : m.triangles) {
+    const glm::dvec3 a = m.positions_mm[t[0]], ab = glm::dvec3(m.positions_mm[t[1]]) - a, ac = glm::dvec3(m.positions_mm[t[2]]) - a;
+    const glm::dvec3 h = glm::cross(n, ac);
+    const double det = glm::dot(ab, h);
+    if (std::abs(det) < 1e-14) continue;
+    const glm::dvec3 s = p - a, q = glm::cross(s, ab);
+    const double u = glm::dot(s, h) / det, v = glm::dot(n, q) / det, along = glm::dot(ac, q) / det;
+    // The far side of a thin wall faces the other way: no one asks for it.
+    if (u < 0 || v < 0 || u + v > 1 || std::abs(along) > reach || glm::dot(glm::cross(ab, ac), n) < 0) continue;
+    found.push_back({along, glm::normalize(glm::cross(ab, ac))});
+  }
+  std::sort(found.begin(), found.end(), [](const Crossing& x, const Crossing& y) { return std::abs(x.along) < std::abs(y.along); });
+  return found;
+}
+
+// The part of lines from inside the patches that meet the surface once within half a patch, at less than 75 degrees, from behind.
+double singleValued(const TriMesh& m, const BaseMesh& base, int samples = 3) {
+  size_t good = 0, all = 0;
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    double longest = 0;
+    for (int k = 0; k < 4; ++k) {
+      const auto c = around(base.patches[p]);
+      longest = std::max<double>(longest, glm::length(base.corners[c[(k + 1) % 4]].position_mm - base.corners[c[k]].position_mm));
+    }
+    for (int j = 0; j < samples; ++j) {
+      for (int i = 0; i < samples; ++i) {
+        // Off the middle: a line along a scan's edge would be counted twice.
+        const double u = (i + 0.5017) / samples, v = (j + 0.4973) / samples;
+        const glm::dvec3 n = glm::normalize(base.normal(p, u, v));
+        const auto hits = crossings(m, base.point(p, u, v) + base.origin_mm - m.origin_mm, n, 0.5 * longest);
+        ++all;
+        good += hits.size() == 1 && glm::dot(hits[0].normal, n) > std::cos(75 * kDegrees);
+      }
+    }
+  }
+  return static_cast<double>(good) / static_cast<double>(all);
+}
+
+double distanceToSegment(const glm::dvec3& p, const glm::dvec3& a, const glm::dvec3& b) {
+  const glm::dvec3 ab = b - a;
+  const double t = std::clamp(glm::dot(p - a, ab) / std::max(glm::dot(ab, ab), 1e-300), 0.0, 1.0);
+  return glm::length(p - a - t * ab);
+}
+
+struct BorderFit {
+  double corners = 0, sides = 0;  // how far border corners, and points on border sides, lie from the scan's border
+  double missed = 0;              // and the scan's border from the sides
+};
+BorderFit borderFit(const TriMesh& m, const BaseMesh& base) {
+  std::map<std::array<uint32_t, 2>, int> uses;
+  for (const auto& t : m.triangles) {
+    for (int k = 0; k < 3; ++k) ++uses[{std::min(t[k], t[(k + 1) % 3]), std::max(t[k], t[(k + 1) % 3])}];
+  }
+  using Segment = std::array<glm::dvec3, 2>;
+  std::vector<Segment> scan, sides;
+  for (const auto& [e, n] : uses) {
+    if (n == 1) scan.push_back({m.positions_mm[e[0]], m.positions_mm[e[1]]});
+  }
+  const auto neighbours = patchNeighbours(base);
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    for (int s = 0; s < 4; ++s) {
+      if (neighbours[p][s].patch != PatchNeighbour::kNone) continue;
+      sides.push_back({base.corners[base.patches[p][kSideCorners[s][0]]].position_mm, base.corners[base.patches[p][kSideCorners[s][1]]].position_mm});
+    }
+  }
+  auto distance = [](const glm::dvec3& p, const std::vector<Segment>& segments) {
+    double least = 1e300;
+    for (const Segment& s : segments) least = std::min(least, distanceToSegment(p, s[0], s[1]));
+    return least;
+  };
+  BorderFit fit;
+  for (const Segment& s : sides) {
+    fit.corners = std::max(fit.corners, distance(s[0], scan));
+    for (int k = 1; k < 8; ++k) fit.sides = std::max(fit.sides, distance(s[0] * (1 - k / 8.0) + s[1] * (k / 8.0), scan));
+  }
+  for (const Segment& s : scan) fit.missed = std::max(fit.missed, distance(s[0], sides));
+  return fit;
+}
+
+struct Case {
+  const char* name;
+  TriMesh (*make)();
+  Topology expected;  // border_sides is not compared
+  double ratio95, angle95, single_valued;
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
+
+const Case kCases[] = {
+    {"sphere", [] { return sphereMesh(24); }, {2, 1, 0}, 2, 50, 1},
+    {"torus", [] { return torusMesh(72, 30); }, {0, 1, 0}, 3, 60, 1},
+    {"wavySheetWithHole", [] { return wavySheet(60); }, {0, 1, 2}, 4, 70, 0.96},
+    {"cube", [] { return boxMesh(14, 50, 50, 50); }, {2, 1, 0}, 3, 60, 0.99},
+    {"coinFace", [] { return discMesh(40); }, {1, 1, 1}, 3, 75, 0.98},
+    {"thinSlab", [] { return boxMesh(20, 100, 80, 5); }, {2, 1, 0}, 20, 80, 0.97},
+    {"panel", [] { return panelMesh(50); }, {1, 1, 1}, 1.5, 20, 0.98},
+    {"bust", [] { return bustMesh(32); }, {2, 1, 0}, 3, 60, 0.99},
+    {"tetrahedron", [] {
+       TriMesh m;
+       m.positions_mm = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}, {0, 0, 10}};
+       m.triangles = {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+       return m;
+     }, {2, 1, 0}, 5, 75, 0.8},
+    {"triangle", [] {
+       TriMesh m;
+       m.positions_mm = {{0, 0, 0}, {10, 0, 0}, {0, 10, 0}};
+       m.triangles = {{0, 1, 2}};
+       return m;
+     }, {1, 1, 1}, 5, 75, 0.98},
+};
+
+class BaseDomain : public testing::TestWithParam<Case> {};
+
+TEST_P(BaseDomain, KeepsTheTopologyAndReachesTheSurface) {
+  const TriMesh scan = GetParam().make();
+  for (uint32_t patches : {0u, 150u}) {
+    SCOPED_TRACE(patches);
+    const BaseMesh base = baseOf(scan, patches);
+    ASSERT_EQ(baseMeshProblem(base), "");
+    Topology t = topologyOf(base);
+    EXPECT_EQ(t.border_sides > 0, GetParam().expected.borders > 0);
+    t.border_sides = 0;
+    EXPECT_EQ(t.euler, GetParam().expected.euler);
+    EXPECT_EQ(t.pieces, GetParam().expected.pieces);
+    EXPECT_EQ(t.borders, GetParam().expected.borders);
+    EXPECT_EQ(t.shared_too_often, 0u);
+    EXPECT_EQ(t.turned, 0u);
+
+    const Shape s = shapeOf(base);
+    EXPECT_LE(s.ratio95, GetParam().ratio95);
+    EXPECT_LE(s.angle95, GetParam().angle95);
+    EXPECT_LE(s.inward, 0.005);
+    const double single = singleValued(scan, base);
+    EXPECT_GE(single, GetParam().single_valued);
+    RecordProperty(("single_valued_" + std::to_string(patches)).c_str(), std::to_string(single));
+    printf("%s: %zu patches, 95 %% of them with sides within %.2f and angles within %.0f degrees, %.4f single-valued\n", GetParam().name,
+           base.patches.size(), s.ratio95, s.angle95, single);
+
+    if (t.borders == 0) continue;
+    const BorderFit fit = borderFit(scan, base);
+    const double diagonal = diagonalOf(scan);
+    EXPECT_LT(fit.corners, 1e-5 * diagonal);
+    EXPECT_LT(fit.sides, 0.02 * diagonal);
+    EXPECT_LT(fit.missed, 0.02 * diagonal);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Shapes, BaseDomain, testing::ValuesIn(kCases), [](const auto& i) { return i.param.name; });
+
+// The checks above can fail.
+TEST(BaseDomainControl, BrokenBasesFailTheChecks) {
+  const TriMesh scan = wavySheet(60);
+  const BaseMesh sound = baseOf(scan, 100);
+  ASSERT_GT(singleValued(scan, sound), 0.96);
+
+  BaseMesh flipped = sound;
+  for (BaseCorner& c : flipped.corners) c.normal = -c.normal;
+  EXPECT_LT(singleValued(scan, flipped), 0.01);
+  EXPECT_GT(shapeOf(flipped).inward, 0.99);
+
+  BaseMesh shifted = sound;
+  for (BaseCorner& c : shifted.corners) c.position_mm += glm::vec3(10, 0, 30);
+  EXPECT_LT(singleValued(scan, shifted), 0.5);
+  EXPECT_GT(borderFit(scan, shifted).corners, 1e-2 * diagonalOf(scan));
+
+  BaseMesh holed = sound;
+  holed.patches.erase(holed.patches.begin() + 50);
+  EXPECT_NE(topologyOf(holed).euler, topologyOf(sound).euler);
+
+  BaseMesh turned = sound;
+  std::swap(turned.patches[7][1], turned.patches[7][2]);
+  EXPECT_GT(topologyOf(turned).turned, 0u);
+
+  BaseMesh crooked = sound;
+  std::mt19937 random(7);
+  std::uniform_real_distribution<float> by(-8, 8);
+  for (BaseCorner& c : crooked.corners) c.position_mm += glm::vec3(by(random), by(random), 0);
+  EXPECT_GT(shapeOf(crooked).angle95, 80);
+}
+
+TEST(BaseDomain, AboutAsManyPatchesAsAskedFor) {
+  for (const TriMesh& scan : {sphereMesh(40), wavySheet(80), bustMesh(40)}) {
+    for (uint32_t patches : {30u, 64u, 100u, 300u, 1000u, 4000u}) {
+      const BaseMesh base = baseOf(scan, patches);
+      EXPECT_GE(base.patches.size(), 0.7 * patches);
+      EXPECT_LE(base.patches.size(), 1.3 * patches);
+    }
+  }
+  EXPECT_EQ(baseOf(sphereMesh(24), 6).patches.size(), 6u);
+  // A scan of few triangles has as many patches as any other.
+  const BaseMesh fine = baseOf(boxMesh(1, 20, 20, 20), 2000);
+  EXPECT_NEAR(static_cast<double>(fine.patches.size()), 2000, 600);
+  EXPECT_EQ(topologyOf(fine).euler, 2);
+}
+
+TEST(BaseDomain, FewPatchesWhereTheShapeIsSimple) {
+  EXPECT_LE(baseOf(panelMesh(50)).patches.size(), 4u);
+  EXPECT_LE(baseOf(boxMesh(20, 100, 80, 5)).patches.size(), 100u);
+  EXPECT_LE(baseOf(sphereMesh(24)).patches.size(), 100u);
+}
+
+TEST(BaseDomain, CreasesLieOnSides) {
+  const TriMesh scan = boxMesh(14, 50, 40, 30);
+  const BaseMesh base = baseOf(scan, 120);
+  // With every crease on sides, every patch lies in a face.
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    double off[3] = {0, 0, 0};
+    const double half[3] = {25, 20, 15};
+    for (uint32_t c : base.patches[p]) {
+      for (int k = 0; k < 3; ++k) off[k] = std::max(off[k], std::abs(std::abs(static_cast<double>(base.corners[c].position_mm[k])) - half[k]));
+    }
+    EXPECT_LT(std::min({off[0], off[1], off[2]}), 1e-3) << "patch " << p;
+  }
+}
+
+TEST(BaseDomain, Deterministic) {
+  const TriMesh scan = bustMesh(40);
+  EXPECT_EQ(baseOf(scan, 200), baseOf(scan, 200));
+  EXPECT_EQ(baseOf(scan), baseOf(scan));
+}
+
+TEST(BaseDomain, FarFromTheOrigin) {
+  TriMesh scan = sphereMesh(24), far = scan;
+  far.origin_mm = {1e7, -2e7, 3e7};
+  const BaseMesh here = baseOf(scan, 100), there = baseOf(far, 100);
+  EXPECT_EQ(there.origin_mm, far.origin_mm);
+  EXPECT_EQ(here.corners, there.corners);
+}
+
+TEST(BaseDomain, PiecesStayPieces) {
+  // A sphere, a crumb and a sheet.
+  const TriMesh scan = together(together(sphereMesh(24), sphereMesh(4, 1), {80, 0, 0}), wavySheet(30, 0), {0, 100, 0});
+  const Topology t = topologyOf(baseOf(scan));
+  EXPECT_EQ(t.pieces, 3u);
+  EXPECT_EQ(t.borders, 1u);
+  EXPECT_EQ(t.euler, 2 + 2 + 1);
+}
+
+TEST(BaseDomain, PiecesThatTouchAreTold) {
+  // Two boxes with one vertex in common: two pieces, by name and by place.
+  TriMesh scan = together(boxMesh(6, 10, 10, 10), boxMesh(6, 10, 10, 10), {10, 10, 10});
+  auto find = [&](const glm::vec3& p) {
+    for (uint32_t v = 0; v < scan.positions_mm.size(); ++v) {
+      if (scan.positions_mm[v] == p) return v;
+    }
+    return ~0u;
+  };
+  const uint32_t touch = find({5, 5, 5});
+  ASSERT_NE(touch, ~0u);
+  size_t renamed = 0;
+  for (auto& t : scan.triangles) {
+    for (uint32_t& v : t) {
+      if (v != touch && scan.positions_mm[v] == scan.positions_mm[touch]) v = touch, ++renamed;
+    }
+  }
+  ASSERT_GT(renamed, 0u);
+  const Topology t = topologyOf(baseOf(scan, 200));
+  EXPECT_EQ(t.pieces, 2u);
+  EXPECT_EQ(t.euler, 4);
+}
+
+TEST(BaseDomain, WindingIsMadeOne) {
+  TriMesh scan = sphereMesh(16);
+  std::mt19937 random(3);
+  for (auto& t : scan.triangles) {
+    if (random() % 4 == 0) std::swap(t[0], t[1]);
+  }
+  const BaseMesh base = baseOf(scan, 100);
+  EXPECT_EQ(topologyOf(base).turned, 0u);
+  for (const BaseCorner& c : base.corners) EXPECT_GT(glm::dot(c.normal, glm::normalize(c.position_mm)), 0.9f);
+}
+
+TEST(BaseDomain, NeedlesAndCollapsedShapes) {
+  auto one = [](std::initializer_list<glm::vec3> points) {
+    TriMesh m;
+    m.positions_mm = points;
+    m.triangles = {{0, 1, 2}};
+    return m;
+  };
+  const TriMesh needle = one({{0, 0, 0}, {10000, 0, 0}, {0, 1, 0}});
+  const BaseMesh base = baseOf(needle, 50);
+  EXPECT_EQ(baseMeshProblem(base), "");
+  EXPECT_EQ(topologyOf(base).euler, 1);
+  EXPECT_EQ(topologyOf(base).borders, 1u);
+  // A box 1 : 10,000, and one whose sides hold needles.
+  for (const TriMesh& m : {boxMesh(4, 10000, 1, 1), boxMesh(4, 1000, 1000, 0.1)}) {
+    const BaseMesh thin = baseOf(m, 100);
+    EXPECT_EQ(topologyOf(thin).euler, 2);
+  }
+}
+
+void expectRefused(const TriMesh& mesh, const std::string& because) {
+  auto base = makeBaseMesh(mesh);
+  ASSERT_FALSE(base.ok()) << because;
+  EXPECT_EQ(base.error().kind, ErrorKind::kInvalidData);
+  EXPECT_NE(base.error().message.find(because), std::string::npos) << base.error().text();
+}
+
+TEST(BaseDomain, RefusesByName) {
+  expectRefused({}, "no triangle");
+  expectRefused(moebiusMesh(), "one side only");
+  TriMesh m = boxMesh(2, 1, 1, 1);
+  m.triangles[3][1] = 1000;
+  expectRefused(m, "names vertex 1000");
+  m = boxMesh(2, 1, 1, 1);
+  m.triangles[3][1] = m.triangles[3][0];
+  expectRefused(m, "one vertex twice");
+  m = boxMesh(2, 1, 1, 1);
+  m.positions_mm[5].y = NAN;
+  expectRefused(m, "finite");
+  m = boxMesh(2, 1, 1, 1);
+  m.positions_mm.push_back({9, 9, 9});
+  m.triangles.push_back({m.triangles[0][0], m.triangles[0][1], static_cast<uint32_t>(m.positions_mm.size() - 1)});
+  expectRefused(m, "three triangles share");
+  m = together(sphereMesh(8), boxMesh(2, 0, 0, 0), {100, 0, 0});
+  expectRefused(m, "has no area");
+  m = boxMesh(2, 5, 0, 0);
+  expectRefused(m, "has no area");
+}
+
+TEST(BaseDomain, InterruptedAndProgress) {
+  std::atomic<bool> interrupted{true};
+  auto stopped = makeBaseMesh(sphereMesh(24), {.interrupted = &interrupted});
+  ASSERT_FALSE(stopped.ok());
+  EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
+  std::vector<double> seen;
+  ASSERT_TRUE(makeBaseMesh(sphereMesh(24), {.progress = [&](double x) { seen.push_back(x); }}).ok());
+  EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
+  EXPECT_EQ(seen.front(), 0.0);
+  EXPECT_EQ(seen.back(), 1.0);
+  EXPECT_EQ(makeBaseMesh(sphereMesh(8), {.patches = (1u << 20) + 1}).error().kind, ErrorKind::kUsage);
+}
+
+// Rough surfaces of all kinds, far down: nothing is pinched, closed, opened or moved.
+TEST(ReduceSurface, KeepsTheTopology) {
+  const unsigned seed = 11;
+  printf("seed %u\n", seed);
+  std::mt19937 random(seed);
+  std::normal_distribution<float> by(0, 0.4f);
+  for (TriMesh m : {sphereMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2)}) {
+    for (glm::vec3& p : m.positions_mm) p += glm::vec3(by(random), by(random), by(random));
+    auto scan = makeSurface(m.positions_mm, m.triangles);
+    ASSERT_TRUE(scan.ok());
+    const auto expected = topologyOf(scan->points.size(), scan->triangles);
+    for (size_t wanted : {3000, 300, 20}) {
+      const Reduced r = reduceSurface(*scan, wanted);
+      EXPECT_LT(r.surface.triangles.size(), scan->triangles.size());
+      Topology t = topologyOf(r.surface.points.size(), r.surface.triangles);
+      t.border_sides = expected.border_sides;
+      EXPECT_EQ(t, expected);
+      for (size_t v = 0; v < r.vertex.size(); ++v) ASSERT_EQ(r.surface.points[v], scan->points[r.vertex[v]]);
+    }
+  }
+}
+
+TEST(BaseDomain, ARealScan) {
+  const auto path = sharedData("laurana.ply");
+  if (path.empty()) GTEST_SKIP() << "no ../shared/data/laurana.ply beside the checkout";
+  auto scan = readMesh(path.string());
+  ASSERT_TRUE(scan.ok());
+  const auto& mesh = scan->mesh;
+  const Topology expected = topologyOf(mesh.positions_mm.size(), mesh.triangles);
+  for (uint32_t patches : {0u, 300u}) {
+    const BaseMesh base = baseOf(mesh, patches);
+    const Topology t = topologyOf(base);
+    EXPECT_EQ(t.euler, expected.euler);
+    EXPECT_EQ(t.pieces, expected.pieces);
+    EXPECT_EQ(t.borders, expected.borders);
+    EXPECT_LE(base.patches.size(), 830u);
+    const Shape s = shapeOf(base);
+    EXPECT_LE(s.ratio95, 3.0);
+    EXPECT_LE(s.angle95, 60.0);
+    EXPECT_LE(s.inward, 0.005);
+    const BorderFit fit = borderFit(mesh, base);
+    EXPECT_LT(fit.corners, 1e-5 * diagonalOf(mesh));
+    EXPECT_LT(fit.sides, 0.03 * diagonalOf(mesh));
+    const double single = singleValued(mesh, base, 2);
+    EXPECT_GE(single, 0.97);
+    printf("%zu patches, 95 %% of them with sides within %.2f and angles within %.0f degrees, %.4f single-valued; border sides within %.4f of the diagonal\n",
+           base.patches.size(), s.ratio95, s.angle95, single, fit.sides / diagonalOf(mesh));
+  }
+}
+
+}  // namespace
+}  // namespace relievo
