@@ -592,28 +592,38 @@ Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
     b.scene->nearestOnLines(lines, Facing::kAlong, hits);
     for (size_t x = 0; x < row; ++x) tones[y * row + x] = b.tone(hits[x] ? hits[x] : b.scene->closestPoint(lines[x].at));
   }
-  const size_t plane = side * side;
+  // Row by row, each channel in an array of its own.
+  const size_t plane = side * side, run = side / cells;  // texels a cell
+  std::vector<float> mixed(row * kTexelChannels), values(side * kTexelChannels);
   for (size_t y = 0; y < side; ++y) {
+    if (direct) {
+      for (size_t k = 0; k < kTexelChannels; ++k)
+        for (size_t x = 0; x < side; ++x) values[k * side + x] = tones[y * row + x][k];
+    } else {
+      const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
+      const auto *above = tones.data() + y / run * row, *below = above + row;
+      for (size_t k = 0; k < kTexelChannels; ++k) {
+        float* m = mixed.data() + k * row;
+        for (size_t x = 0; x < row; ++x) m[x] = above[x][k] * (1 - fy) + below[x][k] * fy;
+        for (size_t cell = 0; cell < cells; ++cell) {
+          const float start = m[cell], step = (m[cell + 1] - m[cell]) / static_cast<float>(run);
+          float* v = values.data() + k * side + cell * run;
+          for (size_t i = 0; i < run; ++i) v[i] = start + step * (static_cast<float>(static_cast<int>(i)) + 0.5f);
+        }
+      }
+    }
+    float *nx = values.data() + 3 * side, *ny = nx + side, *nz = ny + side;
     for (size_t x = 0; x < side; ++x) {
-      std::array<float, kTexelChannels> value;
-      if (direct) {
-        value = tones[y * row + x];
-      } else {
-        const float per_texel = static_cast<float>(cells) / static_cast<float>(side);
-        const float gx = (static_cast<float>(x) + 0.5f) * per_texel, gy = (static_cast<float>(y) + 0.5f) * per_texel;
-        const size_t x0 = static_cast<size_t>(gx), y0 = static_cast<size_t>(gy);
-        const float fx = gx - static_cast<float>(x0), fy = gy - static_cast<float>(y0);
-        const auto* c = tones.data() + y0 * row + x0;
-        for (size_t k = 0; k < kTexelChannels; ++k)
-          value[k] = (c[0][k] * (1 - fx) + c[1][k] * fx) * (1 - fy) + (c[row][k] * (1 - fx) + c[row + 1][k] * fx) * fy;
-      }
-      const size_t at = y * side + x;
-      for (size_t k = 0; k < 3; ++k) out[k * plane + at] = static_cast<uint8_t>(std::clamp(value[k] + 0.5f, 0.0f, 255.0f));
-      const float length = std::sqrt(value[3] * value[3] + value[4] * value[4] + value[5] * value[5]);
-      for (size_t k = 3; k < kTexelChannels; ++k) {
-        const float component = length > 0 ? value[k] / length : 0.0f;
-        out[k * plane + at] = static_cast<uint8_t>(std::clamp(127.5f * (component + 1) + 0.5f, 0.0f, 255.0f));
-      }
+      // Where opposite normals meet, none is right.
+      const float scale = 127.5f / std::sqrt(std::max(nx[x] * nx[x] + ny[x] * ny[x] + nz[x] * nz[x], 1e-12f));
+      nx[x] = nx[x] * scale + 127.5f;
+      ny[x] = ny[x] * scale + 127.5f;
+      nz[x] = nz[x] * scale + 127.5f;
+    }
+    for (size_t k = 0; k < kTexelChannels; ++k) {
+      const float* v = values.data() + k * side;
+      uint8_t* to = out.data() + k * plane + y * side;
+      for (size_t x = 0; x < side; ++x) to[x] = static_cast<uint8_t>(static_cast<int>(std::min(std::max(v[x] + 0.5f, 0.0f), 255.0f)));
     }
   }
   return {};
