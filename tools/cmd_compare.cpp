@@ -2,12 +2,14 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
 
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/gl/context.h"
+#include "texturing/image_io.h"
 #include "tools/commands.h"
 #include "tools/compare_report.h"
 #include "tools/compare_run.h"
@@ -74,6 +76,55 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   return plan;
 }
 
+// Through a file: what writes PNG writes nowhere else.
+Result<std::string> pngUri(const ReportPicture& picture, const std::string& folder) {
+  std::string path = folder + "/picture.png";
+  if (auto written = writePng(path, picture.width_px, picture.height_px, 4, picture.rgba); !written) return written.error();
+  auto file = InputFile::open(path);
+  if (!file) return file.error();
+  std::vector<uint8_t> bytes(file->size());
+  if (auto read = file->read(0, bytes); !read) return read.error();
+  return "data:image/png;base64," + base64(bytes);
+}
+
+Result<std::vector<ReportPicture>> encodedPictures(const ComparePlan& plan, const CompareFigures& figures) {
+  std::vector<ReportPicture> pictures = reportPictures(plan, figures);
+  std::string folder = (std::filesystem::temp_directory_path() / "relievo-compare-XXXXXX").string();
+  if (!mkdtemp(folder.data())) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
+  Result<void> done;
+  for (ReportPicture& p : pictures) {
+    auto uri = pngUri(p, folder);
+    if (!uri) {
+      done = uri.error();
+      break;
+    }
+    p.uri = std::move(*uri);
+  }
+  std::error_code ignored;
+  std::filesystem::remove_all(folder, ignored);
+  if (!done) return done.error();
+  return pictures;
+}
+
+// All three stand beside their places before the first one takes it.
+Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures, const std::string& folder) {
+  auto pictures = encodedPictures(plan, figures);
+  if (!pictures) return pictures.error();
+  std::vector<OutputFile> files;
+  auto add = [&](const char* name, const std::string& text) -> Result<void> {
+    auto file = OutputFile::create(folder + "/" + name);
+    if (!file) return file.error();
+    files.push_back(std::move(*file));
+    return files.back().append({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  };
+  if (auto r = add("frames.csv", reportCsv(figures)); !r) return r;
+  if (auto r = add("report.json", reportJson(plan, figures)); !r) return r;
+  if (auto r = add("report.html", reportHtml(plan, figures, *pictures)); !r) return r;
+  for (OutputFile& file : files)
+    if (auto r = file.commit(); !r) return r;
+  return {};
+}
+
 Result<void> compare(const CompareOptions& o) {
   auto plan = planOf(o);
   if (!plan) return plan.error();
@@ -93,14 +144,7 @@ Result<void> compare(const CompareOptions& o) {
     figures = runCompare(*plan, (*context)->info());
   }
   if (!figures) return figures.error();
-  struct Document {
-    const char* name;
-    std::string text;
-  };
-  for (const Document& document : {Document{"frames.csv", reportCsv(*figures)}, Document{"report.json", reportJson(*plan, *figures)}}) {
-    auto written = writeFile(o.folder + "/" + document.name, {reinterpret_cast<const uint8_t*>(document.text.data()), document.text.size()});
-    if (!written) return written;
-  }
+  if (auto written = writeReports(*plan, *figures, o.folder); !written) return written;
   std::printf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px", "p99 px", "pop px", "crack px", "bit diffs",
               "triangles", "select ms", "frame ms");
   for (const StrategyFigures& run : figures->runs) {
@@ -142,7 +186,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto* c = app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
   c->add_option("FILE", o->file, "Package of a flat artwork with relief")->required();
-  c->add_option("-o,--output", o->folder, "Folder for report.json and frames.csv")->required();
+  c->add_option("-o,--output", o->folder, "Folder for report.html, report.json and frames.csv")->required();
   c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");

@@ -1,6 +1,7 @@
 // compare_report.h - what `relievo compare` writes: report.json, frames.csv (compare_report.cpp) and report.html (compare_html.cpp).
 #pragma once
 
+#include <span>
 #include <string>
 #include <vector>
 
@@ -36,5 +37,18 @@ const std::vector<ReportColumn>& reportColumns();  // of frames.csv; for --help,
 // What is not in its member "timings" is the same whenever the same is compared.
 std::string reportJson(const ComparePlan& plan, const CompareFigures& figures);
 std::string reportCsv(const CompareFigures& figures);
+
+// The error painted on the relief: 4 channels, rows top first, transparent where nothing is drawn. Every pixel shows the largest error of the
+// square of pixels that it stands for.
+struct ReportPicture {
+  const StrategyFigures* run = nullptr;
+  int width_px = 0, height_px = 0;
+  std::vector<uint8_t> rgba;
+  std::string uri;  // "data:image/png;base64,...", for who writes the report to fill in
+};
+std::vector<ReportPicture> reportPictures(const ComparePlan& plan, const CompareFigures& figures);
+// One file that needs no other one.
+std::string reportHtml(const ComparePlan& plan, const CompareFigures& figures, const std::vector<ReportPicture>& pictures);
+std::string base64(std::span<const uint8_t> bytes);
 
 }  // namespace relievo
