@@ -27,6 +27,7 @@ struct Frame {
 // What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last of the numbers
 // keep too many pages pinned.
 constexpr double kLostEnough = 0.0015;
+constexpr double kWorthIt = 0.75;
 constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
 
 struct Candidate {
@@ -141,6 +142,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   std::vector<uint32_t> numbers(3, options.patches);
   if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
   Candidate best;
+  int in_vain = 0;
   std::vector<float> weight;
   for (size_t i = 0; i < numbers.size(); ++i) {
     if (stopped()) return interruptedError();
@@ -156,8 +158,12 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     candidate.lost = fit.lost;
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     raiseWeights(fit, folded, candidate.regions, surface, weight);
-    if (candidate.badness() < best.badness()) best = std::move(candidate);
-    if (enough) break;
+    // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
+    const double least_gain = options.patches || best.quads.quads.empty() ? 1 : kWorthIt;
+    const bool gain = candidate.badness() < least_gain * best.badness();
+    if (gain) best = std::move(candidate);
+    in_vain = gain ? 0 : in_vain + 1;
+    if (enough || (options.patches == 0 && in_vain == 2)) break;
   }
   if (best.quads.quads.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
   const QuadMesh& quads = best.quads;
