@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace relievo {
 
@@ -12,6 +13,8 @@ Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, cons
   displaced.triangles.reserve(quads.quads.size() * cells * cells * 2);
   std::vector<Line> lines(side * side);
   std::vector<SurfacePoint> hits(lines.size());
+  // Beyond the borders there is nothing for lines to meet: base where the scan has a hole.
+  std::vector<std::pair<uint32_t, float>> beyond;
   for (const auto& q : quads.quads) {
     const double reach = std::max(glm::length(quads.points[q[2]] - quads.points[q[0]]), glm::length(quads.points[q[3]] - quads.points[q[1]]));
     for (uint32_t j = 0; j < side; ++j) {
@@ -31,7 +34,10 @@ Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, cons
       double height = hits[k].along;
       if (!hits[k]) {
         const SurfacePoint near = scan.scene.closestPoint(lines[k].at);
-        height = near ? glm::dot(scan.point(near) - lines[k].at, lines[k].direction) : 0;
+        const glm::dvec3 way = near ? scan.point(near) - lines[k].at : glm::dvec3(0);
+        height = glm::dot(way, lines[k].direction);
+        const double off = glm::length(way - height * lines[k].direction);
+        if (near && off > kLostDistance) beyond.push_back({near.triangle, static_cast<float>(off)});
       }
       displaced.positions_mm.push_back(glm::vec3(lines[k].at + height * lines[k].direction));
     }
@@ -58,6 +64,10 @@ Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, cons
     for (uint32_t v : t) fit.lost += fit.error[v] > kLostDistance ? a / 3 : 0;
   }
   if (area > 0) fit.lost /= area;
+  fit.lost += static_cast<double>(beyond.size()) / static_cast<double>(displaced.positions_mm.size());
+  for (auto [triangle, off] : beyond) {
+    for (uint32_t v : s.triangles[triangle]) fit.error[v] = std::max(fit.error[v], off);
+  }
   return fit;
 }
 

@@ -13,8 +13,8 @@
 namespace relievo {
 
 struct Fit {
-  std::vector<float> error;  // of each vertex of the surface: its distance from the displaced base
-  double lost = 0;           // the part of the surface's area that is further away than kLostDistance
+  std::vector<float> error;  // of each vertex of the surface: its distance from the displaced base, or the base's from it beyond a border
+  double lost = 0;           // the part of the surface's area that is further away than kLostDistance; and of the base
 };
 // In diagonals. The samples' own spacing leaves less.
 inline constexpr float kLostDistance = 2e-3f;
