@@ -287,5 +287,44 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
   EXPECT_GT(halved_above, 0);
 }
 
+// How near the prediction comes where artworks are looked at as a whole, with all pages: reported, and no more than what levels that meet
+// and foreshortening explain.
+TEST(MeshError, TightnessOfTheWholeInView) {
+  std::vector<double> ratios;
+  for (const NamedMesh& named : {NamedMesh{"cube sphere of 54", cubeSphere(3, 60)}, NamedMesh{"torus", torus(9, 5, 80, 25)}, NamedMesh{"open sheet", openSheet(3, 4, 30)}}) {
+    for (size_t kind : {size_t{0}, size_t{1}}) {
+      auto [low, high] = boxOf(named.mesh);
+      const double size = glm::length(high - low);
+      MeshRelief relief{0, -0.02 * size, 0.05 * size / 65535};
+      auto kinds = heightKinds();
+      TrueMeshRelief truth(named.mesh, relief, kinds[kind].at);
+      MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm,
+                        std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
+      std::vector<double> here;
+      for (int k = 0; k < 12; ++k) {
+        Random random(kSeed + static_cast<uint64_t>(k));
+        Camera camera;
+        double turn = random.real(0, 6.28), tilt = random.real(-1, 1), distance = size * random.real(0.9, 2.5);
+        camera.target = 0.5 * (low + high);
+        camera.eye = camera.target + distance * glm::dvec3(std::cos(turn) * std::cos(tilt), std::sin(turn) * std::cos(tilt), std::sin(tilt));
+        camera.near_mm = 0.01 * size, camera.far_mm = 10 * size;
+        LodView view = makeView(camera, std::exp(random.real(-1, 1.5)));
+        PlanarLodResult lod = selection.select(view, {});
+        Measured m = measure(truth, relief.unitLog2(), view, camera, lod.instances);
+        ASSERT_LE(m.max_px, lod.max_error_px * (1 + 1e-6) + 1e-6);
+        if (m.max_px > 0.01) here.push_back(lod.max_error_px / m.max_px);
+      }
+      std::sort(here.begin(), here.end());
+      if (here.empty()) continue;
+      std::printf("[ figures  ] %-20s %-30s predicted / measured: median %.2f, %.2f to %.2f\n", named.name.c_str(), kinds[kind].name, here[here.size() / 2], here.front(),
+                  here.back());
+      ratios.insert(ratios.end(), here.begin(), here.end());
+    }
+  }
+  std::sort(ratios.begin(), ratios.end());
+  ASSERT_FALSE(ratios.empty());
+  std::printf("[ figures  ] all: median %.2f\n", ratios[ratios.size() / 2]);
+}
+
 }  // namespace
 }  // namespace relievo::test
