@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/heap.h"
 #include "src/base/progress.h"
 #include "src/engine.h"
 #include "src/gl/context.h"
@@ -19,6 +20,7 @@
 namespace relievo {
 namespace {
 
+constexpr size_t kFirstPictureBytes = size_t{64} << 20;  // what a driver in software takes for one of 1280x720 px
 constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
 
 double nowSeconds() {
@@ -42,6 +44,7 @@ double median(std::vector<double> values) {
 
 Result<void> render(const RenderOptions& o) {
   double start = nowSeconds();
+  HeapWarmer heap(kFirstPictureBytes);
   auto size = parseSize(o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
@@ -59,6 +62,7 @@ Result<void> render(const RenderOptions& o) {
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
+  heap.finish((*context)->info().software);
   double context_s = nowSeconds() - start;
   auto engine = Engine::create(o.source.artwork(*package), *scene, o.scene.engineOptions());
   if (!engine) return engine.error();
