@@ -161,7 +161,7 @@ TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
     Body body = makeBody(mesh, 2, 8);
-    auto engine = makeEngine(body, 0.5);
+    auto engine = makeEngine(body, 0.25);
     for (int frame = 0; frame < 21; ++frame, ++frames) {
       if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
       engine->frame(frame * 0.016);
@@ -181,7 +181,7 @@ TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
     BaseMesh mesh = test::cubeSphere(3, 60);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
-    auto engine = makeEngine(makeBody(mesh, 2, 8), 0.5);
+    auto engine = makeEngine(makeBody(mesh, 2, 8), 0.25);
     ASSERT_TRUE(engine->sabotage(broken).ok());
     std::mt19937 random(static_cast<uint32_t>(kSeed));
     Comparison total;
@@ -236,7 +236,7 @@ class MeshBackground : public MeshWatertight {
     for (uint32_t p = 0; p < mesh.patches.size(); ++p)
       for (int k = 0; k <= 64; ++k) least = std::min(least, glm::length(mesh.point(p, k % 9 / 8.0, k / 9 / 8.0)));
     const double ball = 0.9 * (least - kRelief / 2);
-    auto engine = makeEngine(body, 2);
+    auto engine = makeEngine(body, 1);
     if (!snapping) {
       EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok());
     }

@@ -101,7 +101,7 @@ void compareShared(Engine& engine, Comparison* total) {
 }
 
 TEST_F(Watertight, SharedVerticesAreBitIdentical) {
-  auto engine = makeEngine(0.25);
+  auto engine = makeEngine(0.125);
   std::mt19937 random(kSeed);
   Comparison total;
   int frames = 0;
@@ -119,7 +119,7 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
 }
 
 TEST_F(Watertight, SnappingOffBreaksTheBits) {
-  auto engine = makeEngine(0.25);
+  auto engine = makeEngine(0.125);
   ASSERT_TRUE(engine->sabotage({.no_snapping = true}).ok());
   std::mt19937 random(kSeed);
   Comparison total;
@@ -165,7 +165,7 @@ uint64_t holes(Engine& engine, uint64_t* inside) {
 }
 
 TEST_F(Watertight, NoBackgroundShowsThrough) {
-  auto engine = makeEngine(2.0);
+  auto engine = makeEngine(1.0);
   std::mt19937 random(kSeed + 1);
   uint64_t inside = 0, background = 0;
   constexpr int kViews = 1000;
@@ -183,7 +183,7 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
 }
 
 TEST_F(Watertight, SnappingOffLetsTheBackgroundThrough) {
-  auto engine = makeEngine(2.0);
+  auto engine = makeEngine(1.0);
   ASSERT_TRUE(engine->sabotage({.no_snapping = true}).ok());
   std::mt19937 random(kSeed + 1);
   uint64_t inside = 0, background = 0;
