@@ -535,6 +535,31 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
 }
 
+// Any bytes with a fitting checksum: a fit mesh or one clear error, and nothing is allocated that the bytes do not hold.
+TEST_F(BaseOfPackage, anyBytesAreAFitMeshOrAnError) {
+  std::cout << "seed " << kSeed << "\n";
+  std::mt19937 random(kSeed);
+  const std::vector<uint8_t> good(bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
+                                  bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
+  int fit = 0, errors = 0;
+  for (int i = 0; i < 20000; ++i) {
+    std::vector<uint8_t> bytes = good;
+    for (uint32_t n = 1 + random() % 4; n > 0; --n) bytes[random() % 3 ? random() % bytes.size() : random() % kBaseHeadBytes] ^= static_cast<uint8_t>(1u << random() % 8);
+    if (random() % 4 == 0) bytes.resize(random() % 1000);
+    auto section = decodeBaseSection(bytes, random() % 8 ? 6 : static_cast<uint32_t>(random()));
+    if (section.ok()) {
+      ++fit;
+      ASSERT_EQ(baseMeshProblem(section->mesh), "");
+      ASSERT_EQ(section->coarse_errors.size(), section->mesh.patches.size());
+    } else {
+      ++errors;
+      ASSERT_NE(section.error().message.find("the base mesh is damaged"), std::string::npos);
+    }
+  }
+  EXPECT_GT(fit, 1000);
+  EXPECT_GT(errors, 1000);
+}
+
 TEST_F(BaseOfPackage, damagedItIsReadFromItsCopy) {
   for (size_t i = 0; i < header_.base_bytes; i += 7) {
     bytes_[header_.base_offset + i] ^= 16;

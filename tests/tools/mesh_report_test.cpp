@@ -1,0 +1,204 @@
+// What is told of a scan: the painted error against where it lies, and text of any JSON.
+#include "tools/mesh_report.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <random>
+
+namespace relievo {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+// A sphere of radius 10 around (100, 50, -30).
+TriMesh sphere() {
+  TriMesh mesh;
+  mesh.origin_mm = {1e6, 0, 0};
+  constexpr int kColumns = 64, kRows = 32;
+  for (int y = 0; y <= kRows; ++y)
+    for (int x = 0; x < kColumns; ++x) {
+      const double longitude = 2 * M_PI * x / kColumns, latitude = M_PI * y / kRows - M_PI / 2;
+      mesh.positions_mm.push_back(glm::vec3(100 + 10 * std::cos(latitude) * std::sin(longitude), 50 + 10 * std::sin(latitude), -30 + 10 * std::cos(latitude) * std::cos(longitude)));
+    }
+  auto at = [](int x, int y) { return static_cast<uint32_t>(y * kColumns + x % kColumns); };
+  for (int y = 0; y < kRows; ++y)
+    for (int x = 0; x < kColumns; ++x) {
+      mesh.triangles.push_back({at(x, y), at(x + 1, y), at(x + 1, y + 1)});
+      mesh.triangles.push_back({at(x, y), at(x + 1, y + 1), at(x, y + 1)});
+    }
+  return mesh;
+}
+
+struct Pixel {
+  int r, g, b;
+};
+Pixel pixel(const ErrorPicture& p, int x, int y) {
+  const uint8_t* at = p.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(p.width) + static_cast<size_t>(x));
+  return {at[0], at[1], at[2]};
+}
+bool isViolet(Pixel p) { return p.b > p.g + 30; }
+bool isYellow(Pixel p) { return p.r > p.b + 100 && p.g > p.b + 100; }
+bool isWhite(Pixel p) { return p.r == 255 && p.g == 255 && p.b == 255; }
+
+// The front (z > -30) lies 1 mm off, the rest nothing: only the front view is yellow, and the sides are half of each.
+TEST(PaintedError, isSeenFromWhereItLies) {
+  const TriMesh scan = sphere();
+  std::vector<float> mm;
+  for (const glm::vec3& p : scan.positions_mm) mm.push_back(p.z > -30 ? 1.0f : 0.0f);
+  constexpr int kPx = 200;
+  const ErrorPicture picture = paintError(scan, mm, 1e-3, 1, kPx);
+  ASSERT_EQ(picture.width, 4 * kPx);
+  ASSERT_EQ(picture.height, kPx);
+  for (int view = 0; view < 4; ++view) {
+    const int x = view * kPx;
+    EXPECT_TRUE(isWhite(pixel(picture, x + 2, 2))) << "beyond the silhouette";
+    EXPECT_FALSE(isWhite(pixel(picture, x + kPx / 2, 10))) << "it fills the picture";
+    const Pixel left = pixel(picture, x + kPx / 4, kPx / 2), right = pixel(picture, x + 3 * kPx / 4, kPx / 2);
+    // From the front, its left (-x), the back, its right: the front lies ahead, to one side, behind, to the other side.
+    if (view == 0) {
+      EXPECT_TRUE(isYellow(left) && isYellow(right));
+    } else if (view == 2) {
+      EXPECT_TRUE(isViolet(left) && isViolet(right));
+    } else {
+      EXPECT_TRUE(isYellow(left) != isYellow(right) && isViolet(left) != isViolet(right)) << "view " << view;
+    }
+  }
+  EXPECT_TRUE(isYellow(pixel(picture, kPx + kPx / 4, kPx / 2)) != isYellow(pixel(picture, 3 * kPx + kPx / 4, kPx / 2))) << "the sides mirror";
+}
+
+TEST(PaintedError, goesByDecades) {
+  const TriMesh scan = sphere();
+  auto brightness = [&](float mm) {
+    const Pixel p = pixel(paintError(scan, std::vector<float>(scan.positions_mm.size(), mm), 1e-4, 1, 100), 50, 50);
+    return p.g;
+  };
+  int before = brightness(0);
+  EXPECT_EQ(brightness(1e-4f), before);
+  for (float mm : {1e-3f, 1e-2f, 1e-1f, 1.0f}) {
+    EXPECT_GT(brightness(mm), before + 20) << mm;
+    before = brightness(mm);
+  }
+  EXPECT_EQ(brightness(100), before);
+}
+
+// Triangles of no area, seen edge on, and a mesh of one point: no division by nothing.
+TEST(PaintedError, ofDegenerateMeshes) {
+  TriMesh scan;
+  scan.positions_mm = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+  scan.triangles = {{0, 1, 2}};
+  EXPECT_TRUE(isWhite(pixel(paintError(scan, {0, 0, 0}, 1e-6, 1, 16), 8, 8)));
+  scan.positions_mm = {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  const ErrorPicture picture = paintError(scan, {NAN, INFINITY, 1}, 1e-6, 1, 64);
+  EXPECT_EQ(picture.rgb.size(), size_t{64} * 64 * 4 * 3);
+}
+
+MeshBuildResult someResult() {
+  MeshDiagnosis diagnosis;
+  diagnosis.vertices_read = 12;
+  diagnosis.triangles_read = 20;
+  diagnosis.vertices = 10;
+  diagnosis.triangles = 19;
+  diagnosis.pieces = 2;
+  diagnosis.border_loops = 1;
+  diagnosis.min_mm = {-1, -2, -3};
+  diagnosis.max_mm = {1, 2, 3};
+  diagnosis.findings.push_back({"duplicate vertices", 2, {{0.5, 0, 0}, {1, 2, 3}}, "welded"});
+  diagnosis.findings.push_back({"open borders", 1, {}, ""});
+  BaseMesh base;
+  base.corners.resize(6);
+  base.patches.resize(2);
+  BakeReport bake;
+  bake.cells_log2 = 5;
+  bake.texture_depth = 1;
+  bake.samples = 2000;
+  MeshBuildResult r;
+  r.package = "a <b>.relievo";
+  r.mesh = meshJson("scan <1> & \"2\".ply", "cm", diagnosis, base, bake);
+  r.distance.diagonal_mm = 10;
+  r.distance.to_baked = {100, 0.5, 0.1, {0.01, 0.02, 0.03, 0.04, 0.05}};
+  r.distance.to_scan = {200, 0.25, 0.05, {0.001, 0.002, 0.003, 0.004, 0.005}};
+  r.stages = {{"read", 0.5, 1000}, {"bake", 1.5, 4000}, {"distance", 8, 9000}};
+  r.relief_bytes = 100;
+  r.package_bytes = 1000;
+  r.triangles_read = 20;
+  r.vertices = 10;
+  return r;
+}
+
+TEST(MeshReport, figuresFollowFromWhatWasMeasured) {
+  const Json json = reportJson(someResult());
+  EXPECT_DOUBLE_EQ(json["relief_bits_per_vertex"].get<double>(), 80);
+  EXPECT_DOUBLE_EQ(json["samples_per_vertex"].get<double>(), 200);
+  EXPECT_DOUBLE_EQ(json["distance"]["scan_to_patches"]["max_of_diagonal"].get<double>(), 0.05);
+  EXPECT_DOUBLE_EQ(json["distance"]["patches_to_scan"]["p99_9_of_diagonal"].get<double>(), 0.0005);
+  EXPECT_DOUBLE_EQ(json["triangles_per_s"].get<double>(), 10) << "measuring is not building";
+  EXPECT_DOUBLE_EQ(json["build_peak_bytes_per_triangle"].get<double>(), 200);
+  EXPECT_EQ(json["mesh"]["texels_a_side"], 256);
+  EXPECT_EQ(json["mesh"]["cells_a_side"], 32);
+}
+
+TEST(MeshReport, textNamesFindingsAndPlaces) {
+  const std::string text = meshText(someResult().mesh);
+  EXPECT_NE(text.find("10 vertices, 19 triangles, 2 pieces, 1 open border, 2 x 4 x 6 mm"), std::string::npos) << text;
+  EXPECT_NE(text.find("read    12 vertices, 20 triangles"), std::string::npos) << text;
+  EXPECT_NE(text.find("found   2 duplicate vertices: welded; at (0.5, 0, 0), (1, 2, 3)"), std::string::npos) << text;
+  EXPECT_NE(text.find("found   1 open borders: left as it is\n"), std::string::npos) << text;
+}
+
+// The manifest may be anybody's: members missing, of other types, nested, huge.
+TEST(MeshReport, textOfAnyJsonIsTextOrNothing) {
+  const Json good = someResult().mesh;
+  EXPECT_EQ(meshText(Json()), "");
+  EXPECT_EQ(meshText(Json::array({1, 2})), "");
+  EXPECT_EQ(meshText("scan"), "");
+  EXPECT_EQ(meshText(Json{{"file", 7}}), "");
+  const std::vector<Json> odd{Json(), Json(true), Json(-1), Json(1e300), Json("%s%n"), Json::array(), Json::array({1, "a", Json()}), Json::object(), Json{{"what", 3}}};
+  for (const auto& [key, value] : good.items()) {
+    for (const Json& other : odd) {
+      Json bad = good;
+      bad[key] = other;
+      EXPECT_NO_THROW(meshText(bad)) << key;
+      bad = good;
+      if (key == "findings") {
+        bad[key][0] = other;
+        EXPECT_NO_THROW(meshText(bad));
+        for (const char* member : {"what", "count", "done", "places_mm"}) {
+          bad = good;
+          bad[key][0][member] = other;
+          EXPECT_NO_THROW(meshText(bad)) << member;
+        }
+        bad = good;
+        bad[key][0]["places_mm"][0] = other;
+        EXPECT_NO_THROW(meshText(bad));
+      }
+    }
+    Json missing = good;
+    missing.erase(key);
+    EXPECT_NO_THROW(meshText(missing)) << key;
+  }
+}
+
+TEST(MeshReport, aPageOfItsOwn) {
+  const std::string path = (std::filesystem::temp_directory_path() / ("relievo-report-" + std::to_string(std::random_device{}()) + ".html")).string();
+  TriMesh scan = sphere();
+  MeshBuildResult r = someResult();
+  r.distance.scan_vertex_mm.assign(scan.positions_mm.size(), 0.01f);
+  ASSERT_TRUE(writeMeshReport(path, scan, r).ok());
+  std::ifstream in(path);
+  const std::string html{std::istreambuf_iterator<char>(in), {}};
+  std::filesystem::remove(path);
+  EXPECT_NE(html.find("scan &lt;1&gt; &amp; &quot;2&quot;.ply"), std::string::npos) << "names are text";
+  EXPECT_EQ(html.find("<1>"), std::string::npos);
+  EXPECT_EQ(html.find("a <b>"), std::string::npos);
+  for (const char* words : {"data:image/png;base64,", "<td>largest</td><td>0.5 mm</td><td>5.00e-02</td>", "p99.9", "duplicate vertices", "bake"})
+    EXPECT_NE(html.find(words), std::string::npos) << words;
+  auto failed = writeMeshReport("/nowhere/at/all.html", scan, r);
+  ASSERT_FALSE(failed.ok());
+  EXPECT_EQ(failed.error().kind, ErrorKind::kIo);
+}
+
+}  // namespace
+}  // namespace relievo
