@@ -30,6 +30,7 @@ void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
   for (uint32_t& e : end) e = sum += e;
   const size_t share = std::max<size_t>(size_t{4} << 20, triangles.size() * 3 / 8);
   std::vector<uint64_t> dealt;  // higher vertex, half-edge
+  dealt.reserve(std::min(share, triangles.size() * 3));
   std::vector<uint32_t> next, edge;
   auto begin = [&](size_t v) { return v == 0 ? 0 : end[v - 1]; };
   for (size_t first = 0; first < vertices;) {

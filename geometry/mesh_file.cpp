@@ -120,36 +120,51 @@ void FaceCutter::add(std::span<const uint32_t> corners, std::span<const glm::vec
     for (size_t k = 1; k + 1 < n; ++k) emit(0, k, k + 1);
     return;
   }
-  // Ears by the polygon's mean normal (Newell). Of those that cut nothing off wrongly, the one of the largest least angle goes first.
+  // Ears by the polygon's mean normal (Newell): of few corners the ear of the largest least angle, of many the next one.
   auto at = [&](size_t k) { return mesh_.positions[corners[k]] - mesh_.positions[corners[0]]; };
   glm::dvec3 normal(0);
   for (size_t k = 0; k < n; ++k) normal += glm::cross(at(k), at((k + 1) % n));
   left_.resize(n);
   for (size_t k = 0; k < n; ++k) left_[k] = static_cast<uint32_t>(k);
-  while (left_.size() > 3) {
-    size_t m = left_.size(), best = 0;
-    double best_quality = -3;
-    for (size_t k = 0; k < m; ++k) {
-      glm::dvec3 a = at(left_[(k + m - 1) % m]), b = at(left_[k]), c = at(left_[(k + 1) % m]);
-      double turn = glm::dot(glm::cross(b - a, c - a), normal);
-      double longest = std::max({glm::dot(b - a, b - a), glm::dot(c - b, c - b), glm::dot(a - c, a - c)});
-      double scale = longest * glm::length(normal);
-      double quality = scale > 0 ? turn / scale : 0;
-      if (turn > 0)
-        for (size_t j = 0; j < m && quality > 0; ++j) {
-          if (j == k || j == (k + 1) % m || j == (k + m - 1) % m) continue;
-          glm::dvec3 p = at(left_[j]);
-          bool inside = glm::dot(glm::cross(b - a, p - a), normal) >= 0 && glm::dot(glm::cross(c - b, p - b), normal) >= 0 &&
-                        glm::dot(glm::cross(a - c, p - c), normal) >= 0 && p != a && p != b && p != c;
-          if (inside) quality = -1 - quality;
-        }
-      if (quality > best_quality) {
-        best_quality = quality;
-        best = k;
-      }
+  // Above 0: an ear, the better the nearer to 1; below 0: what it would cut off is not the polygon's own.
+  auto quality = [&](size_t k) {
+    const size_t m = left_.size(), before = (k + m - 1) % m, after = (k + 1) % m;
+    glm::dvec3 a = at(left_[before]), b = at(left_[k]), c = at(left_[after]);
+    double longest = std::max({glm::dot(b - a, b - a), glm::dot(c - b, c - b), glm::dot(a - c, a - c)});
+    double scale = longest * glm::length(normal), turn = glm::dot(glm::cross(b - a, c - a), normal);
+    double ear = scale > 0 ? turn / scale : 0;
+    for (size_t j = 0; j < m && ear > 0; ++j) {
+      if (j == k || j == before || j == after) continue;
+      glm::dvec3 p = at(left_[j]);
+      if (glm::dot(glm::cross(b - a, p - a), normal) >= 0 && glm::dot(glm::cross(c - b, p - b), normal) >= 0 &&
+          glm::dot(glm::cross(a - c, p - c), normal) >= 0 && p != a && p != b && p != c)
+        ear = -1 - ear;
     }
-    emit(left_[(best + m - 1) % m], left_[best], left_[(best + 1) % m]);
-    left_.erase(left_.begin() + static_cast<std::ptrdiff_t>(best));
+    return ear;
+  };
+  constexpr size_t kFew = 8;
+  for (size_t next = 0; left_.size() > 3;) {
+    const size_t m = left_.size();
+    size_t ear = m;
+    if (m > kFew) {
+      for (size_t i = 0; i < m && ear == m; ++i)
+        if (quality((next + i) % m) > 0) ear = (next + i) % m;
+      if (ear == m) {  // no polygon: it cuts itself
+        for (size_t k = 1; k + 1 < m; ++k) emit(left_[0], left_[k], left_[k + 1]);
+        return;
+      }
+    } else {
+      double best = -3;
+      for (size_t k = 0; k < m; ++k)
+        if (double q = quality(k); q > best) {
+          best = q;
+          ear = k;
+        }
+    }
+    if (ear == m) ear = 0;
+    emit(left_[(ear + m - 1) % m], left_[ear], left_[(ear + 1) % m]);
+    left_.erase(left_.begin() + static_cast<std::ptrdiff_t>(ear));
+    next = ear + 1;
   }
   emit(left_[0], left_[1], left_[2]);
 }

@@ -75,10 +75,10 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   mesh.origin_mm = originOf(low * unit, high * unit);
   mesh.positions_mm.resize(raw.positions.size());
   for (size_t i = 0; i < raw.positions.size(); ++i) mesh.positions_mm[i] = glm::vec3(raw.positions[i] * unit - mesh.origin_mm);
-  raw.positions = {};
+  std::vector<glm::dvec3>().swap(raw.positions);  // half of all memory so far
   mesh.triangles = std::move(raw.triangles);
   mesh.colours = raw.float_colours.empty() ? std::move(raw.colours) : bytesOf(raw.float_colours);
-  raw.float_colours = {};
+  std::vector<glm::vec3>().swap(raw.float_colours);
   mesh.corner_uv = std::move(raw.corner_uv);
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
   for (size_t t = 0; t < mesh.corner_uv.size(); ++t)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <map>
+#include <set>
 
 #include "geometry/mesh_file.h"
 
@@ -10,6 +11,7 @@ namespace relievo::mesh_file {
 namespace {
 
 constexpr uint64_t kMaxMaterialBytes = uint64_t{16} << 20;
+constexpr size_t kMaxLibraries = 64;  // more, and the same one again, are read over
 
 std::string_view trimmed(std::string_view text) {
   while (!text.empty() && isBlank(text.front())) text.remove_prefix(1);
@@ -166,6 +168,7 @@ class ObjReader {
 
   void materialFile(std::string_view name) {
     // Beside the OBJ; a file that is not there costs the image alone.
+    if (libraries_.size() == kMaxLibraries || !libraries_.insert(std::string(name)).second) return;
     auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
@@ -206,6 +209,7 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
+  std::set<std::string> libraries_;
   std::map<std::string, std::string> image_of_;      // a material's
   std::map<std::string, uint64_t> triangles_of_;     // an image's
   uint64_t* use_ = nullptr;

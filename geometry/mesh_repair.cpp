@@ -145,14 +145,15 @@ class Repair {
   bool closeTJunctions(EdgeCensus& census, double tolerance) {
     constexpr int kRounds = 3;
     MeshFinding kept{"T-junctions at slivers", 0, {}, ""};
+    size_t most = mesh_.triangles.size() + 1000;  // each splits a triangle: memory stays bounded by the file
     for (int round = 0; round < kRounds && !census.open.empty(); ++round) {
       if (!step(0.5 + 0.05 * round)) return false;
       bool complete = true;
-      size_t most = 4 * census.open.size() + 1000;
       std::vector<TJunction> found = findTJunctions(mesh_, census.open, tolerance, most, &complete);
       if (!complete) {
-        MeshFinding many{"T-junctions, more than " + std::to_string(most), 0, {}, ""};
+        MeshFinding many{"T-junctions, too many to repair", 0, {}, ""};
         for (const TJunction& j : found) note(many, j.vertex);
+        many.count = std::max<uint64_t>(many.count, 1);
         report(std::move(many));
         return true;
       }
@@ -167,6 +168,7 @@ class Repair {
         else note(split, j.vertex);
       }
       bool any = split.count > 0;
+      most -= std::min<size_t>(most, split.count);
       report(std::move(split));
       if (!any) break;
       census = census_();

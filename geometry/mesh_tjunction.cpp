@@ -79,11 +79,14 @@ std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint3
   border.erase(std::unique(border.begin(), border.end()), border.end());
   PointTree tree(mesh, std::move(border));
   std::vector<TJunction> found;
+  // An edge meets some 30 vertices of the tree in sound meshes. All of them within the tolerance of one another would take a square of time.
+  uint64_t looks_left = uint64_t{1000} * open.size() + 1000000;
   for (uint32_t h : open) {
     uint32_t from = fromVertex(triangles, h), to = toVertex(triangles, h), third = fromVertex(triangles, previousInTriangle(h));
     glm::dvec3 a(mesh.positions_mm[from]), ab = glm::dvec3(mesh.positions_mm[to]) - a;
     double length2 = glm::dot(ab, ab), tolerance2 = tolerance * tolerance;
     *complete = tree.near(a, a + ab, tolerance, [&](uint32_t v) {
+      if (--looks_left == 0) return false;
       if (v == from || v == to || v == third) return true;
       glm::dvec3 av = glm::dvec3(mesh.positions_mm[v]) - a;
       double along = glm::dot(av, ab) / length2;

@@ -255,6 +255,12 @@ TEST(MeshFuzz, HostileMeshes) {
   for (uint32_t i = 0; i < 100; ++i) file += line(random() % 10, random() % 10, random() % 10);
   for (uint32_t i = 0; i < kN; ++i) faces += triangle(random() % 100, random() % 100, random() % 100);
   check({"crowd.off", ""}, header(100, kN) + file + faces, tally);
+  // Open triangles all within the tolerance of one another, beside one that makes it large.
+  file = line(0, 0, 0) + line(1e9, 0, 0) + line(0, 1e9, 0);
+  faces = triangle(0, 1, 2);
+  for (uint32_t i = 0; i < kN; ++i) file += line(static_cast<double>(random() % 1000000) * 1e-6, static_cast<double>(random() % 1000000) * 1e-6, static_cast<double>(random() % 1000000) * 1e-6);
+  for (uint32_t i = 0; i + 2 < kN; i += 3) faces += triangle(3 + i, 4 + i, 5 + i);
+  check({"cluster.off", ""}, header(kN + 3, 1 + kN / 3) + file + faces, tally);
   // A material file that holds no text, one that is a folder.
   saveFile("bad.mtl", std::string(1000, '\xff') + "\nnewmtl\nmap_Kd\nmap_Kd -s\nmap_Kd -o 1 2 3 -s\n");
   check({"bad.obj", ""}, "mtllib bad.mtl\nmtllib .\nmtllib /dev/null\nusemtl \nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", tally);
