@@ -11,6 +11,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "src/base/heap.h"
 #include "src/base/progress.h"
 #include "src/gl/window.h"
 #include "src/hud.h"
@@ -87,9 +88,11 @@ std::string freeSnapshotName(const std::string& folder, const std::string& stem)
 }
 
 Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
+  HeapWarmer heap(kFirstPictureBytes);
   Result<std::unique_ptr<gl::Window>> made_window = gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
+  heap.finish(gl::currentContextInfo().software);
   const Extent extent = artworkExtent(artwork.manifest, options.scene.relief ? options.scene.exaggerate : 0);
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();

@@ -20,7 +20,6 @@
 namespace relievo {
 namespace {
 
-constexpr size_t kFirstPictureBytes = size_t{64} << 20;  // what a driver in software takes for one of 1280x720 px
 constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
 
 double nowSeconds() {

@@ -9,6 +9,9 @@
 
 namespace relievo {
 
+// What Mesa's llvmpipe takes for a first picture of 1280x720 px.
+inline constexpr size_t kFirstPictureBytes = size_t{64} << 20;
+
 class HeapWarmer {
  public:
   // On the thread that will use the memory, while the process has no other thread that allocates much.
