@@ -487,13 +487,15 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   }
   const bool automatic = options.cells_log2 < 0;
   const double tolerance_mm = options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * glm::length(glm::dvec3(high) - glm::dvec3(low));
-  // Small scans may have sharp edges that patches cross: a quarter of a million samples cost nothing.
-  const double most = std::max(vertices * (options.tolerance_mm > 0 ? 256 : 16), 262'144.0);
+  // Small scans may have sharp edges that patches cross: four million samples take about a second.
+  const double most = std::max(vertices * (options.tolerance_mm > 0 ? 256 : 16), 4.0 * (1 << 20));
   impl->report.tolerance_mm = tolerance_mm;
   int cells_log2 = options.cells_log2;
   auto count = [&](int log2) { return std::ldexp(patches, 2 * log2); };
+  // Unless a tolerance says what does not matter, the scan's own detail does: at least a sample for two vertices.
+  const double least = vertices / (options.tolerance_mm > 0 ? 256 : 2);
   if (automatic)
-    for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < vertices / 256;) ++cells_log2;
+    for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < least;) ++cells_log2;
   if (count(cells_log2) > static_cast<double>(kMaxSamples)) return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
   for (;; ++cells_log2) {
     if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();

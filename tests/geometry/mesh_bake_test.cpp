@@ -7,6 +7,7 @@
 #include <cmath>
 #include <random>
 
+#include "geometry/parallel_for.h"
 #include "src/base/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 
@@ -443,6 +444,11 @@ TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
     auto coarser = bake(mesh, base, {.cells_log2 = last - 1});
     EXPECT_GT(coarser->report().deviation_mm, tolerance);
   }
+  // Without a tolerance the scan's detail is kept, however small it is beside the whole.
+  const TriMesh fine = sheetMesh(100, 100, 200, 200, [](double x, double y) { return 1e-3 * std::sin(x) * std::cos(y); });
+  const BaseMesh sheet = sheetBase(100, 100, 4, 4);
+  EXPECT_GE(2 * bake(fine, sheet, {})->report().samples, fine.positions_mm.size());
+  EXPECT_LT(2 * bake(fine, sheet, {.tolerance_mm = 0.014})->report().samples, fine.positions_mm.size());
   // What no grid keeps ends at the bound on samples.
   auto most = bake(mesh, base, {.tolerance_mm = 1e-9});
   EXPECT_LE(most->report().samples, 260 * mesh.positions_mm.size());
@@ -476,6 +482,22 @@ TEST(MeshBake, whatCannotBeBakedIsNamed) {
   };
   EXPECT_EQ(kind(mesh, base, options), ErrorKind::kInterrupted);
   EXPECT_GT(last, 0.5);
+}
+
+TEST(MeshBake, patchesAreReadByManyThreadsAtOnce) {
+  TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y); }, 30);
+  for (const glm::vec3& p : mesh.positions_mm) mesh.colours.push_back(glm::u8vec3(128.0f + 10.0f * p));
+  auto baked = bake(mesh, sphereBase(10, 2), {.cells_log2 = 5});
+  ASSERT_TRUE(baked);
+  const size_t patches = baked->base().patches.size();
+  std::vector<std::vector<uint8_t>> one(patches), many(patches);
+  auto read = [&](size_t p, std::vector<uint8_t>& out) {
+    out.resize(6 * 128 * 128);
+    EXPECT_TRUE(baked->texels(static_cast<uint32_t>(p), out));
+  };
+  for (size_t p = 0; p < patches; ++p) read(p, one[p]);
+  parallelFor(patches, 4, nullptr, [&](size_t p) { read(p, many[p]); });
+  EXPECT_TRUE(one == many);
 }
 
 }  // namespace
