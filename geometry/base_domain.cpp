@@ -65,6 +65,7 @@ struct Maker {
     if (c.quads.quads.empty()) return c;
     updateNormals(c.quads);
     for (int round = 0; round < 4; ++round) {
+      if (interrupted && interrupted->load(std::memory_order_relaxed)) return {};
       if (round) relaxQuads(c.quads, rails.rails, scan, 8);
       c.regions = cornerRegions(c.quads, surface, fans, scan);
       placeCorners(c.quads, surface, c.regions, scan);
@@ -125,8 +126,11 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (stopped()) return interruptedError();
   report(0.1);
 
-  const std::vector<glm::vec3> scan_points = scan->points;
-  const std::vector<std::vector<uint32_t>> scan_loops = scan->loops;
+  std::vector<BorderLine> borders;
+  for (const auto& loop : scan->loops) {
+    borders.push_back({loop, {}});
+    for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
+  }
   const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}), options.interrupted);
   if (stopped()) return interruptedError();
   report(0.5);
@@ -136,7 +140,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  const Maker maker{surface, {triangle_mesh, **scene}, findRails(scan_points, scan_loops, reduced, true), Fans(surface), options.interrupted};
+  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), options.interrupted};
 
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);

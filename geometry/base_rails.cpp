@@ -192,23 +192,24 @@ glm::dvec3 Rail::point(double s) const {
   return points[i] * (1 - t) + points[i + 1] * t;
 }
 
-Rails findRails(const std::vector<glm::vec3>& scan_points, const std::vector<std::vector<uint32_t>>& scan_loops, const Reduced& reduced, bool creases) {
+Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {
   const size_t n = reduced.surface.points.size();
   Rails out;
   out.steps.resize(n);
   out.fixed.assign(n, 0);
-  std::vector<uint32_t> reduced_of(scan_points.size(), kNoIndex);
-  for (uint32_t v = 0; v < n; ++v) reduced_of[reduced.vertex[v]] = v;
+  uint32_t last = 0;
+  for (const BorderLine& border : scan_borders) last = std::max(last, *std::max_element(border.vertices.begin(), border.vertices.end()));
+  std::vector<uint32_t> reduced_of(scan_borders.empty() ? 0 : last + 1, kNoIndex);
+  for (uint32_t v = 0; v < n; ++v) {
+    if (reduced.vertex[v] < reduced_of.size()) reduced_of[reduced.vertex[v]] = v;
+  }
   std::vector<uint8_t> on_border(n, 0);
-  for (const auto& loop : scan_loops) {
-    Line line{loop, {}, true, true};
-    for (uint32_t v : loop) {
-      line.points.push_back(scan_points[v]);
+  for (const BorderLine& border : scan_borders) {
+    addRails({border.vertices, {border.points.begin(), border.points.end()}, true, true}, reduced_of, out);
+    for (uint32_t v : border.vertices) {
       if (reduced_of[v] != kNoIndex) on_border[reduced_of[v]] = 1;
     }
-    addRails(line, reduced_of, out);
   }
-  if (!creases) return out;
   std::vector<uint32_t> itself(n);
   for (uint32_t v = 0; v < n; ++v) itself[v] = v;
   for (const Line& line : creaseLines(reduced.surface, on_border)) addRails(line, itself, out);

@@ -20,6 +20,12 @@ struct Rail {
   glm::dvec3 point(double along) const;
 };
 
+// A border loop of the scan: its vertices (of the scan's surface) and their places.
+struct BorderLine {
+  std::vector<uint32_t> vertices;
+  std::vector<glm::vec3> points;
+};
+
 // A step along a rail from a vertex to the next.
 struct RailStep {
   uint32_t to = kNoIndex;  // vertex
@@ -35,6 +41,6 @@ struct Rails {
 
 // The borders in full detail, as the scan has them; the creases of the reduced surface. Lengths in units of the scan's diagonal.
 // Where a surface is rough all over, it has no creases.
-Rails findRails(const std::vector<glm::vec3>& scan_points, const std::vector<std::vector<uint32_t>>& scan_loops, const Reduced& reduced, bool creases);
+Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced);
 
 }  // namespace relievo
