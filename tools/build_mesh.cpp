@@ -51,21 +51,25 @@ class BakedPatches final : public PatchSource {
   TextureFormat format_;
 };
 
-// The largest resident size since the last call of restart(); Linux.
-struct PeakMemory {
+// The resident size, and its largest since the last call of restart(); Linux.
+struct Memory {
   static void restart() {
     if (FILE* f = std::fopen("/proc/self/clear_refs", "w")) {
       std::fputs("5", f);
       std::fclose(f);
     }
   }
-  static uint64_t bytes() {
+  static uint64_t peak() { return field("VmHWM: %llu kB"); }
+  static uint64_t now() { return field("VmRSS: %llu kB"); }
+
+ private:
+  static uint64_t field(const char* pattern) {
     uint64_t kib = 0;
     if (FILE* f = std::fopen("/proc/self/status", "r")) {
       char line[256];
       unsigned long long value = 0;
       while (std::fgets(line, sizeof line, f))
-        if (std::sscanf(line, "VmHWM: %llu kB", &value) == 1) kib = value;
+        if (std::sscanf(line, pattern, &value) == 1) kib = value;
       std::fclose(f);
     }
     return kib << 10;
@@ -78,9 +82,9 @@ class Stages {
   template <class F>
   auto run(const char* name, F&& stage) {
     const auto start = std::chrono::steady_clock::now();
-    PeakMemory::restart();
+    Memory::restart();
     auto result = stage();
-    costs.push_back({name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), PeakMemory::bytes()});
+    costs.push_back({name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), Memory::peak()});
     return result;
   }
   template <class Options, class F>
@@ -169,6 +173,10 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report());
   BuildOptions package = a.package;
   package.manifest_extra = nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the package's.
+  constexpr uint64_t kLeastBytes = uint64_t{64} << 20;
+  const uint64_t held = Memory::now();
+  package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
   auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources), package); });
   if (!built) return built.error();
   result.pages = built->pages;
