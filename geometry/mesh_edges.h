@@ -11,6 +11,7 @@
 namespace relievo {
 
 inline constexpr uint32_t kNoHalfEdge = ~uint32_t{0};
+inline constexpr size_t kMaxTriangles = 0x55555554;  // half-edges have 32-bit names
 using Triangles = std::vector<std::array<uint32_t, 3>>;
 
 inline uint32_t nextInTriangle(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }

@@ -6,7 +6,7 @@
 //   take longer    CPU s a million triangles, OpenMesh / here: binary PLY 0.16 / 0.03, text PLY 0.35 / 0.14, OFF 0.35 / 0.10, OBJ 0.87 / 0.10,
 //                  binary STL 0.62 / 0.17, text STL 2.4 / 0.65
 //   trust          an OFF header of 10^9 vertices or a face of 10^9 corners ends the process in bad_alloc, a comment in an OFF file
-//                  is taken for its counts, a truncated STL is read without a word, faces of unknown vertices are dropped without one
+//                  is taken for its counts, a truncated STL is read without a word, faces of unknown vertices are dropped
 //   leave out      PLY: list counts of 32 bits (refused), texture coordinates by corner, strips
 // The tests read OpenMesh's files, and compare.
 #pragma once
@@ -23,14 +23,14 @@
 
 #include <glm/glm.hpp>
 
+#include "geometry/mesh_edges.h"
 #include "geometry/mesh_read.h"
 #include "src/base/file.h"
 #include "src/base/result.h"
 
 namespace relievo::mesh_file {
 
-// Half-edges (3 a triangle) have 32-bit names.
-inline constexpr uint64_t kMaxTriangles = 0x55555554, kMaxVertices = 0xFFFFFFFE;
+inline constexpr uint64_t kMaxVertices = 0xFFFFFFFE;
 
 struct RawMesh {
   std::vector<glm::dvec3> positions;               // in the file's unit

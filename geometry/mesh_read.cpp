@@ -87,6 +87,10 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
         return invalid(name, "triangle " + std::to_string(t) + " (from 0): expected finite texture coordinates, found " + numberText(uv.x) + " " +
                                  numberText(uv.y));
   mesh.texture_path = std::move(raw.texture_path);
+  if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
+    out.diagnosis.findings.push_back({"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
+    mesh.texture_path.clear();
+  }
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };

@@ -47,7 +47,7 @@ struct LoadedMesh {
   TriMesh mesh;
   MeshDiagnosis diagnosis;
 };
-// texture_path of the result: the material's path, from the mesh file's folder if it is relative.
+// texture_path of the result: the material's path, from the mesh file's folder if it is relative; empty if no corner has texture coordinates.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
 // The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name);

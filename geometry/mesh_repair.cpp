@@ -22,8 +22,7 @@ class Repair {
 
   Result<void> run() {
     if (!step(0)) return stopped();
-    weld();
-    if (!step(0.2)) return stopped();
+    if (!weld()) return stopped();
     dropDegenerate();
     if (mesh_.triangles.empty())
       return Error{ErrorKind::kInvalidData, name_, "expected a surface, found degenerate triangles only", "see whether the export lost digits", {}};
@@ -72,15 +71,16 @@ class Repair {
     diagnosis_.findings.push_back(std::move(finding));
   }
 
-  // Vertices at the same place become the first of them.
-  void weld() {
+  // Vertices at the same place become the first of them. False: interrupted.
+  bool weld() {
     std::vector<glm::vec3>& p = mesh_.positions_mm;
     for (glm::vec3& v : p) v += 0.0f;  // -0 is 0
-    constexpr size_t kAhead = 24;
+    constexpr size_t kAhead = 24, kPause = size_t{1} << 20;
     PointTable<glm::vec3> table(p.size());
     MeshFinding duplicates{"duplicate vertices", 0, {}, "welded"};
     std::vector<uint32_t> first;  // of each vertex; empty as long as each is itself
     for (size_t i = 0; i < p.size(); ++i) {
+      if (i % kPause == 0 && !step(0.2 * static_cast<double>(i) / static_cast<double>(p.size()))) return false;
       if (i + kAhead < p.size()) table.prefetch(p[i + kAhead]);
       uint32_t same = table.findOrAdd(p, p[i], static_cast<uint32_t>(i));
       if (same == i) continue;
@@ -93,9 +93,10 @@ class Repair {
     }
     welded_ = duplicates.count;
     report(std::move(duplicates));
-    if (first.empty()) return;
-    for (auto& t : mesh_.triangles)
-      for (uint32_t& v : t) v = first[v];
+    if (!first.empty())
+      for (auto& t : mesh_.triangles)
+        for (uint32_t& v : t) v = first[v];
+    return step(0.2);
   }
 
   // Keeps the triangles that keep(t) says, in their order.
@@ -145,7 +146,8 @@ class Repair {
   bool closeTJunctions(EdgeCensus& census, double tolerance) {
     constexpr int kRounds = 3;
     MeshFinding kept{"T-junctions at slivers", 0, {}, ""};
-    size_t most = mesh_.triangles.size() + 1000;  // each splits a triangle: memory stays bounded by the file
+    // Each splits a triangle: memory stays bounded by the file, and half-edges keep 32-bit names.
+    size_t most = std::min(mesh_.triangles.size() + 1000, kMaxTriangles - mesh_.triangles.size());
     for (int round = 0; round < kRounds && !census.open.empty(); ++round) {
       if (!step(0.5 + 0.05 * round)) return false;
       bool complete = true;

@@ -178,7 +178,13 @@ TEST(MeshFormats, ObjWithMaterials) {
     EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "sub dir/my image.png").string());
   }
   Sample plain = cubeSphere(4);
+  saveFile("test.mtl", "newmtl surface\nKd 1 1 1\n");
   expectSame(mustRead(saveFile("a.obj", objFile(plain))), plain, false, false);
+  // An image, but no texture coordinates.
+  saveFile("test.mtl", "newmtl surface\nmap_Kd a.png\n");
+  LoadedMesh bare = mustRead(saveFile("a.obj", objFile(plain)));
+  EXPECT_EQ(bare.mesh.texture_path, "");
+  EXPECT_NE(defects(bare.diagnosis).find("a.png"), std::string::npos);
 
   // Lines that go on, faces before their vertices, a line without its end, colours to 255.
   LoadedMesh m = mustRead(saveFile("b.obj", "f 1 2 \\\n 3\nv 0 0 0 255 128 0\nv 1 0 0 0 0 0\r\nv 0 1 0 1 1 1\nl 1 2\nf 1 3 4\nv -1 0 0"));
