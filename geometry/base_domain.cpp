@@ -52,7 +52,7 @@ struct Maker {
     Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches)};
     if (c.quads.quads.empty()) return c;
     c.regions = cornerRegions(c.quads, surface, fans, scan);
-    c.normals = cornerNormals(c.quads, surface, c.regions);
+    c.normals = cornerNormals(c.quads, surface, c.regions, scan);
     return c;
   }
 
@@ -70,7 +70,7 @@ struct Maker {
       c.regions = cornerRegions(c.quads, surface, fans, scan);
       placeCorners(c.quads, surface, c.regions, scan);
     }
-    c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions);
+    c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions, scan);
     untangleQuads(c.quads, rails.rails, scan);
     return c;
   }

@@ -134,7 +134,7 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
   }
 }
 
-std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions) {
+std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions, const ScanLookup& scan) {
   // Each region's triangles' shares: (corner, area vector), by corner.
   std::vector<uint32_t> begin(quads.points.size() + 1, 0);
   for (const Triangle& t : s.triangles) {
@@ -176,6 +176,12 @@ std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, c
       }
       if (steep < least) normals[c] = sum / length;
       least = std::min(least, steep);
+    }
+    // Neither a region nor quads with an area: the surface's own.
+    if (normals[c] == glm::dvec3(0)) {
+      const SurfacePoint near = scan.scene.closestPoint(quads.points[c]);
+      if (near) normals[c] = scan.normal(near.triangle);
+      if (normals[c] == glm::dvec3(0)) normals[c] = {0, 0, 1};
     }
   }
   return normals;

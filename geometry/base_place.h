@@ -22,6 +22,6 @@ std::vector<uint32_t> cornerRegions(const QuadMesh& quads, const Surface& s, con
 void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions, const ScanLookup& scan);
 // The mean normals of the regions, by area: some half a patch wide, so that lines along the interpolated normals do not cross. Turned
 // towards what would face away from them.
-std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions);
+std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions, const ScanLookup& scan);
 
 }  // namespace relievo

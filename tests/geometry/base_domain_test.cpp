@@ -476,6 +476,38 @@ TEST(ReduceSurface, KeepsTheTopology) {
   }
 }
 
+// Rough, torn and scattered scans: whatever comes out is sound and of the scan's topology.
+TEST(BaseDomain, RandomScans) {
+  for (unsigned seed = 1; seed <= 24; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    std::mt19937 random(seed);
+    auto between = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+    TriMesh m;
+    switch (seed % 4) {
+      case 0: m = torusMesh(6 + random() % 40, 4 + random() % 16); break;
+      case 1: m = wavySheet(4 + random() % 30, between(0, 0.4)); break;
+      case 2: m = boxMesh(1 + random() % 12, between(0.01, 100), between(0.01, 100), between(0.01, 100)); break;
+      case 3:
+        m = sphereMesh(6, 5);
+        for (int k = 0; k < 12; ++k) m = together(m, sphereMesh(1 + random() % 4, between(0.1, 3)), {between(-99, 99), between(-99, 99), between(-99, 99)});
+    }
+    if (random() % 2) {
+      for (glm::vec3& p : m.positions_mm) p += glm::vec3(between(-3, 3), between(-3, 3), between(-3, 3));
+    }
+    if (random() % 2) std::erase_if(m.triangles, [&](const auto&) { return between(0, 1) < 0.04; });
+    auto surface = makeSurface(m.positions_mm, m.triangles);
+    ASSERT_TRUE(surface.ok());
+    const Topology expected = topologyOf(surface->points.size(), surface->triangles);
+    const BaseMesh base = baseOf(m, random() % 2 ? 0 : 1 + random() % 300);
+    EXPECT_EQ(baseMeshProblem(base), "");
+    const Topology t = topologyOf(base);
+    EXPECT_EQ(t.euler, expected.euler);
+    EXPECT_EQ(t.pieces, expected.pieces);
+    EXPECT_EQ(t.borders, expected.borders);
+    EXPECT_EQ(t.shared_too_often + t.turned, 0u);
+  }
+}
+
 TEST(BaseDomain, ARealScan) {
   const auto path = sharedData("laurana.ply");
   if (path.empty()) GTEST_SKIP() << "no ../shared/data/laurana.ply beside the checkout";
