@@ -35,6 +35,44 @@ struct Square {
 // Corners of a square at its lowest and at its highest height: the displaced square lies in their hull (see mesh_lod.cpp).
 using SquareHull = std::array<glm::dvec3, 8>;
 
+// Of grids coarser than a root page's, by parts: grids of 2^4 to 2^6 cells a patch's side have 2, 4, 8 blocks a side.
+class CoarseParts {
+ public:
+  static constexpr int kFirst = 4, kLast = kPageLog2 - 1;
+  static constexpr int depthOf(int cells_log2) { return cells_log2 - 3; }
+  // whole_mm: by cells_log2, what unknown and impossible blocks count for. Blocks of more cells are the largest of those inside.
+  void read(const ReliefOracle& oracle, uint32_t patch, const CoarseErrors& whole_mm) {
+    for (int k = kFirst; k <= kLast; ++k) {
+      const float whole = whole_mm[static_cast<size_t>(k)];
+      const int finest = depthOf(k);
+      std::span<float> blocks = std::span(parts_).subspan(first(k, finest), size_t{1} << (2 * finest));
+      const bool known = oracle.coarseBlocks(patch, k, blocks);
+      for (float& e : blocks)
+        if (!known || !(e >= 0 && e <= whole)) e = whole;
+      for (int depth = finest - 1; depth > 0; --depth) {
+        const uint32_t side = 1u << depth;
+        for (uint32_t y = 0; y < side; ++y)
+          for (uint32_t x = 0; x < side; ++x) {
+            auto finer = [&](uint32_t i, uint32_t j) { return at(k, depth + 1, 2 * x + i, 2 * y + j); };
+            parts_[first(k, depth) + y * side + x] = std::max({finer(0, 0), finer(1, 0), finer(0, 1), finer(1, 1)});
+          }
+      }
+    }
+  }
+  // Part (x, y) of 2^depth a side, 1 <= depth <= depthOf(cells_log2).
+  float at(int cells_log2, int depth, uint32_t x, uint32_t y) const { return parts_[first(cells_log2, depth) + (y << depth) + x]; }
+
+ private:
+  // Those of each grid one after the other, the coarsest parts first.
+  static constexpr size_t first(int cells_log2, int depth) {
+    size_t at = static_cast<size_t>(firstPart(depth));
+    for (int k = kFirst; k < cells_log2; ++k) at += static_cast<size_t>(firstPart(depthOf(k) + 1));
+    return at;
+  }
+  static constexpr size_t kCount = 4 + (4 + 16) + (4 + 16 + 64);
+  std::array<float, kCount> parts_;
+};
+
 class MeshForest {
  public:
   MeshForest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm, std::shared_ptr<const ReliefOracle> oracle,
@@ -48,6 +86,7 @@ class MeshForest {
     // A square's key has 5 bits of level; places have what patches leave.
     place_bits_ = (58 - std::bit_width(std::max<size_t>(patchCount(), 2) - 1)) / 2;
     root_bounds_.assign(patchCount(), {1, 0, 0});
+    coarse_index_.assign(patchCount(), IndexTable::kNone);
     twist_mm_.reserve(patchCount());
     for (const auto& c : base_->patches) {
       auto at = [&](size_t k) { return glm::dvec3(base_->corners[c[k]].position_mm); };
@@ -142,12 +181,26 @@ class MeshForest {
     if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
     return b;
   }
+  float coarseError(const Square& s, int level) {
+    const CoarseErrors& whole = coarse_errors_[s.patch];
+    const int part_depth = std::min(s.level, CoarseParts::depthOf(level));
+    if (part_depth <= 0 || !(whole[static_cast<size_t>(level)] > 0)) return whole[static_cast<size_t>(level)];
+    uint32_t& index = coarse_index_[s.patch];
+    if (index == IndexTable::kNone) {
+      index = static_cast<uint32_t>(coarse_parts_.size());
+      coarse_parts_.emplace_back().read(*oracle_, s.patch, whole);
+    }
+    const Square part = s.ancestor(part_depth);
+    return coarse_parts_[index].at(level, part_depth, part.x, part.y);
+  }
   double bakedError(const Square& s, int level) {
     const int page_level = level - kPageLog2;
     if (page_level < 0) {
       if (coarse_errors_.empty()) return std::numeric_limits<double>::infinity();
-      const float error = coarse_errors_[s.patch][static_cast<size_t>(level)];
-      return depth_ > 0 ? std::max(error, pageBounds({s.patch, 0, 0, 0}).error_mm) : error;
+      const float error = coarseError(s, level);
+      if (depth_ == 0) return error;
+      // Not below that of the root page, of this part.
+      return std::max<double>(error, bakedError(s, kPageLog2));
     }
     const Square page = s.ancestor(std::min(page_level, s.level));
     const double whole = pageBounds(page).error_mm;
@@ -174,6 +227,8 @@ class MeshForest {
   HeightBounds whole_range_;
   std::vector<HeightBounds> root_bounds_, bounds_;  // the former by patch; min above max: not asked for yet
   std::vector<PartErrors> parts_;
+  std::vector<uint32_t> coarse_index_;  // by patch, in the following; none: not asked for yet
+  std::vector<CoarseParts> coarse_parts_;
   IndexTable bounds_index_, parts_index_;
 };
 

@@ -53,6 +53,9 @@ class ReliefOracle {
   // error_mm of the page's parts: 2^kErrorBlocksLog2 squares of it a side, rows top first, none above that of the whole but for rounding. False: not known.
   // Thread-safe.
   virtual bool errorBlocks(const NodeId& /*relief_page*/, std::span<float> /*error_mm*/) const { return false; }
+  // Over a base mesh: the same for a patch's grids of 2^cells_log2 cells a side, 4 to 6 (coarser than its root page): 2^(cells_log2 - 3)
+  // squares a side, of 8 x 8 cells each. False: not known. Thread-safe.
+  virtual bool coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*error_mm*/) const { return false; }
 };
 
 // One drawn node. Vertex (i, j), 0 <= i, j <= 2^grid_level, lies at units (x0 + (i << step_log2), y0 + (j << step_log2)).

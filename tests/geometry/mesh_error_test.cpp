@@ -17,7 +17,7 @@ class TrueMeshRelief final : public ReliefOracle {
  public:
   // height: a value 0..1 at a place of the base and its name; shared places get one value.
   TrueMeshRelief(const BaseMesh& mesh, const MeshRelief& relief, const std::function<double(const glm::dvec3&, const Place&)>& height)
-      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()) {
+      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()), coarse_blocks_(mesh.patches.size()) {
     std::map<Place, uint16_t> shared;
     for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
       auto& samples = patches_[p];
@@ -47,6 +47,12 @@ class TrueMeshRelief final : public ReliefOracle {
     std::copy(blocks.begin(), blocks.end(), error_mm.begin());
     return true;
   }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
+    const auto& blocks = coarse_blocks_[patch][static_cast<size_t>(cells_log2 - 4)];
+    std::copy(blocks.begin(), blocks.end(), error_mm.begin());
+    return parts_;
+  }
+  void hideParts() { parts_ = false; }
   const std::vector<CoarseErrors>& coarse() const { return coarse_; }
   int64_t side() const { return side_; }
   glm::dvec3 point(uint32_t patch, int64_t x, int64_t y, double exaggerate) const {
@@ -88,6 +94,15 @@ class TrueMeshRelief final : public ReliefOracle {
             for (int k = 0; k < 4; ++k) e = std::max(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
         }
       if (level < 7) coarse_[p][static_cast<size_t>(level)] = *std::max_element(cell.begin(), cell.end());
+      if (level >= 4 && level < 7) {
+        auto& blocks = coarse_blocks_[p][static_cast<size_t>(level - 4)];
+        blocks.assign(static_cast<size_t>(cells / 8 * cells / 8), 0);
+        for (int64_t j = 0; j < cells; ++j)
+          for (int64_t i = 0; i < cells; ++i) {
+            float& block = blocks[static_cast<size_t>(j / 8 * (cells / 8) + i / 8)];
+            block = std::max(block, cell[static_cast<size_t>(j * cells + i)]);
+          }
+      }
       if (level >= 7) addPages(p, level - 7, cell);
       finer = std::move(cell);
     }
@@ -122,7 +137,9 @@ class TrueMeshRelief final : public ReliefOracle {
   int64_t side_;
   std::vector<std::vector<uint16_t>> patches_;
   std::vector<CoarseErrors> coarse_;
+  std::vector<std::array<std::vector<float>, 3>> coarse_blocks_;
   std::map<NodeId, Page> pages_;
+  bool parts_ = true;
 };
 
 struct Measured {
