@@ -4,7 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
-#include <numeric>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -497,11 +497,13 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   if (automatic)
     for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < least;) ++cells_log2;
   if (count(cells_log2) > static_cast<double>(kMaxSamples)) return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
-  for (;; ++cells_log2) {
+  for (double before = std::numeric_limits<double>::infinity();; ++cells_log2, before = impl->report.deviation_mm) {
     if (auto sampled = impl->sample(cells_log2, options); !sampled) return sampled.error();
     if (!impl->probe(options, impl->report.deviation_mm)) return interruptedError();
     if (!automatic || impl->report.deviation_mm <= tolerance_mm) break;
     if (cells_log2 >= kMaxAutoCellsLog2 || count(cells_log2 + 1) > most) break;
+    // Finer than the scan, and hardly better: what is left is not a matter of samples.
+    if (count(cells_log2) > 4 * vertices && impl->report.deviation_mm > 0.8 * before) break;
   }
 
   // Texels: twice as dense as what they are taken from, along u and v.

@@ -19,7 +19,7 @@ namespace relievo {
 struct BakeOptions {
   // 2^this relief cells a patch's side, 1 to 14. -1: as many as it takes for 99.9 % of the surface to lie within tolerance_mm of the
   // scan, but at most 2^10, and at most four million samples or 16 (256 where a tolerance is given) for each of the scan's vertices:
-  // where a line along the base's normal meets the scan twice, no grid is fine enough.
+  // where a line along the base's normal meets the scan twice, no grid is fine enough. It ends sooner where finer grids hardly help.
   int cells_log2 = -1;
   double tolerance_mm = 0;  // 0: 1e-4 of the bounding box's diagonal, and a sample for every two vertices of the scan at least
   int texture_depth = -1;   // 128 << this texels a patch's side; -1: as fine as the colours

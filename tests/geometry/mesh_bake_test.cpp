@@ -500,5 +500,57 @@ TEST(MeshBake, patchesAreReadByManyThreadsAtOnce) {
   EXPECT_TRUE(one == many);
 }
 
+TEST(MeshBake, aThinReliefOnABigPanel) {
+  // 10 um on 10 m, far from the scan's origin: vertices under samples, exact in z.
+  auto z = [](double x, double y) { return 0.005 * std::sin(0.01 * x) * std::cos(0.013 * y); };
+  TriMesh mesh = sheetMesh(8192, 8192, 128, 128, z);
+  mesh.origin_mm = {1e7, 1e7, -1e7};
+  BaseMesh base = sheetBase(8192, 8192, 2, 2);
+  base.origin_mm = mesh.origin_mm;
+  auto baked = bake(mesh, base, {.cells_log2 = 6});
+  ASSERT_TRUE(baked);
+  EXPECT_EQ(baked->report().by_closest_point, 0u);
+  EXPECT_LT(baked->reliefScaleMm() * 65535, 0.011);
+  for (uint32_t p = 0; p < 4; ++p) {
+    const Heights q = heightsOf(*baked, p);
+    for (size_t y = 0; y <= 128; y += 2) {
+      for (size_t x = 0; x <= 128; x += 2) {
+        const double px = 4096.0 * (p % 2) + 32.0 * static_cast<double>(x), py = -4096.0 * (p / 2) - 32.0 * static_cast<double>(y);
+        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x], z(px, py), 0.51 * baked->reliefScaleMm());
+      }
+    }
+    EXPECT_LT(baked->errorOfCells(p, 0), 0.011f);
+    EXPECT_GT(baked->errorOfCells(p, 0), 0.0f);
+  }
+}
+
+TEST(MeshBake, degenerateBasesGiveNumbers) {
+  TriMesh one;
+  one.positions_mm = {{0, 0, 0}, {1, 0, 0}, {0, -1, 0}};
+  one.triangles = {{0, 2, 1}};
+  const TriMesh sphere = sphereMesh(10, 10);
+  BaseMesh collapsed = sheetBase(1, 1, 2, 2);
+  for (uint32_t c : {0u, 1u, 3u, 4u}) collapsed.corners[c].position_mm = {0.5f, -0.5f, 0};  // a patch without size
+  BaseMesh needles = sheetBase(10'000, 1, 1, 4);
+  BaseMesh opposed = sheetBase(1, 1, 1, 1);  // normals that cancel in the middle
+  opposed.corners[0].normal = opposed.corners[3].normal = {0, 0, -1};
+  for (const TriMesh* mesh : std::array<const TriMesh*, 2>{&one, &sphere}) {
+    for (const BaseMesh* base : {&collapsed, &needles, &opposed}) {
+      ASSERT_EQ(baseMeshProblem(*base), "");
+      for (int cells_log2 : {1, 5, -1}) {
+        auto baked = bake(*mesh, *base, {.cells_log2 = cells_log2});
+        ASSERT_TRUE(baked);
+        EXPECT_TRUE(std::isfinite(baked->reliefOffsetMm()) && std::isfinite(baked->reliefScaleMm()) && std::isfinite(baked->report().deviation_mm));
+        EXPECT_TRUE(std::isfinite(baked->errorUnitMm()) && baked->errorUnitMm() > 0);
+        std::vector<uint8_t> texels(6 * (size_t{128} << baked->textureDepth()) * (size_t{128} << baked->textureDepth()));
+        for (uint32_t p = 0; p < base->patches.size(); ++p) {
+          for (int log2 = 0; log2 <= 7; ++log2) EXPECT_TRUE(std::isfinite(baked->errorOfCells(p, log2)));
+          EXPECT_TRUE(baked->texels(p, texels));
+        }
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace relievo
