@@ -31,9 +31,11 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
 
 Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches) {
   auto invalid = [](uint64_t offset, std::string message) {
-    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message, "rebuild the package, or get a whole copy", offset};
+    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
+                 "rebuild the package, or get a whole copy", offset};
   };
-  if (bytes.size() < kBaseHeadBytes) return invalid(0, "expected at least 40 bytes, found " + std::to_string(bytes.size()));
+  if (bytes.size() < kBaseHeadBytes)
+    return invalid(0, "expected at least 40 bytes, found " + std::to_string(bytes.size()));
   const uint8_t* p = bytes.data();
   auto take = [&]<class T>(T& v) {
     v = loadLittle<T>(p);
@@ -42,15 +44,17 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   uint32_t corner_count = 0, patch_count = 0;
   take(corner_count);
   take(patch_count);
-  if (patch_count != patches) return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
+  if (patch_count != patches)
+    return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
   if (const uint64_t expected = baseSectionBytes(corner_count, patch_count); expected != bytes.size()) {
-    return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " + std::to_string(expected) +
-                          " bytes, found " + std::to_string(bytes.size()));
+    return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " +
+                          std::to_string(expected) + " bytes, found " + std::to_string(bytes.size()));
   }
   BaseSection out;
   for (int k = 0; k < 3; ++k) take(out.mesh.origin_mm[k]);
   take(out.error_unit_mm);
-  if (!std::isfinite(out.error_unit_mm) || out.error_unit_mm < 0) return invalid(32, "the unit of errors is not a number of mm");
+  if (!std::isfinite(out.error_unit_mm) || out.error_unit_mm < 0)
+    return invalid(32, "the unit of errors is not a number of mm");
   out.mesh.corners.resize(corner_count);
   for (BaseCorner& c : out.mesh.corners) {
     for (int k = 0; k < 3; ++k) take(c.position_mm[k]);
@@ -66,7 +70,8 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
     for (float& e : errors) take(e);
     for (size_t k = 0; k < errors.size(); ++k) {
       if (!std::isfinite(errors[k]) || errors[k] < 0 || (k > 0 && errors[k] > errors[k - 1]))
-        return invalid(bytes.size() - (out.coarse_errors.size() - i) * sizeof(CoarseErrors), "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level");
+        return invalid(bytes.size() - (out.coarse_errors.size() - i) * sizeof(CoarseErrors),
+                       "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level");
     }
   }
   return out;

@@ -24,8 +24,8 @@ constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches) {
 }
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
-// Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there must be.
-// The error names what is wrong, and its offset counts from the section's start; its file is empty.
+// Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there
+// must be. The error names what is wrong, and its offset counts from the section's start; its file is empty.
 Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches);
 
 }  // namespace relievo

@@ -67,13 +67,18 @@ Result<void> SpillStore::read(uint64_t offset, void* bytes, size_t size) const {
 }
 
 Error SpillStore::failed(const char* doing, int error_number) const {
-  return {ErrorKind::kIo, path_, std::string(doing) + " failed: " + std::strerror(error_number),
-          error_number == ENOSPC ? "free some disk space, or write to another disk" : "check the folder's permissions", {}};
+  return {ErrorKind::kIo,
+          path_,
+          std::string(doing) + " failed: " + std::strerror(error_number),
+          error_number == ENOSPC ? "free some disk space, or write to another disk" : "check the folder's permissions",
+          {}};
 }
 
 uint64_t encodedHash(std::span<const uint8_t> encoded) { return XXH3_64bits(encoded.data(), encoded.size()); }
 
-Error usage(std::string message, std::string hint) { return {ErrorKind::kUsage, "", std::move(message), std::move(hint), {}}; }
+Error usage(std::string message, std::string hint) {
+  return {ErrorKind::kUsage, "", std::move(message), std::move(hint), {}};
+}
 
 nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& tool_version) {
   const PlanarDomain& d = h.domain;
@@ -90,7 +95,8 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
   json["patches"] = d.patchCount();
   json["basis"] = basisName(h.texture.basis);
   json["texture_planes"] = h.texture.planes();
-  for (int k = 0; k < h.texture.planes(); ++k) json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
+  for (int k = 0; k < h.texture.planes(); ++k)
+    json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
   if (isPtm(h.texture.basis)) {
     json["scale"] = h.texture.scale;
     json["bias"] = h.texture.bias;
@@ -133,8 +139,9 @@ Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::s
   return {};
 }
 
-Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& output, const PackageHeader& header, std::string manifest,
-                                                             std::vector<uint8_t> base, SpillBudget& spills) {
+Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& output, const PackageHeader& header,
+                                                             std::string manifest, std::vector<uint8_t> base,
+                                                             SpillBudget& spills) {
   auto file = OutputFile::create(output);
   if (!file) return file.error();
   auto index = spills.create(header.index_bytes);
@@ -165,12 +172,14 @@ Result<void> PackageWriter::append(const BuildPart& part) {
     storeLittle(entry + 20, p.range.min);
     storeLittle(entry + 22, p.range.max);
     storeLittle(entry + 24, p.range.error);
-    auto written = index_->write(p.index_offset - header_.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
+    auto written =
+        index_->write(p.index_offset - header_.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
     if (!written) return written;
     if (p.relief) {
       uint8_t errors[kReliefDetailBytes];
       for (size_t i = 0; i < kReliefDetailBytes; ++i) errors[i] = byteFromError(p.range.block_errors[i]);
-      if (written = index_->write(p.detail_offset - header_.index_offset, errors, sizeof errors); !written) return written;
+      if (written = index_->write(p.detail_offset - header_.index_offset, errors, sizeof errors); !written)
+        return written;
     }
     offset_ += p.size;
   }
@@ -210,7 +219,8 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
       size_t at = piece.size();
       piece.resize(at + block.bytes);
       status = index_->read(block.offset - h.index_offset, piece.data() + at, block.bytes - 8);
-      storeLittle(piece.data() + at + block.bytes - 8, static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
+      storeLittle(piece.data() + at + block.bytes - 8,
+                  static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
       if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
       return status.ok();
     });
@@ -220,9 +230,12 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   if (!status.ok()) return status.error();
   if (!base_.empty())
     if (auto w = file_.writeAt(h.base_offset, base_); !w) return w.error();
-  if (auto w = file_.writeAt(h.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest_.data()), manifest_.size()}); !w) return w.error();
+  if (auto w = file_.writeAt(h.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest_.data()), manifest_.size()});
+      !w)
+    return w.error();
   if (auto w = file_.writeAt(0, head); !w) return w.error();
-  if (interrupted && interrupted->load()) return Error{ErrorKind::kInterrupted, file_.path(), "interrupted", "nothing was written", {}};
+  if (interrupted && interrupted->load())
+    return Error{ErrorKind::kInterrupted, file_.path(), "interrupted", "nothing was written", {}};
   if (auto committed = file_.commit(); !committed) return committed.error();
   return h.file_bytes;
 }

@@ -1,5 +1,5 @@
-// package_writer.h - what the builders of packages share: temporary bytes, workers whose parts are written in order, and the file
-// with its index. Internal to texturing/.
+// package_writer.h - what the builders of packages share: temporary bytes, workers whose parts are written in order,
+// and the file with its index. Internal to texturing/.
 #pragma once
 
 #include <array>
@@ -26,8 +26,8 @@ namespace relievo {
 
 inline constexpr int kPartsAhead = 2;  // finished parts a worker that may wait to be written
 
-// Bytes at any offset: in memory when small, else in a file without a name beside the output. Regions that do not overlap
-// may be written and read by several threads.
+// Bytes at any offset: in memory when small, else in a file without a name beside the output. Regions that do not
+// overlap may be written and read by several threads.
 class SpillStore {
  public:
   static Result<std::unique_ptr<SpillStore>> create(uint64_t size, bool in_memory, const std::string& beside);
@@ -62,8 +62,8 @@ struct NodeRange {
   std::array<uint16_t, kReliefDetailBytes> block_errors{};
 };
 
-struct Placed {            // a page that was made
-  uint64_t index_offset = 0;   // of its entry, in the file
+struct Placed {               // a page that was made
+  uint64_t index_offset = 0;  // of its entry, in the file
   uint32_t size = 0;
   uint64_t checksum = 0;
   bool relief = false;
@@ -73,7 +73,7 @@ struct Placed {            // a page that was made
 struct BuildPart {
   std::vector<uint8_t> bytes;
   std::vector<Placed> pages;
-  uint64_t texels = 0;     // finest texels of the texture done
+  uint64_t texels = 0;  // finest texels of the texture done
   Result<void> status;
   void place(const Placed& page, std::span<const uint8_t> encoded) {
     pages.push_back(page);
@@ -83,14 +83,19 @@ struct BuildPart {
   }
 };
 
-// Workers take jobs in order and make parts of them; the caller takes the parts in that order, so what is written does not depend
-// on the workers. next (called by one worker at a time) gives the next job, or false; make_worker is called by each worker's thread.
+// Workers take jobs in order and make parts of them; the caller takes the parts in that order, so what is written does
+// not depend on the workers. next (called by one worker at a time) gives the next job, or false; make_worker is called
+// by each worker's thread.
 template <class Job>
 class OrderedWorkers {
  public:
   using Worker = std::function<BuildPart(const Job&)>;
-  OrderedWorkers(int workers, int ahead, const std::atomic<bool>* interrupted, std::function<bool(Job*)> next, std::function<Worker()> make_worker)
-      : next_(std::move(next)), make_worker_(std::move(make_worker)), interrupted_(interrupted), ahead_(static_cast<uint64_t>(workers) * static_cast<uint64_t>(1 + ahead)) {
+  OrderedWorkers(int workers, int ahead, const std::atomic<bool>* interrupted, std::function<bool(Job*)> next,
+                 std::function<Worker()> make_worker)
+      : next_(std::move(next)),
+        make_worker_(std::move(make_worker)),
+        interrupted_(interrupted),
+        ahead_(static_cast<uint64_t>(workers) * static_cast<uint64_t>(1 + ahead)) {
     for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { work(); });
   }
   ~OrderedWorkers() {
@@ -147,15 +152,17 @@ class OrderedWorkers {
   std::vector<std::thread> threads_;
 };
 
-// Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may change).
+// Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may
+// change).
 Result<void> placeSections(PackageHeader& header, const std::string& manifest, std::span<const uint8_t> base);
 
 // The part file: pages as they come, everything else when it is finished.
 class PackageWriter {
  public:
   // header: as placeSections left it.
-  static Result<std::unique_ptr<PackageWriter>> create(const std::string& output, const PackageHeader& header, std::string manifest,
-                                                       std::vector<uint8_t> base, SpillBudget& spills);
+  static Result<std::unique_ptr<PackageWriter>> create(const std::string& output, const PackageHeader& header,
+                                                       std::string manifest, std::vector<uint8_t> base,
+                                                       SpillBudget& spills);
   Result<void> append(const BuildPart& part);
   void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
   // Index, manifest, base mesh, header; renames. The file's bytes.
@@ -173,7 +180,8 @@ class PackageWriter {
 
 // Takes `parts` parts and appends them; progress(part, or null while waiting).
 template <class Job, class Progress>
-Result<void> writeParts(OrderedWorkers<Job>& workers, uint64_t parts, PackageWriter& writer, const BuildOptions& options, Progress&& progress) {
+Result<void> writeParts(OrderedWorkers<Job>& workers, uint64_t parts, PackageWriter& writer,
+                        const BuildOptions& options, Progress&& progress) {
   while (parts > 0) {
     if (options.interrupted && options.interrupted->load())
       return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};

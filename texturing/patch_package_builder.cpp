@@ -1,11 +1,13 @@
 // How a build runs: twice over the patches, which are independent in either pass (texturing/package_writer.h).
 //
-//   1  asks the source for the patch; writes its relief pages, which need nobody else; keeps its texels of all levels, as bytes, and
+//   1  asks the source for the patch; writes its relief pages, which need nobody else; keeps its texels of all levels,
+//   as bytes, and
 //      of each level and side the strip of 4 texels that the neighbour's pages have as their border
 //   2  writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
 //
-// Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may, so what stands
-// there is what makes the mean of the four texels around the corner the same from all patches: that of all their corner texels.
+// Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may,
+// so what stands there is what makes the mean of the four texels around the corner the same from all patches: that of
+// all their corner texels.
 //
 // So the source is asked for each patch once, and no page waits for a neighbour's.
 #include "texturing/patch_package_builder.h"
@@ -60,16 +62,16 @@ struct Context {
   std::unique_ptr<SpillStore> levels, strips;
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
-  std::vector<std::array<uint64_t, 4>> side_hash;        // of the heights along a side, from the corner of the lower index on
+  std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
-  std::vector<uint8_t> corner_texels;                    // by patch, level, corner and channel
+  std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 
-  uint8_t* cornerTexel(uint32_t patch, int level, size_t corner) {
-    return corner_texels.data() + ((static_cast<size_t>(patch) * static_cast<size_t>(store.depth + 1) + static_cast<size_t>(level)) * 4 + corner) * static_cast<size_t>(store.channels);
+  size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
+    const size_t levels = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
+    return ((patch * levels + static_cast<size_t>(level)) * 4 + corner) * channels;
   }
-  const uint8_t* cornerTexel(uint32_t patch, int level, size_t corner) const { return const_cast<Context*>(this)->cornerTexel(patch, level, corner); }
 };
 
 void listCorners(Context& c) {
@@ -111,9 +113,7 @@ class PatchReader {
       const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
       if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
       if (auto kept = keepStrips(patch, level, side); !kept) return kept;
-      for (size_t k = 0; k < 4; ++k)
-        for (size_t c = 0; c < channels; ++c)
-          c_.cornerTexel(patch, level, k)[c] = texels_[(c * static_cast<size_t>(side) + (k / 2 ? side - 1 : 0)) * static_cast<size_t>(side) + (k % 2 ? side - 1 : 0)];
+      keepCorners(patch, level, static_cast<size_t>(side));
       if (level == 0) return {};
       coarser_.resize(texels_.size() / 4);
       if (level == store.depth) {
@@ -124,6 +124,14 @@ class PatchReader {
       level_.swap(coarser_);
       texels_.resize(level_.size());
       for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
+    }
+  }
+
+  void keepCorners(uint32_t patch, int level, size_t side) {
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
+      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
+        c_.corner_texels[place + c] = texels_[(c * side + y) * side + x];
     }
   }
 
@@ -143,7 +151,10 @@ class PatchReader {
           }
         }
       }
-      if (auto kept = c_.strips->write(patch * c_.store.stripsBytes() + c_.store.stripOffset(level, s), strip_.data(), strip_.size()); !kept) return kept;
+      if (auto kept = c_.strips->write(patch * c_.store.stripsBytes() + c_.store.stripOffset(level, s), strip_.data(),
+                                       strip_.size());
+          !kept)
+        return kept;
     }
     return {};
   }
@@ -160,7 +171,8 @@ class PatchReader {
       const uint32_t nodes = 1u << level;
       ranges_[static_cast<size_t>(level)].resize(size_t{nodes} * nodes);
       for (uint32_t y = 0; y < nodes; ++y)
-        for (uint32_t x = 0; x < nodes; ++x) ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x] = rangeOf(level, x, y);
+        for (uint32_t x = 0; x < nodes; ++x)
+          ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x] = rangeOf(level, x, y);
     }
     for (int level = 0; level <= depth; ++level) {
       const uint32_t nodes = 1u << level;
@@ -173,7 +185,9 @@ class PatchReader {
           }
           const NodeId node{patch, static_cast<uint32_t>(level), x, y};
           const auto at = c_.layout.relief.find(node), detail = c_.layout.relief_detail.find(node);
-          out.place({.index_offset = at.block_offset + at.node_offset, .relief = true, .detail_offset = detail.block_offset + detail.node_offset,
+          out.place({.index_offset = at.block_offset + at.node_offset,
+                     .relief = true,
+                     .detail_offset = detail.block_offset + detail.node_offset,
                      .range = ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x]},
                     encoder_.encodeRelief(samples_));
         }
@@ -186,7 +200,8 @@ class PatchReader {
     float least = page_mm > 0 ? std::nextafter(static_cast<float>(page_mm), INFINITY) : 0.0f;
     for (size_t k = coarse->size(); k-- > 0;) {
       float& e = (*coarse)[k];
-      if (!std::isfinite(e) || e < 0) return invalid(patch, "its error at " + std::to_string(1 << k) + " cells a side is not a number of mm");
+      if (!std::isfinite(e) || e < 0)
+        return invalid(patch, "its error at " + std::to_string(1 << k) + " cells a side is not a number of mm");
       e = least = std::max(e, least);
     }
     c_.coarse_errors[patch] = *coarse;
@@ -200,7 +215,8 @@ class PatchReader {
     for (size_t k = 0; k < 4; ++k) c_.corner_height[patch][k] = heights_[corner[k]];
     std::vector<uint16_t> along(side);
     for (size_t s = 0; s < 4; ++s) {
-      const size_t a = static_cast<size_t>(kSideCorners[s][0]), b = static_cast<size_t>(kSideCorners[s][1]), step = (corner[b] - corner[a]) / cells;
+      const size_t a = static_cast<size_t>(kSideCorners[s][0]), b = static_cast<size_t>(kSideCorners[s][1]),
+                   step = (corner[b] - corner[a]) / cells;
       for (size_t i = 0; i < side; ++i) along[i] = heights_[corner[a] + i * step];
       if (index[a] > index[b]) std::reverse(along.begin(), along.end());
       c_.side_hash[patch][s] = XXH3_64bits(along.data(), along.size() * 2);
@@ -222,12 +238,13 @@ class PatchReader {
         double steps = mm == 0 ? 0 : std::ceil(mm / unit);
         if (steps * unit < mm) ++steps;
         if (!(mm >= 0) || !(steps <= 65535)) {
-          return invalid(patch, "its error of " + std::to_string(mm) + " mm at level " + std::to_string(level) + " is not within 0 and 65535 times " +
-                                    std::to_string(unit) + " mm");
+          return invalid(patch, "its error of " + std::to_string(mm) + " mm at level " + std::to_string(level) +
+                                    " is not within 0 and 65535 times " + std::to_string(unit) + " mm");
         }
         out[i] = static_cast<uint16_t>(steps);
         if (level == depth) continue;
-        const uint16_t* finer = errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);
+        const uint16_t* finer =
+            errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);
         out[i] = std::max({out[i], finer[0], finer[1], finer[2 * blocks], finer[2 * blocks + 1]});
       }
     }
@@ -246,13 +263,15 @@ class PatchReader {
       }
     } else {
       for (size_t child = 0; child < 4; ++child) {
-        const NodeRange& c = ranges_[static_cast<size_t>(level) + 1][((2 * y + child / 2) << (level + 1)) + 2 * x + child % 2];
+        const NodeRange& c =
+            ranges_[static_cast<size_t>(level) + 1][((2 * y + child / 2) << (level + 1)) + 2 * x + child % 2];
         r.min = std::min(r.min, c.min), r.max = std::max(r.max, c.max);
       }
     }
     const size_t blocks = size_t{kErrorBlocks} << level;
     for (size_t i = 0; i < r.block_errors.size(); ++i) {
-      r.block_errors[i] = errors_[static_cast<size_t>(level)][(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
+      r.block_errors[i] = errors_[static_cast<size_t>(level)]
+                                 [(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
       r.error = std::max(r.error, r.block_errors[i]);
     }
     return r;
@@ -263,8 +282,8 @@ class PatchReader {
   std::vector<uint8_t> texels_, strip_;
   std::vector<uint16_t> level_, coarser_, heights_;
   std::vector<float> error_mm_;
-  std::vector<std::vector<uint16_t>> errors_;    // by level and block
-  std::vector<std::vector<NodeRange>> ranges_;   // by level and node
+  std::vector<std::vector<uint16_t>> errors_;   // by level and block
+  std::vector<std::vector<NodeRange>> ranges_;  // by level and node
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
@@ -292,24 +311,32 @@ class TextureWriter {
     const size_t channels = static_cast<size_t>(store.channels), plane = stride() * stride();
     bordered_.resize(channels * plane);
     inside_.resize(channels * side_ * side_);
-    if (auto read = c_.levels->read(patch * store.levelBytes() + store.levelOffset(level), inside_.data(), inside_.size()); !read) return read;
+    if (auto read =
+            c_.levels->read(patch * store.levelBytes() + store.levelOffset(level), inside_.data(), inside_.size());
+        !read)
+      return read;
     for (size_t c = 0; c < channels; ++c)
       for (size_t y = 0; y < side_; ++y)
-        std::memcpy(bordered_.data() + c * plane + (y + kPageBorderPx) * stride() + kPageBorderPx, inside_.data() + (c * side_ + y) * side_, side_);
+        std::memcpy(bordered_.data() + c * plane + (y + kPageBorderPx) * stride() + kPageBorderPx,
+                    inside_.data() + (c * side_ + y) * side_, side_);
     const int begin = kPageBorderPx, end = begin + static_cast<int>(side_), width = static_cast<int>(stride());
     repeatBorder(bordered_.data(), width, width, store.channels, begin, begin, end, end);
     strip_.resize(store.stripBytes(level));
     for (int s = 0; s < 4; ++s) {
       const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
       if (n.patch == PatchNeighbour::kNone) continue;
-      if (auto read = c_.strips->read(n.patch * store.stripsBytes() + store.stripOffset(level, n.side), strip_.data(), strip_.size()); !read) return read;
+      if (auto read = c_.strips->read(n.patch * store.stripsBytes() + store.stripOffset(level, n.side), strip_.data(),
+                                      strip_.size());
+          !read)
+        return read;
       const uint8_t* in = strip_.data();
       for (size_t c = 0; c < channels; ++c) {
         for (size_t d = 0; d < kStripPx; ++d, in += side_) {
           // Texel i along the side, d + 1 texels beyond it.
           const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
           const bool upright = s == kLeft || s == kRight;
-          uint8_t* out = bordered_.data() + c * plane + (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
+          uint8_t* out = bordered_.data() + c * plane +
+                         (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
           const size_t step = upright ? stride() : 1;
           for (size_t i = 0; i < side_; ++i) out[i * step] = in[n.reversed ? side_ - 1 - i : i];
         }
@@ -329,11 +356,13 @@ class TextureWriter {
       uint8_t* plane = bordered_.data() + c * stride() * stride();
       auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
       size_t sum = 0;
-      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i) sum += c_.cornerTexel(c_.at[i] / 4, level, c_.at[i] % 4)[c];
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i)
+        sum += c_.corner_texels[c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4) + c];
       const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
       const int beyond = std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
       for (size_t j = 0; j < kPageBorderPx; ++j)
-        for (size_t i = 0; i < kPageBorderPx; ++i) at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
+        for (size_t i = 0; i < kPageBorderPx; ++i)
+          at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
     }
   }
 
@@ -346,9 +375,11 @@ class TextureWriter {
           uint8_t* to = page_.data();
           for (size_t c = 3 * plane; c < 3 * plane + 3; ++c) {
             const uint8_t* from = bordered_.data() + c * plane_texels + y * kPagePx * stride() + x * kPagePx;
-            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride()) std::memcpy(to, from, kPageFullPx);
+            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride())
+              std::memcpy(to, from, kPageFullPx);
           }
-          out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes}, encoder_.encodeTexture(page_, c_.header.encodings[plane]));
+          out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes},
+                    encoder_.encodeTexture(page_, c_.header.encodings[plane]));
         }
       }
     }
@@ -366,34 +397,41 @@ double meanSideMm(const BaseMesh& base) {
   double sum = 0;
   for (const auto& p : base.patches)
     for (const auto& side : kSideCorners)
-      sum += glm::length(glm::dvec3(base.corners[p[static_cast<size_t>(side[0])]].position_mm) - glm::dvec3(base.corners[p[static_cast<size_t>(side[1])]].position_mm));
+      sum += glm::length(glm::dvec3(base.corners[p[static_cast<size_t>(side[0])]].position_mm) -
+                         glm::dvec3(base.corners[p[static_cast<size_t>(side[1])]].position_mm));
   return sum / (4.0 * static_cast<double>(base.patches.size()));
 }
 
 Result<PlanarDomain> planDomain(const PatchSource& source) {
   if (std::string problem = baseMeshProblem(source.base()); !problem.empty()) return usage("the base mesh: " + problem);
-  if (source.base().corners.size() > 4 * source.base().patches.size()) return usage("the base mesh: there are more corners than its patches can name");
+  if (source.base().corners.size() > 4 * source.base().patches.size())
+    return usage("the base mesh: there are more corners than its patches can name");
   PlanarDomain d;
   d.texture_depth = source.textureDepth();
   d.relief_depth = source.reliefDepth();
   const int deepest = static_cast<int>(kMaxNodeLevel);
-  if (d.texture_depth < 0 || d.texture_depth > deepest || d.relief_depth < 0) return usage("the patches' depth is out of range");
+  if (d.texture_depth < 0 || d.texture_depth > deepest || d.relief_depth < 0)
+    return usage("the patches' depth is out of range");
   d.height_px = d.patchPx();
   d.width_px = source.base().patches.size() * d.patchPx();
   d.mm_per_px = std::max(meanSideMm(source.base()) / static_cast<double>(d.patchPx()), 1e-12);
   d.relief_offset_mm = source.reliefOffsetMm();
   d.relief_scale_mm = source.reliefScaleMm();
   if (std::string problem = domainProblem(d); !problem.empty()) return usage("cannot build this: " + problem);
-  if (!std::isfinite(source.errorUnitMm()) || source.errorUnitMm() < 0) return usage("the unit of errors is not a number of mm");
+  if (!std::isfinite(source.errorUnitMm()) || source.errorUnitMm() < 0)
+    return usage("the unit of errors is not a number of mm");
   return d;
 }
 
 std::string manifestOf(const PackageHeader& h, const PatchSource& source, const BuildOptions& options) {
   nlohmann::ordered_json json = manifestJson(h, options.tool_version);
   const BaseMesh& base = source.base();
-  json["base"] = {{"corners", base.corners.size()}, {"patches", base.patches.size()}, {"origin_mm", {base.origin_mm.x, base.origin_mm.y, base.origin_mm.z}},
+  json["base"] = {{"corners", base.corners.size()},
+                  {"patches", base.patches.size()},
+                  {"origin_mm", {base.origin_mm.x, base.origin_mm.y, base.origin_mm.z}},
                   {"error_unit_mm", source.errorUnitMm()}};
-  auto extra = nlohmann::ordered_json::parse(options.manifest_extra.empty() ? "{}" : options.manifest_extra, nullptr, false);
+  auto extra =
+      nlohmann::ordered_json::parse(options.manifest_extra.empty() ? "{}" : options.manifest_extra, nullptr, false);
   if (extra.is_object()) json.update(extra);
   const char* role = "mesh";
   for (const Provenance& p : source.provenance()) {
@@ -407,19 +445,25 @@ std::string manifestOf(const PackageHeader& h, const PatchSource& source, const 
 Result<void> checkBorders(const Context& c) {
   const BaseMesh& base = c.source.base();
   auto differ = [](uint32_t a, uint32_t b, const std::string& where) {
-    return Error{ErrorKind::kInvalidData, "", "the heights of patches " + std::to_string(a) + " and " + std::to_string(b) + " differ " + where, "", {}};
+    return Error{ErrorKind::kInvalidData,
+                 "",
+                 "the heights of patches " + std::to_string(a) + " and " + std::to_string(b) + " differ " + where,
+                 "",
+                 {}};
   };
   std::vector<uint32_t> first(base.corners.size(), PatchNeighbour::kNone);
   std::vector<uint16_t> height(base.corners.size());
   for (uint32_t p = 0; p < base.patches.size(); ++p) {
     for (size_t s = 0; s < 4; ++s) {
       const PatchNeighbour& n = c.neighbours[p][s];
-      if (n.patch != PatchNeighbour::kNone && c.side_hash[p][s] != c.side_hash[n.patch][n.side]) return differ(p, n.patch, "along the side that they share");
+      if (n.patch != PatchNeighbour::kNone && c.side_hash[p][s] != c.side_hash[n.patch][n.side])
+        return differ(p, n.patch, "along the side that they share");
     }
     for (size_t k = 0; k < 4; ++k) {
       const uint32_t corner = base.patches[p][k];
       if (first[corner] == PatchNeighbour::kNone) first[corner] = p, height[corner] = c.corner_height[p][k];
-      if (height[corner] != c.corner_height[p][k]) return differ(first[corner], p, "at corner " + std::to_string(corner));
+      if (height[corner] != c.corner_height[p][k])
+        return differ(first[corner], p, "at corner " + std::to_string(corner));
     }
   }
   return {};
@@ -446,23 +490,40 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const std::string manifest = manifestOf(header, source, options);
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
 
-  Context context{source, header, packageLayout(d, header.texture, header.index_offset, true), MipFilter(header.texture),
-                  {header.texture.channels(), d.texture_depth}, patchNeighbours(source.base()), {}, {}, {}, {}, {}, {}, {}, {}};
+  Context context{source,
+                  header,
+                  packageLayout(d, header.texture, header.index_offset, true),
+                  MipFilter(header.texture),
+                  {header.texture.channels(), d.texture_depth},
+                  patchNeighbours(source.base()),
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {}};
   context.coarse_errors.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
-  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 * static_cast<size_t>(context.store.channels));
+  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
+                               static_cast<size_t>(context.store.channels));
   listCorners(context);
 
-  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its finished parts.
+  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
+  // finished parts.
   const PatchStore& store = context.store;
   const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
   const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
   const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
-  int workers = options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
-  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
+  int workers =
+      options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
+                                                  std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0, options.output};
+  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0,
+                     options.output};
   for (auto [kept, bytes] : {std::pair{&context.strips, store.stripsBytes()}, {&context.levels, store.levelBytes()}}) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();
@@ -499,9 +560,11 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
       report(false);
     });
   };
-  if (auto ran = pass([&] { return std::make_shared<PatchReader>(context, options.zstd_level); }); !ran) return ran.error();
+  if (auto ran = pass([&] { return std::make_shared<PatchReader>(context, options.zstd_level); }); !ran)
+    return ran.error();
   if (auto sound = checkBorders(context); !sound) return sound.error();
-  if (auto ran = pass([&] { return std::make_shared<TextureWriter>(context, options.zstd_level); }); !ran) return ran.error();
+  if (auto ran = pass([&] { return std::make_shared<TextureWriter>(context, options.zstd_level); }); !ran)
+    return ran.error();
 
   base.coarse_errors = std::move(context.coarse_errors);
   (*writer)->setBase(encodeBaseSection(base));

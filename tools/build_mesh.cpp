@@ -27,7 +27,9 @@ namespace {
 
 class BakedPatches final : public PatchSource {
  public:
-  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources) : bake_(bake), sources_(std::move(sources)) { format_.basis = Basis::kAlbedoNormal; }
+  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources) : bake_(bake), sources_(std::move(sources)) {
+    format_.basis = Basis::kAlbedoNormal;
+  }
   const BaseMesh& base() const override { return bake_.base(); }
   int textureDepth() const override { return bake_.textureDepth(); }
   int reliefDepth() const override { return bake_.reliefDepth(); }
@@ -38,7 +40,9 @@ class BakedPatches final : public PatchSource {
   std::vector<Provenance> provenance() const override { return sources_; }
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
-  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override { return bake_.errors(patch, level, out_mm); }
+  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override {
+    return bake_.errors(patch, level, out_mm);
+  }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors out;
     for (size_t k = 0; k < out.size(); ++k) out[k] = bake_.errorOfCells(patch, static_cast<int>(k));
@@ -84,7 +88,8 @@ class Stages {
     const auto start = std::chrono::steady_clock::now();
     Memory::restart();
     auto result = stage();
-    costs.push_back({name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), Memory::peak()});
+    costs.push_back(
+        {name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), Memory::peak()});
     return result;
   }
   template <class Options, class F>
@@ -101,13 +106,18 @@ class Stages {
 Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (a.texture == "none") return Image8{};
   if (!a.texture.empty() && mesh.corner_uv.empty())
-    return Error{ErrorKind::kUsage, a.mesh, "--texture needs texture coordinates, found none in the mesh", "leave --texture out: colours of vertices are used", {}};
+    return Error{ErrorKind::kUsage,
+                 a.mesh,
+                 "--texture needs texture coordinates, found none in the mesh",
+                 "leave --texture out: colours of vertices are used",
+                 {}};
   const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
   if (path.empty() || mesh.corner_uv.empty()) return Image8{};
   auto image = readImage8(path);
   if (!image) {
     Error error = image.error();
-    if (a.texture.empty()) error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
+    if (a.texture.empty())
+      error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
     return error;
   }
   if (image->channels == 3) return image;
@@ -119,7 +129,9 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
   return rgb;
 }
 
-Error interrupted(const MeshBuildArguments& a) { return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}}; }
+Error interrupted(const MeshBuildArguments& a) {
+  return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}};
+}
 
 Result<void> writeText(const std::string& path, const std::string& text) {
   if (path == "-") {
@@ -137,7 +149,9 @@ std::string millimetres(double mm) {
 
 }  // namespace
 
-double mmPerUnit(const std::string& unit) { return unit == "mm" ? 1 : unit == "cm" ? 10 : unit == "m" ? 1000 : unit == "in" ? 25.4 : 0; }
+double mmPerUnit(const std::string& unit) {
+  return unit == "mm" ? 1 : unit == "cm" ? 10 : unit == "m" ? 1000 : unit == "in" ? 25.4 : 0;
+}
 
 Result<void> buildFromMesh(const MeshBuildArguments& a) {
   Stages stages;
@@ -163,17 +177,22 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   BakeOptions bake_options;
   bake_options.tolerance_mm = a.tolerance_mm;
   bake_options.workers = a.package.workers;
-  auto bake = stages.run("bake", bake_options, [&] { return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options); });
+  auto bake = stages.run("bake", bake_options, [&] {
+    return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options);
+  });
   if (!bake) return bake.error();
 
   std::vector<Provenance> sources{mesh_file.get()};
-  if (image->width > 0) sources.push_back(FileProvenance(a.texture.empty() ? scan.texture_path : a.texture, true).get());
+  if (image->width > 0)
+    sources.push_back(FileProvenance(a.texture.empty() ? scan.texture_path : a.texture, true).get());
   MeshBuildResult result;
   result.package = a.package.output;
   result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report());
   BuildOptions package = a.package;
-  package.manifest_extra = nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the package's.
+  package.manifest_extra =
+      nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
+  // package's.
   constexpr uint64_t kLeastBytes = uint64_t{64} << 20;
   const uint64_t held = Memory::now();
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
@@ -186,7 +205,8 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   {
     auto opened = Package::open(a.package.output);
     if (!opened) return opened.error();
-    result.relief_bytes = planeUsage(**opened, Plane::kRelief).bytes + baseSectionBytes(base->corners.size(), base->patches.size());
+    result.relief_bytes =
+        planeUsage(**opened, Plane::kRelief).bytes + baseSectionBytes(base->corners.size(), base->patches.size());
   }
 
   const bool measure = !a.report.empty() || !a.json_file.empty();
@@ -217,12 +237,14 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     seconds += s.seconds;
     peak = std::max(peak, s.peak_bytes);
   }
-  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(), static_cast<unsigned long long>(built->pages),
-              static_cast<double>(built->package_bytes) / (1 << 20), seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
+  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(),
+              static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20),
+              seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
   if (measure) {
     const MeshDistance& d = result.distance;
-    std::printf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n", millimetres(d.to_baked.max_mm).c_str(),
-                millimetres(d.to_scan.max_mm).c_str(), millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
+    std::printf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
+                millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
+                millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
   }
   return {};
 }

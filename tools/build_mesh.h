@@ -11,12 +11,12 @@ namespace relievo {
 
 struct MeshBuildArguments {
   std::string mesh;
-  std::string texture;       // an image for the mesh's texture coordinates; empty: what the mesh names; "none"
-  std::string unit = "mm";   // mm, cm, m, in
-  uint32_t patches = 0;      // 0: as the shape asks for
-  double tolerance_mm = 0;   // 0: 1e-4 of the diagonal
+  std::string texture;            // an image for the mesh's texture coordinates; empty: what the mesh names; "none"
+  std::string unit = "mm";        // mm, cm, m, in
+  uint32_t patches = 0;           // 0: as the shape asks for
+  double tolerance_mm = 0;        // 0: 1e-4 of the diagonal
   std::string report, json_file;  // either asks for the distance between scan and patches, too
-  BuildOptions package;      // output, workers, compression, encodings, memory
+  BuildOptions package;           // output, workers, compression, encodings, memory
 };
 
 // The millimetres of a unit; 0 if it is none.

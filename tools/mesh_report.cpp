@@ -60,7 +60,8 @@ std::string placesText(const Json& places) {
 
 // ---- the picture ----
 // Anchors of viridis: it is even to the eye, and to eyes that tell no red from green.
-constexpr std::array<std::array<double, 3>, 5> kRamp{{{68, 1, 84}, {59, 82, 139}, {33, 145, 140}, {94, 201, 98}, {253, 231, 37}}};
+constexpr std::array<std::array<double, 3>, 5> kRamp{
+    {{68, 1, 84}, {59, 82, 139}, {33, 145, 140}, {94, 201, 98}, {253, 231, 37}}};
 std::array<double, 3> rampColour(double t) {
   t = std::clamp(t, 0.0, 1.0) * (kRamp.size() - 1);
   const size_t i = std::min(static_cast<size_t>(t), kRamp.size() - 2);
@@ -84,7 +85,12 @@ std::string base64(const std::string& bytes) {
 Result<std::string> pngUri(const ErrorPicture& picture) {
   std::string name = (std::filesystem::temp_directory_path() / "relievo-XXXXXX.png").string();
   const int fd = ::mkstemps(name.data(), 4);
-  if (fd < 0) return Error{ErrorKind::kIo, name, "a temporary picture cannot be created", "set TMPDIR to a folder that can be written", {}};
+  if (fd < 0)
+    return Error{ErrorKind::kIo,
+                 name,
+                 "a temporary picture cannot be created",
+                 "set TMPDIR to a folder that can be written",
+                 {}};
   ::close(fd);
   auto written = writePng(name, picture.width, picture.height, 3, picture.rgb);
   auto bytes = written ? readTextFile(name, uint64_t{64} << 20) : Result<std::string>(written.error());
@@ -95,7 +101,8 @@ Result<std::string> pngUri(const ErrorPicture& picture) {
 
 std::string escaped(const std::string& text) {
   std::string out;
-  for (char c : text) out += c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '&' ? "&amp;" : c == '"' ? "&quot;" : std::string(1, c);
+  for (char c : text)
+    out += c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '&' ? "&amp;" : c == '"' ? "&quot;" : std::string(1, c);
   return out;
 }
 
@@ -106,14 +113,18 @@ std::string row(std::initializer_list<std::string> cells, const char* tag = "td"
 }
 
 constexpr const char* kStyle =
-    "body{font:15px/1.5 system-ui,sans-serif;max-width:1120px;margin:2em auto;padding:0 1em;color:#222}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:1.6em}"
-    "table{border-collapse:collapse}td,th{padding:.2em .9em .2em 0;text-align:left;font-variant-numeric:tabular-nums;border-bottom:1px solid #ddd}"
-    "img{width:100%}.ramp{height:1em;background:linear-gradient(to right,rgb(68,1,84),rgb(59,82,139),rgb(33,145,140),rgb(94,201,98),rgb(253,231,37))}"
+    "body{font:15px/1.5 system-ui,sans-serif;max-width:1120px;margin:2em auto;padding:0 "
+    "1em;color:#222}h1{font-size:1.5em}h2{font-size:1.15em;margin-top:1.6em}"
+    "table{border-collapse:collapse}td,th{padding:.2em .9em .2em "
+    "0;text-align:left;font-variant-numeric:tabular-nums;border-bottom:1px solid #ddd}"
+    "img{width:100%}.ramp{height:1em;background:linear-gradient(to "
+    "right,rgb(68,1,84),rgb(59,82,139),rgb(33,145,140),rgb(94,201,98),rgb(253,231,37))}"
     ".ends{display:flex;justify-content:space-between}";
 
 }  // namespace
 
-Json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& d, const BaseMesh& base, const BakeReport& bake) {
+Json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& d, const BaseMesh& base,
+              const BakeReport& bake) {
   Json json;
   json["file"] = file;
   json["unit"] = unit;
@@ -145,23 +156,30 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
 std::string meshText(const Json& m) {
   if (!m.is_object() || textOf(m, "file").empty()) return {};
   const auto low = tripleOf(memberOf(m, "min_mm")), high = tripleOf(memberOf(m, "max_mm"));
-  std::string out = format("  scan      %s (in %s): %s, %s, %s, %s, %.6g x %.6g x %.6g mm\n", textOf(m, "file").c_str(), textOf(m, "unit").c_str(),
-                           format("%.0f vertices", numberOf(m, "vertices")).c_str(), count(numberOf(m, "triangles"), "triangle").c_str(),
-                           count(numberOf(m, "pieces"), "piece").c_str(), count(numberOf(m, "border_loops"), "open border").c_str(), high[0] - low[0],
-                           high[1] - low[1], high[2] - low[2]);
-  if (numberOf(m, "triangles_read") != numberOf(m, "triangles") || numberOf(m, "vertices_read") != numberOf(m, "vertices"))
-    out += format("    read    %.0f vertices, %.0f triangles\n", numberOf(m, "vertices_read"), numberOf(m, "triangles_read"));
+  std::string out = format(
+      "  scan      %s (in %s): %s, %s, %s, %s, %.6g x %.6g x %.6g mm\n", textOf(m, "file").c_str(),
+      textOf(m, "unit").c_str(), format("%.0f vertices", numberOf(m, "vertices")).c_str(),
+      count(numberOf(m, "triangles"), "triangle").c_str(), count(numberOf(m, "pieces"), "piece").c_str(),
+      count(numberOf(m, "border_loops"), "open border").c_str(), high[0] - low[0], high[1] - low[1], high[2] - low[2]);
+  if (numberOf(m, "triangles_read") != numberOf(m, "triangles") ||
+      numberOf(m, "vertices_read") != numberOf(m, "vertices"))
+    out += format("    read    %.0f vertices, %.0f triangles\n", numberOf(m, "vertices_read"),
+                  numberOf(m, "triangles_read"));
   if (const Json& findings = memberOf(m, "findings"); findings.is_array()) {
     for (const Json& f : findings) {
       const std::string done = textOf(f, "done"), places = placesText(memberOf(f, "places_mm"));
-      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"), textOf(f, "what").c_str(), done.empty() ? "left as it is" : done.c_str(),
-                    places.empty() ? "" : "; at ", places.c_str());
+      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"), textOf(f, "what").c_str(),
+                    done.empty() ? "left as it is" : done.c_str(), places.empty() ? "" : "; at ", places.c_str());
     }
   }
-  out += format("    baked   %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"), numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
-  if (double n = numberOf(m, "samples_by_closest_point"); n > 0) out += format(", %.0f of them by the closest point", n);
-  out += format("\n            99.9 %% of the surface within %.3g mm where lines along the normals meet the scan; %.3g mm were aimed at", numberOf(m, "deviation_mm"),
-                numberOf(m, "tolerance_mm"));
+  out += format("    baked   %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"),
+                numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
+  if (double n = numberOf(m, "samples_by_closest_point"); n > 0)
+    out += format(", %.0f of them by the closest point", n);
+  out += format(
+      "\n            99.9 %% of the surface within %.3g mm where lines along the normals meet the scan; %.3g mm were "
+      "aimed at",
+      numberOf(m, "deviation_mm"), numberOf(m, "tolerance_mm"));
   return out + "\n";
 }
 
@@ -172,7 +190,8 @@ Json reportJson(const MeshBuildResult& r) {
     for (size_t i = 0; i < kNames.size(); ++i) json[std::string(kNames[i]) + "_mm"] = s.percentiles_mm[i];
     json["max_of_diagonal"] = s.max_mm / r.distance.diagonal_mm;
     json["rms_of_diagonal"] = s.rms_mm / r.distance.diagonal_mm;
-    for (size_t i = 0; i < kNames.size(); ++i) json[std::string(kNames[i]) + "_of_diagonal"] = s.percentiles_mm[i] / r.distance.diagonal_mm;
+    for (size_t i = 0; i < kNames.size(); ++i)
+      json[std::string(kNames[i]) + "_of_diagonal"] = s.percentiles_mm[i] / r.distance.diagonal_mm;
     return json;
   };
   Json json;
@@ -185,7 +204,9 @@ Json reportJson(const MeshBuildResult& r) {
   json["package_bits_per_vertex"] = 8.0 * static_cast<double>(r.package_bytes) / vertices;
   json["samples_per_vertex"] = numberOf(r.mesh, "samples") / vertices;
   json["mesh"] = r.mesh;
-  json["distance"] = {{"diagonal_mm", r.distance.diagonal_mm}, {"psnr_db", r.distance.psnr_db}, {"scan_to_patches", stats(r.distance.to_baked)},
+  json["distance"] = {{"diagonal_mm", r.distance.diagonal_mm},
+                      {"psnr_db", r.distance.psnr_db},
+                      {"scan_to_patches", stats(r.distance.to_baked)},
                       {"patches_to_scan", stats(r.distance.to_scan)}};
   // What building costs, without measuring.
   double seconds = 0;
@@ -198,13 +219,15 @@ Json reportJson(const MeshBuildResult& r) {
     peak = std::max(peak, s.peak_bytes);
   }
   json["build_peak_bytes"] = peak;
-  json["build_peak_bytes_per_triangle"] = static_cast<double>(peak) / static_cast<double>(std::max<uint64_t>(r.triangles_read, 1));
+  json["build_peak_bytes_per_triangle"] =
+      static_cast<double>(peak) / static_cast<double>(std::max<uint64_t>(r.triangles_read, 1));
   json["build_seconds"] = seconds;
   json["triangles_per_s"] = static_cast<double>(r.triangles_read) / std::max(seconds, 1e-9);
   return json;
 }
 
-ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm, int view_px) {
+ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm,
+                        int view_px) {
   constexpr int kViews = 4;
   glm::dvec3 low(1e300), high(-1e300);
   for (const glm::vec3& p : scan.positions_mm) low = glm::min(low, glm::dvec3(p)), high = glm::max(high, glm::dvec3(p));
@@ -221,23 +244,29 @@ ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm
     };
     auto project = [&](uint32_t v) {
       const glm::dvec3 p = glm::dvec3(scan.positions_mm[v]) - centre;
-      return Projected{(c * p.x - s * p.z) * px_per_mm + 0.5 * view_px, 0.5 * view_px - p.y * px_per_mm, (s * p.x + c * p.z) * px_per_mm};
+      return Projected{(c * p.x - s * p.z) * px_per_mm + 0.5 * view_px, 0.5 * view_px - p.y * px_per_mm,
+                       (s * p.x + c * p.z) * px_per_mm};
     };
     for (const auto& t : scan.triangles) {
       const Projected p[3] = {project(t[0]), project(t[1]), project(t[2])};
       const double area = (p[1].x - p[0].x) * (p[2].y - p[0].y) - (p[2].x - p[0].x) * (p[1].y - p[0].y);
       if (area == 0) continue;
       const glm::dvec3 a(scan.positions_mm[t[0]]);
-      const glm::dvec3 normal = glm::cross(glm::dvec3(scan.positions_mm[t[1]]) - a, glm::dvec3(scan.positions_mm[t[2]]) - a);
-      const double facing = (s * normal.x + c * normal.z) / std::max(glm::length(normal), 1e-300), light = 0.5 + 0.5 * std::abs(facing);
+      const glm::dvec3 normal =
+          glm::cross(glm::dvec3(scan.positions_mm[t[1]]) - a, glm::dvec3(scan.positions_mm[t[2]]) - a);
+      const double facing = (s * normal.x + c * normal.z) / std::max(glm::length(normal), 1e-300),
+                   light = 0.5 + 0.5 * std::abs(facing);
       auto inside = [&](double v) { return static_cast<int>(std::clamp(v, 0.0, static_cast<double>(view_px - 1))); };
-      const int x0 = inside(std::floor(std::min({p[0].x, p[1].x, p[2].x}))), x1 = inside(std::ceil(std::max({p[0].x, p[1].x, p[2].x})));
-      const int y0 = inside(std::floor(std::min({p[0].y, p[1].y, p[2].y}))), y1 = inside(std::ceil(std::max({p[0].y, p[1].y, p[2].y})));
+      const int x0 = inside(std::floor(std::min({p[0].x, p[1].x, p[2].x}))),
+                x1 = inside(std::ceil(std::max({p[0].x, p[1].x, p[2].x})));
+      const int y0 = inside(std::floor(std::min({p[0].y, p[1].y, p[2].y}))),
+                y1 = inside(std::ceil(std::max({p[0].y, p[1].y, p[2].y})));
       for (int y = y0; y <= y1; ++y) {
         for (int x = x0; x <= x1; ++x) {
           const double px = x + 0.5, py = y + 0.5;
           const double w1 = ((px - p[0].x) * (p[2].y - p[0].y) - (p[2].x - p[0].x) * (py - p[0].y)) / area;
-          const double w2 = ((p[1].x - p[0].x) * (py - p[0].y) - (px - p[0].x) * (p[1].y - p[0].y)) / area, w0 = 1 - w1 - w2;
+          const double w2 = ((p[1].x - p[0].x) * (py - p[0].y) - (px - p[0].x) * (p[1].y - p[0].y)) / area,
+                       w0 = 1 - w1 - w2;
           if (w0 < 0 || w1 < 0 || w2 < 0) continue;
           const float z = static_cast<float>(w0 * p[0].z + w1 * p[1].z + w2 * p[2].z);
           float& nearest = depth[static_cast<size_t>(y) * static_cast<size_t>(view_px) + static_cast<size_t>(x)];
@@ -245,7 +274,8 @@ ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm
           nearest = z;
           const double mm = w0 * vertex_mm[t[0]] + w1 * vertex_mm[t[1]] + w2 * vertex_mm[t[2]];
           const auto colour = rampColour(mm > low_mm ? std::log(mm / low_mm) / std::log(high_mm / low_mm) : 0);
-          uint8_t* to = out.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(out.width) + static_cast<size_t>(view * view_px + x));
+          uint8_t* to = out.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(out.width) +
+                                              static_cast<size_t>(view * view_px + x));
           for (size_t k = 0; k < 3; ++k) to[k] = static_cast<uint8_t>(colour[k] * light + 0.5);
         }
       }
@@ -261,31 +291,47 @@ Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const
   auto picture = pngUri(paintError(scan, d.scan_vertex_mm, kLow * d.diagonal_mm, kHigh * d.diagonal_mm, 480));
   if (!picture) return picture.error();
   const Json json = reportJson(r);
-  std::string html = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>" + escaped(textOf(r.mesh, "file")) + "</title><style>" + kStyle + "</style>\n<h1>" +
+  std::string html = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>" +
+                     escaped(textOf(r.mesh, "file")) + "</title><style>" + kStyle + "</style>\n<h1>" +
                      escaped(textOf(r.mesh, "file")) + " as patches</h1>\n";
-  html += format("<p>%.0f triangles over %.0f patches, %.0f samples (%.2f a vertex), %.1f bits of relief a vertex; %llu pages, %.1f MiB: ", numberOf(r.mesh, "triangles"),
-                 numberOf(r.mesh, "patches"), numberOf(r.mesh, "samples"), numberOf(json, "samples_per_vertex"), numberOf(json, "relief_bits_per_vertex"),
-                 static_cast<unsigned long long>(r.pages), static_cast<double>(r.package_bytes) / (1 << 20)) +
+  html += format(
+              "<p>%.0f triangles over %.0f patches, %.0f samples (%.2f a vertex), %.1f bits of relief a vertex; %llu "
+              "pages, %.1f MiB: ",
+              numberOf(r.mesh, "triangles"), numberOf(r.mesh, "patches"), numberOf(r.mesh, "samples"),
+              numberOf(json, "samples_per_vertex"), numberOf(json, "relief_bits_per_vertex"),
+              static_cast<unsigned long long>(r.pages), static_cast<double>(r.package_bytes) / (1 << 20)) +
           escaped(r.package) + ".</p>\n";
-  html += "<h2>Distance from the scan to its patches</h2>\n<img alt=\"The distance painted on the scan, from four sides\" src=\"" + *picture + "\">\n";
+  html +=
+      "<h2>Distance from the scan to its patches</h2>\n<img alt=\"The distance painted on the scan, from four sides\" "
+      "src=\"" +
+      *picture + "\">\n";
   html += "<div class=\"ramp\"></div><div class=\"ends\">";
-  for (double share = kLow; share < 2 * kHigh; share *= 10) html += format("<span>%.0e<br>%.3g mm</span>", share, share * d.diagonal_mm);
+  for (double share = kLow; share < 2 * kHigh; share *= 10)
+    html += format("<span>%.0e<br>%.3g mm</span>", share, share * d.diagonal_mm);
   html += "</div>\n<p>By decades, in fractions of the diagonal of the scan's bounding box.</p>\n";
   html += "<table>" + row({"", "scan to patches", "of the diagonal", "patches to scan", "of the diagonal"}, "th");
   auto distance = [&](const char* name, double there, double back) {
-    html += row({name, format("%.4g mm", there), format("%.2e", there / d.diagonal_mm), format("%.4g mm", back), format("%.2e", back / d.diagonal_mm)});
+    html += row({name, format("%.4g mm", there), format("%.2e", there / d.diagonal_mm), format("%.4g mm", back),
+                 format("%.2e", back / d.diagonal_mm)});
   };
   constexpr std::array<const char*, 5> kNames{"p50", "p90", "p95", "p99", "p99.9"};
-  for (size_t i = 0; i < kNames.size(); ++i) distance(kNames[i], d.to_baked.percentiles_mm[i], d.to_scan.percentiles_mm[i]);
+  for (size_t i = 0; i < kNames.size(); ++i)
+    distance(kNames[i], d.to_baked.percentiles_mm[i], d.to_scan.percentiles_mm[i]);
   distance("largest", d.to_baked.max_mm, d.to_scan.max_mm);
   distance("RMS", d.to_baked.rms_mm, d.to_scan.rms_mm);
-  html += row({"samples", format("%llu", static_cast<unsigned long long>(d.to_baked.samples)), "", format("%llu", static_cast<unsigned long long>(d.to_scan.samples)), ""});
-  html += format("</table>\n<p>Diagonal of the scan's bounding box %.6g mm; the larger RMS is %.1f dB below it.</p>\n", d.diagonal_mm, d.psnr_db);
+  html += row({"samples", format("%llu", static_cast<unsigned long long>(d.to_baked.samples)), "",
+               format("%llu", static_cast<unsigned long long>(d.to_scan.samples)), ""});
+  html += format("</table>\n<p>Diagonal of the scan's bounding box %.6g mm; the larger RMS is %.1f dB below it.</p>\n",
+                 d.diagonal_mm, d.psnr_db);
   html += "<h2>The scan</h2>\n<pre>" + escaped(meshText(r.mesh)) + "</pre>\n";
   html += "<h2>Time and memory</h2>\n<table>" + row({"stage", "seconds", "largest resident size"}, "th");
-  for (const StageCost& s : r.stages) html += row({escaped(s.name), format("%.2f", s.seconds), s.peak_bytes ? format("%.1f MiB", static_cast<double>(s.peak_bytes) / (1 << 20)) : "not known"});
-  html += format("</table>\n<p>Without measuring: %.3g triangles a second, %.0f bytes of memory a triangle of the file.</p>\n</html>\n", numberOf(json, "triangles_per_s"),
-                 numberOf(json, "build_peak_bytes_per_triangle"));
+  for (const StageCost& s : r.stages)
+    html += row({escaped(s.name), format("%.2f", s.seconds),
+                 s.peak_bytes ? format("%.1f MiB", static_cast<double>(s.peak_bytes) / (1 << 20)) : "not known"});
+  html += format(
+      "</table>\n<p>Without measuring: %.3g triangles a second, %.0f bytes of memory a triangle of the "
+      "file.</p>\n</html>\n",
+      numberOf(json, "triangles_per_s"), numberOf(json, "build_peak_bytes_per_triangle"));
   return writeFile(path, {reinterpret_cast<const uint8_t*>(html.data()), html.size()});
 }
 

@@ -1,4 +1,5 @@
-// mesh_report.h - what is told of a scan and of how it was built: the manifest's member "mesh", lines for a terminal, and a page of HTML.
+// mesh_report.h - what is told of a scan and of how it was built: the manifest's member "mesh", lines for a terminal,
+// and a page of HTML.
 #pragma once
 
 #include <cstdint>
@@ -14,8 +15,10 @@
 namespace relievo {
 
 // The manifest's member "mesh". Deterministic: no times.
-nlohmann::ordered_json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& diagnosis, const BaseMesh& base, const BakeReport& bake);
-// The same as indented lines; of any JSON, as it may come from a file that somebody else wrote. Empty if it is none of ours.
+nlohmann::ordered_json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& diagnosis,
+                                const BaseMesh& base, const BakeReport& bake);
+// The same as indented lines; of any JSON, as it may come from a file that somebody else wrote. Empty if it is none of
+// ours.
 std::string meshText(const nlohmann::ordered_json& mesh);
 
 struct StageCost {
@@ -35,12 +38,13 @@ nlohmann::ordered_json reportJson(const MeshBuildResult& result);
 // One file, with its pictures: the error painted on the scan, from four sides.
 Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const MeshBuildResult& result);
 
-// The picture alone, RGB, rows top first: four views side by side, orthographic, y upwards; from violet, low_mm and less, by decades to
-// yellow, high_mm and more.
+// The picture alone, RGB, rows top first: four views side by side, orthographic, y upwards; from violet, low_mm and
+// less, by decades to yellow, high_mm and more.
 struct ErrorPicture {
   int width = 0, height = 0;
   std::vector<uint8_t> rgb;
 };
-ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm, int view_px);
+ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm,
+                        int view_px);
 
 }  // namespace relievo

@@ -14,7 +14,8 @@
 
 namespace relievo::testing_support {
 
-// The quads of a cube's faces, n x n each, pushed onto a sphere; each patch turned or mirrored at random. open: without the last face.
+// The quads of a cube's faces, n x n each, pushed onto a sphere; each patch turned or mirrored at random. open: without
+// the last face.
 inline BaseMesh cubeSphere(int n, double radius_mm, uint64_t seed, bool open = false) {
   BaseMesh mesh;
   mesh.origin_mm = {1000, -2000, 3000};
@@ -40,9 +41,9 @@ inline BaseMesh cubeSphere(int n, double radius_mm, uint64_t seed, bool open = f
           at[va] = y + k / 2;
           c[static_cast<size_t>(k)] = corner(at);
         }
-        if (random() % 2) std::swap(c[1], c[2]);                              // along the diagonal
-        if (random() % 2) std::swap(c[0], c[1]), std::swap(c[2], c[3]);       // left for right
-        if (random() % 2) std::swap(c[0], c[2]), std::swap(c[1], c[3]);       // up for down
+        if (random() % 2) std::swap(c[1], c[2]);                         // along the diagonal
+        if (random() % 2) std::swap(c[0], c[1]), std::swap(c[2], c[3]);  // left for right
+        if (random() % 2) std::swap(c[0], c[2]), std::swap(c[1], c[3]);  // up for down
         mesh.patches.push_back(c);
       }
     }
@@ -50,11 +51,16 @@ inline BaseMesh cubeSphere(int n, double radius_mm, uint64_t seed, bool open = f
   return mesh;
 }
 
-// Noise in every texel and sample; what lies on a side or corner is named by the corners' indices, so that neighbours agree.
+// Noise in every texel and sample; what lies on a side or corner is named by the corners' indices, so that neighbours
+// agree.
 class NoisyPatches : public PatchSource {
  public:
   NoisyPatches(BaseMesh base, int texture_depth, int relief_depth, uint64_t seed, Basis basis = Basis::kAlbedoNormal)
-      : base_(std::move(base)), texture_depth_(texture_depth), relief_depth_(relief_depth), seed_(seed), format_(sampleFormat(basis)) {}
+      : base_(std::move(base)),
+        texture_depth_(texture_depth),
+        relief_depth_(relief_depth),
+        seed_(seed),
+        format_(sampleFormat(basis)) {}
   const BaseMesh& base() const override { return base_; }
   int textureDepth() const override { return texture_depth_; }
   int reliefDepth() const override { return relief_depth_; }
@@ -68,7 +74,10 @@ class NoisyPatches : public PatchSource {
   int cells() const { return kPagePx << relief_depth_; }
   uint8_t texel(uint32_t patch, int c, int x, int y) const {
     const uint64_t h = hash(patch, static_cast<uint64_t>(c), static_cast<uint64_t>(x), static_cast<uint64_t>(y));
-    return static_cast<uint8_t>(std::clamp(128 + static_cast<int>(80 * std::sin(0.05 * x + patch) * std::cos(0.04 * y + c)) + static_cast<int>(h % 61) - 30, 0, 255));
+    return static_cast<uint8_t>(
+        std::clamp(128 + static_cast<int>(80 * std::sin(0.05 * x + patch) * std::cos(0.04 * y + c)) +
+                       static_cast<int>(h % 61) - 30,
+                   0, 255));
   }
   virtual uint16_t height(uint32_t patch, int x, int y) const {
     const int n = cells();
@@ -86,9 +95,13 @@ class NoisyPatches : public PatchSource {
   // Falls with the level, but for noise: the package's may not.
   float error(uint32_t patch, int level, size_t block) const {
     if (level == relief_depth_) return 0;
-    return static_cast<float>((0.2 + 0.001 * static_cast<double>(hash(patch, 5, static_cast<uint64_t>(level), block) % 1000)) / (1 << level));
+    return static_cast<float>(
+        (0.2 + 0.001 * static_cast<double>(hash(patch, 5, static_cast<uint64_t>(level), block) % 1000)) / (1 << level));
   }
-  float coarseError(uint32_t patch, size_t k) const { return static_cast<float>(2.0 - 0.2 * static_cast<double>(k) + 0.01 * static_cast<double>(hash(patch, 6, k, 0) % 10)); }
+  float coarseError(uint32_t patch, size_t k) const {
+    return static_cast<float>(2.0 - 0.2 * static_cast<double>(k) +
+                              0.01 * static_cast<double>(hash(patch, 6, k, 0) % 10));
+  }
 
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
     ++texel_calls;
@@ -116,7 +129,9 @@ class NoisyPatches : public PatchSource {
   mutable std::atomic<int> texel_calls{0};
 
  private:
-  uint64_t hash(uint64_t a, uint64_t b, uint64_t c, uint64_t d) const { return mixBits(mixBits(mixBits(mixBits(seed_ * 31 + a) + b) + c) + d); }
+  uint64_t hash(uint64_t a, uint64_t b, uint64_t c, uint64_t d) const {
+    return mixBits(mixBits(mixBits(mixBits(seed_ * 31 + a) + b) + c) + d);
+  }
   BaseMesh base_;
   int texture_depth_, relief_depth_;
   uint64_t seed_;

@@ -33,7 +33,8 @@ void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
   out.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
-Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2, uint64_t budget = uint64_t{256} << 20) {
+Result<BuildReport> build(const std::string& path, const PatchSource& source, int workers = 2,
+                          uint64_t budget = uint64_t{256} << 20) {
   BuildOptions o;
   o.output = path;
   o.workers = workers;
@@ -57,10 +58,18 @@ std::vector<NaiveImage> levelsOf(const NoisyPatches& source, uint32_t patch) {
   return levels;
 }
 
-enum class Borders { kNeighbours, kOwnEdge, kNeverReversed, kMirroredAcross, kOwnCorner };  // all but the first are wrong
+enum class Borders {
+  kNeighbours,
+  kOwnEdge,
+  kNeverReversed,
+  kMirroredAcross,
+  kOwnCorner
+};  // all but the first are wrong
 
-// Texel (x, y) of a patch's level, which may lie beyond one of its sides: there, by the corners alone, the patch that has them both.
-int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>& levels, uint32_t patch, size_t level, int c, int64_t x, int64_t y, Borders how) {
+// Texel (x, y) of a patch's level, which may lie beyond one of its sides: there, by the corners alone, the patch that
+// has them both.
+int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>& levels, uint32_t patch, size_t level,
+                int c, int64_t x, int64_t y, Borders how) {
   const int64_t n = levels[patch][level].width;
   const bool out_x = x < 0 || x >= n, out_y = y < 0 || y >= n;
   if (out_x != out_y && how != Borders::kOwnEdge) {
@@ -70,7 +79,8 @@ int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>
     const uint32_t a = base.patches[patch][first], b = base.patches[patch][second];
     for (uint32_t q = 0; q < base.patches.size(); ++q) {
       const auto& corners = base.patches[q];
-      const auto at_a = std::find(corners.begin(), corners.end(), a), at_b = std::find(corners.begin(), corners.end(), b);
+      const auto at_a = std::find(corners.begin(), corners.end(), a),
+                 at_b = std::find(corners.begin(), corners.end(), b);
       if (q == patch || at_a == corners.end() || at_b == corners.end()) continue;
       int64_t ka = at_a - corners.begin(), kb = at_b - corners.begin();
       EXPECT_TRUE((ka ^ kb) == 1 || (ka ^ kb) == 2);
@@ -85,15 +95,18 @@ int64_t texelAt(const BaseMesh& base, const std::vector<std::vector<NaiveImage>>
   }
   const int64_t own = levels[patch][level].at(c, x, y);  // clamps
   if (!(out_x && out_y) || how == Borders::kOwnCorner) return own;
-  // Beyond a corner: what brings the four texels around it to the mean of all patches' corner texels. In bytes, as pages hold.
+  // Beyond a corner: what brings the four texels around it to the mean of all patches' corner texels. In bytes, as
+  // pages hold.
   auto byte = [](int64_t v) { return static_cast<double>((v + 128) / 256); };
   const size_t k = static_cast<size_t>((x < 0 ? 0 : 1) + (y < 0 ? 0 : 2));
   const int64_t cx = x < 0 ? 0 : n - 1, cy = y < 0 ? 0 : n - 1;
   double sum = 0, count = 0;
   for (uint32_t q = 0; q < base.patches.size(); ++q)
     for (size_t j = 0; j < 4; ++j)
-      if (base.patches[q][j] == base.patches[patch][k]) sum += byte(levels[q][level].at(c, j % 2 ? n - 1 : 0, j / 2 ? n - 1 : 0)), ++count;
-  const double beside = byte(texelAt(base, levels, patch, level, c, x < 0 ? -1 : n, cy, how)) + byte(texelAt(base, levels, patch, level, c, cx, y < 0 ? -1 : n, how));
+      if (base.patches[q][j] == base.patches[patch][k])
+        sum += byte(levels[q][level].at(c, j % 2 ? n - 1 : 0, j / 2 ? n - 1 : 0)), ++count;
+  const double beside = byte(texelAt(base, levels, patch, level, c, x < 0 ? -1 : n, cy, how)) +
+                        byte(texelAt(base, levels, patch, level, c, cx, y < 0 ? -1 : n, how));
   return 256 * std::llround(std::clamp(std::floor(4 * sum / count + 0.5 + 1e-9) - byte(own) - beside, 0.0, 255.0));
 }
 
@@ -120,8 +133,11 @@ PageCounts comparePages(const Package& package, const NoisyPatches& source, cons
       for (int c = 3 * plane; c < 3 * plane + 3; ++c)
         for (int j = -kPageBorderPx; j < kPagePx + kPageBorderPx; ++j)
           for (int i = -kPageBorderPx; i < kPagePx + kPageBorderPx; ++i)
-            expected.push_back(static_cast<uint8_t>(
-                (texelAt(base, levels, node.patch, node.level, c, int64_t{node.x} * kPagePx + i, int64_t{node.y} * kPagePx + j, how) + 128) / 256));
+            expected.push_back(
+                static_cast<uint8_t>((texelAt(base, levels, node.patch, node.level, c, int64_t{node.x} * kPagePx + i,
+                                              int64_t{node.y} * kPagePx + j, how) +
+                                      128) /
+                                     256));
       ++counts.texture;
       counts.wrong += expected != channels;
     }
@@ -154,7 +170,8 @@ TEST(PatchPackage, everyTexturePageEqualsTheNaiveOneWithItsNeighboursBorders) {
   }
 }
 
-// What bilinear filtering shows at a corner is the same from all patches that meet there, three or four or more; at sides, too.
+// What bilinear filtering shows at a corner is the same from all patches that meet there, three or four or more; at
+// sides, too.
 TEST(PatchPackage, patchesAgreeOnWhatTheirSidesAndCornersShow) {
   // A fan of five around corner 0, beside the cube's three and four.
   BaseMesh fan;
@@ -175,7 +192,8 @@ TEST(PatchPackage, patchesAgreeOnWhatTheirSidesAndCornersShow) {
     double worst = 0, worst_own = 0;  // of a byte's steps; own: were the corner's texel repeated
     uint64_t clamped = 0, corners = 0;
     for (uint32_t level : {0u, 1u}) {
-      std::map<uint32_t, std::array<std::array<double, 2>, 4>> seen;  // by the mesh's corner: least and greatest; of own likewise
+      std::map<uint32_t, std::array<std::array<double, 2>, 4>>
+          seen;  // by the mesh's corner: least and greatest; of own likewise
       for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
         for (uint32_t k = 0; k < 4; ++k) {
           const uint32_t last = (1u << level) - 1;
@@ -184,14 +202,18 @@ TEST(PatchPackage, patchesAgreeOnWhatTheirSidesAndCornersShow) {
           ASSERT_TRUE(decoder.decodeTexture(encoded->bytes, page).ok());
           auto at = [&](int x, int y) { return static_cast<double>(page[static_cast<size_t>(y * kPageFullPx + x)]); };
           const int x = k % 2 ? 131 : 3, y = k / 2 ? 131 : 3;  // the four texels around the corner begin here
-          const double beyond = at(k % 2 ? x + 1 : x, k / 2 ? y + 1 : y), own = at(k % 2 ? x : x + 1, k / 2 ? y : y + 1);
-          const double mean = (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)) / 4, repeated = mean + (own - beyond) / 4;
+          const double beyond = at(k % 2 ? x + 1 : x, k / 2 ? y + 1 : y),
+                       own = at(k % 2 ? x : x + 1, k / 2 ? y : y + 1);
+          const double mean = (at(x, y) + at(x + 1, y) + at(x, y + 1) + at(x + 1, y + 1)) / 4,
+                       repeated = mean + (own - beyond) / 4;
           ++corners;
           if (beyond == 0 || beyond == 255) {
             ++clamped;
             continue;
           }
-          auto& s = seen.try_emplace(mesh.patches[p][k], std::array<std::array<double, 2>, 4>{{{1e9, -1e9}, {1e9, -1e9}, {}, {}}}).first->second;
+          auto& s = seen.try_emplace(mesh.patches[p][k],
+                                     std::array<std::array<double, 2>, 4>{{{1e9, -1e9}, {1e9, -1e9}, {}, {}}})
+                        .first->second;
           s[0] = {std::min(s[0][0], mean), std::max(s[0][1], mean)};
           s[1] = {std::min(s[1][0], repeated), std::max(s[1][1], repeated)};
         }
@@ -246,15 +268,20 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
     const int step = 1 << (2 - static_cast<int>(node.level));
     const int x0 = static_cast<int>(node.x) * kPagePx * step, y0 = static_cast<int>(node.y) * kPagePx * step;
     for (int j = 0; j <= kPagePx; ++j)
-      for (int i = 0; i <= kPagePx; ++i) ASSERT_EQ(samples[static_cast<size_t>(j * kReliefSamples + i)], source.height(node.patch, x0 + i * step, y0 + j * step));
+      for (int i = 0; i <= kPagePx; ++i)
+        ASSERT_EQ(samples[static_cast<size_t>(j * kReliefSamples + i)],
+                  source.height(node.patch, x0 + i * step, y0 + j * step));
     int low = 65535, high = 0;
     for (int y = y0; y <= y0 + kPagePx * step; ++y)
-      for (int x = x0; x <= x0 + kPagePx * step; ++x) low = std::min<int>(low, source.height(node.patch, x, y)), high = std::max<int>(high, source.height(node.patch, x, y));
+      for (int x = x0; x <= x0 + kPagePx * step; ++x)
+        low = std::min<int>(low, source.height(node.patch, x, y)),
+        high = std::max<int>(high, source.height(node.patch, x, y));
     auto record = package.record(PageId(Plane::kRelief, node));
     ASSERT_TRUE(record.ok());
     EXPECT_NEAR(record->relief.min_mm, d.relief_offset_mm + low * d.relief_scale_mm, 1e-6);
     EXPECT_NEAR(record->relief.max_mm, d.relief_offset_mm + high * d.relief_scale_mm, 1e-6);
-    // Errors: bounds of the source's, by no more than the steps they are kept in, or a finer block's where that is larger.
+    // Errors: bounds of the source's, by no more than the steps they are kept in, or a finer block's where that is
+    // larger.
     ASSERT_TRUE(package.reliefErrors(node, blocks));
     const int level = static_cast<int>(node.level);
     float largest = 0;
@@ -263,7 +290,8 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
       float finest = source.error(node.patch, level, block);
       for (int finer = level + 1; finer < 2; ++finer)
         for (size_t k = 0; k < size_t{1} << 2 * (finer - level); ++k) {
-          const size_t scale = size_t{1} << (finer - level), bx = block % across * scale + k % scale, by = block / across * scale + k / scale;
+          const size_t scale = size_t{1} << (finer - level), bx = block % across * scale + k % scale,
+                       by = block / across * scale + k / scale;
           finest = std::max(finest, source.error(node.patch, finer, by * (across * scale) + bx));
         }
       largest = std::max(largest, finest);
@@ -303,7 +331,9 @@ TEST(PatchPackage, keepsTheBaseMeshAndTellsOfTheScan) {
   double mean = 0;
   for (const auto& p : m.base->patches)
     for (auto [a, b] : {std::pair{0, 1}, {0, 2}, {1, 3}, {2, 3}})
-      mean += glm::distance(m.base->corners[p[static_cast<size_t>(a)]].position_mm, m.base->corners[p[static_cast<size_t>(b)]].position_mm) / 96.0;
+      mean += glm::distance(m.base->corners[p[static_cast<size_t>(a)]].position_mm,
+                            m.base->corners[p[static_cast<size_t>(b)]].position_mm) /
+              96.0;
   EXPECT_NEAR(m.domain.mm_per_px * 128, mean, 1e-4 * mean);
   auto json = nlohmann::json::parse((*package)->manifestJson());
   EXPECT_EQ(json["mesh"]["pieces"], 3);
@@ -316,7 +346,8 @@ TEST(PatchPackage, theSameBytesForAnyWorkersAndMemory) {
   NoisyPatches source(cubeSphere(2, 100, kSeed), 1, 1, kSeed);
   ScratchFolder folder;
   std::vector<std::vector<uint8_t>> all;
-  for (auto [workers, budget] : {std::pair{1, 256}, {2, 256}, {3, 256}, {3, 1}}) {  // the last keeps all it can in files
+  for (auto [workers, budget] :
+       {std::pair{1, 256}, {2, 256}, {3, 256}, {3, 1}}) {  // the last keeps all it can in files
     const std::string path = folder.file("a.relievo");
     ASSERT_TRUE(build(path, source, workers, static_cast<uint64_t>(budget) << 20).ok());
     EXPECT_EQ(folder.entries(), 1u);
@@ -336,7 +367,8 @@ class FaultyPatches final : public NoisyPatches {
   FaultyPatches(BaseMesh base, Fault fault) : NoisyPatches(std::move(base), 0, 0, kSeed), fault_(fault) {}
   uint16_t height(uint32_t patch, int x, int y) const override {
     const uint16_t h = NoisyPatches::height(patch, x, y);
-    const bool here = patch == 4 && ((fault_ == Fault::kSide && x == 0 && y == 50) || (fault_ == Fault::kCorner && x == 128 && y == 0) ||
+    const bool here = patch == 4 && ((fault_ == Fault::kSide && x == 0 && y == 50) ||
+                                     (fault_ == Fault::kCorner && x == 128 && y == 0) ||
                                      (fault_ == Fault::kInside && x == 7 && y == 9));
     return here ? static_cast<uint16_t>(h + 1) : h;
   }
@@ -514,10 +546,14 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
-  auto expect = [&](const std::string& found, const std::string& words) { EXPECT_NE(found.find(words), std::string::npos) << found; };
+  auto expect = [&](const std::string& found, const std::string& words) {
+    EXPECT_NE(found.find(words), std::string::npos) << found;
+  };
   EXPECT_EQ(withBase(0, uint32_t{8}), "") << "control: a field set to what it is";
-  for (uint32_t corners : {0u, 7u, 9u, ~0u, 1u << 31}) expect(withBase(0, corners), std::to_string(corners) + " corners and 6 patches take");
-  for (uint32_t patches : {0u, 5u, ~0u}) expect(withBase(4, patches), "expected 6 patches, found " + std::to_string(patches));
+  for (uint32_t corners : {0u, 7u, 9u, ~0u, 1u << 31})
+    expect(withBase(0, corners), std::to_string(corners) + " corners and 6 patches take");
+  for (uint32_t patches : {0u, 5u, ~0u})
+    expect(withBase(4, patches), "expected 6 patches, found " + std::to_string(patches));
   expect(withBase(8, double{NAN}), "the origin is not finite");
   expect(withBase(32, double{NAN}), "unit of errors");
   expect(withBase(32, -1.0), "unit of errors");
@@ -535,16 +571,20 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
 }
 
-// Any bytes with a fitting checksum: a fit mesh or one clear error, and nothing is allocated that the bytes do not hold.
+// Any bytes with a fitting checksum: a fit mesh or one clear error, and nothing is allocated that the bytes do not
+// hold.
 TEST_F(BaseOfPackage, anyBytesAreAFitMeshOrAnError) {
   std::cout << "seed " << kSeed << "\n";
   std::mt19937 random(kSeed);
-  const std::vector<uint8_t> good(bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
-                                  bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
+  const std::vector<uint8_t> good(
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
   int fit = 0, errors = 0;
   for (int i = 0; i < 20000; ++i) {
     std::vector<uint8_t> bytes = good;
-    for (uint32_t n = 1 + random() % 4; n > 0; --n) bytes[random() % 3 ? random() % bytes.size() : random() % kBaseHeadBytes] ^= static_cast<uint8_t>(1u << random() % 8);
+    for (uint32_t n = 1 + random() % 4; n > 0; --n)
+      bytes[random() % 3 ? random() % bytes.size() : random() % kBaseHeadBytes] ^=
+          static_cast<uint8_t>(1u << random() % 8);
     if (random() % 4 == 0) bytes.resize(random() % 1000);
     auto section = decodeBaseSection(bytes, random() % 8 ? 6 : static_cast<uint32_t>(random()));
     if (section.ok()) {

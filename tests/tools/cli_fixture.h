@@ -39,10 +39,13 @@ class Cli : public ::testing::Test {
   void TearDown() override { fs::remove_all(folder_); }
   std::string file(const std::string& name) const { return folder_ + "/" + name; }
   Outcome relievo(const std::string& arguments) const { return run(std::string(RELIEVO_PROGRAM) + " " + arguments); }
-  void write(const std::string& name, const std::string& bytes) const { std::ofstream(file(name), std::ios::binary) << bytes; }
+  void write(const std::string& name, const std::string& bytes) const {
+    std::ofstream(file(name), std::ios::binary) << bytes;
+  }
   int filesNamed(const std::string& part) const {
     int n = 0;
-    for (const auto& e : fs::directory_iterator(folder_)) n += e.path().filename().string().find(part) != std::string::npos;
+    for (const auto& e : fs::directory_iterator(folder_))
+      n += e.path().filename().string().find(part) != std::string::npos;
     return n;
   }
   std::string folder_;

@@ -1,4 +1,5 @@
-// relievo build --mesh as its users run it: the scan's diagnosis, what is refused and how, reports, the same bytes again.
+// relievo build --mesh as its users run it: the scan's diagnosis, what is refused and how, reports, the same bytes
+// again.
 #include <array>
 #include <cmath>
 #include <fstream>
@@ -14,7 +15,8 @@ namespace {
 using namespace relievo::testing_support;
 using Json = nlohmann::json;
 
-// A sphere with waves, radius about 40: a corner of a grid of longitudes and latitudes after the other; the poles are one vertex each.
+// A sphere with waves, radius about 40: a corner of a grid of longitudes and latitudes after the other; the poles are
+// one vertex each.
 struct Ball {
   std::vector<std::array<double, 3>> points;
   std::vector<std::array<int, 3>> triangles;
@@ -23,7 +25,8 @@ Ball wavyBall(int columns, int rows) {
   Ball ball;
   auto point = [&](double longitude, double latitude) {
     const double r = 40 + 1.5 * std::sin(5 * longitude) * std::cos(latitude) * std::cos(4 * latitude);
-    ball.points.push_back({r * std::cos(latitude) * std::cos(longitude), r * std::cos(latitude) * std::sin(longitude), r * std::sin(latitude)});
+    ball.points.push_back({r * std::cos(latitude) * std::cos(longitude), r * std::cos(latitude) * std::sin(longitude),
+                           r * std::sin(latitude)});
   };
   const double pi = 3.14159265358979;
   point(0, -pi / 2);
@@ -45,7 +48,8 @@ Ball wavyBall(int columns, int rows) {
 
 std::string plyOf(const Ball& ball, bool colours = true) {
   std::ostringstream out;
-  out << "ply\nformat ascii 1.0\nelement vertex " << ball.points.size() << "\nproperty float x\nproperty float y\nproperty float z\n";
+  out << "ply\nformat ascii 1.0\nelement vertex " << ball.points.size()
+      << "\nproperty float x\nproperty float y\nproperty float z\n";
   if (colours) out << "property uchar red\nproperty uchar green\nproperty uchar blue\n";
   out << "element face " << ball.triangles.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
   for (const auto& p : ball.points) {
@@ -74,14 +78,17 @@ class MeshCli : public Cli {
     return json;
   }
   std::string build(const std::string& mesh, const std::string& options = "") const {
-    return "build --mesh " + file(mesh) + " -o " + file("a.relievo") + " " + (options.find("--patches") == std::string::npos ? "--patches 40 " : "") + options;
+    return "build --mesh " + file(mesh) + " -o " + file("a.relievo") + " " +
+           (options.find("--patches") == std::string::npos ? "--patches 40 " : "") + options;
   }
 };
 
 TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
   Outcome r = relievo(build("ball.ply", "--report " + file("r.html") + " --json " + file("r.json")));
   ASSERT_EQ(r.exit_code, 0) << r.output;
-  EXPECT_NE(r.output.find("scan      ball.ply (in mm): 2342 vertices, 4680 triangles, 1 piece, 0 open borders"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("scan      ball.ply (in mm): 2342 vertices, 4680 triangles, 1 piece, 0 open borders"),
+            std::string::npos)
+      << r.output;
   EXPECT_NE(r.output.find("distance  at most"), std::string::npos) << r.output;
   EXPECT_EQ(filesNamed(".part-"), 0);
   EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
@@ -99,7 +106,8 @@ TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
     EXPECT_GE(there[p].get<double>(), before);
     before = there[p].get<double>();
   }
-  EXPECT_NEAR(there["max_of_diagonal"].get<double>() * report["distance"]["diagonal_mm"].get<double>(), there["max_mm"].get<double>(), 1e-9);
+  EXPECT_NEAR(there["max_of_diagonal"].get<double>() * report["distance"]["diagonal_mm"].get<double>(),
+              there["max_mm"].get<double>(), 1e-9);
   std::string stages;
   for (const auto& s : report["stages"]) stages += s["name"].get<std::string>() + " ";
   EXPECT_EQ(stages, "read base bake package distance ");
@@ -182,10 +190,17 @@ TEST_F(MeshCli, BadMeshesAreExitCode3AndNamed) {
   std::string range = good + "";
   range.replace(range.rfind("3 "), std::string::npos, "3 0 1 99999\n");
   for (const auto& [name, text] : std::vector<std::pair<std::string, std::string>>{
-           {"cut.ply", good.substr(0, good.size() / 2)}, {"words.ply", "this is no mesh"}, {"range.ply", range}, {"nan.ply", nan},
-           {"huge.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n"
-                        "property list uchar int vertex_indices\nend_header\nabc"},
-           {"points.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"}}) {
+           {"cut.ply", good.substr(0, good.size() / 2)},
+           {"words.ply", "this is no mesh"},
+           {"range.ply", range},
+           {"nan.ply", nan},
+           {"huge.ply",
+            "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nproperty float "
+            "y\nproperty float z\nelement face 1\n"
+            "property list uchar int vertex_indices\nend_header\nabc"},
+           {"points.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float "
+            "z\nend_header\n0 0 0\n"}}) {
     write(name, text);
     Outcome r = relievo(build(name));
     EXPECT_EQ(r.exit_code, 3) << name << ": " << r.output;
@@ -200,14 +215,16 @@ TEST_F(MeshCli, BadMeshesAreExitCode3AndNamed) {
 }
 
 TEST_F(MeshCli, OptionsThatDoNotGoTogetherAreExitCode1) {
-  for (const char* options : {"--ptm x.ptm", "--image x.png", "--relief h.png", "--mm-per-pixel 2", "--unit furlong", "--tolerance -1", "--patches -3", "--texture none --unit"})
+  for (const char* options : {"--ptm x.ptm", "--image x.png", "--relief h.png", "--mm-per-pixel 2", "--unit furlong",
+                              "--tolerance -1", "--patches -3", "--texture none --unit"})
     EXPECT_EQ(relievo(build("ball.ply", options)).exit_code, 1) << options;
   for (const char* options : {"--unit mm", "--tolerance 1", "--patches 9", "--texture t.png", "--report r.html"})
     EXPECT_EQ(relievo("build --image x.png -o " + file("a.relievo") + " " + options).exit_code, 1) << options;
   Outcome r = relievo(build("ball.ply", "--texture " + file("ball.ply")));
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("--texture needs texture coordinates"), std::string::npos) << r.output;
-  EXPECT_EQ(relievo("build --mesh " + file("ball.ply") + " -o " + file("ball.ply")).exit_code, 1) << "the output is the input";
+  EXPECT_EQ(relievo("build --mesh " + file("ball.ply") + " -o " + file("ball.ply")).exit_code, 1)
+      << "the output is the input";
   EXPECT_EQ(bytesOf(file("ball.ply")), plyOf(wavyBall(60, 40)));
 }
 
@@ -217,11 +234,14 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   obj << "mtllib slab.mtl\nusemtl picture\n";
   const int n = 12;
   for (int y = 0; y <= n; ++y)
-    for (int x = 0; x <= n; ++x) obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 3 << "\nvt " << double(x) / n << " " << double(y) / n << "\n";
+    for (int x = 0; x <= n; ++x)
+      obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 3 << "\nvt " << double(x) / n << " " << double(y) / n
+          << "\n";
   for (int y = 0; y < n; ++y)
     for (int x = 0; x < n; ++x) {
       const int a = y * (n + 1) + x + 1, b = a + 1, c = a + n + 1, d = c + 1;
-      obj << "f " << a << "/" << a << " " << b << "/" << b << " " << d << "/" << d << "\nf " << a << "/" << a << " " << d << "/" << d << " " << c << "/" << c << "\n";
+      obj << "f " << a << "/" << a << " " << b << "/" << b << " " << d << "/" << d << "\nf " << a << "/" << a << " "
+          << d << "/" << d << " " << c << "/" << c << "\n";
     }
   write("slab.obj", obj.str());
   write("slab.mtl", "newmtl picture\nmap_Kd picture.ppm\n");
@@ -246,7 +266,8 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
 TEST_F(MeshCli, AnInterruptedBuildLeavesWhatWasThere) {
   write("dense.ply", plyOf(wavyBall(700, 500), false));
   write("a.relievo", "precious");
-  Outcome r = run("timeout --preserve-status -s INT 0.5 " RELIEVO_PROGRAM " " + build("dense.ply", "--patches 5000 --tolerance 0.0001"));
+  Outcome r = run("timeout --preserve-status -s INT 0.5 " RELIEVO_PROGRAM " " +
+                  build("dense.ply", "--patches 5000 --tolerance 0.0001"));
   EXPECT_EQ(r.exit_code, 130) << r.output;
   EXPECT_EQ(bytesOf(file("a.relievo")), "precious");
   EXPECT_EQ(filesNamed(".part-"), 0);

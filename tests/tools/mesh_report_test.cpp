@@ -21,7 +21,9 @@ TriMesh sphere() {
   for (int y = 0; y <= kRows; ++y)
     for (int x = 0; x < kColumns; ++x) {
       const double longitude = 2 * M_PI * x / kColumns, latitude = M_PI * y / kRows - M_PI / 2;
-      mesh.positions_mm.push_back(glm::vec3(100 + 10 * std::cos(latitude) * std::sin(longitude), 50 + 10 * std::sin(latitude), -30 + 10 * std::cos(latitude) * std::cos(longitude)));
+      mesh.positions_mm.push_back(glm::vec3(100 + 10 * std::cos(latitude) * std::sin(longitude),
+                                            50 + 10 * std::sin(latitude),
+                                            -30 + 10 * std::cos(latitude) * std::cos(longitude)));
     }
   auto at = [](int x, int y) { return static_cast<uint32_t>(y * kColumns + x % kColumns); };
   for (int y = 0; y < kRows; ++y)
@@ -36,7 +38,8 @@ struct Pixel {
   int r, g, b;
 };
 Pixel pixel(const ErrorPicture& p, int x, int y) {
-  const uint8_t* at = p.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(p.width) + static_cast<size_t>(x));
+  const uint8_t* at =
+      p.rgb.data() + 3 * (static_cast<size_t>(y) * static_cast<size_t>(p.width) + static_cast<size_t>(x));
   return {at[0], at[1], at[2]};
 }
 bool isViolet(Pixel p) { return p.b > p.g + 30; }
@@ -66,7 +69,8 @@ TEST(PaintedError, isSeenFromWhereItLies) {
       EXPECT_TRUE(isYellow(left) != isYellow(right) && isViolet(left) != isViolet(right)) << "view " << view;
     }
   }
-  EXPECT_TRUE(isYellow(pixel(picture, kPx + kPx / 4, kPx / 2)) != isYellow(pixel(picture, 3 * kPx + kPx / 4, kPx / 2))) << "the sides mirror";
+  EXPECT_TRUE(isYellow(pixel(picture, kPx + kPx / 4, kPx / 2)) != isYellow(pixel(picture, 3 * kPx + kPx / 4, kPx / 2)))
+      << "the sides mirror";
 }
 
 TEST(PaintedError, goesByDecades) {
@@ -155,7 +159,15 @@ TEST(MeshReport, textOfAnyJsonIsTextOrNothing) {
   EXPECT_EQ(meshText(Json::array({1, 2})), "");
   EXPECT_EQ(meshText("scan"), "");
   EXPECT_EQ(meshText(Json{{"file", 7}}), "");
-  const std::vector<Json> odd{Json(), Json(true), Json(-1), Json(1e300), Json("%s%n"), Json::array(), Json::array({1, "a", Json()}), Json::object(), Json{{"what", 3}}};
+  const std::vector<Json> odd{Json(),
+                              Json(true),
+                              Json(-1),
+                              Json(1e300),
+                              Json("%s%n"),
+                              Json::array(),
+                              Json::array({1, "a", Json()}),
+                              Json::object(),
+                              Json{{"what", 3}}};
   for (const auto& [key, value] : good.items()) {
     for (const Json& other : odd) {
       Json bad = good;
@@ -182,7 +194,9 @@ TEST(MeshReport, textOfAnyJsonIsTextOrNothing) {
 }
 
 TEST(MeshReport, aPageOfItsOwn) {
-  const std::string path = (std::filesystem::temp_directory_path() / ("relievo-report-" + std::to_string(std::random_device{}()) + ".html")).string();
+  const std::string path =
+      (std::filesystem::temp_directory_path() / ("relievo-report-" + std::to_string(std::random_device{}()) + ".html"))
+          .string();
   TriMesh scan = sphere();
   MeshBuildResult r = someResult();
   r.distance.scan_vertex_mm.assign(scan.positions_mm.size(), 0.01f);
@@ -193,7 +207,8 @@ TEST(MeshReport, aPageOfItsOwn) {
   EXPECT_NE(html.find("scan &lt;1&gt; &amp; &quot;2&quot;.ply"), std::string::npos) << "names are text";
   EXPECT_EQ(html.find("<1>"), std::string::npos);
   EXPECT_EQ(html.find("a <b>"), std::string::npos);
-  for (const char* words : {"data:image/png;base64,", "<td>largest</td><td>0.5 mm</td><td>5.00e-02</td>", "p99.9", "duplicate vertices", "bake"})
+  for (const char* words : {"data:image/png;base64,", "<td>largest</td><td>0.5 mm</td><td>5.00e-02</td>", "p99.9",
+                            "duplicate vertices", "bake"})
     EXPECT_NE(html.find(words), std::string::npos) << words;
   auto failed = writeMeshReport("/nowhere/at/all.html", scan, r);
   ASSERT_FALSE(failed.ok());
