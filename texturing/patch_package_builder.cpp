@@ -69,8 +69,8 @@ struct Context {
   std::vector<uint32_t> first, at;
 
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
-    const size_t levels = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
-    return ((patch * levels + static_cast<size_t>(level)) * 4 + corner) * channels;
+    const size_t depths = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
+    return ((patch * depths + static_cast<size_t>(level)) * 4 + corner) * channels;
   }
 };
 
