@@ -4,7 +4,7 @@
 // All formats are read here and none by OpenMesh 9, which was measured first, behind an importer that only collects. Its readers
 //   lose detail    every coordinate passes through a float, in text and in doubles of PLY too: 12345678.125 becomes 12345678
 //   take longer    CPU s a million triangles, OpenMesh / here: binary PLY 0.16 / 0.03, text PLY 0.35 / 0.14, OFF 0.35 / 0.10, OBJ 0.87 / 0.10,
-//                  binary STL 0.62 / 0.17, text STL 2.4 / 0.65
+//                  binary STL 0.62 / 0.11, text STL 2.4 / 0.65
 //   trust          an OFF header of 10^9 vertices or a face of 10^9 corners ends the process in bad_alloc, a comment in an OFF file
 //                  is taken for its counts, a truncated STL is read without a word, faces of unknown vertices are dropped
 //   leave out      PLY: list counts of 32 bits (refused), texture coordinates by corner, strips

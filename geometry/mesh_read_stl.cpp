@@ -1,4 +1,6 @@
 // mesh_read_stl.cpp - STL, binary and text. It has corners, not vertices: they are welded while they are read.
+#include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -68,16 +70,22 @@ class StlReader {
     if (count > kMaxTriangles) return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles, found " + std::to_string(count));
     in_.take(kHeaderBytes, "a header");
     mesh_.triangles.reserve(count);
-    for (uint64_t i = 0; i < count && !in_.failed(); ++i) {
-      const uint8_t* record = in_.take(kTriangleBytes, "more triangles");
-      if (!record) return;
-      std::array<glm::dvec3, 3> corners;
-      for (size_t k = 0; k < 3; ++k)
-        for (int c = 0; c < 3; ++c) {
-          const uint8_t* p = record + 12 + 12 * k + 4 * static_cast<size_t>(c);
-          corners[k][c] = std::bit_cast<float>(p[0] | static_cast<uint32_t>(p[1]) << 8 | static_cast<uint32_t>(p[2]) << 16 | static_cast<uint32_t>(p[3]) << 24);
+    // Some triangles are decoded, and their places in the table fetched, before they are looked up there.
+    std::array<std::array<glm::dvec3, 3>, 16> decoded;
+    for (uint64_t first = 0; first < count && !in_.failed(); first += decoded.size()) {
+      const size_t n = std::min<uint64_t>(decoded.size(), count - first);
+      for (size_t i = 0; i < n; ++i) {
+        const uint8_t* record = in_.take(kTriangleBytes, "more triangles");
+        if (!record) return;
+        for (size_t k = 0; k < 3; ++k) {
+          for (int c = 0; c < 3; ++c) {
+            const uint8_t* p = record + 12 + 12 * k + 4 * static_cast<size_t>(c);
+            decoded[i][k][c] = std::bit_cast<float>(p[0] | static_cast<uint32_t>(p[1]) << 8 | static_cast<uint32_t>(p[2]) << 16 | static_cast<uint32_t>(p[3]) << 24);
+          }
+          table_.prefetch(decoded[i][k] + 0.0);
         }
-      add(corners);
+      }
+      for (size_t i = 0; i < n && !in_.failed(); ++i) add(decoded[i]);
     }
   }
 

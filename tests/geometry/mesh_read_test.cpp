@@ -833,6 +833,67 @@ TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
   EXPECT_GT(meshes, 300u);
 }
 
+// A sound body with every defect that can be repaired put into it comes back: closed, one piece, its very volume and area.
+TEST(MeshRepairs, AllDefectsAtOnce) {
+  for (uint32_t seed = 1; seed <= 30; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    const Sample sound = cubeSphere(8);
+    const TriMesh truth = toMesh(sound);
+    Sample s = sound;
+    // The middle of an edge on one side of it only. Each triangle at most once, and not where its neighbour was cut.
+    std::vector<bool> touched(s.triangles.size());
+    size_t junctions = 0;
+    for (uint32_t n = pick(random, 20); n > 0; --n) {
+      size_t t = pick(random, static_cast<uint32_t>(sound.triangles.size())), neighbour = 0;
+      auto [a, b, c] = sound.triangles[t];
+      while (neighbour == t || std::count_if(sound.triangles[neighbour].begin(), sound.triangles[neighbour].end(), [&](uint32_t v) { return v == a || v == b; }) < 2) ++neighbour;
+      if (touched[t] || touched[neighbour]) continue;
+      touched[t] = touched[neighbour] = true;
+      auto middle = static_cast<uint32_t>(s.positions.size());
+      s.positions.push_back(0.5 * (s.positions[a] + s.positions[b]));
+      s.triangles[t] = {a, middle, c};
+      s.triangles.push_back({middle, b, c});
+      ++junctions;
+    }
+    for (auto& t : s.triangles)
+      if (pick(random, 5) == 0) std::swap(t[0], t[1]);
+    size_t degenerate = pick(random, 10), copies = pick(random, 10);
+    for (size_t i = 0; i < degenerate; ++i) s.triangles.push_back({5, pick(random, 100), 5});
+    std::set<uint32_t> copied;
+    for (size_t i = 0; i < copies; ++i) copied.insert(pick(random, static_cast<uint32_t>(sound.triangles.size())));
+    for (uint32_t t : copied) {
+      auto [a, b, c] = s.triangles[t];
+      s.triangles.push_back({b, c, a});
+    }
+    // Vertices of their own for half of the corners; shuffled triangles; a stray vertex.
+    size_t duplicates = 0;
+    for (size_t t = 0; t < s.triangles.size(); ++t)
+      for (uint32_t& v : s.triangles[t])
+        if (pick(random, 2) == 0) {
+          s.positions.push_back(glm::dvec3(s.positions[v]));
+          v = static_cast<uint32_t>(s.positions.size() - 1);
+          ++duplicates;
+        }
+    std::shuffle(s.triangles.begin(), s.triangles.end(), random);
+    s.positions.emplace_back(1e6, 0, 0);
+    LoadedMesh r = mustRepair(toMesh(s));
+    EXPECT_EQ(found(r.diagnosis, "duplicate vertices"), duplicates);
+    EXPECT_EQ(found(r.diagnosis, "degenerate triangles"), degenerate);
+    EXPECT_EQ(found(r.diagnosis, "duplicate triangles"), copied.size());
+    EXPECT_EQ(found(r.diagnosis, "T-junctions"), junctions);
+    EXPECT_EQ(found(r.diagnosis, "vertices of no triangle"), 1u);
+    EXPECT_GT(found(r.diagnosis, "flipped triangles"), 30u);
+    EXPECT_EQ(r.diagnosis.pieces, 1u);
+    EXPECT_EQ(r.diagnosis.border_loops, 0u);
+    EXPECT_EQ(r.mesh.triangles.size(), truth.triangles.size() + 2 * junctions);
+    EXPECT_NEAR(signedVolume(r.mesh) / signedVolume(truth), 1, 1e-6);
+    EXPECT_NEAR(area(r.mesh) / area(truth), 1, 1e-6);
+    expectManifold(r);
+    EXPECT_NE(triMeshProblem(toMesh(s)), "");  // control
+  }
+}
+
 TEST(MeshRepairs, TheSameTwice) {
   std::mt19937 random(5);
   Sample s;
