@@ -11,6 +11,7 @@
 #include "src/gl/context.h"
 #include "texturing/image_io.h"
 #include "tools/commands.h"
+#include "tools/compare_path.h"
 #include "tools/compare_report.h"
 #include "tools/compare_run.h"
 
@@ -131,7 +132,12 @@ Result<void> compare(const CompareOptions& o) {
   auto package = Package::open(o.file);
   if (!package) return package.error();
   plan->package = *package;
-  // Before an hour of measuring: is there a place for the report?
+  // Before anything takes time: is there something to compare, a path, and a place for the report?
+  const Manifest& m = (*package)->manifest();
+  if (m.base) return Error{ErrorKind::kUnsupported, o.file, "the artwork lies over a base mesh: flat artworks only are compared so far", "", {}};
+  if (m.domain.relief_depth < 0)
+    return Error{ErrorKind::kUnsupported, o.file, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
+  if (auto cameras = compareCameras(plan->path, plan->frames, m.domain, plan->width_px, plan->height_px); !cameras) return cameras.error();
   std::error_code bad;
   std::filesystem::create_directories(o.folder, bad);
   if (bad) return Error{ErrorKind::kIo, o.folder, "cannot make the folder: " + bad.message(), "", {}};

@@ -22,20 +22,29 @@ glm::dvec2 Frame::pixelOf(const glm::dvec3& point_mm, bool* in_front) const {
   return {(clip.x / clip.w * 0.5 + 0.5) * width_px, (clip.y / clip.w * 0.5 + 0.5) * height_px};
 }
 
-void errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
+uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
                   ErrorVectors& errors_px) {
   const float none = std::numeric_limits<float>::quiet_NaN();
   errors_px.resize(pixels.size());
   size_t at = 0;
+  uint64_t edge_on = 0;
   for (int y = 0; y < frame.height_px; ++y)
     for (int x = 0; x < frame.width_px; ++x, ++at) {
       errors_px[at] = {none, none};
       const auto& p = pixels[at];
       if (p[2] == 0 || p[2] > instances.size()) continue;
+      const PatchInstance& instance = instances[p[2] - 1];
+      double u = std::bit_cast<float>(p[0]), v = std::bit_cast<float>(p[1]), cell = std::ldexp(1.0, -instance.grid_level);
+      auto outside = [cell](double place) { return !(place >= -cell && place <= 1 + cell); };
+      if (outside(u) || outside(v) || !(std::bit_cast<float>(p[3]) <= kMostCellsAPixel * cell)) {
+        ++edge_on;
+        continue;
+      }
       bool in_front = false;
-      glm::dvec2 px = frame.pixelOf(surface.finestPointMm(instances[p[2] - 1], std::bit_cast<float>(p[0]), std::bit_cast<float>(p[1])), &in_front);
+      glm::dvec2 px = frame.pixelOf(surface.finestPointMm(instance, u, v), &in_front);
       if (in_front) errors_px[at] = glm::vec2(glm::dvec2(x + 0.5, y + 0.5) - px);
     }
+  return edge_on;
 }
 
 ErrorFigures figuresOf(const ErrorVectors& errors_px) {

@@ -40,9 +40,13 @@ struct Frame {
   glm::dvec2 pixelOf(const glm::dvec3& point_mm, bool* in_front) const;
 };
 
-// By pixel; not a number where nothing is drawn, or where the true point has no picture.
+// A pixel more cells wide than that, seen edge-on, is not measured: rasterisers snap corners to 1/256 px or so, which moves its place by a
+// quarter of a cell, and beyond that what is interpolated lies outside its triangle.
+inline constexpr double kMostCellsAPixel = 64;
+
+// By pixel; not a number where nothing is drawn, where the true point has no picture, or edge-on. Returns the number of pixels edge-on.
 using ErrorVectors = std::vector<glm::vec2>;
-void errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
+uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
                   ErrorVectors& errors_px);
 
 struct ErrorFigures {

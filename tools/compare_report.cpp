@@ -45,6 +45,8 @@ RunSummary summaryOf(const StrategyFigures& run, const CompareFigures& all) {
     s.predicted_px = std::max(s.predicted_px, f.predicted_px);
     s.budget_px = std::max(s.budget_px, f.budget_px);
     s.pop_px = std::max(s.pop_px, f.pop_px);
+    s.edge_on_pixels += f.edge_on_pixels;
+    s.pixels += f.error.pixels;
     s.above_bound_frames += f.predicted_px >= 0 && f.error.max_px > f.predicted_px + measuringSlackPx(all);
     s.crack_pixels += f.coverage.crack_pixels;
     s.silhouette_pixels += f.coverage.silhouette_pixels;
@@ -81,6 +83,7 @@ const std::vector<ReportColumn>& reportColumns() {
       {"max_px", "px", "largest error of a pixel: from it to where full resolution has the place that it shows"},
       {"p99_px", "px", "99 of 100 pixels are off by no more"},
       {"rms_px", "px", "root of the mean square"},
+      {"edge_on_px", "pixels", "not measured: more than 64 cells wide, seen edge-on, where a rasteriser knows no place"},
       {"pop_px", "px", "largest change of a pixel's error against the choice of a sixtieth of a second before, camera motion taken out"},
       {"crack_px", "pixels", "background inside full resolution's silhouette, 1 px and the bound away from it"},
       {"silhouette_px", "pixels", "drawn by one of strategy and full resolution only"},
@@ -144,6 +147,7 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                     {"max_px", rounded(s.max_px)},
                     {"p99_px", rounded(s.p99_px)},
                     {"rms_px", rounded(s.rms_px)},
+                    {"edge_on_px", s.edge_on_pixels},
                     {"pop_px", rounded(s.pop_px)},
                     {"frames_above_the_promise", promised ? Json(s.above_bound_frames) : Json(nullptr)},
                     {"crack_px", s.crack_pixels},
@@ -163,6 +167,7 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                         {"p99_px", rounded(f.error.p99_px)},
                         {"rms_px", rounded(f.error.rms_px)},
                         {"pixels", f.error.pixels},
+                        {"edge_on_px", f.edge_on_pixels},
                         {"pop_px", rounded(f.pop_px)},
                         {"crack_px", f.coverage.crack_pixels},
                         {"silhouette_px", f.coverage.silhouette_pixels},
@@ -202,7 +207,9 @@ std::string reportCsv(const CompareFigures& all) {
       count(static_cast<uint64_t>(frame++));
       cell(true, f.budget_px);
       cell(f.predicted_px >= 0, f.predicted_px);
-      for (double v : {f.error.max_px, f.error.p99_px, f.error.rms_px, f.pop_px}) cell(true, v);
+      for (double v : {f.error.max_px, f.error.p99_px, f.error.rms_px}) cell(true, v);
+      count(f.edge_on_pixels);
+      cell(true, f.pop_px);
       count(f.coverage.crack_pixels);
       count(f.coverage.silhouette_pixels);
       cell(f.seams_known, static_cast<double>(f.seams.compared));

@@ -15,6 +15,7 @@ struct RunSummary {
   double predicted_px = -1;                   // the largest; negative: nothing is promised
   double budget_px = 0;                       // the largest that was kept to
   double pop_px = 0;
+  uint64_t pixels = 0, edge_on_pixels = 0;    // measured; not measured
   uint64_t above_bound_frames = 0;            // frames whose error is above what was promised, by more than measuring is off by
   uint64_t crack_pixels = 0, silhouette_pixels = 0, seams_compared = 0, seams_mismatched = 0, streamed_bytes = 0;
   bool seams_known = false;

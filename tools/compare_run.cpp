@@ -31,7 +31,7 @@ class Runner {
   Runner(const ComparePlan& plan, const gl::ContextInfo& context, CompareScene scene, std::unique_ptr<StrategyPass> pass,
          std::vector<CompareCamera> cameras)
       : plan_(plan), context_(context), scene_(std::move(scene)), pass_(std::move(pass)), cameras_(std::move(cameras)), bounds_(scene_.strategy),
-        surface_(*scene_.strategy.field, plan.exaggerate) {
+        surface_(*scene_.strategy.field, plan.measured_exaggerate != 0 ? plan.measured_exaggerate : plan.exaggerate) {
     pass_->resize(plan.width_px, plan.height_px);
   }
 
@@ -159,7 +159,7 @@ class Runner {
     f.predicted_px = chosen.predicted_px;
 
     pass_->read(pixels_);
-    errorVectors(surface_, chosen.instances, now, pixels_, errors_);
+    f.edge_on_pixels = errorVectors(surface_, chosen.instances, now, pixels_, errors_);
     f.error = figuresOf(errors_);
     f.pop_px = largestChangePx(errors_before_, errors_);
     // Where the silhouette may lie elsewhere by right, the background is no crack.

@@ -22,6 +22,7 @@ struct ComparePlan {
   int frames = 24;
   int width_px = 1280, height_px = 720;
   double exaggerate = 1;
+  double measured_exaggerate = 0;               // of the truth, for tests: another one than is drawn; 0: the same
   int repeats = 5;                              // of what is timed, at most
   double repeat_s = 3;                          // no further ones once they took this long
   uint64_t memory_bytes = uint64_t{1} << 30;    // for relief pages
@@ -38,6 +39,7 @@ struct FrameFigures {
   ErrorFigures error;
   double budget_px = 0;     // that the strategy kept to: as asked for, or doubled where a node budget ran out
   double predicted_px = -1; // negative: nothing is promised
+  uint64_t edge_on_pixels = 0;  // not measured
   CoverageFigures coverage;
   SeamFigures seams;
   bool seams_known = false;

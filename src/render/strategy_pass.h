@@ -1,5 +1,5 @@
 // strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of the artwork each
-// pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0: nothing), depth as float bits.
+// pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0: nothing), how far u or v goes to the next pixel.
 // Needs the context current that it was made in, and a page of relief in its slot before anything is displaced from it.
 #pragma once
 

@@ -14,3 +14,5 @@ relievo_test(base_domain_test LIBS relievo_mesh SOURCES geometry/base_domain_tes
 relievo_test(mesh_distance_test LIBS relievo_mesh SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(mesh_read_test LIBS relievo_mesh OpenMeshCore SOURCES geometry/mesh_read_test.cpp)
 relievo_test(mesh_fuzz_test LIBS relievo_mesh SOURCES geometry/mesh_fuzz_test.cpp)
+relievo_test(strategy_test LIBS relievo_strategies SOURCES geometry/strategy_test.cpp)
+target_compile_definitions(strategy_test PRIVATE RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")

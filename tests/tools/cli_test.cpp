@@ -11,7 +11,7 @@ using namespace relievo::testing_support;
 
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
-  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench"}) {
+  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench", "compare"}) {
     Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
@@ -197,6 +197,41 @@ TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
     EXPECT_GT(row["baseline"].get<double>(), 0) << "nothing to compare with";
   }
   EXPECT_EQ(relievo("bench --only nonsense").exit_code, 1);
+}
+
+TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 300x200 --write ptm-lrgb --package " + file("a.relievo")).exit_code, 0);
+  const std::string compare = "compare " + file("a.relievo") + " -o " + file("report") + " ";
+  EXPECT_EQ(relievo("compare " + file("a.relievo")).exit_code, 1);  // no -o
+  EXPECT_EQ(relievo("compare -o " + file("report") + " " + file("nowhere.relievo")).exit_code, 2);
+  Outcome r = relievo(compare + "--strategies uniform,nobody");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  EXPECT_NE(r.output.find("'nobody'"), std::string::npos) << r.output;
+  EXPECT_EQ(relievo(compare + "--error-px 1,none").exit_code, 1);
+  EXPECT_EQ(relievo(compare + "--error-px 0").exit_code, 1);
+  EXPECT_EQ(relievo(compare + "--path " + file("nowhere.json")).exit_code, 2);
+  write("path.json", "{\"cameras\": [{\"distance_mm\": \"far\"}]}");
+  r = relievo(compare + "--path " + file("path.json"));
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+  EXPECT_NE(r.output.find("camera 0"), std::string::npos) << r.output;
+  ASSERT_EQ(relievo("build --ptm " + file("s/ptm_lrgb.ptm") + " -o " + file("flat.relievo")).exit_code, 0);
+  EXPECT_EQ(relievo("compare " + file("flat.relievo") + " -o " + file("report")).exit_code, 5);
+  EXPECT_FALSE(fs::exists(file("report/report.json")));
+  if (relievo("render " + file("a.relievo") + " -o " + file("a.png") + " --size 64x36").exit_code == 4) GTEST_SKIP() << "no GL context";
+  // Longer than anybody waits, interrupted: nothing is written.
+  r = run("timeout -s INT 2 " + std::string(RELIEVO_PROGRAM) + " " + compare + "--frames 100000 --size 64x36");
+  EXPECT_EQ(r.exit_code, 124) << r.output;  // timeout's own; the program's is 130
+  EXPECT_NE(r.output.find("interrupted"), std::string::npos) << r.output;
+  EXPECT_TRUE(fs::is_empty(file("report")));
+  r = relievo(compare + "--quick --size 160x90 --frames 2 --error-px 1 --strategies edge-lod,uniform");
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  for (const char* name : {"report.json", "report.html", "frames.csv"}) EXPECT_TRUE(fs::exists(file(std::string("report/") + name))) << name;
+  std::ifstream text(file("report/report.json"));
+  auto report = nlohmann::json::parse(text, nullptr, false);
+  ASSERT_FALSE(report.is_discarded());
+  ASSERT_EQ(report["runs"].size(), 2u);
+  EXPECT_EQ(report["runs"][0]["strategy"], "edge-lod");
+  EXPECT_EQ(report["runs"][0]["frames"].size(), 2u);
 }
 
 }  // namespace

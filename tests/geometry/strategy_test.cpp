@@ -1,0 +1,160 @@
+// LOD strategies without a GPU: the registry, their lists, and the bounds that they share.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include "geometry/lod_strategy.h"
+#include "geometry/strategy_bounds.h"
+#include "tests/geometry/lod_fixture.h"
+
+namespace relievo::test {
+namespace {
+
+constexpr uint64_t kSeed = 20101;
+
+StrategyScene madeUpScene(uint64_t width_px, uint64_t height_px) {
+  StrategyScene scene;
+  scene.domain = makeDomain(width_px, height_px, 0);
+  scene.oracle = std::make_shared<MadeUpOracle>(scene.domain, kSeed, true);
+  auto resident = std::make_shared<ReliefSet>();
+  for (int level = 0; level <= scene.domain.relief_depth; ++level)
+    for (uint32_t patch = 0; patch < scene.domain.patchCount(); ++patch)
+      for (uint32_t y = 0; y < 1u << level; ++y)
+        for (uint32_t x = 0; x < 1u << level; ++x)
+          if (NodeId n{patch, static_cast<uint32_t>(level), x, y}; scene.domain.nodeExists(n)) resident->insert(n);
+  scene.resident = resident;
+  auto field = std::make_shared<ReliefField>(scene.domain);
+  ReliefPages pages(scene.domain, noiseHeight);
+  for (const NodeId& n : *resident)
+    if (static_cast<int>(n.level) == scene.domain.relief_depth) field->setPage(n, pages(n));
+  scene.field = field;
+  return scene;
+}
+
+TEST(Strategies, AreNamedOnceAndControlsComeLast) {
+  std::set<std::string> names;
+  bool control = false;
+  for (const StrategyEntry& e : lodStrategies()) {
+    EXPECT_TRUE(names.insert(e.name).second) << e.name;
+    EXPECT_FALSE(e.title.empty() || e.purpose.empty()) << e.name;
+    EXPECT_TRUE(e.make) << e.name;
+    EXPECT_EQ(findStrategy(e.name), &e);
+    EXPECT_TRUE(!control || e.control) << e.name << " after a control";
+    control = control || e.control;
+  }
+  EXPECT_EQ(findStrategy("nobody"), nullptr);
+  EXPECT_GE(names.size(), 8u);
+}
+
+// A new strategy is one file and a line in the registry: nobody else asks for a name.
+TEST(Strategies, NobodyElseKnowsTheirNames) {
+  namespace fs = std::filesystem;
+  int files = 0, own = 0;
+  for (const char* folder : {"geometry", "src", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(RELIEVO_SOURCE_DIR) / folder)) {
+      std::string ending = entry.path().extension().string(), name = entry.path().filename().string();
+      if (ending != ".cpp" && ending != ".h") continue;
+      std::stringstream text;
+      text << std::ifstream(entry.path()).rdbuf();
+      ++files;
+      int known = 0;
+      for (const StrategyEntry& e : lodStrategies())
+        if (text.str().find("\"" + e.name + "\"") != std::string::npos) ++known;
+      if (name.starts_with("strategy_")) {
+        EXPECT_LE(known, 1) << entry.path();
+        own += known;
+      } else if (name != "lod_strategy.h") {
+        EXPECT_EQ(known, 0) << entry.path();
+      }
+    }
+  EXPECT_GT(files, 100);
+  EXPECT_EQ(own, static_cast<int>(lodStrategies().size()));
+}
+
+// No place twice, none left out: the nodes' areas in view add up to the artwork where all of it is in view, and do not overlap.
+TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
+  for (auto [width, height] : {std::pair<uint64_t, uint64_t>{900, 700}, {2000, 310}, {300, 1500}}) {
+    StrategyScene scene = madeUpScene(width, height);
+    Random random(kSeed);
+    for (const StrategyEntry& e : lodStrategies()) {
+      auto strategy = e.make(scene), again = e.make(scene);
+      for (int k = 0; k < 6; ++k) {
+        Camera camera = randomCamera(scene.domain, random);
+        if (k == 0) {  // all in view
+          camera = {};
+          camera.eye = {0, 0, 4.0 * static_cast<double>(std::max(width, height)) * scene.domain.mm_per_px};
+          camera.far_mm = 1e6;
+        }
+        LodView view = makeView(camera, std::exp(random.real(-0.5, 2)));
+        StrategyResult chosen = strategy->select(view), other = again->select(view);
+        EXPECT_EQ(chosen.instances, other.instances) << e.name;
+        EXPECT_EQ(chosen.predicted_px, other.predicted_px) << e.name;
+        EXPECT_EQ(chosen.instances, strategy->select(view).instances) << e.name << ": the same view again";
+        EXPECT_TRUE(std::is_sorted(chosen.instances.begin(), chosen.instances.end(), [](const auto& a, const auto& b) { return a.grid_level < b.grid_level; })) << e.name;
+        std::set<NodeId> nodes;
+        double area = 0;
+        auto inside = [](int64_t from, int64_t size, int64_t border) { return static_cast<double>(std::min(from + size, border) - from); };
+        for (const PatchInstance& p : chosen.instances) {
+          EXPECT_TRUE(scene.resident->count(p.relief_page)) << e.name;
+          EXPECT_TRUE(nodes.insert(p.node).second) << e.name;
+          int64_t size = int64_t{1} << (p.step_log2 + p.grid_level);
+          area += inside(p.x0, size, scene.field->widthUnits()) * inside(p.y0, size, scene.field->heightUnits());
+        }
+        for (const NodeId& n : nodes)
+          for (uint32_t level = 0; level < n.level; ++level) EXPECT_FALSE(nodes.count(n.ancestor(level))) << e.name << ": a node and its ancestor";
+        double whole = static_cast<double>(scene.field->widthUnits()) * static_cast<double>(scene.field->heightUnits());
+        if (k == 0) {
+          EXPECT_EQ(area, whole) << e.name;
+        }
+        EXPECT_LE(area, whole) << e.name;
+      }
+    }
+  }
+}
+
+TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
+  StrategyScene scene = madeUpScene(1500, 1100);
+  Random random(kSeed + 1);
+  int kept = 0;
+  for (const StrategyEntry& e : lodStrategies()) {
+    auto strategy = e.make(scene);
+    for (int k = 0; k < 20; ++k) {
+      LodView view = makeView(randomCamera(scene.domain, random), std::exp(random.real(-0.5, 2)));
+      StrategyResult chosen = strategy->select(view);
+      if (!e.keeps_budget) continue;
+      EXPECT_LE(chosen.predicted_px, 2 * chosen.error_px * (1 + 1e-9)) << e.name;
+      EXPECT_GE(chosen.error_px, view.error_px);
+      ++kept;
+    }
+  }
+  EXPECT_GE(kept, 40);
+}
+
+// Coarser budgets never draw more; a budget that nothing exceeds draws little.
+TEST(Strategies, DrawLessForALargerBudget) {
+  StrategyScene scene = madeUpScene(1500, 1100);
+  for (const StrategyEntry& e : lodStrategies()) {
+    auto strategy = e.make(scene);
+    size_t cells_before = ~size_t{0};
+    Camera camera;
+    camera.eye = {5, -30, 40};
+    camera.target = {0, 0, 0};
+    for (double budget : {0.25, 1.0, 4.0, 16.0, 64.0}) {
+      LodView view = makeView(camera, budget);
+      view.min_cell_px = 2 * budget;
+      size_t cells = 0;
+      for (const PatchInstance& p : strategy->select(view).instances) cells += size_t{1} << (2 * p.grid_level);
+      EXPECT_LE(cells, cells_before) << e.name << " at " << budget << " px";
+      cells_before = cells;
+    }
+    EXPECT_LT(cells_before, 20000u) << e.name;
+  }
+}
+
+}  // namespace
+}  // namespace relievo::test

@@ -1,0 +1,173 @@
+// relievo compare as a whole, on a small artwork: promises hold, seams are closed, negative controls fail, and two runs agree.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <fstream>
+#include <random>
+
+#include <nlohmann/json.hpp>
+
+#include "src/gl/context.h"
+#include "tests/render/gl_fixture.h"
+#include "tests/render/test_artwork.h"
+#include "tools/compare_report.h"
+#include "tools/compare_run.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint32_t kSeed = 20140613;
+constexpr int kWidth = 240, kHeight = 136;
+
+class Compare : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string why;
+    // Two patches along the strip, sizes that are no multiple of anything, steep enough to see.
+    package_ = test::noisePackage(folder_, 1101, 601, Basis::kColour, 12, 7, &why);
+    ASSERT_TRUE(package_) << why;
+    plan_.package = package_;
+    plan_.path = folder_.file("path.json");
+    plan_.width_px = kWidth;
+    plan_.height_px = kHeight;
+    plan_.frames = 0;
+    plan_.repeats = 1;
+    plan_.budgets_px = {1, 3};
+    for (const StrategyEntry& e : lodStrategies()) plan_.strategies.push_back(&e);
+    writePath(6);
+  }
+  // From straight ahead to grazing, from near to far; the eye stays above the relief.
+  void writePath(int cameras) {
+    std::mt19937 random(kSeed);
+    auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+    auto list = nlohmann::json::array();
+    for (int k = 0; k < cameras; ++k) {
+      nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 70)},
+                          {"distance_mm", std::exp(uniform(std::log(35.0), std::log(250.0)))}, {"target_mm", {uniform(-45, 45), uniform(-25, 25), 0}}};
+      list.push_back(c);
+    }
+    std::ofstream(plan_.path) << nlohmann::json{{"cameras", list}};
+  }
+  CompareFigures run() {
+    auto figures = runCompare(plan_, gltest::context().info());
+    EXPECT_TRUE(figures.ok()) << (figures.ok() ? "" : figures.error().text());
+    return figures.ok() ? std::move(*figures) : CompareFigures{};
+  }
+  static const StrategyFigures& of(const CompareFigures& all, const std::string& name, double budget_px) {
+    for (const StrategyFigures& f : all.runs)
+      if (f.strategy->name == name && f.budget_px == budget_px) return f;
+    ADD_FAILURE() << name;
+    return all.runs[0];
+  }
+
+  test::TemporaryFolder folder_;
+  std::shared_ptr<const Package> package_;
+  ComparePlan plan_;
+};
+
+TEST_F(Compare, PromisesHoldSeamsAreClosedAndControlsFail) {
+  CompareFigures all = run();
+  ASSERT_EQ(all.runs.size(), 2 * lodStrategies().size());
+  EXPECT_TRUE(all.reference_whole);
+  EXPECT_LT(all.floor.max_px, 0.1) << "full resolution measured like a strategy";
+  EXPECT_LT(all.floor.p99_px, 0.01);
+  uint64_t frames = 0;
+  bool a_third_is_no_bound = false;
+  for (const StrategyFigures& run : all.runs) {
+    if (!run.available) continue;
+    ASSERT_EQ(run.frames.size(), 6u);
+    RunSummary s = summaryOf(run, all);
+    EXPECT_EQ(s.above_bound_frames, 0u) << run.strategy->name << " at " << run.budget_px << " px: max " << s.max_px << ", predicted " << s.predicted_px;
+    for (const FrameFigures& f : run.frames) {
+      EXPECT_GT(f.error.pixels, 1000u);
+      EXPECT_GT(f.triangles, 0u);
+      if (f.predicted_px < 0) continue;
+      ++frames;
+      EXPECT_LE(f.error.max_px, f.predicted_px + measuringSlackPx(all)) << run.strategy->name;
+      a_third_is_no_bound = a_third_is_no_bound || f.error.max_px > f.predicted_px / 3 + measuringSlackPx(all);
+    }
+    EXPECT_LE(static_cast<double>(s.edge_on_pixels), 0.002 * static_cast<double>(s.pixels)) << run.strategy->name << ": too much is not measured";
+    std::printf("[ compare  ] %-13s %g px: predicted %6.3g, max %6.3g, p99 %6.3g, pop %6.3g px; %8.0f triangles, %llu crack pixels, %llu of %llu vertices differ, %llu of %llu pixels edge-on\n",
+                run.strategy->name.c_str(), run.budget_px, s.predicted_px, s.max_px, s.p99_px, s.pop_px, s.triangles, static_cast<unsigned long long>(s.crack_pixels),
+                static_cast<unsigned long long>(s.seams_mismatched), static_cast<unsigned long long>(s.seams_compared),
+                static_cast<unsigned long long>(s.edge_on_pixels), static_cast<unsigned long long>(s.pixels));
+    if (run.strategy->control) continue;
+    EXPECT_EQ(s.crack_pixels, 0u) << run.strategy->name;
+    if (!s.seams_known) continue;
+    EXPECT_GT(s.seams_compared, 50u) << run.strategy->name;
+    EXPECT_EQ(s.seams_mismatched, 0u) << run.strategy->name;
+  }
+  EXPECT_GE(frames, 60u);
+  EXPECT_TRUE(a_third_is_no_bound);
+  // The controls: the same patches as edge-lod's, which shows none of it.
+  uint64_t cracks = 0, mismatches = 0, skirt_cracks = 0, skirt_mismatches = 0;
+  for (double budget : plan_.budgets_px) {
+    RunSummary control = summaryOf(of(all, "no-snapping", budget), all), skirts = summaryOf(of(all, "skirts", budget), all), good = summaryOf(of(all, "edge-lod", budget), all);
+    cracks += control.crack_pixels;
+    mismatches += control.seams_mismatched;
+    skirt_cracks += skirts.crack_pixels;
+    skirt_mismatches += skirts.seams_mismatched;
+    EXPECT_GT(skirts.triangles, good.triangles);
+  }
+  EXPECT_GT(cracks, 0u);
+  EXPECT_GT(mismatches, 0u);
+  EXPECT_LT(skirt_cracks, cracks);
+  EXPECT_EQ(skirt_mismatches, mismatches);
+}
+
+TEST_F(Compare, TwoRunsDifferInTimingsOnly) {
+  plan_.budgets_px = {2};
+  writePath(2);
+  auto withoutTimings = [](const std::string& text) {
+    auto json = nlohmann::json::parse(text);
+    EXPECT_TRUE(json.contains("timings"));
+    json.erase("timings");
+    return json.dump();
+  };
+  CompareFigures a = run(), b = run();
+  EXPECT_EQ(withoutTimings(reportJson(plan_, a)), withoutTimings(reportJson(plan_, b)));
+  std::string csv = reportCsv(a);
+  auto columns = static_cast<std::ptrdiff_t>(reportColumns().size());
+  size_t available = 0;
+  for (const StrategyFigures& r : a.runs) available += r.available;
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), static_cast<std::ptrdiff_t>(1 + 2 * available));
+  for (size_t from = 0; from < csv.size(); from = csv.find('\n', from) + 1)
+    EXPECT_EQ(std::count(csv.begin() + static_cast<std::ptrdiff_t>(from), csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n', from)), ','), columns - 1);
+  auto pictures = reportPictures(plan_, a);
+  EXPECT_EQ(pictures.size(), available);
+  for (const ReportPicture& p : pictures) EXPECT_GT(std::count_if(p.rgba.begin(), p.rgba.end(), [](uint8_t v) { return v != 0; }), 1000);
+  std::string html = reportHtml(plan_, a, pictures);
+  EXPECT_EQ(html.find("http://"), std::string::npos);
+  EXPECT_EQ(html.find("https://"), std::string::npos);
+  EXPECT_EQ(html.find("<script"), std::string::npos);
+  EXPECT_NE(html.find("</html>"), std::string::npos);
+}
+
+// Relief that is drawn higher than the truth it is measured against is off by what the heights say: the measuring sees it.
+TEST_F(Compare, AWrongSurfaceIsSeen) {
+  plan_.strategies = {findStrategy("uniform")};
+  plan_.budgets_px = {0.05};
+  CompareFigures right = run();
+  EXPECT_LT(summaryOf(right.runs[0], right).max_px, 0.1);
+  plan_.measured_exaggerate = 1.05;
+  CompareFigures wrong = run();
+  EXPECT_GT(summaryOf(wrong.runs[0], wrong).rms_px, 50 * summaryOf(right.runs[0], right).rms_px);
+  EXPECT_GT(wrong.floor.max_px, 0.2) << "full resolution, too";
+  EXPECT_GT(summaryOf(wrong.runs[0], right).above_bound_frames, 0u);
+}
+
+TEST_F(Compare, StopsWhenInterruptedAndRefusesWhatDoesNotFit) {
+  std::atomic<bool> stop = true;
+  plan_.interrupted = &stop;
+  auto stopped = runCompare(plan_, gltest::context().info());
+  ASSERT_FALSE(stopped.ok());
+  EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
+  plan_.interrupted = nullptr;
+  plan_.memory_bytes = 1 << 20;
+  auto refused = runCompare(plan_, gltest::context().info());
+  ASSERT_FALSE(refused.ok());
+  EXPECT_EQ(refused.error().kind, ErrorKind::kUnsupported);
+}
+
+}  // namespace
+}  // namespace relievo

@@ -1,0 +1,201 @@
+// What `relievo compare` computes without a GPU: errors from places, coverage, seams, camera paths.
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include "geometry/strategy_bounds.h"
+#include "tests/render/test_artwork.h"
+#include "tools/compare_measure.h"
+#include "tools/compare_path.h"
+#include "tools/compare_report.h"
+
+namespace relievo {
+namespace {
+
+PlanarDomain smallDomain() {
+  PlanarDomain d;
+  d.width_px = 300;
+  d.height_px = 200;
+  d.mm_per_px = 0.5;
+  d.texture_depth = PlanarDomain::depthFor(300, 200);
+  d.relief_depth = d.texture_depth;
+  d.relief_scale_mm = 10.0 / 65535;
+  d.relief_offset_mm = -2;
+  return d;
+}
+
+ReliefField rampField(const PlanarDomain& d) {
+  ReliefField field(d);
+  for (int64_t j = 0; j < field.rows; ++j)
+    for (int64_t i = 0; i < field.columns; ++i) field.samples[static_cast<size_t>(j * field.columns + i)] = static_cast<uint16_t>(100 * i + 37 * j + ((i * j) % 7) * 50);
+  return field;
+}
+
+TEST(ReliefField, GoesThroughItsSamplesAndAlongTheDiagonal) {
+  PlanarDomain d = smallDomain();
+  ReliefField field = rampField(d);
+  ASSERT_EQ(field.columns, 301);
+  ASSERT_EQ(field.rows, 201);
+  int64_t s = int64_t{1} << field.spacing_log2;
+  for (int64_t j = 0; j < field.rows; j += 13)
+    for (int64_t i = 0; i < field.columns; i += 17)
+      EXPECT_EQ(field.heightSteps(static_cast<double>(i * s), static_cast<double>(j * s)), field.at(i, j)) << i << " " << j;
+  double middle = field.heightSteps(10.5 * static_cast<double>(s), 20.5 * static_cast<double>(s));
+  EXPECT_EQ(middle, 0.5 * (field.at(10, 20) + field.at(11, 21)));
+}
+
+// Places are the truth's, drawn elsewhere by a known way: the error is that way.
+TEST(CompareMeasure, TheErrorIsTheDistanceToWhereThePlaceBelongs) {
+  PlanarDomain d = smallDomain();
+  ReliefField field = rampField(d);
+  PlanarSurface surface(field, 1);
+  OrbitCamera camera = fitCamera(d, 160, 90);
+  camera.azimuth_deg = 35;
+  camera.elevation_deg = -20;
+  Frame frame{viewTransform(camera, d, -2, 8, 160, 90), 160, 90};
+  PatchInstance p;
+  p.grid_level = 5;
+  p.step_log2 = static_cast<uint8_t>(d.texture_depth + 7 + kUnitsPerTexelLog2 - 5);
+  std::vector<PatchInstance> instances = {p};
+  PlacePixels pixels(160 * 90);
+  ErrorVectors errors;
+  double size = std::ldexp(1.0, p.step_log2 + p.grid_level);
+  int checked = 0;
+  for (double y = 100; y < 3000; y += 311)
+    for (double x = 50; x < 4000; x += 277) {
+      bool in_front = false;
+      float u = static_cast<float>(x / size), v = static_cast<float>(y / size);
+      glm::dvec2 at = frame.pixelOf(field.worldMm(u * size, v * size, field.heightMm(u * size, v * size)), &in_front);
+      ASSERT_TRUE(in_front);
+      // Shown three pixels right of and two below the pixel it belongs to.
+      int px = static_cast<int>(at.x) + 3, py = static_cast<int>(at.y) - 2;
+      if (px < 0 || py < 0 || px >= 160 || py >= 90) continue;
+      std::fill(pixels.begin(), pixels.end(), std::array<uint32_t, 4>{});
+      pixels[static_cast<size_t>(py * 160 + px)] = {std::bit_cast<uint32_t>(u), std::bit_cast<uint32_t>(v), 1, 0};
+      errorVectors(surface, instances, frame, pixels, errors);
+      const glm::vec2 e = errors[static_cast<size_t>(py * 160 + px)];
+      EXPECT_NEAR(e.x, px + 0.5 - at.x, 1e-4);
+      EXPECT_NEAR(e.y, py + 0.5 - at.y, 1e-4);
+      EXPECT_EQ(figuresOf(errors).pixels, 1u);
+      pixels[static_cast<size_t>(py * 160 + px)][3] = std::bit_cast<uint32_t>(65.0f / 32);  // edge-on: 65 of 32 cells a node
+      EXPECT_EQ(errorVectors(surface, instances, frame, pixels, errors), 1u);
+      EXPECT_EQ(figuresOf(errors).pixels, 0u);
+      ++checked;
+    }
+  EXPECT_GT(checked, 50);
+}
+
+TEST(CompareMeasure, FiguresOfKnownErrors) {
+  ErrorVectors errors(1000, {0.0f, 0.0f});
+  for (size_t i = 0; i < 12; ++i) errors[i] = {3, 4};
+  errors[500] = {std::numeric_limits<float>::quiet_NaN(), 0};
+  ErrorFigures f = figuresOf(errors);
+  EXPECT_EQ(f.pixels, 999u);
+  EXPECT_EQ(f.max_px, 5);
+  EXPECT_EQ(f.p99_px, 5);
+  EXPECT_NEAR(f.rms_px, std::sqrt(12 * 25 / 999.0), 1e-12);
+  errors[0] = errors[1] = errors[2] = {0, 0};
+  EXPECT_EQ(figuresOf(errors).p99_px, 0);  // 9 of 999
+  ErrorVectors after = errors;
+  EXPECT_EQ(largestChangePx(errors, after), 0);
+  after[7] = {-3, -4};
+  EXPECT_EQ(largestChangePx(errors, after), 10);
+}
+
+TEST(CompareMeasure, HolesAreCracksOnlyInsideTheSilhouette) {
+  constexpr int kSide = 40;
+  std::vector<uint8_t> reference(kSide * kSide, 0);
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 10; x < kSide; ++x) reference[static_cast<size_t>(y * kSide + x)] = 1;  // its right, upper and lower ends lie beyond the picture
+  auto with = [&](int x, int y, int margin) {
+    std::vector<uint8_t> drawn = reference;
+    drawn[static_cast<size_t>(y * kSide + x)] ^= 1;
+    return compareCoverage(drawn, reference, kSide, kSide, margin);
+  };
+  EXPECT_EQ(compareCoverage(reference, reference, kSide, kSide, 1).silhouette_pixels, 0u);
+  EXPECT_EQ(with(25, 20, 1).crack_pixels, 1u);
+  EXPECT_EQ(with(39, 0, 1).crack_pixels, 1u);   // the picture's border is no silhouette
+  EXPECT_EQ(with(10, 20, 1).crack_pixels, 0u);  // on the silhouette
+  EXPECT_EQ(with(11, 20, 1).crack_pixels, 1u);
+  EXPECT_EQ(with(13, 20, 4).crack_pixels, 0u);
+  EXPECT_EQ(with(14, 20, 4).crack_pixels, 1u);
+  EXPECT_EQ(with(5, 20, 1).crack_pixels, 0u);   // drawn where full resolution has nothing
+  EXPECT_EQ(with(5, 20, 1).silhouette_pixels, 1u);
+}
+
+// Two nodes side by side, of 4 and 8 segments; the finer one's middle vertices as given.
+TEST(CompareMeasure, SeamsAreComparedVertexByVertex) {
+  PlanarDomain d = smallDomain();
+  d.texture_depth = d.relief_depth = 1;
+  PatchInstance left, right;
+  left.node = {0, 1, 0, 0};
+  right.node = {0, 1, 1, 0};
+  int unit_log2 = d.texture_depth + 7 + kUnitsPerTexelLog2;
+  left.grid_level = 2;
+  right.grid_level = 3;
+  left.step_log2 = static_cast<uint8_t>(unit_log2 - 1 - 2);
+  right.step_log2 = static_cast<uint8_t>(unit_log2 - 1 - 3);
+  right.x0 = 1 << (unit_log2 - 1);
+  std::vector<PatchInstance> instances = {left, right};
+  auto captured = [&](bool snapped) {
+    std::vector<float> out;
+    for (const PatchInstance& p : instances) {
+      int last = 1 << p.grid_level;
+      for (int j = 0; j <= last; ++j)
+        for (int i = 0; i <= last; ++i) {
+          int y = j << p.step_log2;
+          if (snapped && &p == &instances[1] && i == 0) y &= ~((1 << left.step_log2) - 1);
+          out.insert(out.end(), {static_cast<float>(p.x0 + (i << p.step_log2)), static_cast<float>(y), 0.0f, 1.0f});
+        }
+    }
+    return out;
+  };
+  EXPECT_EQ(compareSeams(d, instances, captured(true)).compared, 5u);
+  EXPECT_EQ(compareSeams(d, instances, captured(true)).mismatched, 0u);
+  EXPECT_EQ(compareSeams(d, instances, captured(false)).mismatched, 4u);
+  std::vector<float> one_bit = captured(true);
+  one_bit[4 * 4 + 2] = std::bit_cast<float>(1u);  // of the left one's upper right vertex
+  EXPECT_EQ(compareSeams(d, instances, one_bit).mismatched, 2u);  // what either side has alone
+}
+
+TEST(ComparePath, RecordedAndFromAFile) {
+  PlanarDomain d = smallDomain();
+  for (const char* name : {"orbit", "flyover", "zoom"}) {
+    auto cameras = compareCameras(name, 7, d, 160, 90);
+    ASSERT_TRUE(cameras.ok()) << name;
+    EXPECT_EQ(cameras->size(), 7u);
+  }
+  EXPECT_EQ((*compareCameras("flyover", 3, d, 160, 90))[1].now.elevation_deg, kFlyoverTilt_deg);
+  test::TemporaryFolder folder;
+  auto write = [&](const std::string& text) {
+    std::ofstream(folder.file("path.json")) << text;
+    return compareCameras(folder.file("path.json"), 0, d, 160, 90);
+  };
+  auto two = write(R"({"cameras": [{"azimuth_deg": 20, "distance_mm": 90}, {"elevation_deg": -30, "fov_deg": 60, "target_mm": [1, 2, 3]}]})");
+  ASSERT_TRUE(two.ok());
+  ASSERT_EQ(two->size(), 2u);
+  EXPECT_EQ((*two)[0].now.distance_mm, 90);
+  EXPECT_EQ((*two)[1].before.azimuth_deg, 20);
+  EXPECT_EQ((*two)[1].now.target_mm, glm::dvec3(1, 2, 3));
+  for (const char* bad : {"", "[]", "{}", R"({"cameras": []})", R"({"cameras": [7]})", R"({"cameras": [{"distance_mm": -1}]})", R"({"cameras": [{"elevation_deg": 90}]})",
+                          R"({"cameras": [{"fov_deg": "wide"}]})", R"({"cameras": [{"target_mm": [1, 2]}]})"}) {
+    auto result = write(bad);
+    ASSERT_FALSE(result.ok()) << bad;
+    EXPECT_EQ(result.error().kind, ErrorKind::kInvalidData) << bad;
+  }
+  EXPECT_EQ(compareCameras(folder.file("nowhere.json"), 0, d, 160, 90).error().kind, ErrorKind::kIo);
+}
+
+TEST(CompareReport, Base64) {
+  auto encode = [](const std::string& s) { return base64({reinterpret_cast<const uint8_t*>(s.data()), s.size()}); };
+  EXPECT_EQ(encode(""), "");
+  EXPECT_EQ(encode("f"), "Zg==");
+  EXPECT_EQ(encode("fo"), "Zm8=");
+  EXPECT_EQ(encode("foobar"), "Zm9vYmFy");
+}
+
+}  // namespace
+}  // namespace relievo
