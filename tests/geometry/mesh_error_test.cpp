@@ -49,10 +49,13 @@ class TrueMeshRelief final : public ReliefOracle {
   }
   bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
     const auto& blocks = coarse_blocks_[patch][static_cast<size_t>(cells_log2 - 4)];
-    std::copy(blocks.begin(), blocks.end(), error_mm.begin());
-    return parts_;
+    if (parts_ == Parts::kTrue) std::copy(blocks.begin(), blocks.end(), error_mm.begin());
+    if (parts_ == Parts::kMirrored) std::copy(blocks.rbegin(), blocks.rend(), error_mm.begin());
+    return parts_ != Parts::kNone;
   }
-  void hideParts() { parts_ = false; }
+  // What is told of the parts of coarse grids; kMirrored: what is true at the other end of the patch.
+  enum class Parts { kNone, kTrue, kMirrored };
+  void tell(Parts parts) { parts_ = parts; }
   const std::vector<CoarseErrors>& coarse() const { return coarse_; }
   int64_t side() const { return side_; }
   glm::dvec3 point(uint32_t patch, int64_t x, int64_t y, double exaggerate) const {
@@ -139,7 +142,7 @@ class TrueMeshRelief final : public ReliefOracle {
   std::vector<CoarseErrors> coarse_;
   std::vector<std::array<std::vector<float>, 3>> coarse_blocks_;
   std::map<NodeId, Page> pages_;
-  bool parts_ = true;
+  Parts parts_ = Parts::kTrue;
 };
 
 struct Measured {
@@ -229,7 +232,7 @@ std::vector<NamedHeights> heightKinds() {
 
 struct Figures {
   int views = 0, above = 0;
-  uint64_t samples = 0, nodes = 0;
+  uint64_t samples = 0, nodes = 0, cells = 0;
   std::vector<double> tightness;  // predicted / measured
   double worst = 0;               // measured / asked for, where nothing was missing
 };
@@ -257,6 +260,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
     ++f.views;
     f.samples += m.samples;
     f.nodes += lod.instances.size();
+    for (const PatchInstance& p : lod.instances) f.cells += uint64_t{1} << (2 * p.grid_level);
     if (m.max_px > lod.max_error_px * believe * (1 + 1e-6) + 1e-6) {
       ++f.above;
       if (believe == 1)
@@ -341,6 +345,26 @@ TEST(MeshError, TightnessOfTheWholeInView) {
   std::sort(ratios.begin(), ratios.end());
   ASSERT_FALSE(ratios.empty());
   std::printf("[ figures  ] all: median %.2f\n", ratios[ratios.size() / 2]);
+}
+
+// What is known of the parts of grids coarser than a page saves cells, and costs no truth; what is true of other parts is no bound.
+TEST(MeshError, PartsOfCoarseGrids) {
+  const BaseMesh mesh = cubeSphere(1, 60);
+  MeshRelief relief{0, -2, 5.0 / 65535};
+  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place& place) {
+    return 0.3 + (p.x > 10 && p.y > 15 && p.z > -20 ? 0.5 * static_cast<double>(hashOf(place, 4) >> 40) * 0x1p-24 : 0.05 * std::sin(p.x * 0.05));
+  });
+  std::array<Figures, 3> figures;
+  for (size_t k = 0; k < 3; ++k) {
+    truth.tell(static_cast<TrueMeshRelief::Parts>(k));
+    study(figures[k], "parts", mesh, relief, truth, 40, kSeed + 9000, k == 2 ? 0.999 : 1);
+  }
+  std::printf("[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in %d of %d views\n",
+              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), figures[2].above, figures[2].views);
+  EXPECT_EQ(figures[0].above, 0);
+  EXPECT_EQ(figures[1].above, 0);
+  EXPECT_LT(figures[1].cells, figures[0].cells);
+  EXPECT_GT(figures[2].above, 0);
 }
 
 }  // namespace
