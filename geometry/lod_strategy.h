@@ -4,7 +4,7 @@
 // same relief pages, every one of them resident: what is compared is geometry, not streaming.
 // What is drawn where (places, heights, projection) is not the strategy's business, so artworks over a base mesh need their own
 // StrategyScene and strategies that fill the same StrategyResult, and no other measuring: errors are taken by instance and place in its node.
-// Pure: no GL. A strategy is used by one thread; the same scene and view give the same result.
+// Pure: no GL. A strategy is used by one thread; the same scene and views, in the same order, give the same results.
 #pragma once
 
 #include <array>

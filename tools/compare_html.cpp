@@ -254,6 +254,14 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
       "<p>The error of a pixel is its distance to where the full-resolution relief has the place that it shows. Measuring itself is off by at most %.3g px (full "
       "resolution measured like a strategy). Silhouettes are compared with %s of at most %llu triangles a frame.</p>\n",
       all.floor.max_px, all.reference_whole ? "full resolution," : "a uniform grid, coarser than full resolution,", static_cast<unsigned long long>(all.reference_triangles));
+  uint64_t pixels = 0, edge_on = 0;
+  for (const StrategyFigures& run : all.runs) {
+    RunSummary s = summaryOf(run, all);
+    pixels += s.pixels;
+    edge_on += s.edge_on_pixels;
+  }
+  add(out, "<p>%llu pixels are measured; %llu more show triangles so edge-on (a pixel is more than %.0f cells wide) that no rasteriser knows their place.</p>\n",
+      static_cast<unsigned long long>(pixels), static_cast<unsigned long long>(edge_on), kMostCellsAPixel);
   out += "<h2>What accuracy costs</h2>\n" + legend(all) + "<div class='panels'>\n";
   struct Panel {
     const char *title, *x_title, *y_title;
