@@ -457,8 +457,12 @@ double MeshBake::reliefOffsetMm() const { return impl_->offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 
-Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options) {
+Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& given) {
   const auto started = std::chrono::steady_clock::now();
+  BakeOptions options = given;
+  if (given.progress) {  // grids tried one after the other never lead backwards
+    options.progress = [&given, most = 0.0](double done) mutable { given.progress(most = std::max(most, done)); };
+  }
   auto usage = [](std::string what) { return Error{ErrorKind::kUsage, "", std::move(what), ""}; };
   if (options.cells_log2 != -1 && (options.cells_log2 < 1 || options.cells_log2 > kMaxCellsLog2))
     return usage("relief cells a patch: expected 2^1 to 2^" + std::to_string(kMaxCellsLog2) + ", found 2^" + std::to_string(options.cells_log2));

@@ -482,6 +482,14 @@ TEST(MeshBake, whatCannotBeBakedIsNamed) {
   };
   EXPECT_EQ(kind(mesh, base, options), ErrorKind::kInterrupted);
   EXPECT_GT(last, 0.5);
+  // Several grids are tried: progress still only grows, up to 1.
+  options.cells_log2 = -1;
+  options.interrupted = nullptr;
+  last = 0;
+  auto whole = MeshBake::create(sphereMesh(10, 40), {}, base, options);
+  ASSERT_TRUE(whole);
+  EXPECT_GT(whole->get()->report().cells_log2, 3);
+  EXPECT_EQ(last, 1);
 }
 
 TEST(MeshBake, patchesAreReadByManyThreadsAtOnce) {
