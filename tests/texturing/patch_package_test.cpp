@@ -616,6 +616,53 @@ TEST_F(BaseOfPackage, damagedItIsReadFromItsCopy) {
   EXPECT_NE(refusal().find("the base mesh is damaged: its checksum does not match"), std::string::npos);
 }
 
+// What can be read after any byte was flipped is what was written, and verify knows of the rest.
+TEST_F(BaseOfPackage, aFlippedByteIsSeenOrHarmless) {
+  auto content = [](const Package& package) {  // empty where a page is damaged
+    std::vector<std::vector<uint8_t>> pages;
+    for (uint32_t p = 0; p < 6; ++p)
+      for (Plane plane : {Plane::kTexture0, texturePlane(1), Plane::kRelief}) {
+        auto page = package.read(PageId(plane, NodeId{p, 0, 0, 0}));
+        pages.push_back(page.ok() ? page->bytes : std::vector<uint8_t>());
+      }
+    return pages;
+  };
+  auto whole = Package::open(path_);
+  ASSERT_TRUE(whole.ok());
+  const auto truth = content(**whole);
+  const auto coarse = (*whole)->manifest().coarse_errors;
+  size_t seen = 0, harmless = 0, damaged_pages = 0;
+  for (size_t i = 0; i < bytes_.size(); i += i < header_.pages_offset ? 41 : 2999) {
+    bytes_[i] ^= static_cast<uint8_t>(1u << i % 8);
+    writeAll(damaged_, bytes_);
+    bytes_[i] ^= static_cast<uint8_t>(1u << i % 8);
+    auto package = Package::open(damaged_);
+    if (!package.ok()) {
+      EXPECT_EQ(package.error().kind, ErrorKind::kUnsupported) << i << ": " << package.error().text();  // another version
+      ++seen;
+      continue;
+    }
+    EXPECT_EQ(*(*package)->manifest().base, mesh_);
+    EXPECT_EQ((*package)->manifest().coarse_errors, coarse);
+    const auto now = content(**package);
+    size_t lost = 0;
+    for (size_t k = 0; k < now.size(); ++k) {
+      lost += now[k].empty();
+      EXPECT_TRUE(now[k].empty() || now[k] == truth[k]) << "byte " << i;
+    }
+    auto report = verifyPackage(**package, 1, nullptr);
+    ASSERT_TRUE(report.ok());
+    const bool known = !report->damaged.empty() || !report->other.empty();
+    EXPECT_TRUE(known || lost == 0) << "byte " << i;
+    ++(known ? seen : harmless);
+    damaged_pages += lost;
+  }
+  EXPECT_GT(seen, 100u);
+  EXPECT_GT(damaged_pages, 5u);
+  // The padding, the second header, the base mesh's copy.
+  EXPECT_LT(harmless, seen * 2);
+}
+
 TEST_F(BaseOfPackage, everyTruncationOpensOrFailsCleanly) {
   size_t opened = 0, refused = 0;
   for (size_t n = 0; n < bytes_.size(); n += n < header_.pages_offset ? 331 : 40009) {
