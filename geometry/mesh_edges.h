@@ -1,5 +1,5 @@
-// mesh_edges.h - the edges of a triangle soup: which half-edges lie between the same two vertices. Half-edge 3 t + k runs from corner k of
-// triangle t to its next corner. Internal to mesh_read.
+// mesh_edges.h - the edges of a triangle soup: which half-edges lie between the same two vertices. Half-edge 3 t + k
+// runs from corner k of triangle t to its next corner. Internal to mesh_read.
 #pragma once
 
 #include <algorithm>
@@ -19,9 +19,10 @@ inline uint32_t previousInTriangle(uint32_t h) { return h % 3 == 0 ? h + 2 : h -
 inline uint32_t fromVertex(const Triangles& t, uint32_t h) { return t[h / 3][h % 3]; }
 inline uint32_t toVertex(const Triangles& t, uint32_t h) { return fromVertex(t, nextInTriangle(h)); }
 
-// visit(half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by their higher one.
-// Half-edges are dealt out to their lower vertices and sorted there: linear, for vertices of usual valence. Memory: 4 bytes a vertex and 8
-// a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them: 32 MB).
+// visit(half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by their
+// higher one. Half-edges are dealt out to their lower vertices and sorted there: linear, for vertices of usual valence.
+// Memory: 4 bytes a vertex and 8 a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them:
+// 32 MB).
 template <class Visit>
 void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
   std::vector<uint32_t> end(vertices + 1, 0);  // of each vertex's half-edges, counted over all vertices
@@ -48,12 +49,12 @@ void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
         if (low >= first && low < last) dealt[next[low - first]++] = static_cast<uint64_t>(std::max(a, b)) << 32 | h;
       }
     for (size_t v = first; v < last; ++v) {
-      auto from = dealt.begin() + static_cast<std::ptrdiff_t>(begin(v) - base), to = dealt.begin() + static_cast<std::ptrdiff_t>(end[v] - base);
+      auto from = dealt.begin() + static_cast<std::ptrdiff_t>(begin(v) - base),
+           to = dealt.begin() + static_cast<std::ptrdiff_t>(end[v] - base);
       if (to - from <= 24)
         for (auto i = from; i != to; ++i)
           for (auto j = i; j != from && *j < j[-1]; --j) std::swap(*j, j[-1]);
-      else
-        std::sort(from, to);
+      else std::sort(from, to);
       while (from != to) {
         auto same = from;
         edge.clear();

@@ -69,7 +69,8 @@ bool FileReader::line(std::string_view& text) {
 }
 
 const uint8_t* FileReader::endOfFile(const char* what) {
-  note(std::string("expected ") + what + ", found the end of the file", "it is truncated, or states more than it holds; get a whole copy");
+  note(std::string("expected ") + what + ", found the end of the file",
+       "it is truncated, or states more than it holds; get a whole copy");
   return nullptr;
 }
 
@@ -120,7 +121,8 @@ void FaceCutter::add(std::span<const uint32_t> corners, std::span<const glm::vec
     for (size_t k = 1; k + 1 < n; ++k) emit(0, k, k + 1);
     return;
   }
-  // Ears by the polygon's mean normal (Newell): of few corners the ear of the largest least angle, of many the next one.
+  // Ears by the polygon's mean normal (Newell): of few corners the ear of the largest least angle, of many the next
+  // one.
   auto at = [&](size_t k) { return mesh_.positions[corners[k]] - mesh_.positions[corners[0]]; };
   glm::dvec3 normal(0);
   for (size_t k = 0; k < n; ++k) normal += glm::cross(at(k), at((k + 1) % n));

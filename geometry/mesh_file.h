@@ -1,13 +1,14 @@
-// mesh_file.h - what the readers of mesh files share: a file read piece by piece, text cut into lines and numbers, and the mesh as
-// the file has it, before origin, welding and repair. Internal to mesh_read.
+// mesh_file.h - what the readers of mesh files share: a file read piece by piece, text cut into lines and numbers, and
+// the mesh as the file has it, before origin, welding and repair. Internal to mesh_read.
 //
-// All formats are read here and none by OpenMesh 9, which was measured first, behind an importer that only collects. Its readers
-//   lose detail    every coordinate passes through a float, in text and in doubles of PLY too: 12345678.125 becomes 12345678
-//   take longer    CPU s a million triangles, OpenMesh / here: binary PLY 0.16 / 0.03, text PLY 0.35 / 0.14, OFF 0.35 / 0.10, OBJ 0.87 / 0.10,
-//                  binary STL 0.62 / 0.11, text STL 2.4 / 0.65
-//   trust          an OFF header of 10^9 vertices or a face of 10^9 corners ends the process in bad_alloc, a comment in an OFF file
-//                  is taken for its counts, a truncated STL is read without a word, faces of unknown vertices are dropped
-//   leave out      PLY: list counts of 32 bits (refused), texture coordinates by corner, strips
+// All formats are read here and none by OpenMesh 9, which was measured first, behind an importer that only collects.
+// Its readers
+// - lose detail: every coordinate passes through a float, in text and in doubles of PLY too (12345678.125: 12345678);
+// - take longer, in CPU seconds a million triangles, OpenMesh / here: binary PLY 0.16 / 0.03, text PLY 0.35 / 0.14,
+//   OFF 0.35 / 0.10, OBJ 0.87 / 0.10, binary STL 0.62 / 0.11, text STL 2.4 / 0.65;
+// - trust: an OFF header of 10^9 vertices or a face of 10^9 corners ends the process in bad_alloc, a comment in an OFF
+//   file is taken for its counts, a truncated STL is read without a word, faces of unknown vertices are dropped;
+// - leave out, of PLY, list counts of 32 bits (refused), texture coordinates by corner, and strips.
 // The tests read OpenMesh's files, and compare.
 #pragma once
 
@@ -36,16 +37,17 @@ struct RawMesh {
   std::vector<glm::dvec3> positions;               // in the file's unit
   std::vector<std::array<uint32_t, 3>> triangles;  // every index below positions.size()
   std::vector<glm::u8vec3> colours;                // a position; or empty
-  std::vector<glm::vec3> float_colours;            // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
-  std::vector<std::array<glm::vec2, 3>> corner_uv; // a triangle; or empty
+  std::vector<glm::vec3> float_colours;  // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
+  std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
   std::string texture_path;
-  uint64_t vertices_read = 0;                      // as the file counts
+  uint64_t vertices_read = 0;  // as the file counts
   std::vector<MeshFinding> findings;
 };
 
-// Appends a face of the file as triangles. A polygon of up to 64 corners loses ear after ear (it may be concave), a larger one is a fan
-// from its first corner, so that time stays linear in the file. uv: one a corner or none; faces of fewer than 3 corners are counted in
-// dropped. Corners that are not known yet (an OBJ may name vertices before it gives them) make a fan, too.
+// Appends a face of the file as triangles. A polygon of up to 64 corners loses ear after ear (it may be concave), a
+// larger one is a fan from its first corner, so that time stays linear in the file. uv: one a corner or none; faces of
+// fewer than 3 corners are counted in dropped. Corners that are not known yet (an OBJ may name vertices before it gives
+// them) make a fan, too.
 class FaceCutter {
  public:
   explicit FaceCutter(RawMesh& mesh) : mesh_(mesh) {}
@@ -85,7 +87,8 @@ class FileReader {
   uint64_t offset() const { return file_at_ - (end_ - at_); }
   uint64_t left() const { return file_.size() - offset(); }
   const uint8_t* endOfFile(const char* what);
-  void note(std::string message, std::string hint = "the file is damaged; get a whole copy, or write it anew", ErrorKind kind = ErrorKind::kInvalidData);
+  void note(std::string message, std::string hint = "the file is damaged; get a whole copy, or write it anew",
+            ErrorKind kind = ErrorKind::kInvalidData);
   bool failed() const { return failed_; }
   const Error& error() const { return error_; }
 

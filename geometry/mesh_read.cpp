@@ -13,12 +13,13 @@ namespace {
 
 using namespace mesh_file;
 
-// Beyond this, coordinates are no measures of things that anybody scans: a wrong unit, or damage. Products of three lengths stay
-// within floats.
+// Beyond this, coordinates are no measures of things that anybody scans: a wrong unit, or damage. Products of three
+// lengths stay within floats.
 constexpr double kMaxCoordinateMm = 1e12;
 
-// About the box's centre, on a grid as coarse as the box: subtracting it from a float is exact in double, a mesh around the coordinates' origin
-// keeps its very floats, and what is left is at most twice the half diagonal: exact to 2^-23 of it.
+// About the box's centre, on a grid as coarse as the box: subtracting it from a float is exact in double, a mesh around
+// the coordinates' origin keeps its very floats, and what is left is at most twice the half diagonal: exact to 2^-23 of
+// it.
 glm::dvec3 originOf(const glm::dvec3& low, const glm::dvec3& high) {
   double half = 0.5 * glm::length(high - low);
   if (!(half > 0)) return low;
@@ -61,11 +62,14 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   const double unit = options.mm_per_unit;
   for (size_t i = 0; i < raw.positions.size(); ++i) {
     const glm::dvec3& p = raw.positions[i];
-    if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm && std::abs(p.z * unit) <= kMaxCoordinateMm))
+    if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm &&
+          std::abs(p.z * unit) <= kMaxCoordinateMm))
       return invalid(name, finiteProblem(p, i, unit), "remove the vertex and its faces, or set --unit");
   }
-  if (raw.triangles.empty()) return invalid(name, "expected a surface, found no triangle", "points must be meshed first");
-  glm::dvec3 low(raw.positions[raw.triangles[0][0]]), high(low);  // of what is used: a stray point must not cost precision
+  if (raw.triangles.empty())
+    return invalid(name, "expected a surface, found no triangle", "points must be meshed first");
+  glm::dvec3 low(raw.positions[raw.triangles[0][0]]),
+      high(low);  // of what is used: a stray point must not cost precision
   for (const auto& t : raw.triangles)
     for (uint32_t v : t) {
       low = glm::min(low, raw.positions[v]);
@@ -74,7 +78,8 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   TriMesh& mesh = out.mesh;
   mesh.origin_mm = originOf(low * unit, high * unit);
   mesh.positions_mm.resize(raw.positions.size());
-  for (size_t i = 0; i < raw.positions.size(); ++i) mesh.positions_mm[i] = glm::vec3(raw.positions[i] * unit - mesh.origin_mm);
+  for (size_t i = 0; i < raw.positions.size(); ++i)
+    mesh.positions_mm[i] = glm::vec3(raw.positions[i] * unit - mesh.origin_mm);
   std::vector<glm::dvec3>().swap(raw.positions);  // half of all memory so far
   mesh.triangles = std::move(raw.triangles);
   mesh.colours = raw.float_colours.empty() ? std::move(raw.colours) : bytesOf(raw.float_colours);
@@ -84,17 +89,20 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   for (size_t t = 0; t < mesh.corner_uv.size(); ++t)
     for (const glm::vec2& uv : mesh.corner_uv[t])
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
-        return invalid(name, "triangle " + std::to_string(t) + " (from 0): expected finite texture coordinates, found " + numberText(uv.x) + " " +
+        return invalid(name, "triangle " + std::to_string(t) +
+                                 " (from 0): expected finite texture coordinates, found " + numberText(uv.x) + " " +
                                  numberText(uv.y));
   mesh.texture_path = std::move(raw.texture_path);
   if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
-    out.diagnosis.findings.push_back({"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
+    out.diagnosis.findings.push_back(
+        {"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
     mesh.texture_path.clear();
   }
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };
-  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted); !repaired) return repaired.error();
+  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted); !repaired)
+    return repaired.error();
   return out;
 }
 
@@ -102,10 +110,17 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
 
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
   std::string extension = lowerCase(std::filesystem::path(path).extension().string());
-  auto reader = extension == ".ply" ? readPly : extension == ".obj" ? readObj : extension == ".stl" ? readStl : extension == ".off" ? readOff : nullptr;
+  auto reader = extension == ".ply"   ? readPly
+                : extension == ".obj" ? readObj
+                : extension == ".stl" ? readStl
+                : extension == ".off" ? readOff
+                                      : nullptr;
   if (!reader)
-    return Error{ErrorKind::kUnsupported, path, "expected a mesh file (.ply, .obj, .stl or .off), found the extension " + inQuotes(extension),
-                 "convert it to one of them", {}};
+    return Error{ErrorKind::kUnsupported,
+                 path,
+                 "expected a mesh file (.ply, .obj, .stl or .off), found the extension " + inQuotes(extension),
+                 "convert it to one of them",
+                 {}};
   if (!(options.mm_per_unit > 0) || !std::isfinite(options.mm_per_unit))
     return Error{ErrorKind::kUsage, path, "expected a unit of more than 0 mm", "", {}};
   auto file = InputFile::open(path);
@@ -113,7 +128,8 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
   auto raw = reader(*file, options);
   if (!raw) return raw.error();
   std::filesystem::path image(raw->texture_path);
-  if (!raw->texture_path.empty() && image.is_relative()) raw->texture_path = (std::filesystem::path(path).parent_path() / image).string();
+  if (!raw->texture_path.empty() && image.is_relative())
+    raw->texture_path = (std::filesystem::path(path).parent_path() / image).string();
   return finish(std::move(*raw), path, options);
 }
 
@@ -125,14 +141,17 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name) {
   out.diagnosis.triangles_read = m.triangles.size();
   if (m.triangles.empty()) return invalid(name, "expected a surface, found no triangle");
   if (m.triangles.size() > kMaxTriangles || m.positions_mm.size() > kMaxVertices)
-    return invalid(name, "expected at most " + std::to_string(kMaxTriangles) + " triangles, found " + std::to_string(m.triangles.size()));
+    return invalid(name, "expected at most " + std::to_string(kMaxTriangles) + " triangles, found " +
+                             std::to_string(m.triangles.size()));
   if (!m.colours.empty() && m.colours.size() != m.positions_mm.size())
-    return invalid(name, "expected a colour a vertex (" + std::to_string(m.positions_mm.size()) + "), found " + std::to_string(m.colours.size()));
+    return invalid(name, "expected a colour a vertex (" + std::to_string(m.positions_mm.size()) + "), found " +
+                             std::to_string(m.colours.size()));
   if (!m.corner_uv.empty() && m.corner_uv.size() != m.triangles.size())
-    return invalid(name, "expected texture coordinates of " + std::to_string(m.triangles.size()) + " triangles, found " +
-                             std::to_string(m.corner_uv.size()));
+    return invalid(name, "expected texture coordinates of " + std::to_string(m.triangles.size()) +
+                             " triangles, found " + std::to_string(m.corner_uv.size()));
   for (size_t i = 0; i < m.positions_mm.size(); ++i)
-    if (std::string problem = finiteProblem(glm::dvec3(m.positions_mm[i]) + m.origin_mm, i, 1); !problem.empty()) return invalid(name, problem);
+    if (std::string problem = finiteProblem(glm::dvec3(m.positions_mm[i]) + m.origin_mm, i, 1); !problem.empty())
+      return invalid(name, problem);
   for (size_t t = 0; t < m.triangles.size(); ++t)
     for (uint32_t v : m.triangles[t])
       if (v >= m.positions_mm.size())
@@ -140,7 +159,8 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name) {
                                  std::to_string(m.positions_mm.size()) + " (from 0)");
   for (size_t t = 0; t < m.corner_uv.size(); ++t)
     for (const glm::vec2& uv : m.corner_uv[t])
-      if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
+      if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
+        return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
   if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr); !repaired) return repaired.error();
   return out;
 }

@@ -1,5 +1,6 @@
-// mesh_read_obj.cpp - Wavefront OBJ: v (with colours behind the coordinates, as MeshLab and ZBrush write them), vt, f (negative indices count
-// back from the line), mtllib and usemtl for the image that map_Kd names. Normals, groups and free-form surfaces are read over.
+// mesh_read_obj.cpp - Wavefront OBJ: v (with colours behind the coordinates, as MeshLab and ZBrush write them), vt, f
+// (negative indices count back from the line), mtllib and usemtl for the image that map_Kd names. Normals, groups and
+// free-form surfaces are read over.
 #include <algorithm>
 #include <filesystem>
 #include <map>
@@ -24,8 +25,19 @@ std::string imagePath(std::string_view text) {
   for (;;) {
     std::string_view rest = text, option = nextItem(rest);
     int arguments = -1;
-    for (auto [name, n] : {std::pair{"-blendu", 1}, {"-blendv", 1}, {"-boost", 1}, {"-bm", 1}, {"-cc", 1}, {"-clamp", 1}, {"-imfchan", 1},
-                           {"-mm", 2}, {"-texres", 1}, {"-type", 1}, {"-o", 3}, {"-s", 3}, {"-t", 3}})
+    for (auto [name, n] : {std::pair{"-blendu", 1},
+                           {"-blendv", 1},
+                           {"-boost", 1},
+                           {"-bm", 1},
+                           {"-cc", 1},
+                           {"-clamp", 1},
+                           {"-imfchan", 1},
+                           {"-mm", 2},
+                           {"-texres", 1},
+                           {"-type", 1},
+                           {"-o", 3},
+                           {"-s", 3},
+                           {"-t", 3}})
       if (option == name) arguments = n;
     if (arguments < 0) break;
     for (int k = 0; k < arguments; ++k) {
@@ -62,21 +74,33 @@ class ObjReader {
     }
     if (in_.failed()) return in_.error();
     mesh_.vertices_read = mesh_.positions.size();
-    if (mesh_.vertices_read == 0) return Error{ErrorKind::kInvalidData, in_.file().path(), "expected vertices (lines \"v x y z\"), found none", "this is no OBJ file", {}};
+    if (mesh_.vertices_read == 0)
+      return Error{ErrorKind::kInvalidData,
+                   in_.file().path(),
+                   "expected vertices (lines \"v x y z\"), found none",
+                   "this is no OBJ file",
+                   {}};
     if (highest_ >= mesh_.positions.size()) {
-      Error e{ErrorKind::kInvalidData, in_.file().path(), "", "the file is damaged; get a whole copy, or write it anew", {}};
-      e.message = "face " + std::to_string(highest_face_) + " names vertex " + std::to_string(highest_ + 1) + ", there are " + std::to_string(mesh_.positions.size()) + " (from 1)";
+      Error e{ErrorKind::kInvalidData,
+              in_.file().path(),
+              "",
+              "the file is damaged; get a whole copy, or write it anew",
+              {}};
+      e.message = "face " + std::to_string(highest_face_) + " names vertex " + std::to_string(highest_ + 1) +
+                  ", there are " + std::to_string(mesh_.positions.size()) + " (from 1)";
       return e;
     }
     if (!mesh_.float_colours.empty()) mesh_.float_colours.resize(mesh_.positions.size(), glm::vec3(1));
-    if (cutter_.dropped() > 0) mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    if (cutter_.dropped() > 0)
+      mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     chooseImage();
     return std::move(mesh_);
   }
 
  private:
   void bad(const char* expected, std::string_view found) {
-    in_.note(std::string("expected ") + expected + ", found " + inQuotes(found) + " in line " + std::to_string(in_.lineNumber()));
+    in_.note(std::string("expected ") + expected + ", found " + inQuotes(found) + " in line " +
+             std::to_string(in_.lineNumber()));
   }
   // A line that ends in a backslash goes on in the next.
   std::string_view joined(std::string_view text) {
@@ -102,7 +126,8 @@ class ObjReader {
       if (!parseNumber(item, v[n])) return bad("a vertex's coordinate", item);
     }
     if (n < 3) return bad("three coordinates of a vertex", whole);
-    if (mesh_.positions.size() >= kMaxVertices) return in_.note("expected at most " + std::to_string(kMaxVertices) + " vertices");
+    if (mesh_.positions.size() >= kMaxVertices)
+      return in_.note("expected at most " + std::to_string(kMaxVertices) + " vertices");
     mesh_.positions.emplace_back(v[0], v[1], v[2]);
     if (n >= 6) {
       mesh_.float_colours.resize(mesh_.positions.size() - 1, glm::vec3(1));
@@ -114,7 +139,8 @@ class ObjReader {
     glm::vec2 uv(0);
     std::string_view u = nextItem(text), v = nextItem(text);
     double x = 0, y = 0;
-    if (!parseNumber(u, x) || (!v.empty() && v.front() != '#' && !parseNumber(v, y))) return bad("texture coordinates", u);
+    if (!parseNumber(u, x) || (!v.empty() && v.front() != '#' && !parseNumber(v, y)))
+      return bad("texture coordinates", u);
     uv_.emplace_back(x, y);
   }
 
@@ -142,7 +168,8 @@ class ObjReader {
       uint64_t v = 0, vt = 0;
       if (!parseNumber(part(), index)) return bad("a corner of a face", item);
       if (!resolve(index, mesh_.positions.size(), v) || v >= kMaxVertices)
-        return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) + ") names vertex " + std::to_string(index) + ", there are " +
+        return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
+                        ") names vertex " + std::to_string(index) + ", there are " +
                         std::to_string(mesh_.positions.size()) + " before it (from 1)");
       if (v >= mesh_.positions.size() && v >= highest_) {  // may still come
         highest_ = v;
@@ -153,8 +180,9 @@ class ObjReader {
       if (std::string_view t = part(); !t.empty()) {
         if (!parseNumber(t, index)) return bad("a corner of a face", item);
         if (!resolve(index, uv_.size(), vt) || vt >= uv_.size())
-          return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) + ") names texture coordinates " + std::to_string(index) +
-                          ", there are " + std::to_string(uv_.size()) + " before it (from 1)");
+          return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
+                          ") names texture coordinates " + std::to_string(index) + ", there are " +
+                          std::to_string(uv_.size()) + " before it (from 1)");
         uv = uv_[vt];
         has_uv = true;
       }
@@ -162,7 +190,8 @@ class ObjReader {
     }
     size_t before = mesh_.triangles.size();
     cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
-    if (mesh_.triangles.size() > kMaxTriangles) return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
+    if (mesh_.triangles.size() > kMaxTriangles)
+      return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     if (use_) *use_ += mesh_.triangles.size() - before;
   }
 
@@ -172,7 +201,8 @@ class ObjReader {
     auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
-      mesh_.findings.push_back({"material files that cannot be read (" + std::string(name.substr(0, 100)) + ")", 1, {}, ""});
+      mesh_.findings.push_back(
+          {"material files that cannot be read (" + std::string(name.substr(0, 100)) + ")", 1, {}, ""});
       return;
     }
     std::string material;
@@ -201,7 +231,8 @@ class ObjReader {
       mesh_.texture_path = image;
     }
     if (all > most)
-      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")", all - most, {}, ""});
+      mesh_.findings.push_back(
+          {"triangles of further images (one is used: " + mesh_.texture_path + ")", all - most, {}, ""});
   }
 
   FileReader in_;
@@ -210,8 +241,8 @@ class ObjReader {
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
   std::set<std::string> libraries_;
-  std::map<std::string, std::string> image_of_;      // a material's
-  std::map<std::string, uint64_t> triangles_of_;     // an image's
+  std::map<std::string, std::string> image_of_;   // a material's
+  std::map<std::string, uint64_t> triangles_of_;  // an image's
   uint64_t* use_ = nullptr;
   uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;
   std::string joined_;
@@ -219,6 +250,8 @@ class ObjReader {
 
 }  // namespace
 
-Result<RawMesh> readObj(const InputFile& file, const MeshReadOptions& options) { return ObjReader(file, options).read(); }
+Result<RawMesh> readObj(const InputFile& file, const MeshReadOptions& options) {
+  return ObjReader(file, options).read();
+}
 
 }  // namespace relievo::mesh_file

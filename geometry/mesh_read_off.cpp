@@ -1,5 +1,5 @@
-// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian). Vertex colours behind the coordinates are taken in files without
-// the C, too. Faces' colours are read over.
+// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian). Vertex colours behind the
+// coordinates are taken in files without the C, too. Faces' colours are read over.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -18,12 +18,14 @@ class OffReader {
     for (uint64_t i = 0; i < vertices_ && !in_.failed(); ++i) binary_ ? binaryVertex() : textVertex(i);
     for (uint64_t i = 0; i < faces_ && !in_.failed(); ++i) {
       binary_ ? binaryFace(i) : textFace(i);
-      if (mesh_.triangles.size() > kMaxTriangles) in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
+      if (mesh_.triangles.size() > kMaxTriangles)
+        in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     }
     if (in_.failed()) return in_.error();
     mesh_.vertices_read = vertices_;
     if (!mesh_.float_colours.empty()) mesh_.float_colours.resize(mesh_.positions.size(), glm::vec3(1));
-    if (cutter_.dropped() > 0) mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    if (cutter_.dropped() > 0)
+      mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     return std::move(mesh_);
   }
 
@@ -52,8 +54,10 @@ class OffReader {
     has_colours_ = prefix("C");
     has_normals_ = prefix("N");
     if (kind == "4OFF" || kind == "nOFF" || kind == "4nOFF")
-      return in_.note("expected three coordinates a vertex, found " + inQuotes(key), "write it in three dimensions", ErrorKind::kUnsupported);
-    if (kind != "OFF") return in_.note("expected OFF as the first word, found " + inQuotes(whole), "this is no OFF file");
+      return in_.note("expected three coordinates a vertex, found " + inQuotes(key), "write it in three dimensions",
+                      ErrorKind::kUnsupported);
+    if (kind != "OFF")
+      return in_.note("expected OFF as the first word, found " + inQuotes(whole), "this is no OFF file");
     std::string_view rest = text, next = nextItem(rest);
     if (next == "BINARY") {
       binary_ = true;
@@ -64,14 +68,16 @@ class OffReader {
       if (next.empty() && !line(text, "the counts of vertices and faces")) return;
       whole = text;
       std::string_view v = nextItem(text), f = nextItem(text);
-      if (!parseNumber(v, vertices_) || !parseNumber(f, faces_)) return in_.note("expected the counts of vertices and faces, found " + inQuotes(whole));
+      if (!parseNumber(v, vertices_) || !parseNumber(f, faces_))
+        return in_.note("expected the counts of vertices and faces, found " + inQuotes(whole));
     }
     if (in_.failed()) return;
     // "0 0 0" and "3 0 1 2" with their line ends, the last of which may lack; "0" for a face that is none.
     uint64_t vertex_bytes = binary_ ? 12 : 6, face_bytes = binary_ ? 8 : 2, left = in_.left() + 1;
-    if (vertices_ > left / vertex_bytes || faces_ > (left - vertices_ * vertex_bytes) / face_bytes || vertices_ > kMaxVertices)
-      return in_.note("expected " + std::to_string(vertices_) + " vertices and " + std::to_string(faces_) + " faces, found " + std::to_string(in_.left()) +
-                          " bytes left in the file",
+    if (vertices_ > left / vertex_bytes || faces_ > (left - vertices_ * vertex_bytes) / face_bytes ||
+        vertices_ > kMaxVertices)
+      return in_.note("expected " + std::to_string(vertices_) + " vertices and " + std::to_string(faces_) +
+                          " faces, found " + std::to_string(in_.left()) + " bytes left in the file",
                       "it is truncated, or states more than it holds; get a whole copy");
     mesh_.positions.reserve(vertices_);
     mesh_.triangles.reserve(std::min(faces_, left / 8));
@@ -80,7 +86,8 @@ class OffReader {
   int32_t word(const char* what) {
     const uint8_t* p = in_.take(4, what);
     if (!p) return 0;
-    return static_cast<int32_t>(static_cast<uint32_t>(p[0]) << 24 | static_cast<uint32_t>(p[1]) << 16 | static_cast<uint32_t>(p[2]) << 8 | p[3]);
+    return static_cast<int32_t>(static_cast<uint32_t>(p[0]) << 24 | static_cast<uint32_t>(p[1]) << 16 |
+                                static_cast<uint32_t>(p[2]) << 8 | p[3]);
   }
   float number(const char* what) { return std::bit_cast<float>(word(what)); }
 
@@ -104,7 +111,8 @@ class OffReader {
 
   bool corner(int64_t v, uint64_t face) {
     if (v < 0 || v >= static_cast<int64_t>(mesh_.positions.size())) {
-      in_.note("face " + std::to_string(face) + " names vertex " + std::to_string(v) + ", there are " + std::to_string(mesh_.positions.size()) + " (from 0)");
+      in_.note("face " + std::to_string(face) + " names vertex " + std::to_string(v) + ", there are " +
+               std::to_string(mesh_.positions.size()) + " (from 0)");
       return false;
     }
     corners_.push_back(static_cast<uint32_t>(v));
@@ -117,12 +125,14 @@ class OffReader {
     corner_uv_.clear();
     auto n = static_cast<uint32_t>(word("more faces"));
     if (n > in_.left() / 4)
-      return in_.note("face " + std::to_string(face) + " states " + std::to_string(n) + " corners, " + std::to_string(in_.left()) + " bytes are left in the file");
+      return in_.note("face " + std::to_string(face) + " states " + std::to_string(n) + " corners, " +
+                      std::to_string(in_.left()) + " bytes are left in the file");
     for (uint32_t k = 0; k < n; ++k)
       if (int32_t v = word("more corners"); in_.failed() || !corner(v, face)) return;
     auto colours = static_cast<uint32_t>(word("more faces"));
     if (colours > in_.left() / 4)
-      return in_.note("face " + std::to_string(face) + " states " + std::to_string(colours) + " colour values, " + std::to_string(in_.left()) + " bytes are left in the file");
+      return in_.note("face " + std::to_string(face) + " states " + std::to_string(colours) + " colour values, " +
+                      std::to_string(in_.left()) + " bytes are left in the file");
     for (uint32_t k = 0; k < colours; ++k) word("more colours");
     if (!in_.failed()) cutter_.add(corners_, corner_uv_);
   }
@@ -134,10 +144,12 @@ class OffReader {
     size_t n = 0;
     for (std::string_view item = nextItem(text); !item.empty() && n < 16; item = nextItem(text))
       if (!parseNumber(item, v[n++]))
-        return in_.note("expected a number of vertex " + std::to_string(index) + ", found " + inQuotes(item) + " in line " + std::to_string(in_.lineNumber()));
+        return in_.note("expected a number of vertex " + std::to_string(index) + ", found " + inQuotes(item) +
+                        " in line " + std::to_string(in_.lineNumber()));
     size_t uv = has_uv_ ? 2 : 0, before = 3u + (has_normals_ ? 3u : 0u);
     if (n < before + uv + (has_colours_ ? 3 : 0))
-      return in_.note("vertex " + std::to_string(index) + " has " + std::to_string(n) + " numbers in line " + std::to_string(in_.lineNumber()) + ", too few");
+      return in_.note("vertex " + std::to_string(index) + " has " + std::to_string(n) + " numbers in line " +
+                      std::to_string(in_.lineNumber()) + ", too few");
     mesh_.positions.emplace_back(v[0], v[1], v[2]);
     if (n >= before + uv + 3) {
       mesh_.float_colours.resize(mesh_.positions.size() - 1, glm::vec3(1));
@@ -153,12 +165,15 @@ class OffReader {
     corner_uv_.clear();
     uint64_t n = 0;
     std::string_view count = nextItem(text);
-    if (!parseNumber(count, n)) return in_.note("expected face " + std::to_string(face) + "'s count of corners, found " + inQuotes(count) + " in line " + std::to_string(in_.lineNumber()));
+    if (!parseNumber(count, n))
+      return in_.note("expected face " + std::to_string(face) + "'s count of corners, found " + inQuotes(count) +
+                      " in line " + std::to_string(in_.lineNumber()));
     for (uint64_t k = 0; k < n; ++k) {
       int64_t v = 0;
       std::string_view item = nextItem(text);
       if (!parseNumber(item, v))
-        return in_.note("expected " + std::to_string(n) + " corners of face " + std::to_string(face) + ", found " + inQuotes(item) + " in line " + std::to_string(in_.lineNumber()));
+        return in_.note("expected " + std::to_string(n) + " corners of face " + std::to_string(face) + ", found " +
+                        inQuotes(item) + " in line " + std::to_string(in_.lineNumber()));
       if (!corner(v, face)) return;
     }
     cutter_.add(corners_, corner_uv_);
@@ -175,6 +190,8 @@ class OffReader {
 
 }  // namespace
 
-Result<RawMesh> readOff(const InputFile& file, const MeshReadOptions& options) { return OffReader(file, options).read(); }
+Result<RawMesh> readOff(const InputFile& file, const MeshReadOptions& options) {
+  return OffReader(file, options).read();
+}
 
 }  // namespace relievo::mesh_file

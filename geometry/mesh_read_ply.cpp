@@ -1,5 +1,6 @@
-// mesh_read_ply.cpp - PLY (Turk 1994): ASCII and binary of both byte orders. Elements: vertex (x y z, colours, texture coordinates),
-// face (vertex_indices or vertex_index, texcoord by corner), tristrips (Stanford's; -1 ends a strip). All else is read over.
+// mesh_read_ply.cpp - PLY (Turk 1994): ASCII and binary of both byte orders. Elements: vertex (x y z, colours, texture
+// coordinates), face (vertex_indices or vertex_index, texcoord by corner), tristrips (Stanford's; -1 ends a strip). All
+// else is read over.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -18,9 +19,9 @@ bool isInteger(Type t) { return t < Type::kFloat; }
 
 bool parseType(std::string_view name, Type& type) {
   static constexpr std::pair<std::string_view, Type> kNames[] = {
-      {"char", Type::kInt8},   {"int8", Type::kInt8},     {"uchar", Type::kUint8},  {"uint8", Type::kUint8},
+      {"char", Type::kInt8},   {"int8", Type::kInt8},     {"uchar", Type::kUint8},   {"uint8", Type::kUint8},
       {"short", Type::kInt16}, {"int16", Type::kInt16},   {"ushort", Type::kUint16}, {"uint16", Type::kUint16},
-      {"int", Type::kInt32},   {"int32", Type::kInt32},   {"uint", Type::kUint32},  {"uint32", Type::kUint32},
+      {"int", Type::kInt32},   {"int32", Type::kInt32},   {"uint", Type::kUint32},   {"uint32", Type::kUint32},
       {"float", Type::kFloat}, {"float32", Type::kFloat}, {"double", Type::kDouble}, {"float64", Type::kDouble}};
   for (auto& [known, t] : kNames)
     if (known == name) {
@@ -88,14 +89,16 @@ class PlyReader {
       else readOver(e);
     }
     if (in_.failed()) return in_.error();
-    if (cutter_.dropped() > 0) mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    if (cutter_.dropped() > 0)
+      mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     return std::move(mesh_);
   }
 
  private:
   void readHeader() {
     std::string_view text;
-    if (!in_.line(text) || nextItem(text) != "ply") return in_.note("expected \"ply\" as the first line", "this is no PLY file");
+    if (!in_.line(text) || nextItem(text) != "ply")
+      return in_.note("expected \"ply\" as the first line", "this is no PLY file");
     bool format = false, texture = false;
     for (;;) {
       if (!in_.line(text)) {
@@ -110,14 +113,17 @@ class PlyReader {
         if (name == "ascii") ascii_ = true;
         else if (name == "binary_little_endian") swap_ = std::endian::native != std::endian::little;
         else if (name == "binary_big_endian") swap_ = std::endian::native != std::endian::big;
-        else return in_.note("expected the format ascii, binary_little_endian or binary_big_endian, found " + inQuotes(name));
+        else
+          return in_.note("expected the format ascii, binary_little_endian or binary_big_endian, found " +
+                          inQuotes(name));
         if (nextItem(text) != "1.0") return in_.note("expected version 1.0 of the format, found " + inQuotes(whole));
         format = true;
       } else if (key == "element") {
         Element e;
         e.name = nextItem(text);
         std::string_view count = nextItem(text);
-        if (e.name.empty() || !parseNumber(count, e.count)) return in_.note("expected an element's name and count, found " + inQuotes(whole));
+        if (e.name.empty() || !parseNumber(count, e.count))
+          return in_.note("expected an element's name and count, found " + inQuotes(whole));
         if (e.name == "vertex") e.kind = Kind::kVertex;
         if (e.name == "face") e.kind = Kind::kFace;
         if (e.name == "tristrips") e.kind = Kind::kStrips;
@@ -133,9 +139,11 @@ class PlyReader {
           type = nextItem(text);
         }
         p.name = nextItem(text);
-        if (!parseType(type, p.type) || p.name.empty()) return in_.note("expected a property's type and name, found " + inQuotes(whole));
+        if (!parseType(type, p.type) || p.name.empty())
+          return in_.note("expected a property's type and name, found " + inQuotes(whole));
         p.use = useOf(elements_.back(), p);
-        if (p.use == Use::kIndices && !isInteger(p.type)) return in_.note("expected an integer type of the corners' indices, found " + inQuotes(whole));
+        if (p.use == Use::kIndices && !isInteger(p.type))
+          return in_.note("expected an integer type of the corners' indices, found " + inQuotes(whole));
         elements_.back().properties.push_back(std::move(p));
       } else if (key == "comment" || key == "obj_info") {
         std::string_view rest = text;
@@ -159,11 +167,12 @@ class PlyReader {
     bool vertices = false, faces = false;
     for (const Element& e : elements_) {
       uint64_t bytes = 0;  // of one, at least; in text a digit and a blank each
-      for (const Property& p : e.properties) bytes += ascii_ ? 2 : kTypeBytes[static_cast<size_t>(p.list ? p.count_type : p.type)];
+      for (const Property& p : e.properties)
+        bytes += ascii_ ? 2 : kTypeBytes[static_cast<size_t>(p.list ? p.count_type : p.type)];
       uint64_t left = in_.left() + (ascii_ ? 1 : 0) - least;  // a text's last line may lack its end
       if (bytes > 0 && e.count > left / bytes)
-        return in_.note("expected " + std::to_string(e.count) + " elements \"" + e.name + "\" of at least " + std::to_string(bytes) +
-                            " bytes, found " + std::to_string(left) + " bytes left in the file",
+        return in_.note("expected " + std::to_string(e.count) + " elements \"" + e.name + "\" of at least " +
+                            std::to_string(bytes) + " bytes, found " + std::to_string(left) + " bytes left in the file",
                         "it is truncated, or states more than it holds; get a whole copy");
       least += bytes * e.count;
       if (e.kind == Kind::kVertex) {
@@ -172,16 +181,23 @@ class PlyReader {
         for (Use use : {Use::kX, Use::kY, Use::kZ})
           if (!e.used(use)) return in_.note("expected the vertices' properties x, y and z, not all are there");
         for (const Property& p : e.properties)
-          if (p.use != Use::kNone && e.used(p.use) != &p) return in_.note("expected every property once, found " + inQuotes(p.name) + " twice");
-        if (e.count > kMaxVertices) return in_.note("expected at most " + std::to_string(kMaxVertices) + " vertices, found " + std::to_string(e.count));
+          if (p.use != Use::kNone && e.used(p.use) != &p)
+            return in_.note("expected every property once, found " + inQuotes(p.name) + " twice");
+        if (e.count > kMaxVertices)
+          return in_.note("expected at most " + std::to_string(kMaxVertices) + " vertices, found " +
+                          std::to_string(e.count));
       } else if (e.kind == Kind::kFace || e.kind == Kind::kStrips) {
         faces = true;
-        if (!vertices) return in_.note("expected the vertices before the faces", "write the file anew, vertices first", ErrorKind::kUnsupported);
-        if (!e.used(Use::kIndices)) return in_.note("expected the property vertex_indices of element " + inQuotes(e.name) + ", it is not there");
+        if (!vertices)
+          return in_.note("expected the vertices before the faces", "write the file anew, vertices first",
+                          ErrorKind::kUnsupported);
+        if (!e.used(Use::kIndices))
+          return in_.note("expected the property vertex_indices of element " + inQuotes(e.name) + ", it is not there");
       }
     }
     if (!vertices) return in_.note("expected an element \"vertex\", found none");
-    if (!faces) return in_.note("expected an element \"face\", found none: points without a surface", "mesh the points first");
+    if (!faces)
+      return in_.note("expected an element \"face\", found none: points without a surface", "mesh the points first");
   }
 
   // One value, binary or text.
@@ -194,14 +210,22 @@ class PlyReader {
   }
   double decode(const uint8_t* p, Type type) const {
     switch (type) {
-      case Type::kInt8: return static_cast<int8_t>(*p);
-      case Type::kUint8: return *p;
-      case Type::kInt16: return load<int16_t>(p);
-      case Type::kUint16: return load<uint16_t>(p);
-      case Type::kInt32: return load<int32_t>(p);
-      case Type::kUint32: return load<uint32_t>(p);
-      case Type::kFloat: return load<float>(p);
-      case Type::kDouble: return load<double>(p);
+      case Type::kInt8:
+        return static_cast<int8_t>(*p);
+      case Type::kUint8:
+        return *p;
+      case Type::kInt16:
+        return load<int16_t>(p);
+      case Type::kUint16:
+        return load<uint16_t>(p);
+      case Type::kInt32:
+        return load<int32_t>(p);
+      case Type::kUint32:
+        return load<uint32_t>(p);
+      case Type::kFloat:
+        return load<float>(p);
+      case Type::kDouble:
+        return load<double>(p);
     }
     return 0;
   }
@@ -223,7 +247,8 @@ class PlyReader {
     std::string_view text = item();
     double v = 0;
     if (!in_.failed() && !parseNumber(text, v))
-      in_.note("expected a number, " + std::string(what) + " " + std::to_string(index) + ", found " + inQuotes(text) + " in line " + std::to_string(in_.lineNumber()));
+      in_.note("expected a number, " + std::string(what) + " " + std::to_string(index) + ", found " + inQuotes(text) +
+               " in line " + std::to_string(in_.lineNumber()));
     return v;
   }
   // A list's count, checked against what is left of the file.
@@ -232,8 +257,8 @@ class PlyReader {
     uint64_t least = ascii_ ? 2 : kTypeBytes[static_cast<size_t>(p.type)];
     uint64_t left = in_.left() + line_.size() + 1;
     if (!in_.failed() && !(n >= 0 && n == std::floor(n) && n <= static_cast<double>(left / least)))
-      in_.note(std::string(what) + " " + std::to_string(index) + " states a list of " + numberText(n) + " values, " + std::to_string(in_.left()) +
-               " bytes are left in the file");
+      in_.note(std::string(what) + " " + std::to_string(index) + " states a list of " + numberText(n) + " values, " +
+               std::to_string(in_.left()) + " bytes are left in the file");
     return in_.failed() ? 0 : static_cast<size_t>(n);
   }
   void readOverList(const Property& p, const char* what, uint64_t index) {
@@ -266,19 +291,26 @@ class PlyReader {
 
     auto store = [&](size_t i, Use use, double v) {
       switch (use) {
-        case Use::kX: case Use::kY: case Use::kZ:
+        case Use::kX:
+        case Use::kY:
+        case Use::kZ:
           mesh_.positions[i][static_cast<int>(use) - static_cast<int>(Use::kX)] = v;
           break;
-        case Use::kRed: case Use::kGreen: case Use::kBlue: {
+        case Use::kRed:
+        case Use::kGreen:
+        case Use::kBlue: {
           int c = static_cast<int>(use) - static_cast<int>(Use::kRed);
           if (float_colours) mesh_.float_colours[i][c] = static_cast<float>(v);
           else if (colours) mesh_.colours[i][c] = static_cast<uint8_t>(std::clamp(v * colour_scale + 0.5, 0.0, 255.0));
           break;
         }
-        case Use::kU: case Use::kV:
-          if (!vertex_uv_.empty()) vertex_uv_[i][static_cast<int>(use) - static_cast<int>(Use::kU)] = static_cast<float>(v);
+        case Use::kU:
+        case Use::kV:
+          if (!vertex_uv_.empty())
+            vertex_uv_[i][static_cast<int>(use) - static_cast<int>(Use::kU)] = static_cast<float>(v);
           break;
-        default: break;
+        default:
+          break;
       }
     };
     bool fixed = !ascii_;
@@ -316,8 +348,8 @@ class PlyReader {
   bool corner(double v, uint64_t face, uint32_t& index) {
     if (in_.failed()) return false;
     if (!(v >= 0 && v < static_cast<double>(mesh_.positions.size()) && v == std::floor(v))) {
-      in_.note("face " + std::to_string(face) + " names vertex " + numberText(v) + ", there are " + std::to_string(mesh_.positions.size()) +
-               " (from 0)");
+      in_.note("face " + std::to_string(face) + " names vertex " + numberText(v) + ", there are " +
+               std::to_string(mesh_.positions.size()) + " (from 0)");
       return false;
     }
     index = static_cast<uint32_t>(v);
@@ -327,7 +359,8 @@ class PlyReader {
   void readFaces(const Element& e) {
     mesh_.triangles.reserve(mesh_.triangles.size() + static_cast<size_t>(std::min(e.count, in_.left() / 6 + 1)));
     bool plain = !ascii_ && !swap_ && e.kind == Kind::kFace && e.properties.size() == 1 && vertex_uv_.empty() &&
-                 kTypeBytes[static_cast<size_t>(e.properties[0].count_type)] == 1 && kTypeBytes[static_cast<size_t>(e.properties[0].type)] == 4;
+                 kTypeBytes[static_cast<size_t>(e.properties[0].count_type)] == 1 &&
+                 kTypeBytes[static_cast<size_t>(e.properties[0].type)] == 4;
     std::vector<uint32_t> corners;
     std::vector<glm::vec2> uv;
     auto vertices = static_cast<uint32_t>(mesh_.positions.size());
@@ -355,7 +388,9 @@ class PlyReader {
           readStrip(p, face);
         } else if (p.use == Use::kCornerUv) {
           size_t n = count(p, "texture coordinates of face", face);
-          if (n % 2) return in_.note("face " + std::to_string(face) + " has " + std::to_string(n) + " texture coordinates, not two a corner");
+          if (n % 2)
+            return in_.note("face " + std::to_string(face) + " has " + std::to_string(n) +
+                            " texture coordinates, not two a corner");
           uv.resize(n / 2);
           for (glm::vec2& at : uv) {
             at.x = static_cast<float>(value(p.type, "texture coordinates of face", face));
@@ -370,12 +405,13 @@ class PlyReader {
       }
       if (e.kind != Kind::kFace) continue;
       if (uv.size() != corners.size() && !uv.empty())
-        return in_.note("face " + std::to_string(face) + " has " + std::to_string(corners.size()) + " corners, but texture coordinates of " +
-                        std::to_string(uv.size()));
+        return in_.note("face " + std::to_string(face) + " has " + std::to_string(corners.size()) +
+                        " corners, but texture coordinates of " + std::to_string(uv.size()));
       if (uv.empty() && !vertex_uv_.empty())
         for (uint32_t index : corners) uv.push_back(vertex_uv_[index]);
       cutter_.add(corners, uv);
-      if (mesh_.triangles.size() > kMaxTriangles) return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
+      if (mesh_.triangles.size() > kMaxTriangles)
+        return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     }
   }
 
@@ -416,6 +452,8 @@ class PlyReader {
 
 }  // namespace
 
-Result<RawMesh> readPly(const InputFile& file, const MeshReadOptions& options) { return PlyReader(file, options).read(); }
+Result<RawMesh> readPly(const InputFile& file, const MeshReadOptions& options) {
+  return PlyReader(file, options).read();
+}
 
 }  // namespace relievo::mesh_file

@@ -33,10 +33,15 @@ class StlReader {
     } else if (file_.size() >= 6 && looksLikeText()) {
       readText();
     } else {
-      Error e{ErrorKind::kInvalidData, file_.path(), "", "the file is damaged or no STL file; get a whole copy, or write it anew", {}};
-      e.message = file_.size() < kHeaderBytes ? "expected \"solid\" or a header of 84 bytes, found " + std::to_string(file_.size()) + " bytes"
-                                              : "expected " + std::to_string(needed) + " bytes for the " + std::to_string(stated) + " triangles stated, found " +
-                                                    std::to_string(file_.size());
+      Error e{ErrorKind::kInvalidData,
+              file_.path(),
+              "",
+              "the file is damaged or no STL file; get a whole copy, or write it anew",
+              {}};
+      e.message = file_.size() < kHeaderBytes
+                      ? "expected \"solid\" or a header of 84 bytes, found " + std::to_string(file_.size()) + " bytes"
+                      : "expected " + std::to_string(needed) + " bytes for the " + std::to_string(stated) +
+                            " triangles stated, found " + std::to_string(file_.size());
       return e;
     }
     if (in_.failed()) return in_.error();
@@ -58,8 +63,10 @@ class StlReader {
     for (int k = 0; k < 3; ++k) {
       const glm::dvec3& p = corners[static_cast<size_t>(k)];
       if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z))
-        return in_.note("triangle " + std::to_string(number) + " (from 0), vertex " + std::to_string(3 * number + static_cast<uint64_t>(k)) +
-                            ": expected finite coordinates, found " + numberText(p.x) + " " + numberText(p.y) + " " + numberText(p.z),
+        return in_.note("triangle " + std::to_string(number) + " (from 0), vertex " +
+                            std::to_string(3 * number + static_cast<uint64_t>(k)) +
+                            ": expected finite coordinates, found " + numberText(p.x) + " " + numberText(p.y) + " " +
+                            numberText(p.z),
                         "remove the triangle");
       t[static_cast<size_t>(k)] = table_.findOrAppend(mesh_.positions, p);
     }
@@ -67,7 +74,9 @@ class StlReader {
   }
 
   void readBinary(uint64_t count) {
-    if (count > kMaxTriangles) return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles, found " + std::to_string(count));
+    if (count > kMaxTriangles)
+      return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles, found " +
+                      std::to_string(count));
     in_.take(kHeaderBytes, "a header");
     mesh_.triangles.reserve(count);
     // Some triangles are decoded, and their places in the table fetched, before they are looked up there.
@@ -80,7 +89,9 @@ class StlReader {
         for (size_t k = 0; k < 3; ++k) {
           for (int c = 0; c < 3; ++c) {
             const uint8_t* p = record + 12 + 12 * k + 4 * static_cast<size_t>(c);
-            decoded[i][k][c] = std::bit_cast<float>(p[0] | static_cast<uint32_t>(p[1]) << 8 | static_cast<uint32_t>(p[2]) << 16 | static_cast<uint32_t>(p[3]) << 24);
+            decoded[i][k][c] =
+                std::bit_cast<float>(p[0] | static_cast<uint32_t>(p[1]) << 8 | static_cast<uint32_t>(p[2]) << 16 |
+                                     static_cast<uint32_t>(p[3]) << 24);
           }
           table_.prefetch(decoded[i][k] + 0.0);
         }
@@ -98,7 +109,8 @@ class StlReader {
       in_.note(std::string("expected ") + expected + " in line " + std::to_string(in_.lineNumber()));
     };
     while (!in_.failed() && in_.line(text)) {
-      for (std::string key = lowerCase(nextItem(text)); !key.empty() && !in_.failed(); key = lowerCase(nextItem(text))) {
+      for (std::string key = lowerCase(nextItem(text)); !key.empty() && !in_.failed();
+           key = lowerCase(nextItem(text))) {
         if (key == "solid" || key == "endsolid") {
           if (in_facet) return unexpected("endfacet before the next word");
           in_solid = key == "solid";
@@ -115,15 +127,18 @@ class StlReader {
           if (!in_facet || n == 3) return unexpected("three vertices in each facet");
           for (int c = 0; c < 3; ++c)
             if (std::string_view item = nextItem(text); !parseNumber(item, corners[n][c]))
-              return in_.note("expected a vertex's coordinate, found " + inQuotes(item) + " in line " + std::to_string(in_.lineNumber()));
+              return in_.note("expected a vertex's coordinate, found " + inQuotes(item) + " in line " +
+                              std::to_string(in_.lineNumber()));
           ++n;
         } else if (key == "endfacet") {
           if (!in_facet || n != 3) return unexpected("three vertices in each facet");
           in_facet = false;
           add(corners);
-          if (mesh_.triangles.size() > kMaxTriangles) return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
+          if (mesh_.triangles.size() > kMaxTriangles)
+            return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
         } else if (key != "outer" && key != "loop" && key != "endloop") {
-          return in_.note("expected a word of an STL file, found " + inQuotes(key) + " in line " + std::to_string(in_.lineNumber()));
+          return in_.note("expected a word of an STL file, found " + inQuotes(key) + " in line " +
+                          std::to_string(in_.lineNumber()));
         }
       }
     }
@@ -138,6 +153,8 @@ class StlReader {
 
 }  // namespace
 
-Result<RawMesh> readStl(const InputFile& file, const MeshReadOptions& options) { return StlReader(file, options).read(); }
+Result<RawMesh> readStl(const InputFile& file, const MeshReadOptions& options) {
+  return StlReader(file, options).read();
+}
 
 }  // namespace relievo::mesh_file

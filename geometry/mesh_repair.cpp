@@ -25,11 +25,18 @@ class Repair {
     if (!weld()) return stopped();
     dropDegenerate();
     if (mesh_.triangles.empty())
-      return Error{ErrorKind::kInvalidData, name_, "expected a surface, found degenerate triangles only", "see whether the export lost digits", {}};
+      return Error{ErrorKind::kInvalidData,
+                   name_,
+                   "expected a surface, found degenerate triangles only",
+                   "see whether the export lost digits",
+                   {}};
     double diagonal = measure();
     if (diagonal < kMinDiagonalMm)
-      return Error{ErrorKind::kInvalidData, name_, "expected a mesh of more than a nanometre, found one of " + std::to_string(diagonal * 1e6) + " nm",
-                   "set --unit", {}};
+      return Error{ErrorKind::kInvalidData,
+                   name_,
+                   "expected a mesh of more than a nanometre, found one of " + std::to_string(diagonal * 1e6) + " nm",
+                   "set --unit",
+                   {}};
 
     EdgeCensus census = census_();
     if (!step(0.5)) return stopped();
@@ -37,7 +44,11 @@ class Repair {
     Pieces pieces = turn(census);
     if (!step(0.7)) return stopped();
     if (!splitSheets(census, pieces))
-      return Error{ErrorKind::kInvalidData, name_, "non-manifold edges that touch one another beyond repair", "clean the mesh in a mesh editor", {}};
+      return Error{ErrorKind::kInvalidData,
+                   name_,
+                   "non-manifold edges that touch one another beyond repair",
+                   "clean the mesh in a mesh editor",
+                   {}};
     if (!step(0.9)) return stopped();
     compact();
     summarise(census.mate, pieces);
@@ -46,7 +57,8 @@ class Repair {
   }
 
  private:
-  static constexpr double kTJunctionTolerance = 1e-7;  // of the diagonal: what floats from the origin can mean by "on the edge"
+  static constexpr double kTJunctionTolerance =
+      1e-7;  // of the diagonal: what floats from the origin can mean by "on the edge"
   static constexpr double kMinDiagonalMm = 1e-6;
 
   bool step(double done) {
@@ -196,7 +208,8 @@ class Repair {
     std::vector<bool> crowded(census.crowded.empty() ? 0 : mesh_.positions_mm.size());
     MeshFinding edges{"non-manifold edges", 0, {}, "split into sheets"};
     for (size_t i = 0, begin = 0; i < census.crowded_end.size(); begin = census.crowded_end[i++]) {
-      uint32_t a = fromVertex(mesh_.triangles, census.crowded[begin]), b = toVertex(mesh_.triangles, census.crowded[begin]);
+      uint32_t a = fromVertex(mesh_.triangles, census.crowded[begin]),
+               b = toVertex(mesh_.triangles, census.crowded[begin]);
       crowded[a] = crowded[b] = true;
       if (++edges.count <= kMaxPlaces) edges.places_mm.push_back(0.5 * (place(a) + place(b)));
     }
@@ -225,7 +238,8 @@ class Repair {
       to[i] = n++;
     }
     if (n == to.size()) return;
-    if (uint64_t unused = to.size() - n; unused > welded_) report({"vertices of no triangle", unused - welded_, {}, "dropped"});
+    if (uint64_t unused = to.size() - n; unused > welded_)
+      report({"vertices of no triangle", unused - welded_, {}, "dropped"});
     mesh_.positions_mm.resize(n);
     if (!mesh_.colours.empty()) mesh_.colours.resize(n);
     for (auto& t : mesh_.triangles)
@@ -303,8 +317,8 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
   return !(glm::dot(normal, normal) > kDegenerate * kDegenerate * longest * longest);
 }
 
-Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
-                             const std::atomic<bool>* interrupted) {
+Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
+                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted) {
   return Repair(mesh, diagnosis, name, progress, interrupted).run();
 }
 

@@ -1,17 +1,19 @@
-// mesh_repair.h - the steps from triangles as a file has them to a mesh that keeps TriMesh's promises. Internal to mesh_read.
+// mesh_repair.h - the steps from triangles as a file has them to a mesh that keeps TriMesh's promises. Internal to
+// mesh_read.
 #pragma once
 
 #include "geometry/mesh_read.h"
 
 namespace relievo {
 
-// Zero area: two corners are one, or the height above the longest side is below this part of it (rounding of double, far below
-// that of the floats: slivers of scans stay).
+// Zero area: two corners are one, or the height above the longest side is below this part of it (rounding of double,
+// far below that of the floats: slivers of scans stay).
 inline constexpr double kDegenerate = 1e-13;
 bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& triangle);
 
-// findings and the numbers read are kept, all else of the diagnosis is filled in. Every index and number must have been checked.
-Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
-                             const std::atomic<bool>* interrupted);
+// findings and the numbers read are kept, all else of the diagnosis is filled in. Every index and number must have been
+// checked.
+Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
+                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted);
 
 }  // namespace relievo

@@ -35,8 +35,8 @@ EdgeCensus takeCensus(const TriMesh& mesh) {
 
 namespace {
 
-// Walks over the pieces, triangle by triangle, in the order of their first triangles. cross(h, m) for each pair of mates of which h's triangle
-// was met first (twice for pairs within what is already met).
+// Walks over the pieces, triangle by triangle, in the order of their first triangles. cross(h, m) for each pair of
+// mates of which h's triangle was met first (twice for pairs within what is already met).
 template <class Meet, class Cross>
 Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, Meet meet, Cross cross) {
   Pieces pieces;
@@ -138,9 +138,9 @@ Turned orient(TriMesh& mesh, EdgeCensus& census) {
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {
   struct Leaf {
     uint32_t half_edge;
-    bool forward;       // from the edge's lower vertex
-    glm::dvec3 into;    // of length 1, across the edge into the triangle
-    double angle;       // 0..4, growing with the angle around the edge
+    bool forward;     // from the edge's lower vertex
+    glm::dvec3 into;  // of length 1, across the edge into the triangle
+    double angle;     // 0..4, growing with the angle around the edge
   };
   auto mate = [&](const Leaf& a, const Leaf& b) {
     census.mate[a.half_edge] = b.half_edge;
@@ -187,9 +187,8 @@ void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {
     for (size_t a = 0; a < n; ++a)
       for (size_t b = a + 1; b < n; ++b)
         if (leaves[a].forward != leaves[b].forward) pairs.push_back({glm::dot(leaves[a].into, leaves[b].into), a, b});
-    std::sort(pairs.begin(), pairs.end(), [](const Pair& p, const Pair& q) {
-      return std::tie(p.cosine, p.a, p.b) < std::tie(q.cosine, q.a, q.b);
-    });
+    std::sort(pairs.begin(), pairs.end(),
+              [](const Pair& p, const Pair& q) { return std::tie(p.cosine, p.a, p.b) < std::tie(q.cosine, q.a, q.b); });
     std::vector<bool> taken(n);
     for (const Pair& p : pairs) {
       if (taken[p.a] || taken[p.b]) continue;
@@ -219,7 +218,8 @@ void splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector
     done[corner] = true;
     for (uint32_t start : {corner, previousInTriangle(corner)}) {
       for (uint32_t edge = start; mate[edge] != kNoHalfEdge;) {
-        // Into the next triangle through its edge m; on through its other edge at v. Mates may run alike (no orientation).
+        // Into the next triangle through its edge m; on through its other edge at v. Mates may run alike (no
+        // orientation).
         uint32_t m = mate[edge];
         bool leaves = fromVertex(triangles, m) == v;
         uint32_t c = leaves ? m : nextInTriangle(m);
@@ -240,8 +240,8 @@ void splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector
   }
 }
 
-// Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex that the edge's first half-edge
-// starts from, each with a vertex of its own.
+// Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex
+// that the edge's first half-edge starts from, each with a vertex of its own.
 bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
   std::vector<std::array<uint32_t, 2>> leave;  // a half-edge, and its mate or none
   forEachEdge(mesh.triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
@@ -257,7 +257,9 @@ bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
     for (uint32_t h : pair) {
       if (h == kNoHalfEdge) continue;
       // The corner at v, unless an earlier cut took it.
-      uint32_t corner = fromVertex(mesh.triangles, h) == v ? h : toVertex(mesh.triangles, h) == v ? nextInTriangle(h) : kNoHalfEdge;
+      uint32_t corner = fromVertex(mesh.triangles, h) == v ? h
+                        : toVertex(mesh.triangles, h) == v ? nextInTriangle(h)
+                                                           : kNoHalfEdge;
       if (corner == kNoHalfEdge) continue;
       uint32_t other = corner == h ? previousInTriangle(h) : corner;
       if (mate[other] != kNoHalfEdge) {

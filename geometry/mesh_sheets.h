@@ -1,5 +1,5 @@
-// mesh_sheets.h - from triangles that share vertices to surfaces: what lies across each edge, which way round the triangles of a piece run,
-// and sheets where more than two triangles meet. Internal to mesh_read.
+// mesh_sheets.h - from triangles that share vertices to surfaces: what lies across each edge, which way round the
+// triangles of a piece run, and sheets where more than two triangles meet. Internal to mesh_read.
 #pragma once
 
 #include "geometry/mesh_edges.h"
@@ -26,8 +26,8 @@ struct Pieces {
   }
 };
 
-// Turns triangles so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as closed) outwards, by
-// their signed volume. Pieces for which there is no such way round stay as they are.
+// Turns triangles so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as closed)
+// outwards, by their signed volume. Pieces for which there is no such way round stay as they are.
 struct Turned {
   Pieces pieces;
   std::vector<uint32_t> triangles;       // turned against their piece
@@ -37,15 +37,16 @@ struct Turned {
 Turned orient(TriMesh& mesh, EdgeCensus& census);
 Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate);
 
-// Pairs the half-edges of crowded edges, those only that run against each other. Where they alternate around the edge: across the solid,
-// so that two bodies that touch there stay two. Else the flattest pair first: a fin on a surface, or a surface through another, is a sheet of its
-// own. What is left over is open, and so is all of an edge with more than kMaxPaired triangles.
+// Pairs the half-edges of crowded edges, those only that run against each other. Where they alternate around the edge:
+// across the solid, so that two bodies that touch there stay two. Else the flattest pair first: a fin on a surface, or
+// a surface through another, is a sheet of its own. What is left over is open, and so is all of an edge with more than
+// kMaxPaired triangles.
 inline constexpr size_t kMaxPaired = 32;
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census);
 
-// Gives every fan of triangles around a vertex, but for the first, a vertex of its own, so that vertices are what mates say; the vertices
-// that had several go to split. Where an edge is still named by others than two mates (a sheet that curls up to touch itself along an edge),
-// those others are cut off at one end of the edge. False: that came to no end.
+// Gives every fan of triangles around a vertex, but for the first, a vertex of its own, so that vertices are what mates
+// say; the vertices that had several go to split. Where an edge is still named by others than two mates (a sheet that
+// curls up to touch itself along an edge), those others are cut off at one end of the edge. False: that came to no end.
 bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split);
 
 }  // namespace relievo

@@ -10,7 +10,9 @@ namespace {
 // A balanced k-d tree over points, by their indices in place: a node is a range, its middle element splits it.
 class PointTree {
  public:
-  PointTree(const TriMesh& mesh, std::vector<uint32_t> vertices) : mesh_(mesh), vertices_(std::move(vertices)) { build(0, vertices_.size(), 0); }
+  PointTree(const TriMesh& mesh, std::vector<uint32_t> vertices) : mesh_(mesh), vertices_(std::move(vertices)) {
+    build(0, vertices_.size(), 0);
+  }
 
   // visit(vertex) for the points within distance of the segment, and some more; false stops.
   template <class Visit>
@@ -37,7 +39,8 @@ class PointTree {
 
   // Clips the segment at the splitting planes, widened by the distance.
   template <class Visit>
-  bool descend(size_t begin, size_t end, int axis, const glm::dvec3& a, const glm::dvec3& b, double distance, Visit& visit) const {
+  bool descend(size_t begin, size_t end, int axis, const glm::dvec3& a, const glm::dvec3& b, double distance,
+               Visit& visit) const {
     if (end - begin <= kLeaf) {
       for (size_t i = begin; i < end; ++i)
         if (!visit(vertices_[i])) return false;
@@ -57,8 +60,11 @@ class PointTree {
     };
     glm::dvec3 from, to;
     // Twice the distance: clipping rounds.
-    if (clipped(plane + 2 * distance, 1, from, to) && !descend(begin, middle, (axis + 1) % 3, from, to, distance, visit)) return false;
-    return !clipped(plane - 2 * distance, -1, from, to) || descend(middle + 1, end, (axis + 1) % 3, from, to, distance, visit);
+    if (clipped(plane + 2 * distance, 1, from, to) &&
+        !descend(begin, middle, (axis + 1) % 3, from, to, distance, visit))
+      return false;
+    return !clipped(plane - 2 * distance, -1, from, to) ||
+           descend(middle + 1, end, (axis + 1) % 3, from, to, distance, visit);
   }
 
   const TriMesh& mesh_;
@@ -67,7 +73,8 @@ class PointTree {
 
 }  // namespace
 
-std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint32_t> open, double tolerance, size_t max_count, bool* complete) {
+std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint32_t> open, double tolerance,
+                                      size_t max_count, bool* complete) {
   const Triangles& triangles = mesh.triangles;
   *complete = true;
   std::vector<uint32_t> border;
@@ -79,10 +86,12 @@ std::vector<TJunction> findTJunctions(const TriMesh& mesh, std::span<const uint3
   border.erase(std::unique(border.begin(), border.end()), border.end());
   PointTree tree(mesh, std::move(border));
   std::vector<TJunction> found;
-  // An edge meets some 30 vertices of the tree in sound meshes. All of them within the tolerance of one another would take a square of time.
+  // An edge meets some 30 vertices of the tree in sound meshes. All of them within the tolerance of one another would
+  // take a square of time.
   uint64_t looks_left = uint64_t{1000} * open.size() + 1000000;
   for (uint32_t h : open) {
-    uint32_t from = fromVertex(triangles, h), to = toVertex(triangles, h), third = fromVertex(triangles, previousInTriangle(h));
+    uint32_t from = fromVertex(triangles, h), to = toVertex(triangles, h),
+             third = fromVertex(triangles, previousInTriangle(h));
     glm::dvec3 a(mesh.positions_mm[from]), ab = glm::dvec3(mesh.positions_mm[to]) - a;
     double length2 = glm::dot(ab, ab), tolerance2 = tolerance * tolerance;
     *complete = tree.near(a, a + ab, tolerance, [&](uint32_t v) {
@@ -113,7 +122,8 @@ struct Cut {
   std::array<std::span<const TJunction>, 3> sides;  // junctions on the side from corner k to the next
 };
 
-// One side after the other: a fan from the corner opposite; its first and last triangle have the other sides' junctions.
+// One side after the other: a fan from the corner opposite; its first and last triangle have the other sides'
+// junctions.
 void cut(const Cut& c, std::vector<Cut>& out) {
   size_t side = 0;
   while (side < 3 && c.sides[side].empty()) ++side;
@@ -165,7 +175,8 @@ std::vector<TJunction> splitAtTJunctions(TriMesh& mesh, std::span<const TJunctio
       return !isDegenerate(mesh, c.corners) && glm::dot(normal(c.corners), before) > 0;
     });
     if (!sound) {
-      left.insert(left.end(), junctions.begin() + static_cast<std::ptrdiff_t>(begin), junctions.begin() + static_cast<std::ptrdiff_t>(end));
+      left.insert(left.end(), junctions.begin() + static_cast<std::ptrdiff_t>(begin),
+                  junctions.begin() + static_cast<std::ptrdiff_t>(end));
     } else {
       for (size_t i = 0; i < parts.size(); ++i) {
         if (i == 0) mesh.triangles[t] = parts[i].corners;

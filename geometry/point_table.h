@@ -1,6 +1,6 @@
-// point_table.h - points at the same place have one name: an open hash table of indices into a vector of points. 0 and -0 are the same place.
-// An entry keeps half of its point's hash, so that other points' entries are passed over without looking at the points (for a million
-// points, the one cache miss less halves the time).
+// point_table.h - points at the same place have one name: an open hash table of indices into a vector of points. 0 and
+// -0 are the same place. An entry keeps half of its point's hash, so that other points' entries are passed over without
+// looking at the points (for a million points, the one cache miss less halves the time).
 #pragma once
 
 #include <bit>
@@ -25,7 +25,8 @@ class PointTable {
     if (same == points.size()) points.push_back(p);
     return same;
   }
-  // The index in the table of the same place as p (which is not -0), or index, which is in the table from now on. There must be room.
+  // The index in the table of the same place as p (which is not -0), or index, which is in the table from now on. There
+  // must be room.
   uint32_t findOrAdd(const std::vector<Point>& points, const Point& p, uint32_t index) {
     const uint64_t h = hash(p), tag = h << 32;
     for (size_t s = h >> shift_;; s = (s + 1) & (table_.size() - 1)) {

@@ -25,7 +25,8 @@ namespace relievo::test {
 // A folder of this process's own, removed at its end.
 inline const std::filesystem::path& meshFolder() {
   struct Folder {
-    std::filesystem::path path = std::filesystem::temp_directory_path() / ("relievo_mesh_test_" + std::to_string(::getpid()));
+    std::filesystem::path path =
+        std::filesystem::temp_directory_path() / ("relievo_mesh_test_" + std::to_string(::getpid()));
     Folder() { std::filesystem::create_directories(path); }
     ~Folder() { std::filesystem::remove_all(path); }
   };
@@ -43,12 +44,12 @@ inline std::string saveFile(const std::string& name, const std::string& bytes) {
 struct Sample {
   std::vector<glm::dvec3> positions;
   std::vector<std::array<uint32_t, 3>> triangles;
-  std::vector<glm::u8vec3> colours;                  // a vertex; or empty
-  std::vector<std::array<glm::vec2, 3>> corner_uv;   // a triangle; or empty
+  std::vector<glm::u8vec3> colours;                 // a vertex; or empty
+  std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
 };
 
-// A closed surface that faces outwards: a cube of n x n quads a side, blown up to a sphere. Coordinates are multiples of 2^-12, so that
-// every format holds them exactly.
+// A closed surface that faces outwards: a cube of n x n quads a side, blown up to a sphere. Coordinates are multiples
+// of 2^-12, so that every format holds them exactly.
 inline Sample cubeSphere(int n, double radius = 100, glm::dvec3 centre = {0, 0, 0}) {
   Sample s;
   std::map<std::array<int, 3>, uint32_t> named;
@@ -99,7 +100,8 @@ inline void append(Sample& to, const Sample& more) {
 inline void decorate(Sample& s, uint32_t seed) {
   std::mt19937 random(seed);
   for (size_t i = 0; i < s.positions.size(); ++i)
-    s.colours.emplace_back(static_cast<uint8_t>(random()), static_cast<uint8_t>(random()), static_cast<uint8_t>(random()));
+    s.colours.emplace_back(static_cast<uint8_t>(random()), static_cast<uint8_t>(random()),
+                           static_cast<uint8_t>(random()));
   for (size_t t = 0; t < s.triangles.size(); ++t) {
     std::array<glm::vec2, 3> uv;
     for (auto& at : uv) at = {static_cast<float>(random() % 4096) / 4096, static_cast<float>(random() % 4096) / 4096};
@@ -120,7 +122,8 @@ inline TriMesh toMesh(const Sample& s, glm::dvec3 origin = {0, 0, 0}) {
 inline double signedVolume(const TriMesh& m) {
   double sum = 0;
   for (const auto& t : m.triangles)
-    sum += glm::dot(glm::dvec3(m.positions_mm[t[0]]), glm::cross(glm::dvec3(m.positions_mm[t[1]]), glm::dvec3(m.positions_mm[t[2]])));
+    sum += glm::dot(glm::dvec3(m.positions_mm[t[0]]),
+                    glm::cross(glm::dvec3(m.positions_mm[t[1]]), glm::dvec3(m.positions_mm[t[2]])));
   return sum;
 }
 inline double area(const TriMesh& m) {
@@ -148,12 +151,12 @@ inline std::string number(double v) {
 enum class Encoding { kAscii, kLittle, kBig };
 struct PlyLayout {
   Encoding encoding = Encoding::kLittle;
-  std::string coordinate = "float";   // any scalar type
-  std::string colour = "uchar";       // uchar, ushort, float; none: no colours
+  std::string coordinate = "float";  // any scalar type
+  std::string colour = "uchar";      // uchar, ushort, float; none: no colours
   std::string index = "int";
   std::string count = "uchar";
-  bool vertex_uv = false;             // s, t of the vertex instead of texcoord by corner (of the vertex's first corner)
-  bool clutter = false;               // further properties and elements around what is wanted
+  bool vertex_uv = false;  // s, t of the vertex instead of texcoord by corner (of the vertex's first corner)
+  bool clutter = false;    // further properties and elements around what is wanted
   const char* line_end = "\n";
 };
 inline void putScalar(std::string& out, const std::string& type, double v, Encoding e) {
@@ -174,10 +177,14 @@ inline std::string plyFile(const Sample& s, const PlyLayout& l) {
   for (size_t t = s.corner_uv.size(); t-- > 0;)
     for (size_t k = 0; k < 3; ++k) vertex_uv[s.triangles[t][k]] = s.corner_uv[t][k];
   std::string e = l.line_end, out = "ply" + e + "format ";
-  out += (l.encoding == Encoding::kAscii ? "ascii" : l.encoding == Encoding::kLittle ? "binary_little_endian" : "binary_big_endian");
+  out += (l.encoding == Encoding::kAscii    ? "ascii"
+          : l.encoding == Encoding::kLittle ? "binary_little_endian"
+                                            : "binary_big_endian");
   out += " 1.0" + e + "comment made for a test" + e;
   if (uv) out += "comment TextureFile image of a test.png" + e;
-  if (l.clutter) out += "obj_info none" + e + "element camera 2" + e + "property double focus" + e + "property list ushort short rows" + e;
+  if (l.clutter)
+    out += "obj_info none" + e + "element camera 2" + e + "property double focus" + e +
+           "property list ushort short rows" + e;
   out += "element vertex " + std::to_string(s.positions.size()) + e;
   if (l.clutter) out += "property short quality" + e;
   for (const char* axis : {"x", "y", "z"}) out += "property " + l.coordinate + " " + axis + e;
@@ -270,7 +277,8 @@ inline std::string offFile(const Sample& s, bool binary = false) {
     for (size_t n : {s.positions.size(), s.triangles.size(), size_t{0}}) put(out, static_cast<int32_t>(n), true);
     for (size_t i = 0; i < s.positions.size(); ++i) {
       for (int c = 0; c < 3; ++c) put(out, static_cast<float>(s.positions[i][c]), true);
-      for (int c = 0; c < 4 && !s.colours.empty(); ++c) put(out, c == 3 ? 1.0f : static_cast<float>(s.colours[i][c] / 255.0), true);
+      for (int c = 0; c < 4 && !s.colours.empty(); ++c)
+        put(out, c == 3 ? 1.0f : static_cast<float>(s.colours[i][c] / 255.0), true);
     }
     for (const auto& t : s.triangles) {
       put(out, int32_t{3}, true);
@@ -282,10 +290,12 @@ inline std::string offFile(const Sample& s, bool binary = false) {
   out += "\n# a test\n" + std::to_string(s.positions.size()) + " " + std::to_string(s.triangles.size()) + " 0\n\n";
   for (size_t i = 0; i < s.positions.size(); ++i) {
     for (int c = 0; c < 3; ++c) out += number(s.positions[i][c]) + " ";
-    for (int c = 0; c < 4 && !s.colours.empty(); ++c) out += std::to_string(c == 3 ? 255 : static_cast<int>(s.colours[i][c])) + " ";
+    for (int c = 0; c < 4 && !s.colours.empty(); ++c)
+      out += std::to_string(c == 3 ? 255 : static_cast<int>(s.colours[i][c])) + " ";
     out += "\n";
   }
-  for (const auto& t : s.triangles) out += "3 " + std::to_string(t[0]) + " " + std::to_string(t[1]) + " " + std::to_string(t[2]) + "\n";
+  for (const auto& t : s.triangles)
+    out += "3 " + std::to_string(t[0]) + " " + std::to_string(t[1]) + " " + std::to_string(t[2]) + "\n";
   return out;
 }
 
@@ -306,7 +316,9 @@ inline std::string stlFile(const Sample& s, bool binary, const std::string& head
   out = "solid a test\n";
   for (const auto& t : s.triangles) {
     out += "  facet normal 0 0 0\n    outer loop\n";
-    for (uint32_t v : t) out += "      vertex " + number(s.positions[v].x) + " " + number(s.positions[v].y) + " " + number(s.positions[v].z) + "\n";
+    for (uint32_t v : t)
+      out += "      vertex " + number(s.positions[v].x) + " " + number(s.positions[v].y) + " " +
+             number(s.positions[v].z) + "\n";
     out += "    endloop\n  endfacet\n";
   }
   return out + "endsolid a test\n";

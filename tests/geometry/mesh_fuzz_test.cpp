@@ -1,5 +1,5 @@
-// Damaged mesh files: truncated, bits flipped, counts and indices that lie, text where binary is due. Each gives one clear Error or a mesh
-// that keeps its promises, in memory bounded by the file's length.
+// Damaged mesh files: truncated, bits flipped, counts and indices that lie, text where binary is due. Each gives one
+// clear Error or a mesh that keeps its promises, in memory bounded by the file's length.
 #include <gtest/gtest.h>
 #include <malloc.h>
 
@@ -11,7 +11,8 @@
 #include "geometry/mesh_read.h"
 #include "tests/geometry/mesh_files.h"
 
-// What is allocated, at most, since it was last set to what was allocated then. (g++ 12 sees one half of the pair inlined and warns.)
+// What is allocated, at most, since it was last set to what was allocated then. (g++ 12 sees one half of the pair
+// inlined and warns.)
 #pragma GCC diagnostic ignored "-Wmismatched-new-delete"
 static std::atomic<size_t> allocated{0}, most_allocated{0};
 void* operator new(size_t bytes) {
@@ -40,7 +41,7 @@ constexpr int kShare = 1;
 #endif
 
 struct Subject {
-  std::string name;   // its extension decides the reader
+  std::string name;  // its extension decides the reader
   std::string bytes;
 };
 
@@ -51,16 +52,23 @@ const std::vector<Subject>& subjects() {
     std::vector<Subject> out;
     for (Encoding e : {Encoding::kAscii, Encoding::kLittle, Encoding::kBig}) {
       out.push_back({"plain.ply", plyFile(plain, {.encoding = e})});
-      out.push_back({"full.ply", plyFile(full, {.encoding = e, .coordinate = "double", .colour = "ushort", .count = "uint", .clutter = true})});
-      out.push_back({"vertex_uv.ply", plyFile(full, {.encoding = e, .colour = "float", .index = "ushort", .vertex_uv = true})});
+      out.push_back(
+          {"full.ply",
+           plyFile(full,
+                   {.encoding = e, .coordinate = "double", .colour = "ushort", .count = "uint", .clutter = true})});
+      out.push_back(
+          {"vertex_uv.ply", plyFile(full, {.encoding = e, .colour = "float", .index = "ushort", .vertex_uv = true})});
     }
-    std::string strips = "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+    std::string strips =
+        "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nelement "
+        "tristrips 1\nproperty list int int vertex_indices\nend_header\n";
     for (int i = 0; i < 9; ++i) strips += std::to_string(i % 3) + " " + std::to_string(i / 3) + " 0\n";
     out.push_back({"strips.ply", strips + "13 0 3 1 4 2 5 -1 3 6 4 7 5 8\n"});
     out.push_back({"plain.obj", objFile(plain)});
     out.push_back({"full.obj", objFile(full, true)});
     std::string polygons = "# polygons\n";
-    for (int i = 0; i < 40; ++i) polygons += "v " + std::to_string(i % 7) + " " + std::to_string(i / 7) + " " + std::to_string(i * i % 5) + "\n";
+    for (int i = 0; i < 40; ++i)
+      polygons += "v " + std::to_string(i % 7) + " " + std::to_string(i / 7) + " " + std::to_string(i * i % 5) + "\n";
     for (int i = 0; i < 20; ++i) {
       polygons += "f";
       for (int k = 0; k < 3 + i; ++k) polygons += " " + std::to_string((i * 5 + k * 3) % 40 + 1);
@@ -83,8 +91,8 @@ struct Tally {
   size_t most_over = 0;  // allocated beyond the bound
 };
 
-// Beside buffers, a file of n bytes may take 64 n: a polygon's corner of two bytes is a triangle with its half-edges, texture coordinates and what finds its
-// edges. All of the mesh is counted here, not one allocation.
+// Beside buffers, a file of n bytes may take 64 n: a polygon's corner of two bytes is a triangle with its half-edges,
+// texture coordinates and what finds its edges. All of the mesh is counted here, not one allocation.
 constexpr size_t kBufferBytes = size_t{1} << 18, kBytesAByte = 64;
 
 void check(const Subject& s, const std::string& bytes, Tally& tally) {
@@ -106,11 +114,13 @@ void check(const Subject& s, const std::string& bytes, Tally& tally) {
   EXPECT_TRUE(e.kind == ErrorKind::kInvalidData || e.kind == ErrorKind::kUnsupported) << e.text();
   EXPECT_EQ(e.file, path);
   EXPECT_FALSE(e.message.empty());
-  for (char c : e.message) ASSERT_TRUE(c >= 0x20 && c < 0x7f) << "a character " << static_cast<int>(c) << " in: " << e.message;
+  for (char c : e.message)
+    ASSERT_TRUE(c >= 0x20 && c < 0x7f) << "a character " << static_cast<int>(c) << " in: " << e.message;
 }
 
 void tell(const char* what, const Tally& t) {
-  std::cout << "[ figures  ] " << what << ": " << t.files << " files, " << t.read << " meshes, " << t.refused << " errors\n";
+  std::cout << "[ figures  ] " << what << ": " << t.files << " files, " << t.read << " meshes, " << t.refused
+            << " errors\n";
 }
 
 TEST(MeshFuzz, WholeFilesAreRead) {
@@ -133,9 +143,12 @@ TEST(MeshFuzz, Truncated) {
   for (const Subject& s : subjects()) {
     SCOPED_TRACE(s.name);
     // All lengths of the header and of the end, every 97th between.
-    for (size_t n = 0; n < s.bytes.size(); n += (n < 300 || s.bytes.size() - n < 60 ? 1 : 97) * kShare) check(s, s.bytes.substr(0, n), tally);
-    // A binary file says how long it is: nothing shorter is read. (Text may lose its last line end, or digits of its last number.)
-    bool binary = s.bytes.find("binary_") != std::string::npos || s.bytes.find("BINARY") != std::string::npos || s.bytes.find('\0') != std::string::npos;
+    for (size_t n = 0; n < s.bytes.size(); n += (n < 300 || s.bytes.size() - n < 60 ? 1 : 97) * kShare)
+      check(s, s.bytes.substr(0, n), tally);
+    // A binary file says how long it is: nothing shorter is read. (Text may lose its last line end, or digits of its
+    // last number.)
+    bool binary = s.bytes.find("binary_") != std::string::npos || s.bytes.find("BINARY") != std::string::npos ||
+                  s.bytes.find('\0') != std::string::npos;
     if (!binary) continue;
     for (size_t n : {size_t{1}, size_t{2}, s.bytes.size() / 2, s.bytes.size() - 100}) {
       uint64_t before = refused.refused;
@@ -155,7 +168,8 @@ TEST(MeshFuzz, BitsFlipped) {
     for (int round = 0; round < 240 / kShare; ++round) {
       std::string bytes = s.bytes;
       for (uint32_t k = 1 + random() % (round % 4 == 0 ? 40 : 3); k > 0; --k) {
-        size_t at = round % 2 ? random() % std::min<size_t>(bytes.size(), 400) : random() % bytes.size();  // headers as often as all else
+        size_t at = round % 2 ? random() % std::min<size_t>(bytes.size(), 400)
+                              : random() % bytes.size();  // headers as often as all else
         bytes[at] = static_cast<char>(bytes[at] ^ 1 << random() % 8);
       }
       check(s, bytes, tally);
@@ -169,7 +183,23 @@ TEST(MeshFuzz, BitsFlipped) {
 TEST(MeshFuzz, CountsAndIndicesThatLie) {
   Tally tally;
   std::mt19937 random(kSeed + 1);
-  const char* lies[] = {"1000000000", "4294967295", "4294967296", "18446744073709551615", "99999999999999999999999", "-1", "0", "2", "1e9", "nan", "inf", "1e308", "0x10", "1.5", "", "-2147483648", "three"};
+  const char* lies[] = {"1000000000",
+                        "4294967295",
+                        "4294967296",
+                        "18446744073709551615",
+                        "99999999999999999999999",
+                        "-1",
+                        "0",
+                        "2",
+                        "1e9",
+                        "nan",
+                        "inf",
+                        "1e308",
+                        "0x10",
+                        "1.5",
+                        "",
+                        "-2147483648",
+                        "three"};
   for (const Subject& s : subjects()) {
     std::vector<std::pair<size_t, size_t>> numbers;
     for (size_t i = 0; i < std::min<size_t>(s.bytes.size(), 30000); ++i)
@@ -223,7 +253,9 @@ TEST(MeshFuzz, HostileMeshes) {
     return "OFF\n" + std::to_string(vertices) + " " + std::to_string(triangles) + " 0\n";
   };
   auto line = [](double x, double y, double z) { return number(x) + " " + number(y) + " " + number(z) + "\n"; };
-  auto triangle = [](uint32_t a, uint32_t b, uint32_t c) { return "3 " + std::to_string(a) + " " + std::to_string(b) + " " + std::to_string(c) + "\n"; };
+  auto triangle = [](uint32_t a, uint32_t b, uint32_t c) {
+    return "3 " + std::to_string(a) + " " + std::to_string(b) + " " + std::to_string(c) + "\n";
+  };
   Tally tally;
   std::string file, faces;
   // All triangles at one edge; all around one vertex.
@@ -237,7 +269,8 @@ TEST(MeshFuzz, HostileMeshes) {
   file = faces = "";
   for (uint32_t i = 0; i < kN / 2; ++i) file += line(i, 0, 0);
   for (uint32_t i = 0; i < kN / 2; ++i) file += line(i, 1 + i % 7, i);
-  for (uint32_t i = 0; i < kN / 2; ++i) faces += triangle(i, kN / 2 - 1 - i % 100 == i ? 0 : kN / 2 - 1 - i % 100, kN / 2 + i);
+  for (uint32_t i = 0; i < kN / 2; ++i)
+    faces += triangle(i, kN / 2 - 1 - i % 100 == i ? 0 : kN / 2 - 1 - i % 100, kN / 2 + i);
   check({"long.off", ""}, header(kN, kN / 2) + file + faces, tally);
   // All vertices at one place, and all on a line.
   file = faces = "";
@@ -258,12 +291,15 @@ TEST(MeshFuzz, HostileMeshes) {
   // Open triangles all within the tolerance of one another, beside one that makes it large.
   file = line(0, 0, 0) + line(1e9, 0, 0) + line(0, 1e9, 0);
   faces = triangle(0, 1, 2);
-  for (uint32_t i = 0; i < kN; ++i) file += line(static_cast<double>(random() % 1000000) * 1e-6, static_cast<double>(random() % 1000000) * 1e-6, static_cast<double>(random() % 1000000) * 1e-6);
+  for (uint32_t i = 0; i < kN; ++i)
+    file += line(static_cast<double>(random() % 1000000) * 1e-6, static_cast<double>(random() % 1000000) * 1e-6,
+                 static_cast<double>(random() % 1000000) * 1e-6);
   for (uint32_t i = 0; i + 2 < kN; i += 3) faces += triangle(3 + i, 4 + i, 5 + i);
   check({"cluster.off", ""}, header(kN + 3, 1 + kN / 3) + file + faces, tally);
   // A material file that holds no text, one that is a folder.
   saveFile("bad.mtl", std::string(1000, '\xff') + "\nnewmtl\nmap_Kd\nmap_Kd -s\nmap_Kd -o 1 2 3 -s\n");
-  check({"bad.obj", ""}, "mtllib bad.mtl\nmtllib .\nmtllib /dev/null\nusemtl \nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", tally);
+  check({"bad.obj", ""}, "mtllib bad.mtl\nmtllib .\nmtllib /dev/null\nusemtl \nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        tally);
   tell("hostile", tally);
 }
 

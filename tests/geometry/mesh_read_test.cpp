@@ -1,5 +1,6 @@
-// Mesh files: what is written is what is read, in every format and type; every defect is found, named and repaired as mesh_read.h says.
-// Oracles: writers from the formats' descriptions, OpenMesh's readers, writers and half-edges, analytic volumes and areas.
+// Mesh files: what is written is what is read, in every format and type; every defect is found, named and repaired as
+// mesh_read.h says. Oracles: writers from the formats' descriptions, OpenMesh's readers, writers and half-edges,
+// analytic volumes and areas.
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // OpenMesh leaves new colours as they are
 #include "geometry/mesh_read.h"
 
@@ -77,7 +78,8 @@ Seen seenByOpenMesh(const TriMesh& mesh) {
   std::vector<int> piece(h.n_faces());
   std::iota(piece.begin(), piece.end(), 0);
   auto root = [&](int i) {
-    while (piece[static_cast<size_t>(i)] != i) i = piece[static_cast<size_t>(i)] = piece[static_cast<size_t>(piece[static_cast<size_t>(i)])];
+    while (piece[static_cast<size_t>(i)] != i)
+      i = piece[static_cast<size_t>(i)] = piece[static_cast<size_t>(piece[static_cast<size_t>(i)])];
     return i;
   };
   for (auto f : h.faces())
@@ -101,7 +103,8 @@ void expectSame(const LoadedMesh& loaded, const Sample& s, bool colours, bool uv
   const TriMesh& m = loaded.mesh;
   ASSERT_EQ(m.positions_mm.size(), s.positions.size());
   EXPECT_EQ(m.triangles, s.triangles);
-  for (size_t i = 0; i < s.positions.size(); ++i) ASSERT_EQ(glm::dvec3(m.positions_mm[i]) + m.origin_mm, s.positions[i]) << "vertex " << i;
+  for (size_t i = 0; i < s.positions.size(); ++i)
+    ASSERT_EQ(glm::dvec3(m.positions_mm[i]) + m.origin_mm, s.positions[i]) << "vertex " << i;
   EXPECT_EQ(m.colours, colours ? s.colours : std::vector<glm::u8vec3>());
   EXPECT_TRUE(uv ? m.corner_uv == s.corner_uv : m.corner_uv.empty());
   EXPECT_EQ(defects(loaded.diagnosis), "");
@@ -122,19 +125,22 @@ TEST(MeshFormats, PlyInEveryEncodingAndType) {
     expectSame(mustRead(saveFile("a.ply", plyFile(plain, {.encoding = encoding}))), plain, false, false);
     for (bool clutter : {false, true})
       for (const char* end : {"\n", "\r\n"}) {
-        LoadedMesh m = mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .clutter = clutter, .line_end = end})));
+        LoadedMesh m =
+            mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .clutter = clutter, .line_end = end})));
         expectSame(m, full, true, true);
         EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "image of a test.png").string());
       }
     for (const char* type : {"char", "int8", "short", "int16", "int", "int32", "float", "float32", "double", "float64"})
-      expectSame(mustRead(saveFile("a.ply", plyFile(coarse, {.encoding = encoding, .coordinate = type}))), coarse, false, false);
+      expectSame(mustRead(saveFile("a.ply", plyFile(coarse, {.encoding = encoding, .coordinate = type}))), coarse,
+                 false, false);
     for (const char* type : {"uchar", "ushort", "float", "double"}) {
       if (std::string(type) == "double") continue;
       expectSame(mustRead(saveFile("a.ply", plyFile(full, {.encoding = encoding, .colour = type}))), full, true, true);
     }
     for (const char* index : {"uchar", "short", "ushort", "int", "uint"})
       for (const char* count : {"uchar", "char", "ushort", "int", "uint"})
-        expectSame(mustRead(saveFile("a.ply", plyFile(plain, {.encoding = encoding, .index = index, .count = count}))), plain, false, false);
+        expectSame(mustRead(saveFile("a.ply", plyFile(plain, {.encoding = encoding, .index = index, .count = count}))),
+                   plain, false, false);
   }
   // Negative control: one coordinate other than it was.
   Sample other = plain;
@@ -158,7 +164,8 @@ TEST(MeshFormats, PlyTextureCoordinatesOfVertices) {
 TEST(MeshFormats, PlyStrips) {
   // Two strips over a sheet of 2 x 2: vertex 3 y + x.
   std::string file =
-      "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\n"
+      "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nelement "
+      "tristrips 1\n"
       "property list int int vertex_indices\nend_header\n";
   for (int i = 0; i < 9; ++i) file += std::to_string(i % 3) + " " + std::to_string(i / 3) + " 0\n";
   LoadedMesh m = mustRead(saveFile("a.ply", file + "13 0 3 1 4 2 5 -1 3 6 4 7 5 8\n"));
@@ -171,7 +178,9 @@ TEST(MeshFormats, PlyStrips) {
 TEST(MeshFormats, ObjWithMaterials) {
   Sample s = cubeSphere(4);
   decorate(s, 11);
-  saveFile("test.mtl", "newmtl other\nmap_Kd no.png\nnewmtl surface\r\nKd 1 1 1\nmap_Kd -s 2 2 -clamp on sub dir\\my image.png\r\n");
+  saveFile(
+      "test.mtl",
+      "newmtl other\nmap_Kd no.png\nnewmtl surface\r\nKd 1 1 1\nmap_Kd -s 2 2 -clamp on sub dir\\my image.png\r\n");
   for (bool negative : {false, true}) {
     LoadedMesh m = mustRead(saveFile("a.obj", objFile(s, negative)));
     expectSame(m, s, true, true);
@@ -187,7 +196,8 @@ TEST(MeshFormats, ObjWithMaterials) {
   EXPECT_NE(defects(bare.diagnosis).find("a.png"), std::string::npos);
 
   // Lines that go on, faces before their vertices, a line without its end, colours to 255.
-  LoadedMesh m = mustRead(saveFile("b.obj", "f 1 2 \\\n 3\nv 0 0 0 255 128 0\nv 1 0 0 0 0 0\r\nv 0 1 0 1 1 1\nl 1 2\nf 1 3 4\nv -1 0 0"));
+  LoadedMesh m = mustRead(
+      saveFile("b.obj", "f 1 2 \\\n 3\nv 0 0 0 255 128 0\nv 1 0 0 0 0 0\r\nv 0 1 0 1 1 1\nl 1 2\nf 1 3 4\nv -1 0 0"));
   EXPECT_EQ(m.mesh.triangles.size(), 2u);
   ASSERT_EQ(m.mesh.colours.size(), 4u);
   EXPECT_EQ(m.mesh.colours[0], glm::u8vec3(255, 128, 0));
@@ -200,7 +210,9 @@ TEST(MeshFormats, ObjWithMaterials) {
 
   // Two images: that of most triangles.
   saveFile("two.mtl", "newmtl a\nmap_Kd a.png\nnewmtl b\nmap_Kd b.png\n");
-  m = mustRead(saveFile("d.obj", "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
+  m = mustRead(saveFile("d.obj",
+                        "mtllib two.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\nusemtl a\nf 1/1 2/1 "
+                        "3/1\nusemtl b\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
   EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
   EXPECT_NE(defects(m.diagnosis).find("triangles of further images"), std::string::npos);
 }
@@ -213,7 +225,9 @@ TEST(MeshFormats, Off) {
     expectSame(mustRead(saveFile("a.off", offFile(plain, binary))), plain, false, false);
     expectSame(mustRead(saveFile("a.off", offFile(coloured, binary))), coloured, true, false);
   }
-  LoadedMesh m = mustRead(saveFile("a.off", "STCNOFF 3 1 0 # all of it\n0 0 0  0 0 1  1 0 0 1  0.25 0.5\n1 0 0  0 0 1  0 1 0 1  1 0\n0 1 0  0 0 1  0 0 1 1  0 1\n3 0 1 2"));
+  LoadedMesh m = mustRead(saveFile("a.off",
+                                   "STCNOFF 3 1 0 # all of it\n0 0 0  0 0 1  1 0 0 1  0.25 0.5\n1 0 0  0 0 1  0 1 0 1  "
+                                   "1 0\n0 1 0  0 0 1  0 0 1 1  0 1\n3 0 1 2"));
   ASSERT_EQ(m.mesh.corner_uv.size(), 1u);
   EXPECT_EQ(m.mesh.corner_uv[0][0], glm::vec2(0.25f, 0.5f));
   EXPECT_EQ(m.mesh.colours[1], glm::u8vec3(0, 255, 0));
@@ -230,7 +244,8 @@ TEST(MeshFormats, Stl) {
     ASSERT_EQ(m.mesh.triangles.size(), s.triangles.size());
     for (size_t t = 0; t < s.triangles.size(); ++t)
       for (size_t k = 0; k < 3; ++k)
-        ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm, s.positions[s.triangles[t][k]]);
+        ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm,
+                  s.positions[s.triangles[t][k]]);
   }
 }
 
@@ -243,13 +258,15 @@ TEST(MeshFormats, PolygonsAreCutByEars) {
   std::string vertices, corners;
   constexpr int kTeeth = 30;
   for (int i = 0; i <= kTeeth; ++i) vertices += "v " + std::to_string(i) + " 0 " + std::to_string(i % 3) + "\n";
-  for (int i = kTeeth; i >= 0; --i) vertices += "v " + std::to_string(i) + (i % 2 ? " 5 " : " 1 ") + std::to_string(i % 3) + "\n";
+  for (int i = kTeeth; i >= 0; --i)
+    vertices += "v " + std::to_string(i) + (i % 2 ? " 5 " : " 1 ") + std::to_string(i % 3) + "\n";
   for (int i = 1; i <= 2 * kTeeth + 2; ++i) corners += " " + std::to_string(i);
   m = mustRead(saveFile("a.obj", vertices + "f" + corners + "\n"));
   EXPECT_EQ(m.diagnosis.triangles_read, static_cast<uint64_t>(2 * kTeeth));
   double flat = 0;  // seen from above: the comb's area, each part once
   for (const auto& t : m.mesh.triangles) {
-    glm::dvec3 a(m.mesh.positions_mm[t[0]]), n = glm::cross(glm::dvec3(m.mesh.positions_mm[t[1]]) - a, glm::dvec3(m.mesh.positions_mm[t[2]]) - a);
+    glm::dvec3 a(m.mesh.positions_mm[t[0]]),
+        n = glm::cross(glm::dvec3(m.mesh.positions_mm[t[1]]) - a, glm::dvec3(m.mesh.positions_mm[t[2]]) - a);
     flat += 0.5 * std::abs(n.z);
   }
   EXPECT_NEAR(flat, kTeeth * 3.0, 1e-4);
@@ -273,7 +290,8 @@ TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
     const char* name;
     std::string bytes;
   };
-  for (const File& f : {File{"far.ply", plyFile(s, {.coordinate = "double"})}, File{"far.ply", plyFile(s, {.encoding = Encoding::kAscii, .coordinate = "double"})},
+  for (const File& f : {File{"far.ply", plyFile(s, {.coordinate = "double"})},
+                        File{"far.ply", plyFile(s, {.encoding = Encoding::kAscii, .coordinate = "double"})},
                         File{"far.obj", objFile(s)}, File{"far.off", offFile(s)}, File{"far.stl", stlFile(s, false)}}) {
     SCOPED_TRACE(f.name);
     std::string path = saveFile(f.name, f.bytes);
@@ -282,19 +300,22 @@ TEST(MeshFormats, LargeCoordinatesKeepTheirDetail) {
     double worst = 0;
     for (size_t t = 0; t < s.triangles.size(); ++t)
       for (size_t k = 0; k < 3; ++k)
-        worst = std::max(worst, glm::length(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm - s.positions[s.triangles[t][k]]));
+        worst = std::max(worst, glm::length(glm::dvec3(m.mesh.positions_mm[m.mesh.triangles[t][k]]) + m.mesh.origin_mm -
+                                            s.positions[s.triangles[t][k]]));
     EXPECT_LE(worst, 3e-6);  // floats of at most 42 mm
     EXPECT_LT(glm::length(m.mesh.origin_mm - far), 60);
     EXPECT_EQ(defects(m.diagnosis).find("degenerate"), std::string::npos);
     // Negative control: the floats that OpenMesh reads are a quarter of a millimetre off, or more.
     HalfEdges h;
-    if (path.ends_with(".off")) continue;  // it does not know comments in OFF files: it goes on with counts that nobody set
+    if (path.ends_with(".off"))
+      continue;  // it does not know comments in OFF files: it goes on with counts that nobody set
     ASSERT_TRUE(OpenMesh::IO::read_mesh(h, path));
     double off = 0;
     for (auto v : h.vertices()) {
       auto p = h.point(v);
       double nearest = 1e30;
-      for (const glm::dvec3& q : s.positions) nearest = std::min(nearest, glm::length(glm::dvec3(p[0], p[1], p[2]) - q));
+      for (const glm::dvec3& q : s.positions)
+        nearest = std::min(nearest, glm::length(glm::dvec3(p[0], p[1], p[2]) - q));
       off = std::max(off, nearest);
     }
     EXPECT_GT(off, 0.2);
@@ -323,7 +344,8 @@ TEST(MeshFormats, FilesOfOpenMesh) {
   HalfEdges h;
   h.request_vertex_colors();
   for (size_t i = 0; i < s.positions.size(); ++i) {
-    auto v = h.add_vertex({static_cast<float>(s.positions[i].x), static_cast<float>(s.positions[i].y), static_cast<float>(s.positions[i].z)});
+    auto v = h.add_vertex({static_cast<float>(s.positions[i].x), static_cast<float>(s.positions[i].y),
+                           static_cast<float>(s.positions[i].z)});
     h.set_color(v, {s.colours[i].x, s.colours[i].y, s.colours[i].z});
   }
   for (const auto& t : s.triangles) h.add_face(h.vertex_handle(t[0]), h.vertex_handle(t[1]), h.vertex_handle(t[2]));
@@ -334,10 +356,13 @@ TEST(MeshFormats, FilesOfOpenMesh) {
     bool colours;
   };
   int read = 0;
-  for (const Case& c : {Case{"om.ply", Options(Options::VertexColor), true}, Case{"om.ply", Options(Options::VertexColor | Options::Binary), true},
-                        Case{"om.ply", Options(Options::VertexColor | Options::Binary | Options::MSB), true}, Case{"om.ply", Options(Options::VertexColor | Options::ColorFloat), true},
-                        Case{"om.off", Options(Options::VertexColor), true}, Case{"om.off", Options(), false}, Case{"om.obj", Options(), false},
-                        Case{"om.stl", Options(), false}, Case{"om.stl", Options(Options::Binary), false}}) {
+  for (const Case& c : {Case{"om.ply", Options(Options::VertexColor), true},
+                        Case{"om.ply", Options(Options::VertexColor | Options::Binary), true},
+                        Case{"om.ply", Options(Options::VertexColor | Options::Binary | Options::MSB), true},
+                        Case{"om.ply", Options(Options::VertexColor | Options::ColorFloat), true},
+                        Case{"om.off", Options(Options::VertexColor), true}, Case{"om.off", Options(), false},
+                        Case{"om.obj", Options(), false}, Case{"om.stl", Options(), false},
+                        Case{"om.stl", Options(Options::Binary), false}}) {
     SCOPED_TRACE(c.name);
     std::string path = meshFolder() / c.name;
     omlog().disable();
@@ -370,24 +395,32 @@ void expectRefused(const std::string& path, ErrorKind kind, const std::string& p
 
 TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
   const ErrorKind invalid = ErrorKind::kInvalidData;
-  const std::string head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+  const std::string head =
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face "
+      "1\nproperty list uchar int vertex_indices\nend_header\n";
   for (const char* bad : {"nan", "inf", "-inf"}) {
-    expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 " + bad + " 0\n3 0 1 2\n"), invalid, "vertex 2 (from 0): expected y to be a finite number");
-    expectRefused(saveFile("a.obj", std::string("v 0 0 0\nv 1 0 ") + bad + "\nv 0 1 0\nf 1 2 3\n"), invalid, "vertex 1 (from 0): expected z");
-    expectRefused(saveFile("a.off", std::string("OFF\n3 1 0\n") + bad + " 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), invalid, "vertex 0 (from 0): expected x");
+    expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 " + bad + " 0\n3 0 1 2\n"), invalid,
+                  "vertex 2 (from 0): expected y to be a finite number");
+    expectRefused(saveFile("a.obj", std::string("v 0 0 0\nv 1 0 ") + bad + "\nv 0 1 0\nf 1 2 3\n"), invalid,
+                  "vertex 1 (from 0): expected z");
+    expectRefused(saveFile("a.off", std::string("OFF\n3 1 0\n") + bad + " 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"), invalid,
+                  "vertex 0 (from 0): expected x");
   }
   Sample s = cubeSphere(2), nan = s;
   nan.positions[4].z = std::nan("");
   expectRefused(saveFile("a.ply", plyFile(nan, {})), invalid, "vertex 4 (from 0): expected z to be a finite number");
   expectRefused(saveFile("a.stl", stlFile(nan, true)), invalid, "expected finite coordinates");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1e13 0\n3 0 1 2\n"), invalid, "within 10^12 mm of 0");
-  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n"), invalid, "face 0 names vertex 3, there are 3");
+  expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n"), invalid,
+                "face 0 names vertex 3, there are 3");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n"), invalid, "face 0 names vertex -1");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n"), invalid, "face 0 names vertex 1.5");
-  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n"), invalid, "face 2 names vertex 9, there are 3");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 9\n"), invalid,
+                "face 2 names vertex 9, there are 3");
   expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -4\n"), invalid, "face 1 (line 4) names vertex -4");
   expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 2 3\n"), invalid, "face 1 (line 4) names vertex 0");
-  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n"), invalid, "names texture coordinates 1");
+  expectRefused(saveFile("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 3/1\n"), invalid,
+                "names texture coordinates 1");
   expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 5\n"), invalid, "face 0 names vertex 5");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n0 one 0\n3 0 1 2\n"), invalid, "\"one\" in line 12");
   expectRefused(saveFile("a.ply", head + "0 0 0\n1 0 0\n"), invalid, "bytes left in the file");
@@ -409,12 +442,18 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
 
 TEST(MeshRefusals, CountsAreCheckedBeforeAnythingIsAllocated) {
   for (const char* format : {"ascii", "binary_little_endian", "binary_big_endian"}) {
-    std::string head = std::string("ply\nformat ") + format + " 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
-    expectRefused(saveFile("a.ply", head + "0 0 0\n"), ErrorKind::kInvalidData, "expected 1000000000 elements \"vertex\"");
+    std::string head = std::string("ply\nformat ") + format +
+                       " 1.0\nelement vertex 1000000000\nproperty float x\nproperty float y\nproperty float z\nelement "
+                       "face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    expectRefused(saveFile("a.ply", head + "0 0 0\n"), ErrorKind::kInvalidData,
+                  "expected 1000000000 elements \"vertex\"");
   }
-  expectRefused(saveFile("a.off", "OFF\n1000000000 1 0\n0 0 0\n"), ErrorKind::kInvalidData, "expected 1000000000 vertices");
-  expectRefused(saveFile("a.off", "OFF\n3 18446744073709551615 0\n0 0 0\n"), ErrorKind::kInvalidData, "18446744073709551615 faces");
-  expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000000 0 1 2\n"), ErrorKind::kInvalidData, "1000000000 corners of face 0");
+  expectRefused(saveFile("a.off", "OFF\n1000000000 1 0\n0 0 0\n"), ErrorKind::kInvalidData,
+                "expected 1000000000 vertices");
+  expectRefused(saveFile("a.off", "OFF\n3 18446744073709551615 0\n0 0 0\n"), ErrorKind::kInvalidData,
+                "18446744073709551615 faces");
+  expectRefused(saveFile("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n1000000000 0 1 2\n"), ErrorKind::kInvalidData,
+                "1000000000 corners of face 0");
 }
 
 TEST(MeshRefusals, Interrupted) {
@@ -427,13 +466,14 @@ TEST(MeshRefusals, Interrupted) {
     int left = steps;
     stop = false;
     double last = 0;
-    auto again = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.progress = [&](double done) {
-                                                                             EXPECT_GE(done, last);
-                                                                             EXPECT_LE(done, 1);
-                                                                             last = done;
-                                                                             if (--left == 0) stop = true;
-                                                                           },
-                                                                           .interrupted = &stop});
+    auto again = readMesh(saveFile("a.ply", plyFile(cubeSphere(3), {})), {.progress =
+                                                                              [&](double done) {
+                                                                                EXPECT_GE(done, last);
+                                                                                EXPECT_LE(done, 1);
+                                                                                last = done;
+                                                                                if (--left == 0) stop = true;
+                                                                              },
+                                                                          .interrupted = &stop});
     if (again.ok()) {
       EXPECT_EQ(last, 1);
       EXPECT_GT(steps, 3);
@@ -476,7 +516,8 @@ TEST(MeshRepairs, DuplicateVerticesAreWelded) {
   m.positions_mm[0].x = std::nextafter(m.positions_mm[0].x, 1e9f);
   EXPECT_EQ(found(mustRepair(m).diagnosis, "duplicate vertices"), 3 * s.triangles.size() - s.positions.size() - 1);
   // Zeros of either sign are one place.
-  Sample zeros{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-0.0, 0, -0.0}, {0, -1, 0}, {1, -0.0, 0}}, {{0, 1, 2}, {3, 4, 5}}, {}, {}};
+  Sample zeros{
+      {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {-0.0, 0, -0.0}, {0, -1, 0}, {1, -0.0, 0}}, {{0, 1, 2}, {3, 4, 5}}, {}, {}};
   EXPECT_EQ(found(mustRepair(toMesh(zeros)).diagnosis, "duplicate vertices"), 2u);
 }
 
@@ -556,7 +597,9 @@ Sample ring(int n, bool twisted) {
   Sample s;
   for (int i = 0; i < n; ++i) {
     double a = 2 * M_PI * i / n, twist = twisted ? a / 2 : 0.3;
-    for (double w : {-1.0, 1.0}) s.positions.emplace_back((10 + w * std::cos(twist)) * std::cos(a), (10 + w * std::cos(twist)) * std::sin(a), w * std::sin(twist));
+    for (double w : {-1.0, 1.0})
+      s.positions.emplace_back((10 + w * std::cos(twist)) * std::cos(a), (10 + w * std::cos(twist)) * std::sin(a),
+                               w * std::sin(twist));
   }
   for (int i = 0; i < n; ++i) {
     auto a = static_cast<uint32_t>(2 * i), b = a + 1, c = static_cast<uint32_t>(2 * ((i + 1) % n)), d = c + 1;
@@ -587,7 +630,8 @@ TEST(MeshRepairs, AMoebiusStripStaysAsItIs) {
 Sample box(glm::dvec3 a, glm::dvec3 b) {
   Sample s;
   for (int i = 0; i < 8; ++i) s.positions.emplace_back(i & 1 ? b.x : a.x, i & 2 ? b.y : a.y, i & 4 ? b.z : a.z);
-  for (std::array<uint32_t, 4> q : {std::array<uint32_t, 4>{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}) {
+  for (std::array<uint32_t, 4> q :
+       {std::array<uint32_t, 4>{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}) {
     s.triangles.push_back({q[0], q[1], q[2]});
     s.triangles.push_back({q[0], q[2], q[3]});
   }
@@ -634,7 +678,8 @@ TEST(MeshRepairs, SheetsAtNonManifoldEdges) {
       for (uint32_t x = 0; x < 4; ++x) s.positions.emplace_back(x + 0.5, 2, up);
       for (uint32_t x = 1; x < 3; ++x) {
         uint32_t a = 2 * 5 + x, b = a + 1;
-        s.triangles.push_back(turned ? std::array<uint32_t, 3>{b, a, base + x} : std::array<uint32_t, 3>{a, b, base + x});
+        s.triangles.push_back(turned ? std::array<uint32_t, 3>{b, a, base + x}
+                                     : std::array<uint32_t, 3>{a, b, base + x});
       }
       s.positions.resize(base + 3);
       LoadedMesh r = mustRepair(toMesh(s));
@@ -667,10 +712,12 @@ TEST(MeshRepairs, SheetsAtNonManifoldEdges) {
 }
 
 TEST(MeshRepairs, ASheetThatCurlsUpToTouchItself) {
-  // A strip along a spiral whose second turn touches an edge of its first: one fan holds both at either end of that edge.
+  // A strip along a spiral whose second turn touches an edge of its first: one fan holds both at either end of that
+  // edge.
   Sample s;
   for (uint32_t i = 0; i < 12; ++i)
-    for (double y : {0.0, 1.0}) s.positions.emplace_back((5 + i * 0.3) * std::cos(i * 0.7), y, (5 + i * 0.3) * std::sin(i * 0.7));
+    for (double y : {0.0, 1.0})
+      s.positions.emplace_back((5 + i * 0.3) * std::cos(i * 0.7), y, (5 + i * 0.3) * std::sin(i * 0.7));
   s.positions[2 * 11] = s.positions[2 * 3];
   s.positions[2 * 11 + 1] = s.positions[2 * 3 + 1];
   for (uint32_t i = 0; i + 1 < 12; ++i) {
@@ -734,7 +781,10 @@ TEST(MeshRepairs, TJunctionsOnAllSidesOfATriangle) {
     Sample s{{{0, 0, 0}, {16, 0, 0}, {0, 16, 0}}, {{0, 1, 2}}, {}, {}};
     size_t junctions = 0;
     for (uint32_t k = 0; k < 3; ++k) {
-      glm::dvec3 a = s.positions[k], b = s.positions[(k + 1) % 3], out = k == 0 ? glm::dvec3(8, -8, 0) : k == 1 ? glm::dvec3(16, 16, 0) : glm::dvec3(-8, 8, 0);
+      glm::dvec3 a = s.positions[k], b = s.positions[(k + 1) % 3],
+                 out = k == 0   ? glm::dvec3(8, -8, 0)
+                       : k == 1 ? glm::dvec3(16, 16, 0)
+                                : glm::dvec3(-8, 8, 0);
       std::set<int> cuts;
       for (uint32_t n = random() % 6; n > 0; --n) cuts.insert(1 + static_cast<int>(random() % 15));
       junctions += cuts.size();
@@ -805,9 +855,11 @@ TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
     uint32_t vertices = 4 + pick(random, 12), triangles = 1 + pick(random, 60);
     int lattice = seed % 3 ? 1000 : 3;  // a coarse lattice has duplicates, lines and T-junctions in plenty
     for (uint32_t i = 0; i < vertices; ++i)
-      s.positions.emplace_back(static_cast<int>(random() % static_cast<uint32_t>(lattice)), static_cast<int>(random() % static_cast<uint32_t>(lattice)),
+      s.positions.emplace_back(static_cast<int>(random() % static_cast<uint32_t>(lattice)),
+                               static_cast<int>(random() % static_cast<uint32_t>(lattice)),
                                static_cast<int>(random() % static_cast<uint32_t>(lattice)));
-    for (uint32_t t = 0; t < triangles; ++t) s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
+    for (uint32_t t = 0; t < triangles; ++t)
+      s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
     if (seed % 2) decorate(s, seed);
     TriMesh m = toMesh(s);
     problems_before += !triMeshProblem(m).empty();
@@ -819,21 +871,25 @@ TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
     ++meshes;
     EXPECT_EQ(triMeshProblem(r->mesh), "");
     if (found(r->diagnosis, "pieces that are not orientable") == 0) expectManifold(*r);
-    // Repaired is repaired: what is left is what is only reported. Vertices split in place would be welded again, so copies are moved.
-    for (size_t i = 0; i < r->mesh.positions_mm.size(); ++i) r->mesh.positions_mm[i] += glm::vec3(0.001f * static_cast<float>(i), 0.01f * static_cast<float>(i % 7), 0);
+    // Repaired is repaired: what is left is what is only reported. Vertices split in place would be welded again, so
+    // copies are moved.
+    for (size_t i = 0; i < r->mesh.positions_mm.size(); ++i)
+      r->mesh.positions_mm[i] += glm::vec3(0.001f * static_cast<float>(i), 0.01f * static_cast<float>(i % 7), 0);
     auto again = repairMesh(r->mesh, "again");
     ASSERT_TRUE(again.ok());
     if (found(again->diagnosis, "T-junctions") > 0) continue;  // the moved vertices made new ones
     if (again->diagnosis.vertices_read == again->diagnosis.vertices) {
       EXPECT_EQ(again->diagnosis.pieces, r->diagnosis.pieces);
     }
-    EXPECT_EQ(found(again->diagnosis, "non-manifold edges") + found(again->diagnosis, "non-manifold vertices"), 0u) << defects(again->diagnosis);
+    EXPECT_EQ(found(again->diagnosis, "non-manifold edges") + found(again->diagnosis, "non-manifold vertices"), 0u)
+        << defects(again->diagnosis);
   }
   EXPECT_GT(problems_before, 300u);  // control: the checker sees what they were
   EXPECT_GT(meshes, 300u);
 }
 
-// A sound body with every defect that can be repaired put into it comes back: closed, one piece, its very volume and area.
+// A sound body with every defect that can be repaired put into it comes back: closed, one piece, its very volume and
+// area.
 TEST(MeshRepairs, AllDefectsAtOnce) {
   for (uint32_t seed = 1; seed <= 30; ++seed) {
     SCOPED_TRACE(seed);
@@ -847,7 +903,9 @@ TEST(MeshRepairs, AllDefectsAtOnce) {
     for (uint32_t n = pick(random, 20); n > 0; --n) {
       size_t t = pick(random, static_cast<uint32_t>(sound.triangles.size())), neighbour = 0;
       auto [a, b, c] = sound.triangles[t];
-      while (neighbour == t || std::count_if(sound.triangles[neighbour].begin(), sound.triangles[neighbour].end(), [&](uint32_t v) { return v == a || v == b; }) < 2) ++neighbour;
+      while (neighbour == t || std::count_if(sound.triangles[neighbour].begin(), sound.triangles[neighbour].end(),
+                                             [&](uint32_t v) { return v == a || v == b; }) < 2)
+        ++neighbour;
       if (touched[t] || touched[neighbour]) continue;
       touched[t] = touched[neighbour] = true;
       auto middle = static_cast<uint32_t>(s.positions.size());
@@ -984,7 +1042,8 @@ TEST(MeshReal, Laurana) {
   EXPECT_EQ(h.n_faces(), 50000u);
   for (auto v : h.vertices()) {
     auto p = h.point(v);
-    ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[static_cast<size_t>(v.idx())]) + m.mesh.origin_mm, glm::dvec3(p[0], p[1], p[2]));
+    ASSERT_EQ(glm::dvec3(m.mesh.positions_mm[static_cast<size_t>(v.idx())]) + m.mesh.origin_mm,
+              glm::dvec3(p[0], p[1], p[2]));
   }
 }
 
