@@ -20,6 +20,12 @@ inline constexpr int kPageLog2 = 7;  // kPagePx cells a relief page's side
 static_assert(1 << kPageLog2 == kPagePx);
 inline constexpr size_t kMaxLodNodes = 20000;               // nodes below the roots
 inline constexpr double kMaxNodePx = 1024;                  // keeps a node's varyings exact to a small part of a texel in fp32
+// LodView::min_cell_px where the error is so many times what was asked for: walls, which are few, may have narrower cells, or their rims would
+// look like combs.
+inline double leastCellPx(double min_cell_px, double error_over_budget) {
+  return error_over_budget > 16 ? 0.25 * min_cell_px : error_over_budget > 4 ? 0.5 * min_cell_px : min_cell_px;
+}
+
 inline constexpr int kMaxSplitLevel = kMaxGridLevel - 1;    // above it a node splits; the last level is for sides of half edges
 inline constexpr int kWantLadder = 3;                       // wants keep every third page above the wanted one
 inline constexpr double kMinErrorPx = 1.0 / 64;

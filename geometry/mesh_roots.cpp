@@ -120,7 +120,11 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
     }
     const float allowed_mm = error_px / px;
     const float cell_px = longest[p] * nearest_px_per_mm;
-    auto wants = [&](const float* error, size_t k) { return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > min_cell_px[k]); };
+    auto wants = [&](const float* error, size_t k) {
+      float least = error[p] > 4 * allowed_mm ? 0.5f : 1.0f;  // leastCellPx()
+      least = error[p] > 16 * allowed_mm ? 0.25f : least;
+      return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > least * min_cell_px[k]);
+    };
     const int level = wants(e0, 0) + wants(e1, 1) + wants(e2, 2) + wants(e3, 3) + wants(e4, 4);
     careful |= static_cast<int>(level == kLevels) | static_cast<int>(!(cell_px <= max_node_px));
     const int code = culled ? kCulled : careful ? kCareful : level;

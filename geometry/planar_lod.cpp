@@ -234,7 +234,10 @@ class Selection {
       Box box = boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1);
       e.px_per_mm = pxPerMm(box);
       int level = s.level;
-      while (level < s.level + kPageLog2 && !(errorPx(e, level) <= error_px_) && cellPx(box, level) > 2 * min_cell_px_) ++level;
+      for (; level < s.level + kPageLog2; ++level) {
+        const double px = errorPx(e, level);
+        if (px <= error_px_ || !(cellPx(box, level) > 2 * leastCellPx(min_cell_px_, px / error_px_))) break;
+      }
       e.wanted_level = static_cast<int8_t>(level);
     } else {
       e.wanted_level = static_cast<int8_t>(s.level);

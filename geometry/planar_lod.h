@@ -36,8 +36,9 @@ struct LodView {
   double pixels_per_radian = 1.0;   // viewport height in px / (2 tan(fov / 2)); orthographic: pixels per mm
   double near_mm = 1.0;
   double error_px = 1.0;
-  double min_cell_px = 0.0;         // no vertices closer than this on screen, whatever the error: bounds the cost of a frame by
-                                    // the screen's size. What it leaves shows in max_error_px. 0: no such bound
+  // No vertices closer than this on screen (half of it where the error is over 4 budgets, a quarter over 16: walls), whatever the error:
+  // bounds the cost of a frame by the screen's size. What it leaves shows in max_error_px. 0: no such bound.
+  double min_cell_px = 0.0;
   double exaggerate = 1.0;          // heights are multiplied by it
   bool relief = true;               // false: flat, no relief pages asked for
 };
