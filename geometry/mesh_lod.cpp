@@ -397,23 +397,18 @@ class Selection {
     wants_.push_back({page.id(), priority});
   }
 
-  // All roots of a grid level are alike but for three numbers, which are written in place: put together as a value, an instance would be
-  // written in bytes and at once read back in words, which waits.
-  PatchInstance rootOfLevel(int grid_level) const {
-    PatchInstance p;
+  // Written in place: as a value it would be put together from bytes and read back in words, which waits.
+  void addRoot(std::vector<PatchInstance>& to, uint32_t patch, int grid_level, uint32_t segments) const {
+    PatchInstance& p = to.emplace_back();
+    p.node.patch = p.relief_page.patch = patch;
     p.grid_level = static_cast<uint8_t>(grid_level);
     p.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
-    return p;
-  }
-  static void addRoot(std::vector<PatchInstance>& to, const PatchInstance& alike, uint32_t patch, uint32_t segments) {
-    PatchInstance& p = to.emplace_back(alike);
-    p.node.patch = p.relief_page.patch = patch;
     for (size_t side = 0; side < 4; ++side) p.edges[side] = {static_cast<uint8_t>(segments >> (8 * side)), PatchInstance::kWholeEdge};
   }
   PlanarLodResult rootsAlone() const {
     PlanarLodResult result;
     result.error_px = error_px_;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, rootOfLevel(0), p, 0);
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, p, 0, 0);
     return result;
   }
 
@@ -456,10 +451,9 @@ class Selection {
     for (int level = 0; level <= kMaxGridLevel; ++level) count += roots_.drawn(level).size();
     result.instances.reserve(count);
     for (int level = 0; level <= kMaxGridLevel; ++level) {
-      const PatchInstance alike = rootOfLevel(level);
       for (uint32_t patch : roots_.drawn(level)) {
         while (next < drawn.size() && drawn[next].grid_level == level && drawn[next].node.patch < patch) result.instances.push_back(drawn[next++]);
-        addRoot(result.instances, alike, patch, roots_.segments(patch));
+        addRoot(result.instances, patch, level, roots_.segments(patch));
       }
       while (next < drawn.size() && drawn[next].grid_level == level) result.instances.push_back(drawn[next++]);
     }
