@@ -2,7 +2,9 @@
 // the relief does there (Dyken, Reimers, Seland 2009 measure silhouettes, Schulze Nilsson 2014 lengths). What error that leaves is known
 // afterwards, not chosen.
 #include <cmath>
+#include <limits>
 
+#include "geometry/lod_common.h"
 #include "geometry/strategy_bounds.h"
 #include "geometry/strategy_list.h"
 
@@ -34,7 +36,8 @@ class EdgeLength final : public LodStrategy {
   explicit EdgeLength(const StrategyScene& scene) : scene_(scene), oracle_(scene), bounds_(scene) {}
   StrategyResult select(const LodView& view) override {
     LodView v = view;
-    v.min_cell_px = kLengthPerBudget * view.error_px;
+    // Refining ends at twice the least width, which planar_lod.h narrows where the error is many times the budget: here it always is.
+    v.min_cell_px = kLengthPerBudget * view.error_px / (2 * leastCellPx(1, std::numeric_limits<double>::infinity()));
     v.error_px = 0;
     PlanarLodResult lod = selectPlanarLod(scene_.domain, oracle_, v, *scene_.resident);
     StrategyResult result;

@@ -1,4 +1,5 @@
-// strategy_edge_screen.cpp - edge LOD as the engine asks for it: no cells narrower on screen than LodView::min_cell_px (two budgets). Steps and
+// strategy_edge_screen.cpp - edge LOD as the engine asks for it: no cells narrower on screen than LodView::min_cell_px (two budgets; planar_lod.h
+// lets walls have down to a quarter of that). Steps and
 // cracks in the relief keep an error until the finest level, so that without this floor they alone decide how many triangles there are.
 #include "geometry/strategy_list.h"
 
@@ -26,8 +27,8 @@ class EdgeScreen final : public LodStrategy {
 StrategyEntry edgeScreenStrategy() {
   StrategyEntry e;
   e.name = "edge-screen";
-  e.title = "Edge LOD, cells >= 2 budgets";
-  e.purpose = "as edge-lod, but no cells narrower on screen than two budgets: what the viewer draws; the error it leaves is foreseen";
+  e.title = "Edge LOD, least cell width";
+  e.purpose = "as edge-lod, but no cells narrower on screen than two budgets (at walls half a budget): what the viewer draws; the error it leaves is foreseen";
   e.make = [](const StrategyScene& scene) { return std::make_unique<EdgeScreen>(scene); };
   return e;
 }

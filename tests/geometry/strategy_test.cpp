@@ -156,5 +156,34 @@ TEST(Strategies, DrawLessForALargerBudget) {
   }
 }
 
+// The length metric's segments are as short as it says, wherever there are finer samples to cut them by; and not everywhere much shorter.
+TEST(Strategies, TheLengthMetricKeepsItsLengths) {
+  StrategyScene scene = madeUpScene(1500, 1100);
+  ReliefBounds3d bounds(scene);
+  auto strategy = findStrategy("edge-length")->make(scene);
+  Random random(kSeed + 2);
+  int checked = 0, long_ones = 0;
+  for (int k = 0; k < 20; ++k) {
+    LodView view = makeView(randomCamera(scene.domain, random), random.real(2, 8));
+    ViewBounds screen(view);
+    for (const PatchInstance& p : strategy->select(view).instances) {
+      int coarsest = p.grid_level;
+      for (const auto& side : p.edges)
+        coarsest = std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
+      int level = static_cast<int>(p.node.level) + coarsest;
+      if (level >= bounds.finestLevel()) continue;
+      // By the distance, which is never less than the depth.
+      double cell_mm = std::ldexp(scene.domain.mm_per_px, bounds.unitLog2() - kUnitsPerTexelLog2 - level);
+      double distance = std::max(screen.nearestMm(bounds.box(p.node, 1)), view.near_mm);
+      double cell_px = cell_mm * view.pixels_per_radian / distance;
+      EXPECT_LE(cell_px, 4 * view.error_px * (1 + 1e-9));
+      ++checked;
+      long_ones += cell_px > view.error_px;
+    }
+  }
+  EXPECT_GT(checked, 200);
+  EXPECT_GT(long_ones, checked / 4);
+}
+
 }  // namespace
 }  // namespace relievo::test
