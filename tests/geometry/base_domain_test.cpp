@@ -10,7 +10,7 @@
 #include "geometry/base_reduce.h"
 #include "geometry/mesh_read.h"
 #include "tests/geometry/base_shapes.h"
-#include "tests/geometry/shared_data.h"
+#include "tests/shared_data.h"
 
 namespace relievo {
 namespace {

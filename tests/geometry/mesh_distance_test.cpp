@@ -12,7 +12,7 @@
 #include "geometry/mesh_read.h"
 #include "src/base/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
-#include "tests/geometry/shared_data.h"
+#include "tests/shared_data.h"
 
 namespace relievo {
 namespace {

@@ -14,6 +14,7 @@
 #include <set>
 
 #include "tests/geometry/mesh_files.h"
+#include "tests/shared_data.h"
 
 namespace relievo::test {
 namespace {
@@ -1025,8 +1026,8 @@ TEST(MeshChecker, NamesEveryBrokenPromise) {
 }
 
 TEST(MeshReal, Laurana) {
-  const fs::path path = fs::path(__FILE__).parent_path() / "../../../shared/data/laurana.ply";
-  if (!fs::exists(path)) GTEST_SKIP() << "no ../shared/data/laurana.ply beside the checkout";
+  const fs::path path = sharedData("laurana.ply");
+  if (path.empty()) GTEST_SKIP() << "no ../shared/data/laurana.ply beside the checkout";
   LoadedMesh m = mustRead(path.string());
   EXPECT_EQ(m.diagnosis.vertices_read, 25160u);
   EXPECT_EQ(m.diagnosis.triangles_read, 50000u);

@@ -1,4 +1,5 @@
 // .ptm files: what is written is what is read, in every layout; whatever else is in a file costs one clear Error.
+#include "tests/shared_data.h"
 #include "texturing/ptm.h"
 
 #include <gtest/gtest.h>
@@ -381,8 +382,8 @@ TEST(Ptm, JpegVariantsKeepToTheMemoryBudget) {
 }
 
 TEST(Ptm, RealFileWithInvertedPlanesIsSmooth) {
-  const fs::path path = fs::path(__FILE__).parent_path() / "../../../shared/data/tablet1.ptm";
-  if (!fs::exists(path)) GTEST_SKIP() << "no ../shared/data/tablet1.ptm beside the checkout";
+  const fs::path path = sharedData("tablet1.ptm");
+  if (path.empty()) GTEST_SKIP() << "no ../shared/data/tablet1.ptm beside the checkout";
   auto source = open(path);
   ASSERT_TRUE(source) << source.error().text();
   Bytes raw(9 * 512 * 512);
