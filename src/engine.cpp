@@ -64,6 +64,15 @@ class PackageOracle final : public ReliefOracle {
     return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
   }
   bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override { return package_->reliefErrors(page, error_mm); }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
+    const Manifest& m = package_->manifest();
+    const int grid = cells_log2 - kFirstBlockedGrid;
+    if (patch >= m.coarse_blocks.size() || grid < 0 || grid >= kBlockedGrids) return false;
+    const float whole = m.coarse_errors[patch][static_cast<size_t>(cells_log2)];
+    const uint8_t* shares = m.coarse_blocks[patch].data() + kFirstCoarseBlock[static_cast<size_t>(grid)];
+    for (size_t i = 0; i < error_mm.size(); ++i) error_mm[i] = coarseBlockMm(whole, shares[i]);
+    return true;
+  }
 
  private:
   std::shared_ptr<const Package> package_;

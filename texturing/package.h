@@ -34,6 +34,7 @@ struct Manifest {
   // space (patch_source.h). coarse_errors: a patch's grids of 2^k cells a side, k = 0..6; those of 128 and more have pages.
   std::shared_ptr<const BaseMesh> base;
   std::vector<CoarseErrors> coarse_errors;
+  std::vector<CoarseBlocks> coarse_blocks;
   double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
 

@@ -26,6 +26,8 @@ std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
     for (uint32_t corner : patch) put(corner);
   for (const CoarseErrors& errors : section.coarse_errors)
     for (float e : errors) put(e);
+  for (const CoarseBlocks& blocks : section.coarse_blocks)
+    for (uint8_t share : blocks) put(share);
   return out;
 }
 
@@ -70,10 +72,14 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
     for (float& e : errors) take(e);
     for (size_t k = 0; k < errors.size(); ++k) {
       if (!std::isfinite(errors[k]) || errors[k] < 0 || (k > 0 && errors[k] > errors[k - 1]))
-        return invalid(bytes.size() - (out.coarse_errors.size() - i) * sizeof(CoarseErrors),
+        return invalid(bytes.size() - out.coarse_errors.size() * sizeof(CoarseBlocks) -
+                           (out.coarse_errors.size() - i) * sizeof(CoarseErrors),
                        "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level");
     }
   }
+  out.coarse_blocks.resize(patch_count);
+  for (CoarseBlocks& blocks : out.coarse_blocks)
+    for (uint8_t& share : blocks) take(share);
   return out;
 }
 

@@ -15,10 +15,11 @@ namespace relievo {
 struct BaseSection {
   BaseMesh mesh;
   std::vector<CoarseErrors> coarse_errors;  // a patch
+  std::vector<CoarseBlocks> coarse_blocks;  // a patch
   double error_unit_mm = 0;
 };
 
-inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28;
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84;
 constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches) {
   return kBaseHeadBytes + corners * kBaseCornerBytes + patches * kBasePatchBytes;
 }

@@ -62,6 +62,7 @@ struct Context {
   std::unique_ptr<SpillStore> levels, strips;
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
+  std::vector<CoarseBlocks> coarse_blocks;
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
@@ -205,6 +206,40 @@ class PatchReader {
       e = least = std::max(e, least);
     }
     c_.coarse_errors[patch] = *coarse;
+    return readCoarseBlocks(patch);
+  }
+
+  // No block's error is below those of the finer blocks inside it, as they come back from the package.
+  Result<void> readCoarseBlocks(uint32_t patch) {
+    const size_t root = kErrorBlocks;
+    std::vector<float> finer(root * root), mm;
+    for (size_t i = 0; i < finer.size(); ++i) finer[i] = static_cast<float>(ranges_[0][0].block_errors[i] * c_.source.errorUnitMm()) * (1 + 1e-6f);
+    CoarseBlocks& shares = c_.coarse_blocks[patch];
+    for (int grid = kBlockedGrids - 1; grid >= 0; --grid) {
+      const int cells_log2 = kFirstBlockedGrid + grid;
+      const float whole = c_.coarse_errors[patch][static_cast<size_t>(cells_log2)];
+      const size_t blocks = size_t{1} << (cells_log2 - 3);
+      mm.assign(blocks * blocks, whole);
+      if (auto known = c_.source.coarseBlocks(patch, cells_log2, mm); !known) {
+        return known.error();
+      } else if (!*known) {
+        mm.assign(blocks * blocks, whole);
+      }
+      for (size_t y = 0; y < blocks; ++y) {
+        for (size_t x = 0; x < blocks; ++x) {
+          float& e = mm[y * blocks + x];
+          if (!std::isfinite(e) || e < 0)
+            return invalid(patch, "its error by blocks at " + std::to_string(1 << cells_log2) + " cells a side is not a number of mm");
+          const float* inside = finer.data() + 2 * y * 2 * blocks + 2 * x;
+          e = std::min(whole, std::max({e, inside[0], inside[1], inside[2 * blocks], inside[2 * blocks + 1]}));
+          uint8_t share = whole > 0 ? static_cast<uint8_t>(std::min(255.0, std::ceil(255.0 * e / whole))) : 0;
+          while (share < 255 && coarseBlockMm(whole, share) < e) ++share;
+          shares[kFirstCoarseBlock[static_cast<size_t>(grid)] + y * blocks + x] = share;
+          e = coarseBlockMm(whole, share);
+        }
+      }
+      finer = mm;
+    }
     return {};
   }
 
@@ -485,7 +520,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const PlanarDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
   header.page_count = packageLayout(d, header.texture, 0, false).page_count;
-  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), source.errorUnitMm()};
+  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), source.errorUnitMm()};
   header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
   const std::string manifest = manifestOf(header, source, options);
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
@@ -505,6 +540,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   {},
                   {}};
   context.coarse_errors.resize(patches);
+  context.coarse_blocks.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
   context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
@@ -567,6 +603,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
     return ran.error();
 
   base.coarse_errors = std::move(context.coarse_errors);
+  base.coarse_blocks = std::move(context.coarse_blocks);
   (*writer)->setBase(encodeBaseSection(base));
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();

@@ -40,6 +40,9 @@ class PatchSource {
   virtual Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const = 0;
   // The same for whole patches of fewer cells than a page has: element k is that of 2^k cells a side, never below those behind it.
   virtual Result<CoarseErrors> coarseErrors(uint32_t patch) const = 0;
+  // Of one of the grids of 2^cells_log2 cells, 4 .. 6, by blocks of 8 x 8 cells: out[y * B + x], B = 2^(cells_log2 - 3). False: not known, the
+  // whole patch's holds for all of them.
+  virtual Result<bool> coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*out_mm*/) const { return false; }
 };
 
 }  // namespace relievo

@@ -48,6 +48,10 @@ class BakedPatches final : public PatchSource {
     for (size_t k = 0; k < out.size(); ++k) out[k] = bake_.errorOfCells(patch, static_cast<int>(k));
     return out;
   }
+  Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
+    if (auto read = bake_.errorsOfCells(patch, cells_log2, out_mm); !read) return read.error();
+    return true;
+  }
 
  private:
   const MeshBake& bake_;

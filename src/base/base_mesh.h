@@ -10,6 +10,8 @@
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -47,6 +49,16 @@ inline constexpr std::array<std::array<int, 2>, 4> kSideCorners{{{0, 2}, {1, 3},
 
 // How far in mm (a distance in space) a patch's grids of 2^k cells a side lie from the finest surface, k = 0..6.
 using CoarseErrors = std::array<float, 7>;
+// Of those of 16, 32 and 64 cells by blocks of 8 x 8 cells: 2, 4 and 8 blocks a side, one grid after the other, rows of v from 0. As bytes:
+// shares of the whole patch's error of that grid, rounded up.
+inline constexpr int kFirstBlockedGrid = 4, kBlockedGrids = 3;
+using CoarseBlocks = std::array<uint8_t, 4 + 16 + 64>;
+inline constexpr std::array<size_t, kBlockedGrids + 1> kFirstCoarseBlock{0, 4, 20, 84};
+inline float coarseBlockMm(float whole_mm, uint8_t share) {
+  if (share == 0) return 0;
+  if (share == 255) return whole_mm;
+  return std::nextafter(static_cast<float>(double{whole_mm} * share / 255), whole_mm);
+}
 
 // What lies across a patch's side.
 struct PatchNeighbour {

@@ -121,6 +121,13 @@ class NoisyPatches : public PatchSource {
     for (size_t i = 0; i < out_mm.size(); ++i) out_mm[i] = error(patch, level, i);
     return {};
   }
+  float coarseBlock(uint32_t patch, int cells_log2, size_t block) const {
+    return coarseError(patch, static_cast<size_t>(cells_log2)) * static_cast<float>(hash(patch, 7, static_cast<uint64_t>(cells_log2), block) % 1000) / 1000;
+  }
+  Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
+    for (size_t i = 0; i < out_mm.size(); ++i) out_mm[i] = coarseBlock(patch, cells_log2, i);
+    return true;
+  }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors e;
     for (size_t k = 0; k < e.size(); ++k) e[k] = coarseError(patch, k);

@@ -312,6 +312,30 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
       EXPECT_GE(e[k], source.coarseError(p, k));
       EXPECT_GE(e[k], k + 1 < e.size() ? e[k + 1] : root->relief.error_mm * (1 - 1e-6f));
     }
+    const CoarseBlocks& shares = package.manifest().coarse_blocks[p];
+    std::vector<float> finer(256);
+    ASSERT_TRUE(package.reliefErrors({p, 0, 0, 0}, finer));
+    int below_whole = 0;
+    for (int grid = kBlockedGrids - 1; grid >= 0; --grid) {
+      const int k = kFirstBlockedGrid + grid;
+      const size_t side = size_t{1} << (k - 3);
+      std::vector<float> of_grid(side * side);
+      for (size_t i = 0; i < of_grid.size(); ++i) {
+        of_grid[i] = coarseBlockMm(e[static_cast<size_t>(k)], shares[kFirstCoarseBlock[static_cast<size_t>(grid)] + i]);
+        float largest = source.coarseBlock(p, k, i);
+        for (size_t j = 0; j < 4; ++j) {
+          // The root's blocks come back rounded once more.
+          const float inside = finer[(2 * (i / side) + j / 2) * 2 * side + 2 * (i % side) + j % 2];
+          EXPECT_GE(of_grid[i], grid == kBlockedGrids - 1 ? inside / (1 + 1.0f / 16) : inside);
+          largest = std::max(largest, inside);
+        }
+        EXPECT_GE(of_grid[i], source.coarseBlock(p, k, i));
+        EXPECT_LE(of_grid[i], std::min(e[static_cast<size_t>(k)], largest + e[static_cast<size_t>(k)] / 200));
+        below_whole += of_grid[i] < 0.9f * e[static_cast<size_t>(k)];
+      }
+      finer = of_grid;
+    }
+    EXPECT_GT(below_whole, 0) << "all blocks are as bad as the whole";
   }
 }
 
