@@ -57,6 +57,10 @@ class PackageOracle final : public ReliefOracle {
     whole_.min_mm = static_cast<float>(d.relief_offset_mm);
     whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
     whole_.error_mm = whole_.max_mm - whole_.min_mm;
+    if (const auto& base = package_->manifest().base) {  // a distance in space: the base's own shape counts
+      const Extent extent = extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
+      whole_.error_mm = static_cast<float>(glm::length(extent.max_mm - extent.min_mm)) * 1.0001f;
+    }
   }
   HeightBounds bounds(const NodeId& page) const override {
     auto record = package_->record(PageId(Plane::kRelief, page));
