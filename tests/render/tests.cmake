@@ -57,3 +57,4 @@ relievo_gltest(engine_faults_gltest LIBS relievo_render SOURCES render/engine_fa
 relievo_gltest(feedback_gltest LIBS relievo_render SOURCES render/feedback_gltest.cpp)
 relievo_gltest(mesh_watertight_gltest LIBS relievo_render SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
+relievo_gltest(mesh_picture_gltest LIBS relievo_render SOURCES render/mesh_picture_gltest.cpp)
