@@ -36,30 +36,79 @@ struct Candidate {
   std::vector<uint32_t> regions;  // cornerRegions
   size_t folded = 0;              // corners
   double lost = 1;                // Fit
+  double stray = 0;               // of border sides: strayFromSide
   // A folded corner spoils a part of its quads.
-  double badness() const { return quads.quads.empty() ? 2 : lost + 0.3 * static_cast<double>(folded) / static_cast<double>(quads.points.size()); }
+  double badness() const {
+    if (quads.quads.empty()) return 2;
+    return lost + 0.3 * static_cast<double>(folded) / static_cast<double>(quads.points.size()) + std::max(0.0, stray - kBorderStray);
+  }
 };
+
+// strayFromSide of all sides along borders.
+double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const Rail> rails) {
+  double stray = 0;
+  auto side = [&](uint32_t rail, const RailEnd& a, const RailEnd& b) { stray = std::max(stray, strayFromSide(rails[rail], a, b)); };
+  std::vector<uint8_t> bare(rails.size());  // with no corner between their ends
+  for (size_t r = 0; r < rails.size(); ++r) bare[r] = rails[r].border;
+  for (uint32_t c = 0; c < m.points.size(); ++c) {
+    const RailPlace& at = m.place[c];
+    if (m.fixed[c] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex) continue;
+    bare[at.rail] = 0;
+    const RailEnd here{m.points[c], normals[c], at.along};
+    side(at.rail, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
+    if (m.fixed[at.after]) side(at.rail, here, {m.points[at.after], normals[at.after], rails[at.rail].length()});
+  }
+  for (uint32_t r = 0; r < rails.size(); ++r) {
+    if (!bare[r]) continue;
+    RailEnd ends[2];
+    for (int k = 0; k < 2; ++k) {
+      const glm::dvec3 p = k ? rails[r].points.back() : rails[r].points.front();
+      const auto found = std::find(m.points.begin(), m.points.end(), p);
+      if (found != m.points.end()) ends[k] = {p, normals[found - m.points.begin()], k ? rails[r].length() : 0};
+    }
+    if (ends[0].normal != glm::dvec3(0) && ends[1].normal != glm::dvec3(0)) side(r, ends[0], ends[1]);
+  }
+  return stray;
+}
 
 struct Maker {
   const Surface& surface;
   ScanLookup scan;
   Rails rails;
   Fans fans;
+  Outlook outlook;
   const std::atomic<bool>* interrupted;
 
-  // Empty if the scan is no four-sided sheet.
+  // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
   Candidate sheet(uint32_t patches) const {
-    Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches)};
-    if (c.quads.quads.empty()) return c;
-    c.regions = cornerRegions(c.quads, surface, fans, scan);
-    c.normals = cornerNormals(c.quads, surface, c.regions, scan);
-    return c;
+    for (uint32_t times = 1; times <= 8; times *= 2) {
+      Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches, times)};
+      if (c.quads.quads.empty()) break;
+      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      if (isRelief(outlook)) {
+        c.normals.assign(c.quads.points.size(), outlook.direction);
+      } else {
+        c.normals = cornerNormals(c.quads, surface, c.regions, scan);
+      }
+      c.stray = borderStray(c.quads, c.normals, rails.rails);
+      if (c.stray <= kBorderStray) return c;
+      if (patches) break;
+    }
+    return {};
   }
 
   // split: makeQuads. Empty without it where triangles find no partner.
   Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
     EditMesh coarse(surface, rails);
-    simplify(coarse, {.triangles = triangles, .weight = weight, .interrupted = interrupted});
+    double area = 0;
+    for (const SurfacePiece& p : surface.pieces) area += p.area;
+    const double side = std::sqrt(area / triangles * 4 / std::sqrt(3.0));
+    std::vector<double> stray(rails.rails.size(), 1.0);
+    for (size_t r = 0; r < stray.size(); ++r) {
+      // Halved sides of a curve stray a quarter as far.
+      if (rails.rails[r].border) stray[r] = strayForSides(rails.rails[r], side, (split ? 4 : 1) * kBorderStray);
+    }
+    simplify(coarse, {.triangles = triangles, .weight = weight, .rails = rails.rails, .stray = stray, .interrupted = interrupted});
     flipEdges(coarse);
     Candidate c{.quads = makeQuads(coarse, rails.rails, split)};
     if (c.quads.quads.empty()) return c;
@@ -126,12 +175,14 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (stopped()) return interruptedError();
   report(0.1);
 
+  // Of the scan itself: the reduced one's walls lean over.
+  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(*scan) : Outlook{};
   std::vector<BorderLine> borders;
   for (const auto& loop : scan->loops) {
     borders.push_back({loop, {}});
     for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
   }
-  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}), options.interrupted);
+  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}), borderCorners(borders), options.interrupted);
   if (stopped()) return interruptedError();
   report(0.5);
   const Surface& surface = reduced.surface;
@@ -140,7 +191,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), options.interrupted};
+  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, options.interrupted};
 
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
@@ -151,15 +202,21 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   for (size_t i = 0; i < numbers.size(); ++i) {
     if (stopped()) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
+    if (!candidate.quads.quads.empty() && isRelief(outlook)) {  // whatever is lost of its walls is due to the fit's coarse grids
+      best = std::move(candidate);
+      break;
+    }
     if (candidate.quads.quads.empty()) candidate = maker.make(numbers[i], weight);
     if (stopped()) return interruptedError();
     report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.quads.quads.empty()) continue;
     const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
-    const Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::clamp(static_cast<int>(cells), 4, 64));
+    const Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::max(static_cast<int>(cells), 4));
     const std::vector<uint8_t> folded = foldedCorners(candidate.quads, candidate.normals);
     candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
     candidate.lost = fit.lost;
+    candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails);
+    if (getenv("DBG")) fprintf(stderr, "%zu: lost %.5f folded %zu stray %.5f bad %.5f\n", candidate.quads.quads.size(), candidate.lost, candidate.folded, candidate.stray, candidate.badness());
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     raiseWeights(fit, folded, candidate.regions, surface, weight);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.

@@ -1,6 +1,7 @@
 #include "geometry/base_rails.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 #include <numeric>
@@ -61,12 +62,60 @@ std::vector<size_t> sharpTurns(const Line& line) {
   return sharp;
 }
 
+// A closed line's points, few enough that all lie within that distance of the polygon through them (Douglas and Peucker 1973).
+std::vector<size_t> outline(const std::vector<glm::dvec3>& points, double within) {
+  const size_t n = points.size();
+  auto farthest = [&](size_t from) {
+    size_t best = from;
+    for (size_t i = 0; i < n; ++i) {
+      if (glm::length(points[i] - points[from]) > glm::length(points[best] - points[from])) best = i;
+    }
+    return best;
+  };
+  const size_t a = farthest(0), b = farthest(a);
+  std::vector<size_t> kept{a, b};
+  if (a == b) return {a};
+  std::vector<std::array<size_t, 2>> open{{a, b > a ? b : b + n}, {b, a > b ? a : a + n}};
+  while (!open.empty()) {
+    const auto [first, last] = open.back();
+    open.pop_back();
+    const glm::dvec3 p = points[first % n], side = points[last % n] - p;
+    size_t worst = first;
+    double off = within;
+    for (size_t i = first + 1; i < last; ++i) {
+      const glm::dvec3 d = points[i % n] - p;
+      const double t = std::clamp(glm::dot(d, side) / std::max(glm::dot(side, side), 1e-300), 0.0, 1.0), length = glm::length(d - t * side);
+      if (length > off) off = length, worst = i;
+    }
+    if (worst == first) continue;
+    kept.push_back(worst % n);
+    open.push_back({first, worst});
+    open.push_back({worst, last});
+  }
+  std::sort(kept.begin(), kept.end());
+  return kept;
+}
+
+// sharpTurns of a border, of its outline: small steps neither make corners nor hide them.
+std::vector<size_t> borderTurns(const std::vector<glm::dvec3>& points) {
+  double length = glm::length(points.front() - points.back());
+  for (size_t i = 1; i < points.size(); ++i) length += glm::length(points[i] - points[i - 1]);
+  // A 400th of a circle's length off it are sides of 20 degrees.
+  const std::vector<size_t> kept = outline(points, std::min(0.005, length / 400));
+  if (kept.size() < 3) return {};
+  Line line{.closed = true, .border = true};
+  for (size_t i : kept) line.points.push_back(points[i]);
+  std::vector<size_t> turns;
+  for (size_t i : sharpTurns(line)) turns.push_back(kept[i]);
+  return turns;
+}
+
 // Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names, kNoIndex: gone.
 void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& out) {
   const size_t n = line.points.size();
   // Fixed vertices must still exist.
   std::vector<size_t> cuts;
-  for (size_t i : sharpTurns(line)) {
+  for (size_t i : line.border ? borderTurns(line.points) : sharpTurns(line)) {
     if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
   }
   if (line.closed && cuts.empty()) {
@@ -190,6 +239,39 @@ glm::dvec3 Rail::point(double s) const {
   i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
   const double t = at[i + 1] > at[i] ? std::clamp((s - at[i]) / (at[i + 1] - at[i]), 0.0, 1.0) : 0;
   return points[i] * (1 - t) + points[i + 1] * t;
+}
+
+double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
+  auto i = static_cast<size_t>(std::upper_bound(rail.at.begin(), rail.at.end(), std::min(a.along, b.along)) - rail.at.begin());
+  const double end = std::max(a.along, b.along);
+  const glm::dvec3 side = b.point - a.point;
+  double stray = 0;
+  for (; i < rail.at.size() && rail.at[i] < end; ++i) {
+    const glm::dvec3 p = rail.points[i] - a.point;
+    glm::dvec3 off{0};
+    for (double t = (rail.at[i] - a.along) / (b.along - a.along), round = 0; round < 3; ++round) {
+      const glm::dvec3 n = a.normal * (1 - t) + b.normal * t, across = side - n * (glm::dot(side, n) / std::max(glm::dot(n, n), 1e-300));
+      t = std::clamp(glm::dot(p, across) / std::max(glm::dot(across, across), 1e-300), 0.0, 1.0);
+      off = p - t * side;
+      off -= n * (glm::dot(off, n) / std::max(glm::dot(n, n), 1e-300));
+    }
+    stray = std::max(stray, glm::length(off));
+  }
+  return stray;
+}
+
+double strayForSides(const Rail& rail, double side, double within) {
+  const double sides = std::max(2.0, rail.length() / side);
+  while (within < 1 && static_cast<double>(outline(rail.points, within).size()) > sides + 1) within *= 2;
+  return within;
+}
+
+std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders) {
+  std::vector<uint32_t> corners;
+  for (const BorderLine& border : scan_borders) {
+    for (size_t i : borderTurns({border.points.begin(), border.points.end()})) corners.push_back(border.vertices[i]);
+  }
+  return corners;
 }
 
 Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {

@@ -18,10 +18,13 @@ struct Reducer {
   Surface& s;
   std::vector<uint32_t>& twin;
   std::vector<uint32_t> leaving, mark;
+  std::vector<uint8_t> stays;
   size_t live;
   uint32_t marks = 0;
 
-  explicit Reducer(Surface& surface) : s(surface), twin(surface.twin), leaving(s.points.size(), kNoIndex), mark(s.points.size(), 0), live(s.triangles.size()) {
+  Reducer(Surface& surface, std::span<const uint32_t> keep)
+      : s(surface), twin(surface.twin), leaving(s.points.size(), kNoIndex), mark(s.points.size(), 0), stays(s.points.size(), 0), live(s.triangles.size()) {
+    for (uint32_t v : keep) stays[v] = 1;
     for (uint32_t h = 0; h < twin.size(); ++h) {
       uint32_t& l = leaving[from(h)];
       if (l == kNoIndex || twin[h] == kNoIndex) l = h;
@@ -54,7 +57,7 @@ struct Reducer {
     const uint32_t g = twin[h];
     const bool edge_on_border = g == kNoIndex;
     const bool gone_border = border(gone);
-    if (gone_border && !edge_on_border) return false;
+    if (stays[gone] || (gone_border && !edge_on_border)) return false;
     ++marks;
     uint32_t keep_fan = 0;
     around(keep, [&](uint32_t k) {
@@ -145,13 +148,13 @@ struct Reducer {
 
 }  // namespace
 
-Reduced reduceSurface(Surface scan, size_t triangles, const std::atomic<bool>* interrupted) {
+Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep, const std::atomic<bool>* interrupted) {
   Reduced out;
   if (scan.triangles.size() > triangles + triangles / 2) {
     double area = 0;
     for (const SurfacePiece& p : scan.pieces) area += p.area;
     auto side = [&](size_t n) { return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0))); };
-    Reducer r(scan);
+    Reducer r(scan, keep);
     const float last = side(triangles);
     // Ever longer edges, from the scan's own. What turns the surface little goes first; what is left at full length may turn it more.
     for (float length = side(r.live); length < last && r.live > triangles; length *= 1.4f) {

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "geometry/base_topology.h"
@@ -15,7 +16,8 @@ struct Reduced {
   Surface surface;
   std::vector<uint32_t> vertex;  // of the scan's surface that each vertex is: none is moved
 };
-// To about that many triangles; more where the shape holds out against it, all of them where the scan has no more.
-Reduced reduceSurface(Surface scan, size_t triangles, const std::atomic<bool>* interrupted = nullptr);
+// To about that many triangles; more where the shape holds out against it, all of them where the scan has no more. The vertices that are
+// named stay.
+Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep = {}, const std::atomic<bool>* interrupted = nullptr);
 
 }  // namespace relievo

@@ -19,7 +19,35 @@ bool straight(const Rail& rail) {
 
 }  // namespace
 
-QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches) {
+Outlook outlookOf(const Surface& s) {
+  auto area = [&](const Triangle& t) {
+    const glm::dvec3 a = s.points[t[0]];
+    return glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
+  };
+  glm::dvec3 sum{0};
+  double all = 0;
+  for (const Triangle& t : s.triangles) {
+    const glm::dvec3 a = area(t);
+    sum += a;
+    all += glm::length(a);
+  }
+  Outlook best;
+  if (!(glm::length(sum) > 0)) return best;
+  const glm::dvec3 size = glm::abs(sum);
+  const int k = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+  glm::dvec3 axis{0};
+  axis[k] = sum[k] > 0 ? 1 : -1;
+  const glm::dvec3 directions[2] = {axis, glm::normalize(sum)};
+  double hidden[2] = {0, 0};
+  for (const Triangle& t : s.triangles) {
+    const glm::dvec3 a = area(t);
+    for (int d = 0; d < 2; ++d) hidden[d] += glm::dot(a, directions[d]) > 0 ? 0 : glm::length(a);
+  }
+  const int d = hidden[0] <= hidden[1] ? 0 : 1;
+  return {directions[d], hidden[d] / all, glm::dot(sum, directions[d]) / all};
+}
+
+QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches, uint32_t times) {
   QuadMesh m;
   if (pieces != 1 || rails.size() != 4) return m;
   for (size_t k = 0; k < 4; ++k) {
@@ -32,8 +60,8 @@ QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup
     columns = std::max(1u, static_cast<uint32_t>(std::lround(static_cast<double>(patches) / rows)));
   } else {
     const double unit = std::min(width, height);
-    columns = static_cast<uint32_t>(std::lround(std::min(width / unit, 256.0)));
-    rows = static_cast<uint32_t>(std::lround(std::min(height / unit, 256.0)));
+    columns = static_cast<uint32_t>(std::lround(std::min(width / unit, 256.0))) * times;
+    rows = static_cast<uint32_t>(std::lround(std::min(height / unit, 256.0))) * times;
   }
   // The border runs around the sheet: along its bottom, up its right side, back along the top and down on the left.
   auto side = [&](size_t k, double t) { return rails[k].point((k < 2 ? t : 1 - t) * rails[k].length()); };

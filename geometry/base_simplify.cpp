@@ -78,6 +78,7 @@ struct Simplifier {
   // How much worse than their surroundings collapses may leave triangles; relaxed when nothing else is left to do.
   double least_turn = 0.3, least_shape = 0.15;
   size_t largest_fan = 9;
+  double stray_factor = 1;
   std::vector<uint32_t> around_a, around_b;
 
   Simplifier(EditMesh& mesh, const SimplifyOptions& opts) : m(mesh), options(opts), quadrics(m.points.size()), stamp(m.points.size(), 0) {
@@ -147,6 +148,28 @@ struct Simplifier {
     }
     std::sort(out.begin(), out.end());
     out.erase(std::unique(out.begin(), out.end()), out.end());
+  }
+
+  glm::dvec3 normalAround(uint32_t a, uint32_t b) const {
+    glm::dvec3 sum{0};
+    for (uint32_t v : {a, b}) {
+      for (uint32_t t : m.fans[v]) sum += crossOf(m, m.triangles[t], kNoIndex, kNoIndex, {});
+    }
+    const double length = glm::length(sum);
+    return length > 0 ? sum / length : glm::dvec3(0);
+  }
+
+  // Does the border follow its rail still, without the vertex that goes?
+  bool follows(uint32_t kept, uint32_t gone) const {
+    const RailStep* joint = m.step(kept, gone);
+    if (!joint || joint->rail >= options.stray.size() || !options.rails[joint->rail].border) return true;
+    for (const RailStep& s : m.steps[gone]) {
+      const RailStep* back = m.step(s.to, gone);
+      if (s.to == kept || s.rail != joint->rail || !back) continue;
+      const glm::dvec3 n = normalAround(kept, gone);
+      if (strayFromSide(options.rails[s.rail], {m.points[kept], n, joint->along}, {m.points[s.to], n, back->along}) > stray_factor * options.stray[s.rail]) return false;
+    }
+    return true;
   }
 
   // Does the surface stay a surface of the same kind (the link condition, Dey et al. 1999), and of a decent shape?
@@ -257,18 +280,16 @@ struct Simplifier {
         if (stamp[c.a] != c.stamp_a || stamp[c.b] != c.stamp_b) continue;
         glm::dvec3 to;
         double cost;
-        if (evaluate(c.a, c.b, to, cost) && allowed(c.a, c.b, to)) {
-          if (held(c.b) && to == m.points[c.b]) {  // a place on a rail keeps its vertex
-            collapse(c.b, c.a, to);
-          } else {
-            collapse(c.a, c.b, to);
-          }
-        }
+        if (!evaluate(c.a, c.b, to, cost)) continue;
+        uint32_t kept = c.a, gone = c.b;
+        if (held(c.b) && to == m.points[c.b]) std::swap(kept, gone);  // a place on a rail keeps its vertex
+        if (follows(kept, gone) && allowed(c.a, c.b, to)) collapse(kept, gone, to);
       }
       queue = {};
       least_turn = std::max(0.02, least_turn - 0.14);
       least_shape = round < 2 ? least_shape / 4 : 0;
       largest_fan += 6;
+      stray_factor = round < 2 ? 2 * stray_factor : 1e3;
     }
   }
 };

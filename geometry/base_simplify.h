@@ -34,6 +34,10 @@ struct SimplifyOptions {
   uint32_t triangles = 0;            // down to, where the topology lets it
   double uncertainty = 0.2;          // of a plane's direction, in radians: what bends less over a triangle counts as flat
   std::span<const float> weight;     // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
+  // How far a border's rail may stray from the edges along it (strayFromSide): by rail, or empty: anywhere. Where too many triangles
+  // remain, ever further.
+  std::span<const Rail> rails;
+  std::span<const double> stray;
   const std::atomic<bool>* interrupted = nullptr;
 };
 // Vertices on rails stay where they are or go, along their rail; fixed ones stay; others move.
