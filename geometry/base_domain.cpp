@@ -216,7 +216,6 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
     candidate.lost = fit.lost;
     candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails);
-    if (getenv("DBG")) fprintf(stderr, "%zu: lost %.5f folded %zu stray %.5f bad %.5f\n", candidate.quads.quads.size(), candidate.lost, candidate.folded, candidate.stray, candidate.badness());
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     raiseWeights(fit, folded, candidate.regions, surface, weight);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.

@@ -261,7 +261,7 @@ double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
 }
 
 double strayForSides(const Rail& rail, double side, double within) {
-  const double sides = std::max(2.0, rail.length() / side);
+  const double sides = 1.5 * std::max(2.0, rail.length() / side);
   while (within < 1 && static_cast<double>(outline(rail.points, within).size()) > sides + 1) within *= 2;
   return within;
 }

@@ -30,8 +30,8 @@ double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b);
 // In diagonals: what borders of bases keep to where the number of patches is free and the scan's borders are no rougher.
 inline constexpr double kBorderStray = 2e-3;
 
-// How far a rail must be let stray where it is rougher than sides of that length: the smallest of within, 2 within, 4 within, ... to which
-// no more sides than that keep.
+// How far a rail must be let stray where it is rougher than sides of that length: the smallest of within, 2 within, 4 within, ... that
+// takes no more than half as many sides again.
 double strayForSides(const Rail& rail, double side, double within);
 
 // A border loop of the scan: its vertices (of the scan's surface) and their places.
