@@ -29,6 +29,8 @@ struct Frame {
 constexpr double kLostEnough = 0.0015;
 constexpr double kWorthIt = 0.75;
 constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
+// Of a scan along a sheet's patch: half as many as a bake of its own accord gives it cells (mesh_bake.cpp).
+constexpr double kVerticesAlong = 512;
 
 struct Candidate {
   QuadMesh quads;
@@ -77,11 +79,16 @@ struct Maker {
   Rails rails;
   Fans fans;
   Outlook outlook;
+  size_t scan_vertices;
   const std::atomic<bool>* interrupted;
 
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
   Candidate sheet(uint32_t patches) const {
-    for (uint32_t times = 1; times <= 8; times *= 2) {
+    uint32_t times = 1;
+    if (const size_t few = sheetQuads(rails.rails, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
+      times = static_cast<uint32_t>(std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
+    }
+    for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
       Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches, times)};
       if (c.quads.quads.empty()) break;
       c.regions = cornerRegions(c.quads, surface, fans, scan);
@@ -176,6 +183,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   report(0.1);
 
   // Of the scan itself: the reduced one's walls lean over.
+  const size_t scan_vertices = mesh.positions_mm.size();
   const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(*scan) : Outlook{};
   std::vector<BorderLine> borders;
   for (const auto& loop : scan->loops) {
@@ -191,7 +199,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, options.interrupted};
+  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, scan_vertices, options.interrupted};
 
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
