@@ -7,7 +7,9 @@
 #include <map>
 #include <random>
 
+#include "geometry/base_rails.h"
 #include "geometry/base_reduce.h"
+#include "geometry/base_sheet.h"
 #include "geometry/mesh_read.h"
 #include "tests/geometry/base_shapes.h"
 #include "tests/shared_data.h"
@@ -202,6 +204,66 @@ BorderFit borderFit(const TriMesh& m, const BaseMesh& base) {
   return fit;
 }
 
+// Likewise, but only as far as no height brings it back: across the normals that are interpolated along a border's sides.
+struct BorderStray {
+  double scan = 0, base = 0;  // of the scan's border from the base's, and of the base's from the scan's
+};
+BorderStray borderStray(const TriMesh& m, const BaseMesh& base) {
+  auto surface = makeSurface(m.positions_mm, m.triangles);
+  EXPECT_TRUE(surface.ok());
+  struct End {
+    glm::dvec3 p, n;
+  };
+  std::vector<std::array<End, 2>> sides;
+  const auto neighbours = patchNeighbours(base);
+  auto end = [&](uint32_t c) { return End{base.corners[c].position_mm, base.corners[c].normal}; };
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    for (int s = 0; s < 4; ++s) {
+      if (neighbours[p][s].patch == PatchNeighbour::kNone) sides.push_back({end(base.patches[p][kSideCorners[s][0]]), end(base.patches[p][kSideCorners[s][1]])});
+    }
+  }
+  // From the line at t along a side's normals; farther than a fifth of the diagonal is another part of the scan.
+  const double reach = 0.2 * diagonalOf(m);
+  auto flat = [](const glm::dvec3& d, const glm::dvec3& n) { return d - n * glm::dot(d, n); };
+  auto fromLine = [&](const glm::dvec3& p, const std::array<End, 2>& s, double t) {
+    const glm::dvec3 d = p - (s[0].p * (1 - t) + s[1].p * t), n = glm::normalize(s[0].n * (1 - t) + s[1].n * t);
+    return std::abs(glm::dot(d, n)) > reach ? 1e300 : glm::length(flat(d, n));
+  };
+  BorderStray stray;
+  for (const auto& loop : surface->loops) {
+    for (uint32_t v : loop) {
+      const glm::dvec3 p = m.positions_mm[v];
+      double least = 1e300;
+      for (const auto& s : sides) {
+        double best = 0;
+        for (int k = 1; k <= 16; ++k) best = fromLine(p, s, k / 16.0) < fromLine(p, s, best) ? k / 16.0 : best;
+        double lo = std::max(best - 1 / 16.0, 0.0), hi = std::min(best + 1 / 16.0, 1.0);
+        for (int k = 0; k < 24; ++k) {
+          const double x = lo + 0.382 * (hi - lo), y = lo + 0.618 * (hi - lo);
+          (fromLine(p, s, x) < fromLine(p, s, y) ? hi : lo) = fromLine(p, s, x) < fromLine(p, s, y) ? y : x;
+        }
+        least = std::min({least, fromLine(p, s, best), fromLine(p, s, (lo + hi) / 2)});
+      }
+      stray.scan = std::max(stray.scan, least);
+    }
+  }
+  for (const auto& s : sides) {
+    for (int k = 0; k <= 16; ++k) {
+      const double t = k / 16.0;
+      const glm::dvec3 p = s[0].p * (1 - t) + s[1].p * t, n = glm::normalize(s[0].n * (1 - t) + s[1].n * t);
+      double least = 1e300;
+      for (const auto& loop : surface->loops) {
+        for (size_t i = 0; i < loop.size(); ++i) {
+          const glm::dvec3 a = glm::dvec3(m.positions_mm[loop[i]]) - p, b = glm::dvec3(m.positions_mm[loop[(i + 1) % loop.size()]]) - p;
+          if (std::abs(glm::dot(a, n)) <= reach) least = std::min(least, distanceToSegment(glm::dvec3(0), flat(a, n), flat(b, n)));
+        }
+      }
+      stray.base = std::max(stray.base, least);
+    }
+  }
+  return stray;
+}
+
 struct Case {
   const char* name;
   TriMesh (*make)();
@@ -320,6 +382,163 @@ TEST(BaseDomain, FewPatchesWhereTheShapeIsSimple) {
   EXPECT_LE(baseOf(panelMesh(50)).patches.size(), 4u);
   EXPECT_LE(baseOf(boxMesh(20, 100, 80, 5)).patches.size(), 100u);
   EXPECT_LE(baseOf(sphereMesh(24)).patches.size(), 100u);
+}
+
+// Woven cloth of 100 x 100 under a round plateau with a steep rim, bent and cut as shape and skip say: border heights vary by 1 % of the
+// diagonal, the border itself by 0.02 %.
+TriMesh clothMesh(int n, const std::function<glm::dvec2(double, double)>& shape, const std::function<bool(double, double)>& skip = {}) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> by(-1, 1);
+  return gridMesh(n, n, false, false, [&](double u, double v) {
+    const double weave = 0.6 * std::sin(2 * std::numbers::pi * 17 * u) * std::cos(2 * std::numbers::pi * 19 * v) + 0.1 * by(random);
+    const double rim = std::clamp((0.2 - std::hypot(u - 0.4, v - 0.35)) / 0.01, 0.0, 1.0);
+    return glm::dvec3(100.0 * shape(u, v) + 0.02 * glm::dvec2(by(random), by(random)), weave + 12 * rim);
+  }, skip);
+}
+
+struct CornerCase {
+  const char* name;
+  TriMesh scan;
+  std::vector<glm::dvec2> corners;  // x, y
+  bool panel;
+};
+std::vector<CornerCase> cornerCases() {
+  auto square = [](double u, double v) { return glm::dvec2(u, v); };
+  std::vector<CornerCase> cases;
+  const std::vector<glm::dvec2> four{{0, 0}, {100, 0}, {0, 100}, {100, 100}};
+  cases.push_back({"square", clothMesh(150, square), four, true});
+  cases.push_back({"trapezoid", clothMesh(150, [](double u, double v) { return glm::dvec2(u * (1 - 0.4 * v) + 0.2 * v, v); }),
+                   {{0, 0}, {100, 0}, {20, 100}, {80, 100}}, true});
+  cases.push_back({"L", clothMesh(180, square, [](double u, double v) { return u > 0.7 && v > 0.6; }),
+                   {{0, 0}, {100, 0}, {0, 100}, {70, 60}, {100, 60}, {70, 100}}, false});
+  auto holed = four;
+  for (const glm::dvec2& p : {glm::dvec2(70, 70), glm::dvec2(90, 70), glm::dvec2(70, 90), glm::dvec2(90, 90)}) holed.push_back(p);
+  cases.push_back({"squareHole", clothMesh(160, square, [](double u, double v) { return u > 0.7 && u < 0.9 && v > 0.7 && v < 0.9; }), holed, false});
+  return cases;
+}
+
+double farthestCorner(const BaseMesh& base, const std::vector<glm::dvec2>& corners) {
+  double farthest = 0;
+  for (const glm::dvec2& c : corners) {
+    double least = 1e300;
+    for (const BaseCorner& b : base.corners) least = std::min(least, glm::length(glm::dvec2(b.position_mm) - c));
+    farthest = std::max(farthest, least);
+  }
+  return farthest;
+}
+
+TEST(BaseDomain, RoughBordersKeepTheirCorners) {
+  for (const CornerCase& c : cornerCases()) {
+    SCOPED_TRACE(c.name);
+    const double diagonal = diagonalOf(c.scan);
+    for (uint32_t patches : {0u, 100u}) {
+      const BaseMesh base = baseOf(c.scan, patches);
+      const BorderStray stray = borderStray(c.scan, base);
+      printf("%s: %zu patches, corners within %.5f, borders within %.5f and %.5f of the diagonal\n", c.name, base.patches.size(),
+             farthestCorner(base, c.corners) / diagonal, stray.scan / diagonal, stray.base / diagonal);
+      EXPECT_LT(farthestCorner(base, c.corners), 1e-3 * diagonal);
+      EXPECT_LT(stray.scan, 2e-3 * diagonal);
+      EXPECT_LT(stray.base, 2e-3 * diagonal);
+      EXPECT_TRUE(!c.panel || patches != 0 || base.patches.size() <= 4);
+
+      // Without one of the corners the checks fail.
+      BaseMesh cut = base;
+      const glm::dvec2 at = c.corners.back();
+      auto nearest = std::min_element(cut.corners.begin(), cut.corners.end(), [&](const BaseCorner& a, const BaseCorner& b) {
+        return glm::length(glm::dvec2(a.position_mm) - at) < glm::length(glm::dvec2(b.position_mm) - at);
+      });
+      nearest->position_mm += 0.02f * (glm::vec3(50, 50, 0) - nearest->position_mm);
+      EXPECT_GT(farthestCorner(cut, c.corners), 1e-3 * diagonal);
+      EXPECT_GT(borderStray(c.scan, cut).scan, 2e-3 * diagonal);
+    }
+  }
+}
+
+// Over a relief that one direction sees, every line along the normals meets the scan once, however steep its walls are.
+TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
+  auto linesThatMeetOnce = [](const TriMesh& scan, const BaseMesh& base) {
+    std::mt19937 random(9);
+    std::uniform_real_distribution<double> in(0.01, 0.99);
+    int once = 0;
+    for (int i = 0; i < 400; ++i) {
+      const uint32_t p = random() % base.patches.size();
+      const double u = in(random), v = in(random);
+      once += crossings(scan, base.point(p, u, v), glm::normalize(base.normal(p, u, v)), 1e9).size() == 1;
+    }
+    return once;
+  };
+  const CornerCase square = cornerCases()[0];
+  const BaseMesh base = baseOf(square.scan);
+  EXPECT_EQ(base.patches.size(), 1u);
+  EXPECT_EQ(linesThatMeetOnce(square.scan, base), 400);
+
+  // A plateau that leans over its rim is none: its base's normals turn towards it.
+  TriMesh leaning = square.scan;
+  for (glm::vec3& p : leaning.positions_mm) p.x += 1.5f * std::max(p.z - 2, 0.0f);
+  EXPECT_LT(linesThatMeetOnce(leaning, base), 396);
+  const BaseMesh turned = baseOf(leaning);
+  EXPECT_TRUE(std::any_of(turned.corners.begin(), turned.corners.end(), [&](const BaseCorner& c) { return c.normal != turned.corners[0].normal; }));
+
+  auto outlook = [](const TriMesh& m) { return outlookOf(*makeSurface(m.positions_mm, m.triangles)); };
+  EXPECT_TRUE(isRelief(outlook(square.scan)));
+  EXPECT_EQ(outlook(square.scan).direction, glm::dvec3(0, 0, 1));
+  EXPECT_FALSE(isRelief(outlook(leaning)));
+  EXPECT_FALSE(isRelief(outlook(sphereMesh(8))));
+  EXPECT_NEAR(outlook(boxMesh(4, 10, 10, 10)).flat, 0, 1e-6);
+}
+
+TEST(BaseRails, StrayFromASideIsThatAcrossTheNormals) {
+  // A quarter of a circle of radius 1: the chord's height is 1 - cos 45 degrees; and a wave along the normals costs nothing.
+  Rail arc{.points = {}, .at = {0}, .border = true};
+  for (int i = 0; i <= 200; ++i) {
+    const double a = 90 * kDegrees * i / 200;
+    arc.points.push_back({std::cos(a), std::sin(a), 0.3 * std::sin(20 * a)});
+    if (i) arc.at.push_back(arc.at.back() + glm::length(arc.points[i] - arc.points[i - 1]));
+  }
+  const RailEnd first{arc.points.front(), {0, 0, 1}, 0}, last{arc.points.back(), {0, 0, 1}, arc.length()};
+  EXPECT_NEAR(strayFromSide(arc, first, last), 1 - std::cos(45 * kDegrees), 1e-4);
+  EXPECT_DOUBLE_EQ(strayFromSide(arc, last, first), strayFromSide(arc, first, last));
+  const RailEnd tilted_first{first.point, {0, 1, 0}, 0}, tilted_last{last.point, {0, 1, 0}, arc.length()};
+  EXPECT_GT(strayFromSide(arc, tilted_first, tilted_last), 0.25);  // the wave
+  // Of a circle of 0.35 sides of 0.05 stray by 0.0009; a few long ones may not.
+  Rail circle{.points = {}, .at = {0}, .border = true};
+  for (int i = 0; i <= 400; ++i) {
+    circle.points.push_back({0.35 * std::cos(i * 0.9 * kDegrees), 0.35 * std::sin(i * 0.9 * kDegrees), 0});
+    if (i) circle.at.push_back(circle.at.back() + glm::length(circle.points[i] - circle.points[i - 1]));
+  }
+  EXPECT_EQ(strayForSides(circle, 0.05, 0.002), 0.002);
+  EXPECT_GT(strayForSides(circle, 0.8, 0.002), 0.02);
+}
+
+TEST(BaseRails, CornersOfRoughBorders) {
+  const unsigned seed = 4;
+  printf("seed %u\n", seed);
+  std::mt19937 random(seed);
+  std::normal_distribution<double> by(0, 1);
+  // Regular polygons of that many corners, with noise of 0.05 % of the diagonal across and 0.2 % along the normal.
+  for (int corners : {3, 4, 5, 6, 0}) {
+    BorderLine border;
+    const int n = 1200;
+    std::vector<glm::dvec3> truth;
+    for (int i = 0; i < n; ++i) {
+      const double a = 2 * std::numbers::pi * i / n;
+      glm::dvec3 p(0.35 * std::cos(a), 0.35 * std::sin(a), 0);
+      if (corners) {
+        const double step = 2 * std::numbers::pi / corners, from = std::floor(a / step + 1e-9) * step, t = (a - from) / step;
+        p = {0.35 * (std::cos(from) * (1 - t) + std::cos(from + step) * t), 0.35 * (std::sin(from) * (1 - t) + std::sin(from + step) * t), 0};
+        if (i * corners % n == 0) truth.push_back(p);
+      }
+      border.vertices.push_back(i);
+      border.points.push_back(glm::vec3(p + glm::dvec3(0.0005 * by(random), 0.0005 * by(random), 0.002 * by(random))));
+    }
+    const auto found = borderCorners({border});
+    EXPECT_EQ(found.size(), static_cast<size_t>(corners));
+    for (const glm::dvec3& p : truth) {
+      double least = 1;
+      for (uint32_t v : found) least = std::min(least, glm::length(glm::dvec3(border.points[v]) - p));
+      EXPECT_LT(least, 0.01);
+    }
+  }
 }
 
 TEST(BaseDomain, CreasesLieOnSides) {
@@ -474,6 +693,23 @@ TEST(ReduceSurface, KeepsTheTopology) {
       for (size_t v = 0; v < r.vertex.size(); ++v) ASSERT_EQ(r.surface.points[v], scan->points[r.vertex[v]]);
     }
   }
+}
+
+TEST(ReduceSurface, KeepsNamedVertices) {
+  const TriMesh m = wavySheet(120, 0);
+  auto scan = makeSurface(m.positions_mm, m.triangles);
+  ASSERT_TRUE(scan.ok());
+  std::vector<uint32_t> corners;
+  for (uint32_t v = 0; v < scan->points.size(); ++v) {
+    const glm::vec3 p = scan->points[v];
+    if ((p.x == 0 || p.x == 100) && (p.y == 0 || p.y == 100)) corners.push_back(v);
+  }
+  ASSERT_EQ(corners.size(), 4u);
+  auto left = [&](const Reduced& r) {
+    return std::count_if(corners.begin(), corners.end(), [&](uint32_t v) { return std::find(r.vertex.begin(), r.vertex.end(), v) != r.vertex.end(); });
+  };
+  EXPECT_EQ(left(reduceSurface(*scan, 300, corners)), 4);
+  EXPECT_LT(left(reduceSurface(*scan, 300)), 4);  // unnamed, they go
 }
 
 // Rough, torn and scattered scans: whatever comes out is sound and of the scan's topology.
