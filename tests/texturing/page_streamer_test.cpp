@@ -480,7 +480,7 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   streamer.beginFrame(1, 0);
   auto uploads = streamer.placeReady(1);
   ASSERT_EQ(uploads.size(), 8u) << "the roots come at once";
-  std::vector<double> raw(9, -1);
+  std::vector<double> raw(kMaxTexturePlanes * 3, -1);
   for (const PageUpload& u : uploads) {
     if (u.id.plane() == Plane::kRelief) {
       EXPECT_EQ(std::count(u.texels, u.texels + kSlotBytes, 0), static_cast<std::ptrdiff_t>(kSlotBytes));
