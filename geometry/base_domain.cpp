@@ -24,10 +24,11 @@ struct Frame {
   double diagonal = 1;
 };
 
-// What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last of the numbers
-// keep too many pages pinned.
+// What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last
+// of the numbers keep too many pages pinned.
 constexpr double kLostEnough = 0.0015;
 constexpr double kWorthIt = 0.75;
+constexpr double kFlatSine = 0.2;
 constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
 // Of a scan along a sheet's patch: half as many as a bake of its own accord gives it cells (mesh_bake.cpp).
 constexpr double kVerticesAlong = 512;
@@ -36,25 +37,32 @@ struct Candidate {
   QuadMesh quads;
   std::vector<glm::dvec3> normals;
   std::vector<uint32_t> regions;  // cornerRegions
-  size_t folded = 0;              // corners
+  size_t folded = 0, flat = 0;    // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
   double lost = 1;                // Fit
-  double stray = 0;               // of border sides: strayFromSide
-  // A folded corner spoils a part of its quads.
+  double stray = 0;               // borderStray
+  // A folded corner spoils a part of its quads; a flat one wastes samples.
   double badness() const {
     if (quads.quads.empty()) return 2;
-    return lost + 0.3 * static_cast<double>(folded) / static_cast<double>(quads.points.size()) + std::max(0.0, stray - kBorderStray);
+    return lost +
+           (0.3 * static_cast<double>(folded) + 0.015 * static_cast<double>(flat)) /
+               static_cast<double>(quads.points.size()) +
+           stray;
   }
 };
 
-// strayFromSide of all sides along borders.
-double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const Rail> rails) {
+// How much farther than it must (by rail) the scan's border strays from the base's sides: strayFromSide.
+double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const Rail> rails,
+                   std::span<const double> must) {
   double stray = 0;
-  auto side = [&](uint32_t rail, const RailEnd& a, const RailEnd& b) { stray = std::max(stray, strayFromSide(rails[rail], a, b)); };
+  auto side = [&](uint32_t rail, const RailEnd& a, const RailEnd& b) {
+    stray = std::max(stray, strayFromSide(rails[rail], a, b) - must[rail]);
+  };
   std::vector<uint8_t> bare(rails.size());  // with no corner between their ends
   for (size_t r = 0; r < rails.size(); ++r) bare[r] = rails[r].border;
   for (uint32_t c = 0; c < m.points.size(); ++c) {
     const RailPlace& at = m.place[c];
-    if (m.fixed[c] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex) continue;
+    if (m.fixed[c] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex)
+      continue;
     bare[at.rail] = 0;
     const RailEnd here{m.points[c], normals[c], at.along};
     side(at.rail, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
@@ -73,6 +81,18 @@ double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, st
   return stray;
 }
 
+// Borders without what heights bring back, as far as that is known: the heights of a relief over a plane.
+std::vector<Rail> flattened(std::vector<Rail> rails, const Outlook& outlook) {
+  if (!isRelief(outlook)) return rails;
+  for (Rail& rail : rails) {
+    for (size_t i = 0; i < rail.points.size(); ++i) {
+      rail.points[i] -= outlook.direction * glm::dot(rail.points[i], outlook.direction);
+      rail.at[i] = i ? rail.at[i - 1] + glm::length(rail.points[i] - rail.points[i - 1]) : 0;
+    }
+  }
+  return rails;
+}
+
 struct Maker {
   const Surface& surface;
   ScanLookup scan;
@@ -80,13 +100,16 @@ struct Maker {
   Fans fans;
   Outlook outlook;
   size_t scan_vertices;
+  std::vector<Rail> flat_rails;
+  std::vector<double> must_stray;  // of a border rail, be there ever so many patches
   const std::atomic<bool>* interrupted;
 
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
   Candidate sheet(uint32_t patches) const {
     uint32_t times = 1;
     if (const size_t few = sheetQuads(rails.rails, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
-      times = static_cast<uint32_t>(std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
+      times = static_cast<uint32_t>(
+          std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
     }
     for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
       Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches, times)};
@@ -97,25 +120,32 @@ struct Maker {
       } else {
         c.normals = cornerNormals(c.quads, surface, c.regions, scan);
       }
-      c.stray = borderStray(c.quads, c.normals, rails.rails);
-      if (c.stray <= kBorderStray) return c;
+      c.stray = borderStray(c.quads, c.normals, rails.rails, must_stray);
+      if (c.stray <= 0) return c;
       if (patches) break;
     }
     return {};
   }
 
+  // Of each border rail by sides of so many squares; of creases: 1.
+  std::vector<double> strayFor(double squares, double within) const {
+    double area = 0;
+    for (const SurfacePiece& p : surface.pieces) area += p.area;
+    std::vector<double> stray(flat_rails.size(), 1.0);
+    for (size_t r = 0; r < stray.size(); ++r) {
+      if (flat_rails[r].border) stray[r] = strayForSides(flat_rails[r], std::sqrt(area / squares), within);
+    }
+    return stray;
+  }
+
   // split: makeQuads. Empty without it where triangles find no partner.
   Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
     EditMesh coarse(surface, rails);
-    double area = 0;
-    for (const SurfacePiece& p : surface.pieces) area += p.area;
-    const double side = std::sqrt(area / triangles * 4 / std::sqrt(3.0));
-    std::vector<double> stray(rails.rails.size(), 1.0);
-    for (size_t r = 0; r < stray.size(); ++r) {
-      // Halved sides of a curve stray a quarter as far.
-      if (rails.rails[r].border) stray[r] = strayForSides(rails.rails[r], side, (split ? 4 : 1) * kBorderStray);
-    }
-    simplify(coarse, {.triangles = triangles, .weight = weight, .rails = rails.rails, .stray = stray, .interrupted = interrupted});
+    // Halved sides of a curve stray a quarter as far.
+    const std::vector<double> stray = strayFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderStray);
+    simplify(
+        coarse,
+        {.triangles = triangles, .weight = weight, .rails = rails.rails, .stray = stray, .interrupted = interrupted});
     flipEdges(coarse);
     Candidate c{.quads = makeQuads(coarse, rails.rails, split)};
     if (c.quads.quads.empty()) return c;
@@ -123,6 +153,7 @@ struct Maker {
     for (int round = 0; round < 4; ++round) {
       if (interrupted && interrupted->load(std::memory_order_relaxed)) return {};
       if (round) relaxQuads(c.quads, rails.rails, scan, 8);
+      if (round == 3) settleBorders(c.quads, rails.rails, must_stray);
       c.regions = cornerRegions(c.quads, surface, fans, scan);
       placeCorners(c.quads, surface, c.regions, scan);
     }
@@ -154,7 +185,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     if (options.progress) options.progress(x);
   };
   auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
-  if (options.patches > kMaxPatches) return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
+  if (options.patches > kMaxPatches)
+    return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
   report(0);
   auto scan = makeSurface(mesh.positions_mm, mesh.triangles);
   if (!scan) return scan.error();
@@ -172,8 +204,12 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   for (const SurfacePiece& p : scan->pieces) {
     if (p.area > 1e-14 * frame.diagonal * frame.diagonal) continue;
     const glm::vec3 at = scan->points[scan->triangles[p.first_triangle][0]];
-    return Error{ErrorKind::kInvalidData, {}, "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) + ", " +
-                 std::to_string(at.y) + ", " + std::to_string(at.z) + ") mm", "remove it from the scan", {}};
+    return Error{ErrorKind::kInvalidData,
+                 {},
+                 "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
+                     ", " + std::to_string(at.y) + ", " + std::to_string(at.z) + ") mm",
+                 "remove it from the scan",
+                 {}};
   }
   for (glm::vec3& p : scan->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
   // Each corner owns some of the surface's vertices: there must be enough of them.
@@ -190,7 +226,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     borders.push_back({loop, {}});
     for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
   }
-  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}), borderCorners(borders), options.interrupted);
+  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}),
+                                        borderCorners(borders), options.interrupted);
   if (stopped()) return interruptedError();
   report(0.5);
   const Surface& surface = reduced.surface;
@@ -199,7 +236,10 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  const Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, scan_vertices, options.interrupted};
+  Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, scan_vertices, {},
+              {},      options.interrupted};
+  maker.flat_rails = flattened(maker.rails.rails, outlook);
+  maker.must_stray = maker.strayFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderStray);
 
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
@@ -210,7 +250,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   for (size_t i = 0; i < numbers.size(); ++i) {
     if (stopped()) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
-    if (!candidate.quads.quads.empty() && isRelief(outlook)) {  // whatever is lost of its walls is due to the fit's coarse grids
+    if (!candidate.quads.quads.empty() &&
+        isRelief(outlook)) {  // whatever is lost of its walls is due to the fit's coarse grids
       best = std::move(candidate);
       break;
     }
@@ -219,11 +260,18 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.quads.quads.empty()) continue;
     const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
-    const Fit fit = judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::max(static_cast<int>(cells), 4));
+    const Fit fit =
+        judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::max(static_cast<int>(cells), 4));
     const std::vector<uint8_t> folded = foldedCorners(candidate.quads, candidate.normals);
     candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
+    const QuadStars stars(candidate.quads);
+    for (uint32_t c = 0; c < candidate.quads.points.size(); ++c) {
+      const uint32_t rail = candidate.quads.place[c].rail;
+      candidate.flat +=
+          rail != kNoIndex && maker.rails.rails[rail].border && stars.leastSine(candidate.quads, c) < kFlatSine;
+    }
     candidate.lost = fit.lost;
-    candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails);
+    candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails, maker.must_stray);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     raiseWeights(fit, folded, candidate.regions, surface, weight);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
@@ -233,18 +281,21 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     in_vain = gain ? 0 : in_vain + 1;
     if (enough || (options.patches == 0 && in_vain == 2)) break;
   }
-  if (best.quads.quads.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+  if (best.quads.quads.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
   const QuadMesh& quads = best.quads;
   const std::vector<glm::dvec3>& normals = best.normals;
 
   BaseMesh base;
   base.origin_mm = mesh.origin_mm;
   for (size_t c = 0; c < quads.points.size(); ++c) {
-    base.corners.push_back({glm::vec3(quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(normals[c]))});
+    base.corners.push_back(
+        {glm::vec3(quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(normals[c]))});
   }
   // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
   for (const auto& q : quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
-  if (std::string problem = baseMeshProblem(base); !problem.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
+  if (std::string problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
   report(1);
   return base;
 }

@@ -6,7 +6,8 @@
 
 namespace relievo {
 
-Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan, int cells) {
+Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan,
+             int cells) {
   const auto side = static_cast<uint32_t>(cells + 1);
   TriMesh displaced;
   displaced.positions_mm.reserve(quads.quads.size() * side * side);
@@ -16,7 +17,8 @@ Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, cons
   // Beyond the borders there is nothing for lines to meet: base where the scan has a hole.
   std::vector<std::pair<uint32_t, float>> beyond;
   for (const auto& q : quads.quads) {
-    const double reach = std::max(glm::length(quads.points[q[2]] - quads.points[q[0]]), glm::length(quads.points[q[3]] - quads.points[q[1]]));
+    const double reach = std::max(glm::length(quads.points[q[2]] - quads.points[q[0]]),
+                                  glm::length(quads.points[q[3]] - quads.points[q[1]]));
     for (uint32_t j = 0; j < side; ++j) {
       for (uint32_t i = 0; i < side; ++i) {
         const double u = static_cast<double>(i) / cells, v = static_cast<double>(j) / cells;
@@ -75,14 +77,16 @@ std::vector<uint8_t> foldedCorners(const QuadMesh& quads, const std::vector<glm:
   std::vector<uint8_t> folded(quads.points.size(), 0);
   for (const auto& q : quads.quads) {
     for (int k = 0; k < 4; ++k) {
-      const glm::dvec3 a = quads.points[q[(k + 1) % 4]] - quads.points[q[k]], b = quads.points[q[(k + 3) % 4]] - quads.points[q[k]];
+      const glm::dvec3 a = quads.points[q[(k + 1) % 4]] - quads.points[q[k]],
+                       b = quads.points[q[(k + 3) % 4]] - quads.points[q[k]];
       if (glm::dot(glm::cross(a, b), normals[q[k]]) < 0.02 * glm::length(a) * glm::length(b)) folded[q[k]] = 1;
     }
   }
   return folded;
 }
 
-void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions, const Surface& s, std::vector<float>& weight) {
+void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions,
+                  const Surface& s, std::vector<float>& weight) {
   std::vector<float> factor(s.points.size(), 1.0f), next;
   for (uint32_t v = 0; v < s.points.size(); ++v) {
     // Half as long sides where it is lost.

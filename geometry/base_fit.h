@@ -13,18 +13,21 @@
 namespace relievo {
 
 struct Fit {
-  std::vector<float> error;  // of each vertex of the surface: its distance from the displaced base, or the base's from it beyond a border
+  std::vector<float> error;  // of each vertex of the surface: its distance from the displaced base, or the base's from
+                             // it beyond a border
   double lost = 0;           // the part of the surface's area that is further away than kLostDistance; and of the base
 };
 // In diagonals. The samples' own spacing leaves less.
 inline constexpr float kLostDistance = 2e-3f;
 
 // cells: of a patch's side that the base is displaced at.
-Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan, int cells);
+Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan,
+             int cells);
 // Corners at which quads fold over, or nearly, seen along the corners' normals.
 std::vector<uint8_t> foldedCorners(const QuadMesh& quads, const std::vector<glm::dvec3>& normals);
-// Raises the weights (SimplifyOptions::weight) where the surface is lost or lies next to folded corners (regions: cornerRegions), so
-// that patches get smaller there.
-void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions, const Surface& s, std::vector<float>& weight);
+// Raises the weights (SimplifyOptions::weight) where the surface is lost or lies next to folded corners (regions:
+// cornerRegions), so that patches get smaller there.
+void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions,
+                  const Surface& s, std::vector<float>& weight);
 
 }  // namespace relievo

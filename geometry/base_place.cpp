@@ -56,7 +56,8 @@ std::vector<uint32_t> cornerRegions(const QuadMesh& quads, const Surface& s, con
     SurfacePoint at = scan.project(quads.points[c], quads.normals[c], 0.1);
     if (!at) at = scan.scene.closestPoint(quads.points[c]);
     if (!at) continue;
-    for (uint32_t v : s.triangles[at.triangle]) fronts.push_back({static_cast<float>(glm::length(glm::dvec3(s.points[v]) - scan.point(at))), v, c});
+    for (uint32_t v : s.triangles[at.triangle])
+      fronts.push_back({static_cast<float>(glm::length(glm::dvec3(s.points[v]) - scan.point(at))), v, c});
   }
   std::priority_queue<Front> queue(std::less<Front>(), std::move(fronts));
   std::vector<uint32_t> owner(s.points.size(), kNoIndex);
@@ -86,7 +87,8 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
   };
   std::vector<Region> all(quads.points.size());
   for (const Triangle& t : s.triangles) {
-    const glm::dvec3 a = s.points[t[0]], cross = glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
+    const glm::dvec3 a = s.points[t[0]],
+                     cross = glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
     const double twice = glm::length(cross);
     if (!(twice > 0)) continue;
     const glm::dvec3 n = cross / twice;
@@ -103,12 +105,14 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
   quads.slide.resize(quads.points.size(), glm::dmat3(1));
   for (uint32_t c = 0; c < all.size(); ++c) {
     const Region& r = all[c];
-    if (quads.place[c].rail != kNoIndex || quads.fixed[c] || !(r.area > 0) || quads.slide[c] == glm::dmat3(0)) continue;  // where creases meet: for good
+    if (quads.place[c].rail != kNoIndex || quads.fixed[c] || !(r.area > 0) || quads.slide[c] == glm::dmat3(0))
+      continue;  // where creases meet: for good
     quads.slide[c] = glm::dmat3(1);
     glm::dvec3 spread;
     glm::dmat3 axes;
     eigen(r.planes / r.area, spread, axes);
-    // A second direction of normals: a crease of some 60 degrees through the middle has 0.25 there; a sphere's cap of +-35 degrees has 0.09.
+    // A second direction of normals: a crease of some 60 degrees through the middle has 0.25 there; a sphere's cap of
+    // +-35 degrees has 0.09.
     glm::dvec3 move{0};
     int stiff = 0;
     for (int k = 0; k < 3; ++k) {
@@ -134,7 +138,8 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
   }
 }
 
-std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions, const ScanLookup& scan) {
+std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, const std::vector<uint32_t>& regions,
+                                      const ScanLookup& scan) {
   // Each region's triangles' shares: (corner, area vector), by corner.
   std::vector<uint32_t> begin(quads.points.size() + 1, 0);
   for (const Triangle& t : s.triangles) {
@@ -146,12 +151,14 @@ std::vector<glm::dvec3> cornerNormals(const QuadMesh& quads, const Surface& s, c
   std::vector<uint32_t> fill(begin.begin(), begin.end() - 1);
   std::vector<glm::dvec3> shares(begin.back());
   for (const Triangle& t : s.triangles) {
-    const glm::dvec3 a = s.points[t[0]], cross = glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
+    const glm::dvec3 a = s.points[t[0]],
+                     cross = glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
     for (uint32_t v : t) {
       if (regions[v] != kNoIndex) shares[fill[regions[v]]++] = cross;
     }
   }
-  // What turns more than some 70 degrees away from the mean counts for more, step by step; the least of such turning is kept.
+  // What turns more than some 70 degrees away from the mean counts for more, step by step; the least of such turning is
+  // kept.
   constexpr double kSteep = 0.35;
   std::vector<glm::dvec3> normals(quads.points.size());
   std::vector<double> weight, area;

@@ -29,7 +29,8 @@ struct Pair {
   uint32_t a, b;  // triangles
 };
 
-// For each triangle its partner or kNoIndex: greedily by quality, then longer by alternating paths, then better by exchanges.
+// For each triangle its partner or kNoIndex: greedily by quality, then longer by alternating paths, then better by
+// exchanges.
 std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
   std::vector<Pair> pairs;
   std::vector<std::vector<std::pair<uint32_t, double>>> across(m.triangles.size());  // partners and qualities
@@ -100,8 +101,8 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
     }
     return 0.0;
   };
-  // A free triangle takes another's partner, and so on to the next free one; short paths first. Those odd cycles that a search by
-  // triangles cannot pass are found from the other end, or not at all.
+  // A free triangle takes another's partner, and so on to the next free one; short paths first. Those odd cycles that a
+  // search by triangles cannot pass are found from the other end, or not at all.
   auto augment = [&] {
     std::vector<uint32_t> from(m.triangles.size()), seen(m.triangles.size(), 0);
     uint32_t search = 0;
@@ -227,7 +228,8 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
     const RailStep *there = m.step(a, b), *back = m.step(b, a);
     if (!there) return it->second = add((m.points[a] + m.points[b]) / 2.0, false, {});
     const double along = (there->along + back->along) / 2;
-    const uint32_t c = it->second = add(rails[there->rail].point(along), false, {there->rail, along, kNoIndex, kNoIndex});
+    const uint32_t c = it->second =
+        add(rails[there->rail].point(along), false, {there->rail, along, kNoIndex, kNoIndex});
     const bool forwards = there->along < back->along;
     follow(corner[forwards ? a : b], c);
     follow(c, corner[forwards ? b : a]);
@@ -262,7 +264,8 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
     for (uint32_t v : face) centre += m.points[v] / static_cast<double>(n);
     const uint32_t c = add(centre, false, {});
     for (size_t k = 0; k < n; ++k) {
-      out.quads.push_back({corner[face[k]], middle(face[k], face[(k + 1) % n]), c, middle(face[(k + n - 1) % n], face[k])});
+      out.quads.push_back(
+          {corner[face[k]], middle(face[k], face[(k + 1) % n]), c, middle(face[(k + n - 1) % n], face[k])});
     }
   }
   return out;
@@ -292,7 +295,9 @@ double QuadStars::leastSine(const QuadMesh& m, uint32_t corner) const {
   return least;
 }
 
-glm::dvec3 ScanLookup::normal(uint32_t t) const { return unit(glm::cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0))); }
+glm::dvec3 ScanLookup::normal(uint32_t t) const {
+  return unit(glm::cross(corner(t, 1) - corner(t, 0), corner(t, 2) - corner(t, 0)));
+}
 
 SurfacePoint ScanLookup::project(const glm::dvec3& p, const glm::dvec3& n, double reach) const {
   const SurfacePoint near = scene.closestPoint(p, reach);
@@ -347,7 +352,8 @@ void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan
       if (RailPlace& at = m.place[v]; at.rail != kNoIndex) {
         const Rail& rail = rails[at.rail];
         if (at.before == kNoIndex || at.after == kNoIndex) continue;
-        const double start = m.fixed[at.before] ? 0 : m.place[at.before].along, end = m.fixed[at.after] ? rail.length() : m.place[at.after].along;
+        const double start = m.fixed[at.before] ? 0 : m.place[at.before].along,
+                     end = m.fixed[at.after] ? rail.length() : m.place[at.after].along;
         // Along the rail as far as the wish points that way, and towards the middle.
         const glm::dvec3 tangent = unit(m.points[at.after] - m.points[at.before]);
         const double s = 0.7 * (at.along + 0.5 * glm::dot(to - m.points[v], tangent)) + 0.3 * (start + end) / 2;
@@ -363,6 +369,39 @@ void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan
       const double before = stars.leastSine(m, v);
       if (const SurfacePoint hit = scan.project(was + step, m.normals[v], reach)) m.points[v] = scan.point(hit);
       if (stars.leastSine(m, v) < std::min(before, 0.3)) m.points[v] = was;
+    }
+  }
+}
+
+void settleBorders(QuadMesh& m, std::span<const Rail> rails, std::span<const double> must) {
+  const QuadStars stars(m);
+  for (int round = 0; round < 4; ++round) {
+    for (uint32_t v = 0; v < m.points.size(); ++v) {
+      RailPlace& at = m.place[v];
+      if (m.fixed[v] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex)
+        continue;
+      const Rail& rail = rails[at.rail];
+      const RailEnd before{m.points[at.before], m.normals[at.before],
+                           m.fixed[at.before] ? 0 : m.place[at.before].along};
+      const RailEnd after{m.points[at.after], m.normals[at.after],
+                          m.fixed[at.after] ? rail.length() : m.place[at.after].along};
+      auto stray = [&](double along) {
+        const RailEnd here{rail.point(along), m.normals[v], along};
+        return std::max(strayFromSide(rail, before, here), strayFromSide(rail, here, after));
+      };
+      double best = at.along, least = stray(best);
+      if (least <= must[at.rail] / 2) continue;
+      const double sine = std::min(stars.leastSine(m, v), 0.3);
+      for (int k = 0; k <= 16; ++k) {
+        const double along = before.along + (after.along - before.along) * (0.25 + 0.5 * k / 16), s = stray(along);
+        if (s >= 0.95 * least) continue;
+        const glm::dvec3 was = m.points[v];
+        m.points[v] = rail.point(along);
+        if (stars.leastSine(m, v) >= sine) best = along, least = s;
+        m.points[v] = was;
+      }
+      at.along = best;
+      m.points[v] = rail.point(best);
     }
   }
 }

@@ -11,7 +11,7 @@ namespace relievo {
 namespace {
 
 constexpr double kSharp = 50 * std::numbers::pi / 180;  // turns of a rail, and folds of the surface, that count
-constexpr double kShortest = 0.25;                      // of a net of creases, for each of its ends, forks and sharp turns, in diagonals
+constexpr double kShortest = 0.25;  // of a net of creases, for each of its ends, forks and sharp turns, in diagonals
 
 double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
   const double length = glm::length(a) * glm::length(b);
@@ -25,11 +25,13 @@ struct Line {
   bool closed = false, border = false;
 };
 
-// Indices into the line where it turns by more than kSharp within a window on either side, the sharpest of their surroundings.
+// Indices into the line where it turns by more than kSharp within a window on either side, the sharpest of their
+// surroundings.
 std::vector<size_t> sharpTurns(const Line& line) {
   const size_t n = line.points.size();
   std::vector<double> at{0};
-  for (size_t i = 0; i + 1 < n + line.closed; ++i) at.push_back(at.back() + glm::length(line.points[(i + 1) % n] - line.points[i]));
+  for (size_t i = 0; i + 1 < n + line.closed; ++i)
+    at.push_back(at.back() + glm::length(line.points[(i + 1) % n] - line.points[i]));
   const double length = at.back(), window = std::max(length / 24, 0.01);
   auto place = [&](double s) {
     if (line.closed) s -= std::floor(s / length) * length;
@@ -62,7 +64,8 @@ std::vector<size_t> sharpTurns(const Line& line) {
   return sharp;
 }
 
-// A closed line's points, few enough that all lie within that distance of the polygon through them (Douglas and Peucker 1973).
+// A closed line's points, few enough that all lie within that distance of the polygon through them (Douglas and Peucker
+// 1973).
 std::vector<size_t> outline(const std::vector<glm::dvec3>& points, double within) {
   const size_t n = points.size();
   auto farthest = [&](size_t from) {
@@ -84,7 +87,8 @@ std::vector<size_t> outline(const std::vector<glm::dvec3>& points, double within
     double off = within;
     for (size_t i = first + 1; i < last; ++i) {
       const glm::dvec3 d = points[i % n] - p;
-      const double t = std::clamp(glm::dot(d, side) / std::max(glm::dot(side, side), 1e-300), 0.0, 1.0), length = glm::length(d - t * side);
+      const double t = std::clamp(glm::dot(d, side) / std::max(glm::dot(side, side), 1e-300), 0.0, 1.0),
+                   length = glm::length(d - t * side);
       if (length > off) off = length, worst = i;
     }
     if (worst == first) continue;
@@ -110,7 +114,8 @@ std::vector<size_t> borderTurns(const std::vector<glm::dvec3>& points) {
   return turns;
 }
 
-// Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names, kNoIndex: gone.
+// Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names,
+// kNoIndex: gone.
 void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& out) {
   const size_t n = line.points.size();
   // Fixed vertices must still exist.
@@ -155,7 +160,8 @@ void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& o
   }
 }
 
-// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and forks.
+// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and
+// forks.
 std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_border) {
   auto normal = [&](uint32_t t) {
     const Triangle& x = s.triangles[t];
@@ -165,7 +171,8 @@ std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_b
   };
   std::vector<std::vector<uint32_t>> beside(s.points.size());
   for (uint32_t h = 0; h < s.twin.size(); ++h) {
-    if (s.twin[h] == kNoIndex || s.twin[h] < h || glm::dot(normal(h / 3), normal(s.twin[h] / 3)) > std::cos(kSharp)) continue;
+    if (s.twin[h] == kNoIndex || s.twin[h] < h || glm::dot(normal(h / 3), normal(s.twin[h] / 3)) > std::cos(kSharp))
+      continue;
     const uint32_t a = s.triangles[h / 3][h % 3], b = s.triangles[h / 3][(h + 1) % 3];
     beside[a].push_back(b);
     beside[b].push_back(a);
@@ -242,7 +249,8 @@ glm::dvec3 Rail::point(double s) const {
 }
 
 double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
-  auto i = static_cast<size_t>(std::upper_bound(rail.at.begin(), rail.at.end(), std::min(a.along, b.along)) - rail.at.begin());
+  auto i = static_cast<size_t>(std::upper_bound(rail.at.begin(), rail.at.end(), std::min(a.along, b.along)) -
+                               rail.at.begin());
   const double end = std::max(a.along, b.along);
   const glm::dvec3 side = b.point - a.point;
   double stray = 0;
@@ -250,7 +258,8 @@ double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
     const glm::dvec3 p = rail.points[i] - a.point;
     glm::dvec3 off{0};
     for (double t = (rail.at[i] - a.along) / (b.along - a.along), round = 0; round < 3; ++round) {
-      const glm::dvec3 n = a.normal * (1 - t) + b.normal * t, across = side - n * (glm::dot(side, n) / std::max(glm::dot(n, n), 1e-300));
+      const glm::dvec3 n = a.normal * (1 - t) + b.normal * t,
+                       across = side - n * (glm::dot(side, n) / std::max(glm::dot(n, n), 1e-300));
       t = std::clamp(glm::dot(p, across) / std::max(glm::dot(across, across), 1e-300), 0.0, 1.0);
       off = p - t * side;
       off -= n * (glm::dot(off, n) / std::max(glm::dot(n, n), 1e-300));
@@ -280,7 +289,8 @@ Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& redu
   out.steps.resize(n);
   out.fixed.assign(n, 0);
   uint32_t last = 0;
-  for (const BorderLine& border : scan_borders) last = std::max(last, *std::max_element(border.vertices.begin(), border.vertices.end()));
+  for (const BorderLine& border : scan_borders)
+    last = std::max(last, *std::max_element(border.vertices.begin(), border.vertices.end()));
   std::vector<uint32_t> reduced_of(scan_borders.empty() ? 0 : last + 1, kNoIndex);
   for (uint32_t v = 0; v < n; ++v) {
     if (reduced.vertex[v] < reduced_of.size()) reduced_of[reduced.vertex[v]] = v;

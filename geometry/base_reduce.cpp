@@ -12,8 +12,8 @@ namespace {
 uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
 uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
 
-// Half edge 3 t + k runs from corner k of triangle t to corner k + 1. `leaving`: a half edge of each vertex; at the border the one
-// without a twin, so that turning against the clock passes the whole fan.
+// Half edge 3 t + k runs from corner k of triangle t to corner k + 1. `leaving`: a half edge of each vertex; at the
+// border the one without a twin, so that turning against the clock passes the whole fan.
 struct Reducer {
   Surface& s;
   std::vector<uint32_t>& twin;
@@ -23,7 +23,12 @@ struct Reducer {
   uint32_t marks = 0;
 
   Reducer(Surface& surface, std::span<const uint32_t> keep)
-      : s(surface), twin(surface.twin), leaving(s.points.size(), kNoIndex), mark(s.points.size(), 0), stays(s.points.size(), 0), live(s.triangles.size()) {
+      : s(surface),
+        twin(surface.twin),
+        leaving(s.points.size(), kNoIndex),
+        mark(s.points.size(), 0),
+        stays(s.points.size(), 0),
+        live(s.triangles.size()) {
     for (uint32_t v : keep) stays[v] = 1;
     for (uint32_t h = 0; h < twin.size(); ++h) {
       uint32_t& l = leaving[from(h)];
@@ -77,16 +82,20 @@ struct Reducer {
       const glm::vec3 p = s.points[a], q = s.points[b], side = q - p;
       const glm::vec3 before = glm::cross(side, s.points[gone] - p), after = glm::cross(side, at - p);
       const float turn = glm::dot(before, after);
-      if (!(turn > 0) || turn * turn < least_turn * least_turn * glm::dot(before, before) * glm::dot(after, after)) return false;
+      if (!(turn > 0) || turn * turn < least_turn * least_turn * glm::dot(before, before) * glm::dot(after, after))
+        return false;
       // No slivers: the new height over the opposite side is not less than a tenth of that side.
-      if (glm::dot(after, after) < 0.01f * glm::dot(side, side) * glm::dot(side, side) && glm::dot(after, after) < glm::dot(before, before)) return false;
+      if (glm::dot(after, after) < 0.01f * glm::dot(side, side) * glm::dot(side, side) &&
+          glm::dot(after, after) < glm::dot(before, before))
+        return false;
       const glm::vec3 reach = p - at;
       return glm::dot(reach, reach) < longest_square;
     });
     if (!fits) return false;
     const uint32_t sides = edge_on_border ? 1 : 2;
     if (common != sides) return false;  // the link condition (Dey et al. 1999)
-    if (gone_fan + keep_fan < 2 * sides + (gone_border || border(keep) ? 1 : 3) || gone_fan + keep_fan > 16) return false;
+    if (gone_fan + keep_fan < 2 * sides + (gone_border || border(keep) ? 1 : 3) || gone_fan + keep_fan > 16)
+      return false;
     auto across = [&](uint32_t k) {
       const uint32_t c = from(previousOf(k));
       return fan(c) > (border(c) ? 1u : 3u);
@@ -148,15 +157,19 @@ struct Reducer {
 
 }  // namespace
 
-Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep, const std::atomic<bool>* interrupted) {
+Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep,
+                      const std::atomic<bool>* interrupted) {
   Reduced out;
   if (scan.triangles.size() > triangles + triangles / 2) {
     double area = 0;
     for (const SurfacePiece& p : scan.pieces) area += p.area;
-    auto side = [&](size_t n) { return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0))); };
+    auto side = [&](size_t n) {
+      return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0)));
+    };
     Reducer r(scan, keep);
     const float last = side(triangles);
-    // Ever longer edges, from the scan's own. What turns the surface little goes first; what is left at full length may turn it more.
+    // Ever longer edges, from the scan's own. What turns the surface little goes first; what is left at full length may
+    // turn it more.
     for (float length = side(r.live); length < last && r.live > triangles; length *= 1.4f) {
       if (interrupted && interrupted->load(std::memory_order_relaxed)) break;
       r.pass(triangles, length, 0.8f);

@@ -47,13 +47,16 @@ Outlook outlookOf(const Surface& s) {
   return {directions[d], hidden[d] / all, glm::dot(sum, directions[d]) / all};
 }
 
-QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches, uint32_t times) {
+QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches,
+                    uint32_t times) {
   QuadMesh m;
   if (pieces != 1 || rails.size() != 4) return m;
   for (size_t k = 0; k < 4; ++k) {
-    if (!rails[k].border || rails[k].points.back() != rails[(k + 1) % 4].points.front() || !straight(rails[k])) return m;
+    if (!rails[k].border || rails[k].points.back() != rails[(k + 1) % 4].points.front() || !straight(rails[k]))
+      return m;
   }
-  const double width = (rails[0].length() + rails[2].length()) / 2, height = (rails[1].length() + rails[3].length()) / 2;
+  const double width = (rails[0].length() + rails[2].length()) / 2,
+               height = (rails[1].length() + rails[3].length()) / 2;
   uint32_t columns, rows;
   if (patches) {
     rows = std::max(1u, static_cast<uint32_t>(std::lround(std::sqrt(patches * height / width))));
@@ -73,13 +76,15 @@ QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup
     for (uint32_t i = 0; i <= columns; ++i) {
       const double s = static_cast<double>(i) / columns, t = static_cast<double>(j) / rows;
       // Between the four sides (Coons 1967).
-      const glm::dvec3 flat = side(0, s) * (1 - t) + side(2, s) * t + side(3, t) * (1 - s) + side(1, t) * s -
-                              ((corner[0] * (1 - s) + corner[1] * s) * (1 - t) + (corner[2] * (1 - s) + corner[3] * s) * t);
+      const glm::dvec3 flat =
+          side(0, s) * (1 - t) + side(2, s) * t + side(3, t) * (1 - s) + side(1, t) * s -
+          ((corner[0] * (1 - s) + corner[1] * s) * (1 - t) + (corner[2] * (1 - s) + corner[3] * s) * t);
       const bool border = i == 0 || j == 0 || i == columns || j == rows;
       const bool fixed = (i == 0 || i == columns) && (j == 0 || j == rows);
       glm::dvec3 p = flat;
       if (!border) {
-        if (const SurfacePoint hit = scan.scene.nearestOnLine({flat, up / size, 0.5}, Facing::kAlong)) p = scan.point(hit);
+        if (const SurfacePoint hit = scan.scene.nearestOnLine({flat, up / size, 0.5}, Facing::kAlong))
+          p = scan.point(hit);
       }
       RailPlace place;
       if (border && !fixed) {

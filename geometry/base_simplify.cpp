@@ -22,7 +22,8 @@ struct Quadric {
   // The plane through q with normal n (or, for n = 0, the point q), with the weight w.
   void addPlane(const glm::dvec3& n, const glm::dvec3& q, double w) {
     const double d = glm::dot(n, q);
-    xx += w * n.x * n.x, xy += w * n.x * n.y, xz += w * n.x * n.z, yy += w * n.y * n.y, yz += w * n.y * n.z, zz += w * n.z * n.z;
+    xx += w * n.x * n.x, xy += w * n.x * n.y, xz += w * n.x * n.z, yy += w * n.y * n.y, yz += w * n.y * n.z,
+        zz += w * n.z * n.z;
     b += w * d * n;
     c += w * d * d;
   }
@@ -32,7 +33,8 @@ struct Quadric {
     c += w * glm::dot(q, q);
   }
   double at(const glm::dvec3& p) const {
-    return p.x * (xx * p.x + 2 * (xy * p.y + xz * p.z)) + p.y * (yy * p.y + 2 * yz * p.z) + zz * p.z * p.z - 2 * glm::dot(b, p) + c;
+    return p.x * (xx * p.x + 2 * (xy * p.y + xz * p.z)) + p.y * (yy * p.y + 2 * yz * p.z) + zz * p.z * p.z -
+           2 * glm::dot(b, p) + c;
   }
   bool minimum(glm::dvec3& p) const {
     const glm::dmat3 a(xx, xy, xz, xy, yy, yz, xz, yz, zz);
@@ -50,7 +52,8 @@ glm::dvec3 crossOf(const EditMesh& m, const Triangle& t, uint32_t moved_a, uint3
 }
 
 // 1: equilateral, 0: without area.
-double shapeOf(const EditMesh& m, const Triangle& t, uint32_t moved_a, uint32_t moved_b, const glm::dvec3& to, double twice_area) {
+double shapeOf(const EditMesh& m, const Triangle& t, uint32_t moved_a, uint32_t moved_b, const glm::dvec3& to,
+               double twice_area) {
   auto at = [&](uint32_t v) { return v == moved_a || v == moved_b ? to : m.points[v]; };
   auto square = [](const glm::dvec3& d) { return glm::dot(d, d); };
   const double sum = square(at(t[1]) - at(t[0])) + square(at(t[2]) - at(t[1])) + square(at(t[0]) - at(t[2]));
@@ -61,7 +64,7 @@ bool has(const Triangle& t, uint32_t v) { return t[0] == v || t[1] == v || t[2] 
 
 struct Collapse {
   double cost;
-  uint32_t a, b;        // a < b; b goes
+  uint32_t a, b;  // a < b; b goes
   uint32_t stamp_a, stamp_b;
   bool operator<(const Collapse& o) const {  // the cheapest on top of a std::priority_queue
     if (cost != o.cost) return cost > o.cost;
@@ -81,7 +84,8 @@ struct Simplifier {
   double stray_factor = 1;
   std::vector<uint32_t> around_a, around_b;
 
-  Simplifier(EditMesh& mesh, const SimplifyOptions& opts) : m(mesh), options(opts), quadrics(m.points.size()), stamp(m.points.size(), 0) {
+  Simplifier(EditMesh& mesh, const SimplifyOptions& opts)
+      : m(mesh), options(opts), quadrics(m.points.size()), stamp(m.points.size(), 0) {
     const double flat = options.uncertainty * options.uncertainty;
     for (const Triangle& t : m.triangles) {
       if (t[0] == kNoIndex) continue;
@@ -96,7 +100,8 @@ struct Simplifier {
       q.addPoint(centre, flat * area * weight / 3);
       for (int k = 0; k < 3; ++k) {
         quadrics[t[k]].add(q);
-        // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts off.
+        // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts
+        // off.
         std::array<uint32_t, 2> found;
         const uint32_t a = t[k], b = t[(k + 1) % 3];
         if (m.border[a] && m.border[b] && m.sharing(a, b, found) == 1) {
@@ -167,7 +172,9 @@ struct Simplifier {
       const RailStep* back = m.step(s.to, gone);
       if (s.to == kept || s.rail != joint->rail || !back) continue;
       const glm::dvec3 n = normalAround(kept, gone);
-      if (strayFromSide(options.rails[s.rail], {m.points[kept], n, joint->along}, {m.points[s.to], n, back->along}) > stray_factor * options.stray[s.rail]) return false;
+      if (strayFromSide(options.rails[s.rail], {m.points[kept], n, joint->along}, {m.points[s.to], n, back->along}) >
+          stray_factor * options.stray[s.rail])
+        return false;
     }
     return true;
   }
@@ -191,7 +198,9 @@ struct Simplifier {
     }
     if (common != sides) return false;
     const size_t fan = m.fans[a].size() + m.fans[b].size() - 2 * sides;
-    if (fan < (m.border[a] || m.border[b] ? 1u : 3u) || fan > std::max({largest_fan, m.fans[a].size(), m.fans[b].size()})) return false;
+    if (fan < (m.border[a] || m.border[b] ? 1u : 3u) ||
+        fan > std::max({largest_fan, m.fans[a].size(), m.fans[b].size()}))
+      return false;
     for (uint32_t t : m.fans[b]) {
       Triangle x = m.triangles[t];
       if (has(x, a)) continue;
@@ -297,8 +306,13 @@ struct Simplifier {
 }  // namespace
 
 EditMesh::EditMesh(const Surface& s, const Rails& rails)
-    : points(s.points.begin(), s.points.end()), triangles(s.triangles), fans(s.points.size()), border(s.points.size(), 0), fixed(rails.fixed),
-      steps(rails.steps), live(static_cast<uint32_t>(s.triangles.size())) {
+    : points(s.points.begin(), s.points.end()),
+      triangles(s.triangles),
+      fans(s.points.size()),
+      border(s.points.size(), 0),
+      fixed(rails.fixed),
+      steps(rails.steps),
+      live(static_cast<uint32_t>(s.triangles.size())) {
   for (uint32_t t = 0; t < triangles.size(); ++t) {
     for (uint32_t v : triangles[t]) fans[v].push_back(t);
   }
@@ -363,7 +377,8 @@ void flipEdges(EditMesh& m) {
         const glm::dvec3 mean = glm::normalize(n[0] + n[1] + glm::dvec3(1e-30));
         const double worst_before = std::min(shape[0], shape[1]), worst_after = std::min(shape[2], shape[3]);
         if (glm::dot(n[0], n[1]) < 0.7 || glm::dot(n[2], mean) < 0.7 || glm::dot(n[3], mean) < 0.7) continue;
-        if (after == before ? worst_after <= worst_before + 0.05 : worst_after < std::min(0.6 * worst_before, 0.5)) continue;
+        if (after == before ? worst_after <= worst_before + 0.05 : worst_after < std::min(0.6 * worst_before, 0.5))
+          continue;
         for (int i = 0; i < 2; ++i) {
           for (uint32_t w : was[i]) std::erase(m.fans[w], i ? other : t);
         }

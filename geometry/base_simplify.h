@@ -1,6 +1,6 @@
-// base_simplify.h - a surface down to a wanted number of well-shaped triangles, its topology kept: pieces, handles and border loops.
-// Edge collapses by the quadric error of planes known with an uncertainty (Trettner and Kobbelt 2020): where the surface is flat, the
-// uncertainty alone decides, and asks for triangles of even size and shape.
+// base_simplify.h - a surface down to a wanted number of well-shaped triangles, its topology kept: pieces, handles and
+// border loops. Edge collapses by the quadric error of planes known with an uncertainty (Trettner and Kobbelt 2020):
+// where the surface is flat, the uncertainty alone decides, and asks for triangles of even size and shape.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ struct EditMesh {
   std::vector<glm::dvec3> points;
   std::vector<Triangle> triangles;
   std::vector<std::vector<uint32_t>> fans;
-  std::vector<uint8_t> border, fixed;         // of a vertex
+  std::vector<uint8_t> border, fixed;        // of a vertex
   std::vector<std::vector<RailStep>> steps;  // of a vertex: along the rails that it is on
   uint32_t live = 0;                         // triangles
 
@@ -31,11 +31,12 @@ struct EditMesh {
 };
 
 struct SimplifyOptions {
-  uint32_t triangles = 0;            // down to, where the topology lets it
-  double uncertainty = 0.2;          // of a plane's direction, in radians: what bends less over a triangle counts as flat
-  std::span<const float> weight;     // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
-  // How far a border's rail may stray from the edges along it (strayFromSide): by rail, or empty: anywhere. Where too many triangles
-  // remain, ever further.
+  uint32_t triangles = 0;    // down to, where the topology lets it
+  double uncertainty = 0.2;  // of a plane's direction, in radians: what bends less over a triangle counts as flat
+  std::span<const float>
+      weight;  // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
+  // How far a border's rail may stray from the edges along it (strayFromSide): by rail, or empty: anywhere. Where too
+  // many triangles remain, ever further.
   std::span<const Rail> rails;
   std::span<const double> stray;
   const std::atomic<bool>* interrupted = nullptr;

@@ -17,7 +17,9 @@ std::string placeText(const glm::vec3& p) {
   return "(" + number(p.x) + ", " + number(p.y) + ", " + number(p.z) + ") mm";
 }
 
-Error invalid(const std::string& message, const std::string& hint = {}) { return {ErrorKind::kInvalidData, {}, message, hint, {}}; }
+Error invalid(const std::string& message, const std::string& hint = {}) {
+  return {ErrorKind::kInvalidData, {}, message, hint, {}};
+}
 
 uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
 uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
@@ -48,7 +50,8 @@ Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike)
         const bool same = e == f;
         if (!same && (e[0] != f[1] || e[1] != f[0])) continue;
         if (twin[sorted[i]] != kNoIndex || twin[sorted[j]] != kNoIndex) {
-          return invalid("three triangles share the edge at " + placeText(s.points[e[0]]), "let the mesh be repaired as it is read");
+          return invalid("three triangles share the edge at " + placeText(s.points[e[0]]),
+                         "let the mesh be repaired as it is read");
         }
         twin[sorted[i]] = sorted[j];
         twin[sorted[j]] = sorted[i];
@@ -71,7 +74,8 @@ Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
     double area[2] = {0, 0};
     for (size_t i = 0; i < piece.size(); ++i) {
       const Triangle& t = s.triangles[piece[i]];
-      area[state[piece[i]] - 1] += glm::length(glm::cross(s.points[t[1]] - s.points[t[0]], s.points[t[2]] - s.points[t[0]]));
+      area[state[piece[i]] - 1] +=
+          glm::length(glm::cross(s.points[t[1]] - s.points[t[0]], s.points[t[2]] - s.points[t[0]]));
       for (uint32_t k = 0; k < 3; ++k) {
         const uint32_t h = 3 * piece[i] + k, g = twin[h];
         if (g == kNoIndex) continue;
@@ -80,8 +84,12 @@ Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
           state[g / 3] = wanted;
           piece.push_back(g / 3);
         } else if (state[g / 3] != wanted) {
-          return Error{ErrorKind::kInvalidData, {}, "a piece of the surface has one side only, as a Moebius strip has; its strip closes at " +
-                       placeText(s.points[s.triangles[g / 3][g % 3]]), "cut it open there", {}};
+          return Error{ErrorKind::kInvalidData,
+                       {},
+                       "a piece of the surface has one side only, as a Moebius strip has; its strip closes at " +
+                           placeText(s.points[s.triangles[g / 3][g % 3]]),
+                       "cut it open there",
+                       {}};
         }
       }
     }
@@ -97,19 +105,23 @@ Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
 
 Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
   if (triangles.empty()) return invalid("the mesh has no triangle");
-  if (triangles.size() >= (uint64_t{1} << 32) / 3) return invalid("the mesh has more than 1.4 thousand million triangles");
+  if (triangles.size() >= (uint64_t{1} << 32) / 3)
+    return invalid("the mesh has more than 1.4 thousand million triangles");
   Surface s;
   s.points.assign(points.begin(), points.end());
   s.triangles.assign(triangles.begin(), triangles.end());
   for (const glm::vec3& p : points) {
-    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z)) return invalid("the mesh has a vertex without a finite position");
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z))
+      return invalid("the mesh has a vertex without a finite position");
   }
   for (const Triangle& t : triangles) {
     for (uint32_t v : t) {
-      if (v >= points.size()) return invalid("a triangle names vertex " + std::to_string(v) + " of " + std::to_string(points.size()));
+      if (v >= points.size())
+        return invalid("a triangle names vertex " + std::to_string(v) + " of " + std::to_string(points.size()));
     }
     if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) {
-      return invalid("a triangle names one vertex twice, at " + placeText(points[t[0]]), "let the mesh be repaired as it is read");
+      return invalid("a triangle names one vertex twice, at " + placeText(points[t[0]]),
+                     "let the mesh be repaired as it is read");
     }
   }
   s.source.resize(points.size());
@@ -178,7 +190,8 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
     }
     SurfacePiece& p = s.pieces[piece];
     ++p.triangles;
-    p.area += 0.5 * glm::length(glm::cross(glm::dvec3(s.points[t[1]]) - glm::dvec3(s.points[t[0]]), glm::dvec3(s.points[t[2]]) - glm::dvec3(s.points[t[0]])));
+    p.area += 0.5 * glm::length(glm::cross(glm::dvec3(s.points[t[1]]) - glm::dvec3(s.points[t[0]]),
+                                           glm::dvec3(s.points[t[2]]) - glm::dvec3(s.points[t[0]])));
     for (uint32_t k = 0; k < 3; ++k) border_edges[piece] += twin[3 * i + k] == kNoIndex;
   }
   for (uint32_t v = 0; v < s.points.size(); ++v) {
@@ -202,7 +215,8 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
   }
   for (size_t i = 0; i < s.pieces.size(); ++i) {
     SurfacePiece& p = s.pieces[i];
-    p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) + static_cast<int64_t>(p.triangles);
+    p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) +
+              static_cast<int64_t>(p.triangles);
   }
   s.twin = std::move(*twins);
   return s;

@@ -1,4 +1,5 @@
-// base_topology.h - a scan's connectivity, made explicit: pieces, border loops, one winding a piece, one fan of triangles a vertex.
+// base_topology.h - a scan's connectivity, made explicit: pieces, border loops, one winding a piece, one fan of
+// triangles a vertex.
 #pragma once
 
 #include <array>
@@ -28,16 +29,16 @@ struct SurfacePiece {
 struct Surface {
   std::vector<glm::vec3> points;
   std::vector<Triangle> triangles;
-  std::vector<uint32_t> twin;                  // of half edge 3 t + k (corner k to k + 1): the one back; kNoIndex: border
-  std::vector<uint32_t> source;                // the vertex of the input that each vertex is (a copy of)
-  std::vector<uint32_t> piece;                 // of a vertex; kNoIndex: no triangle uses it
+  std::vector<uint32_t> twin;    // of half edge 3 t + k (corner k to k + 1): the one back; kNoIndex: border
+  std::vector<uint32_t> source;  // the vertex of the input that each vertex is (a copy of)
+  std::vector<uint32_t> piece;   // of a vertex; kNoIndex: no triangle uses it
   std::vector<SurfacePiece> pieces;
-  std::vector<std::vector<uint32_t>> loops;    // border vertices in order, the surface to their left
+  std::vector<std::vector<uint32_t>> loops;  // border vertices in order, the surface to their left
 };
 
-// Vertices at which several fans of triangles touch become one a fan; triangles are wound alike within a piece (as most of its
-// area is). Refuses indices out of range, points that are not finite, edges of three triangles, triangles that name a vertex twice, pieces
-// without area and pieces with one side only (Moebius strips).
+// Vertices at which several fans of triangles touch become one a fan; triangles are wound alike within a piece (as most
+// of its area is). Refuses indices out of range, points that are not finite, edges of three triangles, triangles that
+// name a vertex twice, pieces without area and pieces with one side only (Moebius strips).
 Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles);
 
 // The same surface of four times as many triangles: every edge halved.
