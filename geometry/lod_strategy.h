@@ -12,6 +12,7 @@
 #include <functional>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "geometry/planar_lod.h"
@@ -59,6 +60,15 @@ struct StrategyResult {
   // Negative: the strategy promises nothing.
   double predicted_px = -1;
 };
+
+// What selectPlanarLod answered, with the bound that it certifies.
+inline StrategyResult certifiedResult(PlanarLodResult lod) {
+  StrategyResult result;
+  result.instances = std::move(lod.instances);
+  result.error_px = lod.error_px;
+  result.predicted_px = lod.max_error_px;
+  return result;
+}
 
 class LodStrategy {
  public:

@@ -10,12 +10,7 @@ class EdgeLod final : public LodStrategy {
   StrategyResult select(const LodView& view) override {
     LodView v = view;
     v.min_cell_px = 0;
-    PlanarLodResult lod = selectPlanarLod(scene_.domain, *scene_.oracle, v, *scene_.resident);
-    StrategyResult result;
-    result.instances = std::move(lod.instances);
-    result.error_px = lod.error_px;
-    result.predicted_px = lod.max_error_px;
-    return result;
+    return certifiedResult(selectPlanarLod(scene_.domain, *scene_.oracle, v, *scene_.resident));
   }
 
  private:

@@ -10,12 +10,7 @@ class EdgeScreen final : public LodStrategy {
  public:
   explicit EdgeScreen(const StrategyScene& scene) : scene_(scene) {}
   StrategyResult select(const LodView& view) override {
-    PlanarLodResult lod = selectPlanarLod(scene_.domain, *scene_.oracle, view, *scene_.resident);
-    StrategyResult result;
-    result.instances = std::move(lod.instances);
-    result.error_px = lod.error_px;
-    result.predicted_px = lod.max_error_px;
-    return result;
+    return certifiedResult(selectPlanarLod(scene_.domain, *scene_.oracle, view, *scene_.resident));
   }
 
  private:

@@ -119,6 +119,7 @@ struct Engine::Impl {
   std::unique_ptr<PagePool> pool;
   std::unique_ptr<PatchPass> patches;
   std::unique_ptr<BaseCorners> corners;  // over a base mesh
+  mutable std::optional<std::pair<double, Extent>> mesh_extent;  // of the last exaggeration: a walk over all corners
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
@@ -193,7 +194,11 @@ struct Engine::Impl {
       high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
       if (low > high) std::swap(low, high);
     }
-    if (overMesh()) return viewTransform(of, artworkExtent(artwork.manifest, plan.relief ? scene.exaggerate : 0), width, height);
+    if (overMesh()) {
+      const double exaggerate = plan.relief ? scene.exaggerate : 0;
+      if (!mesh_extent || mesh_extent->first != exaggerate) mesh_extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
+      return viewTransform(of, mesh_extent->second, width, height);
+    }
     return viewTransform(of, domain(), low, high, width, height);
   }
 

@@ -34,7 +34,7 @@ Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 
 // How the texture pages that a view wants are found. kFeedback: a small picture of wishes, read back (src/render/feedback_pass.h).
 // kGeometry: from the view and the heights' bounds on the LOD worker, without a pass (geometry/texture_select.h); exact for flat
-// artworks, too fine at a slant with relief. kBoth: the union.
+// artworks, too fine at a slant with relief. kBoth: the union. Over a base mesh it is kFeedback, whatever is asked for.
 enum class Determination { kFeedback, kGeometry, kBoth };
 
 struct EngineOptions {
@@ -43,7 +43,7 @@ struct EngineOptions {
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
   Replacement replacement = Replacement::kLru;
-  bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h)
+  bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
 };

@@ -54,7 +54,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) [its middle]");
   c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170 [35]");
   c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, target_mm, light; options given beside it win");
-  c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer [0,0,1]");
+  c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
   c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
   c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
@@ -71,7 +71,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
       ->check(CLI::IsMember({"pages", "lod", "none"}))->capture_default_str();
   c.add_option("--determination", determination, "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
-               "the view on the CPU, no pass) or both")
+               "the view on the CPU, no pass) or both; of scans always by feedback")
       ->check(CLI::IsMember({"feedback", "geometry", "both"}))->capture_default_str();
   c.add_option("--feedback-scale", feedback_scale, "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
                "every pixel once in the square of that many frames")
@@ -79,7 +79,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
   c.add_option("--replacement", replacement, "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
       ->check(CLI::IsMember({"lru", "clock", "halving"}))->capture_default_str();
-  c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now [on]");
+  c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now; of flat artworks [on]");
   c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")->check(CLI::Range(1, 64))->capture_default_str();
 }
 

@@ -21,25 +21,6 @@ StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t rel
   pool_.uploadTable(table_);
 }
 
-void StrategyPass::resize(int width_px, int height_px) {
-  if (width_px == width_ && height_px == height_) return;
-  width_ = width_px;
-  height_ = height_px;
-  places_ = gl::Texture::create();
-  glBindTexture(GL_TEXTURE_2D, places_.id());
-  gl::label(GL_TEXTURE, places_.id(), "places");
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_, height_, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  depth_ = gl::Renderbuffer::create();
-  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
-  framebuffer_ = gl::Framebuffer::create();
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, places_.id(), 0);
-  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
-}
-
 void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
   auto slot = static_cast<SlotIndex>(slots_.size());
   slots_[relief_page] = slot;
@@ -101,21 +82,9 @@ Result<StrategyDraw> StrategyPass::drawTessellated(const StrategyResult& chosen,
   return StrategyDraw{triangles, tessellated_.drawCalls()};
 }
 
-void StrategyPass::begin() const {
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glViewport(0, 0, width_, height_);
-  glEnable(GL_DEPTH_TEST);
-  glDepthFunc(GL_LEQUAL);
-  glDisable(GL_BLEND);
-  glDisable(GL_CULL_FACE);
-  const GLuint nothing[4] = {0, 0, 0, 0};
-  glClearBufferuiv(GL_COLOR, 0, nothing);
-  glClear(GL_DEPTH_BUFFER_BIT);
-}
-
 Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate) {
   EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
-  begin();
+  target_.begin();
   StrategyDraw drawn;
   if (chosen.rule == GridRule::kTessellated) {
     auto done = drawTessellated(chosen, eye);
@@ -169,17 +138,10 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   glBindVertexArray(0);
 }
 
-void StrategyPass::read(std::vector<std::array<uint32_t, 4>>& pixels) const {
-  pixels.resize(static_cast<size_t>(width_) * static_cast<size_t>(height_));
-  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
-  glPixelStorei(GL_PACK_ALIGNMENT, 4);
-  glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, pixels.data());
-}
-
 Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices) {
   if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
   EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
-  begin();  // transform feedback answers zeros without a framebuffer
+  target_.begin();  // transform feedback answers zeros without a framebuffer
   auto in_use = prepare(chosen, view, eye, true);
   if (!in_use) return in_use.error();
   return patches_.capture(**in_use, eye, max_vertices);

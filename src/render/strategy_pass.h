@@ -16,6 +16,7 @@
 #include "src/gl/program.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
+#include "src/render/surface_target.h"
 #include "src/render/tessellated_pass.h"
 #include "texturing/page_table.h"
 
@@ -29,14 +30,14 @@ struct StrategyDraw {
 class StrategyPass {
  public:
   StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t relief_pages);
-  void resize(int width_px, int height_px);
+  void resize(int width_px, int height_px) { target_.resize(width_px, height_px, false); }
   void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
 
   // Clears, then draws; the driver may still be at it on return. Errors (kRuntime): a program that does not link;
   // (kUnsupported): tessellation without GL 4.
   Result<StrategyDraw> draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate);
   // Rows bottom first, as GL has them.
-  void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
+  void read(std::vector<std::array<uint32_t, 4>>& pixels) const { target_.read(pixels); }
   // Clip positions of every grid vertex, by transform feedback, instance by instance, rows of 2^n + 1; empty for tessellated patches, or
   // above max_vertices.
   Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices);
@@ -52,7 +53,6 @@ class StrategyPass {
   // A grid program in use, with the pages and its own uniforms; the instances set.
   Result<const gl::Program*> prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture);
   SlotIndex slotOf(const NodeId& page) const;
-  void begin() const;
 
   gl::Api api_;
   PlanarDomain domain_;
@@ -65,10 +65,7 @@ class StrategyPass {
   TessellatedPass tessellated_;
   gl::VertexArray vertex_array_;
   gl::Buffer vertices_;
-  gl::Texture places_;
-  gl::Renderbuffer depth_;
-  gl::Framebuffer framebuffer_;
-  int width_ = 0, height_ = 0;
+  SurfaceTarget target_;
 };
 
 }  // namespace relievo

@@ -46,6 +46,14 @@ void SurfaceTarget::begin() const {
   glClear(GL_DEPTH_BUFFER_BIT);
 }
 
+void SurfaceTarget::read(std::vector<std::array<uint32_t, 4>>& pixels) const {
+  pixels.resize(static_cast<size_t>(width_) * static_cast<size_t>(height_));
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+  glReadBuffer(GL_COLOR_ATTACHMENT0);
+  glPixelStorei(GL_PACK_ALIGNMENT, 4);
+  glReadPixels(0, 0, width_, height_, GL_RGBA_INTEGER, GL_UNSIGNED_INT, pixels.data());
+}
+
 void SurfaceTarget::bind(const gl::Program& program, int unit) const {
   glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
   glBindTexture(GL_TEXTURE_2D, surface_.id());

@@ -3,6 +3,10 @@
 // One pass over the geometry serves the picture, which is then shaded once a pixel, and the feedback, which reads any pixels of it.
 #pragma once
 
+#include <array>
+#include <cstdint>
+#include <vector>
+
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 
@@ -15,6 +19,8 @@ class SurfaceTarget {
   void begin() const;
   // As texture `unit`, and the gradient as `unit` + 1.
   void bind(const gl::Program& program, int unit) const;
+  // Rows bottom first, as GL has them. Waits for what was drawn.
+  void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
   GLuint depth() const { return depth_.id(); }  // a renderbuffer; 1 where nothing is seen
 
  private:

@@ -22,7 +22,7 @@ constexpr uint64_t kSeed = 20261121;
 // The ball over chords of it: heights along the base's normals, normals by direction.
 class BallPages final : public PageSource {
  public:
-  BallPages(std::shared_ptr<const BaseMesh> base, int depth) : base_(std::move(base)), depth_(depth) {}
+  explicit BallPages(std::shared_ptr<const BaseMesh> base) : base_(std::move(base)) {}
   Result<EncodedPage> read(PageId id) const override {
     PageEncoder encoder(1);
     const NodeId n = id.node();
@@ -58,7 +58,6 @@ class BallPages final : public PageSource {
     return std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, kReliefMm);
   }
   std::shared_ptr<const BaseMesh> base_;
-  int depth_;
 };
 
 class MeshPicture : public ::testing::Test {
@@ -79,7 +78,7 @@ class MeshPicture : public ::testing::Test {
     m.domain.width_px = base_->patches.size() * m.domain.patchPx();
     m.domain.mm_per_px = 0.15;
     m.domain.relief_scale_mm = kReliefMm / 65535;
-    artwork_.source = std::make_shared<BallPages>(base_, 1);
+    artwork_.source = std::make_shared<BallPages>(base_);
     test::MeshRelief relief{1, 0, kReliefMm / 65535};
     artwork_.oracle = std::make_shared<test::MadeUpMeshOracle>(relief, kSeed, 0.05);
   }
