@@ -76,8 +76,8 @@ class CoarseParts {
 class MeshForest {
  public:
   MeshForest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm, std::shared_ptr<const ReliefOracle> oracle,
-             std::vector<CoarseErrors> coarse)
-      : base_(std::move(mesh)), oracle_(std::move(oracle)), coarse_errors_(std::move(coarse)), depth_(std::max(relief_depth, 0)), has_relief_(relief_depth >= 0) {
+             std::vector<CoarseErrors> coarse, bool tails)
+      : base_(std::move(mesh)), oracle_(std::move(oracle)), coarse_errors_(std::move(coarse)), depth_(std::max(relief_depth, 0)), has_relief_(relief_depth >= 0), tails_(tails) {
     assert(base_ && oracle_);
     const double ends[2] = {offset_mm, offset_mm + 65535 * scale_mm};
     whole_range_.min_mm = static_cast<float>(std::min(ends[0], ends[1]));
@@ -104,6 +104,9 @@ class MeshForest {
   uint32_t patchCount() const { return static_cast<uint32_t>(base_->patches.size()); }
   bool hasRelief() const { return has_relief_; }
   int depth() const { return depth_; }               // of the relief's pages
+  // Heights that are there without pages: those of the patches' tails; else those of the root pages, which are then always resident.
+  bool hasTails() const { return tails_; }
+  int leastResidentLevel() const { return tails_ ? kTailCellsLog2 : kPageLog2; }
   int unitLog2() const { return depth_ + kPageLog2; }  // of a patch's side in finest cells
   int maxLevel() const { return std::min({place_bits_, unitLog2() - 1, 31}); }  // of squares
 
@@ -223,7 +226,7 @@ class MeshForest {
   std::vector<PatchNeighbours> neighbours_;
   std::vector<double> twist_mm_;  // |c00 - c10 - c01 + c11|
   int depth_ = 0, place_bits_ = 0;
-  bool has_relief_ = false;
+  bool has_relief_ = false, tails_ = false;
   HeightBounds whole_range_;
   std::vector<HeightBounds> root_bounds_, bounds_;  // the former by patch; min above max: not asked for yet
   std::vector<PartErrors> parts_;

@@ -176,7 +176,7 @@ class Selection {
 
   // ---- the tree
   bool isResident(const Square& page) const {
-    return assume_resident_ || page.level == 0 || (page.level <= forest_.depth() && resident_->count(page.id()) != 0);
+    return assume_resident_ || (page.level == 0 && !forest_.hasTails()) || (page.level <= forest_.depth() && resident_->count(page.id()) != 0);
   }
   int residentLevel(const Square& s, int inherited) const {
     if (flat_) return forest_.unitLog2();
@@ -197,7 +197,7 @@ class Selection {
   }
   void addRootAndNeighbours(uint32_t patch) {
     auto add = [&](uint32_t p) {
-      if (tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, kPageLog2, 0);
+      if (tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, forest_.leastResidentLevel(), 0);
     };
     add(patch);
     for (uint32_t p : roots_.neighbours(patch)) add(p);
@@ -372,16 +372,28 @@ class Selection {
     return std::max(px, predictedPx(s, n.info, drawn, coarsest));
   }
   Square reliefPage(const Node& n) const {
+    if (forest_.hasTails() && n.square.level + n.grid_level <= kTailCellsLog2) return {n.square.patch, static_cast<int>(kTailLevel), 0, 0};
     int level = std::clamp(n.square.level + n.grid_level - kPageLog2, 0, forest_.depth());
     for (; level < std::min(n.square.level, forest_.depth()); ++level)
       if (isResident(n.square.ancestor(level))) break;
     assert(isResident(n.square.ancestor(level)));
     return n.square.ancestor(level);
   }
-  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots are always there.
+  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots, or what does for them, are always there.
   void addWants(const Node& n, int wanted_level, int used_level) {
     const Square& s = n.square;
     const int level = std::clamp(wanted_level - kPageLog2, 0, std::min(s.level, forest_.depth()));
+    const int tail = static_cast<int>(kTailLevel);
+    if (forest_.hasTails()) {
+      if (used_level == tail && wanted_level <= kTailCellsLog2) return;
+      // Roots that MeshRoots sufficed for have no centre as yet.
+      const SquareHull hull = forest_.hull(s, exaggerate_);
+      const float priority = camera_.priority(0.5 * (hull[0] + hull[7]));
+      if (used_level != tail && used_level != level) addWant(s.ancestor(used_level), priority);
+      for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
+      addWant(s.ancestor(0), priority);
+      return;
+    }
     if (level == 0 && used_level == 0) return;
     const float priority = camera_.priority(infos_[n.info].centre);
     for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
@@ -401,6 +413,7 @@ class Selection {
   void addRoot(std::vector<PatchInstance>& to, uint32_t patch, int grid_level, uint32_t segments) const {
     PatchInstance& p = to.emplace_back();
     p.node.patch = p.relief_page.patch = patch;
+    if (forest_.hasTails()) p.relief_page.level = kTailLevel;
     p.grid_level = static_cast<uint8_t>(grid_level);
     p.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
     for (size_t side = 0; side < 4; ++side) p.edges[side] = {static_cast<uint8_t>(segments >> (8 * side)), PatchInstance::kWholeEdge};
@@ -423,7 +436,7 @@ class Selection {
     std::vector<PatchInstance>& drawn = of_nodes_.instances;
     drawn.clear();
     for (const Node& n : tree_.nodes) {
-      if (n.barren && !flat_) addWants(n, n.needs_level, 0);
+      if (n.barren && !flat_) addWants(n, n.needs_level, forest_.hasTails() ? static_cast<int>(kTailLevel) : 0);
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
       p.node = n.square.id();
@@ -476,6 +489,7 @@ class Selection {
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;
+  static_assert(kTailCellsLog2 >= kMaxSplitLevel, "roots that are no nodes have samples for all that they can want");
 };
 
 }  // namespace
@@ -486,8 +500,8 @@ struct MeshLod::Impl {
 };
 
 MeshLod::MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
-                 std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse)
-    : impl_(new Impl{MeshForest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle), std::move(coarse))}) {}
+                 std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse, bool tails)
+    : impl_(new Impl{MeshForest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle), std::move(coarse), tails)}) {}
 MeshLod::~MeshLod() = default;
 
 PlanarLodResult MeshLod::select(const LodView& view, const ReliefSet& resident) {

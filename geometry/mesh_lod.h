@@ -5,7 +5,7 @@
 //   world     that of the base mesh's corners: mm from BaseMesh::origin_mm, for LodView too
 //   errors    distances in space (texturing/patch_source.h), against the finest surface at the same (u, v)
 //   grids     may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
-//   wants     pages below the roots: those of level 0 are taken for resident, always
+//   wants     with tails: any page; without: pages below the roots, those of level 0 are taken for resident, always
 //   edges     where patches meet, their sides may run either way (src/base/base_mesh.h)
 // Pure but for its scratch memory: not for several threads at once. Deterministic.
 #pragma once
@@ -21,9 +21,10 @@ namespace relievo {
 
 class MeshLod {
  public:
-  // coarse: by patch; empty, or an entry of it not finite: the diagonal of the patch's displaced bounds.
+  // coarse: by patch; empty, or an entry of it not finite: the diagonal of the patch's displaced bounds. tails: grids of up to
+  // 2^kTailCellsLog2 cells a patch's side have their heights without a page, and instances drawn from them have a relief_page of kTailLevel.
   MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
-          std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse = {});
+          std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse = {}, bool tails = false);
   ~MeshLod();
   // view.exaggerate multiplies heights; view.relief false: the base mesh itself, as fine as its bilinear patches ask for.
   PlanarLodResult select(const LodView& view, const ReliefSet& resident);

@@ -69,7 +69,8 @@ struct PatchInstance {
   // (first half: towards smaller coordinates).
   static constexpr uint8_t kWholeEdge = 15;
   std::array<std::array<uint8_t, 2>, 4> edges{};
-  NodeId relief_page;          // the resident page to displace from; it covers the node. Unused in a flat view.
+  NodeId relief_page;          // the resident page to displace from; it covers the node. Unused in a flat view. Of level kTailLevel: the
+                               // patch's tail, whose samples every vertex is among (src/base/base_mesh.h)
   friend bool operator==(const PatchInstance&, const PatchInstance&) = default;
 };
 

@@ -60,6 +60,13 @@ inline float coarseBlockMm(float whole_mm, uint8_t share) {
   return std::nextafter(static_cast<float>(double{whole_mm} * share / 255), whole_mm);
 }
 
+// A patch's tail, resident whenever the patch is: its heights at 2^kTailCellsLog2 cells a side and its texture's levels of
+// kTailTexels a side and fewer (texturing/patch_tails.h).
+inline constexpr int kTailCellsLog2 = 4;
+inline constexpr int kTailTexels = 16;
+// A level that no page has: the tail in a page's place.
+inline constexpr uint32_t kTailLevel = 31;
+
 // What lies across a patch's side.
 struct PatchNeighbour {
   static constexpr uint32_t kNone = ~uint32_t{0};
