@@ -33,7 +33,7 @@ using PlaneEncodings = std::array<PageEncoding, kMaxTexturePlanes>;
 
 inline constexpr int kMinQuantisedBits = 4, kMaxQuantisedBits = 7;
 
-inline bool isBlockCodec(PageCodec c) { return c >= PageCodec::kBc1; }
+inline constexpr bool isBlockCodec(PageCodec c) { return c >= PageCodec::kBc1; }
 // Bytes of a block of 4 x 4 texels; 0 for codecs without blocks.
 inline constexpr int blockBytes(PageCodec c) {
   return c == PageCodec::kBc1 ? 8 : c == PageCodec::kBc7 ? 16 : c == PageCodec::kBc4 || c == PageCodec::kBc5 ? 24 : 0;

@@ -35,8 +35,9 @@ class PageJobs {
   // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as many threads
   // as workers serve a fast source, and more are added while all of them wait for a slow one (a link with latency).
   // max_buffers: jobs under way and decoded pages that are not returned yet, at most.
-  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, int workers, int max_reads,
-           size_t max_buffers);
+  // upload: as for PageLoader.
+  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload, int workers,
+           int max_reads, size_t max_buffers);
   ~PageJobs();  // waits for the reads under way, not for decoding what they bring
 
   // --- any thread
@@ -78,6 +79,7 @@ class PageJobs {
   const PageSource& source_;
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
+  const PageCodec upload_;
   const int workers_;
   const size_t max_threads_, max_buffers_;
   LoadGate gate_;

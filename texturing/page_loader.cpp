@@ -4,12 +4,14 @@
 #include <array>
 #include <cmath>
 
+#include "texturing/cache_budget.h"
 #include "texturing/resolve.h"
 
 namespace relievo {
 
-PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, LoadGate* gate)
-    : source_(source), format_(format), decoder_(decoder), gate_(gate) {
+PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
+                       LoadGate* gate)
+    : source_(source), format_(format), decoder_(decoder), upload_(upload), gate_(gate) {
   if (!decoder_) own_.emplace();
 }
 
@@ -44,10 +46,12 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   }
   outcome.costs.push_back({id.plane(), page->bytes.size(), false});
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
-  std::span<uint8_t> out(texels, kSlotBytes);
+  std::span<uint8_t> out(texels, slotBytes(upload_, id.plane()));
+  const bool blocks = isBlockCodec(upload_) && isTexturePlane(id.plane());
   if (gate_) gate_->decode.acquire();
-  Result<void> decoded =
-      own_ ? own_->decodeToSlot(id.plane(), page->bytes, out) : decoder_(id.plane(), page->bytes, out);
+  Result<void> decoded = !own_    ? decoder_(id.plane(), page->bytes, out)
+                         : blocks ? own_->decodeToBlocks(upload_, page->bytes, out)
+                                  : own_->decodeToSlot(id.plane(), page->bytes, out);
   if (gate_) gate_->decode.release();
   if (!decoded) {
     outcome.error = decoded.error();
@@ -57,7 +61,7 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   return end(LoadOutcome::End::kLoaded);
 }
 
-void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels) {
+void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels) {
   std::array<uint8_t, 4> texel{128, 128, 128, 255};
   auto raw = [&](int k, double value) {
     double scale = format.scale[k] != 0 ? format.scale[k] : 1;
@@ -74,6 +78,9 @@ void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels) {
     texel = {128, 128, 255, 255};  // towards +z: nothing suits every side of a body, and no normal at all is nearly black
   }
   for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
+  if (!isBlockCodec(upload) || !isTexturePlane(plane)) return;
+  const std::vector<uint8_t> page(texels, texels + kSlotBytes);
+  encodePageBlocks(upload, page.data(), {texels, pageBlockBytes(upload)});
 }
 
 std::string pageWords(PageId id) {

@@ -20,10 +20,10 @@
 
 namespace relievo {
 
-using Texels = std::unique_ptr<uint8_t[]>;  // kSlotBytes
+using Texels = std::unique_ptr<uint8_t[]>;  // kSlotBytes; of a page of blocks the first slotBytes() count
 inline Texels makeTexels() { return std::make_unique<uint8_t[]>(kSlotBytes); }
 
-// Encoded bytes to slot texels (kSlotBytes). Called from several threads at once.
+// Encoded bytes to slot texels, or to blocks where those are uploaded (slotBytes() of them). Called from several threads at once.
 using SlotDecoder = std::function<Result<void>(Plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels)>;
 
 // What a job cost, by stored plane.
@@ -53,8 +53,10 @@ struct LoadGate {
 
 class PageLoader {
  public:
-  // All outlive the loader. decoder: empty is a PageDecoder of its own. gate: may be null.
-  PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, LoadGate* gate = nullptr);
+  // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that are unpacked,
+  // not decoded; then nothing is resolved. gate: may be null.
+  PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
+             PageCodec upload = PageCodec::kLossless, LoadGate* gate = nullptr);
   // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent
   // and costs of the outcome.
   void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
@@ -66,13 +68,15 @@ class PageLoader {
   const PageSource& source_;
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
+  const PageCodec upload_;
   LoadGate* gate_;
   std::optional<PageDecoder> own_;
   std::vector<Texels> scratch_;
 };
 
-// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range.
-void neutralPage(Plane plane, const TextureFormat& format, uint8_t* texels);
+// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As blocks: as near to
+// that as the codec comes.
+void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels);
 // For messages: "relief page of patch 0, level 3, column 1, row 2".
 std::string pageWords(PageId id);
 

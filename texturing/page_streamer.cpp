@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "texturing/cache_budget.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -55,6 +56,38 @@ struct Wish {
   }
 };
 
+// 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
+class Slot {
+ public:
+  bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
+  bool count(uint64_t plan) {  // true: for the first time in this plan
+    bool first = !counted(plan);
+    bits_ = markOf(plan) | (bits_ & 1u);
+    return first;
+  }
+  void setPrefetched(bool prefetched) { bits_ = (bits_ & ~1u) | static_cast<uint32_t>(prefetched); }
+  bool takePrefetched() {
+    bool prefetched = bits_ & 1u;
+    setPrefetched(false);
+    return prefetched;
+  }
+
+ private:
+  static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
+  uint32_t bits_ = 0;
+};
+// Slots of one size.
+struct Pool {
+  PageCache cache;
+  std::vector<Slot> slots;
+  RecentUse recent;
+  uint32_t roots = 0;
+  // Of the last plan: slots that the wish lists need, with those that hold something pinned; pages without room; both.
+  uint64_t room_used = 0, deferred = 0, demand_pages = 0;
+  Pool(uint32_t slot_count, Replacement replacement)
+      : cache(slot_count, replacement), slots(cache.slotCount()), recent(cache.slotCount()) {}
+};
+
 }  // namespace
 
 struct PageStreamer::Impl {
@@ -62,14 +95,15 @@ struct PageStreamer::Impl {
       : source(std::move(source_in)),
         options(std::move(options_in)),
         decoder(std::move(decoder_in)),
-        cache(options.slot_count, options.replacement),
-        table(nodesAtMost(cache.slotCount(), options.texture_planes.size()),
-              static_cast<int>(options.texture_planes.size())),
-        slots(cache.slotCount()),
-        recent(cache.slotCount()) {
+        table(nodesAtMost(std::min(options.slot_count, kMaxSlots), options.texture_planes.size()),
+              static_cast<int>(options.texture_planes.size())) {
+    const bool blocks = isBlockCodec(options.upload);
+    assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) == options.texture_planes.end());
+    pools.emplace_back(options.slot_count, options.replacement);
+    if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
-    jobs.emplace(*source, options.format, decoder, options.workers, options.max_reads,
+    jobs.emplace(*source, options.format, decoder, options.upload, options.workers, options.max_reads,
                  size_t(options.workers) + options.ready_limit);
     jobs->setLight(
         options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
@@ -93,6 +127,11 @@ struct PageStreamer::Impl {
     return pages.erase(it);
   }
   bool isRelief(PageId id) const { return id.plane() == Plane::kRelief; }
+  // One pool for all, or the texture's and the relief's.
+  size_t poolIndex(bool relief) const { return relief && pools.size() > 1 ? 1 : 0; }
+  Pool& poolOf(PageId id) { return pools[poolIndex(isRelief(id))]; }
+  const Pool& poolOf(PageId id) const { return pools[poolIndex(isRelief(id))]; }
+  SlotIndex find(PageId id) const { return poolOf(id).cache.find(id); }
   Tier tierOf(PageId id, const Page& page) const {
     uint64_t newest = list[isRelief(id)];
     if (page.list == kAlways || page.list == newest) return Tier::kVisible;
@@ -244,15 +283,15 @@ struct PageStreamer::Impl {
   }
 
   // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
-  uint32_t use(SlotIndex slot, bool new_list) {
-    cache.touch(slot, frame);
-    Slot& s = slots[slot];
-    if (!s.count(plan_number)) return 0;
-    recent.use(slot);
+  void use(Pool& pool, SlotIndex slot, bool new_list) {
+    pool.cache.touch(slot, frame);
+    Slot& s = pool.slots[slot];
+    if (!s.count(plan_number)) return;
+    pool.recent.use(slot);
     stats.hits += new_list;
     stats.prefetch_used += s.takePrefetched();
     ++wanted_pages;
-    return cache.isPinned(slot) ? 0 : 1;
+    pool.room_used += !pool.cache.isPinned(slot);
   }
 
   // Which pages of a node are still to come; nothing when one of them never will.
@@ -260,7 +299,7 @@ struct PageStreamer::Impl {
     uint32_t absent = 0;
     for (Plane p : planesOf(w)) {
       PageId id(p, w.node);
-      if (cache.find(id) != kNoSlot) continue;
+      if (find(id) != kNoSlot) continue;
       ++absent;
       auto it = pages.find(id);
       if (it != pages.end() && it->second.permanent) return {};
@@ -275,26 +314,28 @@ struct PageStreamer::Impl {
     if (planned_touches != frame) {  // as if used in the last frame: before what is, behind what will be in this one
       planned_touches = frame;
       for (const auto& [slot, id] : predicted)
-        if (cache.find(id) == slot) cache.touch(slot, frame - 1);
+        if (find(id) == slot) poolOf(id).cache.touch(slot, frame - 1);
     }
     ++plan_number;
     planned_frame = frame;
     wanted_pages = 0;
-    uint64_t room_used = cache.pinnedCount();
-    uint64_t deferred = 0;
+    for (Pool& pool : pools) {
+      pool.room_used = pool.cache.pinnedCount();
+      pool.deferred = 0;
+    }
     missing.clear();
     for (const Wish& w : merged) {
       auto planes = planesOf(w);
       if (!w.relief) {
         if (auto entry = table.find(w.node)) {
-          for (size_t i = 0; i < planes.size(); ++i) room_used += use(entry->slots[i], is_new[0]);
+          for (size_t i = 0; i < planes.size(); ++i) use(pools[0], entry->slots[i], is_new[0]);
           continue;
         }
       }
       auto absent = absentPages(w);
       if (!absent) continue;  // it will never show: what is there of it need not stay
       for (Plane p : planes)
-        if (SlotIndex slot = cache.find(PageId(p, w.node)); slot != kNoSlot) room_used += use(slot, is_new[w.relief]);
+        if (SlotIndex slot = find(PageId(p, w.node)); slot != kNoSlot) use(pools[poolIndex(w.relief)], slot, is_new[w.relief]);
       if (*absent > 0) missing.emplace_back(&w, *absent);
     }
 
@@ -306,45 +347,50 @@ struct PageStreamer::Impl {
       if (twin != pages.end() && twin->second.plan == plan_number) continue;
       wanted_pages += absent;
       if (is_new[wish->relief]) stats.misses += absent;
-      if (room_used + absent > cache.slotCount()) {
-        deferred += absent;
+      Pool& pool = pools[poolIndex(wish->relief)];
+      if (pool.room_used + absent > pool.cache.slotCount()) {
+        pool.deferred += absent;
         continue;
       }
-      room_used += absent;
+      pool.room_used += absent;
       for (Plane p : planes) {
         PageId id(p, wish->node);
-        if (cache.find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
+        if (find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
       }
     }
-    demand_pages = room_used + deferred;
-    stats.deferred = deferred;
+    stats.deferred = 0;
+    for (Pool& pool : pools) {
+      pool.demand_pages = pool.room_used + pool.deferred;
+      stats.deferred += pool.deferred;
+    }
     stats.wanted = wanted_pages;
     is_new = {};
-    planPrefetch(room_used);
+    planPrefetch();
     publish();
     if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
     if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
   }
 
-  void planPrefetch(uint64_t room_used) {
+  void planPrefetch() {
     predicted.clear();
     if (stats.deferred > 0 || bias.value() > 0) return;
-    room_used += recent.idleCount();
+    for (Pool& pool : pools) pool.room_used += pool.recent.idleCount();
     for (const Wish& w : predictions) {
+      Pool& pool = pools[poolIndex(w.relief)];
       auto entry = w.relief ? std::nullopt : table.find(w.node);
-      if (entry && slots[entry->slots[0]].counted(plan_number)) continue;  // wanted now
+      if (entry && pool.slots[entry->slots[0]].counted(plan_number)) continue;  // wanted now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
-      if (!absent || room_used + *absent > cache.slotCount()) continue;
+      if (!absent || pool.room_used + *absent > pool.cache.slotCount()) continue;
       for (Plane p : planesOf(w)) {
         PageId id(p, w.node);
-        SlotIndex slot = cache.find(id);
+        SlotIndex slot = pool.cache.find(id);
         if (slot == kNoSlot) {
           auto it = pages.find(id);
           bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
-          room_used += !counted;
+          pool.room_used += !counted;
           prefetch(id, w.centre);
-        } else if (slots[slot].count(plan_number)) {
-          room_used += !cache.isPinned(slot) && !recent.isRecent(slot);
+        } else if (pool.slots[slot].count(plan_number)) {
+          pool.room_used += !pool.cache.isPinned(slot) && !pool.recent.isRecent(slot);
           predicted.emplace_back(slot, id);
         }
       }
@@ -405,7 +451,7 @@ struct PageStreamer::Impl {
     }
     PageTableEntry entry;
     for (size_t i = 0; i < options.texture_planes.size(); ++i) {
-      SlotIndex slot = cache.find(PageId(options.texture_planes[i], id.node()));
+      SlotIndex slot = find(PageId(options.texture_planes[i], id.node()));
       if (slot == kNoSlot) return;
       entry.slots[i] = static_cast<uint16_t>(slot);
     }
@@ -422,9 +468,10 @@ struct PageStreamer::Impl {
 
   // The page's texels leave the slot, or no longer count.
   void vacate(SlotIndex slot, PageId id) {
+    Pool& pool = poolOf(id);
     census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
-    stats.prefetch_wasted += slots[slot].takePrefetched();
-    recent.forget(slot);
+    stats.prefetch_wasted += pool.slots[slot].takePrefetched();
+    pool.recent.forget(slot);
     leave(id);
   }
   void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
@@ -436,8 +483,8 @@ struct PageStreamer::Impl {
     takeResults();
     if (planned_frame != frame) plan();
     uploads.clear();
-    for (auto& [slot, texels] : root_uploads) {
-      upload(slot, cache.pageIn(slot), texels.get());
+    for (auto& [id, texels] : root_uploads) {
+      upload(find(id), id, texels.get());
       uploaded_roots.push_back(std::move(texels));
     }
     root_uploads.clear();
@@ -452,11 +499,12 @@ struct PageStreamer::Impl {
     uint32_t placed = 0;
     for (const PageRank& r : ranked) {
       auto it = pages.find(r.id);
-      SlotIndex before = cache.find(r.id);
+      Pool& pool = poolOf(r.id);
+      SlotIndex before = pool.cache.find(r.id);
       std::optional<PageCache::Placement> placement;
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
-      if (room_for_one) placement = cache.place(r.id, frame, r.tier() == Tier::kVisible ? 1 : kSparedFrames);
+      if (room_for_one) placement = pool.cache.place(r.id, frame, r.tier() == Tier::kVisible ? 1 : kSparedFrames);
       if (!placement) {
         if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
           ++stats.cancelled_after_decode;
@@ -473,8 +521,8 @@ struct PageStreamer::Impl {
         vacate(placement->slot, *placement->evicted);
       }
       Page& page = it->second;
-      slots[placement->slot].setPrefetched(page.speculative);
-      if (!page.speculative) recent.use(placement->slot);
+      pool.slots[placement->slot].setPrefetched(page.speculative);
+      if (!page.speculative) pool.recent.use(placement->slot);
       if (page.wanted_frame > 0) {
         latency_frames.add(frame - page.wanted_frame);
         latency_us.add(static_cast<uint64_t>(std::llround(std::max(0.0, now_s - page.wanted_s) * 1e6)));
@@ -497,17 +545,25 @@ struct PageStreamer::Impl {
   void updateBias() {
     if (bias_list == list[0] + list[1]) return;  // no new wish list
     bias_list = list[0] + list[1];
-    auto roots = static_cast<double>(root_count);
-    bias.observe({.pages = static_cast<double>(demand_pages) - roots,
-                  .room = cache.slotCount() - roots,
-                  .overflow = stats.deferred > 0},
-                 wish_bias);
+    // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it changes.
+    DetailDemand demand{.pages = 0, .room = 0, .overflow = stats.deferred > 0};
+    for (const Pool& pool : pools) {
+      const double wanted = static_cast<double>(pool.demand_pages) - pool.roots;
+      const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
+      if (&pool == &pools[0]) {
+        demand.pages = wanted;
+        demand.room = room;
+      } else {
+        demand.pages = std::max(demand.pages, wanted * (std::max(1.0, demand.room) / std::max(1.0, room)));
+      }
+    }
+    bias.observe(demand, wish_bias);
   }
 
   std::shared_ptr<const PageSource> source;
   StreamerOptions options;
   SlotDecoder decoder;
-  PageCache cache;
+  std::vector<Pool> pools;
   PageTable table;
 
   uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
@@ -525,40 +581,16 @@ struct PageStreamer::Impl {
   std::vector<Wish> merged;       // coarse before fine, then near the centre
   std::vector<Wish> predictions;  // the same, of the prefetch lists
   uint64_t wanted_pages = 0;
-  // 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
-  class Slot {
-   public:
-    bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
-    bool count(uint64_t plan) {  // true: for the first time in this plan
-      bool first = !counted(plan);
-      bits_ = markOf(plan) | (bits_ & 1u);
-      return first;
-    }
-    void setPrefetched(bool prefetched) { bits_ = (bits_ & ~1u) | static_cast<uint32_t>(prefetched); }
-    bool takePrefetched() {
-      bool prefetched = bits_ & 1u;
-      setPrefetched(false);
-      return prefetched;
-    }
-
-   private:
-    static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
-    uint32_t bits_ = 0;
-  };
-  std::vector<Slot> slots;
-  RecentUse recent;
   std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be wanted
 
   std::vector<PageUpload> uploads;
   std::vector<Texels> uploaded, uploaded_roots, returned;
-  std::vector<std::pair<SlotIndex, Texels>> root_uploads;
+  std::vector<std::pair<PageId, Texels>> root_uploads;
   uint64_t relief_generation = 1;
 
   DetailBias bias;
   uint64_t bias_list = 0;
   std::optional<double> wish_bias;
-  uint64_t demand_pages = 0;  // slots that the wish lists need, with those that hold something pinned
-  uint64_t root_count = 0;
 
   StreamerStats stats;
   LatencyHistogram latency_us, latency_frames;
@@ -586,8 +618,8 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
   std::vector<LoadOutcome> roots;
   auto add = [&](Plane plane, const NodeId& node) {
     PageId id(plane, node);
-    if (SlotIndex slot = m.cache.find(id); slot != kNoSlot) {
-      m.cache.pin(slot);
+    if (SlotIndex slot = m.find(id); slot != kNoSlot) {
+      m.poolOf(id).cache.pin(slot);
       return;
     }
     roots.emplace_back();
@@ -596,15 +628,18 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
   for (const NodeId& node : texture_roots)
     for (Plane p : m.options.texture_planes) add(p, node);
   for (const NodeId& node : relief_roots) add(Plane::kRelief, node);
-  if (roots.size() > m.cache.slotCount() - m.cache.residentCount()) {
-    m.say("the cache has " + std::to_string(m.cache.slotCount()) + " slots, the artwork's coarsest pages alone need " +
-          std::to_string(roots.size()) + " (raise the cache's budget)");
-    roots.resize(m.cache.slotCount() - m.cache.residentCount());
+  for (const Pool& pool : m.pools) {
+    const size_t room = pool.cache.slotCount() - pool.cache.residentCount();
+    size_t needed = 0;
+    std::erase_if(roots, [&](const LoadOutcome& root) { return &m.poolOf(root.id) == &pool && ++needed > room; });
+    if (needed <= room) continue;
+    m.say("the cache has " + std::to_string(pool.cache.slotCount()) + " slots, the artwork's coarsest pages alone need " +
+          std::to_string(needed) + " (raise the cache's budget)");
   }
 
   std::atomic<size_t> next{0};
   auto loadSome = [&] {
-    PageLoader loader(*m.source, m.options.format, m.decoder);
+    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload);
     for (size_t i = next++; i < roots.size(); i = next++) {
       LoadOutcome& root = roots[i];
       root.texels = makeTexels();
@@ -614,7 +649,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
             root.id, m.options.light_u, m.options.light_v, [] { return true; }, root.texels.get(), root);
         if (!root.error) break;
       }
-      if (root.error) neutralPage(root.id.plane(), m.options.format, root.texels.get());
+      if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
     }
   };
   std::vector<std::thread> helpers;
@@ -624,10 +659,11 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
 
   for (LoadOutcome& root : roots) {
     m.account(root.costs);
-    auto placement = m.cache.place(root.id, m.frame);
+    Pool& pool = m.poolOf(root.id);
+    auto placement = pool.cache.place(root.id, m.frame);
     if (!placement) continue;
-    m.cache.pin(placement->slot);
-    ++m.root_count;
+    pool.cache.pin(placement->slot);
+    ++pool.roots;
     Page& page = m.pages[root.id];
     for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
     if (root.error) {  // remembered, so that it is not tried (and named) again
@@ -640,7 +676,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
       for (PageState s : {PageState::kReady, PageState::kResident}) m.setState(root.id, page, s);
       m.pages.erase(root.id);
     }
-    m.root_uploads.emplace_back(placement->slot, std::move(root.texels));
+    m.root_uploads.emplace_back(root.id, std::move(root.texels));
     m.enter(root.id);
   }
 }
@@ -649,7 +685,7 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   Impl& m = *impl_;
   m.frame = frame;
   m.now_s = now_s;
-  m.recent.beginFrame(frame);
+  for (Pool& pool : m.pools) pool.recent.beginFrame(frame);
   for (Texels& t : m.uploaded) m.returned.push_back(std::move(t));
   m.uploaded.clear();
   m.uploaded_roots.clear();
@@ -680,24 +716,24 @@ std::span<const PageUpload> PageStreamer::placeReady(uint32_t max_uploads) {
   return impl_->uploads;
 }
 
-SlotIndex PageStreamer::findRelief(const NodeId& node) const { return impl_->cache.find(PageId(Plane::kRelief, node)); }
+SlotIndex PageStreamer::findRelief(const NodeId& node) const { return impl_->find(PageId(Plane::kRelief, node)); }
 
 bool PageStreamer::pinRelief(const NodeId& node) {
   SlotIndex slot = findRelief(node);
   if (slot == kNoSlot) return false;
-  impl_->cache.pin(slot);
+  impl_->pools[impl_->poolIndex(true)].cache.pin(slot);
   return true;
 }
 
 void PageStreamer::unpinRelief(const NodeId& node) {
   SlotIndex slot = findRelief(node);
   assert(slot != kNoSlot);
-  if (slot != kNoSlot) impl_->cache.unpin(slot);
+  if (slot != kNoSlot) impl_->pools[impl_->poolIndex(true)].cache.unpin(slot);
 }
 
 std::vector<NodeId> PageStreamer::residentRelief() const {
   std::vector<NodeId> nodes;
-  impl_->cache.forEach([&](PageId id) {
+  cache(Plane::kRelief).forEach([&](PageId id) {
     if (id.plane() == Plane::kRelief) nodes.push_back(id.node());
   });
   std::sort(nodes.begin(), nodes.end());
@@ -720,12 +756,13 @@ void PageStreamer::setLight(double u, double v) {
     it = old ? m.drop(it) : std::next(it);
   }
   std::vector<PageId> resolved;
-  m.cache.forEach([&](PageId id) {
+  PageCache& cache = m.pools[0].cache;
+  cache.forEach([&](PageId id) {
     if (id.plane() == Plane::kResolved) resolved.push_back(id);
   });
   for (PageId id : resolved) {
-    SlotIndex slot = m.cache.find(id);
-    if (m.cache.isPinned(slot)) {
+    SlotIndex slot = cache.find(id);
+    if (cache.isPinned(slot)) {
       auto it = m.pages.find(id);
       bool damaged = it != m.pages.end() && it->second.permanent;
       if (damaged || std::find(m.refresh.begin(), m.refresh.end(), id) != m.refresh.end()) continue;
@@ -733,7 +770,7 @@ void PageStreamer::setLight(double u, double v) {
       m.refresh.push_back(id);
     } else {
       m.vacate(slot, id);
-      m.cache.remove(id);
+      cache.remove(id);
     }
   }
   m.planned_frame = kNever;
@@ -755,7 +792,7 @@ bool PageStreamer::settled() const {
 }
 
 PageState PageStreamer::state(PageId id) const {
-  if (impl_->cache.find(id) != kNoSlot) return PageState::kResident;
+  if (impl_->find(id) != kNoSlot) return PageState::kResident;
   auto it = impl_->pages.find(id);
   return it == impl_->pages.end() ? PageState::kAbsent : it->second.state;
 }
@@ -765,13 +802,19 @@ const StreamerStats& PageStreamer::stats() const {
   m.stats.queued = m.count(PageState::kQueued);
   m.stats.decoding = m.count(PageState::kDecoding);
   m.stats.ready = m.count(PageState::kReady);
-  m.stats.resident = m.cache.residentCount();
+  m.stats.resident = m.stats.resident_bytes = 0;
+  for (const Pool& pool : m.pools) {
+    const Plane plane = &pool == &m.pools[0] ? texturePlane(0) : Plane::kRelief;
+    m.stats.resident += pool.cache.residentCount();
+    m.stats.resident_bytes += pool.cache.residentCount() * slotBytes(m.options.upload, plane);
+  }
   m.stats.pages = m.census.pages;
   m.stats.moves = m.census.moves;
   m.stats.cancelled = m.stats.cancelled_before_read + m.stats.cancelled_before_decode + m.stats.cancelled_after_decode;
   for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
-    m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * kSlotBytes;
-    m.stats.bytes_uploaded[p] = m.stats.pages_uploaded[p] * kSlotBytes;
+    const size_t bytes = slotBytes(m.options.upload, static_cast<Plane>(p));
+    m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * bytes;
+    m.stats.bytes_uploaded[p] = m.stats.pages_uploaded[p] * bytes;
   }
   m.stats.detail_bias = m.bias.value();
   m.stats.latency_ms = summarize(m.latency_us, 1e-3);
@@ -780,11 +823,14 @@ const StreamerStats& PageStreamer::stats() const {
 }
 
 PageTable& PageStreamer::table() { return impl_->table; }
-const PageCache& PageStreamer::cache() const { return impl_->cache; }
+const PageCache& PageStreamer::cache(Plane plane) const { return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache; }
 
 uint64_t PageStreamer::metadataBytes() const {
   const Impl& m = *impl_;
-  return m.cache.metadataBytes() + m.table.metadataBytes() + m.slots.capacity() * sizeof(m.slots[0]) + m.recent.bytes();
+  uint64_t bytes = m.table.metadataBytes();
+  for (const Pool& pool : m.pools)
+    bytes += pool.cache.metadataBytes() + pool.slots.capacity() * sizeof(pool.slots[0]) + pool.recent.bytes();
+  return bytes;
 }
 
 uint64_t PageStreamer::bufferBytes() const {

@@ -29,6 +29,7 @@
 #include "texturing/feedback.h"
 #include "texturing/latency.h"
 #include "texturing/page_cache.h"
+#include "texturing/page_encoding.h"
 #include "texturing/page_id.h"
 #include "texturing/page_jobs.h"
 #include "texturing/page_life.h"
@@ -42,6 +43,10 @@ inline constexpr int kMaxAttempts = 4;
 
 struct StreamerOptions {
   uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most kMaxSlots
+  // A block codec that all texture planes have: they are not decoded but unpacked to blocks, in slots of their own, slot_count of
+  // them, and relief has relief_slot_count (cache_budget.h). Not with kResolved. Else all is RGBA8 in slot_count slots.
+  PageCodec upload = PageCodec::kLossless;
+  uint32_t relief_slot_count = 0;
   Replacement replacement = Replacement::kLru;
   int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
@@ -56,9 +61,9 @@ struct StreamerOptions {
 
 // Texels to copy into a slot of the page pool. The memory lives until the next beginFrame().
 struct PageUpload {
-  SlotIndex slot;
+  SlotIndex slot;  // of the texture's or the relief's, where those are two
   PageId id;
-  const uint8_t* texels;  // kSlotBytes
+  const uint8_t* texels;  // kSlotBytes, or slotBytes() of blocks
 };
 
 // Reading and decoding are counted under the planes that are stored, uploads under the planes that are streamed: they
@@ -71,7 +76,7 @@ struct StreamerStats {
   std::array<std::array<uint64_t, 16>, kPageStates> pages{};
   std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // changes of state, [from][to]
   uint64_t queued = 0, decoding = 0, ready = 0;                        // now
-  uint64_t resident = 0;                                               // slots in use now
+  uint64_t resident = 0, resident_bytes = 0;                           // slots in use now, and what they hold
   uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
   uint64_t evictions = 0, failed_pages = 0, retries = 0;
   // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.
@@ -144,7 +149,7 @@ class PageStreamer {
   PageState state(PageId id) const;
   const StreamerStats& stats() const;
   PageTable& table();
-  const PageCache& cache() const;
+  const PageCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
   // Cache, page table (without its texture) and what is known of each slot; not the pages that are on their way.
   uint64_t metadataBytes() const;
   uint64_t bufferBytes() const;  // upper bound of what decoded pages and scratch memory take
