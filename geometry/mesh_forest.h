@@ -10,6 +10,7 @@
 #include <memory>
 #include <vector>
 
+#include "geometry/facing_cone.h"
 #include "geometry/lod_common.h"
 #include "src/base/base_mesh.h"
 
@@ -148,6 +149,17 @@ class MeshForest {
       hull[4 + k] = p + high * n;
     }
     return hull;
+  }
+  bool isClosed() const { return isClosedBody(*base_, neighbours_); }
+  FacingCone facing(uint32_t patch, double exaggerate) {
+    if (exaggerate == 0) return facingCone(*base_, patch, 0, 0, {});
+    HeightSlopes slopes;
+    if (!oracle_->heightSlopes(patch, slopes)) return {};
+    const HeightBounds& h = pageBounds({patch, 0, 0, 0});
+    const double low = h.min_mm * exaggerate, high = h.max_mm * exaggerate;
+    auto times = [&](float a, float b) { return std::array{static_cast<float>(std::min(a * exaggerate, b * exaggerate)), static_cast<float>(std::max(a * exaggerate, b * exaggerate))}; };
+    const auto u = times(slopes.min_u, slopes.max_u), v = times(slopes.min_v, slopes.max_v);
+    return facingCone(*base_, patch, std::min(low, high), std::max(low, high), {u[0], u[1], v[0], v[1]});
   }
   // In mm, of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
   // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: the baked error x times, and what is left of the bilinear P's.

@@ -19,6 +19,7 @@
 #include "geometry/mesh_lod.h"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <limits>
@@ -43,6 +44,7 @@ class Selection {
     flat_ = !view.relief || !forest_.hasRelief();
     exaggerate_ = flat_ ? 0 : std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
     min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
+    hide_backs_ = view.hide_backs;
     limited_ = 0;
     wants_.clear();
     want_index_.clear();
@@ -108,7 +110,7 @@ class Selection {
     Info in;
     in.culled = (code & MeshRoots::kCulled) != 0;
     in.wanted_level = code & MeshRoots::kLevel;
-    in.px_per_mm = roots_.pxPerMm()[patch];
+    in.px_per_mm = roots_.pxPerMm(patch);
     in.diameter_mm = roots_.diameter(patch);
     return in;
   }
@@ -267,7 +269,7 @@ class Selection {
     max_node_px_ = kMaxNodePx * scale;
     infos_.clear();
     info_index_.clear();
-    roots_.evaluate(camera_, {error_px_, min_cell_px_, max_node_px_});
+    roots_.evaluate(camera_, {error_px_, min_cell_px_, max_node_px_, hide_backs_});
     if (!refine(anyway)) return false;
     if (!limited_tree_ || anyway) return true;
     other_tree_.root_node.resize(tree_.root_node.size(), kNone);
@@ -282,10 +284,8 @@ class Selection {
   bool refine(bool anyway) {
     tree_.clear();
     limited_tree_ = false;
-    const std::vector<int32_t>& codes = roots_.codes();
-    int any = 0;
-    for (int code : codes) any |= code;
-    for (uint32_t p = 0; p < codes.size() && (any & MeshRoots::kCareful); ++p)
+    const std::span<const uint8_t> codes = roots_.codes();
+    for (uint32_t p = 0; p < codes.size() && roots_.anyCareful(); ++p)
       if (codes[p] & MeshRoots::kCareful) addRootAndNeighbours(p);
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
@@ -409,19 +409,35 @@ class Selection {
     wants_.push_back({page.id(), priority});
   }
 
-  // Written in place: as a value it would be put together from bytes and read back in words, which waits.
-  void addRoot(std::vector<PatchInstance>& to, uint32_t patch, int grid_level, uint32_t segments) const {
-    PatchInstance& p = to.emplace_back();
-    p.node.patch = p.relief_page.patch = patch;
-    if (forest_.hasTails()) p.relief_page.level = kTailLevel;
-    p.grid_level = static_cast<uint8_t>(grid_level);
-    p.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
-    for (size_t side = 0; side < 4; ++side) p.edges[side] = {static_cast<uint8_t>(segments >> (8 * side)), PatchInstance::kWholeEdge};
+  // Roots of one grid level: what they have in common is copied, what differs is written into a batch that stays in the cache. Put together from
+  // its bytes an instance would be read back in words that wait for them.
+  void addRoots(std::vector<PatchInstance>& to, int grid_level, std::span<const MeshRoots::Drawn> roots) const {
+    static_assert(std::endian::native == std::endian::little);
+    if (roots.empty()) return;
+    PatchInstance common;
+    if (forest_.hasTails()) common.relief_page.level = kTailLevel;
+    common.grid_level = static_cast<uint8_t>(grid_level);
+    common.step_log2 = static_cast<uint8_t>(forest_.unitLog2() - grid_level);
+    std::array<PatchInstance, 64> batch;
+    batch.fill(common);
+    while (!roots.empty()) {
+      const size_t n = std::min(roots.size(), batch.size());
+      for (size_t i = 0; i < n; ++i) {
+        batch[i].node.patch = batch[i].relief_page.patch = roots[i].patch;
+        // Bytes of segments, each followed by kWholeEdge.
+        uint64_t edges = roots[i].segments;
+        edges = (edges | edges << 16) & 0x0000FFFF0000FFFF;
+        edges = (edges | edges << 8) & 0x00FF00FF00FF00FF;
+        batch[i].edges = std::bit_cast<decltype(PatchInstance::edges)>(edges | 0x0100010001000100 * PatchInstance::kWholeEdge);
+      }
+      to.insert(to.end(), batch.begin(), batch.begin() + static_cast<std::ptrdiff_t>(n));
+      roots = roots.subspan(n);
+    }
   }
   PlanarLodResult rootsAlone() const {
     PlanarLodResult result;
     result.error_px = error_px_;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoot(result.instances, p, 0, 0);
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoots(result.instances, 0, std::array{MeshRoots::Drawn{p, 0}});
     return result;
   }
 
@@ -438,6 +454,7 @@ class Selection {
     for (const Node& n : tree_.nodes) {
       if (n.barren && !flat_) addWants(n, n.needs_level, forest_.hasTails() ? static_cast<int>(kTailLevel) : 0);
       if (n.state != State::kLeaf) continue;
+      const bool hidden = (roots_.codes()[n.square.patch] & MeshRoots::kHidden) != 0;
       PatchInstance p;
       p.node = n.square.id();
       const int shift = forest_.unitLog2() - n.square.level;
@@ -447,13 +464,13 @@ class Selection {
       p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
       p.edges = n.segments;
       p.relief_page = {p.node.patch, 0, 0, 0};
-      result.max_error_px = std::max(result.max_error_px, predictedPx(n));
+      if (!hidden) result.max_error_px = std::max(result.max_error_px, predictedPx(n));
       if (!flat_) {
         Square page = reliefPage(n);
         p.relief_page = page.id();
         addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, n.wanted_level}), page.level);
       }
-      drawn.push_back(p);
+      if (!hidden) drawn.push_back(p);
     }
     of_nodes_.wants.swap(wants_);
     sortLists(of_nodes_);
@@ -464,12 +481,17 @@ class Selection {
     for (int level = 0; level <= kMaxGridLevel; ++level) count += roots_.drawn(level).size();
     result.instances.reserve(count);
     for (int level = 0; level <= kMaxGridLevel; ++level) {
-      for (uint32_t patch : roots_.drawn(level)) {
-        while (next < drawn.size() && drawn[next].grid_level == level && drawn[next].node.patch < patch) result.instances.push_back(drawn[next++]);
-        addRoot(result.instances, patch, level, roots_.segments(patch));
+      std::span<const MeshRoots::Drawn> roots = roots_.drawn(level);
+      for (; next < drawn.size() && drawn[next].grid_level == level; ++next) {
+        size_t before = 0;
+        while (before < roots.size() && roots[before].patch < drawn[next].node.patch) ++before;
+        addRoots(result.instances, level, roots.first(before));
+        roots = roots.subspan(before);
+        result.instances.push_back(drawn[next]);
       }
-      while (next < drawn.size() && drawn[next].grid_level == level) result.instances.push_back(drawn[next++]);
+      addRoots(result.instances, level, roots);
     }
+    result.backs_are_hidden = roots_.backsAreHidden();
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
     return result;
@@ -480,6 +502,7 @@ class Selection {
   const ReliefSet* resident_ = nullptr;
   LodCamera camera_;
   bool flat_ = false;
+  bool hide_backs_ = true;
   double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0;
   Tree tree_, other_tree_;
   std::vector<Info> infos_;

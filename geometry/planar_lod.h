@@ -24,6 +24,8 @@
 
 namespace relievo {
 
+struct HeightSlopes;  // src/base/base_mesh.h
+
 inline constexpr int kMaxGridLevel = 5;  // 32 segments
 inline constexpr int kErrorBlocksLog2 = 4;  // a page's error is known by 16 x 16 parts
 // Geometry coordinates are integers: units of 2^-kUnitsPerTexelLog2 texels from the artwork's top left corner.
@@ -41,6 +43,8 @@ struct LodView {
   double min_cell_px = 0.0;
   double exaggerate = 1.0;          // heights are multiplied by it
   bool relief = true;               // false: flat, no relief pages asked for
+  // Patches of closed bodies that the eye, outside, sees from behind alone are left out (over a base mesh); no other patch changes.
+  bool hide_backs = true;
 };
 
 // What a relief page knows of its square (package.h has the same three numbers); never fails: unknown gives the whole range.
@@ -57,6 +61,8 @@ class ReliefOracle {
   // Over a base mesh: the same for a patch's grids of 2^cells_log2 cells a side, 4 to 6 (coarser than its root page): 2^(cells_log2 - 3)
   // squares a side, of 8 x 8 cells each. False: not known. Thread-safe.
   virtual bool coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*error_mm*/) const { return false; }
+  // Over a base mesh: how steep a patch's heights are. False: not known.
+  virtual bool heightSlopes(uint32_t /*patch*/, HeightSlopes& /*slopes*/) const { return false; }
 };
 
 // One drawn node. Vertex (i, j), 0 <= i, j <= 2^grid_level, lies at units (x0 + (i << step_log2), y0 + (j << step_log2)).
@@ -87,6 +93,9 @@ struct PlanarLodResult {
   // The largest predicted error of what is drawn: an upper bound of how far the picture of a point of the finest relief lies
   // from that of the drawn surface above the same place. Up to 2 error_px where levels meet; more only where pages are missing.
   double max_error_px = 0;
+  // Whatever is seen from behind lies behind something seen from the front: the eye is outside a closed body that the near plane leaves
+  // whole. Some patches may be missing for it; triangles seen from behind need not be drawn.
+  bool backs_are_hidden = false;
 };
 
 using ReliefSet = std::unordered_set<NodeId>;  // resident relief pages

@@ -60,6 +60,13 @@ inline float coarseBlockMm(float whole_mm, uint8_t share) {
   return std::nextafter(static_cast<float>(double{whole_mm} * share / 255), whole_mm);
 }
 
+// Ranges over a patch of the difference quotients of its heights between neighbouring finest samples along u and along v: mm over a
+// patch's side. They bound which way its surface can face (geometry/facing_cone.h).
+struct HeightSlopes {
+  float min_u = 0, max_u = 0, min_v = 0, max_v = 0;
+  friend bool operator==(const HeightSlopes&, const HeightSlopes&) = default;
+};
+
 // A patch's tail, resident whenever the patch is: its heights at 2^kTailCellsLog2 cells a side and its texture's levels of
 // kTailTexels a side and fewer (texturing/patch_tails.h).
 inline constexpr int kTailCellsLog2 = 4;
