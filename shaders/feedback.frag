@@ -19,6 +19,15 @@ void main() {
 #else
   float lod = virtualTextureLod();
 #endif
+#ifdef TAILS
+  float beyond = lod - float(u_artwork.x);
+#ifdef TRILINEAR
+  if (beyond >= u_tail_reach) return;
+#else
+  if (tailShare(beyond) >= 0.5) return;
+#endif
+  lod = min(lod, float(u_artwork.x));
+#endif
 #ifdef TRILINEAR
   int level = u_artwork.x - int(floor(lod));
 #else

@@ -6,7 +6,8 @@
 
 in uvec2 a_grid;     // 0 .. 2^n
 in ivec4 a_origin;   // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
-in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot; log2 of the sample spacing in units
+in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot (TAILS: -1: the patch's tail); log2 of the sample
+                     // spacing in units
 in uvec3 a_node;     // index in the list of instances, + 1; the node's level; its patch
 in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
 
@@ -18,6 +19,9 @@ uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height
 uniform sampler2D u_corners;   // src/render/base_corners.h
 uniform sampler2D u_normals;
 uniform usampler2D u_base;
+#endif
+#ifdef TAILS
+uniform usampler2DArray u_tail_heights;  // 64 x 64 tails of 17 x 17 heights a layer (src/render/tail_textures.h)
 #endif
 
 invariant gl_Position;
@@ -48,6 +52,12 @@ int snapOnSide(int i, int n, uint side) {
 
 #ifdef RELIEF
 int heightSample(ivec3 origin, ivec2 s) {
+#ifdef TAILS
+  if (a_relief.z < 0) {
+    ivec3 tail = ivec3(int(a_node.z & 63u) * 17, int((a_node.z >> 6u) & 63u) * 17, int(a_node.z >> 12u));
+    return int(texelFetch(u_tail_heights, tail + ivec3(s, 0), 0).r);
+  }
+#endif
   vec4 texel = texelFetch(u_pool, origin + ivec3(s, 0), 0);
   return int(texel.r * 255.0 + 0.5) * 256 + int(texel.g * 255.0 + 0.5);
 }
@@ -149,7 +159,7 @@ void main() {
   if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
   if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
 #endif
-  float height_steps = float(heightQ8(slotOrigin(a_relief.z), local, spacing_log2)) * 0.00390625;
+  float height_steps = float(heightQ8(slotOrigin(max(a_relief.z, 0)), local, spacing_log2)) * 0.00390625;
   height_mm += height_steps * u_scale.y;
 #endif
 

@@ -35,6 +35,33 @@ vec3 filterPage(int slot, vec2 p) {
 #endif
 }
 
+#ifdef TAILS
+// The patch's tail at this pixel: what shows where no page is to be had, and where the patch is small.
+vec3 g_tail[PLANES];
+
+void filterTailLevel(ivec3 tile, vec2 uv, int level, out vec3 channels[PLANES]) {
+  vec2 p = uv * float(16 >> level) + vec2(tailLevelAt(level));
+  for (int k = 0; k < PLANES; ++k) channels[k] = filterTail(tile + ivec3(0, 0, k * u_tail_layers), p);
+}
+
+// beyond: the texture LOD, less the root's.
+void loadTail(float beyond) {
+  vec2 uv;
+  uvec4 root = nodeAtLevel(0, uv);
+  ivec3 tile = tailTile(root.x);
+  float lod = clamp(beyond - kTailFinest, 0.0, float(kTailLevels - 1));
+#ifdef TRILINEAR
+  float base = min(floor(lod), float(kTailLevels - 2));
+  filterTailLevel(tile, uv, int(base), g_tail);
+  vec3 coarse[PLANES];
+  filterTailLevel(tile, uv, int(base) + 1, coarse);
+  for (int k = 0; k < PLANES; ++k) g_tail[k] += (coarse[k] - g_tail[k]) * (lod - base);
+#else
+  filterTailLevel(tile, uv, int(floor(lod + 0.5)), g_tail);
+#endif
+}
+#endif
+
 void filterNode(uvec4 entry, uint index, vec2 local, out vec3 channels[PLANES]) {
   vec2 p = local * float(kPagePx) + float(kPageBorderPx);
 #ifdef NO_BORDERS
@@ -52,6 +79,18 @@ void samplePage(Place place, uvec4 entry, uint index, vec2 uv, out vec3 channels
   filterNode(entry, index, localAt(place, uv), channels);
 #ifdef FADE
   float age = float((uint(u_fade.x) - (entry.w >> 16u)) & 0xFFFFu) * u_fade.y + u_fade.z;
+#ifdef TAILS
+  if (age < 1.0) {
+    vec3 below[PLANES] = g_tail;
+    bool any = place.node.y > 0u;
+    if (any) {
+      toParent(place);
+      any = findResident(place, entry, index);
+    }
+    if (any) filterNode(entry, index, localAt(place, uv), below);
+    for (int k = 0; k < PLANES; ++k) channels[k] = mix(below[k], channels[k], age);
+  }
+#else
   if (age < 1.0 && place.node.y > 0u) {
     toParent(place);
     if (findResident(place, entry, index)) {
@@ -60,6 +99,7 @@ void samplePage(Place place, uvec4 entry, uint index, vec2 uv, out vec3 channels
       for (int k = 0; k < PLANES; ++k) channels[k] = mix(below[k], channels[k], age);
     }
   }
+#endif
 #endif
 }
 
@@ -90,7 +130,11 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
 #endif
         samplePage(own, own_entry, own_index, uv, one);
       } else {
+#ifdef TAILS
+        one = g_tail;
+#else
         for (int k = 0; k < PLANES; ++k) one[k] = vec3(128.0);
+#endif
       }
     }
 #endif
@@ -130,7 +174,7 @@ int sampleLevel(int level, out vec3 channels[PLANES]) {
 }
 #else
 
-// The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none, a neutral grey).
+// The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none; the tail, or a neutral grey).
 #ifdef ANISOTROPY
 int sampleLevel(int level, Footprint f, out vec3 channels[PLANES]) {
 #else
@@ -140,7 +184,11 @@ int sampleLevel(int level, out vec3 channels[PLANES]) {
   uvec4 entry;
   uint index;
   if (!findResident(place, entry, index)) {
+#ifdef TAILS
+    channels = g_tail;
+#else
     for (int k = 0; k < PLANES; ++k) channels[k] = vec3(128.0);
+#endif
     return -1;
   }
 #ifdef ANISOTROPY
@@ -193,6 +241,15 @@ void main() {
   float lod = virtualTextureLod();
 #define SAMPLE_LEVEL(level, out_channels) sampleLevel(level, out_channels)
 #endif
+#ifdef TAILS
+  float beyond = lod - float(u_artwork.x);
+#ifdef ANISOTROPY
+  loadTail(max(beyond, v_lod + u_lod_bias - float(u_artwork.x)));  // one tap: as wide as the footprint is long
+#else
+  loadTail(beyond);
+#endif
+  lod = min(lod, float(u_artwork.x));
+#endif
 #ifdef TRILINEAR
   float base = min(floor(lod), float(u_artwork.x));
   float blend = lod - base;
@@ -206,6 +263,15 @@ void main() {
 #else
   int fine = u_artwork.x - int(floor(lod + 0.5));
   int found = SAMPLE_LEVEL(fine, channels);
+#endif
+#ifdef TAILS
+#ifdef TRILINEAR
+  float share = tailShare(beyond);
+#else
+  float share = step(0.5, tailShare(beyond));
+#endif
+  if (share == 1.0) found = -1;
+  for (int k = 0; k < PLANES; ++k) channels[k] += (g_tail[k] - channels[k]) * share;
 #endif
   vec3 colour = clamp(shade(channels) / 255.0, 0.0, 1.0);
 #ifdef SHOW_PAGES

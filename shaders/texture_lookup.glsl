@@ -3,6 +3,9 @@
 #include "common.glsl"
 #include "gradient.glsl"
 #include "page_table.h"
+#ifdef TAILS
+#include "tails.glsl"
+#endif
 
 uniform usampler2D u_table;        // texturing/page_table.h
 uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
@@ -45,11 +48,20 @@ struct Footprint {
 };
 #endif
 
+// The coarsest texture LOD: the root's, or with tails the coarsest of theirs.
+float coarsestLod() {
+#ifdef TAILS
+  return float(u_artwork.x + kTailLevels - 1) + kTailFinest;
+#else
+  return float(u_artwork.x);
+#endif
+}
+
 float nodeTexels() { return float(kPagePx) * powerOfTwo(u_artwork.x - int(v_node.y)); }
 
 #ifndef ANISOTROPY
 // Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels.
-float virtualTextureLod() { return clamp(v_lod + u_lod_bias, 0.0, float(u_artwork.x)); }
+float virtualTextureLod() { return clamp(v_lod + u_lod_bias, 0.0, coarsestLod()); }
 #else
 // A pixel covers an ellipse of the texture, whose axes are the singular values of (dx dy). The level follows the minor one,
 // but for what more than ANISOTROPY taps would take; the taps lie along the major one. In magnification a tap is a texel wide
@@ -83,7 +95,7 @@ float virtualTextureLod(out Footprint f) {
   f.low = vec2(-1e9);
   f.high = vec2(1e9);
 #endif
-  return sound ? clamp(log2(size), 0.0, float(u_artwork.x)) : float(u_artwork.x);
+  return sound ? clamp(log2(size), 0.0, coarsestLod()) : coarsestLod();
 }
 
 // The footprint as taps at distances of one step, weighted by how much of a step around them lies inside it: continuous in

@@ -23,6 +23,7 @@
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/surface_target.h"
+#include "src/render/tail_textures.h"
 #include "src/stream_switch.h"
 #include "texturing/basis.h"
 #include "texturing/page_codec.h"
@@ -119,6 +120,8 @@ struct Engine::Impl {
   std::unique_ptr<PagePool> pool;
   std::unique_ptr<PatchPass> patches;
   std::unique_ptr<BaseCorners> corners;  // over a base mesh
+  std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
+  std::unique_ptr<TailTextures> tail_textures;
   mutable std::optional<std::pair<double, Extent>> mesh_extent;  // of the last exaggeration: a walk over all corners
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
@@ -202,9 +205,27 @@ struct Engine::Impl {
     return viewTransform(of, domain(), low, high, width, height);
   }
 
+  gl::Defines defines() const {
+    gl::Defines all = plan.defines();
+    if (tails) all.emplace_back("TAILS", "1");
+    return all;
+  }
+  // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or fewer, so that the roots
+  // that a screen full of patches asks for fit the cache with room to spare.
+  double tailReach() const {
+    const double planes = static_cast<double>(plan.texture_planes.size());
+    const double pages_of_screen = static_cast<double>(width) * height / (kPagePx * kPagePx) * planes;
+    return std::clamp(0.5 * std::log2(0.6 * slot_count / pages_of_screen), 0.25, kTailReach);
+  }
+  void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
+    if (!tails) return;
+    if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, artwork.manifest.texture, light), *artwork.manifest.base);
+    else tail_textures->setTexels(*tails, *artwork.manifest.base);
+  }
+
   Result<void> linkPrograms() {
     surface_drawn = {};
-    gl::Defines defines = plan.defines();
+    gl::Defines defines = this->defines();
     if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
@@ -231,6 +252,20 @@ struct Engine::Impl {
     return {};
   }
 
+  Result<void> makeTails() {
+    const Manifest& m = artwork.manifest;
+    if (artwork.tails) {
+      auto read = artwork.tails();
+      if (!read) return read.error();
+      tails = std::move(*read);
+    } else {
+      tails.emplace(m.domain.patchCount(), m.texture.channels());
+      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails, &messages);
+    }
+    tail_textures = std::make_unique<TailTextures>(*tails);
+    return {};
+  }
+
   // Begins a new streamer, for other planes than those of the present one.
   void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
     StreamerOptions so;
@@ -246,7 +281,7 @@ struct Engine::Impl {
     so.light_u = starting_light[0];
     so.light_v = starting_light[1];
     std::vector<NodeId> roots;
-    for (uint32_t p = 0; p < domain().patchCount(); ++p) roots.push_back({p, 0, 0, 0});
+    for (uint32_t p = 0; p < domain().patchCount() && !tails; ++p) roots.push_back({p, 0, 0, 0});
     stream_switch.start(artwork.source, so, roots, for_plan.relief ? roots : std::vector<NodeId>());
   }
 
@@ -257,6 +292,7 @@ struct Engine::Impl {
       stream_switch.retire(std::move(streamer));
     }
     streamer = std::move(next);
+    setTailTexels(starting_plan, starting_light);
     predictor.reset();
     predicting = false;
     pool->forgetTable();
@@ -285,7 +321,10 @@ struct Engine::Impl {
         scene = *std::exchange(wished, std::nullopt);
         plan = wanted;
         auto light = normalizedLight(scene.light);
-        if (plan.resolve && light != starting_light) streamer->setLight(light[0], light[1]);
+        if (plan.resolve && light != starting_light) {
+          streamer->setLight(light[0], light[1]);
+          setTailTexels(plan, light);
+        }
         return linkPrograms();
       }
       stream_switch.retire(std::move(next));  // the scene changed once more meanwhile
@@ -340,7 +379,8 @@ struct Engine::Impl {
     std::vector<NodeId> pages;
     if (plan.relief) {
       pages.reserve(answer.lod.instances.size());
-      for (const PatchInstance& p : answer.lod.instances) pages.push_back(p.relief_page);
+      for (const PatchInstance& p : answer.lod.instances)
+        if (p.relief_page.level != kTailLevel) pages.push_back(p.relief_page);
       std::sort(pages.begin(), pages.end());
       pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
       for (const NodeId& page : pages) {
@@ -359,6 +399,7 @@ struct Engine::Impl {
   }
 
   void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0}) const {
+    if (tail_textures) tail_textures->bind(program, tailReach());
     glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
     if (overMesh()) light = drawn.view.world_from_camera * light;
     setShadingUniforms(program, {.format = &artwork.manifest.texture,
@@ -563,6 +604,7 @@ struct Engine::Impl {
       corners->setEye(drawn.view.eye_mm);
       corners->bind(program, 6);
     }
+    if (tail_textures) tail_textures->bind(program, tailReach());
     patches->setInstances(instances, eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
     return eye;
   }
@@ -632,12 +674,22 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
   impl->context = gl::currentContextInfo();
   impl->plan = planEffects(scene, impl->artwork.manifest);
-  double slots = options.cache_mib * 1024 * 1024 / kSlotBytes;
-  // Roots of every plane, and a little room to look at anything beside them.
-  uint32_t least = impl->domain().patchCount() * static_cast<uint32_t>(impl->plan.texture_planes.size() + 1) + 16;
+  const Manifest& manifest = impl->artwork.manifest;
+  const bool with_tails = manifest.base && manifest.domain.patchCount() > options.most_pinned_patches;
+  if (with_tails) impl->stats.tail_bytes = tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
+  double slots = (options.cache_mib * 1024 * 1024 - static_cast<double>(impl->stats.tail_bytes)) / kSlotBytes;
+  // Roots of every plane (or tails), and a little room to look at anything beside them.
+  uint32_t least = (with_tails ? 1 : impl->domain().patchCount()) * static_cast<uint32_t>(impl->plan.texture_planes.size() + 1) + 16;
   if (slots < least) {
     return Error{ErrorKind::kUsage, "", "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
-                 "give it at least " + std::to_string(least * kSlotBytes / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
+                 "give it at least " + std::to_string((least * kSlotBytes + impl->stats.tail_bytes) / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
+  }
+  if (with_tails) {
+    if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes()); manifest.domain.patchCount() > most) {
+      return Error{ErrorKind::kUnsupported, "", "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
+                       std::to_string(manifest.domain.patchCount()), "build it with fewer patches (--patches)", {}};
+    }
+    if (auto made = impl->makeTails(); !made) return made.error();
   }
   impl->slot_count = static_cast<uint32_t>(std::min<double>(slots, PagePool::maxSlots()));
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
@@ -648,7 +700,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   if (const Manifest& m = impl->artwork.manifest; m.base) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
     auto lod = std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm, impl->artwork.oracle,
-                                          m.coarse_errors);
+                                          m.coarse_errors, impl->tails.has_value());
     impl->lod = std::make_unique<LodWorker>([lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
   } else {
     impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
@@ -690,7 +742,10 @@ Result<void> Engine::setScene(const Scene& scene) {
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
-  if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) e.streamer->setLight(light[0], light[1]);
+  if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) {
+    e.streamer->setLight(light[0], light[1]);
+    e.setTailTexels(e.plan, light);
+  }
   if (e.plan != before) {
     if (auto linked = e.linkPrograms(); !linked) return linked;
   }
@@ -793,7 +848,7 @@ std::vector<std::string> Engine::takeMessages() {
 std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   Impl& e = *impl_;
   if (e.capture_program.id() == 0) {
-    gl::Defines defines = e.plan.defines();
+    gl::Defines defines = e.defines();
     if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (e.broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     defines.emplace_back("CAPTURE", "1");

@@ -8,6 +8,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -19,6 +20,7 @@
 #include "src/gl/context.h"
 #include "texturing/package.h"
 #include "texturing/page_streamer.h"
+#include "texturing/patch_tails.h"
 
 namespace relievo {
 
@@ -27,6 +29,8 @@ struct Artwork {
   Manifest manifest;
   std::shared_ptr<const PageSource> source;
   std::shared_ptr<const ReliefOracle> oracle;
+  // Over a base mesh: what of each patch needs no page, if the source has it at hand (else it is made of the root pages, all of them).
+  std::function<Result<PatchTails>()> tails;
 };
 Artwork artworkFromPackage(std::shared_ptr<const Package> package);
 // Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
@@ -38,7 +42,9 @@ Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 enum class Determination { kFeedback, kGeometry, kBoth };
 
 struct EngineOptions {
-  double cache_mib = 256;   // all planes together
+  double cache_mib = 256;   // all planes together, and the patches' tails
+  // Artworks over a base mesh of more patches than this pin no page: their patches' tails do for the roots (texturing/patch_tails.h).
+  uint32_t most_pinned_patches = 64;
   int workers = 2;
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
@@ -54,6 +60,7 @@ struct EngineStats {
   uint32_t instances = 0, triangles = 0, draw_calls = 0;  // of the last frame
   uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last wish lists
   uint32_t slots = 0, resident = 0;
+  uint64_t tail_bytes = 0;  // on the GPU, besides the slots
   double predicted_error_px = 0;
   double detail_bias = 0;
   uint32_t edges_limited = 0;

@@ -8,6 +8,8 @@
 
 #include <glm/gtc/matrix_transform.hpp>
 
+#include "src/base/base_mesh.h"
+
 namespace relievo {
 namespace {
 
@@ -133,15 +135,16 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
     g.origin[3] = p.grid_level;
     if (relief) {
       // Both corners in units from the patch's corner.
-      int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level);
+      const bool tail = p.relief_page.level == kTailLevel;
+      int page_log2 = eye.patch_units_log2 - (tail ? 0 : static_cast<int>(p.relief_page.level));
       int node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
       auto offset = [&](uint32_t node, uint32_t page) {
         return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2));
       };
       g.relief[0] = offset(p.node.x, p.relief_page.x);
       g.relief[1] = offset(p.node.y, p.relief_page.y);
-      g.relief[2] = static_cast<int32_t>(slot_of(p.relief_page));
-      g.relief[3] = page_log2 - 7;
+      g.relief[2] = tail ? -1 : static_cast<int32_t>(slot_of(p.relief_page));
+      g.relief[3] = page_log2 - (tail ? kTailCellsLog2 : 7);
     }
     g.node[0] = static_cast<uint32_t>(gpu.size() + 1);
     g.node[1] = p.node.level;

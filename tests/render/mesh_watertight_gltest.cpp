@@ -80,11 +80,13 @@ class MeshWatertight : public ::testing::Test {
     if (!context) GTEST_SKIP() << context.error().text();
     context_ = std::move(*context);
   }
-  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px) {
+  // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
+  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false) {
     Scene scene;
     scene.error_px = error_px;
     EngineOptions options;
     options.cache_mib = 4 + 0.16 * static_cast<double>(body.mesh->patches.size());  // pages come and go
+    options.most_pinned_patches = tails ? 0 : kMaxPatches;
     options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
     auto engine = Engine::create(body.artwork, scene, options);
     EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
@@ -174,6 +176,55 @@ TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
               (unsigned long long)total.compared, frames, (unsigned long long)total.across_patches, (unsigned long long)total.different);
   EXPECT_GE(total.compared, 2'000'000u);
   EXPECT_GE(total.across_patches, 100'000u);
+}
+
+// The same where most patches are drawn from their tails, some from pages: beside each other, and each in turn while pages come and go.
+TEST_F(MeshWatertight, TailsAndPagesHaveTheSameBits) {
+  Comparison total;
+  uint64_t of_tails = 0, of_pages = 0;
+  for (const test::NamedMesh& named : test::wellShapedMeshes()) {
+    std::mt19937 random(static_cast<uint32_t>(kSeed + 7 * named.mesh.patches.size()));
+    BaseMesh mesh = named.mesh;
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    auto engine = makeEngine(makeBody(mesh, 2, 8), 0.25, true);
+    for (int frame = 0; frame < 6; ++frame) {
+      if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
+      engine->frame(frame * 0.016);
+      compareShared(*engine, &total);
+      if (HasFatalFailure()) return;
+      for (const PatchInstance& p : engine->instances()) ++(p.relief_page.level == kTailLevel ? of_tails : of_pages);
+    }
+    EXPECT_EQ(total.different, 0u) << named.name;
+  }
+  std::printf("[ watertight ] %llu comparisons, %llu across patches, %llu differ; %llu instances from tails, %llu from pages\n",
+              (unsigned long long)total.compared, (unsigned long long)total.across_patches, (unsigned long long)total.different,
+              (unsigned long long)of_tails, (unsigned long long)of_pages);
+  EXPECT_GE(total.across_patches, 50'000u);
+  EXPECT_GE(of_tails, 500u);
+  EXPECT_GE(of_pages, 500u);
+}
+
+// Were a tail's samples others than the page's, it would show.
+TEST_F(MeshWatertight, TailsOfOtherHeightsAreSeen) {
+  BaseMesh mesh = test::cubeSphere(3, 60);
+  Body body = makeBody(mesh, 2, 8);
+  body.artwork.tails = [artwork = body.artwork]() -> Result<PatchTails> {
+    const Manifest& m = artwork.manifest;
+    PatchTails tails(m.domain.patchCount(), m.texture.channels());
+    tailsFromPages(*artwork.source, m.texture, true, 0, tails.patches, 2, tails, nullptr);
+    for (uint16_t& h : tails.heightsOf(4)) ++h;
+    return tails;
+  };
+  auto engine = makeEngine(body, 0.25, true);
+  std::mt19937 random(static_cast<uint32_t>(kSeed));
+  Comparison total;
+  for (int frame = 0; frame < 12; ++frame) {
+    if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
+    engine->frame(frame * 0.016);
+    compareShared(*engine, &total);
+  }
+  EXPECT_GT(total.different, 0u) << "of " << total.compared;
 }
 
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
