@@ -24,6 +24,7 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/level_wish.h"
 #include "geometry/lod_common.h"
 #include "geometry/mesh_forest.h"
 #include "geometry/mesh_roots.h"
@@ -49,7 +50,12 @@ class Selection {
     wants_.clear();
     want_index_.clear();
     error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
+    morph_ = view.morph;
+    hysteresis_ = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
+    memory_.nextView(hysteresis_);
     if (!camera_.valid) return rootsAlone();
+    // The roots' tables know whole levels, and this view alone.
+    one_by_one_ = morph_ || hysteresis_ > 0;
     roots_.prepare(forest_, exaggerate_);
     // Four times the error until it fits, then back to twice if that fits too.
     double asked_px = error_px_, scale = 1;
@@ -60,12 +66,15 @@ class Selection {
 
  private:
   enum class State : uint8_t { kLeaf, kSplit };
-  // What a square alone determines. Culled: nothing is wanted, and no error shows.
+  // What a square alone determines. Culled: no error shows; nothing is wanted but with geomorph, where what comes into view is as it will be.
+  // Levels here and in nodes are wishes: kOneLevel a level (level_wish.h).
+  static constexpr int kUnknown = -1;
   struct Info {
     double px_per_mm = 0, diameter_mm = 0, cell_px = 0;  // cell_px: of the whole square, as one cell
     glm::dvec3 centre{0};
-    int wanted_level = 0;  // absolute
+    int wanted = 0;  // absolute
     bool culled = false;
+    int floored = kUnknown, level = kUnknown, inner = kUnknown;  // of flooredLevel(), levelOf(), innerLevel()
   };
   struct Node {
     Square square;
@@ -76,12 +85,13 @@ class Selection {
     int resident_level = 0;  // vertices up to this absolute level have samples
     int needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
     int grid_level = 0;
-    int wanted_level = 0;    // the largest of its edges'
+    int wanted = 0;          // the largest of its edges'
+    int drawn = 0;           // of its inside
     uint32_t info = 0;
-    std::array<int8_t, 4> across{kUnknown, kUnknown, kUnknown, kUnknown};  // what the squares across its sides want
-    std::array<std::array<uint8_t, 2>, 4> segments{};
+    std::array<int, 4> across{kUnknown, kUnknown, kUnknown, kUnknown};  // what its sides want, if they are whole
+    std::array<std::array<int, 2>, 4> edges{};                         // absolute; of whole ones the second is kWhole
   };
-  static constexpr int8_t kUnknown = -1;
+  static constexpr int kWhole = -1;
   struct Tree {
     std::vector<Node> nodes;
     std::vector<uint32_t> root_node;  // by patch; none: drawn from the roots' tables, or culled
@@ -101,7 +111,7 @@ class Selection {
     if (uint32_t found = info_index_.find(k); found != kNone) return found;
     const auto index = static_cast<uint32_t>(infos_.size());
     info_index_.insert(k, index);
-    const int code = s.level == 0 ? roots_.codes()[s.patch] : MeshRoots::kCareful;
+    const int code = s.level == 0 && !one_by_one_ ? roots_.codes()[s.patch] : MeshRoots::kCareful;
     infos_.push_back(code & MeshRoots::kCareful ? evaluate(s) : ofRoot(s.patch, code));
     return index;
   }
@@ -109,19 +119,19 @@ class Selection {
   Info ofRoot(uint32_t patch, int code) const {
     Info in;
     in.culled = (code & MeshRoots::kCulled) != 0;
-    in.wanted_level = code & MeshRoots::kLevel;
+    in.wanted = (code & MeshRoots::kLevel) * kOneLevel;
     in.px_per_mm = roots_.pxPerMm(patch);
     in.diameter_mm = roots_.diameter(patch);
     return in;
   }
   int wantedLevel(const Square& s) {
-    if (s.level == 0)
-      if (const int code = roots_.codes()[s.patch]; !(code & MeshRoots::kCareful)) return code & MeshRoots::kLevel;
-    return infos_[infoIndex(s)].wanted_level;
+    if (s.level == 0 && !one_by_one_)
+      if (const int code = roots_.codes()[s.patch]; !(code & MeshRoots::kCareful)) return (code & MeshRoots::kLevel) * kOneLevel;
+    return infos_[infoIndex(s)].wanted;
   }
   Info evaluate(const Square& s) {
     Info in;
-    in.wanted_level = s.level;
+    in.wanted = s.level * kOneLevel;
     const SquareHull hull = forest_.hull(s, exaggerate_);
     for (const glm::dvec4& plane : camera_.planes) {
       double reach = std::numeric_limits<double>::lowest(), terms = 0;
@@ -132,7 +142,8 @@ class Selection {
       // Vertices are computed in floats: what is on the plane stays.
       if (reach < -1e-6 * terms) {
         in.culled = true;
-        return in;
+        if (!morph_) return in;
+        break;
       }
     }
     glm::dvec3 low = hull[0], high = low;
@@ -156,23 +167,60 @@ class Selection {
       for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2}, std::array<size_t, 2>{1, 3}})
         longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
     in.cell_px = longest * nearest_px_per_mm;
-    double cell_px = in.cell_px;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
-    int& level = in.wanted_level;
-    for (; level < finest; ++level, cell_px *= 0.5) {
-      const double px = errorMm(s, level, in) * in.px_per_mm;
-      if (px <= error_px_ || !(cell_px > 2 * leastCellPx(min_cell_px_, px / error_px_))) break;
-    }
+    const WishView wish{error_px_, min_cell_px_, max_node_px_, hysteresis_, morph_};
+    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, wish, [&](int level) { return errorMm(s, level, in) * in.px_per_mm; }));
     return in;
   }
   double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
-  // What the square across a node's side wants, of the same level; at the border what the node itself does.
-  int wantedAcross(Node& n, int side) {
-    int8_t& known = n.across[static_cast<size_t>(side)];
-    if (known == kUnknown) {
-      Square other;
-      known = static_cast<int8_t>(forest_.neighbour(n.square, side, other) ? wantedLevel(other) : infos_[n.info].wanted_level);
+  // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of them are nodes.
+  // A square's own wish, and what is left of its parent's.
+  int flooredLevel(const Square& s) {
+    const uint32_t at = infoIndex(s);
+    if (infos_[at].floored != kUnknown) return infos_[at].floored;
+    int level = infos_[at].wanted;
+    if (s.level > 0) {
+      const Square parent = s.ancestor(s.level - 1);
+      level = std::max(level, childFloor(parent.level, levelOf(parent), progressOf(parent)));
     }
+    return infos_[at].floored = level;
+  }
+  // Not so far below a neighbour's that its edges' middles would be missing when that one has it split.
+  int levelOf(const Square& s) {
+    if (!morph_) return wantedLevel(s);
+    const uint32_t at = infoIndex(s);
+    if (infos_[at].level != kUnknown) return infos_[at].level;
+    int level = flooredLevel(s);
+    for (int side = 0; side < 4; ++side)
+      if (Square other; forest_.neighbour(s, side, other)) level = std::max(level, flooredLevel(other) - kMostBeyondNeighbour);
+    return infos_[at].level = level;
+  }
+  // Of the side of a square that another of its level lies across, whoever asks; at the border that of the square alone.
+  int levelOfSide(const Square& s, int side) {
+    int level = levelOf(s);
+    Square other;
+    if (!forest_.neighbour(s, side, other)) return level;
+    level = std::max(level, levelOf(other));
+    if (!morph_ || s.level == 0 || other.patch != s.patch || other.x >> 1 != s.x >> 1 || other.y >> 1 != s.y >> 1) return level;
+    // Inside the parent.
+    const Square parent = s.ancestor(s.level - 1);
+    return std::max(level, childFloor(parent.level, innerLevel(parent), progressOf(parent)));
+  }
+  // What a square's inside is drawn with if all its sides are whole.
+  int innerLevel(const Square& s) {
+    const uint32_t at = infoIndex(s);
+    if (infos_[at].inner != kUnknown) return infos_[at].inner;
+    int level = 0;
+    for (int side = 0; side < 4; ++side) level = std::max(level, levelOfSide(s, side));
+    return infos_[at].inner = level;
+  }
+  int progressOf(const Square& s) {
+    const int inner = innerLevel(s);
+    return splitProgress(s.level, inner, infos_[infoIndex(s)].cell_px, max_node_px_);
+  }
+  int wantedOnSide(Node& n, int side) {
+    int& known = n.across[static_cast<size_t>(side)];
+    if (known == kUnknown) known = levelOfSide(n.square, side);
     return known;
   }
 
@@ -202,6 +250,7 @@ class Selection {
       if (tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, forest_.leastResidentLevel(), 0);
     };
     add(patch);
+    if (one_by_one_) return;
     for (uint32_t p : roots_.neighbours(patch)) add(p);
   }
   // Children need at least the grid of level 1: whole units, and samples for it.
@@ -223,8 +272,8 @@ class Selection {
     const int limit = s.level + kMaxSplitLevel;
     Node& n = tree_.nodes[index];
     if (infos_[n.info].cell_px > max_node_px_) return true;
-    bool wants = infos_[n.info].wanted_level > limit;
-    for (int side = 0; side < 4 && !wants; ++side) wants = wantedAcross(n, side) > limit;
+    bool wants = false;
+    for (int side = 0; side < 4 && !wants; ++side) wants = wantedOnSide(n, side) > limit * kOneLevel;
     n.rough = wants;
     if (!wants || n.resident_level > limit || n.resident_level >= forest_.unitLog2()) return wants;
     // Without finer pages smaller nodes would only cut the same triangles into more instances.
@@ -269,6 +318,7 @@ class Selection {
     max_node_px_ = kMaxNodePx * scale;
     infos_.clear();
     info_index_.clear();
+    memory_.again();
     roots_.evaluate(camera_, {error_px_, min_cell_px_, max_node_px_, hide_backs_});
     if (!refine(anyway)) return false;
     if (!limited_tree_ || anyway) return true;
@@ -285,7 +335,9 @@ class Selection {
     tree_.clear();
     limited_tree_ = false;
     const std::span<const uint8_t> codes = roots_.codes();
-    for (uint32_t p = 0; p < codes.size() && roots_.anyCareful(); ++p)
+    for (uint32_t p = 0; p < codes.size() && one_by_one_; ++p)
+      if (!(codes[p] & (MeshRoots::kCulled | MeshRoots::kHidden))) addRootAndNeighbours(p);
+    for (uint32_t p = 0; p < codes.size() && !one_by_one_ && roots_.anyCareful(); ++p)
       if (codes[p] & MeshRoots::kCareful) addRootAndNeighbours(p);
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
@@ -295,28 +347,28 @@ class Selection {
   }
 
   // ---- the answer
-  // The segments' level of one edge between squares of base_level: as wanted, as far as both sides have samples for it.
-  uint8_t segmentsOf(Node& n, const Node* across, int wanted, int base_level, int cap, bool counts) {
+  // One edge between squares of base_level: as wanted, as far as both sides have samples for it.
+  int edgeLevel(Node& n, const Node* across, int wanted, int base_level, int cap, bool counts) {
     int available = across ? std::min(n.resident_level, across->resident_level) : n.resident_level;
-    int level = std::max(std::min({wanted, available, base_level + cap, forest_.unitLog2()}), base_level);
+    int level = std::max(std::min(wanted, std::min({available, base_level + cap, forest_.unitLog2()}) * kOneLevel), base_level * kOneLevel);
     bool blocked = n.blocked || (across && across->blocked);
-    n.wanted_level = std::max(n.wanted_level, wanted);
-    if (counts && level < wanted && (available < wanted || blocked)) ++limited_;
-    return static_cast<uint8_t>(level - base_level);
+    n.wanted = std::max(n.wanted, wanted);
+    if (counts && level < wanted && (available * kOneLevel < wanted || blocked)) ++limited_;
+    return level;
   }
   void levelSides(uint32_t index) {
     Node& n = tree_.nodes[index];
     const Square s = n.square;
-    const int own = infos_[n.info].wanted_level;
-    n.wanted_level = own;
+    n.wanted = levelOf(s);
+    n.drawn = s.level * kOneLevel;
     for (int side = 0; side < 4; ++side) {
       // across: none where nothing is drawn, or where a root is that is no node (it has samples for all that it can want).
       auto whole = [&](int cap, uint32_t across) {
         const Node* a = across == kNone ? nullptr : &tree_.nodes[across];
         // An edge is counted once: by the finer node, or by the first of two.
-        uint8_t level = segmentsOf(n, a, std::max(own, wantedAcross(n, side)), s.level, cap, !a || a->square.level < s.level || index < across);
-        n.segments[static_cast<size_t>(side)] = {level, PatchInstance::kWholeEdge};
-        n.grid_level = std::max<int>(n.grid_level, level);
+        const int level = edgeLevel(n, a, wantedOnSide(n, side), s.level, cap, !a || a->square.level < s.level || index < across);
+        n.edges[static_cast<size_t>(side)] = {level, kWhole};
+        n.drawn = std::max(n.drawn, level);
       };
       Square other;
       if (!forest_.neighbour(s, side, other)) {
@@ -338,38 +390,45 @@ class Selection {
         const uint32_t finer = findNode(theirs);
         const Node* f = finer != kNone ? &tree_.nodes[finer] : nullptr;
         assert(!f || f->state == State::kLeaf);
-        uint8_t level = segmentsOf(n, f, std::max(wantedLevel(mine), wantedLevel(theirs)), s.level + 1, kMaxGridLevel - 1, !f);
-        n.segments[static_cast<size_t>(side)][half] = level;
-        n.grid_level = std::max(n.grid_level, level + 1);
+        const int level = edgeLevel(n, f, std::max(levelOf(mine), levelOf(theirs)), s.level + 1, kMaxGridLevel - 1, !f);
+        n.edges[static_cast<size_t>(side)][half] = level;
+        n.drawn = std::max(n.drawn, level);
       }
     }
+    n.grid_level = wholeLevels(n.drawn) - s.level;
   }
-  // Of the drawn surface within a square that is drawn with vertices of an absolute level, at an edge with those of a coarser one: where
-  // vertices snapped, a triangle has corners of both, and each may be off by the coarser level's error, to opposite sides.
+  // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
+  double errorAtMm(const Square& s, int wish, const Info& in) {
+    const int level = wholeLevels(wish);
+    const double weight = (morphOf(wish) + 1) / double{kOneLevel};
+    const double error = errorMm(s, level, in);
+    return weight < 1 ? (1 - weight) * errorMm(s, level - 1, in) + weight * error : error;
+  }
+  // Of the drawn surface within a square that is drawn at a level, at an edge with a coarser one: all vertices lie within the edge's error
+  // of the edge's surface, which is flat within each drawn triangle, and that one lies within it of the finest, maybe on the other side.
   double predictedPx(const Square& s, uint32_t info, int drawn_level, int edge_level) {
     const Info& in = infos_[info];
     if (in.culled) return 0;
-    double error = errorMm(s, drawn_level, in);
-    if (edge_level < drawn_level) error = std::max(error, std::min(2 * errorMm(s, edge_level, in), in.diameter_mm));
+    double error = errorAtMm(s, drawn_level, in);
+    if (edge_level < drawn_level) error = std::max(error, std::min(2 * errorAtMm(s, edge_level, in), in.diameter_mm));
     return error * in.px_per_mm;
   }
   double predictedPx(const Node& n) {
     const Square& s = n.square;
-    const int drawn = s.level + n.grid_level;
-    int coarsest = drawn;  // of the whole edges
+    int coarsest = n.drawn;  // of the whole edges
     double px = 0;
     for (int side = 0; side < 4; ++side) {
-      const auto& levels = n.segments[static_cast<size_t>(side)];
-      if (levels[1] == PatchInstance::kWholeEdge) {
-        coarsest = std::min(coarsest, s.level + levels[0]);
+      const auto& levels = n.edges[static_cast<size_t>(side)];
+      if (levels[1] == kWhole) {
+        coarsest = std::min(coarsest, levels[0]);
         continue;
       }
       for (uint32_t half = 0; half < 2; ++half) {
         const Square child = s.childAt(side, half);
-        px = std::max(px, predictedPx(child, infoIndex(child), drawn, s.level + 1 + levels[half]));
+        px = std::max(px, predictedPx(child, infoIndex(child), n.drawn, levels[half]));
       }
     }
-    return std::max(px, predictedPx(s, n.info, drawn, coarsest));
+    return std::max(px, predictedPx(s, n.info, n.drawn, coarsest));
   }
   Square reliefPage(const Node& n) const {
     if (forest_.hasTails() && n.square.level + n.grid_level <= kTailCellsLog2) return {n.square.patch, static_cast<int>(kTailLevel), 0, 0};
@@ -441,14 +500,28 @@ class Selection {
     return result;
   }
 
+  static void setEdges(PatchInstance& p, const Node& n) {
+    p.morph = morphOf(n.drawn);
+    for (size_t side = 0; side < 4; ++side) {
+      const auto& levels = n.edges[side];
+      const bool whole = levels[1] == kWhole;
+      for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
+        p.edges[side][half] = static_cast<uint8_t>(wholeLevels(levels[half]) - n.square.level - (whole ? 0 : 1));
+        p.edge_morph[side][half] = morphOf(levels[half]);
+      }
+      if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
+    }
+  }
   PlanarLodResult finish() {
     PlanarLodResult result;
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
       if (tree_.nodes[i].state == State::kLeaf) levelSides(i);
-    for (const Node& n : tree_.nodes)
-      if (n.square.level == 0) roots_.leaveOut(n.square.patch);
-    roots_.levelEdges();
-    result.max_error_px = roots_.maxErrorPx();
+    if (!one_by_one_) {
+      for (const Node& n : tree_.nodes)
+        if (n.square.level == 0) roots_.leaveOut(n.square.patch);
+      roots_.levelEdges();
+      result.max_error_px = roots_.maxErrorPx();
+    }
     std::vector<PatchInstance>& drawn = of_nodes_.instances;
     drawn.clear();
     for (const Node& n : tree_.nodes) {
@@ -462,13 +535,13 @@ class Selection {
       p.y0 = static_cast<int32_t>(n.square.y << shift);
       p.grid_level = static_cast<uint8_t>(n.grid_level);
       p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
-      p.edges = n.segments;
+      setEdges(p, n);
       p.relief_page = {p.node.patch, 0, 0, 0};
       if (!hidden) result.max_error_px = std::max(result.max_error_px, predictedPx(n));
       if (!flat_) {
         Square page = reliefPage(n);
         p.relief_page = page.id();
-        addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, n.wanted_level}), page.level);
+        addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, wholeLevels(n.wanted)}), page.level);
       }
       if (!hidden) drawn.push_back(p);
     }
@@ -476,6 +549,13 @@ class Selection {
     sortLists(of_nodes_);
     result.wants = of_nodes_.wants;
     of_nodes_.wants.swap(wants_);
+    result.backs_are_hidden = roots_.backsAreHidden();
+    result.limited_by_residency = limited_;
+    result.error_px = error_px_;
+    if (one_by_one_) {
+      result.instances = drawn;
+      return result;
+    }
     // Both lists are in order; a patch is in one of them alone.
     size_t count = drawn.size(), next = 0;
     for (int level = 0; level <= kMaxGridLevel; ++level) count += roots_.drawn(level).size();
@@ -491,9 +571,6 @@ class Selection {
       }
       addRoots(result.instances, level, roots);
     }
-    result.backs_are_hidden = roots_.backsAreHidden();
-    result.limited_by_residency = limited_;
-    result.error_px = error_px_;
     return result;
   }
 
@@ -503,7 +580,9 @@ class Selection {
   LodCamera camera_;
   bool flat_ = false;
   bool hide_backs_ = true;
-  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0;
+  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0, hysteresis_ = 0;
+  bool morph_ = false, one_by_one_ = false;
+  WishMemory memory_;
   Tree tree_, other_tree_;
   std::vector<Info> infos_;
   std::vector<ReliefWant> wants_;

@@ -42,6 +42,13 @@ glm::vec3 lerpOrdered(const glm::vec3& lo, const glm::vec3& hi, float t) {
   return {Ops::mulMulAdd(lo.x, s, hi.x, t), Ops::mulMulAdd(lo.y, s, hi.y, t), Ops::mulMulAdd(lo.z, s, hi.z, t)};
 }
 
+// A vertex on its way from the middle of two others to its own place (geometry/morph.h).
+template <class Ops = PlainOps>
+glm::vec3 betweenVertices(const glm::vec3& a, const glm::vec3& b, const glm::vec3& own, float weight) {
+  const glm::vec3 sum = a + b;
+  return lerpOrdered<Ops>(0.5f * sum, own, weight);
+}
+
 // Vertex (x, y) in units of 1 / side (a power of two, at most 2^23) of a patch; height_mm as the shader computes it (exaggerated).
 template <class Ops = PlainOps>
 glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::array<EyeCorner, 4>& corner, uint32_t x, uint32_t y, uint32_t side,

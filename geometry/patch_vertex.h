@@ -17,6 +17,7 @@
 #include <cassert>
 #include <cstdint>
 
+#include "geometry/morph.h"
 #include "geometry/planar_lod.h"
 #include "geometry/snap.h"
 #include "src/base/planar_domain.h"
@@ -81,6 +82,21 @@ PatchVertex patchVertex(const PlanarDomain& domain, const PatchInstance& p, uint
   v.height_q8 = sampleHeightQ8(page(p.relief_page), heightPlace(x, width, spacing_log2, page_x),
                                heightPlace(y, height, spacing_log2, page_y), spacing_log2);
   return v;
+}
+
+// The same with geomorph: x, y in units and the height in 16-bit sample steps / 256, exact in doubles. The shader mixes floats, from the same numbers and
+// in the same order on both sides.
+template <class PageOf>
+glm::dvec3 morphedPatchVertex(const PlanarDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief, PageOf&& page) {
+  PatchInstance still = p;
+  still.edges.fill({p.grid_level, PatchInstance::kWholeEdge});
+  auto at = [&](uint32_t x, uint32_t y) {
+    const PatchVertex v = patchVertex(domain, still, x, y, relief, page);
+    return glm::dvec3(v.x, v.y, v.height_q8);
+  };
+  return drawnVertex(p, i, j, at, [](const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& own, float weight) {
+    return 0.5 * (a + b) * (1.0 - double{weight}) + own * double{weight};
+  });
 }
 
 }  // namespace relievo

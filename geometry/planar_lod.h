@@ -41,6 +41,13 @@ struct LodView {
   // No vertices closer than this on screen (half of it where the error is over 4 budgets, a quarter over 16: walls), whatever the error:
   // bounds the cost of a frame by the screen's size. What it leaves shows in max_error_px. 0: no such bound.
   double min_cell_px = 0.0;
+  // Geomorph: levels change by small steps as the view does, vertices slide to their places (geometry/morph.h); what is drawn keeps error_px, with
+  // some 40 per cent more triangles. What still changes at once: pages that arrive or leave, and error_px itself above the limit of nodes.
+  bool morph = false;
+  // Of error_px. A square keeps its level until it has too large an error, or would have a coarser one with error_px / (1 + hysteresis):
+  // a camera that trembles changes neither nodes nor pages, and the error stays within error_px. The answer depends on the views before,
+  // as far as they had one; 0: on this view alone.
+  double hysteresis = 0;
   double exaggerate = 1.0;          // heights are multiplied by it
   bool relief = true;               // false: flat, no relief pages asked for
   // Patches of closed bodies that the eye, outside, sees from behind alone are left out (over a base mesh); no other patch changes.
@@ -75,6 +82,11 @@ struct PatchInstance {
   // (first half: towards smaller coordinates).
   static constexpr uint8_t kWholeEdge = 15;
   std::array<std::array<uint8_t, 2>, 4> edges{};
+  // Geomorph (geometry/morph.h): vertices of the finest level, of the grid's inside and of each edge, are (weight + 1) / 256 of the way from
+  // the coarser surface to their own place.
+  static constexpr uint8_t kInPlace = 255;
+  uint8_t morph = kInPlace;
+  std::array<std::array<uint8_t, 2>, 4> edge_morph{{{255, 255}, {255, 255}, {255, 255}, {255, 255}}};  // as `edges`
   NodeId relief_page;          // the resident page to displace from; it covers the node. Unused in a flat view. Of level kTailLevel: the
                                // patch's tail, whose samples every vertex is among (src/base/base_mesh.h)
   friend bool operator==(const PatchInstance&, const PatchInstance&) = default;

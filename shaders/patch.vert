@@ -10,6 +10,9 @@ in ivec4 a_relief;   // units from the relief page's corner to the node's corner
                      // spacing in units
 in uvec3 a_node;     // index in the list of instances, + 1; the node's level; its patch
 in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
+#ifdef MORPH
+in uvec3 a_morph;    // weights, less 1, of 256: per side a byte, of the whole edge or first half; of the second half; of the grid's inside
+#endif
 
 uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
 uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
@@ -131,17 +134,14 @@ void basePoint(ivec2 place, int side, out vec3 point, out vec3 normal) {
 }
 #endif
 
-void main() {
-  int n = a_origin.w;
-  int last = 1 << n;
-  ivec2 g = ivec2(a_grid);
-  ivec2 snapped = g;
-  if (g.x == 0) snapped.y = snapOnSide(g.y, n, a_edges & 255u);
-  if (g.x == last) snapped.y = snapOnSide(g.y, n, (a_edges >> 8u) & 255u);
-  if (g.y == 0) snapped.x = snapOnSide(g.x, n, (a_edges >> 16u) & 255u);
-  if (g.y == last) snapped.x = snapOnSide(g.x, n, (a_edges >> 24u) & 255u);
+struct Vertex {
+  vec3 from_eye;
+  vec2 uv;  // in the node
+};
 
-  ivec2 in_node = ivec2(snapped.x << a_origin.z, snapped.y << a_origin.z);
+// The surface at a place of the grid.
+Vertex vertexAt(ivec2 g) {
+  ivec2 in_node = ivec2(g.x << a_origin.z, g.y << a_origin.z);
   ivec2 at = a_origin.xy + in_node;
 #ifndef MESH
   ivec2 place = min(at, u_limit);
@@ -163,24 +163,110 @@ void main() {
   height_mm += height_steps * u_scale.y;
 #endif
 
+  Vertex v;
+  float nodes = powerOfTwo(-(a_origin.z + a_origin.w));
 #ifdef MESH
   vec3 point, normal;
   basePoint(at, u_limit.x, point, normal);
-  vec3 from_eye = point + normal * height_mm;
+  v.from_eye = point + normal * height_mm;
+  v.uv = vec2(in_node) * nodes;
 #else
-  vec3 from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
+  v.from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
+  v.uv = vec2(place - a_origin.xy) * nodes;
 #endif
-  gl_Position = u_clip_from_eye * vec4(from_eye, 1.0);
+  return v;
+}
+
+#ifdef MORPH
+// C++ twin: geometry/morph.h, as is all of what follows.
+struct GridVertex {
+  ivec2 own, reach;  // grid steps
+  float weight;      // below 1: drawn between own - reach and own + reach
+};
+
+float weightOf(uint bytes, int at) { return float(((bytes >> (8 * at)) & 255u) + 1u) * 0.00390625; }
+
+GridVertex vertexOnSide(ivec2 g, ivec2 axis, int n, int which) {
+  GridVertex v = GridVertex(g, ivec2(0), 1.0);
+#ifndef NO_SNAPPING
+  uint levels = (a_edges >> (8 * which)) & 255u;
+  bool halves = (levels >> 4u) != 15u;
+  int i = g.x * axis.x + g.y * axis.y;
+  int middle = halves ? (1 << n) >> 1 : 0;
+  bool second = halves && i >= middle;
+  int start = second ? middle : 0;
+  int level = int(second ? levels >> 4u : levels & 15u);
+  int cells = halves ? n - 1 : n;
+  int snapped = snapToEdge(i - start, cells, level);
+  v.own = g + axis * (start + snapped - i);
+  if (level > 0 && ((snapped >> (cells - level)) & 1) != 0) {
+    v.reach = axis << (cells - level);
+    v.weight = weightOf(second ? a_morph.y : a_morph.x, which);
+  }
+#endif
+  return v;
+}
+
+GridVertex vertexOnBorder(ivec2 g, int n) {
+  int last = 1 << n;
+  bool column = g.x == 0 || g.x == last, row = g.y == 0 || g.y == last;
+  if (column == row) return GridVertex(g, ivec2(0), 1.0);
+  return vertexOnSide(g, column ? ivec2(0, 1) : ivec2(1, 0), n, column ? (g.x == 0 ? 0 : 1) : (g.y == 0 ? 2 : 3));
+}
+
+// Of the way from the middle of two (their sum) to a vertex's own place.
+Vertex between(Vertex sum, Vertex own, float weight) {
+  float s = 1.0 - weight;
+  return Vertex(0.5 * sum.from_eye * s + own.from_eye * weight, 0.5 * sum.uv * s + own.uv * weight);
+}
+
+// Loops, so that what most vertices do not need is not computed where all lanes agree on it, and vertexAt() is there once.
+Vertex drawnVertex(ivec2 g, int n) {
+  int last = 1 << n;
+  ivec2 odd = g & 1;
+  float weight = weightOf(a_morph.z, 0);
+  bool moves = (odd.x | odd.y) != 0 && weight < 1.0 && g.x > 0 && g.y > 0 && g.x < last && g.y < last;
+  Vertex own, sum;
+  for (int k = 0; k < (moves ? 3 : 1); ++k) {
+    GridVertex v = vertexOnBorder(k == 0 ? g : k == 1 ? g - odd : g + odd, n);
+    Vertex there, sum_there;
+    for (int e = 0; e < (v.weight < 1.0 ? 3 : 1); ++e) {
+      Vertex at = vertexAt(e == 0 ? v.own : e == 1 ? v.own - v.reach : v.own + v.reach);
+      if (e == 0) there = at;
+      else if (e == 1) sum_there = at;
+      else sum_there = Vertex(sum_there.from_eye + at.from_eye, sum_there.uv + at.uv);
+    }
+    if (v.weight < 1.0) there = between(sum_there, there, v.weight);
+    if (k == 0) own = there;
+    else if (k == 1) sum = there;
+    else sum = Vertex(sum.from_eye + there.from_eye, sum.uv + there.uv);
+  }
+  if (moves) own = between(sum, own, weight);
+  return own;
+}
+#endif
+
+void main() {
+  int n = a_origin.w;
+#ifdef MORPH
+  Vertex v = drawnVertex(ivec2(a_grid), n);
+#else
+  int last = 1 << n;
+  ivec2 g = ivec2(a_grid);
+  ivec2 snapped = g;
+  if (g.x == 0) snapped.y = snapOnSide(g.y, n, a_edges & 255u);
+  if (g.x == last) snapped.y = snapOnSide(g.y, n, (a_edges >> 8u) & 255u);
+  if (g.y == 0) snapped.x = snapOnSide(g.x, n, (a_edges >> 16u) & 255u);
+  if (g.y == last) snapped.x = snapOnSide(g.x, n, (a_edges >> 24u) & 255u);
+  Vertex v = vertexAt(snapped);
+#endif
+  gl_Position = u_clip_from_eye * vec4(v.from_eye, 1.0);
 #ifdef CAPTURE
   v_clip = gl_Position;
 #endif
 #ifdef WIREFRAME
   gl_Position.z -= u_scale.w * gl_Position.w;
 #endif
-#ifdef MESH
-  v_uv = vec2(in_node) * powerOfTwo(-(a_origin.z + n));
-#else
-  v_uv = vec2(place - a_origin.xy) * powerOfTwo(-(a_origin.z + n));
-#endif
+  v_uv = v.uv;
   v_instance = uvec2(a_node.x | (uint(n) << 28u), a_node.y);
 }

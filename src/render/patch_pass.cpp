@@ -24,9 +24,17 @@ uint32_t packEdges(const PatchInstance& p) {
   return bits;
 }
 
+GpuPatchMorph packMorph(const PatchInstance& p) {
+  GpuPatchMorph m{{0, 0, p.morph}};
+  for (size_t side = 0; side < 4; ++side)
+    for (size_t half = 0; half < 2; ++half) m.weights[half] |= static_cast<uint32_t>(p.edge_morph[side][half]) << (8 * side);
+  return m;
+}
+constexpr GLuint kMorphAttribute = 5;
+
 }  // namespace
 
-std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_relief", "a_node", "a_edges"}; }
+std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_relief", "a_node", "a_edges", "a_morph"}; }
 
 EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
   EyeFrame eye;
@@ -68,6 +76,7 @@ PatchPass::PatchPass()
       vertices_(gl::Buffer::create()),
       indices_(gl::Buffer::create()),
       instances_(gl::Buffer::create()),
+      morphs_(gl::Buffer::create()),
       nodes_(gl::Texture::create()) {
   std::vector<uint8_t> vertices;
   std::vector<uint16_t> indices;
@@ -108,6 +117,7 @@ PatchPass::PatchPass()
                GL_STATIC_DRAW);
   for (GLuint a = 0; a < kAttributes; ++a) glEnableVertexAttribArray(a);
   for (GLuint a = 1; a < kAttributes; ++a) glVertexAttribDivisor(a, 1);
+  glVertexAttribDivisor(kMorphAttribute, 1);
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   gl::label(GL_BUFFER, instances_.id(), "patch instances");
   glBindVertexArray(0);
@@ -161,6 +171,22 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
                GL_RGBA_INTEGER, GL_UNSIGNED_INT, nodes.data());
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuPatchInstance)), gpu.data(), GL_STREAM_DRAW);
+  setMorphs(instances);
+}
+
+// Nothing where all is in place.
+void PatchPass::setMorphs(std::span<const PatchInstance> instances) {
+  std::vector<GpuPatchMorph> morphs;
+  morphs.reserve(instances.size());
+  uint32_t all = ~0u;
+  for (const PatchInstance& p : instances) {
+    const GpuPatchMorph& m = morphs.emplace_back(packMorph(p));
+    all &= m.weights[0] & m.weights[1] & (m.weights[2] | ~255u);
+  }
+  morphs_any_ = all != ~0u;
+  if (!morphs_any_) return;
+  glBindBuffer(GL_ARRAY_BUFFER, morphs_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(morphs.size() * sizeof(GpuPatchMorph)), morphs.data(), GL_STREAM_DRAW);
 }
 
 void PatchPass::bindInstances(size_t first_instance) const {
@@ -172,6 +198,14 @@ void PatchPass::bindInstances(size_t first_instance) const {
   glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
   glVertexAttribIPointer(3, 3, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
   glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+  if (!morphs_any_) {
+    glDisableVertexAttribArray(kMorphAttribute);
+    glVertexAttribI4ui(kMorphAttribute, ~0u, ~0u, ~0u, ~0u);
+    return;
+  }
+  glEnableVertexAttribArray(kMorphAttribute);
+  glBindBuffer(GL_ARRAY_BUFFER, morphs_.id());
+  glVertexAttribIPointer(kMorphAttribute, 3, GL_UNSIGNED_INT, sizeof(GpuPatchMorph), reinterpret_cast<const void*>(first_instance * sizeof(GpuPatchMorph)));
 }
 
 void PatchPass::bindNodes(const gl::Program& program, int unit) const {

@@ -22,6 +22,11 @@ struct GpuPatchInstance {
   uint32_t edges;      // per side a byte
 };
 
+// And with geomorph: weights of geometry/morph.h, per side a byte, of whole edges or first halves; of second halves; of the grid's inside.
+struct GpuPatchMorph {
+  uint32_t weights[3];
+};
+
 // Attribute order of every program that uses patch.vert.
 std::vector<std::string> patchAttributes();
 
@@ -59,11 +64,13 @@ class PatchPass {
     uint32_t first_index = 0, indices = 0;        // triangles
     uint32_t first_line = 0, line_indices = 0;
   };
+  void setMorphs(std::span<const PatchInstance> instances);
   void bindInstances(size_t first_instance) const;
   void setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const;
 
   gl::VertexArray vertex_array_;
-  gl::Buffer vertices_, indices_, instances_;
+  gl::Buffer vertices_, indices_, instances_, morphs_;
+  bool morphs_any_ = false;  // one of the instances is not in place
   gl::Texture nodes_;
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
