@@ -115,7 +115,7 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
     vec3 one[PLANES];
     vec2 local = localAt(place, uv);
 #ifdef ONE_LOOKUP
-    samplePage(place, entry, index, clamp(local, -reach, 1.0 + reach) * place.inverse_scale - place.base, one);
+    samplePage(place, entry, index, uvAt(place, clamp(local, -reach, 1.0 + reach)), one);
 #else
     if (min(local.x, local.y) >= -reach && max(local.x, local.y) < 1.0 + reach) {
       samplePage(place, entry, index, uv, one);
@@ -126,7 +126,7 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
       toNodeAt(uv, own);
       if (findResident(own, own_entry, own_index)) {
 #ifdef MESH
-        uv = clamp(localAt(own, uv), -reach, 1.0 + reach) * own.inverse_scale - own.base;
+        uv = uvAt(own, clamp(localAt(own, uv), -reach, 1.0 + reach));
 #endif
         samplePage(own, own_entry, own_index, uv, one);
       } else {
@@ -167,20 +167,21 @@ vec3 filterDense(int plane, int level, vec2 p) {
 #endif
 }
 
-int sampleLevel(int level, out vec3 channels[PLANES]) {
+int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
+  int level = int(wanted.node.y);
   vec2 p = (vec2(v_node.zw) + v_uv) * (powerOfTwo(level - int(v_node.y)) * float(kPagePx));
   for (int k = 0; k < PLANES; ++k) channels[k] = filterDense(k, level, p);
   return level;
 }
 #else
 
-// The channels at a level, or at the nearest resident ancestor; answers with the level found (-1: none; the tail, or a neutral grey).
+// The channels at a node, or at its nearest resident ancestor; answers with the level found (-1: none; the tail, or a neutral grey).
 #ifdef ANISOTROPY
-int sampleLevel(int level, Footprint f, out vec3 channels[PLANES]) {
+int sampleLevel(Place wanted, Footprint f, out vec3 channels[PLANES]) {
 #else
-int sampleLevel(int level, out vec3 channels[PLANES]) {
+int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 #endif
-  Place wanted = placeAtLevel(level), place = wanted;
+  Place place = wanted;
   uvec4 entry;
   uint index;
   if (!findResident(place, entry, index)) {
@@ -236,10 +237,10 @@ void main() {
 #ifdef ANISOTROPY
   Footprint footprint;
   float lod = virtualTextureLod(footprint);
-#define SAMPLE_LEVEL(level, out_channels) sampleLevel(level, footprint, out_channels)
+#define SAMPLE_LEVEL(place, out_channels) sampleLevel(place, footprint, out_channels)
 #else
   float lod = virtualTextureLod();
-#define SAMPLE_LEVEL(level, out_channels) sampleLevel(level, out_channels)
+#define SAMPLE_LEVEL(place, out_channels) sampleLevel(place, out_channels)
 #endif
 #ifdef TAILS
   float beyond = lod - float(u_artwork.x);
@@ -254,15 +255,18 @@ void main() {
   float base = min(floor(lod), float(u_artwork.x));
   float blend = lod - base;
   int fine = u_artwork.x - int(base);
-  int found = SAMPLE_LEVEL(fine, channels);
+  Place place = placeAtLevel(fine);
+  int found = SAMPLE_LEVEL(place, channels);
   if (blend > 0.0 && fine > 0) {
+    toParent(place);
     vec3 coarse[PLANES];
-    SAMPLE_LEVEL(fine - 1, coarse);
+    SAMPLE_LEVEL(place, coarse);
     for (int k = 0; k < PLANES; ++k) channels[k] += (coarse[k] - channels[k]) * blend;
   }
 #else
   int fine = u_artwork.x - int(floor(lod + 0.5));
-  int found = SAMPLE_LEVEL(fine, channels);
+  Place place = placeAtLevel(fine);
+  int found = SAMPLE_LEVEL(place, channels);
 #endif
 #ifdef TAILS
 #ifdef TRILINEAR

@@ -114,13 +114,14 @@ vec2 tapAt(int i, int count, float ratio) {
 vec2 tapPlace(float at, Footprint f) { return clamp(v_uv + at * f.step, f.low, f.high); }
 #endif
 
-// A node and the coordinates in it: (uv + base) * scale is 0..1 inside. scale is a power of two.
+// A node and the coordinates in it: uv * scale + offset is 0..1 inside. scale is a power of two, so the product is exact.
 struct Place {
   uvec4 node;  // patch, level, x, y
-  vec2 base;
-  float scale, inverse_scale;
+  vec2 offset;
+  float scale;
 };
-vec2 localAt(Place place, vec2 uv) { return (uv + place.base) * place.scale; }
+vec2 localAt(Place place, vec2 uv) { return uv * place.scale + place.offset; }
+vec2 uvAt(Place place, vec2 local) { return (local - place.offset) / place.scale; }
 
 // The node of a level at this fragment: an ancestor of the drawn node, or in it. No branch, which would cost software GL both sides.
 Place placeAtLevel(int level) {
@@ -130,8 +131,8 @@ Place placeAtLevel(int level) {
   float cells = powerOfTwo(down);
   vec2 cell = clamp(floor(v_uv * cells), vec2(0.0), vec2(cells - 1.0));
   uvec2 node = ((v_node.zw << uint(down)) + uvec2(cell)) >> up;
-  vec2 base = vec2(v_node.zw & uvec2((1u << up) - 1u)) - cell * powerOfTwo(-down);
-  return Place(uvec4(v_node.x, uint(level), node), base, powerOfTwo(s), powerOfTwo(-s));
+  vec2 offset = vec2(v_node.zw & uvec2((1u << up) - 1u)) * powerOfTwo(-int(up)) - cell;
+  return Place(uvec4(v_node.x, uint(level), node), offset, powerOfTwo(s));
 }
 
 uvec4 nodeAtLevel(int level, out vec2 local) {
@@ -141,9 +142,8 @@ uvec4 nodeAtLevel(int level, out vec2 local) {
 }
 
 void toParent(inout Place place) {
-  place.base += vec2(place.node.zw & uvec2(1u)) * place.inverse_scale;
+  place.offset = (place.offset + vec2(place.node.zw & uvec2(1u))) * 0.5;
   place.scale *= 0.5;
-  place.inverse_scale *= 2.0;
   place.node = uvec4(place.node.x, place.node.y - 1u, place.node.zw >> 1u);
 }
 
@@ -163,7 +163,7 @@ void toNodeAt(vec2 uv, inout Place place) {
   ivec2 last = (u_artwork.zw - 1) >> (u_artwork.x + 7 - level);
 #endif
   ivec2 at = clamp(from + ivec2(floor(localAt(place, uv))), ivec2(0), last);
-  place.base -= vec2(at - from) * place.inverse_scale;
+  place.offset -= vec2(at - from);
   int patch_mask = (1 << level) - 1;
 #ifdef MESH
   uint patch_index = place.node.x;
@@ -174,27 +174,21 @@ void toNodeAt(vec2 uv, inout Place place) {
 }
 #endif
 
-bool findNode(uvec4 node, out uvec4 entry, out uint index) {
-  // packNode(node) + 1 of src/base/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.
-  uint lo = node.w | (node.z << 17u);
-  uint hi = (node.z >> 15u) | (node.x << 2u) | (node.y << 22u);
-  lo += 1u;
-  if (lo == 0u) hi += 1u;
-  uint h = pageHash(lo, hi, u_table_shape.z);
-  index = pageProbe0(h, u_table_shape.x);
-  uint width_mask = (1u << u_table_shape.y) - 1u;
-  entry = texelFetch(u_table, ivec2(index & width_mask, index >> u_table_shape.y), 0);
-  if (entry.x == lo && entry.y == hi) return true;
-  index = pageProbe1(h, u_table_shape.x);
-  entry = texelFetch(u_table, ivec2(index & width_mask, index >> u_table_shape.y), 0);
-  return entry.x == lo && entry.y == hi;
-}
-
-// To the nearest resident ancestor, or the node itself; false: there is none.
+// To the nearest resident ancestor, or the node itself; false: there is none. A probe a turn: most look-ups end after their first, and
+// software GL leaves a loop when all pixels are done, but runs through both sides of every branch.
 bool findResident(inout Place place, out uvec4 entry, out uint index) {
-  while (!findNode(place.node, entry, index)) {
-    if (place.node.y == 0u) return false;
-    toParent(place);
+  for (bool second = false;; second = !second) {
+    // packNode(node) + 1 of src/base/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.
+    uint lo = (place.node.w | (place.node.z << 17u)) + 1u;
+    uint hi = ((place.node.z >> 15u) | (place.node.x << 2u) | (place.node.y << 22u)) + (lo == 0u ? 1u : 0u);
+    uint h = pageHash(lo, hi, u_table_shape.z);
+    index = second ? pageProbe1(h, u_table_shape.x) : pageProbe0(h, u_table_shape.x);
+    entry = texelFetch(u_table, ivec2(index & ((1u << u_table_shape.y) - 1u), index >> u_table_shape.y), 0);
+    if (entry.x == lo && entry.y == hi) return true;
+    if (second) {
+      if (place.node.y == 0u) return false;
+      toParent(place);
+    }
   }
-  return true;
+  return false;
 }
