@@ -1,0 +1,148 @@
+// true_mesh_relief.h - reliefs over base meshes held in full, and the oracle of their true errors, for tests of what LODs promise.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <map>
+#include <vector>
+
+#include "tests/geometry/mesh_fixture.h"
+
+namespace relievo::test {
+
+// Heights of an artwork held in full, the oracle of its true errors, and its surface in double precision.
+class TrueMeshRelief final : public ReliefOracle {
+ public:
+  // height: a value 0..1 at a place of the base and its name; shared places get one value.
+  TrueMeshRelief(const BaseMesh& mesh, const MeshRelief& relief, const std::function<double(const glm::dvec3&, const Place&)>& height)
+      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()), coarse_blocks_(mesh.patches.size()) {
+    std::map<Place, uint16_t> shared;
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
+      auto& samples = patches_[p];
+      samples.resize(static_cast<size_t>((side_ + 1) * (side_ + 1)));
+      for (int64_t y = 0; y <= side_; ++y)
+        for (int64_t x = 0; x <= side_; ++x) {
+          Place place = placeOf(mesh, relief.unitLog2(), p, static_cast<uint32_t>(x), static_cast<uint32_t>(y));
+          auto compute = [&] {
+            double z = height(mesh.point(p, double(x) / double(side_), double(y) / double(side_)), place);
+            return static_cast<uint16_t>(std::lround(65535 * std::clamp(z, 0.0, 1.0)));
+          };
+          uint16_t& q = samples[static_cast<size_t>(y * (side_ + 1) + x)];
+          if (place.kind == 0) {
+            q = compute();
+          } else if (auto found = shared.find(place); found != shared.end()) {
+            q = found->second;
+          } else {
+            q = shared[place] = compute();
+          }
+        }
+    }
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p) measure(p);
+  }
+  HeightBounds bounds(const NodeId& page) const override { return pages_.at(page).bounds; }
+  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
+    const auto& blocks = pages_.at(page).blocks;
+    std::copy(blocks.begin(), blocks.end(), error_mm.begin());
+    return true;
+  }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
+    const auto& blocks = coarse_blocks_[patch][static_cast<size_t>(cells_log2 - 4)];
+    if (parts_ == Parts::kTrue) std::copy(blocks.begin(), blocks.end(), error_mm.begin());
+    if (parts_ == Parts::kMirrored) std::copy(blocks.rbegin(), blocks.rend(), error_mm.begin());
+    return parts_ != Parts::kNone;
+  }
+  // What is told of the parts of coarse grids; kMirrored: what is true at the other end of the patch.
+  enum class Parts { kNone, kTrue, kMirrored };
+  void tell(Parts parts) { parts_ = parts; }
+  const std::vector<CoarseErrors>& coarse() const { return coarse_; }
+  int64_t side() const { return side_; }
+  glm::dvec3 point(uint32_t patch, int64_t x, int64_t y, double exaggerate) const {
+    double u = double(x) / double(side_), v = double(y) / double(side_);
+    double mm = relief_.offset_mm + relief_.scale_mm * patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)];
+    return mesh_.point(patch, u, v) + exaggerate * mm * mesh_.normal(patch, u, v);
+  }
+
+ private:
+  struct Page {
+    HeightBounds bounds;
+    std::array<float, 256> blocks{};
+  };
+  void measure(uint32_t p) {
+    const int unit = relief_.unitLog2();
+    std::vector<glm::dvec3> s;
+    for (int64_t y = 0; y <= side_; ++y)
+      for (int64_t x = 0; x <= side_; ++x) s.push_back(point(p, x, y, 1));
+    auto at = [&](int64_t x, int64_t y) -> const glm::dvec3& { return s[static_cast<size_t>(y * (side_ + 1) + x)]; };
+    // By cells of level L: the largest deviation in it, or of finer levels.
+    std::vector<float> finer;
+    for (int level = unit - 1; level >= 0; --level) {
+      const int64_t cells = int64_t{1} << level, step = side_ >> level;
+      std::vector<float> cell(static_cast<size_t>(cells * cells));
+      for (int64_t cy = 0; cy < cells; ++cy)
+        for (int64_t cx = 0; cx < cells; ++cx) {
+          const glm::dvec3 &c00 = at(cx * step, cy * step), &c10 = at((cx + 1) * step, cy * step), &c01 = at(cx * step, (cy + 1) * step),
+                           &c11 = at((cx + 1) * step, (cy + 1) * step);
+          double most = 0;
+          for (int64_t j = 0; j <= step; ++j)
+            for (int64_t i = 0; i <= step; ++i) {
+              double u = double(i) / double(step), v = double(j) / double(step);
+              glm::dvec3 drawn = u >= v ? c00 + u * (c10 - c00) + v * (c11 - c10) : c00 + v * (c01 - c00) + u * (c11 - c01);
+              most = std::max(most, glm::length(drawn - at(cx * step + i, cy * step + j)));
+            }
+          auto& e = cell[static_cast<size_t>(cy * cells + cx)];
+          e = most > 0 ? std::nextafter(static_cast<float>(most), 1e30f) : 0;
+          if (!finer.empty())
+            for (int k = 0; k < 4; ++k) e = std::max(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
+        }
+      if (level < 7) coarse_[p][static_cast<size_t>(level)] = *std::max_element(cell.begin(), cell.end());
+      if (level >= 4 && level < 7) {
+        auto& blocks = coarse_blocks_[p][static_cast<size_t>(level - 4)];
+        blocks.assign(static_cast<size_t>(cells / 8 * cells / 8), 0);
+        for (int64_t j = 0; j < cells; ++j)
+          for (int64_t i = 0; i < cells; ++i) {
+            float& block = blocks[static_cast<size_t>(j / 8 * (cells / 8) + i / 8)];
+            block = std::max(block, cell[static_cast<size_t>(j * cells + i)]);
+          }
+      }
+      if (level >= 7) addPages(p, level - 7, cell);
+      finer = std::move(cell);
+    }
+    addPages(p, unit - 7, {});
+  }
+  // cell: the errors of this level's cells; empty: none.
+  void addPages(uint32_t p, int level, const std::vector<float>& cell) {
+    const int64_t pages = int64_t{1} << level, size = side_ >> level, cells = pages * 128;
+    for (int64_t y = 0; y < pages; ++y)
+      for (int64_t x = 0; x < pages; ++x) {
+        Page& page = pages_[{p, static_cast<uint32_t>(level), static_cast<uint32_t>(x), static_cast<uint32_t>(y)}];
+        uint16_t low = 65535, high = 0;
+        for (int64_t j = y * size; j <= (y + 1) * size; ++j)
+          for (int64_t i = x * size; i <= (x + 1) * size; ++i) {
+            uint16_t q = patches_[p][static_cast<size_t>(j * (side_ + 1) + i)];
+            low = std::min(low, q), high = std::max(high, q);
+          }
+        page.bounds.min_mm = std::nextafter(static_cast<float>(relief_.offset_mm + relief_.scale_mm * low), -1e30f);
+        page.bounds.max_mm = std::nextafter(static_cast<float>(relief_.offset_mm + relief_.scale_mm * high), 1e30f);
+        if (cell.empty()) continue;
+        for (int64_t j = 0; j < 128; ++j)
+          for (int64_t i = 0; i < 128; ++i) {
+            float& block = page.blocks[static_cast<size_t>(j / 8 * 16 + i / 8)];
+            block = std::max(block, cell[static_cast<size_t>((y * 128 + j) * cells + x * 128 + i)]);
+          }
+        page.bounds.error_mm = *std::max_element(page.blocks.begin(), page.blocks.end());
+      }
+  }
+
+  const BaseMesh& mesh_;
+  MeshRelief relief_;
+  int64_t side_;
+  std::vector<std::vector<uint16_t>> patches_;
+  std::vector<CoarseErrors> coarse_;
+  std::vector<std::array<std::vector<float>, 3>> coarse_blocks_;
+  std::map<NodeId, Page> pages_;
+  Parts parts_ = Parts::kTrue;
+};
+
+}  // namespace relievo::test
