@@ -13,22 +13,40 @@ int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
   return int(high ? pair >> 16u : pair & 0xFFFFu);
 }
 
+// The pool's texel. BLOCKS: texture pages lie in that many compressed textures (src/render/block_formats.h), else in u_pool.
+#ifdef BLOCKS
+uniform sampler2DArray u_blocks0, u_blocks1, u_blocks2;
+#if BLOCKS == 1
+#define POOL_READ(read, at) read(u_blocks0, at).rgb
+#elif BLOCKS == 2
+#define POOL_READ(read, at) vec3(read(u_blocks0, at).rg, read(u_blocks1, at).r)
+#else
+#define POOL_READ(read, at) vec3(read(u_blocks0, at).r, read(u_blocks1, at).r, read(u_blocks2, at).r)
+#endif
+#else
+#define POOL_READ(read, at) read(u_pool, at).rgb
+#endif
+#define POOL_TEXEL(pool, at) texelFetch(pool, at, 0)
+#define POOL_FILTERED(pool, at) textureLod(pool, at, 0.0)
+vec3 poolTexel(ivec3 at) { return POOL_READ(POOL_TEXEL, at); }
+
 // At p, in texels of the slot, border included; channels 0..255.
 vec3 filterPage(int slot, vec2 p) {
   ivec3 origin = slotOrigin(slot);
 #if defined(NEAREST)
-  return texelFetch(u_pool, origin + ivec3(ivec2(p), 0), 0).rgb * 255.0;
+  return poolTexel(origin + ivec3(ivec2(p), 0)) * 255.0;
 #elif defined(FAST_FILTER)
   float size = float(kPageFullPx * kSlotsPerSide);
-  return textureLod(u_pool, vec3((vec2(origin.xy) + p) / size, float(origin.z)), 0.0).rgb * 255.0;
+  vec3 at = vec3((vec2(origin.xy) + p) / size, float(origin.z));
+  return POOL_READ(POOL_FILTERED, at) * 255.0;
 #else
   vec2 corner = floor(p - 0.5);
   vec2 f = p - 0.5 - corner;
   ivec3 at = origin + ivec3(ivec2(corner), 0);
-  vec3 c00 = texelFetch(u_pool, at, 0).rgb;
-  vec3 c10 = texelFetch(u_pool, at + ivec3(1, 0, 0), 0).rgb;
-  vec3 c01 = texelFetch(u_pool, at + ivec3(0, 1, 0), 0).rgb;
-  vec3 c11 = texelFetch(u_pool, at + ivec3(1, 1, 0), 0).rgb;
+  vec3 c00 = poolTexel(at);
+  vec3 c10 = poolTexel(at + ivec3(1, 0, 0));
+  vec3 c01 = poolTexel(at + ivec3(0, 1, 0));
+  vec3 c11 = poolTexel(at + ivec3(1, 1, 0));
   vec3 top = c00 + (c10 - c00) * f.x;
   vec3 bottom = c01 + (c11 - c01) * f.x;
   return (top + (bottom - top) * f.y) * 255.0;

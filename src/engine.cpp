@@ -18,6 +18,7 @@
 #include "src/gl/program.h"
 #include "src/prefetch.h"
 #include "src/render/base_corners.h"
+#include "src/render/block_formats.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
@@ -26,6 +27,7 @@
 #include "src/render/tail_textures.h"
 #include "src/stream_switch.h"
 #include "texturing/basis.h"
+#include "texturing/package_layout.h"
 #include "texturing/page_codec.h"
 #include "texturing/want_memory.h"
 
@@ -76,6 +78,12 @@ class PackageOracle final : public ReliefOracle {
     const float whole = m.coarse_errors[patch][static_cast<size_t>(cells_log2)];
     const uint8_t* shares = m.coarse_blocks[patch].data() + kFirstCoarseBlock[static_cast<size_t>(grid)];
     for (size_t i = 0; i < error_mm.size(); ++i) error_mm[i] = coarseBlockMm(whole, shares[i]);
+    return true;
+  }
+  bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
+    const auto& known = package_->manifest().height_slopes;
+    if (patch >= known.size()) return false;
+    slopes = known[patch];
     return true;
   }
 
@@ -180,7 +188,9 @@ struct Engine::Impl {
   double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
   bool fades_over = false;            // while settle() draws
-  uint32_t slot_count = 0;
+  UploadChoice upload;
+  uint32_t pinned_nodes = 0;          // in each plane
+  CacheSlots slots, starting_slots;   // of the streamer, and of the one that stream_switch makes ready
   EngineStats stats;
 
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
@@ -208,6 +218,7 @@ struct Engine::Impl {
   gl::Defines defines() const {
     gl::Defines all = plan.defines();
     if (tails) all.emplace_back("TAILS", "1");
+    for (auto& define : PagePool::defines(slots.upload)) all.push_back(std::move(define));
     return all;
   }
   // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or fewer, so that the roots
@@ -215,13 +226,32 @@ struct Engine::Impl {
   double tailReach() const {
     const double planes = static_cast<double>(plan.texture_planes.size());
     const double pages_of_screen = static_cast<double>(width) * height / (kPagePx * kPagePx) * planes;
-    return std::clamp(0.5 * std::log2(0.6 * slot_count / pages_of_screen), 0.25, kTailReach);
+    return std::clamp(0.5 * std::log2(0.6 * slots.texture / pages_of_screen), 0.25, kTailReach);
   }
   void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
     if (!tails) return;
     if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, artwork.manifest.texture, light), *artwork.manifest.base);
     else tail_textures->setTexels(*tails, *artwork.manifest.base);
   }
+
+  // What the plan's pages need. Pages that are resolved are RGBA8.
+  CacheNeeds cacheNeeds(const EffectPlan& of) const {
+    CacheNeeds needs{.upload = of.resolve ? PageCodec::kLossless : upload.codec,
+                     .texture_planes = static_cast<int>(of.texture_planes.size()),
+                     .relief = of.relief,
+                     .roots = pinned_nodes,
+                     .texture_pages = 0,
+                     .relief_pages = 0,
+                     .most_slots = PagePool::maxSlots()};
+    for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
+      const NodeGrid grid = nodeGrid(domain(), level);
+      const uint64_t nodes = uint64_t{grid.columns} * grid.rows;
+      if (level <= domain().texture_depth) needs.texture_pages += nodes * of.texture_planes.size();
+      if (level <= domain().relief_depth) needs.relief_pages += nodes;
+    }
+    return needs;
+  }
+  uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
   Result<void> linkPrograms() {
     surface_drawn = {};
@@ -269,7 +299,10 @@ struct Engine::Impl {
   // Begins a new streamer, for other planes than those of the present one.
   void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
     StreamerOptions so;
-    so.slot_count = slot_count;
+    starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
+    so.slot_count = starting_slots.texture;
+    so.relief_slot_count = starting_slots.relief;
+    so.upload = starting_slots.upload;
     so.replacement = options.replacement;
     so.workers = options.workers;
     so.max_reads = kMaxReads;
@@ -292,6 +325,8 @@ struct Engine::Impl {
       stream_switch.retire(std::move(streamer));
     }
     streamer = std::move(next);
+    if (slots != starting_slots) pool->reshape(starting_slots);
+    slots = starting_slots;
     setTailTexels(starting_plan, starting_light);
     predictor.reset();
     predicting = false;
@@ -521,11 +556,11 @@ struct Engine::Impl {
     TextureView view = textureView(drawn.view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
-    if (expected.size() * plan.texture_planes.size() > slot_count / 2) return;
+    if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
     texture_wants.clear();
     for (const TextureWant& w : expected) texture_wants.push_back({w.node, 1, w.priority});
     ++frame;
-    stream(steadySeconds(), slot_count);
+    stream(steadySeconds(), slots.total());
   }
 
   // What every pixel of the drawn list wants, at once: waits for it.
@@ -648,7 +683,7 @@ struct Engine::Impl {
   // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when it was made.
   bool settleGeometry() {
     ++frame;
-    stream(steadySeconds(), slot_count);
+    stream(steadySeconds(), slots.total());
     if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias())) return true;  // nothing new to know
     settled_geometry = {};
     lod_bias = streamer->detailBias();
@@ -677,12 +712,23 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   const Manifest& manifest = impl->artwork.manifest;
   const bool with_tails = manifest.base && manifest.domain.patchCount() > options.most_pinned_patches;
   if (with_tails) impl->stats.tail_bytes = tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
-  double slots = (options.cache_mib * 1024 * 1024 - static_cast<double>(impl->stats.tail_bytes)) / kSlotBytes;
-  // Roots of every plane (or tails), and a little room to look at anything beside them.
-  uint32_t least = (with_tails ? 1 : impl->domain().patchCount()) * static_cast<uint32_t>(impl->plan.texture_planes.size() + 1) + 16;
-  if (slots < least) {
+  const uint32_t roots = with_tails ? 1 : impl->domain().patchCount();
+  auto upload = chooseUpload(options.upload, manifest, impl->context.software,
+                             [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
+  if (!upload) return upload.error();
+  impl->upload = *upload;
+  impl->pinned_nodes = roots;
+  // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed later.
+  EffectPlan fixed = impl->plan;
+  if (!fixed.resolve && manifest.texture.basis != Basis::kColour) {
+    Scene fixed_scene = scene;
+    fixed_scene.relight = false;
+    fixed = planEffects(fixed_scene, manifest);
+  }
+  const uint64_t least = impl->stats.tail_bytes + std::max(leastCacheBytes(impl->cacheNeeds(impl->plan)), leastCacheBytes(impl->cacheNeeds(fixed)));
+  if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
     return Error{ErrorKind::kUsage, "", "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
-                 "give it at least " + std::to_string((least * kSlotBytes + impl->stats.tail_bytes) / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
+                 "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
   }
   if (with_tails) {
     if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes()); manifest.domain.patchCount() > most) {
@@ -691,9 +737,9 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     }
     if (auto made = impl->makeTails(); !made) return made.error();
   }
-  impl->slot_count = static_cast<uint32_t>(std::min<double>(slots, PagePool::maxSlots()));
+  impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
-  impl->pool = std::make_unique<PagePool>(impl->slot_count);
+  impl->pool = std::make_unique<PagePool>(impl->slots);
   impl->patches = std::make_unique<PatchPass>();
   impl->screen = std::make_unique<ScreenPass>();
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
@@ -824,8 +870,12 @@ EngineStats Engine::stats() const {
   if (e.plan.relief) {
     for (const NodeWant& w : e.relief_wants) s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
   }
-  s.slots = e.slot_count;
-  s.resident = e.streamer->cache().residentCount();
+  s.slots = e.slots.total();
+  s.resident = static_cast<uint32_t>(s.streamer.resident);
+  s.upload = e.slots.upload;
+  s.why_not_blocks = e.upload.why_not_blocks;
+  s.cache_bytes = e.slots.bytes();
+  s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
   s.switching = e.wished.has_value();
   s.passes = e.plan.passes();
@@ -879,6 +929,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   auto latencyJson = [](const LatencySummary& l) {
     return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
   };
+  auto mib = [](uint64_t bytes) { return static_cast<double>(bytes) / (1024 * 1024); };
   nlohmann::ordered_json j = {
       {"planes_read", s.planes_read},
       {"passes", s.passes},
@@ -891,7 +942,10 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"missing_pages", s.missing_pages},
       {"slots", s.slots},
       {"resident_pages", s.resident},
-      {"resident_mib", s.resident * static_cast<double>(kSlotBytes) / (1024 * 1024)},
+      {"upload", uploadFormatName(s.upload)},
+      {"resident_mib", mib(s.streamer.resident_bytes)},
+      {"cache_mib", mib(s.cache_bytes)},
+      {"texture_mib", mib(s.texture_bytes)},
       {"evictions", s.streamer.evictions},
       {"hits", s.streamer.hits},
       {"misses", s.streamer.misses},
@@ -913,6 +967,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"lod_ms", s.lod_ms},
       {"determine_ms", s.determine_ms},
   };
+  if (!s.why_not_blocks.empty()) j["why_not_blocks"] = s.why_not_blocks;
   return j.dump(2);
 }
 

@@ -18,6 +18,7 @@
 #include "src/camera.h"
 #include "src/effect_plan.h"
 #include "src/gl/context.h"
+#include "src/upload_choice.h"
 #include "texturing/package.h"
 #include "texturing/page_streamer.h"
 #include "texturing/patch_tails.h"
@@ -49,6 +50,7 @@ struct EngineOptions {
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
   Replacement replacement = Replacement::kLru;
+  Upload upload = Upload::kAuto;
   bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
@@ -60,6 +62,9 @@ struct EngineStats {
   uint32_t instances = 0, triangles = 0, draw_calls = 0;  // of the last frame
   uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last wish lists
   uint32_t slots = 0, resident = 0;
+  PageCodec upload = PageCodec::kLossless;  // texture pages on the GPU now: a block codec, or any other for RGBA8
+  std::string why_not_blocks;               // empty: they are blocks, were not asked for, or the light is fixed
+  uint64_t cache_bytes = 0, texture_bytes = 0;  // all slots together; what the GL was asked for, for them, by now
   uint64_t tail_bytes = 0;  // on the GPU, besides the slots
   double predicted_error_px = 0;
   double detail_bias = 0;

@@ -22,7 +22,7 @@ struct SceneOptions {
 
   std::string determination = "feedback";
   int feedback_scale = 8;
-  std::string replacement = "lru";
+  std::string replacement = "lru", upload = "auto";
   bool prefetch = true;
 
   void addTo(CLI::App& command);

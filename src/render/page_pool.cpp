@@ -4,6 +4,8 @@
 #include <bit>
 
 #include "src/base/planar_domain.h"
+#include "src/gl/context.h"
+#include "src/render/block_formats.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -41,6 +43,22 @@ void uploadRuns(GLuint texture, std::span<const uint32_t> dirty, std::span<const
   }
 }
 
+void copyLayers(GLuint from, int layers, GLsizei side) {  // to the texture that is bound
+  gl::Framebuffer framebuffer = gl::Framebuffer::create();
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer.id());
+  for (int layer = 0; layer < layers; ++layer) {
+    glFramebufferTextureLayer(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, from, 0, layer);
+    glCopyTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, layer, 0, 0, side, side);
+  }
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+}
+
+bool canCopyImages() {
+  for (const char* name : {"GL_ARB_copy_image", "GL_EXT_copy_image", "GL_OES_copy_image"})
+    if (epoxy_has_gl_extension(name)) return true;
+  return false;
+}
+
 }  // namespace
 
 uint32_t PagePool::maxSlots() {
@@ -49,48 +67,94 @@ uint32_t PagePool::maxSlots() {
   return std::min<uint32_t>(static_cast<uint32_t>(layers) * kSlotsPerLayer, 65535);  // slots are 16-bit in the page table
 }
 
-PagePool::PagePool(uint32_t slot_count)
-    : max_layers_(static_cast<int>((slot_count + kSlotsPerLayer - 1) / kSlotsPerLayer)) {
-  grow(std::min(max_layers_, kFirstLayers));
+PagePool::PagePool(const CacheSlots& slots) { reshape(slots); }
+
+void PagePool::reshape(const CacheSlots& slots) {
+  const bool blocks = isBlockCodec(slots.upload);
+  const auto layersOf = [](uint32_t n) { return static_cast<int>((n + kSlotsPerLayer - 1) / kSlotsPerLayer); };
+  slots_ = slots;
+  texels_ = {.textures = {}, .count = 0, .max = layersOf(blocks ? slots.relief : slots.texture)};
+  blocks_ = {.textures = {}, .count = 0, .max = blocks ? layersOf(slots.texture) : 0};
+  if (!blocks) reserve(false, 0);
 }
 
-uint64_t PagePool::textureBytes() const { return static_cast<uint64_t>(layers_) * kSlotsPerLayer * kSlotBytes; }
+uint64_t PagePool::textureBytes() const {
+  const uint64_t block_layer = kSlotsPerLayer * slotBytes(slots_.upload, texturePlane(0));
+  return static_cast<uint64_t>(texels_.count) * kSlotsPerLayer * kSlotBytes + static_cast<uint64_t>(blocks_.count) * block_layer;
+}
 
-void PagePool::grow(int layers) {
-  gl::Texture larger = gl::Texture::create();
-  glBindTexture(GL_TEXTURE_2D_ARRAY, larger.id());
-  gl::label(GL_TEXTURE, larger.id(), "page pool");
-  setNearest(GL_TEXTURE_2D_ARRAY);
-  // The fast filter reads through the texture unit; borders keep it inside the slot.
-  glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-  glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+gl::Defines PagePool::defines(PageCodec upload) {
+  if (!isBlockCodec(upload)) return {};
+  return {{"BLOCKS", std::to_string(blockFormats(upload).size())}};
+}
+
+// Has room for this slot.
+void PagePool::reserve(bool blocks, SlotIndex last) {
+  const Layers& now = blocks ? blocks_ : texels_;
+  const int needed = static_cast<int>(last / kSlotsPerLayer) + 1;
+  if (needed <= now.count) return;
+  const bool at_once = blocks && !canCopyImages();
+  grow(blocks, at_once ? now.max : std::min(now.max, std::max({kFirstLayers, 2 * now.count, needed})));
+}
+
+void PagePool::grow(bool blocks, int layers) {
+  Layers& now = blocks ? blocks_ : texels_;
   constexpr GLsizei kSide = kSlotsPerSide * kPageFullPx;
-  glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, kSide, kSide, layers, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
-  if (layers_ > 0) {
-    gl::Framebuffer from = gl::Framebuffer::create();
-    glBindFramebuffer(GL_READ_FRAMEBUFFER, from.id());
-    for (int layer = 0; layer < layers_; ++layer) {
-      glFramebufferTextureLayer(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, pool_.id(), 0, layer);
-      glCopyTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, layer, 0, 0, kSide, kSide);
+  const std::span<const BlockFormat> formats = blocks ? blockFormats(slots_.upload) : std::span<const BlockFormat>();
+  for (size_t i = 0; i < (blocks ? formats.size() : 1); ++i) {
+    gl::Texture larger = gl::Texture::create();
+    glBindTexture(GL_TEXTURE_2D_ARRAY, larger.id());
+    gl::label(GL_TEXTURE, larger.id(), blocks ? "page pool, blocks" : "page pool");
+    setNearest(GL_TEXTURE_2D_ARRAY);
+    // The fast filter reads through the texture unit; borders keep it inside the slot.
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    if (blocks) {
+      const size_t bytes = static_cast<size_t>(layers) * kSlotsPerLayer * kPageBlocks * formats[i].block_bytes;
+      glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, 0);
+      glCompressedTexImage3D(GL_TEXTURE_2D_ARRAY, 0, formats[i].format, kSide, kSide, layers, 0, static_cast<GLsizei>(bytes), nullptr);
+      if (now.count > 0)
+        glCopyImageSubData(now.textures[i].id(), GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, larger.id(), GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, kSide, kSide, now.count);
+    } else {
+      glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, kSide, kSide, layers, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+      if (now.count > 0) copyLayers(now.textures[i].id(), now.count, kSide);
     }
-    glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
+    now.textures[i] = std::move(larger);
   }
-  pool_ = std::move(larger);
-  layers_ = layers;
+  now.count = layers;
 }
 
 void PagePool::upload(std::span<const PageUpload> uploads) {
-  if (uploads.empty()) return;
-  int last_layer = 0;
-  for (const PageUpload& u : uploads) last_layer = std::max(last_layer, static_cast<int>(u.slot / kSlotsPerLayer));
-  if (last_layer >= layers_) grow(std::min(max_layers_, std::max(2 * layers_, last_layer + 1)));
-  glBindTexture(GL_TEXTURE_2D_ARRAY, pool_.id());
-  for (const PageUpload& u : uploads) {
-    GLint x = static_cast<GLint>(u.slot % kSlotsPerSide) * kPageFullPx;
-    GLint y = static_cast<GLint>(u.slot / kSlotsPerSide % kSlotsPerSide) * kPageFullPx;
-    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, static_cast<GLint>(u.slot / kSlotsPerLayer), kPageFullPx, kPageFullPx, 1,
-                    GL_RGBA, GL_UNSIGNED_BYTE, u.texels);
-    bytes_uploaded_ += kSlotBytes;
+  for (bool blocks : {false, true}) {
+    bool any = false;
+    SlotIndex last = 0;
+    for (const PageUpload& u : uploads) {
+      if (inBlocks(u.id) != blocks) continue;
+      any = true;
+      last = std::max(last, u.slot);
+    }
+    if (!any) continue;
+    reserve(blocks, last);
+    const std::span<const BlockFormat> formats = blocks ? blockFormats(slots_.upload) : std::span<const BlockFormat>();
+    size_t from = 0;  // of a page's memory
+    for (size_t i = 0; i < (blocks ? formats.size() : 1); ++i) {
+      const size_t bytes = blocks ? kPageBlocks * formats[i].block_bytes : kSlotBytes;
+      glBindTexture(GL_TEXTURE_2D_ARRAY, (blocks ? blocks_ : texels_).textures[i].id());
+      for (const PageUpload& u : uploads) {
+        if (inBlocks(u.id) != blocks) continue;
+        const GLint x = static_cast<GLint>(u.slot % kSlotsPerSide) * kPageFullPx;
+        const GLint y = static_cast<GLint>(u.slot / kSlotsPerSide % kSlotsPerSide) * kPageFullPx;
+        const GLint layer = static_cast<GLint>(u.slot / kSlotsPerLayer);
+        if (blocks) {
+          glCompressedTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, layer, kPageFullPx, kPageFullPx, 1, formats[i].format,
+                                    static_cast<GLsizei>(bytes), u.texels + from);
+        } else {
+          glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, layer, kPageFullPx, kPageFullPx, 1, GL_RGBA, GL_UNSIGNED_BYTE, u.texels);
+        }
+        bytes_uploaded_ += bytes;
+      }
+      from += bytes;
+    }
   }
 }
 
@@ -117,8 +181,17 @@ void PagePool::bind(const gl::Program& program, const PageTable& table) const {
   glActiveTexture(GL_TEXTURE2);
   glBindTexture(GL_TEXTURE_2D, table_extra_.id());
   glActiveTexture(GL_TEXTURE0);
-  glBindTexture(GL_TEXTURE_2D_ARRAY, pool_.id());
+  glBindTexture(GL_TEXTURE_2D_ARRAY, texels_.textures[0].id());
   glUniform1i(program.uniform("u_pool"), 0);
+  if (isBlockCodec(slots_.upload)) {
+    constexpr const char* kNames[] = {"u_blocks0", "u_blocks1", "u_blocks2"};
+    for (int i = 0; i < 3; ++i) {
+      glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + kBlockUnit + i));
+      glBindTexture(GL_TEXTURE_2D_ARRAY, blocks_.textures[static_cast<size_t>(i)].id());
+      glUniform1i(program.uniform(kNames[i]), kBlockUnit + i);
+    }
+    glActiveTexture(GL_TEXTURE0);
+  }
   glUniform1i(program.uniform("u_table"), 1);
   glUniform1i(program.uniform("u_table_extra"), 2);
   uint32_t entries = table.width() * table.height();

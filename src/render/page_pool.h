@@ -1,13 +1,16 @@
 // page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides nothing.
-// A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds.
+// A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds; or texture
+// pages have slots of their own, of blocks, in one to three compressed textures (block_formats.h), and RGBA8 is relief's alone.
 // Uploads come before the frame's draws: on software GL an upload to a texture that a draw in flight samples stalls for that draw.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "texturing/cache_budget.h"
 #include "texturing/page_streamer.h"
 
 namespace relievo {
@@ -17,15 +20,21 @@ inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
 
 class PagePool {
  public:
-  // Memory is taken as slots are filled: eight layers first, then twice as many each time, up to slot_count. (A driver in software
-  // clears what it allocates: 140 ms for 256 MiB, before the first picture.)
-  explicit PagePool(uint32_t slot_count);
+  // Memory is taken as slots are filled, in whole layers: eight first, then twice as many each time, up to the slots' number. (A
+  // driver in software clears what it allocates: 140 ms for 256 MiB, before the first picture.) Contexts that cannot copy compressed
+  // textures (GL_ARB_copy_image) take the memory for blocks at once.
+  explicit PagePool(const CacheSlots& slots);
+  explicit PagePool(uint32_t slot_count) : PagePool(CacheSlots{.upload = PageCodec::kLossless, .texture = slot_count, .relief = 0}) {}
 
+  // Other slots from now on, all of them empty.
+  void reshape(const CacheSlots& slots);
   void upload(std::span<const PageUpload> uploads);
   // The page table's changed texels; its textures are made anew when its shape changes.
   void uploadTable(PageTable& table);
   void forgetTable() { table_width_ = table_height_ = 0; }  // the next one is another table: nothing of the old one holds
-  // Binds pool and table to texture units 0..2 and sets their uniforms in the program in use.
+  // Of programs that sample texture pages: how the shader finds them (shade.frag).
+  static gl::Defines defines(PageCodec upload);
+  // Binds the pool to texture units 0 and kBlockUnit.., the table to 1 and 2, and sets their uniforms in the program in use.
   void bind(const gl::Program& program, const PageTable& table) const;
 
   static uint32_t maxSlots();  // of this context
@@ -33,9 +42,19 @@ class PagePool {
   uint64_t textureBytes() const;  // taken by now
 
  private:
-  void grow(int layers);
-  gl::Texture pool_, table_, table_extra_;
-  int layers_ = 0, max_layers_ = 0;
+  static constexpr int kBlockUnit = 9;
+  // Layers of slots: one texture, or one for each set of blocks.
+  struct Layers {
+    std::array<gl::Texture, 3> textures;
+    int count = 0, max = 0;
+  };
+  bool inBlocks(PageId id) const { return isBlockCodec(slots_.upload) && isTexturePlane(id.plane()); }
+  void grow(bool blocks, int layers);
+  void reserve(bool blocks, SlotIndex last);
+
+  CacheSlots slots_;
+  Layers texels_, blocks_;
+  gl::Texture table_, table_extra_;
   uint32_t table_width_ = 0, table_height_ = 0;
   uint64_t bytes_uploaded_ = 0;
 };

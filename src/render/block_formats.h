@@ -1,0 +1,24 @@
+// block_formats.h - which GL formats hold a page's blocks (texturing/page_block_codec.h), and which of them a context samples.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+
+#include "src/gl/context.h"
+#include "src/gl/objects.h"
+#include "texturing/page_encoding.h"
+
+namespace relievo {
+
+// A texture for each set of a page's blocks, in their order.
+struct BlockFormat {
+  GLenum format;
+  size_t block_bytes;
+};
+std::span<const BlockFormat> blockFormats(PageCodec codec);  // none for codecs without blocks
+
+// The extension without which the current context cannot sample these blocks; nothing: it can.
+std::optional<std::string> missingBlockExtension(PageCodec codec, gl::Api api);
+
+}  // namespace relievo
