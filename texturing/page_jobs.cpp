@@ -5,6 +5,8 @@
 #include <system_error>
 #include <utility>
 
+#include "src/base/thread_priority.h"
+
 namespace relievo {
 
 PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
@@ -33,6 +35,9 @@ PageJobs::~PageJobs() {
 }
 
 void PageJobs::work() {
+  // A software driver draws on the same processors: frames come first, pages take what they leave.
+  constexpr int kNice = 10;
+  stepBack(kNice);
   for (;;) {
     PageJob job;
     {
