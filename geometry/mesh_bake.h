@@ -22,6 +22,9 @@ struct BakeOptions {
   // where a line along the base's normal meets the scan twice, no grid is fine enough. It ends sooner where finer grids hardly help.
   int cells_log2 = -1;
   double tolerance_mm = 0;  // 0: 1e-4 of the bounding box's diagonal, and a sample for every two vertices of the scan at least
+  // Heights that lie closest to the scan between samples, too (least squares; geometry/height_fit.h), in place of the scan's at the samples;
+  // and where cells_log2 is -1, as few cells a patch as keep the tolerance. Not where the coarsest grid keeps it as it is.
+  bool fit = true;
   int texture_depth = -1;   // 128 << this texels a patch's side; -1: as fine as the colours
   int workers = 0;          // 0: one a core
   std::function<void(double /*0..1*/)> progress;
@@ -30,7 +33,8 @@ struct BakeOptions {
 
 struct BakeReport {
   int cells_log2 = 0, texture_depth = 0;
-  uint64_t samples = 0;     // (2^cells_log2 + 1)^2 a patch, shared ones counted once
+  bool fitted = false;      // heights are a fit, not the scan's at the samples
+  uint64_t samples = 0;     // (n + 1)^2 a patch, shared ones counted once; n: 2^cells_log2, or fewer where fewer keep the tolerance
   uint64_t by_closest_point = 0;  // samples whose line meets the mesh nowhere within a patch's width, nor nearly
   double tolerance_mm = 0, deviation_mm = 0;  // asked for; what 99.9 % of places looked at, where lines meet the scan, keep
   double seconds = 0;
