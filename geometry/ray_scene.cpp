@@ -5,27 +5,51 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <condition_variable>
+#include <mutex>
+#include <string>
+#include <vector>
 
 namespace relievo {
 namespace {
 
 constexpr size_t kPacket = 8;  // AVX2
-// Two ways to build: by Morton codes, 0.08 s of one core a million triangles and 56 bytes each at its peak; by surface areas, 0.3 s and
-// 37 bytes. Lines take the same time in both (0.08 us beside one another).
-constexpr size_t kQuickUpTo = size_t{16} << 20;
 
-// What a ray's id asks of the surfaces it meets.
-enum RayKind : unsigned { kRayAny = 0, kRayUp = 1, kRayDown = 2 };  // up: along the line's direction
+// What the lanes of a packet met so far. Surfaces that are equally near: the first triangle, whichever hierarchy is asked first.
+struct PacketContext {
+  RTCIntersectContext embree;  // the first member: Embree hands its address to the filter
+  bool outwards = false;       // hits are the nearer the closer they are to the middle of the ray, not to its start
+  uint32_t first_triangle = 0; // of the region
+  std::array<float, kPacket> middle{}, nearest{}, t{}, u{}, v{};
+  std::array<uint32_t, kPacket> triangle{};
+};
 
-void facingFilter(const RTCFilterFunctionNArguments* args) {
+// What a ray's id asks of the surfaces it meets, and in its lowest bits its lane. Up: along the line's direction.
+enum RayKind : unsigned { kRayAny = 0, kRayUp = 1, kRayDown = 2 };
+constexpr unsigned kLaneBits = 3;
+static_assert(1u << kLaneBits == kPacket);
+
+void lineFilter(const RTCFilterFunctionNArguments* args) {
+  auto& context = *reinterpret_cast<PacketContext*>(args->context);
   for (unsigned i = 0; i < args->N; ++i) {
     if (args->valid[i] != -1) continue;
-    const unsigned kind = RTCRayN_id(args->ray, args->N, i);
-    if (kind == kRayAny) continue;
-    const float facing = RTCRayN_dir_x(args->ray, args->N, i) * RTCHitN_Ng_x(args->hit, args->N, i) +
-                         RTCRayN_dir_y(args->ray, args->N, i) * RTCHitN_Ng_y(args->hit, args->N, i) +
-                         RTCRayN_dir_z(args->ray, args->N, i) * RTCHitN_Ng_z(args->hit, args->N, i);
-    if (kind == kRayUp ? !(facing > 0) : !(facing < 0)) args->valid[i] = 0;
+    args->valid[i] = 0;
+    const unsigned id = RTCRayN_id(args->ray, args->N, i), kind = id >> kLaneBits, lane = id & (kPacket - 1);
+    if (kind != kRayAny) {
+      const float facing = RTCRayN_dir_x(args->ray, args->N, i) * RTCHitN_Ng_x(args->hit, args->N, i) +
+                           RTCRayN_dir_y(args->ray, args->N, i) * RTCHitN_Ng_y(args->hit, args->N, i) +
+                           RTCRayN_dir_z(args->ray, args->N, i) * RTCHitN_Ng_z(args->hit, args->N, i);
+      if (kind == kRayUp ? !(facing > 0) : !(facing < 0)) continue;
+    }
+    const float t = RTCRayN_tfar(args->ray, args->N, i), distance = context.outwards ? std::abs(t - context.middle[lane]) : t;
+    const uint32_t triangle = context.first_triangle + RTCHitN_primID(args->hit, args->N, i);
+    if (distance > context.nearest[lane] || (distance == context.nearest[lane] && triangle >= context.triangle[lane])) continue;
+    context.nearest[lane] = distance;
+    context.triangle[lane] = triangle;
+    context.t[lane] = t;
+    context.u[lane] = RTCHitN_u(args->hit, args->N, i);
+    context.v[lane] = RTCHitN_v(args->hit, args->N, i);
+    if (!context.outwards) args->valid[i] = -1;  // the ray ends here
   }
 }
 
@@ -70,6 +94,7 @@ SurfacePoint closestOnTriangle(const Corners& t, const glm::dvec3& p) {
 
 struct ClosestQuery {
   const TriMesh* mesh;
+  uint32_t first_triangle;  // of the region
   glm::dvec3 place;
   SurfacePoint best;
   double within;
@@ -78,8 +103,9 @@ struct ClosestQuery {
 
 bool closestCallback(RTCPointQueryFunctionArguments* args) {
   auto& query = *static_cast<ClosestQuery*>(args->userPtr);
-  SurfacePoint here = closestOnTriangle(cornersOf(*query.mesh, args->primID), query.place);
-  here.triangle = args->primID;
+  const uint32_t triangle = query.first_triangle + args->primID;
+  SurfacePoint here = closestOnTriangle(cornersOf(*query.mesh, triangle), query.place);
+  here.triangle = triangle;
   if (!(here.along <= query.within)) return false;
   if (here.along == query.within && query.best && query.best.triangle < here.triangle) return false;
   query.best = here;
@@ -98,8 +124,11 @@ SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, d
   const glm::dvec3 ab = t.b - t.a, ac = t.c - t.a, normal = glm::cross(ab, ac);
   const double steep = glm::dot(normal, line.direction);
   const double exact = glm::dot(normal, t.a - line.at) / steep;
-  const double size = std::max({glm::length(ab), glm::length(ac), glm::length(t.c - t.b)});
-  if (!(std::abs(exact - along) * glm::length(line.direction) <= 1e-2 * size + 1e-6 * glm::length(line.at))) return hit;
+  const glm::dvec3 bc = t.c - t.b;
+  const double size_squared = std::max({glm::dot(ab, ab), glm::dot(ac, ac), glm::dot(bc, bc)}), off = exact - along;
+  if (!(off * off * glm::dot(line.direction, line.direction) <= 1e-4 * size_squared) &&
+      !(std::abs(off) * glm::length(line.direction) <= 1e-2 * std::sqrt(size_squared) + 1e-6 * glm::length(line.at)))
+    return hit;
   hit.along = exact;
   const glm::dvec3 ap = line.at + exact * line.direction - t.a;
   const double area = glm::dot(normal, normal);
@@ -108,124 +137,324 @@ SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, d
   return hit;
 }
 
+// A box that no rounding of what is compared with it gets by: grown by far more than floats lose.
+struct Box {
+  glm::vec3 low{std::numeric_limits<float>::infinity()}, high{-std::numeric_limits<float>::infinity()};
+  void add(const glm::vec3& p) {
+    low = glm::min(low, p);
+    high = glm::max(high, p);
+  }
+  bool meets(const Box& o) const {
+    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y && low.z <= o.high.z && o.low.z <= high.z;
+  }
+  double squaredDistance(const glm::dvec3& p) const {
+    const glm::dvec3 out = glm::max(glm::max(glm::dvec3(low) - p, p - glm::dvec3(high)), glm::dvec3(0));
+    return glm::dot(out, out);
+  }
+};
+
+struct Hierarchy {
+  RTCScene scene = nullptr;
+  uint64_t bytes = 0;
+  Hierarchy() = default;
+  Hierarchy(const Hierarchy&) = delete;
+  Hierarchy& operator=(const Hierarchy&) = delete;
+  ~Hierarchy() {
+    if (scene) rtcReleaseScene(scene);
+  }
+};
+
+struct Region {
+  uint32_t first = 0, count = 0;  // triangles
+  Box box;
+  std::shared_ptr<Hierarchy> hierarchy;  // all three guarded by Impl::mutex
+  bool building = false;
+  uint64_t used = 0;
+};
+
 }  // namespace
 
 struct RayScene::Impl {
   const TriMesh* mesh = nullptr;
-  std::vector<glm::vec3> positions;  // a copy, where the mesh's array may not be read 4 bytes beyond its end
+  RaySceneOptions options;
+  std::vector<glm::vec3> copy;            // where the mesh's array may not be read 4 bytes beyond its end
+  const glm::vec3* positions = nullptr;
   RTCDevice device = nullptr;
-  RTCScene scene = nullptr;
-  std::atomic<int64_t> bytes{0};
-  float size = 0;  // the largest coordinate
+  std::atomic<int64_t> device_bytes{0};
+  float size = 0;                         // the largest coordinate
+  std::vector<Region> regions;
+  bool all_built = false;                 // and so they stay: no lock is needed
+  std::mutex mutex;
+  std::condition_variable built;
+  uint64_t clock = 0, builds = 0, held_bytes = 0;
+  std::string failure;
 
   ~Impl() {
-    if (scene) rtcReleaseScene(scene);
+    regions.clear();
     if (device) rtcReleaseDevice(device);
   }
+  bool stopped() const { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); }
+
+  // Null: interrupted, or out of memory (failure).
+  std::shared_ptr<Hierarchy> build(const Region& region) {
+    auto made = std::make_shared<Hierarchy>();
+    made->scene = rtcNewScene(device);
+    rtcSetSceneFlags(made->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
+    // By Morton codes: 0.08 s of one core a million triangles. By surface areas: 0.3 s, and lines take the same time (0.08 us beside one
+    // another).
+    rtcSetSceneBuildQuality(made->scene, RTC_BUILD_QUALITY_LOW);
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_LOW);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0, sizeof(glm::vec3), mesh->positions_mm.size());
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh->triangles.data() + region.first, 0, 3 * sizeof(uint32_t), region.count);
+    rtcSetGeometryIntersectFilterFunction(geometry, lineFilter);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(made->scene, geometry);
+    rtcReleaseGeometry(geometry);
+    if (options.interrupted) {
+      rtcSetSceneProgressMonitorFunction(
+          made->scene, [](void* flag, double) { return !static_cast<const std::atomic<bool>*>(flag)->load(); },
+          const_cast<std::atomic<bool>*>(options.interrupted));
+    }
+    rtcCommitScene(made->scene);
+    const RTCError code = rtcGetDeviceError(device);
+    if (stopped()) return nullptr;
+    if (code == RTC_ERROR_NONE) return made;
+    std::lock_guard lock(mutex);
+    failure = std::string("ray tracing: the mesh's hierarchy cannot be built") + (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory" : "");
+    return nullptr;
+  }
+
+  // What Embree says of the memory that it holds includes what other builds use at the same time: some 64 bytes a triangle, if in doubt.
+  static constexpr uint64_t kBytesATriangle = 64;
+
+  std::shared_ptr<Hierarchy> hierarchy(size_t index) {
+    Region& region = regions[index];
+    std::unique_lock lock(mutex);
+    for (;;) {
+      region.used = ++clock;
+      if (region.hierarchy) return region.hierarchy;
+      if (!failure.empty() || stopped()) return nullptr;
+      if (!region.building) break;
+      built.wait(lock);
+    }
+    region.building = true;
+    // Room first: those longest unused go, and are gone when nobody uses them any more.
+    const uint64_t bytes = region.count * kBytesATriangle;
+    while (held_bytes + bytes > options.budget_bytes) {
+      Region* oldest = nullptr;
+      for (Region& r : regions)
+        if (r.hierarchy && (!oldest || r.used < oldest->used)) oldest = &r;
+      if (!oldest) break;
+      held_bytes -= oldest->hierarchy->bytes;
+      oldest->hierarchy.reset();
+    }
+    held_bytes += bytes;
+    ++builds;
+    lock.unlock();
+    auto made = build(region);
+    lock.lock();
+    if (made) made->bytes = bytes;
+    else held_bytes -= bytes;
+    region.hierarchy = made;
+    region.building = false;
+    built.notify_all();
+    return made;
+  }
+
+  // use(scene, region) with the region's hierarchy.
+  template <class Use>
+  void with(size_t index, Use use) {
+    if (all_built) return use(regions[index].hierarchy->scene);
+    if (const auto held = hierarchy(index)) use(held->scene);
+  }
+
+  void trace(std::span<const size_t> near, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid);
+  void nearest(std::span<const size_t> near, std::span<const Line> lines, Facing facing, SurfacePoint* hits);
 };
 
 RayScene::RayScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 RayScene::~RayScene() = default;
+size_t RayScene::regions() const { return impl_->regions.size(); }
 uint64_t RayScene::bytes() const {
-  return static_cast<uint64_t>(std::max<int64_t>(impl_->bytes.load(), 0)) + impl_->positions.size() * sizeof(glm::vec3);
+  return static_cast<uint64_t>(std::max<int64_t>(impl_->device_bytes.load(), 0)) + impl_->copy.size() * sizeof(glm::vec3);
+}
+uint64_t RayScene::builds() const {
+  std::lock_guard lock(impl_->mutex);
+  return impl_->builds;
+}
+Result<void> RayScene::status() const {
+  std::lock_guard lock(impl_->mutex);
+  if (!impl_->failure.empty()) return Error{ErrorKind::kRuntime, "", impl_->failure, ""};
+  return {};
 }
 
-Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const std::atomic<bool>* interrupted) {
+Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const RaySceneOptions& options) {
   static_assert(sizeof(glm::vec3) == 12);
   auto impl = std::make_unique<Impl>();
   impl->mesh = &mesh;
+  impl->options = options;
   for (const glm::vec3& p : mesh.positions_mm) impl->size = std::max({impl->size, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-  auto failed = [&](const char* what) {
-    const RTCError code = rtcGetDeviceError(impl->device);
-    return Error{ErrorKind::kRuntime, "", std::string("ray tracing: ") + what + (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory" : ""), ""};
-  };
   impl->device = rtcNewDevice(nullptr);
-  if (!impl->device) return failed("no device");
+  if (!impl->device) return Error{ErrorKind::kRuntime, "", "ray tracing: no device", ""};
   rtcSetDeviceMemoryMonitorFunction(
       impl->device,
       [](void* user, ssize_t bytes, bool) {
-        static_cast<Impl*>(user)->bytes += bytes;
+        static_cast<Impl*>(user)->device_bytes += bytes;
         return true;
       },
       impl.get());
-  impl->scene = rtcNewScene(impl->device);
-  rtcSetSceneFlags(impl->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
-  const RTCBuildQuality quality = mesh.triangles.size() <= kQuickUpTo ? RTC_BUILD_QUALITY_LOW : RTC_BUILD_QUALITY_MEDIUM;
-  rtcSetSceneBuildQuality(impl->scene, quality);
-  RTCGeometry geometry = rtcNewGeometry(impl->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  rtcSetGeometryBuildQuality(geometry, quality);
   // Embree reads 16 bytes at a vertex. Behind the last one that stays in the same memory page unless the array ends with a page.
-  const glm::vec3* positions = mesh.positions_mm.data();
-  if (reinterpret_cast<uintptr_t>(positions + mesh.positions_mm.size()) % 4096 == 0) {
-    impl->positions.reserve(mesh.positions_mm.size() + 1);
-    impl->positions = mesh.positions_mm;
-    impl->positions.push_back(glm::vec3(0));
-    positions = impl->positions.data();
+  impl->positions = mesh.positions_mm.data();
+  if (mesh.positions_mm.capacity() == mesh.positions_mm.size() &&
+      reinterpret_cast<uintptr_t>(impl->positions + mesh.positions_mm.size()) % 4096 == 0) {
+    impl->copy.reserve(mesh.positions_mm.size() + 1);
+    impl->copy = mesh.positions_mm;
+    impl->copy.push_back(glm::vec3(0));
+    impl->positions = impl->copy.data();
   }
-  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0, sizeof(glm::vec3), mesh.positions_mm.size());
-  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.triangles.data(), 0, 3 * sizeof(uint32_t), mesh.triangles.size());
-  rtcSetGeometryIntersectFilterFunction(geometry, facingFilter);
-  rtcCommitGeometry(geometry);
-  rtcAttachGeometry(impl->scene, geometry);
-  rtcReleaseGeometry(geometry);
-  if (interrupted) {
-    rtcSetSceneProgressMonitorFunction(
-        impl->scene, [](void* flag, double) { return !static_cast<const std::atomic<bool>*>(flag)->load(); },
-        const_cast<std::atomic<bool>*>(interrupted));
+  const size_t triangles = mesh.triangles.size(), run = std::max<size_t>(options.region_triangles, 1);
+  const glm::vec3 grow(1e-5f * impl->size);
+  for (size_t first = 0; first < triangles; first += run) {
+    if (impl->stopped()) break;
+    Region region{.first = static_cast<uint32_t>(first), .count = static_cast<uint32_t>(std::min(run, triangles - first))};
+    if (triangles > run)
+      for (size_t t = first; t < first + region.count; ++t)
+        for (uint32_t v : mesh.triangles[t]) region.box.add(mesh.positions_mm[v]);
+    region.box.low -= grow;
+    region.box.high += grow;
+    impl->regions.push_back(std::move(region));
   }
-  rtcCommitScene(impl->scene);
-  if (interrupted && interrupted->load()) return Error{ErrorKind::kInterrupted, "", "interrupted", ""};
-  if (rtcGetDeviceError(impl->device) != RTC_ERROR_NONE) return failed("the mesh's hierarchy cannot be built");
-  return std::unique_ptr<RayScene>(new RayScene(std::move(impl)));
+  if (triangles * Impl::kBytesATriangle <= options.budget_bytes) {
+    for (size_t r = 0; r < impl->regions.size(); ++r) impl->hierarchy(r);
+    impl->all_built = impl->failure.empty() && !impl->stopped();
+  }
+  if (impl->stopped()) return Error{ErrorKind::kInterrupted, "", "interrupted", ""};
+  std::unique_ptr<RayScene> scene(new RayScene(std::move(impl)));
+  if (auto sound = scene->status(); !sound) return sound.error();
+  return scene;
+}
+
+// Of each valid ray the nearest hit, into the context; first where the rays begin, so that they seldom need to go on.
+void RayScene::Impl::trace(std::span<const size_t> near, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid) {
+  if (regions.size() == 1) {
+    context.first_triangle = 0;
+    with(0, [&](RTCScene scene) { rtcIntersect8(valid.data(), scene, &context.embree, &rays); });
+    return;
+  }
+  auto boxOf = [&](size_t i, float far) {
+    const glm::vec3 from(rays.ray.org_x[i], rays.ray.org_y[i], rays.ray.org_z[i]);
+    Box box{from, from};
+    box.add(from + far * glm::vec3(rays.ray.dir_x[i], rays.ray.dir_y[i], rays.ray.dir_z[i]));
+    return box;
+  };
+  for (bool at_start : {true, false}) {
+    for (size_t r : near) {
+      alignas(32) std::array<int, kPacket> meets{};
+      bool any = false;
+      for (size_t i = 0; i < kPacket; ++i) {
+        if (!valid[i]) continue;
+        // Rays that look outwards start in their middle.
+        const bool here = regions[r].box.meets(context.outwards ? boxOf(i, rays.ray.tfar[i]) : boxOf(i, 0));
+        if (here != at_start || (!here && !regions[r].box.meets(boxOf(i, rays.ray.tfar[i])))) continue;
+        meets[i] = -1;
+        any = true;
+      }
+      if (!any) continue;
+      context.first_triangle = regions[r].first;
+      with(r, [&](RTCScene scene) { rtcIntersect8(meets.data(), scene, &context.embree, &rays); });
+    }
+  }
+}
+
+// Up to a packet of lines.
+void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line> lines, Facing facing, SurfacePoint* hits) {
+  PacketContext context;
+  rtcInitIntersectContext(&context.embree);
+  context.embree.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  RTCRayHit8 rays;
+  alignas(32) std::array<int, kPacket> valid{};
+  std::array<double, kPacket> length{}, start{};
+  for (size_t i = 0; i < lines.size(); ++i) length[i] = glm::length(lines[i].direction);
+  // From `start` before the line's point on.
+  auto aim = [&](size_t i, const glm::dvec3& direction, double far, unsigned kind) {
+    const glm::dvec3 at = lines[i].at - start[i] * direction;
+    rays.ray.org_x[i] = static_cast<float>(at.x);
+    rays.ray.org_y[i] = static_cast<float>(at.y);
+    rays.ray.org_z[i] = static_cast<float>(at.z);
+    rays.ray.dir_x[i] = static_cast<float>(direction.x);
+    rays.ray.dir_y[i] = static_cast<float>(direction.y);
+    rays.ray.dir_z[i] = static_cast<float>(direction.z);
+    rays.ray.tnear[i] = 0;
+    rays.ray.tfar[i] = static_cast<float>(far);
+    rays.ray.time[i] = 0;
+    rays.ray.mask[i] = ~0u;
+    rays.ray.id[i] = kind << kLaneBits | static_cast<unsigned>(i);
+    rays.ray.flags[i] = 0;
+    rays.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
+    rays.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+    context.middle[i] = static_cast<float>(start[i]);
+    context.nearest[i] = std::numeric_limits<float>::infinity();
+    context.triangle[i] = SurfacePoint::kNone;
+    valid[i] = -1;
+  };
+
+  // Where the hit is likely: one short ray through the line's point.
+  context.outwards = true;
+  bool any = false;
+  for (size_t i = 0; i < lines.size(); ++i) {
+    hits[i] = {};
+    const double window = std::min(lines[i].likely, lines[i].reach);
+    if (!(window > 0) || !(length[i] > 0) || !(window * length[i] > 1e-5 * size)) continue;
+    any = true;
+    start[i] = window;
+    aim(i, lines[i].direction, 2 * window, facing == Facing::kAny ? kRayAny : kRayUp);
+  }
+  if (any) {
+    trace(near, context, rays, valid);
+    for (size_t i = 0; i < lines.size(); ++i)
+      if (valid[i] && context.triangle[i] != SurfacePoint::kNone)
+        hits[i] = refined(*mesh, lines[i], context.triangle[i], static_cast<double>(context.t[i]) - start[i], context.u[i], context.v[i]);
+  }
+
+  // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on the surface.
+  context.outwards = false;
+  std::array<bool, kPacket> known{};
+  for (size_t i = 0; i < lines.size(); ++i) known[i] = static_cast<bool>(hits[i]) || !(length[i] > 0);
+  for (bool up : {true, false}) {
+    valid = {};
+    any = false;
+    for (size_t i = 0; i < lines.size(); ++i) {
+      if (known[i]) continue;
+      any = true;
+      start[i] = std::min(lines[i].reach, 2e-6 * size / length[i]);
+      const double reach = up || !hits[i] ? lines[i].reach : std::min(lines[i].reach, std::abs(hits[i].along));
+      aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i], facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown);
+    }
+    if (!any) return;
+    trace(near, context, rays, valid);
+    for (size_t i = 0; i < lines.size(); ++i) {
+      if (!valid[i] || context.triangle[i] == SurfacePoint::kNone) continue;
+      const double t = static_cast<double>(context.t[i]) - start[i];
+      const SurfacePoint hit = refined(*mesh, lines[i], context.triangle[i], up ? t : -t, context.u[i], context.v[i]);
+      if (!hits[i] || std::abs(hit.along) < std::abs(hits[i].along)) hits[i] = hit;
+    }
+  }
 }
 
 void RayScene::nearestOnLines(std::span<const Line> lines, Facing facing, std::span<SurfacePoint> hits) const {
-  RTCIntersectContext context;
-  rtcInitIntersectContext(&context);
-  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
-  for (size_t from = 0; from < lines.size(); from += kPacket) {
-    const size_t count = std::min(kPacket, lines.size() - from);
-    alignas(32) std::array<int, kPacket> valid{};
-    std::array<SurfacePoint, kPacket> best{};
-    // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on the surface.
-    for (bool up : {true, false}) {
-      RTCRayHit8 rays;
-      std::array<double, kPacket> behind{};
-      for (size_t i = 0; i < kPacket; ++i) {
-        const Line& line = lines[from + std::min(i, count - 1)];
-        const double length = glm::length(line.direction);
-        valid[i] = i < count && length > 0 ? -1 : 0;
-        if (!valid[i]) continue;
-        behind[i] = std::min(line.reach, 2e-6 * impl_->size / length);
-        const glm::dvec3 direction = up ? line.direction : -line.direction;
-        const glm::dvec3 at = line.at - behind[i] * direction;
-        const double reach = (up || !best[i] ? line.reach : std::min(line.reach, std::abs(best[i].along))) + behind[i];
-        rays.ray.org_x[i] = static_cast<float>(at.x);
-        rays.ray.org_y[i] = static_cast<float>(at.y);
-        rays.ray.org_z[i] = static_cast<float>(at.z);
-        rays.ray.dir_x[i] = static_cast<float>(direction.x);
-        rays.ray.dir_y[i] = static_cast<float>(direction.y);
-        rays.ray.dir_z[i] = static_cast<float>(direction.z);
-        rays.ray.tnear[i] = 0;
-        rays.ray.tfar[i] = static_cast<float>(reach);
-        rays.ray.time[i] = 0;
-        rays.ray.mask[i] = ~0u;
-        rays.ray.id[i] = facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown;
-        rays.ray.flags[i] = 0;
-        rays.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
-        rays.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
-      }
-      rtcIntersect8(valid.data(), impl_->scene, &context, &rays);
-      for (size_t i = 0; i < count; ++i) {
-        if (!valid[i] || rays.hit.geomID[i] == RTC_INVALID_GEOMETRY_ID) continue;
-        const double t = static_cast<double>(rays.ray.tfar[i]) - behind[i];
-        const SurfacePoint hit =
-            refined(*impl_->mesh, lines[from + i], rays.hit.primID[i], up ? t : -t, rays.hit.u[i], rays.hit.v[i]);
-        if (!best[i] || std::abs(hit.along) < std::abs(best[i].along)) best[i] = hit;
-      }
+  std::vector<size_t> near;  // the regions that any of the lines can meet
+  if (impl_->regions.size() > 1) {
+    Box box;
+    for (const Line& line : lines) {
+      box.add(glm::vec3(line.at - line.reach * line.direction));
+      box.add(glm::vec3(line.at + line.reach * line.direction));
     }
-    std::copy_n(best.begin(), count, hits.begin() + static_cast<ptrdiff_t>(from));
+    for (size_t r = 0; r < impl_->regions.size(); ++r)
+      if (impl_->regions[r].box.meets(box)) near.push_back(r);
   }
+  for (size_t from = 0; from < lines.size(); from += kPacket)
+    impl_->nearest(near, lines.subspan(from, std::min(kPacket, lines.size() - from)), facing, hits.data() + from);
 }
 
 SurfacePoint RayScene::nearestOnLine(const Line& line, Facing facing) const {
@@ -236,16 +465,37 @@ SurfacePoint RayScene::nearestOnLine(const Line& line, Facing facing) const {
 
 SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) const {
   const double slack = 1e-6 * (std::abs(place.x) + std::abs(place.y) + std::abs(place.z));
-  ClosestQuery query{impl_->mesh, place, {}, within, slack};
-  RTCPointQueryContext context;
-  rtcInitPointQueryContext(&context);
-  RTCPointQuery sphere;
-  sphere.x = static_cast<float>(place.x);
-  sphere.y = static_cast<float>(place.y);
-  sphere.z = static_cast<float>(place.z);
-  sphere.time = 0;
-  sphere.radius = static_cast<float>(within * (1 + 1e-6) + slack);
-  rtcPointQuery(impl_->scene, &sphere, &context, closestCallback, &query);
+  ClosestQuery query{impl_->mesh, 0, place, {}, within, slack};
+  auto ask = [&](size_t r) {
+    query.first_triangle = impl_->regions[r].first;
+    RTCPointQueryContext context;
+    rtcInitPointQueryContext(&context);
+    RTCPointQuery sphere;
+    sphere.x = static_cast<float>(place.x);
+    sphere.y = static_cast<float>(place.y);
+    sphere.z = static_cast<float>(place.z);
+    sphere.time = 0;
+    sphere.radius = static_cast<float>(query.within * (1 + 1e-6) + slack);
+    impl_->with(r, [&](RTCScene scene) { rtcPointQuery(scene, &sphere, &context, closestCallback, &query); });
+  };
+  const std::vector<Region>& regions = impl_->regions;
+  if (regions.size() == 1) {
+    ask(0);
+    return query.best;
+  }
+  // The nearest box first, then what may hold a point as near.
+  size_t first = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (size_t r = 0; r < regions.size(); ++r) {
+    const double squared = regions[r].box.squaredDistance(place);
+    if (squared >= least) continue;
+    least = squared;
+    first = r;
+  }
+  if (!(std::sqrt(least) <= query.within)) return {};
+  ask(first);
+  for (size_t r = 0; r < regions.size(); ++r)
+    if (r != first && regions[r].box.squaredDistance(place) <= query.within * query.within) ask(r);
   return query.best;
 }
 

@@ -2,6 +2,11 @@
 // Embree (robust mode: no line slips between two triangles) finds the triangle in single precision; where on it is then computed in
 // double precision, so that results carry the mesh's own rounding only. Places are the mesh's: from mesh.origin_mm.
 // All queries are const and thread-safe.
+//
+// Memory: Embree's hierarchies are many, one for each run of consecutive triangles (a region), built when a line or a place first needs it
+// and given back, longest unused first, when the budget is spent. Where triangles near one another in space are near in the list, too
+// (mesh_order.h), few regions are needed at a time. Results do not depend on the runs' length, nor on the budget: of surfaces that are
+// equally near the first triangle is taken, whatever order the hierarchies are in.
 #pragma once
 
 #include <atomic>
@@ -30,13 +35,23 @@ struct Line {
   glm::dvec3 at{0};
   glm::dvec3 direction{0};  // of any length but 0
   double reach = 0;
+  double likely = 0;        // most hits have |t| below this: looked for there first. 0: nothing is known
 };
 enum class Facing { kAny, kAlong };  // kAlong: only surfaces whose outside faces along the direction
+
+struct RaySceneOptions {
+  const std::atomic<bool>* interrupted = nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
+  uint32_t region_triangles = uint32_t{1} << 20;   // 40 to 56 MB each
+  uint64_t budget_bytes = ~uint64_t{0};            // of hierarchies at a time; one for each thread is kept, be it ever so small
+};
 
 class RayScene {
  public:
   // The mesh's arrays are used in place: they must outlive the scene unchanged. Interrupted: ErrorKind::kInterrupted.
-  static Result<std::unique_ptr<RayScene>> create(const TriMesh& mesh, const std::atomic<bool>* interrupted = nullptr);
+  static Result<std::unique_ptr<RayScene>> create(const TriMesh& mesh, const RaySceneOptions& options);
+  static Result<std::unique_ptr<RayScene>> create(const TriMesh& mesh, const std::atomic<bool>* interrupted = nullptr) {
+    return create(mesh, RaySceneOptions{.interrupted = interrupted});
+  }
   ~RayScene();
 
   // Of each line the hit with the smallest |t|. Fastest for lines that lie beside one another.
@@ -48,7 +63,10 @@ class RayScene {
   // The same, sooner, if `guess` (of an earlier query) is not far from it.
   SurfacePoint closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const;
 
-  uint64_t bytes() const;  // that Embree holds, beside the mesh
+  Result<void> status() const;  // an error: a hierarchy could not be built (out of memory), and queries since then missed surfaces
+  uint64_t bytes() const;       // that Embree holds now, beside the mesh
+  size_t regions() const;
+  uint64_t builds() const;      // of hierarchies so far
 
  private:
   struct Impl;
