@@ -106,6 +106,7 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   px_per_mm_.assign(padded_, 0);
   codes_.assign(padded_, kCulled);
   block_state_.assign(blocks_, kSkipped);
+  block_levels_.assign(blocks_, {0, 0});
   block_patch_radius_.assign(blocks_, 0);
   block_error_.assign(blocks_, 0);
   for (auto& list : lists_) list.resize(padded_);
@@ -259,8 +260,12 @@ void MeshRoots::evaluateBlocks(const Eye& eye) {
       }
       if (!asked) state = kSkipped;
     }
-    if (state == kSkipped) std::fill_n(codes_.begin() + b * kBlock, kBlock, static_cast<uint8_t>(kCulled));
-    else active_.push_back(b);
+    if (state != kSkipped) {
+      active_.push_back(b);
+      continue;
+    }
+    std::fill_n(codes_.begin() + b * kBlock, kBlock, static_cast<uint8_t>(kCulled));
+    block_levels_[b] = {0, 0};
   }
 }
 
@@ -280,7 +285,7 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
   const float* e4 = errors_[4].data() + first;
   float* px_per_mm = px_per_mm_.data() + first;
   std::array<int32_t, kBlock> codes;
-  int any = 0;
+  int any = 0, least = kLevels, most = 0;
   RELIEVO_NO_LOOP_DEPENDENCE
   for (size_t p = 0; p < kBlock; ++p) {
     const float r = radius[p];
@@ -317,7 +322,11 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
     px_per_mm[p] = px;
     codes[p] = code;
     any |= code;
+    const int wanted = code & kLevel;
+    least = wanted < least ? wanted : least;
+    most = wanted > most ? wanted : most;
   }
+  block_levels_[block] = {static_cast<uint8_t>(least), static_cast<uint8_t>(most)};
   uint8_t* out = codes_.data() + first;
   for (size_t p = 0; p < kBlock; ++p) out[p] = static_cast<uint8_t>(codes[p]);
   return any;
@@ -333,6 +342,35 @@ void MeshRoots::levelEdges() {
     if (block_state_[b] & kFacesAway) continue;
     const size_t first = size_t{b} * kBlock;
     const uint8_t* codes = all_codes + first;
+    const float* px_per_mm = px_per_mm_.data() + first;
+    const float* radius = of_patches_.radius.data() + first;
+    // Most blocks want one level, and those around them no more: no need to look across each side.
+    const auto [lowest, highest] = block_levels_[b];
+    bool alike = lowest == highest;
+    for (uint32_t k = first_adjacent_[b]; k < first_adjacent_[b + 1]; ++k) alike = alike & (block_levels_[adjacent_[k]][1] <= lowest);
+    if (alike) {
+      const float* error = errors_[lowest].data() + first;
+      int32_t block_worst = 0, any = 0, all = 0xFF;
+      for (size_t p = 0; p < kBlock; ++p) {
+        const int code = codes[p];
+        const int32_t bits = code & kNotShown ? 0 : std::bit_cast<int32_t>(error[p] * px_per_mm[p]);
+        block_worst = block_worst > bits ? block_worst : bits;
+        any |= code;
+        all &= code;
+      }
+      worst = worst > block_worst ? worst : block_worst;
+      Drawn*& to = next[lowest];
+      const uint32_t segments = lowest * 0x01010101u;
+      if (!(any & kNotShown)) {
+        for (uint32_t p = 0; p < kBlock; ++p) to[p] = {static_cast<uint32_t>(first) + p, segments};
+        to += kBlock;
+        continue;
+      }
+      if (all & kNotShown) continue;
+      for (uint32_t p = 0; p < kBlock; ++p)
+        if (!(codes[p] & kNotShown)) *to++ = {static_cast<uint32_t>(first) + p, segments};
+      continue;
+    }
     const std::array<uint32_t, 4>* across = across_.data() + first;
     std::array<uint32_t, kBlock> theirs;
     for (size_t p = 0; p < kBlock; ++p) {
@@ -345,14 +383,12 @@ void MeshRoots::levelEdges() {
     const float* e2 = errors_[2].data() + first;
     const float* e3 = errors_[3].data() + first;
     const float* e4 = errors_[4].data() + first;
-    const float* radius = of_patches_.radius.data() + first;
-    const float* px_per_mm = px_per_mm_.data() + first;
     std::array<int32_t, kBlock> own_codes, grids;
     for (size_t p = 0; p < kBlock; ++p) own_codes[p] = codes[p];
     std::array<uint32_t, kBlock> segments;
     int32_t block_worst = 0, least = kMaxGridLevel + 1, most = 0;
     for (size_t p = 0; p < kBlock; ++p) {
-      const int own = own_codes[p] & kLevel, shown = (own_codes[p] & (kCulled | kCareful | kOthers | kHidden)) == 0;
+      const int own = own_codes[p] & kLevel, shown = (own_codes[p] & kNotShown) == 0;
       auto larger = [](int u, int v) { return u > v ? u : v; };
       auto smaller = [](int u, int v) { return u < v ? u : v; };
       auto level = [&](int shift) { return larger(own, static_cast<int>(theirs[p] >> shift) & kLevel); };

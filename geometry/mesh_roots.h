@@ -28,6 +28,7 @@ class MeshRoots {
   static constexpr int kCareful = 0x40;  // near the eye, or wants more than a root's grid gives
   static constexpr int kOthers = 0x20;   // drawn by others, see leaveOut()
   static constexpr int kHidden = 0x10;   // faces away: not drawn, whatever else is said
+  static constexpr int kNotShown = kCulled | kCareful | kOthers | kHidden;
   static constexpr int kLevel = 0x07;
   static constexpr int kLevels = 5;      // 0 .. 4: kMaxSplitLevel
   static constexpr uint32_t kBlock = 16;
@@ -86,6 +87,7 @@ class MeshRoots {
   std::vector<uint32_t> first_adjacent_, adjacent_;   // blocks that meet a block
   std::vector<float> px_per_mm_;
   std::vector<uint8_t> codes_, block_state_;
+  std::vector<std::array<uint8_t, 2>> block_levels_;  // the lowest and the highest wanted in each
   std::vector<uint32_t> active_;                      // blocks with something to draw, or that others ask for
   std::array<std::vector<Drawn>, kMaxGridLevel + 1> lists_;
   std::array<size_t, kMaxGridLevel + 1> drawn_{};

@@ -35,6 +35,7 @@ struct Manifest {
   std::shared_ptr<const BaseMesh> base;
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<HeightSlopes> height_slopes;  // empty in packages from before there were any
   double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
 

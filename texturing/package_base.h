@@ -16,12 +16,13 @@ struct BaseSection {
   BaseMesh mesh;
   std::vector<CoarseErrors> coarse_errors;  // a patch
   std::vector<CoarseBlocks> coarse_blocks;  // a patch
+  std::vector<HeightSlopes> slopes;         // a patch; empty: not known
   double error_unit_mm = 0;
 };
 
-inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84;
-constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches) {
-  return kBaseHeadBytes + corners * kBaseCornerBytes + patches * kBasePatchBytes;
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84, kBaseSlopesBytes = 16;
+constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, bool slopes = true) {
+  return kBaseHeadBytes + corners * kBaseCornerBytes + patches * (kBasePatchBytes + (slopes ? kBaseSlopesBytes : 0));
 }
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);

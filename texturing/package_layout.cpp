@@ -247,7 +247,7 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount()), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
+    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), false), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
         h.base_bytes < least || h.base_bytes > most) {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) + " bytes, found " + std::to_string(h.base_bytes));
     }

@@ -91,6 +91,7 @@ struct Package::Impl {
     manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
     manifest.coarse_errors = std::move(section->coarse_errors);
     manifest.coarse_blocks = std::move(section->coarse_blocks);
+    manifest.height_slopes = std::move(section->slopes);
     manifest.error_unit_mm = section->error_unit_mm;
     return {};
   }

@@ -63,6 +63,7 @@ struct Context {
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<HeightSlopes> slopes;
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
   std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
@@ -166,6 +167,7 @@ class PatchReader {
     heights_.resize(side * side);
     if (auto made = c_.source.heights(patch, heights_); !made) return made;
     noteBorder(patch, cells);
+    noteSlopes(patch, cells);
     if (auto read = readErrors(patch, depth); !read) return read;
     ranges_.resize(static_cast<size_t>(depth) + 1);
     for (int level = depth; level >= 0; --level) {
@@ -241,6 +243,26 @@ class PatchReader {
       finer = mm;
     }
     return {};
+  }
+
+  void noteSlopes(uint32_t patch, size_t cells) {
+    const size_t side = cells + 1;
+    std::array<int, 4> q{65535, -65535, 65535, -65535};  // least and largest step along u, and along v
+    for (size_t y = 0; y < side; ++y) {
+      const uint16_t* row = heights_.data() + y * side;
+      for (size_t x = 0; x < cells; ++x) {
+        const int step = row[x + 1] - row[x];
+        q[0] = std::min(q[0], step), q[1] = std::max(q[1], step);
+      }
+      for (size_t x = 0; y < cells && x < side; ++x) {
+        const int step = row[x + side] - row[x];
+        q[2] = std::min(q[2], step), q[3] = std::max(q[3], step);
+      }
+    }
+    auto least = [](double a, double b) { return std::nextafter(static_cast<float>(std::min(a, b)), -INFINITY); };
+    auto largest = [](double a, double b) { return std::nextafter(static_cast<float>(std::max(a, b)), INFINITY); };
+    const double mm = c_.source.reliefScaleMm() * static_cast<double>(cells);
+    c_.slopes[patch] = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm), largest(q[2] * mm, q[3] * mm)};
   }
 
   void noteBorder(uint32_t patch, size_t cells) {
@@ -520,7 +542,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const PlanarDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
   header.page_count = packageLayout(d, header.texture, 0, false).page_count;
-  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), source.errorUnitMm()};
+  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), std::vector<HeightSlopes>(patches), source.errorUnitMm()};
   header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
   const std::string manifest = manifestOf(header, source, options);
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
@@ -538,8 +560,10 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   {},
                   {},
                   {},
+                  {},
                   {}};
   context.coarse_errors.resize(patches);
+  context.slopes.resize(patches);
   context.coarse_blocks.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
@@ -604,6 +628,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
 
   base.coarse_errors = std::move(context.coarse_errors);
   base.coarse_blocks = std::move(context.coarse_blocks);
+  base.slopes = std::move(context.slopes);
   (*writer)->setBase(encodeBaseSection(base));
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();

@@ -312,6 +312,21 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
       EXPECT_GE(e[k], source.coarseError(p, k));
       EXPECT_GE(e[k], k + 1 < e.size() ? e[k + 1] : root->relief.error_mm * (1 - 1e-6f));
     }
+    const size_t cells = size_t{kPagePx} << source.reliefDepth(), row = cells + 1;
+    std::vector<uint16_t> heights(row * row);
+    ASSERT_TRUE(source.heights(p, heights).ok());
+    std::array<double, 4> steepest{1e300, -1e300, 1e300, -1e300};
+    for (size_t i = 0; i < heights.size(); ++i) {
+      auto slope = [&](size_t to) { return (heights[to] - heights[i]) * source.reliefScaleMm() * static_cast<double>(cells); };
+      if (i % row < cells) steepest = {std::min(steepest[0], slope(i + 1)), std::max(steepest[1], slope(i + 1)), steepest[2], steepest[3]};
+      if (i / row < cells) steepest = {steepest[0], steepest[1], std::min(steepest[2], slope(i + row)), std::max(steepest[3], slope(i + row))};
+    }
+    const HeightSlopes& known = package.manifest().height_slopes[p];
+    EXPECT_LE(known.min_u, steepest[0]);
+    EXPECT_GE(known.max_u, steepest[1]);
+    EXPECT_LE(known.min_v, steepest[2]);
+    EXPECT_GE(known.max_v, steepest[3]);
+    EXPECT_NEAR(known.max_v - known.min_u, steepest[3] - steepest[0], 1e-5 * (steepest[3] - steepest[0]));
     const CoarseBlocks& shares = package.manifest().coarse_blocks[p];
     std::vector<float> finer(256);
     ASSERT_TRUE(package.reliefErrors({p, 0, 0, 0}, finer));
@@ -589,10 +604,30 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   setBase(patches + 32, uint32_t{5});
   setBase(patches + 36, uint32_t{5});
   expect(refusal(), "patch 2 names a corner twice");
+  const size_t slopes = errors + (28 + 84) * 6;
+  for (float s : {NAN, INFINITY, 1e30f}) expect(withBase(slopes + 16 * 4, s), "the slopes of patch 4 are not ranges of numbers");
   for (float e : {NAN, -1.0f, INFINITY}) expect(withBase(errors + 28 * 3, e), "the errors of patch 3");
   setBase(errors + 28 * 5, 1.0f);
   setBase(errors + 28 * 5 + 4, 2.0f);
   expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
+}
+
+// As packages were before they knew slopes.
+TEST_F(BaseOfPackage, slopesMayBeMissing) {
+  const std::vector<uint8_t> good(bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
+                                  bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
+  auto whole = decodeBaseSection(good, 6);
+  ASSERT_TRUE(whole.ok());
+  EXPECT_EQ(whole->slopes.size(), 6u);
+  std::vector<uint8_t> older(good.begin(), good.end() - 6 * static_cast<std::ptrdiff_t>(kBaseSlopesBytes));
+  auto without = decodeBaseSection(older, 6);
+  ASSERT_TRUE(without.ok()) << without.error().text();
+  EXPECT_TRUE(without->slopes.empty());
+  EXPECT_EQ(without->coarse_errors, whole->coarse_errors);
+  EXPECT_EQ(encodeBaseSection(*without), older);
+  // Control: a part of them is no section.
+  older.push_back(0);
+  EXPECT_FALSE(decodeBaseSection(older, 6).ok());
 }
 
 // Any bytes with a fitting checksum: a fit mesh or one clear error, and nothing is allocated that the bytes do not
