@@ -86,12 +86,6 @@ class PackageOracle final : public ReliefOracle {
     slopes = known[patch];
     return true;
   }
-  bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
-    const auto& known = package_->manifest().height_slopes;
-    if (patch >= known.size()) return false;
-    slopes = known[patch];
-    return true;
-  }
 
  private:
   std::shared_ptr<const Package> package_;
