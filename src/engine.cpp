@@ -99,6 +99,7 @@ Artwork artworkFromPackage(std::shared_ptr<const Package> package) {
   artwork.manifest = package->manifest();
   artwork.source = package;
   artwork.oracle = std::make_shared<PackageOracle>(package);
+  if (package->hasTails()) artwork.tails = [package](int workers, std::vector<std::string>* problems) { return package->tails(workers, problems); };
   return artwork;
 }
 
@@ -282,18 +283,15 @@ struct Engine::Impl {
     return {};
   }
 
-  Result<void> makeTails() {
+  void makeTails() {
     const Manifest& m = artwork.manifest;
     if (artwork.tails) {
-      auto read = artwork.tails();
-      if (!read) return read.error();
-      tails = std::move(*read);
+      tails = artwork.tails(options.workers, &messages);
     } else {
       tails.emplace(m.domain.patchCount(), m.texture.channels());
       tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails, &messages);
     }
     tail_textures = std::make_unique<TailTextures>(*tails);
-    return {};
   }
 
   // Begins a new streamer, for other planes than those of the present one.
@@ -462,7 +460,7 @@ struct Engine::Impl {
     pool->bind(surface_program, streamer->table());
     setUniforms(surface_program, 0);
     const EyeFrame eye = prepareInstances(surface_program);
-    stats.draw_calls += patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
+    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
   }
 
   void bindSurface(const gl::Program& program) const {
@@ -735,7 +733,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
       return Error{ErrorKind::kUnsupported, "", "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
                        std::to_string(manifest.domain.patchCount()), "build it with fewer patches (--patches)", {}};
     }
-    if (auto made = impl->makeTails(); !made) return made.error();
+    impl->makeTails();
   }
   impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);

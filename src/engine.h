@@ -30,8 +30,9 @@ struct Artwork {
   Manifest manifest;
   std::shared_ptr<const PageSource> source;
   std::shared_ptr<const ReliefOracle> oracle;
-  // Over a base mesh: what of each patch needs no page, if the source has it at hand (else it is made of the root pages, all of them).
-  std::function<Result<PatchTails>()> tails;
+  // Over a base mesh: what of each patch needs no page, if the source has it at hand (else it is made of the root pages, all of them). What had to be
+  // made up is named in problems.
+  std::function<PatchTails(int workers, std::vector<std::string>* problems)> tails;
 };
 Artwork artworkFromPackage(std::shared_ptr<const Package> package);
 // Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
@@ -118,6 +119,7 @@ class Engine {
     bool no_snapping = false;
     bool unordered_ends = false;  // over a base mesh: a side's points are interpolated in the patch's direction
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
+    bool call_a_patch = false;    // each instance by a draw call of its own, for comparison
   };
   Result<void> sabotage(const Sabotage& what);
 

@@ -19,6 +19,7 @@
 #include "texturing/page_encoding.h"
 #include "texturing/page_source.h"
 #include "texturing/patch_source.h"
+#include "texturing/patch_tails.h"
 #include "texturing/raster_source.h"
 
 namespace relievo {
@@ -67,6 +68,11 @@ class Package final : public PageSource {
   // How far a relief page's surface can lie from the finest relief, mm, by 16 x 16 blocks of 8 x 8 cells, rows top first: upper
   // bounds, none above the page's own (but for their rounding up). False: the package does not say (an older one, or damaged).
   bool reliefErrors(const NodeId& node, std::span<float> error_mm /* 256 */) const;
+  // The tails of its patches (patch_tails.h), as far as they are sound; the others are made of the root pages, and problems (which may be null)
+  // names them. False: the package has none (an older one, or a flat artwork).
+  bool hasTails() const;
+  PatchTails tails(int workers, std::vector<std::string>* problems) const;
+  std::vector<std::string> tailProblems() const;  // what of them is damaged; nothing where there are none
   Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of these sound?
   // Is the index block that holds the page's entry sound?
   Result<void> checkIndex(PageId id) const;

@@ -1,6 +1,7 @@
 #include "texturing/package_layout.h"
 
 #include "texturing/package_base.h"
+#include "texturing/package_tails.h"
 
 #include <xxhash.h>
 
@@ -164,6 +165,9 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(272, h.base_bytes);
   f.put(280, h.base_hash);
   f.put(288, h.base_copy_offset);
+  f.put(296, h.tails_offset);
+  f.put(304, h.tails_bytes);
+  f.put(312, h.tails_hash);
   f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
 }
 
@@ -242,6 +246,12 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.base_bytes = loadLittle<uint64_t>(p + 272);
     h.base_hash = loadLittle<uint64_t>(p + 280);
     h.base_copy_offset = loadLittle<uint64_t>(p + 288);
+    h.tails_offset = loadLittle<uint64_t>(p + 296);
+    h.tails_bytes = loadLittle<uint64_t>(p + 304);
+    h.tails_hash = loadLittle<uint64_t>(p + 312);
+    if (!inside(h.tails_offset, h.tails_bytes)) return invalid(296, "the patches' tails lie outside the file");
+    if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount()); h.tails_bytes != 0 && h.tails_bytes != expected)
+      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " + std::to_string(h.tails_bytes));
     if (!inside(h.base_offset, h.base_bytes)) return invalid(264, "the base mesh lies outside the file");
     if (!inside(h.base_copy_offset, h.base_bytes)) return invalid(288, "the base mesh's copy lies outside the file");
     if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)

@@ -41,6 +41,8 @@ struct PackageHeader {
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
   // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
   uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
+  // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
+  uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
 // 1, or 2 with a base mesh.
 inline uint32_t packageVersion(const PackageHeader& h) { return h.base_bytes == 0 ? 1 : 2; }

@@ -1,17 +1,20 @@
 #include <xxhash.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cassert>
 #include <cmath>
 #include <deque>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <thread>
 #include <unordered_map>
 
 #include "src/base/file.h"
 #include "texturing/package.h"
 #include "texturing/package_base.h"
 #include "texturing/package_layout.h"
+#include "texturing/package_tails.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -94,6 +97,37 @@ struct Package::Impl {
     manifest.height_slopes = std::move(section->slopes);
     manifest.error_unit_mm = section->error_unit_mm;
     return {};
+  }
+
+  Result<std::vector<TailsChunk>> tailsDirectory() const {
+    std::vector<uint8_t> bytes(header.tails_bytes);
+    if (auto read = file.read(header.tails_offset, bytes); !read) return read.error();
+    auto at = [&](Error error) {
+      error.file = file.path();
+      error.offset = header.tails_offset + error.offset.value_or(0);
+      return error;
+    };
+    if (XXH3_64bits(bytes.data(), bytes.size()) != header.tails_hash) {
+      return at({ErrorKind::kInvalidData, "", "the patches' tails are damaged: their directory's checksum does not match",
+                 "rebuild the package, or get a whole copy", 0});
+    }
+    auto chunks = decodeTailsDirectory(bytes, header.domain.patchCount(), header.texture.channels());
+    if (!chunks) return at(chunks.error());
+    return chunks;
+  }
+  // The chunk of patches first .. first + count, as those from `into` on.
+  Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails, uint32_t into) const {
+    auto at = [&](std::string message) {
+      return Error{ErrorKind::kInvalidData, file.path(), std::move(message), "rebuild the package, or get a whole copy", chunk.offset};
+    };
+    const std::string who = "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1);
+    // Checked before the allocation.
+    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset) return at(who + " lie beyond the end of the file");
+    std::vector<uint8_t> bytes(chunk.size);
+    if (auto read = file.read(chunk.offset, bytes); !read) return read;
+    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash) return at(who + " are damaged: their checksum does not match");
+    auto decoded = decodeTailsChunk(bytes, into, count, tails);
+    return decoded ? decoded : at(who + " are damaged: " + decoded.error().message);
   }
 
   // What the header does not hold: where the data came from.
@@ -195,6 +229,50 @@ Result<void> Package::checkReliefDetail(const NodeId& node) const {
   auto block = impl_->block(tree.find(node));
   if (!block) return block.error();
   return {};
+}
+
+bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }
+
+PatchTails Package::tails(int workers, std::vector<std::string>* problems) const {
+  const Manifest& m = manifest();
+  PatchTails out(m.domain.patchCount(), m.texture.channels());
+  std::mutex mutex;
+  auto instead = [&](uint32_t first, uint32_t count, const Error& error) {
+    std::lock_guard lock(mutex);
+    if (problems) problems->push_back(error.text() + " (made of the root pages)");
+    tailsFromPages(*this, m.texture, true, first, count, 1, out, problems);
+  };
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) {
+    instead(0, out.patches, chunks.error());
+    return out;
+  }
+  std::atomic<size_t> next{0};
+  auto readSome = [&] {
+    for (size_t i = next++; i < chunks->size(); i = next++) {
+      const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches, count = std::min(kTailsChunkPatches, out.patches - first);
+      if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read) instead(first, count, read.error());
+    }
+  };
+  std::vector<std::thread> helpers;
+  for (size_t i = 1; i < std::min<size_t>(static_cast<size_t>(std::max(workers, 1)), chunks->size()); ++i) helpers.emplace_back(readSome);
+  readSome();
+  for (std::thread& t : helpers) t.join();
+  return out;
+}
+
+std::vector<std::string> Package::tailProblems() const {
+  std::vector<std::string> out;
+  if (!hasTails()) return out;
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) return {chunks.error().text()};
+  const Manifest& m = manifest();
+  for (uint32_t i = 0; i < chunks->size(); ++i) {
+    const uint32_t count = std::min(kTailsChunkPatches, m.domain.patchCount() - i * kTailsChunkPatches);
+    PatchTails part(count, m.texture.channels());
+    if (auto read = impl_->readTails((*chunks)[i], i * kTailsChunkPatches, count, part, 0); !read) out.push_back(read.error().text());
+  }
+  return out;
 }
 
 bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const {

@@ -108,6 +108,7 @@ Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*p
   for (std::thread& t : threads) t.join();
   if (stop()) return Error{ErrorKind::kInterrupted, package.path(), "interrupted", "", {}};
   if (progress) progress(done, manifest.page_count);
+  for (std::string& problem : package.tailProblems()) report.other.push_back(std::move(problem));
   for (auto& [place, out] : bad) {
     for (auto& d : out.damaged) report.damaged.push_back(std::move(d));
     for (auto& o : out.other) report.other.push_back(std::move(o));

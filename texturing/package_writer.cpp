@@ -186,6 +186,12 @@ Result<void> PackageWriter::append(const BuildPart& part) {
   return {};
 }
 
+Result<void> PackageWriter::appendTails(std::span<const uint8_t> chunk) {
+  tails_.push_back({offset_, static_cast<uint32_t>(chunk.size()), encodedHash(chunk)});
+  offset_ += chunk.size();
+  return file_.append(chunk);
+}
+
 void PackageWriter::setBase(std::vector<uint8_t> base) {
   assert(base.size() == base_.size());
   base_ = std::move(base);
@@ -193,7 +199,15 @@ void PackageWriter::setBase(std::vector<uint8_t> base) {
 
 Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
   PackageHeader& h = header_;
-  h.pages_bytes = offset_ - h.pages_offset;
+  h.pages_bytes = (tails_.empty() ? offset_ : tails_.front().offset) - h.pages_offset;
+  if (!tails_.empty()) {
+    const std::vector<uint8_t> directory = encodeTailsDirectory(h.domain.patchCount(), h.texture.channels(), tails_);
+    h.tails_offset = offset_;
+    h.tails_bytes = directory.size();
+    h.tails_hash = encodedHash(directory);
+    if (auto appended = file_.append(directory); !appended) return appended.error();
+    offset_ += directory.size();
+  }
   if (!base_.empty()) {
     h.base_copy_offset = offset_;
     h.base_hash = XXH3_64bits(base_.data(), base_.size());

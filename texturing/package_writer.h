@@ -21,6 +21,7 @@
 #include "src/base/result.h"
 #include "texturing/package_builder.h"
 #include "texturing/package_layout.h"
+#include "texturing/package_tails.h"
 
 namespace relievo {
 
@@ -164,8 +165,10 @@ class PackageWriter {
                                                        std::string manifest, std::vector<uint8_t> base,
                                                        SpillBudget& spills);
   Result<void> append(const BuildPart& part);
+  // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes them.
+  Result<void> appendTails(std::span<const uint8_t> chunk);
   void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
-  // Index, manifest, base mesh, header; renames. The file's bytes.
+  // Directory of tails, index, manifest, base mesh, header; renames. The file's bytes.
   Result<uint64_t> finish(const std::atomic<bool>* interrupted);
 
  private:
@@ -175,7 +178,8 @@ class PackageWriter {
   std::string manifest_;
   std::vector<uint8_t> base_;
   std::unique_ptr<SpillStore> index_;
-  uint64_t offset_ = 0;  // of the next page
+  uint64_t offset_ = 0;  // of the next page, or chunk of tails
+  std::vector<TailsChunk> tails_;
 };
 
 // Takes `parts` parts and appends them; progress(part, or null while waiting).

@@ -27,6 +27,7 @@
 #include "texturing/package_layout.h"
 #include "texturing/package_writer.h"
 #include "texturing/page_codec.h"
+#include "texturing/patch_tails.h"
 
 namespace relievo {
 namespace {
@@ -59,7 +60,7 @@ struct Context {
   MipFilter mip;
   PatchStore store;
   std::vector<PatchNeighbours> neighbours;
-  std::unique_ptr<SpillStore> levels, strips;
+  std::unique_ptr<SpillStore> levels, strips, tails;
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
@@ -70,6 +71,8 @@ struct Context {
   // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
   std::vector<uint32_t> first, at;
 
+  // A patch's tail: heights, then texels.
+  size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
   size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
     const size_t depths = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
     return ((patch * depths + static_cast<size_t>(level)) * 4 + corner) * channels;
@@ -116,7 +119,7 @@ class PatchReader {
       if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
       if (auto kept = keepStrips(patch, level, side); !kept) return kept;
       keepCorners(patch, level, static_cast<size_t>(side));
-      if (level == 0) return {};
+      if (level == 0) return keepTail(patch);
       coarser_.resize(texels_.size() / 4);
       if (level == store.depth) {
         c_.mip.downsample(texels_.data(), side, side, coarser_.data());
@@ -127,6 +130,12 @@ class PatchReader {
       texels_.resize(level_.size());
       for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
     }
+  }
+
+  Result<void> keepTail(uint32_t patch) {
+    tail_.resize(c_.tailBytes() - 2 * kTailHeights);
+    tailTexels(c_.mip, texels_, tail_);
+    return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
   }
 
   void keepCorners(uint32_t patch, int level, size_t side) {
@@ -185,6 +194,11 @@ class PatchReader {
           for (size_t j = 0; j < kReliefSamples; ++j) {
             const uint16_t* row = heights_.data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
             for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
+          }
+          if (level == 0) {
+            std::array<uint16_t, kTailHeights> tail;
+            tailHeights(samples_, tail);
+            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail.data(), sizeof tail); !kept) return kept;
           }
           const NodeId node{patch, static_cast<uint32_t>(level), x, y};
           const auto at = c_.layout.relief.find(node), detail = c_.layout.relief_detail.find(node);
@@ -336,7 +350,7 @@ class PatchReader {
 
   Context& c_;
   PageEncoder encoder_;
-  std::vector<uint8_t> texels_, strip_;
+  std::vector<uint8_t> texels_, strip_, tail_;
   std::vector<uint16_t> level_, coarser_, heights_;
   std::vector<float> error_mm_;
   std::vector<std::vector<uint16_t>> errors_;   // by level and block
@@ -498,6 +512,22 @@ std::string manifestOf(const PackageHeader& h, const PatchSource& source, const 
   return manifestText(json);
 }
 
+Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWriter& writer) {
+  const auto patches = static_cast<uint32_t>(c.source.base().patches.size());
+  std::vector<uint8_t> bytes(c.tailBytes());
+  for (uint32_t first = 0; first < patches; first += kTailsChunkPatches) {
+    const uint32_t count = std::min(kTailsChunkPatches, patches - first);
+    PatchTails tails(count, c.store.channels);
+    for (uint32_t i = 0; i < count; ++i) {
+      if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read;
+      std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
+      std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+    }
+    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, options.zstd_level)); !written) return written;
+  }
+  return {};
+}
+
 // Samples on shared sides and corners are the same from all sides, or the surface has a crack.
 Result<void> checkBorders(const Context& c) {
   const BaseMesh& base = c.source.base();
@@ -561,6 +591,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   {},
                   {},
                   {},
+                  {},
                   {}};
   context.coarse_errors.resize(patches);
   context.slopes.resize(patches);
@@ -584,7 +615,8 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
   SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0,
                      options.output};
-  for (auto [kept, bytes] : {std::pair{&context.strips, store.stripsBytes()}, {&context.levels, store.levelBytes()}}) {
+  for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
+                             {&context.strips, store.stripsBytes()}, {&context.levels, store.levelBytes()}}) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();
     *kept = std::move(*made);
@@ -626,6 +658,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (auto ran = pass([&] { return std::make_shared<TextureWriter>(context, options.zstd_level); }); !ran)
     return ran.error();
 
+  if (auto written = writeTails(context, options, **writer); !written) return written.error();
   base.coarse_errors = std::move(context.coarse_errors);
   base.coarse_blocks = std::move(context.coarse_blocks);
   base.slopes = std::move(context.slopes);

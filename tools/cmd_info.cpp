@@ -92,6 +92,7 @@ Result<void> info(const InfoArguments& o) {
                                 {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels}, {"unknown_pages", p.usage.unknown_pages}});
     }
     json["pages"] = m.page_count;
+    if (m.base) json["tails"] = package.hasTails();
     json["bytes_per_px"] = bytes_per_px;
     json["tool_version"] = m.tool_version;
     json["sources"] = nlohmann::ordered_json::array();
@@ -134,6 +135,10 @@ Result<void> info(const InfoArguments& o) {
                 static_cast<double>(p.usage.bytes) / pixels);
     if (p.usage.unknown_pages) std::printf(", without %llu pages whose index entries are damaged", static_cast<unsigned long long>(p.usage.unknown_pages));
     std::printf("\n");
+  }
+  if (package.hasTails()) {
+    std::printf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
+                static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
   if (!m.tool_version.empty()) std::printf("  made by   %s\n", m.tool_version.c_str());
   for (const Provenance& p : m.sources) {

@@ -243,6 +243,22 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   return calls;
 }
 
+uint32_t PatchPass::drawOneByOne(const gl::Program& program, const EyeFrame& eye) const {
+  glBindVertexArray(vertex_array_.id());
+  for (int n = 0; n <= kMaxGridLevel; ++n) {
+    const Grid& grid = grids_[n];
+    for (uint32_t i = group_first_[n]; i < group_first_[n + 1]; ++i) {
+      setUniforms(program, eye, 0);
+      glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+      glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
+      bindInstances(i);
+      glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(grid.indices), GL_UNSIGNED_SHORT, reinterpret_cast<const void*>(size_t{grid.first_index} * sizeof(uint16_t)), 1);
+    }
+  }
+  glBindVertexArray(0);
+  return instance_count_;
+}
+
 std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const {
   setUniforms(program, eye, 0);
   uint64_t total = 0;

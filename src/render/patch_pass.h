@@ -51,6 +51,8 @@ class PatchPass {
   enum class Mesh { kFull, kLines };
   // With a program in use and its other uniforms set. Returns draw calls made.
   uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0) const;
+  // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
+  uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
   // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
   std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const;
   // The nodes of the list, as texture `unit`, for what reads the surface buffer.

@@ -21,3 +21,4 @@ relievo_test(bc_blocks_test LIBS relievo_texturing SOURCES texturing/bc_blocks_t
 relievo_test(package_test LIBS relievo_texturing SOURCES texturing/package_test.cpp)
 relievo_test(page_sources_test LIBS relievo_texturing SOURCES texturing/page_sources_test.cpp)
 relievo_test(patch_package_test LIBS relievo_texturing nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)
+relievo_test(patch_tails_test LIBS relievo_texturing SOURCES texturing/patch_tails_test.cpp)

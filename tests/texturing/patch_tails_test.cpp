@@ -1,0 +1,306 @@
+// Tails of patches: what they hold, what a package says of them, and what happens to damaged ones. The oracle of texels and borders is written
+// from patch_tails.h and PACKAGE.md alone.
+#include <gtest/gtest.h>
+#include <xxhash.h>
+
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <map>
+
+#include "patch_fixture.h"
+#include "texturing/package.h"
+#include "texturing/package_layout.h"
+#include "texturing/package_tails.h"
+#include "texturing/patch_package_builder.h"
+#include "texturing/patch_tails.h"
+
+namespace relievo {
+namespace {
+
+using namespace testing_support;
+
+constexpr uint64_t kSeed = 20261121;
+
+std::vector<uint8_t> readAll(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
+  std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+}
+
+// Cheaper texels, for many patches.
+class ManyPatches final : public NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override {
+    for (size_t i = 0; i < out.size(); ++i) out[i] = static_cast<uint8_t>(patch * 7 + i / 16 * 13 + (i >> 14) * 50);
+    return {};
+  }
+};
+
+PatchTails noise(uint32_t patches, int channels) {
+  PatchTails tails(patches, channels);
+  std::mt19937 random(static_cast<uint32_t>(kSeed));
+  for (uint16_t& h : tails.heights) h = static_cast<uint16_t>(random());
+  for (uint8_t& t : tails.texels) t = static_cast<uint8_t>(random());
+  return tails;
+}
+
+TEST(PatchTails, heightsAreThePagesSamples) {
+  std::vector<uint16_t> samples(kReliefPageSamples), tail(kTailHeights);
+  for (size_t i = 0; i < samples.size(); ++i) samples[i] = static_cast<uint16_t>(i * 7919);
+  tailHeights(samples, tail);
+  for (size_t y = 0; y < 17; ++y)
+    for (size_t x = 0; x < 17; ++x) ASSERT_EQ(tail[y * 17 + x], samples[8 * y * 129 + 8 * x]) << x << ", " << y;
+}
+
+TEST(PatchTails, texelsAreMeansOfTheRoot) {
+  TextureFormat format = sampleFormat(Basis::kPtmRgb);  // coefficients: plain means
+  const size_t channels = static_cast<size_t>(format.channels());
+  std::vector<uint8_t> root(channels * 128 * 128), tail(channels * kTailPatchTexels);
+  std::mt19937 random(static_cast<uint32_t>(kSeed));
+  for (uint8_t& t : root) t = static_cast<uint8_t>(random());
+  tailTexels(MipFilter(format), root, tail);
+  PatchTails one(1, format.channels());
+  one.texels = tail;
+  double worst = 0;
+  for (int level = 0; level < kTailLevels; ++level) {
+    const size_t side = static_cast<size_t>(16 >> level), block = 128 / side;
+    for (size_t c = 0; c < channels; ++c)
+      for (size_t i = 0; i < side * side; ++i) {
+        double sum = 0;
+        for (size_t k = 0; k < block * block; ++k) sum += root[(c * 128 + i / side * block + k / block) * 128 + i % side * block + k % block];
+        worst = std::max(worst, std::abs(one.level(0, level, static_cast<int>(c))[i] - sum / static_cast<double>(block * block)));
+      }
+  }
+  EXPECT_LE(worst, 0.5 + 1.0 / 64);  // rounded to a byte, after at most six roundings to 1/256
+}
+
+// From its own tile alone, a patch shows along a side what its neighbour shows there; around a corner all patches show one mean.
+TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
+  for (bool open : {false, true}) {
+    const BaseMesh mesh = cubeSphere(3, 50, kSeed, open);
+    const PatchTails tails = noise(static_cast<uint32_t>(mesh.patches.size()), 6);
+    const TailTiles tiles(tails, mesh);
+    const auto neighbours = patchNeighbours(mesh);
+    std::vector<std::vector<uint8_t>> tile(2 * mesh.patches.size(), std::vector<uint8_t>(kTileBytes));
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p)
+      for (int plane = 0; plane < 2; ++plane) tiles.write(p, plane, tile[2 * p + static_cast<size_t>(plane)].data(), kTileWidth);
+    // From -1 to side.
+    auto at = [&](uint32_t p, int plane, int level, int x, int y, int c) {
+      const auto& origin = kTileLevelAt[static_cast<size_t>(level)];
+      return tile[2 * p + static_cast<size_t>(plane)][static_cast<size_t>(4 * ((origin[1] + 1 + y) * kTileWidth + origin[0] + 1 + x) + c)];
+    };
+    uint64_t compared = 0, differ = 0, control = 0;
+    std::map<std::array<int, 4>, std::vector<double>> around;  // corner, plane, level, channel: mean of four texels from each patch
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
+      for (int plane = 0; plane < 2; ++plane) {
+        for (int level = 0; level < kTailLevels; ++level) {
+          const int side = 16 >> level, last = side - 1;
+          auto on = [&](uint32_t patch, int s, int i, int depth, int c) {  // the i-th texel along side s, `depth` inwards
+            const int across = s == kLeft || s == kTop ? depth : last - depth;
+            return s == kLeft || s == kRight ? at(patch, plane, level, across, i, c) : at(patch, plane, level, i, across, c);
+          };
+          for (int s = 0; s < 4; ++s) {
+            const PatchNeighbour& n = neighbours[p][static_cast<size_t>(s)];
+            for (int i = 0; i < side; ++i)
+              for (int c = 0; c < 3; ++c) {
+                const bool border = n.patch == PatchNeighbour::kNone;
+                const uint8_t expected = border ? on(p, s, i, 0, c) : on(n.patch, n.side, n.reversed ? last - i : i, 0, c);
+                ++compared;
+                differ += on(p, s, i, -1, c) != expected;
+                if (!border) control += on(p, s, i, -1, c) != on(n.patch, n.side, n.reversed ? i : last - i, 0, c);
+              }
+          }
+          for (int k = 0; k < 4; ++k)
+            for (int c = 0; c < 3; ++c) {
+              const int x = k % 2 ? last : 0, y = k / 2 ? last : 0, dx = k % 2 ? 1 : -1, dy = k / 2 ? 1 : -1;
+              const uint8_t beyond = at(p, plane, level, x + dx, y + dy, c);
+              if (beyond == 0 || beyond == 255) continue;  // the mean may be out of reach
+              around[{static_cast<int>(mesh.patches[p][static_cast<size_t>(k)]), plane, level, c}].push_back(
+                  (at(p, plane, level, x, y, c) + at(p, plane, level, x + dx, y, c) + at(p, plane, level, x, y + dy, c) + beyond) / 4.0);
+            }
+        }
+      }
+    }
+    EXPECT_EQ(differ, 0u) << "of " << compared;
+    EXPECT_GT(control, compared / 2) << "sides taken the wrong way round would not be seen";
+    for (const auto& [corner, means] : around)
+      for (double mean : means) ASSERT_EQ(mean, means[0]) << "corner " << corner[0] << " level " << corner[2];
+  }
+}
+
+TEST(PatchTails, resolvedTailsAreResolvedTexelByTexel) {
+  const TextureFormat format = sampleFormat(Basis::kPtmLrgb);
+  const PatchTails tails = noise(70, format.channels());  // more than one page of them
+  const PatchTails resolved = resolvedTails(tails, format, {0.3, -0.2, 0.9});
+  const auto basis = ptmBasis(0.3, -0.2);
+  double worst = 0;
+  for (uint32_t p : {0u, 53u, 54u, 69u})
+    for (int level = 0; level < kTailLevels; ++level)
+      for (int i = 0; i < PatchTails::side(level) * PatchTails::side(level); ++i) {
+        double luminance = 0;
+        for (int k = 0; k < 6; ++k)
+          luminance += (tails.level(p, level, k)[i] - format.bias[static_cast<size_t>(k)]) * format.scale[static_cast<size_t>(k)] * basis[static_cast<size_t>(k)];
+        for (int c = 0; c < 3; ++c) {
+          const double value = std::clamp(tails.level(p, level, 6 + c)[i] * luminance / 255, 0.0, 255.0);
+          worst = std::max(worst, std::abs(value - resolved.level(p, level, c)[i]));
+        }
+      }
+  EXPECT_LE(worst, 0.51);
+}
+
+TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
+  const PatchTails tails = noise(9, 6);
+  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 2, 5, 3);
+  PatchTails back(9, 6);
+  ASSERT_TRUE(decodeTailsChunk(bytes, 2, 5, back).ok());
+  for (uint32_t p = 2; p < 7; ++p) {
+    EXPECT_TRUE(std::ranges::equal(back.heightsOf(p), const_cast<PatchTails&>(tails).heightsOf(p)));
+    EXPECT_TRUE(std::ranges::equal(back.texelsOf(p), const_cast<PatchTails&>(tails).texelsOf(p)));
+  }
+  for (uint32_t p : {0u, 1u, 7u, 8u}) EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
+  for (size_t length = 0; length < bytes.size(); length += 1 + length / 64) EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, back).ok()) << length;
+  EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, back).ok());
+  EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, back).ok());
+  // The same chunk whatever patches it stands for.
+  PatchTails moved(20, 6);
+  ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, moved).ok());
+  EXPECT_TRUE(std::ranges::equal(moved.heightsOf(13), back.heightsOf(2)));
+}
+
+class TailsOfPackage : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    // More patches than a chunk has.
+    ManyPatches source(cubeSphere(7, 50, kSeed), 0, 0, kSeed);
+    patches_ = static_cast<uint32_t>(source.base().patches.size());
+    ASSERT_GT(patches_, kTailsChunkPatches);
+    BuildOptions options;
+    options.output = folder_.file("many.relievo");
+    options.workers = 2;
+    options.zstd_level = 1;
+    auto built = buildPatchPackage(source, options);
+    ASSERT_TRUE(built.ok()) << built.error().text();
+    bytes_ = readAll(options.output);
+    auto header = decodeHeader({bytes_.data(), kHeaderBytes}, options.output);
+    ASSERT_TRUE(header.ok());
+    header_ = *header;
+    ASSERT_GT(header_.tails_bytes, 0u);
+  }
+  std::shared_ptr<Package> open(const std::vector<uint8_t>& bytes) {
+    const std::string path = folder_.file("damaged.relievo");
+    writeAll(path, bytes);
+    auto package = Package::open(path);
+    refusal_ = package.ok() ? "" : package.error().text();
+    return package.ok() ? *package : nullptr;
+  }
+  // In both headers.
+  static void setField(std::vector<uint8_t>& bytes, size_t offset, uint64_t value) {
+    for (uint8_t* head : {bytes.data(), bytes.data() + bytes.size() - kHeaderBytes}) {
+      storeLittle(head + offset, value);
+      storeLittle(head + kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(head, kHeaderBytes - 8)));
+    }
+  }
+  template <class T>
+  void setDirectory(std::vector<uint8_t>& bytes, size_t offset, T value) {
+    uint8_t* directory = bytes.data() + header_.tails_offset;
+    storeLittle(directory + offset, value);
+    setField(bytes, 312, XXH3_64bits(directory, header_.tails_bytes));
+  }
+
+  ScratchFolder folder_;
+  std::vector<uint8_t> bytes_;
+  PackageHeader header_;
+  uint32_t patches_ = 0;
+  std::string refusal_;
+};
+
+TEST_F(TailsOfPackage, areThoseOfItsRootPages) {
+  auto package = open(bytes_);
+  ASSERT_TRUE(package) << refusal_;
+  ASSERT_TRUE(package->hasTails());
+  std::vector<std::string> problems;
+  const PatchTails read = package->tails(2, &problems);
+  PatchTails made(patches_, package->manifest().texture.channels());
+  tailsFromPages(*package, package->manifest().texture, true, 0, patches_, 2, made, &problems);
+  EXPECT_TRUE(problems.empty()) << problems.front();
+  EXPECT_TRUE(read == made);
+  EXPECT_TRUE(package->tailProblems().empty());
+  auto verified = verifyPackage(*package, 2, nullptr);
+  ASSERT_TRUE(verified.ok());
+  EXPECT_TRUE(verified->other.empty());
+}
+
+TEST_F(TailsOfPackage, packagesWithoutThemOpen) {
+  auto old = bytes_;
+  for (size_t offset : {296, 304, 312}) setField(old, offset, 0);
+  auto package = open(old);
+  ASSERT_TRUE(package) << refusal_;
+  EXPECT_FALSE(package->hasTails());
+  EXPECT_TRUE(package->tailProblems().empty());
+}
+
+TEST_F(TailsOfPackage, hostileHeaderFieldsAreRefusedByName) {
+  const struct {
+    size_t offset;
+    uint64_t value;
+    const char* says;
+  } cases[] = {{296, bytes_.size() - 8, "tails lie outside the file"}, {296, ~uint64_t{0}, "tails lie outside the file"},
+               {304, header_.tails_bytes + 20, "expected a directory of tails of"}, {304, 1, "expected a directory of tails of"}};
+  for (const auto& c : cases) {
+    auto broken = bytes_;
+    setField(broken, c.offset, c.value);
+    EXPECT_FALSE(open(broken)) << c.offset << " " << c.value;
+    EXPECT_NE(refusal_.find(c.says), std::string::npos) << refusal_;
+  }
+}
+
+// The package opens, says what is wrong, and shows what its root pages tell.
+TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
+  const PatchTails sound = open(bytes_)->tails(1, nullptr);
+  const uint64_t first_chunk = loadLittle<uint64_t>(bytes_.data() + header_.tails_offset + kTailsHeadBytes);
+  const struct {
+    const char* what;
+    std::function<void(std::vector<uint8_t>&)> damage;
+    const char* says;
+  } cases[] = {
+      {"a chunk's byte", [&](auto& b) { b[first_chunk + 100] ^= 1; }, "the tails of patches 0 to 255 are damaged: their checksum does not match"},
+      {"the directory's byte", [&](auto& b) { b[header_.tails_offset + 30] ^= 1; }, "directory's checksum does not match"},
+      {"patches", [&](auto& b) { setDirectory(b, 0, uint32_t{5}); }, "patches, found 5"},
+      {"cells", [&](auto& b) { setDirectory(b, 4, uint32_t{32}); }, "expected 16 cells a side, found 32"},
+      {"texels", [&](auto& b) { setDirectory(b, 8, uint32_t{8}); }, "expected 16 texels a side, found 8"},
+      {"channels", [&](auto& b) { setDirectory(b, 12, uint32_t{3}); }, "expected 6 channels, found 3"},
+      {"patches a chunk", [&](auto& b) { setDirectory(b, 16, uint32_t{1}); }, "expected 256 patches a chunk, found 1"},
+      {"a chunk beyond the file", [&](auto& b) { setDirectory(b, 24, uint64_t{1} << 60); }, "the tails of patches 0 to 255 lie beyond the end of the file"},
+      {"a chunk's size", [&](auto& b) { setDirectory(b, 32, ~uint32_t{0}); }, "the tails of patches 0 to 255 lie beyond the end of the file"},
+      {"another chunk in its place",
+       [&](auto& b) {
+         uint8_t entry[kTailsEntryBytes];
+         std::memcpy(entry, b.data() + header_.tails_offset + kTailsHeadBytes + kTailsEntryBytes, sizeof entry);
+         std::memcpy(b.data() + header_.tails_offset + kTailsHeadBytes, entry, sizeof entry);
+         setDirectory(b, 20, uint32_t{0});
+       },
+       "the tails of patches 0 to 255 are damaged: expected"},
+  };
+  for (const auto& c : cases) {
+    auto broken = bytes_;
+    c.damage(broken);
+    auto package = open(broken);
+    ASSERT_TRUE(package) << c.what << ": " << refusal_;
+    const auto problems = package->tailProblems();
+    ASSERT_FALSE(problems.empty()) << c.what;
+    EXPECT_NE(problems[0].find(c.says), std::string::npos) << c.what << ": " << problems[0];
+    auto verified = verifyPackage(*package, 2, nullptr);
+    ASSERT_TRUE(verified.ok());
+    EXPECT_FALSE(verified->other.empty()) << c.what;
+    std::vector<std::string> said;
+    EXPECT_TRUE(package->tails(2, &said) == sound) << c.what;
+    ASSERT_FALSE(said.empty()) << c.what;
+  }
+}
+
+}  // namespace
+}  // namespace relievo
