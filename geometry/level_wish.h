@@ -28,7 +28,7 @@ inline constexpr double kPlateau = 1.0625;
 inline constexpr double kCellRamp = 0.5;
 
 struct WishView {
-  double budget_px = 1, min_cell_px = 0, max_node_px = kMaxNodePx;
+  double budget_px = 1, min_cell_px = 0;
   double hysteresis = 0;  // of the budget
   bool morph = false;
 };
@@ -36,9 +36,9 @@ struct WishRange {
   int low = 0, high = 0;  // what the budget asks for; what it would with the hysteresis taken off it
 };
 
-// A square of a level, as one cell so many px wide. error_px(level) falls or stays, finest >= level.
+// A square of a level, as one cell so many px wide, of the widest that may be drawn as one node. error_px(level) falls or stays, finest >= level.
 template <class ErrorPx>
-WishRange levelWish(int level, int finest, double cell_px, const WishView& view, ErrorPx&& error_px) {
+WishRange levelWish(int level, int finest, double cell_px, double of_widest, const WishView& view, ErrorPx&& error_px) {
   std::array<double, 2 * kPageLog2 + 2> px;
   const size_t last = std::min<size_t>(static_cast<size_t>(finest - level), px.size() - 1);
   size_t count = 0;
@@ -81,7 +81,7 @@ WishRange levelWish(int level, int finest, double cell_px, const WishView& view,
       if (step < 1) break;
     }
     // Wide squares are split whatever their error; the next level's vertices are in place by then.
-    const double wide = std::clamp(2 * cell_px / view.max_node_px - 1, 0.0, 1.0);
+    const double wide = std::clamp(2 * of_widest - 1, 0.0, 1.0);
     return std::max(at, level * kOneLevel + static_cast<int>(std::ceil(wide * kOneLevel)));
   };
   return {wish(view.budget_px), view.hysteresis > 0 ? wish(least_budget) : wish(view.budget_px)};
@@ -90,9 +90,9 @@ WishRange levelWish(int level, int finest, double cell_px, const WishView& view,
 // ---- a square's children
 // Before it splits they are drawn as it is, at its own level; once it has, they sink to what they want themselves.
 // progress: of the split, 0 .. kOneLevel.
-inline int splitProgress(int level, int drawn, double cell_px, double max_node_px) {
+inline int splitProgress(int level, int drawn, double of_widest) {
   const int by_error = drawn - (level + kMaxSplitLevel) * kOneLevel;
-  const double by_width = (cell_px / max_node_px - 1) * kOneLevel;
+  const double by_width = (of_widest - 1) * kOneLevel;
   return std::clamp(std::max(by_error, by_width > kOneLevel ? kOneLevel : by_width > 0 ? static_cast<int>(by_width) : 0), 0, kOneLevel);
 }
 inline int childFloor(int level, int of_parent, int progress) {

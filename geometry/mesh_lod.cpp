@@ -168,8 +168,8 @@ class Selection {
         longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
     in.cell_px = longest * nearest_px_per_mm;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
-    const WishView wish{error_px_, min_cell_px_, max_node_px_, hysteresis_, morph_};
-    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, wish, [&](int level) { return errorMm(s, level, in) * in.px_per_mm; }));
+    const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
+    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish, [&](int level) { return errorMm(s, level, in) * in.px_per_mm; }));
     return in;
   }
   double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
@@ -216,7 +216,7 @@ class Selection {
   }
   int progressOf(const Square& s) {
     const int inner = innerLevel(s);
-    return splitProgress(s.level, inner, infos_[infoIndex(s)].cell_px, max_node_px_);
+    return splitProgress(s.level, inner, infos_[infoIndex(s)].cell_px / max_node_px_);
   }
   int wantedOnSide(Node& n, int side) {
     int& known = n.across[static_cast<size_t>(side)];

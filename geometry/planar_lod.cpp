@@ -14,6 +14,7 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/level_wish.h"
 #include "geometry/lod_common.h"
 
 namespace relievo {
@@ -35,8 +36,8 @@ struct Box {
 
 class Selection {
  public:
-  Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident)
-      : domain_(domain), oracle_(oracle), resident_(resident), camera_(view) {
+  Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident, WishMemory& memory)
+      : domain_(domain), oracle_(oracle), resident_(resident), camera_(view), memory_(memory) {
     unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
     width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
     height_units_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
@@ -45,6 +46,9 @@ class Selection {
     exaggerate_ = std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
     error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
     min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
+    morph_ = view.morph && !flat_ && camera_.valid;
+    hysteresis_ = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
+    memory_.nextView(hysteresis_);
   }
 
   PlanarLodResult run() {
@@ -57,6 +61,7 @@ class Selection {
 
  private:
   enum class State : uint8_t { kLeaf, kSplit };
+  static constexpr int kWhole = -1, kUnknown = -1;
   struct Node {
     Square square;
     State state = State::kLeaf;
@@ -66,15 +71,17 @@ class Selection {
     uint8_t resident_level = 0; // vertices up to this absolute level have samples
     int8_t needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
     uint8_t grid_level = 1;
+    int drawn = 0;              // absolute, of the grid's inside; levels here and in edges are wishes: kOneLevel a level (level_wish.h)
     std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
-    std::array<std::array<uint8_t, 2>, 4> segments{};
+    std::array<std::array<int, 2>, 4> levels{};     // absolute, of edges as drawn; of whole ones the second is kWhole
   };
   // One segment between two squares of one level (the finer node's whole edge), keyed by the right or lower square.
   struct Edge {
     Square low, high;          // the squares left of (above) and right of (below) it
     bool has_low = false, has_high = false;
     bool counted = false;
-    int8_t wanted_level = 0;   // absolute; at most the squares' level + kPageLog2
+    int wanted = 0;            // absolute; at most the squares' level + kPageLog2
+    int floored = kUnknown, level = kUnknown;  // of flooredLevel(), levelOf()
     double px_per_mm = 0;      // what a millimetre near it can be on the screen
     double range_mm = 0;       // of the heights in both squares
   };
@@ -233,20 +240,63 @@ class Selection {
       int shift = unit_log2_ - s.level;
       Box box = boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1);
       e.px_per_mm = pxPerMm(box);
-      int level = s.level;
-      for (; level < s.level + kPageLog2; ++level) {
-        const double px = errorPx(e, level);
-        if (px <= error_px_ || !(cellPx(box, level) > 2 * leastCellPx(min_cell_px_, px / error_px_))) break;
-      }
-      e.wanted_level = static_cast<int8_t>(level);
+      const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
+      double widest = 0;
+      if (morph_) widest = std::max(e.has_low ? ofWidest(e.low) : 0, e.has_high ? ofWidest(e.high) : 0);
+      e.wanted = memory_.held(k, levelWish(s.level, s.level + kPageLog2, cellPx(box, s.level), widest, wish, [&](int level) { return errorPx(e, level); }));
     } else {
-      e.wanted_level = static_cast<int8_t>(s.level);
+      e.wanted = s.level * kOneLevel;
     }
     auto index = static_cast<uint32_t>(edges_.size());
     edges_.push_back(e);
     edge_index_.insert(k, index);
     return index;
   }
+
+  // ---- levels with geomorph: continuous functions of the view, of edges alone, so that it does not matter which squares are nodes.
+  // What an edge wants, and what is left of what its parent, or the square that it crosses, was drawn with.
+  int flooredLevel(uint32_t edge) {
+    const Edge e = edges_[edge];
+    if (e.floored != kUnknown) return e.floored;
+    int level = e.wanted;
+    if (e.high.level > 0) {
+      const int up = e.high.level - 1;
+      const Square low = e.low.ancestor(up), high = e.high.ancestor(up);
+      const bool inside = low.x == high.x && low.y == high.y;
+      const int from = inside ? innerLevel(high) : levelOf(edgeBetween(low, high));
+      int progress = 0;
+      if (exists(high)) progress = progressOf(high);
+      if (!inside && exists(low)) progress = std::max(progress, progressOf(low));
+      level = std::max(level, childFloor(up, from, progress));
+    }
+    return edges_[edge].floored = level;
+  }
+  // Not so far below the others of its squares that its middle would be missing when these are split.
+  int levelOf(uint32_t edge) {
+    if (!morph_) return edges_[edge].wanted;
+    const Edge e = edges_[edge];
+    if (e.level != kUnknown) return e.level;
+    int level = flooredLevel(edge);
+    for (const Square* s : {&e.low, &e.high})
+      for (int side = 0; side < 4 && exists(*s); ++side) level = std::max(level, flooredLevel(edgeAt(*s, side)) - kMostBeyondNeighbour);
+    return edges_[edge].level = level;
+  }
+  uint32_t edgeBetween(const Square& low, const Square& high) { return edgeAt(high, low.x != high.x ? kLeft : kTop); }
+  // What a square's inside is drawn with if all its sides are whole.
+  int innerLevel(const Square& s) {
+    const uint64_t k = key(s);
+    if (uint32_t found = inner_index_.find(k); found != IndexTable::kNone) return inner_[found];
+    int level = 0;
+    for (int side = 0; side < 4; ++side) level = std::max(level, levelOf(edgeAt(s, side)));
+    inner_index_.insert(k, static_cast<uint32_t>(inner_.size()));
+    inner_.push_back(level);
+    return level;
+  }
+  double ofWidest(const Square& s) {
+    const Box box = boxOf(s);
+    return 2 * std::max(box.half.x, box.half.y) * pxPerMm(box) / max_node_px_;
+  }
+  int progressOf(const Square& s) { return splitProgress(s.level, innerLevel(s), ofWidest(s)); }
 
   // ---- the tree
   bool isResident(const Square& page) const {
@@ -305,12 +355,11 @@ class Selection {
   }
   bool wantsSplit(uint32_t index) {
     const Node n = nodes_[index];
-    Box box = boxOf(n.square);
-    if (2 * std::max(box.half.x, box.half.y) * pxPerMm(box) > max_node_px_) return true;
+    if (ofWidest(n.square) > 1) return true;
     if (flat_) return false;
     int limit = n.square.level + kMaxSplitLevel;
     bool wants = false;
-    for (int side = 0; side < 4 && !wants; ++side) wants = edges_[edgeAt(n.square, side)].wanted_level > limit;
+    for (int side = 0; side < 4 && !wants; ++side) wants = levelOf(edgeAt(n.square, side)) > limit * kOneLevel;
     nodes_[index].rough = wants;
     if (!wants || n.resident_level > limit) return wants;
     // Without finer pages smaller nodes would only cut the same triangles into more instances.
@@ -353,6 +402,9 @@ class Selection {
     max_node_px_ = kMaxNodePx * scale;
     edges_.clear();
     edge_index_.clear();
+    inner_.clear();
+    inner_index_.clear();
+    memory_.again();
     if (!refine(anyway)) return false;
     if (!limited_tree_ || anyway) return true;
     std::vector<Node> nodes;
@@ -382,29 +434,29 @@ class Selection {
   }
 
   // ---- the answer
-  // The segments' level of one edge: as wanted, as far as both sides have samples for it.
-  uint8_t segmentsOf(uint32_t edge, int base_level, int cap, int resident_a, int resident_b, bool blocked) {
+  // One edge: as wanted, as far as both sides have samples for it.
+  int edgeLevel(uint32_t edge, int base_level, int cap, int resident_a, int resident_b, bool blocked) {
+    const int wanted = levelOf(edge), available = std::min(resident_a, resident_b);
+    const int level = std::max(std::min(wanted, std::min({available, base_level + cap, unit_log2_}) * kOneLevel), base_level * kOneLevel);
     Edge& e = edges_[edge];
-    int available = std::min(resident_a, resident_b);
-    int level = std::min({static_cast<int>(e.wanted_level), available, base_level + cap, unit_log2_});
-    level = std::max(level, base_level);
-    if (level < e.wanted_level && (available < e.wanted_level || blocked) && !e.counted) {
+    if (level < wanted && (available * kOneLevel < wanted || blocked) && !e.counted) {
       e.counted = true;
       ++limited_;
     }
-    return static_cast<uint8_t>(level - base_level);
+    return level;
   }
   void levelSides(Node& n) {
+    n.drawn = n.square.level * kOneLevel;
     for (int side = 0; side < 4; ++side) {
       const Square& s = n.square;
       Square other = neighbour(s, side);
       auto whole = [&](int cap, const Node* neighbour_node) {
         uint32_t e = edgeAt(s, side);
         n.edge[side] = {e, e};
-        uint8_t m = segmentsOf(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
-                               n.blocked || (neighbour_node && neighbour_node->blocked));
-        n.segments[side] = {m, PatchInstance::kWholeEdge};
-        n.grid_level = std::max(n.grid_level, m);
+        const int level = edgeLevel(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
+                                    n.blocked || (neighbour_node && neighbour_node->blocked));
+        n.levels[side] = {level, kWhole};
+        n.drawn = std::max(n.drawn, level);
       };
       if (!exists(other)) {
         whole(kMaxGridLevel, nullptr);
@@ -424,11 +476,11 @@ class Selection {
           uint32_t finer = findNode(neighbour(mine, side));
           const Node* f = finer != IndexTable::kNone ? &nodes_[finer] : nullptr;
           assert(!f || f->state == State::kLeaf);
-          uint8_t m = segmentsOf(e, s.level + 1, kMaxGridLevel - 1, n.resident_level, f ? f->resident_level : kAnyLevel,
-                                 n.blocked || (f && f->blocked));
+          const int level = edgeLevel(e, s.level + 1, kMaxGridLevel - 1, n.resident_level, f ? f->resident_level : kAnyLevel,
+                                      n.blocked || (f && f->blocked));
           n.edge[side][half] = e;
-          n.segments[side][half] = m;
-          n.grid_level = std::max<uint8_t>(n.grid_level, m + 1);
+          n.levels[side][half] = level;
+          n.drawn = std::max(n.drawn, level);
         }
         continue;
       }
@@ -438,6 +490,28 @@ class Selection {
           coarser = &nodes_[up];
       whole(coarser ? kMaxGridLevel - 1 : kMaxGridLevel, coarser);
     }
+  }
+  // A grid has four cells at least; with geomorph its middle comes from where a single cell has it.
+  void levelInside(Node& n) {
+    n.grid_level = static_cast<uint8_t>(std::max(1, wholeLevels(n.drawn) - n.square.level));
+    if (!morph_) n.drawn = (n.square.level + n.grid_level) * kOneLevel;
+  }
+  void setEdges(PatchInstance& p, const Node& n) const {
+    p.morph = wholeLevels(n.drawn) > n.square.level ? morphOf(n.drawn) : 0;
+    for (size_t side = 0; side < 4; ++side) {
+      const bool whole = n.levels[side][1] == kWhole;
+      for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
+        p.edges[side][half] = static_cast<uint8_t>(wholeLevels(n.levels[side][half]) - n.square.level - (whole ? 0 : 1));
+        p.edge_morph[side][half] = morphOf(n.levels[side][half]);
+      }
+      if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
+    }
+  }
+  // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
+  double errorAtMm(const Edge& e, int wish) {
+    const int level = wholeLevels(wish);
+    const double weight = (morphOf(wish) + 1) / double{kOneLevel}, error = errorMm(e, level);
+    return weight < 1 ? (1 - weight) * errorMm(e, level - 1) + weight * error : error;
   }
   NodeId reliefPage(const Node& n) const {
     int needed = n.square.level + n.grid_level;
@@ -471,7 +545,7 @@ class Selection {
   PlanarLodResult finish() {
     PlanarLodResult result;
     for (Node& n : nodes_)
-      if (n.state == State::kLeaf) levelSides(n);
+      if (n.state == State::kLeaf) levelSides(n), levelInside(n);
     for (const Node& n : nodes_) {
       if (n.barren && !flat_ && camera_.valid) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
       if (n.state != State::kLeaf) continue;
@@ -482,21 +556,21 @@ class Selection {
       p.y0 = static_cast<int32_t>(n.square.y << shift);
       p.grid_level = n.grid_level;
       p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
-      p.edges = n.segments;
+      setEdges(p, n);
       p.relief_page = {p.node.patch, 0, 0, 0};
       if (!flat_) {
         p.relief_page = reliefPage(n);
         int wanted = std::max<int>(n.square.level + n.grid_level, n.needs_level);
         for (int side = 0; side < 4; ++side) {
-          bool halves = n.segments[side][1] != PatchInstance::kWholeEdge;
+          bool halves = n.levels[side][1] != kWhole;
           for (int half = 0; half < (halves ? 2 : 1); ++half) {
             const Edge& e = edges_[n.edge[side][half]];
-            wanted = std::max<int>(wanted, e.wanted_level);
-            int level = n.square.level + n.segments[side][half] + (halves ? 1 : 0);
-            // Where vertices snapped, a triangle has corners of two levels: each may be off by the coarser level's error, to
-            // opposite sides. Never more than the whole range.
-            double factor = level < n.square.level + n.grid_level ? 2 : 1;
-            double px = std::min(factor * errorMm(e, level), e.range_mm) * std::abs(exaggerate_) * e.px_per_mm;
+            wanted = std::max(wanted, wholeLevels(morph_ ? e.level : e.wanted));
+            const int level = n.levels[side][half];
+            // Where vertices snapped, or go another part of the way, all lie within the edge's error of the edge's surface, which is flat
+            // within each drawn triangle, and that one lies within it of the finest, maybe on the other side. Never more than the whole range.
+            double factor = level < n.drawn ? 2 : morph_ ? 1 + 1.0 / kOneLevel : 1;
+            double px = std::min(factor * errorAtMm(e, level), e.range_mm) * std::abs(exaggerate_) * e.px_per_mm;
             result.max_error_px = std::max(result.max_error_px, px);
           }
         }
@@ -518,15 +592,17 @@ class Selection {
   int64_t width_units_ = 0, height_units_ = 0;
   double mm_per_unit_ = 1;
   const LodCamera camera_;
-  bool flat_ = false;
-  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0;
+  WishMemory& memory_;
+  bool flat_ = false, morph_ = false;
+  double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0, hysteresis_ = 0;
   // The tree, and what was looked up for it.
   std::vector<Node> nodes_;
   std::vector<Edge> edges_;
   std::vector<HeightBounds> bounds_;
   std::vector<PartErrors> parts_;
   std::vector<ReliefWant> wants_;
-  IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_;
+  IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_, inner_index_;
+  std::vector<int> inner_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;
@@ -535,7 +611,19 @@ class Selection {
 }  // namespace
 
 PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident) {
-  return Selection(domain, oracle, view, resident).run();
+  WishMemory memory;
+  return Selection(domain, oracle, view, resident, memory).run();
+}
+
+struct PlanarLod::Impl {
+  PlanarDomain domain;
+  std::shared_ptr<const ReliefOracle> oracle;
+  WishMemory memory;
+};
+PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle) : impl_(new Impl{domain, std::move(oracle), {}}) {}
+PlanarLod::~PlanarLod() = default;
+PlanarLodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
+  return Selection(impl_->domain, *impl_->oracle, view, resident, impl_->memory).run();
 }
 
 }  // namespace relievo

@@ -114,4 +114,16 @@ using ReliefSet = std::unordered_set<NodeId>;  // resident relief pages
 
 PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident);
 
+// The same, with what hysteresis remembers from view to view. Not for several threads at once.
+class PlanarLod {
+ public:
+  PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
+  ~PlanarLod();
+  PlanarLodResult select(const LodView& view, const ReliefSet& resident);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
 }  // namespace relievo

@@ -16,6 +16,7 @@
 
 #include "geometry/mesh_lod.h"
 #include "geometry/mesh_vertex.h"
+#include "geometry/morph.h"
 #include "geometry/snap.h"
 #include "src/base/planar_domain.h"
 #include "tests/geometry/lod_fixture.h"
@@ -291,6 +292,7 @@ inline Bits bitsOf(glm::vec3 v) {
   return {std::bit_cast<uint32_t>(v.x), std::bit_cast<uint32_t>(v.y), std::bit_cast<uint32_t>(v.z)};
 }
 using MeshVertexFunction = std::function<Bits(const PatchInstance&, uint32_t x, uint32_t y)>;  // (x, y): units, snapped
+using MeshGridFunction = std::function<Bits(const PatchInstance&, uint32_t i, uint32_t j)>;    // (i, j): of the grid; as drawn
 
 struct MeshSeams {
   uint64_t lines = 0, pairs = 0, comparisons = 0, mismatches = 0, across_patches = 0, unbalanced = 0;
@@ -300,9 +302,9 @@ struct MeshSeams {
 };
 
 // Lines are what nodes can meet at: a side between two patches, or a line of units inside one. Every drawn node's side lies on one; where
-// two sides overlap, their vertices must be the same.
+// two sides overlap, their vertices must be the same. drawn: instead of vertex, where vertices are on their way to their places.
 inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, const MeshVertexFunction& vertex,
-                                  bool snapped = true) {
+                                  bool snapped = true, const MeshGridFunction& drawn = {}) {
   struct Entry {
     uint32_t from, to;
     std::vector<std::pair<uint32_t, Bits>> vertices;  // by place along the line, growing
@@ -339,7 +341,7 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
         std::array<uint32_t, 2> g = snapped ? snapVertex(i, j, p) : std::array<uint32_t, 2>{i, j};
         uint32_t x = x0 + (g[0] << p.step_log2), y = y0 + (g[1] << p.step_log2), t = upright ? y : x;
         if (!e.vertices.empty() && e.vertices.back().first == t) continue;
-        e.vertices.push_back({t, vertex(p, x, y)});
+        e.vertices.push_back({t, drawn ? drawn(p, i, j) : vertex(p, x, y)});
       }
       if (flip) {
         std::tie(e.from, e.to) = std::pair{last_unit - e.to, last_unit - e.from};
@@ -378,7 +380,7 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
 // As the vertex shader computes it, with a model of contraction. Heights come out of the instance's relief page: a vertex between its samples
 // gets another one's height.
 template <class Ops>
-MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
+auto pointsOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
   std::vector<EyeCorner> corners;
   for (const BaseCorner& c : mesh.corners) corners.push_back({glm::vec3(glm::dvec3(c.position_mm) - view.eye_mm), c.normal});
   return [&mesh, &relief, &height, corners = std::move(corners), flat = !view.relief, exaggerate = view.exaggerate](const PatchInstance& p, uint32_t x, uint32_t y) {
@@ -388,7 +390,20 @@ MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const 
       const uint32_t between = (1u << (relief.depth - static_cast<int>(p.relief_page.level))) - 1;
       mm = relief.mm(height(p.node.patch, x & ~between, y & ~between), exaggerate);
     }
-    return bitsOf(meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y, 1u << relief.unitLog2(), mm));
+    return meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y, 1u << relief.unitLog2(), mm);
+  };
+}
+template <class Ops>
+MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
+  return [point = pointsOf<Ops>(mesh, relief, height, view)](const PatchInstance& p, uint32_t x, uint32_t y) { return bitsOf(point(p, x, y)); };
+}
+// With geomorph. between: as betweenVertices, for what is broken on purpose.
+template <class Ops>
+MeshGridFunction morphTwinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view,
+                             std::function<glm::vec3(const glm::vec3&, const glm::vec3&, const glm::vec3&, float)> between = betweenVertices<Ops>) {
+  return [point = pointsOf<Ops>(mesh, relief, height, view), between](const PatchInstance& p, uint32_t i, uint32_t j) {
+    auto at = [&](uint32_t x, uint32_t y) { return point(p, static_cast<uint32_t>(p.x0) + (x << p.step_log2), static_cast<uint32_t>(p.y0) + (y << p.step_log2)); };
+    return bitsOf(drawnVertex(p, i, j, at, between));
   };
 }
 
