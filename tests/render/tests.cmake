@@ -58,3 +58,11 @@ relievo_gltest(feedback_gltest LIBS relievo_render SOURCES render/feedback_gltes
 relievo_gltest(mesh_watertight_gltest LIBS relievo_render SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_render SOURCES render/mesh_picture_gltest.cpp)
+relievo_gltest(block_upload_gltest LIBS relievo_render SOURCES render/block_upload_gltest.cpp)
+if(TARGET block_upload_gltest)
+  foreach(api gl es)
+    add_test(NAME block_upload_gltest_without_bc7_${api} COMMAND block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed)
+    set_tests_properties(block_upload_gltest_without_bc7_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77
+      ENVIRONMENT "RELIEVO_GL=${api};MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330;MESA_GLES_VERSION_OVERRIDE=3.0;MESA_EXTENSION_OVERRIDE=-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc")
+  endforeach()
+endif()
