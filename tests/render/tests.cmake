@@ -58,11 +58,12 @@ relievo_gltest(feedback_gltest LIBS relievo_render SOURCES render/feedback_gltes
 relievo_gltest(mesh_watertight_gltest LIBS relievo_render SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_render SOURCES render/mesh_picture_gltest.cpp)
+relievo_test(upload_choice_test LIBS relievo_render SOURCES render/upload_choice_test.cpp)
 relievo_gltest(block_upload_gltest LIBS relievo_render SOURCES render/block_upload_gltest.cpp)
-if(TARGET block_upload_gltest)
+if(TARGET block_upload_gltest)  # once more without BC7, and without copies of compressed textures
   foreach(api gl es)
-    add_test(NAME block_upload_gltest_without_bc7_${api} COMMAND block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed)
-    set_tests_properties(block_upload_gltest_without_bc7_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77
-      ENVIRONMENT "RELIEVO_GL=${api};MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330;MESA_GLES_VERSION_OVERRIDE=3.0;MESA_EXTENSION_OVERRIDE=-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc")
+    add_test(NAME block_upload_gltest_bare_${api} COMMAND block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed:*AGrowingPool*)
+    set_tests_properties(block_upload_gltest_bare_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77
+      ENVIRONMENT "RELIEVO_GL=${api};MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330;MESA_GLES_VERSION_OVERRIDE=3.0;MESA_EXTENSION_OVERRIDE=-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
   endforeach()
 endif()

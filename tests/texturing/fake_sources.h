@@ -18,6 +18,7 @@
 #include <utility>
 #include <vector>
 
+#include "texturing/cache_budget.h"
 #include "texturing/page_codec.h"
 #include "texturing/page_source.h"
 #include "texturing/page_sources.h"
@@ -43,12 +44,12 @@ inline std::vector<uint8_t> fakeEncode(PageId id) {
   return bytes;
 }
 
-// Refuses bytes that are short, corrupt or of another plane.
-inline Result<void> fakeDecode(Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+// Refuses bytes that are short, corrupt or of another plane. upload: what is written is what goes to the GPU, slotBytes() of it.
+inline Result<void> fakeDecodeFor(PageCodec upload, Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
   Error error{ErrorKind::kInvalidData, "fake", "expected 24 bytes of a page, found something else", "", {}};
   PageId id;
   uint64_t check = 0;
-  if (encoded.size() != 24 || texels.size() != kSlotBytes) return error;
+  if (encoded.size() != 24 || texels.size() != slotBytes(upload, plane)) return error;
   std::memcpy(&id.bits, encoded.data(), 8);
   std::memcpy(&check, encoded.data() + 8, 8);
   if (check != mix(id.bits ^ 0xABCDEF) || id.plane() != plane) return error;
@@ -56,8 +57,12 @@ inline Result<void> fakeDecode(Plane plane, std::span<const uint8_t> encoded, st
   return {};
 }
 
-inline bool texelsAreOf(PageId id, const uint8_t* texels) {
-  for (size_t i = 0; i < kSlotBytes; ++i)
+inline Result<void> fakeDecode(Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+  return fakeDecodeFor(PageCodec::kLossless, plane, encoded, texels);
+}
+
+inline bool texelsAreOf(PageId id, const uint8_t* texels, PageCodec upload = PageCodec::kLossless) {
+  for (size_t i = 0; i < slotBytes(upload, id.plane()); ++i)
     if (texels[i] != texelByte(id, i)) return false;
   return true;
 }

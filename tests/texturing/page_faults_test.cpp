@@ -179,9 +179,40 @@ TEST(StreamerPressure, TheSmallestCacheStillDraws) {
   }
 }
 
+// --- two pools ---
+
+// Neither pool takes from the other, and the one in greater need decides on the detail.
+TEST(StreamerPressure, EachOfTwoPoolsLowersTheDetail) {
+  const auto highest_bias = [](uint32_t texture_slots, uint32_t relief_slots) {
+    TiltedView view;
+    Simulation sim(std::make_shared<ProceduralSource>(), Simulation::blockOptions(texture_slots, relief_slots));
+    sim.delay_s = [](PageId) { return 0.0; };
+    sim.streamer.pinRoots({{kRoot}}, {{kRoot}});
+    double highest = 0;
+    for (int i = 0; i < 200 && !::testing::Test::HasFatalFailure(); ++i) {
+      const double bias = sim.streamer.detailBias();
+      sim.texture = view.wishes(bias);
+      sim.relief = sim.texture;
+      sim.step();
+      highest = std::max(highest, bias);
+      for (const NodeWant& w : sim.texture) EXPECT_TRUE(sim.shown(w.node));
+    }
+    size_t loads = sim.taken.size();
+    for (int i = 0; i < 50; ++i) {
+      sim.texture = sim.relief = view.wishes(sim.streamer.detailBias());
+      sim.step();
+    }
+    EXPECT_EQ(sim.taken.size(), loads) << "still";
+    return highest;
+  };
+  EXPECT_EQ(highest_bias(3000, 1000), 0);
+  EXPECT_GT(highest_bias(100, 1000), 0.3);
+  EXPECT_GT(highest_bias(3000, 34), 0.3);
+}
+
 // --- random operations ---
 
-TEST(StreamerProperties, HoldUnderRandomOperations) {
+void holdUnderRandomOperations(bool blocks) {
   for (uint64_t seed = 1; seed <= 12; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     std::mt19937_64 random(seed);
@@ -189,10 +220,14 @@ TEST(StreamerProperties, HoldUnderRandomOperations) {
     auto failing =
         std::make_shared<FailingSource>(std::make_shared<ProceduralSource>(),
                                         FailingSource::Rates{.fail = 0.1, .truncate = 0.05, .corrupt = 0.05}, seed);
-    bool fixed_light = seed % 3 == 0;
+    bool fixed_light = seed % 3 == 0 && !blocks;
     auto options = Simulation::options(30 + dice_of(200), fixed_light ? std::vector{Plane::kResolved} : kThreePlanes);
     options.ready_limit = 1 + dice_of(30);
     options.replacement = static_cast<Replacement>(seed % 3);
+    if (blocks) {
+      options.upload = std::array{PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc7}[seed % 3];
+      options.relief_slot_count = 12 + dice_of(60);
+    }
     Simulation sim(failing, options);
     sim.texels_matter = !fixed_light && seed % 2 == 0;
     sim.streamer.pinRoots({{kRoot}}, {{kRoot}});
@@ -201,7 +236,7 @@ TEST(StreamerProperties, HoldUnderRandomOperations) {
     std::map<NodeId, int> pins;
     auto set_before = sim.streamer.residentRelief();
     uint64_t generation = sim.streamer.reliefGeneration();
-    for (int i = 0; i < 250 && !HasFatalFailure(); ++i) {
+    for (int i = 0; i < 250 && !::testing::Test::HasFatalFailure(); ++i) {
       auto x = dice_of(12), y = dice_of(12);
       switch (dice_of(8)) {
         case 0:
@@ -263,6 +298,9 @@ TEST(StreamerProperties, HoldUnderRandomOperations) {
     EXPECT_TRUE(sim.settle(1000));
   }
 }
+
+TEST(StreamerProperties, HoldUnderRandomOperations) { holdUnderRandomOperations(false); }
+TEST(StreamerProperties, HoldWithBlocksInSlotsOfTheirOwn) { holdUnderRandomOperations(true); }
 
 }  // namespace
 }  // namespace relievo

@@ -65,7 +65,8 @@ struct Simulation {
   std::shared_ptr<const PageSource> source;
   PageStreamer streamer;
   std::vector<Plane> planes;
-  std::vector<PageId> pool;  // what was uploaded into each slot
+  PageCodec upload;
+  std::vector<PageId> pool, relief_pool;  // what was uploaded into each slot; relief_pool: where relief has slots of its own
   uint64_t frame = 0;
   double now_s = 0, frame_s = 1.0 / 60;
   uint32_t max_uploads = 64;
@@ -80,7 +81,15 @@ struct Simulation {
   bool texels_matter = true;
 
   Simulation(std::shared_ptr<const PageSource> s, StreamerOptions options)
-      : source(s), streamer(s, options, fakeDecode), planes(options.texture_planes), pool(options.slot_count) {}
+      : source(s),
+        streamer(s, options,
+                 [upload = options.upload](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+                   return fakeDecodeFor(upload, plane, encoded, texels);
+                 }),
+        planes(options.texture_planes),
+        upload(options.upload),
+        pool(options.slot_count),
+        relief_pool(options.relief_slot_count) {}
 
   static StreamerOptions options(uint32_t slots, std::vector<Plane> of = kThreePlanes) {
     StreamerOptions o;
@@ -88,6 +97,14 @@ struct Simulation {
     o.workers = 0;
     o.texture_planes = std::move(of);
     o.format.basis = Basis::kPtmLrgb;
+    return o;
+  }
+
+  // Texture pages as blocks, relief beside them.
+  static StreamerOptions blockOptions(uint32_t slots, uint32_t relief_slots, PageCodec codec = PageCodec::kBc5) {
+    StreamerOptions o = options(slots);
+    o.upload = codec;
+    o.relief_slot_count = relief_slots;
     return o;
   }
 
@@ -107,7 +124,7 @@ struct Simulation {
       flights.push_back({now_s + delay_s(job->id), *job});
     }
   }
-  bool resident(PageId id) const { return streamer.cache().find(id) != kNoSlot; }
+  bool resident(PageId id) const { return streamer.cache(id.plane()).find(id) != kNoSlot; }
   // Of nodes that can be shown whole: what is there of others need not stay.
   std::vector<PageId> wantedResident() const {
     std::vector<PageId> pages;
@@ -130,17 +147,24 @@ struct Simulation {
     auto before = wantedResident();
     uploaded.clear();
     for (const PageUpload& u : streamer.placeReady(max_uploads)) {
-      ASSERT_LT(u.slot, pool.size());
-      ASSERT_EQ(streamer.cache().pageIn(u.slot), u.id);
-      ASSERT_TRUE(!texels_matter || texelsAreOf(u.id, u.texels)) << "the texels of another page";
-      pool[u.slot] = u.id;
+      auto& slots = isBlockCodec(upload) && u.id.plane() == Plane::kRelief ? relief_pool : pool;
+      ASSERT_LT(u.slot, slots.size());
+      ASSERT_EQ(streamer.cache(u.id.plane()).pageIn(u.slot), u.id);
+      ASSERT_TRUE(!texels_matter || texelsAreOf(u.id, u.texels, upload)) << "the texels of another page";
+      slots[u.slot] = u.id;
       uploaded.push_back(u.id);
     }
     for (PageId id : before) ASSERT_TRUE(resident(id)) << "wanted now, yet evicted";
     std::string why;
-    ASSERT_TRUE(streamer.cache().checkInvariants(&why)) << why;
+    for (Plane plane : {texturePlane(0), Plane::kRelief}) {
+      const PageCache& cache = streamer.cache(plane);
+      ASSERT_TRUE(cache.checkInvariants(&why)) << why;
+      ASSERT_LE(cache.residentCount(), cache.slotCount());
+      if (isBlockCodec(upload))
+        cache.forEach([&](PageId id) { ASSERT_EQ(id.plane() == Plane::kRelief, plane == Plane::kRelief) << "in another's slot"; });
+    }
+    ASSERT_LE(streamer.stats().resident_bytes, pool.size() * slotBytes(upload, texturePlane(0)) + relief_pool.size() * kSlotBytes);
     ASSERT_EQ(censusError(streamer.stats()), "");
-    ASSERT_LE(streamer.cache().residentCount(), streamer.cache().slotCount());
     for (auto& m : streamer.takeMessages()) messages.push_back(m);
     work();
   }

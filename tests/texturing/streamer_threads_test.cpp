@@ -10,12 +10,11 @@ namespace {
 
 using namespace fake;
 
-TEST(StreamerThreads, FailingShortCorruptAndLateReads) {
+void failingShortCorruptAndLateReads(StreamerOptions options) {
   auto failing = std::make_shared<FailingSource>(
       std::make_shared<ProceduralSource>(),
       FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.02, .late = 0.1, .late_s = 0.02},
       3);
-  auto options = Simulation::options(1024);
   options.workers = 4;
   Simulation sim(failing, options);
   sim.texels_matter = false;
@@ -26,7 +25,7 @@ TEST(StreamerThreads, FailingShortCorruptAndLateReads) {
   uint64_t frames = 0;
   do {
     sim.step();
-    ASSERT_FALSE(HasFatalFailure());
+    ASSERT_FALSE(::testing::Test::HasFatalFailure());
     for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
     std::this_thread::sleep_for(std::chrono::microseconds(500));
     ++frames;
@@ -34,6 +33,8 @@ TEST(StreamerThreads, FailingShortCorruptAndLateReads) {
   expectFinal(sim, *failing);
   EXPECT_GT(frames, 3u);
 }
+TEST(StreamerThreads, FailingShortCorruptAndLateReads) { failingShortCorruptAndLateReads(Simulation::options(1024)); }
+TEST(StreamerThreads, TheSameWithBlocks) { failingShortCorruptAndLateReads(Simulation::blockOptions(1024, 64)); }
 
 TEST(StreamerThreads, TheDestructorWaitsForTheReadsUnderWayAndForNothingElse) {
   auto gate = std::make_shared<GatedSource>(std::make_shared<ProceduralSource>());
