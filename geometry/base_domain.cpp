@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
+#include <optional>
 #include <string>
 
 #include "geometry/base_fit.h"
 #include "geometry/base_place.h"
 #include "geometry/base_quads.h"
 #include "geometry/base_reduce.h"
+#include "geometry/base_runs.h"
 #include "geometry/base_sheet.h"
 #include "geometry/base_simplify.h"
 #include "geometry/base_topology.h"
@@ -24,6 +27,21 @@ struct Frame {
   double diagonal = 1;
 };
 
+template <class Triangles>
+Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) {
+  glm::vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo;
+  for (const auto& t : triangles) {
+    for (uint32_t v : t) {
+      if (v >= points.size()) return {};  // refused later
+      lo = glm::min(lo, points[v]);
+      hi = glm::max(hi, points[v]);
+    }
+  }
+  return {(glm::dvec3(lo) + glm::dvec3(hi)) / 2.0, glm::length(glm::dvec3(hi) - glm::dvec3(lo))};
+}
+
+// From so many triangles on a scan is thinned run by run first.
+constexpr size_t kManyTriangles = 400'000;
 // What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last
 // of the numbers keep too many pages pinned.
 constexpr double kLostEnough = 0.0015;
@@ -188,22 +206,31 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (options.patches > kMaxPatches)
     return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
   report(0);
-  auto scan = makeSurface(mesh.positions_mm, mesh.triangles);
-  if (!scan) return scan.error();
   Frame frame;
-  {
-    glm::dvec3 lo(1e300), hi(-1e300);
-    for (size_t v = 0; v < scan->points.size(); ++v) {
-      if (scan->piece[v] == kNoIndex) continue;
-      lo = glm::min(lo, glm::dvec3(scan->points[v]));
-      hi = glm::max(hi, glm::dvec3(scan->points[v]));
-    }
-    frame.centre = (lo + hi) / 2.0;
-    frame.diagonal = glm::length(hi - lo);
+  // What is coarser than some 24 edges of a base made of these.
+  const size_t wanted = std::max<size_t>(24000, 3 * size_t{options.patches});
+  std::optional<Surface> scan;
+  if (mesh.triangles.size() >= kManyTriangles && mesh.triangles.size() >= 16 * wanted) {
+    frame = frameOf(mesh.positions_mm, mesh.triangles);
+    scan = thinnedByRuns(mesh, {.triangles = 4 * wanted,
+                                .centre = frame.centre,
+                                .diagonal = frame.diagonal,
+                                .workers = options.workers,
+                                .progress = [&](double done) { report(0.4 * done); },
+                                .interrupted = options.interrupted});
+    if (stopped()) return interruptedError();
+  }
+  if (!scan) {
+    auto whole = makeSurface(mesh.positions_mm, mesh.triangles);
+    if (!whole) return whole.error();
+    frame = frameOf(whole->points, whole->triangles);
+    for (glm::vec3& p : whole->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
+    for (SurfacePiece& p : whole->pieces) p.area /= frame.diagonal * frame.diagonal;
+    scan = std::move(*whole);
   }
   for (const SurfacePiece& p : scan->pieces) {
-    if (p.area > 1e-14 * frame.diagonal * frame.diagonal) continue;
-    const glm::vec3 at = scan->points[scan->triangles[p.first_triangle][0]];
+    if (p.area > 1e-14) continue;
+    const glm::dvec3 at = glm::dvec3(scan->points[scan->triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
     return Error{ErrorKind::kInvalidData,
                  {},
                  "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
@@ -211,23 +238,20 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
                  "remove it from the scan",
                  {}};
   }
-  for (glm::vec3& p : scan->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
   // Each corner owns some of the surface's vertices: there must be enough of them.
   while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
-  for (SurfacePiece& p : scan->pieces) p.area /= frame.diagonal * frame.diagonal;
   if (stopped()) return interruptedError();
-  report(0.1);
+  report(0.4);
 
   // Of the scan itself: the reduced one's walls lean over.
   const size_t scan_vertices = mesh.positions_mm.size();
-  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(*scan) : Outlook{};
+  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers) : Outlook{};
   std::vector<BorderLine> borders;
   for (const auto& loop : scan->loops) {
     borders.push_back({loop, {}});
     for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
   }
-  const Reduced reduced = reduceSurface(std::move(*scan), std::max<size_t>(24000, 3 * size_t{options.patches}),
-                                        borderCorners(borders), options.interrupted);
+  const Reduced reduced = reduceSurface(std::move(*scan), wanted, borderCorners(borders), options.interrupted);
   if (stopped()) return interruptedError();
   report(0.5);
   const Surface& surface = reduced.surface;

@@ -21,6 +21,7 @@ struct Reducer {
   std::vector<uint8_t> stays;
   size_t live;
   uint32_t marks = 0;
+  bool sealed = false;  // no new edge joins two vertices that stay: a neighbouring part may get the same one
 
   Reducer(Surface& surface, std::span<const uint32_t> keep)
       : s(surface),
@@ -78,6 +79,7 @@ struct Reducer {
       const uint32_t a = to(k), b = from(previousOf(k));
       common += mark[a] == marks;
       if (twin[previousOf(k)] == kNoIndex) common += mark[b] == marks;  // the last neighbour of an open fan
+      if (sealed && stays[keep] && stays[a] && a != keep && mark[a] != marks) return false;
       if (a == keep || b == keep) return true;
       const glm::vec3 p = s.points[a], q = s.points[b], side = q - p;
       const glm::vec3 before = glm::cross(side, s.points[gone] - p), after = glm::cross(side, at - p);
@@ -155,17 +157,52 @@ struct Reducer {
   }
 };
 
+double areaOf(const Surface& s) {
+  double area = 0;
+  for (const SurfacePiece& p : s.pieces) area += p.area;
+  return area;
+}
+// Of a regular triangle, of n that have that area together.
+float sideOf(double area, size_t n) {
+  return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0)));
+}
+
+Thinned takeOut(const Surface& s) {
+  Thinned out;
+  std::vector<uint32_t> renamed(s.points.size(), kNoIndex);
+  for (Triangle t : s.triangles) {
+    if (t[0] == kNoIndex) continue;
+    for (uint32_t& v : t) {
+      uint32_t& name = renamed[v];
+      if (name == kNoIndex) {
+        name = static_cast<uint32_t>(out.points.size());
+        out.points.push_back(s.points[v]);
+        out.vertex.push_back(v);
+      }
+      v = name;
+    }
+    out.triangles.push_back(t);
+  }
+  return out;
+}
+
 }  // namespace
+
+Thinned thinned(Surface part, float length, std::span<const uint32_t> stay) {
+  Reducer r(part, stay);
+  r.sealed = true;
+  for (const auto& loop : part.loops)
+    for (uint32_t v : loop) r.stays[v] = 1;
+  for (float at = sideOf(areaOf(part), r.live); at < length; at *= 1.4f) r.pass(0, at, 0.8f);
+  return takeOut(part);
+}
 
 Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep,
                       const std::atomic<bool>* interrupted) {
   Reduced out;
   if (scan.triangles.size() > triangles + triangles / 2) {
-    double area = 0;
-    for (const SurfacePiece& p : scan.pieces) area += p.area;
-    auto side = [&](size_t n) {
-      return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0)));
-    };
+    const double area = areaOf(scan);
+    auto side = [&](size_t n) { return sideOf(area, n); };
     Reducer r(scan, keep);
     const float last = side(triangles);
     // Ever longer edges, from the scan's own. What turns the surface little goes first; what is left at full length may
@@ -179,25 +216,11 @@ Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> 
       if (r.live > triangles) r.pass(triangles, 1.2f * last, turn);
     }
   }
-  std::vector<uint32_t> renamed(scan.points.size(), kNoIndex);
-  std::vector<glm::vec3> points;
-  std::vector<Triangle> kept;
-  for (Triangle t : scan.triangles) {
-    if (t[0] == kNoIndex) continue;
-    for (uint32_t& v : t) {
-      uint32_t& name = renamed[v];
-      if (name == kNoIndex) {
-        name = static_cast<uint32_t>(points.size());
-        points.push_back(scan.points[v]);
-        out.vertex.push_back(v);
-      }
-      v = name;
-    }
-    kept.push_back(t);
-  }
+  Thinned left = takeOut(scan);
   scan = {};
-  auto surface = makeSurface(points, kept);
-  assert(surface.ok() && surface->points.size() == points.size());
+  auto surface = makeSurface(left.points, left.triangles);
+  out.vertex = std::move(left.vertex);
+  assert(surface.ok() && surface->points.size() == left.points.size());
   out.surface = std::move(*surface);
   return out;
 }

@@ -13,6 +13,15 @@
 
 namespace relievo {
 
+// A part of a scan on its own, its border and the vertices that stay as they are: parts of which neighbours are treated
+// alike still fit together. Edges up to that length collapse, where that turns the surface little.
+struct Thinned {
+  std::vector<glm::vec3> points;
+  std::vector<Triangle> triangles;
+  std::vector<uint32_t> vertex;  // of the part's surface that each is
+};
+Thinned thinned(Surface part, float length, std::span<const uint32_t> stay);
+
 struct Reduced {
   Surface surface;
   std::vector<uint32_t> vertex;  // of the scan's surface that each vertex is: none is moved

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/parallel_for.h"
+
 namespace relievo {
 
 namespace {
@@ -19,17 +21,34 @@ bool straight(const Rail& rail) {
 
 }  // namespace
 
-Outlook outlookOf(const Surface& s) {
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers) {
   auto area = [&](const Triangle& t) {
-    const glm::dvec3 a = s.points[t[0]];
-    return glm::cross(glm::dvec3(s.points[t[1]]) - a, glm::dvec3(s.points[t[2]]) - a);
+    const glm::dvec3 a = points[t[0]];
+    return glm::cross(glm::dvec3(points[t[1]]) - a, glm::dvec3(points[t[2]]) - a);
   };
+  // Sums of equal parts, in their order: the same for any number of workers.
+  constexpr size_t kPart = size_t{1} << 16;
+  struct Part {
+    glm::dvec3 sum{0};
+    double all = 0, hidden[2] = {0, 0};
+  };
+  std::vector<Part> parts((triangles.size() + kPart - 1) / kPart);
+  auto each = [&](auto&& take) {
+    parallelFor(parts.size(), workers, nullptr, [&](size_t i) {
+      Part part = parts[i];
+      for (size_t t = i * kPart; t < std::min(triangles.size(), (i + 1) * kPart); ++t) take(part, area(triangles[t]));
+      parts[i] = part;
+    });
+  };
+  each([](Part& part, const glm::dvec3& a) {
+    part.sum += a;
+    part.all += glm::length(a);
+  });
   glm::dvec3 sum{0};
   double all = 0;
-  for (const Triangle& t : s.triangles) {
-    const glm::dvec3 a = area(t);
-    sum += a;
-    all += glm::length(a);
+  for (const Part& part : parts) {
+    sum += part.sum;
+    all += part.all;
   }
   Outlook best;
   if (!(glm::length(sum) > 0)) return best;
@@ -38,11 +57,13 @@ Outlook outlookOf(const Surface& s) {
   glm::dvec3 axis{0};
   axis[k] = sum[k] > 0 ? 1 : -1;
   const glm::dvec3 directions[2] = {axis, glm::normalize(sum)};
+  if (!isRelief({directions[1], 0, glm::length(sum) / all})) return {directions[1], 1, glm::length(sum) / all};
+  each([&](Part& part, const glm::dvec3& a) {
+    for (int d = 0; d < 2; ++d) part.hidden[d] += glm::dot(a, directions[d]) > 0 ? 0 : glm::length(a);
+  });
   double hidden[2] = {0, 0};
-  for (const Triangle& t : s.triangles) {
-    const glm::dvec3 a = area(t);
-    for (int d = 0; d < 2; ++d) hidden[d] += glm::dot(a, directions[d]) > 0 ? 0 : glm::length(a);
-  }
+  for (const Part& part : parts)
+    for (int d = 0; d < 2; ++d) hidden[d] += part.hidden[d];
   const int d = hidden[0] <= hidden[1] ? 0 : 1;
   return {directions[d], hidden[d] / all, glm::dot(sum, directions[d]) / all};
 }

@@ -24,7 +24,7 @@ struct Outlook {
 };
 // The mean normal or the axis nearest to it, whichever hides less: scans that are height fields mostly are over an
 // axis.
-Outlook outlookOf(const Surface& s);
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers = 0);
 // A relief over a plane, all of which is seen but for what noise hides. Heights may be steep, but not for the most
 // part.
 inline bool isRelief(const Outlook& o) { return o.hidden <= 1e-4 && o.flat >= 0.5; }

@@ -21,8 +21,8 @@ glm::dvec2 placeInTriangle(size_t k) {
   return {b1, b2};
 }
 
-// In mm: from every vertex of `from` if these are asked for, then from `spread` places, evenly over its area, to `to`.
-std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RayScene& scene, bool with_vertices, size_t spread, int workers) {
+// In mm: from every vertex of `from` if these are asked for, then from `spread` places, evenly over its area, to `to`. Interrupted: some.
+std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RayScene& scene, bool with_vertices, size_t spread, const DistanceRun& run) {
   const size_t vertices = with_vertices ? from.positions_mm.size() : 0;
   std::vector<double> area_before{0.0};
   area_before.reserve(from.triangles.size() + 1);
@@ -34,7 +34,11 @@ std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RaySc
   std::vector<float> out(vertices + spread);
   const glm::dvec3 shift = from.origin_mm - to.origin_mm;
   constexpr size_t kAJob = 4096;
-  parallelFor((out.size() + kAJob - 1) / kAJob, workers, nullptr, [&](size_t job) {
+  const size_t jobs = (out.size() + kAJob - 1) / kAJob;
+  auto progress = [&](size_t taken) {
+    if (run.progress) run.progress(static_cast<double>(taken) / static_cast<double>(jobs));
+  };
+  auto measure = [&](size_t job) {
     SurfacePoint last;  // where the sample before was closest: seldom far from where this one is
     size_t triangle = 0;
     for (size_t i = job * kAJob; i < std::min(out.size(), (job + 1) * kAJob); ++i) {
@@ -55,30 +59,34 @@ std::vector<float> distances(const TriMesh& from, const TriMesh& to, const RaySc
       last = scene.closestPoint(p + shift, last);
       out[i] = static_cast<float>(last.along);
     }
-  });
+  };
+  parallelFor(jobs, run.workers, run.interrupted, measure, progress);
   return out;
 }
 
-DistanceStats stats(std::vector<float> mm) {
+DistanceStats stats(std::span<float> mm) {
   DistanceStats out;
   out.samples = mm.size();
   if (mm.empty()) return out;
   double sum = 0;
   for (float d : mm) sum += static_cast<double>(d) * d;
   out.rms_mm = std::sqrt(sum / static_cast<double>(mm.size()));
-  std::sort(mm.begin(), mm.end());
-  out.max_mm = mm.back();
+  out.max_mm = *std::max_element(mm.begin(), mm.end());
   constexpr std::array<double, 5> kShares{0.5, 0.9, 0.95, 0.99, 0.999};
+  auto from = mm.begin();  // what is below it was sorted away by the percentile before
   for (size_t i = 0; i < kShares.size(); ++i) {
     const double rank = std::ceil(kShares[i] * static_cast<double>(mm.size())) - 1;  // nearest rank
-    out.percentiles_mm[i] = mm[static_cast<size_t>(std::max(rank, 0.0))];
+    const auto at = mm.begin() + static_cast<ptrdiff_t>(std::max(rank, 0.0));
+    std::nth_element(from, at, mm.end());
+    out.percentiles_mm[i] = *at;
+    from = at;
   }
   return out;
 }
 
 }  // namespace
 
-TriMesh bakedTriangles(const MeshBake& baked, int workers) {
+TriMesh bakedTriangles(const MeshBake& baked, const DistanceRun& run) {
   const BaseMesh& base = baked.base();
   glm::dvec3 low(base.corners[0].position_mm), high = low;
   for (const BaseCorner& c : base.corners) {
@@ -92,7 +100,7 @@ TriMesh bakedTriangles(const MeshBake& baked, int workers) {
     size_t first_vertex = 0, first_triangle = 0;
   };
   std::vector<Part> parts(base.patches.size());
-  parallelFor(parts.size(), workers, nullptr, [&](size_t p) {
+  parallelFor(parts.size(), run.workers, run.interrupted, [&](size_t p) {
     int& log2 = parts[p].cells_log2 = std::min(baked.report().cells_log2, finest_log2);
     while (log2 < finest_log2 && baked.errorOfCells(static_cast<uint32_t>(p), log2) > close_mm) ++log2;
   });
@@ -108,7 +116,7 @@ TriMesh bakedTriangles(const MeshBake& baked, int workers) {
   out.origin_mm = base.origin_mm;
   out.positions_mm.resize(vertices);
   out.triangles.resize(triangles);
-  parallelFor(parts.size(), workers, nullptr, [&](size_t index) {
+  parallelFor(parts.size(), run.workers, run.interrupted, [&](size_t index) {
     const auto p = static_cast<uint32_t>(index);
     const Part& part = parts[p];
     const size_t n = size_t{1} << part.cells_log2, row = n + 1, finest_row = (size_t{1} << finest_log2) + 1, step = (finest_row - 1) / n;
@@ -134,8 +142,16 @@ TriMesh bakedTriangles(const MeshBake& baked, int workers) {
   return out;
 }
 
-Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle, int workers) {
+Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle, const DistanceRun& run) {
   MeshDistance out;
+  const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  auto stopped = [&] { return run.interrupted && run.interrupted->load(std::memory_order_relaxed); };
+  // Building what is looked up takes a twelfth of the time, either way about half of the rest.
+  auto part = [&](double from, double to) {
+    DistanceRun p = run;
+    if (run.progress) p.progress = [&run, from, to](double done) { run.progress(from + done * (to - from)); };
+    return p;
+  };
   if (scan.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
   glm::vec3 low = scan.positions_mm[0], high = low;
   for (const glm::vec3& p : scan.positions_mm) {
@@ -143,16 +159,23 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
     high = glm::max(high, p);
   }
   out.diagonal_mm = glm::length(glm::dvec3(high) - glm::dvec3(low));
-  const TriMesh surface = bakedTriangles(baked, workers);
-  auto surface_scene = RayScene::create(surface);
+  if (run.progress) run.progress(0);
+  const TriMesh surface = bakedTriangles(baked, run);
+  if (stopped()) return interrupted;
+  auto surface_scene = RayScene::create(surface, run.interrupted);
   if (!surface_scene) return surface_scene.error();
-  auto scan_scene = RayScene::create(scan);
-  if (!scan_scene) return scan_scene.error();
   const size_t spread = scan.triangles.size() * static_cast<size_t>(std::max(samples_per_triangle, 0));
-  std::vector<float> there = distances(scan, surface, **surface_scene, true, spread, workers);
+  std::vector<float> there = distances(scan, surface, **surface_scene, true, spread, part(0.08, 0.54));
+  if (stopped()) return interrupted;
+  surface_scene->reset();
   out.scan_vertex_mm.assign(there.begin(), there.begin() + static_cast<ptrdiff_t>(scan.positions_mm.size()));
-  out.to_baked = stats(std::move(there));
-  out.to_scan = stats(distances(surface, scan, **scan_scene, false, out.to_baked.samples, workers));
+  out.to_baked = stats(there);
+  std::vector<float>().swap(there);
+  auto scan_scene = RayScene::create(scan, run.interrupted);
+  if (!scan_scene) return scan_scene.error();
+  std::vector<float> back = distances(surface, scan, **scan_scene, false, out.to_baked.samples, part(0.58, 1));
+  if (stopped()) return interrupted;
+  out.to_scan = stats(back);
   // No more than 240 dB: a number even where both are the same.
   const double rms = std::max({out.to_baked.rms_mm, out.to_scan.rms_mm, 1e-12 * out.diagonal_mm});
   out.psnr_db = out.diagonal_mm > 0 ? 20 * std::log10(out.diagonal_mm / rms) : 0;

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "geometry/mesh_bake.h"
@@ -22,11 +24,18 @@ struct MeshDistance {
   double psnr_db = 0;                 // 20 log10(diagonal / the larger RMS), at most 240
   std::vector<float> scan_vertex_mm;  // of each vertex of the scan, for pictures
 };
+struct DistanceRun {
+  int workers = 0;  // 0: one a core
+  std::function<void(double /*0..1*/)> progress;
+  const std::atomic<bool>* interrupted = nullptr;
+};
 // Samples: every vertex of the scan, and samples_per_triangle for each of its triangles, spread evenly over its area; as many as these
-// together over the baked surface. At fixed places: the same mesh and bake give the same numbers.
-Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3, int workers = 0);
+// together over the baked surface. At fixed places: the same mesh and bake give the same numbers. Interrupted: ErrorKind::kInterrupted,
+// within a second.
+Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3, const DistanceRun& run = {});
 // The finest surface of a bake as triangles, patch by patch, not welded (for measuring and for pictures). A patch's grid is the coarsest
 // that lies within 5 x 10^-6 of the base's diagonal or one step of the heights of the finest (errorOfCells()), never coarser than the samples.
-TriMesh bakedTriangles(const MeshBake& baked, int workers = 0);
+// Interrupted: some of it.
+TriMesh bakedTriangles(const MeshBake& baked, const DistanceRun& run = {});
 
 }  // namespace relievo

@@ -11,6 +11,7 @@
 #include "geometry/base_domain.h"
 #include "geometry/mesh_bake.h"
 #include "geometry/mesh_distance.h"
+#include "geometry/mesh_order.h"
 #include "geometry/mesh_read.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
@@ -83,6 +84,9 @@ struct Memory {
     return kib << 10;
   }
 };
+
+// From so many on a scan is worked through in parts.
+constexpr size_t kManyTriangles = 400'000;
 
 // Runs a stage with its line of progress, and notes what it cost.
 class Stages {
@@ -165,6 +169,8 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   auto loaded = stages.run("read", read_options, [&] {
     auto mesh = readMesh(a.mesh, read_options);
     if (mesh.ok()) mesh_file.start();
+    if (mesh.ok() && mesh->mesh.triangles.size() >= kManyTriangles)
+      orderTriangles(mesh->mesh, a.package.workers, &interruptedFlag());
     return mesh;
   });
   if (!loaded) return loaded.error();
@@ -175,6 +181,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
 
   BaseDomainOptions base_options;
   base_options.patches = a.patches;
+  base_options.workers = a.package.workers;
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
   if (!base) return base.error();
 
@@ -215,12 +222,14 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
 
   const bool measure = !a.report.empty() || !a.json_file.empty();
   if (measure) {
-    auto distance = stages.run("distance", [&] {
-      ProgressLine line("distance");
-      line.update(0, "");
-      return measureDistance(scan, **bake, 3, a.package.workers);
-    });
-    if (!distance) return distance.error();
+    DistanceRun distance_run;
+    distance_run.workers = a.package.workers;
+    auto distance = stages.run("distance", distance_run, [&] { return measureDistance(scan, **bake, 3, distance_run); });
+    if (!distance) {
+      Error error = distance.error();
+      if (error.kind == ErrorKind::kInterrupted) error.hint = a.package.output + " is whole; its distances were not measured, no report was written";
+      return error;
+    }
     result.distance = std::move(*distance);
   }
   result.stages = stages.costs;

@@ -10,6 +10,7 @@
 
 #include "geometry/base_rails.h"
 #include "geometry/base_reduce.h"
+#include "geometry/base_runs.h"
 #include "geometry/base_sheet.h"
 #include "geometry/mesh_read.h"
 #include "tests/geometry/base_shapes.h"
@@ -526,7 +527,7 @@ TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   EXPECT_TRUE(std::any_of(turned.corners.begin(), turned.corners.end(),
                           [&](const BaseCorner& c) { return c.normal != turned.corners[0].normal; }));
 
-  auto outlook = [](const TriMesh& m) { return outlookOf(*makeSurface(m.positions_mm, m.triangles)); };
+  auto outlook = [](const TriMesh& m) { return outlookOf(m.positions_mm, m.triangles); };
   EXPECT_TRUE(isRelief(outlook(square.scan)));
   EXPECT_EQ(outlook(square.scan).direction, glm::dvec3(0, 0, 1));
   EXPECT_FALSE(isRelief(outlook(leaning)));
@@ -762,6 +763,73 @@ TEST(ReduceSurface, KeepsNamedVertices) {
   };
   EXPECT_EQ(left(reduceSurface(*scan, 300, corners)), 4);
   EXPECT_LT(left(reduceSurface(*scan, 300)), 4);  // unnamed, they go
+}
+
+// Thinned run by run, in whatever order the triangles are: the same topology, borders in full detail, no vertex moved;
+// the same for any number of workers.
+TEST(ThinnedByRuns, KeepsTopologyAndBorders) {
+  const unsigned seed = 12;
+  printf("seed %u\n", seed);
+  std::mt19937 random(seed);
+  std::normal_distribution<float> by(0, 0.2f);
+  size_t thinner = 0;
+  for (TriMesh m : {sphereMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2),
+                    together(sphereMesh(20), torusMesh(40, 20), glm::vec3(200, 0, 0))}) {
+    for (glm::vec3& p : m.positions_mm) p += glm::vec3(by(random), by(random), by(random));
+    const auto expected = topologyOf(m.positions_mm.size(), m.triangles);
+    for (bool shuffled : {false, true}) {
+      if (shuffled) std::shuffle(m.triangles.begin(), m.triangles.end(), random);
+      for (size_t run : {37, 1000, 4000}) {
+        RunOptions options{.run_triangles = run, .triangles = 500, .centre = {1, 2, 3}, .diagonal = 50, .workers = 1};
+        const auto thin = thinnedByRuns(m, options);
+        ASSERT_TRUE(thin);
+        EXPECT_EQ(topologyOf(thin->points.size(), thin->triangles), expected);
+        EXPECT_LE(thin->triangles.size(), m.triangles.size());
+        if (!shuffled && run == 4000) thinner += 2 * thin->triangles.size() < m.triangles.size();
+        std::vector<std::array<float, 3>> scan;
+        for (const glm::vec3& p : m.positions_mm) {
+          const glm::vec3 q((glm::dvec3(p) - options.centre) / options.diagonal);
+          scan.push_back({q.x, q.y, q.z});
+        }
+        std::sort(scan.begin(), scan.end());
+        for (const glm::vec3& p : thin->points)
+          ASSERT_TRUE(std::binary_search(scan.begin(), scan.end(), std::array<float, 3>{p.x, p.y, p.z}));
+        options.workers = 3;
+        const auto again = thinnedByRuns(m, options);
+        ASSERT_TRUE(again);
+        EXPECT_EQ(again->points, thin->points);
+        EXPECT_EQ(again->triangles, thin->triangles);
+        // Control: runs that do not meet where they should are seen.
+        std::vector<Triangle> torn = thin->triangles;
+        torn.erase(torn.begin() + static_cast<std::ptrdiff_t>(torn.size() / 2));
+        EXPECT_NE(topologyOf(thin->points.size(), torn), expected);
+      }
+    }
+  }
+  EXPECT_EQ(thinner, 5u);
+}
+
+TEST(ThinnedByRuns, RefusesWhatIsNoMesh) {
+  const RunOptions options{.run_triangles = 100, .triangles = 100};
+  const TriMesh sound = sphereMesh(12);
+  EXPECT_TRUE(thinnedByRuns(sound, options));
+  TriMesh m = sound;
+  m.triangles[500][1] = static_cast<uint32_t>(m.positions_mm.size());
+  EXPECT_FALSE(thinnedByRuns(m, options));
+  m = sound;
+  m.triangles[7][1] = m.triangles[7][0];
+  EXPECT_FALSE(thinnedByRuns(m, options));
+  m = sound;
+  m.positions_mm[9].y = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_FALSE(thinnedByRuns(m, options));
+  m = sound;  // a third triangle at an edge, far from it in the list
+  m.positions_mm.push_back({90, 90, 90});
+  m.triangles.push_back({m.triangles[3][0], m.triangles[3][1], static_cast<uint32_t>(m.positions_mm.size() - 1)});
+  EXPECT_FALSE(thinnedByRuns(m, options));
+  const std::atomic<bool> interrupted{true};
+  RunOptions stopped = options;
+  stopped.interrupted = &interrupted;
+  EXPECT_FALSE(thinnedByRuns(sound, stopped));
 }
 
 // Rough, torn and scattered scans: whatever comes out is sound and of the scan's topology.

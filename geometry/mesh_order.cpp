@@ -1,0 +1,59 @@
+#include "geometry/mesh_order.h"
+
+#include <algorithm>
+
+#include "geometry/parallel_for.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint32_t kAxisBits = 7;
+
+// 0bcba to 0b00c00b00a.
+uint32_t spread(uint32_t x) {
+  x = (x | x << 8) & 0x0300F00F;
+  x = (x | x << 4) & 0x030C30C3;
+  return (x | x << 2) & 0x09249249;
+}
+
+}  // namespace
+
+bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interrupted) {
+  const size_t triangles = mesh.triangles.size();
+  if (triangles == 0) return true;
+  glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
+  for (const glm::vec3& p : mesh.positions_mm) {
+    low = glm::min(low, p);
+    high = glm::max(high, p);
+  }
+  const glm::vec3 size = high - low;
+  const float largest = std::max({size.x, size.y, size.z});
+  constexpr float kCells = 1 << kAxisBits;
+  const float scale = largest > 0 ? kCells / 3 / largest : 0.0f;
+  auto axis = [&](float thrice, float from) { return spread(static_cast<uint32_t>(std::clamp((thrice - 3 * from) * scale, 0.0f, kCells - 1))); };
+
+  std::vector<uint32_t> cell(triangles);
+  constexpr size_t kAJob = size_t{1} << 16;
+  const bool done = parallelFor((triangles + kAJob - 1) / kAJob, workers, interrupted, [&](size_t job) {
+    for (size_t t = job * kAJob; t < std::min(triangles, (job + 1) * kAJob); ++t) {
+      const auto& corner = mesh.triangles[t];
+      const glm::vec3 sum = mesh.positions_mm[corner[0]] + mesh.positions_mm[corner[1]] + mesh.positions_mm[corner[2]];
+      cell[t] = axis(sum.x, low.x) | axis(sum.y, low.y) << 1 | axis(sum.z, low.z) << 2;
+    }
+  });
+  if (!done) return false;
+  std::vector<uint32_t> next((size_t{1} << 3 * kAxisBits) + 1, 0);
+  for (uint32_t c : cell) ++next[c + 1];
+  for (size_t c = 1; c < next.size(); ++c) next[c] += next[c - 1];
+  for (uint32_t& c : cell) c = next[c]++;  // from here on: the triangle's new place
+  auto moved = [&](auto& list) {
+    std::remove_reference_t<decltype(list)> out(list.size());
+    for (size_t t = 0; t < triangles; ++t) out[cell[t]] = list[t];
+    list = std::move(out);
+  };
+  moved(mesh.triangles);
+  if (!mesh.corner_uv.empty()) moved(mesh.corner_uv);
+  return true;
+}
+
+}  // namespace relievo
