@@ -168,6 +168,7 @@ struct Engine::Impl {
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
+  bool backs_are_hidden = false;      // see PlanarLodResult
   uint64_t list_number = 0;           // differs whenever `instances` does
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
@@ -372,6 +373,7 @@ struct Engine::Impl {
     v.min_cell_px = 2 * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
+    v.hide_backs = options.hide_backs;
     return v;
   }
 
@@ -423,7 +425,8 @@ struct Engine::Impl {
       for (const NodeId& page : pinned_relief) streamer->unpinRelief(page);
     }
     pinned_relief = std::move(pages);
-    list_number += answer.lod.instances != instances;
+    list_number += answer.lod.instances != instances || answer.lod.backs_are_hidden != backs_are_hidden;
+    backs_are_hidden = answer.lod.backs_are_hidden;
     instances = std::move(answer.lod.instances);
     stats.predicted_error_px = answer.lod.max_error_px;
     stats.edges_limited = answer.lod.limited_by_residency;
@@ -460,7 +463,8 @@ struct Engine::Impl {
     pool->bind(surface_program, streamer->table());
     setUniforms(surface_program, 0);
     const EyeFrame eye = prepareInstances(surface_program);
-    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, PatchPass::Mesh::kFull);
+    const PatchPass::Mesh mesh = backs_are_hidden ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, mesh);
   }
 
   void bindSurface(const gl::Program& program) const {

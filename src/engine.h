@@ -52,6 +52,7 @@ struct EngineOptions {
   Determination determination = Determination::kFeedback;
   Replacement replacement = Replacement::kLru;
   Upload upload = Upload::kAuto;
+  bool hide_backs = true;   // of closed bodies, what is seen from behind is not drawn (geometry/facing_cone.h); the picture is the same
   bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up

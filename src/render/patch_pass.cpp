@@ -224,6 +224,7 @@ void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, flo
 uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias) const {
   setUniforms(program, eye, depth_bias);
   glBindVertexArray(vertex_array_.id());
+  if (mesh == Mesh::kFronts) glEnable(GL_CULL_FACE);  // GL's defaults: clockwise ones are culled
   uint32_t calls = 0;
   auto drawGroup = [&](int n, uint32_t first, uint32_t count) {
     if (count == 0) return;
@@ -239,6 +240,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
     ++calls;
   };
   for (int n = 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
+  glDisable(GL_CULL_FACE);
   glBindVertexArray(0);
   return calls;
 }

@@ -48,7 +48,7 @@ class PatchPass {
   // `slot_of` answers with the slot of a relief page in use.
   void setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
-  enum class Mesh { kFull, kLines };
+  enum class Mesh { kFull, kFronts, kLines };  // kFronts: triangles that are seen from outside the body
   // With a program in use and its other uniforms set. Returns draw calls made.
   uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0) const;
   // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
