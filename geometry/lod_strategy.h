@@ -2,8 +2,8 @@
 // A strategy is one file, geometry/strategy_NAME.cpp, plus its line in strategy_registry.cpp; nothing else knows its name.
 // View in; out: instanced grids (planar_lod.h), explicit triangles, or both, and the error that the strategy foresees. All draw from the
 // same relief pages, every one of them resident: what is compared is geometry, not streaming.
-// What is drawn where (places, heights, projection) is not the strategy's business, so artworks over a base mesh need their own
-// StrategyScene and strategies that fill the same StrategyResult, and no other measuring: errors are taken by instance and place in its node.
+// What is drawn where (places, heights, projection) is not the strategy's business: over a base mesh as on a flat artwork it names nodes and
+// places in them, and errors are taken there. SceneLod and strategy_bounds.h know which of both a scene is.
 // Pure: no GL. A strategy is used by one thread; the same scene and views, in the same order, give the same results.
 #pragma once
 
@@ -15,17 +15,47 @@
 #include <utility>
 #include <vector>
 
+#include "geometry/mesh_lod.h"
 #include "geometry/planar_lod.h"
+#include "geometry/strategy_body.h"
 #include "geometry/strategy_field.h"
 
 namespace relievo {
 
 // What strategies choose from.
 struct StrategyScene {
-  PlanarDomain domain;
+  PlanarDomain domain;                        // over a base mesh: a strip of its patches
   std::shared_ptr<const ReliefOracle> oracle;
   std::shared_ptr<const ReliefSet> resident;  // every relief page
-  std::shared_ptr<const ReliefField> field;   // the finest relief, for strategies that emit triangles of their own
+  // The finest relief, for strategies that emit triangles of their own: the one or the other.
+  std::shared_ptr<const ReliefField> field;   // of a flat artwork
+  std::shared_ptr<const BodyField> body;      // over a base mesh
+  std::vector<CoarseErrors> coarse;           // by patch, over a base mesh; or empty (mesh_lod.h)
+  // At a vertex of one of the instance's grids, steps of a sample's range.
+  double heightSteps(const PatchInstance& p, int64_t x, int64_t y) const {
+    return body ? body->at(p.node.patch, x, y) : field->heightSteps(static_cast<double>(x), static_cast<double>(y));
+  }
+};
+
+// planar_lod.h or mesh_lod.h, as the scene has it. oracle: what to believe, if not the scene's.
+class SceneLod {
+ public:
+  explicit SceneLod(const StrategyScene& scene, std::shared_ptr<const ReliefOracle> oracle = nullptr)
+      : scene_(scene), oracle_(oracle ? oracle : scene.oracle) {
+    const PlanarDomain& d = scene.domain;
+    // Another oracle knows nothing of the errors that the scene's was given with.
+    if (scene.body)
+      mesh_ = std::make_unique<MeshLod>(scene.body->base, d.relief_depth, d.relief_offset_mm, d.relief_scale_mm, oracle_,
+                                        oracle ? std::vector<CoarseErrors>{} : scene.coarse);
+  }
+  PlanarLodResult select(const LodView& view) {
+    return mesh_ ? mesh_->select(view, *scene_.resident) : selectPlanarLod(scene_.domain, *oracle_, view, *scene_.resident);
+  }
+
+ private:
+  StrategyScene scene_;
+  std::shared_ptr<const ReliefOracle> oracle_;
+  std::unique_ptr<MeshLod> mesh_;
 };
 
 // What a grid's vertices do (shaders/compare_*.vert, patch.vert).
@@ -38,7 +68,7 @@ enum class GridRule : uint8_t {
 
 // Vertices of explicit triangles; the error is taken at the place within the instance's node.
 struct StrategyVertex {
-  int32_t x = 0, y = 0;   // units
+  int32_t x = 0, y = 0;   // units (over a base mesh: in the instance's patch)
   float height_steps = 0; // of the 16-bit range (mm = offset + scale x steps), not exaggerated
   uint32_t instance = 0;  // index into StrategyResult::instances
 };

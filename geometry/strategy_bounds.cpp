@@ -7,10 +7,10 @@
 namespace relievo {
 namespace {
 
-constexpr int kPageLog2 = 7;
 constexpr double kMinSine = 1.0 / 32;     // as planar_lod.cpp: a height that points at the eye still counts
 constexpr double kCullSlack = 1.0 / 512;  // of the screen
 
+Square squareOf(const NodeId& n) { return {n.patch, static_cast<int>(n.level), n.x, n.y}; }
 double valueAt(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
 double extentAlong(const glm::dvec4& row, const WorldBox& b) {
   return std::abs(row.x) * b.half.x + std::abs(row.y) * b.half.y + std::abs(row.z) * b.half.z;
@@ -54,6 +54,7 @@ bool ViewBounds::culled(const WorldBox& b) const {
 double ViewBounds::pxPerMm(const WorldBox& b) const {
   if (!valid_) return 0;
   if (orthographic_) return scale_;
+  // A movement anyhow: mesh_lod.cpp derives it.
   const glm::dvec3 forward(depth_row_), up(0, 0, 1);
   double centre_depth = valueAt(depth_row_, b.centre);
   double depth = std::max(near_, centre_depth - extentAlong(depth_row_, b));
@@ -62,7 +63,7 @@ double ViewBounds::pxPerMm(const WorldBox& b) const {
   double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + reach;
   double wholly = std::sqrt(1 + (aside / depth) * (aside / depth)), secant = std::min(max_secant_, wholly);
   double factor = secant;
-  if (centre_depth > near_) {
+  if (centre_depth > near_ && !b.any_direction) {
     double at_centre = glm::length(up - forward.z * d / centre_depth);
     factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
   }
@@ -81,9 +82,13 @@ double ViewBounds::distanceFor(double mm, double px) const {
 }
 
 ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene) : scene_(scene), unit_log2_(scene.domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2) {
+  if (scene_.body) {
+    unit_log2_ = std::max(0, scene_.domain.relief_depth) + kPageLog2;
+    forest_ = std::make_shared<MeshForest>(scene_.body->base, scene_.domain.relief_depth, scene_.domain.relief_offset_mm, scene_.domain.relief_scale_mm, scene_.oracle, scene_.coarse, false);
+  }
   const PlanarDomain& d = scene_.domain;
   typical_.assign(static_cast<size_t>(std::max(0, finestLevel())) + 1, 0);
-  // What is coarser than the root pages is only known to lie within the range.
+  // What is coarser than the root pages is only known to lie within the range; over a base mesh by its table.
   for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level) typical_[static_cast<size_t>(level)] = std::abs(65535 * d.relief_scale_mm);
   std::vector<double> pages(typical_.size(), 0);
   std::vector<NodeId> ordered(scene_.resident->begin(), scene_.resident->end());  // sums in the same order in every run
@@ -96,6 +101,11 @@ ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene) : scene_(scene), unit
   }
   for (size_t level = 0; level < typical_.size(); ++level)
     if (pages[level] > 0) typical_[level] = std::sqrt(typical_[level] / pages[level]);
+  for (int level = 0; forest_ && level < std::min(kPageLog2, finestLevel()); ++level) {
+    double squares = 0;
+    for (const CoarseErrors& of : scene_.coarse) squares += double{of[static_cast<size_t>(level)]} * of[static_cast<size_t>(level)];
+    typical_[static_cast<size_t>(level)] = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, scene_.coarse.size())));
+  }
   for (int level = finestLevel() - 1; level > 0; --level)
     typical_[static_cast<size_t>(level - 1)] = std::max(typical_[static_cast<size_t>(level - 1)], typical_[static_cast<size_t>(level)]);
 }
@@ -109,7 +119,7 @@ const HeightBounds& ReliefBounds3d::heights(const NodeId& page) {
     b.max_mm = static_cast<float>(scene_.domain.relief_offset_mm + 65535 * scene_.domain.relief_scale_mm);
     if (b.min_mm > b.max_mm) std::swap(b.min_mm, b.max_mm);
   }
-  if (!(b.error_mm >= 0 && b.error_mm <= b.max_mm - b.min_mm)) b.error_mm = b.max_mm - b.min_mm;
+  if (!(b.error_mm >= 0 && (forest_ || b.error_mm <= b.max_mm - b.min_mm))) b.error_mm = b.max_mm - b.min_mm;
   return at->second = b;
 }
 
@@ -118,7 +128,17 @@ double ReliefBounds3d::rangeMm(const NodeId& node) {
   return double{h.max_mm} - h.min_mm;
 }
 
+double ReliefBounds3d::largestMm(const NodeId& node, double exaggerate) {
+  return forest_ ? 2 * glm::length(box(node, exaggerate).half) : rangeMm(node) * std::abs(exaggerate);
+}
+
 WorldBox ReliefBounds3d::box(const NodeId& node, double exaggerate) {
+  if (forest_) {
+    const SquareHull hull = forest_->hull(squareOf(node), exaggerate);
+    glm::dvec3 low = hull[0], high = low;
+    for (const glm::dvec3& p : hull) low = glm::min(low, p), high = glm::max(high, p);
+    return {0.5 * (low + high), 0.5 * (high - low), true};
+  }
   const PlanarDomain& d = scene_.domain;
   const HeightBounds& h = heights(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, d.relief_depth)))));
   int shift = unit_log2_ - static_cast<int>(node.level);
@@ -133,7 +153,12 @@ WorldBox ReliefBounds3d::box(const NodeId& node, double exaggerate) {
   return {{0.5 * (left + right), 0.5 * (top + bottom), 0.5 * (z0 + z1)}, {0.5 * (right - left), 0.5 * (top - bottom), 0.5 * std::abs(z1 - z0)}};
 }
 
-double ReliefBounds3d::errorMm(const NodeId& node, int level) {
+double ReliefBounds3d::errorMm(const NodeId& node, int level, double exaggerate) {
+  if (forest_) return std::min(forest_->error(squareOf(node), level, exaggerate), largestMm(node, exaggerate));
+  return heightErrorMm(node, level) * std::abs(exaggerate);
+}
+
+double ReliefBounds3d::heightErrorMm(const NodeId& node, int level) {
   const PlanarDomain& d = scene_.domain;
   int page_level = level - kPageLog2;
   if (page_level >= d.relief_depth) return 0;
@@ -161,8 +186,9 @@ PatchInstance ReliefBounds3d::instance(const NodeId& node, int grid_level) const
   PatchInstance p;
   p.node = node;
   int shift = unit_log2_ - static_cast<int>(node.level);
-  p.x0 = static_cast<int32_t>((static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.x} << shift));
-  p.y0 = static_cast<int32_t>((static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.y} << shift));
+  const bool over_mesh = forest_ != nullptr;  // units count within the patch there
+  p.x0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.x} << shift));
+  p.y0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.y} << shift));
   p.grid_level = static_cast<uint8_t>(grid_level);
   p.step_log2 = static_cast<uint8_t>(shift - grid_level);
   p.edges.fill({static_cast<uint8_t>(grid_level), PatchInstance::kWholeEdge});
@@ -194,10 +220,28 @@ double ReliefBounds3d::boundPx(const ViewBounds& view, const std::vector<PatchIn
       bool halves = side[1] != PatchInstance::kWholeEdge;
       coarse = std::min<int>(coarse, static_cast<int>(p.node.level) + (halves ? 1 + std::min(side[0], side[1]) : side[0]));
     }
-    double error = coarse < fine ? std::min(2 * errorMm(p.node, coarse), rangeMm(p.node)) : errorMm(p.node, fine);
-    if (error > 0) bound = std::max(bound, error * std::abs(exaggerate) * view.pxPerMm(box(p.node, exaggerate)));
+    double error = coarse < fine ? std::min(2 * errorMm(p.node, coarse, exaggerate), largestMm(p.node, exaggerate)) : errorMm(p.node, fine, exaggerate);
+    if (error > 0) bound = std::max(bound, error * view.pxPerMm(box(p.node, exaggerate)));
   }
   return bound;
+}
+
+bool ReliefBounds3d::neighbour(const NodeId& node, int side, NodeId* out) const {
+  if (forest_) {
+    Square other;
+    if (!forest_->neighbour(squareOf(node), side, other)) return false;
+    *out = other.id();
+    return true;
+  }
+  const PlanarDomain& d = scene_.domain;
+  int64_t size = int64_t{1} << node.level;
+  int64_t x = node.x + (d.alongX() ? node.patch * size : 0), y = node.y + (d.alongX() ? 0 : node.patch * size);
+  x += side == kRight ? 1 : side == kLeft ? -1 : 0;
+  y += side == kBottom ? 1 : side == kTop ? -1 : 0;
+  if (x < 0 || y < 0) return false;
+  int64_t patch = d.alongX() ? x / size : y / size;
+  *out = {static_cast<uint32_t>(patch), node.level, static_cast<uint32_t>(d.alongX() ? x % size : x), static_cast<uint32_t>(d.alongX() ? y : y % size)};
+  return d.nodeExists(*out);
 }
 
 void sortInstances(std::vector<PatchInstance>& instances) {

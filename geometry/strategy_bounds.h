@@ -5,17 +5,20 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <unordered_map>
 #include <vector>
 
 #include <glm/glm.hpp>
 
 #include "geometry/lod_strategy.h"
+#include "geometry/mesh_forest.h"
 
 namespace relievo {
 
 struct WorldBox {
   glm::dvec3 centre{0}, half{0};
+  bool any_direction = false;  // what is in it moves anyhow; else along z alone: a flat artwork's heights
 };
 
 class ViewBounds {
@@ -23,7 +26,7 @@ class ViewBounds {
   explicit ViewBounds(const LodView& view);
   bool valid() const { return valid_; }
   bool culled(const WorldBox& box) const;
-  // Pixels that a millimetre of height, anywhere in the box, can be on screen.
+  // Pixels that a millimetre of movement, anywhere in the box, can be on screen.
   double pxPerMm(const WorldBox& box) const;
   double nearestMm(const WorldBox& box) const;   // from the eye
   double farthestMm(const WorldBox& box) const;
@@ -45,11 +48,18 @@ class ReliefBounds3d {
   int unitLog2() const { return unit_log2_; }                  // log2 of a patch's side in units
   int finestLevel() const { return scene_.domain.relief_depth + 7; }  // absolute level of the finest samples
   WorldBox box(const NodeId& node, double exaggerate);
-  // Of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
-  double errorMm(const NodeId& node, int level);
-  // Root mean square of the level's pages' errors over the whole artwork, and never less than a finer level's.
+  // Exaggerated, of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
+  double errorMm(const NodeId& node, int level, double exaggerate);
+  double errorPx(const ViewBounds& view, const NodeId& node, int level, double exaggerate) {
+    const double error = errorMm(node, level, exaggerate);
+    return error > 0 ? error * view.pxPerMm(box(node, exaggerate)) : 0;
+  }
+  // Root mean square of the level's pages' errors over the whole artwork, and never less than a finer level's; not exaggerated.
   double typicalErrorMm(int level) const { return level >= finestLevel() ? 0 : typical_[static_cast<size_t>(std::max(0, level))]; }
-  double rangeMm(const NodeId& node);  // of heights
+  double rangeMm(const NodeId& node);                       // of heights
+  double largestMm(const NodeId& node, double exaggerate);  // that any error can be
+  // The node of the same level across a side.
+  bool neighbour(const NodeId& node, int side, NodeId* out) const;
   // An instance as strategies make it: whole edges of its own grid's level, displaced from the coarsest page that has its samples.
   PatchInstance instance(const NodeId& node, int grid_level) const;
   // Nodes of a level in view, by patch, then in rows.
@@ -59,9 +69,11 @@ class ReliefBounds3d {
 
  private:
   const HeightBounds& heights(const NodeId& page);
+  double heightErrorMm(const NodeId& node, int level);
   void descend(const ViewBounds& view, const NodeId& node, int level, double exaggerate, std::vector<NodeId>& out);
 
   StrategyScene scene_;
+  std::shared_ptr<MeshForest> forest_;  // over a base mesh
   int unit_log2_ = 0;
   std::unordered_map<NodeId, HeightBounds> heights_;
   std::unordered_map<NodeId, std::array<float, 256>> blocks_;

@@ -11,6 +11,10 @@
 // |C - true| + |F - C| <= 2 e[L - 1] of the relief; e[L] where nothing has begun to slide, e[L - 1] where all has arrived.
 // Where a range begins, both sides must agree: a finer node that reaches into R[L + 1] ends within a diagonal of it, and the
 // coarser level slides only beyond.
+//
+// Over a base mesh: the same quadtree in every patch, nodes of fewer cells where there are many patches, diagonals and ranges those of the
+// largest. An odd vertex on a patch's side slides towards the side's corner with the smaller index, from whichever patch it is seen
+// (shaders/compare_morph.vert): still along an edge of its own grid and within the same coarser triangle, so the bound is the same.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -23,12 +27,18 @@ namespace {
 
 constexpr double kUnmorphed = 0.7;    // of a range; Strugar morphs in the last 15 to 30 per cent
 constexpr double kRangeSlack = 1.01;  // fp32 distances in the shader
+constexpr double kRootCells = 2048;  // of all patches of a base mesh together, at the coarsest
 
 class Cdlod final : public LodStrategy {
  public:
   explicit Cdlod(const StrategyScene& scene) : scene_(scene), bounds_(scene) {
     finest_ = bounds_.finestLevel();
     coarsest_ = std::min(kMaxGridLevel, finest_);
+    if (scene.body) {
+      const auto patches = static_cast<double>(scene.body->base->patches.size());
+      coarsest_ = std::clamp(static_cast<int>(std::lround(0.5 * std::log2(kRootCells / patches))), 1, coarsest_);
+      measureSides(*scene.body);
+    }
     range_mm_.assign(static_cast<size_t>(std::max(0, scene.domain.relief_depth)) + 1, 0);
     for (const NodeId& page : *scene.resident) range_mm_[page.level] = std::max(range_mm_[page.level], bounds_.rangeMm(page));
   }
@@ -50,10 +60,29 @@ class Cdlod final : public LodStrategy {
   }
 
  private:
+  // Of the largest box around a node of that level.
   double diagonalMm(uint32_t node_level, double exaggerate) const {
+    if (scene_.body) {
+      // Sides of a bilinear patch's squares are halved with each level, those of its normals too.
+      const double sides = std::ldexp(side_mm_ + reach_mm_ * std::abs(exaggerate) * side_normal_, -static_cast<int>(node_level));
+      return std::sqrt(3.0) * (sides + range_mm_[std::min<size_t>(node_level, range_mm_.size() - 1)] * std::abs(exaggerate));
+    }
     double side = std::ldexp(static_cast<double>(scene_.domain.patchPx()) * scene_.domain.mm_per_px, -static_cast<int>(node_level));
     double height = range_mm_[std::min<size_t>(node_level, range_mm_.size() - 1)] * std::abs(exaggerate);
     return std::sqrt(2 * side * side + height * height);
+  }
+  void measureSides(const BodyField& body) {
+    for (const auto& c : body.base->patches) {
+      auto longer = [&](glm::vec3 BaseCorner::* field, size_t a, size_t b, size_t d, size_t e) {
+        auto at = [&](size_t k) { return glm::dvec3(body.base->corners[c[k]].*field); };
+        return std::max(glm::length(at(a) - at(b)), glm::length(at(d) - at(e)));
+      };
+      auto sides = [&](glm::vec3 BaseCorner::* field) { return longer(field, 0, 1, 2, 3) + longer(field, 0, 2, 1, 3); };
+      side_mm_ = std::max(side_mm_, sides(&BaseCorner::position_mm));
+      side_normal_ = std::max(side_normal_, sides(&BaseCorner::normal));
+    }
+    const PlanarDomain& d = scene_.domain;
+    reach_mm_ = std::max(std::abs(d.relief_offset_mm), std::abs(d.relief_offset_mm + 65535 * d.relief_scale_mm));
   }
   void setRanges(const LodView& view, const ViewBounds& screen) {
     constexpr double kFar = 1e30;
@@ -91,18 +120,20 @@ class Cdlod final : public LodStrategy {
   double boundOf(const PatchInstance& p, const ViewBounds& screen, double exaggerate) {
     int level = static_cast<int>(p.node.level) + p.grid_level;
     WorldBox box = bounds_.box(p.node, exaggerate);
-    double error = bounds_.errorMm(p.node, level);
+    double error = bounds_.errorMm(p.node, level, exaggerate);
     if (level > coarsest_ && kRangeSlack * screen.farthestMm(box) > start_[level]) {
-      double coarser = bounds_.errorMm(p.node, level - 1);
-      error = screen.nearestMm(box) > kRangeSlack * end_[level] ? coarser : std::min(2 * coarser, bounds_.rangeMm(p.node));
+      double coarser = bounds_.errorMm(p.node, level - 1, exaggerate);
+      error = screen.nearestMm(box) > kRangeSlack * end_[level] ? coarser : std::min(2 * coarser, bounds_.largestMm(p.node, exaggerate));
     }
-    return error > 0 ? error * std::abs(exaggerate) * screen.pxPerMm(box) : 0;
+    return error > 0 ? error * screen.pxPerMm(box) : 0;
   }
 
   StrategyScene scene_;
   ReliefBounds3d bounds_;
   int finest_ = 0, coarsest_ = 0;  // absolute levels of vertices
   std::vector<double> range_mm_;   // of heights within a page, the largest, by page level
+  // Over a base mesh, the largest: two sides of a patch, the same of its normals; a height.
+  double side_mm_ = 0, side_normal_ = 0, reach_mm_ = 0;
   std::array<double, kMorphLevels + 2> start_{}, end_{};
 };
 

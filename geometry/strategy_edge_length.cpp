@@ -18,28 +18,30 @@ constexpr double kLengthPerBudget = 4;
 class NeverGoodEnough final : public ReliefOracle {
  public:
   explicit NeverGoodEnough(const StrategyScene& scene)
-      : truth_(scene.oracle), least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
+      : truth_(scene.oracle), over_mesh_(scene.body != nullptr), least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
   HeightBounds bounds(const NodeId& page) const override {
     HeightBounds b = truth_->bounds(page);
     b.max_mm = std::max(b.max_mm, b.min_mm + least_mm_);
-    b.error_mm = b.max_mm - b.min_mm;
+    // Over a base mesh a distance in space, which mesh_lod.h cuts to the square's size.
+    b.error_mm = over_mesh_ ? std::numeric_limits<float>::infinity() : b.max_mm - b.min_mm;
     return b;
   }
 
  private:
   std::shared_ptr<const ReliefOracle> truth_;
+  bool over_mesh_;
   float least_mm_;
 };
 
 class EdgeLength final : public LodStrategy {
  public:
-  explicit EdgeLength(const StrategyScene& scene) : scene_(scene), oracle_(scene), bounds_(scene) {}
+  explicit EdgeLength(const StrategyScene& scene) : lod_(scene, std::make_shared<NeverGoodEnough>(scene)), bounds_(scene) {}
   StrategyResult select(const LodView& view) override {
     LodView v = view;
     // Refining ends at twice the least width, which planar_lod.h narrows where the error is many times the budget: here it always is.
     v.min_cell_px = kLengthPerBudget * view.error_px / (2 * leastCellPx(1, std::numeric_limits<double>::infinity()));
     v.error_px = 0;
-    PlanarLodResult lod = selectPlanarLod(scene_.domain, oracle_, v, *scene_.resident);
+    PlanarLodResult lod = lod_.select(v);
     StrategyResult result;
     result.instances = std::move(lod.instances);
     result.error_px = view.error_px;
@@ -48,8 +50,7 @@ class EdgeLength final : public LodStrategy {
   }
 
  private:
-  StrategyScene scene_;
-  NeverGoodEnough oracle_;
+  SceneLod lod_;
   ReliefBounds3d bounds_;
 };
 

@@ -1,4 +1,4 @@
-// strategy_edge_lod.cpp - edge-LOD quad patches with the error metric (planar_lod.h), refined until the budget holds everywhere.
+// strategy_edge_lod.cpp - edge-LOD quad patches with the error metric (planar_lod.h, mesh_lod.h), refined until the budget holds everywhere.
 #include "geometry/strategy_list.h"
 
 namespace relievo {
@@ -6,15 +6,15 @@ namespace {
 
 class EdgeLod final : public LodStrategy {
  public:
-  explicit EdgeLod(const StrategyScene& scene) : scene_(scene) {}
+  explicit EdgeLod(const StrategyScene& scene) : lod_(scene) {}
   StrategyResult select(const LodView& view) override {
     LodView v = view;
     v.min_cell_px = 0;
-    return certifiedResult(selectPlanarLod(scene_.domain, *scene_.oracle, v, *scene_.resident));
+    return certifiedResult(lod_.select(v));
   }
 
  private:
-  StrategyScene scene_;
+  SceneLod lod_;
 };
 
 }  // namespace

@@ -8,13 +8,11 @@ namespace {
 
 class EdgeScreen final : public LodStrategy {
  public:
-  explicit EdgeScreen(const StrategyScene& scene) : scene_(scene) {}
-  StrategyResult select(const LodView& view) override {
-    return certifiedResult(selectPlanarLod(scene_.domain, *scene_.oracle, view, *scene_.resident));
-  }
+  explicit EdgeScreen(const StrategyScene& scene) : lod_(scene) {}
+  StrategyResult select(const LodView& view) override { return certifiedResult(lod_.select(view)); }
 
  private:
-  StrategyScene scene_;
+  SceneLod lod_;
 };
 
 }  // namespace

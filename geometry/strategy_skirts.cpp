@@ -26,15 +26,16 @@ class Skirts final : public LodStrategy {
     int coarsest = p.grid_level;
     for (const auto& side : p.edges)
       coarsest = std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
-    double depth_mm = bounds_.errorMm(p.node, static_cast<int>(p.node.level) + coarsest) + bounds_.errorMm(p.node, static_cast<int>(p.node.level) + p.grid_level);
-    auto depth_steps = static_cast<float>(std::copysign(depth_mm / std::abs(scene_.domain.relief_scale_mm) + 1, exaggerate * scene_.domain.relief_scale_mm));
+    double depth_mm = bounds_.errorMm(p.node, static_cast<int>(p.node.level) + coarsest, exaggerate) +
+                      bounds_.errorMm(p.node, static_cast<int>(p.node.level) + p.grid_level, exaggerate);
+    const double step_mm = exaggerate * scene_.domain.relief_scale_mm;
+    auto depth_steps = static_cast<float>(step_mm == 0 ? 0 : std::copysign(depth_mm / std::abs(step_mm) + 1, step_mm));
     int32_t last = 1 << p.grid_level;
     auto vertex = [&](int32_t i, int32_t j, bool low) {
       StrategyVertex v;
       v.x = p.x0 + (i << p.step_log2);
       v.y = p.y0 + (j << p.step_log2);
-      double x = std::min<double>(v.x, static_cast<double>(scene_.field->widthUnits())), y = std::min<double>(v.y, static_cast<double>(scene_.field->heightUnits()));
-      v.height_steps = static_cast<float>(scene_.field->heightSteps(x, y)) - (low ? depth_steps : 0);
+      v.height_steps = static_cast<float>(scene_.heightSteps(p, v.x, v.y)) - (low ? depth_steps : 0);
       v.instance = index;
       return v;
     };

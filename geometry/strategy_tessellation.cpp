@@ -11,7 +11,7 @@ constexpr int kMaxFactorLog2 = 6;  // GL guarantees 64
 
 class Tessellation final : public LodStrategy {
  public:
-  explicit Tessellation(const StrategyScene& scene) : scene_(scene), bounds_(scene) {}
+  explicit Tessellation(const StrategyScene& scene) : bounds_(scene) {}
 
   StrategyResult select(const LodView& view) override {
     ViewBounds screen(view);
@@ -48,34 +48,22 @@ class Tessellation final : public LodStrategy {
   int wantedLevel(const NodeId& node, int side, const ViewBounds& screen, const LodView& view) {
     WorldBox box = bounds_.box(node, view.exaggerate);
     NodeId other = node;
-    bool has_other = neighbour(node, side, &other);
+    bool has_other = bounds_.neighbour(node, side, &other);
     if (has_other) {
       WorldBox b = bounds_.box(other, view.exaggerate);
       glm::dvec3 low = glm::min(box.centre - box.half, b.centre - b.half), high = glm::max(box.centre + box.half, b.centre + b.half);
-      box = {0.5 * (low + high), 0.5 * (high - low)};
+      box = {0.5 * (low + high), 0.5 * (high - low), box.any_direction};
     }
-    double px_per_mm = screen.pxPerMm(box) * std::abs(view.exaggerate);
+    double px_per_mm = screen.pxPerMm(box);
     int level = static_cast<int>(node.level);
     for (; level < bounds_.finestLevel(); ++level) {
-      double error = bounds_.errorMm(node, level);
-      if (has_other) error = std::max(error, bounds_.errorMm(other, level));
+      double error = bounds_.errorMm(node, level, view.exaggerate);
+      if (has_other) error = std::max(error, bounds_.errorMm(other, level, view.exaggerate));
       if (error * px_per_mm <= view.error_px) break;
     }
     return level;
   }
-  bool neighbour(const NodeId& node, int side, NodeId* out) const {
-    const PlanarDomain& d = scene_.domain;
-    int64_t size = int64_t{1} << node.level;
-    int64_t x = node.x + (d.alongX() ? node.patch * size : 0), y = node.y + (d.alongX() ? 0 : node.patch * size);
-    x += side == kRight ? 1 : side == kLeft ? -1 : 0;
-    y += side == kBottom ? 1 : side == kTop ? -1 : 0;
-    if (x < 0 || y < 0) return false;
-    int64_t patch = d.alongX() ? x / size : y / size;
-    *out = {static_cast<uint32_t>(patch), node.level, static_cast<uint32_t>(d.alongX() ? x % size : x), static_cast<uint32_t>(d.alongX() ? y : y % size)};
-    return d.nodeExists(*out);
-  }
 
-  StrategyScene scene_;
   ReliefBounds3d bounds_;
 };
 

@@ -8,21 +8,20 @@ namespace {
 
 class Uniform final : public LodStrategy {
  public:
-  explicit Uniform(const StrategyScene& scene) : bounds_(scene) {}
+  explicit Uniform(const StrategyScene& scene) : over_mesh_(scene.body != nullptr), bounds_(scene) {}
 
   StrategyResult select(const LodView& view) override {
     ViewBounds screen(view);
     StrategyResult result;
     result.error_px = view.error_px;
-    for (int level = 1;; ++level) {
+    for (int level = over_mesh_ ? 0 : 1;; ++level) {
       // As few instances as grids of 32 cells allow.
       int node_level = std::max(0, level - kMaxGridLevel);
       auto nodes = bounds_.nodesInView(screen, node_level, view.exaggerate);
       double bound = 0;
       bool last = level >= bounds_.finestLevel();
       for (const NodeId& n : nodes) {
-        double error = bounds_.errorMm(n, level);
-        if (error > 0) bound = std::max(bound, error * std::abs(view.exaggerate) * screen.pxPerMm(bounds_.box(n, view.exaggerate)));
+        bound = std::max(bound, bounds_.errorPx(screen, n, level, view.exaggerate));
         if (bound > view.error_px && !last) break;
       }
       if (bound > view.error_px && !last) continue;
@@ -33,6 +32,7 @@ class Uniform final : public LodStrategy {
   }
 
  private:
+  bool over_mesh_;  // patches may be single cells there
   ReliefBounds3d bounds_;
 };
 

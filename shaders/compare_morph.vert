@@ -1,6 +1,10 @@
 // compare_morph.vert - a vertex that slides onto the next coarser grid with its distance to the eye (Strugar 2010; geometry/strategy_cdlod.cpp).
 // Attributes and uniforms as in patch.vert. At both ends of the morph a vertex has exactly the bits of the vertex it is at.
+// MESH: over a base mesh; a vertex on a patch's side slides towards the side's corner with the smaller index, so that both patches agree.
 #include "compare_relief.glsl"
+#ifdef MESH
+#include "base_point.glsl"
+#endif
 
 in uvec2 a_grid;
 in ivec4 a_origin;
@@ -21,6 +25,31 @@ flat out uvec2 v_instance;
 out vec4 v_clip;
 #endif
 
+#ifdef MESH
+vec3 pointAt(ivec2 g, out vec2 uv) {
+  ivec2 in_node = g << a_origin.z;
+  uv = vec2(in_node) * powerOfTwo(-(a_origin.z + a_origin.w));
+  vec3 point, normal;
+  basePoint(patchCorners(a_node.z), a_origin.xy + in_node, u_limit.x, u_scale.x, point, normal);
+  float height_mm = u_scale.z;
+  height_mm += heightSteps(a_relief.z, a_relief.xy + in_node, a_relief.w, bvec2(false)) * u_scale.y;
+  return point + normal * height_mm;
+}
+
+// The vertex of the next coarser grid that vertex g slides onto.
+ivec2 coarser(ivec2 g) {
+  uvec4 index = patchCorners(a_node.z);
+  ivec2 at = a_origin.xy + (g << a_origin.z);
+  ivec2 to = g & ~1;
+  if (at.x == 0 || at.x == u_limit.x) {
+    if (at.x == 0 ? index.x > index.z : index.y > index.w) to.y = (g.y + 1) & ~1;
+  } else if (at.y == 0 || at.y == u_limit.x) {
+    if (at.y == 0 ? index.x > index.y : index.z > index.w) to.x = (g.x + 1) & ~1;
+  }
+  return to;
+}
+#else
+ivec2 coarser(ivec2 g) { return g & ~1; }
 vec3 pointAt(ivec2 g, out vec2 uv) {
   ivec2 in_node = g << a_origin.z;
   ivec2 at = a_origin.xy + in_node;
@@ -30,12 +59,13 @@ vec3 pointAt(ivec2 g, out vec2 uv) {
   height_mm += heightSteps(a_relief.z, a_relief.xy + in_node, a_relief.w, greaterThanEqual(at, u_limit)) * u_scale.y;
   return vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
 }
+#endif
 
 void main() {
   ivec2 g = ivec2(a_grid);
   vec2 fine_uv, coarse_uv;
   vec3 fine = pointAt(g, fine_uv);
-  vec3 coarse = pointAt(g & ~1, coarse_uv);
+  vec3 coarse = pointAt(coarser(g), coarse_uv);
   vec2 range = u_morph[int(a_node.y) + a_origin.w];
   float t = clamp((distance(fine, u_morph_eye) - range.x) / (range.y - range.x), 0.0, 1.0);
   float s = 1.0 - t;

@@ -134,10 +134,9 @@ Result<void> compare(const CompareOptions& o) {
   plan->package = *package;
   // Before anything takes time: is there something to compare, a path, and a place for the report?
   const Manifest& m = (*package)->manifest();
-  if (m.base) return Error{ErrorKind::kUnsupported, o.file, "the artwork lies over a base mesh: flat artworks only are compared so far", "", {}};
   if (m.domain.relief_depth < 0)
     return Error{ErrorKind::kUnsupported, o.file, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
-  if (auto cameras = compareCameras(plan->path, plan->frames, m.domain, plan->width_px, plan->height_px); !cameras) return cameras.error();
+  if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras) return cameras.error();
   std::error_code bad;
   std::filesystem::create_directories(o.folder, bad);
   if (bad) return Error{ErrorKind::kIo, o.folder, "cannot make the folder: " + bad.message(), "", {}};
@@ -191,7 +190,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<CompareOptions>();
   auto* c = app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
-  c->add_option("FILE", o->file, "Package of a flat artwork with relief")->required();
+  c->add_option("FILE", o->file, "Package of an artwork with relief")->required();
   c->add_option("-o,--output", o->folder, "Folder for report.html, report.json and frames.csv")->required();
   c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <map>
+#include <tuple>
 
 namespace relievo {
 
@@ -14,6 +14,17 @@ glm::dvec3 PlanarSurface::finestPointMm(const PatchInstance& p, double u, double
   double x = std::clamp(p.x0 + u * size, 0.0, static_cast<double>(field_.widthUnits()));
   double y = std::clamp(p.y0 + v * size, 0.0, static_cast<double>(field_.heightUnits()));
   return field_.worldMm(x, y, field_.heightMm(x, y) * exaggerate_);
+}
+
+glm::dvec3 BodySurface::finestPointMm(const PatchInstance& p, double u, double v) const {
+  const double size = std::ldexp(1.0, p.step_log2 + p.grid_level), side = static_cast<double>(field_.side);
+  return field_.pointMm(p.node.patch, std::clamp(p.x0 + u * size, 0.0, side), std::clamp(p.y0 + v * size, 0.0, side), exaggerate_);
+}
+double BodySurface::mmPerUnit(const PatchInstance& p) const {
+  const uint32_t patch = p.node.patch;
+  const double diagonals = glm::length(field_.base->point(patch, 1, 1) - field_.base->point(patch, 0, 0)) +
+                           glm::length(field_.base->point(patch, 1, 0) - field_.base->point(patch, 0, 1));
+  return std::max(diagonals / std::sqrt(8.0), 1e-12) / static_cast<double>(field_.side);
 }
 
 glm::dvec2 Frame::pixelOf(const glm::dvec3& point_mm, bool* in_front) const {
@@ -124,6 +135,17 @@ struct Placed {
   int64_t x0 = 0, y0 = 0, size = 0;
 };
 
+// Those of either side that the other one lacks; one at least where they differ.
+void compareRuns(std::vector<Bits> a, std::vector<Bits> b, SeamFigures& figures) {
+  figures.compared += std::max(a.size(), b.size());
+  if (a == b) return;
+  std::sort(a.begin(), a.end());
+  std::sort(b.begin(), b.end());
+  std::vector<Bits> alone;
+  std::set_symmetric_difference(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(alone));
+  figures.mismatched += std::max<uint64_t>(1, alone.size());
+}
+
 // Distinct vertices of the part of a side from `from` to `to` (units along it), in order.
 std::vector<Bits> alongSide(const Placed& p, int side, int64_t from, int64_t to) {
   std::vector<Bits> out;
@@ -133,7 +155,8 @@ std::vector<Bits> alongSide(const Placed& p, int side, int64_t from, int64_t to)
   for (int64_t k = first_k; k <= last_k; ++k) {
     int64_t i = side == kLeft ? 0 : side == kRight ? last : k, j = side == kTop ? 0 : side == kBottom ? last : k;
     Bits bits;
-    std::memcpy(bits.data(), p.vertices + 4 * (j * (last + 1) + i), sizeof bits);
+    // -0 is 0: at a corner of a base mesh they may differ in that, which no picture shows.
+    for (size_t n = 0; n < 4; ++n) bits[n] = std::bit_cast<uint32_t>(p.vertices[4 * (j * (last + 1) + i) + static_cast<int64_t>(n)] + 0.0f);
     if (out.empty() || out.back() != bits) out.push_back(bits);
   }
   return out;
@@ -157,15 +180,7 @@ SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInst
   auto compare = [&](const Placed& a, int side_a, const Placed& b, int side_b) {
     bool upright = side_a == kLeft || side_a == kRight;
     int64_t from = upright ? std::max(a.y0, b.y0) : std::max(a.x0, b.x0), to = from + std::min(a.size, b.size);
-    std::vector<Bits> va = alongSide(a, side_a, from, to), vb = alongSide(b, side_b, from, to);
-    figures.compared += std::max(va.size(), vb.size());
-    if (va == vb) return;
-    // Those of either side that the other one lacks.
-    std::sort(va.begin(), va.end());
-    std::sort(vb.begin(), vb.end());
-    std::vector<Bits> alone;
-    std::set_symmetric_difference(va.begin(), va.end(), vb.begin(), vb.end(), std::back_inserter(alone));
-    figures.mismatched += std::max<uint64_t>(1, alone.size());
+    compareRuns(alongSide(a, side_a, from, to), alongSide(b, side_b, from, to), figures);
   };
   static constexpr int kDx[4] = {-1, 1, 0, 0}, kDy[4] = {0, 0, -1, 1}, kOpposite[4] = {kRight, kLeft, kBottom, kTop};
   for (const auto& [place, p] : placed)
@@ -182,6 +197,67 @@ SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInst
           break;
         }
     }
+  return figures;
+}
+
+// A line is what nodes can meet at: a side that two patches share, or a line of units inside a patch. Nodes on either hand of it never overlap
+// one another along it.
+SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, std::span<const float> captured) {
+  struct Entry {
+    std::array<uint32_t, 4> line;  // 1, patch, upright, across; or 0, patch, side, 0: of the two patches the first one's name
+    bool second, flip;             // hand; runs the other way than the line
+    int64_t from, to;              // along the line
+    Placed placed;
+    int side;
+  };
+  SeamFigures figures;
+  const std::vector<PatchNeighbours> neighbours = patchNeighbours(mesh);
+  const int64_t whole = int64_t{1} << unit_log2;
+  std::vector<Entry> entries;
+  size_t at = 0;
+  for (const PatchInstance& p : instances) {
+    size_t vertices = (size_t{1} << p.grid_level) + 1;
+    vertices *= vertices;
+    if (4 * (at + vertices) > captured.size()) return figures;
+    const int64_t size = whole >> p.node.level;
+    const Placed placed{&p, captured.data() + 4 * at, p.x0, p.y0, size};
+    at += vertices;
+    for (int side = 0; side < 4; ++side) {
+      const bool upright = side == kLeft || side == kRight, far = side == kRight || side == kBottom;
+      const int64_t across = (upright ? p.x0 : p.y0) + (far ? size : 0), along = upright ? p.y0 : p.x0;
+      Entry e{{1, p.node.patch, upright, static_cast<uint32_t>(across)}, far, false, along, along + size, placed, side};
+      if (across == 0 || across == whole) {
+        const PatchNeighbour& n = neighbours[p.node.patch][static_cast<size_t>(side)];
+        if (n.patch == PatchNeighbour::kNone) continue;
+        const std::array<uint32_t, 2> own{p.node.patch, static_cast<uint32_t>(side)}, other{n.patch, static_cast<uint32_t>(n.side)};
+        const auto& first = std::min(own, other);
+        e.line = {0, first[0], first[1], 0};
+        e.second = other < own;
+        e.flip = e.second && n.reversed;
+        if (e.flip) std::tie(e.from, e.to) = std::pair{whole - e.to, whole - e.from};
+      }
+      entries.push_back(e);
+    }
+  }
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return std::tie(a.line, a.second, a.from) < std::tie(b.line, b.second, b.from); });
+  auto run = [&](const Entry& e, int64_t from, int64_t to) {
+    if (!e.flip) return alongSide(e.placed, e.side, from, to);
+    std::vector<Bits> bits = alongSide(e.placed, e.side, whole - to, whole - from);
+    std::reverse(bits.begin(), bits.end());
+    return bits;
+  };
+  for (size_t first = 0, end = 0; first < entries.size(); first = end) {
+    size_t middle = first;
+    while (middle < entries.size() && entries[middle].line == entries[first].line && !entries[middle].second) ++middle;
+    end = middle;
+    while (end < entries.size() && entries[end].line == entries[first].line) ++end;
+    for (size_t a = first, b = middle; a < middle && b < end;) {
+      const int64_t from = std::max(entries[a].from, entries[b].from), to = std::min(entries[a].to, entries[b].to);
+      if (from < to) compareRuns(run(entries[a], from, to), run(entries[b], from, to), figures);
+      if (entries[a].to <= entries[b].to) ++a;
+      else ++b;
+    }
+  }
   return figures;
 }
 

@@ -16,21 +16,34 @@ namespace relievo {
 
 using PlacePixels = std::vector<std::array<uint32_t, 4>>;  // rows bottom first
 
-// The full-resolution surface, by instance and place in its node: all that measuring knows of an artwork. One class for flat artworks,
-// another one for artworks over a base mesh.
+// The full-resolution surface, by instance and place in its node: all that measuring knows of an artwork.
 class CompareSurface {
  public:
   virtual ~CompareSurface() = default;
   virtual glm::dvec3 finestPointMm(const PatchInstance& instance, double u, double v) const = 0;
+  virtual double mmPerUnit(const PatchInstance& instance) const = 0;  // about
 };
 
 class PlanarSurface final : public CompareSurface {
  public:
   PlanarSurface(const ReliefField& field, double exaggerate) : field_(field), exaggerate_(exaggerate) {}
   glm::dvec3 finestPointMm(const PatchInstance& instance, double u, double v) const override;
+  double mmPerUnit(const PatchInstance&) const override { return field_.mmPerUnit(); }
 
  private:
   const ReliefField& field_;
+  double exaggerate_;
+};
+
+// Over a base mesh.
+class BodySurface final : public CompareSurface {
+ public:
+  BodySurface(const BodyField& field, double exaggerate) : field_(field), exaggerate_(exaggerate) {}
+  glm::dvec3 finestPointMm(const PatchInstance& instance, double u, double v) const override;
+  double mmPerUnit(const PatchInstance& instance) const override;
+
+ private:
+  const BodyField& field_;
   double exaggerate_;
 };
 
@@ -71,5 +84,7 @@ struct SeamFigures {
   uint64_t compared = 0, mismatched = 0;
 };
 SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances, std::span<const float> captured);
+// Over a base mesh: also along sides that two patches share, whichever way they run. unit_log2: of a patch's side in units.
+SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, std::span<const float> captured);
 
 }  // namespace relievo

@@ -2,10 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <optional>
 
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/engine.h"
 #include "src/flight.h"
 
 namespace relievo {
@@ -14,7 +19,7 @@ namespace {
 constexpr uint64_t kMaxFileBytes = 64 << 20;
 constexpr double kFrame_s = 1.0 / 60;
 
-Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const PlanarDomain& domain, int width_px, int height_px) {
+Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const Extent& extent, int width_px, int height_px) {
   auto text = readTextFile(path, kMaxFileBytes);
   if (!text) {
     Error e = text.error();
@@ -38,7 +43,7 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
       good = good && c[key].is_number() && std::isfinite(c[key].get<double>());
       return good ? c[key].get<double>() : otherwise;
     };
-    OrbitCamera camera = fitCamera(domain, width_px, height_px, std::clamp(number("fov_deg", 35), 1.0, 170.0));
+    OrbitCamera camera = fitCamera(extent, width_px, height_px, std::clamp(number("fov_deg", 35), 1.0, 170.0));
     camera.azimuth_deg = number("azimuth_deg", 0);
     camera.elevation_deg = number("elevation_deg", 0);
     if (c.contains("target_mm")) {
@@ -50,26 +55,114 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
       }
     }
     good = good && std::abs(camera.elevation_deg) <= 89;
-    if (good) camera.distance_mm = number("distance_mm", fitDistance(camera, domain, width_px, height_px));
+    if (good) camera.distance_mm = number("distance_mm", fitDistance(camera, extent, width_px, height_px));
     if (!good || !(camera.distance_mm > 0)) return wrong(where + "expected finite numbers, an elevation within -89 to 89 and a distance above 0");
     out.push_back(camera);
   }
   return out;
 }
 
-}  // namespace
-
-Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain, int width_px, int height_px) {
-  std::vector<CompareCamera> out;
-  Flight flight;
-  if (name == "orbit") flight = orbitFlight(domain, width_px, height_px);
-  if (name == "flyover") {
-    flight = readingFlight(domain, width_px, height_px);
-    for (FlightKey& key : flight.keys) key.camera.elevation_deg = kFlyoverTilt_deg;
+// Where a ray first meets the base mesh, each patch as two triangles.
+std::optional<double> alongRay(const BaseMesh& mesh, const glm::dvec3& from, const glm::dvec3& direction) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const auto& c : mesh.patches) {
+    auto at = [&](size_t k) { return glm::dvec3(mesh.corners[c[k]].position_mm); };
+    for (const auto& t : {std::array<size_t, 3>{0, 1, 3}, std::array<size_t, 3>{0, 3, 2}}) {
+      const glm::dvec3 a = at(t[0]), u = at(t[1]) - a, v = at(t[2]) - a, n = glm::cross(u, v), p = a - from;
+      const double steep = glm::dot(n, direction);
+      if (steep == 0) continue;
+      const glm::dvec3 w = glm::cross(direction, p) / steep;
+      const double i = glm::dot(v, w), j = -glm::dot(u, w), along = glm::dot(n, p) / steep;
+      if (i >= 0 && j >= 0 && i + j <= 1 && along > 0) nearest = std::min(nearest, along);
+    }
   }
-  if (name == "zoom") flight = zoomFlight(domain, width_px, height_px);
+  if (!(nearest < std::numeric_limits<double>::infinity())) return {};
+  return nearest;
+}
+
+// Flights around a body.
+class BodyPath {
+ public:
+  BodyPath(const BaseMesh& mesh, const Extent& extent, int width_px, int height_px)
+      : mesh_(mesh), extent_(extent), whole_(fitCamera(extent, width_px, height_px)), size_mm_(glm::length(extent.max_mm - extent.min_mm)) {
+    for (double azimuth : {0.0, 90.0, 45.0}) {  // all in view from wherever
+      OrbitCamera c = whole_;
+      c.azimuth_deg = azimuth;
+      whole_.distance_mm = std::max(whole_.distance_mm, fitDistance(c, extent, width_px, height_px));
+    }
+    // A texel a pixel, as flights over flat artworks have it; no nearer than a twelfth of it all.
+    close_mm_ = std::clamp(height_px / (2 * std::tan(glm::radians(whole_.fov_deg) / 2)) * extent.texel_mm, whole_.distance_mm / 12, whole_.distance_mm / 3);
+  }
+  Flight orbit() {
+    OrbitCamera c = whole_;
+    c.distance_mm *= 0.75;
+    for (int k = 0; k <= 96; ++k) {
+      c.azimuth_deg = 3.75 * k;
+      c.elevation_deg = 25 * std::sin(2 * std::numbers::pi * k / 48);
+      add(0.25, c);
+    }
+    return {"orbit", keys_};
+  }
+  Flight flyover() {
+    OrbitCamera c = whole_;
+    c.distance_mm = close_mm_;
+    for (int k = 0; k <= 48; ++k) {
+      c.azimuth_deg = -60 + 2.5 * k;
+      c.target_mm = surfaceSeen(c.azimuth_deg, 0, {0, 0});
+      for (c.elevation_deg = -kFlyoverTilt_deg; c.elevation_deg > 0 && blocked(c); c.elevation_deg -= 10) {}
+      add(0.25, c);
+    }
+    return {"flyover", keys_};
+  }
+  Flight zoom() {
+    add(0, whole_);
+    for (auto [azimuth, x, y] : {std::array{-20.0, -0.12, 0.1}, std::array{70.0, 0.05, -0.12}, std::array{160.0, 0.1, 0.05}, std::array{250.0, -0.05, -0.05}}) {
+      OrbitCamera far = whole_, near = whole_;
+      far.azimuth_deg = near.azimuth_deg = azimuth;
+      near.target_mm = surfaceSeen(azimuth, 0, {x, y});
+      near.distance_mm = close_mm_;
+      OrbitCamera between = far;
+      between.distance_mm = std::sqrt(far.distance_mm * near.distance_mm);
+      between.target_mm = 0.5 * (far.target_mm + near.target_mm);
+      for (const OrbitCamera& at : {far, between, near, near, between, far}) add(1, at);
+    }
+    return {"zoom", keys_};
+  }
+
+ private:
+  void add(double seconds, const OrbitCamera& c) { keys_.push_back({keys_.empty() ? 0 : keys_.back().time_s + seconds, c}); }
+  // Of what is seen from there, beside the picture's middle by parts of the body's size.
+  glm::dvec3 surfaceSeen(double azimuth_deg, double elevation_deg, const glm::dvec2& aside) const {
+    OrbitCamera c;
+    c.azimuth_deg = azimuth_deg;
+    c.elevation_deg = elevation_deg;
+    c.target_mm = extent_.centre();
+    c.distance_mm = 2 * size_mm_;
+    const glm::dvec3 back = (eyePosition(c) - c.target_mm) / c.distance_mm, right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), back)), up = glm::cross(back, right);
+    for (const glm::dvec2& at : {aside, glm::dvec2(0)}) {
+      const glm::dvec3 from = eyePosition(c) + size_mm_ * (at.x * right + at.y * up);
+      if (auto along = alongRay(mesh_, from, -back)) return from - *along * back;
+    }
+    return c.target_mm;
+  }
+  bool blocked(const OrbitCamera& c) const {
+    const glm::dvec3 way = (eyePosition(c) - c.target_mm) / c.distance_mm;
+    const double clear = 0.02 * size_mm_;
+    auto along = alongRay(mesh_, c.target_mm + clear * way, way);
+    return along && *along < c.distance_mm;
+  }
+
+  const BaseMesh& mesh_;
+  Extent extent_;
+  OrbitCamera whole_;
+  double size_mm_, close_mm_ = 0;
+  std::vector<FlightKey> keys_;
+};
+
+Result<std::vector<CompareCamera>> camerasOf(const std::string& name, const Flight& flight, int frames, const Extent& extent, int width_px, int height_px) {
+  std::vector<CompareCamera> out;
   if (flight.keys.empty()) {
-    auto cameras = camerasFromFile(name, domain, width_px, height_px);
+    auto cameras = camerasFromFile(name, extent, width_px, height_px);
     if (!cameras) return cameras.error();
     size_t count = frames == 0 ? cameras->size() : std::min<size_t>(static_cast<size_t>(frames), cameras->size());
     for (size_t k = 0; k < count; ++k) {
@@ -84,6 +177,27 @@ Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int f
     out.push_back({cameraAt(flight, t), cameraAt(flight, t - kFrame_s)});
   }
   return out;
+}
+
+}  // namespace
+
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const Manifest& artwork, int width_px, int height_px) {
+  if (!artwork.base) return compareCameras(name, frames, artwork.domain, width_px, height_px);
+  const Extent extent = artworkExtent(artwork);
+  BodyPath path(*artwork.base, extent, width_px, height_px);
+  Flight flight = name == "orbit" ? path.orbit() : name == "flyover" ? path.flyover() : name == "zoom" ? path.zoom() : Flight{};
+  return camerasOf(name, flight, frames, extent, width_px, height_px);
+}
+
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain, int width_px, int height_px) {
+  Flight flight;
+  if (name == "orbit") flight = orbitFlight(domain, width_px, height_px);
+  if (name == "flyover") {
+    flight = readingFlight(domain, width_px, height_px);
+    for (FlightKey& key : flight.keys) key.camera.elevation_deg = kFlyoverTilt_deg;
+  }
+  if (name == "zoom") flight = zoomFlight(domain, width_px, height_px);
+  return camerasOf(name, flight, frames, extentOf(domain), width_px, height_px);
 }
 
 }  // namespace relievo

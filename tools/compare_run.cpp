@@ -31,7 +31,7 @@ class Runner {
   Runner(const ComparePlan& plan, const gl::ContextInfo& context, CompareScene scene, std::unique_ptr<StrategyPass> pass,
          std::vector<CompareCamera> cameras)
       : plan_(plan), context_(context), scene_(std::move(scene)), pass_(std::move(pass)), cameras_(std::move(cameras)), bounds_(scene_.strategy),
-        surface_(*scene_.strategy.field, plan.measured_exaggerate != 0 ? plan.measured_exaggerate : plan.exaggerate) {
+        surface_(surfaceOf(scene_.strategy, plan.measured_exaggerate != 0 ? plan.measured_exaggerate : plan.exaggerate)) {
     pass_->resize(plan.width_px, plan.height_px);
   }
 
@@ -80,7 +80,13 @@ class Runner {
     std::unordered_set<NodeId> pages;  // that the frame before needed
   };
 
+  static std::unique_ptr<CompareSurface> surfaceOf(const StrategyScene& scene, double exaggerate) {
+    if (scene.body) return std::make_unique<BodySurface>(*scene.body, exaggerate);
+    return std::make_unique<PlanarSurface>(*scene.field, exaggerate);
+  }
   Frame frameOf(const OrbitCamera& camera) const {
+    if (scene_.strategy.body)
+      return {viewTransform(camera, artworkExtent(plan_.package->manifest(), plan_.exaggerate), plan_.width_px, plan_.height_px), plan_.width_px, plan_.height_px};
     const PlanarDomain& d = scene_.strategy.domain;
     double low = d.relief_offset_mm * plan_.exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * plan_.exaggerate;
     if (low > high) std::swap(low, high);
@@ -114,7 +120,7 @@ class Runner {
     pass_->read(pixels_);
     reference_ = coverage(pixels_);
     figures.reference_triangles = std::max(figures.reference_triangles, drawn->triangles);
-    errorVectors(surface_, all.instances, now, pixels_, errors_);
+    errorVectors(*surface_, all.instances, now, pixels_, errors_);
     ErrorFigures floor = figuresOf(errors_);
     if (floor.max_px >= figures.floor.max_px) figures.floor = floor;
     return {};
@@ -127,7 +133,7 @@ class Runner {
     StrategyResult earlier = running.strategy->select(lodViewOf(before, out.budget_px));
     if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
     pass_->read(pixels_);
-    errorVectors(surface_, earlier.instances, now, pixels_, errors_before_);
+    errorVectors(*surface_, earlier.instances, now, pixels_, errors_before_);
 
     LodView view = lodViewOf(now, out.budget_px);
     StrategyResult chosen;
@@ -159,7 +165,7 @@ class Runner {
     f.predicted_px = chosen.predicted_px;
 
     pass_->read(pixels_);
-    f.edge_on_pixels = errorVectors(surface_, chosen.instances, now, pixels_, errors_);
+    f.edge_on_pixels = errorVectors(*surface_, chosen.instances, now, pixels_, errors_);
     f.error = figuresOf(errors_);
     f.pop_px = largestChangePx(errors_before_, errors_);
     // Where the silhouette may lie elsewhere by right, the background is no crack.
@@ -168,7 +174,10 @@ class Runner {
     auto captured = pass_->capture(chosen, now.view, plan_.exaggerate, kMaxSeamVertices);
     if (!captured) return captured.error();
     f.seams_known = !captured->empty();
-    if (f.seams_known) f.seams = compareSeams(scene_.strategy.domain, chosen.instances, *captured);
+    if (f.seams_known) {
+      f.seams = scene_.strategy.body ? compareSeams(*scene_.strategy.body->base, bounds_.unitLog2(), chosen.instances, *captured)
+                                     : compareSeams(scene_.strategy.domain, chosen.instances, *captured);
+    }
 
     std::unordered_set<NodeId> pages;
     for (const PatchInstance& p : chosen.instances) pages.insert(p.relief_page);
@@ -186,17 +195,18 @@ class Runner {
     out.picture_error_px.assign(errors_.size(), none);
     out.picture_shade.assign(errors_.size(), 0);
     glm::dvec3 light = glm::normalize(glm::dvec3(-0.6, 0.5, 0.6));
+    if (scene_.strategy.body) light = now.view.world_from_camera * light;  // bodies are seen from everywhere
     for (size_t i = 0; i < errors_.size(); ++i) {
       if (std::isnan(errors_[i].x)) continue;
       out.picture_error_px[i] = glm::length(errors_[i]);
       const PatchInstance& p = chosen.instances[pixels_[i][2] - 1];
       double u = std::bit_cast<float>(pixels_[i][0]), v = std::bit_cast<float>(pixels_[i][1]);
       // The relief's slope over about a pixel.
-      glm::dvec3 here = surface_.finestPointMm(p, u, v);
+      glm::dvec3 here = surface_->finestPointMm(p, u, v);
       double mm = glm::length(here - now.view.eye_mm) / now.view.pixels_per_radian;
-      double step = mm / (scene_.strategy.field->mmPerUnit() * std::ldexp(1.0, p.step_log2 + p.grid_level));
-      glm::dvec3 along = surface_.finestPointMm(p, u + step, v) - surface_.finestPointMm(p, u - step, v);
-      glm::dvec3 down = surface_.finestPointMm(p, u, v + step) - surface_.finestPointMm(p, u, v - step);
+      double step = mm / (surface_->mmPerUnit(p) * std::ldexp(1.0, p.step_log2 + p.grid_level));
+      glm::dvec3 along = surface_->finestPointMm(p, u + step, v) - surface_->finestPointMm(p, u - step, v);
+      glm::dvec3 down = surface_->finestPointMm(p, u, v + step) - surface_->finestPointMm(p, u, v - step);
       glm::dvec3 normal = glm::cross(down, along);
       double length = glm::length(normal);
       out.picture_shade[i] = static_cast<float>(length > 0 ? 0.25 + 0.75 * std::max(0.0, glm::dot(normal, light) / length) : 0.6);
@@ -209,7 +219,7 @@ class Runner {
   std::unique_ptr<StrategyPass> pass_;
   std::vector<CompareCamera> cameras_;
   ReliefBounds3d bounds_;
-  PlanarSurface surface_;
+  std::unique_ptr<CompareSurface> surface_;
   PlacePixels pixels_;
   ErrorVectors errors_, errors_before_;
   std::vector<uint8_t> reference_;
@@ -218,7 +228,7 @@ class Runner {
 }  // namespace
 
 Result<CompareFigures> runCompare(const ComparePlan& plan, const gl::ContextInfo& context) {
-  auto cameras = compareCameras(plan.path, plan.frames, plan.package->manifest().domain, plan.width_px, plan.height_px);
+  auto cameras = compareCameras(plan.path, plan.frames, plan.package->manifest(), plan.width_px, plan.height_px);
   if (!cameras) return cameras.error();
   std::unique_ptr<StrategyPass> pass;
   auto scene = loadCompareScene(plan.package, plan.memory_bytes, context.api, &pass, plan.interrupted);

@@ -12,8 +12,10 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
   const std::string& path = package->path();
   if (domain.relief_depth < 0)
     return Error{ErrorKind::kUnsupported, path, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
+  const std::shared_ptr<const BaseMesh>& base = package->manifest().base;
   uint64_t pages = 0;
-  for (int level = 0; level <= domain.relief_depth; ++level) {
+  for (int level = 0; base && level <= domain.relief_depth; ++level) pages += base->patches.size() << (2 * level);
+  for (int level = 0; !base && level <= domain.relief_depth; ++level) {
     uint64_t columns = PlanarDomain::ceilShift(domain.width_px, 7 + domain.texture_depth - level);
     uint64_t rows = PlanarDomain::ceilShift(domain.height_px, 7 + domain.texture_depth - level);
     pages += columns * rows;
@@ -25,9 +27,10 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
                  bytes > budget_bytes ? "raise --memory-mib, or compare a part of the artwork" : "compare a part of the artwork", {}};
   }
   CompareScene scene;
-  auto field = std::make_shared<ReliefField>(domain);
+  auto field = base ? nullptr : std::make_shared<ReliefField>(domain);
+  auto body = base ? std::make_shared<BodyField>(base, domain) : nullptr;
   auto resident = std::make_shared<ReliefSet>();
-  *pass = std::make_unique<StrategyPass>(api, domain, static_cast<uint32_t>(pages));
+  *pass = std::make_unique<StrategyPass>(api, domain, base, static_cast<uint32_t>(pages));
   PageDecoder decoder;
   std::vector<uint8_t> texels(kSlotBytes);
   std::vector<uint16_t> samples(kReliefPageSamples);
@@ -44,13 +47,14 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
           (*pass)->upload(node, texels.data());
           if (static_cast<int>(level) == domain.relief_depth) {
             if (auto done = decoder.decodeRelief(encoded->bytes, samples); !done) return done.error();
-            field->setPage(node, samples);
+            if (body) body->setPage(node, samples);
+            else field->setPage(node, samples);
           }
           resident->insert(node);
           scene.encoded_bytes[node] = static_cast<uint32_t>(encoded->bytes.size());
           ++scene.pages;
         }
-  scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field};
+  scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field, body, package->manifest().coarse_errors};
   return scene;
 }
 

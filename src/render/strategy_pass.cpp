@@ -11,14 +11,34 @@ namespace {
 struct GpuTriangleVertex {
   int32_t place[2];
   float height, uv[2];
-  uint32_t instance;
+  uint32_t instance, patch;
 };
+
+constexpr int kCornersUnit = 6;  // and two more: behind the pool's
 
 }  // namespace
 
-StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t relief_pages)
-    : api_(api), domain_(domain), pool_(relief_pages), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
+StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages)
+    : api_(api), domain_(domain), corners_(base ? std::make_unique<BaseCorners>(std::move(base)) : nullptr), pool_(relief_pages), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
   pool_.uploadTable(table_);
+}
+
+EyeFrame StrategyPass::eyeFrameOf(const ViewTransform& view, double exaggerate) {
+  if (!corners_) return eyeFrame(view, domain_, exaggerate, true);
+  corners_->setEye(view.eye_mm);
+  return meshEyeFrame(view, domain_, exaggerate, true);
+}
+
+gl::Defines StrategyPass::defines() const {
+  gl::Defines defines = {{"RELIEF", "1"}};
+  if (corners_) defines.emplace_back("MESH", "1");
+  return defines;
+}
+
+void StrategyPass::bindAll(const gl::Program& program) {
+  program.use();
+  pool_.bind(program, table_);
+  if (corners_) corners_->bind(program, kCornersUnit);
 }
 
 void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
@@ -31,13 +51,13 @@ void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
 Result<const gl::Program*> StrategyPass::program(GridRule rule, bool capture) {
   gl::Program& p = programs_[static_cast<size_t>(rule) * 2 + (capture ? 1 : 0)];
   if (p.id() != 0) return &p;
-  gl::Defines defines = {{"RELIEF", "1"}};
-  if (rule == GridRule::kUnsnapped) defines.emplace_back("NO_SNAPPING", "1");
-  if (capture) defines.emplace_back("CAPTURE", "1");
+  gl::Defines variant = defines();
+  if (rule == GridRule::kUnsnapped) variant.emplace_back("NO_SNAPPING", "1");
+  if (capture) variant.emplace_back("CAPTURE", "1");
   std::vector<const char*> varyings;
   if (capture) varyings.push_back("v_clip");
   auto linked = gl::Program::link(api_, {rule == GridRule::kMorphed ? "compare_morph.vert" : "patch.vert", capture ? "lines.frag" : "compare_place.frag",
-                                         defines, patchAttributes(), varyings});
+                                         variant, patchAttributes(), varyings});
   if (!linked) return linked.error();
   p = std::move(*linked);
   return &p;
@@ -53,9 +73,12 @@ Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, c
   auto in_use = program(chosen.rule, capture);
   if (!in_use) return in_use;
   const gl::Program& p = **in_use;
-  p.use();
-  pool_.bind(p, table_);
-  if (chosen.rule == GridRule::kMorphed) {
+  bindAll(p);
+  if (chosen.rule == GridRule::kMorphed && corners_) {
+    glm::vec3 eye_mm(chosen.morph_eye_mm - view.eye_mm);
+    glUniform3f(p.uniform("u_morph_eye"), eye_mm.x, eye_mm.y, eye_mm.z);
+    glUniform2fv(p.uniform("u_morph"), kMorphLevels, &chosen.morph[0].start_mm);
+  } else if (chosen.rule == GridRule::kMorphed) {
     // Vertices count from the eye's unit, which is not quite the eye.
     double mm_per_unit = domain_.mm_per_px / (1 << kUnitsPerTexelLog2);
     double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px, half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
@@ -71,19 +94,22 @@ Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, c
 Result<StrategyDraw> StrategyPass::drawTessellated(const StrategyResult& chosen, const EyeFrame& eye) {
   if (!hasTessellation(api_)) return Error{ErrorKind::kUnsupported, "", "this context has no tessellation: it needs OpenGL 4", "", {}};
   if (!tessellated_.linked())
-    if (auto done = tessellated_.link(api_); !done) return done.error();
+    if (auto done = tessellated_.link(api_, defines()); !done) return done.error();
   // The pool stays bound to texture unit 0, which is what a sampler's uniform says that nobody set.
   auto grids = program(GridRule::kSnapped, false);
   if (!grids) return grids.error();
-  (*grids)->use();
-  pool_.bind(**grids, table_);
+  bindAll(**grids);
   tessellated_.use();
+  if (corners_) {
+    int unit = kCornersUnit;
+    for (const char* name : {"u_corners", "u_normals", "u_base"}) glUniform1i(tessellated_.uniform(name), unit++);
+  }
   uint64_t triangles = tessellated_.draw(chosen.instances, eye, [this](const NodeId& page) { return slotOf(page); });
   return StrategyDraw{triangles, tessellated_.drawCalls()};
 }
 
 Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate) {
-  EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
+  EyeFrame eye = eyeFrameOf(view, exaggerate);
   target_.begin();
   StrategyDraw drawn;
   if (chosen.rule == GridRule::kTessellated) {
@@ -98,7 +124,7 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
   }
   if (chosen.triangles.empty()) return drawn;
   if (triangle_program_.id() == 0) {
-    auto linked = gl::Program::link(api_, {"compare_triangles.vert", "compare_place.frag", {}, {"a_place", "a_height", "a_uv", "a_instance"}, {}});
+    auto linked = gl::Program::link(api_, {"compare_triangles.vert", "compare_place.frag", defines(), {"a_place", "a_height", "a_uv", "a_instance", "a_patch"}, {}});
     if (!linked) return linked.error();
     triangle_program_ = std::move(*linked);
   }
@@ -111,7 +137,8 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
 void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& eye) {
   std::vector<GpuTriangleVertex> gpu;
   gpu.reserve(chosen.triangles.size());
-  auto limit_x = static_cast<int64_t>(domain_.width_px) << kUnitsPerTexelLog2, limit_y = static_cast<int64_t>(domain_.height_px) << kUnitsPerTexelLog2;
+  // From the eye's unit, as the frame counts.
+  const int64_t limit_x = eye.unit_x + eye.limit_x, limit_y = eye.unit_y + eye.limit_y;
   for (const StrategyVertex& v : chosen.triangles) {
     const PatchInstance& p = chosen.instances[v.instance];
     int64_t x = std::min<int64_t>(v.x, limit_x), y = std::min<int64_t>(v.y, limit_y);
@@ -119,9 +146,11 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
     gpu.push_back({{static_cast<int32_t>(x - eye.unit_x), static_cast<int32_t>(y - eye.unit_y)},
                    v.height_steps,
                    {static_cast<float>(x - p.x0) / size, static_cast<float>(y - p.y0) / size},
-                   v.instance + 1});
+                   v.instance + 1,
+                   p.node.patch});
   }
-  triangle_program_.use();
+  bindAll(triangle_program_);
+  glUniform2i(triangle_program_.uniform("u_limit"), eye.limit_x, eye.limit_y);
   glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
   glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
   glBindVertexArray(vertex_array_.id());
@@ -129,18 +158,19 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(), GL_STREAM_DRAW);
   constexpr GLsizei kStride = sizeof(GpuTriangleVertex);
   auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
-  for (GLuint a = 0; a < 4; ++a) glEnableVertexAttribArray(a);
+  for (GLuint a = 0; a < 5; ++a) glEnableVertexAttribArray(a);
   glVertexAttribIPointer(0, 2, GL_INT, kStride, at(offsetof(GpuTriangleVertex, place)));
   glVertexAttribPointer(1, 1, GL_FLOAT, GL_FALSE, kStride, at(offsetof(GpuTriangleVertex, height)));
   glVertexAttribPointer(2, 2, GL_FLOAT, GL_FALSE, kStride, at(offsetof(GpuTriangleVertex, uv)));
   glVertexAttribIPointer(3, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuTriangleVertex, instance)));
+  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuTriangleVertex, patch)));
   glDrawArrays(GL_TRIANGLES, 0, static_cast<GLsizei>(gpu.size()));
   glBindVertexArray(0);
 }
 
 Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices) {
   if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
-  EyeFrame eye = eyeFrame(view, domain_, exaggerate, true);
+  EyeFrame eye = eyeFrameOf(view, exaggerate);
   target_.begin();  // transform feedback answers zeros without a framebuffer
   auto in_use = prepare(chosen, view, eye, true);
   if (!in_use) return in_use.error();

@@ -1,5 +1,6 @@
 // strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of the artwork each
 // pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0: nothing), how far u or v goes to the next pixel.
+// base: of an artwork over a base mesh; null: flat.
 // Needs the context current that it was made in, and a page of relief in its slot before anything is displaced from it.
 #pragma once
 
@@ -14,6 +15,7 @@
 #include "src/gl/context.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/base_corners.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/surface_target.h"
@@ -29,7 +31,7 @@ struct StrategyDraw {
 
 class StrategyPass {
  public:
-  StrategyPass(gl::Api api, const PlanarDomain& domain, uint32_t relief_pages);
+  StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages);
   void resize(int width_px, int height_px) { target_.resize(width_px, height_px, false); }
   void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
 
@@ -50,12 +52,17 @@ class StrategyPass {
   Result<const gl::Program*> program(GridRule rule, bool capture);
   void drawTriangles(const StrategyResult& chosen, const EyeFrame& eye);
   Result<StrategyDraw> drawTessellated(const StrategyResult& chosen, const EyeFrame& eye);
+  EyeFrame eyeFrameOf(const ViewTransform& view, double exaggerate);
+  gl::Defines defines() const;
+  // What every program in use reads.
+  void bindAll(const gl::Program& program);
   // A grid program in use, with the pages and its own uniforms; the instances set.
   Result<const gl::Program*> prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture);
   SlotIndex slotOf(const NodeId& page) const;
 
   gl::Api api_;
   PlanarDomain domain_;
+  std::unique_ptr<BaseCorners> corners_;
   PagePool pool_;
   PageTable table_;
   std::unordered_map<NodeId, SlotIndex> slots_;

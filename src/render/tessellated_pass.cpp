@@ -15,7 +15,7 @@ constexpr size_t kMaxVerticesADraw = 16384;
 
 struct GpuPatch {
   int32_t origin[4], relief[4];
-  uint32_t instance, edges;
+  uint32_t instance, edges, patch;
 };
 
 std::string logOf(GLuint id, bool program) {
@@ -32,7 +32,7 @@ TessellatedPass::~TessellatedPass() {
   if (program_) glDeleteProgram(program_);
 }
 
-Result<void> TessellatedPass::link(gl::Api api) {
+Result<void> TessellatedPass::link(gl::Api api, const gl::Defines& defines) {
   struct Stage {
     GLenum kind;
     const char* file;
@@ -42,7 +42,7 @@ Result<void> TessellatedPass::link(gl::Api api) {
   Error error{ErrorKind::kRuntime, "", "", "", {}};
   for (const Stage& stage : {Stage{GL_VERTEX_SHADER, "compare_tessellated.vert", false}, Stage{GL_TESS_CONTROL_SHADER, "compare_tessellated.tesc", false},
                              Stage{GL_TESS_EVALUATION_SHADER, "compare_tessellated.tese", false}, Stage{GL_FRAGMENT_SHADER, "compare_place.frag", true}}) {
-    auto text = gl::assembleShader(api, stage.file, {}, stage.fragment);
+    auto text = gl::assembleShader(api, stage.file, defines, stage.fragment);
     if (!text) {
       glDeleteProgram(program);
       return text.error();
@@ -63,7 +63,7 @@ Result<void> TessellatedPass::link(gl::Api api) {
     glDeleteShader(shader);
   }
   GLuint location = 0;
-  for (const char* name : {"a_origin", "a_relief", "a_instance", "a_edges"}) glBindAttribLocation(program, location++, name);
+  for (const char* name : {"a_origin", "a_relief", "a_instance", "a_edges", "a_patch"}) glBindAttribLocation(program, location++, name);
   glLinkProgram(program);
   GLint linked = 0;
   glGetProgramiv(program, GL_LINK_STATUS, &linked);
@@ -86,7 +86,8 @@ uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const E
     GpuPatch g{{static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y), p.step_log2, p.grid_level},
                {offset(p.node.x, p.relief_page.x), offset(p.node.y, p.relief_page.y), static_cast<int32_t>(slot_of(p.relief_page)), page_log2 - 7},
                static_cast<uint32_t>(gpu.size() + 1),
-               0};
+               0,
+               p.node.patch};
     for (int side = 0; side < 4; ++side) g.edges |= static_cast<uint32_t>(p.edges[static_cast<size_t>(side)][0]) << (8 * side);
     gpu.push_back(g);
   }
@@ -97,11 +98,12 @@ uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const E
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuPatch)), gpu.data(), GL_STREAM_DRAW);
   auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
-  for (GLuint a = 0; a < 4; ++a) glEnableVertexAttribArray(a);
+  for (GLuint a = 0; a < 5; ++a) glEnableVertexAttribArray(a);
   glVertexAttribIPointer(0, 4, GL_INT, sizeof(GpuPatch), at(offsetof(GpuPatch, origin)));
   glVertexAttribIPointer(1, 4, GL_INT, sizeof(GpuPatch), at(offsetof(GpuPatch, relief)));
   glVertexAttribIPointer(2, 1, GL_UNSIGNED_INT, sizeof(GpuPatch), at(offsetof(GpuPatch, instance)));
   glVertexAttribIPointer(3, 1, GL_UNSIGNED_INT, sizeof(GpuPatch), at(offsetof(GpuPatch, edges)));
+  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, sizeof(GpuPatch), at(offsetof(GpuPatch, patch)));
   glPatchParameteri(GL_PATCH_VERTICES, 1);
   glBeginQuery(GL_PRIMITIVES_GENERATED, made_.id());
   for (size_t first = 0; first < gpu.size();) {

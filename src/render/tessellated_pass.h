@@ -7,6 +7,7 @@
 
 #include "src/base/result.h"
 #include "src/gl/objects.h"
+#include "src/gl/program.h"
 #include "src/render/patch_pass.h"
 
 namespace relievo {
@@ -16,7 +17,7 @@ class TessellatedPass {
   TessellatedPass();
   ~TessellatedPass();
   // The GL version of a program with tessellation stages. Errors: kRuntime, with the driver's log.
-  Result<void> link(gl::Api api);
+  Result<void> link(gl::Api api, const gl::Defines& defines);
   bool linked() const { return program_ != 0; }
   GLint uniform(const char* name) const { return glGetUniformLocation(program_, name); }
   void use() const { glUseProgram(program_); }

@@ -58,6 +58,7 @@ class TrueMeshRelief final : public ReliefOracle {
   void tell(Parts parts) { parts_ = parts; }
   const std::vector<CoarseErrors>& coarse() const { return coarse_; }
   int64_t side() const { return side_; }
+  uint16_t sample(uint32_t patch, int64_t x, int64_t y) const { return patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)]; }
   glm::dvec3 point(uint32_t patch, int64_t x, int64_t y, double exaggerate) const {
     double u = double(x) / double(side_), v = double(y) / double(side_);
     double mm = relief_.offset_mm + relief_.scale_mm * patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)];

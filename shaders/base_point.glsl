@@ -1,0 +1,44 @@
+// base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners (src/render/base_corners.h).
+// On a side it is a function of that side's two corners, in the order of their indices, and the place between them alone (C++ twin:
+// geometry/mesh_vertex.h).
+uniform sampler2D u_corners;
+uniform sampler2D u_normals;
+uniform usampler2D u_base;
+
+ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
+vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
+  float s = 1.0 - t;
+  return lo * s + hi * t;
+}
+
+// The corners' indices at (0, 0), (1, 0), (0, 1), (1, 1).
+uvec4 patchCorners(uint index) { return texelFetch(u_base, inTable(index), 0); }
+
+// place: units, 0 .. side, a power of two; scale: 1 / side.
+void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, out vec3 normal) {
+  vec2 uv = vec2(place) * scale;
+  uint a = index.x, b = index.y;
+  float t = uv.x;
+  bool on_column = place.x == 0 || place.x == side;
+  if (on_column) {
+    a = place.x == 0 ? index.x : index.y;
+    b = place.x == 0 ? index.z : index.w;
+    t = uv.y;
+  } else if (place.y == side) {
+    a = index.z;
+    b = index.w;
+  }
+  uint lo = min(a, b), hi = max(a, b);
+  if (lo != a) t = 1.0 - t;
+  point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
+  normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);
+  if (on_column || place.y == 0 || place.y == side) return;
+  vec3 p[4];
+  vec3 n[4];
+  for (int k = 0; k < 4; ++k) {
+    p[k] = texelFetch(u_corners, inTable(index[k]), 0).xyz;
+    n[k] = texelFetch(u_normals, inTable(index[k]), 0).xyz;
+  }
+  point = lerpOrdered(lerpOrdered(p[0], p[1], uv.x), lerpOrdered(p[2], p[3], uv.x), uv.y);
+  normal = lerpOrdered(lerpOrdered(n[0], n[1], uv.x), lerpOrdered(n[2], n[3], uv.x), uv.y);
+}
