@@ -25,7 +25,7 @@ inline uint8_t morphOf(int wish) { return static_cast<uint8_t>(wish - (wholeLeve
 // finer one's error: 6 per cent of a zoom each. Less would make them come faster, more refines what needs no refinement.
 inline constexpr double kPlateau = 1.0625;
 // Over what part of a doubling of cells, where their width is what holds a level back, vertices reach their places.
-inline constexpr double kCellRamp = 0.5;
+inline constexpr double kCellRamp = 0.75;
 
 struct WishView {
   double budget_px = 1, min_cell_px = 0;

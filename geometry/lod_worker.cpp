@@ -53,7 +53,7 @@ struct LodWorker::Impl {
 
 LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(std::make_unique<Impl>(
-          [domain, oracle](const LodView& view, const ReliefSet& resident) { return selectPlanarLod(domain, *oracle, view, resident); },
+          [lod = std::make_shared<PlanarLod>(domain, oracle)](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); },
           [domain, oracle](const TextureView& view) { return selectTextureNodes(domain, *oracle, view); })) {
   assert(oracle);
 }

@@ -19,6 +19,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   }
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
   plan.mesh = manifest.base != nullptr;
+  plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
   plan.sampling = scene.sampling;
   if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
   plan.fade = scene.page_fade_s > 0;
@@ -34,6 +35,7 @@ gl::Defines EffectPlan::defines() const {
   d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
   if (mesh) d.emplace_back("MESH", "1");
   if (relief) d.emplace_back("RELIEF", "1");
+  if (geomorph) d.emplace_back("MORPH", "1");
   if (sampling == Sampling::kNearest) d.emplace_back("NEAREST", "1");
   if (sampling >= Sampling::kTrilinear) d.emplace_back("TRILINEAR", "1");
   if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));

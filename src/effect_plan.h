@@ -34,6 +34,8 @@ struct Scene {
   double page_fade_s = 0;                // a new page blends in over this time; 0: at once
   double exaggerate = 1;                 // heights times this
   double error_px = 1;                   // geometric error allowed on screen
+  bool geomorph = false;                 // vertices slide to their places as levels change (geometry/morph.h)
+  double hysteresis = 0;                 // of error_px: what a level stays beyond its need (LodView); pictures that settle know none
   bool wireframe = false;
   Show show = Show::kNone;
 };
@@ -43,6 +45,7 @@ struct EffectPlan {
   std::vector<Plane> texture_planes; // streamed (or resolved), in the page table's order
   bool mesh = false;                 // over a base mesh
   bool relief = false;
+  bool geomorph = false;
   bool relight = false;
   bool resolve = false;              // coefficient pages are resolved to colour under a fixed light, on the workers
   Sampling sampling = Sampling::kTrilinear;

@@ -190,6 +190,7 @@ struct Engine::Impl {
   double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
   bool fades_over = false;            // while settle() draws
+  bool settling = false;              // within settle(): nothing is known of the views before
   UploadChoice upload;
   uint32_t pinned_nodes = 0;          // in each plane
   CacheSlots slots, starting_slots;   // of the streamer, and of the one that stream_switch makes ready
@@ -374,6 +375,8 @@ struct Engine::Impl {
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     v.hide_backs = options.hide_backs;
+    v.morph = plan.geomorph;
+    v.hysteresis = settling ? 0 : scene.hysteresis;
     return v;
   }
 
@@ -820,6 +823,11 @@ Result<void> Engine::settle(double timeout_s) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
     if (e.wished) pause();
   }
+  e.settling = true;
+  struct Settled {
+    bool& settling;
+    ~Settled() { settling = false; }
+  } settled{e.settling};
   e.settled_geometry = {};
   e.stats.draw_calls = 0;
   double bias = 0;

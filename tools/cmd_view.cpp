@@ -52,6 +52,8 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file, "Package to show")->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();
+  o->scene.geomorph = "on";
+  o->scene.hysteresis_percent = 10;
   o->scene.addTo(*c);
   o->source.addTo(*c);
   c->add_flag("--print-view", o->viewer.print_view, "On leaving, print camera and light as JSON, for --state");
