@@ -1,0 +1,115 @@
+// true_relief.h - reliefs of flat artworks held in full, and the oracle of their true errors, for tests of what LODs promise.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <unordered_map>
+#include <vector>
+
+#include "tests/geometry/lod_fixture.h"
+
+namespace relievo::test {
+
+// What the oracle tells of a page's parts; kMirrored: what is true of the part at the other side of the page.
+enum class Parts { kNone, kTrue, kMirrored };
+
+// A relief held in full, and the oracle of its true bounds.
+class TrueRelief final : public ReliefOracle {
+ public:
+  TrueRelief(const PlanarDomain& domain, const HeightFunction& height, Parts parts = Parts::kTrue) : domain_(domain), parts_(parts) {
+    spacing_log2_ = reliefSpacingLog2(domain, static_cast<uint32_t>(domain.relief_depth));
+    width_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
+    height_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
+    columns_ = ((static_cast<int64_t>(domain.patchColumns()) * kPagePx) << domain.relief_depth) + 1;
+    rows_ = ((static_cast<int64_t>(domain.patchRows()) * kPagePx) << domain.relief_depth) + 1;
+    samples_.resize(static_cast<size_t>(columns_ * rows_));
+    for (int64_t j = 0; j < rows_; ++j)
+      for (int64_t i = 0; i < columns_; ++i) samples_[static_cast<size_t>(j * columns_ + i)] = height(placeX(i), placeY(j));
+    for (int level = domain.relief_depth; level >= 0; --level)
+      for (uint32_t patch = 0; patch < domain.patchCount(); ++patch)
+        for (uint32_t y = 0; y < 1u << level; ++y)
+          for (uint32_t x = 0; x < 1u << level; ++x)
+            if (NodeId n{patch, static_cast<uint32_t>(level), x, y}; domain.nodeExists(n)) bounds_[n] = measure(n);
+  }
+  HeightBounds bounds(const NodeId& page) const override { return bounds_.at(page); }
+  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
+    if (parts_ == Parts::kNone) return false;
+    const auto& blocks = blocks_.at(page);
+    for (size_t k = 0; k < blocks.size(); ++k) error_mm[k] = blocks[parts_ == Parts::kTrue ? k : blocks.size() - 1 - k];
+    return true;
+  }
+
+  int64_t columns() const { return columns_; }
+  int64_t rows() const { return rows_; }
+  int64_t placeX(int64_t i) const { return std::min(i << spacing_log2_, width_); }
+  int64_t placeY(int64_t j) const { return std::min(j << spacing_log2_, height_); }
+  int spacingLog2() const { return spacing_log2_; }
+  double mm(int64_t i, int64_t j) const {
+    return domain_.relief_offset_mm + domain_.relief_scale_mm * samples_[static_cast<size_t>(j * columns_ + i)];
+  }
+  size_t pageCount() const { return bounds_.size(); }
+
+ private:
+  // The page's own samples, interpolated over the clamped triangles that the renderer draws, against all finest samples.
+  HeightBounds measure(const NodeId& n) {
+    int64_t step = int64_t{1} << (domain_.relief_depth - static_cast<int>(n.level)), side = step * kPagePx;
+    int64_t patch_side = int64_t{kPagePx} << domain_.relief_depth;
+    int64_t i0 = (domain_.alongX() ? n.patch * patch_side : 0) + n.x * side, j0 = (domain_.alongX() ? 0 : n.patch * patch_side) + n.y * side;
+    double low = 1e30, high = -1e30, error = 0;
+    auto& blocks = blocks_[n];
+    blocks.fill(0);
+    for (int64_t j = j0; j <= j0 + side; ++j)
+      for (int64_t i = i0; i <= i0 + side; ++i) {
+        double z = mm(i, j);
+        low = std::min(low, z);
+        high = std::max(high, z);
+        int64_t a = i0 + (std::min(i, i0 + side - 1) - i0) / step * step, b = j0 + (std::min(j, j0 + side - 1) - j0) / step * step;
+        auto part = [](int64_t v, int64_t v0, int64_t v1) { return v1 > v0 ? static_cast<double>(v - v0) / static_cast<double>(v1 - v0) : 0.0; };
+        double u = part(placeX(i), placeX(a), placeX(a + step)), v = part(placeY(j), placeY(b), placeY(b + step));
+        double z00 = mm(a, b), z10 = mm(a + step, b), z01 = mm(a, b + step), z11 = mm(a + step, b + step);
+        double drawn = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
+        double off = std::abs(drawn - z);
+        error = std::max(error, off);
+        // Of both parts where it lies on their border.
+        int64_t width = side / 16;
+        for (int64_t by = std::max<int64_t>(0, j - j0 - 1) / width; by <= std::min<int64_t>(15, (j - j0) / width); ++by)
+          for (int64_t bx = std::max<int64_t>(0, i - i0 - 1) / width; bx <= std::min<int64_t>(15, (i - i0) / width); ++bx) {
+            float& block = blocks[static_cast<size_t>(by * 16 + bx)];
+            block = std::max(block, std::nextafter(static_cast<float>(off), 1e30f));
+          }
+      }
+    if (static_cast<int>(n.level) < domain_.relief_depth)  // monotone
+      for (uint32_t k = 0; k < 4; ++k)
+        if (auto child = bounds_.find(n.child(k & 1, k >> 1)); child != bounds_.end()) {
+          error = std::max<double>(error, child->second.error_mm);
+          const auto& finer = blocks_.at(n.child(k & 1, k >> 1));
+          for (uint32_t at = 0; at < 256; ++at) {
+            float& block = blocks[((k >> 1) * 8 + at / 32) * 16 + (k & 1) * 8 + at % 16 / 2];
+            block = std::max(block, finer[at]);
+          }
+        }
+    auto up = [](double v) { return std::nextafter(static_cast<float>(v), 1e30f); };
+    return {-up(-low), up(high), up(error)};
+  }
+  PlanarDomain domain_;
+  Parts parts_;
+  int spacing_log2_ = 0;
+  int64_t width_ = 0, height_ = 0, columns_ = 0, rows_ = 0;
+  std::vector<uint16_t> samples_;
+  std::unordered_map<NodeId, HeightBounds> bounds_;
+  std::unordered_map<NodeId, std::array<float, 256>> blocks_;
+};
+
+// Hills, a fold along the diagonal, ridges, pits of one sample, a rough quarter.
+inline uint16_t reliefHeight(int64_t x_units, int64_t y_units) {
+  double x = static_cast<double>(x_units) / 16, y = static_cast<double>(y_units) / 16;
+  double z = 0.45 + 0.2 * std::sin(x * 0.011 + 1) * std::cos(y * 0.017) + 0.05 * std::sin(x * 0.13 + y * 0.07);
+  z += 0.1 * std::min(1.0, std::abs(x - y) * 0.01) + 0.05 * (std::fmod(x, 97.0) < 3 ? 1 : 0);
+  uint64_t h = mix(static_cast<uint64_t>(x_units) * 7919 + static_cast<uint64_t>(y_units));
+  if (x < 200 && y < 150) z += 0.05 * static_cast<double>(h & 1023) / 1023;
+  if ((h & 4095) == 5) z += 0.15;
+  return static_cast<uint16_t>(65535 * std::clamp(z, 0.0, 1.0));
+}
+
+}  // namespace relievo::test
