@@ -67,3 +67,4 @@ if(TARGET block_upload_gltest)  # once more without BC7, and without copies of c
       ENVIRONMENT "RELIEVO_GL=${api};MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330;MESA_GLES_VERSION_OVERRIDE=3.0;MESA_EXTENSION_OVERRIDE=-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
   endforeach()
 endif()
+relievo_gltest(patch_tails_gltest LIBS relievo_render relievo_geometry SOURCES render/patch_tails_gltest.cpp)

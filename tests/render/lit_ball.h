@@ -1,0 +1,106 @@
+// lit_ball.h - a ball of one colour over a base mesh, its pages made when they are asked for, and what a picture of it must show: Lambert's law.
+#pragma once
+
+#include <cmath>
+
+#include "src/engine.h"
+#include "tests/geometry/mesh_fixture.h"
+#include "texturing/page_codec.h"
+
+namespace relievo::test {
+
+inline constexpr int kWidth = 320, kHeight = 180;
+inline constexpr double kRadius = 50, kReliefMm = 12;
+inline constexpr std::array<double, 3> kAlbedo{200, 150, 100};
+
+// The ball over chords of it: heights along the base's normals, normals by direction.
+class BallPages final : public PageSource {
+ public:
+  explicit BallPages(std::shared_ptr<const BaseMesh> base) : base_(std::move(base)) {}
+  Result<EncodedPage> read(PageId id) const override {
+    PageEncoder encoder(1);
+    const NodeId n = id.node();
+    const double nodes = std::ldexp(1.0, static_cast<int>(n.level));
+    std::span<const uint8_t> bytes;
+    if (id.plane() == Plane::kRelief) {
+      std::vector<uint16_t> samples(kReliefPageSamples);
+      for (size_t j = 0; j < kReliefSamples; ++j)
+        for (size_t i = 0; i < kReliefSamples; ++i)
+          samples[j * kReliefSamples + i] = static_cast<uint16_t>(std::lround(height(n.patch, (n.x + static_cast<double>(i) / kPagePx) / nodes, (n.y + static_cast<double>(j) / kPagePx) / nodes) / kReliefMm * 65535));
+      bytes = encoder.encodeRelief(samples);
+    } else {
+      std::vector<uint8_t> channels(kTexturePageBytes);
+      constexpr size_t plane = size_t{kPageFullPx} * kPageFullPx;
+      for (size_t j = 0; j < kPageFullPx; ++j) {
+        for (size_t i = 0; i < kPageFullPx; ++i) {
+          const double u = (n.x + (static_cast<double>(i) + 0.5 - kPageBorderPx) / kPagePx) / nodes, v = (n.y + (static_cast<double>(j) + 0.5 - kPageBorderPx) / kPagePx) / nodes;
+          const glm::dvec3 d = glm::normalize(base_->point(n.patch, u, v) + base_->normal(n.patch, u, v) * height(n.patch, u, v));
+          for (size_t c = 0; c < 3; ++c)
+            channels[c * plane + j * kPageFullPx + i] = static_cast<uint8_t>(std::lround(id.plane() == texturePlane(0) ? kAlbedo[c] : 127.5 * (d[static_cast<int>(c)] + 1)));
+        }
+      }
+      bytes = encoder.encodeTexture(channels);
+    }
+    return EncodedPage{{bytes.begin(), bytes.end()}};
+  }
+
+ private:
+  // |P + h N| = radius, h >= 0.
+  double height(uint32_t patch, double u, double v) const {
+    const glm::dvec3 p = base_->point(patch, u, v), n = base_->normal(patch, u, v);
+    const double a = glm::dot(n, n), b = glm::dot(p, n), c = glm::dot(p, p) - kRadius * kRadius;
+    return std::clamp((-b + std::sqrt(std::max(0.0, b * b - a * c))) / a, 0.0, kReliefMm);
+  }
+  std::shared_ptr<const BaseMesh> base_;
+};
+
+// The ball over a base mesh of chords.
+inline Artwork ballArtwork(std::shared_ptr<const BaseMesh> base, int depth, uint64_t seed) {
+  Artwork artwork;
+  Manifest& m = artwork.manifest;
+  m.base = base;
+  m.texture.basis = Basis::kAlbedoNormal;
+  m.domain.texture_depth = m.domain.relief_depth = depth;
+  m.domain.height_px = m.domain.patchPx();
+  m.domain.width_px = base->patches.size() * m.domain.patchPx();
+  m.domain.mm_per_px = 0.15;
+  m.domain.relief_scale_mm = kReliefMm / 65535;
+  artwork.source = std::make_shared<BallPages>(base);
+  test::MeshRelief relief{depth, 0, kReliefMm / 65535};
+  artwork.oracle = std::make_shared<test::MadeUpMeshOracle>(relief, seed, 0.05);
+  return artwork;
+}
+
+struct BallDifference {
+  uint64_t inside = 0, outside = 0, holes = 0, strays = 0;
+  double largest = 0;  // of 255
+};
+// Pixels whose place and neighbourhood of a pixel are certain.
+inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view, const glm::dvec3& light, double radius) {
+  BallDifference d;
+  const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const glm::dvec4 far_point = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 0.5, 1);
+      const glm::dvec3 ray = glm::normalize(glm::dvec3(far_point) / far_point.w - view.eye_mm);
+      const double along = -glm::dot(view.eye_mm, ray), aside = glm::length(view.eye_mm + along * ray);
+      const double pixel_mm = along / view.pixels_per_radian;
+      const uint8_t* p = &pixels[static_cast<size_t>(y * kWidth + x) * 4];
+      if (aside > radius + 2 * pixel_mm) {
+        ++d.outside;
+        d.strays += p[3] != 0;
+      } else if (aside < radius - 4 * pixel_mm) {
+        ++d.inside;
+        d.holes += p[3] == 0;
+        const glm::dvec3 n = glm::normalize(view.eye_mm + (along - std::sqrt(radius * radius - aside * aside)) * ray);
+        const double lit = std::max(glm::dot(n, light), 0.0);
+        if (lit < 0.02) continue;  // near the terminator a normal's last bit is many grey levels
+        for (int c = 0; c < 3; ++c)
+          d.largest = std::max(d.largest, std::abs(p[c] - kAlbedo[static_cast<size_t>(c)] * std::pow(0.04 + 0.96 * lit, 1 / 2.2)));
+      }
+    }
+  }
+  return d;
+}
+
+}  // namespace relievo::test
