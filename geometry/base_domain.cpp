@@ -15,6 +15,7 @@
 #include "geometry/base_sheet.h"
 #include "geometry/base_simplify.h"
 #include "geometry/base_topology.h"
+#include "geometry/mesh_order.h"
 #include "geometry/ray_scene.h"
 
 namespace relievo {
@@ -40,8 +41,6 @@ Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) 
   return {(glm::dvec3(lo) + glm::dvec3(hi)) / 2.0, glm::length(glm::dvec3(hi) - glm::dvec3(lo))};
 }
 
-// From so many triangles on a scan is thinned run by run first.
-constexpr size_t kManyTriangles = 400'000;
 // What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last
 // of the numbers keep too many pages pinned.
 constexpr double kLostEnough = 0.0015;
@@ -242,10 +241,11 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
   if (stopped()) return interruptedError();
   report(0.4);
-
   // Of the scan itself: the reduced one's walls lean over.
-  const size_t scan_vertices = mesh.positions_mm.size();
   const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers) : Outlook{};
+  if (options.scan_done) options.scan_done();
+
+  const size_t scan_vertices = mesh.positions_mm.size();
   std::vector<BorderLine> borders;
   for (const auto& loop : scan->loops) {
     borders.push_back({loop, {}});

@@ -26,6 +26,7 @@ struct BaseDomainOptions {
   // no gain.
   uint32_t patches = 0;
   int workers = 0;  // 0: one a core
+  std::function<void()> scan_done;  // called at most once, when one core suffices and the scan itself is seldom looked at
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };

@@ -292,18 +292,22 @@ void MeshBake::Impl::prepare(const BakeOptions& options) {
   }
 }
 
+namespace {
+
 // Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich 1998).
-bool MeshBake::Impl::makeNormals(const BakeOptions& options) {
-  normals.assign(mesh->positions_mm.size(), glm::vec3(0));
-  const size_t parts = static_cast<size_t>(workerCount(workers));
+bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vector<glm::vec3>& normals) {
+  normals.assign(mesh.positions_mm.size(), glm::vec3(0));
+  const size_t parts = static_cast<size_t>(workerCount(options.workers));
   // Every part goes through all triangles and sums up its own vertices: the same order of additions for any number of workers.
-  return parallelFor(parts, workers, options.interrupted, [&](size_t part) {
+  return parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
     const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
-    for (const auto& t : mesh->triangles) {
+    for (size_t i = 0; i < mesh.triangles.size(); ++i) {
+      if (i % (size_t{1} << 20) == 0 && options.interrupted && *options.interrupted) return;
+      const auto& t = mesh.triangles[i];
       std::array<bool, 3> mine{};
       for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
       if (!mine[0] && !mine[1] && !mine[2]) continue;
-      const std::array<glm::vec3, 3> p{mesh->positions_mm[t[0]], mesh->positions_mm[t[1]], mesh->positions_mm[t[2]]};
+      const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
       const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
       const float area = glm::length(n);
       if (!(area > 0)) continue;
@@ -318,6 +322,22 @@ bool MeshBake::Impl::makeNormals(const BakeOptions& options) {
       if (length > 0) normals[i] /= length;
     }
   });
+}
+
+}  // namespace
+
+BakeScene::BakeScene() = default;
+BakeScene::BakeScene(BakeScene&&) = default;
+BakeScene& BakeScene::operator=(BakeScene&&) = default;
+BakeScene::~BakeScene() = default;
+
+Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
+  BakeScene out;
+  auto rays = RayScene::create(mesh, {.interrupted = options.interrupted, .budget_bytes = options.ray_bytes});
+  if (!rays) return rays.error();
+  out.rays = std::move(*rays);
+  if (!makeNormals(mesh, options, out.normals)) return interruptedError();
+  return out;
 }
 
 Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options) const {
@@ -652,7 +672,8 @@ double MeshBake::reliefOffsetMm() const { return impl_->offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 
-Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& given) {
+Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& given,
+                                                   BakeScene scene) {
   const auto started = std::chrono::steady_clock::now();
   BakeOptions options = given;
   if (given.progress) {  // grids tried one after the other never lead backwards
@@ -672,10 +693,13 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->image = image;
   impl->base = base;
   impl->prepare(options);
-  auto scene = RayScene::create(mesh, options.interrupted);
-  if (!scene) return scene.error();
-  impl->scene = std::move(*scene);
-  if (!impl->makeNormals(options)) return interruptedError();
+  if (!scene.rays) {
+    auto made = makeBakeScene(mesh, {.workers = options.workers, .interrupted = options.interrupted});
+    if (!made) return made.error();
+    scene = std::move(*made);
+  }
+  impl->scene = std::move(scene.rays);
+  impl->normals = std::move(scene.normals);
   if (options.progress) options.progress(0.3);
 
   const double vertices = static_cast<double>(mesh.positions_mm.size()), patches = static_cast<double>(base.patches.size());
@@ -791,6 +815,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   for (const auto& by_grid : impl->errors)
     for (float e : by_grid[kPageCellsLog2]) largest = std::max(largest, e);
   impl->error_unit_mm = largest > 0 ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
+  if (auto sound = impl->scene->status(); !sound) return sound.error();
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   if (options.progress) options.progress(1);
   return std::unique_ptr<MeshBake>(new MeshBake(std::move(impl)));

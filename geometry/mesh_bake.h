@@ -40,6 +40,24 @@ struct BakeReport {
   double seconds = 0;
 };
 
+class RayScene;
+
+// What a bake looks up in the mesh, which must outlive it unchanged: to be made beside the base mesh, which takes as long.
+struct BakeScene {
+  std::unique_ptr<RayScene> rays;
+  std::vector<glm::vec3> normals;  // of the mesh's vertices
+  BakeScene();
+  BakeScene(BakeScene&&);
+  BakeScene& operator=(BakeScene&&);
+  ~BakeScene();
+};
+struct BakeSceneOptions {
+  uint64_t ray_bytes = ~uint64_t{0};  // of ray hierarchies at a time: with less all takes longer, and comes out the same
+  int workers = 0;
+  const std::atomic<bool>* interrupted = nullptr;
+};
+Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options);
+
 class MeshBake {
  public:
   // The image that mesh.texture_path names, if any: sRGB, rows top first, three channels; else empty.
@@ -47,8 +65,9 @@ class MeshBake {
     int width = 0, height = 0;
     std::span<const uint8_t> rgb;
   };
-  // The mesh and the image's bytes are used in place: they must outlive the bake unchanged.
-  static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options);
+  // The mesh and the image's bytes are used in place: they must outlive the bake unchanged. scene: of the mesh, or empty.
+  static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options,
+                                                  BakeScene scene = {});
   ~MeshBake();
 
   const BaseMesh& base() const;

@@ -18,6 +18,23 @@ uint32_t spread(uint32_t x) {
 
 }  // namespace
 
+bool needsOrder(const TriMesh& mesh) {
+  constexpr size_t kLarge = size_t{8} << 20, kRun = size_t{1} << 16;
+  if (mesh.triangles.size() < kManyTriangles) return false;
+  if (mesh.triangles.size() >= kLarge) return true;
+  // The last run that named a vertex; the first time in another run counts.
+  std::vector<uint32_t> run(mesh.positions_mm.size(), 0);
+  size_t again = 0;
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) {
+    const auto here = static_cast<uint32_t>(t / kRun + 1);
+    for (uint32_t v : mesh.triangles[t]) {
+      again += run[v] != 0 && run[v] != here;
+      run[v] = here;
+    }
+  }
+  return again > mesh.positions_mm.size() / 8;
+}
+
 bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interrupted) {
   const size_t triangles = mesh.triangles.size();
   if (triangles == 0) return true;

@@ -8,6 +8,12 @@
 
 namespace relievo {
 
+// From so many on a mesh is worked through in parts.
+inline constexpr size_t kManyTriangles = 400'000;
+// Is a mesh large enough for runs to matter, and are its own no good: do runs of 65,536 triangles share more than an
+// eighth of their vertices, or is it so large that not all of it is looked up at a time?
+bool needsOrder(const TriMesh& mesh);
+
 // By cells of a 128th of the bounding box, along a curve (Morton's); within a cell as they were. Vertices keep their
 // order. 16 bytes a triangle beside the mesh. The same for any number of workers. False: interrupted, and nothing was
 // changed.

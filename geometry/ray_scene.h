@@ -41,7 +41,7 @@ enum class Facing { kAny, kAlong };  // kAlong: only surfaces whose outside face
 
 struct RaySceneOptions {
   const std::atomic<bool>* interrupted = nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
-  uint32_t region_triangles = uint32_t{1} << 20;   // 40 to 56 MB each
+  uint32_t region_triangles = uint32_t{1} << 19;   // some 25 MB each
   uint64_t budget_bytes = ~uint64_t{0};            // of hierarchies at a time; one for each thread is kept, be it ever so small
 };
 

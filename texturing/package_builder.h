@@ -27,6 +27,7 @@ struct BuildOptions {
   int zstd_level = 1;
   PageEncoding coefficients, colour;  // of the planes of either kind; mip levels are computed from exact values all the same
   uint64_t memory_budget_bytes = uint64_t{768} << 20;
+  uint64_t kept_bytes = ~uint64_t{0};  // of the budget, for what waits for its neighbours: more of it lies in files; buildPatchPackage only
   std::string tool_version;
   std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second

@@ -613,7 +613,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
                                                   std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0,
+  SpillBudget spills{options.memory_budget_bytes > working ? std::min((options.memory_budget_bytes - working) / 4 * 3, options.kept_bytes) : 0,
                      options.output};
   for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
                              {&context.strips, store.stripsBytes()}, {&context.levels, store.levelBytes()}}) {

@@ -1,10 +1,13 @@
 #include "tools/build_mesh.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <functional>
+#include <future>
 #include <memory>
 #include <optional>
 
@@ -98,6 +101,7 @@ class Stages {
     auto result = stage();
     costs.push_back(
         {name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), Memory::peak()});
+    malloc_trim(0);  // what the stage gave back is not the next one's
     return result;
   }
   template <class Options, class F>
@@ -169,8 +173,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   auto loaded = stages.run("read", read_options, [&] {
     auto mesh = readMesh(a.mesh, read_options);
     if (mesh.ok()) mesh_file.start();
-    if (mesh.ok() && mesh->mesh.triangles.size() >= kManyTriangles)
-      orderTriangles(mesh->mesh, a.package.workers, &interruptedFlag());
+    if (mesh.ok() && needsOrder(mesh->mesh)) orderTriangles(mesh->mesh, a.package.workers, &interruptedFlag());
     return mesh;
   });
   if (!loaded) return loaded.error();
@@ -182,14 +185,25 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   BaseDomainOptions base_options;
   base_options.patches = a.patches;
   base_options.workers = a.package.workers;
+  // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package does not need.
+  constexpr uint64_t kPackageBytes = uint64_t{128} << 20, kLeastRayBytes = uint64_t{256} << 20;
+  std::future<Result<BakeScene>> bake_scene;
+  base_options.scan_done = [&] {
+    const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
+    const uint64_t left = a.package.memory_budget_bytes > held ? a.package.memory_budget_bytes - held : 0;
+    BakeSceneOptions options{.ray_bytes = std::max(left, kLeastRayBytes), .workers = 1, .interrupted = &interruptedFlag()};
+    bake_scene = std::async(std::launch::async, [&scan, options] { return makeBakeScene(scan, options); });
+  };
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
   if (!base) return base.error();
 
   BakeOptions bake_options;
   bake_options.tolerance_mm = a.tolerance_mm;
   bake_options.workers = a.package.workers;
-  auto bake = stages.run("bake", bake_options, [&] {
-    return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options);
+  auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
+    auto scene = bake_scene.get();
+    if (!scene) return scene.error();
+    return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options, std::move(*scene));
   });
   if (!bake) return bake.error();
 
@@ -204,8 +218,9 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
       nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
   // package's.
-  constexpr uint64_t kLeastBytes = uint64_t{64} << 20;
+  constexpr uint64_t kLeastBytes = uint64_t{64} << 20, kKeptBytes = uint64_t{16} << 20;
   const uint64_t held = Memory::now();
+  package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
   auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources), package); });
   if (!built) return built.error();
