@@ -185,7 +185,8 @@ bool MeshRoots::allBeyondNear(const glm::dvec4& near_row) const {
 }
 
 void MeshRoots::evaluate(const LodCamera& camera, const RootView& view) {
-  backs_are_hidden_ = closed_ && view.hide_backs && allBeyondNear(camera.planes[4]);
+  backs_are_hidden_ = closed_ && allBeyondNear(camera.planes[4]);
+  leaves_out_ = backs_are_hidden_ && view.hide_backs;
   if (camera.orthographic) evaluateAll<true>(camera, view);
   else evaluateAll<false>(camera, view);
 }
@@ -212,7 +213,7 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
 
 template <bool kOrthographic>
 void MeshRoots::evaluateBlocks(const Eye& eye) {
-  const bool hide = backs_are_hidden_;
+  const bool hide = leaves_out_;
   const float* x = of_blocks_.x.data();
   const float* y = of_blocks_.y.data();
   const float* z = of_blocks_.z.data();
@@ -307,9 +308,9 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
     const float allowed_mm = eye.error_px / px;
     const float cell_px = longest[p] * nearest_px_per_mm;
     auto wants = [&](const float* error, size_t k) {
-      float least = error[p] > 4 * allowed_mm ? 0.5f : 1.0f;  // leastCellPx()
-      least = error[p] > 16 * allowed_mm ? 0.25f : least;
-      return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > least * eye.min_cell_px[k]);
+      float cells = error[p] > 4 * allowed_mm ? 0.5f : 1.0f;  // leastCellPx()
+      cells = error[p] > 16 * allowed_mm ? 0.25f : cells;
+      return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > cells * eye.min_cell_px[k]);
     };
     const int level = wants(e0, 0) + wants(e1, 1) + wants(e2, 2) + wants(e3, 3) + wants(e4, 4);
     careful |= static_cast<int>(level == kLevels) | static_cast<int>(!(cell_px <= eye.max_node_px));

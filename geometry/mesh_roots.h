@@ -69,8 +69,7 @@ class MeshRoots {
   void evaluateAll(const LodCamera& camera, const RootView& view);
   bool allBeyondNear(const glm::dvec4& near_row) const;
 
-  bool prepared_ = false, any_careful_ = false, backs_are_hidden_ = false;
-  bool closed_ = false;
+  bool prepared_ = false, any_careful_ = false, closed_ = false, backs_are_hidden_ = false, leaves_out_ = false;
   double exaggerate_ = 0;
   size_t count_ = 0, padded_ = 0, blocks_ = 0;  // padded: whole blocks; what is added is always culled
   double extent_ = 0;  // the largest coordinate of a sphere

@@ -106,7 +106,7 @@ struct PlanarLodResult {
   // from that of the drawn surface above the same place. Up to 2 error_px where levels meet; more only where pages are missing.
   double max_error_px = 0;
   // Whatever is seen from behind lies behind something seen from the front: the eye is outside a closed body that the near plane leaves
-  // whole. Some patches may be missing for it; triangles seen from behind need not be drawn.
+  // whole. Triangles seen from behind need not be drawn, patches of only such ones are missing if LodView::hide_backs says so.
   bool backs_are_hidden = false;
 };
 

@@ -466,7 +466,7 @@ struct Engine::Impl {
     pool->bind(surface_program, streamer->table());
     setUniforms(surface_program, 0);
     const EyeFrame eye = prepareInstances(surface_program);
-    const PatchPass::Mesh mesh = backs_are_hidden ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+    const PatchPass::Mesh mesh = backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
     stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, mesh);
   }
 

@@ -52,7 +52,7 @@ struct EngineOptions {
   Determination determination = Determination::kFeedback;
   Replacement replacement = Replacement::kLru;
   Upload upload = Upload::kAuto;
-  bool hide_backs = true;   // of closed bodies, what is seen from behind is not drawn (geometry/facing_cone.h); the picture is the same
+  bool hide_backs = true;   // patches of closed bodies that are seen from behind are left out (geometry/facing_cone.h); the picture is the same
   bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
@@ -119,6 +119,7 @@ class Engine {
     bool no_borders = false;   // samples are clamped to the page's payload
     bool no_snapping = false;
     bool unordered_ends = false;  // over a base mesh: a side's points are interpolated in the patch's direction
+    bool draw_backs = false;   // of closed bodies, too
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
     bool call_a_patch = false;    // each instance by a draw call of its own, for comparison
   };
