@@ -722,6 +722,8 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                              [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
   if (!upload) return upload.error();
   impl->upload = *upload;
+  if (options.upload == Upload::kBlocks && !upload->why_not_blocks.empty())
+    impl->messages.push_back("texture pages are uploaded as rgba8, not as blocks: " + upload->why_not_blocks);
   impl->pinned_nodes = roots;
   // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed later.
   EffectPlan fixed = impl->plan;

@@ -40,6 +40,9 @@ HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest) {
     for (uint64_t bytes : {s.bytes_read[p], s.bytes_decoded[p], s.bytes_uploaded[p]}) row.push_back(bytesText(bytes));
     f.planes.push_back(std::move(row));
   }
+  f.lines.push_back(text("upload %s   resident %s of %s   GPU textures %s", uploadFormatName(stats.upload).c_str(), bytesText(s.resident_bytes).c_str(),
+                         bytesText(stats.cache_bytes).c_str(), bytesText(stats.texture_bytes).c_str()));
+  if (!stats.why_not_blocks.empty()) f.lines.push_back("no blocks: " + stats.why_not_blocks);
   const double asked = static_cast<double>(s.hits + s.misses);
   f.lines.push_back(text("hits %.1f %%   misses %llu   evictions %llu   retries %llu   failed %llu", asked > 0 ? 100 * static_cast<double>(s.hits) / asked : 100,
                          big(s.misses), big(s.evictions), big(s.retries), big(s.failed_pages)));

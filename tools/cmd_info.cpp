@@ -4,6 +4,8 @@
 #include <nlohmann/json.hpp>
 
 #include "src/effect_plan.h"
+#include "src/upload_choice.h"
+#include "texturing/cache_budget.h"
 #include "texturing/package.h"
 #include "tools/commands.h"
 #include "tools/mesh_report.h"
@@ -25,6 +27,11 @@ std::vector<PlaneLine> planeLines(const Package& package) {
   }
   if (m.domain.relief_depth >= 0) lines.push_back({"relief", "lossless", planeUsage(package, Plane::kRelief)});
   return lines;
+}
+
+// On a GPU, all texture planes, a page's border included.
+double residentBytesPerTexel(const Manifest& m, PageCodec upload) {
+  return static_cast<double>(slotBytes(upload, texturePlane(0))) * m.texture.planes() / (kPagePx * kPagePx);
 }
 
 // Of the corners, in the scan's coordinates.
@@ -91,6 +98,8 @@ Result<void> info(const InfoArguments& o) {
       json["planes"].push_back({{"name", p.name}, {"encoding", p.encoding}, {"pages", p.usage.pages}, {"bytes", p.usage.bytes},
                                 {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels}, {"unknown_pages", p.usage.unknown_pages}});
     }
+    json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
+    if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
     json["pages"] = m.page_count;
     if (m.base) json["tails"] = package.hasTails();
     json["bytes_per_px"] = bytes_per_px;
@@ -140,6 +149,9 @@ Result<void> info(const InfoArguments& o) {
     std::printf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
                 static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
+  std::printf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));
+  if (auto codec = commonBlockCodec(m)) std::printf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
+  std::printf("\n");
   if (!m.tool_version.empty()) std::printf("  made by   %s\n", m.tool_version.c_str());
   for (const Provenance& p : m.sources) {
     std::printf("  source    %s%s%s%s%s\n", p.name.c_str(), p.xxh3.empty() ? "" : "  xxh3 ", p.xxh3.c_str(), p.generator.empty() ? "" : "  generator ",

@@ -14,10 +14,15 @@ struct EncodingFigures {
   double seam = 0;            // of 255
   double bytes_per_px = 0;    // of texture in the package, mip levels included
   double decode_us = 0;       // a page, CPU time
-  double resident_rgba8 = 0;  // bytes per texel, all planes
-  double resident_blocks = 0; // if the planes that hold blocks were uploaded as such
-  double frame_ms = 0, settle_ms = 0;
-  double frame_cpu_ms = 0, settle_cpu_ms = 0, encode_cpu_s = 0;  // of all threads
+  double encode_cpu_s = 0;    // of all threads
+  // As the pages lie on the GPU. CPU times are those of all threads.
+  struct Shown {
+    double resident = 0;  // bytes per texel, all planes
+    double frame_ms = 0, frame_cpu_ms = 0, settle_ms = 0, settle_cpu_ms = 0;
+  };
+  Shown rgba8, blocks;
+  bool as_blocks = false;  // false: the planes have no one block codec, or this context does not sample it
+  int blocks_differ = 0;   // largest difference of the pictures of the two, of 255
 };
 
 // PSNR over bytes per pixel and over the time to decode a page; what is exact is a line at its place.

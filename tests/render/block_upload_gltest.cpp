@@ -490,6 +490,8 @@ TEST_F(BlockUpload, PackagesWithoutBlocksFallBackAndSayWhy) {
     EXPECT_EQ(settled(*e, camera(2)), settled(*rgba8, camera(2)));
     EXPECT_EQ(e->stats().upload, PageCodec::kLossless);
     EXPECT_FALSE(e->stats().why_not_blocks.empty());
+    EXPECT_EQ(e->takeMessages().size(), 1u) << "said once";
+    EXPECT_TRUE(rgba8->takeMessages().empty());
     EXPECT_TRUE(rgba8->stats().why_not_blocks.empty()) << "nobody asked";
   }
 }

@@ -117,6 +117,13 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
   for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1", "cancelled 9: 6 to read, 2 to decode, 1 decoded",
                            "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "p50 18 ms (1 frames)", "p99 51 (3)"})
     EXPECT_NE(lines.find(part), std::string::npos) << part << " in\n" << lines;
+  EngineStats blocks = busyStats();
+  blocks.upload = PageCodec::kBc7;
+  blocks.streamer.resident_bytes = 8'140'000, blocks.cache_bytes = 66'000'000, blocks.texture_bytes = 12'300'000;
+  EXPECT_EQ(hudFigures(blocks, manifest).lines[0], "upload bc7 blocks   resident 8.14 MB of 66.0 MB   GPU textures 12.3 MB");
+  blocks.upload = PageCodec::kLossless, blocks.why_not_blocks = "a reason";
+  EXPECT_EQ(hudFigures(blocks, manifest).lines[0].substr(0, 12), "upload rgba8");
+  EXPECT_EQ(hudFigures(blocks, manifest).lines[1], "no blocks: a reason");
   HudFigures idle = hudFigures({}, manifest);
   EXPECT_EQ(idle.planes.size(), 1u) << "planes that are not in use stay away";
   EXPECT_EQ(idle.lines.size() + 1, f.lines.size()) << "no latency before the first page";
