@@ -1,5 +1,5 @@
 // shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (C++ twin: texturing/basis.h).
-// PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
+// TAILS_ONLY: no page is looked up. PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
 #include "texture_lookup.glsl"
 
 uniform vec4 u_coefficients[6];  // x: scale, y: bias of coefficient k; z: basis function k under the light
@@ -269,7 +269,10 @@ void main() {
 #endif
   lod = min(lod, float(u_artwork.x));
 #endif
-#ifdef TRILINEAR
+#ifdef TAILS_ONLY
+  int fine = 0, found = -1;
+  channels = g_tail;
+#elif defined(TRILINEAR)
   float base = min(floor(lod), float(u_artwork.x));
   float blend = lod - base;
   int fine = u_artwork.x - int(base);
@@ -286,7 +289,7 @@ void main() {
   Place place = placeAtLevel(fine);
   int found = SAMPLE_LEVEL(place, channels);
 #endif
-#ifdef TAILS
+#if defined(TAILS) && !defined(TAILS_ONLY)
 #ifdef TRILINEAR
   float share = tailShare(beyond);
 #else
