@@ -247,8 +247,9 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
   std::string name = escaped(std::filesystem::path(plan.package->path()).filename().string());
   std::string out = "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>\n<title>relievo compare: " + name +
                     "</title>\n<style>" + kStyle + "</style></head><body>\n<h1>LOD strategies over " + name + "</h1>\n";
-  add(out, "<p>%llu x %llu px, %g mm a px, heights x %g; %zu frames of %d x %d px along ", static_cast<unsigned long long>(d.width_px),
-      static_cast<unsigned long long>(d.height_px), d.mm_per_px, plan.exaggerate, all.frame_count, plan.width_px, plan.height_px);
+  if (const auto& base = plan.package->manifest().base) add(out, "<p>%zu patches of %d x %d cells over a base mesh", base->patches.size(), kPagePx << d.relief_depth, kPagePx << d.relief_depth);
+  else add(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px), d.mm_per_px);
+  add(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px, plan.height_px);
   out += escaped(std::filesystem::path(plan.path).filename().string()) + "; " + escaped(all.renderer) + ", " + escaped(all.version) + ".</p>\n";
   add(out,
       "<p>The error of a pixel is its distance to where the full-resolution relief has the place that it shows. Measuring itself is off by at most %.3g px (full "

@@ -19,7 +19,7 @@ namespace relievo::test {
 namespace {
 
 constexpr uint64_t kSeed = 20261122;
-constexpr int kRaysAcross = 56, kRaysDown = 42;
+constexpr int kWidth = 72, kHeight = 54;  // px
 
 int viewsAnArtwork() { return std::getenv("RELIEVO_LONG_TESTS") ? 1000 : 80 / kViewShare; }
 
@@ -141,23 +141,25 @@ SurfacePoint firstHit(const RayScene& scene, const glm::dvec3& from, const glm::
   SurfacePoint hit = scene.nearestOnLine({from, direction, length}, Facing::kAny);
   if (!hit || hit.along >= 0) return hit;
   // Something lies closer behind. Ever longer stretches ahead, each asked from its middle; then what is nearer in the one that has any.
-  for (double reach = -hit.along / 2; reach <= length; reach *= 2) {
-    SurfacePoint found, nearer = scene.nearestOnLine({from + reach * direction, direction, reach}, Facing::kAny);
-    double limit = reach;
-    while (nearer) {
+  for (double reach = std::max(-hit.along / 2, 1e-6 * length); reach <= length; reach *= 2) {
+    auto within = [&](double limit) {
+      SurfacePoint p = scene.nearestOnLine({from + limit * direction, direction, limit}, Facing::kAny);
+      p.along += limit;
+      return p;
+    };
+    SurfacePoint found = within(reach);
+    if (!found) continue;
+    for (;;) {
+      const SurfacePoint nearer = within(0.5 * found.along);
+      if (!nearer || !(nearer.along < found.along * (1 - 1e-6))) return found;  // the same again
       found = nearer;
-      found.along += limit;
-      limit = 0.5 * found.along * (1 - 1e-9);
-      if (limit < 1e-9 * reach) break;
-      nearer = scene.nearestOnLine({from + limit * direction, direction, limit}, Facing::kAny);
     }
-    if (found) return found;
   }
   return {};
 }
 
 struct Figures {
-  int views = 0, above = 0, above_half = 0;
+  int views = 0, above = 0, above_part = 0;
   uint64_t rays = 0, measured = 0, undrawn = 0;
   std::vector<double> tightness;
   double percentile(double part) {
@@ -167,15 +169,18 @@ struct Figures {
   }
 };
 
-Figures study(const Artwork& artwork, int views) {
+// part: of the bound, the negative control.
+Figures study(const Artwork& artwork, int views, double part) {
   Figures f;
   const TriMesh mesh = artwork.triangles();
   auto scene = RayScene::create(mesh);
   EXPECT_TRUE(scene.ok());
   for (int k = 0; k < views; ++k) {
     Random random(kSeed + static_cast<uint64_t>(k));
-    const Camera camera = artwork.camera(random);
-    const double error_px = std::exp(random.real(-0.7, 2));
+    Camera camera = artwork.camera(random);
+    camera.aspect = double{kWidth} / kHeight;
+    camera.viewport_height_px = kHeight;
+    const double error_px = std::exp(random.real(-2, 1));
     const bool orthographic = random.chance(0.1);
     LodView view = orthographic ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px) : makeView(camera, error_px);
     if (random.chance(0.3)) view.min_cell_px = 2 * error_px;
@@ -188,17 +193,16 @@ Figures study(const Artwork& artwork, int views) {
     const PlanarLodResult lod = artwork.select(view, resident);
     Drawn drawn(artwork, lod.instances);
     const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
-    const double w = camera.viewport_height_px * camera.aspect, h = camera.viewport_height_px;
     auto project = [&](const glm::dvec3& at, glm::dvec2* px) {
       const glm::dvec4 c = view.clip_from_world * glm::dvec4(at, 1);
-      *px = 0.5 * glm::dvec2(c.x * w, c.y * h) / c.w;
+      *px = 0.5 * glm::dvec2(c.x * kWidth, c.y * kHeight) / c.w;
       return orthographic || c.w >= camera.near_mm * (1 - 1e-9);
     };
     double most = 0;
     uint64_t measured = 0;
-    for (int y = 0; y < kRaysDown; ++y)
-      for (int x = 0; x < kRaysAcross; ++x) {
-        const glm::dvec2 ndc((x + 0.5) / kRaysAcross * 2 - 1, (y + 0.5) / kRaysDown * 2 - 1);
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const glm::dvec2 ndc((x + 0.5) / kWidth * 2 - 1, (y + 0.5) / kHeight * 2 - 1);
         const glm::dvec4 n4 = world_from_clip * glm::dvec4(ndc, -1, 1), f4 = world_from_clip * glm::dvec4(ndc, 1, 1);
         const glm::dvec3 from = glm::dvec3(n4) / n4.w, way = glm::dvec3(f4) / f4.w - from;
         ++f.rays;
@@ -226,7 +230,7 @@ Figures study(const Artwork& artwork, int views) {
       std::printf("[ above    ] %s, seed %llu: measured %.6g px, predicted %.6g px\n", artwork.name.c_str(), static_cast<unsigned long long>(kSeed) + static_cast<unsigned long long>(k), most,
                   lod.max_error_px);
     }
-    f.above_half += most > lod.max_error_px / 2 + slack;
+    f.above_part += most > part * lod.max_error_px + slack;
     if (most > 0.01) f.tightness.push_back(lod.max_error_px / most);
   }
   return f;
@@ -451,14 +455,14 @@ Artwork flatSample() {
   return a;
 }
 
-void expectCertified(const Artwork& artwork) {
-  Figures f = study(artwork, viewsAnArtwork());
-  std::printf("[ figures  ] %-26s seed %llu: %d views, %llu rays, %llu met the surface and are measured; above the bound: %d views, above half of it: %d; "
+void expectCertified(const Artwork& artwork, double part = 0.5) {
+  Figures f = study(artwork, viewsAnArtwork(), part);
+  std::printf("[ figures  ] %-26s seed %llu: %d views, %llu rays, %llu met the surface and are measured; above the bound: %d views, above %.2g of it: %d; "
               "bound / measured: median %.2f, least %.2f, 90 %% below %.2f\n",
-              artwork.name.c_str(), static_cast<unsigned long long>(kSeed), f.views, static_cast<unsigned long long>(f.rays), static_cast<unsigned long long>(f.measured), f.above, f.above_half,
+              artwork.name.c_str(), static_cast<unsigned long long>(kSeed), f.views, static_cast<unsigned long long>(f.rays), static_cast<unsigned long long>(f.measured), f.above, part, f.above_part,
               f.percentile(0.5), f.percentile(0), f.percentile(0.9));
   EXPECT_EQ(f.above, 0);
-  EXPECT_GT(f.above_half, 0) << "half the bound would do, too: nothing is shown";
+  EXPECT_GT(f.above_part, 0) << "a part of the bound would do, too: nothing is shown";
   EXPECT_GT(f.measured, 200u * static_cast<uint64_t>(f.views));
   // What is met is drawn, but for what only the picture's very border shows.
   EXPECT_LE(f.undrawn, f.measured / 1000);
@@ -468,7 +472,7 @@ TEST(Certified, CoinScan) { expectCertified(scan("sample coin scan", coinScan(25
 TEST(Certified, SmoothBall) { expectCertified(scan("smooth ball", sphereMesh(40), 0, -1)); }
 TEST(Certified, Bust) { expectCertified(scan("bust with undercuts", bustMesh(60), 0, -1)); }
 TEST(Certified, CornersOfManyPatches) { expectCertified(hardShape()); }
-TEST(Certified, FlatInscription) { expectCertified(flatSample()); }
+TEST(Certified, FlatInscription) { expectCertified(flatSample(), 0.35); }  // at a slant heights are seen shortened, and its bound is looser
 
 }  // namespace
 }  // namespace relievo::test

@@ -107,6 +107,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
         std::printf("[ above    ] seed %llu: measured %.4g px, predicted %.4g px, asked %.3g px\n", static_cast<unsigned long long>(seed) + k, m.max_px,
                     lod.max_error_px, view.error_px);
     }
+    if (believe < 1 && f.above > 0) break;  // a negative control has failed as it should
     if (lod.max_error_px > 0 && m.samples > 0) f.tightness.push_back(m.max_px / lod.max_error_px);
     if (lod.limited_by_residency == 0) f.worst = std::max(f.worst, m.max_px / lod.error_px);
   }

@@ -135,6 +135,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
         std::printf("[ above    ] %s, seed %llu: measured %.6g px, predicted %.6g px, asked %.3g px\n", name.c_str(),
                     static_cast<unsigned long long>(seed) + static_cast<unsigned long long>(k), m.max_px, lod.max_error_px, view.error_px);
     }
+    if (believe < 1 && f.above > 0) break;  // a negative control has failed as it should
     if (m.max_px > 0.01 && m.samples > 0) f.tightness.push_back(lod.max_error_px / m.max_px);
     if (lod.limited_by_residency == 0) f.worst = std::max(f.worst, m.max_px / lod.error_px);
   }
@@ -170,7 +171,7 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
                   f.tightness[f.tightness.size() / 2], f.tightness[0], f.worst);
   }
   std::sort(all.tightness.begin(), all.tightness.end());
-  std::printf("[ figures  ] seed %llu: %d views, %llu samples; predicted / measured: median %.2f; half the prediction is exceeded in %d views\n",
+  std::printf("[ figures  ] seed %llu: %d views, %llu samples; predicted / measured: median %.2f; half the prediction is exceeded with %d of the meshes\n",
               static_cast<unsigned long long>(kSeed), all.views, static_cast<unsigned long long>(all.samples), all.tightness[all.tightness.size() / 2],
               halved_above);
   EXPECT_GT(halved_above, 0);
@@ -227,8 +228,8 @@ TEST(MeshError, PartsOfCoarseGrids) {
     truth.tell(static_cast<TrueMeshRelief::Parts>(k));
     study(figures[k], "parts", mesh, relief, truth, 40 / kViewShare, kSeed + 9000, k == 2 ? 0.999 : 1);
   }
-  std::printf("[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in %d of %d views\n",
-              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), figures[2].above, figures[2].views);
+  std::printf("[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in one of the first %d views\n",
+              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), figures[2].views);
   EXPECT_EQ(figures[0].above, 0);
   EXPECT_EQ(figures[1].above, 0);
   EXPECT_LT(figures[1].cells, figures[0].cells);
