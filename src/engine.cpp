@@ -965,6 +965,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"resident_mib", mib(s.streamer.resident_bytes)},
       {"cache_mib", mib(s.cache_bytes)},
       {"texture_mib", mib(s.texture_bytes)},
+      {"tails_mib", mib(s.tail_bytes)},
       {"evictions", s.streamer.evictions},
       {"hits", s.streamer.hits},
       {"misses", s.streamer.misses},

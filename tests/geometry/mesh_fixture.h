@@ -387,7 +387,8 @@ auto pointsOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& 
     const auto& c = mesh.patches[p.node.patch];
     float mm = 0;
     if (!flat) {
-      const uint32_t between = (1u << (relief.depth - static_cast<int>(p.relief_page.level))) - 1;
+      const bool tail = p.relief_page.level == kTailLevel;
+      const uint32_t between = (1u << (tail ? relief.unitLog2() - kTailCellsLog2 : relief.depth - static_cast<int>(p.relief_page.level))) - 1;
       mm = relief.mm(height(p.node.patch, x & ~between, y & ~between), exaggerate);
     }
     return meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y, 1u << relief.unitLog2(), mm);
