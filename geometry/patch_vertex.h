@@ -95,6 +95,7 @@ glm::dvec3 morphedPatchVertex(const PlanarDomain& domain, const PatchInstance& p
     return glm::dvec3(v.x, v.y, v.height_q8);
   };
   return drawnVertex(p, i, j, at, [](const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& own, float weight) {
+    if (b.x == own.x && b.y == own.y) return own;  // both on the border: the coarser surface ends there, too
     return 0.5 * (a + b) * (1.0 - double{weight}) + own * double{weight};
   });
 }

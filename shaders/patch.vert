@@ -202,6 +202,11 @@ GridVertex vertexOnSide(ivec2 g, ivec2 axis, int n, int which) {
   if (level > 0 && ((snapped >> (cells - level)) & 1) != 0) {
     v.reach = axis << (cells - level);
     v.weight = weightOf(second ? a_morph.y : a_morph.x, which);
+#ifndef MESH
+    // On the border, as the next coarser vertex: the coarser surface ends there, too.
+    ivec2 at = a_origin.xy + (v.own << a_origin.z);
+    if (axis.x != 0 ? at.x >= u_limit.x : at.y >= u_limit.y) v.weight = 1.0;
+#endif
   }
 #endif
   return v;

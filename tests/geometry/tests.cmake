@@ -9,6 +9,7 @@ relievo_test(mesh_watertight_test LIBS relievo_geometry SOURCES geometry/mesh_wa
 relievo_test(height_fit_test LIBS relievo_mesh SOURCES geometry/height_fit_test.cpp)
 relievo_test(mesh_bake_test LIBS relievo_mesh SOURCES geometry/mesh_bake_test.cpp)
 relievo_test(mesh_error_test LIBS relievo_geometry SOURCES geometry/mesh_error_test.cpp)
+relievo_test(planar_morph_test LIBS relievo_geometry SOURCES geometry/planar_morph_test.cpp)
 relievo_test(mesh_morph_test LIBS relievo_geometry SOURCES geometry/mesh_morph_test.cpp)
 relievo_test(facing_cone_test LIBS relievo_geometry SOURCES geometry/facing_cone_test.cpp)
 relievo_test(mesh_lod_test LIBS relievo_geometry SOURCES geometry/mesh_lod_test.cpp)

@@ -49,6 +49,7 @@ class TrueRelief final : public ReliefOracle {
     return domain_.relief_offset_mm + domain_.relief_scale_mm * samples_[static_cast<size_t>(j * columns_ + i)];
   }
   size_t pageCount() const { return bounds_.size(); }
+  const PlanarDomain& domain() const { return domain_; }
 
  private:
   // The page's own samples, interpolated over the clamped triangles that the renderer draws, against all finest samples.
