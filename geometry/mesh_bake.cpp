@@ -185,7 +185,11 @@ struct MeshBake::Impl {
 namespace {
 
 // Where corners' normals oppose one another, those between them get short, and heights along them long: they end at twice the reach.
-Line lineOf(const Frame& f, double reach) { return {f.point, f.normal, reach / std::max(glm::length(f.normal), 0.5)}; }
+// The base is made to lie near the scan: most hits are within a fifth of the reach.
+Line lineOf(const Frame& f, double reach) {
+  const double along = reach / std::max(glm::length(f.normal), 0.5);
+  return {f.point, f.normal, along, 0.2 * along};
+}
 
 Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
 

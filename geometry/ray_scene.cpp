@@ -18,7 +18,9 @@ constexpr size_t kPacket = 8;  // AVX2
 // What the lanes of a packet met so far. Surfaces that are equally near: the first triangle, whichever hierarchy is asked first.
 struct PacketContext {
   RTCIntersectContext embree;  // the first member: Embree hands its address to the filter
-  bool outwards = false;       // hits are the nearer the closer they are to the middle of the ray, not to its start
+  // Rays go through to their ends, and the hit closest to their middle counts; else each ends at its nearest hit, but of equally near ones
+  // that may be any: Embree compares before it divides.
+  bool through = false;
   uint32_t first_triangle = 0; // of the region
   std::array<float, kPacket> middle{}, nearest{}, t{}, u{}, v{};
   std::array<uint32_t, kPacket> triangle{};
@@ -41,7 +43,7 @@ void lineFilter(const RTCFilterFunctionNArguments* args) {
                            RTCRayN_dir_z(args->ray, args->N, i) * RTCHitN_Ng_z(args->hit, args->N, i);
       if (kind == kRayUp ? !(facing > 0) : !(facing < 0)) continue;
     }
-    const float t = RTCRayN_tfar(args->ray, args->N, i), distance = context.outwards ? std::abs(t - context.middle[lane]) : t;
+    const float t = RTCRayN_tfar(args->ray, args->N, i), distance = context.through ? std::abs(t - context.middle[lane]) : t;
     const uint32_t triangle = context.first_triangle + RTCHitN_primID(args->hit, args->N, i);
     if (distance > context.nearest[lane] || (distance == context.nearest[lane] && triangle >= context.triangle[lane])) continue;
     context.nearest[lane] = distance;
@@ -49,7 +51,7 @@ void lineFilter(const RTCFilterFunctionNArguments* args) {
     context.t[lane] = t;
     context.u[lane] = RTCHitN_u(args->hit, args->N, i);
     context.v[lane] = RTCHitN_v(args->hit, args->N, i);
-    if (!context.outwards) args->valid[i] = -1;  // the ray ends here
+    if (!context.through) args->valid[i] = -1;  // the ray ends here
   }
 }
 
@@ -354,8 +356,7 @@ void RayScene::Impl::trace(std::span<const size_t> near, PacketContext& context,
       bool any = false;
       for (size_t i = 0; i < kPacket; ++i) {
         if (!valid[i]) continue;
-        // Rays that look outwards start in their middle.
-        const bool here = regions[r].box.meets(context.outwards ? boxOf(i, rays.ray.tfar[i]) : boxOf(i, 0));
+        const bool here = regions[r].box.meets(context.through ? boxOf(i, rays.ray.tfar[i]) : boxOf(i, 0));
         if (here != at_start || (!here && !regions[r].box.meets(boxOf(i, rays.ray.tfar[i])))) continue;
         meets[i] = -1;
         any = true;
@@ -377,7 +378,7 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
   std::array<double, kPacket> length{}, start{};
   for (size_t i = 0; i < lines.size(); ++i) length[i] = glm::length(lines[i].direction);
   // From `start` before the line's point on.
-  auto aim = [&](size_t i, const glm::dvec3& direction, double far, unsigned kind) {
+  auto aim = [&](size_t i, const glm::dvec3& direction, double far, unsigned kind, float middle) {
     const glm::dvec3 at = lines[i].at - start[i] * direction;
     rays.ray.org_x[i] = static_cast<float>(at.x);
     rays.ray.org_y[i] = static_cast<float>(at.y);
@@ -393,14 +394,14 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
     rays.ray.flags[i] = 0;
     rays.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
     rays.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
-    context.middle[i] = static_cast<float>(start[i]);
+    context.middle[i] = middle;
     context.nearest[i] = std::numeric_limits<float>::infinity();
     context.triangle[i] = SurfacePoint::kNone;
     valid[i] = -1;
   };
 
   // Where the hit is likely: one short ray through the line's point.
-  context.outwards = true;
+  context.through = true;
   bool any = false;
   for (size_t i = 0; i < lines.size(); ++i) {
     hits[i] = {};
@@ -408,7 +409,7 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
     if (!(window > 0) || !(length[i] > 0) || !(window * length[i] > 1e-5 * size)) continue;
     any = true;
     start[i] = window;
-    aim(i, lines[i].direction, 2 * window, facing == Facing::kAny ? kRayAny : kRayUp);
+    aim(i, lines[i].direction, 2 * window, facing == Facing::kAny ? kRayAny : kRayUp, static_cast<float>(window));
   }
   if (any) {
     trace(near, context, rays, valid);
@@ -417,21 +418,34 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
         hits[i] = refined(*mesh, lines[i], context.triangle[i], static_cast<double>(context.t[i]) - start[i], context.u[i], context.v[i]);
   }
 
-  // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on the surface.
-  context.outwards = false;
+  // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on the surface. Then
+  // through what is as near as what was found.
   std::array<bool, kPacket> known{};
   for (size_t i = 0; i < lines.size(); ++i) known[i] = static_cast<bool>(hits[i]) || !(length[i] > 0);
   for (bool up : {true, false}) {
     valid = {};
     any = false;
+    context.through = false;
     for (size_t i = 0; i < lines.size(); ++i) {
       if (known[i]) continue;
       any = true;
       start[i] = std::min(lines[i].reach, 2e-6 * size / length[i]);
       const double reach = up || !hits[i] ? lines[i].reach : std::min(lines[i].reach, std::abs(hits[i].along));
-      aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i], facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown);
+      aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i], facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown, 0);
     }
     if (!any) return;
+    trace(near, context, rays, valid);
+    any = false;
+    for (size_t i = 0; i < lines.size(); ++i) {
+      if (valid[i]) valid[i] = context.triangle[i] == SurfacePoint::kNone ? 0 : -1;
+      if (!valid[i]) continue;
+      any = true;
+      rays.ray.tnear[i] = context.t[i] * (1 - 1e-5f) - 1e-6f * static_cast<float>(start[i]);
+      rays.ray.tfar[i] = context.t[i] * (1 + 1e-5f) + 1e-6f * static_cast<float>(start[i]);
+      context.nearest[i] = std::numeric_limits<float>::infinity();
+    }
+    if (!any) continue;
+    context.through = true;
     trace(near, context, rays, valid);
     for (size_t i = 0; i < lines.size(); ++i) {
       if (!valid[i] || context.triangle[i] == SurfacePoint::kNone) continue;

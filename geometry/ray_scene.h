@@ -5,8 +5,8 @@
 //
 // Memory: Embree's hierarchies are many, one for each run of consecutive triangles (a region), built when a line or a place first needs it
 // and given back, longest unused first, when the budget is spent. Where triangles near one another in space are near in the list, too
-// (mesh_order.h), few regions are needed at a time. Results do not depend on the runs' length, nor on the budget: of surfaces that are
-// equally near the first triangle is taken, whatever order the hierarchies are in.
+// (mesh_order.h), few regions are needed at a time. Results do not depend on the budget, and on the runs' length only as
+// Embree's rounding does: of surfaces that are equally near the first triangle is taken, whatever order the hierarchies are in.
 #pragma once
 
 #include <atomic>

@@ -3,9 +3,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
+#include <utility>
 
+#include "geometry/mesh_order.h"
 #include "tests/geometry/mesh_shapes.h"
 
 namespace relievo {
@@ -95,6 +98,140 @@ TEST(RayScene, linesThroughVerticesAndEdgesAreNotLost) {
       }
     }
   }
+}
+
+// Whatever memory the regions may have, the very same triangle and place come out: on edges and at vertices, where several triangles are
+// equally near, above all. Regions of another size: the same place, but for rounding.
+TEST(RayScene, regionsDoNotChangeResults) {
+  TriMesh mesh = sphereMesh(10.0, 12);
+  std::mt19937 random(9);
+  std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);  // every region all over the sphere
+  const TriMesh spread = mesh;
+  std::sort(mesh.triangles.begin(), mesh.triangles.end(), [&](const auto& a, const auto& b) { return mesh.positions_mm[a[0]].x < mesh.positions_mm[b[0]].x; });
+  const auto& p = mesh.positions_mm;
+  std::vector<Line> lines;
+  std::vector<glm::dvec3> places;
+  std::uniform_real_distribution<double> in(-1, 1);
+  for (const auto& t : mesh.triangles) {
+    const glm::dvec3 a(p[t[0]]), b(p[t[1]]), c(p[t[2]]);
+    for (const glm::dvec3& at : {a, 0.5 * (a + b), (a + b + c) / 3.0}) {
+      lines.push_back({at * (1 + 0.05 * in(random)), glm::normalize(at), 25});
+      lines.push_back(lines.back());
+      lines.back().likely = 0.3;
+      places.push_back(at * (1 + 0.2 * in(random)));
+    }
+  }
+  for (int i = 0; i < 300; ++i) {
+    lines.push_back({10.0 * glm::dvec3(in(random), in(random), in(random)), glm::dvec3(in(random), in(random), in(random)), 8 * std::abs(in(random))});
+    places.push_back(15.0 * glm::dvec3(in(random), in(random), in(random)));
+  }
+  for (const TriMesh* m : {&std::as_const(mesh), &spread}) {
+    std::vector<SurfacePoint> expected, same;
+    std::vector<SurfacePoint> hits(lines.size());
+    uint32_t last_run = 0;
+    for (const auto& [run, budget] : {std::pair<uint32_t, uint64_t>{1u << 20, ~uint64_t{0}}, {300, ~uint64_t{0}}, {300, 300 * 64 * 4}}) {
+      auto scene = RayScene::create(*m, {.region_triangles = run, .budget_bytes = budget});
+      ASSERT_TRUE(scene);
+      std::vector<SurfacePoint> found;
+      for (Facing facing : {Facing::kAny, Facing::kAlong}) {
+        (*scene)->nearestOnLines(lines, facing, hits);
+        found.insert(found.end(), hits.begin(), hits.end());
+      }
+      for (const glm::dvec3& place : places) found.push_back((*scene)->closestPoint(place, 3));
+      ASSERT_TRUE((*scene)->status());
+      if (expected.empty()) expected = found;
+      ASSERT_EQ(found.size(), expected.size());
+      if (run != last_run) same = found;
+      last_run = run;
+      for (size_t i = 0; i < found.size(); ++i) {
+        ASSERT_EQ(found[i].triangle, same[i].triangle) << i << ", regions of " << run << ", " << budget << " bytes";
+        ASSERT_EQ(found[i].along, same[i].along) << i;
+        ASSERT_EQ(found[i].b1, same[i].b1) << i;
+        ASSERT_EQ(found[i].b2, same[i].b2) << i;
+        ASSERT_EQ(static_cast<bool>(found[i]), static_cast<bool>(expected[i])) << i;
+        if (found[i]) {
+          ASSERT_NEAR(found[i].along, expected[i].along, 2e-6) << i << ", regions of " << run;
+        }
+      }
+      EXPECT_EQ((*scene)->regions(), (m->triangles.size() + run - 1) / run);
+      // Control: with little memory hierarchies are built again and again; with enough, once.
+      EXPECT_EQ((*scene)->builds() > (*scene)->regions(), budget != ~uint64_t{0});
+      EXPECT_GE((*scene)->builds(), (*scene)->regions());
+    }
+    // Control: there are ties, and they are decided by the triangles' order.
+    TriMesh backwards = *m;
+    std::reverse(backwards.triangles.begin(), backwards.triangles.end());
+    auto scene = RayScene::create(backwards);
+    ASSERT_TRUE(scene);
+    (*scene)->nearestOnLines(lines, Facing::kAny, hits);
+    size_t other = 0;
+    for (size_t i = 0; i < lines.size(); ++i)
+      if (hits[i]) other += m->triangles.size() - 1 - hits[i].triangle != expected[i].triangle;
+    EXPECT_GT(other, lines.size() / 20);
+  }
+}
+
+// Where hits are expected is a matter of time only.
+TEST(RayScene, aLikelyDistanceIsNoLimit) {
+  const TriMesh mesh = sphereMesh(10.0, 24);
+  auto scene = RayScene::create(mesh);
+  ASSERT_TRUE(scene);
+  std::mt19937 random(10);
+  std::normal_distribution<double> gauss;
+  std::uniform_real_distribution<double> in(0.5, 1.5);
+  for (int i = 0; i < 2000; ++i) {
+    const glm::dvec3 n = glm::normalize(glm::dvec3(gauss(random), gauss(random), gauss(random)));
+    Line line{10 * in(random) * n, n, 20};
+    const SurfacePoint plain = (*scene)->nearestOnLine(line, Facing::kAlong);
+    for (double likely : {1e-9, 0.01, 1.0, 100.0}) {
+      line.likely = likely;
+      const SurfacePoint hit = (*scene)->nearestOnLine(line, Facing::kAlong);
+      ASSERT_EQ(static_cast<bool>(hit), static_cast<bool>(plain));
+      if (hit) {
+        ASSERT_NEAR(hit.along, plain.along, 1e-6);
+      }
+    }
+  }
+}
+
+TEST(MeshOrder, bringsNeighboursTogether) {
+  TriMesh mesh = sphereMesh(10.0, 200);
+  ASSERT_GE(mesh.triangles.size(), kManyTriangles);
+  EXPECT_FALSE(needsOrder(mesh));
+  std::mt19937 random(11);
+  std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);
+  EXPECT_TRUE(needsOrder(mesh));
+  for (size_t t = 0; t < mesh.triangles.size(); ++t) mesh.corner_uv.push_back({glm::vec2(static_cast<float>(mesh.triangles[t][1]), 0)});
+  // The part of the sphere's size that runs of a hundredth of all triangles take, on the mean.
+  auto extent = [](const TriMesh& m) {
+    double sum = 0;
+    const size_t run = m.triangles.size() / 100;
+    for (size_t first = 0; first + run <= m.triangles.size(); first += run) {
+      glm::vec3 low(1e9f), high(-1e9f);
+      for (size_t t = first; t < first + run; ++t)
+        for (uint32_t v : m.triangles[t]) low = glm::min(low, m.positions_mm[v]), high = glm::max(high, m.positions_mm[v]);
+      sum += glm::length(high - low) / (20 * std::sqrt(3.0)) / 100;
+    }
+    return sum;
+  };
+  EXPECT_GT(extent(mesh), 0.95);
+  TriMesh ordered = mesh;
+  ASSERT_TRUE(orderTriangles(ordered, 1));
+  EXPECT_LT(extent(ordered), 0.3);
+  EXPECT_FALSE(needsOrder(ordered));
+  EXPECT_EQ(ordered.positions_mm, mesh.positions_mm);
+  for (size_t t = 0; t < ordered.triangles.size(); ++t) ASSERT_EQ(ordered.corner_uv[t][0].x, static_cast<float>(ordered.triangles[t][1]));
+  auto sorted = [](TriMesh m) {
+    std::sort(m.triangles.begin(), m.triangles.end());
+    return m.triangles;
+  };
+  EXPECT_EQ(sorted(ordered), sorted(mesh));
+  TriMesh again = mesh;
+  ASSERT_TRUE(orderTriangles(again, 3));
+  EXPECT_EQ(again.triangles, ordered.triangles);
+  const std::atomic<bool> interrupted{true};
+  EXPECT_FALSE(orderTriangles(again, 1, &interrupted));
+  EXPECT_EQ(again.triangles, ordered.triangles);
 }
 
 TEST(RayScene, anInterruptedBuildSaysSo) {
