@@ -10,6 +10,7 @@
 
 #include "geometry/height_fit.h"
 #include "geometry/parallel_for.h"
+#include "geometry/plane_image.h"
 #include "geometry/ray_scene.h"
 #include "src/base/planar_domain.h"
 
@@ -125,7 +126,8 @@ struct Traced {
 
 struct MeshBake::Impl {
   const TriMesh* mesh = nullptr;
-  Image image;
+  PlaneImage image;
+  bool planes = false;                 // the image's channels are the texture
   BaseMesh base;
   BakeReport report;
   int workers = 0;
@@ -180,6 +182,8 @@ struct MeshBake::Impl {
   void heightsOf(uint32_t patch, std::span<uint16_t> out) const;
   void surface(uint32_t patch, SurfaceGrid& out) const;
   std::array<float, kTexelChannels> tone(const SurfacePoint& at) const;
+  glm::vec2 uvAt(const SurfacePoint& at) const;
+  void planeTexels(uint32_t patch, std::span<uint8_t> out) const;
 };
 
 namespace {
@@ -298,12 +302,26 @@ void MeshBake::Impl::prepare(const BakeOptions& options) {
 
 namespace {
 
-// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich 1998).
+// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich 1998). Triangles that a
+// scan has folded over, back onto their neighbours, face away from the others at their corners: they would darken these, and are left out.
 bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vector<glm::vec3>& normals) {
+  constexpr float kFoldedCosine = -0.2f;
   normals.assign(mesh.positions_mm.size(), glm::vec3(0));
   const size_t parts = static_cast<size_t>(workerCount(options.workers));
+  auto weighted = [&](const std::array<uint32_t, 3>& t) {
+    const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
+    const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
+    const float area = glm::length(n);
+    std::array<glm::vec3, 3> out{};
+    if (!(area > 0)) return out;
+    for (size_t k = 0; k < 3; ++k) {
+      const glm::vec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
+      out[k] = n * (std::atan2(area, glm::dot(a, b)) / area);
+    }
+    return out;
+  };
   // Every part goes through all triangles and sums up its own vertices: the same order of additions for any number of workers.
-  return parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
+  const bool summed = parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
     const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
     for (size_t i = 0; i < mesh.triangles.size(); ++i) {
       if (i % (size_t{1} << 20) == 0 && options.interrupted && *options.interrupted) return;
@@ -311,17 +329,41 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
       std::array<bool, 3> mine{};
       for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
       if (!mine[0] && !mine[1] && !mine[2]) continue;
-      const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
-      const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
-      const float area = glm::length(n);
-      if (!(area > 0)) continue;
+      const auto share = weighted(t);
+      for (size_t k = 0; k < 3; ++k)
+        if (mine[k]) normals[t[k]] += share[k];
+    }
+  });
+  if (!summed) return false;
+  std::vector<std::vector<size_t>> folded(parts);  // triangles, in order
+  const bool looked = parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
+    const size_t first = mesh.triangles.size() * part / parts, last = mesh.triangles.size() * (part + 1) / parts;
+    for (size_t i = first; i < last; ++i) {
+      const auto& t = mesh.triangles[i];
+      const glm::vec3& p = mesh.positions_mm[t[0]];
+      const glm::vec3 n = glm::cross(mesh.positions_mm[t[1]] - p, mesh.positions_mm[t[2]] - p);
+      bool away = false;
+      for (uint32_t v : t) {
+        const float along = glm::dot(n, normals[v]);
+        away |= along < 0 && along * along > kFoldedCosine * kFoldedCosine * glm::dot(n, n) * glm::dot(normals[v], normals[v]);
+      }
+      if (away) folded[part].push_back(i);
+    }
+  });
+  if (!looked) return false;
+  for (const auto& list : folded) {
+    for (size_t i : list) {
+      const auto& t = mesh.triangles[i];
+      const auto share = weighted(t);
       for (size_t k = 0; k < 3; ++k) {
-        if (!mine[k]) continue;
-        const glm::vec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
-        normals[t[k]] += n * (std::atan2(area, glm::dot(a, b)) / area);
+        // A vertex of few others keeps what it has.
+        const glm::vec3 without = normals[t[k]] - share[k];
+        if (glm::dot(without, share[k]) < 0 && glm::dot(without, without) > glm::dot(share[k], share[k])) normals[t[k]] = without;
       }
     }
-    for (size_t i = first; i < last; ++i) {
+  }
+  return parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
+    for (size_t i = normals.size() * part / parts; i < normals.size() * (part + 1) / parts; ++i) {
       const float length = glm::length(normals[i]);
       if (length > 0) normals[i] /= length;
     }
@@ -365,12 +407,19 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
           for (size_t i = 1; i < n; ++i)
             lines.push_back(lineOf(onSide(l.sides[side], static_cast<double>(i) / static_cast<double>(n)), side_reach[side]));
         } else {
+          // In bands: a patch of a sheet may have millions of lines.
+          constexpr size_t kLines = 1 << 16;
           const auto patch = static_cast<uint32_t>(job - corner_jobs - side_jobs);
           first = l.insideFirst(patch, m);
-          lines.reserve(m * m);
-          for (size_t y = 1; y < n; ++y)
+          for (size_t y = 1; y < n; ++y) {
+            if (lines.size() >= kLines) {
+              heightsAlong(*scene, *mesh, lines, std::span(heights).subspan(first, lines.size()), std::span(found).subspan(first, lines.size()));
+              first += lines.size();
+              lines.clear();
+            }
             for (size_t x = 1; x < n; ++x)
               lines.push_back(lineOf(inside(patch, static_cast<double>(x) / static_cast<double>(n), static_cast<double>(y) / static_cast<double>(n)), patch_reach[patch]));
+          }
         }
         heightsAlong(*scene, *mesh, lines, std::span(heights).subspan(first, lines.size()), std::span(found).subspan(first, lines.size()));
       },
@@ -633,20 +682,52 @@ void MeshBake::Impl::surface(uint32_t patch, SurfaceGrid& out) const {
 
 // ---- colours and normals ----
 
+glm::vec2 MeshBake::Impl::uvAt(const SurfacePoint& at) const {
+  const auto& uv = mesh->corner_uv[at.triangle];
+  return uv[0] * static_cast<float>(1 - at.b1 - at.b2) + uv[1] * static_cast<float>(at.b1) + uv[2] * static_cast<float>(at.b2);
+}
+
+// Texel by texel. What is finer than the patch's texels is averaged: by the image's texels a millimetre of the triangle, since (u, v) of
+// neighbouring texels may lie in different parts of the image.
+void MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
+  const size_t side = size_t{kPagePx} << report.texture_depth, n = size_t{1} << report.cells_log2;
+  const auto channels = static_cast<size_t>(image.channels());
+  std::vector<uint16_t> q((n + 1) * (n + 1));
+  layout->gather<uint16_t>(base, patch, n - 1, samples, q);
+  const auto& c = base.patches[patch];
+  double around = 0;
+  for (const auto& [a, b] : kSideCorners) around += glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point);
+  const double texel_mm = around / (4.0 * static_cast<double>(side));
+  std::vector<Line> lines(side);
+  std::vector<SurfacePoint> hits(side);
+  std::vector<float> values(channels);
+  for (size_t y = 0; y < side; ++y) {
+    for (size_t x = 0; x < side; ++x) {
+      const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side), v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
+      const Frame f = inside(patch, u, v);
+      lines[x] = lineOf({f.point + (offset_mm + scale_mm * onGrid(q, n, u, v)) * f.normal, f.normal}, patch_reach[patch]);
+    }
+    scene->nearestOnLines(lines, Facing::kAlong, hits);
+    for (size_t x = 0; x < side; ++x) {
+      const SurfacePoint at = hits[x] ? hits[x] : scene->closestPoint(lines[x].at);
+      const auto& t = mesh->triangles[at.triangle];
+      const auto& uv = mesh->corner_uv[at.triangle];
+      const glm::vec3 &p = mesh->positions_mm[t[0]], e = mesh->positions_mm[t[1]] - p, g = mesh->positions_mm[t[2]] - p;
+      const glm::vec2 i = uv[1] - uv[0], j = uv[2] - uv[0];
+      const double image_area = std::abs(double{i.x} * j.y - double{i.y} * j.x) * image.width() * image.height(), area = glm::length(glm::cross(e, g));
+      const double lod = area > 0 ? 0.5 * std::log2(texel_mm * texel_mm * image_area / area) : 0.0;
+      image.sample(uvAt(at), static_cast<float>(lod), values);
+      for (size_t k = 0; k < channels; ++k) out[(k * side + y) * side + x] = static_cast<uint8_t>(std::clamp(values[k] + 0.5f, 0.0f, 255.0f));
+    }
+  }
+}
+
 std::array<float, kTexelChannels> MeshBake::Impl::tone(const SurfacePoint& at) const {
   const auto& t = mesh->triangles[at.triangle];
   const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1), static_cast<float>(at.b2)};
   std::array<float, kTexelChannels> out{kGrey, kGrey, kGrey, 0, 0, 0};
-  if (!image.rgb.empty() && !mesh->corner_uv.empty()) {
-    const auto& uv = mesh->corner_uv[at.triangle];
-    const glm::vec2 p = uv[0] * w[0] + uv[1] * w[1] + uv[2] * w[2];
-    const float x = std::clamp(p.x * static_cast<float>(image.width) - 0.5f, 0.0f, static_cast<float>(image.width - 1));
-    const float y = std::clamp((1 - p.y) * static_cast<float>(image.height) - 0.5f, 0.0f, static_cast<float>(image.height - 1));
-    const int x0 = static_cast<int>(x), y0 = static_cast<int>(y), x1 = std::min(x0 + 1, image.width - 1), y1 = std::min(y0 + 1, image.height - 1);
-    const float fx = x - static_cast<float>(x0), fy = y - static_cast<float>(y0);
-    auto texel = [&](int i, int j, size_t c) { return static_cast<float>(image.rgb[(static_cast<size_t>(j) * static_cast<size_t>(image.width) + static_cast<size_t>(i)) * 3 + c]); };
-    for (size_t c = 0; c < 3; ++c)
-      out[c] = (texel(x0, y0, c) * (1 - fx) + texel(x1, y0, c) * fx) * (1 - fy) + (texel(x0, y1, c) * (1 - fx) + texel(x1, y1, c) * fx) * fy;
+  if (!image.empty()) {
+    image.sample(uvAt(at), 0, out);
   } else if (!mesh->colours.empty()) {
     for (size_t c = 0; c < 3; ++c) {
       out[c] = 0;
@@ -690,11 +771,15 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     return usage("texture depth of a patch: expected 0 to 7, found " + std::to_string(options.texture_depth));
   if (!(options.tolerance_mm >= 0) || !std::isfinite(options.tolerance_mm)) return usage("the tolerance is not a distance in mm");
   if (mesh.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
+  if (image.planes && mesh.corner_uv.empty()) return usage("the mesh has no texture coordinates for the planes");
+  if (!image.planes && !image.texels.empty() && image.channels != 3) return usage("an image of colours has three channels");
   if (auto problem = baseMeshProblem(base); !problem.empty()) return Error{ErrorKind::kInvalidData, "", "base mesh: " + problem, ""};
 
   auto impl = std::make_unique<Impl>();
   impl->mesh = &mesh;
-  impl->image = image;
+  const bool from_image = !image.texels.empty() && !mesh.corner_uv.empty();
+  impl->planes = image.planes && from_image;
+  if (from_image) impl->image = PlaneImage(image.width, image.height, image.channels, image.texels, impl->planes ? 16 : 0);
   impl->base = base;
   impl->prepare(options);
   if (!scene.rays) {
@@ -776,7 +861,6 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
 
   // Texels: twice as dense as what they are taken from, along u and v.
   double tones = 4 * vertices;
-  const bool from_image = !image.rgb.empty() && !mesh.corner_uv.empty();
   if (from_image) {
     double used = 0;
     for (const auto& uv : mesh.corner_uv) {
@@ -845,6 +929,10 @@ float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   const Impl& b = *impl_;
+  if (b.planes) {
+    b.planeTexels(patch, out);
+    return {};
+  }
   const size_t side = size_t{kPagePx} << b.report.texture_depth;
   const bool direct = (size_t{1} << b.tone_log2) >= side;
   // Places looked up: texel centres, or the vertices of a coarser grid.

@@ -60,10 +60,13 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
 
 class MeshBake {
  public:
-  // The image that mesh.texture_path names, if any: sRGB, rows top first, three channels; else empty.
+  // What the mesh's texture coordinates belong to; empty: nothing. Rows top first, channels interleaved: sRGB; or, where `planes` is set,
+  // channels that stand for themselves (a PTM's coefficients and colour): they become the texture, in place of colour and normal.
   struct Image {
     int width = 0, height = 0;
-    std::span<const uint8_t> rgb;
+    std::span<const uint8_t> texels;
+    int channels = 3;
+    bool planes = false;
   };
   // The mesh and the image's bytes are used in place: they must outlive the bake unchanged. scene: of the mesh, or empty.
   static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options,
@@ -79,7 +82,8 @@ class MeshBake {
   double reliefOffsetMm() const;
   double reliefScaleMm() const;
   double errorUnitMm() const;
-  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;  // 6 channels: R G B, then the normal, byte = round(127.5 (n + 1))
+  // 6 channels: R G B, then the normal, byte = round(127.5 (n + 1)). Of planes: theirs, filtered as far as they are finer than texels.
+  Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const;
   // The same for any grid of 2^cells_log2 cells a patch's side, 0 <= cells_log2 <= 7 + reliefDepth(): grids coarser than a root page's

@@ -49,6 +49,13 @@ inline const char* basisName(Basis b) {
   return "";
 }
 
+// (u, v) of a light anywhere around a PTM's object, by the unit vector towards it in the frame of its photographs: x right, y up, z to the
+// camera. They were lit from the front only: light from behind counts as grazing light from the same side.
+inline std::array<double, 2> ptmDirection(double x, double y, double z) {
+  const double sideways = std::hypot(x, y);
+  return z >= 0 || !(sideways > 0) ? std::array<double, 2>{x, y} : std::array<double, 2>{x / sideways, y / sideways};
+}
+
 // The six basis functions, in .ptm's order.
 inline std::array<double, 6> ptmBasis(double u, double v) { return {u * u, v * v, u * v, u, v, 1.0}; }
 
@@ -65,7 +72,8 @@ inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double*
     for (int c = 0; c < 3; ++c) rgb[c] = std::clamp(raw[c] * gain, 0.0, 255.0);
     return rgb;
   }
-  auto basis = ptmBasis(light[0], light[1]);
+  const auto [u, v] = ptmDirection(light[0], light[1], light[2]);
+  auto basis = ptmBasis(u, v);
   if (f.basis == Basis::kPtmLrgb) {
     double lum = 0;
     for (int k = 0; k < 6; ++k) lum += (raw[k] - f.bias[k]) * f.scale[k] * basis[k];

@@ -23,6 +23,7 @@
 #include "texturing/package.h"
 #include "texturing/package_base.h"
 #include "texturing/patch_source.h"
+#include "texturing/ptm.h"
 #include "tools/build_run.h"
 #include "tools/mesh_report.h"
 
@@ -31,9 +32,8 @@ namespace {
 
 class BakedPatches final : public PatchSource {
  public:
-  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources) : bake_(bake), sources_(std::move(sources)) {
-    format_.basis = Basis::kAlbedoNormal;
-  }
+  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources, const TextureFormat& format)
+      : bake_(bake), sources_(std::move(sources)), format_(format) {}
   const BaseMesh& base() const override { return bake_.base(); }
   int textureDepth() const override { return bake_.textureDepth(); }
   int reliefDepth() const override { return bake_.reliefDepth(); }
@@ -141,6 +141,80 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
   return rgb;
 }
 
+// What lies on the patches: a PTM's planes, channels interleaved, or an image's colours; and what they mean.
+struct Surface {
+  Image8 image;
+  TextureFormat format{.basis = Basis::kAlbedoNormal};
+  std::optional<Provenance> source;
+};
+
+// The coordinates belong to the image that the mesh names: a PTM of other proportions was taken otherwise.
+Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, int64_t width, int64_t height) {
+  if (a.texture == "none" || mesh.texture_path.empty()) return {};
+  auto named = openColourImage(mesh.texture_path);
+  if (!named) return {};
+  const double ratio = static_cast<double>(width) / static_cast<double>(height) * static_cast<double>((*named)->height()) /
+                       static_cast<double>((*named)->width());
+  if (ratio > 0.99 && ratio < 1.01) return {};
+  auto size = [](int64_t w, int64_t h) { return std::to_string(w) + " x " + std::to_string(h); };
+  return Error{ErrorKind::kInvalidData,
+               a.ptm,
+               "expected the proportions of the mesh's image " + mesh.texture_path + ", " +
+                   size((*named)->width(), (*named)->height()) + ", found " + size(width, height),
+               "--texture none: the texture coordinates are the PTM's all the same",
+               {}};
+}
+
+Result<Surface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) {
+  if (mesh.corner_uv.empty())
+    return Error{ErrorKind::kUsage,
+                 a.mesh,
+                 "--ptm needs texture coordinates, found none in the mesh",
+                 "export the mesh with texture coordinates for the PTM's pixels, or leave --ptm out",
+                 {}};
+  auto opened = openPtm(a.ptm, {.memory_budget_bytes = a.package.memory_budget_bytes});
+  if (!opened) return opened.error();
+  const TextureSource& ptm = **opened;
+  Surface out{{}, ptm.format(), ptm.provenance()};
+  const int channels = out.format.channels();
+  if (auto fits = checkProportions(a, mesh, ptm.width(), ptm.height()); !fits) return fits.error();
+  // With its coarser levels.
+  const double bytes = static_cast<double>(ptm.width()) * static_cast<double>(ptm.height()) * channels * 4 / 3;
+  if (bytes > static_cast<double>(a.package.memory_budget_bytes))
+    return Error{ErrorKind::kUsage,
+                 a.ptm,
+                 "its planes take " + std::to_string(static_cast<uint64_t>(bytes) >> 20) + " MiB of memory, expected at most " +
+                     std::to_string(a.package.memory_budget_bytes >> 20),
+                 "--memory-mib allows more",
+                 {}};
+  out.image = {static_cast<int>(ptm.width()), static_cast<int>(ptm.height()), channels, {}};
+  const auto width = static_cast<size_t>(ptm.width()), planes = static_cast<size_t>(channels);
+  out.image.pixels.resize(width * static_cast<size_t>(ptm.height()) * planes);
+  constexpr int64_t kRows = 64;
+  std::vector<uint8_t> band;
+  for (int64_t y = 0; y < ptm.height(); y += kRows) {
+    if (interruptedFlag()) break;
+    const Rect rect{0, y, ptm.width(), std::min(kRows, ptm.height() - y)};
+    const size_t texels = width * static_cast<size_t>(rect.height);
+    band.resize(texels * planes);
+    if (auto read = ptm.read(rect, band); !read) return read.error();
+    uint8_t* to = out.image.pixels.data() + static_cast<size_t>(y) * width * planes;
+    for (size_t c = 0; c < planes; ++c)
+      for (size_t i = 0; i < texels; ++i) to[i * planes + c] = band[c * texels + i];
+  }
+  return out;
+}
+
+Result<Surface> readSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
+  if (!a.ptm.empty()) return readPtmPlanes(a, mesh);
+  auto image = readTexture(a, mesh);
+  if (!image) return image.error();
+  Surface out;
+  out.image = std::move(*image);
+  if (out.image.width > 0) out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
+  return out;
+}
+
 Error interrupted(const MeshBuildArguments& a) {
   return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}};
 }
@@ -178,8 +252,9 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   });
   if (!loaded) return loaded.error();
   const TriMesh& scan = loaded->mesh;
-  auto image = readTexture(a, scan);
-  if (!image) return image.error();
+  auto textured = readSurface(a, scan);
+  if (!textured) return textured.error();
+  const Image8& image = textured->image;
   if (interruptedFlag()) return interrupted(a);
 
   BaseDomainOptions base_options;
@@ -203,13 +278,12 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     auto scene = bake_scene.get();
     if (!scene) return scene.error();
-    return MeshBake::create(scan, {image->width, image->height, image->pixels}, *base, bake_options, std::move(*scene));
+    return MeshBake::create(scan, {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty()}, *base, bake_options, std::move(*scene));
   });
   if (!bake) return bake.error();
 
   std::vector<Provenance> sources{mesh_file.get()};
-  if (image->width > 0)
-    sources.push_back(FileProvenance(a.texture.empty() ? scan.texture_path : a.texture, true).get());
+  if (textured->source) sources.push_back(*textured->source);
   MeshBuildResult result;
   result.package = a.package.output;
   result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report());
@@ -222,7 +296,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
-  auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources), package); });
+  auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
   if (!built) return built.error();
   result.pages = built->pages;
   result.package_bytes = built->package_bytes;

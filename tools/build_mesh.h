@@ -12,6 +12,7 @@ namespace relievo {
 struct MeshBuildArguments {
   std::string mesh;
   std::string texture;            // an image for the mesh's texture coordinates; empty: what the mesh names; "none"
+  std::string ptm;                // a PTM for them, in place of an image
   std::string unit = "mm";        // mm, cm, m, in
   uint32_t patches = 0;           // 0: as the shape asks for
   double tolerance_mm = 0;        // 0: 1e-4 of the diagonal

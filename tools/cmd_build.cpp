@@ -47,8 +47,11 @@ bool sameFile(const std::string& a, const std::string& b) {
 }
 
 Result<void> build(const BuildArguments& o) {
-  if (!o.ptm.empty() + !o.image.empty() + !o.mesh.empty() != 1) {
-    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE, --image FILE and --mesh FILE", "see relievo build --help", {}};
+  if (o.mesh.empty() ? o.ptm.empty() == o.image.empty() : !o.image.empty()) {
+    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)", "see relievo build --help", {}};
+  }
+  if (!o.ptm.empty() && !o.texture.empty() && o.texture != "none") {
+    return Error{ErrorKind::kUsage, "", "expected --ptm FILE or --texture IMAGE for the mesh, found both", "", {}};
   }
   if (o.relief.empty() && !o.relief_mm.empty()) return Error{ErrorKind::kUsage, "", "--relief-mm needs --relief HEIGHTMAP", "", {}};
   auto range = parseRange(o.relief_mm);
@@ -71,7 +74,7 @@ Result<void> build(const BuildArguments& o) {
   options.coefficients = *coefficients;
   options.colour = *colour;
   options.memory_budget_bytes = budget;
-  if (!o.mesh.empty()) return buildFromMesh({o.mesh, o.texture, o.unit, o.patches, o.tolerance_mm, o.report, o.json_file, options});
+  if (!o.mesh.empty()) return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, o.tolerance_mm, o.report, o.json_file, options});
   auto texture = o.ptm.empty() ? openColourImage(o.image) : openPtm(o.ptm, {.memory_budget_bytes = budget});
   if (!texture) return texture.error();
   std::unique_ptr<HeightSource> relief;
@@ -114,9 +117,13 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->footer(
       "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
       "      --relief heights.tif --relief-mm -1.5:2.5\n"
-      "  relievo build -o bust.relievo --mesh bust.ply --unit m --tolerance 0.05 --report bust.html\n\n"
+      "  relievo build -o bust.relievo --mesh bust.ply --unit m --tolerance 0.05 --report bust.html\n"
+      "  relievo build -o coin.relievo --mesh coin.obj --ptm coin.ptm\n\n"
       "A mesh is diagnosed first (what is repaired is said, and kept: `relievo info`; what cannot be is an error that names places),\n"
-      "then laid over quadrilateral patches: heights along their normals, colours and normals on them.\n\n"
+      "then laid over quadrilateral patches: heights along their normals, colours and normals on them.\n"
+      "With --ptm its texture coordinates say which pixel of the PTM lies where, and the PTM's coefficients lie on the patches. The mesh's\n"
+      "axes must be those of the photographs: x right, y up, z to the camera; light is turned into them however the object is seen, and\n"
+      "light from behind is taken as grazing light from its side.\n\n"
       "Encodings of texture pages (relief is always exact):\n"
       "  lossless  exact; q8 is another name for it\n"
       "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
@@ -126,7 +133,7 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
       "The package is written beside and renamed when whole; an interrupted build leaves nothing behind.\n"
       "The same inputs give the same bytes, with any number of workers.");
   c->add_option("-o,--output", o->output, "Package to write")->required();
-  c->add_option("--ptm", o->ptm, "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB)");
+  c->add_option("--ptm", o->ptm, "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB); of a mesh with texture coordinates, too");
   c->add_option("--image", o->image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
   auto* mesh = c->add_option("--mesh", o->mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
   c->add_option("--texture", o->texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")->needs(mesh);

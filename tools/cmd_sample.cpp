@@ -43,9 +43,11 @@ Result<void> chooseFiles(const std::optional<std::string>& list, int64_t pixels,
                  : item == "ptm-rgb"  ? &out.ptm_rgb
                  : item == "photos"   ? &out.photos
                  : item == "mesh"     ? &out.mesh
+                 : item == "mesh-uv"  ? &out.mesh_uv
                                       : nullptr;
-    if (!flag) return usage("--write: nothing called '" + item + "' can be written", "height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh");
+    if (!flag) return usage("--write: nothing called '" + item + "' can be written", "height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh,mesh-uv");
     *flag = true;
+    out.mesh |= out.mesh_uv;
   }
   return {};
 }
@@ -106,7 +108,8 @@ void addSampleCommand(CLI::App& app, CommandContext& context) {
   sub->add_option("--size", o->size, "width and height in px, up to 1048576 each (default 2048x2048)")->type_name("WxH");
   sub->add_option("--seed", o->seed, "another seed is another artwork of its kind (default 1)")->type_name("N");
   sub->add_option("--write", o->write,
-                  "files to write, of height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh\n"
+                  "files to write, of height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh,mesh-uv\n"
+                  "(mesh-uv: the mesh with texture coordinates for the PTMs)\n"
                   "(default: all up to 4096x4096 px, above that height,ptm-lrgb)")
       ->type_name("LIST");
   sub->add_option("--lights", o->lights, "photographs, each under one light of a dome (default 49; 6 to 999)")->type_name("N");

@@ -254,7 +254,8 @@ Result<void> writeMesh(Job& job) {
   if (!file) return file.error();
   const std::string header = "ply\nformat binary_little_endian 1.0\ncomment relievo sample " + std::string(sampleKindName(job.artwork.options().kind)) +
                              ", mm, z towards the viewer, y up\nelement vertex " + std::to_string(g.columns * g.rows) +
-                             "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face " +
+                             "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n" +
+                             (job.options.mesh_uv ? "property float s\nproperty float t\n" : "") + "element face " +
                              std::to_string(g.triangles()) + "\nproperty list uchar int vertex_indices\nend_header\n";
   if (auto wrote = file->append({reinterpret_cast<const uint8_t*>(header.data()), header.size()}); !wrote) return wrote;
   const double mm = job.artwork.mmPerPx();
@@ -271,10 +272,13 @@ Result<void> writeMesh(Job& job) {
       const int64_t x = std::min(c * g.step, job.width - 1);
       const float v[3] = {static_cast<float>((static_cast<double>(x) + 0.5) * mm), static_cast<float>((static_cast<double>(job.height - row.y) - 0.5) * mm),
                           z[static_cast<size_t>(x)]};
-      uint8_t vertex[15];
+      uint8_t vertex[23];
       std::memcpy(vertex, v, 12);
       std::memcpy(vertex + 12, rgb.data() + 3 * x, 3);
-      bytes.insert(bytes.end(), vertex, vertex + 15);
+      const float uv[2] = {static_cast<float>((static_cast<double>(x) + 0.5) / static_cast<double>(job.width)),
+                           static_cast<float>(1 - (static_cast<double>(row.y) + 0.5) / static_cast<double>(job.height))};
+      std::memcpy(vertex + 15, uv, 8);
+      bytes.insert(bytes.end(), vertex, vertex + (job.options.mesh_uv ? 23 : 15));
     }
     if (auto wrote = file->append(bytes); !wrote) return wrote;
     progress.update(static_cast<double>(r + 1) / static_cast<double>(g.rows), std::to_string(g.triangles()) + " triangles");

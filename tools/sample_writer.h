@@ -22,6 +22,7 @@ inline constexpr int kMaxSampleLights = 999;
 struct SampleWriteOptions {
   std::string folder;
   bool height = false, albedo = false, normals = false, ptm_lrgb = false, ptm_rgb = false, photos = false, mesh = false;
+  bool mesh_uv = false;  // texture coordinates in mesh.ply, for the PTMs
   int lights = 49;
   const std::atomic<bool>* interrupted = nullptr;
 };

@@ -406,7 +406,7 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
   std::vector<uint8_t> rgb;
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) rgb.insert(rgb.end(), {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(8 * y), static_cast<uint8_t>(x + 2 * y)});
-  auto baked = bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .rgb = rgb});
+  auto baked = bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .texels = rgb});
   ASSERT_TRUE(baked);
   EXPECT_EQ(baked->textureDepth(), 0);
   for (uint32_t p = 0; p < 2; ++p) {

@@ -7,6 +7,7 @@ relievo_test(texture_select_test LIBS relievo_geometry SOURCES geometry/texture_
 relievo_test(ray_scene_test LIBS relievo_mesh SOURCES geometry/ray_scene_test.cpp)
 relievo_test(mesh_watertight_test LIBS relievo_geometry SOURCES geometry/mesh_watertight_test.cpp)
 relievo_test(height_fit_test LIBS relievo_mesh SOURCES geometry/height_fit_test.cpp)
+relievo_test(plane_image_test LIBS relievo_mesh SOURCES geometry/plane_image_test.cpp)
 relievo_test(mesh_bake_test LIBS relievo_mesh SOURCES geometry/mesh_bake_test.cpp)
 relievo_test(mesh_error_test LIBS relievo_geometry SOURCES geometry/mesh_error_test.cpp)
 relievo_test(planar_morph_test LIBS relievo_geometry SOURCES geometry/planar_morph_test.cpp)
