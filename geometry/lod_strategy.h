@@ -63,7 +63,8 @@ enum class GridRule : uint8_t {
   kSnapped,     // those on edges snap to the edge's level (patch.vert as the engine draws it)
   kUnsnapped,   // they stay; a negative control
   kMorphed,     // they slide to the next coarser grid with the distance to the eye (StrategyResult::morph)
-  kTessellated  // the instance is one patch of the hardware tessellator: edge levels are its outer factors, grid_level the inner one
+  kTessellated, // the instance is one patch of the hardware tessellator: edge levels are its outer factors, grid_level the inner one
+  kGeomorph     // as kSnapped, on the way that the instances say (PatchInstance::morph)
 };
 
 // Vertices of explicit triangles; the error is taken at the place within the instance's node.

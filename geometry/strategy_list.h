@@ -8,6 +8,7 @@ namespace relievo {
 StrategyEntry uniformStrategy();
 StrategyEntry cdlodStrategy();
 StrategyEntry edgeLodStrategy();
+StrategyEntry edgeMorphStrategy();
 StrategyEntry edgeScreenStrategy();
 StrategyEntry edgeLengthStrategy();
 StrategyEntry tessellationStrategy();

@@ -3,7 +3,7 @@
 namespace relievo {
 
 const std::vector<StrategyEntry>& lodStrategies() {
-  static const std::vector<StrategyEntry> all = {uniformStrategy(),    cdlodStrategy(),        edgeLodStrategy(),    edgeScreenStrategy(),
+  static const std::vector<StrategyEntry> all = {uniformStrategy(),    cdlodStrategy(),        edgeLodStrategy(),    edgeMorphStrategy(),  edgeScreenStrategy(),
                                                  edgeLengthStrategy(), tessellationStrategy(), noSnappingStrategy(), skirtsStrategy()};
   return all;
 }

@@ -53,6 +53,7 @@ Result<const gl::Program*> StrategyPass::program(GridRule rule, bool capture) {
   if (p.id() != 0) return &p;
   gl::Defines variant = defines();
   if (rule == GridRule::kUnsnapped) variant.emplace_back("NO_SNAPPING", "1");
+  if (rule == GridRule::kGeomorph) variant.emplace_back("MORPH", "1");
   if (capture) variant.emplace_back("CAPTURE", "1");
   std::vector<const char*> varyings;
   if (capture) varyings.push_back("v_clip");

@@ -67,7 +67,7 @@ class StrategyPass {
   PageTable table_;
   std::unordered_map<NodeId, SlotIndex> slots_;
   PatchPass patches_;
-  std::array<gl::Program, 8> programs_;
+  std::array<gl::Program, 10> programs_;
   gl::Program triangle_program_;
   TessellatedPass tessellated_;
   gl::VertexArray vertex_array_;
