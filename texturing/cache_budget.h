@@ -38,6 +38,7 @@ struct CacheNeeds {
 uint64_t leastCacheBytes(const CacheNeeds& needs);
 // budget_bytes is at least that; what is answered takes no more. Blocks: relief gets a page for every two texture nodes (views of
 // flat artworks want one for four, close ones for one), and no pool has more slots than there are pages: the rest is the other's.
+// Slots come by whole layers of the textures that hold them (page_pool.h), but where the budget has not even one.
 CacheSlots cacheSlots(const CacheNeeds& needs, uint64_t budget_bytes);
 
 }  // namespace relievo

@@ -25,7 +25,7 @@ TEST(CacheBudget, SlotsAreWhatTheFormatsTake) {
 TEST(CacheBudget, NeverExceededAndRootsAlwaysFit) {
   constexpr uint32_t kSeed = 20261121;
   std::mt19937 random(kSeed);
-  int scarce = 0;
+  int scarce = 0, layers_checked = 0;
   for (int i = 0; i < 20000; ++i) {
     CacheNeeds n;
     n.upload = kUploads[random() % kUploads.size()];
@@ -46,12 +46,21 @@ TEST(CacheBudget, NeverExceededAndRootsAlwaysFit) {
     ASSERT_GE(s.texture, n.roots * static_cast<uint32_t>(n.texture_planes + (blocks ? 0 : n.relief)) + 1) << what;
     ASSERT_EQ(s.relief > 0, blocks && n.relief) << what;
     ASSERT_TRUE(s.relief == 0 || s.relief > n.roots) << what;
-    // What is left over would not hold another page that there is: of the smaller slots at least.
-    const bool full = s.texture >= std::min<uint64_t>(n.most_slots, n.texture_pages);
-    ASSERT_TRUE(!blocks || full || budget - s.bytes() < slotBytes(n.upload, texturePlane(0))) << what;
+    // What is left over would not hold another layer of slots for pages that there are.
+    const bool full = s.texture + 64 > std::min<uint64_t>(n.most_slots, n.texture_pages);
+    ASSERT_TRUE(!blocks || full || budget - s.bytes() < 64 * slotBytes(n.upload, texturePlane(0))) << what;
+    // The textures that hold the slots take no more than the budget, either, where it is for a layer of each.
+    const auto layered = [](uint64_t slots) { return (slots + 63) / 64 * 64; };
+    const CacheSlots memory{s.upload, static_cast<uint32_t>(layered(s.texture)), static_cast<uint32_t>(layered(s.relief))};
+    const bool small = s.texture < 64 || (s.relief > 0 && s.relief < 64) || n.roots * static_cast<uint32_t>(n.texture_planes) + 16 > 64;
+    if (blocks && !small) {
+      ASSERT_LE(memory.bytes(), budget) << what;
+      ++layers_checked;
+    }
     scarce += blocks && !full;
   }
   EXPECT_GT(scarce, 1000);
+  EXPECT_GT(layers_checked, 1000);
 }
 
 TEST(CacheBudget, BlocksHoldSeveralTimesAsManyPages) {
@@ -60,11 +69,11 @@ TEST(CacheBudget, BlocksHoldSeveralTimesAsManyPages) {
   const double rgba8 = cacheSlots(n, budget).texture;
   for (auto [codec, times] : {std::pair{PageCodec::kBc1, 8.0}, {PageCodec::kBc7, 4.0}, {PageCodec::kBc4, 8.0 / 3}}) {
     n.upload = codec;
-    EXPECT_NEAR(cacheSlots(n, budget).texture / rgba8, times, 0.01);
+    EXPECT_NEAR(cacheSlots(n, budget).texture / rgba8, times, 0.02);
   }
   n.relief = true;  // relief takes its share
   const CacheSlots s = cacheSlots(n, budget);
-  EXPECT_NEAR(s.relief, s.texture / 3.0 / 2, 8);
+  EXPECT_NEAR(s.relief, s.texture / 3.0 / 2, 64);
   EXPECT_GT(s.texture, rgba8);
 }
 
