@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -53,10 +54,8 @@ class IndexTable {
   }
 
  private:
-  size_t slot(uint64_t key) const {
-    uint64_t h = (key + 1) * 0x9E3779B97F4A7C15ull;
-    return (h ^ (h >> 29)) & mask_;
-  }
+  // The product's highest bits depend on all bits of the key; its lowest not on those that tell patches.
+  size_t slot(uint64_t key) const { return static_cast<size_t>(((key + 1) * 0x9E3779B97F4A7C15ull) >> shift_); }
   void place(uint64_t stored, uint32_t value) {
     size_t at = slot(stored - 1);
     while (keys_[at] != 0) at = (at + 1) & mask_;
@@ -69,12 +68,14 @@ class IndexTable {
     keys.swap(keys_);
     values.swap(values_);
     mask_ = count - 1;
+    shift_ = 64 - std::bit_width(mask_);
     for (size_t i = 0; i < keys.size(); ++i)
       if (keys[i] != 0) place(keys[i], values[i]);
   }
   std::vector<uint64_t> keys_;
   std::vector<uint32_t> values_;
   size_t mask_ = 0, size_ = 0;
+  int shift_ = 0;
 };
 
 // Of the parts of 2^depth a side in PartErrors.

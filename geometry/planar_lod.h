@@ -42,7 +42,7 @@ struct LodView {
   // bounds the cost of a frame by the screen's size. What it leaves shows in max_error_px. 0: no such bound.
   double min_cell_px = 0.0;
   // Geomorph: levels change by small steps as the view does, vertices slide to their places (geometry/morph.h); what is drawn keeps error_px, with
-  // some 40 per cent more triangles. What still changes at once: pages that arrive or leave, and error_px itself above the limit of nodes.
+  // up to a third more triangles. What still changes at once: geometry/README.md, "Between levels".
   bool morph = false;
   // Of error_px. A square keeps its level until it has too large an error, or would have a coarser one with error_px / (1 + hysteresis):
   // a camera that trembles changes neither nodes nor pages, and the error stays within error_px. The answer depends on the views before,

@@ -57,7 +57,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
   c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
-  c.add_option("--geomorph", geomorph, "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes about a third more "
+  c.add_option("--geomorph", geomorph, "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes up to a third more "
                "triangles for the same error")
       ->check(CLI::IsMember({"on", "off"}))->capture_default_str();
   c.add_option("--hysteresis", hysteresis_percent, "A level of detail stays until it is finer than needed by this much of --error-px, %, so that a trembling camera "
