@@ -440,7 +440,7 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
       if (valid[i]) valid[i] = context.triangle[i] == SurfacePoint::kNone ? 0 : -1;
       if (!valid[i]) continue;
       any = true;
-      rays.ray.tnear[i] = context.t[i] * (1 - 1e-5f) - 1e-6f * static_cast<float>(start[i]);
+      rays.ray.tnear[i] = std::max(context.t[i] * (1 - 1e-5f) - 1e-6f * static_cast<float>(start[i]), 0.0f);
       rays.ray.tfar[i] = context.t[i] * (1 + 1e-5f) + 1e-6f * static_cast<float>(start[i]);
       context.nearest[i] = std::numeric_limits<float>::infinity();
     }
