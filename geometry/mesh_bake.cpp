@@ -358,7 +358,7 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
       for (size_t k = 0; k < 3; ++k) {
         // A vertex of few others keeps what it has.
         const glm::vec3 without = normals[t[k]] - share[k];
-        if (glm::dot(without, share[k]) < 0 && glm::dot(without, without) > glm::dot(share[k], share[k])) normals[t[k]] = without;
+        if (glm::dot(without, share[k]) < 0 && 4 * glm::dot(without, without) > glm::dot(share[k], share[k])) normals[t[k]] = without;
       }
     }
   }

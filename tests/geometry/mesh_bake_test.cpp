@@ -395,6 +395,35 @@ TEST(MeshBake, coloursAndNormalsAreTheScans) {
   }
 }
 
+TEST(MeshBake, foldedTrianglesDoNotDarkenTheirNeighbours) {
+  // One vertex of a flat sheet lies beyond its neighbour, a little above: some of its triangles face down.
+  TriMesh mesh = sheetMesh(10, 10, 20, 20, [](double, double) { return 0.0; });
+  uint32_t moved = 0;
+  for (uint32_t i = 0; i < mesh.positions_mm.size(); ++i)
+    if (glm::length(mesh.positions_mm[i] - glm::vec3(5, -5, 0)) < 0.1f) moved = i;
+  ASSERT_GT(moved, 0u);
+  mesh.positions_mm[moved] += glm::vec3(0.7f, 0, 0.02f);
+  auto baked = bake(mesh, sheetBase(10, 10, 1, 1), {.cells_log2 = 6});
+  std::vector<uint8_t> texels(6 * 128 * 128);
+  ASSERT_TRUE(baked->textureDepth() == 0 && baked->texels(0, texels));
+  const auto up = texels.begin() + 5 * 128 * 128;
+  EXPECT_GE(*std::min_element(up, up + 128 * 128), 225);  // 40 degrees: the fold itself stands up, nothing is dark
+  // Control: with all triangles, the vertex has no normal to speak of.
+  glm::vec3 sum(0);
+  size_t down = 0;
+  for (const auto& t : mesh.triangles) {
+    for (size_t k = 0; k < 3; ++k) {
+      if (t[k] != moved) continue;
+      const glm::vec3 a = mesh.positions_mm[t[(k + 1) % 3]] - mesh.positions_mm[moved], b = mesh.positions_mm[t[(k + 2) % 3]] - mesh.positions_mm[moved];
+      const glm::vec3 n = glm::cross(a, b);
+      sum += glm::normalize(n) * std::atan2(glm::length(n), glm::dot(a, b));
+      down += n.z < 0;
+    }
+  }
+  EXPECT_GT(down, 1u);
+  EXPECT_LT(glm::normalize(sum).z, 0.5f);
+}
+
 TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
   TriMesh mesh = sheetMesh(20, 10, 20, 10, [](double x, double y) { return 0.2 * std::sin(x + y); });
   for (const auto& t : mesh.triangles) {
