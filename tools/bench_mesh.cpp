@@ -15,6 +15,9 @@
 #include "src/camera.h"
 #include "src/engine.h"
 #include "src/lod_views.h"
+#include "src/render/patch_pass.h"
+#include "src/render/picture_target.h"
+#include "src/render/surface_target.h"
 #include "tools/bench_groups.h"
 
 extern char** environ;
@@ -41,11 +44,22 @@ std::shared_ptr<const BaseMesh> torusPatches(int columns, int rows) {
 }
 
 constexpr double kReliefMm = 0.5;
+constexpr float kSlope = 0.1f;  // of the heights, mm a mm: twice what bumps with these errors, one a patch, have
 class FallingErrors final : public ReliefOracle {
  public:
+  explicit FallingErrors(const BaseMesh& base) : base_(base) {}
+  bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
+    auto at = [&](size_t k) { return base_.corners[base_.patches[patch][k]].position_mm; };
+    const float u = kSlope * std::max(glm::length(at(1) - at(0)), glm::length(at(3) - at(2))), v = kSlope * std::max(glm::length(at(2) - at(0)), glm::length(at(3) - at(1)));
+    slopes = {-u, u, -v, v};
+    return true;
+  }
   HeightBounds bounds(const NodeId& page) const override {
     return {-0.25f, 0.25f, static_cast<float>(kReliefMm * std::ldexp(0.01, -2 * static_cast<int>(page.level)))};
   }
+
+ private:
+  const BaseMesh& base_;
 };
 
 // What is compared with: every patch by itself, its four sides in turn (Schulze Nilsson 2014 evaluates the edges of all patches each
@@ -74,36 +88,102 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
   std::vector<CoarseErrors> coarse(base->patches.size());
   for (CoarseErrors& e : coarse)
     for (int k = 0; k < 7; ++k) e[static_cast<size_t>(k)] = static_cast<float>(kReliefMm * std::ldexp(0.25, -2 * k));
-  MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(), coarse);
+  MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(*base), coarse);
   const Extent extent = extentOf(*base, -0.25, 0.25, 0.1);
   ReliefSet resident;
   for (uint32_t p = 0; p < base->patches.size(); ++p) resident.insert({p, 0, 0, 0});
-  std::vector<double> ms, baseline_ms;
+  std::vector<double> ms, all_ms, baseline_ms;
   size_t instances = 0;
   uint64_t triangles = 0;
+  for (bool hide_backs : {false, true}) {  // one after the other, so that lists are as long as those before them
+    for (int i = 0; i < (context.quick ? 21 : 101) && !context.stopped(); ++i) {
+      OrbitCamera camera = fitCamera(extent, kWidth, kHeight);
+      camera.azimuth_deg = 0.37 * i;
+      camera.elevation_deg = 40;
+      LodView view = lodViewFrom(viewTransform(camera, extent, kWidth, kHeight));
+      view.error_px = 1;
+      view.min_cell_px = 2;
+      view.hide_backs = hide_backs;
+      double start = benchSeconds();
+      PlanarLodResult result = lod.select(view, resident);
+      (hide_backs ? ms : all_ms).push_back((benchSeconds() - start) * 1000);
+      instances = result.instances.size();
+      triangles = 0;
+      for (const PatchInstance& p : result.instances) triangles += uint64_t{2} << (2 * p.grid_level);
+      if (hide_backs) continue;
+      start = benchSeconds();
+      volatile size_t kept = evaluateOneByOne(*base, view);
+      (void)kept;
+      baseline_ms.push_back((benchSeconds() - start) * 1000);
+    }
+  }
+  if (context.stopped()) return {};
+  char what[80], note[160];
+  std::snprintf(what, sizeof what, "edge-LOD evaluation of %zu patches, one core", base->patches.size());
+  std::snprintf(note, sizeof note, "slowest %.2f ms; %zu instances, %llu triangles, the others face away; %.2f ms with those", quantile(ms, 1), instances,
+                static_cast<unsigned long long>(triangles), median(all_ms));
+  context.row({.what = what, .measured = median(ms), .unit = "ms", .goal = goal_ms, .baseline_name = "each side's length on screen, one by one",
+               .baseline = median(baseline_ms), .note = note});
+  return {};
+}
+
+// What the render thread does for a new list, but for drawing: instances packed and uploaded, uniforms, bindings and calls. Software GL draws
+// within the calls; so those are measured with one instance each, all of it outside of the picture.
+Result<void> submitRow(BenchContext& context) {
+  auto base = torusPatches(270, 90);
+  MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(*base), {}, true);
+  const Extent extent = extentOf(*base, -0.25, 0.25, 0.1);
+  PlanarDomain domain;
+  domain.relief_depth = 0;
+  domain.width_px = base->patches.size() * kPagePx;
+  domain.height_px = kPagePx;
+  auto program = gl::Program::link(gl::currentContextInfo().api, {"patch.vert", "surface.frag", {{"MESH", "1"}}, patchAttributes(), {}});
+  if (!program) return program.error();
+  PatchPass patches, one_each;
+  SurfaceTarget surface;
+  surface.resize(64, 64, false);
+  std::vector<double> pack_ms, call_ms, baseline_ms;
+  uint32_t calls = 0, instances = 0;
+  EyeFrame nowhere;
+  std::fill(std::begin(nowhere.clip_from_eye), std::end(nowhere.clip_from_eye), 0.0f);
+  std::vector<PatchInstance> each;
+  for (int n = 0; n < kMaxGridLevel; ++n) {
+    PatchInstance& p = each.emplace_back();
+    p.grid_level = static_cast<uint8_t>(n);
+    p.step_log2 = static_cast<uint8_t>(7 - n);
+    for (auto& side : p.edges) side = {static_cast<uint8_t>(n), PatchInstance::kWholeEdge};
+  }
+  auto no_page = [](const NodeId&) { return kNoSlot; };
+  one_each.setInstances(each, nowhere, false, no_page);
+  surface.begin();
+  program->use();
   for (int i = 0; i < (context.quick ? 21 : 101) && !context.stopped(); ++i) {
     OrbitCamera camera = fitCamera(extent, kWidth, kHeight);
     camera.azimuth_deg = 0.37 * i;
     camera.elevation_deg = 40;
-    LodView view = lodViewFrom(viewTransform(camera, extent, kWidth, kHeight));
+    const ViewTransform transform = viewTransform(camera, extent, kWidth, kHeight);
+    LodView view = lodViewFrom(transform);
     view.error_px = 1;
     view.min_cell_px = 2;
+    const PlanarLodResult result = lod.select(view, {});
+    instances = static_cast<uint32_t>(result.instances.size());
     double start = benchSeconds();
-    PlanarLodResult result = lod.select(view, resident);
-    ms.push_back((benchSeconds() - start) * 1000);
-    instances = result.instances.size();
-    triangles = 0;
-    for (const PatchInstance& p : result.instances) triangles += uint64_t{2} << (2 * p.grid_level);
+    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true), true, no_page);
+    pack_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
-    volatile size_t kept = evaluateOneByOne(*base, view);
-    (void)kept;
+    calls = one_each.draw(*program, nowhere, PatchPass::Mesh::kFronts);
+    call_ms.push_back((benchSeconds() - start) * 1000);
+    if (i % 20 != 0) continue;
+    start = benchSeconds();
+    patches.drawOneByOne(*program, nowhere);
     baseline_ms.push_back((benchSeconds() - start) * 1000);
   }
+  finishFrame();
   if (context.stopped()) return {};
-  char what[80], note[120];
-  std::snprintf(what, sizeof what, "edge-LOD evaluation of %zu patches, one core", base->patches.size());
-  std::snprintf(note, sizeof note, "slowest %.2f ms; %zu instances, %llu triangles", quantile(ms, 1), instances, static_cast<unsigned long long>(triangles));
-  context.row({.what = what, .measured = median(ms), .unit = "ms", .goal = goal_ms, .baseline_name = "each side's length on screen, one by one",
+  char what[96], note[160];
+  std::snprintf(what, sizeof what, "submission on the render thread, %zu patches", base->patches.size());
+  std::snprintf(note, sizeof note, "%u instances packed and uploaded in %.3f ms, slowest %.2f; %u calls with one instance each %.3f ms", instances, median(pack_ms), quantile(pack_ms, 1), calls, median(call_ms));
+  context.row({.what = what, .measured = median(pack_ms) + median(call_ms), .unit = "ms", .goal = 0.2, .baseline_name = "a call and uniforms a patch, nothing in view",
                .baseline = median(baseline_ms), .note = note});
   return {};
 }
@@ -185,7 +265,8 @@ Result<Build> buildPackageOf(const std::string& scan, const std::string& package
 
 Result<void> meshLodBench(BenchContext& context) {
   if (auto done = lodRow(context, 270, 90, 0.25); !done) return done;
-  return lodRow(context, 512, 192, 1.0);
+  if (auto done = lodRow(context, 512, 192, 1.0); !done) return done;
+  return submitRow(context);
 }
 
 Result<void> meshBuildBench(BenchContext& context) {

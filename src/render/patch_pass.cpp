@@ -17,11 +17,11 @@ constexpr int kAttributes = 5;
 constexpr int kNodesPerRow = 256;  // of the texture of nodes; known to texture_lookup.glsl
 
 uint32_t packEdges(const PatchInstance& p) {
-  uint32_t bits = 0;
-  for (int side = 0; side < 4; ++side) {
-    bits |= static_cast<uint32_t>(p.edges[side][0] | p.edges[side][1] << 4) << (8 * side);
-  }
-  return bits;
+  static_assert(std::endian::native == std::endian::little);
+  auto bits = std::bit_cast<uint64_t>(p.edges);  // eight bytes below 16 to eight halves of bytes
+  bits = (bits | bits >> 4) & 0x00FF00FF00FF00FF;
+  bits = (bits | bits >> 8) & 0x0000FFFF0000FFFF;
+  return static_cast<uint32_t>(bits | bits >> 16);
 }
 
 GpuPatchMorph packMorph(const PatchInstance& p) {
@@ -129,62 +129,64 @@ PatchPass::PatchPass()
 
 void PatchPass::setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                              const std::function<SlotIndex(const NodeId&)>& slot_of) {
-  std::vector<GpuPatchInstance> gpu;
-  gpu.reserve(instances.size());
-  std::vector<std::array<uint32_t, 4>> nodes;
-  nodes.reserve(instances.size() + kNodesPerRow);
-  std::fill(std::begin(group_first_), std::end(group_first_), 0u);
-  triangles_ = 0;
-  for (const PatchInstance& p : instances) {
-    ++group_first_[p.grid_level + 1];
-    triangles_ += 2u << (2 * p.grid_level);
-    GpuPatchInstance g{};
+  const size_t count = instances.size(), rows = (count + kNodesPerRow) / kNodesPerRow;
+  if (packed_.size() < count) packed_.resize(count);
+  if (node_texels_.size() < rows * kNodesPerRow) node_texels_.resize(rows * kNodesPerRow);
+  std::array<uint32_t, kMaxGridLevel + 1> of_level{};
+  uint64_t in_place = ~uint64_t{0};
+  NodeId last_page{PatchNeighbour::kNone, 0, 0, 0};
+  int32_t last_slot = 0;
+  for (size_t i = 0; i < count; ++i) {
+    const PatchInstance& p = instances[i];
+    ++of_level[p.grid_level];
+    in_place &= std::bit_cast<uint64_t>(p.edge_morph) & (p.morph | ~uint64_t{255});
+    GpuPatchInstance& g = packed_[i];
     g.origin[0] = static_cast<int32_t>(p.x0 - eye.unit_x);
     g.origin[1] = static_cast<int32_t>(p.y0 - eye.unit_y);
     g.origin[2] = p.step_log2;
     g.origin[3] = p.grid_level;
-    if (relief) {
+    if (!relief) {
+      g.relief[0] = g.relief[1] = g.relief[2] = g.relief[3] = 0;
+    } else if (p.relief_page.level == kTailLevel) {
+      const int node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
+      g.relief[0] = static_cast<int32_t>(p.node.x << node_log2);
+      g.relief[1] = static_cast<int32_t>(p.node.y << node_log2);
+      g.relief[2] = -1;
+      g.relief[3] = eye.patch_units_log2 - kTailCellsLog2;
+    } else {
       // Both corners in units from the patch's corner.
-      const bool tail = p.relief_page.level == kTailLevel;
-      int page_log2 = eye.patch_units_log2 - (tail ? 0 : static_cast<int>(p.relief_page.level));
-      int node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
-      auto offset = [&](uint32_t node, uint32_t page) {
-        return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2));
-      };
+      const int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level), node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
+      auto offset = [&](uint32_t node, uint32_t page) { return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2)); };
+      if (p.relief_page != last_page) last_page = p.relief_page, last_slot = static_cast<int32_t>(slot_of(p.relief_page));
       g.relief[0] = offset(p.node.x, p.relief_page.x);
       g.relief[1] = offset(p.node.y, p.relief_page.y);
-      g.relief[2] = tail ? -1 : static_cast<int32_t>(slot_of(p.relief_page));
-      g.relief[3] = page_log2 - (tail ? kTailCellsLog2 : 7);
+      g.relief[2] = last_slot;
+      g.relief[3] = page_log2 - 7;
     }
-    g.node[0] = static_cast<uint32_t>(gpu.size() + 1);
+    g.node[0] = static_cast<uint32_t>(i + 1);
     g.node[1] = p.node.level;
     g.node[2] = p.node.patch;
-    nodes.push_back({p.node.patch, p.node.level, p.node.x, p.node.y});
     g.edges = packEdges(p);
-    gpu.push_back(g);
+    node_texels_[i] = {p.node.patch, p.node.level, p.node.x, p.node.y};
   }
-  for (int n = 1; n <= kMaxGridLevel + 1; ++n) group_first_[n] += group_first_[n - 1];
-  instance_count_ = static_cast<uint32_t>(gpu.size());
-  nodes.resize((nodes.size() + kNodesPerRow) / kNodesPerRow * kNodesPerRow);
+  group_first_[0] = triangles_ = 0;
+  for (int n = 0; n <= kMaxGridLevel; ++n) {
+    group_first_[n + 1] = group_first_[n] + of_level[static_cast<size_t>(n)];
+    triangles_ += of_level[static_cast<size_t>(n)] * (2u << (2 * n));
+  }
+  instance_count_ = static_cast<uint32_t>(count);
   glBindTexture(GL_TEXTURE_2D, nodes_.id());
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kNodesPerRow, static_cast<GLsizei>(nodes.size() / kNodesPerRow), 0,
-               GL_RGBA_INTEGER, GL_UNSIGNED_INT, nodes.data());
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kNodesPerRow, static_cast<GLsizei>(rows), 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, node_texels_.data());
   glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuPatchInstance)), gpu.data(), GL_STREAM_DRAW);
-  setMorphs(instances);
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(count * sizeof(GpuPatchInstance)), packed_.data(), GL_STREAM_DRAW);
+  morphs_any_ = in_place != ~uint64_t{0};
+  if (morphs_any_) setMorphs(instances);
 }
 
-// Nothing where all is in place.
 void PatchPass::setMorphs(std::span<const PatchInstance> instances) {
   std::vector<GpuPatchMorph> morphs;
   morphs.reserve(instances.size());
-  uint32_t all = ~0u;
-  for (const PatchInstance& p : instances) {
-    const GpuPatchMorph& m = morphs.emplace_back(packMorph(p));
-    all &= m.weights[0] & m.weights[1] & (m.weights[2] | ~255u);
-  }
-  morphs_any_ = all != ~0u;
-  if (!morphs_any_) return;
+  for (const PatchInstance& p : instances) morphs.push_back(packMorph(p));
   glBindBuffer(GL_ARRAY_BUFFER, morphs_.id());
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(morphs.size() * sizeof(GpuPatchMorph)), morphs.data(), GL_STREAM_DRAW);
 }

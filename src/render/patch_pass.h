@@ -1,6 +1,7 @@
 // patch_pass.h - draws a list of patch instances: one instanced draw a grid level, at most kMaxGridLevel draw calls.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <span>
@@ -74,6 +75,8 @@ class PatchPass {
   gl::Buffer vertices_, indices_, instances_, morphs_;
   bool morphs_any_ = false;  // one of the instances is not in place
   gl::Texture nodes_;
+  std::vector<GpuPatchInstance> packed_;                 // kept for their memory
+  std::vector<std::array<uint32_t, 4>> node_texels_;
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;
