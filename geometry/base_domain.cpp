@@ -193,6 +193,36 @@ struct Maker {
   }
 };
 
+// Patches near one another in space near one another in the list, and corners in the order of the patches: what bakes
+// and streams them finds what it needs together.
+void orderPatches(BaseMesh& base) {
+  glm::vec3 low(std::numeric_limits<float>::infinity()), high = -low;
+  for (const BaseCorner& c : base.corners) {
+    low = glm::min(low, c.position_mm);
+    high = glm::max(high, c.position_mm);
+  }
+  std::vector<std::pair<uint32_t, std::array<uint32_t, 4>>> keyed;
+  for (const auto& patch : base.patches) {
+    glm::vec3 centre(0);
+    for (uint32_t c : patch) centre += 0.25f * base.corners[c].position_mm;
+    keyed.emplace_back(placeOnCurve(centre, low, high), patch);
+  }
+  std::stable_sort(keyed.begin(), keyed.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<uint32_t> name(base.corners.size(), kNoIndex);
+  std::vector<BaseCorner> corners;
+  auto named = [&](uint32_t c) {
+    if (name[c] == kNoIndex) {
+      name[c] = static_cast<uint32_t>(corners.size());
+      corners.push_back(base.corners[c]);
+    }
+    return name[c];
+  };
+  for (size_t p = 0; p < keyed.size(); ++p)
+    for (size_t k = 0; k < 4; ++k) base.patches[p][k] = named(keyed[p].second[k]);
+  for (uint32_t c = 0; c < name.size(); ++c) named(c);
+  base.corners = std::move(corners);
+}
+
 Error interruptedError() { return {ErrorKind::kInterrupted, {}, "interrupted", {}, {}}; }
 
 }  // namespace
@@ -318,6 +348,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   }
   // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
   for (const auto& q : quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
+  orderPatches(base);
   if (std::string problem = baseMeshProblem(base); !problem.empty())
     return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
   report(1);

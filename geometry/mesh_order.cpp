@@ -16,7 +16,25 @@ uint32_t spread(uint32_t x) {
   return (x | x << 2) & 0x09249249;
 }
 
+constexpr float kCells = 1 << kAxisBits;
+
+uint32_t cellOf(const glm::vec3& from_low, float cells_a_unit) {
+  uint32_t cell = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    cell |= spread(static_cast<uint32_t>(std::clamp(from_low[axis] * cells_a_unit, 0.0f, kCells - 1))) << axis;
+  return cell;
+}
+float cellsAUnit(const glm::vec3& low, const glm::vec3& high) {
+  const glm::vec3 size = high - low;
+  const float longest = std::max({size.x, size.y, size.z});
+  return longest > 0 ? kCells / longest : 0.0f;
+}
+
 }  // namespace
+
+uint32_t placeOnCurve(const glm::vec3& place, const glm::vec3& low, const glm::vec3& high) {
+  return cellOf(place - low, cellsAUnit(low, high));
+}
 
 bool needsOrder(const TriMesh& mesh) {
   constexpr size_t kLarge = size_t{8} << 20, kRun = size_t{1} << 16;
@@ -43,11 +61,7 @@ bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interru
     low = glm::min(low, p);
     high = glm::max(high, p);
   }
-  const glm::vec3 size = high - low;
-  const float largest = std::max({size.x, size.y, size.z});
-  constexpr float kCells = 1 << kAxisBits;
-  const float scale = largest > 0 ? kCells / 3 / largest : 0.0f;
-  auto axis = [&](float thrice, float from) { return spread(static_cast<uint32_t>(std::clamp((thrice - 3 * from) * scale, 0.0f, kCells - 1))); };
+  const float scale = cellsAUnit(low, high) / 3;
 
   std::vector<uint32_t> cell(triangles);
   constexpr size_t kAJob = size_t{1} << 16;
@@ -55,7 +69,7 @@ bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interru
     for (size_t t = job * kAJob; t < std::min(triangles, (job + 1) * kAJob); ++t) {
       const auto& corner = mesh.triangles[t];
       const glm::vec3 sum = mesh.positions_mm[corner[0]] + mesh.positions_mm[corner[1]] + mesh.positions_mm[corner[2]];
-      cell[t] = axis(sum.x, low.x) | axis(sum.y, low.y) << 1 | axis(sum.z, low.z) << 2;
+      cell[t] = cellOf(sum - 3.0f * low, scale);
     }
   });
   if (!done) return false;

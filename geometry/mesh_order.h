@@ -14,6 +14,9 @@ inline constexpr size_t kManyTriangles = 400'000;
 // eighth of their vertices, or is it so large that not all of it is looked up at a time?
 bool needsOrder(const TriMesh& mesh);
 
+// Of the cell of a 128th of the box's longest side that a place is in: how far along Morton's curve it is.
+uint32_t placeOnCurve(const glm::vec3& place, const glm::vec3& low, const glm::vec3& high);
+
 // By cells of a 128th of the bounding box, along a curve (Morton's); within a cell as they were. Vertices keep their
 // order. 16 bytes a triangle beside the mesh. The same for any number of workers. False: interrupted, and nothing was
 // changed.
