@@ -68,6 +68,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   plan.frames = o.frames > 0 ? o.frames : o.quick ? 6 : recorded ? 24 : 0;
   plan.repeats = o.repeats > 0 ? o.repeats : o.quick ? 3 : 5;
   plan.repeat_s = o.quick ? 0.3 : 3;
+  if (o.quick) plan.reference_triangles = plan.seam_vertices = 4'000'000;
   auto size = parseSize(o.size.empty() ? (o.quick ? "640x360" : "1280x720") : o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) return usage("expected a --size of at most 8192x8192 px, found " + o.size);

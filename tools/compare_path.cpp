@@ -90,6 +90,21 @@ class BodyPath {
       c.azimuth_deg = azimuth;
       whole_.distance_mm = std::max(whole_.distance_mm, fitDistance(c, extent, width_px, height_px));
     }
+    // A sheet, or half a body, is looked at from the side that it faces; others from everywhere.
+    glm::dvec3 facing(0);
+    double area = 0;
+    for (const auto& c : mesh.patches) {
+      auto at = [&](size_t k) { return glm::dvec3(mesh.corners[c[k]].position_mm); };
+      const glm::dvec3 n = glm::cross(at(2) - at(1), at(3) - at(0));
+      facing += n;
+      area += glm::length(n);
+    }
+    sheet_ = glm::length(facing) > 0.5 * area;
+    if (sheet_) {
+      facing = glm::normalize(facing);
+      front_azimuth_deg_ = glm::degrees(std::atan2(facing.x, facing.z));
+      front_elevation_deg_ = std::clamp(glm::degrees(std::asin(std::clamp(facing.y, -1.0, 1.0))), -60.0, 60.0);
+    }
     // A texel a pixel, as flights over flat artworks have it; no nearer than a twelfth of it all.
     close_mm_ = std::clamp(height_px / (2 * std::tan(glm::radians(whole_.fov_deg) / 2)) * extent.texel_mm, whole_.distance_mm / 12, whole_.distance_mm / 3);
   }
@@ -97,8 +112,9 @@ class BodyPath {
     OrbitCamera c = whole_;
     c.distance_mm *= 0.75;
     for (int k = 0; k <= 96; ++k) {
-      c.azimuth_deg = 3.75 * k;
-      c.elevation_deg = 25 * std::sin(2 * std::numbers::pi * k / 48);
+      const double phase = 2 * std::numbers::pi * k / 96;
+      c.azimuth_deg = front_azimuth_deg_ + (sheet_ ? 55 * std::sin(phase) : 3.75 * k);
+      c.elevation_deg = front_elevation_deg_ + 25 * std::sin(2 * phase);
       add(0.25, c);
     }
     return {"orbit", keys_};
@@ -107,8 +123,9 @@ class BodyPath {
     OrbitCamera c = whole_;
     c.distance_mm = close_mm_;
     for (int k = 0; k <= 48; ++k) {
-      c.azimuth_deg = -60 + 2.5 * k;
-      c.target_mm = surfaceSeen(c.azimuth_deg, 0, {0, 0});
+      const double turn = sheet_ ? 40 : 60;
+      c.azimuth_deg = front_azimuth_deg_ - turn + 2 * turn * k / 48;
+      c.target_mm = surfaceSeen(c.azimuth_deg, front_elevation_deg_, {0, 0});
       for (c.elevation_deg = -kFlyoverTilt_deg; c.elevation_deg > 0 && blocked(c); c.elevation_deg -= 10) {}
       add(0.25, c);
     }
@@ -116,10 +133,11 @@ class BodyPath {
   }
   Flight zoom() {
     add(0, whole_);
-    for (auto [azimuth, x, y] : {std::array{-20.0, -0.12, 0.1}, std::array{70.0, 0.05, -0.12}, std::array{160.0, 0.1, 0.05}, std::array{250.0, -0.05, -0.05}}) {
+    for (auto [turn, x, y] : {std::array{-20.0, -0.12, 0.1}, std::array{70.0, 0.05, -0.12}, std::array{160.0, 0.1, 0.05}, std::array{250.0, -0.05, -0.05}}) {
       OrbitCamera far = whole_, near = whole_;
-      far.azimuth_deg = near.azimuth_deg = azimuth;
-      near.target_mm = surfaceSeen(azimuth, 0, {x, y});
+      far.azimuth_deg = near.azimuth_deg = front_azimuth_deg_ + (sheet_ ? 40 * std::sin(glm::radians(turn)) : turn);
+      far.elevation_deg = near.elevation_deg = front_elevation_deg_;
+      near.target_mm = surfaceSeen(near.azimuth_deg, front_elevation_deg_, {x, y});
       near.distance_mm = close_mm_;
       OrbitCamera between = far;
       between.distance_mm = std::sqrt(far.distance_mm * near.distance_mm);
@@ -155,7 +173,8 @@ class BodyPath {
   const BaseMesh& mesh_;
   Extent extent_;
   OrbitCamera whole_;
-  double size_mm_, close_mm_ = 0;
+  double size_mm_, close_mm_ = 0, front_azimuth_deg_ = 0, front_elevation_deg_ = 0;
+  bool sheet_ = false;
   std::vector<FlightKey> keys_;
 };
 

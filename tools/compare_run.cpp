@@ -15,7 +15,6 @@
 namespace relievo {
 namespace {
 
-constexpr uint32_t kMaxSeamVertices = 40'000'000;
 constexpr int kCrackMarginPx = 1;
 
 double nowMs() { return 1000 * std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -114,7 +113,8 @@ class Runner {
       for (const NodeId& n : nodes) all.instances.push_back(bounds_.instance(n, level - node_level));
       break;
     }
-    figures.reference_bound_px = std::max(figures.reference_bound_px, bounds_.boundPx(screen, all.instances, plan_.exaggerate));
+    reference_bound_px_ = bounds_.boundPx(screen, all.instances, plan_.exaggerate);
+    figures.reference_bound_px = std::max(figures.reference_bound_px, reference_bound_px_);
     auto drawn = pass_->draw(all, now.view, plan_.exaggerate);
     if (!drawn) return drawn.error();
     pass_->read(pixels_);
@@ -131,9 +131,6 @@ class Runner {
     Frame before = frameOf(camera.before);
     // What the frame before would have drawn, seen by this frame's camera.
     StrategyResult earlier = running.strategy->select(lodViewOf(before, out.budget_px));
-    if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
-    pass_->read(pixels_);
-    errorVectors(*surface_, earlier.instances, now, pixels_, errors_before_);
 
     LodView view = lodViewOf(now, out.budget_px);
     StrategyResult chosen;
@@ -144,6 +141,13 @@ class Runner {
       double start = nowMs();
       chosen = running.strategy->select(view);
       select_ms.push_back(nowMs() - start);
+    }
+    // The same again, if no vertex of it moves with the eye, looks the same.
+    const bool changed = chosen.rule == GridRule::kMorphed || chosen.rule != earlier.rule || chosen.instances != earlier.instances;
+    if (changed) {
+      if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
+      pass_->read(pixels_);
+      errorVectors(*surface_, earlier.instances, now, pixels_, errors_before_);
     }
     StrategyDraw last;
     began = nowMs();
@@ -167,11 +171,11 @@ class Runner {
     pass_->read(pixels_);
     f.edge_on_pixels = errorVectors(*surface_, chosen.instances, now, pixels_, errors_);
     f.error = figuresOf(errors_);
-    f.pop_px = largestChangePx(errors_before_, errors_);
+    f.pop_px = changed ? largestChangePx(errors_before_, errors_) : 0;
     // Where the silhouette may lie elsewhere by right, the background is no crack.
-    int margin = kCrackMarginPx + static_cast<int>(std::ceil(std::clamp(std::max(chosen.predicted_px, out.budget_px), 0.0, 1e4)));
+    int margin = kCrackMarginPx + static_cast<int>(std::ceil(std::clamp(std::max(chosen.predicted_px, out.budget_px) + reference_bound_px_, 0.0, 1e4)));
     f.coverage = compareCoverage(coverage(pixels_), reference_, plan_.width_px, plan_.height_px, margin);
-    auto captured = pass_->capture(chosen, now.view, plan_.exaggerate, kMaxSeamVertices);
+    auto captured = pass_->capture(chosen, now.view, plan_.exaggerate, plan_.seam_vertices);
     if (!captured) return captured.error();
     f.seams_known = !captured->empty();
     if (f.seams_known) {
@@ -223,6 +227,7 @@ class Runner {
   PlacePixels pixels_;
   ErrorVectors errors_, errors_before_;
   std::vector<uint8_t> reference_;
+  double reference_bound_px_ = 0;  // of the frame's
 };
 
 }  // namespace

@@ -27,6 +27,7 @@ struct ComparePlan {
   double repeat_s = 3;                          // no further ones once they took this long
   uint64_t memory_bytes = uint64_t{1} << 30;    // for relief pages
   uint64_t reference_triangles = 40'000'000;    // a frame, see CompareFigures::reference_whole
+  uint32_t seam_vertices = 40'000'000;          // no comparison of seams above that
   const std::atomic<bool>* interrupted = nullptr;
   std::function<void(double fraction, const std::string& what)> progress;
 };
