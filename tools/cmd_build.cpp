@@ -150,7 +150,7 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--encoding-coefficients", o->coefficients, "Of coefficient planes alone [as --encoding]");
   c->add_option("--encoding-colour", o->colour, "Of colour planes alone [as --encoding]");
   c->add_option("--quality", o->quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB (a mesh itself may take more)")->check(CLI::Range(64, 1 << 20))->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB (a mesh may take more: 36 bytes a triangle as it is read; less than 90 makes it slower)")->check(CLI::Range(64, 1 << 20))->capture_default_str();
   c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output. Of a mesh: with distances");
   c->callback([o, &context] {
     if (auto done = build(*o); !done) context.fail(done.error());
