@@ -13,6 +13,7 @@
 namespace relievo {
 namespace {
 
+constexpr uint32_t kManyCells = 1024;  // grids of one cell, from which on they are drawn as one mesh
 constexpr int kAttributes = 5;
 constexpr int kNodesPerRow = 256;  // of the texture of nodes; known to texture_lookup.glsl
 
@@ -181,6 +182,54 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(count * sizeof(GpuPatchInstance)), packed_.data(), GL_STREAM_DRAW);
   morphs_any_ = in_place != ~uint64_t{0};
   if (morphs_any_) setMorphs(instances);
+  setCells(morphs_any_ || of_level[0] < kManyCells ? 0 : of_level[0]);
+}
+
+// Of the first `count` instances, which come first in the list.
+void PatchPass::setCells(uint32_t count) {
+  cell_count_ = count;
+  if (count == 0) return;
+  if (cell_array_.id() == 0) {
+    cell_array_ = gl::VertexArray::create();
+    cells_ = gl::Buffer::create();
+    cell_grid_ = gl::Buffer::create();
+    cell_indices_ = gl::Buffer::create();
+  }
+  cell_corners_.resize(4 * size_t{count});
+  for (size_t i = 0; i < cell_corners_.size(); ++i) cell_corners_[i] = packed_[i / 4];
+  glBindVertexArray(cell_array_.id());
+  if (count > cell_room_) {
+    cell_room_ = std::max(count, 2 * cell_room_);
+    std::vector<uint8_t> grid;
+    std::vector<uint32_t> indices;
+    for (uint32_t i = 0; i < cell_room_; ++i) {
+      for (uint8_t byte : {0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0}) grid.push_back(byte);
+      for (uint32_t v : {0, 3, 1, 0, 2, 3}) indices.push_back(4 * i + v);
+    }
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, cell_indices_.id());
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * 4), indices.data(), GL_STATIC_DRAW);
+    glBindBuffer(GL_ARRAY_BUFFER, cell_grid_.id());
+    glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(grid.size()), grid.data(), GL_STATIC_DRAW);
+    for (GLuint a = 0; a < kAttributes; ++a) glEnableVertexAttribArray(a);
+    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, nullptr);
+  }
+  glBindBuffer(GL_ARRAY_BUFFER, cells_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(cell_corners_.size() * sizeof(GpuPatchInstance)), cell_corners_.data(), GL_STREAM_DRAW);
+  constexpr GLsizei kStride = sizeof(GpuPatchInstance);
+  auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
+  glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
+  glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
+  glVertexAttribIPointer(3, 3, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
+  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+  glBindVertexArray(0);
+}
+
+uint32_t PatchPass::drawCells() const {
+  glBindVertexArray(cell_array_.id());
+  glVertexAttribI4ui(kMorphAttribute, ~0u, ~0u, ~0u, ~0u);
+  glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(6 * cell_count_), GL_UNSIGNED_INT, nullptr);
+  glBindVertexArray(vertex_array_.id());
+  return 1;
 }
 
 void PatchPass::setMorphs(std::span<const PatchInstance> instances) {
@@ -241,7 +290,9 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
                             static_cast<GLsizei>(count));
     ++calls;
   };
-  for (int n = 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
+  const bool as_cells = cell_count_ > 0 && mesh != Mesh::kLines;
+  if (as_cells) calls += drawCells();
+  for (int n = as_cells ? 1 : 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glDisable(GL_CULL_FACE);
   glBindVertexArray(0);
   return calls;

@@ -68,11 +68,18 @@ class PatchPass {
     uint32_t first_line = 0, line_indices = 0;
   };
   void setMorphs(std::span<const PatchInstance> instances);
+  void setCells(uint32_t count);
+  uint32_t drawCells() const;
   void bindInstances(size_t first_instance) const;
   void setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const;
 
   gl::VertexArray vertex_array_;
   gl::Buffer vertices_, indices_, instances_, morphs_;
+  // Very many grids of one cell: not as instances, of which each costs a driver in software as much as its vertices, but as one mesh.
+  gl::VertexArray cell_array_;
+  gl::Buffer cells_, cell_grid_, cell_indices_;  // by vertex: instances, place in the grid
+  std::vector<GpuPatchInstance> cell_corners_;
+  uint32_t cell_count_ = 0, cell_room_ = 0;      // 0: as instances
   bool morphs_any_ = false;  // one of the instances is not in place
   gl::Texture nodes_;
   std::vector<GpuPatchInstance> packed_;                 // kept for their memory

@@ -184,6 +184,15 @@ TEST_F(ManyPatches, TheSmallestCacheDrawsAll) {
     if (radii == 4) {
       EXPECT_GT(d.inside, 1000u);
       EXPECT_EQ(engine->stats().resident, 0u);
+      // Single cells are drawn as one mesh; as many draw calls as patches show the same.
+      const auto as_one = engine->readPixels();
+      const uint32_t instances = engine->stats().instances;
+      EXPECT_GT(instances, 2000u);
+      ASSERT_TRUE(engine->sabotage({.call_a_patch = true}).ok());
+      engine->frame(0.1);
+      EXPECT_GE(engine->stats().draw_calls, instances);
+      EXPECT_TRUE(engine->readPixels() == as_one);
+      ASSERT_TRUE(engine->sabotage({}).ok());
     }
   }
 }
