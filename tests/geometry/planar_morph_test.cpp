@@ -29,7 +29,7 @@ VertexFunction morphTwin(const PlanarDomain& domain, ReliefPages& pages, bool re
 TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
   SeamReport total;
   uint64_t cases = 0, nodes = 0, on_the_way = 0, own_weights = 0, swapped_halves = 0;
-  for (uint64_t seed = kSeed; total.comparisons < 3'000'000 / kViewShare && cases < 2000; ++seed, ++cases) {
+  for (uint64_t seed = kSeed; total.comparisons < 1'500'000 / kViewShare && cases < 2000; ++seed, ++cases) {
     Random random(seed);
     PlanarDomain domain = randomDomain(random);
     MadeUpOracle oracle(domain, random.engine(), true);
@@ -61,7 +61,7 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
               static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases), static_cast<unsigned long long>(nodes),
               static_cast<unsigned long long>(total.comparisons), static_cast<unsigned long long>(on_the_way), static_cast<unsigned long long>(own_weights),
               static_cast<unsigned long long>(swapped_halves));
-  EXPECT_GE(total.comparisons, 3'000'000u / kViewShare);
+  EXPECT_GE(total.comparisons, 1'500'000u / kViewShare);
   EXPECT_GT(on_the_way, nodes / 2);
   EXPECT_GT(own_weights, 0u);
   EXPECT_GT(swapped_halves, 0u);
@@ -163,6 +163,7 @@ TEST(PlanarMorph, NothingPops) {
            return camera(eye, eye + glm::dvec3(1, 0, -0.4));
          }}};
     for (const Path& path : paths) {
+      if (kViewShare > 1 && (of == reliefHeight || path.name != "towards it")) continue;
       auto select = [&](const LodView& view) { return a.lod->select(view, a.all_pages); };
       const TrueSurface surface = surfaceOf(a.domain, *a.relief, 1);
       const Pops on = fly(surface, path, 1, 0, How::kMorph, select), off = fly(surface, path, 1, 0, How::kStill, select), control = fly(surface, path, 1, 0, How::kRounded, select);
