@@ -1,4 +1,5 @@
 // relievo compare: geometry LOD strategies over one artwork, measured against full resolution.
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -135,6 +136,7 @@ Result<void> compare(const CompareOptions& o) {
   plan->package = *package;
   // Before anything takes time: is there something to compare, a path, and a place for the report?
   const Manifest& m = (*package)->manifest();
+  if (m.base && o.quick && o.frames == 0) plan->frames = std::min(plan->frames, 4);  // full resolution is millions of triangles
   if (m.domain.relief_depth < 0)
     return Error{ErrorKind::kUnsupported, o.file, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
   if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras) return cameras.error();
@@ -196,12 +198,12 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
-  c->add_option("--frames", o->frames, "Frames, at even distances along the path [24; --quick: 6; of a file: all]")->check(CLI::Range(1, 100000));
+  c->add_option("--frames", o->frames, "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")->check(CLI::Range(1, 100000));
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 640x360]");
   c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed, at most for 3 s (--quick: 0.3 s) [5; --quick: 3]")->check(CLI::Range(1, 1000));
   c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")->check(CLI::Range(-10000.0, 10000.0))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")->check(CLI::Range(1.0, 65536.0))->capture_default_str();
-  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: within a minute or so for a 2048x2048 artwork or a scan of two million triangles");
+  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: within a minute for a 2048x2048 artwork; a scan of two million triangles takes about as long");
   c->callback([o, &context] {
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
