@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -22,9 +23,9 @@ inline uint32_t toVertex(const Triangles& t, uint32_t h) { return fromVertex(t, 
 // visit(half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by their
 // higher one. Half-edges are dealt out to their lower vertices and sorted there: linear, for vertices of usual valence.
 // Memory: 4 bytes a vertex and 8 a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them:
-// 32 MB).
+// 32 MB). Ends early, soon after *stop is set.
 template <class Visit>
-void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
+void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit, const std::atomic<bool>* stop = nullptr) {
   std::vector<uint32_t> end(vertices + 1, 0);  // of each vertex's half-edges, counted over all vertices
   for (const auto& t : triangles)
     for (int k = 0; k < 3; ++k) ++end[std::min(t[k], t[k == 2 ? 0 : k + 1])];
@@ -35,7 +36,8 @@ void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
   dealt.reserve(std::min(share, triangles.size() * 3));
   std::vector<uint32_t> next, edge;
   auto begin = [&](size_t v) { return v == 0 ? 0 : end[v - 1]; };
-  for (size_t first = 0; first < vertices;) {
+  auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
+  for (size_t first = 0; first < vertices && !stopped();) {
     size_t last = first;
     const size_t base = begin(first);
     while (last < vertices && (last == first || end[last] - base <= share)) ++last;
@@ -43,11 +45,13 @@ void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit) {
     next.resize(last - first);
     for (size_t v = first; v < last; ++v) next[v - first] = static_cast<uint32_t>(begin(v) - base);
     uint32_t h = 0;
-    for (const auto& t : triangles)
+    for (const auto& t : triangles) {
+      if (h % (3u << 20) == 0 && stopped()) return;
       for (int k = 0; k < 3; ++k, ++h) {
         uint32_t a = t[k], b = t[k == 2 ? 0 : k + 1], low = std::min(a, b);
         if (low >= first && low < last) dealt[next[low - first]++] = static_cast<uint64_t>(std::max(a, b)) << 32 | h;
       }
+    }
     for (size_t v = first; v < last; ++v) {
       auto from = dealt.begin() + static_cast<std::ptrdiff_t>(begin(v) - base),
            to = dealt.begin() + static_cast<std::ptrdiff_t>(end[v] - base);

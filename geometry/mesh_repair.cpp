@@ -139,8 +139,8 @@ class Repair {
 
   // Without triangles that repeat an earlier one.
   EdgeCensus census_() {
-    EdgeCensus census = takeCensus(mesh_);
-    if (census.duplicates.empty()) return census;
+    EdgeCensus census = takeCensus(mesh_, interrupted_);
+    if (census.duplicates.empty() || !step(0.4)) return census;
     MeshFinding duplicates{"duplicate triangles", 0, {}, "dropped"};
     size_t next = 0;
     filterTriangles([&](size_t t) {
@@ -151,7 +151,7 @@ class Repair {
     });
     report(std::move(duplicates));
     census = {};
-    return takeCensus(mesh_);
+    return takeCensus(mesh_, interrupted_);
   }
 
   // False: interrupted. A split makes new edges, on which further vertices may lie: a second round finds them.
@@ -186,6 +186,7 @@ class Repair {
       report(std::move(split));
       if (!any) break;
       census = census_();
+      if (!step(0.5 + 0.05 * round)) return false;
     }
     report(std::move(kept));
     return true;

@@ -5,7 +5,7 @@
 
 namespace relievo {
 
-EdgeCensus takeCensus(const TriMesh& mesh) {
+EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop) {
   const Triangles& triangles = mesh.triangles;
   EdgeCensus census;
   census.mate.assign(triangles.size() * 3, kNoHalfEdge);
@@ -27,7 +27,7 @@ EdgeCensus takeCensus(const TriMesh& mesh) {
       for (size_t i = 1; i < thirds.size(); ++i)
         if (thirds[i].first == thirds[i - 1].first) census.duplicates.push_back(thirds[i].second / 3);
     }
-  });
+  }, stop);
   std::sort(census.duplicates.begin(), census.duplicates.end());
   census.duplicates.erase(std::unique(census.duplicates.begin(), census.duplicates.end()), census.duplicates.end());
   return census;

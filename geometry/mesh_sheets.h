@@ -2,6 +2,8 @@
 // triangles of a piece run, and sheets where more than two triangles meet. Internal to mesh_read.
 #pragma once
 
+#include <atomic>
+
 #include "geometry/mesh_edges.h"
 #include "geometry/tri_mesh.h"
 
@@ -14,7 +16,8 @@ struct EdgeCensus {
   std::vector<uint32_t> crowded_end;  // where each edge's end
   std::vector<uint32_t> duplicates;   // triangles of the same three vertices as an earlier one, ascending
 };
-EdgeCensus takeCensus(const TriMesh& mesh);
+// Soon after *stop is set: a part of it.
+EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop = nullptr);
 
 // The pieces that mates hold together: triangles of piece p are order[end[p - 1]] .. order[end[p]].
 struct Pieces {

@@ -48,6 +48,40 @@ TEST(MeshDistance, spheresOneInAnother) {
   }
 }
 
+TEST(MeshDistance, stopsWhenInterruptedAndShowsProgress) {
+  const TriMesh scan = sphereMesh(50, 40);
+  auto baked = bake(scan, sphereBase(50, 2), 5);
+  ASSERT_TRUE(baked);
+  double last = -1;
+  DistanceRun run{.workers = 1, .progress = [&](double done) {
+                    EXPECT_GE(done, last);
+                    EXPECT_LE(done, 1);
+                    last = done;
+                  }};
+  auto whole = measureDistance(scan, *baked, 3, run);
+  ASSERT_TRUE(whole);
+  EXPECT_GT(last, 0.9);
+  run.workers = 3;
+  run.progress = {};
+  auto again = measureDistance(scan, *baked, 3, run);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->scan_vertex_mm, whole->scan_vertex_mm);
+  EXPECT_EQ(again->psnr_db, whole->psnr_db);
+  // At any time: before, while samples go one way, or the other.
+  for (double when : {0.0, 0.2, 0.7}) {
+    std::atomic<bool> interrupted{false};
+    double seen = 0;
+    run = {.workers = 1, .progress = [&](double done) {
+             seen = done;
+             if (done >= when) interrupted = true;
+           }, .interrupted = &interrupted};
+    auto stopped = measureDistance(scan, *baked, 3, run);
+    ASSERT_FALSE(stopped);
+    EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
+    EXPECT_LT(seen, when + 0.2);
+  }
+}
+
 TEST(MeshDistance, eachWaySeesWhatTheOtherMisses) {
   auto flat = [](double, double) { return 0.0; };
   TriMesh scan = sheetMesh(10, 10, 10, 10, flat);
