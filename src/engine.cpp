@@ -754,7 +754,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
   impl->pool = std::make_unique<PagePool>(impl->slots);
-  impl->patches = std::make_unique<PatchPass>();
+  impl->patches = std::make_unique<PatchPass>(impl->context.software);
   impl->screen = std::make_unique<ScreenPass>();
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
   if (const Manifest& m = impl->artwork.manifest; m.base) {

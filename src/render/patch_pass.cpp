@@ -72,12 +72,13 @@ EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, dou
   return eye;
 }
 
-PatchPass::PatchPass()
+PatchPass::PatchPass(bool cells_as_mesh)
     : vertex_array_(gl::VertexArray::create()),
       vertices_(gl::Buffer::create()),
       indices_(gl::Buffer::create()),
       instances_(gl::Buffer::create()),
       morphs_(gl::Buffer::create()),
+      cells_as_mesh_(cells_as_mesh),
       nodes_(gl::Texture::create()) {
   std::vector<uint8_t> vertices;
   std::vector<uint16_t> indices;
@@ -182,7 +183,7 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(count * sizeof(GpuPatchInstance)), packed_.data(), GL_STREAM_DRAW);
   morphs_any_ = in_place != ~uint64_t{0};
   if (morphs_any_) setMorphs(instances);
-  setCells(morphs_any_ || of_level[0] < kManyCells ? 0 : of_level[0]);
+  setCells(!cells_as_mesh_ || morphs_any_ || of_level[0] < kManyCells ? 0 : of_level[0]);
 }
 
 // Of the first `count` instances, which come first in the list.

@@ -45,7 +45,9 @@ EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, dou
 
 class PatchPass {
  public:
-  PatchPass();
+  // cells_as_mesh: very many grids of one cell are drawn as one mesh, not as instances, of which each costs a driver in software as much as its
+  // vertices; packing them takes longer.
+  explicit PatchPass(bool cells_as_mesh = false);
   // `slot_of` answers with the slot of a relief page in use.
   void setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
@@ -75,7 +77,7 @@ class PatchPass {
 
   gl::VertexArray vertex_array_;
   gl::Buffer vertices_, indices_, instances_, morphs_;
-  // Very many grids of one cell: not as instances, of which each costs a driver in software as much as its vertices, but as one mesh.
+  const bool cells_as_mesh_;
   gl::VertexArray cell_array_;
   gl::Buffer cells_, cell_grid_, cell_indices_;  // by vertex: instances, place in the grid
   std::vector<GpuPatchInstance> cell_corners_;
