@@ -1,14 +1,18 @@
 // base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners (src/render/base_corners.h).
 // On a side it is a function of that side's two corners, in the order of their indices, and the place between them alone (C++ twin:
-// geometry/mesh_vertex.h).
+// geometry/mesh_vertex.h). UNORDERED_ENDS: not so, for a negative control.
 uniform sampler2D u_corners;
 uniform sampler2D u_normals;
 uniform usampler2D u_base;
 
 ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
 vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
+#ifdef UNORDERED_ENDS
+  return lo + (hi - lo) * t;
+#else
   float s = 1.0 - t;
   return lo * s + hi * t;
+#endif
 }
 
 // The corners' indices at (0, 0), (1, 0), (0, 1), (1, 1).
@@ -29,6 +33,10 @@ void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, 
     b = index.w;
   }
   uint lo = min(a, b), hi = max(a, b);
+#ifdef UNORDERED_ENDS
+  lo = a;
+  hi = b;
+#endif
   if (lo != a) t = 1.0 - t;
   point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
   normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);

@@ -3,6 +3,9 @@
 // (C++ twin: geometry/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
 // the order of their indices, and its place between them (C++ twin: geometry/mesh_vertex.h).
 #include "common.glsl"
+#ifdef MESH
+#include "base_point.glsl"
+#endif
 
 in uvec2 a_grid;     // 0 .. 2^n
 in ivec4 a_origin;   // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
@@ -18,11 +21,6 @@ uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
 uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
 uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base);
                                // depth bias (wireframe)
-#ifdef MESH
-uniform sampler2D u_corners;   // src/render/base_corners.h
-uniform sampler2D u_normals;
-uniform usampler2D u_base;
-#endif
 #ifdef TAILS
 uniform usampler2DArray u_tail_heights;  // 64 x 64 tails of 17 x 17 heights a layer (src/render/tail_textures.h)
 #endif
@@ -88,52 +86,6 @@ int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
 }
 #endif
 
-#ifdef MESH
-ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
-vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
-#ifdef UNORDERED_ENDS
-  return lo + (hi - lo) * t;
-#else
-  float s = 1.0 - t;
-  return lo * s + hi * t;
-#endif
-}
-
-// The base mesh's point, from the eye, and normal, at a place of a patch.
-void basePoint(ivec2 place, int side, out vec3 point, out vec3 normal) {
-  uvec4 index = texelFetch(u_base, inTable(a_node.z), 0);
-  vec2 uv = vec2(place) * u_scale.x;
-  uint a = index.x, b = index.y;
-  float t = uv.x;
-  bool on_column = place.x == 0 || place.x == side;
-  if (on_column) {
-    a = place.x == 0 ? index.x : index.y;
-    b = place.x == 0 ? index.z : index.w;
-    t = uv.y;
-  } else if (place.y == side) {
-    a = index.z;
-    b = index.w;
-  }
-  uint lo = min(a, b), hi = max(a, b);
-#ifdef UNORDERED_ENDS
-  lo = a;
-  hi = b;
-#endif
-  if (lo != a) t = 1.0 - t;
-  point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
-  normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);
-  if (on_column || place.y == 0 || place.y == side) return;
-  vec3 p[4];
-  vec3 n[4];
-  for (int k = 0; k < 4; ++k) {
-    p[k] = texelFetch(u_corners, inTable(index[k]), 0).xyz;
-    n[k] = texelFetch(u_normals, inTable(index[k]), 0).xyz;
-  }
-  point = lerpOrdered(lerpOrdered(p[0], p[1], uv.x), lerpOrdered(p[2], p[3], uv.x), uv.y);
-  normal = lerpOrdered(lerpOrdered(n[0], n[1], uv.x), lerpOrdered(n[2], n[3], uv.x), uv.y);
-}
-#endif
-
 struct Vertex {
   vec3 from_eye;
   vec2 uv;  // in the node
@@ -167,7 +119,7 @@ Vertex vertexAt(ivec2 g) {
   float nodes = powerOfTwo(-(a_origin.z + a_origin.w));
 #ifdef MESH
   vec3 point, normal;
-  basePoint(at, u_limit.x, point, normal);
+  basePoint(patchCorners(a_node.z), at, u_limit.x, u_scale.x, point, normal);
   v.from_eye = point + normal * height_mm;
   v.uv = vec2(in_node) * nodes;
 #else
