@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <thread>
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 #include <optional>
 
@@ -36,7 +37,7 @@ Result<std::optional<std::pair<double, double>>> parseRange(const std::string& t
   int end = 0;
   if (std::sscanf(text.c_str(), "%lf:%lf%n", &low, &high, &end) != 2 || end != static_cast<int>(text.size()) || !std::isfinite(low) ||
       !std::isfinite(high) || high < low) {
-    return Error{ErrorKind::kUsage, "", "expected --relief-mm MIN:MAX in mm with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5", {}};
+    return usageError("expected --relief-mm MIN:MAX in mm with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5");
   }
   return std::optional(std::pair(low, high));
 }
@@ -48,12 +49,12 @@ bool sameFile(const std::string& a, const std::string& b) {
 
 Result<void> build(const BuildArguments& o) {
   if (o.mesh.empty() ? o.ptm.empty() == o.image.empty() : !o.image.empty()) {
-    return Error{ErrorKind::kUsage, "", "expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)", "see relievo build --help", {}};
+    return usageError("expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)", "see relievo build --help");
   }
   if (!o.ptm.empty() && !o.texture.empty() && o.texture != "none") {
-    return Error{ErrorKind::kUsage, "", "expected --ptm FILE or --texture IMAGE for the mesh, found both", "", {}};
+    return usageError("expected --ptm FILE or --texture IMAGE for the mesh, found both");
   }
-  if (o.relief.empty() && !o.relief_mm.empty()) return Error{ErrorKind::kUsage, "", "--relief-mm needs --relief HEIGHTMAP", "", {}};
+  if (o.relief.empty() && !o.relief_mm.empty()) return usageError("--relief-mm needs --relief HEIGHTMAP");
   auto range = parseRange(o.relief_mm);
   if (!range) return range.error();
   auto coefficients = parseEncoding(o.coefficients.empty() ? o.encoding : o.coefficients, o.quality);

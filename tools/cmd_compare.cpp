@@ -7,6 +7,8 @@
 #include <filesystem>
 #include <memory>
 
+#include <CLI/CLI.hpp>
+
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/gl/context.h"
@@ -36,8 +38,6 @@ std::vector<std::string> parts(const std::string& list) {
   return out;
 }
 
-Error usage(const std::string& message, const std::string& hint = "") { return {ErrorKind::kUsage, "", message, hint, {}}; }
-
 std::string strategyNames() {
   std::string names;
   for (const StrategyEntry& e : lodStrategies()) names += (names.empty() ? "" : ", ") + e.name;
@@ -54,7 +54,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   } else {
     for (const std::string& name : parts(o.strategies)) {
       const StrategyEntry* e = findStrategy(name);
-      if (!e) return usage("there is no strategy '" + name + "'", "there are: " + strategyNames());
+      if (!e) return usageError("there is no strategy '" + name + "'", "there are: " + strategyNames());
       plan.strategies.push_back(e);
     }
   }
@@ -62,7 +62,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
     double px = 0;
     auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
     if (bad != std::errc() || end != text.data() + text.size() || !(px >= 0.05 && px <= 1000))
-      return usage("expected budgets from 0.05 to 1000 px, found '" + text + "'", "for example --error-px 0.5,1,2,4");
+      return usageError("expected budgets from 0.05 to 1000 px, found '" + text + "'", "for example --error-px 0.5,1,2,4");
     plan.budgets_px.push_back(px);
   }
   bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom";
@@ -72,7 +72,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   if (o.quick) plan.reference_triangles = plan.seam_vertices = 4'000'000;
   auto size = parseSize(o.size.empty() ? (o.quick ? "640x360" : "1280x720") : o.size);
   if (!size) return size.error();
-  if (size->first > kMaxSidePx || size->second > kMaxSidePx) return usage("expected a --size of at most 8192x8192 px, found " + o.size);
+  if (size->first > kMaxSidePx || size->second > kMaxSidePx) return usageError("expected a --size of at most 8192x8192 px, found " + o.size);
   plan.width_px = static_cast<int>(size->first);
   plan.height_px = static_cast<int>(size->second);
   plan.interrupted = &interruptedFlag();

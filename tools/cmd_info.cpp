@@ -1,6 +1,7 @@
 // relievo info: what a package holds.
 #include <cstdio>
 #include <memory>
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/effect_plan.h"

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
@@ -47,7 +48,7 @@ Result<void> render(const RenderOptions& o) {
   auto size = parseSize(o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
-    return Error{ErrorKind::kUsage, "", "expected a --size of at most 16384x16384 px, found " + o.size, "", {}};
+    return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   }
   int width = static_cast<int>(size->first), height = static_cast<int>(size->second);
   auto background = parseTriple(o.background, "--background");

@@ -4,6 +4,8 @@
 #include <optional>
 #include <sstream>
 
+#include <CLI/CLI.hpp>
+
 #include "src/base/progress.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
@@ -23,17 +25,13 @@ struct Options {
   int lights = 49, workers = 0;
 };
 
-Error usage(const std::string& message, const std::string& hint) {
-  return Error{.kind = ErrorKind::kUsage, .message = message, .hint = hint};
-}
-
 Result<void> chooseFiles(const std::optional<std::string>& list, int64_t pixels, SampleWriteOptions& out) {
   if (!list) {
     out.height = out.ptm_lrgb = true;
     if (pixels <= kEverythingPx) out.albedo = out.normals = out.ptm_rgb = out.photos = out.mesh = true;
     return {};
   }
-  if (list->empty()) return usage("--write: the list is empty", "leave -o out to build a package only");
+  if (list->empty()) return usageError("--write: the list is empty", "leave -o out to build a package only");
   std::stringstream items(*list);
   for (std::string item; std::getline(items, item, ',');) {
     bool* flag = item == "height"     ? &out.height
@@ -45,7 +43,7 @@ Result<void> chooseFiles(const std::optional<std::string>& list, int64_t pixels,
                  : item == "mesh"     ? &out.mesh
                  : item == "mesh-uv"  ? &out.mesh_uv
                                       : nullptr;
-    if (!flag) return usage("--write: nothing called '" + item + "' can be written", "height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh,mesh-uv");
+    if (!flag) return usageError("--write: nothing called '" + item + "' can be written", "height,albedo,normals,ptm-lrgb,ptm-rgb,photos,mesh,mesh-uv");
     *flag = true;
     out.mesh |= out.mesh_uv;
   }
@@ -58,16 +56,16 @@ Result<void> makeSample(const Options& o) {
   auto size = parseSize(o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx)
-    return usage("--size: expected at most 1048576 px a side, found " + o.size, "");
+    return usageError("--size: expected at most 1048576 px a side, found " + o.size);
   if (o.lights < 6 || o.lights > kMaxSampleLights)
-    return usage("--lights: expected 6 to " + std::to_string(kMaxSampleLights) + ", found " + std::to_string(o.lights), "a PTM needs six");
-  if (o.workers < 0) return usage("--workers: expected 0 or more, found " + std::to_string(o.workers), "0: one per core");
+    return usageError("--lights: expected 6 to " + std::to_string(kMaxSampleLights) + ", found " + std::to_string(o.lights), "a PTM needs six");
+  if (o.workers < 0) return usageError("--workers: expected 0 or more, found " + std::to_string(o.workers), "0: one per core");
   if (o.basis != "lrgb" && o.basis != "rgb" && o.basis != "colour")
-    return usage("--basis: expected lrgb, rgb or colour, found '" + o.basis + "'", "");
-  if (o.folder.empty() && o.package.empty()) return usage("nothing to write", "-o DIR for files, --package FILE for a package, or both");
+    return usageError("--basis: expected lrgb, rgb or colour, found '" + o.basis + "'");
+  if (o.folder.empty() && o.package.empty()) return usageError("nothing to write", "-o DIR for files, --package FILE for a package, or both");
   SampleWriteOptions files{.folder = o.folder, .lights = o.lights, .interrupted = &interruptedFlag()};
   if (auto chosen = chooseFiles(o.write, size->first * size->second, files); !chosen) return chosen;
-  if (o.write && o.folder.empty()) return usage("--write needs a folder", "-o DIR");
+  if (o.write && o.folder.empty()) return usageError("--write needs a folder", "-o DIR");
 
   SampleArtwork artwork({.kind = *kind, .width = size->first, .height = size->second, .seed = o.seed});
   std::printf("%s, %s px, seed %llu: %.9g mm per px\n", sampleKindName(*kind), o.size.c_str(), static_cast<unsigned long long>(o.seed), artwork.mmPerPx());

@@ -3,6 +3,8 @@
 #include <filesystem>
 #include <memory>
 
+#include <CLI/CLI.hpp>
+
 #include "src/viewer.h"
 #include "tools/commands.h"
 #include "tools/scene_options.h"
@@ -21,8 +23,7 @@ struct ViewOptions {
 Result<void> view(ViewOptions& o) {
   auto size = parseSize(o.size);
   if (!size) return size.error();
-  if (size->first > 16384 || size->second > 16384)
-    return Error{ErrorKind::kUsage, "", "expected a --size of at most 16384x16384 px, found " + o.size, "", {}};
+  if (size->first > 16384 || size->second > 16384) return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
   auto package = Package::open(o.file);

@@ -1,10 +1,16 @@
 // commands.h - relievo's sub-commands; each cmd_*.cpp adds its own to the command line.
 #pragma once
 
-#include <CLI/CLI.hpp>
+#include <array>
+#include <cstdint>
 #include <string>
+#include <utility>
 
 #include "src/base/result.h"
+
+namespace CLI {
+class App;
+}
 
 namespace relievo {
 
@@ -24,6 +30,7 @@ void addViewCommand(CLI::App& app, CommandContext& context);
 void addBenchCommand(CLI::App& app, CommandContext& context);
 void addCompareCommand(CLI::App& app, CommandContext& context);
 
+Error usageError(const std::string& message, const std::string& hint = "");
 // "1920x1080" -> {1920, 1080}; a usage error otherwise.
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);
 // "a,b,c" -> three doubles.

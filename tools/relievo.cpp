@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <new>
 
+#include <CLI/CLI.hpp>
+
 #include "src/base/progress.h"
 #include "tools/commands.h"
 
@@ -16,6 +18,8 @@ void CommandContext::fail(const Error& error) {
   exit_code = error.exitCode();
 }
 
+Error usageError(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
+
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
   int64_t width = 0, height = 0;
   const char* end = text.data() + text.size();
@@ -24,7 +28,7 @@ Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
     auto [after_height, bad_height] = std::from_chars(after_width + 1, end, height);
     if (bad_height == std::errc() && after_height == end && width > 0 && height > 0) return std::pair{width, height};
   }
-  return Error{ErrorKind::kUsage, "", "expected a size as WIDTHxHEIGHT in px, found '" + text + "'", "for example 1280x720", {}};
+  return usageError("expected a size as WIDTHxHEIGHT in px, found '" + text + "'", "for example 1280x720");
 }
 
 Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option) {
@@ -35,8 +39,7 @@ Result<std::array<double, 3>> parseTriple(const std::string& text, const char* o
     auto [after, bad] = std::from_chars(at, end, values[i]);
     bool separator = i == 2 ? after == end : after < end && *after == ',';
     if (bad != std::errc() || !separator || !std::isfinite(values[i])) {
-      return Error{ErrorKind::kUsage, "", std::string("expected three numbers X,Y,Z for ") + option + ", found '" + text + "'",
-                   "for example -0.7,0.4,0.6", {}};
+      return usageError(std::string("expected three numbers X,Y,Z for ") + option + ", found '" + text + "'", "for example -0.7,0.4,0.6");
     }
     at = after + 1;
   }

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <numbers>
 
+#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
@@ -13,8 +14,6 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMaxStateBytes = 1 << 20;
-
-Error usage(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
 
 Result<nlohmann::json> readState(const std::string& path) {
   if (path.empty()) return nlohmann::json::object();
@@ -102,9 +101,9 @@ Result<Scene> SceneOptions::scene() const {
     if (!l) return l.error();
     s.light = *l;
   }
-  if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0) return usage("the light's direction is zero", "for example --light -0.7,0.4,0.6");
-  if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4) return usage("expected --exaggerate within -10000 to 10000", "");
-  if (!(error_px >= 0) || error_px > 1e4) return usage("expected --error-px from 0 to 10000 px", "");
+  if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0) return usageError("the light's direction is zero", "for example --light -0.7,0.4,0.6");
+  if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4) return usageError("expected --exaggerate within -10000 to 10000");
+  if (!(error_px >= 0) || error_px > 1e4) return usageError("expected --error-px from 0 to 10000 px");
   s.relief = !no_relief;
   s.relight = !no_relight;
   s.sampling = no_trilinear || sampling == "bilinear" ? Sampling::kBilinear
@@ -129,7 +128,7 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   double fov_deg = 35;
   if (auto r = take(*state, "fov_deg", state_file, &fov_deg); !r) return r.error();
   fov_deg = fov.value_or(fov_deg);
-  if (!(fov_deg >= 1 && fov_deg <= 170)) return usage("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
+  if (!(fov_deg >= 1 && fov_deg <= 170)) return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
   OrbitCamera c = fitCamera(extent, width_px, height_px, fov_deg);
   if (auto r = take(*state, "azimuth_deg", state_file, &c.azimuth_deg); !r) return r.error();
   if (auto r = take(*state, "elevation_deg", state_file, &c.elevation_deg); !r) return r.error();
@@ -141,12 +140,12 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
     if (!t) return t.error();
     c.target_mm = {(*t)[0], (*t)[1], (*t)[2]};
   }
-  if (!std::isfinite(c.azimuth_deg)) return usage("expected a finite --azimuth in degrees", "");
-  if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usage("expected --elevation from -89 to 89 degrees", "");
+  if (!std::isfinite(c.azimuth_deg)) return usageError("expected a finite --azimuth in degrees");
+  if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usageError("expected --elevation from -89 to 89 degrees");
   c.distance_mm = fitDistance(c, extent, width_px, height_px);
   if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   c.distance_mm = distance.value_or(c.distance_mm);
-  if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usage("expected a --distance above 0 mm", "");
+  if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usageError("expected a --distance above 0 mm");
   return c;
 }
 

@@ -4,12 +4,14 @@
 #include <optional>
 #include <string>
 
-#include <CLI/CLI.hpp>
-
 #include "src/base/result.h"
 #include "src/camera.h"
 #include "src/effect_plan.h"
 #include "src/engine.h"
+
+namespace CLI {
+class App;
+}
 
 namespace relievo {
 

@@ -1,5 +1,7 @@
 #include "tools/source_options.h"
 
+#include <CLI/CLI.hpp>
+
 #include "src/base/progress.h"
 
 namespace relievo {

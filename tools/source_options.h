@@ -1,10 +1,12 @@
 // source_options.h - the options with which render and view show a package on slow or damaged storage.
 #pragma once
 
-#include <CLI/CLI.hpp>
-
 #include "src/engine.h"
 #include "texturing/page_sources.h"
+
+namespace CLI {
+class App;
+}
 
 namespace relievo {
 
