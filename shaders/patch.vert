@@ -20,7 +20,7 @@ in uvec3 a_morph;    // weights, less 1, of 256: per side a byte, of the whole e
 uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
 uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
 uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base);
-                               // depth bias (wireframe)
+                               // what z / w is moved by, towards the eye (wireframe)
 #ifdef TAILS
 uniform usampler2DArray u_tail_heights;  // 64 x 64 tails of 17 x 17 heights a layer (src/render/tail_textures.h)
 #endif
@@ -222,7 +222,7 @@ void main() {
   v_clip = gl_Position;
 #endif
 #ifdef WIREFRAME
-  gl_Position.z -= u_scale.w * gl_Position.w;
+  gl_Position.z += u_scale.w * gl_Position.w;
 #endif
   v_uv = v.uv;
   v_instance = uvec2(a_node.x | (uint(n) << 28u), a_node.y);

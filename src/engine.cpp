@@ -136,8 +136,8 @@ struct Engine::Impl {
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
   gl::Program surface_program, shade_program, tails_program, feedback_program, wire_program, capture_program;
-  SurfaceTarget surface;
-  PictureTarget target;
+  SurfaceTarget surface{{}};
+  PictureTarget target{{}};
   Sabotage broken;
 
   FeedbackAnalyzer analyzer;
@@ -645,8 +645,8 @@ struct Engine::Impl {
 
   // For the program in use.
   EyeFrame prepareInstances(const gl::Program& program) {
-    EyeFrame eye = overMesh() ? meshEyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief)
-                              : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief);
+    EyeFrame eye = overMesh() ? meshEyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode())
+                              : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     if (corners) {
       corners->setEye(drawn.view.eye_mm);
       corners->bind(program, 6);
@@ -755,7 +755,11 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
   impl->pool = std::make_unique<PagePool>(impl->slots);
   impl->patches = std::make_unique<PatchPass>(impl->context.software);
-  impl->screen = std::make_unique<ScreenPass>();
+  const DepthMode depth = depthMode(options.reversed_depth);
+  impl->stats.reversed_depth = depth.reversed;
+  impl->surface = SurfaceTarget(depth);
+  impl->target = PictureTarget(depth);
+  impl->screen = std::make_unique<ScreenPass>(depth);
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
   if (const Manifest& m = impl->artwork.manifest; m.base) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
@@ -962,6 +966,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"slots", s.slots},
       {"resident_pages", s.resident},
       {"upload", uploadFormatName(s.upload)},
+      {"depth", depthName(s.reversed_depth)},
       {"resident_mib", mib(s.streamer.resident_bytes)},
       {"cache_mib", mib(s.cache_bytes)},
       {"texture_mib", mib(s.texture_bytes)},

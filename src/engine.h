@@ -54,6 +54,7 @@ struct EngineOptions {
   Upload upload = Upload::kAuto;
   bool hide_backs = true;   // patches of closed bodies that are seen from behind are left out (geometry/facing_cone.h); the picture is the same
   bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
+  bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
 };
@@ -75,6 +76,7 @@ struct EngineStats {
   double determine_ms = 0;  // the part of it that named texture pages; 0 with kFeedback
   double predict_ms = 0;    // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way
+  bool reversed_depth = false;  // in use
   std::vector<std::string> passes, planes_read;
 };
 

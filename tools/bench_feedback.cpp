@@ -61,7 +61,7 @@ class FlatFeedback {
       HeightBounds bounds(const NodeId&) const override { return {}; }
     } flat;
     auto instances = selectPlanarLod(manifest_.domain, flat, lod, {}).instances;
-    const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false);
+    const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false, surface_.depthMode());
     patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     // The surface is drawn for the picture anyhow.
     surface_.resize(kWidth, kHeight, false);

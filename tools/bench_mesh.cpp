@@ -145,7 +145,6 @@ Result<void> submitRow(BenchContext& context) {
   std::vector<double> pack_ms, call_ms, baseline_ms;
   uint32_t calls = 0, instances = 0;
   EyeFrame nowhere;
-  std::fill(std::begin(nowhere.clip_from_eye), std::end(nowhere.clip_from_eye), 0.0f);
   std::vector<PatchInstance> each;
   for (int n = 0; n < kMaxGridLevel; ++n) {
     PatchInstance& p = each.emplace_back();
@@ -168,7 +167,7 @@ Result<void> submitRow(BenchContext& context) {
     const PlanarLodResult result = lod.select(view, {});
     instances = static_cast<uint32_t>(result.instances.size());
     double start = benchSeconds();
-    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true), true, no_page);
+    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true, surface.depthMode()), true, no_page);
     pack_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
     calls = one_each.draw(*program, nowhere, PatchPass::Mesh::kFronts);

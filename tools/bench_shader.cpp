@@ -98,7 +98,7 @@ Result<void> shaderBench(BenchContext& context) {
   lod.relief = false;
   const auto instances = selectPlanarLod(d, FlatOracle(), lod, {}).instances;
   PatchPass patches;
-  const EyeFrame eye = eyeFrame(view, d, 1, false);
+  const EyeFrame eye = eyeFrame(view, d, 1, false, depthMode());
   patches.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
   // What is seen is the same for both, and is not timed.
   SurfaceTarget surface;

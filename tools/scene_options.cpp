@@ -87,6 +87,8 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--upload", upload, "Texture pages on the GPU: rgba8 (decoded), blocks (as packages of --encoding bc1, bc4, bc5 or bc7 hold them: 2.7 to 8 "
                "times smaller; other packages stay rgba8) or auto (blocks where the GPU samples them, but not with software OpenGL)")
       ->check(CLI::IsMember({"auto", "rgba8", "blocks"}))->capture_default_str();
+  c.add_option("--depth", depth, "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), to compare")
+      ->check(CLI::IsMember({"auto", "conventional"}))->capture_default_str();
   c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now; of flat artworks [on]");
   c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")->check(CLI::Range(1, 64))->capture_default_str();
 }
@@ -159,6 +161,7 @@ EngineOptions SceneOptions::engineOptions() const {
                                                 : Determination::kFeedback;
   o.replacement = *replacementFromName(replacement);
   o.upload = *uploadFromName(upload);
+  o.reversed_depth = depth == "auto";
   o.prefetch = prefetch;
   o.interrupted = &interruptedFlag();
   return o;

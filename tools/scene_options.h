@@ -27,7 +27,7 @@ struct SceneOptions {
 
   std::string determination = "feedback";
   int feedback_scale = 8;
-  std::string replacement = "lru", upload = "auto";
+  std::string replacement = "lru", upload = "auto", depth = "auto";
   bool prefetch = true;
 
   void addTo(CLI::App& command);

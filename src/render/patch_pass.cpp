@@ -6,8 +6,6 @@
 #include <cmath>
 #include <cstddef>
 
-#include <glm/gtc/matrix_transform.hpp>
-
 #include "src/base/base_mesh.h"
 
 namespace relievo {
@@ -37,8 +35,9 @@ constexpr GLuint kMorphAttribute = 5;
 
 std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_relief", "a_node", "a_edges", "a_morph"}; }
 
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth) {
   EyeFrame eye;
+  eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
   double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
   double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
@@ -48,9 +47,7 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
   eye.unit_y = std::clamp<int64_t>(std::llround((half_h - view.eye_mm.y) / mm_per_unit), -limit, limit);
   glm::dvec3 origin{static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
                     half_h - static_cast<double>(eye.unit_y) * mm_per_unit, view.eye_mm.z};
-  glm::dmat4 clip = glm::translate(view.clip_from_world, origin);
-  for (int c = 0; c < 4; ++c)
-    for (int r = 0; r < 4; ++r) eye.clip_from_eye[4 * c + r] = static_cast<float>(clip[c][r]);
+  eye.clip_from_eye = glClipFrom(view.clip_from_world, origin, depth);
   eye.limit_x = static_cast<int32_t>((static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2) - eye.unit_x);
   eye.limit_y = static_cast<int32_t>((static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2) - eye.unit_y);
   eye.mm_per_unit = static_cast<float>(mm_per_unit);
@@ -59,12 +56,11 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
   return eye;
 }
 
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief) {
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth) {
   EyeFrame eye;
+  eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(unsigned{kPagePx}) + std::max(domain.relief_depth, 0);
-  glm::dmat4 clip = glm::translate(view.clip_from_world, view.eye_mm);
-  for (int c = 0; c < 4; ++c)
-    for (int r = 0; r < 4; ++r) eye.clip_from_eye[4 * c + r] = static_cast<float>(clip[c][r]);
+  eye.clip_from_eye = glClipFrom(view.clip_from_world, view.eye_mm, depth);
   eye.limit_x = eye.limit_y = 1 << eye.patch_units_log2;
   eye.mm_per_unit = std::ldexp(1.0f, -eye.patch_units_log2);
   eye.mm_per_height_step = static_cast<float>(domain.relief_scale_mm * exaggerate);
@@ -268,9 +264,9 @@ void PatchPass::bindNodes(const gl::Program& program, int unit) const {
 }
 
 void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const {
-  glUniformMatrix4fv(program.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
+  glUniformMatrix4fv(program.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
   glUniform2i(program.uniform("u_limit"), eye.limit_x, eye.limit_y);
-  glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, depth_bias);
+  glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, eye.depth.nearer(depth_bias));
 }
 
 uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias) const {

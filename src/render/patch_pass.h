@@ -11,6 +11,7 @@
 #include "src/camera.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/depth.h"
 #include "texturing/page_cache.h"
 
 namespace relievo {
@@ -35,13 +36,14 @@ std::vector<std::string> patchAttributes();
 struct EyeFrame {
   int64_t unit_x = 0, unit_y = 0;
   int patch_units_log2 = 0;  // units of a patch's side
-  float clip_from_eye[16];
+  std::array<float, 16> clip_from_eye{};
+  DepthMode depth;
   int32_t limit_x = 0, limit_y = 0;
   float mm_per_unit = 1, mm_per_height_step = 0, zero_height_mm = 0;
 };
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief);
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth);
 // Over a base mesh: instances' units count within their patch.
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief);
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth);
 
 class PatchPass {
  public:

@@ -26,8 +26,7 @@ void PictureTarget::bind() const { glBindFramebuffer(GL_FRAMEBUFFER, framebuffer
 void PictureTarget::begin() const {
   bind();
   glViewport(0, 0, width_, height_);
-  glEnable(GL_DEPTH_TEST);
-  glDepthFunc(GL_LEQUAL);
+  beginDepth(depth_mode_);
   glDisable(GL_BLEND);
   glDisable(GL_CULL_FACE);
   glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);

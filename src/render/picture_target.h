@@ -8,13 +8,15 @@
 #include "src/base/planar_domain.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/depth.h"
 #include "texturing/basis.h"
 
 namespace relievo {
 
 class PictureTarget {
  public:
-  // depth: of the surface that is shaded, a renderbuffer of the same size; it is not owned, and is read only.
+  explicit PictureTarget(const DepthMode& depth_mode = depthMode()) : depth_mode_(depth_mode) {}
+  // depth: of the surface that is shaded, a renderbuffer of the same size and mode; it is not owned, and is read only.
   void resize(int width_px, int height_px, GLuint depth);
   void bind() const;
   // Binds, sets the depth test and clears the colour to dark grey with alpha 0: what a window shows beside the artwork.
@@ -25,6 +27,7 @@ class PictureTarget {
   void present(int window_width_px, int window_height_px) const;
 
  private:
+  DepthMode depth_mode_;
   gl::Texture colour_;
   GLuint depth_ = 0;
   gl::Framebuffer framebuffer_;

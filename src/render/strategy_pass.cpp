@@ -24,9 +24,9 @@ StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_
 }
 
 EyeFrame StrategyPass::eyeFrameOf(const ViewTransform& view, double exaggerate) {
-  if (!corners_) return eyeFrame(view, domain_, exaggerate, true);
+  if (!corners_) return eyeFrame(view, domain_, exaggerate, true, target_.depthMode());
   corners_->setEye(view.eye_mm);
-  return meshEyeFrame(view, domain_, exaggerate, true);
+  return meshEyeFrame(view, domain_, exaggerate, true, target_.depthMode());
 }
 
 gl::Defines StrategyPass::defines() const {
@@ -152,7 +152,7 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   }
   bindAll(triangle_program_);
   glUniform2i(triangle_program_.uniform("u_limit"), eye.limit_x, eye.limit_y);
-  glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
+  glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
   glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
   glBindVertexArray(vertex_array_.id());
   glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());

@@ -24,7 +24,7 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
   gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
   depth_ = gl::Renderbuffer::create();
   glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT24, width_, height_);
+  glRenderbufferStorage(GL_RENDERBUFFER, depth_mode_.format(), width_, height_);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);
@@ -37,13 +37,13 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
 void SurfaceTarget::begin() const {
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glViewport(0, 0, width_, height_);
-  glEnable(GL_DEPTH_TEST);
-  glDepthFunc(GL_LEQUAL);
+  beginDepth(depth_mode_);
   glDisable(GL_BLEND);
   glDisable(GL_CULL_FACE);
   const GLuint nothing[4] = {0, 0, 0, 0};
   glClearBufferuiv(GL_COLOR, 0, nothing);
-  glClear(GL_DEPTH_BUFFER_BIT);
+  const float far_plane = depth_mode_.farPlane();
+  glClearBufferfv(GL_DEPTH, 0, &far_plane);
 }
 
 void SurfaceTarget::read(std::vector<std::array<uint32_t, 4>>& pixels) const {
@@ -64,19 +64,19 @@ void SurfaceTarget::bind(const gl::Program& program, int unit) const {
   glActiveTexture(GL_TEXTURE0);
 }
 
-ScreenPass::ScreenPass() : vertex_array_(gl::VertexArray::create()), corners_(gl::Buffer::create()) {
-  const float corners[6] = {-1, -1, 3, -1, -1, 3};
+ScreenPass::ScreenPass(const DepthMode& depth) : depth_(depth), vertex_array_(gl::VertexArray::create()), corners_(gl::Buffer::create()) {
+  const float z = depth.farPlane(), corners[9] = {-1, -1, z, 3, -1, z, -1, 3, z};
   glBindVertexArray(vertex_array_.id());
   glBindBuffer(GL_ARRAY_BUFFER, corners_.id());
   glBufferData(GL_ARRAY_BUFFER, sizeof corners, corners, GL_STATIC_DRAW);
   glEnableVertexAttribArray(0);
-  glVertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
   glBindVertexArray(0);
 }
 
 void ScreenPass::draw(bool where_seen) const {
   if (where_seen) {
-    glDepthFunc(GL_GREATER);
+    glDepthFunc(depth_.farther());
     glDepthMask(GL_FALSE);
   } else {
     glDisable(GL_DEPTH_TEST);
@@ -86,7 +86,7 @@ void ScreenPass::draw(bool where_seen) const {
   glBindVertexArray(0);
   glEnable(GL_DEPTH_TEST);
   glDepthMask(GL_TRUE);
-  glDepthFunc(GL_LEQUAL);
+  glDepthFunc(depth_.nearerOrEqual());
 }
 
 }  // namespace relievo

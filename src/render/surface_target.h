@@ -9,11 +9,13 @@
 
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/depth.h"
 
 namespace relievo {
 
 class SurfaceTarget {
  public:
+  explicit SurfaceTarget(const DepthMode& depth = relievo::depthMode()) : depth_mode_(depth) {}
   void resize(int width_px, int height_px, bool gradient);
   // Binds, sets the depth test and clears: nothing is seen anywhere.
   void begin() const;
@@ -21,9 +23,11 @@ class SurfaceTarget {
   void bind(const gl::Program& program, int unit) const;
   // Rows bottom first, as GL has them. Waits for what was drawn.
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
-  GLuint depth() const { return depth_.id(); }  // a renderbuffer; 1 where nothing is seen
+  GLuint depth() const { return depth_.id(); }  // a renderbuffer; the far plane where nothing is seen
+  const DepthMode& depthMode() const { return depth_mode_; }
 
  private:
+  DepthMode depth_mode_;
   gl::Texture surface_, gradient_;
   gl::Renderbuffer depth_;
   gl::Framebuffer framebuffer_;
@@ -33,11 +37,12 @@ class SurfaceTarget {
 // A triangle over the whole screen (shaders/screen.vert).
 class ScreenPass {
  public:
-  ScreenPass();
+  explicit ScreenPass(const DepthMode& depth = depthMode());
   // where_seen: only where the bound depth buffer holds something.
   void draw(bool where_seen) const;
 
  private:
+  DepthMode depth_;
   gl::VertexArray vertex_array_;
   gl::Buffer corners_;
 };

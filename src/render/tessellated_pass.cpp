@@ -91,7 +91,7 @@ uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const E
     for (int side = 0; side < 4; ++side) g.edges |= static_cast<uint32_t>(p.edges[static_cast<size_t>(side)][0]) << (8 * side);
     gpu.push_back(g);
   }
-  glUniformMatrix4fv(uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye);
+  glUniformMatrix4fv(uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
   glUniform2i(uniform("u_limit"), eye.limit_x, eye.limit_y);
   glUniform4f(uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
   glBindVertexArray(vertex_array_.id());

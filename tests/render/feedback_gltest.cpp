@@ -51,12 +51,12 @@ class FlatFeedback {
     ViewTransform view;
     view.clip_from_world = v.clip_from_world;
     view.eye_mm = v.eye_mm;
-    patches_.setInstances(instances, eyeFrame(view, manifest_.domain, 1, false), false, [](const NodeId&) { return kNoSlot; });
+    patches_.setInstances(instances, eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode()), false, [](const NodeId&) { return kNoSlot; });
     surface_.resize(grid.view_width_px, grid.view_height_px, false);
     surface_.begin();
     surface_program_.use();
     setShadingUniforms(surface_program_, {.format = &manifest_.texture, .domain = &manifest_.domain});
-    patches_.draw(surface_program_, eyeFrame(view, manifest_.domain, 1, false), PatchPass::Mesh::kFull);
+    patches_.draw(surface_program_, eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode()), PatchPass::Mesh::kFull);
     EXPECT_TRUE(pass_.issue(grid, ++tag_, [&] {
       program_.use();
       patches_.bindNodes(program_, 3);

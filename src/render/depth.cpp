@@ -1,0 +1,36 @@
+#include "src/render/depth.h"
+
+#include <glm/gtc/matrix_transform.hpp>
+
+namespace relievo {
+
+DepthMode depthMode(bool want_reversed) {
+  DepthMode mode;
+  mode.clip_control = epoxy_is_desktop_gl() ? epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control") : epoxy_has_gl_extension("GL_EXT_clip_control");
+  mode.reversed = want_reversed && mode.clip_control;
+  return mode;
+}
+
+const char* depthName(bool reversed) { return reversed ? "reversed, 32-bit float" : "conventional, 24-bit"; }
+
+void beginDepth(const DepthMode& mode) {
+  if (mode.clip_control) {
+    const GLenum range = mode.reversed ? GL_ZERO_TO_ONE : GL_NEGATIVE_ONE_TO_ONE;
+    if (epoxy_is_desktop_gl()) glClipControl(GL_LOWER_LEFT, range);
+    else glClipControlEXT(GL_LOWER_LEFT, range);
+  }
+  glEnable(GL_DEPTH_TEST);
+  glDepthFunc(mode.nearerOrEqual());
+}
+
+std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm, const DepthMode& mode) {
+  const glm::dmat4 clip = glm::translate(clip_from_world, origin_mm);
+  std::array<float, 16> out;
+  for (int c = 0; c < 4; ++c) {
+    for (int r = 0; r < 4; ++r) out[static_cast<size_t>(4 * c + r)] = static_cast<float>(clip[c][r]);
+    if (mode.reversed) out[static_cast<size_t>(4 * c + 2)] = static_cast<float>(0.5 * (clip[c][3] - clip[c][2]));
+  }
+  return out;
+}
+
+}  // namespace relievo
