@@ -119,6 +119,12 @@ inline LodView makeView(const Camera& c, double error_px = 1.0) {
   return v;
 }
 
+// What a drawn list deviates from the finest surface, in a picture.
+struct Measured {
+  double max_px = 0;
+  uint64_t samples = 0;
+};
+
 struct Random {
   std::mt19937_64 engine;
   explicit Random(uint64_t seed) : engine(seed) {}

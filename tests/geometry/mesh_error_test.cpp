@@ -13,73 +13,6 @@ namespace {
 
 constexpr uint64_t kSeed = 20260402;
 
-struct Measured {
-  double max_px = 0;
-  uint64_t samples = 0;
-};
-// Both points must lie in front of the near plane, else there is no picture, and one of them in the picture.
-Measured measure(const TrueMeshRelief& relief, int unit_log2, const LodView& view, const Camera& camera, const std::vector<PatchInstance>& instances) {
-  Measured m;
-  const double exaggerate = view.relief ? view.exaggerate : 0;
-  const bool orthographic = glm::length(glm::dvec3(glm::transpose(view.clip_from_world)[3])) == 0;
-  auto project = [&](const glm::dvec3& at, glm::dvec2& px) {
-    glm::dvec4 p = view.clip_from_world * glm::dvec4(at, 1);
-    if (!orthographic && p.w < camera.near_mm) return -1;
-    px = glm::dvec2(p.x * camera.aspect, p.y) / p.w * 0.5 * camera.viewport_height_px;
-    return std::abs(p.x) <= p.w && std::abs(p.y) <= p.w ? 1 : 0;
-  };
-  struct Vertex {
-    int64_t x, y;
-    glm::dvec3 at;
-  };
-  std::vector<Vertex> grid;
-  std::vector<glm::dvec3> fine;
-  std::vector<glm::dvec2> fine_px;
-  std::vector<int> fine_in;
-  for (const PatchInstance& p : instances) {
-    const uint32_t size = 1u << p.grid_level;
-    const int64_t width = int64_t{1} << (unit_log2 - static_cast<int>(p.node.level));
-    grid.clear(), fine_px.clear(), fine_in.clear();
-    for (uint32_t j = 0; j <= size; ++j)
-      for (uint32_t i = 0; i <= size; ++i) {
-        auto g = snapVertex(i, j, p);
-        int64_t x = p.x0 + (int64_t{g[0]} << p.step_log2), y = p.y0 + (int64_t{g[1]} << p.step_log2);
-        grid.push_back({x, y, relief.point(p.node.patch, x, y, exaggerate)});
-      }
-    for (int64_t y = 0; y <= width; ++y)
-      for (int64_t x = 0; x <= width; ++x) {
-        glm::dvec2 px(0);
-        fine_in.push_back(project(relief.point(p.node.patch, p.x0 + x, p.y0 + y, exaggerate), px));
-        fine_px.push_back(px);
-      }
-    auto triangle = [&](const Vertex& a, const Vertex& b, const Vertex& c) {
-      int64_t area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-      if (area == 0) return;
-      ASSERT_GT(area, 0);
-      for (int64_t y = std::min({a.y, b.y, c.y}); y <= std::max({a.y, b.y, c.y}); ++y)
-        for (int64_t x = std::min({a.x, b.x, c.x}); x <= std::max({a.x, b.x, c.x}); ++x) {
-          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x), wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
-          if (wb < 0 || wc < 0 || wb + wc > area) continue;
-          auto k = static_cast<size_t>((y - p.y0) * (width + 1) + x - p.x0);
-          if (fine_in[k] < 0) continue;
-          glm::dvec3 drawn = a.at + (double(wb) / double(area)) * (b.at - a.at) + (double(wc) / double(area)) * (c.at - a.at);
-          glm::dvec2 px(0);
-          int in = project(drawn, px);
-          if (in < 0 || (!in && !fine_in[k])) continue;
-          m.max_px = std::max(m.max_px, glm::length(px - fine_px[k]));
-          ++m.samples;
-        }
-    };
-    for (uint32_t j = 0; j < size; ++j)
-      for (uint32_t i = 0; i < size; ++i) {
-        const Vertex *top = &grid[j * (size + 1) + i], *bottom = top + size + 1;
-        triangle(top[0], top[1], bottom[1]);
-        triangle(top[0], bottom[1], bottom[0]);
-      }
-  }
-  return m;
-}
-
 // What an artwork's heights are, 0..1.
 using Heights = std::function<double(const glm::dvec3&, const Place&)>;
 struct NamedHeights {
@@ -124,7 +57,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
     PlanarLodResult lod = selection.select(view, resident);
     ASSERT_TRUE(std::isfinite(lod.max_error_px));
-    Measured m = measure(truth, relief.unitLog2(), view, camera, lod.instances);
+    Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
     ++f.views;
     f.samples += m.samples;
     f.nodes += lod.instances.size();
@@ -200,7 +133,7 @@ TEST(MeshError, TightnessOfTheWholeInView) {
         camera.near_mm = 0.01 * size, camera.far_mm = 10 * size;
         LodView view = makeView(camera, std::exp(random.real(-1, 1.5)));
         PlanarLodResult lod = selection.select(view, {});
-        Measured m = measure(truth, relief.unitLog2(), view, camera, lod.instances);
+        Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
         ASSERT_LE(m.max_px, lod.max_error_px * (1 + 1e-6) + 1e-6);
         if (m.max_px > 0.01) here.push_back(lod.max_error_px / m.max_px);
       }

@@ -377,6 +377,16 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
   return report;
 }
 
+// GPUs that contract a * b + c to fma, one way or the other; PlainOps: one that does not.
+struct FmaSecond {  // a * b rounds, the second product does not
+  static float mulAdd(float a, float b, float c) { return std::fma(a, b, c); }
+  static float mulMulAdd(float a, float b, float c, float d) { return std::fma(c, d, a * b); }
+};
+struct FmaFirst {
+  static float mulAdd(float a, float b, float c) { return std::fma(a, b, c); }
+  static float mulMulAdd(float a, float b, float c, float d) { return std::fma(a, b, c * d); }
+};
+
 // As the vertex shader computes it, with a model of contraction. Heights come out of the instance's relief page: a vertex between its samples
 // gets another one's height.
 template <class Ops>

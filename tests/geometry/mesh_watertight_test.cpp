@@ -14,15 +14,6 @@ namespace {
 
 constexpr uint64_t kSeed = 20260401;
 
-struct FmaSecond {  // a * b rounds, the second product does not
-  static float mulAdd(float a, float b, float c) { return std::fma(a, b, c); }
-  static float mulMulAdd(float a, float b, float c, float d) { return std::fma(c, d, a * b); }
-};
-struct FmaFirst {
-  static float mulAdd(float a, float b, float c) { return std::fma(a, b, c); }
-  static float mulMulAdd(float a, float b, float c, float d) { return std::fma(a, b, c * d); }
-};
-
 TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
   const std::vector<NamedMesh> meshes = allMeshes();
   MeshSeams total;

@@ -13,6 +13,7 @@ relievo_test(mesh_error_test LIBS relievo_geometry SOURCES geometry/mesh_error_t
 relievo_test(planar_morph_test LIBS relievo_geometry SOURCES geometry/planar_morph_test.cpp)
 relievo_test(mesh_morph_test LIBS relievo_geometry SOURCES geometry/mesh_morph_test.cpp)
 relievo_test(facing_cone_test LIBS relievo_geometry SOURCES geometry/facing_cone_test.cpp)
+relievo_test(hard_geometry_test LIBS relievo_geometry SOURCES geometry/hard_geometry_test.cpp)
 relievo_test(mesh_lod_test LIBS relievo_geometry SOURCES geometry/mesh_lod_test.cpp)
 relievo_test(mesh_tails_test LIBS relievo_geometry SOURCES geometry/mesh_tails_test.cpp)
 relievo_test(mesh_read_test LIBS relievo_mesh OpenMeshCore SOURCES geometry/mesh_read_test.cpp)

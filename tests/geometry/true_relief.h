@@ -113,4 +113,63 @@ inline uint16_t reliefHeight(int64_t x_units, int64_t y_units) {
   return static_cast<uint16_t>(65535 * std::clamp(z, 0.0, 1.0));
 }
 
+// The largest deviation over the samples in view. Both points must lie in front of the near plane, else there is no picture.
+inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relief, const LodView& view, const Camera& camera,
+                 const std::vector<PatchInstance>& instances, ReliefPages& pages) {
+  Measured m;
+  double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
+  double half_w = 0.5 * static_cast<double>(domain.width_px << kUnitsPerTexelLog2), half_h = 0.5 * static_cast<double>(domain.height_px << kUnitsPerTexelLog2);
+  const bool orthographic = glm::length(glm::dvec3(glm::transpose(view.clip_from_world)[3])) == 0;
+  auto project = [&](double x, double y, double z, glm::dvec2& px) {
+    glm::dvec4 p = view.clip_from_world * glm::dvec4((x - half_w) * mm_per_unit, (half_h - y) * mm_per_unit, z * view.exaggerate, 1);
+    if (!orthographic && p.w < camera.near_mm) return -1;
+    px = {p.x / p.w * 0.5 * camera.viewport_height_px * camera.aspect, p.y / p.w * 0.5 * camera.viewport_height_px};
+    return std::abs(p.x) <= p.w && std::abs(p.y) <= p.w ? 1 : 0;
+  };
+  std::vector<PatchVertex> grid;
+  for (const PatchInstance& p : instances) {
+    uint32_t size = 1u << p.grid_level;
+    grid.clear();
+    for (uint32_t j = 0; j <= size; ++j)
+      for (uint32_t i = 0; i <= size; ++i) grid.push_back(patchVertex(domain, p, i, j, view.relief, pages));
+    auto triangle = [&](const PatchVertex& a, const PatchVertex& b, const PatchVertex& c) {
+      int64_t area = static_cast<int64_t>(b.x - a.x) * (c.y - a.y) - static_cast<int64_t>(b.y - a.y) * (c.x - a.x);
+      if (area <= 0) return;
+      int64_t x0 = std::min({a.x, b.x, c.x}), x1 = std::max({a.x, b.x, c.x}), y0 = std::min({a.y, b.y, c.y}), y1 = std::max({a.y, b.y, c.y});
+      int s = relief.spacingLog2();
+      for (int64_t j = (y0 + (1 << s) - 1) >> s; j < relief.rows() && relief.placeY(j) <= y1; ++j) {
+        int64_t y = relief.placeY(j);
+        for (int64_t i = (x0 + (1 << s) - 1) >> s; i < relief.columns() && relief.placeX(i) <= x1; ++i) {
+          int64_t x = relief.placeX(i);
+          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x), wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
+          if (wb < 0 || wc < 0 || wb + wc > area) {
+            if (x == relief.placeX(relief.columns() - 1)) break;
+            continue;
+          }
+          double q = a.height_q8 + (static_cast<double>(wb) * (static_cast<double>(b.height_q8) - a.height_q8) +
+                                    static_cast<double>(wc) * (static_cast<double>(c.height_q8) - a.height_q8)) / static_cast<double>(area);
+          double drawn = domain.relief_offset_mm + domain.relief_scale_mm * q / 256;
+          glm::dvec2 at_true(0), at_drawn(0);
+          int in_true = project(static_cast<double>(x), static_cast<double>(y), relief.mm(i, j), at_true);
+          int in_drawn = project(static_cast<double>(x), static_cast<double>(y), drawn, at_drawn);
+          if (in_true >= 0 && in_drawn >= 0 && (in_true || in_drawn)) {
+            m.max_px = std::max(m.max_px, glm::length(at_true - at_drawn));
+            ++m.samples;
+          }
+          if (x == relief.placeX(relief.columns() - 1)) break;  // all further samples are clamped onto this one
+        }
+        if (y == relief.placeY(relief.rows() - 1)) break;
+      }
+    };
+    for (uint32_t j = 0; j < size; ++j)
+      for (uint32_t i = 0; i < size; ++i) {
+        const PatchVertex &v00 = grid[j * (size + 1) + i], &v10 = grid[j * (size + 1) + i + 1], &v01 = grid[(j + 1) * (size + 1) + i],
+                          &v11 = grid[(j + 1) * (size + 1) + i + 1];
+        triangle(v00, v10, v11);
+        triangle(v00, v11, v01);
+      }
+  }
+  return m;
+}
+
 }  // namespace relievo::test
