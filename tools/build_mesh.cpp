@@ -270,7 +270,11 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     bake_scene = std::async(std::launch::async, [&scan, options] { return makeBakeScene(scan, options); });
   };
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
-  if (!base) return base.error();
+  if (!base) {
+    Error error = base.error();
+    if (error.kind == ErrorKind::kInvalidData) error.file = a.mesh;
+    return error;
+  }
 
   BakeOptions bake_options;
   bake_options.tolerance_mm = a.tolerance_mm;

@@ -164,7 +164,7 @@ TEST(Depth, OrdinaryPicturesAreTheSame) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> uniform(0, 1);
   uint64_t differ = 0, covered = 0;
-  for (int view = 0; view < 12; ++view) {
+  for (int view = 0; view < 6; ++view) {
     Scene scene;
     scene.wireframe = view % 3 == 2;
     OrbitCamera camera;
@@ -188,7 +188,7 @@ TEST(Depth, OrdinaryPicturesAreTheSame) {
   }
   std::printf("[ figures  ] %llu of %llu covered pixels differ between reversed and conventional depth\n", static_cast<unsigned long long>(differ),
               static_cast<unsigned long long>(covered));
-  EXPECT_GT(covered, 50'000u);
+  EXPECT_GT(covered, 25'000u);
   EXPECT_LE(differ, covered / 10'000);  // on outlines, where surfaces meet at a slant
 }
 
