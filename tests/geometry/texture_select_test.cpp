@@ -196,7 +196,9 @@ TEST(TextureSelect, FlatNegativeControls) {
 // ---- relief: a small artwork whose every facet is looked at
 struct Terrain {
   PlanarDomain domain;
-  std::function<double(int64_t, int64_t)> height;  // 0..1 at a sample
+  int64_t columns = 0, rows = 0;  // cells
+  std::vector<double> heights;    // 0..1, a sample a cell's corner
+  double height(int64_t i, int64_t j) const { return heights[static_cast<size_t>(j * (columns + 1) + i)]; }
   double spacing() const { return std::ldexp(1.0, domain.texture_depth - domain.relief_depth); }  // texels
   double mm(int64_t i, int64_t j) const { return domain.relief_offset_mm + 65535 * domain.relief_scale_mm * height(i, j); }
   glm::dvec3 place(int64_t i, int64_t j, double exaggerate) const {
@@ -209,11 +211,18 @@ class TerrainOracle final : public ReliefOracle {
  public:
   explicit TerrainOracle(const Terrain& t) : terrain_(t) {}
   HeightBounds bounds(const NodeId& page) const override {
+    auto [known, added] = known_.try_emplace(page);
+    if (added) known->second = measure(page);
+    return known->second;
+  }
+
+ private:
+  HeightBounds measure(const NodeId& page) const {
     const PlanarDomain& d = terrain_.domain;
     int64_t cells = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
     auto x0 = static_cast<int64_t>(static_cast<double>(d.patchOriginX(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.x) * cells;
     auto y0 = static_cast<int64_t>(static_cast<double>(d.patchOriginY(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.y) * cells;
-    auto right = static_cast<int64_t>(static_cast<double>(d.width_px) / terrain_.spacing()), bottom = static_cast<int64_t>(static_cast<double>(d.height_px) / terrain_.spacing());
+    const int64_t right = terrain_.columns, bottom = terrain_.rows;
     HeightBounds b{1e30f, -1e30f, 0};
     for (int64_t j = y0; j <= std::min(y0 + cells, bottom); ++j) {
       for (int64_t i = x0; i <= std::min(x0 + cells, right); ++i) {
@@ -223,9 +232,8 @@ class TerrainOracle final : public ReliefOracle {
     }
     return b;
   }
-
- private:
   const Terrain& terrain_;
+  mutable std::map<NodeId, HeightBounds> known_;
 };
 
 Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
@@ -233,9 +241,13 @@ Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
   t.domain = makeDomain(384, 256, relief_shift);
   t.domain.relief_scale_mm = range_mm / 65535;
   t.domain.relief_offset_mm = -0.4 * range_mm;
-  if (kind == 0) t.height = [](int64_t i, int64_t j) { return static_cast<double>(noiseHeight(i, j)) / 65535; };            // rough
-  if (kind == 1) t.height = [](int64_t i, int64_t j) { return 0.5 + 0.5 * std::sin(double(i) * 0.05) * std::cos(double(j) * 0.04); };  // smooth
-  if (kind == 2) t.height = [](int64_t i, int64_t j) { return (i / 23 + j / 31) % 2 ? 1.0 : 0.0; };                        // walls
+  t.columns = static_cast<int64_t>(static_cast<double>(t.domain.width_px) / t.spacing());
+  t.rows = static_cast<int64_t>(static_cast<double>(t.domain.height_px) / t.spacing());
+  for (int64_t j = 0; j <= t.rows; ++j)
+    for (int64_t i = 0; i <= t.columns; ++i)
+      t.heights.push_back(kind == 0   ? static_cast<double>(noiseHeight(i, j)) / 65535                           // rough
+                          : kind == 1 ? 0.5 + 0.5 * std::sin(double(i) * 0.05) * std::cos(double(j) * 0.04)      // smooth
+                                      : ((i / 23 + j / 31) % 2 ? 1.0 : 0.0));                                    // walls
   return t;
 }
 
@@ -243,8 +255,7 @@ Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
 std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
   Rays rays(v);
   std::set<NodeId> wanted;
-  auto right = static_cast<int64_t>(static_cast<double>(t.domain.width_px) / t.spacing());
-  auto bottom = static_cast<int64_t>(static_cast<double>(t.domain.height_px) / t.spacing());
+  const int64_t right = t.columns, bottom = t.rows;
   for (int64_t j = 0; j < bottom; ++j) {
     for (int64_t i = 0; i < right; ++i) {
       for (int half = 0; half < 2; ++half) {
@@ -290,12 +301,12 @@ TEST(TextureSelect, ReliefNothingIsMissed) {
   for (int kind = 0; kind < 3; ++kind) {
     for (double range_mm : {0.0, 0.02, 1.0}) {
       for (int shift : {0, -1}) {
-        Agreement a = reliefAgreement(makeTerrain(kind, range_mm, shift), 12, false, true);
+        Agreement a = reliefAgreement(makeTerrain(kind, range_mm, shift), 12 / kViewShare, false, true);
         char what[80];
         std::snprintf(what, sizeof what, "terrain %d, range %.2f mm, a sample every %d texels", kind, range_mm, 1 << -shift);
         print(what, a, false);
         EXPECT_EQ(a.missed, 0u);
-        EXPECT_GT(a.wanted, 50u);
+        EXPECT_GT(a.wanted, kViewShare > 1 ? 5u : 50u);
       }
     }
   }
