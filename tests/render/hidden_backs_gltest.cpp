@@ -7,9 +7,8 @@
 #include <random>
 
 #include "src/engine.h"
-#include "src/gl/context.h"
 #include "tests/geometry/mesh_fixture.h"
-#include "texturing/page_codec.h"
+#include "tests/render/made_pages.h"
 
 namespace relievo {
 namespace {
@@ -38,22 +37,11 @@ class BumpyPages final : public PageSource, public ReliefOracle {
     }
   }
   Result<EncodedPage> read(PageId id) const override {
-    PageEncoder encoder(1);
     const NodeId n = id.node();
-    const double nodes = std::ldexp(1.0, static_cast<int>(n.level));
-    std::span<const uint8_t> bytes;
-    if (id.plane() == Plane::kRelief) {
-      std::vector<uint16_t> samples(kReliefPageSamples);
-      for (size_t j = 0; j < kReliefSamples; ++j)
-        for (size_t i = 0; i < kReliefSamples; ++i)
-          samples[j * kReliefSamples + i] = sample(n.patch, (n.x + static_cast<double>(i) / kPagePx) / nodes, (n.y + static_cast<double>(j) / kPagePx) / nodes);
-      bytes = encoder.encodeRelief(samples);
-    } else {
-      std::vector<uint8_t> channels(kTexturePageBytes);
-      for (size_t i = 0; i < channels.size(); ++i) channels[i] = static_cast<uint8_t>(test::mix(packNode(n) * 31 + i) % 251);
-      bytes = encoder.encodeTexture(channels);
-    }
-    return EncodedPage{{bytes.begin(), bytes.end()}};
+    if (id.plane() == Plane::kRelief) return test::madeReliefPage(n, [&](double u, double v) { return sample(n.patch, u, v); });
+    std::vector<uint8_t> channels(kTexturePageBytes);
+    for (size_t i = 0; i < channels.size(); ++i) channels[i] = static_cast<uint8_t>(test::mix(packNode(n) * 31 + i) % 251);
+    return test::madeTexturePage(channels);
   }
   HeightBounds bounds(const NodeId& page) const override { return {0, static_cast<float>(kReliefMm), static_cast<int>(page.level) < depth_ ? 0.02f : 0.0f}; }
   bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
@@ -74,22 +62,10 @@ class BumpyPages final : public PageSource, public ReliefOracle {
 
 class HiddenBacksPicture : public ::testing::Test {
  protected:
-  void SetUp() override {
-    auto context = gl::HeadlessContext::create();
-    if (!context) GTEST_SKIP() << context.error().text();
-    context_ = std::move(*context);
-  }
   static Artwork bumpy(BaseMesh mesh, int depth, double wave_mm, bool true_slopes) {
     Artwork artwork;
     Manifest& m = artwork.manifest;
-    m.base = std::make_shared<const BaseMesh>(std::move(mesh));
-    m.texture.basis = Basis::kAlbedoNormal;
-    m.domain.texture_depth = 0;
-    m.domain.height_px = m.domain.patchPx();
-    m.domain.width_px = m.base->patches.size() * m.domain.patchPx();
-    m.domain.mm_per_px = 0.15;
-    m.domain.relief_depth = depth;
-    m.domain.relief_scale_mm = kReliefMm / 65535;
+    m = test::madeManifest(std::make_shared<const BaseMesh>(std::move(mesh)), 0, depth, kReliefMm);
     m.coarse_errors.resize(m.base->patches.size());
     for (CoarseErrors& e : m.coarse_errors)
       for (int k = 0; k < 7; ++k) e[static_cast<size_t>(k)] = static_cast<float>(std::max(0.02, kReliefMm * std::ldexp(1.0, -2 * k)));
@@ -141,7 +117,6 @@ class HiddenBacksPicture : public ::testing::Test {
     }
     return t;
   }
-  std::unique_ptr<gl::HeadlessContext> context_;
 };
 
 TEST_F(HiddenBacksPicture, AreNotMissed) {

@@ -5,7 +5,7 @@
 
 #include "src/engine.h"
 #include "tests/geometry/mesh_fixture.h"
-#include "texturing/page_codec.h"
+#include "tests/render/made_pages.h"
 
 namespace relievo::test {
 
@@ -18,30 +18,21 @@ class BallPages final : public PageSource {
  public:
   explicit BallPages(std::shared_ptr<const BaseMesh> base) : base_(std::move(base)) {}
   Result<EncodedPage> read(PageId id) const override {
-    PageEncoder encoder(1);
     const NodeId n = id.node();
+    if (id.plane() == Plane::kRelief)
+      return madeReliefPage(n, [&](double u, double v) { return static_cast<uint16_t>(std::lround(height(n.patch, u, v) / kReliefMm * 65535)); });
     const double nodes = std::ldexp(1.0, static_cast<int>(n.level));
-    std::span<const uint8_t> bytes;
-    if (id.plane() == Plane::kRelief) {
-      std::vector<uint16_t> samples(kReliefPageSamples);
-      for (size_t j = 0; j < kReliefSamples; ++j)
-        for (size_t i = 0; i < kReliefSamples; ++i)
-          samples[j * kReliefSamples + i] = static_cast<uint16_t>(std::lround(height(n.patch, (n.x + static_cast<double>(i) / kPagePx) / nodes, (n.y + static_cast<double>(j) / kPagePx) / nodes) / kReliefMm * 65535));
-      bytes = encoder.encodeRelief(samples);
-    } else {
-      std::vector<uint8_t> channels(kTexturePageBytes);
-      constexpr size_t plane = size_t{kPageFullPx} * kPageFullPx;
-      for (size_t j = 0; j < kPageFullPx; ++j) {
-        for (size_t i = 0; i < kPageFullPx; ++i) {
-          const double u = (n.x + (static_cast<double>(i) + 0.5 - kPageBorderPx) / kPagePx) / nodes, v = (n.y + (static_cast<double>(j) + 0.5 - kPageBorderPx) / kPagePx) / nodes;
-          const glm::dvec3 d = glm::normalize(base_->point(n.patch, u, v) + base_->normal(n.patch, u, v) * height(n.patch, u, v));
-          for (size_t c = 0; c < 3; ++c)
-            channels[c * plane + j * kPageFullPx + i] = static_cast<uint8_t>(std::lround(id.plane() == texturePlane(0) ? kAlbedo[c] : 127.5 * (d[static_cast<int>(c)] + 1)));
-        }
+    std::vector<uint8_t> channels(kTexturePageBytes);
+    constexpr size_t plane = size_t{kPageFullPx} * kPageFullPx;
+    for (size_t j = 0; j < kPageFullPx; ++j) {
+      for (size_t i = 0; i < kPageFullPx; ++i) {
+        const double u = (n.x + (static_cast<double>(i) + 0.5 - kPageBorderPx) / kPagePx) / nodes, v = (n.y + (static_cast<double>(j) + 0.5 - kPageBorderPx) / kPagePx) / nodes;
+        const glm::dvec3 d = glm::normalize(base_->point(n.patch, u, v) + base_->normal(n.patch, u, v) * height(n.patch, u, v));
+        for (size_t c = 0; c < 3; ++c)
+          channels[c * plane + j * kPageFullPx + i] = static_cast<uint8_t>(std::lround(id.plane() == texturePlane(0) ? kAlbedo[c] : 127.5 * (d[static_cast<int>(c)] + 1)));
       }
-      bytes = encoder.encodeTexture(channels);
     }
-    return EncodedPage{{bytes.begin(), bytes.end()}};
+    return madeTexturePage(channels);
   }
 
  private:
@@ -57,14 +48,7 @@ class BallPages final : public PageSource {
 // The ball over a base mesh of chords.
 inline Artwork ballArtwork(std::shared_ptr<const BaseMesh> base, int depth, uint64_t seed) {
   Artwork artwork;
-  Manifest& m = artwork.manifest;
-  m.base = base;
-  m.texture.basis = Basis::kAlbedoNormal;
-  m.domain.texture_depth = m.domain.relief_depth = depth;
-  m.domain.height_px = m.domain.patchPx();
-  m.domain.width_px = base->patches.size() * m.domain.patchPx();
-  m.domain.mm_per_px = 0.15;
-  m.domain.relief_scale_mm = kReliefMm / 65535;
+  artwork.manifest = madeManifest(base, depth, depth, kReliefMm);
   artwork.source = std::make_shared<BallPages>(base);
   test::MeshRelief relief{depth, 0, kReliefMm / 65535};
   artwork.oracle = std::make_shared<test::MadeUpMeshOracle>(relief, seed, 0.05);

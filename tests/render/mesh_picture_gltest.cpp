@@ -7,7 +7,6 @@
 #include <random>
 
 #include "src/engine.h"
-#include "src/gl/context.h"
 #include "tests/render/lit_ball.h"
 
 namespace relievo {
@@ -20,9 +19,6 @@ constexpr uint64_t kSeed = 20261121;
 class MeshPicture : public ::testing::Test {
  protected:
   void SetUp() override {
-    auto context = gl::HeadlessContext::create();
-    if (!context) GTEST_SKIP() << context.error().text();
-    context_ = std::move(*context);
     BaseMesh mesh = test::cubeSphere(2, kRadius);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
@@ -30,7 +26,6 @@ class MeshPicture : public ::testing::Test {
     artwork_ = ballArtwork(base_, 1, kSeed);
   }
 
-  std::unique_ptr<gl::HeadlessContext> context_;
   std::shared_ptr<const BaseMesh> base_;
   Artwork artwork_;
 };

@@ -10,7 +10,6 @@
 
 #include "geometry/snap.h"
 #include "src/engine.h"
-#include "src/gl/context.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "texturing/page_codec.h"
 
@@ -77,11 +76,6 @@ Body makeBody(BaseMesh mesh, int depth, double relief_mm) {
 
 class MeshWatertight : public ::testing::Test {
  protected:
-  void SetUp() override {
-    auto context = gl::HeadlessContext::create();
-    if (!context) GTEST_SKIP() << context.error().text();
-    context_ = std::move(*context);
-  }
   // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
   static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false) {
     Scene scene;
@@ -109,7 +103,6 @@ class MeshWatertight : public ::testing::Test {
     c.target_mm = mesh.point(patch, uniform(0, 1), uniform(0, 1));
     return c;
   }
-  std::unique_ptr<gl::HeadlessContext> context_;
 };
 
 struct Comparison {

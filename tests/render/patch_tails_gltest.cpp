@@ -5,7 +5,6 @@
 #include <random>
 
 #include "shaders/embedded.h"
-#include "src/gl/context.h"
 #include "tests/render/lit_ball.h"
 
 namespace relievo {
@@ -17,11 +16,6 @@ constexpr uint64_t kSeed = 20261121;
 
 class ManyPatches : public ::testing::Test {
  protected:
-  void SetUp() override {
-    auto context = gl::HeadlessContext::create();
-    if (!context) GTEST_SKIP() << context.error().text();
-    context_ = std::move(*context);
-  }
   static Artwork ball(int patches_a_side) {
     BaseMesh mesh = test::cubeSphere(patches_a_side, kRadius);
     test::Random turns(kSeed);
@@ -52,7 +46,6 @@ class ManyPatches : public ::testing::Test {
     c.fov_deg = 30;
     return c;
   }
-  std::unique_ptr<gl::HeadlessContext> context_;
 };
 
 struct Shown {

@@ -1,8 +1,19 @@
 # relievo_test(...) lines of tests/render
 
+# relievo_add_gltest(NAME PROGRAM ARGUMENTS [VARIABLE=VALUE...]): runs it as NAME_gl under OpenGL 3.3 core and as NAME_es under OpenGL ES
+# 3.0, with these in its environment. Mesa promotes every request to the newest version it has, so its overrides keep it to what was asked for.
+function(relievo_add_gltest name program arguments)
+  set(overrides_gl MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330)
+  set(overrides_es MESA_GLES_VERSION_OVERRIDE=3.0)
+  foreach(api gl es)
+    add_test(NAME ${name}_${api} COMMAND ${program} ${arguments})
+    set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 SKIP_RETURN_CODE 77
+      ENVIRONMENT "RELIEVO_GL=${api};${overrides_${api}};${ARGN}")
+  endforeach()
+endfunction()
+
 # relievo_gltest(NAME LIBS lib... SOURCES file...): a GoogleTest program that needs a GL context (tests/render/gl_fixture.h).
-# It runs as a whole, since making a context takes time: NAME_gl under OpenGL 3.3 core, NAME_es under OpenGL ES 3.0. Mesa
-# promotes every request to the newest version it has, so its overrides keep it to what was asked for.
+# It runs as a whole, since making a context takes time.
 function(relievo_gltest name)
   if(NOT RELIEVO_GL_TESTS)
     return()
@@ -11,13 +22,7 @@ function(relievo_gltest name)
   add_executable(${name} ${T_SOURCES} ${CMAKE_SOURCE_DIR}/tests/render/gl_main.cpp)
   target_link_libraries(${name} PRIVATE ${T_LIBS} relievo_gl GTest::gtest)
   relievo_test_precompiled(${name})
-  set(overrides_gl "MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330")
-  set(overrides_es "MESA_GLES_VERSION_OVERRIDE=3.0")
-  foreach(api gl es)
-    add_test(NAME ${name}_${api} COMMAND ${name})
-    set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 SKIP_RETURN_CODE 77
-      ENVIRONMENT "RELIEVO_GL=${api};${overrides_${api}}")
-  endforeach()
+  relievo_add_gltest(${name} ${name} "")
 endfunction()
 
 relievo_gltest(gl_gltest LIBS relievo_gl relievo_shaders SOURCES render/gl_gltest.cpp)
@@ -63,11 +68,9 @@ relievo_gltest(hidden_backs_gltest LIBS relievo_render SOURCES render/hidden_bac
 relievo_test(upload_choice_test LIBS relievo_render SOURCES render/upload_choice_test.cpp)
 relievo_gltest(block_upload_gltest LIBS relievo_render SOURCES render/block_upload_gltest.cpp)
 if(TARGET block_upload_gltest)  # once more without BC7, and without copies of compressed textures
-  foreach(api gl es)
-    add_test(NAME block_upload_gltest_bare_${api} COMMAND block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed:*AGrowingPool*)
-    set_tests_properties(block_upload_gltest_bare_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77
-      ENVIRONMENT "RELIEVO_GL=${api};MESA_GL_VERSION_OVERRIDE=3.3;MESA_GLSL_VERSION_OVERRIDE=330;MESA_GLES_VERSION_OVERRIDE=3.0;MESA_EXTENSION_OVERRIDE=-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
-  endforeach()
+  set(missing "-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
+  relievo_add_gltest(block_upload_gltest_bare block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed:*AGrowingPool*
+    "MESA_EXTENSION_OVERRIDE=${missing}")
 endif()
 relievo_gltest(mesh_ptm_gltest LIBS relievo_image relievo_texturing SOURCES render/mesh_ptm_gltest.cpp)
 if(TARGET mesh_ptm_gltest)

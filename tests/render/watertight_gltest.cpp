@@ -8,7 +8,6 @@
 
 #include "geometry/snap.h"
 #include "src/engine.h"
-#include "src/gl/context.h"
 #include "tests/render/test_artwork.h"
 
 namespace relievo {
@@ -20,9 +19,6 @@ constexpr uint32_t kSeed = 20261121;
 class Watertight : public ::testing::Test {
  protected:
   void SetUp() override {
-    auto context = gl::HeadlessContext::create();
-    if (!context) GTEST_SKIP() << context.error().text();
-    context_ = std::move(*context);
     std::string why;
     // Two patches along the strip, sizes that are no multiple of anything.
     package_ = test::noisePackage(folder_, 3001, 1501, Basis::kPtmLrgb, 24, 5, &why);
@@ -51,7 +47,6 @@ class Watertight : public ::testing::Test {
   }
 
   test::TemporaryFolder folder_;
-  std::unique_ptr<gl::HeadlessContext> context_;
   std::shared_ptr<const Package> package_;
 };
 
