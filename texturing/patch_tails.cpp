@@ -9,6 +9,7 @@
 
 #include "texturing/package_layout.h"
 #include "texturing/page_codec.h"
+#include "texturing/page_loader.h"
 #include "texturing/resolve.h"
 
 namespace relievo {
@@ -53,10 +54,7 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
       Result<void> loaded;
       for (int attempt = 0; attempt < kAttempts; ++attempt)
         if (loaded = loadOnce(id); loaded.ok()) return;
-      // The relief's lower end, grey, towards +z.
-      const bool normal = format.basis == Basis::kAlbedoNormal && id.plane() == texturePlane(1);
-      const std::array<uint8_t, 4> texel = id.plane() == Plane::kRelief ? std::array<uint8_t, 4>{} : std::array<uint8_t, 4>{128, 128, normal ? uint8_t{255} : uint8_t{128}, 255};
-      for (size_t i = 0; i < slot.size(); ++i) slot[i] = texel[i % 4];
+      neutralPage(id.plane(), format, PageCodec::kLossless, slot.data());
       if (!problems) return;
       std::lock_guard lock(mutex);
       problems->push_back("the page of " + describePage(id) + " is damaged, a neutral one stands in: " + loaded.error().text());

@@ -132,6 +132,28 @@ TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
   }
 }
 
+class NoPages final : public PageSource {
+ public:
+  Result<EncodedPage> read(PageId) const override { return Error{ErrorKind::kIo, "", "unreadable", "", {}}; }
+};
+TEST(PatchTails, pagesThatCannotBeHadAreNeutralOfWhateverBasis) {
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kAlbedoNormal}) {
+    const TextureFormat format = sampleFormat(basis);
+    PatchTails tails(2, format.channels());
+    std::vector<std::string> problems;
+    tailsFromPages(NoPages(), format, true, 0, 2, 1, tails, &problems);
+    EXPECT_EQ(problems.size(), 2 * static_cast<size_t>(format.planes() + 1));
+    std::vector<double> raw;
+    for (int c = 0; c < format.channels(); ++c) raw.push_back(tails.level(1, 0, c)[0]);
+    for (const std::array<double, 3>& light : {std::array<double, 3>{0, 0, 1}, std::array<double, 3>{0.6, 0, 0.8}}) {
+      const auto rgb = evaluatePixel(format, raw.data(), light);
+      if (basis != Basis::kAlbedoNormal)  // which turns away from the light
+        for (double grey : rgb) EXPECT_NEAR(grey, 128, 8) << basisName(basis);
+    }
+    for (uint16_t height : tails.heightsOf(1)) ASSERT_EQ(height, 0);
+  }
+}
+
 TEST(PatchTails, resolvedTailsAreResolvedTexelByTexel) {
   const TextureFormat format = sampleFormat(Basis::kPtmLrgb);
   const PatchTails tails = noise(70, format.channels());  // more than one page of them
