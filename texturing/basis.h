@@ -61,7 +61,7 @@ inline std::array<double, 6> ptmBasis(double u, double v) { return {u * u, v * v
 
 // One pixel in 0..255 units from its raw channels (channels() of them; they may be filtered, hence double).
 // LRGB: raw[0..5] coefficients, raw[6..8] colour. RGB: raw[3 k + c] is coefficient k of colour c. Albedo and normal: raw[0..2], raw[3..5].
-// light: the unit vector towards the light; of a PTM's, x and y count.
+// light: the unit vector towards the light; of a PTM's, z counts where it is below 0 only (ptmDirection).
 inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
   std::array<double, 3> rgb{};
   if (f.basis == Basis::kColour) return {raw[0], raw[1], raw[2]};

@@ -76,7 +76,7 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
   auto package = Package::open(path);
   if (!package) return package.error();
   if ((*package)->manifest().base)
-    return Error{ErrorKind::kUnsupported, path, "expected a flat artwork to measure with, found a scan", "--only mesh-lod mesh-build measure scans that they make", {}};
+    return Error{ErrorKind::kUnsupported, path, "expected a flat artwork to measure with, found a scan", "--only mesh-lod mesh-patches mesh-build measure scans that they make", {}};
   return std::shared_ptr<const Package>(*package);
 }
 

@@ -81,7 +81,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--feedback-scale", feedback_scale, "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
                "every pixel once in the square of that many frames")
       ->check(CLI::Range(1, kMaxFeedbackScale))->capture_default_str();
-  c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
+  c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, and the tails of a scan of many patches, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
   c.add_option("--replacement", replacement, "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
       ->check(CLI::IsMember({"lru", "clock", "halving"}))->capture_default_str();
   c.add_option("--upload", upload, "Texture pages on the GPU: rgba8 (decoded), blocks (as packages of --encoding bc1, bc4, bc5 or bc7 hold them: 2.7 to 8 "

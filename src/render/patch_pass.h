@@ -1,4 +1,4 @@
-// patch_pass.h - draws a list of patch instances: one instanced draw a grid level, at most kMaxGridLevel draw calls.
+// patch_pass.h - draws a list of patch instances: one instanced draw a grid level that occurs, 0 to kMaxGridLevel.
 #pragma once
 
 #include <array>
