@@ -7,6 +7,8 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <functional>
 #include <set>
 
@@ -503,6 +505,9 @@ TEST_F(BlockUpload, AContextWithoutBc7IsNamed) {
   const Artwork artwork = artworkFromPackage(package);
   auto engine = Engine::create(artwork, {}, {.upload = Upload::kBlocks});
   const auto extension = missing(PageCodec::kBc7);
+  // Mesa heeds it; were it not, this run would be the other one again.
+  const char* without = std::getenv("MESA_EXTENSION_OVERRIDE");
+  if (without && std::strstr(without, "-GL_ARB_texture_compression_bptc") && gltest::context().info().software) { ASSERT_TRUE(extension); }
   ASSERT_EQ(engine.ok(), !extension);
   if (!engine.ok()) {
     EXPECT_EQ(engine.error().kind, ErrorKind::kUnsupported);

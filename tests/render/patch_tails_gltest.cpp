@@ -125,8 +125,8 @@ TEST_F(ManyPatches, OtherTexelsInTheTailsWouldBeSeen) {
   EXPECT_GT(show(*tails, *pages, cameraAt(33, 21, 7)).most_different, 20);
 }
 
-// A slow zoom from tails to pages: no step of the picture is larger than its neighbours' but for what moves.
-TEST_F(ManyPatches, GoesOverWithoutAStep) {
+// A slow zoom from tails to pages: each picture is the ball's.
+TEST_F(ManyPatches, GoesOverAndStaysTheBall) {
   const Artwork artwork = ball(6);
   Scene scene;
   scene.error_px = 0.25;
