@@ -272,7 +272,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (stopped()) return interruptedError();
   report(0.4);
   // Of the scan itself: the reduced one's walls lean over.
-  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers) : Outlook{};
+  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted) : Outlook{};
+  if (stopped()) return interruptedError();
   if (options.scan_done) options.scan_done();
 
   const size_t scan_vertices = mesh.positions_mm.size();

@@ -20,16 +20,18 @@ struct Reducer {
   std::vector<uint32_t> leaving, mark;
   std::vector<uint8_t> stays;
   size_t live;
+  const std::atomic<bool>* interrupted;
   uint32_t marks = 0;
   bool sealed = false;  // no new edge joins two vertices that stay: a neighbouring part may get the same one
 
-  Reducer(Surface& surface, std::span<const uint32_t> keep)
+  Reducer(Surface& surface, std::span<const uint32_t> keep, const std::atomic<bool>* stop)
       : s(surface),
         twin(surface.twin),
         leaving(s.points.size(), kNoIndex),
         mark(s.points.size(), 0),
         stays(s.points.size(), 0),
-        live(s.triangles.size()) {
+        live(s.triangles.size()),
+        interrupted(stop) {
     for (uint32_t v : keep) stays[v] = 1;
     for (uint32_t h = 0; h < twin.size(); ++h) {
       uint32_t& l = leaving[from(h)];
@@ -64,6 +66,25 @@ struct Reducer {
     const bool edge_on_border = g == kNoIndex;
     const bool gone_border = border(gone);
     if (stays[gone] || (gone_border && !edge_on_border)) return false;
+    // What fails most often, and costs least, first.
+    uint32_t gone_fan = 0;
+    const glm::vec3 at = s.points[keep];
+    const bool fits = around(gone, [&](uint32_t k) {
+      ++gone_fan;
+      const uint32_t a = to(k), b = from(previousOf(k));
+      if (a == keep || b == keep) return true;
+      const glm::vec3 p = s.points[a], reach = p - at;
+      if (!(glm::dot(reach, reach) < longest_square)) return false;
+      const glm::vec3 q = s.points[b], side = q - p;
+      const glm::vec3 before = glm::cross(side, s.points[gone] - p), after = glm::cross(side, at - p);
+      const float turn = glm::dot(before, after);
+      if (!(turn > 0) || turn * turn < least_turn * least_turn * glm::dot(before, before) * glm::dot(after, after))
+        return false;
+      // No slivers: the new height over the opposite side is not less than a tenth of that side.
+      return !(glm::dot(after, after) < 0.01f * glm::dot(side, side) * glm::dot(side, side) &&
+               glm::dot(after, after) < glm::dot(before, before));
+    });
+    if (!fits) return false;
     ++marks;
     uint32_t keep_fan = 0;
     around(keep, [&](uint32_t k) {
@@ -72,28 +93,14 @@ struct Reducer {
       mark[from(previousOf(k))] = marks;
       return true;
     });
-    uint32_t common = 0, gone_fan = 0;
-    const glm::vec3 at = s.points[keep];
-    const bool fits = around(gone, [&](uint32_t k) {
-      ++gone_fan;
+    uint32_t common = 0;
+    const bool joins = around(gone, [&](uint32_t k) {
       const uint32_t a = to(k), b = from(previousOf(k));
       common += mark[a] == marks;
       if (twin[previousOf(k)] == kNoIndex) common += mark[b] == marks;  // the last neighbour of an open fan
-      if (sealed && stays[keep] && stays[a] && a != keep && mark[a] != marks) return false;
-      if (a == keep || b == keep) return true;
-      const glm::vec3 p = s.points[a], q = s.points[b], side = q - p;
-      const glm::vec3 before = glm::cross(side, s.points[gone] - p), after = glm::cross(side, at - p);
-      const float turn = glm::dot(before, after);
-      if (!(turn > 0) || turn * turn < least_turn * least_turn * glm::dot(before, before) * glm::dot(after, after))
-        return false;
-      // No slivers: the new height over the opposite side is not less than a tenth of that side.
-      if (glm::dot(after, after) < 0.01f * glm::dot(side, side) * glm::dot(side, side) &&
-          glm::dot(after, after) < glm::dot(before, before))
-        return false;
-      const glm::vec3 reach = p - at;
-      return glm::dot(reach, reach) < longest_square;
+      return !(sealed && stays[keep] && stays[a] && a != keep && mark[a] != marks);
     });
-    if (!fits) return false;
+    if (!joins) return false;
     const uint32_t sides = edge_on_border ? 1 : 2;
     if (common != sides) return false;  // the link condition (Dey et al. 1999)
     if (gone_fan + keep_fan < 2 * sides + (gone_border || border(keep) ? 1 : 3) || gone_fan + keep_fan > 16)
@@ -141,9 +148,12 @@ struct Reducer {
     }
   }
 
+  bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
+
   void pass(size_t wanted, float length, float least_turn) {
     const float square = length * length;
     for (uint32_t h = 0; h < twin.size() && live > wanted; ++h) {
+      if (h % (1u << 16) == 0 && stopped()) return;
       if (s.triangles[h / 3][0] == kNoIndex || (twin[h] != kNoIndex && twin[h] < h)) continue;
       const uint32_t a = from(h), b = to(h);
       const glm::vec3 d = s.points[b] - s.points[a];
@@ -188,12 +198,12 @@ Thinned takeOut(const Surface& s) {
 
 }  // namespace
 
-Thinned thinned(Surface part, float length, std::span<const uint32_t> stay) {
-  Reducer r(part, stay);
+Thinned thinned(Surface part, float length, std::span<const uint32_t> stay, const std::atomic<bool>* interrupted) {
+  Reducer r(part, stay, interrupted);
   r.sealed = true;
   for (const auto& loop : part.loops)
     for (uint32_t v : loop) r.stays[v] = 1;
-  for (float at = sideOf(areaOf(part), r.live); at < length; at *= 1.4f) r.pass(0, at, 0.8f);
+  for (float at = sideOf(areaOf(part), r.live); at < length && !r.stopped(); at *= 1.4f) r.pass(0, at, 0.8f);
   return takeOut(part);
 }
 
@@ -203,16 +213,16 @@ Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> 
   if (scan.triangles.size() > triangles + triangles / 2) {
     const double area = areaOf(scan);
     auto side = [&](size_t n) { return sideOf(area, n); };
-    Reducer r(scan, keep);
+    Reducer r(scan, keep, interrupted);
     const float last = side(triangles);
     // Ever longer edges, from the scan's own. What turns the surface little goes first; what is left at full length may
     // turn it more.
     for (float length = side(r.live); length < last && r.live > triangles; length *= 1.4f) {
-      if (interrupted && interrupted->load(std::memory_order_relaxed)) break;
+      if (r.stopped()) break;
       r.pass(triangles, length, 0.8f);
     }
     for (float turn : {0.8f, 0.5f, 0.2f}) {
-      if (interrupted && interrupted->load(std::memory_order_relaxed)) break;
+      if (r.stopped()) break;
       if (r.live > triangles) r.pass(triangles, 1.2f * last, turn);
     }
   }

@@ -62,7 +62,7 @@ Run thin(const TriMesh& mesh, size_t first, size_t last, std::vector<uint32_t>& 
   const std::vector<uint32_t> of = surface->source;
   for (uint32_t v = 0; v < of.size(); ++v)
     if (of[v] < shared.size()) stay.push_back(v);
-  run.left = thinned(std::move(*surface), length, stay);
+  run.left = thinned(std::move(*surface), length, stay, options.interrupted);
   run.source.resize(run.left.vertex.size(), kNoIndex);
   for (size_t i = 0; i < run.source.size(); ++i)
     if (const uint32_t v = of[run.left.vertex[i]]; v < shared.size()) run.source[i] = shared[v];

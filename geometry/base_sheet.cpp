@@ -21,7 +21,7 @@ bool straight(const Rail& rail) {
 
 }  // namespace
 
-Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers) {
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers, const std::atomic<bool>* interrupted) {
   auto area = [&](const Triangle& t) {
     const glm::dvec3 a = points[t[0]];
     return glm::cross(glm::dvec3(points[t[1]]) - a, glm::dvec3(points[t[2]]) - a);
@@ -34,7 +34,7 @@ Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> t
   };
   std::vector<Part> parts((triangles.size() + kPart - 1) / kPart);
   auto each = [&](auto&& take) {
-    parallelFor(parts.size(), workers, nullptr, [&](size_t i) {
+    parallelFor(parts.size(), workers, interrupted, [&](size_t i) {
       Part part = parts[i];
       for (size_t t = i * kPart; t < std::min(triangles.size(), (i + 1) * kPart); ++t) take(part, area(triangles[t]));
       parts[i] = part;

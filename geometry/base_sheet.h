@@ -3,6 +3,7 @@
 // heights reach them.
 #pragma once
 
+#include <atomic>
 #include <span>
 
 #include "geometry/base_quads.h"
@@ -24,7 +25,8 @@ struct Outlook {
 };
 // The mean normal or the axis nearest to it, whichever hides less: scans that are height fields mostly are over an
 // axis.
-Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers = 0);
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers = 0,
+                  const std::atomic<bool>* interrupted = nullptr);
 // A relief over a plane, all of which is seen but for what noise hides. Heights may be steep, but not for the most
 // part.
 inline bool isRelief(const Outlook& o) { return o.hidden <= 1e-4 && o.flat >= 0.5; }

@@ -76,6 +76,7 @@ bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interru
   std::vector<uint32_t> next((size_t{1} << 3 * kAxisBits) + 1, 0);
   for (uint32_t c : cell) ++next[c + 1];
   for (size_t c = 1; c < next.size(); ++c) next[c] += next[c - 1];
+  if (interrupted && *interrupted) return false;
   for (uint32_t& c : cell) c = next[c]++;  // from here on: the triangle's new place
   auto moved = [&](auto& list) {
     std::remove_reference_t<decltype(list)> out(list.size());

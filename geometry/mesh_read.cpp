@@ -60,7 +60,9 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   out.diagnosis.vertices_read = raw.vertices_read;
   out.diagnosis.triangles_read = raw.triangles.size();
   const double unit = options.mm_per_unit;
+  const Error interrupted{ErrorKind::kInterrupted, name, "interrupted", "", {}};
   for (size_t i = 0; i < raw.positions.size(); ++i) {
+    if (stopAt(i, options.interrupted)) return interrupted;
     const glm::dvec3& p = raw.positions[i];
     if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm &&
           std::abs(p.z * unit) <= kMaxCoordinateMm))
@@ -70,11 +72,13 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
     return invalid(name, "expected a surface, found no triangle", "points must be meshed first");
   glm::dvec3 low(raw.positions[raw.triangles[0][0]]),
       high(low);  // of what is used: a stray point must not cost precision
-  for (const auto& t : raw.triangles)
-    for (uint32_t v : t) {
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    if (stopAt(i, options.interrupted)) return interrupted;
+    for (uint32_t v : raw.triangles[i]) {
       low = glm::min(low, raw.positions[v]);
       high = glm::max(high, raw.positions[v]);
     }
+  }
   TriMesh& mesh = out.mesh;
   mesh.origin_mm = originOf(low * unit, high * unit);
   mesh.positions_mm.resize(raw.positions.size());

@@ -24,6 +24,7 @@ class Repair {
     if (!step(0)) return stopped();
     if (!weld()) return stopped();
     dropDegenerate();
+    if (!step(0.25)) return stopped();
     if (mesh_.triangles.empty())
       return Error{ErrorKind::kInvalidData,
                    name_,
@@ -38,19 +39,23 @@ class Repair {
                    "set --unit",
                    {}};
 
+    if (!step(0.3)) return stopped();
     EdgeCensus census = census_();
     if (!step(0.5)) return stopped();
     if (!closeTJunctions(census, kTJunctionTolerance * diagonal)) return stopped();
     Pieces pieces = turn(census);
     if (!step(0.7)) return stopped();
-    if (!splitSheets(census, pieces))
+    if (!splitSheets(census, pieces)) {
+      if (isStopped()) return stopped();
       return Error{ErrorKind::kInvalidData,
                    name_,
                    "non-manifold edges that touch one another beyond repair",
                    "clean the mesh in a mesh editor",
                    {}};
+    }
     if (!step(0.9)) return stopped();
     compact();
+    if (!step(0.95)) return stopped();
     summarise(census.mate, pieces);
     step(1);
     return {};
@@ -63,8 +68,9 @@ class Repair {
 
   bool step(double done) {
     if (progress_) progress_(done);
-    return !(interrupted_ && *interrupted_);
+    return !isStopped();
   }
+  bool isStopped() const { return interrupted_ && *interrupted_; }
   Error stopped() const { return {ErrorKind::kInterrupted, name_, "interrupted", "", {}}; }
   glm::dvec3 place(uint32_t vertex) const { return mesh_.origin_mm + glm::dvec3(mesh_.positions_mm[vertex]); }
   void note(MeshFinding& finding, uint32_t vertex) const {
@@ -111,11 +117,12 @@ class Repair {
     return step(0.2);
   }
 
-  // Keeps the triangles that keep(t) says, in their order.
+  // Keeps the triangles that keep(t) says, in their order. Interrupted: any.
   template <class Keep>
   void filterTriangles(Keep keep) {
     size_t to = 0;
     for (size_t t = 0; t < mesh_.triangles.size(); ++t) {
+      if (stopAt(t, interrupted_)) return;
       if (!keep(t)) continue;
       if (to != t) {
         mesh_.triangles[to] = mesh_.triangles[t];
@@ -193,7 +200,7 @@ class Repair {
   }
 
   Pieces turn(EdgeCensus& census) {
-    Turned turned = orient(mesh_, census);
+    Turned turned = orient(mesh_, census, interrupted_);
     auto tell = [&](const char* what, const char* done, const std::vector<uint32_t>& triangles) {
       MeshFinding finding{what, 0, {}, done};
       for (uint32_t t : triangles) note(finding, mesh_.triangles[t][0]);
@@ -217,12 +224,12 @@ class Repair {
     report(std::move(edges));
     pairCrowded(mesh_, census);
     std::vector<uint32_t> split;
-    if (!splitFans(mesh_, census, split)) return false;
+    if (!splitFans(mesh_, census, split, interrupted_)) return false;
     MeshFinding vertices{"non-manifold vertices", 0, {}, "split, one for each fan of triangles"};
     for (uint32_t v : split)
       if (crowded.empty() || (v < crowded.size() && !crowded[v])) note(vertices, v);
     report(std::move(vertices));
-    if (!census.crowded.empty()) pieces = findPieces(mesh_, census.mate);
+    if (!census.crowded.empty()) pieces = findPieces(mesh_, census.mate, interrupted_);
     return true;
   }
 

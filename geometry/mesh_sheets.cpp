@@ -38,7 +38,7 @@ namespace {
 // Walks over the pieces, triangle by triangle, in the order of their first triangles. cross(h, m) for each pair of
 // mates of which h's triangle was met first (twice for pairs within what is already met).
 template <class Meet, class Cross>
-Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, Meet meet, Cross cross) {
+Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, Meet meet, Cross cross) {
   Pieces pieces;
   pieces.order.reserve(triangles);
   std::vector<bool> met(triangles);
@@ -48,6 +48,7 @@ Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, Meet meet, Cros
     size_t at = pieces.order.size();
     pieces.order.push_back(seed);
     for (; at < pieces.order.size(); ++at) {
+      if (stopAt(at, stop)) return pieces;
       uint32_t t = pieces.order[at];
       for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
         uint32_t m = mate[h];
@@ -68,28 +69,30 @@ Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, Meet meet, Cros
 
 }  // namespace
 
-Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate) {
+Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop) {
   auto nothing = [](uint32_t, uint32_t) {};
-  return walk(mesh.triangles.size(), mate, nothing, nothing);
+  return walk(mesh.triangles.size(), mate, stop, nothing, nothing);
 }
 
-Turned orient(TriMesh& mesh, EdgeCensus& census) {
+Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop) {
   const Triangles& triangles = mesh.triangles;
   std::vector<bool> turn(triangles.size()), contradicts(triangles.size()), open(triangles.size());
   auto alike = [&](uint32_t h, uint32_t m) { return fromVertex(triangles, h) == fromVertex(triangles, m); };
   Turned out;
   out.pieces = walk(
-      triangles.size(), census.mate, [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != alike(h, m); },
+      triangles.size(), census.mate, stop, [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != alike(h, m); },
       [&](uint32_t h, uint32_t m) {
         if ((turn[m / 3] != turn[h / 3]) != alike(h, m)) contradicts[h / 3] = true;
       });
   for (uint32_t h : census.open) open[h / 3] = true;
   bool any = false;
+  size_t steps = 0;
   for (size_t piece = 0; piece < out.pieces.count(); ++piece) {
     auto members = out.pieces.triangles(piece);
     size_t turned = 0;
     bool contradiction = false, closed = true;
     for (uint32_t t : members) {
+      if (stopAt(steps++, stop)) return out;
       turned += turn[t];
       contradiction = contradiction || contradicts[t];
       closed = closed && !open[t];
@@ -109,6 +112,7 @@ Turned orient(TriMesh& mesh, EdgeCensus& census) {
     glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
     double volume = 0;
     for (uint32_t t : members) {
+      if (stopAt(steps++, stop)) return out;
       auto at = [&](size_t k) { return glm::dvec3(mesh.positions_mm[triangles[t][k]]) - origin; };
       double v = glm::dot(at(0), glm::cross(at(1), at(2)));
       volume += turn[t] ? -v : v;
@@ -206,12 +210,13 @@ uint32_t copyVertex(TriMesh& mesh, uint32_t v) {
   return static_cast<uint32_t>(mesh.positions_mm.size() - 1);
 }
 
-void splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split) {
+bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
   Triangles& triangles = mesh.triangles;
   const size_t vertices = mesh.positions_mm.size();
   std::vector<bool> done(triangles.size() * 3), has_fan(vertices), counted(vertices);
   std::vector<uint32_t> fan;  // corners, named as the half-edges that leave them
   for (uint32_t corner = 0; corner < done.size(); ++corner) {
+    if (stopAt(corner, stop)) return false;
     if (done[corner]) continue;
     const uint32_t v = fromVertex(triangles, corner);
     fan.assign(1, corner);
@@ -238,11 +243,12 @@ void splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector
     uint32_t copy = copyVertex(mesh, v);
     for (uint32_t c : fan) triangles[c / 3][c % 3] = copy;
   }
+  return true;
 }
 
 // Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex
 // that the edge's first half-edge starts from, each with a vertex of its own.
-bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
+bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate, const std::atomic<bool>* stop) {
   std::vector<std::array<uint32_t, 2>> leave;  // a half-edge, and its mate or none
   forEachEdge(mesh.triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
     if (edge.size() < 2 || (edge.size() == 2 && mate[edge[0]] == edge[1])) return;
@@ -250,7 +256,7 @@ bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
     uint32_t stays = paired != edge.end() ? *paired : edge[0];
     for (uint32_t h : edge)
       if (h != stays && mate[h] != stays && (mate[h] == kNoHalfEdge || mate[h] > h)) leave.push_back({h, mate[h]});
-  });
+  }, stop);
   for (auto& pair : leave) {
     const uint32_t v = fromVertex(mesh.triangles, pair[0]);
     uint32_t copy = kNoHalfEdge;
@@ -275,11 +281,11 @@ bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate) {
 
 }  // namespace
 
-bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split) {
+bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
   constexpr int kMaxRounds = 100;  // one is usual, two are rare
   for (int round = 0; round < kMaxRounds; ++round) {
-    splitFansOnce(mesh, census.mate, split);
-    if (census.crowded.empty() || !cutCurls(mesh, census.mate)) return true;
+    if (!splitFansOnce(mesh, census.mate, split, stop)) return false;
+    if (census.crowded.empty() || !cutCurls(mesh, census.mate, stop)) return true;
   }
   return false;
 }

@@ -37,8 +37,9 @@ struct Turned {
   std::vector<uint32_t> inside_out;      // a triangle of each closed piece that was turned as a whole
   std::vector<uint32_t> not_orientable;  // a triangle of each such piece
 };
-Turned orient(TriMesh& mesh, EdgeCensus& census);
-Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate);
+// Soon after *stop is set: a part of it, and the mesh stays as it is.
+Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop = nullptr);
+Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
 // Pairs the half-edges of crowded edges, those only that run against each other. Where they alternate around the edge:
 // across the solid, so that two bodies that touch there stay two. Else the flattest pair first: a fin on a surface, or
@@ -49,7 +50,7 @@ void pairCrowded(const TriMesh& mesh, EdgeCensus& census);
 
 // Gives every fan of triangles around a vertex, but for the first, a vertex of its own, so that vertices are what mates
 // say; the vertices that had several go to split. Where an edge is still named by others than two mates (a sheet that
-// curls up to touch itself along an edge), those others are cut off at one end of the edge. False: that came to no end.
-bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split);
+// curls up to touch itself along an edge), those others are cut off at one end of the edge. False: that came to no end, or *stop was set.
+bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split, const std::atomic<bool>* stop = nullptr);
 
 }  // namespace relievo

@@ -747,6 +747,15 @@ TEST(ReduceSurface, KeepsTheTopology) {
   }
 }
 
+TEST(ReduceSurface, StopsWithinAPass) {
+  const TriMesh m = wavySheet(90);
+  auto scan = makeSurface(m.positions_mm, m.triangles);
+  ASSERT_TRUE(scan.ok());
+  const std::atomic<bool> stop{true}, go_on{false};
+  EXPECT_EQ(thinned(*scan, 20, {}, &stop).triangles.size(), m.triangles.size());
+  EXPECT_LT(thinned(*scan, 20, {}, &go_on).triangles.size(), m.triangles.size() / 2);
+}
+
 TEST(ReduceSurface, KeepsNamedVertices) {
   const TriMesh m = wavySheet(120, 0);
   auto scan = makeSurface(m.positions_mm, m.triangles);

@@ -13,6 +13,7 @@
 #include <numeric>
 #include <set>
 
+#include "geometry/mesh_sheets.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/shared_data.h"
 
@@ -483,6 +484,25 @@ TEST(MeshRefusals, Interrupted) {
     EXPECT_EQ(again.error().kind, ErrorKind::kInterrupted);
   }
   FAIL() << "never finished";
+}
+
+// Within the long steps, too: they end where they are, and say so.
+TEST(MeshRefusals, InterruptedWithinAStep) {
+  TriMesh mesh = mustRead(saveFile("a.ply", plyFile(cubeSphere(20), {}))).mesh;
+  std::swap(mesh.triangles[7][0], mesh.triangles[7][1]);  // something to turn
+  const auto before = mesh.triangles;
+  const std::atomic<bool> stop{true}, go_on{false};
+  EXPECT_TRUE(std::ranges::all_of(takeCensus(mesh, &stop).mate, [](uint32_t m) { return m == kNoHalfEdge; }));
+  EdgeCensus census = takeCensus(mesh, &go_on);
+  EXPECT_LT(findPieces(mesh, census.mate, &stop).order.size(), before.size());
+  EXPECT_EQ(findPieces(mesh, census.mate, &go_on).order.size(), before.size());
+  EXPECT_TRUE(orient(mesh, census, &stop).triangles.empty());
+  EXPECT_EQ(mesh.triangles, before);
+  EXPECT_EQ(orient(mesh, census, &go_on).triangles.size(), 1u);
+  EXPECT_NE(mesh.triangles, before);
+  std::vector<uint32_t> split;
+  EXPECT_FALSE(splitFans(mesh, census, split, &stop));
+  EXPECT_TRUE(splitFans(mesh, census, split, &go_on));
 }
 
 // ---- repairs ----
