@@ -28,7 +28,7 @@ struct BakeOptions {
   int texture_depth = -1;   // 128 << this texels a patch's side; -1: as fine as the colours
   int workers = 0;          // 0: one a core
   std::function<void(double /*0..1*/)> progress;
-  const std::atomic<bool>* interrupted = nullptr;
+  const std::atomic<bool>* interrupted = nullptr;  // texels() heeds it, too
 };
 
 struct BakeReport {
@@ -53,6 +53,7 @@ struct BakeScene {
 };
 struct BakeSceneOptions {
   uint64_t ray_bytes = ~uint64_t{0};  // of ray hierarchies at a time: with less all takes longer, and comes out the same
+  uint32_t region_triangles = 0;      // of each hierarchy; 0: what suits the mesh's size
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
 };

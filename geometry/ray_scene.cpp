@@ -15,6 +15,10 @@ namespace {
 
 constexpr size_t kPacket = 8;  // AVX2
 
+// Triangles a region, some 25 MB each; of scans that may not have all regions at a time below 1 MB, so that little is built for what lies
+// beside what is asked for.
+constexpr size_t kRegionTriangles = size_t{1} << 19, kLargeRegionTriangles = size_t{1} << 14, kLarge = size_t{4} << 20;
+
 // What the lanes of a packet met so far. Surfaces that are equally near: the first triangle, whichever hierarchy is asked first.
 struct PacketContext {
   RTCIntersectContext embree;  // the first member: Embree hands its address to the filter
@@ -146,6 +150,10 @@ struct Box {
     low = glm::min(low, p);
     high = glm::max(high, p);
   }
+  void add(const Box& o) {
+    low = glm::min(low, o.low);
+    high = glm::max(high, o.high);
+  }
   bool meets(const Box& o) const {
     return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y && low.z <= o.high.z && o.low.z <= high.z;
   }
@@ -168,10 +176,65 @@ struct Hierarchy {
 
 struct Region {
   uint32_t first = 0, count = 0;  // triangles
-  Box box;
   std::shared_ptr<Hierarchy> hierarchy;  // all three guarded by Impl::mutex
   bool building = false;
   uint64_t used = 0;
+};
+
+// Does the segment of `half` to either side of `middle` meet a box? By separating axes (Ericson, 5.3.3): long segments past small boxes. What
+// rounding loses is far less than what boxes are grown by.
+bool meetsSegment(const Box& box, const glm::vec3& middle, const glm::vec3& half) {
+  const glm::vec3 m = middle - 0.5f * (box.low + box.high), e = 0.5f * (box.high - box.low), d = glm::abs(half);
+  const bool apart = (std::abs(m.x) > e.x + d.x) | (std::abs(m.y) > e.y + d.y) | (std::abs(m.z) > e.z + d.z) |
+                     (std::abs(m.y * half.z - m.z * half.y) > e.y * d.z + e.z * d.y) |
+                     (std::abs(m.z * half.x - m.x * half.z) > e.z * d.x + e.x * d.z) |
+                     (std::abs(m.x * half.y - m.y * half.x) > e.x * d.y + e.y * d.x);
+  return !apart;
+}
+
+// Boxes of a list's successive parts, and of ever more of them.
+class BoxTree {
+ public:
+  BoxTree() = default;
+  explicit BoxTree(std::vector<Box> parts) {
+    levels_.push_back(std::move(parts));
+    while (levels_.back().size() > kFan) {
+      const std::vector<Box>& fine = levels_.back();
+      std::vector<Box> coarse((fine.size() + kFan - 1) / kFan);
+      for (size_t i = 0; i < fine.size(); ++i) {
+        coarse[i / kFan].add(fine[i]);
+      }
+      levels_.push_back(std::move(coarse));
+    }
+  }
+  const Box& part(size_t i) const { return levels_[0][i]; }
+  // visit(part) for those whose boxes, and all above them, `wanted` takes, in their order.
+  template <class Wanted, class Visit>
+  void forEach(Wanted wanted, Visit visit) const {
+    descend(levels_.size() - 1, 0, levels_.back().size(), wanted, visit);
+  }
+  size_t nearest(const glm::dvec3& place) const {
+    size_t best = 0;
+    double least = std::numeric_limits<double>::infinity();
+    forEach([&](const Box& box) { return box.squaredDistance(place) < least; },
+            [&](size_t i) {
+              least = levels_[0][i].squaredDistance(place);
+              best = i;
+            });
+    return best;
+  }
+
+ private:
+  static constexpr size_t kFan = 8;
+  template <class Wanted, class Visit>
+  void descend(size_t level, size_t first, size_t last, Wanted& wanted, Visit& visit) const {
+    for (size_t i = first; i < last; ++i) {
+      if (!wanted(levels_[level][i])) continue;
+      if (level == 0) visit(i);
+      else descend(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), wanted, visit);
+    }
+  }
+  std::vector<std::vector<Box>> levels_;
 };
 
 }  // namespace
@@ -185,11 +248,14 @@ struct RayScene::Impl {
   std::atomic<int64_t> device_bytes{0};
   float size = 0;                         // the largest coordinate
   std::vector<Region> regions;
+  BoxTree parts;                          // of the regions' triangles, kPartsARegion each; where there are several
   bool all_built = false;                 // and so they stay: no lock is needed
   std::mutex mutex;
   std::condition_variable built;
   uint64_t clock = 0, builds = 0, held_bytes = 0;
   std::string failure;
+
+  static constexpr size_t kPartsARegion = 4;
 
   ~Impl() {
     regions.clear();
@@ -264,15 +330,36 @@ struct RayScene::Impl {
     return made;
   }
 
-  // use(scene, region) with the region's hierarchy.
+  // The hierarchies of a query, so that each is asked for once: the last few of them.
+  struct Held {
+    static constexpr size_t kMost = 16;
+    std::array<std::shared_ptr<Hierarchy>, kMost> hierarchy;
+    std::array<size_t, kMost> region{};
+    size_t next = 0;
+  };
+  // use(scene) with the region's hierarchy.
   template <class Use>
-  void with(size_t index, Use use) {
+  void with(size_t index, Held& held, Use use) {
     if (all_built) return use(regions[index].hierarchy->scene);
-    if (const auto held = hierarchy(index)) use(held->scene);
+    for (size_t i = 0; i < Held::kMost; ++i)
+      if (held.hierarchy[i] && held.region[i] == index) return use(held.hierarchy[i]->scene);
+    const size_t i = held.next++ % Held::kMost;
+    held.hierarchy[i].reset();  // before another is built
+    held.region[i] = index;
+    held.hierarchy[i] = hierarchy(index);
+    if (held.hierarchy[i]) use(held.hierarchy[i]->scene);
   }
 
-  void trace(std::span<const size_t> near, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid);
-  void nearest(std::span<const size_t> near, std::span<const Line> lines, Facing facing, SurfacePoint* hits);
+  // Lines that are asked for together, and the parts that they can meet: near their points, and as far as they reach.
+  struct Query {
+    std::span<const Line> lines;
+    std::vector<uint32_t> likely, reached;
+    bool knows_reached = false;
+    Held held;
+  };
+  void listParts(std::span<const Line> lines, bool likely, std::vector<uint32_t>& out) const;
+  void trace(const std::vector<uint32_t>& near, Held& held, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid);
+  void nearest(Query& query, std::span<const Line> lines, Facing facing, SurfacePoint* hits);
 };
 
 RayScene::RayScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -315,18 +402,24 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
     impl->copy.push_back(glm::vec3(0));
     impl->positions = impl->copy.data();
   }
-  const size_t triangles = mesh.triangles.size(), run = std::max<size_t>(options.region_triangles, 1);
+  const size_t triangles = mesh.triangles.size();
+  const size_t run = options.region_triangles ? options.region_triangles : triangles < kLarge ? kRegionTriangles : kLargeRegionTriangles;
   const glm::vec3 grow(1e-5f * impl->size);
+  std::vector<Box> parts;
   for (size_t first = 0; first < triangles; first += run) {
     if (impl->stopped()) break;
     Region region{.first = static_cast<uint32_t>(first), .count = static_cast<uint32_t>(std::min(run, triangles - first))};
-    if (triangles > run)
-      for (size_t t = first; t < first + region.count; ++t)
-        for (uint32_t v : mesh.triangles[t]) region.box.add(mesh.positions_mm[v]);
-    region.box.low -= grow;
-    region.box.high += grow;
+    for (size_t part = 0; part < Impl::kPartsARegion && triangles > run; ++part) {
+      Box box;
+      for (size_t t = first + region.count * part / Impl::kPartsARegion; t < first + region.count * (part + 1) / Impl::kPartsARegion; ++t)
+        for (uint32_t v : mesh.triangles[t]) box.add(mesh.positions_mm[v]);
+      box.low -= grow;
+      box.high += grow;
+      parts.push_back(box);
+    }
     impl->regions.push_back(std::move(region));
   }
+  if (!parts.empty()) impl->parts = BoxTree(std::move(parts));
   if (triangles * Impl::kBytesATriangle <= options.budget_bytes) {
     for (size_t r = 0; r < impl->regions.size(); ++r) impl->hierarchy(r);
     impl->all_built = impl->failure.empty() && !impl->stopped();
@@ -338,38 +431,64 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
 }
 
 // Of each valid ray the nearest hit, into the context; first where the rays begin, so that they seldom need to go on.
-void RayScene::Impl::trace(std::span<const size_t> near, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid) {
+void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, PacketContext& context, RTCRayHit8& rays,
+                           std::array<int, kPacket>& valid) {
   if (regions.size() == 1) {
     context.first_triangle = 0;
-    with(0, [&](RTCScene scene) { rtcIntersect8(valid.data(), scene, &context.embree, &rays); });
+    with(0, held, [&](RTCScene scene) { rtcIntersect8(valid.data(), scene, &context.embree, &rays); });
     return;
   }
-  auto boxOf = [&](size_t i, float far) {
-    const glm::vec3 from(rays.ray.org_x[i], rays.ray.org_y[i], rays.ray.org_z[i]);
-    Box box{from, from};
-    box.add(from + far * glm::vec3(rays.ray.dir_x[i], rays.ray.dir_y[i], rays.ray.dir_z[i]));
-    return box;
-  };
-  for (bool at_start : {true, false}) {
-    for (size_t r : near) {
-      alignas(32) std::array<int, kPacket> meets{};
+  auto from = [&](size_t i) { return glm::vec3(rays.ray.org_x[i], rays.ray.org_y[i], rays.ray.org_z[i]); };
+  auto along = [&](size_t i) { return glm::vec3(rays.ray.dir_x[i], rays.ray.dir_y[i], rays.ray.dir_z[i]); };
+  std::array<glm::vec3, kPacket> middle, half;
+  // Of the regions in turn those that rays begin in, then those that they only come to; or, where all of a ray counts, all at once.
+  const int rounds = context.through ? 1 : 2;
+  for (int round = 0; round < rounds; ++round) {
+    Box packet;
+    for (size_t i = 0; i < kPacket; ++i) {
+      if (!valid[i]) continue;
+      half[i] = 0.5f * rays.ray.tfar[i] * along(i);
+      middle[i] = from(i) + half[i];
+      packet.add(from(i));
+      packet.add(from(i) + rays.ray.tfar[i] * along(i));
+    }
+    for (size_t at = 0; at < near.size();) {
+      const size_t r = near[at] / kPartsARegion;
+      alignas(32) std::array<int, kPacket> meets{}, begins{};
       bool any = false;
+      for (; at < near.size() && near[at] / kPartsARegion == r; ++at) {
+        const Box& box = parts.part(near[at]);
+        if (!box.meets(packet)) continue;
+        for (size_t i = 0; i < kPacket; ++i) {
+          if (!valid[i] || !meetsSegment(box, middle[i], half[i])) continue;
+          meets[i] = -1;
+          if (!context.through && box.meets({from(i), from(i)})) begins[i] = -1;
+        }
+      }
       for (size_t i = 0; i < kPacket; ++i) {
-        if (!valid[i]) continue;
-        const bool here = regions[r].box.meets(context.through ? boxOf(i, rays.ray.tfar[i]) : boxOf(i, 0));
-        if (here != at_start || (!here && !regions[r].box.meets(boxOf(i, rays.ray.tfar[i])))) continue;
-        meets[i] = -1;
-        any = true;
+        if (!context.through && (begins[i] != 0) != (round == 0)) meets[i] = 0;
+        any = any || meets[i] != 0;
       }
       if (!any) continue;
       context.first_triangle = regions[r].first;
-      with(r, [&](RTCScene scene) { rtcIntersect8(meets.data(), scene, &context.embree, &rays); });
+      with(r, held, [&](RTCScene scene) { rtcIntersect8(meets.data(), scene, &context.embree, &rays); });
     }
   }
 }
 
+void RayScene::Impl::listParts(std::span<const Line> lines, bool likely, std::vector<uint32_t>& out) const {
+  Box box;
+  for (const Line& line : lines) {
+    const double reach = likely ? std::min(line.likely, line.reach) : line.reach;
+    if (!(reach > 0)) continue;
+    box.add(glm::vec3(line.at - reach * line.direction));
+    box.add(glm::vec3(line.at + reach * line.direction));
+  }
+  parts.forEach([&](const Box& b) { return b.meets(box); }, [&](size_t i) { out.push_back(static_cast<uint32_t>(i)); });
+}
+
 // Up to a packet of lines.
-void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line> lines, Facing facing, SurfacePoint* hits) {
+void RayScene::Impl::nearest(Query& query, std::span<const Line> lines, Facing facing, SurfacePoint* hits) {
   PacketContext context;
   rtcInitIntersectContext(&context.embree);
   context.embree.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
@@ -412,7 +531,7 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
     aim(i, lines[i].direction, 2 * window, facing == Facing::kAny ? kRayAny : kRayUp, static_cast<float>(window));
   }
   if (any) {
-    trace(near, context, rays, valid);
+    trace(query.likely, query.held, context, rays, valid);
     for (size_t i = 0; i < lines.size(); ++i)
       if (valid[i] && context.triangle[i] != SurfacePoint::kNone)
         hits[i] = refined(*mesh, lines[i], context.triangle[i], static_cast<double>(context.t[i]) - start[i], context.u[i], context.v[i]);
@@ -434,7 +553,9 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
       aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i], facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown, 0);
     }
     if (!any) return;
-    trace(near, context, rays, valid);
+    if (!query.knows_reached && regions.size() > 1) listParts(query.lines, false, query.reached);
+    query.knows_reached = true;
+    trace(query.reached, query.held, context, rays, valid);
     any = false;
     for (size_t i = 0; i < lines.size(); ++i) {
       if (valid[i]) valid[i] = context.triangle[i] == SurfacePoint::kNone ? 0 : -1;
@@ -446,7 +567,7 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
     }
     if (!any) continue;
     context.through = true;
-    trace(near, context, rays, valid);
+    trace(query.reached, query.held, context, rays, valid);
     for (size_t i = 0; i < lines.size(); ++i) {
       if (!valid[i] || context.triangle[i] == SurfacePoint::kNone) continue;
       const double t = static_cast<double>(context.t[i]) - start[i];
@@ -457,18 +578,10 @@ void RayScene::Impl::nearest(std::span<const size_t> near, std::span<const Line>
 }
 
 void RayScene::nearestOnLines(std::span<const Line> lines, Facing facing, std::span<SurfacePoint> hits) const {
-  std::vector<size_t> near;  // the regions that any of the lines can meet
-  if (impl_->regions.size() > 1) {
-    Box box;
-    for (const Line& line : lines) {
-      box.add(glm::vec3(line.at - line.reach * line.direction));
-      box.add(glm::vec3(line.at + line.reach * line.direction));
-    }
-    for (size_t r = 0; r < impl_->regions.size(); ++r)
-      if (impl_->regions[r].box.meets(box)) near.push_back(r);
-  }
+  Impl::Query query{.lines = lines, .likely = {}, .reached = {}, .held = {}};
+  if (impl_->regions.size() > 1) impl_->listParts(lines, true, query.likely);
   for (size_t from = 0; from < lines.size(); from += kPacket)
-    impl_->nearest(near, lines.subspan(from, std::min(kPacket, lines.size() - from)), facing, hits.data() + from);
+    impl_->nearest(query, lines.subspan(from, std::min(kPacket, lines.size() - from)), facing, hits.data() + from);
 }
 
 SurfacePoint RayScene::nearestOnLine(const Line& line, Facing facing) const {
@@ -480,6 +593,7 @@ SurfacePoint RayScene::nearestOnLine(const Line& line, Facing facing) const {
 SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) const {
   const double slack = 1e-6 * (std::abs(place.x) + std::abs(place.y) + std::abs(place.z));
   ClosestQuery query{impl_->mesh, 0, place, {}, within, slack};
+  Impl::Held held;
   auto ask = [&](size_t r) {
     query.first_triangle = impl_->regions[r].first;
     RTCPointQueryContext context;
@@ -490,26 +604,24 @@ SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) cons
     sphere.z = static_cast<float>(place.z);
     sphere.time = 0;
     sphere.radius = static_cast<float>(query.within * (1 + 1e-6) + slack);
-    impl_->with(r, [&](RTCScene scene) { rtcPointQuery(scene, &sphere, &context, closestCallback, &query); });
+    impl_->with(r, held, [&](RTCScene scene) { rtcPointQuery(scene, &sphere, &context, closestCallback, &query); });
   };
-  const std::vector<Region>& regions = impl_->regions;
-  if (regions.size() == 1) {
+  if (impl_->regions.size() == 1) {
     ask(0);
     return query.best;
   }
-  // The nearest box first, then what may hold a point as near.
-  size_t first = 0;
-  double least = std::numeric_limits<double>::infinity();
-  for (size_t r = 0; r < regions.size(); ++r) {
-    const double squared = regions[r].box.squaredDistance(place);
-    if (squared >= least) continue;
-    least = squared;
-    first = r;
-  }
-  if (!(std::sqrt(least) <= query.within)) return {};
+  // The region of the nearest box first, then what may hold a point as near.
+  const BoxTree& parts = impl_->parts;
+  auto within_reach = [&](const Box& box) { return box.squaredDistance(place) <= query.within * query.within; };
+  const size_t nearest = parts.nearest(place), first = nearest / Impl::kPartsARegion;
+  if (!within_reach(parts.part(nearest))) return {};
   ask(first);
-  for (size_t r = 0; r < regions.size(); ++r)
-    if (r != first && regions[r].box.squaredDistance(place) <= query.within * query.within) ask(r);
+  size_t last = first;
+  parts.forEach(within_reach, [&](size_t part) {
+    const size_t r = part / Impl::kPartsARegion;
+    if (r == first || r == last) return;
+    ask(last = r);
+  });
   return query.best;
 }
 

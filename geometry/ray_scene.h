@@ -5,8 +5,9 @@
 //
 // Memory: Embree's hierarchies are many, one for each run of consecutive triangles (a region), built when a line or a place first needs it
 // and given back, longest unused first, when the budget is spent. Where triangles near one another in space are near in the list, too
-// (mesh_order.h), few regions are needed at a time. Results do not depend on the budget, and on the runs' length only as
-// Embree's rounding does: of surfaces that are equally near the first triangle is taken, whatever order the hierarchies are in.
+// (mesh_order.h), and so are lines that are asked for together, few regions are needed at a time; a query keeps its last 16 of them, too.
+// Results do not depend on the budget, and on the runs' length only as Embree's rounding does: of surfaces that are equally near the first
+// triangle is taken, whatever order the hierarchies are in.
 #pragma once
 
 #include <atomic>
@@ -41,7 +42,7 @@ enum class Facing { kAny, kAlong };  // kAlong: only surfaces whose outside face
 
 struct RaySceneOptions {
   const std::atomic<bool>* interrupted = nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
-  uint32_t region_triangles = uint32_t{1} << 19;   // some 25 MB each
+  uint32_t region_triangles = 0;                   // 0: what suits the mesh's size
   uint64_t budget_bytes = ~uint64_t{0};            // of hierarchies at a time; one for each thread is kept, be it ever so small
 };
 

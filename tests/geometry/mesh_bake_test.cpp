@@ -8,7 +8,9 @@
 #include <functional>
 #include <random>
 
+#include "geometry/mesh_order.h"
 #include "geometry/parallel_for.h"
+#include "geometry/ray_scene.h"
 #include "src/base/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 
@@ -591,6 +593,66 @@ TEST(MeshBake, whatCannotBeBakedIsNamed) {
   ASSERT_TRUE(whole);
   EXPECT_GT(whole->get()->report().cells_log2, 3);
   EXPECT_EQ(last, 1);
+}
+
+TEST(MeshBake, texelsStopWhenInterrupted) {
+  std::atomic<bool> interrupted{false};
+  const TriMesh mesh = sphereMesh(10, 20);
+  auto baked = bake(mesh, sphereBase(10, 2), {.cells_log2 = 4, .interrupted = &interrupted});
+  ASSERT_TRUE(baked);
+  std::vector<uint8_t> texels(6 * (size_t{kPagePx} << baked->textureDepth()) * (size_t{kPagePx} << baked->textureDepth()));
+  EXPECT_TRUE(baked->texels(0, texels));
+  interrupted = true;
+  auto stopped = baked->texels(0, texels);
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
+}
+
+// With memory for an eighth of the scan's hierarchies each is built a few times over all, not again and again; what comes out is the same.
+TEST(MeshBake, littleMemoryIsEnough) {
+  TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y); }, 80);
+  ASSERT_TRUE(orderTriangles(mesh, 1));
+  const BaseMesh base = sphereBase(10, 1);
+  constexpr uint32_t kRegion = 300;
+  Heights heights[2];
+  std::vector<uint8_t> texels[2];
+  for (int k = 0; k < 2; ++k) {
+    const uint64_t all = mesh.triangles.size() * 64;
+    auto scene = makeBakeScene(mesh, {.ray_bytes = k ? all / 8 : all, .region_triangles = kRegion, .workers = 1});
+    ASSERT_TRUE(scene);
+    const RayScene& rays = *scene->rays;
+    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 8, .fit = false, .texture_depth = 1, .workers = 1}, std::move(*scene));
+    ASSERT_TRUE(made);
+    const MeshBake& baked = **made;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) {
+      const Heights here = heightsOf(baked, p);
+      heights[k].insert(heights[k].end(), here.begin(), here.end());
+      std::vector<uint8_t> out(6 * 256 * 256);
+      ASSERT_TRUE(baked.texels(p, out));
+      texels[k].insert(texels[k].end(), out.begin(), out.end());
+    }
+    ASSERT_GT(rays.regions(), 200u);
+    printf("%zu regions, %llu builds\n", rays.regions(), static_cast<unsigned long long>(rays.builds()));
+    if (k == 0) {
+      EXPECT_EQ(rays.builds(), rays.regions());
+      continue;
+    }
+    EXPECT_GT(rays.builds(), rays.regions());
+    EXPECT_LT(rays.builds(), 8 * rays.regions());
+    // Control: a four-hundredth of the lines, in no order, needs more of them.
+    const uint64_t before = rays.builds();
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> in(0, 1);
+    for (int i = 0; i < 2000; ++i) {
+      const auto p = static_cast<uint32_t>(random() % base.patches.size());
+      const double u = in(random), v = in(random);
+      EXPECT_TRUE(rays.nearestOnLine({base.point(p, u, v), base.normal(p, u, v), 20, 4}, Facing::kAlong));
+    }
+    printf("%llu builds for 2,000 lines in no order\n", static_cast<unsigned long long>(rays.builds() - before));
+    EXPECT_GT(rays.builds() - before, before);
+  }
+  EXPECT_EQ(heights[0], heights[1]);
+  EXPECT_EQ(texels[0], texels[1]);
 }
 
 TEST(MeshBake, patchesAreReadByManyThreadsAtOnce) {
