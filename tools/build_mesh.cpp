@@ -301,7 +301,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
   auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
-  if (!built) return built.error();
+  if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a) : built.error();
   result.pages = built->pages;
   result.package_bytes = built->package_bytes;
   result.triangles_read = loaded->diagnosis.triangles_read;
