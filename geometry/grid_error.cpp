@@ -33,67 +33,114 @@ void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
   }
 }
 
-// The largest squared distance of each block's vertices, those between blocks counted for both.
-void blockDistances(const SurfaceGrid& a, const SurfaceGrid& b, size_t blocks, std::vector<double>& rows, std::vector<double>& out) {
-  const size_t row = a.row(), n = row - 1, size = n / blocks;
-  out.assign(blocks * blocks, 0.0);
-  rows.resize(row);
+// Of bilinear normals, at each vertex.
+void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row, std::array<std::vector<double>, 3>& out) {
+  for (auto& axis : out) axis.resize(row * row);
+  const double step = 1.0 / static_cast<double>(row - 1);
+  for (size_t y = 0; y < row; ++y) {
+    const double v = static_cast<double>(y) * step;
+    const glm::dvec3 left = corners[0] * (1 - v) + corners[2] * v, right = corners[1] * (1 - v) + corners[3] * v;
+    double *nx = out[0].data() + y * row, *ny = out[1].data() + y * row, *nz = out[2].data() + y * row;
+    for (size_t x = 0; x < row; ++x) {
+      const double u = static_cast<double>(x) * step;
+      const double a = left.x * (1 - u) + right.x * u, b = left.y * (1 - u) + right.y * u, c = left.z * (1 - u) + right.z * u;
+      const double squared = a * a + b * b + c * c, scale = squared > 1e-12 ? 1 / std::sqrt(squared) : 0.0;
+      nx[x] = a * scale, ny[x] = b * scale, nz[x] = c * scale;
+    }
+  }
+}
+
+// The largest of each block's vertices, those between blocks counted for both: squared distance, along the normal one way and the other, squared
+// distance across it.
+struct Extremes {
+  double squared = 0, above = 0, below = 0, aside = 0;
+};
+void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks,
+                   std::array<std::vector<double>, 3>& rows, std::vector<Extremes>& out) {
+  const size_t row = coarse.row(), n = row - 1, size = n / blocks;
+  out.assign(blocks * blocks, {});
+  for (auto& r : rows) r.resize(row);
   for (size_t y = 0; y <= n; ++y) {
     const size_t at = y * row;
-    const double *ax = a.axes[0].data() + at, *ay = a.axes[1].data() + at, *az = a.axes[2].data() + at;
-    const double *bx = b.axes[0].data() + at, *by = b.axes[1].data() + at, *bz = b.axes[2].data() + at;
+    const double *ax = coarse.axes[0].data() + at, *ay = coarse.axes[1].data() + at, *az = coarse.axes[2].data() + at;
+    const double *bx = finest.axes[0].data() + at, *by = finest.axes[1].data() + at, *bz = finest.axes[2].data() + at;
+    const double *nx = normals[0].data() + at, *ny = normals[1].data() + at, *nz = normals[2].data() + at;
+    double *squared = rows[0].data(), *along = rows[1].data(), *aside = rows[2].data();
     for (size_t x = 0; x < row; ++x) {
-      const double dx = ax[x] - bx[x], dy = ay[x] - by[x], dz = az[x] - bz[x];
-      rows[x] = dx * dx + dy * dy + dz * dz;
+      const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x];
+      const double s = dx * dx + dy * dy + dz * dz, a = dx * nx[x] + dy * ny[x] + dz * nz[x], across = s - a * a;
+      squared[x] = s;
+      along[x] = a;
+      aside[x] = across > 0 ? across : 0;
     }
     const size_t last = std::min(y / size, blocks - 1), first = y > 0 && y < n && y % size == 0 ? last - 1 : last;
     for (size_t i = 0; i < blocks; ++i) {
-      const double* part = rows.data() + i * size;
-      std::array<double, 8> lanes{};
+      const double *s = squared + i * size, *a = along + i * size, *c = aside + i * size;
+      Extremes most;
       size_t x = 0;
-      for (; x + 8 <= size; x += 8)
-        for (size_t k = 0; k < 8; ++k) lanes[k] = std::max(lanes[k], part[x + k]);
-      double most = *std::max_element(lanes.begin(), lanes.end());
-      for (; x <= size; ++x) most = std::max(most, part[x]);
-      for (size_t j = first; j <= last; ++j) out[j * blocks + i] = std::max(out[j * blocks + i], most);
+      if (size >= 8) {
+        std::array<double, 4> ms{}, ma{}, mb{}, mc{};
+        for (; x + 4 <= size; x += 4)
+          for (size_t k = 0; k < 4; ++k) {
+            ms[k] = std::max(ms[k], s[x + k]);
+            ma[k] = std::max(ma[k], a[x + k]);
+            mb[k] = std::min(mb[k], a[x + k]);
+            mc[k] = std::max(mc[k], c[x + k]);
+          }
+        most = {*std::max_element(ms.begin(), ms.end()), *std::max_element(ma.begin(), ma.end()), -*std::min_element(mb.begin(), mb.end()), *std::max_element(mc.begin(), mc.end())};
+      }
+      for (; x <= size; ++x) most = {std::max(most.squared, s[x]), std::max(most.above, a[x]), std::max(most.below, -a[x]), std::max(most.aside, c[x])};
+      for (size_t j = first; j <= last; ++j) {
+        Extremes& e = out[j * blocks + i];
+        e = {std::max(e.squared, most.squared), std::max(e.above, most.above), std::max(e.below, most.below), std::max(e.aside, most.aside)};
+      }
     }
   }
 }
 
 }  // namespace
 
-std::vector<std::vector<float>> gridErrors(const SurfaceGrid& finest, std::vector<SurfaceGrid>& grids) {
-  // Both surfaces are linear on the finest grid's triangles, so they are furthest apart at its vertices.
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch) {
+  // Both surfaces are linear on the finest grid's triangles, so they are furthest apart, in whatever direction, at its vertices.
   const int top = finest.cells_log2;
-  std::vector<std::vector<float>> errors(static_cast<size_t>(top) + 1);
+  std::vector<SurfaceGrid>& grids = scratch.grids;
+  std::vector<GridErrors> errors(static_cast<size_t>(top) + 1);
   // Refined from the coarser, by cells_log2.
   for (int log2 = static_cast<int>(grids.size()); log2 <= top; ++log2) grids.emplace_back(log2);
-  std::vector<double> rows, squared;
+  unitNormals(corner_normals, finest.row(), scratch.normals);
+  std::array<std::vector<double>, 3> rows;
+  std::vector<Extremes> extremes;
+  std::vector<Deviation> own, finer;
   for (int log2 = top; log2 >= 0; --log2) {
     const auto blocks = static_cast<size_t>(errorBlocksASide(log2));
-    std::vector<float>& own = errors[static_cast<size_t>(log2)];
-    own.assign(blocks * blocks, 0.0f);
-    if (log2 == top) continue;
-    SurfaceGrid& coarse = grids[static_cast<size_t>(log2)];
-    const size_t row = coarse.row(), step = size_t{1} << (top - log2);
-    for (size_t axis = 0; axis < 3; ++axis)
-      for (size_t y = 0; y < row; ++y)
-        for (size_t x = 0; x < row; ++x) coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
-    for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
-    blockDistances(grids[static_cast<size_t>(top)], finest, blocks, rows, squared);
-    const std::vector<float>& finer = errors[static_cast<size_t>(log2) + 1];
-    const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1));
-    for (size_t j = 0; j < blocks; ++j) {
-      for (size_t i = 0; i < blocks; ++i) {
-        float& error = own[j * blocks + i];
-        // Up a little: for the squares above, and for what is drawn in single precision.
-        if (squared[j * blocks + i] > 0)
-          error = std::nextafter(static_cast<float>(std::sqrt(squared[j * blocks + i]) * (1 + 1e-6)), std::numeric_limits<float>::infinity());
-        const size_t ratio = finer_blocks / blocks;
-        for (size_t y = 0; y < ratio; ++y)
-          for (size_t x = 0; x < ratio; ++x) error = std::max(error, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
+    GridErrors& out = errors[static_cast<size_t>(log2)];
+    own.assign(blocks * blocks, {});
+    out.mm.assign(blocks * blocks, 0.0f);
+    out.shapes.assign(blocks * blocks, {0, 0, 0});
+    if (log2 < top) {
+      SurfaceGrid& coarse = grids[static_cast<size_t>(log2)];
+      const size_t row = coarse.row(), step = size_t{1} << (top - log2);
+      for (size_t axis = 0; axis < 3; ++axis)
+        for (size_t y = 0; y < row; ++y)
+          for (size_t x = 0; x < row; ++x) coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
+      for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
+      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, rows, extremes);
+      const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
+      // Up a little: for the squares, and for what is drawn in single precision.
+      constexpr double kUp = 1 + 1e-6;
+      for (size_t j = 0; j < blocks; ++j) {
+        for (size_t i = 0; i < blocks; ++i) {
+          const Extremes& e = extremes[j * blocks + i];
+          Deviation& d = own[j * blocks + i];
+          d = {std::sqrt(e.squared) * kUp, e.below * kUp, e.above * kUp, (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kUp};
+          for (size_t y = 0; y < ratio; ++y)
+            for (size_t x = 0; x < ratio; ++x) d = joined(d, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
+          if (d.mm > 0) out.mm[j * blocks + i] = std::nextafter(static_cast<float>(d.mm), std::numeric_limits<float>::infinity());
+          out.shapes[j * blocks + i] = shapeOf(d);
+        }
       }
     }
+    std::swap(own, finer);
   }
   return errors;
 }

@@ -5,6 +5,10 @@
 #include <cstddef>
 #include <vector>
 
+#include <glm/glm.hpp>
+
+#include "src/base/deviation.h"
+
 namespace relievo {
 
 // The vertices of a grid of 2^cells_log2 cells a side, rows of v from 0: x, y, z each in an array of its own.
@@ -20,9 +24,19 @@ struct SurfaceGrid {
 // Blocks of 8 x 8 cells a side of a grid; coarser grids are one block.
 constexpr int errorBlocksASide(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
 
-// By cells_log2 from 0 to the finest's: for each block, an upper bound of the distance between the triangles (cells cut along
-// (0,0)-(1,1)) through every 2^n-th vertex and those of the finest; never below those of finer grids' blocks inside it; 0 for the finest.
-// Scratch: of any content; kept by the caller so that one patch after the other needs no new memory.
-std::vector<std::vector<float>> gridErrors(const SurfaceGrid& finest, std::vector<SurfaceGrid>& scratch);
+// What is known of a grid, block by block.
+struct GridErrors {
+  std::vector<float> mm;               // upper bounds of distances
+  std::vector<DeviationShape> shapes;  // where the deviations lie that are so large
+};
+
+// By cells_log2 from 0 to the finest's: for each block, what the triangles (cells cut along (0,0)-(1,1)) through every 2^n-th vertex leave out of
+// those of the finest; never below those of finer grids' blocks inside it; 0 for the finest. corner_normals: of the base, not zero, at
+// (u, v) = (0,0), (1,0), (0,1), (1,1). Scratch: of any content; kept by the caller so that one patch after the other needs no new memory.
+struct GridErrorScratch {
+  std::vector<SurfaceGrid> grids;              // by cells_log2
+  std::array<std::vector<double>, 3> normals;  // of length 1, or zero where there is none
+};
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch);
 
 }  // namespace relievo

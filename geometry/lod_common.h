@@ -30,6 +30,7 @@ inline double leastCellPx(double min_cell_px, double error_over_budget) {
 inline constexpr int kMaxSplitLevel = kMaxGridLevel - 1;    // above it a node splits; the last level is for sides of half edges
 inline constexpr int kWantLadder = 3;                       // wants keep every third page above the wanted one
 inline constexpr double kMinErrorPx = 1.0 / 64;
+inline constexpr double kMinSine = 1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
 
 // Open addressing, keys are below 2^64 - 1. Values are indices into a vector that the caller owns.
 class IndexTable {
@@ -81,32 +82,53 @@ class IndexTable {
 // Of the parts of 2^depth a side in PartErrors.
 constexpr int firstPart(int depth) { return ((1 << (2 * depth)) - 4) / 3; }
 
+// One part of a page or of a patch's grid.
+struct PartError {
+  float mm = 0;
+  DeviationShape shape;
+  Deviation deviation() const { return deviationOf(mm, shape); }
+};
+// As an oracle tells it; whole_mm: what unknown, impossible and larger errors count for.
+inline PartError partError(float whole_mm, float mm, const DeviationShape& shape) {
+  if (mm >= 0 && mm <= whole_mm) return {mm, shape};
+  if (!(mm >= 0 && std::isfinite(mm))) return {whole_mm, {}};
+  Deviation d = deviationOf(mm, shape);
+  d.mm = whole_mm;
+  return {whole_mm, shapeOf(d)};
+}
+// Around four of them.
+inline PartError joined(const PartError& a, const PartError& b, const PartError& c, const PartError& d) {
+  const Deviation all = joined(joined(a.deviation(), b.deviation()), joined(c.deviation(), d.deviation()));
+  return {std::max({a.mm, b.mm, c.mm, d.mm}), shapeOf(all)};
+}
+
 // A page's errors by parts: level after level of ever smaller ones, the coarsest four first.
 class PartErrors {
  public:
   // whole_mm: of the page, what unknown and impossible parts count for.
   void read(const ReliefOracle& oracle, const NodeId& page, float whole_mm) {
-    constexpr int kBlocks = 1 << (2 * kErrorBlocksLog2);
-    std::span<float> finest = std::span(parts_).subspan(firstPart(kErrorBlocksLog2), kBlocks);
-    bool known = oracle.errorBlocks(page, finest);
-    for (float& e : finest)
-      if (!known || !(e >= 0 && e <= whole_mm)) e = whole_mm;
+    constexpr size_t kBlocks = size_t{1} << (2 * kErrorBlocksLog2);
+    std::array<float, kBlocks> mm;
+    std::array<DeviationShape, kBlocks> shapes;
+    const bool known = oracle.errorBlocks(page, mm), shaped = known && oracle.errorShapes(page, shapes);
+    PartError* finest = parts_.data() + firstPart(kErrorBlocksLog2);
+    for (size_t i = 0; i < kBlocks; ++i) finest[i] = partError(whole_mm, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
     for (int depth = kErrorBlocksLog2 - 1; depth > 0; --depth) {
-      const float* finer = parts_.data() + firstPart(depth + 1);
-      float* at = parts_.data() + firstPart(depth);
-      int side = 1 << depth;
+      const PartError* finer = parts_.data() + firstPart(depth + 1);
+      PartError* at = parts_.data() + firstPart(depth);
+      const int side = 1 << depth;
       for (int y = 0; y < side; ++y)
         for (int x = 0; x < side; ++x) {
-          const float* q = finer + 4 * y * side + 2 * x;
-          at[y * side + x] = std::max({q[0], q[1], q[2 * side], q[2 * side + 1]});
+          const PartError* q = finer + 4 * y * side + 2 * x;
+          at[y * side + x] = joined(q[0], q[1], q[2 * side], q[2 * side + 1]);
         }
     }
   }
   // Part (x, y) of 2^depth a side, 1 <= depth <= kErrorBlocksLog2.
-  float at(int depth, int64_t x, int64_t y) const { return parts_[static_cast<size_t>(firstPart(depth) + (y << depth) + x)]; }
+  const PartError& at(int depth, int64_t x, int64_t y) const { return parts_[static_cast<size_t>(firstPart(depth) + (y << depth) + x)]; }
 
  private:
-  std::array<float, firstPart(kErrorBlocksLog2 + 1)> parts_;
+  std::array<PartError, firstPart(kErrorBlocksLog2 + 1)> parts_;
 };
 
 // A LodView in the numbers that selections work with.
@@ -119,6 +141,7 @@ struct LodCamera {
   std::array<glm::dvec4, 7> planes{};   // value < 0: outside
   std::array<glm::dvec4, 4> clip_rows{};
   glm::dvec4 depth_row{0};              // perspective: mm ahead of the eye
+  glm::dvec3 forward{0, 0, -1};         // of length 1; orthographic: either way along it
 
   LodCamera() = default;
   explicit LodCamera(const LodView& view) {
@@ -135,11 +158,16 @@ struct LodCamera {
               rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
     for (int i = 0; i < 4; ++i) clip_rows[i] = rows[i];
     valid = orthographic ? rows[3].w > 0 : w_length > 0;
+    if (orthographic) {
+      const glm::dvec3 along = glm::cross(glm::dvec3(rows[0]), glm::dvec3(rows[1]));
+      if (const double length = glm::length(along); length > 0) forward = along / length;
+    }
     if (orthographic || !valid) return;
     depth_row = rows[3] / w_length;
+    forward = glm::dvec3(depth_row);
     // The largest secant in the picture: its corner. An off-centre row is a side part and a forward part.
     auto tangent = [&](const glm::dvec4& row) {
-      glm::dvec3 r = glm::dvec3(row) / w_length, forward(depth_row);
+      glm::dvec3 r = glm::dvec3(row) / w_length;
       double ahead = glm::dot(r, forward), aside = glm::length(r - ahead * forward);
       return aside > 1e-9 ? (1 + std::abs(ahead)) / aside : 1e9;
     };
@@ -160,6 +188,25 @@ struct LodCamera {
       for (int r = 0; r < 4; ++r)
         if (!std::isfinite(m[c][r])) return false;
     return true;
+  }
+};
+
+// What a millimetre can be in the picture, anywhere in some part of the surface.
+struct PxPerMm {
+  double head_on = 0;      // across the line of sight, where the part is nearest
+  double any_way = 1;      // times that: moved in any direction, up to the secant of the angle off the axis
+  double along = 1;        // times that: moved along the base's normal of the part's middle; a height that points at the eye counts for little
+  double turn = 0;         // how far other normals of the part lie from that one (MeshForest::NormalRange)
+
+  // How far a deviation is to be seen.
+  double of(const Deviation& d) const {
+    const double shaped = d.largestAlong() * (along + turn * any_way) + d.aside_mm * any_way;
+    return head_on * std::min(d.mm * any_way, shaped);
+  }
+  // How far two of the points that a deviation may lead to are from one another.
+  double between(const Deviation& d) const {
+    const double shaped = (d.below_mm + d.above_mm) * along + 2 * (d.largestAlong() * turn + d.aside_mm) * any_way;
+    return head_on * std::min(2 * d.mm * any_way, shaped);
   }
 };
 

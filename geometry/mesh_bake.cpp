@@ -162,7 +162,7 @@ struct MeshBake::Impl {
     double along = 0, cosine = -1;     // of the line's hit; below 0: none
   };
   std::vector<Probe> probes;           // lines between samples, patch after patch, once they are traced
-  std::vector<std::vector<std::vector<float>>> errors;  // by patch, then as gridErrors() has them
+  std::vector<std::vector<GridErrors>> errors;  // by patch, then as gridErrors() has them
   int tone_log2 = 0;                   // colours and normals: this fine a grid is looked up; or texel by texel
 
   // ---- places ----
@@ -957,11 +957,13 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
       (base.patches.size() + kPatchesAJob - 1) / kPatchesAJob, options.workers, options.interrupted,
       [&](size_t job) {
         SurfaceGrid finest(kPageCellsLog2 + impl->relief_depth);
-        std::vector<SurfaceGrid> scratch;
+        GridErrorScratch scratch;
         for (size_t p = job * kPatchesAJob; p < std::min(base.patches.size(), (job + 1) * kPatchesAJob); ++p) {
           if (options.interrupted && *options.interrupted) return;
           impl->surface(static_cast<uint32_t>(p), finest);
-          impl->errors[p] = gridErrors(finest, scratch);
+          std::array<glm::dvec3, 4> normals;
+          for (size_t k = 0; k < 4; ++k) normals[k] = base.corners[base.patches[p][k]].normal;
+          impl->errors[p] = gridErrors(finest, normals, scratch);
         }
       },
       [&](size_t taken) {
@@ -970,7 +972,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   if (!done) return interruptedError();
   float largest = 0;
   for (const auto& by_grid : impl->errors)
-    for (float e : by_grid[kPageCellsLog2]) largest = std::max(largest, e);
+    for (float e : by_grid[kPageCellsLog2].mm) largest = std::max(largest, e);
   impl->error_unit_mm = largest > 0 ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
   if (auto sound = impl->scene->status(); !sound) return sound.error();
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
@@ -983,17 +985,10 @@ Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
   return {};
 }
 
-Result<void> MeshBake::errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const {
-  const std::vector<float>& errors = impl_->errors[patch][static_cast<size_t>(cells_log2)];
-  std::copy(errors.begin(), errors.end(), out_mm.begin());
-  return {};
-}
-Result<void> MeshBake::errors(uint32_t patch, int level, std::span<float> out_mm) const {
-  return errorsOfCells(patch, kPageCellsLog2 + level, out_mm);
-}
+const GridErrors& MeshBake::errorsOfCells(uint32_t patch, int cells_log2) const { return impl_->errors[patch][static_cast<size_t>(cells_log2)]; }
 float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
-  const std::vector<float>& errors = impl_->errors[patch][static_cast<size_t>(cells_log2)];
-  return *std::max_element(errors.begin(), errors.end());
+  const std::vector<float>& mm = errorsOfCells(patch, cells_log2).mm;
+  return *std::max_element(mm.begin(), mm.end());
 }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {

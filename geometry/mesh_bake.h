@@ -86,11 +86,10 @@ class MeshBake {
   // 6 channels: R G B, then the normal, byte = round(127.5 (n + 1)). Of planes: theirs, filtered as far as they are finer than texels.
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
-  Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const;
-  // The same for any grid of 2^cells_log2 cells a patch's side, 0 <= cells_log2 <= 7 + reliefDepth(): grids coarser than a root page's
-  // are drawn, too. By blocks of 8 x 8 cells, out[y * B + x], B = errorBlocks(cells_log2).
+  // Of the grid of 2^cells_log2 cells a patch's side, 0 <= cells_log2 <= 7 + reliefDepth(): grids coarser than a root page's are drawn, too.
+  // By blocks of 8 x 8 cells, [y * B + x], B = errorBlocks(cells_log2).
   static int errorBlocks(int cells_log2) { return errorBlocksASide(cells_log2); }
-  Result<void> errorsOfCells(uint32_t patch, int cells_log2, std::span<float> out_mm) const;
+  const GridErrors& errorsOfCells(uint32_t patch, int cells_log2) const;
   float errorOfCells(uint32_t patch, int cells_log2) const;  // the whole patch's
 
  private:

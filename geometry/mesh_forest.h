@@ -41,27 +41,28 @@ class CoarseParts {
  public:
   static constexpr int kFirst = 4, kLast = kPageLog2 - 1;
   static constexpr int depthOf(int cells_log2) { return cells_log2 - 3; }
-  // whole_mm: by cells_log2, what unknown and impossible blocks count for. Blocks of more cells are the largest of those inside.
+  // whole_mm: by cells_log2, what unknown and impossible blocks count for. Blocks of more cells are around those inside.
   void read(const ReliefOracle& oracle, uint32_t patch, const CoarseErrors& whole_mm) {
+    std::array<float, 64> mm;
+    std::array<DeviationShape, 64> shapes;
     for (int k = kFirst; k <= kLast; ++k) {
       const float whole = whole_mm[static_cast<size_t>(k)];
       const int finest = depthOf(k);
-      std::span<float> blocks = std::span(parts_).subspan(first(k, finest), size_t{1} << (2 * finest));
-      const bool known = oracle.coarseBlocks(patch, k, blocks);
-      for (float& e : blocks)
-        if (!known || !(e >= 0 && e <= whole)) e = whole;
+      const size_t count = size_t{1} << (2 * finest);
+      const bool known = oracle.coarseBlocks(patch, k, std::span(mm).first(count)), shaped = known && oracle.coarseShapes(patch, k, std::span(shapes).first(count));
+      for (size_t i = 0; i < count; ++i) parts_[first(k, finest) + i] = partError(whole, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
       for (int depth = finest - 1; depth > 0; --depth) {
         const uint32_t side = 1u << depth;
         for (uint32_t y = 0; y < side; ++y)
           for (uint32_t x = 0; x < side; ++x) {
             auto finer = [&](uint32_t i, uint32_t j) { return at(k, depth + 1, 2 * x + i, 2 * y + j); };
-            parts_[first(k, depth) + y * side + x] = std::max({finer(0, 0), finer(1, 0), finer(0, 1), finer(1, 1)});
+            parts_[first(k, depth) + y * side + x] = joined(finer(0, 0), finer(1, 0), finer(0, 1), finer(1, 1));
           }
       }
     }
   }
   // Part (x, y) of 2^depth a side, 1 <= depth <= depthOf(cells_log2).
-  float at(int cells_log2, int depth, uint32_t x, uint32_t y) const { return parts_[first(cells_log2, depth) + (y << depth) + x]; }
+  const PartError& at(int cells_log2, int depth, uint32_t x, uint32_t y) const { return parts_[first(cells_log2, depth) + (y << depth) + x]; }
 
  private:
   // Those of each grid one after the other, the coarsest parts first.
@@ -71,7 +72,7 @@ class CoarseParts {
     return at;
   }
   static constexpr size_t kCount = 4 + (4 + 16) + (4 + 16 + 64);
-  std::array<float, kCount> parts_;
+  std::array<PartError, kCount> parts_;
 };
 
 class MeshForest {
@@ -150,6 +151,28 @@ class MeshForest {
     }
     return hull;
   }
+  // Which way the base's normals point within a square: all within `turn` of the axis, both of length 1. More than 1: any way.
+  struct NormalRange {
+    glm::dvec3 axis{0};
+    double turn = 2;
+  };
+  NormalRange normals(const Square& s) const {
+    const double step = halved(s.level), u = s.x * step, v = s.y * step;
+    NormalRange range;
+    glm::dvec3 n = base_->normal(s.patch, u + 0.5 * step, v + 0.5 * step);
+    const double length = glm::length(n);
+    if (!(length > 1e-3)) return range;
+    range.axis = n / length;
+    double turn = 0;
+    for (uint32_t k = 0; k < 4; ++k) {
+      n = base_->normal(s.patch, u + (k & 1) * step, v + (k >> 1) * step);
+      const double corner = glm::length(n);
+      // Mixes of normals less than a right angle from the axis stay as near to it as these.
+      turn = std::max(turn, corner > 1e-3 ? glm::length(n / corner - range.axis) : 2.0);
+    }
+    range.turn = turn * (1 + 1e-6) + 1e-7;
+    return range;
+  }
   bool isClosed() const { return isClosedBody(*base_, neighbours_); }
   FacingCone facing(uint32_t patch, double exaggerate) {
     if (exaggerate == 0) return facingCone(*base_, patch, 0, 0, {});
@@ -161,14 +184,15 @@ class MeshForest {
     const auto u = times(slopes.min_u, slopes.max_u), v = times(slopes.min_v, slopes.max_v);
     return facingCone(*base_, patch, std::min(low, high), std::max(low, high), {u[0], u[1], v[0], v[1]});
   }
-  // In mm, of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
-  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: the baked error x times, and what is left of the bilinear P's.
+  // Of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
+  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: what was baked x times, and what is left of the bilinear P's.
   // The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their middle.
-  double error(const Square& s, int level, double exaggerate) {
-    if (level >= unitLog2()) return 0;
-    double error = std::abs(1 - exaggerate) * 0.25 * twist_mm_[s.patch] * halved(2 * level);
-    return exaggerate != 0 ? error + std::abs(exaggerate) * bakedError(s, level) : error;
+  Deviation deviation(const Square& s, int level, double exaggerate) {
+    if (level >= unitLog2()) return {};
+    const Deviation twist = Deviation::anyDirection(std::abs(1 - exaggerate) * 0.25 * twist_mm_[s.patch] * halved(2 * level));
+    return exaggerate != 0 ? twist + exaggerate * bakedDeviation(s, level) : twist;
   }
+  double error(const Square& s, int level, double exaggerate) { return deviation(s, level, exaggerate).mm; }
   // Between two views.
   void forgetSome() {
     if (parts_.size() <= kMaxParts) return;
@@ -177,7 +201,7 @@ class MeshForest {
   }
 
  private:
-  static constexpr size_t kMaxParts = 16384;  // of pages, 1.4 KB each, kept from view to view
+  static constexpr size_t kMaxParts = 8192;  // of pages, 2.7 KB each, kept from view to view
 
   const HeightBounds& pageBounds(const Square& page) {
     if (page.level == 0) {
@@ -196,31 +220,46 @@ class MeshForest {
     if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
     return b;
   }
-  float coarseError(const Square& s, int level) {
+  // A patch's grids as a whole: their shapes are around those of their blocks.
+  DeviationShape wholeShape(uint32_t patch, int level, float whole_mm) const {
+    std::array<float, 64> mm;
+    std::array<DeviationShape, 64> shapes;
+    const size_t count = level < CoarseParts::kFirst ? 1 : size_t{1} << (2 * CoarseParts::depthOf(level));
+    if (!oracle_->coarseShapes(patch, level, std::span(shapes).first(count))) return {};
+    if (count == 1) return shapes[0];
+    if (!oracle_->coarseBlocks(patch, level, std::span(mm).first(count))) return {};
+    Deviation all;
+    for (size_t i = 0; i < count; ++i) all = joined(all, deviationOf(mm[i], shapes[i]));
+    all.mm = whole_mm;
+    return shapeOf(all);
+  }
+  Deviation coarseDeviation(const Square& s, int level) {
     const CoarseErrors& whole = coarse_errors_[s.patch];
+    const float whole_mm = whole[static_cast<size_t>(level)];
     const int part_depth = std::min(s.level, CoarseParts::depthOf(level));
-    if (part_depth <= 0 || !(whole[static_cast<size_t>(level)] > 0)) return whole[static_cast<size_t>(level)];
+    if (!(whole_mm > 0)) return {};
+    if (!std::isfinite(whole_mm)) return Deviation::anyDirection(whole_mm);
+    if (part_depth <= 0) return deviationOf(whole_mm, wholeShape(s.patch, level, whole_mm));
     uint32_t& index = coarse_index_[s.patch];
     if (index == IndexTable::kNone) {
       index = static_cast<uint32_t>(coarse_parts_.size());
       coarse_parts_.emplace_back().read(*oracle_, s.patch, whole);
     }
     const Square part = s.ancestor(part_depth);
-    return coarse_parts_[index].at(level, part_depth, part.x, part.y);
+    return coarse_parts_[index].at(level, part_depth, part.x, part.y).deviation();
   }
-  double bakedError(const Square& s, int level) {
+  Deviation bakedDeviation(const Square& s, int level) {
     const int page_level = level - kPageLog2;
     if (page_level < 0) {
-      if (coarse_errors_.empty()) return std::numeric_limits<double>::infinity();
-      const float error = coarseError(s, level);
-      if (depth_ == 0) return error;
+      if (coarse_errors_.empty()) return Deviation::anyDirection(std::numeric_limits<double>::infinity());
+      const Deviation d = coarseDeviation(s, level);
       // Not below that of the root page, of this part.
-      return std::max<double>(error, bakedError(s, kPageLog2));
+      return depth_ == 0 ? d : joined(d, bakedDeviation(s, kPageLog2));
     }
     const Square page = s.ancestor(std::min(page_level, s.level));
     const double whole = pageBounds(page).error_mm;
     const int part_depth = std::min(s.level - page.level, kErrorBlocksLog2);
-    if (part_depth == 0 || whole == 0) return whole;
+    if (part_depth == 0 || whole == 0) return Deviation::anyDirection(whole);
     const uint64_t k = key(page);
     uint32_t found = parts_index_.find(k);
     if (found == IndexTable::kNone) {
@@ -229,7 +268,7 @@ class MeshForest {
       parts_.emplace_back().read(*oracle_, page.id(), static_cast<float>(whole));
     }
     const Square part = s.ancestor(page.level + part_depth);
-    return parts_[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth));
+    return parts_[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth)).deviation();
   }
 
   std::shared_ptr<const BaseMesh> base_;

@@ -24,6 +24,7 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/bound_search.h"
 #include "geometry/level_wish.h"
 #include "geometry/lod_common.h"
 #include "geometry/mesh_forest.h"
@@ -70,7 +71,8 @@ class Selection {
   // Levels here and in nodes are wishes: kOneLevel a level (level_wish.h).
   static constexpr int kUnknown = -1;
   struct Info {
-    double px_per_mm = 0, diameter_mm = 0, cell_px = 0;  // cell_px: of the whole square, as one cell
+    PxPerMm px;
+    double diameter_mm = 0, cell_px = 0;  // cell_px: of the whole square, as one cell
     glm::dvec3 centre{0};
     int wanted = 0;  // absolute
     bool culled = false;
@@ -89,9 +91,8 @@ class Selection {
     int drawn = 0;           // of its inside
     uint32_t info = 0;
     std::array<int, 4> across{kUnknown, kUnknown, kUnknown, kUnknown};  // what its sides want, if they are whole
-    std::array<std::array<int, 2>, 4> edges{};                         // absolute; of whole ones the second is kWhole
+    SideLevels edges{};      // absolute
   };
-  static constexpr int kWhole = -1;
   struct Tree {
     std::vector<Node> nodes;
     std::vector<uint32_t> root_node;  // by patch; none: drawn from the roots' tables, or culled
@@ -120,7 +121,7 @@ class Selection {
     Info in;
     in.culled = (code & MeshRoots::kCulled) != 0;
     in.wanted = (code & MeshRoots::kLevel) * kOneLevel;
-    in.px_per_mm = roots_.pxPerMm(patch);
+    in.px.head_on = roots_.pxPerMm(patch);
     in.diameter_mm = roots_.diameter(patch);
     return in;
   }
@@ -129,10 +130,15 @@ class Selection {
       if (const int code = roots_.codes()[s.patch]; !(code & MeshRoots::kCareful)) return (code & MeshRoots::kLevel) * kOneLevel;
     return infos_[infoIndex(s)].wanted;
   }
-  Info evaluate(const Square& s) {
-    Info in;
-    in.wanted = s.level * kOneLevel;
-    const SquareHull hull = forest_.hull(s, exaggerate_);
+  // What the view makes of a square, and of all within so many mm of its hull.
+  struct Seen {
+    bool culled = false;
+    glm::dvec3 centre{0};
+    double diameter_mm = 0;
+    PxPerMm px;
+  };
+  Seen look(const Square& s, const SquareHull& hull, double around_mm) const {
+    Seen seen;
     for (const glm::dvec4& plane : camera_.planes) {
       double reach = std::numeric_limits<double>::lowest(), terms = 0;
       for (const glm::dvec3& p : hull) {
@@ -140,39 +146,68 @@ class Selection {
         terms = std::max(terms, std::abs(plane.x * p.x) + std::abs(plane.y * p.y) + std::abs(plane.z * p.z) + std::abs(plane.w));
       }
       // Vertices are computed in floats: what is on the plane stays.
-      if (reach < -1e-6 * terms) {
-        in.culled = true;
-        if (!morph_) return in;
+      if (reach + around_mm * glm::length(glm::dvec3(plane)) < -1e-6 * terms) {
+        seen.culled = true;
+        if (!morph_) return seen;
         break;
       }
     }
     glm::dvec3 low = hull[0], high = low;
     for (const glm::dvec3& p : hull) low = glm::min(low, p), high = glm::max(high, p);
-    in.centre = 0.5 * (low + high);
-    in.diameter_mm = glm::length(high - low);
-    in.px_per_mm = camera_.scale;
-    double nearest_px_per_mm = camera_.scale;
-    if (!camera_.orthographic) {
-      double depth = std::numeric_limits<double>::max(), secant = 1;
-      for (const glm::dvec3& p : hull) {
-        double z = LodCamera::value(camera_.depth_row, p);
-        depth = std::min(depth, z);
-        secant = std::max(secant, z >= camera_.near_mm ? glm::length(p - camera_.eye) / z : camera_.max_secant);
-      }
-      nearest_px_per_mm = camera_.scale / std::max(camera_.near_mm, depth);
-      in.px_per_mm = nearest_px_per_mm * std::min(secant, camera_.max_secant);
+    seen.centre = 0.5 * (low + high);
+    seen.diameter_mm = glm::length(high - low);
+    const MeshForest::NormalRange normals = forest_.normals(s);
+    seen.px.turn = normals.turn;
+    seen.px.head_on = camera_.scale;
+    if (camera_.orthographic) {
+      seen.px.along = std::max(kMinSine, glm::length(normals.axis - glm::dot(normals.axis, camera_.forward) * camera_.forward));
+      return seen;
     }
+    double depth = std::numeric_limits<double>::max(), secant = 1;
+    for (const glm::dvec3& p : hull) {
+      const double z = LodCamera::value(camera_.depth_row, p) - around_mm;
+      depth = std::min(depth, z);
+      secant = std::max(secant, z >= camera_.near_mm ? (glm::length(p - camera_.eye) + around_mm) / z : camera_.max_secant);
+    }
+    depth = std::max(camera_.near_mm, depth);
+    seen.px.head_on = camera_.scale / depth;
+    seen.px.any_way = seen.px.along = std::min(secant, camera_.max_secant);
+    // A move along n is |n - (n f) r| to be seen, f forward and r from the eye, as far as 1 ahead; r is known in the hull's middle, and within R
+    // of it differs by at most R |r| / depth.
+    const double middle = LodCamera::value(camera_.depth_row, seen.centre);
+    if (!(middle > camera_.near_mm)) return seen;
+    const glm::dvec3 ray = (seen.centre - camera_.eye) / middle;
+    const double ahead = glm::dot(normals.axis, camera_.forward), reach = 0.5 * seen.diameter_mm + around_mm;
+    const double at_centre = glm::length(normals.axis - ahead * ray), differs = std::abs(ahead) * reach * glm::length(ray) / depth;
+    seen.px.along = std::min(seen.px.any_way, std::max(kMinSine, at_centre + differs));
+    return seen;
+  }
+  Info evaluate(const Square& s) {
+    Info in;
+    in.wanted = s.level * kOneLevel;
+    const SquareHull hull = forest_.hull(s, exaggerate_);
+    const Seen seen = look(s, hull, 0);
+    in.culled = seen.culled;
+    if (in.culled && !morph_) return in;
+    in.centre = seen.centre;
+    in.diameter_mm = seen.diameter_mm;
+    in.px = seen.px;
     double longest = 0;
     for (size_t a : {0, 4})
       for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2}, std::array<size_t, 2>{1, 3}})
         longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
-    in.cell_px = longest * nearest_px_per_mm;
+    in.cell_px = longest * seen.px.head_on;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
     const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
-    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish, [&](int level) { return errorMm(s, level, in) * in.px_per_mm; }));
+    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish, [&](int level) { return in.px.of(deviation(s, level, in.diameter_mm)); }));
     return in;
   }
-  double errorMm(const Square& s, int level, const Info& in) { return std::min(forest_.error(s, level, exaggerate_), in.diameter_mm); }
+  // Nothing of a square lies further from anything of it.
+  Deviation deviation(const Square& s, int level, double diameter_mm) {
+    Deviation d = forest_.deviation(s, level, exaggerate_);
+    for (double* mm : {&d.mm, &d.below_mm, &d.above_mm, &d.aside_mm}) *mm = std::min(*mm, diameter_mm);
+    return d;
+  }
   // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of them are nodes.
   // A square's own wish, and what is left of its parent's.
   int flooredLevel(const Square& s) {
@@ -367,7 +402,7 @@ class Selection {
         const Node* a = across == kNone ? nullptr : &tree_.nodes[across];
         // An edge is counted once: by the finer node, or by the first of two.
         const int level = edgeLevel(n, a, wantedOnSide(n, side), s.level, cap, !a || a->square.level < s.level || index < across);
-        n.edges[static_cast<size_t>(side)] = {level, kWhole};
+        n.edges[static_cast<size_t>(side)] = {level, kWholeSide};
         n.drawn = std::max(n.drawn, level);
       };
       Square other;
@@ -398,37 +433,46 @@ class Selection {
     n.grid_level = wholeLevels(n.drawn) - s.level;
   }
   // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
-  double errorAtMm(const Square& s, int wish, const Info& in) {
+  Deviation deviationAt(const Square& s, int wish, double diameter_mm) {
     const int level = wholeLevels(wish);
     const double weight = (morphOf(wish) + 1) / double{kOneLevel};
-    const double error = errorMm(s, level, in);
-    return weight < 1 ? (1 - weight) * errorMm(s, level - 1, in) + weight * error : error;
+    const Deviation d = deviation(s, level, diameter_mm);
+    return weight < 1 ? (1 - weight) * deviation(s, level - 1, diameter_mm) + weight * d : d;
   }
-  // Of the drawn surface within a square that is drawn at a level, at an edge with a coarser one: all vertices lie within the edge's error
-  // of the edge's surface, which is flat within each drawn triangle, and that one lies within it of the finest, maybe on the other side.
-  double predictedPx(const Square& s, uint32_t info, int drawn_level, int edge_level) {
-    const Info& in = infos_[info];
-    if (in.culled) return 0;
-    double error = errorAtMm(s, drawn_level, in);
-    if (edge_level < drawn_level) error = std::max(error, std::min(2 * errorAtMm(s, edge_level, in), in.diameter_mm));
-    return error * in.px_per_mm;
-  }
-  double predictedPx(const Node& n) {
-    const Square& s = n.square;
-    int coarsest = n.drawn;  // of the whole edges
+  // ---- what is promised: by parts of what is drawn, those with the largest bound alone divided until they are out of view or single cells
+  // (bound_search.h).
+  struct Part {
     double px = 0;
-    for (int side = 0; side < 4; ++side) {
-      const auto& levels = n.edges[static_cast<size_t>(side)];
-      if (levels[1] == kWhole) {
-        coarsest = std::min(coarsest, levels[0]);
-        continue;
-      }
-      for (uint32_t half = 0; half < 2; ++half) {
-        const Square child = s.childAt(side, half);
-        px = std::max(px, predictedPx(child, infoIndex(child), n.drawn, levels[half]));
-      }
+    Square square;
+    uint32_t node = kNone;  // none: a root of the roots' tables
+  };
+  // At an edge with a coarser level all vertices lie where that one's deviation may lead to from its surface, which is flat within each drawn
+  // triangle; so does the finest surface.
+  Part partOf(uint32_t index, const Square& s) {
+    const Node& n = tree_.nodes[index];
+    const int depth = s.level - n.square.level, edge_level = coarsestAround(n.edges, n.drawn, n.square.level, depth, s.x - (n.square.x << depth), s.y - (n.square.y << depth));
+    const double diameter_mm = infos_[n.info].diameter_mm;
+    const bool snapped = edge_level < n.drawn;
+    const Deviation own = deviationAt(s, n.drawn, diameter_mm), edge = snapped ? deviationAt(s, edge_level, diameter_mm) : Deviation{};
+    // Drawn triangles that reach beyond the part are those with vertices on edges that are coarser; they stay within a square of that one's level.
+    const int reaches = std::max(n.square.level, wholeLevels(edge_level));
+    const bool beyond = snapped && s.level > reaches;
+    Seen seen = look(s, forest_.hull(s, exaggerate_), beyond ? edge.mm : 0);
+    if (beyond && !seen.culled) {
+      const Square around = s.ancestor(reaches);
+      const Seen all = look(around, forest_.hull(around, exaggerate_), 0);
+      seen.culled = all.culled;
+      seen.px.head_on = std::min(seen.px.head_on, all.px.head_on);
     }
-    return std::max(px, predictedPx(s, n.info, n.drawn, coarsest));
+    if (seen.culled) return {0, s, index};
+    return {std::min(std::max(seen.px.of(own), seen.px.between(edge)), diameter_mm * seen.px.head_on * seen.px.any_way), s, index};
+  }
+  double promisedPx() {
+    return searchBound(parts_, [&](const Part& part, auto add) {
+      if (part.node == kNone || part.square.level >= wholeLevels(tree_.nodes[part.node].drawn)) return false;
+      for (uint32_t k = 0; k < 4; ++k) add(partOf(part.node, part.square.child(k)));
+      return true;
+    });
   }
   Square reliefPage(const Node& n) const {
     if (forest_.hasTails() && n.square.level + n.grid_level <= kTailCellsLog2) return {n.square.patch, static_cast<int>(kTailLevel), 0, 0};
@@ -504,7 +548,7 @@ class Selection {
     p.morph = morphOf(n.drawn);
     for (size_t side = 0; side < 4; ++side) {
       const auto& levels = n.edges[side];
-      const bool whole = levels[1] == kWhole;
+      const bool whole = levels[1] == kWholeSide;
       for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
         p.edges[side][half] = static_cast<uint8_t>(wholeLevels(levels[half]) - n.square.level - (whole ? 0 : 1));
         p.edge_morph[side][half] = morphOf(levels[half]);
@@ -514,17 +558,19 @@ class Selection {
   }
   PlanarLodResult finish() {
     PlanarLodResult result;
+    parts_.clear();
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
       if (tree_.nodes[i].state == State::kLeaf) levelSides(i);
     if (!one_by_one_) {
       for (const Node& n : tree_.nodes)
         if (n.square.level == 0) roots_.leaveOut(n.square.patch);
       roots_.levelEdges();
-      result.max_error_px = roots_.maxErrorPx();
+      parts_.push_back({roots_.maxErrorPx(), {}, kNone});
     }
     std::vector<PatchInstance>& drawn = of_nodes_.instances;
     drawn.clear();
-    for (const Node& n : tree_.nodes) {
+    for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
+      const Node& n = tree_.nodes[i];
       if (n.barren && !flat_) addWants(n, n.needs_level, forest_.hasTails() ? static_cast<int>(kTailLevel) : 0);
       if (n.state != State::kLeaf) continue;
       const bool hidden = (roots_.codes()[n.square.patch] & MeshRoots::kHidden) != 0;
@@ -537,7 +583,7 @@ class Selection {
       p.step_log2 = static_cast<uint8_t>(shift - n.grid_level);
       setEdges(p, n);
       p.relief_page = {p.node.patch, 0, 0, 0};
-      if (!hidden) result.max_error_px = std::max(result.max_error_px, predictedPx(n));
+      if (!hidden) parts_.push_back(partOf(i, n.square));
       if (!flat_) {
         Square page = reliefPage(n);
         p.relief_page = page.id();
@@ -545,6 +591,7 @@ class Selection {
       }
       if (!hidden) drawn.push_back(p);
     }
+    result.max_error_px = promisedPx();
     of_nodes_.wants.swap(wants_);
     sortLists(of_nodes_);
     result.wants = of_nodes_.wants;
@@ -585,6 +632,7 @@ class Selection {
   WishMemory memory_;
   Tree tree_, other_tree_;
   std::vector<Info> infos_;
+  std::vector<Part> parts_;
   std::vector<ReliefWant> wants_;
   PlanarLodResult of_nodes_;
   IndexTable info_index_, want_index_;

@@ -101,7 +101,8 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   };
   resize(of_patches_, padded_);
   resize(of_blocks_, blocks_);
-  for (auto& e : errors_) e.assign(padded_, 0);
+  for (auto* of : {&errors_, &between_})
+    for (auto& e : *of) e.assign(padded_, 0);
   across_.assign(padded_, {});
   px_per_mm_.assign(padded_, 0);
   codes_.assign(padded_, kCulled);
@@ -130,8 +131,13 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       of_patches_.radius[p] = static_cast<float>(radius) * kRoundUp;
       of_patches_.longest[p] = static_cast<float>(longest);
       extent_ = std::max({extent_, std::abs(double{centre.x}), std::abs(double{centre.y}), std::abs(double{centre.z})});
-      for (int k = 0; k < kLevels; ++k)
-        errors_[static_cast<size_t>(k)][p] = static_cast<float>(std::min(forest.error(root, k, exaggerate), 2 * radius)) * kRoundUp;
+      PxPerMm any_view{1};
+      any_view.turn = forest.normals(root).turn;
+      for (size_t k = 0; k < kLevels; ++k) {
+        const Deviation d = forest.deviation(root, static_cast<int>(k), exaggerate);
+        errors_[k][p] = static_cast<float>(std::min(d.mm, 2 * radius)) * kRoundUp;
+        between_[k][p] = static_cast<float>(std::min(any_view.between(d), 2 * radius)) * kRoundUp;
+      }
       for (size_t side = 0; side < 4; ++side) {
         const PatchNeighbour& n = forest.patchNeighboursOf(p)[side];
         across_[p][side] = n.patch == PatchNeighbour::kNone ? p : n.patch;
@@ -344,7 +350,6 @@ void MeshRoots::levelEdges() {
     const size_t first = size_t{b} * kBlock;
     const uint8_t* codes = all_codes + first;
     const float* px_per_mm = px_per_mm_.data() + first;
-    const float* radius = of_patches_.radius.data() + first;
     // Most blocks want one level, and those around them no more: no need to look across each side.
     const auto [lowest, highest] = block_levels_[b];
     bool alike = lowest == highest;
@@ -384,6 +389,10 @@ void MeshRoots::levelEdges() {
     const float* e2 = errors_[2].data() + first;
     const float* e3 = errors_[3].data() + first;
     const float* e4 = errors_[4].data() + first;
+    const float* b0 = between_[0].data() + first;
+    const float* b1 = between_[1].data() + first;
+    const float* b2 = between_[2].data() + first;
+    const float* b3 = between_[3].data() + first;
     std::array<int32_t, kBlock> own_codes, grids;
     for (size_t p = 0; p < kBlock; ++p) own_codes[p] = codes[p];
     std::array<uint32_t, kBlock> segments;
@@ -396,17 +405,15 @@ void MeshRoots::levelEdges() {
       const int a = level(0), bb = level(8), c = level(16), d = level(24);
       const int finest = larger(larger(a, bb), larger(c, d)), coarsest = smaller(smaller(a, bb), smaller(c, d));
       // One select after another: chains of them would become branches.
-      float at_finest = e0[p], at_coarsest = e0[p];
+      float at_finest = e0[p], at_coarsest = b0[p];
       at_finest = finest > 0 ? e1[p] : at_finest;
       at_finest = finest > 1 ? e2[p] : at_finest;
       at_finest = finest > 2 ? e3[p] : at_finest;
       at_finest = finest > 3 ? e4[p] : at_finest;
-      at_coarsest = coarsest > 0 ? e1[p] : at_coarsest;
-      at_coarsest = coarsest > 1 ? e2[p] : at_coarsest;
-      at_coarsest = coarsest > 2 ? e3[p] : at_coarsest;
-      at_coarsest = coarsest > 3 ? e4[p] : at_coarsest;
-      // Where vertices snapped, see mesh_lod.cpp.
-      const float doubled = 2 * (at_coarsest < radius[p] ? at_coarsest : radius[p]), snapped = coarsest < finest ? doubled : 0.0f;
+      at_coarsest = coarsest > 0 ? b1[p] : at_coarsest;
+      at_coarsest = coarsest > 1 ? b2[p] : at_coarsest;
+      at_coarsest = coarsest > 2 ? b3[p] : at_coarsest;
+      const float snapped = coarsest < finest ? at_coarsest : 0.0f;
       const float error_px = (at_finest > snapped ? at_finest : snapped) * px_per_mm[p];
       const int32_t bits = shown ? std::bit_cast<int32_t>(error_px) : 0;
       block_worst = larger(block_worst, bits);

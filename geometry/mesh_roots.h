@@ -80,7 +80,7 @@ class MeshRoots {
     std::vector<uint32_t> cone;
   };
   Spheres of_patches_, of_blocks_;
-  std::array<std::vector<float>, kLevels> errors_;
+  std::array<std::vector<float>, kLevels> errors_, between_;  // between: where vertices snapped to that level, see mesh_lod.cpp
   std::vector<float> block_patch_radius_, block_error_;
   std::vector<std::array<uint32_t, 4>> across_;       // by side
   std::vector<uint32_t> first_adjacent_, adjacent_;   // blocks that meet a block

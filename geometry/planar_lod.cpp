@@ -14,6 +14,7 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/bound_search.h"
 #include "geometry/level_wish.h"
 #include "geometry/lod_common.h"
 
@@ -21,7 +22,6 @@ namespace relievo {
 namespace {
 
 constexpr int kAnyLevel = 127;         // the finest relief page is resident: vertices at every level
-constexpr double kMinSine = 1.0 / 32;  // of the angle between a height and the line of sight, in the error metric
 
 // A square of the forest by its place along the whole strip, so that patch seams are places like any other.
 struct Square {
@@ -61,7 +61,7 @@ class Selection {
 
  private:
   enum class State : uint8_t { kLeaf, kSplit };
-  static constexpr int kWhole = -1, kUnknown = -1;
+  static constexpr int kUnknown = -1;
   struct Node {
     Square square;
     State state = State::kLeaf;
@@ -73,7 +73,7 @@ class Selection {
     uint8_t grid_level = 1;
     int drawn = 0;              // absolute, of the grid's inside; levels here and in edges are wishes: kOneLevel a level (level_wish.h)
     std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
-    std::array<std::array<int, 2>, 4> levels{};     // absolute, of edges as drawn; of whole ones the second is kWhole
+    SideLevels levels{};        // absolute, of edges as drawn
   };
   // One segment between two squares of one level (the finer node's whole edge), keyed by the right or lower square.
   struct Edge {
@@ -120,12 +120,13 @@ class Selection {
     bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
     return bounds_.emplace_back(b);
   }
+  static Deviation ofHeights(double mm) { return {mm, mm, mm, 0}; }
   // Of the surface through the samples of a page level, over a square: what the page knows of its parts.
-  double errorWithin(const Square& s, int page_level) {
+  Deviation deviationWithin(const Square& s, int page_level) {
     Square page = s.ancestor(std::min(page_level, s.level));
     double whole = pageBounds(page).error_mm;
     int depth = std::min(s.level - page.level, kErrorBlocksLog2);
-    if (depth == 0 || whole == 0) return whole;
+    if (depth == 0 || whole == 0) return ofHeights(whole);
     uint64_t k = key(page);
     uint32_t found = parts_index_.find(k);
     if (found == IndexTable::kNone) {
@@ -134,7 +135,7 @@ class Selection {
       parts_.emplace_back().read(oracle_, nodeId(page), static_cast<float>(whole));
     }
     Square part = s.ancestor(page.level + depth);
-    return parts_[found].at(depth, part.x - (page.x << depth), part.y - (page.y << depth));
+    return parts_[found].at(depth, part.x - (page.x << depth), part.y - (page.y << depth)).deviation();
   }
   HeightBounds heights(const Square& s) { return pageBounds(s.ancestor(std::min(s.level, domain_.relief_depth))); }
 
@@ -209,8 +210,8 @@ class Selection {
     if (page_level >= domain_.relief_depth) return 0;
     if (page_level < 0) return e.range_mm;  // coarser than a root page: only the range is known
     double error = 0;
-    if (e.has_low) error = errorWithin(e.low, page_level);
-    if (e.has_high) error = std::max(error, errorWithin(e.high, page_level));
+    if (e.has_low) error = deviationWithin(e.low, page_level).mm;
+    if (e.has_high) error = std::max(error, deviationWithin(e.high, page_level).mm);
     return std::min(error, e.range_mm);
   }
   double errorPx(const Edge& e, int level) { return errorMm(e, level) * std::abs(exaggerate_) * e.px_per_mm; }
@@ -455,7 +456,7 @@ class Selection {
         n.edge[side] = {e, e};
         const int level = edgeLevel(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
                                     n.blocked || (neighbour_node && neighbour_node->blocked));
-        n.levels[side] = {level, kWhole};
+        n.levels[side] = {level, kWholeSide};
         n.drawn = std::max(n.drawn, level);
       };
       if (!exists(other)) {
@@ -499,7 +500,7 @@ class Selection {
   void setEdges(PatchInstance& p, const Node& n) const {
     p.morph = wholeLevels(n.drawn) > n.square.level ? morphOf(n.drawn) : 0;
     for (size_t side = 0; side < 4; ++side) {
-      const bool whole = n.levels[side][1] == kWhole;
+      const bool whole = n.levels[side][1] == kWholeSide;
       for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
         p.edges[side][half] = static_cast<uint8_t>(wholeLevels(n.levels[side][half]) - n.square.level - (whole ? 0 : 1));
         p.edge_morph[side][half] = morphOf(n.levels[side][half]);
@@ -507,11 +508,48 @@ class Selection {
       if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
     }
   }
-  // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
-  double errorAtMm(const Edge& e, int wish) {
+  // Of the surface that is drawn at a level, within a square: between those of two whole ones, in one proportion everywhere.
+  Deviation deviationAt(const Square& s, int wish, double range_mm) {
     const int level = wholeLevels(wish);
-    const double weight = (morphOf(wish) + 1) / double{kOneLevel}, error = errorMm(e, level);
-    return weight < 1 ? (1 - weight) * errorMm(e, level - 1) + weight * error : error;
+    const double weight = (morphOf(wish) + 1) / double{kOneLevel};
+    auto at = [&](int whole) {
+      if (whole - kPageLog2 >= domain_.relief_depth) return Deviation{};
+      Deviation d = whole < kPageLog2 ? ofHeights(range_mm) : deviationWithin(s, whole - kPageLog2);
+      d.aside_mm = 0;
+      return d;
+    };
+    const Deviation d = at(level);
+    return weight < 1 ? (1 - weight) * at(level - 1) + weight * d : d;
+  }
+  // ---- what is promised, by parts (bound_search.h)
+  struct Part {
+    double px = 0;
+    Square square;
+    uint32_t node = 0;
+  };
+  // At an edge with a coarser level, or one that goes another part of the way, all vertices lie where that one's deviation may lead to from its
+  // surface, which is flat within each drawn triangle; so does the finest surface. Never more than the range of heights.
+  Part partOf(uint32_t index, const Square& s) {
+    const Node& n = nodes_[index];
+    const int depth = s.level - n.square.level;
+    const int edge = coarsestAround(n.levels, n.drawn, n.square.level, depth, static_cast<uint32_t>(s.x - (n.square.x << depth)), static_cast<uint32_t>(s.y - (n.square.y << depth)));
+    const HeightBounds h = heights(n.square);
+    const double range_mm = double{h.max_mm} - h.min_mm;
+    const Deviation own = deviationAt(s, n.drawn, range_mm), there = deviationAt(s, edge, range_mm);
+    double mm = own.mm;
+    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, there.below_mm + there.above_mm));
+    if (morph_) mm *= 1 + 1.0 / kOneLevel;  // its heights are rounded
+    mm = std::min(mm, range_mm) * std::abs(exaggerate_);
+    Box box = boxOf(s);
+    if (depth > 0 && edge < n.drawn) box.half.z += mm;  // triangles may reach beyond the part
+    return {culled(box) ? 0 : mm * pxPerMm(box), s, index};
+  }
+  double promisedPx() {
+    return searchBound(search_, [&](const Part& part, auto add) {
+      if (part.square.level >= wholeLevels(nodes_[part.node].drawn)) return false;
+      forChildren(part.square, [&](const Square& child) { add(partOf(part.node, child)); });
+      return true;
+    });
   }
   NodeId reliefPage(const Node& n) const {
     int needed = n.square.level + n.grid_level;
@@ -546,7 +584,8 @@ class Selection {
     PlanarLodResult result;
     for (Node& n : nodes_)
       if (n.state == State::kLeaf) levelSides(n), levelInside(n);
-    for (const Node& n : nodes_) {
+    for (uint32_t i = 0; i < nodes_.size(); ++i) {
+      const Node& n = nodes_[i];
       if (n.barren && !flat_ && camera_.valid) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
@@ -562,22 +601,18 @@ class Selection {
         p.relief_page = reliefPage(n);
         int wanted = std::max<int>(n.square.level + n.grid_level, n.needs_level);
         for (int side = 0; side < 4; ++side) {
-          bool halves = n.levels[side][1] != kWhole;
+          bool halves = n.levels[side][1] != kWholeSide;
           for (int half = 0; half < (halves ? 2 : 1); ++half) {
             const Edge& e = edges_[n.edge[side][half]];
             wanted = std::max(wanted, wholeLevels(morph_ ? e.level : e.wanted));
-            const int level = n.levels[side][half];
-            // Where vertices snapped, or go another part of the way, all lie within the edge's error of the edge's surface, which is flat
-            // within each drawn triangle, and that one lies within it of the finest, maybe on the other side. Never more than the whole range.
-            double factor = level < n.drawn ? 2 : morph_ ? 1 + 1.0 / kOneLevel : 1;
-            double px = std::min(factor * errorAtMm(e, level), e.range_mm) * std::abs(exaggerate_) * e.px_per_mm;
-            result.max_error_px = std::max(result.max_error_px, px);
           }
         }
+        search_.push_back(partOf(i, n.square));
         if (camera_.valid) addWants(n, wanted, p.relief_page);
       }
       result.instances.push_back(p);
     }
+    if (camera_.valid) result.max_error_px = promisedPx();
     result.wants = std::move(wants_);
     sortLists(result);
     result.limited_by_residency = limited_;
@@ -601,6 +636,7 @@ class Selection {
   std::vector<HeightBounds> bounds_;
   std::vector<PartErrors> parts_;
   std::vector<ReliefWant> wants_;
+  std::vector<Part> search_;
   IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_, inner_index_;
   std::vector<int> inner_;
   bool assume_resident_ = false;  // what would be drawn if every page were here

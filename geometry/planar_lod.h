@@ -19,6 +19,7 @@
 
 #include <glm/glm.hpp>
 
+#include "src/base/deviation.h"
 #include "src/base/node_id.h"
 #include "src/base/planar_domain.h"
 
@@ -65,9 +66,13 @@ class ReliefOracle {
   // error_mm of the page's parts: 2^kErrorBlocksLog2 squares of it a side, rows top first, none above that of the whole but for rounding. False: not known.
   // Thread-safe.
   virtual bool errorBlocks(const NodeId& /*relief_page*/, std::span<float> /*error_mm*/) const { return false; }
+  // Which way the parts' errors lie; a share of what errorBlocks() says of the part. False: not known. Thread-safe.
+  virtual bool errorShapes(const NodeId& /*relief_page*/, std::span<DeviationShape> /*shapes*/) const { return false; }
   // Over a base mesh: the same for a patch's grids of 2^cells_log2 cells a side, 4 to 6 (coarser than its root page): 2^(cells_log2 - 3)
   // squares a side, of 8 x 8 cells each. False: not known. Thread-safe.
   virtual bool coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*error_mm*/) const { return false; }
+  // Of grids of 2^cells_log2 cells, 0 to 6; one part where there are no more than 8 x 8 cells.
+  virtual bool coarseShapes(uint32_t /*patch*/, int /*cells_log2*/, std::span<DeviationShape> /*shapes*/) const { return false; }
   // Over a base mesh: how steep a patch's heights are. False: not known.
   virtual bool heightSlopes(uint32_t /*patch*/, HeightSlopes& /*slopes*/) const { return false; }
 };

@@ -7,7 +7,6 @@
 namespace relievo {
 namespace {
 
-constexpr double kMinSine = 1.0 / 32;     // as planar_lod.cpp: a height that points at the eye still counts
 constexpr double kCullSlack = 1.0 / 512;  // of the screen
 
 Square squareOf(const NodeId& n) { return {n.patch, static_cast<int>(n.level), n.x, n.y}; }
@@ -153,32 +152,37 @@ WorldBox ReliefBounds3d::box(const NodeId& node, double exaggerate) {
   return {{0.5 * (left + right), 0.5 * (top + bottom), 0.5 * (z0 + z1)}, {0.5 * (right - left), 0.5 * (top - bottom), 0.5 * std::abs(z1 - z0)}};
 }
 
-double ReliefBounds3d::errorMm(const NodeId& node, int level, double exaggerate) {
-  if (forest_) return std::min(forest_->error(squareOf(node), level, exaggerate), largestMm(node, exaggerate));
-  return heightErrorMm(node, level) * std::abs(exaggerate);
+Deviation ReliefBounds3d::deviation(const NodeId& node, int level, double exaggerate) {
+  Deviation d = forest_ ? forest_->deviation(squareOf(node), level, exaggerate) : exaggerate * heightDeviation(node, level);
+  d.mm = std::min(d.mm, largestMm(node, exaggerate));
+  return d;
 }
 
-double ReliefBounds3d::heightErrorMm(const NodeId& node, int level) {
+double ReliefBounds3d::betweenMm(const NodeId& node, int level, double exaggerate) {
+  PxPerMm any_view{1};
+  if (forest_) any_view.turn = forest_->normals(squareOf(node)).turn;
+  else any_view.turn = 0;
+  return std::min(any_view.between(deviation(node, level, exaggerate)), largestMm(node, exaggerate));
+}
+
+Deviation ReliefBounds3d::heightDeviation(const NodeId& node, int level) {
   const PlanarDomain& d = scene_.domain;
   int page_level = level - kPageLog2;
-  if (page_level >= d.relief_depth) return 0;
-  if (page_level < 0) return rangeMm(node);
+  if (page_level >= d.relief_depth) return {};
+  const double range = rangeMm(node);
+  auto ofHeights = [](double mm) { return Deviation{mm, mm, mm, 0}; };
+  if (page_level < 0) return ofHeights(range);
   NodeId page = node.ancestor(std::min<uint32_t>(static_cast<uint32_t>(page_level), node.level));
   double whole = heights(page).error_mm;
   auto depth = std::min<uint32_t>(node.level - page.level, kErrorBlocksLog2);
-  if (depth == 0 || whole == 0) return std::min(whole, rangeMm(node));
-  auto [found, fresh] = blocks_.try_emplace(page);
-  if (fresh && !scene_.oracle->errorBlocks(page, found->second)) found->second.fill(static_cast<float>(whole));
+  if (depth == 0 || whole == 0) return ofHeights(std::min(whole, range));
+  auto [found, fresh] = parts_.try_emplace(page);
+  if (fresh) found->second.read(*scene_.oracle, page, static_cast<float>(whole));
   NodeId part = node.ancestor(page.level + depth);
-  uint32_t x0 = (part.x - (page.x << depth)) << (kErrorBlocksLog2 - depth), y0 = (part.y - (page.y << depth)) << (kErrorBlocksLog2 - depth);
-  uint32_t side = 1u << (kErrorBlocksLog2 - depth);
-  double error = 0;
-  for (uint32_t y = y0; y < y0 + side; ++y)
-    for (uint32_t x = x0; x < x0 + side; ++x) {
-      float e = found->second[(y << kErrorBlocksLog2) + x];
-      error = std::max<double>(error, e >= 0 && e <= whole ? e : whole);
-    }
-  return std::min(error, rangeMm(node));
+  Deviation out = found->second.at(static_cast<int>(depth), part.x - (page.x << depth), part.y - (page.y << depth)).deviation();
+  out.aside_mm = 0;
+  for (double* mm : {&out.mm, &out.below_mm, &out.above_mm}) *mm = std::min(*mm, range);
+  return out;
 }
 
 PatchInstance ReliefBounds3d::instance(const NodeId& node, int grid_level) const {
@@ -220,7 +224,7 @@ double ReliefBounds3d::boundPx(const ViewBounds& view, const std::vector<PatchIn
       bool halves = side[1] != PatchInstance::kWholeEdge;
       coarse = std::min<int>(coarse, static_cast<int>(p.node.level) + (halves ? 1 + std::min(side[0], side[1]) : side[0]));
     }
-    double error = coarse < fine ? std::min(2 * errorMm(p.node, coarse, exaggerate), largestMm(p.node, exaggerate)) : errorMm(p.node, fine, exaggerate);
+    double error = coarse < fine ? betweenMm(p.node, coarse, exaggerate) : errorMm(p.node, fine, exaggerate);
     if (error > 0) bound = std::max(bound, error * view.pxPerMm(box(p.node, exaggerate)));
   }
   return bound;

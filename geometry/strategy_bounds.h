@@ -49,7 +49,10 @@ class ReliefBounds3d {
   int finestLevel() const { return scene_.domain.relief_depth + 7; }  // absolute level of the finest samples
   WorldBox box(const NodeId& node, double exaggerate);
   // Exaggerated, of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
-  double errorMm(const NodeId& node, int level, double exaggerate);
+  Deviation deviation(const NodeId& node, int level, double exaggerate);
+  double errorMm(const NodeId& node, int level, double exaggerate) { return deviation(node, level, exaggerate).mm; }
+  // How far from one another two of the points that it leads to may lie, in any direction.
+  double betweenMm(const NodeId& node, int level, double exaggerate);
   double errorPx(const ViewBounds& view, const NodeId& node, int level, double exaggerate) {
     const double error = errorMm(node, level, exaggerate);
     return error > 0 ? error * view.pxPerMm(box(node, exaggerate)) : 0;
@@ -64,19 +67,19 @@ class ReliefBounds3d {
   PatchInstance instance(const NodeId& node, int grid_level) const;
   // Nodes of a level in view, by patch, then in rows.
   std::vector<NodeId> nodesInView(const ViewBounds& view, int level, double exaggerate);
-  // The bound for a list of instances, whoever chose their levels: where vertices snapped to a coarser level, twice that one's error.
+  // The bound for a list of instances, whoever chose their levels: where vertices snapped to a coarser level, betweenMm() of that.
   double boundPx(const ViewBounds& view, const std::vector<PatchInstance>& instances, double exaggerate);
 
  private:
   const HeightBounds& heights(const NodeId& page);
-  double heightErrorMm(const NodeId& node, int level);
+  Deviation heightDeviation(const NodeId& node, int level);
   void descend(const ViewBounds& view, const NodeId& node, int level, double exaggerate, std::vector<NodeId>& out);
 
   StrategyScene scene_;
   std::shared_ptr<MeshForest> forest_;  // over a base mesh
   int unit_log2_ = 0;
   std::unordered_map<NodeId, HeightBounds> heights_;
-  std::unordered_map<NodeId, std::array<float, 256>> blocks_;
+  std::unordered_map<NodeId, PartErrors> parts_;
   std::vector<double> typical_;
 };
 

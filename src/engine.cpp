@@ -71,6 +71,15 @@ class PackageOracle final : public ReliefOracle {
     return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
   }
   bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override { return package_->reliefErrors(page, error_mm); }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override { return package_->reliefShapes(page, shapes); }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
+    const auto& known = package_->manifest().coarse_shapes;
+    if (patch >= known.size()) return false;
+    const int grid = cells_log2 - kFirstBlockedGrid;
+    const size_t first = grid < 0 ? static_cast<size_t>(cells_log2) : kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)];
+    std::copy_n(known[patch].begin() + static_cast<std::ptrdiff_t>(first), shapes.size(), shapes.begin());
+    return true;
+  }
   bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
     const Manifest& m = package_->manifest();
     const int grid = cells_log2 - kFirstBlockedGrid;

@@ -36,6 +36,7 @@ struct Manifest {
   std::shared_ptr<const BaseMesh> base;
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<CoarseShapes> coarse_shapes;  // empty: not known
   std::vector<HeightSlopes> height_slopes;  // empty in packages from before there were any
   double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
@@ -68,6 +69,8 @@ class Package final : public PageSource {
   // How far a relief page's surface can lie from the finest relief, mm, by 16 x 16 blocks of 8 x 8 cells, rows top first: upper
   // bounds, none above the page's own (but for their rounding up). False: the package does not say (an older one, or damaged).
   bool reliefErrors(const NodeId& node, std::span<float> error_mm /* 256 */) const;
+  // Which way they lie; shares of what reliefErrors() says. False: the package does not say.
+  bool reliefShapes(const NodeId& node, std::span<DeviationShape> shapes /* 256 */) const;
   // The tails of its patches (patch_tails.h), as far as they are sound; the others are made of the root pages, and problems (which may be null)
   // names them. False: the package has none (an older one, or a flat artwork).
   bool hasTails() const;

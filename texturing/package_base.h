@@ -17,12 +17,16 @@ struct BaseSection {
   std::vector<CoarseErrors> coarse_errors;  // a patch
   std::vector<CoarseBlocks> coarse_blocks;  // a patch
   std::vector<HeightSlopes> slopes;         // a patch; empty: not known
+  std::vector<CoarseShapes> shapes;         // a patch; empty: not known. Only where there are slopes
   double error_unit_mm = 0;
 };
 
-inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84, kBaseSlopesBytes = 16;
-constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, bool slopes = true) {
-  return kBaseHeadBytes + corners * kBaseCornerBytes + patches * (kBasePatchBytes + (slopes ? kBaseSlopesBytes : 0));
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84, kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes);
+// What a section ends with; each has what those before it have.
+enum class BaseSectionEnd { kBlocks, kSlopes, kShapes };
+constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSectionEnd end = BaseSectionEnd::kShapes) {
+  return kBaseHeadBytes + corners * kBaseCornerBytes +
+         patches * (kBasePatchBytes + (end >= BaseSectionEnd::kSlopes ? kBaseSlopesBytes : 0) + (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
 }
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);

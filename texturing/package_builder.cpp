@@ -325,24 +325,31 @@ class TileWorker {
   // between the finest samples' extremes.
   void boundErrors(int down, int node_x, int node_y, const std::array<const NodeRange*, 4>& children, NodeRange& r) const {
     constexpr int kHalf = kErrorBlocks / 2;
+    const uint32_t range = static_cast<uint32_t>(r.max - r.min);
     for (int by = 0; by < kErrorBlocks; ++by) {
       for (int bx = 0; bx < kErrorBlocks; ++bx) {
-        uint32_t error = 0;
+        BlockError inside;
         if (const NodeRange* child = children[(by >= kHalf ? 2 : 0) + (bx >= kHalf ? 1 : 0)]) {
-          const uint16_t* below = child->block_errors.data() + 2 * (by % kHalf) * kErrorBlocks + 2 * (bx % kHalf);
-          error = std::max({below[0], below[1], below[kErrorBlocks], below[kErrorBlocks + 1]});
+          const BlockError* finer = child->blocks.data() + 2 * (by % kHalf) * kErrorBlocks + 2 * (bx % kHalf);
+          inside = joined(joined(finer[0], finer[1]), joined(finer[kErrorBlocks], finer[kErrorBlocks + 1]));
         }
-        error = std::min<uint32_t>(error + deviation(down, node_x, node_y, bx, by), static_cast<uint32_t>(r.max - r.min));
-        r.block_errors[static_cast<size_t>(by * kErrorBlocks + bx)] = static_cast<uint16_t>(error);
-        r.error = std::max(r.error, static_cast<uint16_t>(error));
+        const Step step = deviation(down, node_x, node_y, bx, by);
+        BlockError& block = r.blocks[static_cast<size_t>(by * kErrorBlocks + bx)];
+        block.below = static_cast<uint16_t>(std::min(inside.below + step.below, range));
+        block.above = static_cast<uint16_t>(std::min(inside.above + step.above, range));
+        block.error = std::max(block.below, block.above);
+        r.error = std::max(r.error, block.error);
       }
     }
   }
 
-  // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of the tile:
-  // cells split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
+  // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of the tile, below
+  // it and above: cells split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
   // so its finer samples lie at other parameters than the halves: there the cell's range of samples is the bound.
-  uint32_t deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
+  struct Step {
+    uint32_t below = 0, above = 0;
+  };
+  Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
     constexpr int kCells = kPagePx / kErrorBlocks;
     const ReliefStage& s = stage_->relief;
     ReliefGrid cells(context_.domain, s.level - down);
@@ -354,20 +361,25 @@ class TileWorker {
     const int side = gridSide(down - 1);
     const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(2 * (node_y * kPagePx + block_y * kCells)) * side +
                         2 * (node_x * kPagePx + block_x * kCells);
-    int worst = 0;  // in quarters
+    int most = 0, least = 0;  // in quarters
+    auto note = [&](int quarters) {
+      most = std::max(most, quarters);
+      least = std::min(least, quarters);
+    };
     if (whole_x > 0 && whole_y > 0) {
       for (int y = 0; y <= whole_y; ++y) {
         const uint16_t *r0 = g + static_cast<size_t>(2 * y) * side, *r1 = r0 + side, *r2 = r1 + side;
-        for (int x = 0; x < whole_x; ++x) worst = std::max(worst, 2 * std::abs(2 * r0[2 * x + 1] - r0[2 * x] - r0[2 * x + 2]));
+        for (int x = 0; x < whole_x; ++x) note(2 * (2 * r0[2 * x + 1] - r0[2 * x] - r0[2 * x + 2]));
         if (y == whole_y) break;
-        for (int x = 0; x <= whole_x; ++x) worst = std::max(worst, 2 * std::abs(2 * r1[2 * x] - r0[2 * x] - r2[2 * x]));
+        for (int x = 0; x <= whole_x; ++x) note(2 * (2 * r1[2 * x] - r0[2 * x] - r2[2 * x]));
         for (int x = 0; x < whole_x; ++x) {
           int a = r0[2 * x], b = r0[2 * x + 2], c = r2[2 * x], d = r2[2 * x + 2], m = r1[2 * x + 1];
-          worst = std::max(worst, std::max(2 * std::abs(2 * m - a - d), std::abs(4 * m - a - b - c - d)));
+          note(2 * (2 * m - a - d));
+          note(4 * m - a - b - c - d);
         }
       }
     }
-    int bound = (worst + 3) / 4;
+    int above = (most + 3) / 4, below = (3 - least) / 4;
     for (int y = 0; y < cells_y; ++y) {
       for (int x = y < whole_y ? whole_x : 0; x < cells_x; ++x) {
         int low = 65535, high = 0;
@@ -377,10 +389,10 @@ class TileWorker {
             low = std::min(low, v), high = std::max(high, v);
           }
         }
-        bound = std::max(bound, high - low);
+        above = std::max(above, high - low), below = std::max(below, high - low);
       }
     }
-    return static_cast<uint32_t>(bound);
+    return {static_cast<uint32_t>(below), static_cast<uint32_t>(above)};
   }
 
   Result<void> sampleHeights() {
@@ -555,11 +567,11 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
       return usage("a coefficient's scale or bias is not a number");
   const PlanarDomain& d = header.domain;
-  header.relief_detail = d.relief_depth >= 0;
-  header.page_count = packageLayout(d, header.texture, 0, false).page_count;
+  header.relief_detail = header.relief_shapes = d.relief_depth >= 0;
+  header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
   const std::string manifest = manifestOf(header, texture, relief, options.tool_version);
   if (auto placed = placeSections(header, manifest, {}); !placed) return placed.error();
-  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.relief_detail), MipFilter(header.texture),
+  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.detailBytes()), MipFilter(header.texture),
                        header.encodings};
 
   // A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.

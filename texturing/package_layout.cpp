@@ -110,7 +110,7 @@ uint8_t byteFromError(uint32_t steps) {
   return static_cast<uint8_t>(16 * e + static_cast<int>(m) - 16);  // m of 32 is the next e's first
 }
 
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, bool relief_detail) {
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, uint32_t detail_bytes) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
   layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
@@ -120,8 +120,8 @@ PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& for
     layout.relief = IndexLayout(domain, domain.relief_depth, kReliefEntryBytes, index_offset + layout.index_bytes);
     layout.index_bytes += layout.relief.bytes();
     layout.page_count += layout.relief.nodeCount();
-    if (relief_detail) {
-      layout.relief_detail = IndexLayout(domain, domain.relief_depth, kReliefDetailBytes, index_offset + layout.index_bytes);
+    if (detail_bytes > 0) {
+      layout.relief_detail = IndexLayout(domain, domain.relief_depth, detail_bytes, index_offset + layout.index_bytes);
       layout.index_bytes += layout.relief_detail.bytes();
     }
   }
@@ -161,6 +161,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
     f.put(248 + k, h.encodings[k].parameter);
   }
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
+  f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
   f.put(272, h.base_bytes);
   f.put(280, h.base_hash);
@@ -233,6 +234,13 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   } else {
     h.relief_detail = blocks != 0;
   }
+  if (uint32_t shapes = loadLittle<uint32_t>(p + 260); shapes > 1 || (shapes == 1 && !h.relief_detail)) {
+    Error error = invalid(260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " + std::to_string(shapes));
+    error.kind = ErrorKind::kUnsupported;
+    return error;
+  } else {
+    h.relief_shapes = shapes == 1;
+  }
   if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
   // Written so that no sum can overflow.
   auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
@@ -257,12 +265,12 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), false), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
+    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), BaseSectionEnd::kBlocks), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
         h.base_bytes < least || h.base_bytes > most) {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) + " bytes, found " + std::to_string(h.base_bytes));
     }
   }
-  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
+  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   if (layout.index_bytes != h.index_bytes) {
     return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
                            std::to_string(h.index_bytes));

@@ -28,6 +28,8 @@ inline constexpr int kErrorBlocks = 16;
 inline constexpr uint32_t kReliefDetailBytes = kErrorBlocks * kErrorBlocks;
 inline constexpr uint32_t errorFromByte(uint8_t b) { return b < 32 ? b : (16u + (b & 15u)) << ((b >> 4) - 1); }
 uint8_t byteFromError(uint32_t steps /* at most 65,535 */);
+// Behind them their shapes (src/base/deviation.h), 3 bytes each, where PackageHeader::relief_shapes says so.
+inline constexpr uint32_t kReliefShapesBytes = 3 * kReliefDetailBytes;
 inline constexpr uint64_t kMaxManifestBytes = uint64_t{16} << 20;
 
 struct PackageHeader {
@@ -39,6 +41,8 @@ struct PackageHeader {
   TextureFormat texture;
   PlaneEncodings encodings;
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
+  bool relief_shapes = false;  // and kReliefShapesBytes
+  uint32_t detailBytes() const { return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0; }
   // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
   uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
@@ -107,7 +111,7 @@ struct PackageLayout {
   IndexLayout texture, relief, relief_detail;
   uint64_t index_bytes = 0, page_count = 0;
 };
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, bool relief_detail);
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, uint32_t detail_bytes /* a relief page */);
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
 std::string domainProblem(const PlanarDomain& domain);
 

@@ -95,6 +95,7 @@ struct Package::Impl {
     manifest.coarse_errors = std::move(section->coarse_errors);
     manifest.coarse_blocks = std::move(section->coarse_blocks);
     manifest.height_slopes = std::move(section->slopes);
+    manifest.coarse_shapes = std::move(section->shapes);
     manifest.error_unit_mm = section->error_unit_mm;
     return {};
   }
@@ -200,7 +201,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   if (h.base_bytes > 0) {
     if (auto read = impl->readBase(); !read) return read.error();
   }
-  impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
+  impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
@@ -291,6 +292,17 @@ bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const 
   return true;
 }
 
+bool Package::reliefShapes(const NodeId& node, std::span<DeviationShape> shapes) const {
+  assert(shapes.size() == kReliefDetailBytes);
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_shapes || !tree.contains(node)) return false;
+  const IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) return false;
+  std::memcpy(shapes.data(), (*block)->data() + place.node_offset + kReliefDetailBytes, kReliefShapesBytes);
+  return true;
+}
+
 Result<PageRecord> Package::record(PageId id) const {
   const NodeId node = id.node();
   const bool relief = id.plane() == Plane::kRelief;
@@ -356,7 +368,7 @@ Result<EncodedPage> Package::read(PageId id) const {
 
 PlaneUsage planeUsage(const Package& package, Plane plane) {
   const Manifest& m = package.manifest();
-  PackageLayout layout = packageLayout(m.domain, m.texture, 0, false);
+  PackageLayout layout = packageLayout(m.domain, m.texture, 0, 0);
   PlaneUsage usage;
   (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
     for (uint32_t i = 0; i < block.columns * block.rows; ++i) {

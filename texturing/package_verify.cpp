@@ -89,7 +89,7 @@ Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*p
     });
   }
   auto stop = [&] { return interrupted && interrupted->load(); };
-  PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0, false);
+  PackageLayout layout = packageLayout(manifest.domain, manifest.texture, 0, 0);
   uint64_t serial = 0;
   for (bool relief : {false, true}) {
     (relief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {

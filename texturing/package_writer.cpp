@@ -132,7 +132,7 @@ Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::s
     h.base_bytes = base.size();
     h.index_offset = aligned(h.base_offset + h.base_bytes);
   }
-  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
+  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   h.page_count = layout.page_count;
   h.index_bytes = layout.index_bytes;
   h.pages_offset = h.index_offset + h.index_bytes;
@@ -176,9 +176,14 @@ Result<void> PackageWriter::append(const BuildPart& part) {
         index_->write(p.index_offset - header_.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
     if (!written) return written;
     if (p.relief) {
-      uint8_t errors[kReliefDetailBytes];
-      for (size_t i = 0; i < kReliefDetailBytes; ++i) errors[i] = byteFromError(p.range.block_errors[i]);
-      if (written = index_->write(p.detail_offset - header_.index_offset, errors, sizeof errors); !written)
+      uint8_t detail[kReliefDetailBytes + kReliefShapesBytes];
+      for (size_t i = 0; i < kReliefDetailBytes; ++i) {
+        const BlockError& b = p.range.blocks[i];
+        detail[i] = byteFromError(b.error);
+        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above), double(b.aside)});
+        std::memcpy(detail + kReliefDetailBytes + 3 * i, &shape, 3);
+      }
+      if (written = index_->write(p.detail_offset - header_.index_offset, detail, header_.detailBytes()); !written)
         return written;
     }
     offset_ += p.size;
@@ -227,7 +232,7 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
     piece_offset += piece.size();
     piece.clear();
   };
-  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.relief_detail);
+  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
     tree->forEachBlock([&](const IndexLayout::Block& block) {
       size_t at = piece.size();

@@ -58,9 +58,15 @@ struct SpillBudget {
 uint64_t encodedHash(std::span<const uint8_t> encoded);  // xxh3-64
 
 // What a relief node knows of the samples below it, in 16-bit units.
+struct BlockError {  // src/base/deviation.h, in those units
+  uint16_t error = 0, below = 0, above = 0, aside = 0;
+  friend BlockError joined(const BlockError& a, const BlockError& b) {
+    return {std::max(a.error, b.error), std::max(a.below, b.below), std::max(a.above, b.above), std::max(a.aside, b.aside)};
+  }
+};
 struct NodeRange {
   uint16_t min = 65535, max = 0, error = 0;
-  std::array<uint16_t, kReliefDetailBytes> block_errors{};
+  std::array<BlockError, kReliefDetailBytes> blocks{};
 };
 
 struct Placed {               // a page that was made

@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <cstring>
@@ -64,6 +65,7 @@ struct Context {
   // Of each patch, written by whoever works on it.
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<CoarseShapes> coarse_shapes;
   std::vector<HeightSlopes> slopes;
   std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
   std::vector<std::array<uint16_t, 4>> corner_height;
@@ -212,6 +214,10 @@ class PatchReader {
     }
     auto coarse = c_.source.coarseErrors(patch);
     if (!coarse) return coarse.error();
+    CoarseShapes& shapes = c_.coarse_shapes[patch];
+    auto known_shape = [&](int cells_log2, std::span<DeviationShape> out) {
+      if (!c_.source.errorShapes(patch, cells_log2, out)) std::fill(out.begin(), out.end(), DeviationShape{});
+    };
     // Of the whole patch: never below what is finer, as the page's own error was rounded up.
     const double page_mm = ranges_[0][0].error * c_.source.errorUnitMm();
     float least = page_mm > 0 ? std::nextafter(static_cast<float>(page_mm), INFINITY) : 0.0f;
@@ -219,17 +225,27 @@ class PatchReader {
       float& e = (*coarse)[k];
       if (!std::isfinite(e) || e < 0)
         return invalid(patch, "its error at " + std::to_string(1 << k) + " cells a side is not a number of mm");
-      e = least = std::max(e, least);
+      const float mm = std::exchange(e, std::max(e, least));
+      least = e;
+      if (k >= kFirstShapedBlock) continue;
+      known_shape(static_cast<int>(k), std::span(shapes).subspan(k, 1));
+      shapes[k] = reshaped(mm, shapes[k], e);
     }
     c_.coarse_errors[patch] = *coarse;
     return readCoarseBlocks(patch);
   }
 
+  // What was a shape of an error of mm, of a larger one.
+  static DeviationShape reshaped(double mm, const DeviationShape& shape, double larger_mm) {
+    Deviation d = deviationOf(mm, shape);
+    d.mm = larger_mm;
+    return shapeOf(d);
+  }
   // No block's error is below those of the finer blocks inside it, as they come back from the package.
   Result<void> readCoarseBlocks(uint32_t patch) {
     const size_t root = kErrorBlocks;
     std::vector<float> finer(root * root), mm;
-    for (size_t i = 0; i < finer.size(); ++i) finer[i] = static_cast<float>(ranges_[0][0].block_errors[i] * c_.source.errorUnitMm()) * (1 + 1e-6f);
+    for (size_t i = 0; i < finer.size(); ++i) finer[i] = static_cast<float>(ranges_[0][0].blocks[i].error * c_.source.errorUnitMm()) * (1 + 1e-6f);
     CoarseBlocks& shares = c_.coarse_blocks[patch];
     for (int grid = kBlockedGrids - 1; grid >= 0; --grid) {
       const int cells_log2 = kFirstBlockedGrid + grid;
@@ -241,17 +257,23 @@ class PatchReader {
       } else if (!*known) {
         mm.assign(blocks * blocks, whole);
       }
+      const size_t first = kFirstCoarseBlock[static_cast<size_t>(grid)];
+      const std::span<DeviationShape> shapes = std::span(c_.coarse_shapes[patch]).subspan(kFirstShapedBlock + first, blocks * blocks);
+      if (!c_.source.errorShapes(patch, cells_log2, shapes)) std::fill(shapes.begin(), shapes.end(), DeviationShape{});
       for (size_t y = 0; y < blocks; ++y) {
         for (size_t x = 0; x < blocks; ++x) {
           float& e = mm[y * blocks + x];
           if (!std::isfinite(e) || e < 0)
             return invalid(patch, "its error by blocks at " + std::to_string(1 << cells_log2) + " cells a side is not a number of mm");
+          const float own = e;
           const float* inside = finer.data() + 2 * y * 2 * blocks + 2 * x;
           e = std::min(whole, std::max({e, inside[0], inside[1], inside[2 * blocks], inside[2 * blocks + 1]}));
           uint8_t share = whole > 0 ? static_cast<uint8_t>(std::min(255.0, std::ceil(255.0 * e / whole))) : 0;
           while (share < 255 && coarseBlockMm(whole, share) < e) ++share;
-          shares[kFirstCoarseBlock[static_cast<size_t>(grid)] + y * blocks + x] = share;
+          shares[first + y * blocks + x] = share;
           e = coarseBlockMm(whole, share);
+          DeviationShape& shape = shapes[y * blocks + x];
+          shape = own <= e ? reshaped(own, shape, e) : DeviationShape{};
         }
       }
       finer = mm;
@@ -301,22 +323,28 @@ class PatchReader {
     for (int level = depth; level >= 0; --level) {
       const size_t blocks = size_t{kErrorBlocks} << level;
       error_mm_.resize(blocks * blocks);
+      shapes_.assign(blocks * blocks, {});
       if (auto read = c_.source.errors(patch, level, error_mm_); !read) return read;
+      if (!c_.source.errorShapes(patch, std::countr_zero(unsigned{kPagePx}) + level, shapes_)) shapes_.assign(blocks * blocks, {});
       auto& out = errors_[static_cast<size_t>(level)];
       out.resize(blocks * blocks);
       for (size_t i = 0; i < out.size(); ++i) {
+        auto stepsOf = [&](double mm) {
+          const double steps = mm == 0 ? 0 : std::ceil(mm / unit);
+          return steps * unit < mm ? steps + 1 : steps;
+        };
         const double mm = error_mm_[i];
-        double steps = mm == 0 ? 0 : std::ceil(mm / unit);
-        if (steps * unit < mm) ++steps;
-        if (!(mm >= 0) || !(steps <= 65535)) {
+        if (!(mm >= 0) || !(stepsOf(mm) <= 65535)) {
           return invalid(patch, "its error of " + std::to_string(mm) + " mm at level " + std::to_string(level) +
                                     " is not within 0 and 65535 times " + std::to_string(unit) + " mm");
         }
-        out[i] = static_cast<uint16_t>(steps);
+        const Deviation d = deviationOf(mm, shapes_[i]);
+        auto steps = [&](double part_mm) { return static_cast<uint16_t>(std::min(65535.0, stepsOf(part_mm))); };
+        out[i] = {steps(d.mm), steps(d.below_mm), steps(d.above_mm), steps(d.aside_mm)};
         if (level == depth) continue;
-        const uint16_t* finer =
+        const BlockError* finer =
             errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);
-        out[i] = std::max({out[i], finer[0], finer[1], finer[2 * blocks], finer[2 * blocks + 1]});
+        out[i] = joined(out[i], joined(joined(finer[0], finer[1]), joined(finer[2 * blocks], finer[2 * blocks + 1])));
       }
     }
     return {};
@@ -340,10 +368,10 @@ class PatchReader {
       }
     }
     const size_t blocks = size_t{kErrorBlocks} << level;
-    for (size_t i = 0; i < r.block_errors.size(); ++i) {
-      r.block_errors[i] = errors_[static_cast<size_t>(level)]
+    for (size_t i = 0; i < r.blocks.size(); ++i) {
+      r.blocks[i] = errors_[static_cast<size_t>(level)]
                                  [(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
-      r.error = std::max(r.error, r.block_errors[i]);
+      r.error = std::max(r.error, r.blocks[i].error);
     }
     return r;
   }
@@ -353,7 +381,8 @@ class PatchReader {
   std::vector<uint8_t> texels_, strip_, tail_;
   std::vector<uint16_t> level_, coarser_, heights_;
   std::vector<float> error_mm_;
-  std::vector<std::vector<uint16_t>> errors_;   // by level and block
+  std::vector<DeviationShape> shapes_;
+  std::vector<std::vector<BlockError>> errors_;  // by level and block
   std::vector<std::vector<NodeRange>> ranges_;  // by level and node
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
@@ -568,18 +597,19 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   header.domain = *planned;
   header.texture = source.format();
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
-  header.relief_detail = true;
+  header.relief_detail = header.relief_shapes = true;
   const PlanarDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
-  header.page_count = packageLayout(d, header.texture, 0, false).page_count;
-  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), std::vector<HeightSlopes>(patches), source.errorUnitMm()};
+  header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
+  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), std::vector<HeightSlopes>(patches), std::vector<CoarseShapes>(patches),
+                   source.errorUnitMm()};
   header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
   const std::string manifest = manifestOf(header, source, options);
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
 
   Context context{source,
                   header,
-                  packageLayout(d, header.texture, header.index_offset, true),
+                  packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
                   MipFilter(header.texture),
                   {header.texture.channels(), d.texture_depth},
                   patchNeighbours(source.base()),
@@ -596,6 +626,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   context.coarse_errors.resize(patches);
   context.slopes.resize(patches);
   context.coarse_blocks.resize(patches);
+  context.coarse_shapes.resize(patches);
   context.side_hash.resize(patches);
   context.corner_height.resize(patches);
   context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
@@ -661,6 +692,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   if (auto written = writeTails(context, options, **writer); !written) return written.error();
   base.coarse_errors = std::move(context.coarse_errors);
   base.coarse_blocks = std::move(context.coarse_blocks);
+  base.shapes = std::move(context.coarse_shapes);
   base.slopes = std::move(context.slopes);
   (*writer)->setBase(encodeBaseSection(base));
   auto file_bytes = (*writer)->finish(options.interrupted);

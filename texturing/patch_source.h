@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "src/base/base_mesh.h"
+#include "src/base/deviation.h"
 #include "src/base/planar_domain.h"
 #include "src/base/result.h"
 #include "texturing/basis.h"
@@ -43,6 +44,9 @@ class PatchSource {
   // Of one of the grids of 2^cells_log2 cells, 4 .. 6, by blocks of 8 x 8 cells: out[y * B + x], B = 2^(cells_log2 - 3). False: not known, the
   // whole patch's holds for all of them.
   virtual Result<bool> coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*out_mm*/) const { return false; }
+  // Which way those errors lie: of the grid of 2^cells_log2 cells, 0 .. 7 + reliefDepth(), block by block as errors() and coarseBlocks() have
+  // them, or one of the whole patch below 16 cells; shares of what these say. False: not known.
+  virtual bool errorShapes(uint32_t /*patch*/, int /*cells_log2*/, std::span<DeviationShape> /*out*/) const { return false; }
 };
 
 }  // namespace relievo

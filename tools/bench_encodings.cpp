@@ -242,7 +242,7 @@ class EncodingsBench {
     for (std::thread& t : threads) t.join();
     if (!status.ok()) return status;
     f->encode_cpu_s = processSeconds() - start;
-    const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, false).texture.nodeCount();
+    const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, 0).texture.nodeCount();
     const double share = static_cast<double>(nodes_.size()) / static_cast<double>(all);
     f->bytes_per_px = static_cast<double>(bytes) / share / static_cast<double>(manifest_.domain.width_px * manifest_.domain.height_px);
     return {};

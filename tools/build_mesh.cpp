@@ -3,6 +3,7 @@
 #include <malloc.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cstdio>
 #include <cstring>
@@ -45,7 +46,9 @@ class BakedPatches final : public PatchSource {
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override {
-    return bake_.errors(patch, level, out_mm);
+    const std::vector<float>& mm = bake_.errorsOfCells(patch, std::countr_zero(unsigned{kPagePx}) + level).mm;
+    std::copy(mm.begin(), mm.end(), out_mm.begin());
+    return {};
   }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors out;
@@ -53,7 +56,13 @@ class BakedPatches final : public PatchSource {
     return out;
   }
   Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
-    if (auto read = bake_.errorsOfCells(patch, cells_log2, out_mm); !read) return read.error();
+    const std::vector<float>& mm = bake_.errorsOfCells(patch, cells_log2).mm;
+    std::copy(mm.begin(), mm.end(), out_mm.begin());
+    return true;
+  }
+  bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
+    const std::vector<DeviationShape>& shapes = bake_.errorsOfCells(patch, cells_log2).shapes;
+    std::copy(shapes.begin(), shapes.end(), out.begin());
     return true;
   }
 

@@ -18,6 +18,7 @@
 
 #include <glm/glm.hpp>
 
+#include "src/base/deviation.h"
 #include "src/base/node_id.h"
 
 namespace relievo {
@@ -54,6 +55,9 @@ using CoarseErrors = std::array<float, 7>;
 inline constexpr int kFirstBlockedGrid = 4, kBlockedGrids = 3;
 using CoarseBlocks = std::array<uint8_t, 4 + 16 + 64>;
 inline constexpr std::array<size_t, kBlockedGrids + 1> kFirstCoarseBlock{0, 4, 20, 84};
+// Which way these errors lie: of the grids of 1, 2, 4 and 8 cells as a whole, then as CoarseBlocks has them.
+inline constexpr size_t kFirstShapedBlock = 4;
+using CoarseShapes = std::array<DeviationShape, kFirstShapedBlock + 84>;
 inline float coarseBlockMm(float whole_mm, uint8_t share) {
   if (share == 0) return 0;
   if (share == 255) return whole_mm;

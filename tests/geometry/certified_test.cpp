@@ -270,13 +270,28 @@ struct Baked final : ReliefOracle {
   }
   bool errorBlocks(const NodeId& page, std::span<float> out) const override {
     const auto b = static_cast<size_t>(16 << page.level);
-    std::vector<float> all(b * b);
-    EXPECT_TRUE(bake->errors(page.patch, static_cast<int>(page.level), all).ok());
+    const std::vector<float>& all = bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)).mm;
     for (size_t y = 0; y < 16; ++y)
       for (size_t x = 0; x < 16; ++x) out[y * 16 + x] = all[(page.y * 16 + y) * b + page.x * 16 + x];
     return true;
   }
-  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override { return bake->errorsOfCells(patch, cells_log2, out).ok(); }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override {
+    const auto b = static_cast<size_t>(16 << page.level);
+    const std::vector<DeviationShape>& all = bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)).shapes;
+    for (size_t y = 0; y < 16; ++y)
+      for (size_t x = 0; x < 16; ++x) out[y * 16 + x] = all[(page.y * 16 + y) * b + page.x * 16 + x];
+    return true;
+  }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override {
+    const std::vector<float>& mm = bake->errorsOfCells(patch, cells_log2).mm;
+    std::copy(mm.begin(), mm.end(), out.begin());
+    return true;
+  }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
+    const std::vector<DeviationShape>& shapes = bake->errorsOfCells(patch, cells_log2).shapes;
+    std::copy(shapes.begin(), shapes.end(), out.begin());
+    return true;
+  }
 };
 Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
   auto baked = std::make_shared<Baked>();
@@ -374,10 +389,20 @@ struct FlatOracle final : ReliefOracle {
     auto mm = [&](uint16_t q) { return d.relief_offset_mm + d.relief_scale_mm * q; };
     return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f), *std::max_element(blocks.begin(), blocks.end())};
   }
-  // Of this level's triangles and of all finer ones: both surfaces are furthest apart at the finest samples.
   bool errorBlocks(const NodeId& page, std::span<float> out) const override {
+    const auto blocks = measure(page);
+    for (size_t k = 0; k < blocks.size(); ++k) out[k] = std::nextafter(static_cast<float>(blocks[k].mm), 1e30f);
+    return true;
+  }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override {
+    const auto blocks = measure(page);
+    for (size_t k = 0; k < blocks.size(); ++k) out[k] = shapeOf(blocks[k]);
+    return true;
+  }
+  // Of this level's triangles and of all finer ones: both surfaces are furthest apart at the finest samples.
+  std::array<Deviation, 256> measure(const NodeId& page) const {
     const PlanarDomain& d = field.domain;
-    std::fill(out.begin(), out.end(), 0.0f);
+    std::array<Deviation, 256> out{};
     const int64_t size = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level)), block = size / 16;
     for (int level = static_cast<int>(page.level); level < d.relief_depth; ++level) {
       const int64_t step = int64_t{1} << (d.relief_depth - level);
@@ -389,32 +414,45 @@ struct FlatOracle final : ReliefOracle {
           auto z = [&](int64_t x, int64_t y) { return double{1} * field.at(std::min(x, field.columns - 1), std::min(y, field.rows - 1)); };
           const double z00 = z(a, b), z10 = z(a + step, b), z01 = z(a, b + step), z11 = z(a + step, b + step);
           const double drawn = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
-          const float off = std::nextafter(static_cast<float>(std::abs(drawn - z(i, j)) * d.relief_scale_mm), 1e30f);
+          const double off = (z(i, j) - drawn) * d.relief_scale_mm;
           const int64_t x = i - page.x * size, y = j - page.y * size;
           for (int64_t by = std::max<int64_t>(0, y - 1) / block; by <= std::min<int64_t>(15, y / block); ++by)
-            for (int64_t bx = std::max<int64_t>(0, x - 1) / block; bx <= std::min<int64_t>(15, x / block); ++bx)
-              out[static_cast<size_t>(by * 16 + bx)] = std::max(out[static_cast<size_t>(by * 16 + bx)], off);
+            for (int64_t bx = std::max<int64_t>(0, x - 1) / block; bx <= std::min<int64_t>(15, x / block); ++bx) {
+              Deviation& most = out[static_cast<size_t>(by * 16 + bx)];
+              most = joined(most, {std::abs(off), -off, off, 0});
+            }
         }
     }
-    return true;
+    return out;
   }
 };
 // Asks another oracle once a page.
 struct Remembering final : ReliefOracle {
   std::shared_ptr<const ReliefOracle> truth;
-  mutable std::map<NodeId, std::pair<HeightBounds, std::array<float, 256>>> known;
+  struct Page {
+    HeightBounds bounds;
+    std::array<float, 256> mm;
+    std::array<DeviationShape, 256> shapes;
+  };
+  mutable std::map<NodeId, Page> known;
   explicit Remembering(std::shared_ptr<const ReliefOracle> t) : truth(std::move(t)) {}
-  const std::pair<HeightBounds, std::array<float, 256>>& of(const NodeId& page) const {
+  const Page& of(const NodeId& page) const {
     auto [at, fresh] = known.try_emplace(page);
+    Page& p = at->second;
     if (fresh) {
-      at->second.first = truth->bounds(page);
-      truth->errorBlocks(page, at->second.second);
+      p.bounds = truth->bounds(page);
+      truth->errorBlocks(page, p.mm);
+      truth->errorShapes(page, p.shapes);
     }
-    return at->second;
+    return p;
   }
-  HeightBounds bounds(const NodeId& page) const override { return of(page).first; }
+  HeightBounds bounds(const NodeId& page) const override { return of(page).bounds; }
   bool errorBlocks(const NodeId& page, std::span<float> out) const override {
-    std::copy(of(page).second.begin(), of(page).second.end(), out.begin());
+    std::copy(of(page).mm.begin(), of(page).mm.end(), out.begin());
+    return true;
+  }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override {
+    std::copy(of(page).shapes.begin(), of(page).shapes.end(), out.begin());
     return true;
   }
 };

@@ -135,7 +135,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0, 1);
   double tightest = 0;
-  size_t halves_fail = 0;
+  size_t halves_fail = 0, one_sided = 0;
+  std::array<size_t, 3> half_shapes_fail{};
   for (uint32_t p = 0; p < base.patches.size(); ++p) {
     const Heights q = heightsOf(*baked, p);
     // The surface of a grid of `cells` cells a side at (u, v), in double precision.
@@ -153,8 +154,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
     std::vector<float> finer;
     for (int log2 = 8; log2 >= 0; --log2) {
       const auto blocks = static_cast<size_t>(MeshBake::errorBlocks(log2));
-      std::vector<float> errors(blocks * blocks);
-      ASSERT_TRUE(baked->errorsOfCells(p, log2, errors));
+      const std::vector<float>& errors = baked->errorsOfCells(p, log2).mm;
+      const std::vector<DeviationShape>& shapes = baked->errorsOfCells(p, log2).shapes;
       if (log2 == 8) {
         EXPECT_EQ(*std::max_element(errors.begin(), errors.end()), 0.0f);
       }
@@ -170,6 +171,24 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
         halves_fail += measured[i] > errors[i] / 2;
         if (errors[i] > 0 && blocks == 1) tightest = std::max(tightest, measured[i] / errors[i]);
       }
+      // The shapes, at the finest vertices: none of them is too small, and half of any would be.
+      std::vector<Deviation> seen(errors.size());
+      for (int i = 0; i < 20000; ++i) {
+        const double u = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n), v = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n);
+        const size_t block = std::min(static_cast<size_t>(v * static_cast<double>(blocks)), blocks - 1) * blocks + std::min(static_cast<size_t>(u * static_cast<double>(blocks)), blocks - 1);
+        const glm::dvec3 d = surface(n, u, v) - surface(size_t{1} << log2, u, v), normal = glm::normalize(base.normal(p, u, v));
+        const double along = glm::dot(d, normal);
+        seen[block] = joined(seen[block], {glm::length(d), -along, along, glm::length(d - along * normal)});
+      }
+      for (size_t i = 0; i < errors.size(); ++i) {
+        const Deviation known = deviationOf(errors[i], shapes[i]);
+        ASSERT_LE(seen[i].below_mm, known.below_mm + 1e-12) << p << " " << log2 << " " << i;
+        ASSERT_LE(seen[i].above_mm, known.above_mm + 1e-12) << p << " " << log2 << " " << i;
+        ASSERT_LE(seen[i].aside_mm, known.aside_mm + 1e-12) << p << " " << log2 << " " << i;
+        half_shapes_fail[0] += seen[i].below_mm > known.below_mm / 2, half_shapes_fail[1] += seen[i].above_mm > known.above_mm / 2;
+        half_shapes_fail[2] += seen[i].aside_mm > known.aside_mm / 2;
+        one_sided += known.below_mm + known.above_mm < 1.2 * known.mm;
+      }
       // Monotone: no block below those of the finer level inside it.
       const auto fine = static_cast<size_t>(MeshBake::errorBlocks(log2 + 1));
       for (size_t i = 0; i < finer.size(); ++i) {
@@ -178,14 +197,12 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
       }
       finer = errors;
     }
-    std::vector<float> level(16 * 16), cells(16 * 16);
-    ASSERT_TRUE(baked->errors(p, 0, level));
-    ASSERT_TRUE(baked->errorsOfCells(p, 7, cells));
-    EXPECT_EQ(level, cells);
-    EXPECT_LE(*std::max_element(level.begin(), level.end()), 65535 * baked->errorUnitMm());
+    EXPECT_LE(baked->errorOfCells(p, 7), 65535 * baked->errorUnitMm());
   }
   EXPECT_GT(tightest, 0.9);
   EXPECT_GT(halves_fail, 0u);  // control: half the errors would not be bounds
+  for (size_t fails : half_shapes_fail) EXPECT_GT(fails, 0u);
+  EXPECT_GT(one_sided, 0u);
 }
 
 TEST(MeshBake, aFlatSheetHasNoRange) {

@@ -169,5 +169,28 @@ TEST(MeshError, PartsOfCoarseGrids) {
   EXPECT_GT(figures[2].above, 0);
 }
 
+// What is known of the errors' directions saves cells where a relief is looked at along its heights, and tightens the promise; what is true the
+// other way round is no bound.
+TEST(MeshError, ShapesOfErrors) {
+  const BaseMesh mesh = openSheet(2, 2, 60);
+  MeshRelief relief{0, -3, 6.0 / 65535};
+  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) { return 0.5 + 0.4 * std::sin(0.11 * p.x) * std::cos(0.13 * p.y); });
+  std::array<Figures, 3> figures;
+  for (size_t k = 0; k < 3; ++k) {
+    truth.tell(static_cast<TrueMeshRelief::Shapes>(k));
+    study(figures[k], "shapes", mesh, relief, truth, 40 / kViewShare, kSeed + 9500, k == 2 ? 0.999 : 1);
+    std::sort(figures[k].tightness.begin(), figures[k].tightness.end());
+  }
+  ASSERT_FALSE(figures[0].tightness.empty());
+  auto median = [](const Figures& f) { return f.tightness[f.tightness.size() / 2]; };
+  std::printf("[ figures  ] cells without shapes %llu, with %llu; predicted / measured %.2f, %.2f; shapes turned by a right angle are exceeded\n",
+              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), median(figures[0]), median(figures[1]));
+  EXPECT_EQ(figures[0].above, 0);
+  EXPECT_EQ(figures[1].above, 0);
+  EXPECT_LT(figures[1].cells, figures[0].cells);
+  EXPECT_LT(median(figures[1]), median(figures[0]));
+  EXPECT_GT(figures[2].above, 0);
+}
+
 }  // namespace
 }  // namespace relievo::test

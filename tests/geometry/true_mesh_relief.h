@@ -53,6 +53,13 @@ class TrueMeshRelief final : public ReliefOracle {
     if (parts_ == Parts::kMirrored) std::copy(blocks.rbegin(), blocks.rend(), error_mm.begin());
     return parts_ != Parts::kNone;
   }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override { return tellShapes(pages_.at(page).shapes, shapes); }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
+    return parts_ == Parts::kTrue && tellShapes(coarse_shapes_[patch][static_cast<size_t>(cells_log2)], shapes);
+  }
+  // Of the errors' directions; kTurned: what lies along the normal is said to lie across it.
+  enum class Shapes { kNone, kTrue, kTurned };
+  void tell(Shapes shapes) { shapes_ = shapes; }
   // What is told of the parts of coarse grids; kMirrored: what is true at the other end of the patch.
   enum class Parts { kNone, kTrue, kMirrored };
   void tell(Parts parts) { parts_ = parts; }
@@ -66,9 +73,17 @@ class TrueMeshRelief final : public ReliefOracle {
   }
 
  private:
+  template <class Known>
+  bool tellShapes(const Known& known, std::span<DeviationShape> out) const {
+    std::copy(known.begin(), known.end(), out.begin());
+    if (shapes_ == Shapes::kTurned)
+      for (DeviationShape& s : out) s = {s.aside, s.aside, std::max(s.below, s.above)};
+    return shapes_ != Shapes::kNone;
+  }
   struct Page {
     HeightBounds bounds;
     std::array<float, 256> blocks{};
+    std::array<DeviationShape, 256> shapes{};
   };
   void measure(uint32_t p) {
     const int unit = relief_.unitLog2();
@@ -77,44 +92,60 @@ class TrueMeshRelief final : public ReliefOracle {
       for (int64_t x = 0; x <= side_; ++x) s.push_back(point(p, x, y, 1));
     auto at = [&](int64_t x, int64_t y) -> const glm::dvec3& { return s[static_cast<size_t>(y * (side_ + 1) + x)]; };
     // By cells of level L: the largest deviation in it, or of finer levels.
-    std::vector<float> finer;
+    std::vector<Deviation> finer;
     for (int level = unit - 1; level >= 0; --level) {
       const int64_t cells = int64_t{1} << level, step = side_ >> level;
-      std::vector<float> cell(static_cast<size_t>(cells * cells));
+      std::vector<Deviation> cell(static_cast<size_t>(cells * cells));
       for (int64_t cy = 0; cy < cells; ++cy)
         for (int64_t cx = 0; cx < cells; ++cx) {
           const glm::dvec3 &c00 = at(cx * step, cy * step), &c10 = at((cx + 1) * step, cy * step), &c01 = at(cx * step, (cy + 1) * step),
                            &c11 = at((cx + 1) * step, (cy + 1) * step);
-          double most = 0;
+          Deviation most;
           for (int64_t j = 0; j <= step; ++j)
             for (int64_t i = 0; i <= step; ++i) {
               double u = double(i) / double(step), v = double(j) / double(step);
               glm::dvec3 drawn = u >= v ? c00 + u * (c10 - c00) + v * (c11 - c10) : c00 + v * (c01 - c00) + u * (c11 - c01);
-              most = std::max(most, glm::length(drawn - at(cx * step + i, cy * step + j)));
+              const glm::dvec3 d = at(cx * step + i, cy * step + j) - drawn;
+              const glm::dvec3 n = mesh_.normal(p, double(cx * step + i) / double(side_), double(cy * step + j) / double(side_));
+              const double length = glm::length(n), along = length > 1e-6 ? glm::dot(d, n / length) : 0, across = length > 1e-6 ? glm::length(d - along * (n / length)) : glm::length(d);
+              most = joined(most, {glm::length(d), -along, along, across});
             }
           auto& e = cell[static_cast<size_t>(cy * cells + cx)];
-          e = most > 0 ? std::nextafter(static_cast<float>(most), 1e30f) : 0;
+          e = most;
           if (!finer.empty())
-            for (int k = 0; k < 4; ++k) e = std::max(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
+            for (int k = 0; k < 4; ++k) e = joined(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
         }
-      if (level < 7) coarse_[p][static_cast<size_t>(level)] = *std::max_element(cell.begin(), cell.end());
-      if (level >= 4 && level < 7) {
-        auto& blocks = coarse_blocks_[p][static_cast<size_t>(level - 4)];
-        blocks.assign(static_cast<size_t>(cells / 8 * cells / 8), 0);
+      auto up = [](double mm) { return mm > 0 ? std::nextafter(static_cast<float>(mm), 1e30f) : 0.0f; };
+      // By blocks of so many cells a side.
+      auto blocks = [&](int64_t size, auto&& mm, auto&& shapes) {
+        const int64_t count = std::max<int64_t>(1, cells / size);
+        std::vector<Deviation> all(static_cast<size_t>(count * count));
         for (int64_t j = 0; j < cells; ++j)
           for (int64_t i = 0; i < cells; ++i) {
-            float& block = blocks[static_cast<size_t>(j / 8 * (cells / 8) + i / 8)];
-            block = std::max(block, cell[static_cast<size_t>(j * cells + i)]);
+            Deviation& block = all[static_cast<size_t>(j / size * count + i / size)];
+            block = joined(block, cell[static_cast<size_t>(j * cells + i)]);
           }
+        for (const Deviation& block : all) mm.push_back(up(block.mm)), shapes.push_back(shapeOf(block));
+      };
+      if (level < 7) {
+        std::vector<float> mm;
+        blocks(level < 4 ? cells : 8, mm, coarse_shapes_[p][static_cast<size_t>(level)]);
+        coarse_[p][static_cast<size_t>(level)] = *std::max_element(mm.begin(), mm.end());
+        if (level >= 4) coarse_blocks_[p][static_cast<size_t>(level - 4)] = mm;
       }
-      if (level >= 7) addPages(p, level - 7, cell);
+      if (level >= 7) {
+        std::vector<float> mm;
+        std::vector<DeviationShape> shapes;
+        blocks(8, mm, shapes);
+        addPages(p, level - 7, mm, shapes);
+      }
       finer = std::move(cell);
     }
-    addPages(p, unit - 7, {});
+    addPages(p, unit - 7, {}, {});
   }
-  // cell: the errors of this level's cells; empty: none.
-  void addPages(uint32_t p, int level, const std::vector<float>& cell) {
-    const int64_t pages = int64_t{1} << level, size = side_ >> level, cells = pages * 128;
+  // Of this level's blocks; empty: no errors.
+  void addPages(uint32_t p, int level, const std::vector<float>& mm, const std::vector<DeviationShape>& shapes) {
+    const int64_t pages = int64_t{1} << level, size = side_ >> level;
     for (int64_t y = 0; y < pages; ++y)
       for (int64_t x = 0; x < pages; ++x) {
         Page& page = pages_[{p, static_cast<uint32_t>(level), static_cast<uint32_t>(x), static_cast<uint32_t>(y)}];
@@ -126,12 +157,12 @@ class TrueMeshRelief final : public ReliefOracle {
           }
         page.bounds.min_mm = std::nextafter(static_cast<float>(relief_.offset_mm + relief_.scale_mm * low), -1e30f);
         page.bounds.max_mm = std::nextafter(static_cast<float>(relief_.offset_mm + relief_.scale_mm * high), 1e30f);
-        if (cell.empty()) continue;
-        for (int64_t j = 0; j < 128; ++j)
-          for (int64_t i = 0; i < 128; ++i) {
-            float& block = page.blocks[static_cast<size_t>(j / 8 * 16 + i / 8)];
-            block = std::max(block, cell[static_cast<size_t>((y * 128 + j) * cells + x * 128 + i)]);
-          }
+        if (mm.empty()) continue;
+        for (int64_t k = 0; k < 256; ++k) {
+          const auto at = static_cast<size_t>((y * 16 + k / 16) * pages * 16 + x * 16 + k % 16);
+          page.blocks[static_cast<size_t>(k)] = mm[at];
+          page.shapes[static_cast<size_t>(k)] = shapes[at];
+        }
         page.bounds.error_mm = *std::max_element(page.blocks.begin(), page.blocks.end());
       }
   }
@@ -142,7 +173,9 @@ class TrueMeshRelief final : public ReliefOracle {
   std::vector<std::vector<uint16_t>> patches_;
   std::vector<CoarseErrors> coarse_;
   std::vector<std::array<std::vector<float>, 3>> coarse_blocks_;
+  std::vector<std::array<std::vector<DeviationShape>, 7>> coarse_shapes_ = std::vector<std::array<std::vector<DeviationShape>, 7>>(patches_.size());
   std::map<NodeId, Page> pages_;
+  Shapes shapes_ = Shapes::kTrue;
   Parts parts_ = Parts::kTrue;
 };
 

@@ -36,9 +36,18 @@ class TrueRelief final : public ReliefOracle {
   bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
     if (parts_ == Parts::kNone) return false;
     const auto& blocks = blocks_.at(page);
-    for (size_t k = 0; k < blocks.size(); ++k) error_mm[k] = blocks[parts_ == Parts::kTrue ? k : blocks.size() - 1 - k];
+    for (size_t k = 0; k < blocks.size(); ++k) error_mm[k] = up(blocks[parts_ == Parts::kTrue ? k : blocks.size() - 1 - k].mm);
     return true;
   }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
+    const auto& blocks = blocks_.at(page);
+    for (size_t k = 0; k < blocks.size(); ++k) {
+      shapes[k] = shapes_are_empty_ ? DeviationShape{0, 0, 0} : shapeOf(blocks[k]);
+    }
+    return parts_ == Parts::kTrue;
+  }
+  // For a control: errors are said to have no extent.
+  void tellEmptyShapes() { shapes_are_empty_ = true; }
 
   int64_t columns() const { return columns_; }
   int64_t rows() const { return rows_; }
@@ -59,7 +68,7 @@ class TrueRelief final : public ReliefOracle {
     int64_t i0 = (domain_.alongX() ? n.patch * patch_side : 0) + n.x * side, j0 = (domain_.alongX() ? 0 : n.patch * patch_side) + n.y * side;
     double low = 1e30, high = -1e30, error = 0;
     auto& blocks = blocks_[n];
-    blocks.fill(0);
+    blocks.fill({});
     for (int64_t j = j0; j <= j0 + side; ++j)
       for (int64_t i = i0; i <= i0 + side; ++i) {
         double z = mm(i, j);
@@ -76,8 +85,8 @@ class TrueRelief final : public ReliefOracle {
         int64_t width = side / 16;
         for (int64_t by = std::max<int64_t>(0, j - j0 - 1) / width; by <= std::min<int64_t>(15, (j - j0) / width); ++by)
           for (int64_t bx = std::max<int64_t>(0, i - i0 - 1) / width; bx <= std::min<int64_t>(15, (i - i0) / width); ++bx) {
-            float& block = blocks[static_cast<size_t>(by * 16 + bx)];
-            block = std::max(block, std::nextafter(static_cast<float>(off), 1e30f));
+            Deviation& block = blocks[static_cast<size_t>(by * 16 + bx)];
+            block = joined(block, {off, drawn - z, z - drawn, 0});
           }
       }
     if (static_cast<int>(n.level) < domain_.relief_depth)  // monotone
@@ -86,20 +95,21 @@ class TrueRelief final : public ReliefOracle {
           error = std::max<double>(error, child->second.error_mm);
           const auto& finer = blocks_.at(n.child(k & 1, k >> 1));
           for (uint32_t at = 0; at < 256; ++at) {
-            float& block = blocks[((k >> 1) * 8 + at / 32) * 16 + (k & 1) * 8 + at % 16 / 2];
-            block = std::max(block, finer[at]);
+            Deviation& block = blocks[((k >> 1) * 8 + at / 32) * 16 + (k & 1) * 8 + at % 16 / 2];
+            block = joined(block, finer[at]);
           }
         }
-    auto up = [](double v) { return std::nextafter(static_cast<float>(v), 1e30f); };
     return {-up(-low), up(high), up(error)};
   }
+  static float up(double v) { return std::nextafter(static_cast<float>(v), 1e30f); }
   PlanarDomain domain_;
   Parts parts_;
+  bool shapes_are_empty_ = false;
   int spacing_log2_ = 0;
   int64_t width_ = 0, height_ = 0, columns_ = 0, rows_ = 0;
   std::vector<uint16_t> samples_;
   std::unordered_map<NodeId, HeightBounds> bounds_;
-  std::unordered_map<NodeId, std::array<float, 256>> blocks_;
+  std::unordered_map<NodeId, std::array<Deviation, 256>> blocks_;
 };
 
 // Hills, a fold along the diagonal, ridges, pits of one sample, a rough quarter.

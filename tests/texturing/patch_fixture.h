@@ -128,6 +128,14 @@ class NoisyPatches : public PatchSource {
     for (size_t i = 0; i < out_mm.size(); ++i) out_mm[i] = coarseBlock(patch, cells_log2, i);
     return true;
   }
+  DeviationShape shape(uint32_t patch, int cells_log2, size_t block) const {
+    auto byte = [&](uint64_t k) { return static_cast<uint8_t>(hash(patch, 8 + k, static_cast<uint64_t>(cells_log2), block)); };
+    return {byte(0), byte(1), byte(2)};
+  }
+  bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
+    for (size_t i = 0; i < out.size(); ++i) out[i] = shape(patch, cells_log2, i);
+    return true;
+  }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors e;
     for (size_t k = 0; k < e.size(); ++k) e[k] = coarseError(patch, k);

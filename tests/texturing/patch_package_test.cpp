@@ -258,7 +258,9 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
   EXPECT_EQ(package.manifest().error_unit_mm, source.errorUnitMm());
   PageDecoder decoder;
   std::vector<uint16_t> samples(kReliefPageSamples);
-  std::vector<float> blocks(kReliefDetailBytes), child_blocks(kReliefDetailBytes);
+  std::vector<float> blocks(kReliefDetailBytes);
+  std::vector<DeviationShape> shapes(kReliefDetailBytes);
+  int narrow_shapes = 0;
   uint64_t pages = 0;
   forEachNode(d, 2, [&](const NodeId& node) {
     ++pages;
@@ -283,17 +285,27 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
     // Errors: bounds of the source's, by no more than the steps they are kept in, or a finer block's where that is
     // larger.
     ASSERT_TRUE(package.reliefErrors(node, blocks));
+    ASSERT_TRUE(package.reliefShapes(node, shapes));
     const int level = static_cast<int>(node.level);
     float largest = 0;
     for (size_t i = 0; i < blocks.size(); ++i) {
       const size_t across = size_t{16} << level, block = (node.y * 16 + i / 16) * across + node.x * 16 + i % 16;
       float finest = source.error(node.patch, level, block);
+      Deviation all = deviationOf(finest, source.shape(node.patch, 7 + level, block));
       for (int finer = level + 1; finer < 2; ++finer)
         for (size_t k = 0; k < size_t{1} << 2 * (finer - level); ++k) {
           const size_t scale = size_t{1} << (finer - level), bx = block % across * scale + k % scale,
                        by = block / across * scale + k / scale;
-          finest = std::max(finest, source.error(node.patch, finer, by * (across * scale) + bx));
+          const float there = source.error(node.patch, finer, by * (across * scale) + bx);
+          finest = std::max(finest, there);
+          all = joined(all, deviationOf(there, source.shape(node.patch, 7 + finer, by * (across * scale) + bx)));
         }
+      const Deviation kept = deviationOf(blocks[i], shapes[i]);
+      for (auto part : {&Deviation::below_mm, &Deviation::above_mm, &Deviation::aside_mm}) {
+        EXPECT_GE(kept.*part, all.*part);
+        EXPECT_LE(kept.*part, all.*part + 1.001 * (source.errorUnitMm() + kept.mm / 255));
+        narrow_shapes += kept.*part < 0.5 * kept.mm;
+      }
       largest = std::max(largest, finest);
       EXPECT_GE(blocks[i], finest);
       EXPECT_LE(blocks[i], finest * (1 + 1.0 / 16) + source.errorUnitMm() * 1.001);
@@ -305,6 +317,7 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
     }
   });
   EXPECT_EQ(pages, 6u * 21);
+  EXPECT_GT(narrow_shapes, 1000);
   for (uint32_t p = 0; p < 6; ++p) {
     const CoarseErrors& e = package.manifest().coarse_errors[p];
     auto root = package.record(PageId(Plane::kRelief, NodeId{p, 0, 0, 0}));
@@ -327,6 +340,15 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
     EXPECT_LE(known.min_v, steepest[2]);
     EXPECT_GE(known.max_v, steepest[3]);
     EXPECT_NEAR(known.max_v - known.min_u, steepest[3] - steepest[0], 1e-5 * (steepest[3] - steepest[0]));
+    const CoarseShapes& coarse_shapes = package.manifest().coarse_shapes[p];
+    auto expectKept = [&](double own_mm, const DeviationShape& own, double kept_mm, const DeviationShape& kept) {
+      const Deviation was = deviationOf(own_mm, own), is = deviationOf(kept_mm, kept);
+      for (auto part : {&Deviation::below_mm, &Deviation::above_mm, &Deviation::aside_mm}) {
+        EXPECT_GE(is.*part, was.*part * (1 - 1e-6));
+        EXPECT_LE(is.*part, was.*part + 1.001 * is.mm / 255);
+      }
+    };
+    for (size_t k = 0; k < kFirstShapedBlock; ++k) expectKept(source.coarseError(p, k), source.shape(p, static_cast<int>(k), 0), e[k], coarse_shapes[k]);
     const CoarseBlocks& shares = package.manifest().coarse_blocks[p];
     std::vector<float> finer(256);
     ASSERT_TRUE(package.reliefErrors({p, 0, 0, 0}, finer));
@@ -345,6 +367,7 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
           largest = std::max(largest, inside);
         }
         EXPECT_GE(of_grid[i], source.coarseBlock(p, k, i));
+        expectKept(source.coarseBlock(p, k, i), source.shape(p, k, i), of_grid[i], coarse_shapes[kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)] + i]);
         EXPECT_LE(of_grid[i], std::min(e[static_cast<size_t>(k)], largest + e[static_cast<size_t>(k)] / 200));
         below_whole += of_grid[i] < 0.9f * e[static_cast<size_t>(k)];
       }
@@ -612,14 +635,21 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   expect(refusal(), "the errors of patch 5 are not bounds that fall from level to level");
 }
 
-// As packages were before they knew slopes.
-TEST_F(BaseOfPackage, slopesMayBeMissing) {
+// As packages were before they knew shapes of errors, and before they knew slopes.
+TEST_F(BaseOfPackage, shapesAndSlopesMayBeMissing) {
   const std::vector<uint8_t> good(bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
                                   bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
   auto whole = decodeBaseSection(good, 6);
   ASSERT_TRUE(whole.ok());
   EXPECT_EQ(whole->slopes.size(), 6u);
-  std::vector<uint8_t> older(good.begin(), good.end() - 6 * static_cast<std::ptrdiff_t>(kBaseSlopesBytes));
+  EXPECT_EQ(whole->shapes.size(), 6u);
+  std::vector<uint8_t> older(good.begin(), good.end() - 6 * static_cast<std::ptrdiff_t>(kBaseShapesBytes));
+  auto without_shapes = decodeBaseSection(older, 6);
+  ASSERT_TRUE(without_shapes.ok()) << without_shapes.error().text();
+  EXPECT_TRUE(without_shapes->shapes.empty());
+  EXPECT_EQ(without_shapes->slopes, whole->slopes);
+  EXPECT_EQ(encodeBaseSection(*without_shapes), older);
+  older.resize(older.size() - 6 * kBaseSlopesBytes);
   auto without = decodeBaseSection(older, 6);
   ASSERT_TRUE(without.ok()) << without.error().text();
   EXPECT_TRUE(without->slopes.empty());
@@ -750,7 +780,7 @@ TEST(FlatPackage, staysVersionOne) {
   ASSERT_TRUE(buildPackage(texture, &heights, o).ok());
   auto bytes = readAll(o.output);
   EXPECT_EQ(loadLittle<uint32_t>(bytes.data() + 8), 1u);
-  EXPECT_TRUE(std::all_of(bytes.begin() + 260, bytes.begin() + kHeaderBytes - 8, [](uint8_t b) { return b == 0; }));
+  EXPECT_TRUE(std::all_of(bytes.begin() + 264, bytes.begin() + kHeaderBytes - 8, [](uint8_t b) { return b == 0; }));
   auto package = Package::open(o.output);
   ASSERT_TRUE(package.ok());
   const Manifest& m = (*package)->manifest();
