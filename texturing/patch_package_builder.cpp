@@ -215,9 +215,6 @@ class PatchReader {
     auto coarse = c_.source.coarseErrors(patch);
     if (!coarse) return coarse.error();
     CoarseShapes& shapes = c_.coarse_shapes[patch];
-    auto known_shape = [&](int cells_log2, std::span<DeviationShape> out) {
-      if (!c_.source.errorShapes(patch, cells_log2, out)) std::fill(out.begin(), out.end(), DeviationShape{});
-    };
     // Of the whole patch: never below what is finer, as the page's own error was rounded up.
     const double page_mm = ranges_[0][0].error * c_.source.errorUnitMm();
     float least = page_mm > 0 ? std::nextafter(static_cast<float>(page_mm), INFINITY) : 0.0f;
@@ -228,7 +225,7 @@ class PatchReader {
       const float mm = std::exchange(e, std::max(e, least));
       least = e;
       if (k >= kFirstShapedBlock) continue;
-      known_shape(static_cast<int>(k), std::span(shapes).subspan(k, 1));
+      if (!c_.source.errorShapes(patch, static_cast<int>(k), std::span(shapes).subspan(k, 1))) shapes[k] = {};
       shapes[k] = reshaped(mm, shapes[k], e);
     }
     c_.coarse_errors[patch] = *coarse;

@@ -169,8 +169,8 @@ TEST(MeshError, PartsOfCoarseGrids) {
   EXPECT_GT(figures[2].above, 0);
 }
 
-// What is known of the errors' directions saves cells where a relief is looked at along its heights, and tightens the promise; what is true the
-// other way round is no bound.
+// What is known of the errors' directions saves cells where a relief is looked at along its heights, and tightens the promise; without what lies along the
+// normal it is no bound.
 TEST(MeshError, ShapesOfErrors) {
   const BaseMesh mesh = openSheet(2, 2, 60);
   MeshRelief relief{0, -3, 6.0 / 65535};
@@ -183,7 +183,7 @@ TEST(MeshError, ShapesOfErrors) {
   }
   ASSERT_FALSE(figures[0].tightness.empty());
   auto median = [](const Figures& f) { return f.tightness[f.tightness.size() / 2]; };
-  std::printf("[ figures  ] cells without shapes %llu, with %llu; predicted / measured %.2f, %.2f; shapes turned by a right angle are exceeded\n",
+  std::printf("[ figures  ] cells without shapes %llu, with %llu; predicted / measured %.2f, %.2f; shapes without what lies along the normal are exceeded\n",
               static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), median(figures[0]), median(figures[1]));
   EXPECT_EQ(figures[0].above, 0);
   EXPECT_EQ(figures[1].above, 0);

@@ -57,8 +57,8 @@ class TrueMeshRelief final : public ReliefOracle {
   bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
     return parts_ == Parts::kTrue && tellShapes(coarse_shapes_[patch][static_cast<size_t>(cells_log2)], shapes);
   }
-  // Of the errors' directions; kTurned: what lies along the normal is said to lie across it.
-  enum class Shapes { kNone, kTrue, kTurned };
+  // Of the errors' directions; kAcrossAlone: what lies along the normal is left out.
+  enum class Shapes { kNone, kTrue, kAcrossAlone };
   void tell(Shapes shapes) { shapes_ = shapes; }
   // What is told of the parts of coarse grids; kMirrored: what is true at the other end of the patch.
   enum class Parts { kNone, kTrue, kMirrored };
@@ -76,8 +76,8 @@ class TrueMeshRelief final : public ReliefOracle {
   template <class Known>
   bool tellShapes(const Known& known, std::span<DeviationShape> out) const {
     std::copy(known.begin(), known.end(), out.begin());
-    if (shapes_ == Shapes::kTurned)
-      for (DeviationShape& s : out) s = {s.aside, s.aside, std::max(s.below, s.above)};
+    if (shapes_ == Shapes::kAcrossAlone)
+      for (DeviationShape& s : out) s = {0, 0, s.aside};
     return shapes_ != Shapes::kNone;
   }
   struct Page {
