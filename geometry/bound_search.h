@@ -17,10 +17,12 @@ using SideLevels = std::array<std::array<int, 2>, 4>;
 inline constexpr int kWholeSide = -1;
 inline int coarsestOf(const std::array<int, 2>& side) { return side[1] == kWholeSide ? side[0] : std::min(side[0], side[1]); }
 
-// The coarsest level that triangles within a part of a node, square (x, y) of the 2^depth a side, have vertices of: that of its inside, those of the
-// sides that the part lies at, and where such a side's longest segments reach around the corner, those of the next one.
+// The coarsest level that triangles within a part of a node, square (x, y) of the 2^depth a side, have vertices of: that of its inside and those of the
+// sides that the part lies at. Around a corner: a vertex next to one snaps away from it where segments have two cells, and only there; then a triangle
+// with vertices on the other side of the corner reaches two cells along this one.
 inline int coarsestAround(const SideLevels& sides, int inside, int node_level, int depth, uint32_t x, uint32_t y) {
   const uint32_t last = (1u << depth) - 1;
+  const int grid = wholeLevels(inside);
   int coarsest = inside;
   for (size_t side = 0; side < 4; ++side) {
     const bool upright = side == kLeft || side == kRight;
@@ -28,14 +30,14 @@ inline int coarsestAround(const SideLevels& sides, int inside, int node_level, i
     const uint32_t along = upright ? y : x;
     const int here = sides[side][1] == kWholeSide || depth == 0 ? coarsestOf(sides[side]) : sides[side][along > last / 2];
     coarsest = std::min(coarsest, here);
-    // A segment is so many parts long.
-    const uint32_t reach = 1u << std::clamp(node_level + depth - wholeLevels(here), 0, 31);
+    if (node_level + depth < grid || grid - wholeLevels(here) != 1) continue;
     auto around = [&](int next) {
       const auto& levels = sides[static_cast<size_t>(next)];
-      return levels[1] == kWholeSide ? levels[0] : levels[side == kRight || side == kBottom];
+      const int there = levels[1] == kWholeSide ? levels[0] : levels[side == kRight || side == kBottom];
+      if (grid - wholeLevels(there) <= 1) coarsest = std::min(coarsest, there);
     };
-    if (along < reach) coarsest = std::min(coarsest, around(upright ? kTop : kLeft));
-    if (last - along < reach) coarsest = std::min(coarsest, around(upright ? kBottom : kRight));
+    if (along < 2) around(upright ? kTop : kLeft);
+    if (last - along < 2) around(upright ? kBottom : kRight);
   }
   return coarsest;
 }

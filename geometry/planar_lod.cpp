@@ -516,6 +516,7 @@ class Selection {
       if (whole - kPageLog2 >= domain_.relief_depth) return Deviation{};
       Deviation d = whole < kPageLog2 ? ofHeights(range_mm) : deviationWithin(s, whole - kPageLog2);
       d.aside_mm = 0;
+      for (double* mm : {&d.mm, &d.below_mm, &d.above_mm}) *mm = std::min(*mm, range_mm);
       return d;
     };
     const Deviation d = at(level);
@@ -533,12 +534,13 @@ class Selection {
     const Node& n = nodes_[index];
     const int depth = s.level - n.square.level;
     const int edge = coarsestAround(n.levels, n.drawn, n.square.level, depth, static_cast<uint32_t>(s.x - (n.square.x << depth)), static_cast<uint32_t>(s.y - (n.square.y << depth)));
-    const HeightBounds h = heights(n.square);
+    // Of heights, in a square around the cells of the coarsest level.
+    const HeightBounds h = heights(s.ancestor(std::clamp(edge / kOneLevel, n.square.level, s.level)));
     const double range_mm = double{h.max_mm} - h.min_mm;
     const Deviation own = deviationAt(s, n.drawn, range_mm), there = deviationAt(s, edge, range_mm);
-    double mm = own.mm;
-    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, there.below_mm + there.above_mm));
-    if (morph_) mm *= 1 + 1.0 / kOneLevel;  // its heights are rounded
+    const double rounded = morph_ ? 1 + 1.0 / kOneLevel : 1;  // heights between levels
+    double mm = own.mm * rounded;
+    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, (there.below_mm + there.above_mm) * rounded));
     mm = std::min(mm, range_mm) * std::abs(exaggerate_);
     Box box = boxOf(s);
     if (depth > 0 && edge < n.drawn) box.half.z += mm;  // triangles may reach beyond the part

@@ -258,7 +258,7 @@ TEST(PackageLayout, entriesTileTheIndex) {
     d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
     d.relief_depth = std::max(0, d.texture_depth - 1);
     TextureFormat format = sampleFormat(Basis::kPtmLrgb);
-    PackageLayout layout = packageLayout(d, format, 8192, true);
+    PackageLayout layout = packageLayout(d, format, 8192, kReliefDetailBytes + kReliefShapesBytes);
     std::vector<uint8_t> used(layout.index_bytes);
     auto use = [&](uint64_t offset, uint32_t bytes) {
       for (uint32_t i = 0; i < bytes; ++i) {
@@ -277,7 +277,7 @@ TEST(PackageLayout, entriesTileTheIndex) {
       auto place = layout.relief.find(n);
       use(place.block_offset + place.node_offset, kReliefEntryBytes);
       auto detail = layout.relief_detail.find(n);
-      use(detail.block_offset + detail.node_offset, kReliefDetailBytes);
+      use(detail.block_offset + detail.node_offset, kReliefDetailBytes + kReliefShapesBytes);
       ++nodes;
     });
     EXPECT_EQ(nodes, layout.page_count);
