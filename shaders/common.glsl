@@ -12,5 +12,21 @@ ivec3 slotOrigin(int slot) {
   return ivec3((slot & 7) * kPageFullPx, ((slot >> 3) & 7) * kPageFullPx, slot >> 6);
 }
 
+// Of a relief page: its first texel (ReliefPlace of src/render/page_pool.h), and a sample. A texel holds two that follow one another in a row, the high
+// byte of each first.
+ivec3 reliefOrigin(int place) {
+  uint at = uint(place);
+  return ivec3(int(at & 2047u), int((at >> 11u) & 2047u), int(at >> 22u));
+}
+int reliefSample(ivec3 origin, ivec2 s) {
+  vec4 texel = texelFetch(u_pool, origin + ivec3(s.x >> 1, s.y, 0), 0);
+#ifdef ONE_SAMPLE_A_TEXEL
+  vec2 bytes = texel.rg;
+#else
+  vec2 bytes = (s.x & 1) == 0 ? texel.rg : texel.ba;
+#endif
+  return int(bytes.x * 255.0 + 0.5) * 256 + int(bytes.y * 255.0 + 0.5);
+}
+
 // 2^e, exact, for -126 <= e <= 127.
 float powerOfTwo(int e) { return intBitsToFloat((127 + e) << 23); }

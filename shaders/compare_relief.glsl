@@ -2,10 +2,9 @@
 #include "common.glsl"
 
 // local: units from the page's corner. A vertex at or beyond the border takes the next sample at or beyond it, as in patch.vert.
-float heightSteps(int slot, ivec2 local, int spacing_log2, bvec2 at_border) {
+float heightSteps(int relief_place, ivec2 local, int spacing_log2, bvec2 at_border) {
   int mask = (1 << spacing_log2) - 1;
   if (at_border.x) local.x = (local.x + mask) & ~mask;
   if (at_border.y) local.y = (local.y + mask) & ~mask;
-  vec4 texel = texelFetch(u_pool, slotOrigin(slot) + ivec3(local >> spacing_log2, 0), 0);
-  return float(int(texel.r * 255.0 + 0.5) * 256 + int(texel.g * 255.0 + 0.5));
+  return float(reliefSample(reliefOrigin(relief_place), local >> spacing_log2));
 }

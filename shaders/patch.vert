@@ -9,8 +9,8 @@
 
 in uvec2 a_grid;     // 0 .. 2^n
 in ivec4 a_origin;   // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
-in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; slot (TAILS: -1: the patch's tail); log2 of the sample
-                     // spacing in units
+in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; where its samples are (TAILS: -1: the patch's tail); log2
+                     // of their spacing in units
 in uvec3 a_node;     // index in the list of instances, + 1; the node's level; its patch
 in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
 #ifdef MORPH
@@ -54,16 +54,16 @@ int snapOnSide(int i, int n, uint side) {
 #ifdef RELIEF
 int heightSample(ivec3 origin, ivec2 s) {
 #ifdef TAILS
-  if (a_relief.z < 0) {
+  if (a_relief.z == -1) {
     ivec3 tail = ivec3(int(a_node.z & 63u) * 17, int((a_node.z >> 6u) & 63u) * 17, int(a_node.z >> 12u));
     return int(texelFetch(u_tail_heights, tail + ivec3(s, 0), 0).r);
   }
 #endif
-  vec4 texel = texelFetch(u_pool, origin + ivec3(s, 0), 0);
-  return int(texel.r * 255.0 + 0.5) * 256 + int(texel.g * 255.0 + 0.5);
+  return reliefSample(origin, s);
 }
 
-// In 1/256 of a height step; between samples on the cell's two triangles, in integers.
+// In 1/256 of a height step; between samples on the cell's two triangles, in integers. MESH: in whole steps, as they were in the page of which only
+// these samples are kept (texturing/relief_parts.h).
 int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
   ivec2 s = local >> spacing_log2;
   ivec2 f = local & ((1 << spacing_log2) - 1);
@@ -82,7 +82,11 @@ int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
     int q01 = heightSample(origin, ivec2(s.x, t.y));
     value += f.y * (q01 - q00) + f.x * (q11 - q01);
   }
+#ifdef MESH
+  return ((value + (1 << (bits - 1))) >> bits) << 8;
+#else
   return bits > 8 ? value >> (bits - 8) : value << (8 - bits);
+#endif
 }
 #endif
 
@@ -111,7 +115,7 @@ Vertex vertexAt(ivec2 g) {
   if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
   if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
 #endif
-  float height_steps = float(heightQ8(slotOrigin(max(a_relief.z, 0)), local, spacing_log2)) * 0.00390625;
+  float height_steps = float(heightQ8(reliefOrigin(a_relief.z == -1 ? 0 : a_relief.z), local, spacing_log2)) * 0.00390625;
   height_mm += height_steps * u_scale.y;
 #endif
 

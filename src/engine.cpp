@@ -272,6 +272,7 @@ struct Engine::Impl {
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
+    if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
     auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
       bool screen_wide = std::string_view(vertex) == "screen.vert";
       auto linked = gl::Program::link(
@@ -316,6 +317,7 @@ struct Engine::Impl {
     starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
     so.slot_count = starting_slots.texture;
     so.relief_slot_count = starting_slots.relief;
+    so.small_relief = overMesh() && options.small_relief;
     so.upload = starting_slots.upload;
     so.replacement = options.replacement;
     so.workers = options.workers;
@@ -933,6 +935,7 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     gl::Defines defines = e.defines();
     if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (e.broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
+    if (e.broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
     defines.emplace_back("CAPTURE", "1");
     auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
     if (!linked) return {};
@@ -962,6 +965,8 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
     return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
   };
   auto mib = [](uint64_t bytes) { return static_cast<double>(bytes) / (1024 * 1024); };
+  uint64_t resident_pages = 0;
+  for (uint64_t of_plane : s.streamer.pages[static_cast<size_t>(PageState::kResident)]) resident_pages += of_plane;
   nlohmann::ordered_json j = {
       {"planes_read", s.planes_read},
       {"passes", s.passes},
@@ -973,10 +978,11 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"wanted_nodes", s.wanted_nodes},
       {"missing_pages", s.missing_pages},
       {"slots", s.slots},
-      {"resident_pages", s.resident},
+      {"resident_pages", resident_pages},
       {"upload", uploadFormatName(s.upload)},
       {"depth", depthName(s.reversed_depth)},
       {"resident_mib", mib(s.streamer.resident_bytes)},
+      {"relief_mib", mib(s.streamer.relief_bytes)},
       {"cache_mib", mib(s.cache_bytes)},
       {"texture_mib", mib(s.texture_bytes)},
       {"tails_mib", mib(s.tail_bytes)},

@@ -47,6 +47,8 @@ struct EngineOptions {
   double cache_mib = 256;   // all planes together, and the patches' tails
   // Artworks over a base mesh of more patches than this pin no page: their patches' tails do for the roots (texturing/patch_tails.h).
   uint32_t most_pinned_patches = 64;
+  // Over a base mesh: relief pages take less than half a slot where little is in them (texturing/relief_parts.h). False: for comparison.
+  bool small_relief = true;
   int workers = 2;
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
@@ -123,6 +125,7 @@ class Engine {
     bool unordered_ends = false;  // over a base mesh: a side's points are interpolated in the patch's direction
     bool draw_backs = false;   // of closed bodies, too
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
+    bool one_sample_a_texel = false;  // relief is read as if a texel held one sample
     bool call_a_patch = false;    // each instance by a draw call of its own, for comparison
   };
   Result<void> sabotage(const Sabotage& what);

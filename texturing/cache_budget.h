@@ -11,7 +11,7 @@
 
 namespace relievo {
 
-// upload: a block codec, or any other for RGBA8. Relief and resolved pages are RGBA8 in any case.
+// upload: a block codec, or any other for RGBA8. Relief and resolved pages are RGBA8 in any case; two relief pages share a slot (relief_parts.h).
 inline constexpr size_t slotBytes(PageCodec upload, Plane plane) {
   return isBlockCodec(upload) && isTexturePlane(plane) ? pageBlockBytes(upload) : kSlotBytes;
 }

@@ -28,10 +28,33 @@ PageCache::PageCache(uint32_t slot_count, Replacement policy) : policy_(policy) 
   uses_.resize(slot_count);
   pins_.resize(slot_count);
   index_.assign(slot_count + slot_count / 2 + 1, kNone);
-  for (uint32_t s = slot_count; s-- > 0;) {  // the lowest slot is taken first
-    uses_[s].newer = free_;
-    free_ = static_cast<Link>(s);
-  }
+  for (uint32_t s = slot_count; s-- > 0;) linkFree(s);  // the lowest slot is taken first
+}
+
+void PageCache::addClosed(uint32_t count) {
+  const size_t slots = pages_.size() + count;
+  assert(slots <= kMaxSlots);
+  PageId nothing;
+  nothing.bits = kFreeBits;
+  pages_.resize(slots, nothing);
+  uses_.resize(slots);
+  pins_.resize(slots);
+  closed_ += count;
+  index_.assign(slots + slots / 2 + 1, kNone);
+  for (SlotIndex s = 0; s < pages_.size(); ++s)
+    if (pages_[s].bits != kFreeBits) index_[locate(pages_[s])] = static_cast<Link>(s);
+}
+
+void PageCache::open(SlotIndex slot) {
+  assert(pages_[slot].bits == kFreeBits && closed_ > 0);
+  --closed_;
+  linkFree(slot);
+}
+
+void PageCache::close(SlotIndex slot) {
+  assert(pages_[slot].bits == kFreeBits);
+  ++closed_;
+  unlinkFree(slot);
 }
 
 uint32_t PageCache::slotCount() const { return static_cast<uint32_t>(pages_.size()); }
@@ -98,20 +121,27 @@ std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick, u
     touch(placement.slot, tick);
     return placement;
   }
-  if (free_ != kNone) {
-    placement.slot = free_;
-    free_ = uses_[free_].newer;
-    ++resident_;
-  } else {
-    placement.slot = victim(std::max(1u, min_age));
-    if (placement.slot == kNoSlot) return std::nullopt;
-    placement.evicted = pages_[placement.slot];
+  const SlotIndex slot = free_ != kNone ? free_ : victim(std::max(1u, min_age));
+  if (slot == kNoSlot) return std::nullopt;
+  return placeAt(slot, id, tick);
+}
+
+PageCache::Placement PageCache::placeAt(SlotIndex slot, PageId id, uint64_t tick) {
+  assert(!pinned(slot) && find(id) == kNoSlot);
+  advance(tick);
+  Placement placement{slot, std::nullopt};
+  if (holdsPage(slot)) {
+    placement.evicted = pages_[slot];
+    if (age(slot) == 0) --used_now_;
     forget(*placement.evicted);
-    unlink(placement.slot);
+    unlink(slot);
+  } else {
+    unlinkFree(slot);
+    ++resident_;
   }
-  pages_[placement.slot] = id;
-  index_[locate(id)] = static_cast<Link>(placement.slot);
-  markUsed(placement.slot);
+  pages_[slot] = id;
+  index_[locate(id)] = static_cast<Link>(slot);
+  markUsed(slot);
   return placement;
 }
 
@@ -124,12 +154,16 @@ void PageCache::remove(PageId id) {
   forget(id);
   pages_[slot].bits = kFreeBits;
   pins_[slot] = 0;
-  uses_[slot].newer = free_;
-  free_ = static_cast<Link>(slot);
+  linkFree(slot);
   --resident_;
 }
 
 // --- who leaves -------------------------------------------------------------------------------------------------------
+
+uint32_t PageCache::oldestAge(uint64_t tick) {
+  advance(tick);
+  return oldest_ == kNone ? 0 : age(oldest_);
+}
 
 SlotIndex PageCache::victim(uint32_t min_age) {
   if (policy_ == Replacement::kLru) {
@@ -216,6 +250,21 @@ void PageCache::linkNewest(SlotIndex s) {
   newest_ = static_cast<Link>(s);
 }
 
+// --- list of free slots -----------------------------------------------------------------------------------------------
+
+void PageCache::linkFree(SlotIndex s) {
+  uses_[s].newer = free_;
+  uses_[s].older = kNone;
+  if (free_ != kNone) uses_[free_].older = static_cast<Link>(s);
+  free_ = static_cast<Link>(s);
+}
+
+void PageCache::unlinkFree(SlotIndex s) {
+  const Use use = uses_[s];
+  (use.older == kNone ? free_ : uses_[use.older].newer) = use.newer;
+  if (use.newer != kNone) uses_[use.newer].older = use.older;
+}
+
 // --- accounts and tests -----------------------------------------------------------------------------------------------
 
 size_t PageCache::metadataBytes() const {
@@ -251,7 +300,7 @@ bool PageCache::checkInvariants(std::string* why) const {
     if (++free > pages_.size()) return fail("the list of free slots has a loop");
     if (pages_[s].bits != kFreeBits) return fail("slot " + std::to_string(s) + " is free and used");
   }
-  if (used + free != pages_.size()) return fail("free and used slots do not add up");
+  if (used + free + closed_ != pages_.size()) return fail("free, used and closed slots do not add up");
   size_t linked = 0;
   uint32_t oldest_age = ~0u;
   Link older = kNone;

@@ -1,6 +1,5 @@
-// page_cache.h - which page sits in which slot. One budget, one replacement policy for every plane: a slot is kSlotBytes
-// of RGBA8 texels, whether it holds coefficients, colour or relief, so any page can replace any other. Pure bookkeeping,
-// owned by the render thread: no GL, no threads. Memory: 21 bytes a slot.
+// page_cache.h - which page sits in which slot, all of one size. One budget, one replacement policy for every plane. (Slots that are
+// divided among smaller pages: divided_cache.h.) Pure bookkeeping, owned by the render thread: no GL, no threads. Memory: 21 bytes a slot.
 #pragma once
 
 #include <cstddef>
@@ -43,6 +42,8 @@ class PageCache {
   SlotIndex find(PageId id) const;  // kNoSlot when not resident
   PageId pageIn(SlotIndex slot) const;
   bool isPinned(SlotIndex slot) const;
+  bool holdsPage(SlotIndex slot) const { return pages_[slot].bits != kFreeBits; }
+  uint32_t lastUse(SlotIndex slot) const { return uses_[slot].tick; }  // of an unpinned page: the low 32 bits of its tick
 
   // Marks as used now (most recently used). tick is the frame number: pages used in the current frame are never
   // evicted. Ticks do not run backwards: one smaller than the largest seen so far counts as that one. (The low 32 bits are
@@ -61,7 +62,18 @@ class PageCache {
   // (1: in frame `tick`; 0 counts as 1); the page counts as used in that frame. Nothing when no slot can be had: the cache is
   // too small for what this frame uses. A page that is resident already keeps its slot and is touched.
   std::optional<Placement> place(PageId id, uint64_t tick, uint32_t min_age = 1);
+  // The same into a slot of the caller's choice, which is free or holds an unpinned page: who was there leaves. `id` is not resident.
+  Placement placeAt(SlotIndex slot, PageId id, uint64_t tick);
   void remove(PageId id);  // not pinned; absent: nothing happens
+  // Whether a page can be placed without another one leaving; and how long ago the least recently used unpinned page was used, in
+  // frames (0: in frame `tick`, or there is none). With min_age up to that, place() finds somebody to leave.
+  SlotIndex firstFree() const { return free_ == kNone ? kNoSlot : free_; }  // the next page's
+  uint32_t oldestAge(uint64_t tick);
+
+  // Slots that come and go: adds closed ones; a closed slot is free, but no page is placed there until it is opened.
+  void addClosed(uint32_t count);  // slotCount() + count: kMaxSlots at most
+  void open(SlotIndex slot);
+  void close(SlotIndex slot);      // that holds no page
 
   // Every resident page, in the order of slots.
   template <class F>
@@ -82,7 +94,7 @@ class PageCache {
   static constexpr uint16_t kMark = 0x8000;            // in pins_: used since the clock's hand came by
   struct Use {
     uint32_t tick = 0;
-    Link newer = kNone, older = kNone;  // list of uses; `newer` also chains the free slots
+    Link newer = kNone, older = kNone;  // list of uses; of free slots, list of those: `newer` is the next one
   };
 
   void advance(uint64_t tick);
@@ -98,6 +110,8 @@ class PageCache {
   void markUsed(SlotIndex s);
   void unlink(SlotIndex s);
   void linkNewest(SlotIndex s);
+  void linkFree(SlotIndex s);
+  void unlinkFree(SlotIndex s);
   size_t home(PageId id) const;
   size_t locate(PageId id) const;  // place in index_ of the page, or of the gap where it belongs
   void forget(PageId id);
@@ -108,7 +122,7 @@ class PageCache {
   std::vector<uint16_t> pins_;   // by slot
   std::vector<Link> index_;      // page -> slot: linear probing at a load of at most 2/3
   Link free_ = kNone, newest_ = kNone, oldest_ = kNone;
-  uint32_t resident_ = 0, pinned_ = 0;
+  uint32_t resident_ = 0, pinned_ = 0, closed_ = 0;
   uint32_t used_now_ = 0;        // unpinned pages used in the current frame
   uint64_t last_tick_ = 0;
   SlotIndex hand_ = 0;

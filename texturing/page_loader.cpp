@@ -5,20 +5,22 @@
 #include <cmath>
 
 #include "texturing/cache_budget.h"
+#include "texturing/relief_parts.h"
 #include "texturing/resolve.h"
 
 namespace relievo {
 
 PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
-                       LoadGate* gate)
-    : source_(source), format_(format), decoder_(decoder), upload_(upload), gate_(gate) {
+                       bool small_relief, LoadGate* gate)
+    : source_(source), format_(format), decoder_(decoder), upload_(upload), small_relief_(small_relief), gate_(gate) {
   if (!decoder_) own_.emplace();
 }
 
 void PageLoader::load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
                       LoadOutcome& outcome) {
   if (id.plane() != Plane::kResolved) {
-    loadOne(id, wanted, texels, outcome);
+    if (!loadOne(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
+    outcome.part_level = small_relief_ ? reliefPartLevel({texels, kSlotBytes}) : kReliefPartLevel;
     return;
   }
   std::vector<const uint8_t*> slots;

@@ -42,6 +42,7 @@ struct LoadOutcome {
   std::optional<Error> error;  // kFailed
   bool permanent = false;      // kFailed, and there is no such page
   std::vector<LoadCost> costs;
+  int part_level = 0;          // kLoaded: of the part of a slot that the page takes (divided_cache.h)
 };
 
 // Shared by the threads of one PageJobs: a thread that waits for its source does not count as one that works.
@@ -54,11 +55,11 @@ struct LoadGate {
 class PageLoader {
  public:
   // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that are unpacked,
-  // not decoded; then nothing is resolved. gate: may be null.
+  // not decoded; then nothing is resolved. small_relief: relief pages may take the small parts of relief_parts.h. gate: may be null.
   PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-             PageCodec upload = PageCodec::kLossless, LoadGate* gate = nullptr);
-  // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent
-  // and costs of the outcome.
+             PageCodec upload = PageCodec::kLossless, bool small_relief = false, LoadGate* gate = nullptr);
+  // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent,
+  // costs and part_level of the outcome.
   void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
             LoadOutcome& outcome);
 
@@ -69,6 +70,7 @@ class PageLoader {
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
   const PageCodec upload_;
+  const bool small_relief_;
   LoadGate* gate_;
   std::optional<PageDecoder> own_;
   std::vector<Texels> scratch_;

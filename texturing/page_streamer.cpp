@@ -12,6 +12,7 @@
 
 #include "texturing/cache_budget.h"
 #include "texturing/page_codec.h"
+#include "texturing/relief_parts.h"
 
 namespace relievo {
 
@@ -43,6 +44,7 @@ struct Page {
   double wanted_s = 0;
   double retry_at_s = 0;
   float centre = 0;
+  int part_level = 0;
   Texels texels;  // kReady
 };
 
@@ -78,14 +80,74 @@ class Slot {
 };
 // Slots of one size.
 struct Pool {
-  PageCache cache;
-  std::vector<Slot> slots;
+  DividedCache cache;
+  std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
   RecentUse recent;
   uint32_t roots = 0;
-  // Of the last plan: slots that the wish lists need, with those that hold something pinned; pages without room; both.
-  uint64_t room_used = 0, deferred = 0, demand_pages = 0;
-  Pool(uint32_t slot_count, Replacement replacement)
-      : cache(slot_count, replacement), slots(cache.slotCount()), recent(cache.slotCount()) {}
+  // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are not needed; pages
+  // without room, and those of relief among them; slots that would hold all; slots that relief to come was given, and may take still.
+  uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
+  std::vector<SlotIndex> idle;  // halves that relief to come may take, once known
+  bool idle_known = false;
+  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) { follow(); }
+  // Slots for the cache's new parts.
+  void follow() {
+    for (size_t level = 0; level < kPartLevels; ++level)
+      if (slots[level].size() < cache.indexCount(static_cast<int>(level))) slots[level].resize(cache.indexCount(static_cast<int>(level)));
+  }
+  Slot& slotOf(SlotIndex name) {
+    const auto level = static_cast<size_t>(partOf(name).level);
+    return slots[level][level == 0 ? name : cache.indices(name)[level]];
+  }
+  void beginPlan() {
+    room_used = cache.pinnedCount();
+    halves_left = 2 * uint64_t{cache.pinnedDivided()} - cache.pinnedHalves();
+    deferred = deferred_relief = opened = 0;
+    idle_known = false;
+  }
+  // Of a page that is counted for the first time. spare_recent: what was used recently has its room already.
+  void needRoom(SlotIndex name, uint64_t plan, bool spare_recent = false) {
+    const SlotPart part = partOf(name);
+    const auto needsSlot = [&] { return !cache.isPinned(part.slot) && !(spare_recent && recent.isRecent(part.slot)); };
+    if (part.level == 0) {
+      room_used += needsSlot();
+      return;
+    }
+    const auto index = cache.indices(name);
+    if (slots[0][part.slot].count(plan) && !cache.isPinned(part.slot)) {
+      room_used += needsSlot();
+      halves_left += 2;
+    }
+    const bool first = part.level == 1 || slots[1][index[1]].count(plan);
+    const uint32_t half = part.part / (kPartsOfSlot[static_cast<size_t>(part.level)] / 2);
+    if (first && !cache.isPinned(nameOf({part.slot, 1, half}))) --halves_left;
+  }
+  // For pages of a node that are to come; of relief for as much as it may turn out to need, which is half a slot.
+  bool takeRoom(bool relief, uint64_t pages) {
+    if (relief && halves_left > 0) {
+      --halves_left;
+      return true;
+    }
+    if (room_used + pages > cache.slotCount()) return false;
+    room_used += pages;
+    halves_left += relief;
+    opened += relief;
+    return true;
+  }
+  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to others.
+  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level) {
+    if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
+      auto placed = cache.place(id, frame, min_age, level);
+      openings -= placed && placed->took_slot && openings > 0;
+      return placed;
+    }
+    if (!std::exchange(idle_known, true)) cache.idleHalves(frame, idle);
+    auto next = std::find_if(idle.begin(), idle.end(), [&](SlotIndex half) { return cache.isIdle(half, frame, min_age); });
+    if (next == idle.end()) return std::nullopt;
+    const SlotIndex half = *next;
+    idle.erase(next);
+    return cache.placeInHalf(half, id, frame, level);
+  }
 };
 
 }  // namespace
@@ -103,7 +165,7 @@ struct PageStreamer::Impl {
     if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
-    jobs.emplace(*source, options.format, decoder, options.upload, options.workers, options.max_reads,
+    jobs.emplace(*source, options.format, decoder, options.upload, options.small_relief, options.workers, options.max_reads,
                  size_t(options.workers) + options.ready_limit);
     jobs->setLight(
         options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
@@ -243,6 +305,7 @@ struct PageStreamer::Impl {
             break;
           }
           it->second.texels = std::move(o.texels);
+          it->second.part_level = o.part_level;
           setState(o.id, it->second, PageState::kReady);
           ready.push_back(o.id);
       }
@@ -285,13 +348,13 @@ struct PageStreamer::Impl {
   // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
   void use(Pool& pool, SlotIndex slot, bool new_list) {
     pool.cache.touch(slot, frame);
-    Slot& s = pool.slots[slot];
+    Slot& s = pool.slotOf(slot);
     if (!s.count(plan_number)) return;
-    pool.recent.use(slot);
+    pool.recent.use(partOf(slot).slot);
     stats.hits += new_list;
     stats.prefetch_used += s.takePrefetched();
     ++wanted_pages;
-    pool.room_used += !pool.cache.isPinned(slot);
+    pool.needRoom(slot, plan_number);
   }
 
   // Which pages of a node are still to come; nothing when one of them never will.
@@ -319,10 +382,7 @@ struct PageStreamer::Impl {
     ++plan_number;
     planned_frame = frame;
     wanted_pages = 0;
-    for (Pool& pool : pools) {
-      pool.room_used = pool.cache.pinnedCount();
-      pool.deferred = 0;
-    }
+    for (Pool& pool : pools) pool.beginPlan();
     missing.clear();
     for (const Wish& w : merged) {
       auto planes = planesOf(w);
@@ -348,11 +408,11 @@ struct PageStreamer::Impl {
       wanted_pages += absent;
       if (is_new[wish->relief]) stats.misses += absent;
       Pool& pool = pools[poolIndex(wish->relief)];
-      if (pool.room_used + absent > pool.cache.slotCount()) {
+      if (!pool.takeRoom(wish->relief, absent)) {
         pool.deferred += absent;
+        pool.deferred_relief += wish->relief;
         continue;
       }
-      pool.room_used += absent;
       for (Plane p : planes) {
         PageId id(p, wish->node);
         if (find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
@@ -360,12 +420,13 @@ struct PageStreamer::Impl {
     }
     stats.deferred = 0;
     for (Pool& pool : pools) {
-      pool.demand_pages = pool.room_used + pool.deferred;
+      pool.demand = pool.room_used + pool.deferred - pool.deferred_relief / 2;
       stats.deferred += pool.deferred;
     }
     stats.wanted = wanted_pages;
     is_new = {};
     planPrefetch();
+    for (Pool& pool : pools) pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
     publish();
     if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
     if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
@@ -374,23 +435,28 @@ struct PageStreamer::Impl {
   void planPrefetch() {
     predicted.clear();
     if (stats.deferred > 0 || bias.value() > 0) return;
-    for (Pool& pool : pools) pool.room_used += pool.recent.idleCount();
+    for (Pool& pool : pools) {
+      pool.room_used += pool.recent.idleCount();
+      pool.halves_left = 0;  // what is beside what is in use may have been used recently
+    }
     for (const Wish& w : predictions) {
       Pool& pool = pools[poolIndex(w.relief)];
       auto entry = w.relief ? std::nullopt : table.find(w.node);
-      if (entry && pool.slots[entry->slots[0]].counted(plan_number)) continue;  // wanted now
+      if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
-      if (!absent || pool.room_used + *absent > pool.cache.slotCount()) continue;
+      if (!absent || (pool.room_used + *absent > pool.cache.slotCount() && !(w.relief && pool.halves_left > 0))) continue;
       for (Plane p : planesOf(w)) {
         PageId id(p, w.node);
         SlotIndex slot = pool.cache.find(id);
         if (slot == kNoSlot) {
           auto it = pages.find(id);
           bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
-          pool.room_used += !counted;
+          if (!counted) pool.takeRoom(w.relief, 1);
           prefetch(id, w.centre);
-        } else if (pool.slots[slot].count(plan_number)) {
-          pool.room_used += !pool.cache.isPinned(slot) && !pool.recent.isRecent(slot);
+        } else if (pool.slotOf(slot).count(plan_number)) {
+          const uint64_t halves = pool.halves_left;
+          pool.needRoom(slot, plan_number, true);
+          pool.halves_left = halves;
           predicted.emplace_back(slot, id);
         }
       }
@@ -466,17 +532,16 @@ struct PageStreamer::Impl {
     }
   }
 
-  // The page's texels leave the slot, or no longer count.
-  void vacate(SlotIndex slot, PageId id) {
-    Pool& pool = poolOf(id);
+  // The page's texels leave their place, or no longer count. mark: what was known of it.
+  void vacate(Slot& mark, PageId id) {
     census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
-    stats.prefetch_wasted += pool.slots[slot].takePrefetched();
-    pool.recent.forget(slot);
+    stats.prefetch_wasted += mark.takePrefetched();
     leave(id);
   }
   void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
     uploads.push_back({slot, id, texels});
     ++stats.pages_uploaded[static_cast<size_t>(id.plane())];
+    stats.bytes_uploaded[static_cast<size_t>(id.plane())] += isRelief(id) ? partBytes(partOf(slot).level) : slotBytes(options.upload, id.plane());
   }
 
   void placeReady(uint32_t max_uploads) {
@@ -501,10 +566,11 @@ struct PageStreamer::Impl {
       auto it = pages.find(r.id);
       Pool& pool = poolOf(r.id);
       SlotIndex before = pool.cache.find(r.id);
-      std::optional<PageCache::Placement> placement;
+      std::optional<DividedCache::Placement> placement;
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
-      if (room_for_one) placement = pool.cache.place(r.id, frame, r.tier() == Tier::kVisible ? 1 : kSparedFrames);
+      const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
+      if (room_for_one) placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level) : pool.cache.place(r.id, frame, min_age);
       if (!placement) {
         if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
           ++stats.cancelled_after_decode;
@@ -516,13 +582,16 @@ struct PageStreamer::Impl {
         continue;
       }
       ++placed;
-      if (placement->evicted) {
+      pool.follow();
+      for (const auto& out : placement->evicted) {
         ++stats.evictions;
-        vacate(placement->slot, *placement->evicted);
+        vacate(pool.slots[static_cast<size_t>(out.level)][out.index], out.page);
       }
+      const uint32_t whole = partOf(placement->slot).slot;
+      if (placement->emptied) pool.recent.forget(whole);
       Page& page = it->second;
-      pool.slots[placement->slot].setPrefetched(page.speculative);
-      if (!page.speculative) pool.recent.use(placement->slot);
+      pool.slotOf(placement->slot).setPrefetched(page.speculative);
+      if (!page.speculative) pool.recent.use(whole);
       if (page.wanted_frame > 0) {
         latency_frames.add(frame - page.wanted_frame);
         latency_us.add(static_cast<uint64_t>(std::llround(std::max(0.0, now_s - page.wanted_s) * 1e6)));
@@ -548,7 +617,7 @@ struct PageStreamer::Impl {
     // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it changes.
     DetailDemand demand{.pages = 0, .room = 0, .overflow = stats.deferred > 0};
     for (const Pool& pool : pools) {
-      const double wanted = static_cast<double>(pool.demand_pages) - pool.roots;
+      const double wanted = static_cast<double>(pool.demand) - pool.roots;
       const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
       if (&pool == &pools[0]) {
         demand.pages = wanted;
@@ -639,7 +708,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
 
   std::atomic<size_t> next{0};
   auto loadSome = [&] {
-    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload);
+    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload, m.options.small_relief);
     for (size_t i = next++; i < roots.size(); i = next++) {
       LoadOutcome& root = roots[i];
       root.texels = makeTexels();
@@ -650,6 +719,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
         if (!root.error) break;
       }
       if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
+      if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
     }
   };
   std::vector<std::thread> helpers;
@@ -660,10 +730,11 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
   for (LoadOutcome& root : roots) {
     m.account(root.costs);
     Pool& pool = m.poolOf(root.id);
-    auto placement = pool.cache.place(root.id, m.frame);
+    auto placement = pool.cache.place(root.id, m.frame, 1, root.part_level);
     if (!placement) continue;
+    pool.follow();
     pool.cache.pin(placement->slot);
-    ++pool.roots;
+    pool.roots = pool.cache.pinnedCount();
     Page& page = m.pages[root.id];
     for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
     if (root.error) {  // remembered, so that it is not tried (and named) again
@@ -756,7 +827,7 @@ void PageStreamer::setLight(double u, double v) {
     it = old ? m.drop(it) : std::next(it);
   }
   std::vector<PageId> resolved;
-  PageCache& cache = m.pools[0].cache;
+  DividedCache& cache = m.pools[0].cache;
   cache.forEach([&](PageId id) {
     if (id.plane() == Plane::kResolved) resolved.push_back(id);
   });
@@ -769,7 +840,8 @@ void PageStreamer::setLight(double u, double v) {
       m.census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
       m.refresh.push_back(id);
     } else {
-      m.vacate(slot, id);
+      m.vacate(m.pools[0].slotOf(slot), id);
+      m.pools[0].recent.forget(slot);
       cache.remove(id);
     }
   }
@@ -802,10 +874,11 @@ const StreamerStats& PageStreamer::stats() const {
   m.stats.queued = m.count(PageState::kQueued);
   m.stats.decoding = m.count(PageState::kDecoding);
   m.stats.ready = m.count(PageState::kReady);
-  m.stats.resident = m.stats.resident_bytes = 0;
+  m.stats.resident = m.stats.resident_bytes = m.stats.relief_bytes = 0;
   for (const Pool& pool : m.pools) {
     const Plane plane = &pool == &m.pools[0] ? texturePlane(0) : Plane::kRelief;
     m.stats.resident += pool.cache.residentCount();
+    m.stats.relief_bytes += pool.cache.dividedCount() * kSlotBytes;
     m.stats.resident_bytes += pool.cache.residentCount() * slotBytes(m.options.upload, plane);
   }
   m.stats.pages = m.census.pages;
@@ -814,7 +887,6 @@ const StreamerStats& PageStreamer::stats() const {
   for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
     const size_t bytes = slotBytes(m.options.upload, static_cast<Plane>(p));
     m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * bytes;
-    m.stats.bytes_uploaded[p] = m.stats.pages_uploaded[p] * bytes;
   }
   m.stats.detail_bias = m.bias.value();
   m.stats.latency_ms = summarize(m.latency_us, 1e-3);
@@ -823,13 +895,15 @@ const StreamerStats& PageStreamer::stats() const {
 }
 
 PageTable& PageStreamer::table() { return impl_->table; }
-const PageCache& PageStreamer::cache(Plane plane) const { return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache; }
+const DividedCache& PageStreamer::cache(Plane plane) const { return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache; }
 
 uint64_t PageStreamer::metadataBytes() const {
   const Impl& m = *impl_;
   uint64_t bytes = m.table.metadataBytes();
-  for (const Pool& pool : m.pools)
-    bytes += pool.cache.metadataBytes() + pool.slots.capacity() * sizeof(pool.slots[0]) + pool.recent.bytes();
+  for (const Pool& pool : m.pools) {
+    bytes += pool.cache.metadataBytes() + pool.recent.bytes();
+    for (const auto& slots : pool.slots) bytes += slots.capacity() * sizeof(slots[0]);
+  }
   return bytes;
 }
 

@@ -8,7 +8,7 @@
 // Order of service (page_rank.h), made anew in every frame: what is wanted now, what is predicted, what the list before
 // the newest wanted; within a tier coarse before fine, then near the view's centre.
 // Room: a page wanted now is never evicted for another one wanted now, and a missing node is only asked for when all of
-// its planes will find slots beside everything else that is wanted. So a working set larger than the cache ends in a
+// its planes will find slots (relief: half of one) beside everything else that is wanted. So a working set larger than the cache ends in a
 // still state without loads, never in thrashing; what found no room is counted (deferred) and detailBias() asks the view
 // for less.
 // Faults: an error of kind kInvalidData without a byte offset is the source's word that there is no such page, and is
@@ -26,9 +26,9 @@
 
 #include "texturing/basis.h"
 #include "texturing/detail_bias.h"
+#include "texturing/divided_cache.h"
 #include "texturing/feedback.h"
 #include "texturing/latency.h"
-#include "texturing/page_cache.h"
 #include "texturing/page_encoding.h"
 #include "texturing/page_id.h"
 #include "texturing/page_jobs.h"
@@ -47,6 +47,8 @@ struct StreamerOptions {
   // them, and relief has relief_slot_count (cache_budget.h). Not with kResolved. Else all is RGBA8 in slot_count slots.
   PageCodec upload = PageCodec::kLossless;
   uint32_t relief_slot_count = 0;
+  // Relief pages take half a slot; or less where little is in them (relief_parts.h). Over a base mesh only.
+  bool small_relief = false;
   Replacement replacement = Replacement::kLru;
   int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
@@ -61,9 +63,9 @@ struct StreamerOptions {
 
 // Texels to copy into a slot of the page pool. The memory lives until the next beginFrame().
 struct PageUpload {
-  SlotIndex slot;  // of the texture's or the relief's, where those are two
+  SlotIndex slot;  // of the texture's or the relief's, where those are two; of relief the name of a part (divided_cache.h)
   PageId id;
-  const uint8_t* texels;  // kSlotBytes, or slotBytes() of blocks
+  const uint8_t* texels;  // kSlotBytes, or slotBytes() of blocks; of relief to be packed (relief_parts.h)
 };
 
 // Reading and decoding are counted under the planes that are stored, uploads under the planes that are streamed: they
@@ -76,7 +78,8 @@ struct StreamerStats {
   std::array<std::array<uint64_t, 16>, kPageStates> pages{};
   std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // changes of state, [from][to]
   uint64_t queued = 0, decoding = 0, ready = 0;                        // now
-  uint64_t resident = 0, resident_bytes = 0;                           // slots in use now, and what they hold
+  uint64_t resident = 0, resident_bytes = 0;  // slots in use now, and what they hold
+  uint64_t relief_bytes = 0;                  // of those, slots that are divided for relief: whole, however full
   uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
   uint64_t evictions = 0, failed_pages = 0, retries = 0;
   // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.
@@ -149,7 +152,7 @@ class PageStreamer {
   PageState state(PageId id) const;
   const StreamerStats& stats() const;
   PageTable& table();
-  const PageCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
+  const DividedCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
   // Cache, page table (without its texture) and what is known of each slot; not the pages that are on their way.
   uint64_t metadataBytes() const;
   uint64_t bufferBytes() const;  // upper bound of what decoded pages and scratch memory take

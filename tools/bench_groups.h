@@ -15,6 +15,7 @@
   G("replacement", replacement, "hit rates of replacement policies on three flights")                           \
   G("prefetch", prefetch, "pixels a level too coarse with and without prefetch, at 20 MB/s and 50 ms latency")  \
   G("encodings", encodings, "page encodings: what accuracy costs in size and time")                             \
+  G("relief-memory", reliefMemory, "what the finest triangles take of the page cache; of scans, too")           \
   G("mesh-lod", meshLod, "edge LOD of many patches over a base mesh")                                           \
   G("mesh-patches", patches, "a scene of 24,300 patches at 1280x720")                                           \
   G("mesh-build", meshBuild, "a scan into a package: time and memory; and what it takes to draw it")

@@ -9,6 +9,7 @@
 #include "geometry/strategy_bounds.h"
 #include "src/lod_views.h"
 #include "texturing/page_codec.h"
+#include "texturing/relief_parts.h"
 #include "tools/compare_path.h"
 #include "tools/compare_scene.h"
 
@@ -41,7 +42,7 @@ class Runner {
     figures.picture_frame = static_cast<int>(cameras_.size() / 2);
     figures.frame_count = cameras_.size();
     figures.relief_pages = scene_.pages;
-    figures.relief_bytes = scene_.pages * kSlotBytes;
+    figures.relief_bytes = scene_.pages * partBytes(kReliefPartLevel);
     std::vector<Running> running;
     for (const StrategyEntry* s : plan_.strategies)
       for (double budget : plan_.budgets_px) {
@@ -185,7 +186,7 @@ class Runner {
 
     std::unordered_set<NodeId> pages;
     for (const PatchInstance& p : chosen.instances) pages.insert(p.relief_page);
-    f.resident_bytes = pages.size() * kSlotBytes;
+    f.resident_bytes = pages.size() * partBytes(kReliefPartLevel);
     for (const NodeId& page : pages)
       if (!running.pages.count(page)) f.streamed_bytes += scene_.encoded_bytes.at(page);
     running.pages = std::move(pages);

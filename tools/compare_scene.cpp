@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "texturing/page_codec.h"
+#include "texturing/relief_parts.h"
 
 namespace relievo {
 
@@ -20,7 +21,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
     uint64_t rows = PlanarDomain::ceilShift(domain.height_px, 7 + domain.texture_depth - level);
     pages += columns * rows;
   }
-  uint64_t bytes = pages * kSlotBytes;
+  uint64_t bytes = pages * partBytes(kReliefPartLevel);
   if (bytes > budget_bytes || pages > StrategyPass::maxPages()) {
     return Error{ErrorKind::kUnsupported, path,
                  "its relief has " + std::to_string(pages) + " pages, " + std::to_string(bytes >> 20) + " MiB, all of which would be held in memory",

@@ -7,6 +7,7 @@
 #include "src/gl/context.h"
 #include "src/render/block_formats.h"
 #include "texturing/page_codec.h"
+#include "texturing/relief_parts.h"
 
 namespace relievo {
 namespace {
@@ -60,6 +61,14 @@ bool canCopyImages() {
 }
 
 }  // namespace
+
+ReliefPlace reliefPlace(SlotIndex name) {
+  const SlotPart part = partOf(name);
+  const PartPlace at = placeInSlot(part);
+  const uint32_t x = part.slot % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.x);
+  const uint32_t y = part.slot / kSlotsPerSide % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.y);
+  return {x | y << 11 | part.slot / kSlotsPerLayer << 22, std::max(part.level - kReliefPartLevel, 0)};
+}
 
 uint32_t PagePool::maxSlots() {
   GLint layers = 256;
@@ -131,7 +140,7 @@ void PagePool::upload(std::span<const PageUpload> uploads) {
     for (const PageUpload& u : uploads) {
       if (inBlocks(u.id) != blocks) continue;
       any = true;
-      last = std::max(last, u.slot);
+      last = std::max(last, partOf(u.slot).slot);
     }
     if (!any) continue;
     reserve(blocks, last);
@@ -142,6 +151,10 @@ void PagePool::upload(std::span<const PageUpload> uploads) {
       glBindTexture(GL_TEXTURE_2D_ARRAY, (blocks ? blocks_ : texels_).textures[i].id());
       for (const PageUpload& u : uploads) {
         if (inBlocks(u.id) != blocks) continue;
+        if (u.id.plane() == Plane::kRelief) {
+          uploadRelief(u);
+          continue;
+        }
         const GLint x = static_cast<GLint>(u.slot % kSlotsPerSide) * kPageFullPx;
         const GLint y = static_cast<GLint>(u.slot / kSlotsPerSide % kSlotsPerSide) * kPageFullPx;
         const GLint layer = static_cast<GLint>(u.slot / kSlotsPerLayer);
@@ -156,6 +169,17 @@ void PagePool::upload(std::span<const PageUpload> uploads) {
       from += bytes;
     }
   }
+}
+
+// The texture is bound.
+void PagePool::uploadRelief(const PageUpload& u) {
+  const int level = std::max(partOf(u.slot).level, kReliefPartLevel);
+  packed_.resize(partBytes(level));
+  packRelief({u.texels, kSlotBytes}, level, packed_);
+  const uint32_t at = reliefPlace(u.slot).texel;
+  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, static_cast<GLint>(at & 2047), static_cast<GLint>(at >> 11 & 2047), static_cast<GLint>(at >> 22), partColumns(level),
+                  partRows(level), 1, GL_RGBA, GL_UNSIGNED_BYTE, packed_.data());
+  bytes_uploaded_ += packed_.size();
 }
 
 void PagePool::uploadTable(PageTable& table) {

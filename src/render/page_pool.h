@@ -1,12 +1,14 @@
 // page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides nothing.
-// A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds; or texture
-// pages have slots of their own, of blocks, in one to three compressed textures (block_formats.h), and RGBA8 is relief's alone.
+// A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds: a texture page, or relief
+// pages side by side, two samples a texel (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to three compressed
+// textures (block_formats.h), and RGBA8 is relief's alone.
 // Uploads come before the frame's draws: on software GL an upload to a texture that a draw in flight samples stalls for that draw.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
@@ -17,6 +19,14 @@ namespace relievo {
 
 inline constexpr int kSlotsPerSide = 8;
 inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
+
+// Where a relief page's samples are, for shaders: its first texel's x | y << 11 | layer << 22 (reliefSample() in common.glsl); and how many times
+// their spacing is twice the page's own.
+struct ReliefPlace {
+  uint32_t texel = 0;
+  int coarser = 0;
+};
+ReliefPlace reliefPlace(SlotIndex name);
 
 class PagePool {
  public:
@@ -51,12 +61,14 @@ class PagePool {
   bool inBlocks(PageId id) const { return isBlockCodec(slots_.upload) && isTexturePlane(id.plane()); }
   void grow(bool blocks, int layers);
   void reserve(bool blocks, SlotIndex last);
+  void uploadRelief(const PageUpload& upload);
 
   CacheSlots slots_;
   Layers texels_, blocks_;
   gl::Texture table_, table_extra_;
   uint32_t table_width_ = 0, table_height_ = 0;
   uint64_t bytes_uploaded_ = 0;
+  std::vector<uint8_t> packed_;  // kept for its memory
 };
 
 }  // namespace relievo

@@ -7,6 +7,7 @@
 #include <cstddef>
 
 #include "src/base/base_mesh.h"
+#include "src/render/page_pool.h"
 
 namespace relievo {
 namespace {
@@ -133,7 +134,7 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
   std::array<uint32_t, kMaxGridLevel + 1> of_level{};
   uint64_t in_place = ~uint64_t{0};
   NodeId last_page{PatchNeighbour::kNone, 0, 0, 0};
-  int32_t last_slot = 0;
+  ReliefPlace last_place;
   for (size_t i = 0; i < count; ++i) {
     const PatchInstance& p = instances[i];
     ++of_level[p.grid_level];
@@ -155,11 +156,11 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
       // Both corners in units from the patch's corner.
       const int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level), node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
       auto offset = [&](uint32_t node, uint32_t page) { return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2)); };
-      if (p.relief_page != last_page) last_page = p.relief_page, last_slot = static_cast<int32_t>(slot_of(p.relief_page));
+      if (p.relief_page != last_page) last_page = p.relief_page, last_place = reliefPlace(slot_of(p.relief_page));
       g.relief[0] = offset(p.node.x, p.relief_page.x);
       g.relief[1] = offset(p.node.y, p.relief_page.y);
-      g.relief[2] = last_slot;
-      g.relief[3] = page_log2 - 7;
+      g.relief[2] = static_cast<int32_t>(last_place.texel);
+      g.relief[3] = page_log2 - 7 + last_place.coarser;
     }
     g.node[0] = static_cast<uint32_t>(i + 1);
     g.node[1] = p.node.level;

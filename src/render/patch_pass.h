@@ -19,7 +19,7 @@ namespace relievo {
 // What patch.vert reads of an instance.
 struct GpuPatchInstance {
   int32_t origin[4];   // x, y from the eye's unit (over a base mesh: from the patch's corner); log2 of the step; grid level
-  int32_t relief[4];   // x, y from the relief page's corner; slot (-1: the patch's tail); log2 of the sample spacing
+  int32_t relief[4];   // x, y from the relief page's corner; ReliefPlace::texel (-1: the patch's tail); log2 of the sample spacing
   uint32_t node[3];    // index in the list + 1; level; patch
   uint32_t edges;      // per side a byte
 };

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstddef>
 
+#include "texturing/relief_parts.h"
+
 namespace relievo {
 namespace {
 
@@ -19,7 +21,7 @@ constexpr int kCornersUnit = 6;  // and two more: behind the pool's
 }  // namespace
 
 StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages)
-    : api_(api), domain_(domain), corners_(base ? std::make_unique<BaseCorners>(std::move(base)) : nullptr), pool_(relief_pages), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
+    : api_(api), domain_(domain), corners_(base ? std::make_unique<BaseCorners>(std::move(base)) : nullptr), pool_((relief_pages + 1) / 2), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
   pool_.uploadTable(table_);
 }
 
@@ -42,7 +44,8 @@ void StrategyPass::bindAll(const gl::Program& program) {
 }
 
 void StrategyPass::upload(const NodeId& relief_page, const uint8_t* texels) {
-  auto slot = static_cast<SlotIndex>(slots_.size());
+  const auto half = static_cast<uint32_t>(slots_.size());
+  const SlotIndex slot = nameOf({half / 2, kReliefPartLevel, half % 2});
   slots_[relief_page] = slot;
   const PageUpload upload{slot, PageId(Plane::kRelief, relief_page), texels};
   pool_.upload({&upload, 1});

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "src/gl/program.h"
+#include "src/render/page_pool.h"
 
 namespace relievo {
 namespace {
@@ -83,8 +84,9 @@ uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const E
   for (const PatchInstance& p : instances) {
     int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level), node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
     auto offset = [&](uint32_t node, uint32_t page) { return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2)); };
+    const ReliefPlace place = reliefPlace(slot_of(p.relief_page));
     GpuPatch g{{static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y), p.step_log2, p.grid_level},
-               {offset(p.node.x, p.relief_page.x), offset(p.node.y, p.relief_page.y), static_cast<int32_t>(slot_of(p.relief_page)), page_log2 - 7},
+               {offset(p.node.x, p.relief_page.x), offset(p.node.y, p.relief_page.y), static_cast<int32_t>(place.texel), page_log2 - 7 + place.coarser},
                static_cast<uint32_t>(gpu.size() + 1),
                0,
                p.node.patch};

@@ -51,7 +51,21 @@ struct Body {
   std::shared_ptr<const BaseMesh> mesh;
   Artwork artwork;
 };
-Body makeBody(BaseMesh mesh, int depth, double relief_mm) {
+// Heights of which every (1 << up)-th sample is `fine`'s; between them, on the cells' triangles, rounded, as MeshBake::heights() has it. In
+// every third patch only along the sides. Patches of 2^7 cells.
+test::MeshHeight fewerCells(test::MeshHeight fine, int up) {
+  return [fine, up](uint32_t patch, uint32_t x, uint32_t y) -> uint16_t {
+    const bool on_side = x == 0 || y == 0 || x == kPagePx || y == kPagePx;
+    if (patch % 3 == 0 && !on_side) return fine(patch, x, y);
+    const uint32_t cells = 1u << up, x0 = std::min(x & ~(cells - 1), kPagePx - cells), y0 = std::min(y & ~(cells - 1), kPagePx - cells);
+    const uint32_t fx = x - x0, fy = y - y0;
+    const auto at = [&](uint32_t i, uint32_t j) { return uint32_t{fine(patch, x0 + i * cells, y0 + j * cells)}; };
+    const uint32_t sum = fx >= fy ? at(0, 0) * (cells - fx) + at(1, 0) * (fx - fy) + at(1, 1) * fy : at(0, 0) * (cells - fy) + at(0, 1) * (fy - fx) + at(1, 1) * fx;
+    return static_cast<uint16_t>((sum + cells / 2) >> up);
+  };
+}
+
+Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0) {
   Body body;
   body.mesh = std::make_shared<const BaseMesh>(std::move(mesh));
   Manifest& m = body.artwork.manifest;
@@ -70,20 +84,21 @@ Body makeBody(BaseMesh mesh, int depth, double relief_mm) {
   auto oracle = std::make_shared<test::MadeUpMeshOracle>(relief, kSeed, relief_mm);
   m.coarse_errors = oracle->coarse(body.mesh->patches.size());
   body.artwork.oracle = oracle;
-  body.artwork.source = std::make_shared<NoisePages>(height, depth + 7);
+  body.artwork.source = std::make_shared<NoisePages>(coarser == 0 ? test::MeshHeight(height) : fewerCells(height, coarser), depth + 7);
   return body;
 }
 
 class MeshWatertight : public ::testing::Test {
  protected:
   // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
-  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false) {
+  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false, bool small_relief = true) {
     Scene scene;
     scene.geomorph = geomorph;
     scene.error_px = error_px;
     EngineOptions options;
     options.cache_mib = 4 + 0.16 * static_cast<double>(body.mesh->patches.size());  // pages come and go
     options.most_pinned_patches = tails ? 0 : kMaxPatches;
+    options.small_relief = small_relief;
     options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
     auto engine = Engine::create(body.artwork, scene, options);
     EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
@@ -225,8 +240,48 @@ TEST_F(MeshWatertight, TailsOfOtherHeightsAreSeen) {
   EXPECT_GT(total.different, 0u) << "of " << total.compared;
 }
 
+// Pages of which every second or fourth sample is kept, beside whole ones, beside tails: as if all were whole, every vertex of every list.
+TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
+  Comparison total;
+  uint64_t vertices = 0, fine = 0;
+  for (int coarser : {1, 2}) {
+    BaseMesh mesh = test::cubeSphere(3, 60);
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    const Body body = makeBody(mesh, 0, 8, coarser);
+    std::mt19937 random(static_cast<uint32_t>(kSeed));
+    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true), makeEngine(body, 0.25, true, false, false)};
+    for (int view = 0; view < 2; ++view) {
+      const OrbitCamera camera = randomCamera(mesh, random);
+      std::array<std::vector<float>, 2> captured;
+      for (size_t k = 0; k < 2; ++k) {
+        engines[k]->setCamera(camera);
+        ASSERT_TRUE(engines[k]->settle(60).ok());
+        compareShared(*engines[k], &total);
+        captured[k] = engines[k]->captureVertices(40'000'000);
+      }
+      ASSERT_EQ(engines[0]->instances(), engines[1]->instances());
+      ASSERT_EQ(captured[0].size(), captured[1].size());
+      EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0) << "view " << view << ", 2^" << 7 - coarser << " cells";
+      vertices += captured[0].size() / 4;
+      for (const PatchInstance& p : engines[0]->instances()) fine += p.step_log2 < coarser && p.relief_page.level != kTailLevel && p.node.patch % 3 != 0;
+    }
+    EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes);
+    ASSERT_TRUE(engines[0]->sabotage({.one_sample_a_texel = true}).ok());
+    Comparison broken;
+    compareShared(*engines[0], &broken);
+    EXPECT_GT(broken.different, 0u) << "of " << broken.compared << ", samples read from elsewhere";
+  }
+  std::printf("[ watertight ] %llu vertices from small pages as from whole ones; %llu instances between their samples; %llu shared, %llu differ\n", (unsigned long long)vertices,
+              (unsigned long long)fine, (unsigned long long)total.compared, (unsigned long long)total.different);
+  EXPECT_EQ(total.different, 0u);
+  EXPECT_GE(vertices, 100'000u);
+  EXPECT_GE(fine, 50u);
+}
+
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
-  for (Engine::Sabotage broken : {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true}}) {
+  for (Engine::Sabotage broken :
+       {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true}, Engine::Sabotage{.one_sample_a_texel = true}}) {
     BaseMesh mesh = test::cubeSphere(3, 60);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
@@ -239,7 +294,7 @@ TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
       engine->frame(frame * 0.016);
       compareShared(*engine, &total);
     }
-    EXPECT_GT(total.different, 0u) << "of " << total.compared << (broken.no_snapping ? ", no snapping" : ", unordered ends");
+    EXPECT_GT(total.different, 0u) << "of " << total.compared << (broken.no_snapping ? ", no snapping" : broken.unordered_ends ? ", unordered ends" : ", one sample a texel");
   }
 }
 

@@ -148,16 +148,18 @@ struct Simulation {
     uploaded.clear();
     for (const PageUpload& u : streamer.placeReady(max_uploads)) {
       auto& slots = isBlockCodec(upload) && u.id.plane() == Plane::kRelief ? relief_pool : pool;
-      ASSERT_LT(u.slot, slots.size());
+      const SlotPart part = partOf(u.slot);
+      ASSERT_LT(part.slot, slots.size());
+      ASSERT_EQ(part.level > 0, u.id.plane() == Plane::kRelief);
       ASSERT_EQ(streamer.cache(u.id.plane()).pageIn(u.slot), u.id);
       ASSERT_TRUE(!texels_matter || texelsAreOf(u.id, u.texels, upload)) << "the texels of another page";
-      slots[u.slot] = u.id;
+      slots[part.slot] = part.level == 0 ? u.id : PageId();
       uploaded.push_back(u.id);
     }
     for (PageId id : before) ASSERT_TRUE(resident(id)) << "wanted now, yet evicted";
     std::string why;
     for (Plane plane : {texturePlane(0), Plane::kRelief}) {
-      const PageCache& cache = streamer.cache(plane);
+      const DividedCache& cache = streamer.cache(plane);
       ASSERT_TRUE(cache.checkInvariants(&why)) << why;
       ASSERT_LE(cache.residentCount(), cache.slotCount());
       if (isBlockCodec(upload))
