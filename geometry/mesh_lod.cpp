@@ -451,9 +451,12 @@ class Selection {
   Part partOf(uint32_t index, const Square& s) {
     const Node& n = tree_.nodes[index];
     const int depth = s.level - n.square.level, edge_level = coarsestAround(n.edges, n.drawn, n.square.level, depth, s.x - (n.square.x << depth), s.y - (n.square.y << depth));
-    const double diameter_mm = infos_[n.info].diameter_mm;
+    const Info& whole = infos_[n.info];
+    const double diameter_mm = whole.diameter_mm;
     const bool snapped = edge_level < n.drawn;
     const Deviation own = deviationAt(s, n.drawn, diameter_mm), edge = snapped ? deviationAt(s, edge_level, diameter_mm) : Deviation{};
+    auto bound = [&](const PxPerMm& px) { return std::min(std::max(px.of(own), px.between(edge)), diameter_mm * px.head_on * px.any_way); };
+    if (depth == 0) return {whole.culled ? 0 : bound(whole.px), s, index};
     // Drawn triangles that reach beyond the part are those with vertices on edges that are coarser; they stay within a square of that one's level.
     const int reaches = std::max(n.square.level, wholeLevels(edge_level));
     const bool beyond = snapped && s.level > reaches;
@@ -464,8 +467,7 @@ class Selection {
       seen.culled = all.culled;
       seen.px.head_on = std::min(seen.px.head_on, all.px.head_on);
     }
-    if (seen.culled) return {0, s, index};
-    return {std::min(std::max(seen.px.of(own), seen.px.between(edge)), diameter_mm * seen.px.head_on * seen.px.any_way), s, index};
+    return {seen.culled ? 0 : bound(seen.px), s, index};
   }
   double promisedPx() {
     return searchBound(parts_, [&](const Part& part, auto add) {
