@@ -89,6 +89,7 @@ class MeshForest {
     place_bits_ = (58 - std::bit_width(std::max<size_t>(patchCount(), 2) - 1)) / 2;
     root_bounds_.assign(patchCount(), {1, 0, 0});
     coarse_index_.assign(patchCount(), IndexTable::kNone);
+    whole_shapes_.resize(patchCount());
     twist_mm_.reserve(patchCount());
     for (const auto& c : base_->patches) {
       auto at = [&](size_t k) { return glm::dvec3(base_->corners[c[k]].position_mm); };
@@ -220,8 +221,16 @@ class MeshForest {
     if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
     return b;
   }
-  // A patch's grids as a whole: their shapes are around those of their blocks.
-  DeviationShape wholeShape(uint32_t patch, int level, float whole_mm) const {
+  // A patch's grids as a whole, asked for once: their shapes are around those of their blocks.
+  DeviationShape wholeShape(uint32_t patch, int level, float whole_mm) {
+    WholeShapes& whole = whole_shapes_[patch];
+    if (!(whole.known >> level & 1)) {
+      whole.known |= static_cast<uint8_t>(1 << level);
+      whole.of[static_cast<size_t>(level)] = askWholeShape(patch, level, whole_mm);
+    }
+    return whole.of[static_cast<size_t>(level)];
+  }
+  DeviationShape askWholeShape(uint32_t patch, int level, float whole_mm) const {
     std::array<float, 64> mm;
     std::array<DeviationShape, 64> shapes;
     const size_t count = level < CoarseParts::kFirst ? 1 : size_t{1} << (2 * CoarseParts::depthOf(level));
@@ -281,6 +290,11 @@ class MeshForest {
   HeightBounds whole_range_;
   std::vector<HeightBounds> root_bounds_, bounds_;  // the former by patch; min above max: not asked for yet
   std::vector<PartErrors> parts_;
+  struct WholeShapes {
+    std::array<DeviationShape, std::tuple_size_v<CoarseErrors>> of;
+    uint8_t known = 0;  // a bit each
+  };
+  std::vector<WholeShapes> whole_shapes_;  // by patch
   std::vector<uint32_t> coarse_index_;  // by patch, in the following; none: not asked for yet
   std::vector<CoarseParts> coarse_parts_;
   IndexTable bounds_index_, parts_index_;

@@ -268,30 +268,23 @@ struct Baked final : ReliefOracle {
     auto mm = [&](uint16_t q) { return relief.offset_mm + relief.scale_mm * q; };
     return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f), *std::max_element(blocks.begin(), blocks.end())};
   }
-  bool errorBlocks(const NodeId& page, std::span<float> out) const override {
-    const auto b = static_cast<size_t>(16 << page.level);
-    const std::vector<float>& all = bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)).mm;
-    for (size_t y = 0; y < 16; ++y)
-      for (size_t x = 0; x < 16; ++x) out[y * 16 + x] = all[(page.y * 16 + y) * b + page.x * 16 + x];
+  const GridErrors& of(const NodeId& page) const { return bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)); }
+  // A page's blocks, of those of all pages of its level.
+  template <class T>
+  static bool pick(const std::vector<T>& all, const NodeId& page, std::span<T> out) {
+    const auto row = static_cast<size_t>(16 << page.level);
+    for (size_t y = 0; y < 16; ++y) std::copy_n(all.begin() + static_cast<std::ptrdiff_t>((page.y * 16 + y) * row + page.x * 16), 16, out.begin() + static_cast<std::ptrdiff_t>(16 * y));
     return true;
   }
-  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override {
-    const auto b = static_cast<size_t>(16 << page.level);
-    const std::vector<DeviationShape>& all = bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)).shapes;
-    for (size_t y = 0; y < 16; ++y)
-      for (size_t x = 0; x < 16; ++x) out[y * 16 + x] = all[(page.y * 16 + y) * b + page.x * 16 + x];
+  template <class T>
+  static bool copy(const std::vector<T>& all, std::span<T> out) {
+    std::copy(all.begin(), all.end(), out.begin());
     return true;
   }
-  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override {
-    const std::vector<float>& mm = bake->errorsOfCells(patch, cells_log2).mm;
-    std::copy(mm.begin(), mm.end(), out.begin());
-    return true;
-  }
-  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
-    const std::vector<DeviationShape>& shapes = bake->errorsOfCells(patch, cells_log2).shapes;
-    std::copy(shapes.begin(), shapes.end(), out.begin());
-    return true;
-  }
+  bool errorBlocks(const NodeId& page, std::span<float> out) const override { return pick(of(page).mm, page, out); }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override { return pick(of(page).shapes, page, out); }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override { return copy(bake->errorsOfCells(patch, cells_log2).mm, out); }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override { return copy(bake->errorsOfCells(patch, cells_log2).shapes, out); }
 };
 Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
   auto baked = std::make_shared<Baked>();

@@ -17,7 +17,8 @@ class TrueMeshRelief final : public ReliefOracle {
  public:
   // height: a value 0..1 at a place of the base and its name; shared places get one value.
   TrueMeshRelief(const BaseMesh& mesh, const MeshRelief& relief, const std::function<double(const glm::dvec3&, const Place&)>& height)
-      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()), coarse_blocks_(mesh.patches.size()) {
+      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()), coarse_blocks_(mesh.patches.size()),
+        coarse_shapes_(mesh.patches.size()) {
     std::map<Place, uint16_t> shared;
     for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
       auto& samples = patches_[p];
@@ -173,7 +174,7 @@ class TrueMeshRelief final : public ReliefOracle {
   std::vector<std::vector<uint16_t>> patches_;
   std::vector<CoarseErrors> coarse_;
   std::vector<std::array<std::vector<float>, 3>> coarse_blocks_;
-  std::vector<std::array<std::vector<DeviationShape>, 7>> coarse_shapes_ = std::vector<std::array<std::vector<DeviationShape>, 7>>(patches_.size());
+  std::vector<std::array<std::vector<DeviationShape>, 7>> coarse_shapes_;
   std::map<NodeId, Page> pages_;
   Shapes shapes_ = Shapes::kTrue;
   Parts parts_ = Parts::kTrue;
@@ -196,7 +197,6 @@ inline Measured measureError(const TrueMeshRelief& relief, int unit_log2, const 
     glm::dvec3 at;
   };
   std::vector<Vertex> grid;
-  std::vector<glm::dvec3> fine;
   std::vector<glm::dvec2> fine_px;
   std::vector<int> fine_in;
   for (const PatchInstance& p : instances) {

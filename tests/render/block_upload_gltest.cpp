@@ -17,6 +17,7 @@
 #include "src/render/block_formats.h"
 #include "src/render/page_pool.h"
 #include "tests/render/gl_fixture.h"
+#include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
 #include "texturing/bc_blocks.h"
 #include "texturing/page_block_codec.h"
@@ -81,11 +82,7 @@ class BlockUpload : public ::testing::Test {
     EngineOptions options;
     options.upload = upload;
     options.cache_mib = cache_mib;
-    auto engine = Engine::create(artwork, scene, options);
-    EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-    if (!engine.ok()) return nullptr;
-    (*engine)->resize(kWidth, kHeight);
-    return std::move(*engine);
+    return test::makeEngine(artwork, scene, options, kWidth, kHeight);
   }
   static std::vector<uint8_t> settled(Engine& e, const OrbitCamera& c) {
     e.setCamera(c);

@@ -12,6 +12,8 @@
 #include "src/render/depth.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/gl_fixture.h"
+#include "tests/render/made_engine.h"
+#include "tests/render/made_pages.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -24,18 +26,9 @@ class PatchColours final : public PageSource {
  public:
   explicit PatchColours(test::MeshHeight height) : height_(std::move(height)) {}
   Result<EncodedPage> read(PageId id) const override {
-    PageEncoder encoder(1);
     const NodeId n = id.node();
-    if (id.plane() == Plane::kRelief) {
-      std::vector<uint16_t> samples(kReliefPageSamples);
-      for (uint32_t y = 0; y <= kPagePx; ++y)
-        for (uint32_t x = 0; x <= kPagePx; ++x) samples[y * kReliefSamples + x] = height_(n.patch, x, y);
-      const auto bytes = encoder.encodeRelief(samples);
-      return EncodedPage{{bytes.begin(), bytes.end()}};
-    }
-    const std::vector<uint8_t> channels(kTexturePageBytes, static_cast<uint8_t>(20 + 10 * n.patch));
-    const auto bytes = encoder.encodeTexture(channels);
-    return EncodedPage{{bytes.begin(), bytes.end()}};
+    if (id.plane() != Plane::kRelief) return test::madeTexturePage(std::vector<uint8_t>(kTexturePageBytes, static_cast<uint8_t>(20 + 10 * n.patch)));
+    return test::madeReliefPage(n, [&](double u, double v) { return height_(n.patch, static_cast<uint32_t>(u * kPagePx), static_cast<uint32_t>(v * kPagePx)); });
   }
 
  private:
@@ -61,14 +54,7 @@ Artwork artworkOver(BaseMesh mesh, double relief_mm) {
 }
 
 std::unique_ptr<Engine> engineFor(const Artwork& artwork, bool reversed) {
-  Scene scene;
-  EngineOptions options;
-  options.reversed_depth = reversed;
-  auto engine = Engine::create(artwork, scene, options);
-  EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-  if (!engine.ok()) return nullptr;
-  (*engine)->resize(kWidth, kHeight);
-  return std::move(*engine);
+  return test::makeEngine(artwork, {}, {.reversed_depth = reversed}, kWidth, kHeight);
 }
 
 // 2 x 2 patches of a sheet that faces the eye, 10 m wide, and the same gap_mm behind it; and a small one behind the eye, so that the eye lies

@@ -13,6 +13,7 @@
 
 #include "src/engine.h"
 #include "src/gl/context.h"
+#include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
 #include "tests/texturing/fake_sources.h"
 #include "texturing/page_codec.h"
@@ -144,11 +145,7 @@ class EngineFaults : public ::testing::Test {
   std::unique_ptr<Engine> makeEngine(std::shared_ptr<const PageSource> source, EngineOptions options = {}, Scene scene = {}) {
     Artwork artwork = artworkFromPackage(package_);
     artwork.source = source;
-    auto engine = Engine::create(artwork, scene, options);
-    EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-    if (!engine.ok()) return nullptr;
-    (*engine)->resize(kWidth, kHeight);
-    return std::move(*engine);
+    return test::makeEngine(artwork, scene, options, kWidth, kHeight);
   }
   static OrbitCamera camera(double turn) {
     OrbitCamera c;

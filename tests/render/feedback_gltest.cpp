@@ -14,6 +14,7 @@
 #include "src/render/surface_target.h"
 #include "tests/geometry/pixel_wants.h"
 #include "tests/render/gl_fixture.h"
+#include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
 #include "texturing/want_memory.h"
 
@@ -376,12 +377,9 @@ std::unique_ptr<Engine> engineFor(const Artwork& artwork, const OrbitCamera& cam
   EngineOptions options;
   options.determination = how;
   options.cache_mib = 64;
-  auto engine = Engine::create(artwork, scene, options);
-  EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-  if (!engine.ok()) return nullptr;
-  (*engine)->resize(240, 135);
-  (*engine)->setCamera(camera);
-  return std::move(*engine);
+  auto engine = test::makeEngine(artwork, scene, options, 240, 135);
+  if (engine) engine->setCamera(camera);
+  return engine;
 }
 std::set<NodeId> settledWants(Engine& e) {
   EXPECT_TRUE(e.settle(60).ok());

@@ -14,6 +14,7 @@
 #include "tests/geometry/base_shapes.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/gl_fixture.h"
+#include "tests/render/made_engine.h"
 #include "tests/tools/cli_fixture.h"
 
 namespace relievo {
@@ -172,12 +173,9 @@ class HardScans : public testing_support::Cli {
     auto opened = Package::open(file(package));
     EXPECT_TRUE(opened.ok()) << (opened.ok() ? "" : opened.error().text());
     if (!opened.ok()) return nullptr;
-    auto engine = Engine::create(artworkFromPackage(*opened), Scene{}, EngineOptions{});
-    EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-    if (!engine.ok()) return nullptr;
-    (*engine)->resize(kWidth, kHeight);
-    if (!snapping) { EXPECT_TRUE((*engine)->sabotage({.no_snapping = true}).ok()); }
-    return std::move(*engine);
+    auto engine = test::makeEngine(artworkFromPackage(*opened), {}, {}, kWidth, kHeight);
+    if (engine && !snapping) { EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok()); }
+    return engine;
   }
 };
 

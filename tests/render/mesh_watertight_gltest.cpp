@@ -11,6 +11,7 @@
 #include "geometry/snap.h"
 #include "src/engine.h"
 #include "tests/geometry/mesh_fixture.h"
+#include "tests/render/made_engine.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -100,10 +101,7 @@ class MeshWatertight : public ::testing::Test {
     options.most_pinned_patches = tails ? 0 : kMaxPatches;
     options.small_relief = small_relief;
     options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
-    auto engine = Engine::create(body.artwork, scene, options);
-    EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
-    (*engine)->resize(kWidth, kHeight);
-    return std::move(*engine);
+    return test::makeEngine(body.artwork, scene, options, kWidth, kHeight);
   }
   static OrbitCamera randomCamera(const BaseMesh& mesh, std::mt19937& random) {
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };

@@ -6,6 +6,7 @@
 
 #include "shaders/embedded.h"
 #include "tests/render/lit_ball.h"
+#include "tests/render/made_engine.h"
 
 namespace relievo {
 namespace {
@@ -32,11 +33,7 @@ class ManyPatches : public ::testing::Test {
     EngineOptions options;
     options.most_pinned_patches = most_pinned;
     options.cache_mib = cache_mib;
-    auto made = Engine::create(artwork, scene, options);
-    EXPECT_TRUE(made.ok()) << (made.ok() ? "" : made.error().text());
-    if (!made.ok()) return nullptr;
-    (*made)->resize(kWidth, kHeight);
-    return std::move(*made);
+    return test::makeEngine(artwork, scene, options, kWidth, kHeight);
   }
   static OrbitCamera cameraAt(double azimuth, double elevation, double radii) {
     OrbitCamera c;
