@@ -70,9 +70,9 @@ double ViewBounds::pxPerMm(const WorldBox& b) const {
 }
 
 double ViewBounds::nearestMm(const WorldBox& b) const {
-  return glm::length(glm::max(glm::abs(eye_ - b.centre) - b.half, glm::dvec3(0)));
+  return orthographic_ ? kFarEyeMm : glm::length(glm::max(glm::abs(eye_ - b.centre) - b.half, glm::dvec3(0)));
 }
-double ViewBounds::farthestMm(const WorldBox& b) const { return glm::length(glm::abs(eye_ - b.centre) + b.half); }
+double ViewBounds::farthestMm(const WorldBox& b) const { return orthographic_ ? kFarEyeMm : glm::length(glm::abs(eye_ - b.centre) + b.half); }
 
 double ViewBounds::distanceFor(double mm, double px) const {
   if (orthographic_) return mm * scale_ <= px ? 0 : std::numeric_limits<double>::infinity();

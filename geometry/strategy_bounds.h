@@ -25,11 +25,14 @@ class ViewBounds {
  public:
   explicit ViewBounds(const LodView& view);
   bool valid() const { return valid_; }
+  bool orthographic() const { return orthographic_; }
   bool culled(const WorldBox& box) const;
   // Pixels that a millimetre of movement, anywhere in the box, can be on screen.
   double pxPerMm(const WorldBox& box) const;
-  double nearestMm(const WorldBox& box) const;   // from the eye
+  // From the eye; orthographic: kFarEyeMm.
+  double nearestMm(const WorldBox& box) const;
   double farthestMm(const WorldBox& box) const;
+  static constexpr double kFarEyeMm = 1e15;
   // From this distance on a movement by so many millimetres is at most so many pixels, wherever in the picture. Orthographic: 0 or infinity.
   double distanceFor(double mm, double px) const;
 

@@ -48,7 +48,8 @@ class Cdlod final : public LodStrategy {
     StrategyResult result;
     result.rule = GridRule::kMorphed;
     result.error_px = view.error_px;
-    result.morph_eye_mm = view.eye_mm;
+    // Orthographic: a range is 0 or endless, so one level is for all, and nothing slides: the eye is far away, whichever way.
+    result.morph_eye_mm = view.eye_mm + glm::dvec3(0, 0, screen.orthographic() ? ViewBounds::kFarEyeMm : 0.0);
     setRanges(view, screen);
     for (int level = coarsest_; level <= finest_; ++level)
       result.morph[static_cast<size_t>(level)] = {static_cast<float>(start_[level]), static_cast<float>(end_[level])};

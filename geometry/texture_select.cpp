@@ -4,6 +4,8 @@
 // the line of sight goes sideways while it falls by 1. On the horizontal plane through P the pixel's footprint has the sides
 //   c_i = w (q_i.xy + q_i.z o),   i = x, y   (w = F.d):                                                                       (1)
 // so the shader's gradient is max(|c_x|, |c_y|): exact for a flat artwork, where o is affine in P.
+// Orthographic views have no F: w is the same everywhere, lines of sight are parallel (o is one for all, and so is the footprint on a plane), and
+// q_i lie across them.
 // On a surface of gradient g the sides are c_i' = c_i - o (g.c_i) / (1 + g.o) (Sherman-Morrison). Their parts across o do not
 // depend on g, and |c_i| <= (1 + |g||o|) |c_i'|: with a bound S of |g|,
 //   |c_i'| >= max(part of c_i across o, |c_i| / (1 + S |o|)):                                                                 (2)
@@ -92,7 +94,7 @@ class TextureSelection {
  private:
   bool setView() {
     const TextureView& v = view_;
-    if (v.width_px <= 0 || v.height_px <= 0 || !std::isfinite(v.lod_bias) || !(v.near_mm > 0) || !std::isfinite(v.near_mm)) return false;
+    if (v.width_px <= 0 || v.height_px <= 0 || !std::isfinite(v.lod_bias) || !std::isfinite(v.near_mm)) return false;
     if (!std::isfinite(v.exaggerate) || !(v.anisotropy >= 1) || !std::isfinite(v.anisotropy)) return false;
     glm::dmat4 rows = glm::transpose(v.clip_from_world);
     for (int i = 0; i < 4; ++i)
@@ -102,9 +104,13 @@ class TextureSelection {
     // Pixels from the view's centre.
     double half_w = 0.5 * v.width_px, half_h = 0.5 * v.height_px;
     glm::dvec3 r = glm::dvec3(rows[0]) * half_w, u = glm::dvec3(rows[1]) * half_h, f(rows[3]);
-    glm::dmat3 screen_from_eye = glm::transpose(glm::dmat3(r, u, f));
+    orthographic_ = glm::length(f) <= 1e-12 * std::abs(rows[3].w);
+    if (orthographic_ ? !(rows[3].w > 0) : !(v.near_mm > 0)) return false;
+    if (orthographic_) f = glm::dvec3(0);
+    const glm::dvec3 ahead = orthographic_ ? glm::cross(r, u) : f;
+    glm::dmat3 screen_from_eye = glm::transpose(glm::dmat3(r, u, ahead));
     double det = glm::determinant(screen_from_eye);
-    if (!(std::abs(det) > 1e-12 * glm::length(r) * glm::length(u) * glm::length(f))) return false;
+    if (!(std::abs(det) > 1e-12 * glm::length(r) * glm::length(u) * glm::length(ahead))) return false;
     glm::dmat3 eye_from_screen = glm::inverse(screen_from_eye);
     q_ = {eye_from_screen[0], eye_from_screen[1]};
     q_w_ = eye_from_screen[2];
@@ -119,7 +125,13 @@ class TextureSelection {
     if (!flat_) margin += 2 * std::max(0.0, std::isfinite(v.error_px) ? v.error_px : 0.0);
     planes_ = {x_row_ + rows[3] * (half_w + margin), rows[3] * (half_w + margin) - x_row_, y_row_ + rows[3] * (half_h + margin),
                rows[3] * (half_h + margin) - y_row_, rows[3] * (1 + 1e-6) + rows[2], rows[3] * (1 + 1e-6) - rows[2]};
-    if (flat_ && !(std::abs(v.eye_mm.z) > 0)) return false;
+    if (orthographic_) {
+      edge_on_ = !(std::abs(q_w_.z) > 1e-12 * glm::length(q_w_));
+      if (flat_ && edge_on_) return false;
+      if (!edge_on_) sideways_ = glm::dvec2(q_w_) / -q_w_.z;
+    } else if (flat_ && !(std::abs(v.eye_mm.z) > 0)) {
+      return false;
+    }
     // The largest that a horizontal millimetre at w = 1 can be on the screen: the norm of an affine function, so at a corner.
     for (double sx : {-half_w, half_w}) {
       for (double sy : {-half_h, half_h}) {
@@ -244,6 +256,7 @@ class TextureSelection {
   bool flatWanted(const Region& r, double threshold, int splits) const {
     Polygon p = visiblePart(r);
     if (p.count < 3) return false;
+    if (orthographic_) return flatWantedFromAfar(p, threshold);
     double w_min = std::numeric_limits<double>::infinity(), stretch = 0;
     Polygon o, screen;
     for (int i = 0; i < p.count; ++i) {
@@ -272,6 +285,19 @@ class TextureSelection {
     for (size_t k = 0; k < 2; ++k) c[k] = w * (glm::dvec2(q_[k]) + q_[k].z * sideways);
     if (footprint(c) < threshold) return true;
     return anyQuarter(r, [&](const Region& quarter) { return flatWanted(quarter, threshold, splits - 1); });
+  }
+  bool flatWantedFromAfar(const Polygon& visible, double threshold) const {
+    const double w = depth_row_.w;
+    std::array<glm::dvec2, 2> c;
+    for (size_t k = 0; k < 2; ++k) c[k] = w * (glm::dvec2(q_[k]) + q_[k].z * sideways_);
+    if (!(footprint(c) < threshold)) return false;
+    Polygon screen;
+    for (int i = 0; i < visible.count; ++i) {
+      const glm::dvec3 world(visible.at[static_cast<size_t>(i)], 0);
+      screen.add(glm::dvec2(value(x_row_, world), value(y_row_, world)) / w);
+    }
+    glm::dvec2 pixel;
+    return findPixelCentre(screen, &pixel);
   }
   // Over a convex part of the plane, given by its o, at w = 1.
   double leastAtUnitDepth(const Polygon& o, double stretch) const {
@@ -371,16 +397,16 @@ class TextureSelection {
     glm::dvec3 centre{0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), 0.5 * (r.z0 + r.z1)};
     double w = value(depth_row_, centre) - std::abs(depth_row_.x) * 0.5 * (r.x1 - r.x0) - std::abs(depth_row_.y) * 0.5 * (r.y1 - r.y0) -
                std::abs(depth_row_.z) * 0.5 * (r.z1 - r.z0);
-    w = std::max(w, near_w_);
+    w = orthographic_ ? depth_row_.w : std::max(w, near_w_);
     // Some horizontal direction lies in the surface, and moves that far on the screen at most.
     double least = 1 / (std::sqrt(2.0) * px_per_mm_);
     double drop0 = eye.z - r.z1, drop1 = eye.z - r.z0;  // how far the eye is above the highest, the lowest point
-    if (drop0 * drop1 > 0) {
+    if (orthographic_ ? !edge_on_ : drop0 * drop1 > 0) {
       glm::dvec2 low{1e300}, high{-1e300};
       for (double x : {r.x0, r.x1}) {
         for (double y : {r.y0, r.y1}) {
           for (double drop : {drop0, drop1}) {
-            glm::dvec2 o = (glm::dvec2(x, y) - glm::dvec2(eye)) / drop;
+            glm::dvec2 o = orthographic_ ? sideways_ : (glm::dvec2(x, y) - glm::dvec2(eye)) / drop;
             low = glm::min(low, o);
             high = glm::max(high, o);
           }
@@ -430,11 +456,12 @@ class TextureSelection {
   const PlanarDomain& domain_;
   const ReliefOracle& oracle_;
   const TextureView& view_;
-  bool flat_ = false, valid_ = false;
+  bool flat_ = false, valid_ = false, orthographic_ = false, edge_on_ = false;
   double half_w_mm_ = 0, half_h_mm_ = 0, low_mm_ = 0, high_mm_ = 0;
   double slope_per_mm_ = 0;               // steepest slope for a range of heights of 1 mm
   std::array<glm::dvec3, 2> q_{};         // see (1)
   glm::dvec3 q_w_{0};                     // the line of sight in the middle
+  glm::dvec2 sideways_{0};                // orthographic: o
   glm::dvec4 x_row_{0}, y_row_{0}, depth_row_{0};
   glm::dvec2 screen_x_{0}, screen_y_{0}, screen_w_{0};
   std::array<glm::dvec4, 6> planes_{};

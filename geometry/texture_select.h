@@ -1,7 +1,8 @@
 // texture_select.h - page determination on the CPU: every texture node that some pixel of a view may want, without drawing anything.
 // A node of level l is wanted where the shader's texture LOD (shaders/texture_lookup.glsl) asks for level l or a finer one; so the
 // ancestors of a wanted node are wanted too.
-// Flat artworks: the perspective image of a plane is known exactly, so the answer is exact up to kLodSlack levels and
+// Perspective and orthographic views.
+// Flat artworks: the image of a plane is known exactly, so the answer is exact up to kLodSlack levels and
 // kPixelSlack px around each page; a page that covers no pixel's centre is left out.
 // Relief: the surface may have any slope that its heights' bounds allow, and the finest level that such a slope may want is asked
 // for. Seen from above that is nearly what pixels want; at a slant, up to log2(1 / cos(angle)) levels too fine. Nothing is known of
@@ -26,8 +27,8 @@ inline constexpr double kPixelSlack = 1.0 / 128;   // px: rasterisers snap to 1/
 struct TextureView {
   glm::dmat4 clip_from_world{1.0};
   glm::dvec3 eye_mm{0};
-  double pixels_per_radian = 1;  // viewport height in px / (2 tan(fov / 2))
-  double near_mm = 1;
+  double pixels_per_radian = 1;  // viewport height in px / (2 tan(fov / 2)); orthographic: pixels per mm
+  double near_mm = 1;            // above 0; orthographic: any
   int width_px = 1, height_px = 1;
   double lod_bias = 0;           // levels; as the shader adds it
   bool trilinear = true;         // false: the nearest level alone
@@ -42,8 +43,8 @@ struct TextureWant {
   float priority = 0;  // smallest distance from the view's centre, 0..1 (1: a corner)
 };
 
-// Coarse before fine, then near to the centre. A view that is not finite, has no perspective or lies in the artwork's plane gets
-// the roots only.
+// Coarse before fine, then near to the centre. A view that is not finite, shows all on a line or a point, or lies in a flat
+// artwork's plane gets the roots only.
 std::vector<TextureWant> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle, const TextureView& view);
 
 }  // namespace relievo

@@ -904,6 +904,8 @@ EngineStats Engine::stats() const {
   if (e.plan.relief) {
     for (const NodeWant& w : e.relief_wants) s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
   }
+  s.orthographic = e.camera.orthographic;
+  s.mm_per_px = mmPerPx(e.camera, e.height);
   s.slots = e.slots.total();
   s.resident = static_cast<uint32_t>(s.streamer.resident);
   s.upload = e.slots.upload;
@@ -981,6 +983,8 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"resident_pages", resident_pages},
       {"upload", uploadFormatName(s.upload)},
       {"depth", depthName(s.reversed_depth)},
+      {"projection", s.orthographic ? "orthographic" : "perspective"},
+      {s.orthographic ? "mm_per_px" : "mm_per_px_at_target", s.mm_per_px},
       {"resident_mib", mib(s.streamer.resident_bytes)},
       {"relief_mib", mib(s.streamer.relief_bytes)},
       {"cache_mib", mib(s.cache_bytes)},

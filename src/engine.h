@@ -79,6 +79,8 @@ struct EngineStats {
   double predict_ms = 0;    // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way
   bool reversed_depth = false;  // in use
+  bool orthographic = false;    // the camera
+  double mm_per_px = 0;         // orthographic: everywhere in the picture; else on the plane through the target
   std::vector<std::string> passes, planes_read;
 };
 

@@ -112,6 +112,7 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
     at[v] = a[v] * (u * u * (1 + 2 * t)) + b[v] * (t * t * (3 - 2 * t)) + h * (slope(i, v) * (t * u * u) - slope(i + 1, v) * (t * t * u));
   }
   OrbitCamera camera = cameraOf(at);
+  camera.orthographic = keys[i].camera.orthographic;
   if (keys[i].camera.distance_mm == keys[i + 1].camera.distance_mm) camera.distance_mm = keys[i].camera.distance_mm;  // not exp(log())
   return camera;
 }

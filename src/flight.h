@@ -16,7 +16,7 @@ struct FlightKey {
 
 // Between the keys, each of azimuth, elevation, field of view, log distance and target follows a monotone cubic (Fritsch, Carlson
 // 1980, with the harmonic mean of Fritsch, Butland 1984 as slope): velocities are continuous, nothing overshoots, and a camera that
-// two keys leave in place stands still.
+// two keys leave in place stands still. The projection is that of the key before.
 struct Flight {
   std::string name;
   std::vector<FlightKey> keys;  // times grow

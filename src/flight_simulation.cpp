@@ -110,13 +110,14 @@ std::optional<NodeId> nodeAt(const FlightScene& scene, const OrbitCamera& camera
   double az = glm::radians(camera.azimuth_deg), el = glm::radians(camera.elevation_deg);
   glm::dvec3 back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)};
   glm::dvec3 right{std::cos(az), 0, -std::sin(az)}, up = glm::cross(back, right);
-  glm::dvec3 eye = camera.target_mm + back * camera.distance_mm;
-  double px = 2 * std::tan(glm::radians(camera.fov_deg) / 2) / scene.height_px;  // at unit depth
-  glm::dvec3 sight = right * ((x_px - 0.5 * scene.width_px) * px) + up * ((0.5 * scene.height_px - y_px) * px) - back;
-  if (sight.z * eye.z >= 0) return std::nullopt;
+  const bool parallel = camera.orthographic;
+  double px = mmPerPx(camera, scene.height_px) / (parallel ? 1 : camera.distance_mm);  // at unit depth
+  glm::dvec3 aside = right * ((x_px - 0.5 * scene.width_px) * px) + up * ((0.5 * scene.height_px - y_px) * px);
+  glm::dvec3 eye = camera.target_mm + back * camera.distance_mm + (parallel ? aside : glm::dvec3(0)), sight = (parallel ? glm::dvec3(0) : aside) - back;
+  if (parallel ? sight.z == 0 : sight.z * eye.z >= 0) return std::nullopt;
   double t = -eye.z / sight.z;
   glm::dvec3 at = eye + sight * t;
-  auto rate = [&](const glm::dvec3& d) { return glm::dvec2(d - sight * (d.z / sight.z)) * (t / scene.domain.mm_per_px); };
+  auto rate = [&](const glm::dvec3& d) { return glm::dvec2(d - sight * (d.z / sight.z)) * ((parallel ? 1 : t) / scene.domain.mm_per_px); };
   glm::dvec2 dx = rate(right * px), dy = rate(up * px);
   double lod = 0.5 * std::log2(std::max(glm::dot(dx, dx), glm::dot(dy, dy)));
   const PlanarDomain& d = scene.domain;

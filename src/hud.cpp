@@ -21,6 +21,7 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn"},
                                     {"Middle drag, Shift + left drag", "move"},
                                     {"Wheel", "zoom to the point under the mouse"},
                                     {"Right drag, L + move", "light"},
+                                    {"O", "orthographic (one scale everywhere) or perspective"},
                                     {"R", "reset camera and light"},
                                     {"W", "wireframe"},
                                     {"P", "pages by texture level"},
@@ -74,7 +75,12 @@ std::string hudLine(const HudState& s) {
   char text[200];
   std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error %.2f of %.1f px", s.fps, s.frame_ms,
                 s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px, s.error_px);
-  return text;
+  std::string line = text;
+  if (s.mm_per_px > 0) {
+    std::snprintf(text, sizeof text, "   %.4g mm a px", s.mm_per_px);
+    line += text;
+  }
+  return line;
 }
 
 struct Hud::Impl {

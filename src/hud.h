@@ -18,6 +18,7 @@ struct HudState {
   uint32_t resident_pages = 0, slots = 0, missing_pages = 0;
   double error_px = 1;            // allowed
   double predicted_error_px = 0;  // of what is drawn
+  double mm_per_px = 0;           // of an orthographic picture; else 0
   std::array<double, 3> light{0, 0, 1};
   bool show_light = false;
   bool help = false;
@@ -25,7 +26,7 @@ struct HudState {
   std::optional<HudFigures> figures;  // the panel
 };
 
-// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px"
+// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px"; orthographic: "   0.042 mm a px", too
 std::string hudLine(const HudState& state);
 
 class Hud {

@@ -25,7 +25,8 @@ double prefetchHorizon(double latency_p90_s, const PredictorOptions& options) {
 }
 
 void CameraPredictor::observe(const OrbitCamera& camera, double now_s) {
-  if (!past_.empty() && (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s || camera.fov_deg != past_.back().camera.fov_deg)) {
+  if (!past_.empty() && (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s || camera.fov_deg != past_.back().camera.fov_deg ||
+                         camera.orthographic != past_.back().camera.orthographic)) {
     past_.clear();
   }
   past_.push_back({now_s, camera});

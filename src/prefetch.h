@@ -37,7 +37,7 @@ class CameraPredictor {
  public:
   explicit CameraPredictor(PredictorOptions options = {}) : options_(options) {}
 
-  // Each frame's camera; times that do not grow, or that jump by more than a second, start it anew.
+  // Each frame's camera; times that do not grow, or that jump by more than a second, another field of view or projection start it anew.
   void observe(const OrbitCamera& camera, double now_s);
   void reset() { past_.clear(); }
   OrbitCamera predict(double ahead_s) const;  // at now_s + ahead_s; the newest camera when there is too little to go by

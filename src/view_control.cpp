@@ -70,7 +70,7 @@ void ViewControl::pan(double x, double y) {
       glm::length(grabbed_mm_ - c.target_mm) < largest_mm) {
     c.target_mm += grabbed_mm_ - now_mm;
   } else {
-    const double mm_per_px = c.distance_mm * 2 * std::tan(glm::radians(c.fov_deg) / 2) / height_px_;
+    const double mm_per_px = mmPerPx(c, height_px_);
     const double azimuth = glm::radians(c.azimuth_deg);
     c.target_mm.x -= (x - x_) * mm_per_px * std::cos(azimuth);
     c.target_mm.y += (y - y_) * mm_per_px;
@@ -147,6 +147,9 @@ bool ViewControl::handle(const gl::Event& e) {
     wireframe = !wireframe;
   } else if (e.key == "P") {
     show_pages = !show_pages;
+  } else if (e.key == "O") {
+    view_.camera.orthographic = !view_.camera.orthographic;
+    grabbed_ = grabbed_ && pointUnder(x_, y_, &grabbed_mm_);
   } else if (e.key == "R") {
     view_ = start_;
     grabbed_ = false;

@@ -3,6 +3,7 @@
 //   middle drag, shift+left   pan: the point that was grabbed stays under the mouse
 //   wheel                 zoom: the point under the mouse stays there
 //   right drag, L + move  light
+//   O                     perspective or orthographic: what is at the target keeps its size and place
 //   W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot, help, figures, quit
 // Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the distance
 // within bounds.

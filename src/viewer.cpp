@@ -53,7 +53,9 @@ class FrameMeter {
 };
 
 Result<void> writeSnapshot(Engine& engine, const std::string& path, const ViewerOptions& options) {
-  return writePng(path, engine.width(), engine.height(), 3, overBackground(engine.readPixels(), options.background));
+  const EngineStats stats = engine.stats();
+  return writePng(path, engine.width(), engine.height(), 3, overBackground(engine.readPixels(), options.background),
+                  stats.orthographic ? stats.mm_per_px : 0);
 }
 
 std::string viewJson(const ViewControl::View& view) {
@@ -62,6 +64,7 @@ std::string viewJson(const ViewControl::View& view) {
   json["elevation_deg"] = view.camera.elevation_deg;
   json["distance_mm"] = view.camera.distance_mm;
   json["fov_deg"] = view.camera.fov_deg;
+  json["orthographic"] = view.camera.orthographic;
   json["target_mm"] = {view.camera.target_mm.x, view.camera.target_mm.y, view.camera.target_mm.z};
   json["light"] = view.light;
   return json.dump();
@@ -178,6 +181,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     shown.missing_pages = stats.missing_pages;
     shown.error_px = scene.error_px;
     shown.predicted_error_px = stats.predicted_error_px;
+    shown.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
     shown.figures.reset();
     if (control.figures) shown.figures = hudFigures(stats, engine.manifest());
     engine.present(window.width(), window.height());

@@ -48,10 +48,10 @@ Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path, s
   return (*module)->open_height(path, range_mm, options);
 }
 
-Result<void> writePng(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels) {
+Result<void> writePng(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels, double mm_per_px) {
   auto module = load();
   if (!module) return module.error();
-  return (*module)->write_png(path, width, height, channels, pixels);
+  return (*module)->write_png(path, width, height, channels, pixels, mm_per_px);
 }
 
 Result<Image8> readImage8(const std::string& path) {

@@ -29,8 +29,9 @@ Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path, 
 Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path, std::optional<std::pair<double, double>> range_mm,
                                                       const ImageReadOptions& options = {});
 
-// Pixel-interleaved, rows top first; written beside and renamed.
-Result<void> writePng(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels);
+// Pixel-interleaved, rows top first; written beside and renamed. mm_per_px above 0: the size at which other programs print it (in whole pixels
+// a metre).
+Result<void> writePng(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels, double mm_per_px = 0);
 // Decoded to 8-bit, as many channels as there are.
 struct Image8 { int width = 0, height = 0, channels = 0; std::vector<uint8_t> pixels; };
 Result<Image8> readImage8(const std::string& path);

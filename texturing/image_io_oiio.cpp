@@ -480,12 +480,19 @@ Result<std::unique_ptr<HeightSource>> openHeight(const std::string& path,
   });
 }
 
-Result<void> writePngFile(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels) {
+Result<void> writePngFile(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels, double mm_per_px) {
   assert(width > 0 && height > 0 && channels >= 1 && channels <= 4);
   assert(pixels.size() == static_cast<size_t>(width) * height * channels);
   OIIO::ImageSpec spec(width, height, channels, OIIO::TypeUInt8);
   spec.attribute("oiio:ColorSpace", "sRGB");
   spec.attribute("oiio:UnassociatedAlpha", 1);
+  // A picture of less than a pixel a metre, or of more than a PNG can count, says nothing.
+  if (const double px_per_m = 1000 / mm_per_px; mm_per_px > 0 && px_per_m >= 1 && px_per_m < 2e9) {
+    spec.attribute("ResolutionUnit", "cm");
+    // The writer cuts off what is beyond a whole pixel a metre, of a float.
+    const auto px_per_cm = static_cast<float>((std::round(px_per_m) + 0.25) / 100);
+    for (const char* axis : {"XResolution", "YResolution"}) spec.attribute(axis, px_per_cm);
+  }
   auto writer = OiioWriter::open(path, "png", std::move(spec));
   if (!writer) return writer.error();
   if (auto done = (*writer)->appendRows(height, pixels.data()); !done) return done;

@@ -180,7 +180,7 @@ std::string footer() {
   for (const ReportColumn& c : reportColumns()) text += "  " + std::string(c.name) + (*c.unit ? " (" + std::string(c.unit) + ")" : "") + ": " + c.meaning + "\n";
   text +=
       "\nA FILE.json for --path:\n"
-      "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, \"target_mm\": [0, 0, 0]}, ...]}\n"
+      "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, \"orthographic\": false, \"target_mm\": [0, 0, 0]}, ...]}\n"
       "What a camera leaves out is that of one which sees the whole artwork from the front.\n\n"
       "Example:\n  relievo compare inscription.relievo --path orbit --error-px 0.5,1,2,4 -o comparison\n"
       "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison";

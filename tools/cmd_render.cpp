@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdio>
 #include <memory>
+#include <tuple>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -28,7 +29,7 @@ double nowSeconds() {
 }
 
 struct RenderOptions {
-  std::string file, output, size = "1280x720", stats_file, background = "24,24,26";
+  std::string file, output, size, stats_file, background = "24,24,26";
   bool settle = true;
   int frames = 0;
   double timeout_s = 120;
@@ -45,7 +46,7 @@ double median(std::vector<double> values) {
 Result<void> render(const RenderOptions& o) {
   double start = nowSeconds();
   HeapWarmer heap(kFirstPictureBytes);
-  auto size = parseSize(o.size);
+  auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
     return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
@@ -57,7 +58,19 @@ Result<void> render(const RenderOptions& o) {
   if (!scene) return scene.error();
   auto package = Package::open(o.file);
   if (!package) return package.error();
-  auto camera = o.scene.camera(artworkExtent((*package)->manifest(), scene->relief ? scene->exaggerate : 0), width, height);
+  const Extent extent = artworkExtent((*package)->manifest(), scene->relief ? scene->exaggerate : 0);
+  if (o.scene.mm_per_px && o.size.empty()) {
+    const PlanarDomain& d = (*package)->manifest().domain;
+    Extent whole = extent;
+    if (extent.flat && scene->relief && d.relief_depth >= 0) {  // at a slant heights reach beyond the plane's picture
+      const double ends[] = {d.relief_offset_mm * scene->exaggerate, (d.relief_offset_mm + 65535 * d.relief_scale_mm) * scene->exaggerate};
+      whole = extentOf(d, std::min(ends[0], ends[1]), std::max(ends[0], ends[1]));
+    }
+    auto all = o.scene.sizeAtScale(extent, whole, static_cast<int>(kMaxSidePx));
+    if (!all) return all.error();
+    std::tie(width, height) = *all;
+  }
+  auto camera = o.scene.camera(extent, width, height);
   if (!camera) return camera.error();
 
   auto context = gl::HeadlessContext::create();
@@ -98,7 +111,7 @@ Result<void> render(const RenderOptions& o) {
       rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
     }
   }
-  if (auto written = writePng(o.output, width, height, 3, rgb); !written) return written;
+  if (auto written = writePng(o.output, width, height, 3, rgb, camera->orthographic ? mmPerPx(*camera, height) : 0); !written) return written;
   for (const std::string& message : e.takeMessages()) std::fprintf(stderr, "relievo: warning: %s\n", message.c_str());
 
   if (!o.stats_file.empty()) {
@@ -125,10 +138,11 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   auto* c = app.add_subcommand("render", "Draw a package into a PNG, without a window");
   c->footer(
       "Example:\n  relievo render inscription.relievo -o picture.png --size 1280x720 --azimuth 25 --elevation 15 \\\n"
-      "      --light -0.8,0.3,0.4 --settle --stats stats.json");
+      "      --light -0.8,0.3,0.4 --settle --stats stats.json\n\n"
+      "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png --mm-per-px 0.05");
   c->add_option("FILE", o->file, "Package to draw")->required();
   c->add_option("-o,--output", o->output, "PNG to write")->required();
-  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px")->capture_default_str();
+  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; with --mm-per-px as large as all of the artwork takes]");
   o->scene.addTo(*c);
   o->source.addTo(*c);
   c->add_flag("--settle,!--no-settle", o->settle, "Wait until all wanted pages are resident: the picture is then deterministic [on]");

@@ -48,8 +48,8 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   auto* c = app.add_subcommand("view", "Show a package in a window");
   c->footer(
       "Left drag turns, middle drag (or Shift + left drag) moves, the wheel zooms to the point under the mouse, right drag\n"
-      "(or L held) moves the light. R resets, W wireframe, P pages, S writes a snapshot into the current folder, F1 help,\n"
-      "F2 figures, Esc quits. Without a display, use relievo render.\n\n"
+      "(or L held) moves the light. O goes over to an orthographic view and back. R resets, W wireframe, P pages, S writes a\n"
+      "snapshot into the current folder, F1 help, F2 figures, Esc quits. Without a display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file, "Package to show")->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();

@@ -29,7 +29,7 @@ double BodySurface::mmPerUnit(const PatchInstance& p) const {
 
 glm::dvec2 Frame::pixelOf(const glm::dvec3& point_mm, bool* in_front) const {
   glm::dvec4 clip = view.clip_from_world * glm::dvec4(point_mm, 1);
-  *in_front = clip.w >= view.near_mm;
+  *in_front = view.orthographic || clip.w >= view.near_mm;
   return {(clip.x / clip.w * 0.5 + 0.5) * width_px, (clip.y / clip.w * 0.5 + 0.5) * height_px};
 }
 

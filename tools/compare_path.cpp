@@ -43,7 +43,13 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
       good = good && c[key].is_number() && std::isfinite(c[key].get<double>());
       return good ? c[key].get<double>() : otherwise;
     };
-    OrbitCamera camera = fitCamera(extent, width_px, height_px, std::clamp(number("fov_deg", 35), 1.0, 170.0));
+    const double fov_deg = number("fov_deg", 35);
+    if (good && !(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg)) return wrong(where + "expected a field of view from 1 to 170 degrees");
+    OrbitCamera camera = fitCamera(extent, width_px, height_px, fov_deg);
+    if (c.contains("orthographic")) {
+      good = good && c["orthographic"].is_boolean();
+      camera.orthographic = good && c["orthographic"].get<bool>();
+    }
     camera.azimuth_deg = number("azimuth_deg", 0);
     camera.elevation_deg = number("elevation_deg", 0);
     if (c.contains("target_mm")) {
@@ -56,7 +62,7 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
     }
     good = good && std::abs(camera.elevation_deg) <= 89;
     if (good) camera.distance_mm = number("distance_mm", fitDistance(camera, extent, width_px, height_px));
-    if (!good || !(camera.distance_mm > 0)) return wrong(where + "expected finite numbers, an elevation within -89 to 89 and a distance above 0");
+    if (!good || !(camera.distance_mm > 0)) return wrong(where + "expected finite numbers (orthographic: true or false), an elevation within -89 to 89 and a distance above 0");
     out.push_back(camera);
   }
   return out;

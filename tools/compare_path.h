@@ -17,8 +17,9 @@ struct CompareCamera {
 
 // name: orbit, flyover (reading, tilted by kFlyoverTilt_deg) or zoom, `frames` moments at even distances; or a file of JSON, all of whose
 // cameras are taken where frames is 0, else as many at even distances:
-//   {"cameras": [{"azimuth_deg": 20, "elevation_deg": 10, "distance_mm": 400, "fov_deg": 35, "target_mm": [0, 0, 0]}, ...]}
-// What a camera leaves out is that of a camera which sees all of the artwork.
+//   {"cameras": [{"azimuth_deg": 20, "elevation_deg": 10, "distance_mm": 400, "fov_deg": 35, "orthographic": false, "target_mm": [0, 0, 0]}, ...]}
+// What a camera leaves out is that of a camera which sees all of the artwork. Orthographic, the picture is as high and wide as what
+// perspective shows of the plane through the target.
 // Around a body (an artwork over a base mesh): orbit goes once around it (a sheet's: to and fro before the side that it faces); flyover goes close over its surface, a third of the way around,
 // looking at it at a slant (where something stands in the way, less of one); zoom comes close to four places, each seen from another side.
 inline constexpr double kFlyoverTilt_deg = -50;

@@ -208,7 +208,7 @@ class Runner {
       double u = std::bit_cast<float>(pixels_[i][0]), v = std::bit_cast<float>(pixels_[i][1]);
       // The relief's slope over about a pixel.
       glm::dvec3 here = surface_->finestPointMm(p, u, v);
-      double mm = glm::length(here - now.view.eye_mm) / now.view.pixels_per_radian;
+      double mm = (now.view.orthographic ? 1 : glm::length(here - now.view.eye_mm)) / now.view.pixels_per_radian;
       double step = mm / (surface_->mmPerUnit(p) * std::ldexp(1.0, p.step_log2 + p.grid_level));
       glm::dvec3 along = surface_->finestPointMm(p, u + step, v) - surface_->finestPointMm(p, u - step, v);
       glm::dvec3 down = surface_->finestPointMm(p, u, v + step) - surface_->finestPointMm(p, u, v - step);

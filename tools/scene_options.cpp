@@ -1,7 +1,8 @@
 #include "tools/scene_options.h"
 
+#include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <cstdio>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -51,8 +52,12 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
   c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) [its middle]");
-  c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170 [35]");
-  c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, target_mm, light; options given beside it win");
+  c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170; of perspective [35]");
+  auto* parallel = c.add_flag("--orthographic", orthographic, "Parallel lines of sight: a millimetre is as many pixels wherever it is, so that the picture can be "
+                              "measured and drawn from; with --distance it shows as much as perspective does of the plane through the target");
+  c.add_flag("--perspective", perspective, "Perspective, whatever --state says [on]")->excludes(parallel);
+  c.add_option("--mm-per-px", mm_per_px, "Scale of an orthographic picture, mm a px, exactly; implies --orthographic and goes in place of --distance [so that all is in view]");
+  c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; options given beside it win");
   c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
   c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
@@ -124,14 +129,34 @@ Result<Scene> SceneOptions::scene() const {
   return s;
 }
 
+Result<void> SceneOptions::checkProjection() const {
+  if (mm_per_px && !(*mm_per_px > 0 && std::isfinite(*mm_per_px))) return usageError("expected a --mm-per-px above 0", "for example --mm-per-px 0.05");
+  if (mm_per_px && perspective) return usageError("--mm-per-px is an orthographic picture's scale", "leave out --perspective or --mm-per-px");
+  if (mm_per_px && distance) return usageError("--mm-per-px and --distance both say how large the artwork is in the picture", "leave out one of them");
+  if (fov && (mm_per_px || orthographic)) {
+    return usageError("an orthographic picture has no field of view", "leave out --fov; --mm-per-px or --distance says how much is in view");
+  }
+  return {};
+}
+
 Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int height_px) const {
+  if (auto good = checkProjection(); !good) return good.error();
   auto state = readState(state_file);
   if (!state) return state.error();
   double fov_deg = 35;
   if (auto r = take(*state, "fov_deg", state_file, &fov_deg); !r) return r.error();
   fov_deg = fov.value_or(fov_deg);
-  if (!(fov_deg >= 1 && fov_deg <= 170)) return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
+  if (!(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg)) return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
   OrbitCamera c = fitCamera(extent, width_px, height_px, fov_deg);
+  if (state->contains("orthographic")) {
+    const auto& parallel = (*state)["orthographic"];
+    if (!parallel.is_boolean()) return Error{ErrorKind::kInvalidData, state_file, "expected true or false for 'orthographic'", "", {}};
+    c.orthographic = parallel.get<bool>() && !perspective;
+    if (c.orthographic && fov) {
+      return usageError("the camera of " + state_file + " is orthographic, which has no field of view", "leave out --fov, or give --perspective, too");
+    }
+  }
+  c.orthographic = c.orthographic || orthographic || mm_per_px;
   if (auto r = take(*state, "azimuth_deg", state_file, &c.azimuth_deg); !r) return r.error();
   if (auto r = take(*state, "elevation_deg", state_file, &c.elevation_deg); !r) return r.error();
   if (auto t = takeTriple(*state, "target_mm", state_file, &c.target_mm.x); !t) return t.error();
@@ -147,8 +172,22 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   c.distance_mm = fitDistance(c, extent, width_px, height_px);
   if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   c.distance_mm = distance.value_or(c.distance_mm);
+  if (mm_per_px) c.distance_mm = distanceForScale(c, *mm_per_px, height_px);
   if (!(c.distance_mm > 0) || !std::isfinite(c.distance_mm)) return usageError("expected a --distance above 0 mm");
   return c;
+}
+
+Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const {
+  auto c = camera(extent, 1, 1);
+  if (!c) return c.error();
+  // Rounding of what is a whole number of pixels must not add one.
+  const glm::dvec2 px = glm::max(glm::ceil(orthographicSize(*c, whole) / *mm_per_px - 1e-6), glm::dvec2(1));
+  if (!(std::max(px.x, px.y) <= max_side_px)) {
+    char text[120];
+    std::snprintf(text, sizeof text, "at %g mm a px all of the artwork is %.0f x %.0f px, at most %d x %d can be drawn", *mm_per_px, px.x, px.y, max_side_px, max_side_px);
+    return usageError(text, "give a coarser --mm-per-px, or --size (and --target) for a part of it");
+  }
+  return std::pair{static_cast<int>(px.x), static_cast<int>(px.y)};
 }
 
 EngineOptions SceneOptions::engineOptions() const {

@@ -3,6 +3,7 @@
 
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "src/base/result.h"
 #include "src/camera.h"
@@ -16,7 +17,8 @@ class App;
 namespace relievo {
 
 struct SceneOptions {
-  std::optional<double> azimuth, elevation, distance, fov;
+  std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
+  bool orthographic = false, perspective = false;  // neither: the state's
   std::string target, light, state_file, show = "none", filter = "exact", sampling = "trilinear";
   bool no_relief = false, no_relight = false, no_trilinear = false, wireframe = false;
   double exaggerate = 1, error_px = 1, page_fade_ms = 0, cache_mib = 256;
@@ -33,7 +35,12 @@ struct SceneOptions {
   void addTo(CLI::App& command);
   Result<Scene> scene() const;
   Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
+  // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
+  Result<std::pair<int, int>> sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const;
   EngineOptions engineOptions() const;
+
+ private:
+  Result<void> checkProjection() const;
 };
 
 }  // namespace relievo

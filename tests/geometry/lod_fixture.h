@@ -118,6 +118,16 @@ inline LodView makeView(const Camera& c, double error_px = 1.0) {
   v.error_px = error_px;
   return v;
 }
+// From the same side, height_mm of the world over the picture's height.
+inline LodView orthographicView(const Camera& c, double height_mm, double error_px) {
+  LodView v = makeView(c, error_px);
+  glm::dvec3 forward = glm::normalize(c.target - c.eye);
+  glm::dvec3 up = std::abs(forward.y) > 0.99 ? glm::dvec3(0, 0, 1) : glm::dvec3(0, 1, 0);
+  double h = 0.5 * height_mm;
+  v.clip_from_world = glm::ortho(-h * c.aspect, h * c.aspect, -h, h, -c.far_mm, c.far_mm) * glm::lookAt(c.eye, c.target, up);
+  v.pixels_per_radian = c.viewport_height_px / height_mm;
+  return v;
+}
 
 // What a drawn list deviates from the finest surface, in a picture.
 struct Measured {

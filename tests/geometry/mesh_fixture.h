@@ -261,15 +261,6 @@ inline Camera randomMeshCamera(const BaseMesh& mesh, int unit_log2, Random& rand
   c.far_mm = distance * 1000 + 10 * size;
   return c;
 }
-inline LodView orthographicView(const Camera& c, double height_mm, double error_px) {
-  LodView v = makeView(c, error_px);
-  glm::dvec3 forward = glm::normalize(c.target - c.eye);
-  glm::dvec3 up = std::abs(forward.y) > 0.99 ? glm::dvec3(0, 0, 1) : glm::dvec3(0, 1, 0);
-  double h = 0.5 * height_mm;
-  v.clip_from_world = glm::ortho(-h * c.aspect, h * c.aspect, -h, h, -c.far_mm, c.far_mm) * glm::lookAt(c.eye, c.target, up);
-  v.pixels_per_radian = c.viewport_height_px / height_mm;
-  return v;
-}
 
 // Pages as they may have arrived: some rounds of asking, each want granted or not, some pages lost again.
 inline ReliefSet randomMeshResidency(MeshLod& lod, const LodView& view, Random& random) {

@@ -13,10 +13,11 @@
 
 namespace relievo::test {
 
-inline TextureView textureView(const Camera& c, int height_px, bool relief) {
+// orthographic: as high as the perspective picture is at the target.
+inline TextureView textureView(const Camera& c, int height_px, bool relief, bool orthographic = false) {
   Camera sized = c;
   sized.viewport_height_px = height_px;
-  LodView lod = makeView(sized);
+  LodView lod = orthographic ? orthographicView(sized, 2 * glm::length(c.eye - c.target) * std::tan(c.fov_y / 2), 1) : makeView(sized);
   TextureView v;
   v.clip_from_world = lod.clip_from_world;
   v.eye_mm = lod.eye_mm;
@@ -38,17 +39,18 @@ struct Footprint {
 // By rays: from the eye through places of the screen, until they meet a plane.
 class Rays {
  public:
-  explicit Rays(const TextureView& v) : view_(v), world_from_clip_(glm::inverse(v.clip_from_world)) {}
+  explicit Rays(const TextureView& v)
+      : view_(v), world_from_clip_(glm::inverse(v.clip_from_world)), orthographic_(glm::length(glm::dvec3(glm::transpose(v.clip_from_world)[3])) == 0) {}
+  // Of the line of sight there, of any length.
+  glm::dvec3 direction(double x, double y) const { return at(x, y, 0.9) - from(x, y); }
   // x, y: px from the top left corner. The plane: (p - at) . normal = 0.
   std::optional<glm::dvec3> meet(double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
-    glm::dvec2 ndc{2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px};
-    glm::dvec4 far = world_from_clip_ * glm::dvec4(ndc, 0.9, 1);
-    glm::dvec3 direction = glm::dvec3(far) / far.w - view_.eye_mm;
-    double along = glm::dot(direction, normal);
+    const glm::dvec3 way = direction(x, y), start = from(x, y);
+    double along = glm::dot(way, normal);
     if (along == 0) return std::nullopt;
-    double t = glm::dot(at - view_.eye_mm, normal) / along;
-    if (!(t > 0) || !std::isfinite(t)) return std::nullopt;
-    glm::dvec3 p = view_.eye_mm + direction * t;
+    double t = glm::dot(at - start, normal) / along;
+    if (!(t > 0 || orthographic_) || !std::isfinite(t)) return std::nullopt;
+    glm::dvec3 p = start + way * t;
     glm::dvec4 clip = view_.clip_from_world * glm::dvec4(p, 1);
     if (!(std::abs(clip.z) <= clip.w)) return std::nullopt;
     return p;
@@ -66,8 +68,16 @@ class Rays {
   }
 
  private:
+  glm::dvec3 at(double x, double y, double depth) const {
+    const glm::dvec4 p = world_from_clip_ * glm::dvec4(2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px, depth, 1);
+    return glm::dvec3(p) / p.w;
+  }
+  // Parallel ones are taken from amid the depths, both ways.
+  glm::dvec3 from(double x, double y) const { return orthographic_ ? at(x, y, 0) : view_.eye_mm; }
+
   const TextureView& view_;
   glm::dmat4 world_from_clip_;
+  bool orthographic_;
 };
 
 inline std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& texel, int level) {

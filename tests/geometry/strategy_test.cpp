@@ -91,6 +91,7 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
           camera.far_mm = 1e6;
         }
         LodView view = makeView(camera, std::exp(random.real(-0.5, 2)));
+        if (k == 5) view = orthographicView(camera, glm::length(camera.eye - camera.target), view.error_px);
         StrategyResult chosen = strategy->select(view), other = again->select(view);
         EXPECT_EQ(chosen.instances, other.instances) << e.name;
         EXPECT_EQ(chosen.predicted_px, other.predicted_px) << e.name;
@@ -124,7 +125,9 @@ TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
   for (const StrategyEntry& e : lodStrategies()) {
     auto strategy = e.make(scene);
     for (int k = 0; k < 20; ++k) {
-      LodView view = makeView(randomCamera(scene.domain, random), std::exp(random.real(-0.5, 2)));
+      const Camera camera = randomCamera(scene.domain, random);
+      LodView view = makeView(camera, std::exp(random.real(-0.5, 2)));
+      if (k % 4 == 3) view = orthographicView(camera, glm::length(camera.eye - camera.target), view.error_px);
       StrategyResult chosen = strategy->select(view);
       if (!e.keeps_budget) continue;
       EXPECT_LE(chosen.predicted_px, 2 * chosen.error_px * (1 + 1e-9)) << e.name;
@@ -139,20 +142,22 @@ TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
 TEST(Strategies, DrawLessForALargerBudget) {
   StrategyScene scene = madeUpScene(1500, 1100);
   for (const StrategyEntry& e : lodStrategies()) {
-    auto strategy = e.make(scene);
-    size_t cells_before = ~size_t{0};
-    Camera camera;
-    camera.eye = {5, -30, 40};
-    camera.target = {0, 0, 0};
-    for (double budget : {0.25, 1.0, 4.0, 16.0, 64.0}) {
-      LodView view = makeView(camera, budget);
-      view.min_cell_px = 2 * budget;
-      size_t cells = 0;
-      for (const PatchInstance& p : strategy->select(view).instances) cells += size_t{1} << (2 * p.grid_level);
-      EXPECT_LE(cells, cells_before) << e.name << " at " << budget << " px";
-      cells_before = cells;
+    for (bool orthographic : {false, true}) {
+      auto strategy = e.make(scene);
+      size_t cells_before = ~size_t{0};
+      Camera camera;
+      camera.eye = {5, -30, 40};
+      camera.target = {0, 0, 0};
+      for (double budget : {0.25, 1.0, 4.0, 16.0, 64.0}) {
+        LodView view = orthographic ? orthographicView(camera, 40, budget) : makeView(camera, budget);
+        view.min_cell_px = 2 * budget;
+        size_t cells = 0;
+        for (const PatchInstance& p : strategy->select(view).instances) cells += size_t{1} << (2 * p.grid_level);
+        EXPECT_LE(cells, cells_before) << e.name << " at " << budget << " px";
+        cells_before = cells;
+      }
+      EXPECT_LT(cells_before, 20000u) << e.name << (orthographic ? ", orthographic" : "");
     }
-    EXPECT_LT(cells_before, 20000u) << e.name;
   }
 }
 

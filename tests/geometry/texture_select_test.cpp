@@ -70,6 +70,7 @@ std::string describe(const PlanarDomain& d, const Camera& c) {
 
 struct Flat {
   int views = 60, height_px = 120;
+  bool orthographic = false;
   uint64_t seed = kSeed;
   std::function<void(Camera&, Random&)> camera;
   std::function<void(TextureView&)> settings, broken;  // broken: what the determination sees, but not the oracle
@@ -84,7 +85,7 @@ Agreement flatAgreement(const Flat& f, bool report) {
     MadeUpOracle oracle(d, 1);
     Camera c = randomCamera(d, random);
     if (f.camera) f.camera(c, random);
-    TextureView v = textureView(c, f.height_px, false);
+    TextureView v = textureView(c, f.height_px, false, f.orthographic);
     v.lod_bias = -3;  // as many pages as eight times the size would have
     if (f.settings) f.settings(v);
     std::set<NodeId> wanted = pixelsWant(d, v), within_slack = wanted;  // the latter is nine tenths of the work: for reports alone
@@ -129,6 +130,27 @@ TEST(TextureSelect, FlatWithinTheWholeRangeOfFieldsOfView) {
     EXPECT_EQ(a.missed, 0u);
     EXPECT_GT(a.precisionWithSlack(), fov_deg < 100 ? 0.99 : 0.9) << "at the horizon pages are hairlines";
   }
+}
+
+TEST(TextureSelect, FlatOrthographic) {
+  Flat f;
+  f.orthographic = true;
+  f.views = 30;
+  for (double ratio : {1.0, 8.0}) {
+    f.settings = [&](TextureView& v) { v.anisotropy = ratio; };
+    Agreement a = flatAgreement(f, true);
+    print(ratio > 1 ? "orthographic, anisotropic" : "orthographic", a);
+    EXPECT_EQ(a.missed, 0u);
+    EXPECT_GT(a.wanted, kViewShare > 1 ? 50u : 200u);
+    EXPECT_GT(ratio > 1 ? a.precision() : a.precisionWithSlack(), ratio > 1 ? 0.8 : 0.99);
+  }
+  f.settings = [&](TextureView& v) { v.lod_bias = -4; };
+  f.broken = [](TextureView& v) { v.lod_bias += 0.3; };  // a view's pixels all want the same level
+  EXPECT_GT(flatAgreement(f, false).missed, 5u) << "a third of a level too coarse";
+  f.broken = [](TextureView& v) {  // the picture a twentieth larger: its border is not in view, its pixels are finer
+    for (int column = 0; column < 4; ++column) v.clip_from_world[column][0] *= 1.05;
+  };
+  EXPECT_GT(flatAgreement(f, false).missed, 5u) << "another scale";
 }
 
 TEST(TextureSelect, FlatGrazing) {
@@ -264,11 +286,11 @@ std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
         glm::dvec3 normal = glm::cross(b - a, c - a);
         if (normal.z < 0) normal = -normal;
         glm::dvec3 middle = (a + b + c) / 3.0;
-        if (glm::dot(normal, v.eye_mm - middle) <= 0) continue;
         glm::dvec4 clip = v.clip_from_world * glm::dvec4(middle, 1);
         double edge_x = 1 - 1.0 / v.width_px, edge_y = 1 - 1.0 / v.height_px;  // the outermost pixel centres
         if (!(clip.w > 0) || std::abs(clip.x) > clip.w * edge_x || std::abs(clip.y) > clip.w * edge_y || std::abs(clip.z) > clip.w) continue;
         double x = (clip.x / clip.w + 1) * 0.5 * v.width_px, y = (1 - clip.y / clip.w) * 0.5 * v.height_px;
+        if (glm::dot(normal, rays.direction(x, y)) >= 0) continue;
         auto f = rays.footprint(t.domain, x, y, middle, normal);
         if (!f) continue;
         if (auto node = nodeAt(t.domain, f->texel, levelOf(t.domain, v, *f))) addWithAncestors(*node, wanted);
@@ -278,14 +300,14 @@ std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
   return wanted;
 }
 
-Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool report, double bias = -2) {
+Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool report, double bias = -2, bool orthographic = false) {
   TerrainOracle oracle(t);
   Random random(kSeed);
   Agreement total;
   for (int i = 0; i < views; ++i) {
     Camera c = randomCamera(t.domain, random);
     c.eye.z += 65535 * t.domain.relief_scale_mm * random.real(0, 1);
-    TextureView v = textureView(c, 200, true);
+    TextureView v = textureView(c, 200, true, orthographic);
     v.exaggerate = random.chance(0.3) ? -1.5 : 1;
     v.lod_bias = bias;
     std::set<NodeId> wanted = facetsWant(t, v);
@@ -310,6 +332,15 @@ TEST(TextureSelect, ReliefNothingIsMissed) {
       }
     }
   }
+}
+
+TEST(TextureSelect, ReliefOrthographic) {
+  Agreement a;
+  for (int kind = 0; kind < 3; ++kind) a += reliefAgreement(makeTerrain(kind, 1.0, 0), 16 / kViewShare, false, true, -2, true);
+  print("orthographic, three terrains", a, false);
+  EXPECT_EQ(a.missed, 0u);
+  EXPECT_GT(a.wanted, kViewShare > 1 ? 30u : 150u);
+  EXPECT_GT(reliefAgreement(makeTerrain(2, 1.0, 0), 16, true, false, -1, true).missed, 5u) << "walls, taken for a plane";
 }
 
 TEST(TextureSelect, ReliefNegativeControl) {
@@ -347,7 +378,9 @@ TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
   const double nan = std::nan(""), infinite = std::numeric_limits<double>::infinity();
   std::vector<std::function<void(TextureView&)>> bad = {
       [&](TextureView& v) { v.clip_from_world[1][2] = nan; }, [&](TextureView& v) { v.clip_from_world[3][3] = infinite; },
-      [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); }, [&](TextureView& v) { v.clip_from_world = glm::dmat4(1); },
+      [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); },
+      [&](TextureView& v) { v.clip_from_world = glm::dmat4(1), v.clip_from_world[3][3] = 0; },  // no w
+      [&](TextureView& v) { v.clip_from_world = glm::dmat4({0, 0, 1, 0}, {0, 1, 0, 0}, {1, 0, 0, 0}, {0, 0, 0, 1}); },  // orthographic, along the plane
       [&](TextureView& v) { v.eye_mm.x = nan; }, [&](TextureView& v) { v.near_mm = 0; }, [&](TextureView& v) { v.near_mm = nan; },
       [&](TextureView& v) { v.width_px = 0; }, [&](TextureView& v) { v.height_px = -3; }, [&](TextureView& v) { v.lod_bias = nan; },
       [&](TextureView& v) { v.exaggerate = infinite; }, [&](TextureView& v) { v.anisotropy = 0.5; }, [&](TextureView& v) { v.eye_mm.z = 0; }};

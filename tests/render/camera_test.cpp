@@ -7,6 +7,8 @@
 
 #include "src/camera.h"
 
+#include <glm/gtc/matrix_transform.hpp>
+
 namespace relievo {
 namespace {
 
@@ -33,46 +35,65 @@ Cut countCut(const OrbitCamera& camera, std::mt19937& random, double near_factor
   ViewTransform v = viewTransform(camera, d, kLow, kHigh, kWidth, kHeight);
   Cut c;
   c.near_mm = v.near_mm * near_factor;
-  if (v.eye_mm.z <= kHigh) return c;  // an eye within the heights: the near plane may cut
+  if (!v.orthographic && v.eye_mm.z <= kHigh) return c;  // an eye within the heights: the near plane may cut
+  // Nothing in view is nearer than the nearest point by more than the depths are deep.
+  if (v.orthographic) v.clip_from_world = glm::translate(glm::dmat4(1.0), glm::dvec3(0, 0, 1 - near_factor)) * v.clip_from_world;
   auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
   for (int i = 0; i < 20000; ++i) {
     glm::dvec4 p = v.clip_from_world * glm::dvec4(uniform(-150, 150), uniform(-85, 85), i % 2 ? kHigh : uniform(kLow, kHigh), 1);
     if (p.w <= 0 || std::abs(p.x) > p.w || std::abs(p.y) > p.w) continue;
     ++c.seen;
-    c.cut += p.w < c.near_mm || p.z > p.w;
+    c.cut += (v.orthographic ? p.z < -p.w : p.w < c.near_mm) || p.z > p.w;
     c.nearest_mm = std::min(c.nearest_mm, p.w);
   }
   return c;
 }
 
-OrbitCamera randomCamera(std::mt19937& random) {
+OrbitCamera randomCamera(std::mt19937& random, bool orthographic = false) {
   auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
   OrbitCamera c;
   c.azimuth_deg = uniform(-85, 85);
   c.elevation_deg = uniform(-85, 85);
   c.distance_mm = std::exp(uniform(std::log(3.0), std::log(2000.0)));
   c.fov_deg = uniform(5, 120);
+  c.orthographic = orthographic;
   c.target_mm = {uniform(-150, 150), uniform(-85, 85), 0};
   return c;
 }
 
 TEST(Camera, NearAndFarCutNothingInView) {
-  std::mt19937 random(kSeed);
-  int seen = 0, cut = 0;
-  for (int i = 0; i < 300; ++i) {
-    Cut c = countCut(randomCamera(random), random, 1);
-    seen += c.seen;
-    cut += c.cut;
+  for (bool orthographic : {false, true}) {
+    std::mt19937 random(kSeed);
+    int seen = 0, cut = 0;
+    for (int i = 0; i < 300; ++i) {
+      Cut c = countCut(randomCamera(random, orthographic), random, 1);
+      seen += c.seen;
+      cut += c.cut;
+    }
+    EXPECT_GT(seen, 100000);
+    EXPECT_EQ(cut, 0) << "of " << seen << ", seed " << kSeed;
   }
-  EXPECT_GT(seen, 100000);
-  EXPECT_EQ(cut, 0) << "of " << seen << ", seed " << kSeed;
 }
 
+// Orthographic: by half of all depths.
 TEST(Camera, ANearPlaneTwiceAsFarWouldCut) {
-  std::mt19937 random(kSeed);
-  int cut = 0;
-  for (int i = 0; i < 300; ++i) cut += countCut(randomCamera(random), random, 2).cut;
-  EXPECT_GT(cut, 0);
+  for (bool orthographic : {false, true}) {
+    std::mt19937 random(kSeed);
+    int cut = 0;
+    for (int i = 0; i < 300; ++i) cut += countCut(randomCamera(random, orthographic), random, 2).cut;
+    EXPECT_GT(cut, 0);
+  }
+}
+
+// Depth has as many steps as its range is deep: a close-up of a large panel at a slant must not count the panel's far ends.
+TEST(Camera, OrthographicDepthsAreThoseOfWhatIsSeen) {
+  OrbitCamera c;
+  c.orthographic = true;
+  c.azimuth_deg = 60;
+  c.distance_mm = 5;
+  const ViewTransform v = viewTransform(c, panel(), -0.1, 0.1, kWidth, kHeight);
+  EXPECT_LT(v.far_mm - v.near_mm, 20);
+  EXPECT_GT(viewTransform(c, {{-150, -85, -0.1}, {150, 85, 0.1}, 0.1, false}, kWidth, kHeight).far_mm, 100) << "control: a body shows all of it";
 }
 
 // A depth buffer's step grows with 1 / near: at an oblique close-up the near plane must not fall to a thousandth of the distance.
@@ -107,17 +128,83 @@ TEST(Camera, AFittedViewHoldsTheWholeArtworkAndLittleElse) {
   }
 }
 
+glm::dvec2 pixelOf(const ViewTransform& v, const glm::dvec3& p) {
+  const glm::dvec4 clip = v.clip_from_world * glm::dvec4(p, 1);
+  return {(clip.x / clip.w + 1) / 2 * kWidth, (1 - clip.y / clip.w) / 2 * kHeight};
+}
+
 TEST(Camera, PointUnderAPixelProjectsBackToIt) {
-  OrbitCamera c;
-  c.azimuth_deg = 30;
-  c.elevation_deg = -20;
-  c.distance_mm = 400;
-  ViewTransform v = viewTransform(c, panel(), 0, 0, kWidth, kHeight);
-  glm::dvec3 p;
-  ASSERT_TRUE(pointOnPlane(c, kWidth, kHeight, 200.5, 610.25, &p));
-  glm::dvec4 clip = v.clip_from_world * glm::dvec4(p, 1);
-  EXPECT_NEAR((clip.x / clip.w + 1) / 2 * kWidth, 200.5, 1e-9);
-  EXPECT_NEAR((1 - clip.y / clip.w) / 2 * kHeight, 610.25, 1e-9);
+  for (bool orthographic : {false, true}) {
+    OrbitCamera c;
+    c.azimuth_deg = 30;
+    c.elevation_deg = -20;
+    c.distance_mm = 400;
+    c.orthographic = orthographic;
+    ViewTransform v = viewTransform(c, panel(), 0, 0, kWidth, kHeight);
+    glm::dvec3 p;
+    ASSERT_TRUE(pointOnPlane(c, kWidth, kHeight, 200.5, 610.25, &p));
+    EXPECT_NEAR(p.z, 0, 1e-9);
+    for (const glm::dvec3& at : {p, pointAtTarget(c, kWidth, kHeight, 200.5, 610.25)}) {
+      EXPECT_NEAR(pixelOf(v, at).x, 200.5, 1e-9);
+      EXPECT_NEAR(pixelOf(v, at).y, 610.25, 1e-9);
+    }
+  }
+}
+
+// A pixel is the distance from the target along the picture's axes over the scale: whatever the depth, and however distance and field of view
+// make up the scale.
+TEST(Camera, OrthographicPixelsAreMillimetresOverTheScale) {
+  std::mt19937 random(kSeed);
+  auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+  double perspective_off = 0;
+  for (int i = 0; i < 200; ++i) {
+    OrbitCamera c = randomCamera(random, true);
+    const double mm_per_px = std::exp(uniform(-6, 1));
+    c.distance_mm = distanceForScale(c, mm_per_px, kHeight);
+    EXPECT_NEAR(mmPerPx(c, kHeight), mm_per_px, 1e-12 * mm_per_px);
+    const double az = glm::radians(c.azimuth_deg), el = glm::radians(c.elevation_deg);
+    const glm::dvec3 right{std::cos(az), 0, -std::sin(az)}, back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)}, up = glm::cross(back, right);
+    const glm::dvec2 mm{uniform(-600, 600) * mm_per_px, uniform(-350, 350) * mm_per_px};
+    const glm::dvec2 truth{kWidth / 2.0 + mm.x / mm_per_px, kHeight / 2.0 - mm.y / mm_per_px};
+    OrbitCamera other = c;
+    other.fov_deg = uniform(1, 170);
+    other.distance_mm = distanceForScale(other, mm_per_px, kHeight);
+    for (double depth : {-40.0, 0.0, 3.0, 500.0}) {
+      const glm::dvec3 p = c.target_mm + mm.x * right + mm.y * up + depth * back;
+      for (const OrbitCamera& camera : {c, other}) {
+        const ViewTransform v = viewTransform(camera, panel(), -1, 1, kWidth, kHeight);
+        EXPECT_NEAR(v.pixels_per_radian * mm_per_px, 1, 1e-12);
+        EXPECT_LT(glm::length(pixelOf(v, p) - truth), 1e-6) << "seed " << kSeed << ", round " << i;
+      }
+      OrbitCamera perspective = c;
+      perspective.orthographic = false;
+      const glm::dvec2 seen = pixelOf(viewTransform(perspective, panel(), -1, 1, kWidth, kHeight), p);
+      // Who switches sees the plane through the target as it was.
+      if (depth == 0) { EXPECT_LT(glm::length(seen - truth), 1e-6); }
+      if (depth == 3.0) perspective_off = std::max(perspective_off, glm::length(seen - truth));
+    }
+  }
+  EXPECT_GT(perspective_off, 1) << "control: perspective moves what lies nearer";
+}
+
+TEST(Camera, AnOrthographicPictureOfItsSizeHoldsAllAndNoMore) {
+  std::mt19937 random(kSeed);
+  const Extent box{{-150, -85, -20}, {150, 85, 30}, 0.1, false};
+  for (int i = 0; i < 100; ++i) {
+    OrbitCamera c = randomCamera(random, true);
+    c.target_mm = box.centre();
+    const glm::dvec2 size = orthographicSize(c, box);
+    glm::dvec2 largest(0);
+    for (int corner = 0; corner < 8; ++corner) {
+      const glm::dvec3 p{corner & 1 ? 150 : -150, corner & 2 ? 85 : -85, corner & 4 ? 30 : -20};
+      const ViewTransform v = viewTransform(c, box, kWidth, kHeight);
+      largest = glm::max(largest, glm::abs(pixelOf(v, p) - glm::dvec2(kWidth, kHeight) / 2.0));
+    }
+    EXPECT_LT(glm::length(2.0 * largest * mmPerPx(c, kHeight) - size), 1e-9 * glm::length(size));
+    c.distance_mm = fitDistance(c, box, kWidth, kHeight);
+    const glm::dvec2 share = size / (mmPerPx(c, kHeight) * glm::dvec2(kWidth, kHeight));
+    EXPECT_NEAR(std::max(share.x, share.y), 1 / 1.06, 1e-9) << "fitted, with its margin";
+  }
 }
 
 }  // namespace

@@ -110,8 +110,16 @@ Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, con
   std::vector<Line> lines;
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
-      const glm::dvec4 p = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 0.5, 1);
-      const glm::dvec3 sight = glm::dvec3(p) / p.w - view.eye_mm;
+      auto at = [&](double depth) {
+        const glm::dvec4 p = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
+        return glm::dvec3(p) / p.w;
+      };
+      if (view.orthographic) {
+        const glm::dvec3 from = at(-1), through = at(1) - from, ahead = glm::normalize(through);
+        lines.push_back({from + 0.5 * through + scan_from_world, ahead, 0.499 * glm::length(through)});
+        continue;
+      }
+      const glm::dvec3 sight = at(0.5) - view.eye_mm;
       const glm::dvec3 a_mm_deep = sight / -(glm::transpose(view.world_from_camera) * sight).z;
       const double near_mm = 1.05 * view.near_mm, far_mm = 0.999 * view.far_mm;
       lines.push_back({view.eye_mm + 0.5 * (near_mm + far_mm) * a_mm_deep + scan_from_world, a_mm_deep, 0.5 * (far_mm - near_mm)});
@@ -152,6 +160,8 @@ std::vector<OrbitCamera> camerasFor(const Scan& scan, const Manifest& manifest) 
     c.distance_mm = fitDistance(c, extent, kWidth, kHeight);
     all.push_back(c);
   }
+  all.push_back(all.front());
+  all.back().orthographic = true;
   if (!scan.close_views) return all;
   const BaseMesh& base = *manifest.base;
   const double size = glm::length(extent.max_mm - extent.min_mm);

@@ -99,6 +99,7 @@ class HiddenBacksPicture : public ::testing::Test {
       c.elevation_deg = 170 * uniform(random) - 85;
       c.distance_mm = from_inside ? 5 + 20 * uniform(random) : 80 + 250 * uniform(random);
       c.fov_deg = 20 + 50 * uniform(random);
+      c.orthographic = !from_inside && t.views % 4 == 3;
       if (!from_inside) c.target_mm = glm::dvec3(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random) - 0.5) * 40.0;
       std::array<std::vector<uint8_t>, 3> pixels;
       for (size_t k = 0; k < engines.size(); ++k) {

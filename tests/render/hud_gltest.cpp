@@ -51,6 +51,8 @@ TEST(Hud, LineNamesTheFigures) {
   s.error_px = 1;
   s.predicted_error_px = 0.84;
   EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px");
+  s.mm_per_px = 0.0416667;
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px   0.04167 mm a px");
 }
 
 TEST(Hud, DrawsInItsCornerAndNowhereElse) {
@@ -96,6 +98,7 @@ EngineStats busyStats() {
     t.bytes_decoded[p] = t.bytes_uploaded[p] = (120 + p) * 73'984;
     for (size_t state = 1; state < kPageStates; ++state) t.pages[state][p] = 10 * state + p;
   }
+  s.mm_per_px = 0.042;
   t.hits = 990, t.misses = 10, t.evictions = 5, t.retries = 3, t.failed_pages = 1;
   t.cancelled = 9, t.cancelled_before_read = 6, t.cancelled_before_decode = 2, t.cancelled_after_decode = 1;
   t.prefetched = 20, t.prefetch_used = 15, t.prefetch_wasted = 2, t.deferred = 7;
@@ -115,8 +118,11 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
   std::string lines;
   for (const auto& l : f.lines) lines += l + "\n";
   for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1", "cancelled 9: 6 to read, 2 to decode, 1 decoded",
-                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "p50 18 ms (1 frames)", "p99 51 (3)"})
+                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "perspective (O)   0.042 mm a px at the target", "p50 18 ms (1 frames)", "p99 51 (3)"})
     EXPECT_NE(lines.find(part), std::string::npos) << part << " in\n" << lines;
+  EngineStats parallel = busyStats();
+  parallel.orthographic = true;
+  EXPECT_EQ(hudFigures(parallel, manifest).lines[5], "orthographic (O)   0.042 mm a px");
   EngineStats blocks = busyStats();
   blocks.upload = PageCodec::kBc7;
   blocks.streamer.resident_bytes = 8'140'000, blocks.cache_bytes = 66'000'000, blocks.texture_bytes = 12'300'000;
@@ -144,7 +150,7 @@ TEST(Hud, ThePanelStandsBelowTheLineWithinThePicture) {
   Picture picture;
   (*hud)->draw({.message = "hello", .figures = hudFigures(busyStats(), manifest)}, kWidth, kHeight);
   EXPECT_GT(picture.touched(0, 60, kWidth, 240), 20000);
-  EXPECT_EQ(picture.touched(0, 270, kWidth, kHeight), 0) << "it leaves the artwork free";
+  EXPECT_EQ(picture.touched(0, 285, kWidth, kHeight), 0) << "it leaves the artwork free";
   EXPECT_EQ(picture.touched(kWidth - 4, 0, kWidth, kHeight), 0) << "and is not cut off";
   glClear(GL_COLOR_BUFFER_BIT);
   (*hud)->draw({.message = "hello"}, kWidth, kHeight);

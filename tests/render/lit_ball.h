@@ -65,10 +65,13 @@ inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const 
   const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
-      const glm::dvec4 far_point = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 0.5, 1);
-      const glm::dvec3 ray = glm::normalize(glm::dvec3(far_point) / far_point.w - view.eye_mm);
-      const double along = -glm::dot(view.eye_mm, ray), aside = glm::length(view.eye_mm + along * ray);
-      const double pixel_mm = along / view.pixels_per_radian;
+      auto at = [&](double depth) {
+        const glm::dvec4 p = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
+        return glm::dvec3(p) / p.w;
+      };
+      const glm::dvec3 from = view.orthographic ? at(-1) : view.eye_mm, ray = glm::normalize(at(0.5) - from);
+      const double along = -glm::dot(from, ray), aside = glm::length(from + along * ray);
+      const double pixel_mm = (view.orthographic ? 1 : along) / view.pixels_per_radian;
       const uint8_t* p = &pixels[static_cast<size_t>(y * kWidth + x) * 4];
       if (aside > radius + 2 * pixel_mm) {
         ++d.outside;
@@ -76,7 +79,7 @@ inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const 
       } else if (aside < radius - 4 * pixel_mm) {
         ++d.inside;
         d.holes += p[3] == 0;
-        const glm::dvec3 n = glm::normalize(view.eye_mm + (along - std::sqrt(radius * radius - aside * aside)) * ray);
+        const glm::dvec3 n = glm::normalize(from + (along - std::sqrt(radius * radius - aside * aside)) * ray);
         const double lit = std::max(glm::dot(n, light), 0.0);
         if (lit < 0.02) continue;  // near the terminator a normal's last bit is many grey levels
         for (int c = 0; c < 3; ++c)

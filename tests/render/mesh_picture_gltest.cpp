@@ -41,12 +41,13 @@ TEST_F(MeshPicture, IsThatOfALitBall) {
   engine.resize(kWidth, kHeight);
   BallDifference total;
   double still_light = 0, other_size = 0;
-  for (int view = 0; view < 12; ++view) {
+  for (int view = 0; view < 16; ++view) {
     OrbitCamera c;
     c.azimuth_deg = 360 * uniform(random) - 180;
     c.elevation_deg = 170 * uniform(random) - 85;
     c.distance_mm = kRadius * (1.5 + 3 * uniform(random));
     c.fov_deg = 20 + 40 * uniform(random);
+    c.orthographic = view >= 12;
     engine.setCamera(c);
     scene.light = {uniform(random) - 0.5, uniform(random) - 0.5, 0.3 + uniform(random)};
     ASSERT_TRUE(engine.setScene(scene).ok());

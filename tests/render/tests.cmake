@@ -65,6 +65,7 @@ relievo_gltest(mesh_watertight_gltest LIBS relievo_render SOURCES render/mesh_wa
 relievo_gltest(compare_gltest LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_render SOURCES render/mesh_picture_gltest.cpp)
 relievo_gltest(hidden_backs_gltest LIBS relievo_render SOURCES render/hidden_backs_gltest.cpp)
+relievo_gltest(orthographic_gltest LIBS relievo_render relievo_dense_pages relievo_geometry SOURCES render/orthographic_gltest.cpp)
 relievo_test(upload_choice_test LIBS relievo_render SOURCES render/upload_choice_test.cpp)
 relievo_gltest(block_upload_gltest LIBS relievo_render SOURCES render/block_upload_gltest.cpp)
 if(TARGET block_upload_gltest)  # once more without BC7, and without copies of compressed textures

@@ -55,6 +55,7 @@ TEST(ViewControl, ZoomKeepsThePointUnderTheMouse) {
   std::mt19937 random(5);
   for (int i = 0; i < 200; ++i) {
     ViewControl::View start = startView();
+    start.camera.orthographic = i % 2 != 0;
     start.camera.azimuth_deg = int(random() % 100) - 50;
     start.camera.elevation_deg = int(random() % 100) - 50;
     ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
@@ -96,6 +97,7 @@ TEST(ViewControl, ZoomEndsAtItsBounds) {
 TEST(ViewControl, PanHoldsTheGrabbedPoint) {
   for (bool shift : {false, true}) {
     ViewControl::View start = startView();
+    start.camera.orthographic = shift;
     start.camera.azimuth_deg = 35;
     start.camera.elevation_deg = -20;
     start.camera.distance_mm /= 3;
@@ -163,6 +165,58 @@ TEST(ViewControl, HoldingLMovesTheLightWithoutAButton) {
   hand.to(900, 100);
   EXPECT_EQ(control.view().light, light);
   EXPECT_EQ(control.view().camera.azimuth_deg, 0);
+}
+
+// What lies in the plane through the target keeps its pixel, and so its size; what lies nearer moves.
+TEST(ViewControl, TheProjectionSwitchesAroundTheTarget) {
+  const Extent body{{-80, -60, -50}, {80, 60, 50}, 0.1, false};
+  for (const Extent& extent : {extentOf(artwork()), body}) {
+    ViewControl::View start{fitCamera(extent, kWidth, kHeight), {0, 0, 1}};
+    start.camera.azimuth_deg = 25;
+    start.camera.elevation_deg = -15;
+    ViewControl control(extent, start, kWidth, kHeight);
+    Hand hand{control};
+    hand.to(500, 300);
+    hand.wheel(4);
+    const OrbitCamera before = control.view().camera;
+    auto pixelOf = [&](const glm::dvec3& p) {
+      const glm::dvec4 clip = viewTransform(control.view().camera, extent, kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
+      return glm::dvec2(clip.x, clip.y) / clip.w * glm::dvec2(kWidth, kHeight) / 2.0;
+    };
+    const glm::dvec3 left = pointAtTarget(before, kWidth, kHeight, 100, 200), right = pointAtTarget(before, kWidth, kHeight, 900, 650);
+    const glm::dvec3 nearer = right + 0.2 * (eyePosition(before) - before.target_mm);
+    const glm::dvec2 left_px = pixelOf(left), right_px = pixelOf(right), nearer_px = pixelOf(nearer);
+    hand.press("O");
+    EXPECT_TRUE(control.view().camera.orthographic);
+    EXPECT_EQ(mmPerPx(control.view().camera, kHeight), mmPerPx(before, kHeight));
+    EXPECT_LT(glm::length(pixelOf(left) - left_px), 1e-6);
+    EXPECT_LT(glm::length(pixelOf(right) - right_px), 1e-6);
+    EXPECT_GT(glm::length(pixelOf(nearer) - nearer_px), 10) << "control";
+    hand.press("O");
+    EXPECT_FALSE(control.view().camera.orthographic);
+    EXPECT_EQ(control.view().camera.distance_mm, before.distance_mm);
+    EXPECT_EQ(control.view().camera.target_mm, before.target_mm);
+    hand.press("O");
+    hand.press("R");
+    EXPECT_FALSE(control.view().camera.orthographic) << "as at the start";
+  }
+}
+
+// In the middle of a pan, the point under the mouse is the one that is held from then on.
+TEST(ViewControl, TheProjectionSwitchesWithinAPan) {
+  ViewControl::View start = startView();
+  start.camera.azimuth_deg = 50;
+  ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
+  Hand hand{control};
+  hand.down(MouseButton::kMiddle, 300, 250);
+  hand.to(330, 260);
+  hand.press("O");
+  const glm::dvec3 held = under(control, 330, 260);
+  const glm::dvec3 target = control.view().camera.target_mm;
+  hand.to(330, 260);
+  EXPECT_LT(glm::length(control.view().camera.target_mm - target), 1e-9) << "it does not jump";
+  hand.to(420, 300);
+  EXPECT_LT(glm::length(under(control, 420, 300) - held), 1e-6);
 }
 
 TEST(ViewControl, KeysToggleResetAndQuit) {

@@ -83,6 +83,7 @@ start
 finish
 expect azimuth_deg 0
 expect light 1 2
+grep -q '"orthographic":false' view.json || fail "the projection is not perspective in $(cat view.json)"
 before=$(value distance_mm)
 
 # 180 degrees a window's height (400 px); a wheel step is a factor of 0.85; the light moves by a hemisphere's radius
@@ -93,7 +94,9 @@ drag 1 -100 50
 xdotool mousemove 300 200 click --repeat 2 --delay 20 4
 xdotool mousemove 300 200
 drag 3 60 -40
+xdotool key o
 finish
+grep -q '"orthographic":true' view.json || fail "O did not switch the projection in $(cat view.json)"
 expect azimuth_deg 45
 expect elevation_deg 22.5
 expect distance_mm "$(echo "$before" | awk '{ printf "%.12g", $1 * 0.85 * 0.85 }')"

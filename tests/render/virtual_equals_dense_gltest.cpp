@@ -61,6 +61,54 @@ TEST(VirtualEqualsDense, ToTwoToThe24Texels) {
   }
 }
 
+// The random camera's picture, with parallel lines of sight.
+OrbitCamera parallel(OrbitCamera c) {
+  c.orthographic = true;
+  return c;
+}
+
+TEST(VirtualEqualsDense, Orthographic) {
+  const Subject relief = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7), flat = noiseSubject(3001, 700, Basis::kColour, 0, 8);
+  for (const Subject* subject : {&relief, &flat}) {
+    Views run{.views = 10};
+    run.camera = [&](std::mt19937& random) { return parallel(randomCamera(random, subject->texture->domain, 180)); };
+    expectEqual(compare(*subject, {}, run), subject == &relief ? "orthographic, relief" : "orthographic, flat");
+    Scene scene;
+    scene.sampling = Sampling::kAnisotropic;
+    run.views = 4;
+    expectEqual(compare(*subject, scene, run), "orthographic, anisotropic");
+    run.wrong_oracle = [](DenseView& v) {
+      for (int column = 0; column < 4; ++column) v.clip_from_world[column][0] *= 1.005;
+    };
+    const Totals t = compare(*subject, {}, run);
+    t.print("a scale off by half a percent");
+    EXPECT_GT(t.above_1, 100u) << "control";
+  }
+  const Subject vast = periodicSubject(1 << 24, 1 << 24, Basis::kPtmLrgb);
+  Views run{.views = 6};
+  run.camera = [&, n = 0](std::mt19937& random) mutable {
+    OrbitCamera c = parallel(nearCamera(random, vast.texture->domain, 180, -4, 6));
+    if (n++ % 2 == 0) c.target_mm = {0.005 * (1 << 24), -0.005 * (1 << 24), 0};
+    return c;
+  };
+  expectEqual(compare(vast, {}, run), "orthographic, 2^24 x 2^24");
+}
+
+TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
+  const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
+  for (double fov_deg : {kMinFovDeg, kMaxFovDeg}) {
+    Views run{.views = 8};
+    run.camera = [&](std::mt19937& random) {
+      OrbitCamera c = randomCamera(random, subject.texture->domain, 180);
+      const double mm_per_px = mmPerPx(c, 180);
+      c.fov_deg = fov_deg;
+      c.distance_mm = distanceForScale(c, mm_per_px, 180);
+      return c;
+    };
+    expectEqual(compare(subject, {}, run), fov_deg < 2 ? "1 degree" : "170 degrees");
+  }
+}
+
 // --- negative controls
 
 TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {

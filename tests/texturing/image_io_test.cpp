@@ -259,6 +259,28 @@ TEST(WritePng, RoundTripIsExact) {
   }
 }
 
+// In whole pixels a metre, as PNG counts.
+TEST(WritePng, TellsItsScale) {
+  const auto pixels = noise<uint8_t>(8 * 8 * 3, 9);
+  const std::string path = folder() / "scale.png";
+  auto perMetre = [&]() -> uint32_t {
+    std::ifstream in(path, std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(in)), {});
+    const size_t at = bytes.find("pHYs");
+    if (at == std::string::npos) return 0;
+    EXPECT_EQ(bytes.at(at + 12), 1) << "metres";
+    uint32_t x = 0, y = 0;
+    for (size_t k = 0; k < 4; ++k) x = x << 8 | static_cast<uint8_t>(bytes.at(at + 4 + k)), y = y << 8 | static_cast<uint8_t>(bytes.at(at + 8 + k));
+    EXPECT_EQ(x, y);
+    return x;
+  };
+  for (auto [mm_per_px, px_per_m] : {std::pair{0.05, 20000u}, {0.0423333333, 23622u}, {0.3, 3333u}, {0.29296875, 3413u}, {1000.0, 1u}, {0.0, 0u}, {2001.0, 0u}, {1e-9, 0u}}) {
+    ASSERT_TRUE(writePng(path, 8, 8, 3, pixels, mm_per_px));
+    EXPECT_EQ(perMetre(), px_per_m) << mm_per_px;
+    EXPECT_TRUE(readImage8(path)->pixels == pixels);
+  }
+}
+
 template <class T>
 void expectWriterRoundTrip(SampleType type, const char* name, int channels) {
   const int w = 61, h = 50;

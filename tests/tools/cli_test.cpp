@@ -1,4 +1,7 @@
 // The program as its users run it: exit codes, messages that name the file and what to do, and files that appear whole or not at all.
+#include <algorithm>
+#include <array>
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -155,6 +158,90 @@ TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
   stats = nlohmann::json::parse(std::ifstream(file("d.json")), nullptr, false);
   EXPECT_GT(stats["planes"]["resolved"]["pages_uploaded"].get<int>(), 0);
   EXPECT_EQ(stats["planes"]["a0-a2"]["pages_uploaded"].get<int>(), 0) << stats.dump(1);
+}
+
+// One error each, that says what to do; no picture.
+TEST_F(Cli, CamerasThatAreNoneAreRefused) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 200x100 --write height --package " + file("i.relievo")).exit_code, 0);
+  write("parallel.json", R"({"orthographic": true, "distance_mm": 300, "fov_deg": 35})");
+  write("bad.json", R"({"orthographic": "yes"})");
+  for (auto [arguments, named] : {std::pair<const char*, const char*>{"--orthographic --fov 30", "--fov"},
+                                  {"--mm-per-px 0.05 --fov 30", "--fov"},
+                                  {"--mm-per-px 0", "above 0"},
+                                  {"--mm-per-px -0.05", "above 0"},
+                                  {"--mm-per-px nan", "above 0"},
+                                  {"--mm-per-px inf", "above 0"},
+                                  {"--mm-per-px small", "--mm-per-px"},
+                                  {"--mm-per-px 0.05 --distance 300", "--distance"},
+                                  {"--mm-per-px 0.05 --perspective", "--perspective"},
+                                  {"--mm-per-px 0.0001", "--size"},
+                                  {"--orthographic --perspective", "--perspective"},
+                                  {"--fov 0.99", "1 to 170"},
+                                  {"--fov 170.1", "1 to 170"},
+                                  {"--fov nan", "1 to 170"},
+                                  {"--orthographic --distance 0", "--distance"},
+                                  {"--state parallel.json --fov 30", "--fov"}}) {
+    std::string all = arguments;
+    if (const size_t at = all.find("parallel.json"); at != std::string::npos) all.replace(at, 13, file("parallel.json"));
+    const Outcome r = relievo("render " + file("i.relievo") + " -o " + file("x.png") + " " + all);
+    EXPECT_EQ(r.exit_code, 1) << arguments << ": " << r.output;
+    EXPECT_NE(r.output.find(named), std::string::npos) << arguments << ": " << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1 + (r.output.find("--help") != std::string::npos)) << arguments << ": " << r.output;
+    EXPECT_FALSE(fs::exists(file("x.png"))) << arguments;
+  }
+  EXPECT_EQ(relievo("render " + file("i.relievo") + " -o " + file("x.png") + " --state " + file("bad.json")).exit_code, 3);
+}
+
+TEST_F(Cli, AnOrthographicPictureHasItsScale) {
+  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo")).exit_code, 0);
+  auto info = nlohmann::json::parse(relievo("info " + file("i.relievo") + " --json").output, nullptr, false);
+  ASSERT_FALSE(info.is_discarded());
+  auto render = [&](const std::string& arguments, const char* name) {
+    const Outcome r = relievo("render " + file("i.relievo") + " " + arguments + " -o " + file(std::string(name) + ".png") + " --stats " + file("stats.json"));
+    EXPECT_TRUE(r.exit_code == 0 || r.exit_code == 4) << r.output;
+    if (r.exit_code == 4) return nlohmann::json();
+    return nlohmann::json::parse(std::ifstream(file("stats.json")), nullptr, false);
+  };
+  // Of a PNG's header: width, height; and the pixels a metre of pHYs, 0 without it.
+  auto header = [&](const char* name) {
+    std::ifstream in(file(std::string(name) + ".png"), std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(in)), {});
+    auto at = [&](size_t i) {
+      uint32_t v = 0;
+      for (size_t k = 0; k < 4; ++k) v = v << 8 | static_cast<uint8_t>(bytes.at(i + k));
+      return v;
+    };
+    const size_t physical = bytes.find("pHYs");
+    return std::array<uint32_t, 3>{at(16), at(20), physical == std::string::npos ? 0 : at(physical + 4)};
+  };
+  auto stats = render("--mm-per-px 2", "scaled");
+  if (stats.is_null()) GTEST_SKIP() << "no GL";
+  EXPECT_EQ(stats["projection"], "orthographic");
+  EXPECT_NEAR(stats["mm_per_px"].get<double>(), 2, 1e-9);
+  const double mm_per_texel = info["mm_per_px"].get<double>();
+  // As large as all of the artwork takes, unless a size is given.
+  EXPECT_EQ(header("scaled"), (std::array<uint32_t, 3>{static_cast<uint32_t>(std::ceil(400 * mm_per_texel / 2 - 1e-6)),
+                                                         static_cast<uint32_t>(std::ceil(300 * mm_per_texel / 2 - 1e-6)), 500}));
+  char texel[40];
+  std::snprintf(texel, sizeof texel, "--mm-per-px %.17g", mm_per_texel);
+  render(texel, "texels");
+  EXPECT_EQ(header("texels")[0], 400u);
+  EXPECT_EQ(header("texels")[1], 300u);
+  stats = render("--mm-per-px 2 --size 128x64 --azimuth 30 --target 10,5,0", "part");
+  EXPECT_NEAR(stats["mm_per_px"].get<double>(), 2, 1e-9);
+  EXPECT_EQ(header("part"), (std::array<uint32_t, 3>{128, 64, 500}));
+  // The same camera twice: by its distance, and by what the viewer prints.
+  stats = render("--orthographic --distance 300 --size 128x64", "distance");
+  EXPECT_NEAR(stats["mm_per_px"].get<double>(), 600 * std::tan(17.5 * 3.14159265358979 / 180) / 64, 1e-9);
+  write("state.json", R"({"orthographic": true, "distance_mm": 300, "fov_deg": 35})");
+  render("--state " + file("state.json") + " --size 128x64", "state");
+  EXPECT_EQ(run("cmp " + file("distance.png") + " " + file("state.png")).exit_code, 0);
+  stats = render("--state " + file("state.json") + " --perspective --fov 40 --size 128x64", "perspective");
+  EXPECT_EQ(stats["projection"], "perspective");
+  EXPECT_GT(stats["mm_per_px_at_target"].get<double>(), 0);
+  EXPECT_FALSE(stats.contains("mm_per_px"));
+  EXPECT_EQ(header("perspective")[2], 0u) << "no scale: it is none";
+  EXPECT_NE(run("cmp " + file("distance.png") + " " + file("perspective.png")).exit_code, 0);
 }
 
 TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {

@@ -180,7 +180,13 @@ TEST(ComparePath, RecordedAndFromAFile) {
   EXPECT_EQ((*two)[0].now.distance_mm, 90);
   EXPECT_EQ((*two)[1].before.azimuth_deg, 20);
   EXPECT_EQ((*two)[1].now.target_mm, glm::dvec3(1, 2, 3));
-  for (const char* bad : {"", "[]", "{}", R"({"cameras": []})", R"({"cameras": [7]})", R"({"cameras": [{"distance_mm": -1}]})", R"({"cameras": [{"elevation_deg": 90}]})",
+  EXPECT_FALSE((*two)[0].now.orthographic);
+  auto parallel = write(R"({"cameras": [{"orthographic": true}, {"orthographic": false, "fov_deg": 170}, {"fov_deg": 1}]})");
+  ASSERT_TRUE(parallel.ok());
+  EXPECT_TRUE((*parallel)[0].now.orthographic);
+  EXPECT_FALSE((*parallel)[1].now.orthographic);
+  EXPECT_EQ((*parallel)[2].now.fov_deg, 1);
+  for (const char* bad : {"", "[]", R"({"cameras": [{"orthographic": 1}]})", R"({"cameras": [{"fov_deg": 0.5}]})", R"({"cameras": [{"fov_deg": 171}]})", "{}", R"({"cameras": []})", R"({"cameras": [7]})", R"({"cameras": [{"distance_mm": -1}]})", R"({"cameras": [{"elevation_deg": 90}]})",
                           R"({"cameras": [{"fov_deg": "wide"}]})", R"({"cameras": [{"target_mm": [1, 2]}]})"}) {
     auto result = write(bad);
     ASSERT_FALSE(result.ok()) << bad;
