@@ -174,11 +174,11 @@ class Selection {
   // The perspective image f X / Z of a point moves by f / Z |n - (n . forward) d / Z| when the point moves along n; d / Z, d from
   // the eye to the point and Z its depth, is taken at the box's centre and differs within the box by at most
   // |half| / (Z cos a), a the angle off the axis. So a height that points at the eye counts for what the rest of its
-  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn.
+  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn. Orthographic, it is the same sine for all.
   double pxPerMm(const Box& b) const {
     if (!camera_.valid) return 0;
-    const glm::dvec3 forward(camera_.depth_row), up(0, 0, 1);
-    if (camera_.orthographic) return camera_.scale;
+    const glm::dvec3 &forward = camera_.forward, up(0, 0, 1);
+    if (camera_.orthographic) return camera_.scale * std::max(kMinSine, glm::length(up - forward.z * forward));
     double centre_depth = LodCamera::value(camera_.depth_row, b.centre);
     double depth = std::max(camera_.near_mm, centre_depth - extent(camera_.depth_row, b));
     glm::dvec3 d = b.centre - camera_.eye;

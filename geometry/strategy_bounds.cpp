@@ -29,7 +29,12 @@ ViewBounds::ViewBounds(const LodView& view) : near_(std::max(view.near_mm, 1e-9)
   valid_ = orthographic_ ? rows[3].w > 0 : w_length > 0;
   planes_ = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
              rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
-  if (!valid_ || orthographic_) return;
+  if (!valid_) return;
+  if (orthographic_) {
+    const glm::dvec3 along = glm::cross(glm::dvec3(rows[0]), glm::dvec3(rows[1]));
+    if (const double length = glm::length(along); length > 0) depth_row_ = glm::dvec4(along / length, 0);
+    return;
+  }
   depth_row_ = rows[3] / w_length;
   auto tangent = [&](const glm::dvec4& row) {
     glm::dvec3 r = glm::dvec3(row) / w_length, forward(depth_row_);
@@ -52,9 +57,9 @@ bool ViewBounds::culled(const WorldBox& b) const {
 // planar_lod.cpp derives it.
 double ViewBounds::pxPerMm(const WorldBox& b) const {
   if (!valid_) return 0;
-  if (orthographic_) return scale_;
-  // A movement anyhow: mesh_lod.cpp derives it.
   const glm::dvec3 forward(depth_row_), up(0, 0, 1);
+  if (orthographic_) return scale_ * (b.any_direction ? 1 : std::max(kMinSine, glm::length(up - forward.z * forward)));
+  // A movement anyhow: mesh_lod.cpp derives it.
   double centre_depth = valueAt(depth_row_, b.centre);
   double depth = std::max(near_, centre_depth - extentAlong(depth_row_, b));
   glm::dvec3 d = b.centre - eye_;

@@ -41,7 +41,7 @@ class ViewBounds {
   double near_ = 1, scale_ = 1, max_secant_ = 1;
   glm::dvec3 eye_{0};
   std::array<glm::dvec4, 7> planes_{};
-  glm::dvec4 depth_row_{0};
+  glm::dvec4 depth_row_{0};  // orthographic: where the lines of sight go, either way
 };
 
 class ReliefBounds3d {

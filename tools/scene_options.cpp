@@ -56,7 +56,7 @@ void SceneOptions::addTo(CLI::App& c) {
   auto* parallel = c.add_flag("--orthographic", orthographic, "Parallel lines of sight: a millimetre is as many pixels wherever it is, so that the picture can be "
                               "measured and drawn from; with --distance it shows as much as perspective does of the plane through the target");
   c.add_flag("--perspective", perspective, "Perspective, whatever --state says [on]")->excludes(parallel);
-  c.add_option("--mm-per-px", mm_per_px, "Scale of an orthographic picture, mm a px, exactly; implies --orthographic and goes in place of --distance [so that all is in view]");
+  c.add_option("--mm-per-px", mm_per_px, "Scale of an orthographic picture, mm a px, exactly (in a window, as it opens); implies --orthographic and goes in place of --distance [so that all is in view]");
   c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; options given beside it win");
   c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();

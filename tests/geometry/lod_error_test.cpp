@@ -21,14 +21,26 @@ struct Figures {
   std::vector<double> tightness;  // measured / predicted
   double worst = 0;
 };
-Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe) {
+Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe, bool orthographic = false, double fov_deg = 0) {
   Figures f;
   ReliefPages pages(domain, reliefHeight);
   for (int k = 0; k < views; ++k) {
     Random random(seed + static_cast<uint64_t>(k));
     Camera camera = randomCamera(domain, random);
+    if (fov_deg > 0) {  // as much in view of what is at the target
+      const double wider = std::tan(glm::radians(fov_deg) / 2) / std::tan(camera.fov_y / 2);
+      camera.eye = camera.target + (camera.eye - camera.target) / wider;
+      camera.near_mm /= wider, camera.far_mm = std::max(camera.far_mm, 10 * glm::length(camera.eye));
+      camera.fov_y = glm::radians(fov_deg);
+    }
     LodView view = makeView(camera, std::exp(random.real(-0.7, 2.5)));
     if (random.chance(0.3)) view.exaggerate = random.real(0.2, 4);
+    if (orthographic) {
+      const double exaggerate = view.exaggerate, distance = glm::length(camera.eye - camera.target);
+      if (k % 3 == 0) camera.eye = camera.target + glm::dvec3(random.real(-0.1, 0.1), 0, 1) * distance;  // heights point at the eye, or nearly
+      view = orthographicView(camera, 2 * distance * std::tan(camera.fov_y / 2), view.error_px);
+      view.exaggerate = exaggerate;
+    }
     ReliefSet resident;
     int rounds = random.integer(0, 7);
     for (int round = 0; round < rounds; ++round)
@@ -51,6 +63,21 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
   }
   std::sort(f.tightness.begin(), f.tightness.end());
   return f;
+}
+
+TEST(LodError, PredictedIsAnUpperBoundOfMeasuredInOrthographicViewsAndAtBothEndsOfTheFieldOfView) {
+  PlanarDomain domain = makeDomain(900, 300, 0);
+  domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
+  const TrueRelief relief(domain, reliefHeight);
+  for (auto [fov_deg, what] : {std::pair{0.0, "orthographic"}, {1.0, "1 degree"}, {170.0, "170 degrees"}}) {
+    const Figures f = study(domain, relief, 30 / kViewShare, kSeed, 1, fov_deg == 0, fov_deg);
+    EXPECT_EQ(f.above, 0) << what;
+    EXPECT_LE(f.worst, 2) << what;
+    EXPECT_GT(study(domain, relief, 60, kSeed, 1.0 / 3, fov_deg == 0, fov_deg).above, 0) << what << ", control: a third of it is no bound";
+    ASSERT_FALSE(f.tightness.empty());
+    std::printf("[ figures  ] %s: %d views, %llu samples; measured / predicted: median %.2f, largest %.2f\n", what, f.views, static_cast<unsigned long long>(f.samples),
+                f.tightness[f.tightness.size() / 2], f.tightness.back());
+  }
 }
 
 TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {

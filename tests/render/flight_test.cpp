@@ -172,6 +172,28 @@ TEST(CameraPredictor, StartsAnewAfterAGapAndWhenTimeRunsBackwards) {
   }
 }
 
+// Another projection is another picture: what it moves by is not known yet. Orthographic cameras are predicted as others are, and stay so.
+TEST(CameraPredictor, KeepsTheProjectionAndStartsAnewWithAnother) {
+  CameraPredictor predictor;
+  OrbitCamera c;
+  c.orthographic = true;
+  for (int k = 0; k < 4; ++k, c.azimuth_deg += 2) predictor.observe(c, 0.02 * k);
+  EXPECT_TRUE(predictor.moves(720));
+  EXPECT_TRUE(predictor.predict(0.1).orthographic);
+  EXPECT_NEAR(predictor.predict(0.1).azimuth_deg, 16, 1e-9);
+  c.orthographic = false;
+  predictor.observe(c, 0.08);
+  EXPECT_FALSE(predictor.moves(720));
+  EXPECT_FALSE(predictor.predict(0.1).orthographic);
+}
+
+TEST(Flight, TheProjectionIsThatOfTheKeyBefore) {
+  Flight flight;
+  for (int k = 0; k < 3; ++k) flight.keys.push_back({static_cast<double>(k), {}});
+  flight.keys[1].camera.orthographic = true;
+  for (auto [time_s, orthographic] : {std::pair{-1.0, false}, {0.9, false}, {1.0, true}, {1.5, true}, {2.5, false}}) EXPECT_EQ(cameraAt(flight, time_s).orthographic, orthographic);
+}
+
 TEST(CameraPredictor, ElevationStaysBelowThePole) {
   CameraPredictor p = watching([](double t) { OrbitCamera c; c.elevation_deg = 80 * t; return c; }, 1.0);
   EXPECT_EQ(p.predict(5).elevation_deg, 89);
