@@ -38,13 +38,13 @@ class Compare : public ::testing::Test {
     for (const StrategyEntry& e : lodStrategies()) plan_.strategies.push_back(&e);
     writePath(6);
   }
-  // From straight ahead to grazing, from near to far; the eye stays above the relief.
+  // From straight ahead to grazing, from near to far, one of them orthographic; the eye stays above the relief.
   void writePath(int cameras) {
     std::mt19937 random(kSeed);
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
     auto list = nlohmann::json::array();
     for (int k = 0; k < cameras; ++k) {
-      nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 70)},
+      nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 70)}, {"orthographic", k == 4},
                           {"distance_mm", std::exp(uniform(std::log(35.0), std::log(250.0)))}, {"target_mm", {uniform(-45, 45), uniform(-25, 25), 0}}};
       list.push_back(c);
     }
@@ -95,7 +95,7 @@ class CompareBody : public Compare {
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
     auto list = nlohmann::json::array();
     for (int k = 0; k < 5; ++k)
-      list.push_back({{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 60)}, {"distance_mm", size * std::exp(uniform(-0.3, 0.8))},
+      list.push_back({{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 60)}, {"orthographic", k == 4}, {"distance_mm", size * std::exp(uniform(-0.3, 0.8))},
                       {"target_mm", {uniform(-0.1, 0.1) * size, uniform(-0.1, 0.1) * size, 0}}});
     std::ofstream(plan_.path) << nlohmann::json{{"cameras", list}};
   }

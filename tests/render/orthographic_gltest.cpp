@@ -13,6 +13,8 @@
 #include "tests/render/dense_subjects.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/made_pages.h"
+#include "tests/render/true_patches.h"
+#include "texturing/patch_package_builder.h"
 
 namespace relievo {
 namespace {
@@ -20,8 +22,6 @@ namespace {
 using namespace test;
 
 constexpr int kWidth = 480, kHeight = 270;
-
-double uniform(std::mt19937& random, double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); }
 
 // ---- a sheet with a known grid
 
@@ -263,6 +263,56 @@ TEST(Orthographic, ThePromisedErrorIsKept) {
   std::printf("[ picture  ] seed %u: %d views, %llu samples: errors of up to %.2f px, none above its promise; %.2f of it at most\n", kSeed, views, static_cast<unsigned long long>(samples),
               largest, tightest);
   EXPECT_GT(samples, 100'000u);
+  EXPECT_EQ(above, 0);
+  EXPECT_GT(above_a_third, 0) << "control: a third of it is no promise";
+}
+
+// Over a base mesh: a ball of turned patches, smooth with a rough part, through a package.
+TEST(Orthographic, ThePromisedErrorIsKeptOnABody) {
+  BaseMesh mesh = cubeSphere(2, 40);
+  Random turns(kSeed);
+  turnPatches(mesh, turns);
+  const MeshRelief relief{1, -2, 6.0 / 65535};
+  auto height = [](const glm::dvec3& p, const Place& place) {
+    const double waves = 0.4 + 0.2 * std::sin(0.12 * p.x + 1) * std::cos(0.1 * p.y) + 0.1 * std::sin(0.2 * p.z);
+    return waves + (p.x + p.y > 25 ? 0.08 * static_cast<double>(hashOf(place, 5) & 1023) / 1023 : 0);
+  };
+  TemporaryFolder folder;
+  BuildOptions build;
+  build.output = folder.file("ball.relievo");
+  ASSERT_TRUE(buildPatchPackage(TruePatches(mesh, relief, height), build).ok());
+  auto package = Package::open(build.output);
+  ASSERT_TRUE(package.ok());
+  const TrueMeshRelief truth(mesh, relief, height);
+  Scene scene;
+  auto engine = makeEngine(artworkFromPackage(*package), scene, {}, kWidth, kHeight);
+  ASSERT_TRUE(engine);
+  std::mt19937 random(kSeed);
+  uint64_t samples = 0;
+  int above = 0, above_a_third = 0, views = 0;
+  double largest = 0, tightest = 0;
+  for (; views < 12; ++views) {
+    OrbitCamera c;
+    c.orthographic = true;
+    c.azimuth_deg = uniform(random, -180, 180), c.elevation_deg = uniform(random, -85, 85);
+    c.target_mm = {uniform(random, -30, 30), uniform(random, -30, 30), uniform(random, -30, 30)};
+    c.distance_mm = distanceForScale(c, std::exp(uniform(random, std::log(0.05), std::log(0.5))), kHeight);
+    engine->setCamera(c);
+    scene.error_px = std::exp(uniform(random, -1, 1.5));
+    ASSERT_TRUE(engine->setScene(scene).ok());
+    ASSERT_TRUE(engine->settle(60).ok());
+    const Camera picture{.aspect = static_cast<double>(kWidth) / kHeight, .viewport_height_px = kHeight};
+    const Measured m = measureError(truth, relief.unitLog2(), lodViewFrom(engine->view()), picture, engine->instances());
+    const double promised = engine->stats().predicted_error_px;
+    samples += m.samples;
+    above += m.max_px > promised * (1 + 1e-6) + 1e-6;
+    above_a_third += m.max_px > promised / 3;
+    largest = std::max(largest, m.max_px);
+    if (promised > 0) tightest = std::max(tightest, m.max_px / promised);
+  }
+  std::printf("[ picture  ] seed %u, a body: %d views, %llu samples: errors of up to %.2f px, none above its promise; %.2f of it at most\n", kSeed, views,
+              static_cast<unsigned long long>(samples), largest, tightest);
+  EXPECT_GT(samples, 50'000u);
   EXPECT_EQ(above, 0);
   EXPECT_GT(above_a_third, 0) << "control: a third of it is no promise";
 }
