@@ -51,49 +51,80 @@ void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row, std::arra
 }
 
 // The largest of each block's vertices, those between blocks counted for both: squared distance, along the normal one way and the other, squared
-// distance across it.
+// distance across it; and of its cells', what lies furthest apart along the normal, and the squared diagonal of the box around all.
 struct Extremes {
-  double squared = 0, above = 0, below = 0, aside = 0;
+  double squared = 0, above = 0, below = 0, aside = 0, between = 0, apart = 0;
 };
-void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks,
-                   std::array<std::vector<double>, 3>& rows, std::vector<Extremes>& out) {
+// By vertex of a row: x, y and z of d, and what of it lies along the normal; the highest of several rows, the lowest, 0 included.
+using RowOfDeviations = std::array<std::vector<double>, 4>;
+void widen(const std::vector<double>& by, std::vector<double>& high) {
+  const double* b = by.data();
+  double* h = high.data();
+  for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x];
+}
+void widen(const std::vector<double>& by, std::vector<double>& high, std::vector<double>& low) {
+  const double* b = by.data();
+  double *h = high.data(), *l = low.data();
+  for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x], l[x] = l[x] < b[x] ? l[x] : b[x];
+}
+double highest(const std::vector<double>& of, size_t first, size_t last) {
+  double most = 0;
+  for (size_t x = first; x <= last; ++x) most = std::max(most, of[x]);
+  return most;
+}
+double lowest(const std::vector<double>& of, size_t first, size_t last) {
+  double least = 0;
+  for (size_t x = first; x <= last; ++x) least = std::min(least, of[x]);
+  return least;
+}
+// step: vertices a cell's side.
+void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
+                   std::vector<Extremes>& out) {
   const size_t row = coarse.row(), n = row - 1, size = n / blocks;
   out.assign(blocks * blocks, {});
-  for (auto& r : rows) r.resize(row);
+  const std::vector<double> none(row, 0.0);
+  RowOfDeviations now, high, low;  // the latter two of a row of cells
+  for (auto* rows : {&now, &high, &low}) rows->fill(none);
+  std::vector<double> squared_now = none, aside_now = none, squared = none, aside = none;  // the latter two of a row of blocks
   for (size_t y = 0; y <= n; ++y) {
     const size_t at = y * row;
     const double *ax = coarse.axes[0].data() + at, *ay = coarse.axes[1].data() + at, *az = coarse.axes[2].data() + at;
     const double *bx = finest.axes[0].data() + at, *by = finest.axes[1].data() + at, *bz = finest.axes[2].data() + at;
     const double *nx = normals[0].data() + at, *ny = normals[1].data() + at, *nz = normals[2].data() + at;
-    double *squared = rows[0].data(), *along = rows[1].data(), *aside = rows[2].data();
+    double *ox = now[0].data(), *oy = now[1].data(), *oz = now[2].data(), *along = now[3].data(), *os = squared_now.data(), *oa = aside_now.data();
     for (size_t x = 0; x < row; ++x) {
       const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x];
       const double s = dx * dx + dy * dy + dz * dz, a = dx * nx[x] + dy * ny[x] + dz * nz[x], across = s - a * a;
-      squared[x] = s;
+      ox[x] = dx, oy[x] = dy, oz[x] = dz;
       along[x] = a;
-      aside[x] = across > 0 ? across : 0;
+      os[x] = s;
+      oa[x] = across > 0 ? across : 0;
     }
-    const size_t last = std::min(y / size, blocks - 1), first = y > 0 && y < n && y % size == 0 ? last - 1 : last;
-    for (size_t i = 0; i < blocks; ++i) {
-      const double *s = squared + i * size, *a = along + i * size, *c = aside + i * size;
-      Extremes most;
-      size_t x = 0;
-      if (size >= 8) {
-        std::array<double, 4> ms{}, ma{}, mb{}, mc{};
-        for (; x + 4 <= size; x += 4)
-          for (size_t k = 0; k < 4; ++k) {
-            ms[k] = std::max(ms[k], s[x + k]);
-            ma[k] = std::max(ma[k], a[x + k]);
-            mb[k] = std::min(mb[k], a[x + k]);
-            mc[k] = std::max(mc[k], c[x + k]);
-          }
-        most = {*std::max_element(ms.begin(), ms.end()), *std::max_element(ma.begin(), ma.end()), -*std::min_element(mb.begin(), mb.end()), *std::max_element(mc.begin(), mc.end())};
+    for (size_t k = 0; k < now.size(); ++k) widen(now[k], high[k], low[k]);
+    widen(squared_now, squared);
+    widen(aside_now, aside);
+    if (y == 0) continue;
+    Extremes* of_blocks = out.data() + (y - 1) / size * blocks;
+    if (y % step == 0) {
+      for (size_t x = 0; x < n; x += step) {
+        Extremes& e = of_blocks[x / size];
+        double diagonal = 0;
+        for (size_t axis = 0; axis < 3; ++axis) {
+          const double width = highest(high[axis], x, x + step) - lowest(low[axis], x, x + step);
+          diagonal += width * width;
+        }
+        const double above = highest(high[3], x, x + step), below = -lowest(low[3], x, x + step);
+        e.above = std::max(e.above, above), e.below = std::max(e.below, below), e.between = std::max(e.between, above + below);
+        e.apart = std::max(e.apart, diagonal);
       }
-      for (; x <= size; ++x) most = {std::max(most.squared, s[x]), std::max(most.above, a[x]), std::max(most.below, -a[x]), std::max(most.aside, c[x])};
-      for (size_t j = first; j <= last; ++j) {
-        Extremes& e = out[j * blocks + i];
-        e = {std::max(e.squared, most.squared), std::max(e.above, most.above), std::max(e.below, most.below), std::max(e.aside, most.aside)};
+      high = low = now;
+    }
+    if (y % size == 0) {
+      for (size_t i = 0; i < blocks; ++i) {
+        of_blocks[i].squared = highest(squared, i * size, (i + 1) * size);
+        of_blocks[i].aside = highest(aside, i * size, (i + 1) * size);
       }
+      squared = squared_now, aside = aside_now;
     }
   }
 }
@@ -108,7 +139,6 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
   // Refined from the coarser, by cells_log2.
   for (int log2 = static_cast<int>(grids.size()); log2 <= top; ++log2) grids.emplace_back(log2);
   unitNormals(corner_normals, finest.row(), scratch.normals);
-  std::array<std::vector<double>, 3> rows;
   std::vector<Extremes> extremes;
   std::vector<Deviation> own, finer;
   for (int log2 = top; log2 >= 0; --log2) {
@@ -116,7 +146,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
     GridErrors& out = errors[static_cast<size_t>(log2)];
     own.assign(blocks * blocks, {});
     out.mm.assign(blocks * blocks, 0.0f);
-    out.shapes.assign(blocks * blocks, {0, 0, 0});
+    out.shapes.assign(blocks * blocks, {0, 0, 0, 0, 0});
     if (log2 < top) {
       SurfaceGrid& coarse = grids[static_cast<size_t>(log2)];
       const size_t row = coarse.row(), step = size_t{1} << (top - log2);
@@ -124,7 +154,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
         for (size_t y = 0; y < row; ++y)
           for (size_t x = 0; x < row; ++x) coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
       for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
-      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, rows, extremes);
+      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, extremes);
       const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
       // Up a little: for the squares, and for what is drawn in single precision.
       constexpr double kUp = 1 + 1e-6;
@@ -132,7 +162,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
         for (size_t i = 0; i < blocks; ++i) {
           const Extremes& e = extremes[j * blocks + i];
           Deviation& d = own[j * blocks + i];
-          d = {std::sqrt(e.squared) * kUp, e.below * kUp, e.above * kUp, (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kUp};
+          d = {std::sqrt(e.squared) * kUp, e.below * kUp, e.above * kUp, (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kUp, e.between * kUp, std::sqrt(e.apart) * kUp};
           for (size_t y = 0; y < ratio; ++y)
             for (size_t x = 0; x < ratio; ++x) d = joined(d, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
           if (d.mm > 0) out.mm[j * blocks + i] = std::nextafter(static_cast<float>(d.mm), std::numeric_limits<float>::infinity());

@@ -27,7 +27,7 @@ constexpr int errorBlocksASide(int cells_log2) { return cells_log2 > 3 ? 1 << (c
 // What is known of a grid, block by block.
 struct GridErrors {
   std::vector<float> mm;               // upper bounds of distances
-  std::vector<DeviationShape> shapes;  // where the deviations lie that are so large
+  std::vector<DeviationShape> shapes;  // which way they lie
 };
 
 // By cells_log2 from 0 to the finest's: for each block, what the triangles (cells cut along (0,0)-(1,1)) through every 2^n-th vertex leave out of

@@ -203,10 +203,11 @@ struct PxPerMm {
     const double shaped = d.largestAlong() * (along + turn * any_way) + d.aside_mm * any_way;
     return head_on * std::min(d.mm * any_way, shaped);
   }
-  // How far two of the points that a deviation may lead to are from one another.
+  // How far two of the points that a deviation may lead to within a cell of the coarser surface are from one another.
   double between(const Deviation& d) const {
-    const double shaped = (d.below_mm + d.above_mm) * along + 2 * (d.largestAlong() * turn + d.aside_mm) * any_way;
-    return head_on * std::min(2 * d.mm * any_way, shaped);
+    // Along two normals, a and b of them: |a - b| along, and |a| + |b| turned, which is |a - b| where they lie on two sides.
+    const double turned = turn * any_way, shaped = std::max(d.between_mm * (along + turned), 2 * d.largestAlong() * turned) + 2 * d.aside_mm * any_way;
+    return head_on * std::min(d.apart_mm * any_way, shaped);
   }
 };
 

@@ -204,9 +204,7 @@ class Selection {
   }
   // Nothing of a square lies further from anything of it.
   Deviation deviation(const Square& s, int level, double diameter_mm) {
-    Deviation d = forest_.deviation(s, level, exaggerate_);
-    for (double* mm : {&d.mm, &d.below_mm, &d.above_mm, &d.aside_mm}) *mm = std::min(*mm, diameter_mm);
-    return d;
+    return forest_.deviation(s, level, exaggerate_).atMost(diameter_mm);
   }
   // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of them are nodes.
   // A square's own wish, and what is left of its parent's.

@@ -120,13 +120,12 @@ class Selection {
     bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
     return bounds_.emplace_back(b);
   }
-  static Deviation ofHeights(double mm) { return {mm, mm, mm, 0}; }
   // Of the surface through the samples of a page level, over a square: what the page knows of its parts.
   Deviation deviationWithin(const Square& s, int page_level) {
     Square page = s.ancestor(std::min(page_level, s.level));
     double whole = pageBounds(page).error_mm;
     int depth = std::min(s.level - page.level, kErrorBlocksLog2);
-    if (depth == 0 || whole == 0) return ofHeights(whole);
+    if (depth == 0 || whole == 0) return Deviation::eitherSide(whole);
     uint64_t k = key(page);
     uint32_t found = parts_index_.find(k);
     if (found == IndexTable::kNone) {
@@ -514,9 +513,8 @@ class Selection {
     const double weight = (morphOf(wish) + 1) / double{kOneLevel};
     auto at = [&](int whole) {
       if (whole - kPageLog2 >= domain_.relief_depth) return Deviation{};
-      Deviation d = whole < kPageLog2 ? ofHeights(range_mm) : deviationWithin(s, whole - kPageLog2);
+      Deviation d = (whole < kPageLog2 ? Deviation::eitherSide(range_mm) : deviationWithin(s, whole - kPageLog2)).atMost(range_mm);
       d.aside_mm = 0;
-      for (double* mm : {&d.mm, &d.below_mm, &d.above_mm}) *mm = std::min(*mm, range_mm);
       return d;
     };
     const Deviation d = at(level);
@@ -540,7 +538,7 @@ class Selection {
     const Deviation own = deviationAt(s, n.drawn, range_mm), there = deviationAt(s, edge, range_mm);
     const double rounded = morph_ ? 1 + 1.0 / kOneLevel : 1;  // heights between levels
     double mm = own.mm * rounded;
-    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, (there.below_mm + there.above_mm) * rounded));
+    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, there.between_mm * rounded));
     mm = std::min(mm, range_mm) * std::abs(exaggerate_);
     Box box = boxOf(s);
     if (depth > 0 && edge < n.drawn) box.half.z += mm;  // triangles may reach beyond the part

@@ -175,18 +175,16 @@ Deviation ReliefBounds3d::heightDeviation(const NodeId& node, int level) {
   int page_level = level - kPageLog2;
   if (page_level >= d.relief_depth) return {};
   const double range = rangeMm(node);
-  auto ofHeights = [](double mm) { return Deviation{mm, mm, mm, 0}; };
-  if (page_level < 0) return ofHeights(range);
+  if (page_level < 0) return Deviation::eitherSide(range);
   NodeId page = node.ancestor(std::min<uint32_t>(static_cast<uint32_t>(page_level), node.level));
   double whole = heights(page).error_mm;
   auto depth = std::min<uint32_t>(node.level - page.level, kErrorBlocksLog2);
-  if (depth == 0 || whole == 0) return ofHeights(std::min(whole, range));
+  if (depth == 0 || whole == 0) return Deviation::eitherSide(std::min(whole, range));
   auto [found, fresh] = parts_.try_emplace(page);
   if (fresh) found->second.read(*scene_.oracle, page, static_cast<float>(whole));
   NodeId part = node.ancestor(page.level + depth);
-  Deviation out = found->second.at(static_cast<int>(depth), part.x - (page.x << depth), part.y - (page.y << depth)).deviation();
+  Deviation out = found->second.at(static_cast<int>(depth), part.x - (page.x << depth), part.y - (page.y << depth)).deviation().atMost(range);
   out.aside_mm = 0;
-  for (double* mm : {&out.mm, &out.below_mm, &out.above_mm}) *mm = std::min(*mm, range);
   return out;
 }
 

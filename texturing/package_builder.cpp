@@ -338,16 +338,18 @@ class TileWorker {
         block.below = static_cast<uint16_t>(std::min(inside.below + step.below, range));
         block.above = static_cast<uint16_t>(std::min(inside.above + step.above, range));
         block.error = std::max(block.below, block.above);
+        block.apart = block.between = std::min<uint32_t>(inside.below + inside.above + step.between, block.below + block.above);
         r.error = std::max(r.error, block.error);
       }
     }
   }
 
   // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of the tile, below
-  // it and above: cells split along the (0,0)-(1,1) diagonal, or bilinear. Rounded up. A cell that the artwork's border cuts is squeezed onto it,
-  // so its finer samples lie at other parameters than the halves: there the cell's range of samples is the bound.
+  // it and above: cells split along the (0,0)-(1,1) diagonal, or bilinear; and from the lowest to the highest of one cell (split). Rounded up. A cell
+  // that the artwork's border cuts is squeezed onto it, so its finer samples lie at other parameters than the halves: there the cell's range of samples
+  // is the bound.
   struct Step {
-    uint32_t below = 0, above = 0;
+    uint32_t below = 0, above = 0, between = 0;
   };
   Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
     constexpr int kCells = kPagePx / kErrorBlocks;
@@ -361,7 +363,7 @@ class TileWorker {
     const int side = gridSide(down - 1);
     const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(2 * (node_y * kPagePx + block_y * kCells)) * side +
                         2 * (node_x * kPagePx + block_x * kCells);
-    int most = 0, least = 0;  // in quarters
+    int most = 0, least = 0, between = 0;  // in quarters
     auto note = [&](int quarters) {
       most = std::max(most, quarters);
       least = std::min(least, quarters);
@@ -376,10 +378,13 @@ class TileWorker {
           int a = r0[2 * x], b = r0[2 * x + 2], c = r2[2 * x], d = r2[2 * x + 2], m = r1[2 * x + 1];
           note(2 * (2 * m - a - d));
           note(4 * m - a - b - c - d);
+          const std::array<int, 5> of_cell{2 * r0[2 * x + 1] - a - b, 2 * r2[2 * x + 1] - c - d, 2 * r1[2 * x] - a - c, 2 * r1[2 * x + 2] - b - d, 2 * m - a - d};
+          const auto [lowest, highest] = std::minmax_element(of_cell.begin(), of_cell.end());
+          between = std::max(between, 2 * (std::max(*highest, 0) - std::min(*lowest, 0)));
         }
       }
     }
-    int above = (most + 3) / 4, below = (3 - least) / 4;
+    int above = (most + 3) / 4, below = (3 - least) / 4, apart = (between + 3) / 4;
     for (int y = 0; y < cells_y; ++y) {
       for (int x = y < whole_y ? whole_x : 0; x < cells_x; ++x) {
         int low = 65535, high = 0;
@@ -389,10 +394,10 @@ class TileWorker {
             low = std::min(low, v), high = std::max(high, v);
           }
         }
-        above = std::max(above, high - low), below = std::max(below, high - low);
+        above = std::max(above, high - low), below = std::max(below, high - low), apart = std::max(apart, 2 * (high - low));
       }
     }
-    return {static_cast<uint32_t>(below), static_cast<uint32_t>(above)};
+    return {static_cast<uint32_t>(below), static_cast<uint32_t>(above), static_cast<uint32_t>(apart)};
   }
 
   Result<void> sampleHeights() {

@@ -28,8 +28,8 @@ inline constexpr int kErrorBlocks = 16;
 inline constexpr uint32_t kReliefDetailBytes = kErrorBlocks * kErrorBlocks;
 inline constexpr uint32_t errorFromByte(uint8_t b) { return b < 32 ? b : (16u + (b & 15u)) << ((b >> 4) - 1); }
 uint8_t byteFromError(uint32_t steps /* at most 65,535 */);
-// Behind them their shapes (src/base/deviation.h), 3 bytes each, where PackageHeader::relief_shapes says so.
-inline constexpr uint32_t kReliefShapesBytes = 3 * kReliefDetailBytes;
+// Behind them their shapes (src/base/deviation.h), 5 bytes each, where PackageHeader::relief_shapes says so.
+inline constexpr uint32_t kReliefShapesBytes = 5 * kReliefDetailBytes;
 inline constexpr uint64_t kMaxManifestBytes = uint64_t{16} << 20;
 
 struct PackageHeader {

@@ -180,8 +180,8 @@ Result<void> PackageWriter::append(const BuildPart& part) {
       for (size_t i = 0; i < kReliefDetailBytes; ++i) {
         const BlockError& b = p.range.blocks[i];
         detail[i] = byteFromError(b.error);
-        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above), double(b.aside)});
-        std::memcpy(detail + kReliefDetailBytes + 3 * i, &shape, 3);
+        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above), double(b.aside), double(b.between), double(b.apart)});
+        std::memcpy(detail + kReliefDetailBytes + sizeof shape * i, &shape, sizeof shape);
       }
       if (written = index_->write(p.detail_offset - header_.index_offset, detail, header_.detailBytes()); !written)
         return written;

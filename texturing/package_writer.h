@@ -60,8 +60,9 @@ uint64_t encodedHash(std::span<const uint8_t> encoded);  // xxh3-64
 // What a relief node knows of the samples below it, in 16-bit units.
 struct BlockError {  // src/base/deviation.h, in those units
   uint16_t error = 0, below = 0, above = 0, aside = 0;
+  uint32_t between = 0, apart = 0;
   friend BlockError joined(const BlockError& a, const BlockError& b) {
-    return {std::max(a.error, b.error), std::max(a.below, b.below), std::max(a.above, b.above), std::max(a.aside, b.aside)};
+    return {std::max(a.error, b.error), std::max(a.below, b.below), std::max(a.above, b.above), std::max(a.aside, b.aside), std::max(a.between, b.between), std::max(a.apart, b.apart)};
   }
 };
 struct NodeRange {

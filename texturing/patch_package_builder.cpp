@@ -337,7 +337,7 @@ class PatchReader {
         }
         const Deviation d = deviationOf(mm, shapes_[i]);
         auto steps = [&](double part_mm) { return static_cast<uint16_t>(std::min(65535.0, stepsOf(part_mm))); };
-        out[i] = {steps(d.mm), steps(d.below_mm), steps(d.above_mm), steps(d.aside_mm)};
+        out[i] = {steps(d.mm), steps(d.below_mm), steps(d.above_mm), steps(d.aside_mm), static_cast<uint32_t>(stepsOf(d.between_mm)), static_cast<uint32_t>(stepsOf(d.apart_mm))};
         if (level == depth) continue;
         const BlockError* finer =
             errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);

@@ -135,8 +135,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0, 1);
   double tightest = 0;
-  size_t halves_fail = 0, one_sided = 0;
-  std::array<size_t, 3> half_shapes_fail{};
+  size_t halves_fail = 0, one_sided = 0, within_cells = 0, alike = 0;
+  std::array<size_t, 5> half_shapes_fail{};
   for (uint32_t p = 0; p < base.patches.size(); ++p) {
     const Heights q = heightsOf(*baked, p);
     // The surface of a grid of `cells` cells a side at (u, v), in double precision.
@@ -187,7 +187,29 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
         ASSERT_LE(seen[i].aside_mm, known.aside_mm + 1e-12) << p << " " << log2 << " " << i;
         half_shapes_fail[0] += seen[i].below_mm > known.below_mm / 2, half_shapes_fail[1] += seen[i].above_mm > known.above_mm / 2;
         half_shapes_fail[2] += seen[i].aside_mm > known.aside_mm / 2;
+        within_cells += known.between_mm < 0.9 * (known.below_mm + known.above_mm);
         one_sided += known.below_mm + known.above_mm < 1.2 * known.mm;
+      }
+      // What lies apart within one cell, at some of its finest vertices.
+      const size_t cells = size_t{1} << log2, step = n / cells, stride = std::max<size_t>(1, step / 16);
+      for (int k = 0; k < 40; ++k) {
+        const size_t cx = random() % cells, cy = random() % cells, block = cy * blocks / cells * blocks + cx * blocks / cells;
+        double low = 0, high = 0;
+        std::vector<glm::dvec3> apart{glm::dvec3(0)};
+        for (size_t y = cy * step; y <= (cy + 1) * step; y += stride)
+          for (size_t x = cx * step; x <= (cx + 1) * step; x += stride) {
+            const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
+            apart.push_back(surface(n, u, v) - surface(cells, u, v));
+            const double along = glm::dot(apart.back(), glm::normalize(base.normal(p, u, v)));
+            low = std::min(low, along), high = std::max(high, along);
+          }
+        double furthest = 0;
+        for (const glm::dvec3& a : apart) furthest = std::max(furthest, glm::length(a - apart[random() % apart.size()]));
+        const Deviation known = deviationOf(errors[block], shapes[block]);
+        ASSERT_LE(high - low, known.between_mm + 1e-12) << p << " " << log2 << " " << block;
+        ASSERT_LE(furthest, known.apart_mm + 1e-12) << p << " " << log2 << " " << block;
+        half_shapes_fail[3] += high - low > known.between_mm / 2, half_shapes_fail[4] += furthest > known.apart_mm / 2;
+        alike += known.apart_mm < 1.5 * known.mm;
       }
       // Monotone: no block below those of the finer level inside it.
       const auto fine = static_cast<size_t>(MeshBake::errorBlocks(log2 + 1));
@@ -203,6 +225,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
   EXPECT_GT(halves_fail, 0u);  // control: half the errors would not be bounds
   for (size_t fails : half_shapes_fail) EXPECT_GT(fails, 0u);
   EXPECT_GT(one_sided, 0u);
+  EXPECT_GT(within_cells, 0u);
+  EXPECT_GT(alike, 0u);
 }
 
 TEST(MeshBake, aFlatSheetHasNoRange) {

@@ -78,7 +78,7 @@ class TrueMeshRelief final : public ReliefOracle {
   bool tellShapes(const Known& known, std::span<DeviationShape> out) const {
     std::copy(known.begin(), known.end(), out.begin());
     if (shapes_ == Shapes::kAcrossAlone)
-      for (DeviationShape& s : out) s = {0, 0, s.aside};
+      for (DeviationShape& s : out) s = {0, 0, s.aside, 0, 255};
     return shapes_ != Shapes::kNone;
   }
   struct Page {
@@ -102,6 +102,8 @@ class TrueMeshRelief final : public ReliefOracle {
           const glm::dvec3 &c00 = at(cx * step, cy * step), &c10 = at((cx + 1) * step, cy * step), &c01 = at(cx * step, (cy + 1) * step),
                            &c11 = at((cx + 1) * step, (cy + 1) * step);
           Deviation most;
+          double low = 0, high = 0;
+          glm::dvec3 box_low(0), box_high(0);
           for (int64_t j = 0; j <= step; ++j)
             for (int64_t i = 0; i <= step; ++i) {
               double u = double(i) / double(step), v = double(j) / double(step);
@@ -109,10 +111,14 @@ class TrueMeshRelief final : public ReliefOracle {
               const glm::dvec3 d = at(cx * step + i, cy * step + j) - drawn;
               const glm::dvec3 n = mesh_.normal(p, double(cx * step + i) / double(side_), double(cy * step + j) / double(side_));
               const double length = glm::length(n), along = length > 1e-6 ? glm::dot(d, n / length) : 0, across = length > 1e-6 ? glm::length(d - along * (n / length)) : glm::length(d);
-              most = joined(most, {glm::length(d), -along, along, across});
+              most = joined(most, {glm::length(d), -along, along, across, 0, 0});
+              low = std::min(low, along), high = std::max(high, along);
+              box_low = glm::min(box_low, d), box_high = glm::max(box_high, d);
             }
           auto& e = cell[static_cast<size_t>(cy * cells + cx)];
           e = most;
+          e.between_mm = high - low;
+          e.apart_mm = glm::length(box_high - box_low);
           if (!finer.empty())
             for (int k = 0; k < 4; ++k) e = joined(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
         }

@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "tests/geometry/cell_ranges.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {
@@ -42,7 +43,7 @@ class TrueRelief final : public ReliefOracle {
   bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
     const auto& blocks = blocks_.at(page);
     for (size_t k = 0; k < blocks.size(); ++k) {
-      shapes[k] = shapes_are_empty_ ? DeviationShape{0, 0, 0} : shapeOf(blocks[k]);
+      shapes[k] = shapes_are_empty_ ? DeviationShape{0, 0, 0, 0, 0} : shapeOf(blocks[k]);
     }
     return parts_ == Parts::kTrue;
   }
@@ -69,6 +70,7 @@ class TrueRelief final : public ReliefOracle {
     double low = 1e30, high = -1e30, error = 0;
     auto& blocks = blocks_[n];
     blocks.fill({});
+    CellRanges apart(kPagePx, step);
     for (int64_t j = j0; j <= j0 + side; ++j)
       for (int64_t i = i0; i <= i0 + side; ++i) {
         double z = mm(i, j);
@@ -81,14 +83,19 @@ class TrueRelief final : public ReliefOracle {
         double drawn = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
         double off = std::abs(drawn - z);
         error = std::max(error, off);
+        apart.note(i - i0, j - j0, z - drawn);
         // Of both parts where it lies on their border.
         int64_t width = side / 16;
         for (int64_t by = std::max<int64_t>(0, j - j0 - 1) / width; by <= std::min<int64_t>(15, (j - j0) / width); ++by)
           for (int64_t bx = std::max<int64_t>(0, i - i0 - 1) / width; bx <= std::min<int64_t>(15, (i - i0) / width); ++bx) {
             Deviation& block = blocks[static_cast<size_t>(by * 16 + bx)];
-            block = joined(block, {off, drawn - z, z - drawn, 0});
+            block = joined(block, {off, drawn - z, z - drawn, 0, 0, 0});
           }
       }
+    for (int64_t k = 0; k < 256; ++k) {
+      Deviation& block = blocks[static_cast<size_t>(k)];
+      block.between_mm = block.apart_mm = apart.largest(k % 16 * 8, k / 16 * 8, 8);
+    }
     if (static_cast<int>(n.level) < domain_.relief_depth)  // monotone
       for (uint32_t k = 0; k < 4; ++k)
         if (auto child = bounds_.find(n.child(k & 1, k >> 1)); child != bounds_.end()) {

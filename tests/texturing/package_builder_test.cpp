@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "package_fixture.h"
+#include "tests/geometry/cell_ranges.h"
 #include "texturing/package.h"
 #include "texturing/package_layout.h"
 
@@ -169,7 +170,7 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
   }
 
   // Bounds: against the finest samples of the square, by brute force.
-  uint64_t tight = 0, block_tight = 0, block_smaller = 0;
+  uint64_t tight = 0, block_tight = 0, block_smaller = 0, between_tight = 0, between_smaller = 0;
   const double scale = d.relief_scale_mm;
   for (const auto& [n, page] : pages) {
     auto record = package.record(PageId(Plane::kRelief, n));
@@ -188,6 +189,8 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     uint16_t low = 65535, high = 0;
     double worst = 0;
     std::array<double, 256> block_worst{};
+    std::array<std::array<double, 2>, 256> sides{};
+    test::CellRanges apart(kPagePx, stride);
     for (int64_t gy = 0; gy <= kPagePx * stride; ++gy) {
       for (int64_t gx = 0; gx <= kPagePx * stride; ++gx) {
         auto it = by_place.find({ox + gx, oy + gy});
@@ -205,14 +208,28 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
         worst = std::max(worst, off);
         double& block = block_worst[static_cast<size_t>(j / 8 * 16 + i / 8)];
         block = std::max(block, off);
+        const double along = it->second - triangles;
+        auto& [below, above] = sides[static_cast<size_t>(j / 8 * 16 + i / 8)];
+        below = std::max(below, -along), above = std::max(above, along);
+        apart.note(gx, gy, along);
       }
     }
     std::array<float, 256> block_errors{};
+    std::array<DeviationShape, 256> shapes{};
     ASSERT_TRUE(package.reliefErrors(n, block_errors));
+    ASSERT_TRUE(package.reliefShapes(n, shapes));
     for (size_t k = 0; k < block_errors.size(); ++k) {
       EXPECT_GE(block_errors[k], block_worst[k] * scale * (1 - 1e-9)) << "level " << n.level << " x " << n.x << " y " << n.y << " block " << k;
       block_tight += block_worst[k] > 0 && block_errors[k] / 2 < block_worst[k] * scale;  // half the bound is none
       block_smaller += block_errors[k] < b.error_mm / 2;                                  // a part tells more than the whole
+      const Deviation known = deviationOf(block_errors[k], shapes[k]);
+      const double between = apart.largest(static_cast<int64_t>(k % 16 * 8), static_cast<int64_t>(k / 16 * 8), 8) * scale;
+      EXPECT_GE(known.below_mm, sides[k][0] * scale * (1 - 1e-6)) << "level " << n.level << " block " << k;
+      EXPECT_GE(known.above_mm, sides[k][1] * scale * (1 - 1e-6)) << "level " << n.level << " block " << k;
+      EXPECT_GE(known.between_mm, between * (1 - 1e-6)) << "level " << n.level << " block " << k;
+      EXPECT_GE(known.apart_mm, between * (1 - 1e-6)) << "level " << n.level << " block " << k;
+      between_tight += between > 0 && known.between_mm / 2 < between;
+      between_smaller += known.between_mm < 0.9 * (known.below_mm + known.above_mm);
     }
     EXPECT_GE(b.error_mm, worst * scale * (1 - 1e-9)) << "level " << n.level << " x " << n.x << " y " << n.y;
     EXPECT_LE(b.min_mm, d.relief_offset_mm + low * scale);
@@ -233,6 +250,8 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     EXPECT_GT(tight, 0u);
     EXPECT_GT(block_tight, 0u);
     EXPECT_GT(block_smaller, 0u);
+    EXPECT_GT(between_tight, 0u);
+    EXPECT_GT(between_smaller, 0u);
   }
 }
 

@@ -130,7 +130,7 @@ class NoisyPatches : public PatchSource {
   }
   DeviationShape shape(uint32_t patch, int cells_log2, size_t block) const {
     auto byte = [&](uint64_t k) { return static_cast<uint8_t>(hash(patch, 8 + k, static_cast<uint64_t>(cells_log2), block)); };
-    return {byte(0), byte(1), byte(2)};
+    return {byte(0), byte(1), byte(2), byte(3), byte(4)};
   }
   bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
     for (size_t i = 0; i < out.size(); ++i) out[i] = shape(patch, cells_log2, i);

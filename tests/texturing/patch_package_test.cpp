@@ -260,7 +260,7 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
   std::vector<uint16_t> samples(kReliefPageSamples);
   std::vector<float> blocks(kReliefDetailBytes);
   std::vector<DeviationShape> shapes(kReliefDetailBytes);
-  int narrow_shapes = 0;
+  int narrow_shapes = 0, narrow_between = 0;
   uint64_t pages = 0;
   forEachNode(d, 2, [&](const NodeId& node) {
     ++pages;
@@ -306,6 +306,11 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
         EXPECT_LE(kept.*part, all.*part + 1.001 * (source.errorUnitMm() + kept.mm / 255));
         narrow_shapes += kept.*part < 0.5 * kept.mm;
       }
+      EXPECT_GE(kept.between_mm, all.between_mm);
+      EXPECT_LE(kept.between_mm, all.between_mm + 1.001 * (source.errorUnitMm() + (kept.below_mm + kept.above_mm) / 255));
+      EXPECT_GE(kept.apart_mm, all.apart_mm);
+      EXPECT_LE(kept.apart_mm, all.apart_mm + 1.001 * (source.errorUnitMm() + kept.mm / 127));
+      narrow_between += kept.between_mm < 0.5 * (kept.below_mm + kept.above_mm);
       largest = std::max(largest, finest);
       EXPECT_GE(blocks[i], finest);
       EXPECT_LE(blocks[i], finest * (1 + 1.0 / 16) + source.errorUnitMm() * 1.001);
@@ -318,6 +323,7 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
   });
   EXPECT_EQ(pages, 6u * 21);
   EXPECT_GT(narrow_shapes, 1000);
+  EXPECT_GT(narrow_between, 1000);
   for (uint32_t p = 0; p < 6; ++p) {
     const CoarseErrors& e = package.manifest().coarse_errors[p];
     auto root = package.record(PageId(Plane::kRelief, NodeId{p, 0, 0, 0}));
@@ -347,6 +353,10 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
         EXPECT_GE(is.*part, was.*part * (1 - 1e-6));
         EXPECT_LE(is.*part, was.*part + 1.001 * is.mm / 255);
       }
+      EXPECT_GE(is.between_mm, was.between_mm * (1 - 1e-6));
+      EXPECT_LE(is.between_mm, was.between_mm + 1.001 * (is.below_mm + is.above_mm) / 255);
+      EXPECT_GE(is.apart_mm, was.apart_mm * (1 - 1e-6));
+      EXPECT_LE(is.apart_mm, was.apart_mm + 1.001 * is.mm / 127);
     };
     for (size_t k = 0; k < kFirstShapedBlock; ++k) expectKept(source.coarseError(p, k), source.shape(p, static_cast<int>(k), 0), e[k], coarse_shapes[k]);
     const CoarseBlocks& shares = package.manifest().coarse_blocks[p];
