@@ -902,9 +902,10 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     return {};
   };
   // Lines for a fit: four times as many as samples; sixteen times where that takes no more than some seconds (0.5 dB better). None
-  // where it took minutes.
+  // where it took minutes, or where the samples are so dense already that more would only find the scan's own triangles again.
   constexpr double kManyLines = 1 << 23, kMostLines = 1 << 26;
-  auto finer = [&](int log2) { return log2 + (count(log2 + 2) <= kManyLines ? 2 : count(log2 + 1) <= kMostLines ? 1 : 0); };
+  const double most_lines = automatic ? std::clamp(16 * vertices, kManyLines, kMostLines) : kMostLines;
+  auto finer = [&](int log2) { return log2 + (count(log2 + 2) <= kManyLines ? 2 : count(log2 + 1) <= most_lines ? 1 : 0); };
   const int least_log2 = cells_log2;
   if (!automatic) {
     if (auto looked = look(options.fit ? finer(cells_log2) : cells_log2); !looked) return looked.error();
