@@ -509,13 +509,13 @@ void expectCertified(const Artwork& artwork, int views, const Picture& picture, 
   EXPECT_LE(f.undrawn, f.measured / 1000);
 }
 void expectCertified(const Artwork& artwork, double part = 0.5) {
-  expectCertified(artwork, longTests() ? 1000 : 80 / kViewShare, kSmall, part);
+  expectCertified(artwork, longTests() ? 1000 : kSanitized ? 20 : 80, kSmall, part);
   if (longTests()) expectCertified(artwork, 24, kLarge, part);
 }
 
-TEST(Certified, CoinScan) { expectCertified(scan("sample coin scan", coinScan(256), 0, -1)); }
+TEST(Certified, CoinScan) { expectCertified(scan("sample coin scan", coinScan(kSanitized ? 128 : 256), 0, -1)); }
 TEST(Certified, SmoothBall) { expectCertified(scan("smooth ball", sphereMesh(40), 0, -1)); }
-TEST(Certified, Bust) { expectCertified(scan("bust with undercuts", bustMesh(60), 0, -1)); }
+TEST(Certified, Bust) { expectCertified(scan("bust with undercuts", bustMesh(kSanitized ? 40 : 60), 0, -1)); }
 TEST(Certified, CornersOfManyPatches) { expectCertified(hardShape()); }
 TEST(Certified, FlatInscription) { expectCertified(flatSample(), 0.35); }  // at a slant heights are seen shortened, and its bound is looser
 

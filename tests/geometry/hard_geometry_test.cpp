@@ -355,8 +355,10 @@ TEST(HardGeometry, NoNanNoCrackAndTheBoundHolds) {
     for (size_t k = 0; k < item.subjects.size(); ++k) {
       const Subject s = item.subjects[k]();
       names += (k ? ", " : "") + s.name;
-      for (size_t look = 0; look < item.looks.size(); ++look)
-        for (int view = 0; view < std::max(1, kViewsOfAKind / kViewShare); ++view) check(s, item.looks[look], kSeed + 1000 * k + 100 * look + static_cast<uint64_t>(view), t);
+      for (size_t look = 0; look < item.looks.size(); ++look) {
+        if (kSanitized && look != k % item.looks.size()) continue;
+        for (int view = 0; view < share(kViewsOfAKind); ++view) check(s, item.looks[look], kSeed + 1000 * k + 100 * look + static_cast<uint64_t>(view), t);
+      }
     }
     std::printf("[ figures  ] %-38s %3llu views %6llu nodes; %8llu vertices, %llu no number; %8llu compared, %llu differ; %8llu finest vertices, measured/predicted at most %.2f | "
                 "broken: %llu differ unsnapped, %llu by pages of one side; %d of %llu above when coarser (%s)\n",

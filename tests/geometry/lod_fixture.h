@@ -14,15 +14,9 @@
 
 #include "geometry/patch_vertex.h"
 #include "geometry/planar_lod.h"
+#include "tests/view_share.h"
 
 namespace relievo::test {
-
-// AddressSanitizer takes ten times as long, and looks at memory, not at geometry: it sees a quarter of the views.
-#ifdef __SANITIZE_ADDRESS__
-inline constexpr int kViewShare = 4;
-#else
-inline constexpr int kViewShare = 1;
-#endif
 
 inline uint64_t mix(uint64_t v) {
   v = (v ^ (v >> 31)) * 0x9E3779B97F4A7C15ull;

@@ -10,6 +10,7 @@
 
 #include "geometry/mesh_read.h"
 #include "tests/geometry/mesh_files.h"
+#include "tests/view_share.h"
 
 // What is allocated, at most, since it was last set to what was allocated then. (g++ 12 sees one half of the pair
 // inlined and warns.)
@@ -34,11 +35,7 @@ namespace relievo::test {
 namespace {
 
 constexpr uint32_t kSeed = 20120301;
-#ifdef __SANITIZE_ADDRESS__
-constexpr int kShare = 4;
-#else
-constexpr int kShare = 1;
-#endif
+constexpr int kShare = kSanitized ? 4 : 1;  // damaged files are what sanitizers are for
 
 struct Subject {
   std::string name;  // its extension decides the reader

@@ -126,6 +126,10 @@ struct Path {
   int steps;
   std::function<Camera(double)> at;
 };
+// The address sanitizer sees a share of the frames, as far apart as they are in the whole.
+inline Path shareOf(const Path& path) {
+  return {path.name, share(path.steps), [at = path.at, of_all = double(share(path.steps)) / path.steps](double t) { return at((kSanitized ? 0.8 : 0) + of_all * t); }};
+}
 enum class How { kMorph, kStill, kRounded };  // kRounded: weights rounded to all or nothing, a control
 struct Pops {
   double largest_px = 0, error_px = 0, over_bound = 0;

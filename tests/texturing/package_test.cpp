@@ -8,6 +8,7 @@
 #include <random>
 
 #include "package_fixture.h"
+#include "tests/view_share.h"
 #include "texturing/package_builder.h"
 #include "texturing/package_layout.h"
 
@@ -15,6 +16,7 @@ namespace relievo {
 namespace {
 
 using namespace testing_support;
+using test::kSanitized;
 
 std::vector<uint8_t> readAll(const std::string& path) {
   std::ifstream in(path, std::ios::binary);
@@ -127,7 +129,8 @@ TEST_F(SmallPackage, everyFlippedByteIsSeenOrHarmless) {
   }
   std::fstream file;
   writeAll(damaged_, bytes_);
-  for (size_t i : places) {
+  for (size_t k = 0; k < places.size(); k += kSanitized ? 7 : 1) {
+    const size_t i = places[k];
     {
       file.open(damaged_, std::ios::in | std::ios::out | std::ios::binary);
       file.seekp(static_cast<std::streamoff>(i));
@@ -161,7 +164,7 @@ TEST_F(SmallPackage, everyFlippedByteIsSeenOrHarmless) {
     file.put(static_cast<char>(bytes_[i]));
     file.close();
   }
-  EXPECT_GT(seen, 1000u);
+  EXPECT_GT(seen, kSanitized ? 150u : 1000u);
   // What is not seen: the padding before the index, and the second copy of the header, which nobody needed.
   EXPECT_LE(harmless, size_t{2} * kHeaderBytes);
 }

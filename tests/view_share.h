@@ -1,0 +1,20 @@
+// view_share.h - how much of their random work tests do under the address sanitizer.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+
+namespace relievo::test {
+
+// It takes ten to sixteen times as long and looks at memory, not at figures: it sees a sixteenth of the views, scans and damages.
+#ifdef __SANITIZE_ADDRESS__
+inline constexpr int kViewShare = 16;
+#else
+inline constexpr int kViewShare = 1;
+#endif
+inline constexpr bool kSanitized = kViewShare > 1;
+
+// Of n of them; at least one.
+constexpr int share(int n) { return std::max(1, n / kViewShare); }
+
+}  // namespace relievo::test
