@@ -7,7 +7,7 @@ function(relievo_add_gltest name program arguments)
   set(overrides_es MESA_GLES_VERSION_OVERRIDE=3.0)
   foreach(api gl es)
     add_test(NAME ${name}_${api} COMMAND ${program} ${arguments})
-    set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 SKIP_RETURN_CODE 77
+    set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 COST 100 SKIP_RETURN_CODE 77  # COST: the longest start first
       ENVIRONMENT "RELIEVO_GL=${api};${overrides_${api}};${ARGN}")
   endforeach()
 endfunction()
