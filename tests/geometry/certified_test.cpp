@@ -1,7 +1,7 @@
 // The predicted error is an upper bound of a picture's: random views of real and of hard artworks; through every pixel of a small picture a
 // ray is cast at the finest surface (Embree, independent triangles), and the point that is drawn in place of the one it meets is projected
 // in double precision: the two may not lie further apart than MeshLod or selectPlanarLod foresaw.
-// RELIEVO_LONG_TESTS=1: 1,000 views an artwork, else a share of them; and 24 in pictures of a screen's size, whose pixels meet the worst places.
+// RELIEVO_LONG_TESTS=1: 1,000 views an artwork, else a share of them; and 12 in pictures of a screen's size, whose pixels meet the worst places.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -510,7 +510,7 @@ void expectCertified(const Artwork& artwork, int views, const Picture& picture, 
 }
 void expectCertified(const Artwork& artwork, double part = 0.5) {
   expectCertified(artwork, longTests() ? 1000 : kSanitized ? 20 : 80, kSmall, part);
-  if (longTests()) expectCertified(artwork, 24, kLarge, part);
+  if (longTests()) expectCertified(artwork, 12, kLarge, part);
 }
 
 TEST(Certified, CoinScan) { expectCertified(scan("sample coin scan", coinScan(kSanitized ? 128 : 256), 0, -1)); }
