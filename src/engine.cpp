@@ -182,11 +182,14 @@ struct Engine::Impl {
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
   uint64_t adopted_frame = 0;         // of the LOD request whose answer is drawn
+  uint64_t lod_requests = 0;          // so far
+  LatencyHistogram lod_lag;
   // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never looked at.
   struct DrawnView {
     uint64_t frame = 0;
     ViewTransform view;
     double exaggerate = 1;
+    uint64_t request = 0;  // counted from 1
   };
   DrawnView drawn;
   std::deque<DrawnView> posted;       // requests whose answers are still to come
@@ -414,7 +417,7 @@ struct Engine::Impl {
       resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
     }
     lod->post({frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
-    posted.push_back({frame, view, scene.exaggerate});
+    posted.push_back({frame, view, scene.exaggerate, ++lod_requests});
   }
 
   // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while it is.
@@ -680,6 +683,7 @@ struct Engine::Impl {
       adopt(lod->waitFor(frame));
     } else {
       if (auto answer = lod->tryTake()) adopt(std::move(*answer));
+      lod_lag.add(1 + lod_requests - drawn.request);
       postLod(view);
     }
     lod_bias = streamer->detailBias();
@@ -895,6 +899,7 @@ EngineStats Engine::stats() const {
   const Impl& e = *impl_;
   EngineStats s = e.stats;
   s.streamer = e.streamer->stats();
+  s.lod_lag_frames = summarize(e.lod_lag, 1);
   s.instances = e.patches->instanceCount();
   s.triangles = e.patches->triangles();
   s.wanted_nodes = static_cast<uint32_t>(e.texture_wants.size());
@@ -1009,6 +1014,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"detail_bias_levels", s.detail_bias},
       {"edges_limited_by_residency", s.edges_limited},
       {"lod_ms", s.lod_ms},
+      {"lod_lag_frames", latencyJson(s.lod_lag_frames)},
       {"determine_ms", s.determine_ms},
   };
   if (!s.why_not_blocks.empty()) j["why_not_blocks"] = s.why_not_blocks;

@@ -75,6 +75,7 @@ struct EngineStats {
   double detail_bias = 0;
   uint32_t edges_limited = 0;
   double lod_ms = 0;        // of the last LOD evaluation, on its worker
+  LatencySummary lod_lag_frames;  // of frames but the first: how many before it its patch list was asked for; 1 at best
   double determine_ms = 0;  // the part of it that named texture pages; 0 with kFeedback
   double predict_ms = 0;    // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way

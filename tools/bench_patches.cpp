@@ -252,6 +252,7 @@ Result<void> patchesBench(BenchContext& context) {
   context.row({.what = "triangles drawn in it", .measured = static_cast<double>(stats.triangles), .unit = "", .goal = 60000});
   context.row({.what = "draw calls, shading and feedback included", .measured = static_cast<double>(stats.draw_calls), .unit = "", .goal = 8,
                .baseline_name = "one draw call a patch", .baseline = static_cast<double>(slow.draw_calls)});
+  context.row({.what = "its patch list behind the frame, p99 of " + std::to_string(stats.lod_lag_frames.count) + " frames", .measured = stats.lod_lag_frames.p99, .unit = "frames", .goal = 1});
   return {};
 }
 

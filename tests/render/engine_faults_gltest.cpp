@@ -174,6 +174,21 @@ class EngineFaults : public ::testing::Test {
   std::shared_ptr<const Package> package_;
 };
 
+// Each picture but the first is drawn with a list that was asked for before; how long is counted, frame by frame.
+TEST_F(EngineFaults, TheAgeOfPatchListsIsCounted) {
+  auto engine = makeEngine(package_);
+  ASSERT_TRUE(engine);
+  for (int i = 0; i < 21; ++i) {
+    engine->setCamera(camera(0.05 * i));
+    engine->frame(0.016 * i);
+    engine->readPixels();
+  }
+  const LatencySummary age = engine->stats().lod_lag_frames;
+  EXPECT_EQ(age.count, 20u);
+  EXPECT_GE(age.p50, 1);
+  EXPECT_LE(age.max, 20);
+}
+
 // --- a source that never answers ---
 
 TEST_F(EngineFaults, ASourceThatNeverAnswersStopsNoFrame) {
