@@ -49,8 +49,7 @@ HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest) {
   f.lines.push_back(text("cancelled %llu: %llu to read, %llu to decode, %llu decoded", big(s.cancelled), big(s.cancelled_before_read),
                          big(s.cancelled_before_decode), big(s.cancelled_after_decode)));
   f.lines.push_back(text("prefetched %llu   used %llu   wasted %llu", big(s.prefetched), big(s.prefetch_used), big(s.prefetch_wasted)));
-  f.lines.push_back(text("patch list %.2f ms   p50 %.0f frames old   p99 %.0f   at most %.0f", stats.lod_ms, stats.lod_lag_frames.p50, stats.lod_lag_frames.p99, stats.lod_lag_frames.max));
-  f.lines.push_back(text("bias %.2f levels   no room for %llu pages", stats.detail_bias, big(s.deferred)));
+  f.lines.push_back(text("bias %.2f levels   no room for %llu pages   patch list p99 %.0f frames old", stats.detail_bias, big(s.deferred), stats.lod_lag_frames.p99));
   f.lines.push_back(stats.orthographic ? text("orthographic (O)   %.4g mm a px", stats.mm_per_px)
                                        : text("perspective (O)   %.4g mm a px at the target", stats.mm_per_px));
   if (s.latency_ms.count > 0) {

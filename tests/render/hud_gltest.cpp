@@ -91,6 +91,7 @@ TEST(Hud, HelpAndLightComeWhenAsked) {
 EngineStats busyStats() {
   EngineStats s;
   s.detail_bias = 0.25;
+  s.lod_lag_frames = {100, 1, 1, 2, 3};
   StreamerStats& t = s.streamer;
   for (size_t p : {0u, 1u, 2u, 8u}) {
     t.pages_read[p] = t.pages_uploaded[p] = 120 + p;
@@ -118,7 +119,7 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
   std::string lines;
   for (const auto& l : f.lines) lines += l + "\n";
   for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1", "cancelled 9: 6 to read, 2 to decode, 1 decoded",
-                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "perspective (O)   0.042 mm a px at the target", "p50 18 ms (1 frames)", "p99 51 (3)"})
+                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "patch list p99 2 frames old", "perspective (O)   0.042 mm a px at the target", "p50 18 ms (1 frames)", "p99 51 (3)"})
     EXPECT_NE(lines.find(part), std::string::npos) << part << " in\n" << lines;
   EngineStats parallel = busyStats();
   parallel.orthographic = true;
