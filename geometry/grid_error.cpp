@@ -55,8 +55,6 @@ void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row, std::arra
 struct Extremes {
   double squared = 0, above = 0, below = 0, aside = 0, between = 0, apart = 0;
 };
-// By vertex of a row: x, y and z of d, and what of it lies along the normal; the highest of several rows, the lowest, 0 included.
-using RowOfDeviations = std::array<std::vector<double>, 4>;
 void widen(const std::vector<double>& by, std::vector<double>& high) {
   const double* b = by.data();
   double* h = high.data();
@@ -79,13 +77,13 @@ double lowest(const std::vector<double>& of, size_t first, size_t last) {
 }
 // step: vertices a cell's side.
 void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
-                   std::vector<Extremes>& out) {
+                   GridErrorScratch::Rows& rows, std::vector<Extremes>& out) {
   const size_t row = coarse.row(), n = row - 1, size = n / blocks;
   out.assign(blocks * blocks, {});
-  const std::vector<double> none(row, 0.0);
-  RowOfDeviations now, high, low;  // the latter two of a row of cells
-  for (auto* rows : {&now, &high, &low}) rows->fill(none);
-  std::vector<double> squared_now = none, aside_now = none, squared = none, aside = none;  // the latter two of a row of blocks
+  auto& [now, high, low, squared_now, aside_now, squared, aside] = rows;
+  for (auto* of : {&now, &high, &low})
+    for (auto& values : *of) values.assign(row, 0.0);
+  for (auto* values : {&squared_now, &aside_now, &squared, &aside}) values->assign(row, 0.0);
   for (size_t y = 0; y <= n; ++y) {
     const size_t at = y * row;
     const double *ax = coarse.axes[0].data() + at, *ay = coarse.axes[1].data() + at, *az = coarse.axes[2].data() + at;
@@ -117,7 +115,8 @@ void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const s
         e.above = std::max(e.above, above), e.below = std::max(e.below, below), e.between = std::max(e.between, above + below);
         e.apart = std::max(e.apart, diagonal);
       }
-      high = low = now;
+      high = now;
+      low = now;
     }
     if (y % size == 0) {
       for (size_t i = 0; i < blocks; ++i) {
@@ -154,7 +153,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
         for (size_t y = 0; y < row; ++y)
           for (size_t x = 0; x < row; ++x) coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
       for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
-      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, extremes);
+      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, scratch.rows, extremes);
       const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
       // Up a little: for the squares, and for what is drawn in single precision.
       constexpr double kUp = 1 + 1e-6;

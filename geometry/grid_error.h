@@ -36,6 +36,11 @@ struct GridErrors {
 struct GridErrorScratch {
   std::vector<SurfaceGrid> grids;              // by cells_log2
   std::array<std::vector<double>, 3> normals;  // of length 1, or zero where there is none
+  struct Rows {
+    std::array<std::vector<double>, 4> now, high, low;       // x, y, z of deviations and what lies along the normal: of a row; the extremes of a row of cells
+    std::vector<double> squared_now, aside_now, squared, aside;  // the latter two of a row of blocks
+  };
+  Rows rows;
 };
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch);
 

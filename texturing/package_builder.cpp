@@ -363,7 +363,7 @@ class TileWorker {
     const int side = gridSide(down - 1);
     const uint16_t* g = grid_[down - 1].data() + static_cast<size_t>(2 * (node_y * kPagePx + block_y * kCells)) * side +
                         2 * (node_x * kPagePx + block_x * kCells);
-    int most = 0, least = 0, between = 0;  // in quarters
+    int most = 0, least = 0, apart = 0;  // in quarters
     auto note = [&](int quarters) {
       most = std::max(most, quarters);
       least = std::min(least, quarters);
@@ -380,11 +380,11 @@ class TileWorker {
           note(4 * m - a - b - c - d);
           const std::array<int, 5> of_cell{2 * r0[2 * x + 1] - a - b, 2 * r2[2 * x + 1] - c - d, 2 * r1[2 * x] - a - c, 2 * r1[2 * x + 2] - b - d, 2 * m - a - d};
           const auto [lowest, highest] = std::minmax_element(of_cell.begin(), of_cell.end());
-          between = std::max(between, 2 * (std::max(*highest, 0) - std::min(*lowest, 0)));
+          apart = std::max(apart, 2 * (std::max(*highest, 0) - std::min(*lowest, 0)));
         }
       }
     }
-    int above = (most + 3) / 4, below = (3 - least) / 4, apart = (between + 3) / 4;
+    int above = (most + 3) / 4, below = (3 - least) / 4, between = (apart + 3) / 4;
     for (int y = 0; y < cells_y; ++y) {
       for (int x = y < whole_y ? whole_x : 0; x < cells_x; ++x) {
         int low = 65535, high = 0;
@@ -394,10 +394,10 @@ class TileWorker {
             low = std::min(low, v), high = std::max(high, v);
           }
         }
-        above = std::max(above, high - low), below = std::max(below, high - low), apart = std::max(apart, 2 * (high - low));
+        above = std::max(above, high - low), below = std::max(below, high - low), between = std::max(between, 2 * (high - low));
       }
     }
-    return {static_cast<uint32_t>(below), static_cast<uint32_t>(above), static_cast<uint32_t>(apart)};
+    return {static_cast<uint32_t>(below), static_cast<uint32_t>(above), static_cast<uint32_t>(between)};
   }
 
   Result<void> sampleHeights() {
