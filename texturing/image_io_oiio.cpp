@@ -209,9 +209,12 @@ class BandCache {
       const int64_t end = std::min<int64_t>(first + band_rows_, s.height);
       auto out = std::make_shared<std::vector<uint8_t>>(static_cast<size_t>(end - first) * row_bytes_);
       const int y0 = s.y + static_cast<int>(first), y1 = s.y + static_cast<int>(end);
+      // Samples that need no conversion are asked for as they are: for any type that is named OpenImageIO takes a buffer of 64 MiB on the way.
+      const bool as_stored = s.format == type_ && s.channelformats.empty();
+      const OIIO::TypeDesc type = as_stored ? OIIO::TypeDesc(OIIO::TypeDesc::UNKNOWN) : type_;
       const bool ok = s.tile_width > 0
-                          ? image_.input->read_tiles(0, 0, s.x, s.x + s.width, y0, y1, s.z, s.z + 1, 0, channels_, type_, out->data())
-                          : image_.input->read_scanlines(0, 0, y0, y1, s.z, 0, channels_, type_, out->data());
+                          ? image_.input->read_tiles(0, 0, s.x, s.x + s.width, y0, y1, s.z, s.z + 1, 0, channels_, type, out->data())
+                          : image_.input->read_scanlines(0, 0, y0, y1, s.z, 0, channels_, type, out->data());
       if (!ok || image_.input->has_error()) {
         return Error{ErrorKind::kInvalidData, path_,
                      "rows " + std::to_string(first) + " to " + std::to_string(end - 1) + " do not decode: " +
