@@ -21,6 +21,25 @@ inline int wholeLevels(int wish) { return (wish + kOneLevel - 1) / kOneLevel; } 
 // PatchInstance::morph of it.
 inline uint8_t morphOf(int wish) { return static_cast<uint8_t>(wish - (wholeLevels(wish) - 1) * kOneLevel - 1); }
 
+// PatchInstance::edge_morph: how far a segment's vertices have slid (morph.h), rounded up, so that the segment is no further from the finer one.
+inline uint8_t slideOf(int wish) {
+  const int weight = morphOf(wish) + 1, whole = kOneLevel + weight;
+  return static_cast<uint8_t>((2 * kOneLevel * weight + whole - 1) / whole - 1);
+}
+
+// Of the surface on the way from a level's to the next finer one's.
+template <class Coarser>
+Deviation betweenLevels(int wish, Coarser&& coarser, const Deviation& finer) {
+  const double weight = (morphOf(wish) + 1) / double{kOneLevel};
+  return weight < 1 ? (1 - weight) * coarser() + weight * finer : finer;
+}
+// Of an edge's finer level, while its vertices slide: triangles then reach over two of its cells, in one of the coarser level. Where the inside is of
+// that level, too, its own vertices do not deviate from it.
+inline Deviation slidAlong(int edge, int inside, const Deviation& finer) {
+  if (edge % kOneLevel == 0) return finer;
+  return wholeLevels(edge) < wholeLevels(inside) ? finer.overCells() : finer.fromNone();
+}
+
 // Steps and cracks keep their error over many levels. So that these come one after the other, a level counts for at least so many times the next
 // finer one's error: 6 per cent of a zoom each. Less would make them come faster, more refines what needs no refinement.
 inline constexpr double kPlateau = 1.0625;

@@ -433,9 +433,11 @@ class Selection {
   // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
   Deviation deviationAt(const Square& s, int wish, double diameter_mm) {
     const int level = wholeLevels(wish);
-    const double weight = (morphOf(wish) + 1) / double{kOneLevel};
-    const Deviation d = deviation(s, level, diameter_mm);
-    return weight < 1 ? (1 - weight) * deviation(s, level - 1, diameter_mm) + weight * d : d;
+    return betweenLevels(wish, [&] { return deviation(s, level - 1, diameter_mm); }, deviation(s, level, diameter_mm));
+  }
+  Deviation deviationOnEdge(const Square& s, int wish, int inside, double diameter_mm) {
+    const int level = wholeLevels(wish);
+    return betweenLevels(wish, [&] { return deviation(s, level - 1, diameter_mm); }, slidAlong(wish, inside, deviation(s, level, diameter_mm)));
   }
   // ---- what is promised: by parts of what is drawn, those with the largest bound alone divided until they are out of view or single cells
   // (bound_search.h).
@@ -451,12 +453,12 @@ class Selection {
     const int depth = s.level - n.square.level, edge_level = coarsestAround(n.edges, n.drawn, n.square.level, depth, s.x - (n.square.x << depth), s.y - (n.square.y << depth));
     const Info& whole = infos_[n.info];
     const double diameter_mm = whole.diameter_mm;
-    const bool snapped = edge_level < n.drawn;
-    const Deviation own = deviationAt(s, n.drawn, diameter_mm), edge = snapped ? deviationAt(s, edge_level, diameter_mm) : Deviation{};
+    const bool slides = edge_level % kOneLevel != 0, snapped = edge_level < n.drawn || slides;
+    const Deviation own = deviationAt(s, n.drawn, diameter_mm), edge = snapped ? deviationOnEdge(s, edge_level, n.drawn, diameter_mm) : Deviation{};
     auto bound = [&](const PxPerMm& px) { return std::min(std::max(px.of(own), px.between(edge)), diameter_mm * px.head_on * px.any_way); };
     if (depth == 0) return {whole.culled ? 0 : bound(whole.px), s, index};
     // Drawn triangles that reach beyond the part are those with vertices on edges that are coarser; they stay within a square of that one's level.
-    const int reaches = std::max(n.square.level, wholeLevels(edge_level));
+    const int reaches = std::max(n.square.level, edge_level / kOneLevel);
     const bool beyond = snapped && s.level > reaches;
     Seen seen = look(s, forest_.hull(s, exaggerate_), beyond ? edge.mm : 0);
     if (beyond && !seen.culled) {
@@ -551,7 +553,7 @@ class Selection {
       const bool whole = levels[1] == kWholeSide;
       for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
         p.edges[side][half] = static_cast<uint8_t>(wholeLevels(levels[half]) - n.square.level - (whole ? 0 : 1));
-        p.edge_morph[side][half] = morphOf(levels[half]);
+        p.edge_morph[side][half] = slideOf(levels[half]);
       }
       if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
     }

@@ -1,9 +1,12 @@
 // morph.h - where a grid's vertices lie while their level comes or goes (the C++ twin of shaders/patch.vert, MORPH). A vertex that is not one of
-// the next coarser level lies on the way from the middle of its two neighbours of that level to its own place: on a segment's side they are
-// its neighbours along the segment, inside the grid those along its row, its column or the diagonal that cells are cut by. So at weight 0
-// the surface is that of the coarser grid, triangle by triangle, and at weight w it is (1 - w) times that one plus w times the finer one.
-// Sides: the weight is the segment's (PatchInstance::edge_morph), known to both nodes; its vertices and their neighbours are too, and the
-// middle is 0.5 * (a + b), the same whichever side calls which of them a. Inside: neighbours on a side lie where the side is drawn.
+// the next coarser level is on the way to its own place. Inside the grid it comes from the middle of its two neighbours of that level, along its row, its
+// column or the diagonal that cells are cut by: so at weight 0 the surface is that of the coarser grid, triangle by triangle, and at weight w it is
+// (1 - w) times that one plus w times the finer one.
+// On a segment's side finer grids have vertices, too, and to put these elsewhere cuts the triangles beside the segment another way, at once. So they snap to
+// the segment's vertex next to them on the side of its nearer end, and a vertex that comes slides out of that neighbour: those that follow it were there
+// before it came. s of the way the segment is as far from the coarser one as s / (2 - s) of the way up would be, or nearer to the finer one: s = 2 w / (1 + w)
+// (slideOf() in level_wish.h). Only the segment's middle, which has no nearer end, comes from the middle of both. Segment, weight and ends are known to
+// both nodes, and nothing asks which way a side runs.
 #pragma once
 
 #include <array>
@@ -16,9 +19,9 @@ namespace relievo {
 
 inline constexpr uint32_t kMorphOne = 256;  // weights count from 0 to it
 
-// A grid vertex after snapping, in grid steps; below kMorphOne it is drawn between own - reach and own + reach.
+// A grid vertex after snapping, in grid steps; below kMorphOne it is drawn between the middle of `from` and `to`, often one place, and `own`.
 struct GridVertex {
-  std::array<uint32_t, 2> own{}, reach{};
+  std::array<uint32_t, 2> own{}, from{}, to{};
   uint32_t weight = kMorphOne;
 };
 
@@ -28,11 +31,13 @@ inline GridVertex vertexOnSide(uint32_t i, uint32_t n, const std::array<uint8_t,
   const uint32_t middle = halves ? (1u << n) / 2 : 0;
   const bool second = halves && i >= middle;
   const uint32_t start = second ? middle : 0, level = levels[second ? 1 : 0], cells = halves ? n - 1 : n;
+  const uint32_t own = snapToNearerEnd(i - start, cells, level), step = 1u << (cells - level), centre = (1u << cells) / 2;
   GridVertex v;
-  v.own[static_cast<size_t>(axis)] = start + snapToEdge(i - start, cells, level);
-  const uint32_t step = cells - level, along = (v.own[static_cast<size_t>(axis)] - start) >> step;
-  if (level > 0 && (along & 1) != 0) {
-    v.reach[static_cast<size_t>(axis)] = 1u << step;
+  const auto k = static_cast<size_t>(axis);
+  v.own[k] = start + own;
+  if (level > 0 && (own & step) != 0) {
+    v.from[k] = own > centre ? v.own[k] + step : v.own[k] - step;
+    v.to[k] = own < centre ? v.own[k] - step : v.own[k] + step;
     v.weight = morph[second ? 1 : 0] + 1u;
   }
   return v;
@@ -43,7 +48,7 @@ inline GridVertex vertexOnBorder(uint32_t i, uint32_t j, const PatchInstance& p)
   const bool corner = (i == 0 || i == last) && (j == 0 || j == last);
   auto side = [&](int which, uint32_t along, int axis) {
     GridVertex v = vertexOnSide(along, p.grid_level, p.edges[static_cast<size_t>(which)], p.edge_morph[static_cast<size_t>(which)], axis);
-    v.own[static_cast<size_t>(1 - axis)] = axis == 0 ? j : i;
+    for (auto* place : {&v.own, &v.from, &v.to}) (*place)[static_cast<size_t>(1 - axis)] = axis == 0 ? j : i;
     return v;
   };
   if (!corner) {
@@ -52,7 +57,7 @@ inline GridVertex vertexOnBorder(uint32_t i, uint32_t j, const PatchInstance& p)
     if (j == 0) return side(kTop, i, 0);
     if (j == last) return side(kBottom, i, 0);
   }
-  return {{i, j}, {}, kMorphOne};
+  return {{i, j}, {}, {}, kMorphOne};
 }
 
 // at(x, y): the surface at a place in grid steps; between(a, b, own, w): w of the way from the middle of a and b to own, 0 < w < 1.
@@ -62,8 +67,7 @@ auto drawnVertex(const PatchInstance& p, uint32_t i, uint32_t j, At&& at, Betwee
     const GridVertex v = vertexOnBorder(x, y, p);
     auto own = at(v.own[0], v.own[1]);
     if (v.weight == kMorphOne) return own;
-    return between(at(v.own[0] - v.reach[0], v.own[1] - v.reach[1]), at(v.own[0] + v.reach[0], v.own[1] + v.reach[1]), own,
-                   static_cast<float>(v.weight) / kMorphOne);
+    return between(at(v.from[0], v.from[1]), at(v.to[0], v.to[1]), own, static_cast<float>(v.weight) / kMorphOne);
   };
   const uint32_t last = 1u << p.grid_level, weight = p.morph + 1u, dx = i & 1, dy = j & 1;
   const bool inside = i > 0 && j > 0 && i < last && j < last;

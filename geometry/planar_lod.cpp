@@ -502,23 +502,26 @@ class Selection {
       const bool whole = n.levels[side][1] == kWholeSide;
       for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
         p.edges[side][half] = static_cast<uint8_t>(wholeLevels(n.levels[side][half]) - n.square.level - (whole ? 0 : 1));
-        p.edge_morph[side][half] = morphOf(n.levels[side][half]);
+        p.edge_morph[side][half] = slideOf(n.levels[side][half]);
       }
       if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
     }
   }
-  // Of the surface that is drawn at a level, within a square: between those of two whole ones, in one proportion everywhere.
+  // Of the surface through the vertices of a level, within a square.
+  Deviation deviationOf(const Square& s, int level, double range_mm) {
+    if (level - kPageLog2 >= domain_.relief_depth) return {};
+    Deviation d = (level < kPageLog2 ? Deviation::eitherSide(range_mm) : deviationWithin(s, level - kPageLog2)).atMost(range_mm);
+    d.aside_mm = 0;
+    return d;
+  }
+  // Of the one that is drawn: between those of two levels, in one proportion everywhere.
   Deviation deviationAt(const Square& s, int wish, double range_mm) {
     const int level = wholeLevels(wish);
-    const double weight = (morphOf(wish) + 1) / double{kOneLevel};
-    auto at = [&](int whole) {
-      if (whole - kPageLog2 >= domain_.relief_depth) return Deviation{};
-      Deviation d = (whole < kPageLog2 ? Deviation::eitherSide(range_mm) : deviationWithin(s, whole - kPageLog2)).atMost(range_mm);
-      d.aside_mm = 0;
-      return d;
-    };
-    const Deviation d = at(level);
-    return weight < 1 ? (1 - weight) * at(level - 1) + weight * d : d;
+    return betweenLevels(wish, [&] { return deviationOf(s, level - 1, range_mm); }, deviationOf(s, level, range_mm));
+  }
+  Deviation deviationOnEdge(const Square& s, int wish, int inside, double range_mm) {
+    const int level = wholeLevels(wish);
+    return betweenLevels(wish, [&] { return deviationOf(s, level - 1, range_mm); }, slidAlong(wish, inside, deviationOf(s, level, range_mm)));
   }
   // ---- what is promised, by parts (bound_search.h)
   struct Part {
@@ -535,13 +538,14 @@ class Selection {
     // Of heights, in a square around the cells of the coarsest level.
     const HeightBounds h = heights(s.ancestor(std::clamp(edge / kOneLevel, n.square.level, s.level)));
     const double range_mm = double{h.max_mm} - h.min_mm;
-    const Deviation own = deviationAt(s, n.drawn, range_mm), there = deviationAt(s, edge, range_mm);
+    const Deviation own = deviationAt(s, n.drawn, range_mm), there = deviationOnEdge(s, edge, n.drawn, range_mm);
     const double rounded = morph_ ? 1 + 1.0 / kOneLevel : 1;  // heights between levels
     double mm = own.mm * rounded;
-    if (edge < n.drawn) mm = std::max(mm, std::min(2 * there.mm, there.between_mm * rounded));
+    const bool apart = edge < n.drawn || edge % kOneLevel != 0;
+    if (apart) mm = std::max(mm, std::min(2 * there.mm, there.between_mm * rounded));
     mm = std::min(mm, range_mm) * std::abs(exaggerate_);
     Box box = boxOf(s);
-    if (depth > 0 && edge < n.drawn) box.half.z += mm;  // triangles may reach beyond the part
+    if (depth > 0 && apart) box.half.z += mm;  // triangles may reach beyond the part
     return {culled(box) ? 0 : mm * pxPerMm(box), s, index};
   }
   double promisedPx() {

@@ -87,8 +87,8 @@ struct PatchInstance {
   // (first half: towards smaller coordinates).
   static constexpr uint8_t kWholeEdge = 15;
   std::array<std::array<uint8_t, 2>, 4> edges{};
-  // Geomorph (geometry/morph.h): vertices of the finest level, of the grid's inside and of each edge, are (weight + 1) / 256 of the way from
-  // the coarser surface to their own place.
+  // Geomorph (geometry/morph.h): vertices of the finest level, of the grid's inside and of each edge, are (weight + 1) / 256 of the way to their own
+  // place.
   static constexpr uint8_t kInPlace = 255;
   uint8_t morph = kInPlace;
   std::array<std::array<uint8_t, 2>, 4> edge_morph{{{255, 255}, {255, 255}, {255, 255}, {255, 255}}};  // as `edges`

@@ -23,6 +23,11 @@ inline uint32_t snapToHalves(uint32_t i, uint32_t n, uint32_t a, uint32_t b) {
 inline uint32_t snapOnSide(uint32_t i, uint32_t n, const std::array<uint8_t, 2>& side) {
   return side[1] == PatchInstance::kWholeEdge ? snapToEdge(i, n, side[0]) : snapToHalves(i, n, side[0], side[1]);
 }
+// With geomorph (morph.h), instead of the nearest: the edge vertex next to i on the side of the edge's nearer end.
+inline uint32_t snapToNearerEnd(uint32_t i, uint32_t n, uint32_t m) {
+  const uint32_t d = n - m;
+  return (i > (1u << n) / 2 ? (i + (1u << d) - 1) >> d : i >> d) << d;
+}
 // Vertex (i, j) of an instance's grid after snapping. Inner vertices and corners stay.
 inline std::array<uint32_t, 2> snapVertex(uint32_t i, uint32_t j, const PatchInstance& p) {
   uint32_t last = 1u << p.grid_level;

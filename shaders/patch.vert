@@ -136,14 +136,19 @@ Vertex vertexAt(ivec2 g) {
 #ifdef MORPH
 // C++ twin: geometry/morph.h, as is all of what follows.
 struct GridVertex {
-  ivec2 own, reach;  // grid steps
-  float weight;      // below 1: drawn between own - reach and own + reach
+  ivec2 own, from, to;  // grid steps
+  float weight;         // below 1: drawn between the middle of from and to, often one place, and own
 };
 
 float weightOf(uint bytes, int at) { return float(((bytes >> (8 * at)) & 255u) + 1u) * 0.00390625; }
 
+int snapToNearerEnd(int i, int n, int m) {
+  int d = n - m;
+  return (i > (1 << n) >> 1 ? (i + (1 << d) - 1) >> d : i >> d) << d;
+}
+
 GridVertex vertexOnSide(ivec2 g, ivec2 axis, int n, int which) {
-  GridVertex v = GridVertex(g, ivec2(0), 1.0);
+  GridVertex v = GridVertex(g, g, g, 1.0);
 #ifndef NO_SNAPPING
   uint levels = (a_edges >> (8 * which)) & 255u;
   bool halves = (levels >> 4u) != 15u;
@@ -153,15 +158,19 @@ GridVertex vertexOnSide(ivec2 g, ivec2 axis, int n, int which) {
   int start = second ? middle : 0;
   int level = int(second ? levels >> 4u : levels & 15u);
   int cells = halves ? n - 1 : n;
-  int snapped = snapToEdge(i - start, cells, level);
-  v.own = g + axis * (start + snapped - i);
-  if (level > 0 && ((snapped >> (cells - level)) & 1) != 0) {
-    v.reach = axis << (cells - level);
+  int step = 1 << (cells - level);
+  int centre = (1 << cells) >> 1;
+  int own = snapToNearerEnd(i - start, cells, level);
+  v.own = g + axis * (start + own - i);
+  if (level > 0 && (own & step) != 0) {
+    ivec2 reach = axis * step;
+    v.from = own > centre ? v.own + reach : v.own - reach;
+    v.to = own < centre ? v.own - reach : v.own + reach;
     v.weight = weightOf(second ? a_morph.y : a_morph.x, which);
 #ifndef MESH
     // On the border, as the next coarser vertex: the coarser surface ends there, too.
-    ivec2 at = a_origin.xy + (v.own << a_origin.z);
-    if (axis.x != 0 ? at.x >= u_limit.x : at.y >= u_limit.y) v.weight = 1.0;
+    ivec2 there = a_origin.xy + (v.own << a_origin.z);
+    if (own >= centre && (axis.x != 0 ? there.x >= u_limit.x : there.y >= u_limit.y)) v.weight = 1.0;
 #endif
   }
 #endif
@@ -171,7 +180,7 @@ GridVertex vertexOnSide(ivec2 g, ivec2 axis, int n, int which) {
 GridVertex vertexOnBorder(ivec2 g, int n) {
   int last = 1 << n;
   bool column = g.x == 0 || g.x == last, row = g.y == 0 || g.y == last;
-  if (column == row) return GridVertex(g, ivec2(0), 1.0);
+  if (column == row) return GridVertex(g, g, g, 1.0);
   return vertexOnSide(g, column ? ivec2(0, 1) : ivec2(1, 0), n, column ? (g.x == 0 ? 0 : 1) : (g.y == 0 ? 2 : 3));
 }
 
@@ -192,7 +201,7 @@ Vertex drawnVertex(ivec2 g, int n) {
     GridVertex v = vertexOnBorder(k == 0 ? g : k == 1 ? g - odd : g + odd, n);
     Vertex there, sum_there;
     for (int e = 0; e < (v.weight < 1.0 ? 3 : 1); ++e) {
-      Vertex at = vertexAt(e == 0 ? v.own : e == 1 ? v.own - v.reach : v.own + v.reach);
+      Vertex at = vertexAt(e == 0 ? v.own : e == 1 ? v.from : v.to);
       if (e == 0) there = at;
       else if (e == 1) sum_there = at;
       else sum_there = Vertex(sum_there.from_eye + at.from_eye, sum_there.uv + at.uv);

@@ -27,6 +27,9 @@ struct Deviation {
     d.apart_mm = std::min(apart_mm, 2 * d.mm);
     return d;
   }
+  // The last two between points of different cells; and between any point and one of the coarser surface itself.
+  Deviation overCells() const { return {mm, below_mm, above_mm, aside_mm, below_mm + above_mm, 2 * mm}; }
+  Deviation fromNone() const { return {mm, below_mm, above_mm, aside_mm, largestAlong(), mm}; }
   // Both lie in it.
   friend Deviation joined(const Deviation& a, const Deviation& b) {
     return {std::max(a.mm, b.mm),             std::max(a.below_mm, b.below_mm),     std::max(a.above_mm, b.above_mm),

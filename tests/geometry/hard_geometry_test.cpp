@@ -156,7 +156,7 @@ Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, Heig
       PatchInstance loose = p;
       if (!snapped) loose.edges.fill({p.grid_level, PatchInstance::kWholeEdge});
       return patchVertex(held->domain, loose, i, j, view.relief, *held->pages);
-    }, snapped);
+    }, snapped ? snapVertex : unsnappedVertex);
     cracks.compared += seams.comparisons;
     cracks.different += seams.mismatches;
   };

@@ -12,6 +12,7 @@
 
 #include <glm/gtc/matrix_transform.hpp>
 
+#include "geometry/morph.h"
 #include "geometry/patch_vertex.h"
 #include "geometry/planar_lod.h"
 #include "tests/view_share.h"
@@ -226,13 +227,18 @@ struct SeamReport {
   void operator+=(const SeamReport& o) { pairs += o.pairs, comparisons += o.comparisons, mismatches += o.mismatches; }
 };
 
-// The distinct vertices of one side, in order. snapped false: as a negative control, nothing snaps.
-inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, const VertexFunction& vertex, bool snapped) {
+// Where a grid's vertex goes, in grid steps. Levels with geomorph (morph.h) have ownVertex instead of snapVertex.
+using SnapFunction = std::array<uint32_t, 2> (*)(uint32_t i, uint32_t j, const PatchInstance&);
+inline std::array<uint32_t, 2> ownVertex(uint32_t i, uint32_t j, const PatchInstance& p) { return vertexOnBorder(i, j, p).own; }
+inline std::array<uint32_t, 2> unsnappedVertex(uint32_t i, uint32_t j, const PatchInstance&) { return {i, j}; }  // a negative control
+
+// The distinct vertices of one side, in order.
+inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, const VertexFunction& vertex, SnapFunction snap) {
   std::vector<SeamVertex> out;
   uint32_t last = 1u << p.grid_level;
   for (uint32_t k = 0; k <= last; ++k) {
     uint32_t i = side == kLeft ? 0 : side == kRight ? last : k, j = side == kTop ? 0 : side == kBottom ? last : k;
-    std::array<uint32_t, 2> g = snapped ? snapVertex(i, j, p) : std::array<uint32_t, 2>{i, j};
+    const std::array<uint32_t, 2> g = snap(i, j, p);
     SeamVertex v{p.x0 + (int64_t{g[0]} << p.step_log2), p.y0 + (int64_t{g[1]} << p.step_log2), vertex(p, i, j)};
     if (out.empty() || !(out.back() == v)) out.push_back(v);
   }
@@ -241,7 +247,7 @@ inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, co
 
 // Compares both sides of every segment that two drawn nodes share: the same places, the same bits, none on one side alone.
 inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances, const VertexFunction& vertex,
-                               bool snapped = true) {
+                               SnapFunction snap = snapVertex) {
   PlacedIndex index(domain, instances);
   SeamReport report;
   auto compare = [&](const Placed& a, int side_a, const Placed& b, int side_b) {
@@ -249,7 +255,7 @@ inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<Pat
     int64_t from = upright ? std::max(a.y0, b.y0) : std::max(a.x0, b.x0);
     int64_t to = from + std::min(a.size, b.size);
     auto within = [&](const Placed& p, int side) {
-      std::vector<SeamVertex> v = sideVertices(*p.instance, side, vertex, snapped);
+      std::vector<SeamVertex> v = sideVertices(*p.instance, side, vertex, snap);
       std::erase_if(v, [&](const SeamVertex& s) { return (upright ? s.y : s.x) < from || (upright ? s.y : s.x) > to; });
       return v;
     };

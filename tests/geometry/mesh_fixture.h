@@ -329,7 +329,7 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
       Entry e{along, along + size, {}, p.node.patch};
       for (uint32_t k = 0; k <= last; ++k) {
         uint32_t i = side == kLeft ? 0 : side == kRight ? last : k, j = side == kTop ? 0 : side == kBottom ? last : k;
-        std::array<uint32_t, 2> g = snapped ? snapVertex(i, j, p) : std::array<uint32_t, 2>{i, j};
+        std::array<uint32_t, 2> g = drawn ? ownVertex(i, j, p) : snapped ? snapVertex(i, j, p) : std::array<uint32_t, 2>{i, j};
         uint32_t x = x0 + (g[0] << p.step_log2), y = y0 + (g[1] << p.step_log2), t = upright ? y : x;
         if (!e.vertices.empty() && e.vertices.back().first == t) continue;
         e.vertices.push_back({t, drawn ? drawn(p, i, j) : vertex(p, x, y)});

@@ -81,7 +81,7 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
       PatchInstance loose = p;
       for (auto& side : loose.edges) side = {p.grid_level, PatchInstance::kWholeEdge};
       return patchVertex(c.domain, loose, i, j, true, pages);
-    }, false).mismatches;
+    }, unsnappedVertex).mismatches;
     // Each node decides alone.
     std::vector<PatchInstance> alone = lod.instances;
     for (PatchInstance& p : alone)

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstring>
 
+#include "geometry/bound_search.h"
 #include "tests/geometry/morph_fixture.h"
 #include "tests/geometry/true_relief.h"
 
@@ -41,7 +42,7 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
     PlanarLodResult lod = selectPlanarLod(domain, oracle, view, resident);
     ReliefPages pages(domain, noiseHeight);
     const VertexFunction twin = morphTwin(domain, pages, view.relief);
-    SeamReport report = compareSeams(domain, lod.instances, twin);
+    SeamReport report = compareSeams(domain, lod.instances, twin, ownVertex);
     ASSERT_EQ(report.mismatches, 0u) << "seed " << seed;
     total += report;
     nodes += lod.instances.size();
@@ -51,10 +52,10 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
     std::vector<PatchInstance> own = lod.instances, swapped = lod.instances;
     for (PatchInstance& p : own)
       for (auto& side : p.edge_morph) side = {p.morph, p.morph};
-    own_weights += compareSeams(domain, own, twin).mismatches;
+    own_weights += compareSeams(domain, own, twin, ownVertex).mismatches;
     for (PatchInstance& p : swapped)
       for (auto& side : p.edge_morph) std::swap(side[0], side[1]);
-    swapped_halves += compareSeams(domain, swapped, twin).mismatches;
+    swapped_halves += compareSeams(domain, swapped, twin, ownVertex).mismatches;
   }
   std::printf("[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu vertices compared; %llu sides with vertices on their way; mismatches with weights per node "
               "%llu, with halves exchanged %llu\n",
@@ -65,6 +66,102 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
   EXPECT_GT(on_the_way, nodes / 2);
   EXPECT_GT(own_weights, 0u);
   EXPECT_GT(swapped_halves, 0u);
+}
+
+// ---- places in the grid alone
+using Places = std::vector<glm::dvec2>;
+Places placesOf(const PatchInstance& p) {
+  Places all;
+  for (uint32_t j = 0; j <= 1u << p.grid_level; ++j)
+    for (uint32_t i = 0; i <= 1u << p.grid_level; ++i)
+      all.push_back(drawnVertex(p, i, j, [](uint32_t x, uint32_t y) { return glm::dvec2(x, y); },
+                                [](const glm::dvec2& a, const glm::dvec2& b, const glm::dvec2& own, float w) { return (0.5 - 0.5 * w) * (a + b) + double{w} * own; }));
+  return all;
+}
+// Sides' levels up to that of the inside, in 256ths of a level; of halves, or of the whole side and kWholeSide.
+void setSide(PatchInstance& p, size_t side, std::array<int, 2> wishes) {
+  const bool whole = wishes[1] == kWholeSide;
+  for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
+    p.edges[side][half] = static_cast<uint8_t>(wholeLevels(wishes[half]));
+    p.edge_morph[side][half] = slideOf(wishes[half]);
+  }
+  if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
+}
+
+TEST(PlanarMorph, GridsTileTheirSquareWhileVerticesSlide) {
+  Random random(kSeed);
+  uint64_t grids = 0, sliding = 0, crossed = 0;
+  auto turned = [](const PatchInstance& p, const Places& at, double* area) {
+    uint64_t flipped = 0;
+    const uint32_t size = 1u << p.grid_level;
+    auto triangle = [&](const glm::dvec2& a, const glm::dvec2& b, const glm::dvec2& c) {
+      const double twice = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+      flipped += twice < -1e-9;
+      *area += 0.5 * twice;
+    };
+    for (uint32_t j = 0; j < size; ++j)
+      for (uint32_t i = 0; i < size; ++i) {
+        const glm::dvec2 *top = &at[j * (size + 1) + i], *bottom = top + size + 1;
+        triangle(top[0], top[1], bottom[1]);
+        triangle(top[0], bottom[1], bottom[0]);
+      }
+    return flipped;
+  };
+  for (; grids < 100'000 / kViewShare; ++grids) {
+    PatchInstance p;
+    const int inside = random.integer(1, kMaxGridLevel * kOneLevel);
+    p.grid_level = static_cast<uint8_t>(wholeLevels(inside));
+    p.morph = morphOf(inside);
+    auto wish = [&](int most) { return std::max(0, most - (random.chance(0.3) ? random.integer(0, 3) * kOneLevel : random.integer(0, 3 * kOneLevel))); };
+    for (size_t side = 0; side < 4; ++side) {
+      const bool halves = inside > kOneLevel && random.chance(0.4);
+      setSide(p, side, halves ? std::array{wish(inside - kOneLevel), wish(inside - kOneLevel)} : std::array{wish(inside), kWholeSide});
+      sliding += p.edge_morph[side][0] != PatchInstance::kInPlace;
+    }
+    Places at = placesOf(p);
+    const double size = 1u << p.grid_level;
+    double area = 0, other = 0;
+    ASSERT_EQ(turned(p, at, &area), 0u) << "grid " << grids;
+    ASSERT_NEAR(area, size * size, 1e-6) << "grid " << grids;
+    // Two that slid past one another are seen.
+    if (p.grid_level > 1) {
+      std::swap(at[1], at[2]);
+      crossed += at[1] == at[2] || turned(p, at, &other) > 0;
+    } else {
+      ++crossed;
+    }
+  }
+  std::printf("[ figures  ] %llu grids, %llu sides with sliding vertices\n", static_cast<unsigned long long>(grids), static_cast<unsigned long long>(sliding));
+  EXPECT_EQ(crossed, grids);
+  EXPECT_GT(sliding, grids);
+}
+
+// Whatever grid lies beside a segment: when a level of the segment begins, every vertex of the grid is where it was before, but for what its first step
+// moves it; so no triangle is cut another way. The only one that is not there is the middle of a segment without any.
+TEST(PlanarMorph, WhereASegmentsLevelBeginsNoVertexJumps) {
+  int jumps_of_middles = 0, begun = 0;
+  double nearest = 0;
+  for (int n = 1; n <= kMaxGridLevel; ++n)
+    for (int m = 0; m < n; ++m) {
+      PatchInstance before, after;
+      before.grid_level = after.grid_level = static_cast<uint8_t>(n);
+      for (size_t side = 0; side < 4; ++side) setSide(before, side, {m * kOneLevel, kWholeSide}), setSide(after, side, {m * kOneLevel + 1, kWholeSide});
+      const Places a = placesOf(before), b = placesOf(after);
+      const double step = std::ldexp(1.0, n - m - 1);  // of the level that begins; its first slide is two 256ths
+      const uint32_t size = 1u << n;
+      for (uint32_t j = 0; j <= size; ++j)
+        for (uint32_t i = 0; i <= size; ++i, ++begun) {
+          const size_t k = j * (size + 1) + i;
+          const double moved = glm::length(b[k] - a[k]);
+          if (m == 0 && (2 * i == size || 2 * j == size) && (i == 0 || j == 0 || i == size || j == size)) jumps_of_middles += moved > step / 4;
+          else ASSERT_LE(moved, step * 2 / 256 + 1e-12) << i << ", " << j << " of level " << n << " at " << m;
+          const auto was = snapVertex(i, j, before), is = snapVertex(i, j, after);
+          nearest = std::max(nearest, glm::length(glm::dvec2(is[0], is[1]) - glm::dvec2(was[0], was[1])) / step);
+        }
+    }
+  std::printf("[ figures  ] %d vertices, %d jumps of middles; snapped to the nearest: up to %.1f steps\n", begun, jumps_of_middles, nearest);
+  EXPECT_EQ(jumps_of_middles, 4 * kMaxGridLevel);
+  EXPECT_GE(nearest, 1);
 }
 
 TrueSurface surfaceOf(const PlanarDomain& domain, const TrueRelief& relief, double exaggerate) {
