@@ -3,7 +3,7 @@
 #include "texture_lookup.glsl"
 
 uniform vec4 u_coefficients[6];  // x: scale, y: bias of coefficient k; z: basis function k under the light
-uniform vec3 u_fade;             // frame time in 1/64 s; 1 / (fade time in 1/64 s); 1: fades are over
+uniform vec3 u_fade;             // frame time as in PageTableEntry::birth; 1 / (fade time in 1/64 s); 1: fades are over
 
 out vec4 o_colour;
 
@@ -96,7 +96,8 @@ void filterNode(uvec4 entry, uint index, vec2 local, out vec3 channels[PLANES]) 
 void samplePage(Place place, uvec4 entry, uint index, vec2 uv, out vec3 channels[PLANES]) {
   filterNode(entry, index, localAt(place, uv), channels);
 #ifdef FADE
-  float age = float((uint(u_fade.x) - (entry.w >> 16u)) & 0xFFFFu) * u_fade.y + u_fade.z;
+  uint birth = entry.w >> 16u;
+  float age = birth == 0u ? 1.0 : float((uint(u_fade.x) - birth) & 0xFFFFu) * u_fade.y + u_fade.z;
 #ifdef TAILS
   if (age < 1.0) {
     vec3 below[PLANES] = g_tail;

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cassert>
 #include <cmath>
+#include <deque>
 #include <optional>
 #include <thread>
 #include <tuple>
@@ -20,6 +21,7 @@ namespace {
 
 constexpr double kFirstBackOff_s = 0.1;
 constexpr double kBackOffFactor = 4;
+constexpr double kFaded_s = 256;             // no fade lasts so long; its clock goes round in 1,024
 constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessages; the rest is counted only
 constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
 constexpr std::ptrdiff_t kMaxOffers = 1024;  // jobs a frame: more than workers can take until the next
@@ -521,8 +523,18 @@ struct PageStreamer::Impl {
       if (slot == kNoSlot) return;
       entry.slots[i] = static_cast<uint16_t>(slot);
     }
-    entry.birth = static_cast<uint16_t>(static_cast<uint64_t>(std::max(0.0, now_s) * 64) & 0xFFFFu);
+    entry.birth = fadeClock(now_s);
     table.insert(id.node(), entry);
+    born.push_back({now_s, id.node()});
+  }
+  // Before the fade's clock has gone round, or they would fade once more.
+  void forgetBirths() {
+    for (; !born.empty() && born.front().at_s < now_s - kFaded_s; born.pop_front()) {
+      auto entry = table.find(born.front().node);
+      if (!entry || entry->birth != fadeClock(born.front().at_s)) continue;  // gone, or born again
+      entry->birth = 0;
+      table.insert(born.front().node, *entry);
+    }
   }
   void leave(PageId id) {
     if (isRelief(id)) {
@@ -636,6 +648,11 @@ struct PageStreamer::Impl {
   PageTable table;
 
   uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
+  struct Birth {
+    double at_s;
+    NodeId node;
+  };
+  std::deque<Birth> born;  // in the page table, in the order of their times
   double now_s = 0;
   PageMap pages;
   PageCensus census;
@@ -761,6 +778,7 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   m.uploaded.clear();
   m.uploaded_roots.clear();
   m.uploads.clear();
+  m.forgetBirths();
   m.takeResults();
 }
 

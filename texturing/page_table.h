@@ -2,13 +2,14 @@
 // *resident* nodes, never the virtual size. Two-choice cuckoo hashing, so that a look-up costs two probes at most.
 //
 // Entry: one RGBA32UI texel. x = low, y = high 32 bits of (packNode(node) + 1), 0 = empty; z = slot of plane 0 | slot
-// of plane 1 << 16; w = slot of plane 2 | birth << 16 (frame time in 1/64 s, modulo 2^16, for the page fade). Artworks of
+// of plane 1 << 16; w = slot of plane 2 | birth << 16 (for the page fade). Artworks of
 // more than three planes keep planes 3.. in a second texture of the same shape: x = slot 3 | slot 4 << 16, y = slot 5 | slot
 // 6 << 16, z = slot 7. Only whole nodes are entered: every plane that the effect plan streams is resident. Slots are
 // 16-bit (65,535 x 72 KiB = 4.5 GiB). The hash functions and constants stand in shaders/page_table.h, which compiles as
 // C++ and GLSL. CPU side only: emits the texels that changed; src/render applies them.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -22,8 +23,14 @@ namespace relievo {
 
 struct PageTableEntry {
   std::array<uint16_t, kMaxTexturePlanes> slots{};
-  uint16_t birth = 0;
+  uint16_t birth = 0;  // frame time in 1/64 s, modulo 2^16; 0: long ago (fadeClock())
 };
+
+// PageTableEntry::birth of a page that is new.
+inline uint16_t fadeClock(double now_s) {
+  const auto ticks = static_cast<uint16_t>(static_cast<uint64_t>(std::max(0.0, now_s) * 64) & 0xFFFFu);
+  return std::max<uint16_t>(ticks, 1);
+}
 
 inline constexpr int kPlanesPerTexel = 3;
 

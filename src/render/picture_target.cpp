@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "texturing/page_table.h"
+
 namespace relievo {
 
 void PictureTarget::resize(int width_px, int height_px, GLuint depth) {
@@ -70,7 +72,7 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   }
   glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
   if (p.page_fade_s > 0) {
-    glUniform3f(program.uniform("u_fade"), static_cast<float>(static_cast<uint32_t>(p.now_s * 64) & 0xFFFFu),
+    glUniform3f(program.uniform("u_fade"), static_cast<float>(fadeClock(p.now_s)),
                 static_cast<float>(1.0 / std::max(p.page_fade_s * 64, 1e-3)), p.fades_over ? 1.0f : 0.0f);
   }
 }

@@ -74,6 +74,13 @@ TEST(PageFade, BlendsInOverItsTimeAndEndsAtThePage) {
   EXPECT_GT(shownAt(*quicker, kBorn_s + 0.25), shownAt(*bornEngine(subject, kFade_s), kBorn_s + 0.25) + 20);
 }
 
+// The clock of the fade goes round in 1,024 s; a page is new only once.
+TEST(PageFade, APageDoesNotFadeAgainWhenTheClockHasGoneRound) {
+  auto engine = bornEngine(twoLevels(), kFade_s);
+  EXPECT_LT(shownAt(*engine, kBorn_s + 0.25), kFine);
+  for (double later_s : {10.0, 500.0, 1024.0, 1024.25, 3072.25}) EXPECT_EQ(shownAt(*engine, kBorn_s + later_s), kFine) << later_s;
+}
+
 TEST(PageFade, ASettledPictureDoesNotFade) {
   auto engine = bornEngine(twoLevels(), 60);
   EXPECT_LT(shownAt(*engine, kBorn_s + 1), kFine);
