@@ -84,7 +84,7 @@ const std::vector<ReportColumn>& reportColumns() {
       {"p99_px", "px", "99 of 100 pixels are off by no more"},
       {"rms_px", "px", "root of the mean square"},
       {"edge_on_px", "pixels", "not measured: more than 64 cells wide, seen edge-on, where a rasteriser knows no place"},
-      {"pop_px", "px", "largest change of a pixel's error against the choice of a sixtieth of a second before, camera motion taken out"},
+      {"pop_px", "px", "largest change of a pixel's error against the choice of a sixtieth of a second before, camera motion taken out; what comes into view from behind a rim counts, too"},
       {"crack_px", "pixels", "background inside full resolution's silhouette, 1 px and the bounds of both away from it (of a closed body a crack shows the far side: see seam_mismatches)"},
       {"silhouette_px", "pixels", "drawn by one of strategy and full resolution only"},
       {"seam_vertices", "", "vertices compared on sides that two drawn nodes share; empty: not known"},
