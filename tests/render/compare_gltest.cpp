@@ -26,7 +26,7 @@ class Compare : public ::testing::Test {
   void SetUp() override {
     std::string why;
     // Two patches along the strip, sizes that are no multiple of anything, steep enough to see.
-    package_ = test::noisePackage(folder_, 1101, 601, Basis::kColour, 12, 7, &why);
+    package_ = test::noisePackageOnce(1101, 601, Basis::kColour, 12, 7, &why);
     ASSERT_TRUE(package_) << why;
     plan_.package = package_;
     plan_.path = folder_.file("path.json");

@@ -139,7 +139,7 @@ class EngineFaults : public ::testing::Test {
  protected:
   void SetUp() override {
     std::string why;
-    package_ = test::noisePackage(folder_, 2001, 1101, Basis::kPtmLrgb, 12, 5, &why);
+    package_ = test::noisePackageOnce(2001, 1101, Basis::kPtmLrgb, 12, 5, &why);
     ASSERT_TRUE(package_) << why;
   }
   std::unique_ptr<Engine> makeEngine(std::shared_ptr<const PageSource> source, EngineOptions options = {}, Scene scene = {}) {
@@ -170,7 +170,6 @@ class EngineFaults : public ::testing::Test {
     return e->readPixels();
   }
 
-  test::TemporaryFolder folder_;
   std::shared_ptr<const Package> package_;
 };
 

@@ -17,7 +17,7 @@ class PrefetchGl : public ::testing::Test {
  protected:
   void SetUp() override {
     std::string why;
-    package_ = test::noisePackage(folder_, 2048, 2048, Basis::kPtmLrgb, 4, 7, &why);
+    package_ = test::noisePackageOnce(2048, 2048, Basis::kPtmLrgb, 4, 7, &why);
     ASSERT_TRUE(package_) << why;
   }
   std::unique_ptr<Engine> engineWith(bool prefetch) {
@@ -43,7 +43,6 @@ class PrefetchGl : public ::testing::Test {
     }
   }
 
-  test::TemporaryFolder folder_;
   std::shared_ptr<const Package> package_;
 };
 

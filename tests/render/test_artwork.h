@@ -4,8 +4,10 @@
 
 #include <cmath>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <string>
+#include <tuple>
 
 #include "texturing/package.h"
 #include "texturing/package_builder.h"
@@ -122,6 +124,18 @@ inline std::shared_ptr<const Package> noisePackage(const TemporaryFolder& folder
     return nullptr;
   }
   return *package;
+}
+
+// The same, built once a program: it takes seconds, and most tests only read it. In a folder of its own, for as long as the program runs.
+inline std::shared_ptr<const Package> noisePackageOnce(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed, std::string* why) {
+  struct Built {
+    TemporaryFolder folder;
+    std::shared_ptr<const Package> package;
+  };
+  static std::map<std::tuple<int64_t, int64_t, Basis, double, uint32_t>, Built> all;
+  Built& built = all[{w, h, basis, range_mm, seed}];
+  if (!built.package) built.package = noisePackage(built.folder, w, h, basis, range_mm, seed, why);
+  return built.package;
 }
 
 }  // namespace relievo::test

@@ -21,7 +21,7 @@ class Watertight : public ::testing::Test {
   void SetUp() override {
     std::string why;
     // Two patches along the strip, sizes that are no multiple of anything.
-    package_ = test::noisePackage(folder_, 3001, 1501, Basis::kPtmLrgb, 24, 5, &why);
+    package_ = test::noisePackageOnce(3001, 1501, Basis::kPtmLrgb, 24, 5, &why);
     ASSERT_TRUE(package_) << why;
   }
   std::unique_ptr<Engine> makeEngine(double error_px) {
@@ -46,7 +46,6 @@ class Watertight : public ::testing::Test {
     return c;
   }
 
-  test::TemporaryFolder folder_;
   std::shared_ptr<const Package> package_;
 };
 
