@@ -40,13 +40,14 @@ void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, 
   if (lo != a) t = 1.0 - t;
   point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
   normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);
-  if (on_column || place.y == 0 || place.y == side) return;
-  vec3 p[4];
-  vec3 n[4];
-  for (int k = 0; k < 4; ++k) {
-    p[k] = texelFetch(u_corners, inTable(index[k]), 0).xyz;
-    n[k] = texelFetch(u_normals, inTable(index[k]), 0).xyz;
+  // A loop, so that vertices on sides (all of the coarsest grids) do not wait for what they do not need.
+  bool inside = !(on_column || place.y == 0 || place.y == side);
+  for (int row = 0; row < (inside ? 2 : 0); ++row) {
+    uvec2 ends = row == 0 ? index.xy : index.zw;
+    ivec2 from = inTable(ends.x), to = inTable(ends.y);
+    vec3 p = lerpOrdered(texelFetch(u_corners, from, 0).xyz, texelFetch(u_corners, to, 0).xyz, uv.x);
+    vec3 n = lerpOrdered(texelFetch(u_normals, from, 0).xyz, texelFetch(u_normals, to, 0).xyz, uv.x);
+    point = row == 0 ? p : lerpOrdered(point, p, uv.y);
+    normal = row == 0 ? n : lerpOrdered(normal, n, uv.y);
   }
-  point = lerpOrdered(lerpOrdered(p[0], p[1], uv.x), lerpOrdered(p[2], p[3], uv.x), uv.y);
-  normal = lerpOrdered(lerpOrdered(n[0], n[1], uv.x), lerpOrdered(n[2], n[3], uv.x), uv.y);
 }

@@ -2,15 +2,10 @@
 // Attributes and uniforms as in patch.vert. At both ends of the morph a vertex has exactly the bits of the vertex it is at.
 // MESH: over a base mesh; a vertex on a patch's side slides towards the side's corner with the smaller index, so that both patches agree.
 #include "compare_relief.glsl"
+#include "instance.glsl"
 #ifdef MESH
 #include "base_point.glsl"
 #endif
-
-in uvec2 a_grid;
-in ivec4 a_origin;
-in ivec4 a_relief;
-in uvec3 a_node;
-in uint a_edges;
 
 uniform mat4 u_clip_from_eye;
 uniform ivec2 u_limit;
@@ -62,6 +57,7 @@ vec3 pointAt(ivec2 g, out vec2 uv) {
 #endif
 
 void main() {
+  loadInstance();
   ivec2 g = ivec2(a_grid);
   vec2 fine_uv, coarse_uv;
   vec3 fine = pointAt(g, fine_uv);

@@ -3,16 +3,11 @@
 // (C++ twin: geometry/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
 // the order of their indices, and its place between them (C++ twin: geometry/mesh_vertex.h).
 #include "common.glsl"
+#include "instance.glsl"
 #ifdef MESH
 #include "base_point.glsl"
 #endif
 
-in uvec2 a_grid;     // 0 .. 2^n
-in ivec4 a_origin;   // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
-in ivec4 a_relief;   // units from the relief page's corner to the node's corner: x, y; where its samples are (TAILS: -1: the patch's tail); log2
-                     // of their spacing in units
-in uvec3 a_node;     // index in the list of instances, + 1; the node's level; its patch
-in uint a_edges;     // per side a byte: a | b << 4 (geometry/planar_lod.h)
 #ifdef MORPH
 in uvec3 a_morph;    // weights, less 1, of 256: per side a byte, of the whole edge or first half; of the second half; of the grid's inside
 #endif
@@ -67,21 +62,19 @@ int heightSample(ivec3 origin, ivec2 s) {
 int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
   ivec2 s = local >> spacing_log2;
   ivec2 f = local & ((1 << spacing_log2) - 1);
-  int q00 = heightSample(origin, s);
-  if ((f.x | f.y) == 0) return q00 << 8;
+  bool between = (f.x | f.y) != 0;
   int cut = max(0, spacing_log2 - 15);
   int bits = spacing_log2 - cut;
   f >>= cut;
+  // From a corner of the triangle to the next: (0, 0), the one along the longer way, (1, 1). A loop: most vertices are samples.
   ivec2 t = min(s + 1, ivec2(kPagePx));
-  int q11 = heightSample(origin, t);
-  int value = q00 << bits;
-  if (f.x >= f.y) {
-    int q10 = heightSample(origin, ivec2(t.x, s.y));
-    value += f.x * (q10 - q00) + f.y * (q11 - q10);
-  } else {
-    int q01 = heightSample(origin, ivec2(s.x, t.y));
-    value += f.y * (q01 - q00) + f.x * (q11 - q01);
+  int value = 0, last = 0;
+  for (int k = 0; k < (between ? 3 : 1); ++k) {
+    int q = heightSample(origin, k == 0 ? s : k == 2 ? t : f.x >= f.y ? ivec2(t.x, s.y) : ivec2(s.x, t.y));
+    value += k == 0 ? q << bits : (k == 1 ? max(f.x, f.y) : min(f.x, f.y)) * (q - last);
+    last = q;
   }
+  if (!between) return last << 8;
 #ifdef MESH
   return ((value + (1 << (bits - 1))) >> bits) << 8;
 #else
@@ -217,6 +210,7 @@ Vertex drawnVertex(ivec2 g, int n) {
 #endif
 
 void main() {
+  loadInstance();
   int n = a_origin.w;
 #ifdef MORPH
   Vertex v = drawnVertex(ivec2(a_grid), n);

@@ -2,6 +2,7 @@
 // a level lies there, and where it is resident.
 #include "common.glsl"
 #include "gradient.glsl"
+#include "instance.glsl"
 #include "page_table.h"
 #ifdef TAILS
 #include "tails.glsl"
@@ -15,7 +16,6 @@ uniform float u_lod_bias;          // added to the texture LOD
 
 uniform usampler2D u_surface;      // what is seen at each pixel (surface.frag)
 uniform usampler2D u_gradient;     // with anisotropy: d(uv)/dx, d(uv)/dy there
-uniform usampler2D u_nodes;        // the node of each instance: patch, level, x, y; 256 a row
 
 // What is seen at a pixel; after loadSurface().
 vec2 v_uv;         // place in the node, 0..1
@@ -29,8 +29,7 @@ bool loadSurface(ivec2 pixel) {
   uvec4 s = texelFetch(u_surface, pixel, 0);
   uint index = s.z & 0xFFFFFFFu;
   if (index == 0u) return false;
-  --index;
-  v_node = texelFetch(u_nodes, ivec2(index & 255u, index >> 8u), 0);
+  v_node = instanceNode(index - 1u);
   v_grid_level = s.z >> 28u;
   v_uv = uintBitsToFloat(s.xy);
   v_lod = uintBitsToFloat(s.w);

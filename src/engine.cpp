@@ -490,7 +490,7 @@ struct Engine::Impl {
   }
 
   void bindSurface(const gl::Program& program) const {
-    patches->bindNodes(program, 3);
+    patches->bindInstances(program, 3);
     surface.bind(program, 4);
   }
 

@@ -74,7 +74,7 @@ class FlatFeedback {
   FeedbackPass& pass() { return pass_; }
   void draw(const FeedbackGrid& grid) {
     program_.use();
-    patches_.bindNodes(program_, 3);
+    patches_.bindInstances(program_, 3);
     surface_.bind(program_, 4);
     setShadingUniforms(program_, {.format = &manifest_.texture,
                                   .domain = &manifest_.domain,

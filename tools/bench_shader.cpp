@@ -123,7 +123,7 @@ Result<void> shaderBench(BenchContext& context) {
     target.begin();
     program.use();
     both.pool->bind(program, *both.table);
-    patches.bindNodes(program, 3);
+    patches.bindInstances(program, 3);
     surface.bind(program, 4);
     if (from == Texture::kDense) both.dense->bind(program, linear);
     setShadingUniforms(program, {.format = &both.manifest.texture, .domain = &d, .light_u = -0.5, .light_v = 0.3});

@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cassert>
 #include <cmath>
 #include <cstddef>
+#include <numeric>
 
 #include "src/base/base_mesh.h"
 #include "src/render/page_pool.h"
@@ -13,8 +15,9 @@ namespace relievo {
 namespace {
 
 constexpr uint32_t kManyCells = 1024;  // grids of one cell, from which on they are drawn as one mesh
-constexpr int kAttributes = 5;
-constexpr int kNodesPerRow = 256;  // of the texture of nodes; known to texture_lookup.glsl
+constexpr GLuint kGridAttribute = 0, kInstanceAttribute = 1, kMorphAttribute = 2;
+constexpr size_t kInstancesPerRow = 256;  // of the texture; known to instance.glsl
+constexpr int kInstanceUnit = 3;          // behind the pool's
 
 uint32_t packEdges(const PatchInstance& p) {
   static_assert(std::endian::native == std::endian::little);
@@ -30,11 +33,10 @@ GpuPatchMorph packMorph(const PatchInstance& p) {
     for (size_t half = 0; half < 2; ++half) m.weights[half] |= static_cast<uint32_t>(p.edge_morph[side][half]) << (8 * side);
   return m;
 }
-constexpr GLuint kMorphAttribute = 5;
 
 }  // namespace
 
-std::vector<std::string> patchAttributes() { return {"a_grid", "a_origin", "a_relief", "a_node", "a_edges", "a_morph"}; }
+std::vector<std::string> patchAttributes() { return {"a_grid", "a_instance", "a_morph"}; }
 
 EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth) {
   EyeFrame eye;
@@ -73,10 +75,9 @@ PatchPass::PatchPass(bool cells_as_mesh)
     : vertex_array_(gl::VertexArray::create()),
       vertices_(gl::Buffer::create()),
       indices_(gl::Buffer::create()),
-      instances_(gl::Buffer::create()),
+      numbers_(gl::Buffer::create()),
       morphs_(gl::Buffer::create()),
-      cells_as_mesh_(cells_as_mesh),
-      nodes_(gl::Texture::create()) {
+      cells_as_mesh_(cells_as_mesh) {
   std::vector<uint8_t> vertices;
   std::vector<uint16_t> indices;
   for (int n = 0; n <= kMaxGridLevel; ++n) {
@@ -114,23 +115,15 @@ PatchPass::PatchPass(bool cells_as_mesh)
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, indices_.id());
   glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * sizeof(uint16_t)), indices.data(),
                GL_STATIC_DRAW);
-  for (GLuint a = 0; a < kAttributes; ++a) glEnableVertexAttribArray(a);
-  for (GLuint a = 1; a < kAttributes; ++a) glVertexAttribDivisor(a, 1);
-  glVertexAttribDivisor(kMorphAttribute, 1);
-  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
-  gl::label(GL_BUFFER, instances_.id(), "patch instances");
+  for (GLuint a : {kGridAttribute, kInstanceAttribute}) glEnableVertexAttribArray(a);
+  for (GLuint a : {kInstanceAttribute, kMorphAttribute}) glVertexAttribDivisor(a, 1);
   glBindVertexArray(0);
-  glBindTexture(GL_TEXTURE_2D, nodes_.id());
-  gl::label(GL_TEXTURE, nodes_.id(), "nodes");
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
 }
 
 void PatchPass::setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                              const std::function<SlotIndex(const NodeId&)>& slot_of) {
-  const size_t count = instances.size(), rows = (count + kNodesPerRow) / kNodesPerRow;
-  if (packed_.size() < count) packed_.resize(count);
-  if (node_texels_.size() < rows * kNodesPerRow) node_texels_.resize(rows * kNodesPerRow);
+  const size_t count = instances.size();
+  if (packed_.size() < count + 1) packed_.resize((count / kInstancesPerRow + 1) * kInstancesPerRow);
   std::array<uint32_t, kMaxGridLevel + 1> of_level{};
   uint64_t in_place = ~uint64_t{0};
   NodeId last_page{PatchNeighbour::kNone, 0, 0, 0};
@@ -139,34 +132,20 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
     const PatchInstance& p = instances[i];
     ++of_level[p.grid_level];
     in_place &= std::bit_cast<uint64_t>(p.edge_morph) & (p.morph | ~uint64_t{255});
-    GpuPatchInstance& g = packed_[i];
-    g.origin[0] = static_cast<int32_t>(p.x0 - eye.unit_x);
-    g.origin[1] = static_cast<int32_t>(p.y0 - eye.unit_y);
-    g.origin[2] = p.step_log2;
-    g.origin[3] = p.grid_level;
-    if (!relief) {
-      g.relief[0] = g.relief[1] = g.relief[2] = g.relief[3] = 0;
-    } else if (p.relief_page.level == kTailLevel) {
-      const int node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
-      g.relief[0] = static_cast<int32_t>(p.node.x << node_log2);
-      g.relief[1] = static_cast<int32_t>(p.node.y << node_log2);
-      g.relief[2] = -1;
-      g.relief[3] = eye.patch_units_log2 - kTailCellsLog2;
-    } else {
-      // Both corners in units from the patch's corner.
-      const int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level), node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
-      auto offset = [&](uint32_t node, uint32_t page) { return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2)); };
+    static_assert(kMaxGridLevel < 8);
+    uint32_t levels = p.node.level | uint32_t{p.grid_level} << 5 | uint32_t{p.step_log2} << 8;
+    uint32_t place = 0;
+    if (relief && p.relief_page.level == kTailLevel) {
+      place = kReliefInTail;
+      levels |= static_cast<uint32_t>(eye.patch_units_log2 - kTailCellsLog2) << 13 | p.node.level << 18;
+    } else if (relief) {
+      assert(p.node.ancestor(p.relief_page.level) == p.relief_page && eye.patch_units_log2 == static_cast<int>(p.node.level) + p.grid_level + p.step_log2);
       if (p.relief_page != last_page) last_page = p.relief_page, last_place = reliefPlace(slot_of(p.relief_page));
-      g.relief[0] = offset(p.node.x, p.relief_page.x);
-      g.relief[1] = offset(p.node.y, p.relief_page.y);
-      g.relief[2] = static_cast<int32_t>(last_place.texel);
-      g.relief[3] = page_log2 - 7 + last_place.coarser;
+      place = last_place.texel;
+      levels |= static_cast<uint32_t>(eye.patch_units_log2 - static_cast<int>(p.relief_page.level) - 7 + last_place.coarser) << 13;
+      levels |= (p.node.level - p.relief_page.level) << 18;
     }
-    g.node[0] = static_cast<uint32_t>(i + 1);
-    g.node[1] = p.node.level;
-    g.node[2] = p.node.patch;
-    g.edges = packEdges(p);
-    node_texels_[i] = {p.node.patch, p.node.level, p.node.x, p.node.y};
+    packed_[i] = {p.node.patch, levels, p.node.x, p.node.y, {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)}, place, packEdges(p)};
   }
   group_first_[0] = triangles_ = 0;
   for (int n = 0; n <= kMaxGridLevel; ++n) {
@@ -174,51 +153,72 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
     triangles_ += of_level[static_cast<size_t>(n)] * (2u << (2 * n));
   }
   instance_count_ = static_cast<uint32_t>(count);
-  glBindTexture(GL_TEXTURE_2D, nodes_.id());
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kNodesPerRow, static_cast<GLsizei>(rows), 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, node_texels_.data());
-  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(count * sizeof(GpuPatchInstance)), packed_.data(), GL_STREAM_DRAW);
+  upload(count);
+  reserve(instance_count_);
   morphs_any_ = in_place != ~uint64_t{0};
   if (morphs_any_) setMorphs(instances);
   setCells(!cells_as_mesh_ || morphs_any_ || of_level[0] < kManyCells ? 0 : of_level[0]);
 }
 
+void PatchPass::upload(size_t count) {
+  list_ = (list_ + 1) % lists_.size();
+  List& list = lists_[list_];
+  const size_t rows = count / kInstancesPerRow + 1;
+  if (!list.texture) {
+    list.texture = gl::createTexture(GL_TEXTURE_2D, "patch instances");
+    glBindTexture(GL_TEXTURE_2D, list.texture.id());
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  }
+  glBindTexture(GL_TEXTURE_2D, list.texture.id());
+  constexpr GLsizei kWidth = kInstancesPerRow * sizeof(GpuPatchInstance) / 16;
+  if (rows > list.rows) {
+    list.rows = std::bit_ceil(rows);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kWidth, static_cast<GLsizei>(list.rows), 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+  }
+  glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kWidth, static_cast<GLsizei>(rows), GL_RGBA_INTEGER, GL_UNSIGNED_INT, packed_.data());
+}
+
+// Numbers for as many instances.
+void PatchPass::reserve(uint32_t count) {
+  if (count <= numbers_room_) return;
+  numbers_room_ = std::bit_ceil(count);
+  std::vector<uint32_t> numbers(numbers_room_);
+  std::iota(numbers.begin(), numbers.end(), 0u);
+  glBindBuffer(GL_ARRAY_BUFFER, numbers_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(numbers.size() * 4), numbers.data(), GL_STATIC_DRAW);
+  gl::label(GL_BUFFER, numbers_.id(), "instance numbers");
+}
+
 // Of the first `count` instances, which come first in the list.
 void PatchPass::setCells(uint32_t count) {
   cell_count_ = count;
-  if (count == 0) return;
-  if (cell_array_.id() == 0) {
+  if (count <= cell_room_) return;
+  if (!cell_array_) {
     cell_array_ = gl::VertexArray::create();
     cells_ = gl::Buffer::create();
-    cell_grid_ = gl::Buffer::create();
     cell_indices_ = gl::Buffer::create();
   }
-  cell_corners_.resize(4 * size_t{count});
-  for (size_t i = 0; i < cell_corners_.size(); ++i) cell_corners_[i] = packed_[i / 4];
-  glBindVertexArray(cell_array_.id());
-  if (count > cell_room_) {
-    cell_room_ = std::max(count, 2 * cell_room_);
-    std::vector<uint8_t> grid;
-    std::vector<uint32_t> indices;
-    for (uint32_t i = 0; i < cell_room_; ++i) {
-      for (uint8_t byte : {0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0}) grid.push_back(byte);
-      for (uint32_t v : {0, 3, 1, 0, 2, 3}) indices.push_back(4 * i + v);
-    }
-    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, cell_indices_.id());
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * 4), indices.data(), GL_STATIC_DRAW);
-    glBindBuffer(GL_ARRAY_BUFFER, cell_grid_.id());
-    glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(grid.size()), grid.data(), GL_STATIC_DRAW);
-    for (GLuint a = 0; a < kAttributes; ++a) glEnableVertexAttribArray(a);
-    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, nullptr);
+  struct Corner {
+    uint8_t grid[4];
+    uint32_t instance;
+  };
+  cell_room_ = std::bit_ceil(count);
+  std::vector<Corner> corners;
+  std::vector<uint32_t> indices;
+  for (uint32_t i = 0; i < cell_room_; ++i) {
+    for (uint8_t y : {0, 1})
+      for (uint8_t x : {0, 1}) corners.push_back({{x, y, 0, 0}, i});
+    for (uint32_t v : {0, 3, 1, 0, 2, 3}) indices.push_back(4 * i + v);
   }
+  glBindVertexArray(cell_array_.id());
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, cell_indices_.id());
+  glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * 4), indices.data(), GL_STATIC_DRAW);
   glBindBuffer(GL_ARRAY_BUFFER, cells_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(cell_corners_.size() * sizeof(GpuPatchInstance)), cell_corners_.data(), GL_STREAM_DRAW);
-  constexpr GLsizei kStride = sizeof(GpuPatchInstance);
-  auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
-  glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
-  glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
-  glVertexAttribIPointer(3, 3, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
-  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(corners.size() * sizeof(Corner)), corners.data(), GL_STATIC_DRAW);
+  for (GLuint a : {kGridAttribute, kInstanceAttribute}) glEnableVertexAttribArray(a);
+  glVertexAttribIPointer(kGridAttribute, 2, GL_UNSIGNED_BYTE, sizeof(Corner), nullptr);
+  glVertexAttribIPointer(kInstanceAttribute, 1, GL_UNSIGNED_INT, sizeof(Corner), reinterpret_cast<const void*>(offsetof(Corner, instance)));
   glBindVertexArray(0);
 }
 
@@ -238,15 +238,11 @@ void PatchPass::setMorphs(std::span<const PatchInstance> instances) {
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(morphs.size() * sizeof(GpuPatchMorph)), morphs.data(), GL_STREAM_DRAW);
 }
 
-void PatchPass::bindInstances(size_t first_instance) const {
-  size_t base = first_instance * sizeof(GpuPatchInstance);
-  auto at = [base](size_t member) { return reinterpret_cast<const void*>(base + member); };
-  constexpr GLsizei kStride = sizeof(GpuPatchInstance);
-  glBindBuffer(GL_ARRAY_BUFFER, instances_.id());
-  glVertexAttribIPointer(1, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, origin)));
-  glVertexAttribIPointer(2, 4, GL_INT, kStride, at(offsetof(GpuPatchInstance, relief)));
-  glVertexAttribIPointer(3, 3, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, node)));
-  glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuPatchInstance, edges)));
+void PatchPass::bindGroup(const Grid& grid, size_t first_instance) const {
+  glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+  glVertexAttribIPointer(kGridAttribute, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
+  glBindBuffer(GL_ARRAY_BUFFER, numbers_.id());
+  glVertexAttribIPointer(kInstanceAttribute, 1, GL_UNSIGNED_INT, 4, reinterpret_cast<const void*>(first_instance * 4));
   if (!morphs_any_) {
     glDisableVertexAttribArray(kMorphAttribute);
     glVertexAttribI4ui(kMorphAttribute, ~0u, ~0u, ~0u, ~0u);
@@ -257,10 +253,10 @@ void PatchPass::bindInstances(size_t first_instance) const {
   glVertexAttribIPointer(kMorphAttribute, 3, GL_UNSIGNED_INT, sizeof(GpuPatchMorph), reinterpret_cast<const void*>(first_instance * sizeof(GpuPatchMorph)));
 }
 
-void PatchPass::bindNodes(const gl::Program& program, int unit) const {
+void PatchPass::bindInstances(const gl::Program& program, int unit) const {
   glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
-  glBindTexture(GL_TEXTURE_2D, nodes_.id());
-  glUniform1i(program.uniform("u_nodes"), unit);
+  glBindTexture(GL_TEXTURE_2D, lists_[list_].texture.id());
+  glUniform1i(program.uniform("u_instances"), unit);
   glActiveTexture(GL_TEXTURE0);
 }
 
@@ -271,6 +267,7 @@ void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, flo
 }
 
 uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias) const {
+  bindInstances(program, kInstanceUnit);
   setUniforms(program, eye, depth_bias);
   glBindVertexArray(vertex_array_.id());
   if (mesh == Mesh::kFronts) glEnable(GL_CULL_FACE);  // GL's defaults: clockwise ones are culled
@@ -278,9 +275,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   auto drawGroup = [&](int n, uint32_t first, uint32_t count) {
     if (count == 0) return;
     const Grid& grid = grids_[n];
-    glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
-    bindInstances(first);
+    bindGroup(grid, first);
     bool lines = mesh == Mesh::kLines;
     uint32_t first_index = lines ? grid.first_line : grid.first_index;
     glDrawElementsInstanced(lines ? GL_LINES : GL_TRIANGLES, static_cast<GLsizei>(lines ? grid.line_indices : grid.indices),
@@ -297,14 +292,13 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
 }
 
 uint32_t PatchPass::drawOneByOne(const gl::Program& program, const EyeFrame& eye) const {
+  bindInstances(program, kInstanceUnit);
   glBindVertexArray(vertex_array_.id());
   for (int n = 0; n <= kMaxGridLevel; ++n) {
     const Grid& grid = grids_[n];
     for (uint32_t i = group_first_[n]; i < group_first_[n + 1]; ++i) {
       setUniforms(program, eye, 0);
-      glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-      glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
-      bindInstances(i);
+      bindGroup(grid, i);
       glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(grid.indices), GL_UNSIGNED_SHORT, reinterpret_cast<const void*>(size_t{grid.first_index} * sizeof(uint16_t)), 1);
     }
   }
@@ -313,6 +307,7 @@ uint32_t PatchPass::drawOneByOne(const gl::Program& program, const EyeFrame& eye
 }
 
 std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const {
+  bindInstances(program, kInstanceUnit);
   setUniforms(program, eye, 0);
   uint64_t total = 0;
   for (int n = 0; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
@@ -327,9 +322,7 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
     uint32_t count = group_first_[n + 1] - group_first_[n];
     if (count == 0) continue;
     const Grid& grid = grids_[n];
-    glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-    glVertexAttribIPointer(0, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
-    bindInstances(group_first_[n]);
+    bindGroup(grid, group_first_[n]);
     uint64_t bytes = uint64_t{count} * grid.vertices * 16;
     glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes));
     glBeginTransformFeedback(GL_POINTS);

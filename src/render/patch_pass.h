@@ -16,13 +16,17 @@
 
 namespace relievo {
 
-// What patch.vert reads of an instance.
+// An instance as shaders read it (shaders/instance.glsl): two texels of one texture, for vertices and for the pixels that show it.
 struct GpuPatchInstance {
-  int32_t origin[4];   // x, y from the eye's unit (over a base mesh: from the patch's corner); log2 of the step; grid level
-  int32_t relief[4];   // x, y from the relief page's corner; ReliefPlace::texel (-1: the patch's tail); log2 of the sample spacing
-  uint32_t node[3];    // index in the list + 1; level; patch
+  uint32_t patch;
+  uint32_t levels;     // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing 5 | levels from the relief page to the node 5
+  uint32_t x, y;       // the node's
+  int32_t origin[2];   // units from the eye's unit (over a base mesh: from the patch's corner)
+  uint32_t relief;     // ReliefPlace::texel; kReliefInTail: the patch's tail
   uint32_t edges;      // per side a byte
 };
+static_assert(sizeof(GpuPatchInstance) == 32);
+inline constexpr uint32_t kReliefInTail = ~0u;
 
 // And with geomorph: weights of geometry/morph.h, per side a byte, of whole edges or first halves; of second halves; of the grid's inside.
 struct GpuPatchMorph {
@@ -60,8 +64,8 @@ class PatchPass {
   uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
   // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
   std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const;
-  // The nodes of the list, as texture `unit`, for what reads the surface buffer.
-  void bindNodes(const gl::Program& program, int unit) const;
+  // The list as texture `unit`, for what reads the surface buffer. (What draws the instances binds it by itself, to kInstanceUnit.)
+  void bindInstances(const gl::Program& program, int unit) const;
   uint32_t triangles() const { return triangles_; }
   uint32_t instanceCount() const { return instance_count_; }
 
@@ -72,22 +76,29 @@ class PatchPass {
     uint32_t first_line = 0, line_indices = 0;
   };
   void setMorphs(std::span<const PatchInstance> instances);
+  void upload(size_t count);
+  void reserve(uint32_t count);
   void setCells(uint32_t count);
   uint32_t drawCells() const;
-  void bindInstances(size_t first_instance) const;
+  void bindGroup(const Grid& grid, size_t first_instance) const;
   void setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const;
 
   gl::VertexArray vertex_array_;
-  gl::Buffer vertices_, indices_, instances_, morphs_;
+  gl::Buffer vertices_, indices_, numbers_, morphs_;  // numbers: 0, 1, 2.., by instance
+  uint32_t numbers_room_ = 0;
   const bool cells_as_mesh_;
   gl::VertexArray cell_array_;
-  gl::Buffer cells_, cell_grid_, cell_indices_;  // by vertex: instances, place in the grid
-  std::vector<GpuPatchInstance> cell_corners_;
-  uint32_t cell_count_ = 0, cell_room_ = 0;      // 0: as instances
+  gl::Buffer cells_, cell_indices_;          // by vertex: place in the grid, instance
+  uint32_t cell_count_ = 0, cell_room_ = 0;  // 0: as instances
   bool morphs_any_ = false;  // one of the instances is not in place
-  gl::Texture nodes_;
-  std::vector<GpuPatchInstance> packed_;                 // kept for their memory
-  std::vector<std::array<uint32_t, 4>> node_texels_;
+  // In turn, so that a list is not written where a frame in flight may read the one before.
+  struct List {
+    gl::Texture texture;
+    size_t rows = 0;
+  };
+  std::array<List, 2> lists_;
+  size_t list_ = 0;
+  std::vector<GpuPatchInstance> packed_;     // kept for its memory; whole rows of the texture
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;

@@ -36,13 +36,14 @@ void PictureTarget::begin() const {
 }
 
 std::vector<uint8_t> PictureTarget::readPixels() const {
-  size_t row = static_cast<size_t>(width_) * 4;
-  std::vector<uint8_t> bottom_up(row * static_cast<size_t>(height_)), pixels(bottom_up.size());
+  const size_t row = static_cast<size_t>(width_) * 4, rows = static_cast<size_t>(height_);
+  std::vector<uint8_t> pixels(row * rows);
   bind();
   glPixelStorei(GL_PACK_ALIGNMENT, 4);
-  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, bottom_up.data());
-  for (int y = 0; y < height_; ++y) {
-    std::copy_n(bottom_up.data() + row * static_cast<size_t>(height_ - 1 - y), row, pixels.data() + row * static_cast<size_t>(y));
+  glReadPixels(0, 0, width_, height_, GL_RGBA, GL_UNSIGNED_BYTE, pixels.data());
+  for (size_t y = 0; y < rows / 2; ++y) {  // GL has the bottom row first
+    uint8_t* upper = pixels.data() + row * y;
+    std::swap_ranges(upper, upper + row, pixels.data() + row * (rows - 1 - y));
   }
   return pixels;
 }

@@ -60,7 +60,7 @@ class FlatFeedback {
     patches_.draw(surface_program_, eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode()), PatchPass::Mesh::kFull);
     EXPECT_TRUE(pass_.issue(grid, ++tag_, [&] {
       program_.use();
-      patches_.bindNodes(program_, 3);
+      patches_.bindInstances(program_, 3);
       surface_.bind(program_, 4);
       setShadingUniforms(program_, {.format = &manifest_.texture,
                                     .domain = &manifest_.domain,
@@ -303,7 +303,7 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
   FeedbackGrid grid = feedbackGrid(16, 16, 1, 0);
   EXPECT_TRUE(pass.issue(grid, 0, [&] {
     program->use();
-    nodes.bindNodes(*program, 3);
+    nodes.bindInstances(*program, 3);
     surface.bind(*program, 4);
     setShadingUniforms(*program, {.format = &manifest.texture, .domain = &manifest.domain});
     screen.draw(false);

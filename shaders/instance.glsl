@@ -1,0 +1,34 @@
+// instance.glsl - the list of drawn nodes, 32 bytes each, uploaded once a list: vertices and pixels read the same texels (GpuPatchInstance of
+// src/render/patch_pass.h).
+uniform usampler2D u_instances;  // two texels an instance, 256 instances a row
+
+ivec2 instanceTexel(uint index) { return ivec2(int(index & 255u) << 1, int(index >> 8u)); }
+// Patch, level, x, y.
+uvec4 instanceNode(uint index) {
+  uvec4 node = texelFetch(u_instances, instanceTexel(index), 0);
+  node.y &= 31u;
+  return node;
+}
+
+#ifdef RELIEVO_VERTEX
+in uvec2 a_grid;     // 0 .. 2^n
+in uint a_instance;  // index in the list
+
+// What is known of the instance, after loadInstance().
+ivec4 a_origin;  // units from the eye's unit (MESH: the patch's corner) to the node's corner: x, y; log2 of the grid step in units; n
+ivec4 a_relief;  // units from the relief page's corner to the node's corner: x, y; where its samples are (TAILS: -1: the patch's tail); log2
+                 // of their spacing in units
+uvec3 a_node;    // index in the list of instances, + 1; the node's level; its patch
+uint a_edges;    // per side a byte: a | b << 4 (geometry/planar_lod.h)
+
+void loadInstance() {
+  ivec2 at = instanceTexel(a_instance);
+  uvec4 node = texelFetch(u_instances, at, 0), place = texelFetch(u_instances, at + ivec2(1, 0), 0);
+  a_origin = ivec4(ivec2(place.xy), int((node.y >> 8u) & 31u), int((node.y >> 5u) & 7u));
+  // The node's place among those of its level in the page, times its side.
+  uint in_page = (1u << ((node.y >> 18u) & 31u)) - 1u;
+  a_relief = ivec4(ivec2((node.zw & uvec2(in_page)) << uint(a_origin.z + a_origin.w)), int(place.z), int((node.y >> 13u) & 31u));
+  a_node = uvec3(a_instance + 1u, node.y & 31u, node.x);
+  a_edges = place.w;
+}
+#endif
