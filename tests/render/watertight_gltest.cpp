@@ -27,6 +27,7 @@ class Watertight : public ::testing::Test {
   std::unique_ptr<Engine> makeEngine(double error_px) {
     Scene scene;
     scene.error_px = error_px;
+    scene.sampling = Sampling::kNearest;  // nobody looks at colours
     EngineOptions options;
     options.cache_mib = 24;          // small: pages come and go
     options.uploads_per_frame = 6;   // slow: most frames see a mix of levels
