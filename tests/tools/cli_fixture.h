@@ -30,6 +30,11 @@ inline Outcome run(const std::string& command) {
   return r;
 }
 
+// Interrupted as by Ctrl-C, a second after there is a file or folder of that name.
+inline Outcome runUntil(const std::string& there, const std::string& command) {
+  return run("( " + command + " & pid=$!; n=0; until [ -e " + there + " ] || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; sleep 1; kill -INT $pid; wait $pid )");
+}
+
 class Cli : public ::testing::Test {
  protected:
   void SetUp() override {
