@@ -90,7 +90,7 @@ void setSide(PatchInstance& p, size_t side, std::array<int, 2> wishes) {
 
 TEST(PlanarMorph, GridsTileTheirSquareWhileVerticesSlide) {
   Random random(kSeed);
-  uint64_t grids = 0, sliding = 0, crossed = 0;
+  uint64_t grids = 0, sliding = 0, crossed = 0, seen = 0;
   auto turned = [](const PatchInstance& p, const Places& at, double* area) {
     uint64_t flipped = 0;
     const uint32_t size = 1u << p.grid_level;
@@ -124,20 +124,20 @@ TEST(PlanarMorph, GridsTileTheirSquareWhileVerticesSlide) {
     ASSERT_EQ(turned(p, at, &area), 0u) << "grid " << grids;
     ASSERT_NEAR(area, size * size, 1e-6) << "grid " << grids;
     // Two that slid past one another are seen.
-    if (p.grid_level > 1) {
-      std::swap(at[1], at[2]);
-      crossed += at[1] == at[2] || turned(p, at, &other) > 0;
-    } else {
-      ++crossed;
-    }
+    if (p.grid_level == 1 || at[1] == at[2]) continue;
+    std::swap(at[1], at[2]);
+    ++crossed;
+    seen += turned(p, at, &other) > 0;
   }
-  std::printf("[ figures  ] %llu grids, %llu sides with sliding vertices\n", static_cast<unsigned long long>(grids), static_cast<unsigned long long>(sliding));
-  EXPECT_EQ(crossed, grids);
+  std::printf("[ figures  ] %llu grids, %llu sides with sliding vertices; %llu of %llu that cross on purpose seen\n", static_cast<unsigned long long>(grids),
+              static_cast<unsigned long long>(sliding), static_cast<unsigned long long>(seen), static_cast<unsigned long long>(crossed));
+  EXPECT_GT(crossed, grids / 4);
+  EXPECT_EQ(seen, crossed);
   EXPECT_GT(sliding, grids);
 }
 
 // Whatever grid lies beside a segment: when a level of the segment begins, every vertex of the grid is where it was before, but for what its first step
-// moves it; so no triangle is cut another way. The only one that is not there is the middle of a segment without any.
+// moves it; so no triangle is cut another way. The only one that is not is the middle of a segment that had no vertices.
 TEST(PlanarMorph, WhereASegmentsLevelBeginsNoVertexJumps) {
   int jumps_of_middles = 0, begun = 0;
   double nearest = 0;
