@@ -7,12 +7,17 @@ uniform int u_tap_phase;  // 0..6; over seven of them each pixel asks for every 
 
 uniform ivec4 u_sample;  // pixel (i, j) of the pass is pixel (i, j) * x + (y, z) of the picture
 
+uniform sampler2D u_depth;  // of the surface buffer
+uniform vec2 u_seen;         // something is seen where depth lies between these two
+
 out uvec4 o_want;
 
 void main() {
   o_want = uvec4(0u);
   ivec2 pixel = ivec2(gl_FragCoord.xy) * u_sample.x + u_sample.yz;
-  if (!loadSurface(pixel)) return;
+  float depth = texelFetch(u_depth, pixel, 0).r;
+  if (depth <= u_seen.x || depth >= u_seen.y) return;
+  loadSurface(pixel);
 #ifdef ANISOTROPY
   Footprint footprint;
   float lod = virtualTextureLod(footprint);

@@ -9,7 +9,7 @@ uniform ivec4 u_artwork;  // finest texture level; - ; -; -
 in vec2 v_uv;
 flat in uvec2 v_instance;  // index in the list of instances, + 1, grid level << 28; the node's level
 
-layout(location = 0) out uvec4 o_surface;  // v_uv; v_instance.x; texture LOD, isotropic, without bias
+layout(location = 0) out uvec4 o_surface;  // v_uv; v_instance.x; square of the texture's gradient, texels of the finest level a pixel
 #ifdef ANISOTROPY
 layout(location = 1) out uvec4 o_gradient;  // d(uv)/dx, d(uv)/dy in texels of the finest level
 #endif
@@ -23,8 +23,7 @@ void main() {
   vec2 dx = (dFdx(q) - v_uv * dFdx(iw)) * scale;
   vec2 dy = (dFdy(q) - v_uv * dFdy(iw)) * scale;
   float rho2 = max(dot(dx, dx), dot(dy, dy));
-  float lod = soundGradient(rho2) ? 0.5 * log2(rho2) : float(u_artwork.x);
-  o_surface = uvec4(floatBitsToUint(v_uv), v_instance.x, floatBitsToUint(lod));
+  o_surface = uvec4(floatBitsToUint(v_uv), v_instance.x, floatBitsToUint(rho2));
 #ifdef ANISOTROPY
   o_gradient = floatBitsToUint(vec4(dx, dy));
 #endif

@@ -24,19 +24,17 @@ uint v_grid_level;
 float v_lod;       // of an isotropic footprint, without bias
 vec4 v_gradient;
 
-// False: nothing is seen there.
-bool loadSurface(ivec2 pixel) {
+// Of a pixel where something is seen.
+void loadSurface(ivec2 pixel) {
   uvec4 s = texelFetch(u_surface, pixel, 0);
-  uint index = s.z & 0xFFFFFFFu;
-  if (index == 0u) return false;
-  v_node = instanceNode(index - 1u);
+  v_node = instanceNode((s.z & 0xFFFFFFFu) - 1u);
   v_grid_level = s.z >> 28u;
   v_uv = uintBitsToFloat(s.xy);
-  v_lod = uintBitsToFloat(s.w);
+  float rho2 = uintBitsToFloat(s.w);
+  v_lod = soundGradient(rho2) ? 0.5 * log2(rho2) : float(u_artwork.x);
 #ifdef ANISOTROPY
   v_gradient = uintBitsToFloat(texelFetch(u_gradient, pixel, 0));
 #endif
-  return true;
 }
 
 #ifdef ANISOTROPY

@@ -689,8 +689,9 @@ struct Engine::Impl {
     lod_bias = streamer->detailBias();
     stats.draw_calls = 0;
     updateSurface();  // a still camera: light, new pages and fades change the shading only
-    shadeSurface(now_s);
+    // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture for its target which is read.
     if (usesFeedback()) feedbackStep();
+    shadeSurface(now_s);
     submitFrame();
   }
 

@@ -109,24 +109,6 @@ void Framebuffer::destroy() {
 }
 
 template <>
-Renderbuffer Renderbuffer::create(const char* text) {
-  GLuint id = 0;
-  glGenRenderbuffers(1, &id);
-  if (text) {
-    const GLuint before = integerOf(GL_RENDERBUFFER_BINDING);
-    glBindRenderbuffer(GL_RENDERBUFFER, id);
-    label(GL_RENDERBUFFER, id, text);
-    glBindRenderbuffer(GL_RENDERBUFFER, before);
-  }
-  return Renderbuffer(id);
-}
-template <>
-void Renderbuffer::destroy() {
-  if (id_) glDeleteRenderbuffers(1, &id_);
-  id_ = 0;
-}
-
-template <>
 Query Query::create(const char*) {
   GLuint id = 0;
   glGenQueries(1, &id);

@@ -9,7 +9,7 @@
 
 namespace relievo::gl {
 
-enum class Kind { kTexture, kBuffer, kVertexArray, kFramebuffer, kRenderbuffer, kQuery, kShader, kProgram };
+enum class Kind { kTexture, kBuffer, kVertexArray, kFramebuffer, kQuery, kShader, kProgram };
 
 template <Kind K>
 class Object {
@@ -40,7 +40,6 @@ using Texture = Object<Kind::kTexture>;
 using Buffer = Object<Kind::kBuffer>;
 using VertexArray = Object<Kind::kVertexArray>;
 using Framebuffer = Object<Kind::kFramebuffer>;
-using Renderbuffer = Object<Kind::kRenderbuffer>;
 using Query = Object<Kind::kQuery>;
 
 // Target: 2D, 2D array, 3D or cube map. Leaves the bindings as they were.
@@ -64,10 +63,6 @@ template <>
 Framebuffer Framebuffer::create(const char*);
 template <>
 void Framebuffer::destroy();
-template <>
-Renderbuffer Renderbuffer::create(const char*);
-template <>
-void Renderbuffer::destroy();
 template <>
 Query Query::create(const char*);
 template <>

@@ -271,6 +271,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   setUniforms(program, eye, depth_bias);
   glBindVertexArray(vertex_array_.id());
   if (mesh == Mesh::kFronts) glEnable(GL_CULL_FACE);  // GL's defaults: clockwise ones are culled
+  if (mesh == Mesh::kLines) glDepthMask(GL_FALSE);  // depth tells where the surface is seen
   uint32_t calls = 0;
   auto drawGroup = [&](int n, uint32_t first, uint32_t count) {
     if (count == 0) return;
@@ -287,6 +288,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   if (as_cells) calls += drawCells();
   for (int n = as_cells ? 1 : 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glDisable(GL_CULL_FACE);
+  glDepthMask(GL_TRUE);
   glBindVertexArray(0);
   return calls;
 }

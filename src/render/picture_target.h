@@ -16,7 +16,7 @@ namespace relievo {
 class PictureTarget {
  public:
   explicit PictureTarget(const DepthMode& depth_mode = depthMode()) : depth_mode_(depth_mode) {}
-  // depth: of the surface that is shaded, a renderbuffer of the same size and mode; it is not owned, and is read only.
+  // depth: of the surface that is shaded, a texture of the same size and mode; it is not owned, and is read only.
   void resize(int width_px, int height_px, GLuint depth);
   void bind() const;
   // Binds, sets the depth test and clears the colour to dark grey with alpha 0: what a window shows beside the artwork.

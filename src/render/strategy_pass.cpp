@@ -114,7 +114,7 @@ Result<StrategyDraw> StrategyPass::drawTessellated(const StrategyResult& chosen,
 
 Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate) {
   EyeFrame eye = eyeFrameOf(view, exaggerate);
-  target_.begin();
+  target_.beginCleared();
   StrategyDraw drawn;
   if (chosen.rule == GridRule::kTessellated) {
     auto done = drawTessellated(chosen, eye);

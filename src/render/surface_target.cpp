@@ -4,14 +4,17 @@ namespace relievo {
 
 namespace {
 
-gl::Texture makeSurface(const char* label, int width_px, int height_px) {
+gl::Texture makeTexture(const char* label, int width_px, int height_px, GLenum stored, GLenum format, GLenum type) {
   auto texture = gl::Texture::create();
   glBindTexture(GL_TEXTURE_2D, texture.id());
   gl::label(GL_TEXTURE, texture.id(), label);
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, width_px, height_px, 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
+  glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(stored), width_px, height_px, 0, format, type, nullptr);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
   return texture;
+}
+gl::Texture makeSurface(const char* label, int width_px, int height_px) {
+  return makeTexture(label, width_px, height_px, GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT);
 }
 
 }  // namespace
@@ -22,14 +25,12 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
   height_ = height_px;
   surface_ = makeSurface("surface", width_, height_);
   gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
-  depth_ = gl::Renderbuffer::create();
-  glBindRenderbuffer(GL_RENDERBUFFER, depth_.id());
-  glRenderbufferStorage(GL_RENDERBUFFER, depth_mode_.format(), width_, height_);
+  depth_ = makeTexture("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT, depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);
   if (gradient) glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, gradient_.id(), 0);
-  glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, depth_.id());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, depth_.id(), 0);
   const GLenum outputs[2] = {GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
   glDrawBuffers(gradient ? 2 : 1, outputs);
 }
@@ -40,10 +41,14 @@ void SurfaceTarget::begin() const {
   beginDepth(depth_mode_);
   glDisable(GL_BLEND);
   glDisable(GL_CULL_FACE);
-  const GLuint nothing[4] = {0, 0, 0, 0};
-  glClearBufferuiv(GL_COLOR, 0, nothing);
   const float far_plane = depth_mode_.farPlane();
   glClearBufferfv(GL_DEPTH, 0, &far_plane);
+}
+
+void SurfaceTarget::beginCleared() const {
+  begin();
+  const GLuint nothing[4] = {0, 0, 0, 0};
+  glClearBufferuiv(GL_COLOR, 0, nothing);
 }
 
 void SurfaceTarget::read(std::vector<std::array<uint32_t, 4>>& pixels) const {
@@ -61,6 +66,13 @@ void SurfaceTarget::bind(const gl::Program& program, int unit) const {
   glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit + 1));
   glBindTexture(GL_TEXTURE_2D, gradient_.id());
   glUniform1i(program.uniform("u_gradient"), unit + 1);
+  if (const GLint at = program.uniform("u_depth"); at >= 0) {  // not where it is the depth buffer
+    glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit + 2));
+    glBindTexture(GL_TEXTURE_2D, depth_.id());
+    glUniform1i(at, unit + 2);
+    // A driver may make a little less than 1 of the largest 24-bit number: the last two steps before the far plane ask for nothing.
+    glUniform2f(program.uniform("u_seen"), depth_mode_.reversed ? 0.0f : -1.0f, depth_mode_.reversed ? 2.0f : 0.9999999f);
+  }
   glActiveTexture(GL_TEXTURE0);
 }
 

@@ -34,30 +34,48 @@ EffectPlan flatPlan(const Manifest& manifest, Sampling sampling = Sampling::kTri
 // Draws flat artworks into feedback pictures, without pages and an engine.
 class FlatFeedback {
  public:
-  explicit FlatFeedback(const PlanarDomain& domain) : pass_(gltest::context().info().software) {
+  // looks_at_depth: false for a negative control.
+  explicit FlatFeedback(const PlanarDomain& domain, const DepthMode& depth = depthMode(), bool looks_at_depth = true)
+      : surface_(depth), pass_(gltest::context().info().software) {
     manifest_.domain = domain;
     link(surface_program_, {"patch.vert", "surface.frag", flatPlan(manifest_).defines(), patchAttributes(), {}});
-    link(program_, {"screen.vert", "feedback.frag", flatPlan(manifest_).defines(), {"a_corner"}, {}});
+    std::string feedback(shaderSource("feedback.frag"));
+    const std::string look = "if (depth <= u_seen.x || depth >= u_seen.y) return;";
+    EXPECT_NE(feedback.find(look), std::string::npos);
+    if (!looks_at_depth) feedback.replace(feedback.find(look), look.size(), "");
+    auto linked = gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))}, {"feedback.frag", feedback},
+                                         {"", "", flatPlan(manifest_).defines(), {"a_corner"}, {}});
+    EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
+    if (linked.ok()) program_ = std::move(*linked);
   }
   // extra_bias: for a negative control.
   Pixels draw(const TextureView& v, const FeedbackGrid& grid, double extra_bias = 0) {
-    LodView lod;
-    lod.clip_from_world = v.clip_from_world;
-    lod.eye_mm = v.eye_mm;
-    lod.pixels_per_radian = v.pixels_per_radian;
-    lod.near_mm = v.near_mm;
-    lod.relief = false;
-    MadeUpOracle oracle(manifest_.domain, 1);
-    auto instances = selectPlanarLod(manifest_.domain, oracle, lod, {}).instances;
-    ViewTransform view;
-    view.clip_from_world = v.clip_from_world;
-    view.eye_mm = v.eye_mm;
-    patches_.setInstances(instances, eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode()), false, [](const NodeId&) { return kNoSlot; });
-    surface_.resize(grid.view_width_px, grid.view_height_px, false);
+    drawSurface(v, grid.view_width_px, grid.view_height_px);
+    return ask(v, grid, extra_bias);
+  }
+  void drawSurface(const TextureView& v, int width_px, int height_px) {
+    const EyeFrame eye = setView(v);
+    surface_.resize(width_px, height_px, false);
     surface_.begin();
     surface_program_.use();
     setShadingUniforms(surface_program_, {.format = &manifest_.texture, .domain = &manifest_.domain});
-    patches_.draw(surface_program_, eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode()), PatchPass::Mesh::kFull);
+    patches_.draw(surface_program_, eye, PatchPass::Mesh::kFull);
+  }
+  // As the engine draws its wireframe: into a picture with the surface's depth.
+  void drawOver(const TextureView& v, int width_px, int height_px, PatchPass::Mesh mesh) {
+    if (wire_program_.id() == 0) {
+      auto defines = flatPlan(manifest_).defines();
+      defines.emplace_back("WIREFRAME", "1");
+      link(wire_program_, {"patch.vert", "lines.frag", defines, patchAttributes(), {}});
+    }
+    const EyeFrame eye = setView(v);
+    PictureTarget target(surface_.depthMode());
+    target.resize(width_px, height_px, surface_.depth());
+    target.begin();
+    wire_program_.use();
+    patches_.draw(wire_program_, eye, mesh, 2e-5f);
+  }
+  Pixels ask(const TextureView& v, const FeedbackGrid& grid, double extra_bias = 0) {
     EXPECT_TRUE(pass_.issue(grid, ++tag_, [&] {
       program_.use();
       patches_.bindInstances(program_, 3);
@@ -74,6 +92,22 @@ class FlatFeedback {
   }
 
  private:
+  EyeFrame setView(const TextureView& v) {
+    LodView lod;
+    lod.clip_from_world = v.clip_from_world;
+    lod.eye_mm = v.eye_mm;
+    lod.pixels_per_radian = v.pixels_per_radian;
+    lod.near_mm = v.near_mm;
+    lod.relief = false;
+    MadeUpOracle oracle(manifest_.domain, 1);
+    auto instances = selectPlanarLod(manifest_.domain, oracle, lod, {}).instances;
+    ViewTransform view;
+    view.clip_from_world = v.clip_from_world;
+    view.eye_mm = v.eye_mm;
+    const EyeFrame eye = eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode());
+    patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
+    return eye;
+  }
   void link(gl::Program& program, const gl::Program::Source& source) {
     auto linked = gl::Program::link(gltest::api(), source);
     EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
@@ -81,7 +115,7 @@ class FlatFeedback {
   }
 
   Manifest manifest_;
-  gl::Program surface_program_, program_;
+  gl::Program surface_program_, program_, wire_program_;
   PatchPass patches_;
   SurfaceTarget surface_;
   ScreenPass screen_;
@@ -256,7 +290,7 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
                                          "void main() {\n"
                                          "  vec2 p = vec2(float((gl_VertexID & 1) << 1), float(gl_VertexID & 2));\n"
                                          "  v_instance = uvec2(1u | (1u << 28u), 0u);\n"
-                                         "  gl_Position = vec4(p * 2.0 - 1.0, 0.0, 1.0);\n  ") +
+                                         "  gl_Position = vec4(p * 2.0 - 1.0, 0.5, 1.0);\n  ") +
                              g.uv + "\n}\n";
   std::string gradient(shaderSource("gradient.glsl")), surface_shader(shaderSource("surface.frag"));
   std::string lookup(shaderSource("texture_lookup.glsl")), feedback_shader(shaderSource("feedback.frag"));
@@ -370,6 +404,30 @@ TEST(FeedbackPass, DegenerateViewsNameNothingThatIsNotThere) {
     FeedbackGrid grid = feedbackGrid(v.width_px, v.height_px, 8, i);
     for (const NodeWant& w : analyzer.analyze(feedback.draw(v, grid), grid.width(), grid.height())) EXPECT_TRUE(d.nodeExists(w.node)) << i;
   }
+}
+
+// The surface buffer is not cleared: what an earlier view left there is not seen.
+TEST(FeedbackPass, AsksForNothingWhereNothingIsSeen) {
+  Random random(kSeed);
+  const View good = randomView(random, 60);
+  View nothing = good;
+  nothing.texture.clip_from_world = glm::dmat4(0);
+  const int width_px = good.texture.width_px, height_px = good.texture.height_px;
+  const FeedbackGrid whole = feedbackGrid(width_px, height_px, 1, 0);
+  auto count = [](const Pixels& pixels) { return std::count_if(pixels.begin(), pixels.end(), [](const auto& p) { return p[0] != 0; }); };
+  auto asked = [&](FlatFeedback& feedback, const View& view) { return count(feedback.draw(view.texture, whole)); };
+  for (bool reversed : {true, false}) {
+    FlatFeedback feedback(good.domain, depthMode(reversed));
+    EXPECT_GT(asked(feedback, good), 0);
+    EXPECT_EQ(asked(feedback, nothing), 0) << depthName(reversed);
+    feedback.drawOver(good.texture, width_px, height_px, PatchPass::Mesh::kLines);
+    EXPECT_EQ(count(feedback.ask(good.texture, whole)), 0) << "a wireframe over the picture is not the surface";
+    feedback.drawOver(good.texture, width_px, height_px, PatchPass::Mesh::kFull);
+    EXPECT_GT(count(feedback.ask(good.texture, whole)), 0) << "negative control: what writes depth is seen";
+  }
+  FlatFeedback blind(good.domain, depthMode(), false);
+  EXPECT_GT(asked(blind, good), 0);
+  EXPECT_GT(asked(blind, nothing), 0) << "negative control: without a look at depth the earlier view is still there";
 }
 
 // ---- the engine

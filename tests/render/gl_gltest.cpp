@@ -163,19 +163,16 @@ TEST(Objects, EveryKindIsMadeAndDestroyedAndLeavesBindingsAlone) {
   Buffer bound = Buffer::create();
   glBindBuffer(GL_COPY_WRITE_BUFFER, bound.id());
   glGetIntegerv(GL_COPY_WRITE_BUFFER_BINDING, &before);
-  GLuint ids[5];
+  GLuint ids[4];
   {
     Buffer buffer = Buffer::create("buffer");
     VertexArray vertex_array = VertexArray::create("vertex array");
     Framebuffer framebuffer = Framebuffer::create("framebuffer");
-    Renderbuffer renderbuffer = Renderbuffer::create("renderbuffer");
     Texture texture = createTexture(GL_TEXTURE_2D_ARRAY, "texture");
     Query query = Query::create();
     EXPECT_TRUE(query);
-    ids[0] = buffer.id(), ids[1] = vertex_array.id(), ids[2] = framebuffer.id(), ids[3] = renderbuffer.id();
-    ids[4] = texture.id();
-    EXPECT_TRUE(glIsBuffer(ids[0]) && glIsVertexArray(ids[1]) && glIsFramebuffer(ids[2]) && glIsRenderbuffer(ids[3]) &&
-                glIsTexture(ids[4]));
+    ids[0] = buffer.id(), ids[1] = vertex_array.id(), ids[2] = framebuffer.id(), ids[3] = texture.id();
+    EXPECT_TRUE(glIsBuffer(ids[0]) && glIsVertexArray(ids[1]) && glIsFramebuffer(ids[2]) && glIsTexture(ids[3]));
     if (epoxy_has_gl_extension("GL_KHR_debug")) {
       char text[32] = {};
       glGetObjectLabel(GL_TEXTURE, texture.id(), sizeof text, nullptr, text);
@@ -184,8 +181,7 @@ TEST(Objects, EveryKindIsMadeAndDestroyedAndLeavesBindingsAlone) {
       EXPECT_STREQ(text, "framebuffer");
     }
   }
-  EXPECT_FALSE(glIsBuffer(ids[0]) || glIsVertexArray(ids[1]) || glIsFramebuffer(ids[2]) || glIsRenderbuffer(ids[3]) ||
-               glIsTexture(ids[4]));
+  EXPECT_FALSE(glIsBuffer(ids[0]) || glIsVertexArray(ids[1]) || glIsFramebuffer(ids[2]) || glIsTexture(ids[3]));
   glGetIntegerv(GL_COPY_WRITE_BUFFER_BINDING, &after);
   EXPECT_EQ(before, after);
 }
