@@ -105,7 +105,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };
-  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted); !repaired)
+  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers); !repaired)
     return repaired.error();
   return out;
 }
@@ -137,7 +137,7 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
   return finish(std::move(*raw), path, options);
 }
 
-Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name) {
+Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers) {
   LoadedMesh out;
   out.mesh = std::move(mesh);
   const TriMesh& m = out.mesh;
@@ -165,7 +165,7 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name) {
     for (const glm::vec2& uv : m.corner_uv[t])
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
         return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
-  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr); !repaired) return repaired.error();
+  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers); !repaired) return repaired.error();
   return out;
 }
 

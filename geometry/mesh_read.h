@@ -29,6 +29,7 @@ struct MeshReadOptions {
   double mm_per_unit = 1.0;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
+  int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
 };
 
 // One kind of finding: how often, where (the first few places, mm in the scan's coordinates), and what was done about
@@ -55,7 +56,7 @@ struct LoadedMesh {
 // has texture coordinates.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
 // The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
-Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name);
+Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers = 0);
 
 // Which of TriMesh's promises a mesh breaks, or nothing; also vertices that no triangle names. For tests: sorts all
 // edges.

@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <future>
 
 #include "geometry/mesh_sheets.h"
 #include "geometry/mesh_tjunction.h"
+#include "geometry/parallel_for.h"
 #include "geometry/point_table.h"
 
 namespace relievo {
@@ -17,13 +19,20 @@ constexpr size_t kMaxPlaces = 8;
 class Repair {
  public:
   Repair(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
-         const std::atomic<bool>* interrupted)
-      : mesh_(mesh), diagnosis_(diagnosis), name_(name), progress_(progress), interrupted_(interrupted) {}
+         const std::atomic<bool>* interrupted, int workers)
+      : mesh_(mesh), diagnosis_(diagnosis), name_(name), progress_(progress), interrupted_(interrupted), workers_(workerCount(workers)) {}
 
   Result<void> run() {
     if (!step(0)) return stopped();
-    if (!weld()) return stopped();
-    dropDegenerate();
+    for (glm::vec3& v : mesh_.positions_mm) v += 0.0f;  // -0 is 0
+    // Whether a triangle is degenerate depends on its corners' places alone: that is found out beside the welding.
+    auto degenerate = std::async(beside(), [this] { return findDegenerate(); });
+    std::vector<uint32_t> first;
+    const bool welded = findSamePlaces(first);
+    const std::vector<uint32_t> dropped = degenerate.get();
+    if (!welded) return stopped();
+    weld(first);
+    drop(dropped);
     if (!step(0.25)) return stopped();
     if (mesh_.triangles.empty())
       return Error{ErrorKind::kInvalidData,
@@ -43,9 +52,14 @@ class Repair {
     EdgeCensus census = census_();
     if (!step(0.5)) return stopped();
     if (!closeTJunctions(census, kTJunctionTolerance * diagonal)) return stopped();
-    Pieces pieces = turn(census);
+    // Beside the turning, which it does not depend on: most scans have nothing to split.
+    std::future<bool> sound_fans;
+    if (census.crowded.empty()) sound_fans = std::async(beside(), [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); });
+    Turned turned = findTurns(mesh_, census, interrupted_, workers_);
+    const bool one_fan = sound_fans.valid() && sound_fans.get();
+    Pieces pieces = turn(census, std::move(turned));
     if (!step(0.7)) return stopped();
-    if (!splitSheets(census, pieces)) {
+    if (!one_fan && !splitSheets(census, pieces)) {
       if (isStopped()) return stopped();
       return Error{ErrorKind::kInvalidData,
                    name_,
@@ -89,14 +103,15 @@ class Repair {
     diagnosis_.findings.push_back(std::move(finding));
   }
 
-  // Vertices at the same place become the first of them. False: interrupted.
-  bool weld() {
-    std::vector<glm::vec3>& p = mesh_.positions_mm;
-    for (glm::vec3& v : p) v += 0.0f;  // -0 is 0
+  // What is done beside something else; by one worker, after it.
+  std::launch beside() const { return workers_ > 1 ? std::launch::async : std::launch::deferred; }
+
+  // The first vertex at each vertex's place; empty where each is that itself. False: interrupted.
+  bool findSamePlaces(std::vector<uint32_t>& first) {
+    const std::vector<glm::vec3>& p = mesh_.positions_mm;
     constexpr size_t kAhead = 24, kPause = size_t{1} << 20;
     PointTable<glm::vec3> table(p.size());
     MeshFinding duplicates{"duplicate vertices", 0, {}, "welded"};
-    std::vector<uint32_t> first;  // of each vertex; empty as long as each is itself
     for (size_t i = 0; i < p.size(); ++i) {
       if (i % kPause == 0 && !step(0.2 * static_cast<double>(i) / static_cast<double>(p.size()))) return false;
       if (i + kAhead < p.size()) table.prefetch(p[i + kAhead]);
@@ -111,10 +126,12 @@ class Repair {
     }
     welded_ = duplicates.count;
     report(std::move(duplicates));
-    if (!first.empty())
-      for (auto& t : mesh_.triangles)
-        for (uint32_t& v : t) v = first[v];
     return step(0.2);
+  }
+  void weld(const std::vector<uint32_t>& first) {
+    if (first.empty()) return;
+    for (auto& t : mesh_.triangles)
+      for (uint32_t& v : t) v = first[v];
   }
 
   // Keeps the triangles that keep(t) says, in their order. Interrupted: any.
@@ -134,31 +151,39 @@ class Repair {
     if (!mesh_.corner_uv.empty()) mesh_.corner_uv.resize(to);
   }
 
-  void dropDegenerate() {
+  // In ascending order.
+  std::vector<uint32_t> findDegenerate() const {
+    std::vector<uint32_t> found;
+    for (size_t t = 0; t < mesh_.triangles.size() && !stopAt(t, interrupted_); ++t)
+      if (isDegenerate(mesh_, mesh_.triangles[t])) found.push_back(static_cast<uint32_t>(t));
+    return found;
+  }
+  void drop(const std::vector<uint32_t>& triangles) {
     MeshFinding degenerate{"degenerate triangles", 0, {}, "dropped"};
+    dropTriangles(triangles, degenerate);
+    report(std::move(degenerate));
+  }
+  // `triangles` ascend.
+  void dropTriangles(const std::vector<uint32_t>& triangles, MeshFinding& finding) {
+    if (triangles.empty()) return;
+    size_t next = 0;
     filterTriangles([&](size_t t) {
-      if (!isDegenerate(mesh_, mesh_.triangles[t])) return true;
-      note(degenerate, mesh_.triangles[t][0]);
+      if (next == triangles.size() || triangles[next] != t) return true;
+      ++next;
+      note(finding, mesh_.triangles[t][0]);
       return false;
     });
-    report(std::move(degenerate));
   }
 
   // Without triangles that repeat an earlier one.
   EdgeCensus census_() {
-    EdgeCensus census = takeCensus(mesh_, interrupted_);
+    EdgeCensus census = takeCensus(mesh_, interrupted_, workers_);
     if (census.duplicates.empty() || !step(0.4)) return census;
     MeshFinding duplicates{"duplicate triangles", 0, {}, "dropped"};
-    size_t next = 0;
-    filterTriangles([&](size_t t) {
-      if (next == census.duplicates.size() || census.duplicates[next] != t) return true;
-      ++next;
-      note(duplicates, mesh_.triangles[t][0]);
-      return false;
-    });
+    dropTriangles(census.duplicates, duplicates);
     report(std::move(duplicates));
     census = {};
-    return takeCensus(mesh_, interrupted_);
+    return takeCensus(mesh_, interrupted_, workers_);
   }
 
   // False: interrupted. A split makes new edges, on which further vertices may lie: a second round finds them.
@@ -199,8 +224,8 @@ class Repair {
     return true;
   }
 
-  Pieces turn(EdgeCensus& census) {
-    Turned turned = orient(mesh_, census, interrupted_);
+  Pieces turn(EdgeCensus& census, Turned turned) {
+    turnOver(mesh_, census, turned);
     auto tell = [&](const char* what, const char* done, const std::vector<uint32_t>& triangles) {
       MeshFinding finding{what, 0, {}, done};
       for (uint32_t t : triangles) note(finding, mesh_.triangles[t][0]);
@@ -312,6 +337,7 @@ class Repair {
   const std::string& name_;
   const std::function<void(double)>& progress_;
   const std::atomic<bool>* interrupted_;
+  int workers_;
   uint64_t welded_ = 0;
 };
 
@@ -326,8 +352,8 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
 }
 
 Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
-                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted) {
-  return Repair(mesh, diagnosis, name, progress, interrupted).run();
+                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted, int workers) {
+  return Repair(mesh, diagnosis, name, progress, interrupted, workers).run();
 }
 
 }  // namespace relievo

@@ -5,18 +5,24 @@
 
 namespace relievo {
 
-EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop) {
+EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop, int workers) {
   const Triangles& triangles = mesh.triangles;
-  EdgeCensus census;
-  census.mate.assign(triangles.size() * 3, kNoHalfEdge);
+  constexpr int kMostParts = 8;  // each goes over all triangles
+  const auto parts = static_cast<size_t>(std::min(workerCount(workers), kMostParts));
+  std::vector<uint32_t> mate(triangles.size() * 3, kNoHalfEdge);
   auto third = [&](uint32_t h) { return fromVertex(triangles, previousInTriangle(h)); };
-  std::vector<std::pair<uint32_t, uint32_t>> thirds;
-  forEachEdge(triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
+  struct Part {
+    EdgeCensus census;
+    std::vector<std::pair<uint32_t, uint32_t>> thirds;
+  };
+  std::vector<Part> found(parts);
+  forEachEdgeInParts(triangles, mesh.positions_mm.size(), parts, [&](size_t part, std::span<const uint32_t> edge) {
+    auto& [census, thirds] = found[part];
     if (edge.size() == 1) {
       census.open.push_back(edge[0]);
     } else if (edge.size() == 2) {
-      census.mate[edge[0]] = edge[1];
-      census.mate[edge[1]] = edge[0];
+      mate[edge[0]] = edge[1];
+      mate[edge[1]] = edge[0];
       if (third(edge[0]) == third(edge[1])) census.duplicates.push_back(edge[1] / 3);
     } else {
       census.crowded.insert(census.crowded.end(), edge.begin(), edge.end());
@@ -28,6 +34,15 @@ EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop) {
         if (thirds[i].first == thirds[i - 1].first) census.duplicates.push_back(thirds[i].second / 3);
     }
   }, stop);
+  EdgeCensus census = std::move(found[0].census);
+  for (size_t part = 1; part < parts; ++part) {
+    const EdgeCensus& more = found[part].census;
+    for (uint32_t end : more.crowded_end) census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()) + end);
+    census.open.insert(census.open.end(), more.open.begin(), more.open.end());
+    census.crowded.insert(census.crowded.end(), more.crowded.begin(), more.crowded.end());
+    census.duplicates.insert(census.duplicates.end(), more.duplicates.begin(), more.duplicates.end());
+  }
+  census.mate = std::move(mate);
   std::sort(census.duplicates.begin(), census.duplicates.end());
   census.duplicates.erase(std::unique(census.duplicates.begin(), census.duplicates.end()), census.duplicates.end());
   return census;
@@ -74,40 +89,68 @@ Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const 
   return walk(mesh.triangles.size(), mate, stop, nothing, nothing);
 }
 
-Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop) {
+namespace {
+
+bool runsAlike(const Triangles& triangles, uint32_t h, uint32_t m) { return fromVertex(triangles, h) == fromVertex(triangles, m); }
+
+// Does any triangle run against a neighbour?
+bool anyRunsAlike(const Triangles& triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, int workers) {
+  constexpr size_t kBlock = size_t{1} << 16;
+  std::atomic<bool> any{false};
+  parallelFor((triangles.size() + kBlock - 1) / kBlock, workers, stop, [&](size_t block) {
+    const size_t first = block * kBlock * 3, last = std::min(first + kBlock * 3, mate.size());
+    for (size_t h = first; h < last && !any; ++h)
+      if (mate[h] != kNoHalfEdge && runsAlike(triangles, static_cast<uint32_t>(h), mate[h])) any = true;
+  });
+  return any;
+}
+
+}  // namespace
+
+Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop, int workers) {
   const Triangles& triangles = mesh.triangles;
-  std::vector<bool> turn(triangles.size()), contradicts(triangles.size()), open(triangles.size());
-  auto alike = [&](uint32_t h, uint32_t m) { return fromVertex(triangles, h) == fromVertex(triangles, m); };
   Turned out;
-  out.pieces = walk(
-      triangles.size(), census.mate, stop, [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != alike(h, m); },
-      [&](uint32_t h, uint32_t m) {
-        if ((turn[m / 3] != turn[h / 3]) != alike(h, m)) contradicts[h / 3] = true;
-      });
+  std::vector<bool>& turn = out.turn;
+  turn.resize(triangles.size());
+  std::vector<bool> contradicts, open;
+  if (anyRunsAlike(triangles, census.mate, stop, workers)) {
+    contradicts.resize(triangles.size());
+    out.pieces = walk(
+        triangles.size(), census.mate, stop,
+        [&](uint32_t h, uint32_t m) { turn[m / 3] = turn[h / 3] != runsAlike(triangles, h, m); },
+        [&](uint32_t h, uint32_t m) {
+          if ((turn[m / 3] != turn[h / 3]) != runsAlike(triangles, h, m)) contradicts[h / 3] = true;
+        });
+  } else {
+    out.pieces = findPieces(mesh, census.mate, stop);
+  }
+  if (!census.open.empty()) open.resize(triangles.size());
   for (uint32_t h : census.open) open[h / 3] = true;
-  bool any = false;
   size_t steps = 0;
   for (size_t piece = 0; piece < out.pieces.count(); ++piece) {
     auto members = out.pieces.triangles(piece);
     size_t turned = 0;
     bool contradiction = false, closed = true;
-    for (uint32_t t : members) {
-      if (stopAt(steps++, stop)) return out;
-      turned += turn[t];
-      contradiction = contradiction || contradicts[t];
-      closed = closed && !open[t];
+    if (!contradicts.empty() || !open.empty()) {
+      for (uint32_t t : members) {
+        if (stopAt(steps++, stop)) return out;
+        turned += turn[t];
+        contradiction = contradiction || (!contradicts.empty() && contradicts[t]);
+        closed = closed && (open.empty() || !open[t]);
+      }
     }
     if (contradiction) {
       out.not_orientable.push_back(members[0]);
       for (uint32_t t : members) turn[t] = false;
       continue;
     }
-    bool invert = turned > members.size() - turned;
-    for (uint32_t t : members) {
-      if (invert) turn[t] = !turn[t];
-      if (turn[t]) out.triangles.push_back(t);
+    if (turned > 0) {
+      const bool invert = turned > members.size() - turned;
+      for (uint32_t t : members) {
+        if (invert) turn[t] = !turn[t];
+        if (turn[t]) out.triangles.push_back(t);
+      }
     }
-    any = any || !out.triangles.empty();
     if (!closed) continue;
     glm::dvec3 origin(mesh.positions_mm[triangles[members[0]][0]]);
     double volume = 0;
@@ -120,13 +163,17 @@ Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop) 
     if (volume >= 0) continue;
     out.inside_out.push_back(members[0]);
     for (uint32_t t : members) turn[t] = !turn[t];
-    any = true;
   }
-  if (!any) return out;
+  out.complete = true;
+  return out;
+}
 
+void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned) {
+  if (!turned.complete || (turned.triangles.empty() && turned.inside_out.empty())) return;
+  const std::vector<bool>& turn = turned.turn;
   // Corners 1 and 2 change places, and with them half-edges 0 and 2.
   auto renamed = [&](uint32_t h) { return turn[h / 3] && h % 3 != 1 ? h / 3 * 3 + 2 - h % 3 : h; };
-  for (uint32_t t = 0; t < triangles.size(); ++t) {
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) {
     if (!turn[t]) continue;
     std::swap(mesh.triangles[t][1], mesh.triangles[t][2]);
     if (!mesh.corner_uv.empty()) std::swap(mesh.corner_uv[t][1], mesh.corner_uv[t][2]);
@@ -136,7 +183,6 @@ Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop) 
     if (m != kNoHalfEdge) m = renamed(m);
   for (uint32_t& h : census.open) h = renamed(h);
   for (uint32_t& h : census.crowded) h = renamed(h);
-  return out;
 }
 
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census) {
@@ -210,11 +256,12 @@ uint32_t copyVertex(TriMesh& mesh, uint32_t v) {
   return static_cast<uint32_t>(mesh.positions_mm.size() - 1);
 }
 
-bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
-  Triangles& triangles = mesh.triangles;
-  const size_t vertices = mesh.positions_mm.size();
-  std::vector<bool> done(triangles.size() * 3), has_fan(vertices), counted(vertices);
-  std::vector<uint32_t> fan;  // corners, named as the half-edges that leave them
+// second(vertex, fan) for each fan of triangles but the first around a vertex: corners, named as the half-edges that leave them. False: it
+// said so, or *stop was set.
+template <class Second>
+bool forEachFurtherFan(const Triangles& triangles, size_t vertices, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, Second second) {
+  std::vector<bool> done(triangles.size() * 3), has_fan(vertices);
+  std::vector<uint32_t> fan;
   for (uint32_t corner = 0; corner < done.size(); ++corner) {
     if (stopAt(corner, stop)) return false;
     if (done[corner]) continue;
@@ -234,16 +281,21 @@ bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector
         edge = leaves ? previousInTriangle(c) : c;
       }
     }
-    if (!has_fan[v]) {
-      has_fan[v] = true;
-      continue;
-    }
+    if (!has_fan[v]) has_fan[v] = true;
+    else if (!second(v, fan)) return false;
+  }
+  return true;
+}
+
+bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
+  std::vector<bool> counted(mesh.positions_mm.size());
+  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop, [&](uint32_t v, const std::vector<uint32_t>& fan) {
     if (!counted[v]) split.push_back(v);
     counted[v] = true;
     uint32_t copy = copyVertex(mesh, v);
-    for (uint32_t c : fan) triangles[c / 3][c % 3] = copy;
-  }
-  return true;
+    for (uint32_t c : fan) mesh.triangles[c / 3][c % 3] = copy;
+    return true;
+  });
 }
 
 // Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex
@@ -280,6 +332,10 @@ bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate, const std::atomic<bool
 }
 
 }  // namespace
+
+bool oneFanAVertex(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop) {
+  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop, [](uint32_t, const std::vector<uint32_t>&) { return false; });
+}
 
 bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
   constexpr int kMaxRounds = 100;  // one is usual, two are rare

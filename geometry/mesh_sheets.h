@@ -16,8 +16,8 @@ struct EdgeCensus {
   std::vector<uint32_t> crowded_end;  // where each edge's end
   std::vector<uint32_t> duplicates;   // triangles of the same three vertices as an earlier one, ascending
 };
-// Soon after *stop is set: a part of it.
-EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop = nullptr);
+// Soon after *stop is set: a part of it. The same for any number of workers (0: one a core), as all here.
+EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop = nullptr, int workers = 1);
 
 // The pieces that mates hold together: triangles of piece p are order[end[p - 1]] .. order[end[p]].
 struct Pieces {
@@ -29,16 +29,19 @@ struct Pieces {
   }
 };
 
-// Turns triangles so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as closed)
+// Which triangles to turn so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as closed)
 // outwards, by their signed volume. Pieces for which there is no such way round stay as they are.
 struct Turned {
   Pieces pieces;
+  std::vector<bool> turn;                // of each triangle
+  bool complete = false;                 // else interrupted
   std::vector<uint32_t> triangles;       // turned against their piece
   std::vector<uint32_t> inside_out;      // a triangle of each closed piece that was turned as a whole
   std::vector<uint32_t> not_orientable;  // a triangle of each such piece
 };
-// Soon after *stop is set: a part of it, and the mesh stays as it is.
-Turned orient(TriMesh& mesh, EdgeCensus& census, const std::atomic<bool>* stop = nullptr);
+// Soon after *stop is set: a part of it, with which turnOver() leaves the mesh as it is.
+Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop = nullptr, int workers = 1);
+void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned);
 Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
 // Pairs the half-edges of crowded edges, those only that run against each other. Where they alternate around the edge:
@@ -47,6 +50,9 @@ Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const 
 // kMaxPaired triangles.
 inline constexpr size_t kMaxPaired = 32;
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census);
+
+// Has no vertex several fans of triangles around it? Turning triangles over does not change that. False, too: *stop was set.
+bool oneFanAVertex(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
 // Gives every fan of triangles around a vertex, but for the first, a vertex of its own, so that vertices are what mates
 // say; the vertices that had several go to split. Where an edge is still named by others than two mates (a sheet that

@@ -253,6 +253,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   FileProvenance mesh_file(a.mesh, true);
   MeshReadOptions read_options;
   read_options.mm_per_unit = mmPerUnit(a.unit);
+  read_options.workers = a.package.workers;
   auto loaded = stages.run("read", read_options, [&] {
     auto mesh = readMesh(a.mesh, read_options);
     if (mesh.ok()) mesh_file.start();
@@ -275,7 +276,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   base_options.scan_done = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a.package.memory_budget_bytes > held ? a.package.memory_budget_bytes - held : 0;
-    BakeSceneOptions options{.ray_bytes = std::max(left, kLeastRayBytes), .workers = 1, .interrupted = &interruptedFlag()};
+    BakeSceneOptions options{.ray_bytes = std::max(left, kLeastRayBytes), .workers = a.package.workers, .interrupted = &interruptedFlag()};
     bake_scene = std::async(std::launch::async, [&scan, options] { return makeBakeScene(scan, options); });
   };
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });

@@ -496,10 +496,16 @@ TEST(MeshRefusals, InterruptedWithinAStep) {
   EdgeCensus census = takeCensus(mesh, &go_on);
   EXPECT_LT(findPieces(mesh, census.mate, &stop).order.size(), before.size());
   EXPECT_EQ(findPieces(mesh, census.mate, &go_on).order.size(), before.size());
-  EXPECT_TRUE(orient(mesh, census, &stop).triangles.empty());
+  Turned turned = findTurns(mesh, census, &stop);
+  EXPECT_TRUE(turned.triangles.empty());
+  turnOver(mesh, census, turned);
   EXPECT_EQ(mesh.triangles, before);
-  EXPECT_EQ(orient(mesh, census, &go_on).triangles.size(), 1u);
+  turned = findTurns(mesh, census, &go_on);
+  EXPECT_EQ(turned.triangles.size(), 1u);
+  turnOver(mesh, census, turned);
   EXPECT_NE(mesh.triangles, before);
+  EXPECT_FALSE(oneFanAVertex(mesh, census.mate, &stop));
+  EXPECT_TRUE(oneFanAVertex(mesh, census.mate, &go_on));
   std::vector<uint32_t> split;
   EXPECT_FALSE(splitFans(mesh, census, split, &stop));
   EXPECT_TRUE(splitFans(mesh, census, split, &go_on));
@@ -982,6 +988,49 @@ TEST(MeshRepairs, TheSameTwice) {
   EXPECT_EQ(a.mesh.positions_mm, b.mesh.positions_mm);
   EXPECT_EQ(a.mesh.triangles, b.mesh.triangles);
   EXPECT_EQ(defects(a.diagnosis), defects(b.diagnosis));
+}
+
+// Soups with everything that can be wrong, sheets of them whose vertices are far apart in the list, and sound bodies.
+TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
+  auto same = [](const LoadedMesh& a, const LoadedMesh& b) {
+    auto places = [](const MeshDiagnosis& d) {
+      std::vector<glm::dvec3> all;
+      for (const MeshFinding& f : d.findings) all.insert(all.end(), f.places_mm.begin(), f.places_mm.end());
+      return all;
+    };
+    return a.mesh.positions_mm == b.mesh.positions_mm && a.mesh.triangles == b.mesh.triangles && a.mesh.colours == b.mesh.colours &&
+           a.mesh.corner_uv == b.mesh.corner_uv && defects(a.diagnosis) == defects(b.diagnosis) && places(a.diagnosis) == places(b.diagnosis) &&
+           a.diagnosis.pieces == b.diagnosis.pieces && a.diagnosis.border_loops == b.diagnosis.border_loops;
+  };
+  size_t meshes = 0, noticed = 0;
+  for (uint32_t seed = 1; seed <= 40; ++seed) {
+    SCOPED_TRACE(seed);
+    std::mt19937 random(seed);
+    Sample s;
+    if (seed % 4 == 0) {
+      s = cubeSphere(1 + static_cast<int>(seed) / 4);
+      if (seed % 8 == 0) std::swap(s.triangles[0][0], s.triangles[0][1]);
+    } else {
+      const uint32_t vertices = 4 + pick(random, 300), triangles = 1 + pick(random, 4 * vertices), lattice = seed % 4 == 1 ? 1000 : 12;
+      for (uint32_t i = 0; i < vertices; ++i) s.positions.emplace_back(pick(random, lattice), pick(random, lattice), pick(random, lattice));
+      for (uint32_t t = 0; t < triangles; ++t) s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
+    }
+    if (seed % 2) decorate(s, seed);
+    auto alone = repairMesh(toMesh(s), "alone", 1);
+    if (!alone) continue;
+    ++meshes;
+    for (int workers : {2, 3, 20}) {
+      auto together = repairMesh(toMesh(s), "together", workers);
+      ASSERT_TRUE(together.ok()) << together.error().text();
+      EXPECT_TRUE(same(*alone, *together)) << workers;
+    }
+    std::reverse(s.triangles.begin(), s.triangles.end());
+    std::reverse(s.corner_uv.begin(), s.corner_uv.end());
+    auto reversed = repairMesh(toMesh(s), "reversed", 2);
+    noticed += reversed.ok() && !same(*alone, *reversed);
+  }
+  EXPECT_GT(meshes, 35u);
+  EXPECT_GT(noticed, 30u) << "negative control: triangles in another order are seen to differ";
 }
 
 TEST(MeshRepairs, WhatCallersGetWrongIsRefused) {
