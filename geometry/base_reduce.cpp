@@ -43,20 +43,24 @@ struct Reducer {
   uint32_t to(uint32_t h) const { return s.triangles[h / 3][(h + 1) % 3]; }
   bool border(uint32_t v) const { return twin[leaving[v]] == kNoIndex; }
 
-  // fn(half edge leaving v) for each triangle around v, until it answers false.
+  // fn(half edge leaving v, the vertex it ends in, the triangle's third, is there a next triangle?) for each triangle around v, until it answers
+  // false.
   template <class Fn>
   bool around(uint32_t v, Fn fn) const {
     const uint32_t first = leaving[v];
     uint32_t h = first;
     do {
-      if (!fn(h)) return false;
-      h = twin[previousOf(h)];
+      const uint32_t t = h / 3, k = h - 3 * t, previous = k == 0 ? 2 : k - 1;
+      const Triangle& corners = s.triangles[t];
+      const uint32_t next = twin[3 * t + previous];
+      if (!fn(h, corners[k == 2 ? 0 : k + 1], corners[previous], next != kNoIndex)) return false;
+      h = next;
     } while (h != kNoIndex && h != first);
     return true;
   }
   uint32_t fan(uint32_t v) const {
     uint32_t n = 0;
-    around(v, [&](uint32_t) { return ++n, true; });
+    around(v, [&](uint32_t, uint32_t, uint32_t, bool) { return ++n, true; });
     return n;
   }
 
@@ -69,9 +73,8 @@ struct Reducer {
     // What fails most often, and costs least, first.
     uint32_t gone_fan = 0;
     const glm::vec3 at = s.points[keep];
-    const bool fits = around(gone, [&](uint32_t k) {
+    const bool fits = around(gone, [&](uint32_t, uint32_t a, uint32_t b, bool) {
       ++gone_fan;
-      const uint32_t a = to(k), b = from(previousOf(k));
       if (a == keep || b == keep) return true;
       const glm::vec3 p = s.points[a], reach = p - at;
       if (!(glm::dot(reach, reach) < longest_square)) return false;
@@ -87,17 +90,16 @@ struct Reducer {
     if (!fits) return false;
     ++marks;
     uint32_t keep_fan = 0;
-    around(keep, [&](uint32_t k) {
+    around(keep, [&](uint32_t, uint32_t a, uint32_t b, bool) {
       ++keep_fan;
-      mark[to(k)] = marks;
-      mark[from(previousOf(k))] = marks;
+      mark[a] = marks;
+      mark[b] = marks;
       return true;
     });
     uint32_t common = 0;
-    const bool joins = around(gone, [&](uint32_t k) {
-      const uint32_t a = to(k), b = from(previousOf(k));
+    const bool joins = around(gone, [&](uint32_t, uint32_t a, uint32_t b, bool goes_on) {
       common += mark[a] == marks;
-      if (twin[previousOf(k)] == kNoIndex) common += mark[b] == marks;  // the last neighbour of an open fan
+      if (!goes_on) common += mark[b] == marks;  // the last neighbour of an open fan
       return !(sealed && stays[keep] && stays[a] && a != keep && mark[a] != marks);
     });
     if (!joins) return false;
@@ -113,7 +115,7 @@ struct Reducer {
   }
 
   void collapse(uint32_t h, uint32_t gone, uint32_t keep) {
-    around(gone, [&](uint32_t k) {
+    around(gone, [&](uint32_t k, uint32_t, uint32_t, bool) {
       s.triangles[k / 3][k % 3] = keep;
       return true;
     });

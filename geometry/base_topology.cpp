@@ -27,35 +27,38 @@ uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
 // The other half edge of each half edge 3 t + k (corner k to corner k + 1), whichever way it runs.
 Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike) {
   const size_t half_edges = 3 * s.triangles.size();
-  auto ends = [&](uint32_t h) {
-    const Triangle& t = s.triangles[h / 3];
-    return std::array{t[h % 3], t[(h + 1) % 3]};
-  };
   std::vector<uint32_t> begin(s.points.size() + 2, 0), sorted(half_edges), twin(half_edges, kNoIndex);
-  for (uint32_t h = 0; h < half_edges; ++h) {
-    auto [a, b] = ends(h);
-    ++begin[std::min(a, b) + 2];
-  }
+  auto lower = [](const Triangle& t, size_t k) { return std::min(t[k], t[k == 2 ? 0 : k + 1]); };
+  for (const Triangle& t : s.triangles)
+    for (size_t k = 0; k < 3; ++k) ++begin[lower(t, k) + 2];
   for (size_t i = 2; i < begin.size(); ++i) begin[i] += begin[i - 1];
-  for (uint32_t h = 0; h < half_edges; ++h) {
-    auto [a, b] = ends(h);
-    sorted[begin[std::min(a, b) + 1]++] = h;
-  }
+  uint32_t next = 0;
+  for (const Triangle& t : s.triangles)
+    for (size_t k = 0; k < 3; ++k) sorted[begin[lower(t, k) + 1]++] = next++;
   wound_alike = true;
-  for (size_t v = 0; v < s.points.size(); ++v) {
+  struct End {
+    uint32_t vertex;
+    bool leaves;  // the lower one, for it
+  };
+  std::vector<End> ends;  // the higher ones of a vertex's half edges
+  for (uint32_t v = 0; v < s.points.size(); ++v) {
+    ends.clear();
     for (uint32_t i = begin[v]; i < begin[v + 1]; ++i) {
-      const auto e = ends(sorted[i]);
-      for (uint32_t j = i + 1; j < begin[v + 1]; ++j) {
-        const auto f = ends(sorted[j]);
-        const bool same = e == f;
-        if (!same && (e[0] != f[1] || e[1] != f[0])) continue;
-        if (twin[sorted[i]] != kNoIndex || twin[sorted[j]] != kNoIndex) {
-          return invalid("three triangles share the edge at " + placeText(s.points[e[0]]),
+      const uint32_t t = sorted[i] / 3, k = sorted[i] - 3 * t;
+      const uint32_t from = s.triangles[t][k], to = s.triangles[t][k == 2 ? 0 : k + 1];
+      ends.push_back({from == v ? to : from, from == v});
+    }
+    for (size_t i = 0; i < ends.size(); ++i) {
+      for (size_t j = i + 1; j < ends.size(); ++j) {
+        if (ends[i].vertex != ends[j].vertex) continue;
+        uint32_t &of_i = twin[sorted[begin[v] + i]], &of_j = twin[sorted[begin[v] + j]];
+        if (of_i != kNoIndex || of_j != kNoIndex) {
+          return invalid("three triangles share the edge at " + placeText(s.points[ends[i].leaves ? v : ends[i].vertex]),
                          "let the mesh be repaired as it is read");
         }
-        twin[sorted[i]] = sorted[j];
-        twin[sorted[j]] = sorted[i];
-        if (same) wound_alike = false;
+        of_i = sorted[begin[v] + j];
+        of_j = sorted[begin[v] + i];
+        if (ends[i].leaves == ends[j].leaves) wound_alike = false;
       }
     }
   }

@@ -13,6 +13,7 @@
 #include "geometry/parallel_for.h"
 #include "geometry/plane_image.h"
 #include "geometry/ray_scene.h"
+#include "geometry/triangle_blocks.h"
 #include "src/base/planar_domain.h"
 
 namespace relievo {
@@ -357,19 +358,20 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
     }
     return out;
   };
-  // Every part goes through all triangles and sums up its own vertices: the same order of additions for any number of workers.
+  // Every part goes through the triangles and sums up its own vertices: the same order of additions for any number of workers.
+  const TriangleBlocks blocks(mesh.triangles, options.workers);
+  auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   const bool summed = parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
     const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
-    for (size_t i = 0; i < mesh.triangles.size(); ++i) {
-      if (stopAt(i)) return;
+    blocks.forEach(first, last, stopped, [&](size_t i) {
       const auto& t = mesh.triangles[i];
       std::array<bool, 3> mine{};
       for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
-      if (!mine[0] && !mine[1] && !mine[2]) continue;
+      if (!mine[0] && !mine[1] && !mine[2]) return;
       const auto share = weighted(t);
       for (size_t k = 0; k < 3; ++k)
         if (mine[k]) normals[t[k]] += share[k];
-    }
+    });
   });
   if (!summed) return false;
   std::vector<std::vector<size_t>> folded(parts);  // triangles, in order

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "geometry/parallel_for.h"
+#include "geometry/triangle_blocks.h"
 
 namespace relievo {
 
@@ -29,22 +30,22 @@ inline bool stopAt(size_t step, const std::atomic<bool>* stop) {
 
 // visit(part, half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by their
 // higher one: each part has a range of lower vertices, and parts are visited at the same time. Half-edges are dealt out to
-// their lower vertices and sorted there: linear, for vertices of usual valence; each part goes over all triangles.
+// their lower vertices and sorted there: linear, for vertices of usual valence.
 // Memory: 4 bytes a vertex and 8 a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them:
 // 32 MB). Ends early, soon after *stop is set.
 template <class Visit>
 void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t parts, Visit visit, const std::atomic<bool>* stop = nullptr) {
   std::vector<uint32_t> end(vertices + 1, 0);  // of each vertex's half-edges, counted over all vertices
   auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
+  const TriangleBlocks blocks(triangles, static_cast<int>(parts));
   auto inParallel = [&](auto&& job) { return parallelFor(parts, static_cast<int>(parts), nullptr, job) && !stopped(); };
   const bool counted = inParallel([&](size_t part) {
     const size_t first = vertices * part / parts, count = vertices * (part + 1) / parts - first;
-    for (size_t i = 0; i < triangles.size(); ++i) {
-      if (stopAt(i, stop)) return;
+    blocks.forEach(first, first + count, stopped, [&](size_t i) {
       const auto& t = triangles[i];
       for (int k = 0; k < 3; ++k)
         if (const uint32_t low = std::min(t[k], t[k == 2 ? 0 : k + 1]); low - first < count) ++end[low];
-    }
+    });
   });
   if (!counted) return;
   uint32_t sum = 0;
@@ -66,14 +67,14 @@ void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t part
       dealt.resize(begin(last) - base);
       next.resize(last - first);
       for (size_t v = first; v < last; ++v) next[v - first] = static_cast<uint32_t>(begin(v) - base);
-      uint32_t h = 0;
-      for (const auto& t : triangles) {
-        if (h % (3u << 20) == 0 && stopped()) return;
-        for (int k = 0; k < 3; ++k, ++h) {
+      blocks.forEach(first, last, stopped, [&](size_t i) {
+        const auto& t = triangles[i];
+        for (uint32_t k = 0; k < 3; ++k) {
           uint32_t a = t[k], b = t[k == 2 ? 0 : k + 1], low = std::min(a, b);
-          if (low >= first && low < last) dealt[next[low - first]++] = static_cast<uint64_t>(std::max(a, b)) << 32 | h;
+          if (low >= first && low < last) dealt[next[low - first]++] = static_cast<uint64_t>(std::max(a, b)) << 32 | (3 * static_cast<uint32_t>(i) + k);
         }
-      }
+      });
+      if (stopped()) return;
       for (size_t v = first; v < last; ++v) {
         if (stopAt(v, stop)) return;
         auto from = dealt.begin() + static_cast<std::ptrdiff_t>(begin(v) - base),

@@ -7,7 +7,7 @@ namespace relievo {
 
 EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop, int workers) {
   const Triangles& triangles = mesh.triangles;
-  constexpr int kMostParts = 8;  // each goes over all triangles
+  constexpr int kMostParts = 8;  // each may go over all triangles
   const auto parts = static_cast<size_t>(std::min(workerCount(workers), kMostParts));
   std::vector<uint32_t> mate(triangles.size() * 3, kNoHalfEdge);
   auto third = [&](uint32_t h) { return fromVertex(triangles, previousInTriangle(h)); };

@@ -14,6 +14,7 @@
 #include <set>
 
 #include "geometry/mesh_sheets.h"
+#include "geometry/triangle_blocks.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/shared_data.h"
 
@@ -1008,7 +1009,7 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
     std::mt19937 random(seed);
     Sample s;
     if (seed % 4 == 0) {
-      s = cubeSphere(1 + static_cast<int>(seed) / 4);
+      s = cubeSphere(seed == 40 ? 40 : 1 + static_cast<int>(seed) / 4);
       if (seed % 8 == 0) std::swap(s.triangles[0][0], s.triangles[0][1]);
     } else {
       const uint32_t vertices = 4 + pick(random, 300), triangles = 1 + pick(random, 4 * vertices), lattice = seed % 4 == 1 ? 1000 : 12;
@@ -1031,6 +1032,34 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
   }
   EXPECT_GT(meshes, 35u);
   EXPECT_GT(noticed, 30u) << "negative control: triangles in another order are seen to differ";
+}
+
+// Whoever looks for some vertices sees all triangles that name one of them, in order, and not all others.
+TEST(TriangleBlocks, PassOverWhatNamesNoneOfTheVertices) {
+  for (bool shuffled : {false, true}) {
+    Sample s = cubeSphere(40);
+    std::mt19937 random(7);
+    if (shuffled) std::shuffle(s.triangles.begin(), s.triangles.end(), random);
+    const TriangleBlocks blocks(s.triangles, 2);
+    const auto vertices = static_cast<uint32_t>(s.positions.size());
+    size_t visits = 0, looks = 0;
+    for (int i = 0; i < 100; ++i) {
+      const uint32_t first = pick(random, vertices), last = std::min(vertices, first + pick(random, 200));
+      std::vector<size_t> visited;
+      blocks.forEach(first, last, [] { return false; }, [&](size_t t) { visited.push_back(t); });
+      EXPECT_TRUE(std::is_sorted(visited.begin(), visited.end()));
+      for (size_t t = 0; t < s.triangles.size(); ++t) {
+        const bool named = std::ranges::any_of(s.triangles[t], [&](uint32_t v) { return v >= first && v < last; });
+        if (named) {
+          ASSERT_TRUE(std::binary_search(visited.begin(), visited.end(), t)) << first << " to " << last << ": triangle " << t;
+        }
+      }
+      visits += visited.size();
+      looks += s.triangles.size();
+    }
+    if (shuffled) EXPECT_GT(visits, looks * 9 / 10) << "control: where triangles lie anywhere nothing is passed over";
+    else EXPECT_LT(visits, looks / 2);
+  }
 }
 
 TEST(MeshRepairs, WhatCallersGetWrongIsRefused) {
