@@ -18,15 +18,16 @@ ivec3 reliefOrigin(int place) {
   uint at = uint(place);
   return ivec3(int(at & 2047u), int((at >> 11u) & 2047u), int(at >> 22u));
 }
-int reliefSample(ivec3 origin, ivec2 s) {
-  vec4 texel = texelFetch(u_pool, origin + ivec3(s.x >> 1, s.y, 0), 0);
+int sampleAt(ivec3 place, int x) {
+  vec4 texel = texelFetch(u_pool, place, 0);
 #ifdef ONE_SAMPLE_A_TEXEL
   vec2 bytes = texel.rg;
 #else
-  vec2 bytes = (s.x & 1) == 0 ? texel.rg : texel.ba;
+  vec2 bytes = (x & 1) == 0 ? texel.rg : texel.ba;
 #endif
   return int(bytes.x * 255.0 + 0.5) * 256 + int(bytes.y * 255.0 + 0.5);
 }
+int reliefSample(ivec3 origin, ivec2 s) { return sampleAt(origin + ivec3(s.x >> 1, s.y, 0), s.x); }
 
 // 2^e, exact, for -126 <= e <= 127.
 float powerOfTwo(int e) { return intBitsToFloat((127 + e) << 23); }

@@ -20,6 +20,7 @@ ivec4 a_relief;  // units from the relief page's corner to the node's corner: x,
                  // of their spacing in units
 uvec3 a_node;    // index in the list of instances, + 1; the node's level; its patch
 uint a_edges;    // per side a byte: a | b << 4 (geometry/planar_lod.h)
+int a_compact;   // of a relief page in compact form, 1 + how many times its cells a side are halved; else 0
 
 void loadInstance() {
   ivec2 at = instanceTexel(a_instance);
@@ -30,5 +31,6 @@ void loadInstance() {
   a_relief = ivec4(ivec2((node.zw & uvec2(in_page)) << uint(a_origin.z + a_origin.w)), int(place.z), int((node.y >> 13u) & 31u));
   a_node = uvec3(a_instance + 1u, node.y & 31u, node.x);
   a_edges = place.w;
+  a_compact = int((node.y >> 23u) & 3u);
 }
 #endif

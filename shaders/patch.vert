@@ -6,6 +6,7 @@
 #include "instance.glsl"
 #ifdef MESH
 #include "base_point.glsl"
+#include "compact_relief.glsl"
 #endif
 
 #ifdef MORPH
@@ -54,7 +55,11 @@ int heightSample(ivec3 origin, ivec2 s) {
     return int(texelFetch(u_tail_heights, tail + ivec3(s, 0), 0).r);
   }
 #endif
+#ifdef MESH
+  return reliefSampleOf(origin, a_compact, s);
+#else
   return reliefSample(origin, s);
+#endif
 }
 
 // In 1/256 of a height step; between samples on the cell's two triangles, in integers. MESH: in whole steps, as they were in the page of which only

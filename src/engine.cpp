@@ -276,6 +276,8 @@ struct Engine::Impl {
     if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
     if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
+    if (broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
+    if (broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
     auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
       bool screen_wide = std::string_view(vertex) == "screen.vert";
       auto linked = gl::Program::link(
@@ -320,7 +322,7 @@ struct Engine::Impl {
     starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
     so.slot_count = starting_slots.texture;
     so.relief_slot_count = starting_slots.relief;
-    so.small_relief = overMesh() && options.small_relief;
+    so.relief_parts = !overMesh() || !options.small_relief ? ReliefParts::kOnlyHalves : options.compact_relief ? ReliefParts::kCompact : ReliefParts::kSmall;
     so.upload = starting_slots.upload;
     so.replacement = options.replacement;
     so.workers = options.workers;
@@ -944,6 +946,8 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (e.broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     if (e.broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
+    if (e.broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
+    if (e.broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
     defines.emplace_back("CAPTURE", "1");
     auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
     if (!linked) return {};

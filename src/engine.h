@@ -49,6 +49,7 @@ struct EngineOptions {
   uint32_t most_pinned_patches = 64;
   // Over a base mesh: relief pages take less than half a slot where little is in them (texturing/relief_parts.h). False: for comparison.
   bool small_relief = true;
+  bool compact_relief = true;  // and their compact form where that takes less (texturing/relief_compact.h); with small_relief
   int workers = 2;
   int feedback_scale = 8;   // 1..16: the feedback pass has 1/8 of the view's width and height
   Determination determination = Determination::kFeedback;
@@ -129,6 +130,7 @@ class Engine {
     bool draw_backs = false;   // of closed bodies, too
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
     bool one_sample_a_texel = false;  // relief is read as if a texel held one sample
+    bool narrow_residuals = false, flat_blocks = false;  // of relief in compact form: a bit less than there is; slopes left out
     bool call_a_patch = false;    // each instance by a draw call of its own, for comparison
   };
   Result<void> sabotage(const Sabotage& what);

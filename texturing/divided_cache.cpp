@@ -4,11 +4,16 @@
 #include <cassert>
 
 namespace relievo {
+namespace {
+
+constexpr uint32_t partsOf(int level) { return kPartsOfSlot[static_cast<size_t>(level)]; }  // of a slot
+
+}  // namespace
 
 DividedCache::DividedCache(uint32_t slot_count, Replacement policy) {
   for (int level = 0; level < kPartLevels; ++level) {
     levels_.emplace_back(PageCache(level == 0 ? slot_count : 0, policy));
-    if (level > 0) at(level).parts = kPartsOfSlot[static_cast<size_t>(level)] / kPartsOfSlot[static_cast<size_t>(level) - 1];
+    if (level > 0) at(level).parts = partsOf(level) / partsOf(levelAbove(level));
   }
 }
 
@@ -18,13 +23,18 @@ uint32_t DividedCache::pageCount() const {
   return count;
 }
 
-uint32_t DividedCache::pageCount(int level) const { return at(level).pages.residentCount() - (level + 1 < kPartLevels ? at(level + 1).bundles() : 0); }
+uint32_t DividedCache::pageCount(int level) const {
+  uint32_t count = at(level).pages.residentCount();
+  for (int below = level + 1; below < kPartLevels; ++below)
+    if (levelAbove(below) == level) count -= at(below).bundles();
+  return count;
+}
 
 // --- names ------------------------------------------------------------------------------------------------------------
 
 SlotIndex DividedCache::nameAt(int level, uint32_t index) const {
   SlotPart p{.slot = 0, .level = level, .part = 0};
-  for (uint32_t parts = 1; level > 0; parts *= at(level).parts, --level) {
+  for (uint32_t parts = 1; level > 0; parts *= at(level).parts, level = levelAbove(level)) {
     p.part += index % at(level).parts * parts;
     index = at(level).around[index / at(level).parts];
   }
@@ -34,13 +44,12 @@ SlotIndex DividedCache::nameAt(int level, uint32_t index) const {
 
 std::array<uint32_t, kPartLevels> DividedCache::indices(SlotIndex name) const {
   const SlotPart p = partOf(name);
-  std::array<uint32_t, kPartLevels> out{p.slot, 0, 0, 0};
-  uint32_t below = kPartsOfSlot[static_cast<size_t>(p.level)];
-  for (int level = 1; level <= p.level; ++level) {
-    const PageId around = at(level - 1).pages.pageIn(out[static_cast<size_t>(level) - 1]);
-    assert(around.plane() == kBundle);
-    below /= at(level).parts;
-    out[static_cast<size_t>(level)] = around.node().patch * at(level).parts + p.part / below % at(level).parts;
+  std::array<uint32_t, kPartLevels> out{p.slot};
+  for (int level = p.level == 0 ? 1 : isThird(p.level) ? kThirds : kHalves; level <= p.level; ++level) {
+    const int above = levelAbove(level);
+    const PageId around = at(above).pages.pageIn(out[static_cast<size_t>(above)]);
+    assert(around.plane() == kBundle && around.node().level == static_cast<uint32_t>(level));
+    out[static_cast<size_t>(level)] = around.node().patch * at(level).parts + p.part / (partsOf(p.level) / partsOf(level)) % at(level).parts;
   }
   return out;
 }
@@ -48,7 +57,7 @@ std::array<uint32_t, kPartLevels> DividedCache::indices(SlotIndex name) const {
 SlotIndex DividedCache::find(PageId id) const {
   if (id.plane() != Plane::kRelief) return at(0).pages.find(id);
   for (int level = 1; level < kPartLevels; ++level) {
-    if (at(level).pages.residentCount() == 0) break;  // nor in any below
+    if (at(level).pages.residentCount() == 0) continue;
     if (const SlotIndex index = at(level).pages.find(id); index != kNoSlot) return nameAt(level, index);
   }
   return kNoSlot;
@@ -68,21 +77,24 @@ bool DividedCache::isPinned(SlotIndex name) const {
 
 void DividedCache::touch(SlotIndex name, uint64_t tick) {
   const auto index = indices(name);
-  for (int level = 0; level <= partOf(name).level; ++level) at(level).pages.touch(index[static_cast<size_t>(level)], tick);
+  for (int level = partOf(name).level; level > 0; level = levelAbove(level)) at(level).pages.touch(index[static_cast<size_t>(level)], tick);
+  at(0).pages.touch(index[0], tick);
 }
 
 void DividedCache::pin(SlotIndex name) {
   const auto index = indices(name);
   const int last = partOf(name).level;
-  pinned_divided_ += last > 0 && !at(0).pages.isPinned(index[0]);
-  for (int level = 0; level <= last; ++level) at(level).pages.pin(index[static_cast<size_t>(level)]);
+  pinned_in_two_ += last > 0 && !isThird(last) && !at(0).pages.isPinned(index[0]);
+  for (int level = last; level > 0; level = levelAbove(level)) at(level).pages.pin(index[static_cast<size_t>(level)]);
+  at(0).pages.pin(index[0]);
 }
 
 void DividedCache::unpin(SlotIndex name) {
   const auto index = indices(name);
   const int last = partOf(name).level;
-  for (int level = 0; level <= last; ++level) at(level).pages.unpin(index[static_cast<size_t>(level)]);
-  pinned_divided_ -= last > 0 && !at(0).pages.isPinned(index[0]);
+  for (int level = last; level > 0; level = levelAbove(level)) at(level).pages.unpin(index[static_cast<size_t>(level)]);
+  at(0).pages.unpin(index[0]);
+  pinned_in_two_ -= last > 0 && !isThird(last) && !at(0).pages.isPinned(index[0]);
 }
 
 void DividedCache::remove(PageId id) {
@@ -115,7 +127,7 @@ void DividedCache::release(int level, uint32_t bundle, Placement& out) {
   for (uint32_t index = bundle * l.parts; index < (bundle + 1) * l.parts; ++index) {
     if (l.pages.holdsPage(index)) {
       const PageId page = l.pages.pageIn(index);
-      if (page.plane() == kBundle) release(level + 1, page.node().patch, out);
+      if (page.plane() == kBundle) release(static_cast<int>(page.node().level), page.node().patch, out);
       else out.evicted.push_back({level, index, page});
       l.pages.remove(page);
     }
@@ -127,7 +139,7 @@ void DividedCache::release(int level, uint32_t bundle, Placement& out) {
 // --- places -----------------------------------------------------------------------------------------------------------
 
 uint32_t DividedCache::noteEvicted(int level, const PageCache::Placement& placed, Placement& out) {
-  if (placed.evicted && placed.evicted->plane() == kBundle) release(level + 1, placed.evicted->node().patch, out);
+  if (placed.evicted && placed.evicted->plane() == kBundle) release(static_cast<int>(placed.evicted->node().level), placed.evicted->node().patch, out);
   else if (placed.evicted) out.evicted.push_back({level, placed.slot, *placed.evicted});
   return placed.slot;
 }
@@ -137,24 +149,25 @@ bool DividedCache::usedNow(uint32_t slot, uint64_t tick) const {
   return slots.holdsPage(slot) && (slots.isPinned(slot) || slots.lastUse(slot) == static_cast<uint32_t>(tick));
 }
 
-// From the level `from`, in which there is a place (`half`, if given), down to the page's own.
-DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_t> half, PageId id, uint64_t tick, uint32_t min_age, int level) {
+// From the level `from`, in which there is a place (`part`, if given), down to the page's own.
+DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_t> part, PageId id, uint64_t tick, uint32_t min_age, int level) {
   Placement out;
   out.emptied = out.took_slot = from == 0;
-  for (int l = from; l <= level; ++l) {
+  for (int l = from, next; ; l = next) {
     const bool last = l == level;
-    const uint32_t bundle = last ? 0 : newBundle(l + 1);
-    const PageId what = last ? id : bundleId(l + 1, bundle);
-    const auto placed = half && l == from ? at(l).pages.placeAt(*half, what, tick) : at(l).pages.place(what, tick, min_age);
+    next = l > 0 ? l + 1 : isThird(level) ? kThirds : kHalves;
+    const uint32_t bundle = last ? 0 : newBundle(next);
+    const PageId what = last ? id : bundleId(next, bundle);
+    const auto placed = part && l == from ? at(l).pages.placeAt(*part, what, tick) : at(l).pages.place(what, tick, min_age);
     assert(placed);
     const uint32_t index = noteEvicted(l, *placed, out);
     if (last) {
       out.slot = nameAt(level, index);
-      continue;
+      break;
     }
-    Level& below = at(l + 1);
+    Level& below = at(next);
     below.around[bundle] = static_cast<uint16_t>(index);
-    for (uint32_t part = below.parts; part-- > 0;) below.pages.open(bundle * below.parts + part);
+    for (uint32_t k = below.parts; k-- > 0;) below.pages.open(bundle * below.parts + k);
   }
   if (level == 0) return out;
   out.took_slot = out.took_slot || !usedNow(partOf(out.slot).slot, tick);
@@ -169,56 +182,64 @@ std::optional<DividedCache::Placement> DividedCache::place(PageId id, uint64_t t
     touch(slot, tick);
     return Placement{slot, false, false, {}};
   }
-  int from = -1;
-  for (int l = level; l >= 0 && from < 0; --l) {
-    if (l < level && !mayDivideInto(l + 1)) break;
-    if (at(l).pages.firstFree() != kNoSlot) from = l;
-  }
+  int from = freePlace(level).first;
   if (from < 0) {
     uint32_t oldest = 0;
-    for (int l = level; l >= 0; --l) {
-      if (l < level && !mayDivideInto(l + 1)) break;
+    for (int l = level;; l = levelAbove(l)) {
       const uint32_t age = at(l).pages.oldestAge(tick);
-      if (age < min_age || age <= oldest) continue;
-      oldest = age;
-      from = l;
+      if (age >= min_age && age > oldest) {
+        oldest = age;
+        from = l;
+      }
+      if (l == 0 || !mayDivideInto(l)) break;
     }
   }
   if (from < 0) return std::nullopt;
   return placeBelow(from, std::nullopt, id, tick, min_age, level);
 }
 
-DividedCache::Placement DividedCache::placeInHalf(SlotIndex half, PageId id, uint64_t tick, int level) {
-  assert(partOf(half).level == 1 && find(id) == kNoSlot);
-  for (int l = 2; l <= level; ++l)
-    if (!mayDivideInto(l)) level = 1;  // what lies between is not for every page (relief_parts.h)
-  return placeBelow(1, indices(half)[1], id, tick, 1, level);
+// The deepest free place that a page of that level can have: in its level or one above. Level -1: there is none.
+std::pair<int, SlotIndex> DividedCache::freePlace(int level) const {
+  for (int l = level;; l = levelAbove(l)) {
+    if (const SlotIndex free = at(l).pages.firstFree(); free != kNoSlot) return {l, free};
+    if (l == 0 || !mayDivideInto(l)) return {-1, kNoSlot};
+  }
+}
+
+DividedCache::Placement DividedCache::placeInPart(SlotIndex part, PageId id, uint64_t tick, int level) {
+  const int from = partOf(part).level;
+  assert((from == kHalves || from == kThirds) && isThird(from) == isThird(level) && find(id) == kNoSlot);
+  for (int l = from + 1; l <= level; ++l)
+    if (!mayDivideInto(l)) level = from;  // what lies between is not for every page (relief_parts.h)
+  return placeBelow(from, indices(part)[static_cast<size_t>(from)], id, tick, 1, level);
 }
 
 bool DividedCache::hasPartToFill(uint64_t tick, int level) const {
-  const SlotIndex free = at(level).pages.firstFree();
-  return level > 0 && free != kNoSlot && usedNow(partOf(nameAt(level, free)).slot, tick);
+  const auto [l, free] = freePlace(level);
+  return l > 0 && usedNow(partOf(nameAt(l, free)).slot, tick);
 }
 
-bool DividedCache::isIdle(SlotIndex half, uint64_t tick, uint32_t min_age) const {
-  const PageCache& halves = at(1).pages;
-  const uint32_t index = indices(half)[1];
-  return !halves.holdsPage(index) || (!halves.isPinned(index) && static_cast<uint32_t>(tick) - halves.lastUse(index) >= min_age);
+bool DividedCache::isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const {
+  const auto level = static_cast<size_t>(partOf(part).level);
+  const PageCache& parts = levels_[level].pages;
+  const uint32_t index = indices(part)[level];
+  return !parts.holdsPage(index) || (!parts.isPinned(index) && static_cast<uint32_t>(tick) - parts.lastUse(index) >= min_age);
 }
 
-void DividedCache::idleHalves(uint64_t tick, std::vector<SlotIndex>& out) const {
+void DividedCache::idleParts(int level, uint64_t tick, std::vector<SlotIndex>& out) const {
   std::vector<std::pair<uint32_t, SlotIndex>> found;
+  const Level& l = at(level);
   at(0).pages.forEach([&](PageId id) {
-    if (id.plane() != kBundle || !usedNow(at(1).around[id.node().patch], tick)) return;
-    for (uint32_t k = 0; k < at(1).parts; ++k) {
-      const uint32_t index = id.node().patch * at(1).parts + k;
-      const SlotIndex half = nameAt(1, index);
-      if (isIdle(half, tick, 1)) found.emplace_back(at(1).pages.holdsPage(index) ? static_cast<uint32_t>(tick) - at(1).pages.lastUse(index) : ~0u, half);
+    if (id.plane() != kBundle || id.node().level != static_cast<uint32_t>(level) || !usedNow(l.around[id.node().patch], tick)) return;
+    for (uint32_t k = 0; k < l.parts; ++k) {
+      const uint32_t index = id.node().patch * l.parts + k;
+      const SlotIndex part = nameAt(level, index);
+      if (isIdle(part, tick, 1)) found.emplace_back(l.pages.holdsPage(index) ? static_cast<uint32_t>(tick) - l.pages.lastUse(index) : ~0u, part);
     }
   });
   std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first != b.first ? a.first > b.first : a.second < b.second; });
   out.clear();
-  for (const auto& [age, half] : found) out.push_back(half);
+  for (const auto& [age, part] : found) out.push_back(part);
 }
 
 // --- accounts and tests -----------------------------------------------------------------------------------------------
@@ -234,15 +255,15 @@ bool DividedCache::checkInvariants(std::string* why) const {
     if (why) *why = text;
     return false;
   };
-  uint32_t pinned_divided = 0;
+  uint32_t pinned_in_two = 0;
   for (int level = 0; level < kPartLevels; ++level) {
     if (!at(level).pages.checkInvariants(why)) return false;
     if (level == 0) continue;
-    const Level &l = at(level), &above = at(level - 1);
+    const Level &l = at(level), &above = at(levelAbove(level));
     uint32_t bundles = 0;
     std::string wrong;
     above.pages.forEach([&](PageId id) {
-      if (id.plane() != kBundle) return;
+      if (id.plane() != kBundle || id.node().level != static_cast<uint32_t>(level)) return;
       ++bundles;
       const uint32_t bundle = id.node().patch, around = above.pages.find(id);
       if (l.around[bundle] != around) wrong = "a bundle is not where its parts say";
@@ -256,12 +277,12 @@ bool DividedCache::checkInvariants(std::string* why) const {
       }
       if (held == 0) wrong = "an empty bundle";
       if (pinned != above.pages.isPinned(around)) wrong = "a bundle is pinned, or not, unlike its parts";
-      pinned_divided += level == 1 && pinned;
+      pinned_in_two += level == kHalves && pinned;
     });
     if (!wrong.empty()) return fail(wrong);
     if (bundles != l.bundles()) return fail("a bundle's parts are in no slot");
   }
-  if (pinned_divided != pinned_divided_) return fail("the number of pinned divided slots is wrong");
+  if (pinned_in_two != pinned_in_two_) return fail("the number of pinned slots in two is wrong");
   return true;
 }
 

@@ -10,12 +10,12 @@
 namespace relievo {
 
 PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-                   PageCodec upload, bool small_relief, int workers, int max_reads, size_t max_buffers)
+                   PageCodec upload, ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers)
     : source_(source),
       format_(format),
       decoder_(decoder),
       upload_(upload),
-      small_relief_(small_relief),
+      relief_parts_(relief_parts),
       workers_(workers),
       max_threads_(static_cast<size_t>(std::max(workers, max_reads))),
       max_buffers_(max_buffers),
@@ -116,7 +116,7 @@ void PageJobs::finish(const PageJob& job) {
   lock.unlock();
 
   if (!texels) texels = makeTexels();
-  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, small_relief_, workers_ > 0 ? &gate_ : nullptr);
+  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_, workers_ > 0 ? &gate_ : nullptr);
   LoadOutcome outcome;
   outcome.id = job.id;
   outcome.ticket = job.ticket;

@@ -35,8 +35,8 @@ class PageJobs {
   // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as many threads
   // as workers serve a fast source, and more are added while all of them wait for a slow one (a link with latency).
   // max_buffers: jobs under way and decoded pages that are not returned yet, at most.
-  // upload, small_relief: as for PageLoader.
-  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload, bool small_relief, int workers,
+  // upload, relief_parts: as for PageLoader.
+  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload, ReliefParts relief_parts, int workers,
            int max_reads, size_t max_buffers);
   ~PageJobs();  // waits for the reads under way, not for decoding what they bring
 
@@ -80,7 +80,7 @@ class PageJobs {
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
   const PageCodec upload_;
-  const bool small_relief_;
+  const ReliefParts relief_parts_;
   const int workers_;
   const size_t max_threads_, max_buffers_;
   LoadGate gate_;

@@ -5,14 +5,13 @@
 #include <cmath>
 
 #include "texturing/cache_budget.h"
-#include "texturing/relief_parts.h"
 #include "texturing/resolve.h"
 
 namespace relievo {
 
 PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
-                       bool small_relief, LoadGate* gate)
-    : source_(source), format_(format), decoder_(decoder), upload_(upload), small_relief_(small_relief), gate_(gate) {
+                       ReliefParts relief_parts, LoadGate* gate)
+    : source_(source), format_(format), decoder_(decoder), upload_(upload), relief_parts_(relief_parts), gate_(gate) {
   if (!decoder_) own_.emplace();
 }
 
@@ -20,7 +19,7 @@ void PageLoader::load(PageId id, double light_u, double light_v, const std::func
                       LoadOutcome& outcome) {
   if (id.plane() != Plane::kResolved) {
     if (!loadOne(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
-    outcome.part_level = small_relief_ ? reliefPartLevel({texels, kSlotBytes}) : kReliefPartLevel;
+    outcome.part_level = reliefPartLevel({texels, kSlotBytes}, relief_parts_);
     return;
   }
   std::vector<const uint8_t*> slots;

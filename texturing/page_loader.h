@@ -17,6 +17,7 @@
 #include "texturing/page_codec.h"
 #include "texturing/page_id.h"
 #include "texturing/page_source.h"
+#include "texturing/relief_parts.h"
 
 namespace relievo {
 
@@ -55,9 +56,9 @@ struct LoadGate {
 class PageLoader {
  public:
   // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that are unpacked,
-  // not decoded; then nothing is resolved. small_relief: relief pages may take the small parts of relief_parts.h. gate: may be null.
+  // not decoded; then nothing is resolved. relief_parts: that relief pages may take. gate: may be null.
   PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-             PageCodec upload = PageCodec::kLossless, bool small_relief = false, LoadGate* gate = nullptr);
+             PageCodec upload = PageCodec::kLossless, ReliefParts relief_parts = ReliefParts::kOnlyHalves, LoadGate* gate = nullptr);
   // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent,
   // costs and part_level of the outcome.
   void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
@@ -70,7 +71,7 @@ class PageLoader {
   const TextureFormat& format_;
   const SlotDecoder& decoder_;
   const PageCodec upload_;
-  const bool small_relief_;
+  const ReliefParts relief_parts_;
   LoadGate* gate_;
   std::optional<PageDecoder> own_;
   std::vector<Texels> scratch_;

@@ -87,10 +87,15 @@ struct Pool {
   RecentUse recent;
   uint32_t roots = 0;
   // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are not needed; pages
-  // without room, and those of relief among them; slots that would hold all; slots that relief to come was given, and may take still.
+  // without room, and those of relief among them; slots that would hold all; slots that relief to come was given, and may take still; halves
+  // that are free, idle or in such slots, and not spoken for.
   uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
-  std::vector<SlotIndex> idle;  // halves that relief to come may take, once known
-  bool idle_known = false;
+  int64_t spare_halves = 0;
+  struct Idle {
+    std::vector<SlotIndex> parts;
+    bool known = false;
+  };
+  Idle idle_halves, idle_thirds;  // that relief to come may take, once known
   Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) { follow(); }
   // Slots for the cache's new parts.
   void follow() {
@@ -103,9 +108,9 @@ struct Pool {
   }
   void beginPlan() {
     room_used = cache.pinnedCount();
-    halves_left = 2 * uint64_t{cache.pinnedDivided()} - cache.pinnedHalves();
+    halves_left = 2 * uint64_t{cache.pinnedInTwo()} - cache.pinnedHalves();
     deferred = deferred_relief = opened = 0;
-    idle_known = false;
+    idle_halves.known = idle_thirds.known = false;
   }
   // Of a page that is counted for the first time. spare_recent: what was used recently has its room already.
   void needRoom(SlotIndex name, uint64_t plan, bool spare_recent = false) {
@@ -115,14 +120,14 @@ struct Pool {
       room_used += needsSlot();
       return;
     }
-    const auto index = cache.indices(name);
     if (slots[0][part.slot].count(plan) && !cache.isPinned(part.slot)) {
       room_used += needsSlot();
-      halves_left += 2;
+      if (!isThird(part.level)) halves_left += 2;
     }
-    const bool first = part.level == 1 || slots[1][index[1]].count(plan);
+    if (isThird(part.level)) return;  // what is left in such a slot is not for every page
+    const bool first = part.level == kHalves || slots[kHalves][cache.indices(name)[kHalves]].count(plan);
     const uint32_t half = part.part / (kPartsOfSlot[static_cast<size_t>(part.level)] / 2);
-    if (first && !cache.isPinned(nameOf({part.slot, 1, half}))) --halves_left;
+    if (first && !cache.isPinned(nameOf({part.slot, kHalves, half}))) --halves_left;
   }
   // For pages of a node that are to come; of relief for as much as it may turn out to need, which is half a slot.
   bool takeRoom(bool relief, uint64_t pages) {
@@ -136,19 +141,48 @@ struct Pool {
     opened += relief;
     return true;
   }
-  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to others.
-  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level) {
+  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to others. counted: by the
+  // plan, with half a slot. more: whether another compact page that it counted comes next.
+  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level, bool counted, bool more) {
+    if (isThird(level)) {
+      if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
+      level = plainLevel(level);
+    }
+    auto placed = placePlain(id, frame, min_age, level);
+    if (placed) spare_halves -= !counted;
+    return placed;
+  }
+  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a half is to spare. Two
+  // pages have it in their own right, and what a third one was counted with is left for others.
+  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level, bool counted, bool more) {
+    const int64_t slot_takes = counted ? 1 : 2;
+    std::optional<DividedCache::Placement> placed;
+    if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes)) placed = cache.place(id, frame, min_age, level);
+    if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
+    if (!placed && openings > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
+    if (!placed) return std::nullopt;
+    spare_halves += placed->took_slot ? -slot_takes : counted;
+    if (!placed->took_slot) return placed;
+    openings -= openings > 0;
+    if (idle_thirds.known)
+      for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k) idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
+    return placed;
+  }
+  std::optional<DividedCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
     if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
       auto placed = cache.place(id, frame, min_age, level);
       openings -= placed && placed->took_slot && openings > 0;
       return placed;
     }
-    if (!std::exchange(idle_known, true)) cache.idleHalves(frame, idle);
-    auto next = std::find_if(idle.begin(), idle.end(), [&](SlotIndex half) { return cache.isIdle(half, frame, min_age); });
-    if (next == idle.end()) return std::nullopt;
-    const SlotIndex half = *next;
-    idle.erase(next);
-    return cache.placeInHalf(half, id, frame, level);
+    return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);
+  }
+  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame, uint32_t min_age, int level) {
+    if (!std::exchange(idle.known, true)) cache.idleParts(part_level, frame, idle.parts);
+    auto next = std::find_if(idle.parts.begin(), idle.parts.end(), [&](SlotIndex part) { return cache.isIdle(part, frame, min_age); });
+    if (next == idle.parts.end()) return std::nullopt;
+    const SlotIndex part = *next;
+    idle.parts.erase(next);
+    return cache.placeInPart(part, id, frame, level);
   }
 };
 
@@ -167,7 +201,7 @@ struct PageStreamer::Impl {
     if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
-    jobs.emplace(*source, options.format, decoder, options.upload, options.small_relief, options.workers, options.max_reads,
+    jobs.emplace(*source, options.format, decoder, options.upload, options.relief_parts, options.workers, options.max_reads,
                  size_t(options.workers) + options.ready_limit);
     jobs->setLight(
         options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
@@ -427,6 +461,7 @@ struct PageStreamer::Impl {
     }
     stats.wanted = wanted_pages;
     is_new = {};
+    for (Pool& pool : pools) pool.spare_halves = static_cast<int64_t>(pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
     planPrefetch();
     for (Pool& pool : pools) pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
     publish();
@@ -574,15 +609,19 @@ struct PageStreamer::Impl {
     std::sort(ranked.begin(), ranked.end());
     ready.clear();
     uint32_t placed = 0;
+    const auto compactCounted = [&](const Page& page) { return page.plan == plan_number && isThird(page.part_level); };
+    size_t compact_left = 0;  // that are sure to be placed in this frame
+    for (size_t i = 0; i < std::min<size_t>(ranked.size(), max_uploads); ++i) compact_left += compactCounted(pages.at(ranked[i].id));
     for (const PageRank& r : ranked) {
       auto it = pages.find(r.id);
+      if (compact_left > 0 && compactCounted(it->second)) --compact_left;
       Pool& pool = poolOf(r.id);
       SlotIndex before = pool.cache.find(r.id);
       std::optional<DividedCache::Placement> placement;
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
       const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
-      if (room_for_one) placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level) : pool.cache.place(r.id, frame, min_age);
+      if (room_for_one) placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level, it->second.plan == plan_number, compact_left > 0) : pool.cache.place(r.id, frame, min_age);
       if (!placement) {
         if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
           ++stats.cancelled_after_decode;
@@ -725,7 +764,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
 
   std::atomic<size_t> next{0};
   auto loadSome = [&] {
-    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload, m.options.small_relief);
+    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload, m.options.relief_parts);
     for (size_t i = next++; i < roots.size(); i = next++) {
       LoadOutcome& root = roots[i];
       root.texels = makeTexels();

@@ -47,8 +47,8 @@ struct StreamerOptions {
   // them, and relief has relief_slot_count (cache_budget.h). Not with kResolved. Else all is RGBA8 in slot_count slots.
   PageCodec upload = PageCodec::kLossless;
   uint32_t relief_slot_count = 0;
-  // Relief pages take half a slot; or less where little is in them (relief_parts.h). Over a base mesh only.
-  bool small_relief = false;
+  // Relief pages take half a slot; over a base mesh less where little is in them, or where their compact form does.
+  ReliefParts relief_parts = ReliefParts::kOnlyHalves;
   Replacement replacement = Replacement::kLru;
   int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a

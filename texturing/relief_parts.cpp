@@ -3,6 +3,8 @@
 #include <cassert>
 #include <cstring>
 
+#include "texturing/relief_compact.h"
+
 namespace relievo {
 namespace {
 
@@ -30,17 +32,25 @@ bool followsFrom(const uint8_t* texels, int up) {
 
 }  // namespace
 
-int reliefPartLevel(std::span<const uint8_t> texels) {
+int reliefPartLevel(std::span<const uint8_t> texels, ReliefParts parts) {
   assert(texels.size() == kSlotBytes);
+  if (parts == ReliefParts::kOnlyHalves) return kReliefPartLevel;
   // The smallest first: rounded in two steps, some samples would be others.
-  int level = kPartLevels - 1;
-  while (level > kReliefPartLevel && !followsFrom(texels.data(), level - kReliefPartLevel)) --level;
-  return level;
+  int level = kThirds - 1;
+  while (level > kReliefPartLevel && !followsFrom(texels.data(), reliefCoarser(level))) --level;
+  if (parts == ReliefParts::kSmall) return level;
+  const int third = compactLevel(level);
+  const std::optional<uint32_t> needed = compactTexels(texels, static_cast<int>(reliefCells(level)));
+  return needed && size_t{4} * *needed <= partBytes(third) ? third : level;
 }
 
 void packRelief(std::span<const uint8_t> texels, int level, std::span<uint8_t> out) {
   assert(texels.size() == kSlotBytes && out.size() == partBytes(level));
-  const int step = 1 << (level - kReliefPartLevel), columns = 2 * partColumns(level), rows = partRows(level);
+  if (isThird(level)) {
+    packCompact(texels, static_cast<int>(reliefCells(level)), out);
+    return;
+  }
+  const int step = 1 << reliefCoarser(level), columns = 2 * partColumns(level), rows = partRows(level);
   uint8_t* to = out.data();
   for (int y = 0; y < rows; ++y) {
     const uint8_t* from = texels.data() + size_t{4} * kPageFullPx * static_cast<size_t>(y * step);

@@ -32,7 +32,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
   if (wants.size() > kMaxSlots) return Error{ErrorKind::kUnsupported, "", "its relief has more pages than a cache holds", "measure a smaller artwork", {}};
   StreamerOptions so;
   so.slot_count = static_cast<uint32_t>(wants.size());
-  so.small_relief = over_mesh;
+  so.relief_parts = over_mesh ? ReliefParts::kCompact : ReliefParts::kOnlyHalves;
   PageStreamer streamer(context.package, so);
   for (uint64_t frame = 1; !streamer.settled() || streamer.residentRelief().size() < wants.size(); ++frame) {
     if (context.stopped()) return {};
@@ -45,17 +45,19 @@ Result<void> reliefMemoryBench(BenchContext& context) {
   // Triangles of each page's samples, where no finer page lies over it; what of a flat artwork's pages lies beyond its border counts as theirs.
   const DividedCache& cache = streamer.cache(Plane::kRelief);
   double triangles = 0;
-  std::array<uint32_t, kPartLevels> of_level{};
+  std::array<uint32_t, 3> of_cells{};  // 128, 64, 32 a side
+  uint32_t compact = 0;
   for (const NodeWant& w : wants) {
     const int level = partOf(streamer.findRelief(w.node)).level;
-    ++of_level[static_cast<size_t>(level)];
+    ++of_cells[static_cast<size_t>(reliefCoarser(level))];
+    compact += isThird(level);
     if (static_cast<int>(w.node.level) == domain.relief_depth) triangles += 2.0 * reliefCells(level) * reliefCells(level);
   }
   const double tail_bytes = with_tails ? 2.0 * kTailHeights * domain.patchCount() : 0;
   const double bytes = static_cast<double>(streamer.stats().relief_bytes) + tail_bytes;
   char note[200];
-  std::snprintf(note, sizeof note, "%.2f MiB: %u slots, with %u, %u and %u pages of 128, 64 and 32 cells a side; tails %.2f MiB", bytes / (1 << 20), cache.dividedCount(), of_level[1],
-                of_level[2], of_level[3], tail_bytes / (1 << 20));
+  std::snprintf(note, sizeof note, "%.2f MiB: %u slots, with %u, %u and %u pages of 128, 64 and 32 cells a side, %u of all compact; tails %.2f MiB", bytes / (1 << 20), cache.dividedCount(),
+                of_cells[0], of_cells[1], of_cells[2], compact, tail_bytes / (1 << 20));
   context.row({.what = "resident displacement a triangle of the finest grids", .measured = bytes / triangles, .unit = "B", .goal = 1, .baseline_name = "a slot a page",
                .baseline = static_cast<double>(wants.size() * kSlotBytes) / triangles, .note = note});
   return {};

@@ -67,7 +67,7 @@ ReliefPlace reliefPlace(SlotIndex name) {
   const PartPlace at = placeInSlot(part);
   const uint32_t x = part.slot % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.x);
   const uint32_t y = part.slot / kSlotsPerSide % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.y);
-  return {x | y << 11 | part.slot / kSlotsPerLayer << 22, std::max(part.level - kReliefPartLevel, 0)};
+  return {x | y << 11 | part.slot / kSlotsPerLayer << 22, std::max(reliefCoarser(part.level), 0), isThird(part.level)};
 }
 
 uint32_t PagePool::maxSlots() {

@@ -1,7 +1,7 @@
 // page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides nothing.
 // A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds: a texture page, or relief
-// pages side by side, two samples a texel (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to three compressed
-// textures (block_formats.h), and RGBA8 is relief's alone.
+// pages beside one another, two samples a texel or in compact form (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to
+// three compressed textures (block_formats.h), and RGBA8 is relief's alone.
 // Uploads come before the frame's draws: on software GL an upload to a texture that a draw in flight samples stalls for that draw.
 #pragma once
 
@@ -20,11 +20,12 @@ namespace relievo {
 inline constexpr int kSlotsPerSide = 8;
 inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
 
-// Where a relief page's samples are, for shaders: its first texel's x | y << 11 | layer << 22 (reliefSample() in common.glsl); and how many times
-// their spacing is twice the page's own.
+// Where a relief page's samples are, for shaders: its first texel's x | y << 11 | layer << 22 (reliefSample() in common.glsl); how many times
+// their spacing is twice the page's own; and whether they are in compact form (compact_relief.glsl).
 struct ReliefPlace {
   uint32_t texel = 0;
   int coarser = 0;
+  bool compact = false;
 };
 ReliefPlace reliefPlace(SlotIndex name);
 

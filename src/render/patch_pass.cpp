@@ -144,6 +144,7 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
       place = last_place.texel;
       levels |= static_cast<uint32_t>(eye.patch_units_log2 - static_cast<int>(p.relief_page.level) - 7 + last_place.coarser) << 13;
       levels |= (p.node.level - p.relief_page.level) << 18;
+      if (last_place.compact) levels |= static_cast<uint32_t>(1 + last_place.coarser) << 23;
     }
     packed_[i] = {p.node.patch, levels, p.node.x, p.node.y, {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)}, place, packEdges(p)};
   }

@@ -20,6 +20,7 @@ namespace relievo {
 struct GpuPatchInstance {
   uint32_t patch;
   uint32_t levels;     // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing 5 | levels from the relief page to the node 5
+                       // | 0, or for relief in compact form 1 + ReliefPlace::coarser 2
   uint32_t x, y;       // the node's
   int32_t origin[2];   // units from the eye's unit (over a base mesh: from the patch's corner)
   uint32_t relief;     // ReliefPlace::texel; kReliefInTail: the patch's tail

@@ -66,7 +66,16 @@ test::MeshHeight fewerCells(test::MeshHeight fine, int up) {
   };
 }
 
-Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0) {
+// `fine`'s upper ten bits, about the middle: pages of them fit their compact form. In every fourth patch only along the sides.
+test::MeshHeight gentle(test::MeshHeight fine, int unit_log2) {
+  return [fine, side = 1u << unit_log2](uint32_t patch, uint32_t x, uint32_t y) -> uint16_t {
+    const bool on_side = x == 0 || y == 0 || x == side || y == side;
+    const uint16_t q = fine(patch, x, y);
+    return patch % 4 == 0 && !on_side ? q : static_cast<uint16_t>(30000 + (q >> 6));
+  };
+}
+
+Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0, bool compact = false) {
   Body body;
   body.mesh = std::make_shared<const BaseMesh>(std::move(mesh));
   Manifest& m = body.artwork.manifest;
@@ -79,20 +88,21 @@ Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0) {
   m.domain.relief_offset_mm = -relief_mm / 2;
   m.domain.relief_scale_mm = relief_mm / 65535;
   test::MeshRelief relief{depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm};
-  auto height = [mesh = body.mesh, depth](uint32_t patch, uint32_t x, uint32_t y) {
+  test::MeshHeight height = [mesh = body.mesh, depth](uint32_t patch, uint32_t x, uint32_t y) {
     return test::noiseOver(*mesh, depth + 7, kSeed)(patch, x, y);
   };
+  if (compact) height = gentle(height, depth + 7);
   auto oracle = std::make_shared<test::MadeUpMeshOracle>(relief, kSeed, relief_mm);
   m.coarse_errors = oracle->coarse(body.mesh->patches.size());
   body.artwork.oracle = oracle;
-  body.artwork.source = std::make_shared<NoisePages>(coarser == 0 ? test::MeshHeight(height) : fewerCells(height, coarser), depth + 7);
+  body.artwork.source = std::make_shared<NoisePages>(coarser == 0 ? height : fewerCells(height, coarser), depth + 7);
   return body;
 }
 
 class MeshWatertight : public ::testing::Test {
  protected:
   // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
-  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false, bool small_relief = true) {
+  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false, bool small_relief = true, bool compact_relief = true) {
     Scene scene;
     scene.geomorph = geomorph;
     scene.error_px = error_px;
@@ -100,6 +110,7 @@ class MeshWatertight : public ::testing::Test {
     options.cache_mib = 4 + 0.16 * static_cast<double>(body.mesh->patches.size());  // pages come and go
     options.most_pinned_patches = tails ? 0 : kMaxPatches;
     options.small_relief = small_relief;
+    options.compact_relief = compact_relief;
     options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
     return test::makeEngine(body.artwork, scene, options, kWidth, kHeight);
   }
@@ -276,6 +287,43 @@ TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
   EXPECT_EQ(total.different, 0u);
   EXPECT_GE(vertices, 100'000u);
   EXPECT_GE(fine, 50u);
+}
+
+// Pages in compact form, beside plain ones, beside tails: as if all were plain, every vertex of every list.
+TEST_F(MeshWatertight, CompactPagesHaveTheBitsOfPlainOnes) {
+  Comparison total;
+  uint64_t vertices = 0;
+  for (const auto& [depth, coarser, geomorph] : {std::tuple{1, 0, true}, {0, 1, false}, {0, 2, true}}) {
+    BaseMesh mesh = test::cubeSphere(depth == 0 ? 3 : 2, 60);
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    const Body body = makeBody(mesh, depth, 8, coarser, true);
+    std::mt19937 random(static_cast<uint32_t>(kSeed));
+    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true, geomorph), makeEngine(body, 0.25, true, geomorph, true, false)};
+    const std::string what = "2^" + std::to_string(7 - coarser) + " cells, depth " + std::to_string(depth);
+    const OrbitCamera camera = randomCamera(mesh, random);
+    std::array<std::vector<float>, 2> captured;
+    for (size_t k = 0; k < 2; ++k) {
+      engines[k]->setCamera(camera);
+      ASSERT_TRUE(engines[k]->settle(60).ok());
+      compareShared(*engines[k], &total, geomorph ? test::ownVertex : snapVertex);
+      captured[k] = engines[k]->captureVertices(40'000'000);
+    }
+    ASSERT_EQ(engines[0]->instances(), engines[1]->instances());
+    ASSERT_EQ(captured[0].size(), captured[1].size());
+    EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0) << what;
+    vertices += captured[0].size() / 4;
+    EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes) << what;
+    for (Engine::Sabotage broken : {Engine::Sabotage{.narrow_residuals = true}, Engine::Sabotage{.flat_blocks = true}}) {
+      for (auto& engine : engines) ASSERT_TRUE(engine->sabotage(broken).ok());
+      EXPECT_NE(engines[0]->captureVertices(40'000'000), captured[0]) << what << (broken.flat_blocks ? ": slopes left out" : ": widths less one");
+      EXPECT_EQ(engines[1]->captureVertices(40'000'000), captured[1]) << "plain pages have neither";
+    }
+  }
+  std::printf("[ watertight ] %llu vertices from compact pages as from plain ones; %llu shared, %llu differ\n", (unsigned long long)vertices, (unsigned long long)total.compared,
+              (unsigned long long)total.different);
+  EXPECT_EQ(total.different, 0u);
+  EXPECT_GE(vertices, 100'000u);
 }
 
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {

@@ -121,6 +121,103 @@ TEST(StreamerStates, TheCheckSeesAnIllegalChangeAndALostPage) {
 
 // --- order of service ---
 
+// --- room for relief --------------------------------------------------------------------------------------------------
+
+// Relief of all forms, by the page's name: noise, which is plain; a little noise, which is compact; flat, which is compact in 32 cells. share: of a
+// hundred pages, the plain ones.
+SlotDecoder formsDecoder(uint32_t share) {
+  return [share](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) -> Result<void> {
+    if (auto done = fakeDecode(plane, encoded, texels); !done || plane != Plane::kRelief) return done;  // noise
+    PageId id;
+    std::memcpy(&id.bits, encoded.data(), 8);
+    const uint64_t form = mix(id.bits) % 100;
+    if (form < share) return {};
+    for (size_t i = 0; i < texels.size(); i += 4) {
+      texels[i] = 1;
+      texels[i + 1] &= form % 2 == 0 ? 7 : 0;
+    }
+    return {};
+  };
+}
+StreamerOptions formsOptions(uint32_t slots) {
+  StreamerOptions options = Simulation::options(slots, {texturePlane(0)});
+  options.relief_parts = ReliefParts::kCompact;
+  return options;
+}
+uint64_t inVain(const Simulation& sim) { return sim.streamer.stats().cancelled; }
+
+// Half a slot is counted for a page that is to come, and whatever form it then has, it is placed: nothing is read in vain.
+TEST(StreamerRoom, ReliefOfEveryFormFindsWhatWasCountedForIt) {
+  for (uint32_t share : {0u, 30u, 70u, 100u})
+    for (uint32_t slots : {1u, 2u, 5u, 16u}) {
+      const std::string what = std::to_string(share) + " % plain, " + std::to_string(slots) + " slots";
+      Simulation sim(std::make_shared<ProceduralSource>(), formsOptions(slots), formsDecoder(share));
+      sim.texels_matter = false;
+      sim.in_flight = 5;
+      for (uint32_t i = 0; i < 2 * slots; ++i) sim.relief.push_back({{0, 10, i, 0}, 1, 0.1f * static_cast<float>(i % 7)});
+      EXPECT_TRUE(sim.settle(600)) << what;
+      ASSERT_FALSE(HasFatalFailure()) << what;
+      EXPECT_EQ(sim.streamer.residentRelief().size(), 2 * slots) << what;
+      EXPECT_EQ(sim.taken.size(), 2 * slots) << what << ": each is read once";
+      EXPECT_EQ(inVain(sim), 0u) << what;
+    }
+}
+
+// More pages than fit, of a cache that is empty: compact ones come to share slots in three all the same.
+TEST(StreamerRoom, CompactPagesShareSlotsUnderPressure) {
+  constexpr uint32_t kSlots = 12;
+  for (uint32_t share : {0u, 50u, 100u}) {
+    Simulation sim(std::make_shared<ProceduralSource>(), formsOptions(kSlots), formsDecoder(share));
+    sim.texels_matter = false;
+    for (uint32_t i = 0; i < 8 * kSlots; ++i) sim.relief.push_back({{0, 10, i, 0}, 1, 0});
+    for (int i = 0; i < 200; ++i) sim.step();
+    ASSERT_FALSE(HasFatalFailure());
+    const auto resident = static_cast<uint32_t>(sim.streamer.residentRelief().size());
+    if (share == 0) {
+      EXPECT_GE(resident, 5 * kSlots / 2) << "of pages that are all compact";
+    }
+    if (share == 50) {
+      EXPECT_GT(resident, 2 * kSlots);
+    }
+    if (share == 100) {
+      EXPECT_EQ(resident, 2 * kSlots);
+    }
+    EXPECT_EQ(inVain(sim), 0u) << share << " % plain";
+  }
+}
+
+// Whatever was resident before: views that change, with texture, that fit or not. Each is read for what it has room for, and ends still.
+TEST(StreamerRoom, ViewsOfReliefOfEveryFormEndStill) {
+  uint64_t thirds = 0, halves = 0, deferred = 0;
+  for (uint64_t seed = 1; seed <= 60; ++seed) {
+    std::mt19937_64 random(seed);
+    auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
+    const uint32_t slots = 3 + upTo(24);
+    Simulation sim(std::make_shared<ProceduralSource>(), formsOptions(slots), formsDecoder(10 * upTo(11)));
+    sim.texels_matter = false;
+    for (int view = 0; view < 8; ++view) {
+      const std::string what = "seed " + std::to_string(seed) + ", view " + std::to_string(view);
+      sim.relief.clear();
+      sim.texture.clear();
+      for (int i = 0; i < 40; ++i) sim.step();  // what was under way comes to its end
+      const uint64_t vain = inVain(sim);
+      sim.taken.clear();
+      for (uint32_t i = upTo(3 * slots); i > 0; --i) sim.relief.push_back({{0, 10, upTo(6 * slots), 0}, 1, 0});
+      for (uint32_t i = upTo(slots / 2 + 1); i > 0; --i) sim.texture.push_back({{0, 10, upTo(3 * slots), 0}, 1, 0});
+      EXPECT_TRUE(sim.settle(400)) << what;
+      ASSERT_FALSE(HasFatalFailure()) << what;
+      EXPECT_EQ(inVain(sim), vain) << what << ": read, and no room for it";
+      EXPECT_EQ(std::set(sim.taken.begin(), sim.taken.end()).size(), sim.taken.size()) << what << ": read twice";
+      const DividedCache& cache = sim.streamer.cache(Plane::kRelief);
+      for (const NodeId& node : sim.streamer.residentRelief()) ++(isThird(partOf(cache.find(PageId(Plane::kRelief, node))).level) ? thirds : halves);
+      deferred += sim.streamer.stats().deferred;
+    }
+  }
+  EXPECT_GT(thirds, 1500u);
+  EXPECT_GT(halves, 1500u);
+  EXPECT_GT(deferred, 300u);
+}
+
 TEST(StreamerTiers, WantedThenPredictedThenRecent) {
   Simulation sim(std::make_shared<ProceduralSource>(), Simulation::options(256, {texturePlane(0)}));
   sim.in_flight = 0;

@@ -80,10 +80,11 @@ struct Simulation {
   std::vector<PageId> uploaded;  // in the last frame
   bool texels_matter = true;
 
-  Simulation(std::shared_ptr<const PageSource> s, StreamerOptions options)
+  // decoder: of texels that name their page, where none is given.
+  Simulation(std::shared_ptr<const PageSource> s, StreamerOptions options, SlotDecoder decoder = {})
       : source(s),
         streamer(s, options,
-                 [upload = options.upload](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+                 decoder ? std::move(decoder) : [upload = options.upload](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
                    return fakeDecodeFor(upload, plane, encoded, texels);
                  }),
         planes(options.texture_planes),

@@ -79,7 +79,7 @@ TEST(ReliefParts, EverySampleComesBackFromTheSmallestPart) {
   for (int up = 0; up <= 2; ++up)
     for (int i = 0; i < 20; ++i) {
       const Samples samples = coarsePage(random, up);
-      ASSERT_EQ(reliefPartLevel(slotOf(samples)), kReliefPartLevel + up);
+      ASSERT_EQ(reliefPartLevel(slotOf(samples), ReliefParts::kSmall), kReliefPartLevel + up);
       for (int level : {kReliefPartLevel, kReliefPartLevel + up}) {  // the first: where no smaller one was to be had
         ASSERT_EQ(differing(samples, level), 0) << "2^" << 7 - up << " cells, level " << level;
         EXPECT_GT(differing(samples, level, true), 1000) << "a texel taken for one sample is seen";
@@ -92,7 +92,7 @@ TEST(ReliefParts, EverySampleComesBackFromTheSmallestPart) {
 TEST(ReliefParts, OneSampleThatDoesNotFollowKeepsTheWholePage) {
   std::mt19937 random(7);
   const Samples flat(kReliefPageSamples, 1234);
-  EXPECT_EQ(reliefPartLevel(slotOf(flat)), 3);
+  EXPECT_EQ(reliefPartLevel(slotOf(flat), ReliefParts::kSmall), 3);
   for (int i = 0; i < 300; ++i) {
     const int up = 1 + i % 2;
     Samples samples = coarsePage(random, up);
@@ -100,7 +100,7 @@ TEST(ReliefParts, OneSampleThatDoesNotFollowKeepsTheWholePage) {
     while (((x | y) & ((1 << up) - 1)) == 0) x = static_cast<int>(random() % kReliefSamples), y = static_cast<int>(random() % kReliefSamples);
     int& q = samples[static_cast<size_t>(y * kReliefSamples + x)];
     q += q < 32768 ? 1 : -1;
-    const int level = reliefPartLevel(slotOf(samples));
+    const int level = reliefPartLevel(slotOf(samples), ReliefParts::kSmall);
     ASSERT_LT(level, kReliefPartLevel + up) << x << ", " << y;
     ASSERT_EQ(differing(samples, level), 0);
   }

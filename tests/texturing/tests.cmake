@@ -3,6 +3,7 @@ relievo_test(package_builder_test LIBS relievo_texturing SOURCES texturing/packa
 relievo_test(page_cache_test LIBS relievo_texturing SOURCES texturing/page_cache_test.cpp)
 relievo_test(divided_cache_test LIBS relievo_texturing SOURCES texturing/divided_cache_test.cpp)
 relievo_test(relief_parts_test LIBS relievo_texturing SOURCES texturing/relief_parts_test.cpp)
+relievo_test(relief_compact_test LIBS relievo_texturing SOURCES texturing/relief_compact_test.cpp)
 relievo_test(cache_budget_test LIBS relievo_texturing SOURCES texturing/cache_budget_test.cpp)
 relievo_test(recent_use_test LIBS relievo_texturing SOURCES texturing/recent_use_test.cpp)
 relievo_test(replacement_test LIBS relievo_texturing SOURCES texturing/replacement_test.cpp)
