@@ -161,6 +161,7 @@ struct Engine::Impl {
     friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
   };
   DrawnSurface surface_drawn;
+  DrawnSurface streamed_view;  // what the last wish lists were for
   // Results of the same view add up; any difference here makes it another one.
   struct FeedbackView {
     DrawnSurface surface;
@@ -618,7 +619,9 @@ struct Engine::Impl {
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
-    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias));
+    const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
+    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias), seen != streamed_view);
+    streamed_view = seen;
     streamer->wantTexture(texture_wants);
     if (plan.relief) streamer->wantRelief(relief_wants);
     pool->upload(streamer->placeReady(max_uploads));

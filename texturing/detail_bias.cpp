@@ -16,6 +16,7 @@ constexpr double kMargin = 0.95;    // of the room that a finer view may be expe
 constexpr double kOtherView = 0.1;  // more or less demand at the same bias
 constexpr int kSettlingWindows =
     4;  // after a move, in which relief and what is remembered of older wishes still follow it
+constexpr int kListsOfOldView = 12;  // after the view moved: wishes follow it late, and some of what was wanted before is remembered
 // One level finer has at most four nodes for each, and their parents.
 constexpr double kMostAtOnce = 5;
 constexpr int kLevel = 20;  // steps
@@ -26,6 +27,9 @@ constexpr double kLeastSlope = 0.6931471805599453, kMostSlope = 1.38629436111989
 }  // namespace
 
 void DetailBias::observe(const DetailDemand& demand, std::optional<double> made_at) {
+  if (demand.moved) lists_of_view_ = 0;
+  else if (lists_of_view_ < kListsOfOldView) ++lists_of_view_;
+  learned_elsewhere_ = (learned_elsewhere_ || demand.moved) && (steps_ > 0 || target_ > 0);
   if (steps_ != target_) {
     steps_ += std::clamp(target_ - steps_, -kBiasSlew, kBiasSlew);
     return;
@@ -53,6 +57,12 @@ void DetailBias::judge(double room) {
   lists_ = overflows_ = 0;
   largest_ = 0;
 
+  if (learned_elsewhere_ && lists_of_view_ >= kListsOfOldView) {
+    learned_elsewhere_ = false;
+    low_ = -1;
+    high_ = kMaxBiasSteps + 1;
+    rise_ = 0;
+  }
   bool contradiction = overflow ? steps_ >= high_ : !some && steps_ <= low_;
   bool another = ++windows_ > kSettlingWindows && std::abs(pages - reference_) > kOtherView * reference_;
   if (contradiction || another || kMostAtOnce * pages <= room) {

@@ -10,6 +10,9 @@
 // there it stays: what did not fit is not tried again until the demand at the same bias says that the view is another
 // one.
 //
+// The same where the caller says that the view has moved: once it stands still, what was learned of it on the way is
+// forgotten, as a move within a few lists of a change of the bias cannot be told from what that change did.
+//
 // A list is judged by the bias that it was made with. Where the caller does not know that, lists count from the
 // (kLatencyLists + 1)th after a change.
 #pragma once
@@ -29,6 +32,7 @@ struct DetailDemand {
   double pages = 0;       // that the view wants, without those that never leave
   double room = 0;        // slots for them
   bool overflow = false;  // some found no room
+  bool moved = false;     // the view is another one than that of the list before
 };
 
 class DetailBias {
@@ -44,8 +48,8 @@ class DetailBias {
   // Once a frame with a new wish list. made_at: the bias that the list was made with; nothing: not known.
   void observe(const DetailDemand& demand, std::optional<double> made_at);
   double value() const { return steps_ * kBiasStep; }  // 0..kMaxDetailBias
-  // The last lists gave no reason to move.
-  bool isStill() const { return still_; }
+  // The last lists gave no reason to move, and are of the view as it is.
+  bool isStill() const { return still_ && !learned_elsewhere_; }
 
  private:
   void judge(double room);
@@ -62,6 +66,8 @@ class DetailBias {
   int rise_ = 0;  // steps of the last move, if it was one
   // Of this view: the coarsest bias that overflowed, the finest that fitted, the demand last judged.
   int low_ = -1, high_ = kMaxBiasSteps + 1;
+  bool learned_elsewhere_ = false;  // some of it before the view moved last
+  int lists_of_view_ = 0;           // since then
   double reference_ = 0;  // at the current bias
   int judged_steps_ = -1;
   double judged_pages_ = 0;

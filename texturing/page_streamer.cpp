@@ -666,7 +666,7 @@ struct PageStreamer::Impl {
     if (bias_list == list[0] + list[1]) return;  // no new wish list
     bias_list = list[0] + list[1];
     // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it changes.
-    DetailDemand demand{.pages = 0, .room = 0, .overflow = stats.deferred > 0};
+    DetailDemand demand{.pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
     for (const Pool& pool : pools) {
       const double wanted = static_cast<double>(pool.demand) - pool.roots;
       const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
@@ -716,6 +716,7 @@ struct PageStreamer::Impl {
   DetailBias bias;
   uint64_t bias_list = 0;
   std::optional<double> wish_bias;
+  bool view_moved = false;  // since the last list was judged
 
   StreamerStats stats;
   LatencyHistogram latency_us, latency_frames;
@@ -907,7 +908,10 @@ void PageStreamer::setLight(double u, double v) {
 
 double PageStreamer::detailBias() const { return impl_->bias.value(); }
 
-void PageStreamer::setWishBias(std::optional<double> bias) { impl_->wish_bias = bias; }
+void PageStreamer::setWishBias(std::optional<double> bias, bool moved) {
+  impl_->wish_bias = bias;
+  impl_->view_moved = impl_->view_moved || moved;
+}
 
 bool PageStreamer::settled() const {
   Impl& m = *impl_;

@@ -143,8 +143,8 @@ class PageStreamer {
   // (detail_bias.h); 0..kMaxDetailBias. Follows the wish lists with each placeReady.
   double detailBias() const;
   // The detail bias that the wish lists from now on were made with; nothing (as at first): not known, they follow it by
-  // kLatencyLists at most.
-  void setWishBias(std::optional<double> bias);
+  // kLatencyLists at most. moved: the view is another one than that of the lists before.
+  void setWishBias(std::optional<double> bias, bool moved = false);
 
   // Everything that the last wish lists ask for is resident (or has failed for good, or has no room at the largest
   // detail bias), nothing is under way, and the detail bias holds still.
