@@ -43,6 +43,7 @@ class Selection {
   PlanarLodResult run(const LodView& view, const ReliefSet& resident) {
     camera_ = LodCamera(view);
     resident_ = &resident;
+    assume_resident_ = view.as_if_resident;
     flat_ = !view.relief || !forest_.hasRelief();
     exaggerate_ = flat_ ? 0 : std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
     min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
@@ -359,7 +360,7 @@ class Selection {
     std::swap(tree_, other_tree_);
     assume_resident_ = true;
     bool whole_tree_fits = refine(false);
-    assume_resident_ = false;
+    assume_resident_ = false;  // as before: then no tree is limited
     std::swap(tree_, other_tree_);
     return whole_tree_fits;
   }

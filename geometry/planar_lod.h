@@ -53,6 +53,9 @@ struct LodView {
   bool relief = true;               // false: flat, no relief pages asked for
   // Patches of closed bodies that the eye, outside, sees from behind alone are left out (over a base mesh); no other patch changes.
   bool hide_backs = true;
+  // Over a base mesh: as if every relief page were resident. The list that pages lead to once all that it wants are there, whatever came first: what
+  // is wanted of a list that grows with them depends on their order, since neighbours that are known better want less at a shared edge.
+  bool as_if_resident = false;
 };
 
 // What a relief page knows of its square (package.h has the same three numbers); never fails: unknown gives the whole range.

@@ -204,6 +204,7 @@ struct Engine::Impl {
   int tap_phase = 0;
   bool fades_over = false;            // while settle() draws
   bool settling = false;              // within settle(): nothing is known of the views before
+  bool all_pages_come = true;         // none that the settled list wants has failed
   UploadChoice upload;
   uint32_t pinned_nodes = 0;          // in each plane
   CacheSlots slots, starting_slots;   // of the streamer, and of the one that stream_switch makes ready
@@ -399,6 +400,7 @@ struct Engine::Impl {
     v.hide_backs = options.hide_backs;
     v.morph = plan.geomorph;
     v.hysteresis = settling ? 0 : scene.hysteresis;
+    v.as_if_resident = settling && all_pages_come;
     return v;
   }
 
@@ -723,8 +725,12 @@ struct Engine::Impl {
     postLod(currentView());
     uint64_t generation = resident_generation;
     adopt(lod->waitFor(frame));
-    if (adopted_frame != frame) return false;
     static constexpr Plane kReliefPlane[] = {Plane::kRelief};
+    if (adopted_frame != frame) {
+      // A page has failed: then what its absence leads to.
+      if (all_pages_come && allArrived(relief_wants, kReliefPlane)) all_pages_come = false;
+      return false;
+    }
     bool final_list = !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
     if (final_list) settled_geometry = {generation, lod_bias};
     return final_list;
@@ -857,7 +863,7 @@ Result<void> Engine::settle(double timeout_s) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
     if (e.wished) pause();
   }
-  e.settling = true;
+  e.settling = e.all_pages_come = true;
   struct Settled {
     bool& settling;
     ~Settled() { settling = false; }

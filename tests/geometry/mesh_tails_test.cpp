@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <random>
 
 #include "tests/geometry/mesh_fixture.h"
 
@@ -109,6 +110,48 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
   }
   EXPECT_GT(of_pages, 1000 / kViewShare);
   EXPECT_GT(of_tails, 200 / kViewShare);
+}
+
+// The list that a view ends with, once all its pages are there, is known before; and is what they give then. The control: pages that come a few at a time,
+// in any order, end in other lists, too, each of which asks for no more.
+TEST(MeshTails, WhatPagesLeadToDoesNotDependOnTheirOrder) {
+  const std::vector<NamedMesh> meshes = wellShapedMeshes();
+  int of_pages = 0, others = 0, cases = 0;
+  for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
+    TailCase c(seed, meshes[seed % meshes.size()]);
+    if (!c.view.relief) continue;
+    c.view.hysteresis = 0;
+    LodView ahead = c.view;
+    ahead.as_if_resident = true;
+    const PlanarLodResult expected = c.lod->select(ahead, {});
+    ReliefSet resident;
+    for (const ReliefWant& want : expected.wants) resident.insert(want.page);
+    for (const PatchInstance& p : expected.instances) {
+      ASSERT_TRUE(p.relief_page.level == kTailLevel || resident.contains(p.relief_page)) << describe(c, seed);
+      of_pages += p.relief_page.level != kTailLevel;
+    }
+    const PlanarLodResult there = c.lod->select(c.view, resident);
+    EXPECT_EQ(there.instances, expected.instances) << describe(c, seed);
+    EXPECT_EQ(there.limited_by_residency, 0u) << describe(c, seed);
+    Random random(seed);
+    ReliefSet growing;
+    for (int round = 0; round < 200; ++round) {
+      std::vector<NodeId> missing;
+      const PlanarLodResult lod = c.lod->select(c.view, growing);
+      for (const ReliefWant& want : lod.wants)
+        if (!growing.contains(want.page)) missing.push_back(want.page);
+      if (missing.empty()) {
+        others += lod.instances != expected.instances;
+        ++cases;
+        break;
+      }
+      std::shuffle(missing.begin(), missing.end(), random.engine);
+      growing.insert(missing.begin(), missing.begin() + static_cast<std::ptrdiff_t>((missing.size() + 2) / 3));
+    }
+  }
+  std::printf("[ figures  ] %d of %d orders of arrival end in another list\n", others, cases);
+  EXPECT_GT(of_pages, 1000 / kViewShare);
+  EXPECT_GE(others, 3 / kViewShare) << "the control";
 }
 
 }  // namespace
