@@ -8,6 +8,7 @@
 #include <cstring>
 #include <mutex>
 #include <set>
+#include <span>
 #include <utility>
 
 #include <epoxy/egl.h>
@@ -137,15 +138,20 @@ std::string createOn(const Platform& platform, Api api, EglContext& out) {
     return std::string("no EGL configuration for ") + apiName(api);
 
   const bool is_15 = major > 1 || (major == 1 && minor >= 5);
-  std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION, 3};
-  if (is_15 || hasWord(extensions, "EGL_KHR_create_context")) {
-    attributes.insert(attributes.end(), {EGL_CONTEXT_MINOR_VERSION, api == Api::kGl33 ? 3 : 0});
-    if (api == Api::kGl33)
-      attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
-    if (debugContextWanted() && is_15) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_DEBUG, EGL_TRUE});
+  // Some drivers answer with the version asked for and no more: the newest first, for what is used where it is there (tessellation).
+  static constexpr std::pair<EGLint, EGLint> kGlVersions[] = {{4, 6}, {4, 5}, {4, 3}, {4, 1}, {3, 3}}, kEsVersions[] = {{3, 2}, {3, 1}, {3, 0}};
+  for (const auto& [context_major, context_minor] : api == Api::kGl33 ? std::span<const std::pair<EGLint, EGLint>>(kGlVersions) : kEsVersions) {
+    const bool named = is_15 || hasWord(extensions, "EGL_KHR_create_context");
+    std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION, named ? context_major : 3};
+    if (named) {
+      attributes.insert(attributes.end(), {EGL_CONTEXT_MINOR_VERSION, context_minor});
+      if (api == Api::kGl33) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
+      if (debugContextWanted() && is_15) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_DEBUG, EGL_TRUE});
+    }
+    attributes.push_back(EGL_NONE);
+    out.context = eglCreateContext(out.display, config, EGL_NO_CONTEXT, attributes.data());
+    if (out.context != EGL_NO_CONTEXT) break;
   }
-  attributes.push_back(EGL_NONE);
-  out.context = eglCreateContext(out.display, config, EGL_NO_CONTEXT, attributes.data());
   if (out.context == EGL_NO_CONTEXT) {
     std::string reason = "eglCreateContext: " + eglErrorName(eglGetError());
     out.destroy();

@@ -7,7 +7,7 @@ namespace relievo {
 DenseLevels::DenseLevels(int depth, int planes) : depth_(depth), texture_(gl::Texture::create()) {
   glBindTexture(GL_TEXTURE_2D_ARRAY, texture_.id());
   gl::label(GL_TEXTURE, texture_.id(), "dense levels");
-  for (int level = 0; level <= depth; ++level) {
+  for (int level = depth; level >= 0; --level) {  // the largest first: else NVIDIA's driver knows no level but that one
     glTexImage3D(GL_TEXTURE_2D_ARRAY, depth - level, GL_RGBA8, kPagePx << level, kPagePx << level, planes, 0, GL_RGBA,
                  GL_UNSIGNED_BYTE, nullptr);
   }

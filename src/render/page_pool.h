@@ -12,6 +12,7 @@
 
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/upload_ring.h"
 #include "texturing/cache_budget.h"
 #include "texturing/page_streamer.h"
 
@@ -34,7 +35,8 @@ class PagePool {
   // Memory is taken as slots are filled, in whole layers: eight first, then twice as many each time, up to the slots' number. (A
   // driver in software clears what it allocates: 140 ms for 256 MiB, before the first picture.) Contexts that cannot copy compressed
   // textures (GL_ARB_copy_image) take the memory for blocks at once.
-  explicit PagePool(const CacheSlots& slots);
+  // staged: uploads go through a ring (upload_ring.h).
+  explicit PagePool(const CacheSlots& slots, bool staged = UploadRing::pays());
   explicit PagePool(uint32_t slot_count) : PagePool(CacheSlots{.upload = PageCodec::kLossless, .texture = slot_count, .relief = 0}) {}
 
   // Other slots from now on, all of them empty.
@@ -69,6 +71,7 @@ class PagePool {
   gl::Texture table_, table_extra_;
   uint32_t table_width_ = 0, table_height_ = 0;
   uint64_t bytes_uploaded_ = 0;
+  UploadRing ring_;
   std::vector<uint8_t> packed_;  // kept for its memory
 };
 

@@ -111,8 +111,11 @@ TEST(BcBlocks, Bc7IsTheDriversOwn) {
   }
 }
 
-// BC1 and BC4 are real numbers, for which drivers take short cuts: llvmpipe is off by up to 2 of 255, where ours are the
-// exact values rounded (bc_blocks_test.cpp).
+// BC1 and BC4 are real numbers, for which drivers take short cuts, where ours are the exact values rounded (bc_blocks_test.cpp): llvmpipe is off by
+// up to 2 of 255. NVIDIA's texture units take a third as 80/256 + 1/1024, off by 5 where a block's ends are far apart, and a seventh
+// with an error of up to 7. (A third off by as much as a fourth would be 21.)
+int shortCuts() { return currentContextInfo().software ? 2 : 8; }
+
 TEST(BcBlocks, Bc1IsNearTheDriversOwn) {
   if (!supported(kS3tc)) GTEST_SKIP() << "this context has no " << kS3tc.extension_gl;
   std::mt19937 random(kSeed);
@@ -120,9 +123,9 @@ TEST(BcBlocks, Bc1IsNearTheDriversOwn) {
   std::vector<uint8_t> ours(kCount * 64);
   for (size_t i = 0; i < kCount; ++i) decodeBc1(blocks.data() + 8 * i, ours.data() + firstByte(i), kRow);
   auto theirs = driverTexels(kS3tc, 4 * kBlocksWide, 4 * kBlocksHigh, blocks);
-  EXPECT_LE(worstDifference(ours, theirs, 3), 2) << "seed " << kSeed;
+  EXPECT_LE(worstDifference(ours, theirs, 3), shortCuts()) << "seed " << kSeed;
   blocks[8 * 5 + 1] ^= 0x40;
-  EXPECT_GT(worstDifference(ours, driverTexels(kS3tc, 4 * kBlocksWide, 4 * kBlocksHigh, blocks), 3), 2);
+  EXPECT_GT(worstDifference(ours, driverTexels(kS3tc, 4 * kBlocksWide, 4 * kBlocksHigh, blocks), 3), shortCuts());
 }
 
 TEST(BcBlocks, Bc4AndBc5AreNearTheDriversOwn) {
@@ -135,9 +138,9 @@ TEST(BcBlocks, Bc4AndBc5AreNearTheDriversOwn) {
     for (size_t i = 0; i < kCount; ++i)
       for (size_t c = 0; c < channels; ++c) decodeBc4(blocks.data() + format.block_bytes * i + 8 * c, ours.data() + firstByte(i) + c, 4, kRow);
     auto theirs = driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks);
-    EXPECT_LE(worstDifference(ours, theirs, static_cast<int>(channels)), 2) << "seed " << kSeed;
+    EXPECT_LE(worstDifference(ours, theirs, static_cast<int>(channels)), shortCuts()) << "seed " << kSeed;
     std::swap(blocks[0], blocks[1]);
-    EXPECT_GT(worstDifference(ours, driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks), static_cast<int>(channels)), 2);
+    EXPECT_GT(worstDifference(ours, driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks), static_cast<int>(channels)), shortCuts());
   }
 }
 

@@ -779,6 +779,13 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
       const double nudge = from_change < kTie ? -2 * kTie : from_change > 1 - kTie ? 2 * kTie : 0.0;
       if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
     }
+    if (view.snapped_px > 0) {
+      if (view.sampling == DenseSampling::kAnisotropic && centre.height_px < 16 * view.snapped_px) pixel.edge |= kEdgeOcclusion;
+      for (int k = 0; k < 25; ++k) {  // five by five, as the colour need not be largest at a corner of the square
+        const double x_px = (k % 5 - 2) * 0.5 * view.snapped_px, y_px = (k / 5 - 2) * 0.5 * view.snapped_px;
+        mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, m.dx, m.dy, view), kEdgePlace);
+      }
+    }
     if (view.sampling == DenseSampling::kNearest) {
       for (int corner = 0; corner < 9; ++corner) {
         const double x_px = (corner % 3 - 1) * kTexelTiePx, y_px = (corner / 3 - 1) * kTexelTiePx;

@@ -112,6 +112,7 @@ struct DenseView {
   bool resolved =
       false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
   DenseDerivatives derivatives = DenseDerivatives::kExact;
+  double snapped_px = 0;  // how far to each side the GL may move a corner before it interpolates between them; 0: it does not
 };
 
 // Why a pixel's value is not determined. GL snaps vertices to a fixed-point grid (here taken as 1/256 px; the standard
@@ -131,13 +132,15 @@ struct DenseView {
 enum EdgeReason : uint8_t {
   kEdgeSilhouette = 1,  // the artwork's outline runs through the square
   kEdgeOcclusion = 2,   // another triangle may show, and its texel position at the pixel's centre is more than half a
-                        // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork
+                        // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork. Or, anisotropic, the triangle
+                        // is so thin beside DenseView::snapped_px that nothing is known of the footprint's direction
   kEdgeColour = 4,  // another triangle may show; the place is the same, but its level of detail gives another colour
                     // (by more than 0.5 of 255 in a channel)
   kEdgeThin = 8,    // of height h px: lambda may be off by log2(1 - sqrt(2) / 256 / h), and the colour by more than 0.5
   kEdgeLevelTie =
       16,  // nearest and bilinear: lambda within 1/256 of the change of level, the other level's colour as above
-  kEdgeTexelTie = 32  // nearest: within 1/128 px of the next texel, whose colour differs as above
+  kEdgeTexelTie = 32,  // nearest: within 1/128 px of the next texel, whose colour differs as above
+  kEdgePlace = 64      // the colour differs as above within DenseView::snapped_px
 };
 
 struct DensePixel {
@@ -149,7 +152,7 @@ struct DensePixel {
   int32_t triangle = -1;                // instance << 11 | cell << 1 | half; -1: background
   uint8_t edge = 0;                     // EdgeReason bits
   glm::dvec3 low{0},
-      high{0};  // the values that rgb may take instead: equal to rgb but for kEdgeColour, kEdgeThin, kEdgeLevelTie, kEdgeTexelTie
+      high{0};  // the values that rgb may take instead: equal to rgb but for the reasons from kEdgeColour on
   bool covered() const { return triangle >= 0; }
   std::array<uint8_t, 3> bytes() const;
 };
@@ -187,8 +190,8 @@ struct PixelPair {
 };
 
 // "Inside" is where the reference is covered and neither a silhouette nor an occlusion edge runs through the pixel.
-// Where only the level of detail or the texel is undetermined (kEdgeColour, kEdgeThin, kEdgeLevelTie, kEdgeTexelTie) a difference is the distance
-// to the range low..high.
+// Where only the level of detail or the place is undetermined (the reasons from kEdgeColour on) a difference is the distance to the range
+// low..high.
 struct ImageDifference {
   std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes
   double max_exact = 0;                 // the same over all channels, against the reference before rounding

@@ -12,7 +12,10 @@
 #include <functional>
 #include <random>
 
+#include <epoxy/gl.h>
+
 #include "src/engine.h"
+#include "src/gl/context.h"
 #include "tests/render/dense_pages.h"
 #include "tests/render/dense_reference.h"
 
@@ -97,6 +100,15 @@ inline double now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// GL moves corners to a grid of 2^-GL_SUBPIXEL_BITS px. GPUs interpolate between the moved ones; llvmpipe between the corners as they were. Half a
+// step for that, and as much for what interpolation adds (on an H100 no pixel of 40 million is off by more).
+inline double snappedPx() {
+  if (gl::currentContextInfo().software) return 0;
+  GLint bits = 4;
+  glGetIntegerv(GL_SUBPIXEL_BITS, &bits);
+  return std::ldexp(1.0, -bits);
+}
+
 inline Totals compare(const Subject& subject, Scene scene, const Views& run, double cache_mib = 256) {
   Totals totals;
   totals.seed = run.seed;
@@ -137,6 +149,7 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     v.sampling = static_cast<DenseSampling>(scene.sampling);
     v.anisotropy = scene.anisotropy;
     v.resolved = e.plan().resolve;
+    v.snapped_px = snappedPx();
     if (run.wrong_oracle) run.wrong_oracle(v);
     const DenseImage reference =
         renderDense(*subject.texture, e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);
