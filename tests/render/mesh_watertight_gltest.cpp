@@ -348,6 +348,10 @@ TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
       engine->frame(frame * 0.016);
       compareShared(*engine, &total);
     }
+    if (total.different == 0) {  // a GPU draws fifteen frames before the first page has come
+      ASSERT_TRUE(engine->settle(60).ok());
+      compareShared(*engine, &total);
+    }
     EXPECT_GT(total.different, 0u) << "of " << total.compared << (broken.no_snapping ? ", no snapping" : broken.unordered_ends ? ", unordered ends" : ", one sample a texel");
   }
 }
