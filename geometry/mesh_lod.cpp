@@ -360,7 +360,7 @@ class Selection {
     std::swap(tree_, other_tree_);
     assume_resident_ = true;
     bool whole_tree_fits = refine(false);
-    assume_resident_ = false;  // as before: then no tree is limited
+    assume_resident_ = false;  // as it was: of a view as if all were resident no tree is limited
     std::swap(tree_, other_tree_);
     return whole_tree_fits;
   }

@@ -270,16 +270,21 @@ struct Engine::Impl {
   }
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
-  Result<void> linkPrograms() {
-    surface_drawn = {};
-    gl::Defines defines = this->defines();
-    if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
+  // For negative controls: those of what vertices are computed with.
+  void breakVertices(gl::Defines& defines) const {
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
-    if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
     if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
     if (broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
     if (broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
+  }
+
+  Result<void> linkPrograms() {
+    surface_drawn = {};
+    gl::Defines defines = this->defines();
+    breakVertices(defines);
+    if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
+    if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
     auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
       bool screen_wide = std::string_view(vertex) == "screen.vert";
       auto linked = gl::Program::link(
@@ -952,11 +957,7 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   Impl& e = *impl_;
   if (e.capture_program.id() == 0) {
     gl::Defines defines = e.defines();
-    if (e.broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
-    if (e.broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
-    if (e.broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
-    if (e.broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
-    if (e.broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
+    e.breakVertices(defines);
     defines.emplace_back("CAPTURE", "1");
     auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
     if (!linked) return {};

@@ -140,10 +140,13 @@ std::string createOn(const Platform& platform, Api api, EglContext& out) {
   const bool is_15 = major > 1 || (major == 1 && minor >= 5);
   // Some drivers answer with the version asked for and no more: the newest first, for what is used where it is there (tessellation).
   static constexpr std::pair<EGLint, EGLint> kGlVersions[] = {{4, 6}, {4, 5}, {4, 3}, {4, 1}, {3, 3}}, kEsVersions[] = {{3, 2}, {3, 1}, {3, 0}};
-  for (const auto& [context_major, context_minor] : api == Api::kGl33 ? std::span<const std::pair<EGLint, EGLint>>(kGlVersions) : kEsVersions) {
-    const bool named = is_15 || hasWord(extensions, "EGL_KHR_create_context");
-    std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION, named ? context_major : 3};
-    if (named) {
+  const bool names_minor = is_15 || hasWord(extensions, "EGL_KHR_create_context");
+  std::span<const std::pair<EGLint, EGLint>> versions = kEsVersions;
+  if (api == Api::kGl33) versions = kGlVersions;
+  if (!names_minor) versions = versions.last(1);  // 3, and what minor version the driver likes
+  for (const auto& [context_major, context_minor] : versions) {
+    std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION, context_major};
+    if (names_minor) {
       attributes.insert(attributes.end(), {EGL_CONTEXT_MINOR_VERSION, context_minor});
       if (api == Api::kGl33) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
       if (debugContextWanted() && is_15) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_DEBUG, EGL_TRUE});

@@ -150,7 +150,6 @@ void PagePool::grow(bool blocks, int layers) {
 }
 
 void PagePool::upload(std::span<const PageUpload> uploads) {
-  if (uploads.empty()) return;
   for (bool blocks : {false, true}) {
     bool any = false;
     SlotIndex last = 0;

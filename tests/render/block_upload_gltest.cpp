@@ -11,6 +11,7 @@
 #include <cstring>
 #include <functional>
 #include <set>
+#include <utility>
 
 #include "src/engine.h"
 #include "src/gl/program.h"
@@ -238,14 +239,14 @@ TEST_F(BlockUpload, TheComparisonSeesWrongBlocks) {
 
 // --- the pool ---
 
-// The driver's texel of each slot's middle, channel 0.
-std::vector<uint8_t> middles(const PagePool& pool, int slots) {
+// The driver's texel of each slot's middle, channel 0. sampler: of the pool's, u_pool or u_blocks0.
+std::vector<uint8_t> middles(const PagePool& pool, int slots, const std::string& sampler) {
   PageTable table(16, 1);
   auto linked = gl::Program::linkTexts(
       gltest::api(), {"middles.vert", "void main() {\n  vec2 p = vec2(float((gl_VertexID & 1) << 2), float((gl_VertexID & 2) << 1)) - 1.0;\n  gl_Position = vec4(p, 0.0, 1.0);\n}\n"},
-      {"middles.frag", "uniform sampler2DArray u_blocks0, u_blocks1, u_blocks2;\nlayout(location = 0) out vec4 o;\n"
+      {"middles.frag", "uniform sampler2DArray " + sampler + ";\nlayout(location = 0) out vec4 o;\n"
                        "void main() {\n  int slot = int(gl_FragCoord.x) + 64 * int(gl_FragCoord.y);\n"
-                       "  o = texelFetch(u_blocks0, ivec3((slot & 7) * 136 + 68, ((slot >> 3) & 7) * 136 + 68, slot >> 6), 0);\n}\n"},
+                       "  o = texelFetch(" + sampler + ", ivec3((slot & 7) * 136 + 68, ((slot >> 3) & 7) * 136 + 68, slot >> 6), 0);\n}\n"},
       {});
   EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
   const int rows = (slots + 63) / 64;
@@ -320,12 +321,36 @@ TEST_F(BlockUpload, AGrowingPoolKeepsWhatIsThere) {
     const bool copies = epoxy_has_gl_extension("GL_ARB_copy_image") || epoxy_has_gl_extension("GL_EXT_copy_image") || epoxy_has_gl_extension("GL_OES_copy_image");
     EXPECT_EQ(sizes.size() > 1, copies) << "it grows, or takes all at once";
     EXPECT_EQ(sizes.back(), (kSlots + kSlotsPerLayer - 1) / kSlotsPerLayer * kSlotsPerLayer * pageBlockBytes(codec)) << "relief's come with relief";
-    const auto found = middles(pool, kSlots);
+    const auto found = middles(pool, kSlots, "u_blocks0");
     for (uint32_t slot = 0; slot < kSlots; ++slot)
       ASSERT_NEAR(found[slot], value(slot), codec == PageCodec::kBc1 ? 6 : 2) << "slot " << slot << " of " << encodingName({codec, 0});
     ++compared;
   }
   if (compared == 0) GTEST_SKIP() << "this context samples no block formats";
+}
+
+// The same of RGBA8, by image copies or (where extensions are left out) layer by layer. The control: a page that another took the place of.
+TEST_F(BlockUpload, AGrowingPoolKeepsItsTexels) {
+  for (bool staged : {false, true}) {
+    constexpr uint32_t kSlots = 1100;
+    PagePool pool(CacheSlots{.upload = PageCodec::kLossless, .texture = kSlots, .relief = 0}, staged);
+    auto value = [](uint32_t slot) { return static_cast<uint8_t>(1 + slot * 37 % 251); };
+    uint32_t sizes = 0;
+    uint64_t size = 0;
+    std::vector<uint8_t> page(kSlotBytes);
+    for (uint32_t slot = 0; slot < kSlots; ++slot) {
+      std::fill(page.begin(), page.end(), value(slot));
+      const PageUpload upload{slot, PageId(texturePlane(0), NodeId{0, 0, 0, 0}), page.data()};
+      pool.upload({&upload, 1});
+      sizes += std::exchange(size, pool.textureBytes()) != pool.textureBytes();
+    }
+    EXPECT_EQ(sizes, 3u) << "it grew twice";
+    const auto found = middles(pool, kSlots, "u_pool");
+    for (uint32_t slot = 0; slot < kSlots; ++slot) ASSERT_EQ(found[slot], value(slot)) << "slot " << slot << (staged ? ", staged" : "");
+    const PageUpload another{3, PageId(texturePlane(0), NodeId{0, 0, 0, 0}), page.data()};
+    pool.upload({&another, 1});
+    EXPECT_NE(middles(pool, kSlots, "u_pool")[3], value(3));
+  }
 }
 
 // --- while pages come and go ---

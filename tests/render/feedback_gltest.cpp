@@ -8,6 +8,7 @@
 
 #include "shaders/embedded.h"
 #include "src/engine.h"
+#include "src/lod_views.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -93,17 +94,15 @@ class FlatFeedback {
 
  private:
   EyeFrame setView(const TextureView& v) {
-    LodView lod;
-    lod.clip_from_world = v.clip_from_world;
-    lod.eye_mm = v.eye_mm;
-    lod.pixels_per_radian = v.pixels_per_radian;
-    lod.near_mm = v.near_mm;
-    lod.relief = false;
-    MadeUpOracle oracle(manifest_.domain, 1);
-    auto instances = selectPlanarLod(manifest_.domain, oracle, lod, {}).instances;
     ViewTransform view;
     view.clip_from_world = v.clip_from_world;
     view.eye_mm = v.eye_mm;
+    view.pixels_per_radian = v.pixels_per_radian;
+    view.near_mm = v.near_mm;
+    LodView lod = lodViewFrom(view);
+    lod.relief = false;
+    MadeUpOracle oracle(manifest_.domain, 1);
+    auto instances = selectPlanarLod(manifest_.domain, oracle, lod, {}).instances;
     const EyeFrame eye = eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode());
     patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     return eye;
