@@ -292,15 +292,15 @@ std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
   const int64_t right = t.columns, bottom = t.rows;
   for (int64_t j = 0; j < bottom; ++j) {
     for (int64_t i = 0; i < right; ++i) {
+      const glm::dvec3 a = t.place(i, j, v.exaggerate), b = t.place(i + 1, j + 1, v.exaggerate);
       for (int half = 0; half < 2; ++half) {
-        glm::dvec3 a = t.place(i, j, v.exaggerate), b = t.place(i + 1, j + 1, v.exaggerate);
-        glm::dvec3 c = half ? t.place(i, j + 1, v.exaggerate) : t.place(i + 1, j, v.exaggerate);
-        glm::dvec3 normal = glm::cross(b - a, c - a);
-        if (normal.z < 0) normal = -normal;
+        const glm::dvec3 c = half ? t.place(i, j + 1, v.exaggerate) : t.place(i + 1, j, v.exaggerate);
         glm::dvec3 middle = (a + b + c) / 3.0;
         glm::dvec4 clip = v.clip_from_world * glm::dvec4(middle, 1);
         double edge_x = 1 - 1.0 / v.width_px, edge_y = 1 - 1.0 / v.height_px;  // the outermost pixel centres
         if (!(clip.w > 0) || std::abs(clip.x) > clip.w * edge_x || std::abs(clip.y) > clip.w * edge_y || std::abs(clip.z) > clip.w) continue;
+        glm::dvec3 normal = glm::cross(b - a, c - a);
+        if (normal.z < 0) normal = -normal;
         double x = (clip.x / clip.w + 1) * 0.5 * v.width_px, y = (1 - clip.y / clip.w) * 0.5 * v.height_px;
         if (glm::dot(normal, rays.direction(x, y)) >= 0) continue;
         auto f = rays.footprint(t.domain, x, y, middle, normal);
