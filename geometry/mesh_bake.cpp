@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "geometry/height_fit.h"
+#include "geometry/line_sweep.h"
 #include "geometry/parallel_for.h"
 #include "geometry/plane_image.h"
 #include "geometry/ray_scene.h"
@@ -41,16 +42,27 @@ T onCell(const T& c00, const T& c10, const T& c01, const T& c11, double fx, doub
   return fx >= fy ? c00 + (c10 - c00) * fx + (c11 - c10) * fy : c00 + (c01 - c00) * fy + (c11 - c01) * fx;
 }
 
-// Lines are traced by squares of a patch: what they meet lies together, so that few of the scan's hierarchies are needed at a time.
-constexpr size_t kTile = 64;
-// visit(x0, y0, x1, y1) of the squares that cover [0, side)^2, until it answers false.
-template <class Visit>
-bool forEachTile(size_t side, Visit visit) {
-  for (size_t y = 0; y < side; y += kTile)
-    for (size_t x = 0; x < side; x += kTile)
-      if (!visit(x, y, std::min(x + kTile, side), std::min(y + kTile, side))) return false;
-  return true;
-}
+// Lines are looked up by squares of a patch: what they meet lies together, so that few of the scan's hierarchies are needed at a time, or few
+// of its triangles swept. Of [0, side)^2, some `wanted` each way.
+struct Tiles {
+  size_t side, parts;
+  Tiles(size_t places, size_t wanted) : side(places), parts(std::max<size_t>(1, (places + wanted / 2) / wanted)) {}
+  size_t first(size_t part) const { return part * side / parts; }
+  size_t of(size_t place) const {
+    size_t part = std::min(place * parts / side, parts - 1);
+    while (part > 0 && first(part) > place) --part;
+    while (part + 1 < parts && first(part + 1) <= place) ++part;
+    return part;
+  }
+  // visit(x0, y0, x1, y1), until it answers false.
+  template <class Visit>
+  bool forEach(Visit visit) const {
+    for (size_t y = 0; y < parts; ++y)
+      for (size_t x = 0; x < parts; ++x)
+        if (!visit(first(x), first(y), first(x + 1), first(y + 1))) return false;
+    return true;
+  }
+};
 
 // A grid of n cells a side at (u, v), its cells' triangles linear.
 double onGrid(std::span<const uint16_t> grid, size_t n, double u, double v) {
@@ -150,8 +162,10 @@ struct MeshBake::Impl {
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
   std::unique_ptr<RayScene> scene;
+  std::unique_ptr<LineSweep> sweep;
   std::unique_ptr<SampleLayout> layout;
   std::vector<uint8_t> used;           // by corner: has it a patch?
+  std::vector<uint32_t> corner_patch;  // the first, of those used
   glm::dvec3 shift{0};                 // from the base's coordinates to the mesh's
   std::vector<glm::vec3> normals;      // of the mesh's vertices
   std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines look
@@ -191,8 +205,36 @@ struct MeshBake::Impl {
     return from < to ? onSide({from, to}, t) : onSide({to, from}, 1 - t);
   }
 
+  // Lines of a square of a patch that are asked for together.
+  struct Lookup {
+    std::vector<Line> lines;
+    std::vector<SweepPlace> places;
+    std::vector<SurfacePoint> hits;
+    double u0 = 0, v0 = 0, u_scale = 1, v_scale = 1;
+    SweepSquare square;
+    // Rays for what is not swept.
+    std::vector<Line> left;
+    std::vector<SurfacePoint> left_hits;
+    void add(const Line& line, double u, double v, double start) {
+      lines.push_back(line);
+      places.push_back({static_cast<float>((u - u0) * u_scale), static_cast<float>((v - v0) * v_scale), static_cast<float>(start)});
+    }
+  };
+  size_t tile() const { return sweep ? 128 : 64; }
+  void begin(Lookup& look, uint32_t patch, double u0, double v0, double u1, double v1) const {
+    look.lines.clear();
+    look.places.clear();
+    look.u0 = u0, look.v0 = v0, look.u_scale = 1 / (u1 - u0), look.v_scale = 1 / (v1 - v0);
+    for (size_t k = 0; k < 4; ++k) {
+      const Frame f = inside(patch, k % 2 ? u1 : u0, k / 2 ? v1 : v0);
+      look.square.points[k] = f.point;
+      look.square.normals[k] = f.normal;
+    }
+  }
+  // The nearest surface that faces along each line.
+  void find(Lookup& look) const;
+
   void prepare(const BakeOptions& options);
-  bool makeNormals(const BakeOptions& options);
   Result<Traced> trace(int cells_log2, const BakeOptions& options);
   struct FitOptions {
     int least_log2 = 0, cells_log2 = 0;  // a patch's cells
@@ -251,24 +293,21 @@ Approach closestApproach(const RayScene& scene, const TriMesh& mesh, const Line&
   return out;
 }
 
-// Heights along lines, and their weights (Traced). 0 where a line meets nothing within reach nor nearly does: borders that it touches are met.
-void heightsAlong(const RayScene& scene, const TriMesh& mesh, std::span<const Line> lines, std::span<float> heights, std::span<uint8_t> weights) {
+// The height along a line that meets the scan so, and its weight (Traced). 0 where it meets nothing within reach nor nearly does: borders that it
+// touches are met.
+void heightAlong(const RayScene& scene, const TriMesh& mesh, const Line& line, const SurfacePoint& hit, float& height, uint8_t& weight) {
   constexpr double kNearly = 1e-3;  // of what a line reaches
-  std::vector<SurfacePoint> hits(lines.size());
-  scene.nearestOnLines(lines, Facing::kAlong, hits);
-  for (size_t i = 0; i < lines.size(); ++i) {
-    if (hits[i]) {
-      heights[i] = static_cast<float>(hits[i].along);
-      const auto& t = mesh.triangles[hits[i].triangle];
-      const glm::vec3& a = mesh.positions_mm[t[0]];
-      const glm::vec3 normal = glm::cross(mesh.positions_mm[t[1]] - a, mesh.positions_mm[t[2]] - a), direction(lines[i].direction);
-      const float cosine = glm::dot(normal, direction) / std::sqrt(glm::dot(normal, normal) * glm::dot(direction, direction));
-      weights[i] = static_cast<uint8_t>(1 + static_cast<int>(254 * std::clamp(cosine, 0.0f, 1.0f)));
-    } else {
-      const Approach near = closestApproach(scene, mesh, lines[i]);
-      heights[i] = static_cast<float>(near.along);
-      weights[i] = near.distance <= kNearly * lines[i].reach * glm::length(lines[i].direction) ? 1 : 0;
-    }
+  if (hit) {
+    height = static_cast<float>(hit.along);
+    const auto& t = mesh.triangles[hit.triangle];
+    const glm::vec3& a = mesh.positions_mm[t[0]];
+    const glm::vec3 normal = glm::cross(mesh.positions_mm[t[1]] - a, mesh.positions_mm[t[2]] - a), direction(line.direction);
+    const float cosine = glm::dot(normal, direction) / std::sqrt(glm::dot(normal, normal) * glm::dot(direction, direction));
+    weight = static_cast<uint8_t>(1 + static_cast<int>(254 * std::clamp(cosine, 0.0f, 1.0f)));
+  } else {
+    const Approach near = closestApproach(scene, mesh, line);
+    height = static_cast<float>(near.along);
+    weight = near.distance <= kNearly * line.reach * glm::length(line.direction) ? 1 : 0;
   }
 }
 
@@ -306,6 +345,19 @@ constexpr int kSmoothings = 8;
 
 }  // namespace
 
+void MeshBake::Impl::find(Lookup& look) const {
+  look.hits.resize(look.lines.size());
+  if (!sweep) return scene->nearestOnLines(look.lines, Facing::kAlong, look.hits);
+  sweep->nearest(look.square, look.places, look.lines, look.hits);
+  look.left.clear();
+  for (size_t i = 0; i < look.hits.size(); ++i)
+    if (!look.hits[i]) look.left.push_back(look.lines[i]);
+  look.left_hits.resize(look.left.size());
+  scene->nearestOnLines(look.left, Facing::kAlong, look.left_hits);
+  for (size_t i = 0, k = 0; i < look.hits.size(); ++i)
+    if (!look.hits[i]) look.hits[i] = look.left_hits[k++];
+}
+
 void MeshBake::Impl::prepare(const BakeOptions& options) {
   layout = std::make_unique<SampleLayout>(base);
   shift = base.origin_mm - mesh->origin_mm;
@@ -313,6 +365,7 @@ void MeshBake::Impl::prepare(const BakeOptions& options) {
   interrupted = options.interrupted;
   // Lines look about as far as a patch is wide: further away lie other parts of the artwork.
   used.assign(layout->corners, 0);
+  corner_patch.assign(layout->corners, 0);
   corner_reach.assign(layout->corners, 0);
   side_reach.assign(layout->sides.size(), 0);
   patch_reach.assign(layout->patches, 0);
@@ -324,6 +377,7 @@ void MeshBake::Impl::prepare(const BakeOptions& options) {
     for (uint32_t s : layout->patch_sides[p]) side_reach[s] = std::max(side_reach[s], reach);
     for (uint32_t k : c) {
       corner_reach[k] = std::max(corner_reach[k], reach);
+      if (!used[k]) corner_patch[k] = p;
       used[k] = 1;
     }
   }
@@ -419,9 +473,11 @@ BakeScene::~BakeScene() = default;
 
 Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
   BakeScene out;
-  auto rays = RayScene::create(mesh, {.interrupted = options.interrupted, .region_triangles = options.region_triangles, .budget_bytes = options.ray_bytes});
+  const bool swept = mesh.triangles.size() >= options.sweep_from_triangles;
+  auto rays = RayScene::create(mesh, {.interrupted = options.interrupted, .region_triangles = options.region_triangles, .budget_bytes = options.ray_bytes, .at_once = !swept});
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
+  if (swept) out.sweep = std::make_unique<LineSweep>(mesh, options.workers);
   if (!makeNormals(mesh, options, out.normals)) return interruptedError();
   return out;
 }
@@ -434,74 +490,74 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
   const bool with_probes = probes.empty();
   const size_t places = probesAPatch();
   if (with_probes) probes.resize(l.patches * places);
-  constexpr size_t kCornersAJob = 256;
-  const size_t corner_jobs = (l.corners + kCornersAJob - 1) / kCornersAJob, jobs = corner_jobs + l.patches;
+  const Tiles tiles(n + 1, tile());
   const bool done = parallelFor(
-      jobs, workers, options.interrupted,
+      l.patches, workers, options.interrupted,
       [&](size_t job) {
-        std::vector<Line> lines;
-        auto look = [&](std::span<float> to, std::span<uint8_t> weights) { heightsAlong(*scene, *mesh, lines, to, weights); };
-        if (job < corner_jobs) {
-          const size_t first = job * kCornersAJob;
-          for (size_t i = first; i < std::min(l.corners, first + kCornersAJob); ++i) lines.push_back(lineOf(corner(static_cast<uint32_t>(i)), corner_reach[i]));
-          return look(std::span(heights).subspan(first, lines.size()), std::span(found).subspan(first, lines.size()));
-        }
-        const auto patch = static_cast<uint32_t>(job - corner_jobs);
-        for (uint32_t side : l.patch_sides[patch]) {
-          if (l.side_patch[side] != patch) continue;
-          const size_t first = l.sideFirst(side, m);
-          for (size_t from = 1; from < n && !stopped(); from += kTile) {
-            lines.clear();
-            for (size_t i = from; i < std::min(n, from + kTile); ++i)
-              lines.push_back(lineOf(onSide(l.sides[side], static_cast<double>(i) / static_cast<double>(n)), side_reach[side]));
-            look(std::span(heights).subspan(first + from - 1, lines.size()), std::span(found).subspan(first + from - 1, lines.size()));
-          }
-        }
+        const auto patch = static_cast<uint32_t>(job);
+        Lookup look;
+        std::vector<size_t> to;  // of each line: a sample's place; then probes'
         // Probes with their neighbours.
         std::vector<std::pair<size_t, size_t>> by_tile;
         if (with_probes) {
-          auto tileOf = [&](double t) { return std::min(static_cast<size_t>(t * static_cast<double>(n)), m - 1) / kTile; };
+          auto tileOf = [&](double t) { return tiles.of(static_cast<size_t>(t * static_cast<double>(n))); };
           for (size_t k = patch * places; k < (patch + 1) * places; ++k) {
             const glm::dvec2 at = probePlace(k);
-            by_tile.push_back({tileOf(at.y) * (m / kTile + 1) + tileOf(at.x), k});
+            by_tile.push_back({tileOf(at.y) * tiles.parts + tileOf(at.x), k});
           }
           std::sort(by_tile.begin(), by_tile.end());
         }
         auto next_probe = by_tile.begin();
-        std::array<float, kTile * kTile> tile_heights;
-        std::array<uint8_t, kTile * kTile> tile_weights;
-        forEachTile(m, [&](size_t x0, size_t y0, size_t x1, size_t y1) {
-          lines.clear();
-          for (size_t y = y0; y < y1; ++y)
-            for (size_t x = x0; x < x1; ++x)
-              lines.push_back(lineOf(inside(patch, static_cast<double>(x + 1) / static_cast<double>(n), static_cast<double>(y + 1) / static_cast<double>(n)), patch_reach[patch]));
-          look(std::span(tile_heights).first(lines.size()), std::span(tile_weights).first(lines.size()));
+        // Samples on sides and corners are looked up with the first patch that they belong to.
+        std::array<bool, 4> forward{};
+        for (size_t s = 0; s < 4; ++s) forward[s] = base.patches[patch][static_cast<size_t>(kSideCorners[s][0])] < base.patches[patch][static_cast<size_t>(kSideCorners[s][1])];
+        size_t tile_number = 0;
+        tiles.forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+          auto share = [&](size_t x) { return static_cast<double>(std::min(x, n)) / static_cast<double>(n); };
+          begin(look, patch, share(x0), share(y0), share(x1), share(y1));
+          to.clear();
           for (size_t y = y0; y < y1; ++y) {
-            const size_t to = l.insideFirst(patch, m) + y * m + x0, from = (y - y0) * (x1 - x0);
-            std::copy_n(tile_heights.data() + from, x1 - x0, heights.data() + to);
-            std::copy_n(tile_weights.data() + from, x1 - x0, found.data() + to);
+            for (size_t x = x0; x < x1; ++x) {
+              const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
+              double reach = patch_reach[patch];
+              size_t place = l.insideFirst(patch, m) + (y - 1) * m + x - 1;
+              if (on_u && on_v) {
+                const uint32_t c = base.patches[patch][(x ? 1 : 0) + (y ? 2 : 0)];
+                if (corner_patch[c] != patch) continue;
+                place = c;
+                reach = corner_reach[c];
+              } else if (on_u || on_v) {
+                const size_t s = on_u ? (x ? kRight : kLeft) : (y ? kBottom : kTop), i = on_u ? y : x;
+                const uint32_t side = l.patch_sides[patch][s];
+                if (l.side_patch[side] != patch) continue;
+                place = l.sideFirst(side, m) + (forward[s] ? i : n - i) - 1;
+                reach = side_reach[side];
+              }
+              look.add(lineOf(at(patch, x, y, n), reach), share(x), share(y), 0);
+              to.push_back(place);
+            }
           }
-          const size_t tile = y0 / kTile * (m / kTile + 1) + x0 / kTile;
-          const auto first_probe = next_probe;
-          lines.clear();
-          for (; next_probe != by_tile.end() && next_probe->first == tile; ++next_probe) {
+          const size_t samples_here = to.size();
+          for (; next_probe != by_tile.end() && next_probe->first == tile_number; ++next_probe) {
             const glm::dvec2 at = probePlace(next_probe->second);
-            lines.push_back(lineOf(inside(patch, at.x, at.y), patch_reach[patch]));
+            look.add(lineOf(inside(patch, at.x, at.y), patch_reach[patch]), at.x, at.y, 0);
+            to.push_back(next_probe->second);
           }
-          std::vector<SurfacePoint> hits(lines.size());
-          scene->nearestOnLines(lines, Facing::kAlong, hits);
-          for (size_t i = 0; i < lines.size(); ++i) {
-            if (!hits[i]) continue;
-            const auto& t = mesh->triangles[hits[i].triangle];
+          ++tile_number;
+          find(look);
+          for (size_t i = 0; i < samples_here; ++i) heightAlong(*scene, *mesh, look.lines[i], look.hits[i], heights[to[i]], found[to[i]]);
+          for (size_t i = samples_here; i < to.size(); ++i) {
+            if (!look.hits[i]) continue;
+            const auto& t = mesh->triangles[look.hits[i].triangle];
             const glm::dvec3 a(mesh->positions_mm[t[0]]), b(mesh->positions_mm[t[1]]), c(mesh->positions_mm[t[2]]);
             const glm::dvec3 normal = glm::normalize(glm::cross(b - a, c - a));
-            probes[first_probe[static_cast<ptrdiff_t>(i)].second] = {hits[i].along, std::abs(glm::dot(lines[i].direction, normal))};
+            probes[to[i]] = {look.hits[i].along, std::abs(glm::dot(look.lines[i].direction, normal))};
           }
           return !stopped();
         });
       },
       [&](size_t taken) {
-        if (options.progress) options.progress(0.3 + 0.6 * static_cast<double>(taken) / static_cast<double>(jobs));
+        if (options.progress) options.progress(0.3 + 0.6 * static_cast<double>(taken) / static_cast<double>(l.patches));
       });
   if (!done) return interruptedError();
 
@@ -762,22 +818,22 @@ bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
   double around = 0;
   for (const auto& [a, b] : kSideCorners) around += glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point);
   const double texel_mm = around / (4.0 * static_cast<double>(side));
-  std::vector<Line> lines;
-  std::vector<SurfacePoint> hits;
+  Lookup look;
   std::vector<float> values(channels);
-  return forEachTile(side, [&](size_t x0, size_t y0, size_t x1, size_t y1) {
-    lines.clear();
+  return Tiles(side, tile()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+    auto share = [&](size_t x) { return static_cast<double>(x) / static_cast<double>(side); };
+    begin(look, patch, share(x0), share(y0), share(x1), share(y1));
     for (size_t i = 0; i < (x1 - x0) * (y1 - y0); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
       const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side), v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
       const Frame f = inside(patch, u, v);
-      lines.push_back(lineOf({f.point + (offset_mm + scale_mm * onGrid(q, n, u, v)) * f.normal, f.normal}, patch_reach[patch]));
+      const double height = offset_mm + scale_mm * onGrid(q, n, u, v);
+      look.add(lineOf({f.point + height * f.normal, f.normal}, patch_reach[patch]), u, v, height);
     }
-    hits.resize(lines.size());
-    scene->nearestOnLines(lines, Facing::kAlong, hits);
-    for (size_t l = 0; l < lines.size(); ++l) {
+    find(look);
+    for (size_t l = 0; l < look.lines.size(); ++l) {
       const size_t x = x0 + l % (x1 - x0), y = y0 + l / (x1 - x0);
-      const SurfacePoint at = hits[l] ? hits[l] : scene->closestPoint(lines[l].at);
+      const SurfacePoint at = look.hits[l] ? look.hits[l] : scene->closestPoint(look.lines[l].at);
       const auto& t = mesh->triangles[at.triangle];
       const auto& uv = mesh->corner_uv[at.triangle];
       const glm::vec3 &p = mesh->positions_mm[t[0]], e = mesh->positions_mm[t[1]] - p, g = mesh->positions_mm[t[2]] - p;
@@ -857,6 +913,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     scene = std::move(*made);
   }
   impl->scene = std::move(scene.rays);
+  impl->sweep = std::move(scene.sweep);
   impl->normals = std::move(scene.normals);
   if (options.progress) options.progress(0.3);
 
@@ -1007,25 +1064,31 @@ Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   auto height = [&](double u, double v) { return b.offset_mm + b.scale_mm * onGrid(q, n, u, v); };
   const double likely = 4 * b.report.deviation_mm + b.scale_mm;  // how far the surface drawn is from the scan
   std::vector<std::array<float, kTexelChannels>> tones(row * row);
-  std::vector<Line> lines;
-  std::vector<SurfacePoint> hits;
-  const bool done = forEachTile(row, [&](size_t x0, size_t y0, size_t x1, size_t y1) {
-    lines.clear();
+  Impl::Lookup look;
+  std::array<Frame, 4> corners;
+  for (size_t k = 0; k < 4; ++k) corners[k] = b.corner(b.base.patches[patch][k]);
+  const bool done = Tiles(row, b.tile()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+    auto share = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
+    b.begin(look, patch, share(x0), share(y0), share(x1), share(y1));
+    const double half = direct ? 0.5 : 0;
     for (size_t y = y0; y < y1; ++y) {
+      const double v = (static_cast<double>(y) + half) / static_cast<double>(cells);
+      // Of texels, which no other patch has, along rows: sooner.
+      const Frame left = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
       for (size_t x = x0; x < x1; ++x) {
-        const double half = direct ? 0.5 : 0;
-        const double u = (static_cast<double>(x) + half) / static_cast<double>(cells), v = (static_cast<double>(y) + half) / static_cast<double>(cells);
-        const Frame f = direct ? b.inside(patch, u, v) : b.at(patch, x, y, cells);
+        const double u = (static_cast<double>(x) + half) / static_cast<double>(cells);
+        const Frame f = direct ? lerp(left, right, u) : b.at(patch, x, y, cells);
         // From the surface that is drawn: what lies on it is what it shows.
-        lines.push_back(lineOf({f.point + height(u, v) * f.normal, f.normal}, b.patch_reach[patch]));
-        lines.back().likely = likely;
+        const double h = height(u, v);
+        look.add(lineOf({f.point + h * f.normal, f.normal}, b.patch_reach[patch]), u, v, h);
+        // Short rays are faster ones; a sweep sees all that is near at once.
+        look.lines.back().likely = b.sweep ? std::max(likely, 0.02 * look.lines.back().reach) : likely;
       }
     }
-    hits.resize(lines.size());
-    b.scene->nearestOnLines(lines, Facing::kAlong, hits);
-    for (size_t i = 0; i < lines.size(); ++i) {
+    b.find(look);
+    for (size_t i = 0; i < look.lines.size(); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
-      tones[y * row + x] = b.tone(hits[i] ? hits[i] : b.scene->closestPoint(lines[i].at));
+      tones[y * row + x] = b.tone(look.hits[i] ? look.hits[i] : b.scene->closestPoint(look.lines[i].at));
     }
     return !b.stopped();
   });

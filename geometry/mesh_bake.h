@@ -40,11 +40,13 @@ struct BakeReport {
   double seconds = 0;
 };
 
+class LineSweep;
 class RayScene;
 
 // What a bake looks up in the mesh, which must outlive it unchanged: to be made beside the base mesh, which takes as long.
 struct BakeScene {
   std::unique_ptr<RayScene> rays;
+  std::unique_ptr<LineSweep> sweep;  // of dense scans: rays are for what it does not answer
   std::vector<glm::vec3> normals;  // of the mesh's vertices
   BakeScene();
   BakeScene(BakeScene&&);
@@ -54,6 +56,7 @@ struct BakeScene {
 struct BakeSceneOptions {
   uint64_t ray_bytes = ~uint64_t{0};  // of ray hierarchies at a time: with less all takes longer, and comes out the same
   uint32_t region_triangles = 0;      // of each hierarchy; 0: what suits the mesh's size
+  size_t sweep_from_triangles = 100'000;  // meshes of so many are swept: smaller ones have few triangles a patch, and rays are as fast
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
 };

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "geometry/box_tree.h"
+
 namespace relievo {
 namespace {
 
@@ -143,26 +145,6 @@ SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, d
   return hit;
 }
 
-// A box that no rounding of what is compared with it gets by: grown by far more than floats lose.
-struct Box {
-  glm::vec3 low{std::numeric_limits<float>::infinity()}, high{-std::numeric_limits<float>::infinity()};
-  void add(const glm::vec3& p) {
-    low = glm::min(low, p);
-    high = glm::max(high, p);
-  }
-  void add(const Box& o) {
-    low = glm::min(low, o.low);
-    high = glm::max(high, o.high);
-  }
-  bool meets(const Box& o) const {
-    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y && low.z <= o.high.z && o.low.z <= high.z;
-  }
-  double squaredDistance(const glm::dvec3& p) const {
-    const glm::dvec3 out = glm::max(glm::max(glm::dvec3(low) - p, p - glm::dvec3(high)), glm::dvec3(0));
-    return glm::dot(out, out);
-  }
-};
-
 struct Hierarchy {
   RTCScene scene = nullptr;
   uint64_t bytes = 0;
@@ -192,51 +174,6 @@ bool meetsSegment(const Box& box, const glm::vec3& middle, const glm::vec3& half
   return !apart;
 }
 
-// Boxes of a list's successive parts, and of ever more of them.
-class BoxTree {
- public:
-  BoxTree() = default;
-  explicit BoxTree(std::vector<Box> parts) {
-    levels_.push_back(std::move(parts));
-    while (levels_.back().size() > kFan) {
-      const std::vector<Box>& fine = levels_.back();
-      std::vector<Box> coarse((fine.size() + kFan - 1) / kFan);
-      for (size_t i = 0; i < fine.size(); ++i) {
-        coarse[i / kFan].add(fine[i]);
-      }
-      levels_.push_back(std::move(coarse));
-    }
-  }
-  const Box& part(size_t i) const { return levels_[0][i]; }
-  // visit(part) for those whose boxes, and all above them, `wanted` takes, in their order.
-  template <class Wanted, class Visit>
-  void forEach(Wanted wanted, Visit visit) const {
-    descend(levels_.size() - 1, 0, levels_.back().size(), wanted, visit);
-  }
-  size_t nearest(const glm::dvec3& place) const {
-    size_t best = 0;
-    double least = std::numeric_limits<double>::infinity();
-    forEach([&](const Box& box) { return box.squaredDistance(place) < least; },
-            [&](size_t i) {
-              least = levels_[0][i].squaredDistance(place);
-              best = i;
-            });
-    return best;
-  }
-
- private:
-  static constexpr size_t kFan = 8;
-  template <class Wanted, class Visit>
-  void descend(size_t level, size_t first, size_t last, Wanted& wanted, Visit& visit) const {
-    for (size_t i = first; i < last; ++i) {
-      if (!wanted(levels_[level][i])) continue;
-      if (level == 0) visit(i);
-      else descend(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), wanted, visit);
-    }
-  }
-  std::vector<std::vector<Box>> levels_;
-};
-
 }  // namespace
 
 struct RayScene::Impl {
@@ -248,7 +185,7 @@ struct RayScene::Impl {
   std::atomic<int64_t> device_bytes{0};
   float size = 0;                         // the largest coordinate
   std::vector<Region> regions;
-  BoxTree parts;                          // of the regions' triangles, kPartsARegion each; where there are several
+  BoxTree parts;                          // of the regions' triangles, kPartsARegion each, grown by far more than floats lose; where there are several
   bool all_built = false;                 // and so they stay: no lock is needed
   std::mutex mutex;
   std::condition_variable built;
@@ -420,7 +357,7 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
     impl->regions.push_back(std::move(region));
   }
   if (!parts.empty()) impl->parts = BoxTree(std::move(parts));
-  if (triangles * Impl::kBytesATriangle <= options.budget_bytes) {
+  if (options.at_once && triangles * Impl::kBytesATriangle <= options.budget_bytes) {
     for (size_t r = 0; r < impl->regions.size(); ++r) impl->hierarchy(r);
     impl->all_built = impl->failure.empty() && !impl->stopped();
   }

@@ -44,6 +44,7 @@ struct RaySceneOptions {
   const std::atomic<bool>* interrupted = nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
   uint32_t region_triangles = 0;                   // 0: what suits the mesh's size
   uint64_t budget_bytes = ~uint64_t{0};            // of hierarchies at a time; one for each thread is kept, be it ever so small
+  bool at_once = true;                             // all are built now, where the budget allows it; else each when it is first asked for
 };
 
 class RayScene {

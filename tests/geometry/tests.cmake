@@ -5,6 +5,7 @@ relievo_test(lod_error_test LIBS relievo_geometry SOURCES geometry/lod_error_tes
 relievo_test(lod_worker_test LIBS relievo_geometry SOURCES geometry/lod_worker_test.cpp)
 relievo_test(texture_select_test LIBS relievo_geometry SOURCES geometry/texture_select_test.cpp)
 relievo_test(ray_scene_test LIBS relievo_mesh SOURCES geometry/ray_scene_test.cpp)
+relievo_test(line_sweep_test LIBS relievo_mesh SOURCES geometry/line_sweep_test.cpp)
 relievo_test(mesh_watertight_test LIBS relievo_geometry SOURCES geometry/mesh_watertight_test.cpp)
 relievo_test(height_fit_test LIBS relievo_mesh SOURCES geometry/height_fit_test.cpp)
 relievo_test(plane_image_test LIBS relievo_mesh SOURCES geometry/plane_image_test.cpp)
