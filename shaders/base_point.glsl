@@ -1,11 +1,12 @@
 // base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners (src/render/base_corners.h).
 // On a side it is a function of that side's two corners, in the order of their indices, and the place between them alone (C++ twin:
 // geometry/mesh_vertex.h). UNORDERED_ENDS: not so, for a negative control.
-uniform sampler2D u_corners;
-uniform sampler2D u_normals;
-uniform usampler2D u_base;
+#include "texel_table.glsl"
 
-ivec2 inTable(uint i) { return ivec2(i & 1023u, i >> 10u); }
+uniform FLOAT_TABLE u_corners;
+uniform FLOAT_TABLE u_normals;
+uniform UINT_TABLE u_base;
+
 vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
 #ifdef UNORDERED_ENDS
   return lo + (hi - lo) * t;
@@ -16,7 +17,7 @@ vec3 lerpOrdered(vec3 lo, vec3 hi, float t) {
 }
 
 // The corners' indices at (0, 0), (1, 0), (0, 1), (1, 1).
-uvec4 patchCorners(uint index) { return texelFetch(u_base, inTable(index), 0); }
+uvec4 patchCorners(uint index) { return TABLE_TEXEL(u_base, index); }
 
 // place: units, 0 .. side, a power of two; scale: 1 / side.
 void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, out vec3 normal) {
@@ -38,15 +39,14 @@ void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, 
   hi = b;
 #endif
   if (lo != a) t = 1.0 - t;
-  point = lerpOrdered(texelFetch(u_corners, inTable(lo), 0).xyz, texelFetch(u_corners, inTable(hi), 0).xyz, t);
-  normal = lerpOrdered(texelFetch(u_normals, inTable(lo), 0).xyz, texelFetch(u_normals, inTable(hi), 0).xyz, t);
+  point = lerpOrdered(TABLE_TEXEL(u_corners, lo).xyz, TABLE_TEXEL(u_corners, hi).xyz, t);
+  normal = lerpOrdered(TABLE_TEXEL(u_normals, lo).xyz, TABLE_TEXEL(u_normals, hi).xyz, t);
   // A loop, so that vertices on sides (all of the coarsest grids) do not wait for what they do not need.
   bool inside = !(on_column || place.y == 0 || place.y == side);
   for (int row = 0; row < (inside ? 2 : 0); ++row) {
     uvec2 ends = row == 0 ? index.xy : index.zw;
-    ivec2 from = inTable(ends.x), to = inTable(ends.y);
-    vec3 p = lerpOrdered(texelFetch(u_corners, from, 0).xyz, texelFetch(u_corners, to, 0).xyz, uv.x);
-    vec3 n = lerpOrdered(texelFetch(u_normals, from, 0).xyz, texelFetch(u_normals, to, 0).xyz, uv.x);
+    vec3 p = lerpOrdered(TABLE_TEXEL(u_corners, ends.x).xyz, TABLE_TEXEL(u_corners, ends.y).xyz, uv.x);
+    vec3 n = lerpOrdered(TABLE_TEXEL(u_normals, ends.x).xyz, TABLE_TEXEL(u_normals, ends.y).xyz, uv.x);
     point = row == 0 ? p : lerpOrdered(point, p, uv.y);
     normal = row == 0 ? n : lerpOrdered(normal, n, uv.y);
   }

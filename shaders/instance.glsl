@@ -1,11 +1,12 @@
 // instance.glsl - the list of drawn nodes, 32 bytes each, uploaded once a list: vertices and pixels read the same texels (GpuPatchInstance of
 // src/render/patch_pass.h).
-uniform usampler2D u_instances;  // two texels an instance, 256 instances a row
+#include "texel_table.glsl"
 
-ivec2 instanceTexel(uint index) { return ivec2(int(index & 255u) << 1, int(index >> 8u)); }
+uniform UINT_TABLE u_instances;  // two texels an instance
+
 // Patch, level, x, y.
 uvec4 instanceNode(uint index) {
-  uvec4 node = texelFetch(u_instances, instanceTexel(index), 0);
+  uvec4 node = TABLE_TEXEL(u_instances, 2u * index);
   node.y &= 31u;
   return node;
 }
@@ -23,8 +24,7 @@ uint a_edges;    // per side a byte: a | b << 4 (geometry/planar_lod.h)
 int a_compact;   // of a relief page in compact form, 1 + how many times its cells a side are halved; else 0
 
 void loadInstance() {
-  ivec2 at = instanceTexel(a_instance);
-  uvec4 node = texelFetch(u_instances, at, 0), place = texelFetch(u_instances, at + ivec2(1, 0), 0);
+  uvec4 node = TABLE_TEXEL(u_instances, 2u * a_instance), place = TABLE_TEXEL(u_instances, 2u * a_instance + 1u);
   a_origin = ivec4(ivec2(place.xy), int((node.y >> 8u) & 31u), int((node.y >> 5u) & 7u));
   // The node's place among those of its level in the page, times its side.
   uint in_page = (1u << ((node.y >> 18u) & 31u)) - 1u;

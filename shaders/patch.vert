@@ -1,7 +1,8 @@
 // patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and its
 // 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots
 // (C++ twin: geometry/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
-// the order of their indices, and its place between them (C++ twin: geometry/mesh_vertex.h).
+// the order of their indices, and its place between them (C++ twin: geometry/mesh_vertex.h). ROOT_CELLS: only patches that are drawn as one cell, with
+// heights from their tails: the same vertices, in a program of its own since software GL runs through every branch and, once, through every loop.
 #include "common.glsl"
 #include "instance.glsl"
 #ifdef MESH
@@ -18,7 +19,8 @@ uniform ivec2 u_limit;         // units from the eye's unit to the artwork's rig
 uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base);
                                // what z / w is moved by, towards the eye (wireframe)
 #ifdef TAILS
-uniform usampler2DArray u_tail_heights;  // 64 x 64 tails of 17 x 17 heights a layer (src/render/tail_textures.h)
+uniform UINT_TABLE u_tail_heights;  // first the four at the corners, of all patches; then 17 x 17 a patch (src/render/tail_textures.h)
+uniform uint u_tail_patches;
 #endif
 
 invariant gl_Position;
@@ -50,10 +52,7 @@ int snapOnSide(int i, int n, uint side) {
 #ifdef RELIEF
 int heightSample(ivec3 origin, ivec2 s) {
 #ifdef TAILS
-  if (a_relief.z == -1) {
-    ivec3 tail = ivec3(int(a_node.z & 63u) * 17, int((a_node.z >> 6u) & 63u) * 17, int(a_node.z >> 12u));
-    return int(texelFetch(u_tail_heights, tail + ivec3(s, 0), 0).r);
-  }
+  if (a_relief.z == -1) return int(TABLE_TEXEL(u_tail_heights, u_tail_patches * 4u + a_node.z * 289u + uint(s.y * 17 + s.x)).r);
 #endif
 #ifdef MESH
   return reliefSampleOf(origin, a_compact, s);
@@ -214,7 +213,27 @@ Vertex drawnVertex(ivec2 g, int n) {
 }
 #endif
 
+#ifdef ROOT_CELLS
+// As vertexAt() has it at a corner of the patch.
+Vertex vertexAtCorner(uint patch_index, uvec2 g) {
+  uvec4 corners = patchCorners(patch_index);
+  uint corner = g.y == 0u ? (g.x == 0u ? corners.x : corners.y) : (g.x == 0u ? corners.z : corners.w);
+  float height_mm = u_scale.z;
+#if defined(RELIEF) && !defined(CELLS_WITHOUT_HEIGHTS)
+  float height_steps = float(TABLE_TEXEL(u_tail_heights, patch_index * 4u + g.y * 2u + g.x).r);
+  height_mm += height_steps * u_scale.y;
+#endif
+  vec3 point = TABLE_TEXEL(u_corners, corner).xyz, normal = TABLE_TEXEL(u_normals, corner).xyz;
+  return Vertex(point + normal * height_mm, vec2(g));
+}
+#endif
+
 void main() {
+#ifdef ROOT_CELLS
+  const int n = 0;
+  a_node = uvec3(a_instance + 1u, 0u, TABLE_TEXEL(u_instances, 2u * a_instance).x);
+  Vertex v = vertexAtCorner(a_node.z, a_grid);
+#else
   loadInstance();
   int n = a_origin.w;
 #ifdef MORPH
@@ -228,6 +247,7 @@ void main() {
   if (g.y == 0) snapped.x = snapOnSide(g.x, n, (a_edges >> 16u) & 255u);
   if (g.y == last) snapped.x = snapOnSide(g.x, n, (a_edges >> 24u) & 255u);
   Vertex v = vertexAt(snapped);
+#endif
 #endif
   gl_Position = u_clip_from_eye * vec4(v.from_eye, 1.0);
 #ifdef CAPTURE

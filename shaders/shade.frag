@@ -57,25 +57,19 @@ vec3 filterPage(int slot, vec2 p) {
 // The patch's tail at this pixel: what shows where no page is to be had, and where the patch is small.
 vec3 g_tail[PLANES];
 
-void filterTailLevel(ivec3 tile, vec2 uv, int level, out vec3 channels[PLANES]) {
-  vec2 p = uv * float(16 >> level) + vec2(tailLevelAt(level));
-  for (int k = 0; k < PLANES; ++k) channels[k] = filterTail(tile + ivec3(0, 0, k * u_tail_layers), p);
-}
-
 // beyond: the texture LOD, less the root's.
 void loadTail(float beyond) {
   vec2 uv;
   uvec4 root = nodeAtLevel(0, uv);
-  ivec3 tile = tailTile(root.x);
   float lod = clamp(beyond - kTailFinest, 0.0, float(kTailLevels - 1));
 #ifdef TRILINEAR
   float base = min(floor(lod), float(kTailLevels - 2));
-  filterTailLevel(tile, uv, int(base), g_tail);
+  filterTailLevel(root.x, uv, int(base), g_tail);
   vec3 coarse[PLANES];
-  filterTailLevel(tile, uv, int(base) + 1, coarse);
+  filterTailLevel(root.x, uv, int(base) + 1, coarse);
   for (int k = 0; k < PLANES; ++k) g_tail[k] += (coarse[k] - g_tail[k]) * (lod - base);
 #else
-  filterTailLevel(tile, uv, int(floor(lod + 0.5)), g_tail);
+  filterTailLevel(root.x, uv, int(floor(lod + 0.5)), g_tail);
 #endif
 }
 #endif

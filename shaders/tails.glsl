@@ -1,36 +1,59 @@
 // tails.glsl - what of a patch is there without a page: texels of few levels (texturing/patch_tails.h, src/render/tail_textures.h). Constants are
-// compared with those by a test.
-const int kTailLevels = 4;         // of 16, 8, 4 and 2 texels a side, in a tile of 18 x 28 texels a plane, each with a border of one
+// compared with those by a test. A texel has the channels of a plane in the lowest three bytes of a word.
+#include "texel_table.glsl"
+
+const int kTailLevels = 4;         // of 16, 8, 4 and 2 texels a side, in blocks with a border of one
 const float kTailFinest = 3.0;     // texture levels between the root's texels and the tail's finest
-uniform sampler2DArray u_tails;    // 64 x 32 tiles a layer, planes one after the other
-uniform int u_tail_layers;         // of a plane
+uniform TAIL_TABLE u_tails;        // level by level, patch by patch
+uniform uint u_tail_patches;
 uniform float u_tail_reach;        // texture levels beyond the root's over which the root gives way to the tail
 
 // How much of the tail shows, at a texture LOD that lies `beyond` the root's.
 float tailShare(float beyond) { return clamp(beyond / u_tail_reach, 0.0, 1.0); }
 
-// A patch's tile of plane 0, and where a level begins in a tile, its border left out.
-ivec3 tailTile(uint patch_index) {
-  return ivec3(int(patch_index & 63u) * 18, int((patch_index >> 6u) & 31u) * 28, int(patch_index >> 11u));
-}
-ivec2 tailLevelAt(int level) { return level == 0 ? ivec2(1, 1) : level == 1 ? ivec2(1, 19) : level == 2 ? ivec2(11, 19) : ivec2(11, 25); }
+// Texels of a patch before a level.
+uint tailBlockAt(int level) { return level == 0 ? 0u : level == 1 ? 324u : level == 2 ? 424u : 460u; }
 
-// At p, in texels of the tile; channels 0..255.
-vec3 filterTail(ivec3 tile, vec2 p) {
-#if defined(NEAREST)
-  return texelFetch(u_tails, tile + ivec3(ivec2(p), 0), 0).rgb * 255.0;
-#elif defined(FAST_FILTER)
-  return textureLod(u_tails, vec3((vec2(tile.xy) + p) / vec2(textureSize(u_tails, 0).xy), float(tile.z)), 0.0).rgb * 255.0;
+// Two planes are fetched at once where they come in pairs.
+#if PLANES % 2 == 0
+#define TAIL_WORDS 2
 #else
-  vec2 corner = floor(p - 0.5);
-  vec2 f = p - 0.5 - corner;
-  ivec3 at = tile + ivec3(ivec2(corner), 0);
-  vec3 c00 = texelFetch(u_tails, at, 0).rgb;
-  vec3 c10 = texelFetch(u_tails, at + ivec3(1, 0, 0), 0).rgb;
-  vec3 c01 = texelFetch(u_tails, at + ivec3(0, 1, 0), 0).rgb;
-  vec3 c11 = texelFetch(u_tails, at + ivec3(1, 1, 0), 0).rgb;
-  vec3 top = c00 + (c10 - c00) * f.x;
-  vec3 bottom = c01 + (c11 - c01) * f.x;
-  return (top + (bottom - top) * f.y) * 255.0;
+#define TAIL_WORDS 1
+#endif
+struct TailTexel {
+  vec3 planes[TAIL_WORDS];  // 0..255
+};
+TailTexel tailTexel(uint at) {
+  uvec4 words = TAIL_TEXEL(u_tails, at);
+  TailTexel t;
+  for (int k = 0; k < TAIL_WORDS; ++k) t.planes[k] = vec3(uvec3(words[k], words[k] >> 8u, words[k] >> 16u) & 255u);
+  return t;
+}
+
+// At uv of the patch.
+void filterTailLevel(uint patch_index, vec2 uv, int level, out vec3 channels[PLANES]) {
+  const uint kGroups = uint(PLANES / TAIL_WORDS);
+  uint side = uint(16 >> level) + 2u;
+  uint first = u_tail_patches * tailBlockAt(level) + patch_index * (side * side);
+  vec2 p = uv * float(16 >> level) + 0.5;
+#ifdef NEAREST
+  uvec2 at = uvec2(p + 0.5);
+  for (uint g = 0u; g < kGroups; ++g) {
+    TailTexel t = tailTexel((first + at.y * side + at.x) * kGroups + g);
+    for (int k = 0; k < TAIL_WORDS; ++k) channels[int(g) * TAIL_WORDS + k] = t.planes[k];
+  }
+#else
+  vec2 corner = floor(p);
+  vec2 f = p - corner;
+  uint at = (first + uint(corner.y) * side + uint(corner.x)) * kGroups;
+  for (uint g = 0u; g < kGroups; ++g) {
+    TailTexel t00 = tailTexel(at + g), t10 = tailTexel(at + kGroups + g);
+    TailTexel t01 = tailTexel(at + side * kGroups + g), t11 = tailTexel(at + (side + 1u) * kGroups + g);
+    for (int k = 0; k < TAIL_WORDS; ++k) {
+      vec3 top = t00.planes[k] + (t10.planes[k] - t00.planes[k]) * f.x;
+      vec3 bottom = t01.planes[k] + (t11.planes[k] - t01.planes[k]) * f.x;
+      channels[int(g) * TAIL_WORDS + k] = top + (bottom - top) * f.y;
+    }
+  }
 #endif
 }

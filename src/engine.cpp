@@ -35,6 +35,7 @@ namespace relievo {
 namespace {
 
 constexpr int kMaxReads = 64;          // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
+constexpr int kCornersUnit = 6;        // and two more: texture units of the base mesh
 constexpr uint32_t kReadyLimit = 256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
 double steadySeconds() {
@@ -144,7 +145,7 @@ struct Engine::Impl {
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
-  gl::Program surface_program, shade_program, tails_program, feedback_program, wire_program, capture_program;
+  gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program, capture_program, capture_roots_program;
   SurfaceTarget surface{{}};
   PictureTarget target{{}};
   Sabotage broken;
@@ -235,6 +236,7 @@ struct Engine::Impl {
   gl::Defines defines() const {
     gl::Defines all = plan.defines();
     if (tails) all.emplace_back("TAILS", "1");
+    if (tail_textures && tail_textures->inRows()) all.emplace_back("TAIL_ROWS", "1");
     for (auto& define : PagePool::defines(slots.upload)) all.push_back(std::move(define));
     return all;
   }
@@ -275,6 +277,7 @@ struct Engine::Impl {
     if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
     if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
     if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
+    if (broken.cells_without_heights) defines.emplace_back("CELLS_WITHOUT_HEIGHTS", "1");
     if (broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
     if (broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
   }
@@ -295,8 +298,11 @@ struct Engine::Impl {
     };
     if (auto r = link(surface_program, "patch.vert", "surface.frag"); !r) return r;
     if (auto r = link(shade_program, "screen.vert", "shade.frag"); !r) return r;
+    root_cells_program = {};
     if (tails) {
-      defines.emplace_back("TAILS_ONLY", "1");
+      defines.emplace_back("ROOT_CELLS", "1");
+      if (auto r = link(root_cells_program, "patch.vert", "surface.frag"); !r) return r;
+      defines.back() = {"TAILS_ONLY", "1"};
       if (auto r = link(tails_program, "screen.vert", "shade.frag"); !r) return r;
       defines.pop_back();
     }
@@ -304,6 +310,7 @@ struct Engine::Impl {
       if (auto r = link(feedback_program, "screen.vert", "feedback.frag"); !r) return r;
     }
     capture_program = {};
+    capture_roots_program = {};
     wire_program = {};
     if (plan.wireframe) {
       defines.emplace_back("WIREFRAME", "1");
@@ -491,12 +498,21 @@ struct Engine::Impl {
     surface.resize(width, height, plan.anisotropy > 1);
     target.resize(width, height, surface.depth());
     surface.begin();
-    surface_program.use();
-    pool->bind(surface_program, streamer->table());
-    setUniforms(surface_program, 0);
+    auto prepare = [&](const gl::Program& program) {
+      program.use();
+      pool->bind(program, streamer->table());
+      setUniforms(program, 0);
+    };
+    prepare(surface_program);
     const EyeFrame eye = prepareInstances(surface_program);
+    const gl::Program* root_cells = tails && patches->cellsAreRoots() ? &root_cells_program : nullptr;
+    if (root_cells) {
+      prepare(*root_cells);
+      corners->bind(*root_cells, kCornersUnit);
+    }
+    surface_program.use();
     const PatchPass::Mesh mesh = backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
-    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, mesh);
+    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, mesh, 0, root_cells);
   }
 
   void bindSurface(const gl::Program& program) const {
@@ -675,7 +691,7 @@ struct Engine::Impl {
                               : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     if (corners) {
       corners->setEye(drawn.view.eye_mm);
-      corners->bind(program, 6);
+      corners->bind(program, kCornersUnit);
     }
     if (tail_textures) tail_textures->bind(program, tailReach());
     patches->setInstances(instances, eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
@@ -959,9 +975,13 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     gl::Defines defines = e.defines();
     e.breakVertices(defines);
     defines.emplace_back("CAPTURE", "1");
-    auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
-    if (!linked) return {};
-    e.capture_program = std::move(*linked);
+    for (gl::Program* program : {&e.capture_program, &e.capture_roots_program}) {
+      if (program == &e.capture_roots_program && !e.tails) continue;
+      if (program == &e.capture_roots_program) defines.emplace_back("ROOT_CELLS", "1");
+      auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
+      if (!linked) return {};
+      *program = std::move(*linked);
+    }
   }
   e.surface_drawn = {};
   e.surface.resize(e.width, e.height, false);
@@ -970,7 +990,11 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   e.capture_program.use();
   EyeFrame eye = e.prepareInstances(e.capture_program);
   e.pool->bind(e.capture_program, e.streamer->table());
-  return e.patches->capture(e.capture_program, eye, max_vertices);
+  if (!e.tails || e.broken.call_a_patch) return e.patches->capture(e.capture_program, eye, max_vertices);
+  e.capture_roots_program.use();
+  e.corners->bind(e.capture_roots_program, kCornersUnit);
+  e.tail_textures->bind(e.capture_roots_program, e.tailReach());
+  return e.patches->capture(e.capture_program, eye, max_vertices, &e.capture_roots_program);
 }
 
 std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {

@@ -130,6 +130,7 @@ class Engine {
     bool draw_backs = false;   // of closed bodies, too
     bool one_lookup = false;   // taps beyond a page's border are clamped to it
     bool one_sample_a_texel = false;  // relief is read as if a texel held one sample
+    bool cells_without_heights = false;  // patches that a program of their own draws as one cell
     bool narrow_residuals = false, flat_blocks = false;  // of relief in compact form: a bit less than there is; slopes left out
     bool call_a_patch = false;    // each instance by a draw call of its own, for comparison
   };

@@ -118,7 +118,7 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
   return out;
 }
 
-TailTiles::TailTiles(const PatchTails& tails, const BaseMesh& base)
+TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base)
     : tails_(tails), base_(base), neighbours_(patchNeighbours(base)), first_(base.corners.size() + 1, 0), at_(base.patches.size() * 4) {
   for (const auto& patch : base.patches)
     for (uint32_t corner : patch) ++first_[corner + 1];
@@ -128,7 +128,7 @@ TailTiles::TailTiles(const PatchTails& tails, const BaseMesh& base)
 }
 
 // As a page's border has it: what makes the mean of the four texels around the corner the same from all patches that meet there.
-uint8_t TailTiles::beyondCorner(uint32_t patch, size_t k, int level, int channel) const {
+uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channel) const {
   const uint32_t corner = base_.patches[patch][k];
   const size_t last = static_cast<size_t>(PatchTails::side(level) - 1), side = last + 1;
   auto cornerTexel = [&](uint32_t p, size_t slot) { return tails_.level(p, level, channel)[(slot / 2) * last * side + (slot % 2) * last]; };
@@ -150,38 +150,34 @@ uint8_t TailTiles::beyondCorner(uint32_t patch, size_t k, int level, int channel
   return static_cast<uint8_t>(std::clamp(four_means - cornerTexel(patch, k) - x - y, 0, 255));
 }
 
-void TailTiles::write(uint32_t patch, int plane, uint8_t* out, size_t stride) const {
-  for (int level = 0; level < kTailLevels; ++level) {
-    const int side = PatchTails::side(level), last = side - 1;
-    uint8_t* tile = out + 4 * (static_cast<size_t>(kTileLevelAt[static_cast<size_t>(level)][1]) * stride + static_cast<size_t>(kTileLevelAt[static_cast<size_t>(level)][0]));
-    for (int c = 0; c < 3; ++c) {
-      const int channel = 3 * plane + c;
-      const uint8_t* own = tails_.level(patch, level, channel);
-      auto put = [&](int x, int y, uint8_t value) {  // from -1 on
-        uint8_t* texel = tile + 4 * (static_cast<size_t>(y + 1) * stride + static_cast<size_t>(x + 1));
-        texel[c] = value;
-        texel[3] = 255;
-      };
-      for (int y = 0; y < side; ++y)
-        for (int x = 0; x < side; ++x) put(x, y, own[y * side + x]);
-      for (size_t s = 0; s < 4; ++s) {
-        const PatchNeighbour& n = neighbours_[patch][s];
-        const bool upright = s == kLeft || s == kRight;
-        const int edge = s == kRight || s == kBottom ? last : 0, beyond = edge == 0 && (s == kLeft || s == kTop) ? -1 : side;
-        const uint8_t* from = n.patch == PatchNeighbour::kNone ? own : tails_.level(n.patch, level, channel);
-        const size_t their_side = n.patch == PatchNeighbour::kNone ? s : static_cast<size_t>(n.side);
-        const bool reversed = n.patch != PatchNeighbour::kNone && n.reversed;
-        const bool their_upright = their_side == kLeft || their_side == kRight;
-        const int their_edge = their_side == kRight || their_side == kBottom ? last : 0;
-        for (int i = 0; i < side; ++i) {
-          const int t = reversed ? last - i : i;
-          const uint8_t value = from[their_upright ? t * side + their_edge : their_edge * side + t];
-          if (upright) put(beyond, i, value);
-          else put(i, beyond, value);
-        }
+void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
+  const int side = PatchTails::side(level), last = side - 1;
+  const size_t planes = static_cast<size_t>(tails_.channels) / 3, row = tailBlockSide(level);
+  std::fill_n(out, tailBlockTexels(level) * planes, 0u);
+  for (int channel = 0; channel < tails_.channels; ++channel) {
+    const uint8_t* own = tails_.level(patch, level, channel);
+    auto put = [&](int x, int y, uint8_t value) {  // from -1 on
+      out[(static_cast<size_t>(y + 1) * row + static_cast<size_t>(x + 1)) * planes + static_cast<size_t>(channel / 3)] |= uint32_t{value} << (8 * (channel % 3));
+    };
+    for (int y = 0; y < side; ++y)
+      for (int x = 0; x < side; ++x) put(x, y, own[y * side + x]);
+    for (size_t s = 0; s < 4; ++s) {
+      const PatchNeighbour& n = neighbours_[patch][s];
+      const bool upright = s == kLeft || s == kRight;
+      const int edge = s == kRight || s == kBottom ? last : 0, beyond = edge == 0 && (s == kLeft || s == kTop) ? -1 : side;
+      const uint8_t* from = n.patch == PatchNeighbour::kNone ? own : tails_.level(n.patch, level, channel);
+      const size_t their_side = n.patch == PatchNeighbour::kNone ? s : static_cast<size_t>(n.side);
+      const bool reversed = n.patch != PatchNeighbour::kNone && n.reversed;
+      const bool their_upright = their_side == kLeft || their_side == kRight;
+      const int their_edge = their_side == kRight || their_side == kBottom ? last : 0;
+      for (int i = 0; i < side; ++i) {
+        const int t = reversed ? last - i : i;
+        const uint8_t value = from[their_upright ? t * side + their_edge : their_edge * side + t];
+        if (upright) put(beyond, i, value);
+        else put(i, beyond, value);
       }
-      for (size_t k = 0; k < 4; ++k) put(k % 2 ? side : -1, k / 2 ? side : -1, beyondCorner(patch, k, level, channel));
     }
+    for (size_t k = 0; k < 4; ++k) put(k % 2 ? side : -1, k / 2 ? side : -1, beyondCorner(patch, k, level, channel));
   }
 }
 

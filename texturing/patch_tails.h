@@ -6,8 +6,8 @@
 //   texels    of the levels of 16, 8, 4 and 2 texels a side: those of the root page halved 3 to 6 times by mip.h's rules, from its bytes.
 //             The two levels between (64 and 32 texels) exist nowhere: shaders blend from the root's level to the tail's over them.
 //
-// On the GPU a patch's tail is a tile a plane (RGBA8), its levels each with a border of one texel from the patches that they meet, so that
-// bilinear filters show no seam; and a tile of 17 x 17 heights (R16UI). kTailGpuBytes says what that takes.
+// On the GPU a patch's tail is a block of texels a level (32 bits a plane), with a border of one texel from the patches that it meets, so that
+// bilinear filters show no seam; and 17 x 17 heights (16 bits), of which the four at the corners lie together, too. tailGpuBytes() says what that takes.
 #pragma once
 
 #include <array>
@@ -64,18 +64,19 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
 // Coefficients evaluated for a fixed light, as resolve.h does it for pages: three channels. The heights are left out.
 PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, const std::array<double, 3>& light);
 
-// Where a level lies in a tile, border included; known to shaders/tails.glsl, compared by a test.
-inline constexpr int kTileWidth = 18, kTileHeight = 28;
-inline constexpr std::array<std::array<int, 2>, kTailLevels> kTileLevelAt{{{0, 0}, {0, 18}, {10, 18}, {10, 24}}};
-inline constexpr size_t kTileBytes = size_t{4} * kTileWidth * kTileHeight;
-inline constexpr uint64_t tailGpuBytes(uint64_t patches, uint64_t planes) { return patches * (planes * kTileBytes + 2 * kTailHeights); }
+// A level's texels with its border; before each level, of a patch. Known to shaders/tails.glsl, compared by a test.
+inline constexpr size_t tailBlockSide(int level) { return static_cast<size_t>((kTailTexels >> level) + 2); }
+inline constexpr size_t tailBlockTexels(int level) { return tailBlockSide(level) * tailBlockSide(level); }
+inline constexpr std::array<size_t, kTailLevels + 1> kTailBlockAt{0, 324, 424, 460, 476};
+inline constexpr size_t kTailBlockHeights = 4 + kTailHeights;  // those at the corners are there twice: they are all that a patch of one cell takes
+inline constexpr uint64_t tailGpuBytes(uint64_t patches, uint64_t planes) { return patches * (planes * 4 * kTailBlockAt[kTailLevels] + 2 * kTailBlockHeights); }
 
-// Tiles of patches of a base mesh; const and thread-safe.
-class TailTiles {
+// Blocks of patches of a base mesh; const and thread-safe.
+class TailBlocks {
  public:
-  TailTiles(const PatchTails& tails, const BaseMesh& base);  // both outlive it
-  // RGBA8 of channels 3 * plane .. 3 * plane + 2, rows of `stride` texels.
-  void write(uint32_t patch, int plane, uint8_t* out, size_t stride) const;
+  TailBlocks(const PatchTails& tails, const BaseMesh& base);  // both outlive it
+  // Rows of texels, each a word a plane: channels 3 * plane .. 3 * plane + 2, the first in the lowest byte.
+  void write(uint32_t patch, int level, uint32_t* out /* tailBlockTexels(level) * planes */) const;
 
  private:
   uint8_t beyondCorner(uint32_t patch, size_t corner, int level, int channel) const;

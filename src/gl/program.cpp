@@ -14,7 +14,7 @@ namespace {
 
 using Shader = Object<Kind::kShader>;
 
-constexpr const char* kPrologueGl = "#version 330 core\n";
+constexpr const char* kPrologueGl = "#version 330 core\n#define TEXEL_BUFFERS 1\n";
 // Everything is highp: positions, texel counts and hashes need their bits.
 constexpr const char* kPrologueEs =
     "#version 300 es\n"

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "src/base/base_mesh.h"
-#include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/texel_table.h"
 
 namespace relievo {
 
@@ -21,9 +21,10 @@ class BaseCorners {
 
  private:
   std::shared_ptr<const BaseMesh> base_;
-  gl::Texture positions_, normals_, patches_;
+  TexelTable positions_{"corner positions", TexelTable::Texel::kFloat32x4}, normals_{"corner normals", TexelTable::Texel::kFloat32x4},
+      patches_{"patches", TexelTable::Texel::kUint32x4};
   std::optional<glm::dvec3> eye_mm_;
-  std::vector<float> texels_;
+  std::vector<glm::vec4> texels_;
 };
 
 }  // namespace relievo

@@ -16,7 +16,6 @@ namespace {
 
 constexpr uint32_t kManyCells = 1024;  // grids of one cell, from which on they are drawn as one mesh
 constexpr GLuint kGridAttribute = 0, kInstanceAttribute = 1, kMorphAttribute = 2;
-constexpr size_t kInstancesPerRow = 256;  // of the texture; known to instance.glsl
 constexpr int kInstanceUnit = 3;          // behind the pool's
 
 uint32_t packEdges(const PatchInstance& p) {
@@ -123,15 +122,17 @@ PatchPass::PatchPass(bool cells_as_mesh)
 void PatchPass::setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                              const std::function<SlotIndex(const NodeId&)>& slot_of) {
   const size_t count = instances.size();
-  if (packed_.size() < count + 1) packed_.resize((count / kInstancesPerRow + 1) * kInstancesPerRow);
+  if (packed_.size() < count) packed_.resize(std::bit_ceil(count));
   std::array<uint32_t, kMaxGridLevel + 1> of_level{};
   uint64_t in_place = ~uint64_t{0};
+  cells_are_roots_ = true;
   NodeId last_page{PatchNeighbour::kNone, 0, 0, 0};
   ReliefPlace last_place;
   for (size_t i = 0; i < count; ++i) {
     const PatchInstance& p = instances[i];
     ++of_level[p.grid_level];
     in_place &= std::bit_cast<uint64_t>(p.edge_morph) & (p.morph | ~uint64_t{255});
+    cells_are_roots_ &= p.grid_level > 0 || (p.node.level == 0 && (!relief || p.relief_page.level == kTailLevel));
     static_assert(kMaxGridLevel < 8);
     uint32_t levels = p.node.level | uint32_t{p.grid_level} << 5 | uint32_t{p.step_log2} << 8;
     uint32_t place = 0;
@@ -154,30 +155,14 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
     triangles_ += of_level[static_cast<size_t>(n)] * (2u << (2 * n));
   }
   instance_count_ = static_cast<uint32_t>(count);
-  upload(count);
+  list_ = (list_ + 1) % lists_.size();
+  static_assert(sizeof(GpuPatchInstance) == 2 * 16);
+  if (lists_[list_].size() < 2 * count || lists_[list_].size() == 0) lists_[list_].resize(2 * std::bit_ceil(std::max<size_t>(count, 1024)));
+  lists_[list_].write(0, packed_.data(), 2 * count);
   reserve(instance_count_);
   morphs_any_ = in_place != ~uint64_t{0};
   if (morphs_any_) setMorphs(instances);
   setCells(!cells_as_mesh_ || morphs_any_ || of_level[0] < kManyCells ? 0 : of_level[0]);
-}
-
-void PatchPass::upload(size_t count) {
-  list_ = (list_ + 1) % lists_.size();
-  List& list = lists_[list_];
-  const size_t rows = count / kInstancesPerRow + 1;
-  if (!list.texture) {
-    list.texture = gl::createTexture(GL_TEXTURE_2D, "patch instances");
-    glBindTexture(GL_TEXTURE_2D, list.texture.id());
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  }
-  glBindTexture(GL_TEXTURE_2D, list.texture.id());
-  constexpr GLsizei kWidth = kInstancesPerRow * sizeof(GpuPatchInstance) / 16;
-  if (rows > list.rows) {
-    list.rows = std::bit_ceil(rows);
-    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32UI, kWidth, static_cast<GLsizei>(list.rows), 0, GL_RGBA_INTEGER, GL_UNSIGNED_INT, nullptr);
-  }
-  glTexSubImage2D(GL_TEXTURE_2D, 0, 0, 0, kWidth, static_cast<GLsizei>(rows), GL_RGBA_INTEGER, GL_UNSIGNED_INT, packed_.data());
 }
 
 // Numbers for as many instances.
@@ -254,12 +239,7 @@ void PatchPass::bindGroup(const Grid& grid, size_t first_instance) const {
   glVertexAttribIPointer(kMorphAttribute, 3, GL_UNSIGNED_INT, sizeof(GpuPatchMorph), reinterpret_cast<const void*>(first_instance * sizeof(GpuPatchMorph)));
 }
 
-void PatchPass::bindInstances(const gl::Program& program, int unit) const {
-  glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
-  glBindTexture(GL_TEXTURE_2D, lists_[list_].texture.id());
-  glUniform1i(program.uniform("u_instances"), unit);
-  glActiveTexture(GL_TEXTURE0);
-}
+void PatchPass::bindInstances(const gl::Program& program, int unit) const { lists_[list_].bind(program, "u_instances", unit); }
 
 void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const {
   glUniformMatrix4fv(program.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
@@ -267,9 +247,13 @@ void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, flo
   glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, eye.depth.nearer(depth_bias));
 }
 
-uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias) const {
-  bindInstances(program, kInstanceUnit);
-  setUniforms(program, eye, depth_bias);
+uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias, const gl::Program* root_cells) const {
+  auto begin = [&](const gl::Program& p) {
+    p.use();
+    bindInstances(p, kInstanceUnit);
+    setUniforms(p, eye, depth_bias);
+  };
+  begin(program);
   glBindVertexArray(vertex_array_.id());
   if (mesh == Mesh::kFronts) glEnable(GL_CULL_FACE);  // GL's defaults: clockwise ones are culled
   if (mesh == Mesh::kLines) glDepthMask(GL_FALSE);  // depth tells where the surface is seen
@@ -286,7 +270,10 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
     ++calls;
   };
   const bool as_cells = cell_count_ > 0 && mesh != Mesh::kLines;
+  const bool apart = as_cells && root_cells && cells_are_roots_;
+  if (apart) begin(*root_cells);
   if (as_cells) calls += drawCells();
+  if (apart) program.use();
   for (int n = as_cells ? 1 : 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glDisable(GL_CULL_FACE);
   glDepthMask(GL_TRUE);
@@ -309,9 +296,7 @@ uint32_t PatchPass::drawOneByOne(const gl::Program& program, const EyeFrame& eye
   return instance_count_;
 }
 
-std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const {
-  bindInstances(program, kInstanceUnit);
-  setUniforms(program, eye, 0);
+std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices, const gl::Program* root_cells) const {
   uint64_t total = 0;
   for (int n = 0; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
   if (total == 0 || total > max_vertices) return {};
@@ -325,6 +310,10 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
     uint32_t count = group_first_[n + 1] - group_first_[n];
     if (count == 0) continue;
     const Grid& grid = grids_[n];
+    const gl::Program& in_use = n == 0 && root_cells && cells_are_roots_ ? *root_cells : program;
+    in_use.use();
+    bindInstances(in_use, kInstanceUnit);
+    setUniforms(in_use, eye, 0);
     bindGroup(grid, group_first_[n]);
     uint64_t bytes = uint64_t{count} * grid.vertices * 16;
     glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes));

@@ -12,11 +12,12 @@
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/depth.h"
+#include "src/render/texel_table.h"
 #include "texturing/page_cache.h"
 
 namespace relievo {
 
-// An instance as shaders read it (shaders/instance.glsl): two texels of one texture, for vertices and for the pixels that show it.
+// An instance as shaders read it (shaders/instance.glsl): two texels of one table, for vertices and for the pixels that show it.
 struct GpuPatchInstance {
   uint32_t patch;
   uint32_t levels;     // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing 5 | levels from the relief page to the node 5
@@ -60,13 +61,16 @@ class PatchPass {
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
   enum class Mesh { kFull, kFronts, kLines };  // kFronts: triangles that are seen from outside the body
   // With a program in use and its other uniforms set. Returns draw calls made.
-  uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0) const;
+  // root_cells: of ROOT_CELLS, likewise; draws single cells where they are many and cellsAreRoots().
+  uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0, const gl::Program* root_cells = nullptr) const;
   // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
   uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
   // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
-  std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices) const;
-  // The list as texture `unit`, for what reads the surface buffer. (What draws the instances binds it by itself, to kInstanceUnit.)
+  std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices, const gl::Program* root_cells = nullptr) const;
+  // The list as texture unit `unit`, for what reads the surface buffer. (What draws the instances binds it by itself, to kInstanceUnit.)
   void bindInstances(const gl::Program& program, int unit) const;
+  // Whether all single cells are whole patches with heights from tails: a simpler program (ROOT_CELLS) computes the same vertices.
+  bool cellsAreRoots() const { return cells_are_roots_; }
   uint32_t triangles() const { return triangles_; }
   uint32_t instanceCount() const { return instance_count_; }
 
@@ -77,7 +81,6 @@ class PatchPass {
     uint32_t first_line = 0, line_indices = 0;
   };
   void setMorphs(std::span<const PatchInstance> instances);
-  void upload(size_t count);
   void reserve(uint32_t count);
   void setCells(uint32_t count);
   uint32_t drawCells() const;
@@ -91,15 +94,12 @@ class PatchPass {
   gl::VertexArray cell_array_;
   gl::Buffer cells_, cell_indices_;          // by vertex: place in the grid, instance
   uint32_t cell_count_ = 0, cell_room_ = 0;  // 0: as instances
+  bool cells_are_roots_ = false;
   bool morphs_any_ = false;  // one of the instances is not in place
   // In turn, so that a list is not written where a frame in flight may read the one before.
-  struct List {
-    gl::Texture texture;
-    size_t rows = 0;
-  };
-  std::array<List, 2> lists_;
+  std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4), TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
   size_t list_ = 0;
-  std::vector<GpuPatchInstance> packed_;     // kept for its memory; whole rows of the texture
+  std::vector<GpuPatchInstance> packed_;     // kept for its memory
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;

@@ -333,6 +333,48 @@ TEST_F(MeshWatertight, CompactPagesHaveTheBitsOfPlainOnes) {
   EXPECT_GE(vertices, 100'000u);
 }
 
+// Patches of one cell in a program of their own, beside finer ones: as if one program computed all, every vertex of every list.
+TEST_F(MeshWatertight, RootCellsHaveTheBitsOfAllOthers) {
+  Comparison total;
+  uint64_t cells = 0, finer = 0;
+  for (bool geomorph : {false, true}) {
+    BaseMesh mesh = test::cubeSphere(9, 60);
+    test::Random turns(kSeed);
+    test::turnPatches(mesh, turns);
+    auto engine = makeEngine(makeBody(mesh, 0, 8), 12, true, geomorph);
+    std::mt19937 random(static_cast<uint32_t>(kSeed));
+    for (int view = 0; view < 8; ++view) {
+      engine->setCamera(randomCamera(mesh, random));
+      ASSERT_TRUE(engine->settle(60).ok());
+      uint64_t of_view = 0;
+      bool all_roots = true;
+      for (const PatchInstance& p : engine->instances()) {
+        of_view += p.grid_level == 0;
+        all_roots = all_roots && (p.grid_level > 0 || (p.node.level == 0 && p.relief_page.level == kTailLevel));
+      }
+      if (of_view == 0 || !all_roots) continue;
+      cells += of_view;
+      finer += engine->instances().size() - of_view;
+      compareShared(*engine, &total, geomorph ? test::ownVertex : snapVertex);
+      const std::vector<float> captured = engine->captureVertices(40'000'000);
+      ASSERT_TRUE(engine->sabotage({.call_a_patch = true}).ok());
+      const std::vector<float> general = engine->captureVertices(40'000'000);
+      ASSERT_EQ(captured.size(), general.size());
+      uint64_t different = 0;
+      for (size_t i = 0; i < captured.size(); ++i) different += std::bit_cast<uint32_t>(captured[i] + 0.0f) != std::bit_cast<uint32_t>(general[i] + 0.0f);
+      EXPECT_EQ(different, 0u) << "view " << view;
+      ASSERT_TRUE(engine->sabotage({.cells_without_heights = true}).ok());
+      EXPECT_NE(engine->captureVertices(40'000'000), captured) << "view " << view << ": heights left out";
+      ASSERT_TRUE(engine->sabotage({}).ok());
+    }
+  }
+  std::printf("[ watertight ] %llu patches of one cell beside %llu instances of more: %llu comparisons, %llu across patches, %llu differ\n", (unsigned long long)cells,
+              (unsigned long long)finer, (unsigned long long)total.compared, (unsigned long long)total.across_patches, (unsigned long long)total.different);
+  EXPECT_EQ(total.different, 0u);
+  EXPECT_GE(cells, 500u);
+  EXPECT_GE(finer, 500u);
+}
+
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
   for (Engine::Sabotage broken :
        {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true}, Engine::Sabotage{.one_sample_a_texel = true}}) {

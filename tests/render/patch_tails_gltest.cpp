@@ -5,6 +5,7 @@
 #include <random>
 
 #include "shaders/embedded.h"
+#include "src/render/texel_table.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
 
@@ -192,14 +193,19 @@ TEST(TailShaders, KnowTheSameNumbers) {
   const std::string text(shaderSource("tails.glsl")), vertex(shaderSource("patch.vert"));
   auto has = [](const std::string& in, const std::string& what) { return in.find(what) != std::string::npos; };
   EXPECT_TRUE(has(text, "kTailLevels = " + std::to_string(kTailLevels) + ";"));
-  EXPECT_EQ(kTileWidth, 18);
-  EXPECT_EQ(kTileHeight, 28);
-  EXPECT_TRUE(has(text, "(patch_index & 63u) * 18") && has(text, "31u) * 28"));
+  size_t before = 0;
   for (int level = 0; level < kTailLevels; ++level) {
-    const auto& at = kTileLevelAt[static_cast<size_t>(level)];
-    EXPECT_TRUE(has(text, "ivec2(" + std::to_string(at[0] + 1) + ", " + std::to_string(at[1] + 1) + ")")) << level;
+    EXPECT_EQ(kTailBlockAt[static_cast<size_t>(level)], before) << level;
+    EXPECT_TRUE(has(text, (level == kTailLevels - 1 ? ": " : "level == " + std::to_string(level) + " ? ") + std::to_string(before) + "u")) << level;
+    before += tailBlockTexels(level);
   }
-  EXPECT_TRUE(has(vertex, "63u) * " + std::to_string(kTailSamples)));
+  EXPECT_EQ(kTailBlockAt[kTailLevels], before);
+  EXPECT_TRUE(has(text, "(16 >> level) + 2u") || has(text, "uint(16 >> level) + 2u"));
+  EXPECT_TRUE(has(vertex, "a_node.z * " + std::to_string(kTailHeights) + "u + uint(s.y * " + std::to_string(kTailSamples) + " + s.x)"));
+  EXPECT_TRUE(has(vertex, "u_tail_patches * " + std::to_string(kTailBlockHeights - kTailHeights) + "u"));
+  const std::string tables(shaderSource("texel_table.glsl"));
+  static_assert(TexelTable::kRow == 2048 && TexelTable::kRows == 2048);
+  EXPECT_TRUE(has(tables, "(i) & 2047u") && has(tables, ">> 11u) & 2047u") && has(tables, ">> 22u"));
 }
 
 }  // namespace

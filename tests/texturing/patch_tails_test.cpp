@@ -83,15 +83,19 @@ TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
   for (bool open : {false, true}) {
     const BaseMesh mesh = cubeSphere(3, 50, kSeed, open);
     const PatchTails tails = noise(static_cast<uint32_t>(mesh.patches.size()), 6);
-    const TailTiles tiles(tails, mesh);
+    const TailBlocks blocks(tails, mesh);
     const auto neighbours = patchNeighbours(mesh);
-    std::vector<std::vector<uint8_t>> tile(2 * mesh.patches.size(), std::vector<uint8_t>(kTileBytes));
+    std::vector<std::vector<uint32_t>> words(kTailLevels * mesh.patches.size());
     for (uint32_t p = 0; p < mesh.patches.size(); ++p)
-      for (int plane = 0; plane < 2; ++plane) tiles.write(p, plane, tile[2 * p + static_cast<size_t>(plane)].data(), kTileWidth);
+      for (int level = 0; level < kTailLevels; ++level) {
+        std::vector<uint32_t>& block = words[kTailLevels * p + static_cast<size_t>(level)];
+        block.resize(tailBlockTexels(level) * 2);
+        blocks.write(p, level, block.data());
+      }
     // From -1 to side.
     auto at = [&](uint32_t p, int plane, int level, int x, int y, int c) {
-      const auto& origin = kTileLevelAt[static_cast<size_t>(level)];
-      return tile[2 * p + static_cast<size_t>(plane)][static_cast<size_t>(4 * ((origin[1] + 1 + y) * kTileWidth + origin[0] + 1 + x) + c)];
+      const size_t texel = static_cast<size_t>(y + 1) * tailBlockSide(level) + static_cast<size_t>(x + 1);
+      return static_cast<uint8_t>(words[kTailLevels * p + static_cast<size_t>(level)][2 * texel + static_cast<size_t>(plane)] >> (8 * c));
     };
     uint64_t compared = 0, differ = 0, control = 0;
     std::map<std::array<int, 4>, std::vector<double>> around;  // corner, plane, level, channel: mean of four texels from each patch
