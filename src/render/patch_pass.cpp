@@ -122,7 +122,13 @@ PatchPass::PatchPass(bool cells_as_mesh)
 void PatchPass::setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                              const std::function<SlotIndex(const NodeId&)>& slot_of) {
   const size_t count = instances.size();
-  if (packed_.size() < count) packed_.resize(std::bit_ceil(count));
+  list_ = (list_ + 1) % lists_.size();
+  TexelTable& list = lists_[list_];
+  static_assert(sizeof(GpuPatchInstance) == 2 * 16);
+  if (list.size() < 2 * count || list.size() == 0) list.resize(2 * std::bit_ceil(std::max<size_t>(count, 1024)));
+  auto* const mapped = static_cast<GpuPatchInstance*>(list.map(2 * count));
+  if (!mapped && packed_.size() < count) packed_.resize(std::bit_ceil(count));
+  GpuPatchInstance* const packed = mapped ? mapped : packed_.data();
   std::array<uint32_t, kMaxGridLevel + 1> of_level{};
   uint64_t in_place = ~uint64_t{0};
   cells_are_roots_ = true;
@@ -147,7 +153,7 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
       levels |= (p.node.level - p.relief_page.level) << 18;
       if (last_place.compact) levels |= static_cast<uint32_t>(1 + last_place.coarser) << 23;
     }
-    packed_[i] = {p.node.patch, levels, p.node.x, p.node.y, {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)}, place, packEdges(p)};
+    packed[i] = {p.node.patch, levels, p.node.x, p.node.y, {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)}, place, packEdges(p)};
   }
   group_first_[0] = triangles_ = 0;
   for (int n = 0; n <= kMaxGridLevel; ++n) {
@@ -155,10 +161,8 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
     triangles_ += of_level[static_cast<size_t>(n)] * (2u << (2 * n));
   }
   instance_count_ = static_cast<uint32_t>(count);
-  list_ = (list_ + 1) % lists_.size();
-  static_assert(sizeof(GpuPatchInstance) == 2 * 16);
-  if (lists_[list_].size() < 2 * count || lists_[list_].size() == 0) lists_[list_].resize(2 * std::bit_ceil(std::max<size_t>(count, 1024)));
-  lists_[list_].write(0, packed_.data(), 2 * count);
+  if (mapped) list.unmap();
+  else list.write(0, packed, 2 * count);
   reserve(instance_count_);
   morphs_any_ = in_place != ~uint64_t{0};
   if (morphs_any_) setMorphs(instances);

@@ -99,7 +99,7 @@ class PatchPass {
   // In turn, so that a list is not written where a frame in flight may read the one before.
   std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4), TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
   size_t list_ = 0;
-  std::vector<GpuPatchInstance> packed_;     // kept for its memory
+  std::vector<GpuPatchInstance> packed_;     // where the list cannot be mapped; kept for its memory
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;

@@ -96,6 +96,21 @@ void TexelTable::write(size_t first, const void* data, size_t count) {
   glActiveTexture(GL_TEXTURE0);
 }
 
+void* TexelTable::map(size_t count) {
+  assert(count <= size_);
+  if (!buffer_ || count == 0) return nullptr;
+  glBindBuffer(GL_TEXTURE_BUFFER, buffer_.id());
+  void* mapped = glMapBufferRange(GL_TEXTURE_BUFFER, 0, static_cast<GLsizeiptr>(count * formatOf(texel_).bytes), GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+  glBindBuffer(GL_TEXTURE_BUFFER, 0);
+  return mapped;
+}
+
+void TexelTable::unmap() {
+  glBindBuffer(GL_TEXTURE_BUFFER, buffer_.id());
+  glUnmapBuffer(GL_TEXTURE_BUFFER);
+  glBindBuffer(GL_TEXTURE_BUFFER, 0);
+}
+
 void TexelTable::bind(const gl::Program& program, const char* uniform, int unit) const {
   glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit));
   glBindTexture(target(), texture_.id());

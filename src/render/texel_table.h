@@ -26,6 +26,10 @@ class TexelTable {
   void resize(size_t texels);
   // Texels first .. first + count, of this many bytes; first is a multiple of kRow.
   void write(size_t first, const void* data, size_t count);
+  // Room for the first `count` texels, to be filled from the first to the last and handed over by unmap(); what the table held is lost. nullptr where it is
+  // rows: write() then.
+  void* map(size_t count);
+  void unmap();
   void bind(const gl::Program& program, const char* uniform, int unit) const;
   size_t size() const { return size_; }
 
