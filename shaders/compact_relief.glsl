@@ -17,7 +17,7 @@ int reliefSampleOf(ivec3 origin, int form, ivec2 s) {
   ivec2 block = min(s >> 3, ivec2(last)), at = s - (block << 3);
   int index = (block.y << (4 - coarser)) + block.x, odd = index & 1, halves = index + (index >> 1) + 1 - odd;
   int value = sampleAt(form == 0 ? origin + ivec3(s.x >> 1, s.y, 0) : compactPlace(origin, coarser, halves), form == 0 ? s.x : odd);
-  // Loops, so that only what some lane has is fetched.
+  // Loops, so that only what some lane has is fetched (in software what the first turn has, too).
   for (int k = 0; k < (form == 0 ? 0 : 1); ++k) {
     int plane = int(compactTexel(compactPlace(origin, coarser, halves + 2 * odd - 1)));
     uint width = uint(value) & 15u;

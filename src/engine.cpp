@@ -505,7 +505,7 @@ struct Engine::Impl {
     };
     prepare(surface_program);
     const EyeFrame eye = prepareInstances(surface_program);
-    const gl::Program* root_cells = tails && patches->cellsAreRoots() ? &root_cells_program : nullptr;
+    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &root_cells_program : nullptr;
     if (root_cells) {
       prepare(*root_cells);
       corners->bind(*root_cells, kCornersUnit);

@@ -61,7 +61,7 @@ class PatchPass {
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
   enum class Mesh { kFull, kFronts, kLines };  // kFronts: triangles that are seen from outside the body
   // With a program in use and its other uniforms set. Returns draw calls made.
-  // root_cells: of ROOT_CELLS, likewise; draws single cells where they are many and cellsAreRoots().
+  // root_cells: of ROOT_CELLS, likewise; computes the same vertices where drawsRootCells().
   uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0, const gl::Program* root_cells = nullptr) const;
   // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
   uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
@@ -69,8 +69,8 @@ class PatchPass {
   std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices, const gl::Program* root_cells = nullptr) const;
   // The list as texture unit `unit`, for what reads the surface buffer. (What draws the instances binds it by itself, to kInstanceUnit.)
   void bindInstances(const gl::Program& program, int unit) const;
-  // Whether all single cells are whole patches with heights from tails: a simpler program (ROOT_CELLS) computes the same vertices.
-  bool cellsAreRoots() const { return cells_are_roots_; }
+  // Whether draw() has use for root_cells: single cells are drawn as one mesh, and all are whole patches with heights from tails.
+  bool drawsRootCells() const { return cell_count_ > 0 && cells_are_roots_; }
   uint32_t triangles() const { return triangles_; }
   uint32_t instanceCount() const { return instance_count_; }
 
@@ -94,7 +94,7 @@ class PatchPass {
   gl::VertexArray cell_array_;
   gl::Buffer cells_, cell_indices_;          // by vertex: place in the grid, instance
   uint32_t cell_count_ = 0, cell_room_ = 0;  // 0: as instances
-  bool cells_are_roots_ = false;
+  bool cells_are_roots_ = false;  // all single cells are whole patches with heights from tails
   bool morphs_any_ = false;  // one of the instances is not in place
   // In turn, so that a list is not written where a frame in flight may read the one before.
   std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4), TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
