@@ -34,6 +34,9 @@ namespace relievo {
 namespace {
 
 constexpr uint32_t kNone = IndexTable::kNone;
+// savesBySplit(): no coarser grids (log2 of the cells a side) are divided; what three more instances are worth.
+constexpr int kLeastDivided = 3;
+constexpr int64_t kTrianglesForSplit = 64;
 
 // Of each view anew; kept for its memory.
 class Selection {
@@ -78,6 +81,7 @@ class Selection {
     int wanted = 0;  // absolute
     bool culled = false;
     int floored = kUnknown, level = kUnknown, inner = kUnknown;  // of flooredLevel(), levelOf(), innerLevel()
+    std::array<int, 4> children{kUnknown, kUnknown, kUnknown, kUnknown};  // of childLevels()
   };
   struct Node {
     Square square;
@@ -288,18 +292,37 @@ class Selection {
     for (uint32_t p : roots_.neighbours(patch)) add(p);
   }
   // Children need at least the grid of level 1: whole units, and samples for it.
+  bool hasUnitsToSplit(const Square& s) const { return s.level + 2 <= forest_.unitLog2() && s.level + 1 <= forest_.maxLevel(); }
+  bool hasSamplesToSplit(const Node& n) const {
+    bool all = true;
+    for (uint32_t k = 0; k < 4 && n.resident_level < n.square.level + 2; ++k) all = all && isResident(n.square.child(k));
+    return all;
+  }
   bool maySplit(uint32_t index) {
     Node& n = tree_.nodes[index];
-    if (n.square.level + 2 > forest_.unitLog2() || n.square.level + 1 > forest_.maxLevel()) return false;
-    if (n.resident_level >= n.square.level + 2) return true;
-    bool all = true;
-    for (uint32_t k = 0; k < 4; ++k) all = all && isResident(n.square.child(k));
+    if (!hasUnitsToSplit(n.square)) return false;
+    const bool all = hasSamplesToSplit(n);
     if (!all) {
       limited_tree_ = true;
       n.needs_level = std::max(n.needs_level, n.square.level + 2);
       n.blocked = true;
     }
     return all;
+  }
+  // A coarser node across a side, which must be split first.
+  uint32_t coarserAcross(const Square& s, int side) const {
+    Square other;
+    if (s.level == 0 || !forest_.neighbour(s, side, other) || findNode(other) != kNone) return kNone;
+    const uint32_t coarser = findNode(other.ancestor(s.level - 1));
+    return coarser == kNone || tree_.nodes[coarser].state == State::kSplit ? kNone : coarser;  // none: out of view
+  }
+  // With what is there; nothing is asked for.
+  bool canSplit(uint32_t index) const {
+    const Node& n = tree_.nodes[index];
+    if (!hasUnitsToSplit(n.square) || !hasSamplesToSplit(n)) return false;
+    for (int side = 0; side < 4; ++side)
+      if (const uint32_t coarser = coarserAcross(n.square, side); coarser != kNone && !canSplit(coarser)) return false;
+    return true;
   }
   bool wantsSplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
@@ -316,17 +339,55 @@ class Selection {
     limited_tree_ = limited_tree_ || !finer;
     return finer;
   }
+  // Whole levels that a square's children will want at most, nearly: by their own errors, seen as the square is, which costs a fraction of a look at each.
+  std::array<int, 4> childLevels(const Square& s) {
+    const uint32_t at = infoIndex(s);
+    if (infos_[at].children[0] != kUnknown) return infos_[at].children;
+    const Info in = infos_[at];
+    std::array<int, 4> levels;
+    levels.fill(wholeLevels(in.wanted));
+    for (uint32_t k = 0; k < 4 && in.cell_px > 0; ++k) {  // else one of the roots' tables
+      auto suffices = [&](int level) {
+        const double px = in.px.of(deviation(s.child(k), level, in.diameter_mm));
+        return px <= error_px_ || !(std::ldexp(in.cell_px, s.level - level) > 2 * leastCellPx(min_cell_px_, px / error_px_));
+      };
+      while (levels[k] > s.level + 1 && suffices(levels[k] - 1)) --levels[k];
+    }
+    return infos_[at].children = levels;
+  }
+  // A node's grid is everywhere as fine as the finest of its sides asks for, and as its roughest part. Would its children take so many triangles fewer that
+  // three more instances pay? All is drawn as finely as it is asked for either way. No page is asked for for that alone. Not with geomorph, where a
+  // square's own wish must tell when it splits.
+  bool savesBySplit(uint32_t index) {
+    const Square s = tree_.nodes[index].square;
+    if (tree_.nodes[index].rough) return false;  // waits for pages
+    int finest = levelOf(s);
+    for (int side = 0; side < 4; ++side) finest = std::max(finest, wantedOnSide(tree_.nodes[index], side));
+    if (wholeLevels(finest) < s.level + kLeastDivided) return false;
+    auto triangles = [](int cells_log2) { return int64_t{2} << (2 * cells_log2); };
+    const std::array<int, 4> own = childLevels(s);
+    std::array<int, 4> inside;
+    for (uint32_t k = 0; k < 4; ++k) inside[k] = std::max({s.level + 1, own[k], own[k ^ 1], own[k ^ 2]});
+    for (int side = 0; side < 4; ++side)
+      for (uint32_t half = 0; half < 2; ++half) {
+        const Square mine = s.childAt(side, half);
+        Square theirs;
+        if (!forest_.neighbour(mine, side, theirs)) continue;
+        int& in = inside[(mine.x & 1) + 2 * (mine.y & 1)];
+        in = std::max(in, childLevels(theirs.ancestor(s.level))[(theirs.x & 1) + 2 * (theirs.y & 1)]);
+      }
+    int64_t saved = triangles(wholeLevels(finest) - s.level) - kTrianglesForSplit;
+    for (int level : inside) saved -= triangles(level - s.level - 1);
+    return saved >= 0;
+  }
   bool split(uint32_t index) {
     if (tree_.nodes[index].state == State::kSplit) return true;
     if (!maySplit(index)) return false;
     const Square s = tree_.nodes[index].square;
     if (s.level == 0) addRootAndNeighbours(s.patch);
-    for (int side = 0; side < 4 && s.level > 0; ++side) {
-      Square other;
-      if (!forest_.neighbour(s, side, other) || findNode(other) != kNone) continue;
-      uint32_t coarser = findNode(other.ancestor(s.level - 1));
-      if (coarser == kNone || tree_.nodes[coarser].state == State::kSplit) continue;  // out of view
-      if (!split(coarser)) {
+    for (int side = 0; side < 4; ++side) {
+      const uint32_t coarser = coarserAcross(s, side);
+      if (coarser != kNone && !split(coarser)) {
         tree_.nodes[index].blocked = tree_.nodes[coarser].blocked;
         return false;
       }
@@ -336,7 +397,7 @@ class Selection {
     const int inherited = n.resident_level;
     // The pages that this split rests on must stay wanted, even if the children, which are known better, want less:
     // else they would be evicted, the split undone, and the pages asked for again.
-    const int needs = s.level + (n.rough ? kMaxSplitLevel + 1 : 2);
+    const int needs = std::max(n.needs_level, s.level + (n.rough ? kMaxSplitLevel + 1 : 2));
     const size_t before = tree_.nodes.size();
     for (uint32_t k = 0; k < 4; ++k) addNode(s.child(k), inherited, needs);
     if (tree_.nodes.size() == before) {  // known better, it is out of view: it still wants the pages that tell
@@ -377,6 +438,8 @@ class Selection {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
       if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
     }
+    for (uint32_t i = 0; i < tree_.nodes.size() && !morph_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes; ++i)
+      if (tree_.nodes[i].state == State::kLeaf && savesBySplit(i) && canSplit(i)) split(i);
     return true;
   }
 

@@ -289,7 +289,6 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
   const float* e1 = errors_[1].data() + first;
   const float* e2 = errors_[2].data() + first;
   const float* e3 = errors_[3].data() + first;
-  const float* e4 = errors_[4].data() + first;
   float* px_per_mm = px_per_mm_.data() + first;
   std::array<int32_t, kBlock> codes;
   int any = 0, least = kLevels, most = 0;
@@ -318,7 +317,7 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
       cells = error[p] > 16 * allowed_mm ? 0.25f : cells;
       return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > cells * eye.min_cell_px[k]);
     };
-    const int level = wants(e0, 0) + wants(e1, 1) + wants(e2, 2) + wants(e3, 3) + wants(e4, 4);
+    const int level = wants(e0, 0) + wants(e1, 1) + wants(e2, 2) + wants(e3, 3);
     careful |= static_cast<int>(level == kLevels) | static_cast<int>(!(cell_px <= eye.max_node_px));
     int hidden = 0;
     if constexpr (kFacing) {
@@ -388,11 +387,9 @@ void MeshRoots::levelEdges() {
     const float* e1 = errors_[1].data() + first;
     const float* e2 = errors_[2].data() + first;
     const float* e3 = errors_[3].data() + first;
-    const float* e4 = errors_[4].data() + first;
     const float* b0 = between_[0].data() + first;
     const float* b1 = between_[1].data() + first;
     const float* b2 = between_[2].data() + first;
-    const float* b3 = between_[3].data() + first;
     std::array<int32_t, kBlock> own_codes, grids;
     for (size_t p = 0; p < kBlock; ++p) own_codes[p] = codes[p];
     std::array<uint32_t, kBlock> segments;
@@ -409,10 +406,8 @@ void MeshRoots::levelEdges() {
       at_finest = finest > 0 ? e1[p] : at_finest;
       at_finest = finest > 1 ? e2[p] : at_finest;
       at_finest = finest > 2 ? e3[p] : at_finest;
-      at_finest = finest > 3 ? e4[p] : at_finest;
       at_coarsest = coarsest > 0 ? b1[p] : at_coarsest;
       at_coarsest = coarsest > 1 ? b2[p] : at_coarsest;
-      at_coarsest = coarsest > 2 ? b3[p] : at_coarsest;
       const float snapped = coarsest < finest ? at_coarsest : 0.0f;
       const float error_px = (at_finest > snapped ? at_finest : snapped) * px_per_mm[p];
       const int32_t bits = shown ? std::bit_cast<int32_t>(error_px) : 0;

@@ -30,7 +30,7 @@ class MeshRoots {
   static constexpr int kHidden = 0x10;   // faces away: not drawn, whatever else is said
   static constexpr int kNotShown = kCulled | kCareful | kOthers | kHidden;
   static constexpr int kLevel = 0x07;
-  static constexpr int kLevels = 5;      // 0 .. 4: kMaxSplitLevel
+  static constexpr int kLevels = 4;      // 0 .. 3: finer grids are worth a close look (mesh_lod.cpp, savesBySplit)
   static constexpr uint32_t kBlock = 16;
 
   // Takes what depends on the exaggeration from the forest, if that changed.

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "tests/geometry/mesh_fixture.h"
+#include "tests/geometry/true_mesh_relief.h"
 
 namespace relievo::test {
 namespace {
@@ -316,22 +317,60 @@ TEST(MeshLod, OraclesThatLieAreTakenForKnowingNothing) {
   }
 }
 
-// Levels are a function of the error asked for: a smaller one never draws anything coarser.
+// Levels are a function of the error asked for: a smaller one never asks for anything coarser. A node that would save less than 32 cells by being divided
+// stays whole, and is drawn finer than asked for by no more than that.
 TEST(MeshLod, SmallerErrorsNeverDrawCoarser) {
   const auto meshes = wellShapedMeshes();
+  uint64_t all_fine = 0, all_coarse = 0;
   for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    auto cells = [&](double error_px) {
+    struct Drawn {
+      bool as_asked = false;
+      uint64_t cells = 0, spare = 0;
+    };
+    auto draw = [&](double error_px) {
       LodView view = c.view;
       view.error_px = error_px;
-      uint64_t sum = 0;
       PlanarLodResult lod = c.lod->select(view, c.resident);
-      for (const PatchInstance& p : lod.instances) sum += uint64_t{1} << (2 * p.grid_level);
-      return lod.error_px > error_px ? ~uint64_t{0} : sum;
+      Drawn drawn{lod.error_px <= error_px};
+      for (const PatchInstance& p : lod.instances) {
+        const uint64_t cells = uint64_t{1} << (2 * p.grid_level);
+        drawn.cells += cells;
+        drawn.spare += std::min<uint64_t>(cells, 32);
+      }
+      return drawn;
     };
-    uint64_t fine = cells(c.view.error_px), coarse = cells(3 * c.view.error_px);
-    if (fine != ~uint64_t{0}) { EXPECT_GE(fine, coarse) << describe(c, seed); }
+    const Drawn fine = draw(c.view.error_px), coarse = draw(3 * c.view.error_px);
+    if (!fine.as_asked) continue;
+    EXPECT_GE(fine.cells + coarse.spare, coarse.cells) << describe(c, seed);
+    all_fine += fine.cells, all_coarse += coarse.cells;
   }
+  EXPECT_GT(all_fine, all_coarse + all_coarse / 4);
+}
+
+// Where a part of a node asks for more than the rest, the rest is drawn without: all of it would take many more triangles, for the same promise.
+TEST(MeshLod, NodesAreDividedWhereThatSavesTriangles) {
+  // One bump in the middle of a quarter of the only patch.
+  BaseMesh mesh = openSheet(1, 1, 100, 0);
+  MeshRelief relief{1, -2, 4.0 / 65535};
+  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) { return 0.5 + 0.4 * std::exp(-0.02 * glm::dot(p - glm::dvec3(25, 25, 0), p - glm::dvec3(25, 25, 0))); });
+  MeshLod lod(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm, std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
+  Camera c;
+  c.eye = {0, 30, 150};
+  LodView view = makeView(c, 0.25);
+  view.as_if_resident = true;
+  auto count = [](const PlanarLodResult& result) {
+    uint64_t cells = 0;
+    for (const PatchInstance& p : result.instances) cells += uint64_t{1} << (2 * p.grid_level);
+    return cells;
+  };
+  const PlanarLodResult divided = lod.select(view, {});
+  int finest = 0;
+  for (const PatchInstance& p : divided.instances) finest = std::max(finest, static_cast<int>(p.node.level) + p.grid_level);
+  const uint64_t cells = count(divided), as_one = uint64_t{1} << (2 * finest);
+  std::printf("[ figures  ] %zu nodes, %llu cells, %llu if all were as fine; %.2f px promised\n", divided.instances.size(), static_cast<unsigned long long>(cells), static_cast<unsigned long long>(as_one), divided.max_error_px);
+  EXPECT_LE(divided.max_error_px, 0.5 * (1 + 1e-9));
+  EXPECT_LT(3 * cells, as_one);
 }
 
 }  // namespace
