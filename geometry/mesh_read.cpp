@@ -57,6 +57,7 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
 Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
   LoadedMesh out;
   out.diagnosis.findings = std::move(raw.findings);
+  out.named_files = std::move(raw.named_files);
   out.diagnosis.vertices_read = raw.vertices_read;
   out.diagnosis.triangles_read = raw.triangles.size();
   const double unit = options.mm_per_unit;
@@ -131,9 +132,12 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
   if (!file) return file.error();
   auto raw = reader(*file, options);
   if (!raw) return raw.error();
-  std::filesystem::path image(raw->texture_path);
-  if (!raw->texture_path.empty() && image.is_relative())
-    raw->texture_path = (std::filesystem::path(path).parent_path() / image).string();
+  auto beside = [&](std::string& named) {
+    if (!named.empty() && std::filesystem::path(named).is_relative())
+      named = (std::filesystem::path(path).parent_path() / named).string();
+  };
+  beside(raw->texture_path);
+  for (std::string& named : raw->named_files) beside(named);
   return finish(std::move(*raw), path, options);
 }
 

@@ -51,9 +51,10 @@ struct MeshDiagnosis {
 struct LoadedMesh {
   TriMesh mesh;
   MeshDiagnosis diagnosis;
+  std::vector<std::string> named_files;  // images and material files that the mesh names, used or not, there or not
 };
-// texture_path of the result: the material's path, from the mesh file's folder if it is relative; empty if no corner
-// has texture coordinates.
+// Paths of the result: from the mesh file's folder if they are relative. texture_path: the material's; empty if no
+// corner has texture coordinates.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
 // The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers = 0);

@@ -199,6 +199,7 @@ class ObjReader {
     // Beside the OBJ; a file that is not there costs the image alone.
     if (libraries_.size() == kMaxLibraries || !libraries_.insert(std::string(name)).second) return;
     auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
+    mesh_.named_files.emplace_back(name);
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
       mesh_.findings.push_back(
@@ -212,7 +213,10 @@ class ObjReader {
       rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
       std::string_view key = nextItem(line);
       if (key == "newmtl") material = trimmed(line);
-      else if (lowerCase(key) == "map_kd") image_of_[material] = imagePath(trimmed(line));
+      else if (lowerCase(key) == "map_kd") {
+        image_of_[material] = imagePath(trimmed(line));
+        if (images_.insert(image_of_[material]).second) mesh_.named_files.push_back(image_of_[material]);
+      }
     }
   }
 
@@ -240,7 +244,7 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
-  std::set<std::string> libraries_;
+  std::set<std::string> libraries_, images_;
   std::map<std::string, std::string> image_of_;   // a material's
   std::map<std::string, uint64_t> triangles_of_;  // an image's
   uint64_t* use_ = nullptr;

@@ -27,6 +27,7 @@
 #include "texturing/ptm.h"
 #include "tools/build_run.h"
 #include "tools/mesh_report.h"
+#include "tools/output_files.h"
 
 namespace relievo {
 namespace {
@@ -261,6 +262,9 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     return mesh;
   });
   if (!loaded) return loaded.error();
+  std::vector<NamedFile> named;
+  for (const std::string& path : loaded->named_files) named.push_back({path + ", which the mesh names", path});
+  if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good) return good;
   const TriMesh& scan = loaded->mesh;
   auto textured = readSurface(a, scan);
   if (!textured) return textured.error();

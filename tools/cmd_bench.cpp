@@ -16,6 +16,7 @@
 #include "tools/bench.h"
 #include "tools/bench_groups.h"
 #include "tools/commands.h"
+#include "tools/output_files.h"
 #include "tools/sample_artwork.h"
 
 namespace relievo {
@@ -83,6 +84,7 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
 }
 
 Result<void> bench(const BenchOptions& o) {
+  if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}}); !good) return good;
   ScratchFolder scratch;
   if (scratch.path.empty()) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
   auto package = openArtwork(o, scratch.path);

@@ -1,6 +1,4 @@
 // relievo build: raster files, or a scanned mesh, into a package.
-#include <sys/stat.h>
-
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -15,6 +13,7 @@
 #include "tools/build_mesh.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
+#include "tools/output_files.h"
 
 namespace relievo {
 namespace {
@@ -42,11 +41,6 @@ Result<std::optional<std::pair<double, double>>> parseRange(const std::string& t
   return std::optional(std::pair(low, high));
 }
 
-bool sameFile(const std::string& a, const std::string& b) {
-  struct stat sa {}, sb {};
-  return ::stat(a.c_str(), &sa) == 0 && ::stat(b.c_str(), &sb) == 0 && sa.st_dev == sb.st_dev && sa.st_ino == sb.st_ino;
-}
-
 Result<void> build(const BuildArguments& o) {
   if (o.mesh.empty() ? o.ptm.empty() == o.image.empty() : !o.image.empty()) {
     return usageError("expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)", "see relievo build --help");
@@ -61,11 +55,8 @@ Result<void> build(const BuildArguments& o) {
   if (!coefficients) return coefficients.error();
   auto colour = parseEncoding(o.colour.empty() ? o.encoding : o.colour, o.quality);
   if (!colour) return colour.error();
-  for (const std::string& input : {o.ptm, o.image, o.relief, o.mesh, o.texture}) {
-    if (!input.empty() && sameFile(input, o.output)) {
-      return Error{ErrorKind::kUsage, o.output, "the output is one of the inputs", "choose another name for -o", {}};
-    }
-  }
+  const std::vector<NamedFile> inputs{{"--mesh", o.mesh}, {"--texture", o.texture}, {"--ptm", o.ptm}, {"--image", o.image}, {"--relief", o.relief}};
+  if (auto good = checkOutputs({{"-o", o.output}, {"--report", o.report}, {"--json", o.json_file}}, inputs); !good) return good;
   const uint64_t budget = o.memory_mib << 20;
   BuildOptions options;
   options.output = o.output;
@@ -131,7 +122,8 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
       "  jpeg      smallest; --quality chooses. Slow to decode\n"
       "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three channels\n"
       "What each costs is measured in texturing/ENCODINGS.md, and for your artwork by `relievo bench FILE --only encodings`.\n\n"
-      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind.\n"
+      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind. No output takes the place of an\n"
+      "input, of a file that the mesh names, or of another output.\n"
       "The same inputs give the same bytes, with any number of workers.");
   c->add_option("-o,--output", o->output, "Package to write")->required();
   c->add_option("--ptm", o->ptm, "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB); of a mesh with texture coordinates, too");

@@ -1,5 +1,6 @@
 // relievo compare: geometry LOD strategies over one artwork, measured against full resolution.
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
@@ -17,11 +18,13 @@
 #include "tools/compare_path.h"
 #include "tools/compare_report.h"
 #include "tools/compare_run.h"
+#include "tools/output_files.h"
 
 namespace relievo {
 namespace {
 
 constexpr int64_t kMaxSidePx = 8192;
+constexpr std::array kReportFiles{"frames.csv", "report.json", "report.html"};
 
 struct CompareOptions {
   std::string file, folder, path = "orbit", strategies, budgets, size;
@@ -120,9 +123,9 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
     files.push_back(std::move(*file));
     return files.back().append({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
   };
-  if (auto r = add("frames.csv", reportCsv(figures)); !r) return r;
-  if (auto r = add("report.json", reportJson(plan, figures)); !r) return r;
-  if (auto r = add("report.html", reportHtml(plan, figures, *pictures)); !r) return r;
+  if (auto r = add(kReportFiles[0], reportCsv(figures)); !r) return r;
+  if (auto r = add(kReportFiles[1], reportJson(plan, figures)); !r) return r;
+  if (auto r = add(kReportFiles[2], reportHtml(plan, figures, *pictures)); !r) return r;
   for (OutputFile& file : files)
     if (auto r = file.commit(); !r) return r;
   return {};
@@ -131,6 +134,8 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
 Result<void> compare(const CompareOptions& o) {
   auto plan = planOf(o);
   if (!plan) return plan.error();
+  for (const char* name : kReportFiles)
+    if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"FILE", o.file}, {"--path", o.path}}); !good) return good;
   auto package = Package::open(o.file);
   if (!package) return package.error();
   plan->package = *package;

@@ -16,6 +16,7 @@
 #include "src/gl/context.h"
 #include "texturing/image_io.h"
 #include "tools/commands.h"
+#include "tools/output_files.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
 
@@ -56,6 +57,7 @@ Result<void> render(const RenderOptions& o) {
   if (!background) return background.error();
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
+  if (auto good = checkOutputs({{"-o", o.output}, {"--stats", o.stats_file}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
   auto package = Package::open(o.file);
   if (!package) return package.error();
   const Extent extent = artworkExtent((*package)->manifest(), scene->relief ? scene->exaggerate : 0);

@@ -9,6 +9,7 @@
 #include "src/base/progress.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
+#include "tools/output_files.h"
 #include "tools/sample_artwork.h"
 #include "tools/sample_writer.h"
 
@@ -67,11 +68,16 @@ Result<void> makeSample(const Options& o) {
   if (auto chosen = chooseFiles(o.write, size->first * size->second, files); !chosen) return chosen;
   if (o.write && o.folder.empty()) return usageError("--write needs a folder", "-o DIR");
 
+  // The folder may be made with the files; what lies in it then is checked before the package is begun.
+  if (o.folder.empty())
+    if (auto good = checkWritable({{"--package", o.package}}); !good) return good;
   SampleArtwork artwork({.kind = *kind, .width = size->first, .height = size->second, .seed = o.seed});
   std::printf("%s, %s px, seed %llu: %.9g mm per px\n", sampleKindName(*kind), o.size.c_str(), static_cast<unsigned long long>(o.seed), artwork.mmPerPx());
   if (!o.folder.empty()) {
     auto written = writeSample(artwork, files);
     if (!written) return written.error();
+    for (const std::string& name : *written)
+      if (auto good = checkApart({{"-o", o.folder + "/" + name}, {"--package", o.package}}, {}); !good) return good;
     for (const std::string& name : *written)
       if (name.rfind("photos/light_", 0) != 0) std::printf("%s/%s\n", o.folder.c_str(), name.c_str());
     if (files.photos) std::printf("%s/photos: %d photographs\n", o.folder.c_str(), o.lights);

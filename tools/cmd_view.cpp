@@ -7,6 +7,7 @@
 
 #include "src/viewer.h"
 #include "tools/commands.h"
+#include "tools/output_files.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
 
@@ -26,6 +27,7 @@ Result<void> view(ViewOptions& o) {
   if (size->first > 16384 || size->second > 16384) return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
+  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
   auto package = Package::open(o.file);
   if (!package) return package.error();
   const std::filesystem::path path(o.file);

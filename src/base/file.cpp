@@ -18,6 +18,7 @@ namespace {
 Error ioError(const std::string& path, const char* doing, int error_number) {
   std::string hint;
   if (error_number == ENOSPC) hint = "free some disk space, or write to another disk";
+  if (error_number == EFBIG) hint = "files may not be so large here: see ulimit -f, or write to another disk";
   if (error_number == ENOENT) hint = "check the path";
   if (error_number == EACCES || error_number == EROFS) hint = "check the permissions";
   return {ErrorKind::kIo, path, std::string(doing) + " failed: " + std::strerror(error_number), hint, {}};

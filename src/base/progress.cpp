@@ -54,6 +54,7 @@ void installInterruptHandler() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  std::signal(SIGXFSZ, SIG_IGN);  // a file grown beyond `ulimit -f` is an error of writing it
 }
 
 const std::atomic<bool>& interruptedFlag() { return interrupted; }

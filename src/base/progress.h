@@ -20,6 +20,7 @@ class ProgressLine {
 };
 
 // Installs handlers for SIGINT and SIGTERM that set the flag; a second signal removes part files and exits at once (130).
+// Files that may not grow further (ulimit -f) are errors of writing them, no signal.
 void installInterruptHandler();
 const std::atomic<bool>& interruptedFlag();
 

@@ -124,11 +124,63 @@ TEST_F(Cli, AnInterruptedBuildLeavesNothingBehind) {
 }
 
 TEST_F(Cli, AFullDiskIsOneErrorAndLeavesNothing) {
-  Outcome r = run("ulimit -f 64; trap '' XFSZ; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
+  Outcome r = run("ulimit -f 64; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
               file("big.relievo"));
   EXPECT_EQ(r.exit_code, 2) << r.output;
   EXPECT_FALSE(fs::exists(file("big.relievo")));
   EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+// What would be lost is still there, and the one line names both options.
+TEST_F(Cli, OutputsOverwriteNeitherInputsNorOneAnother) {
+  write("k.relievo", "precious");
+  write("t.png", "precious");
+  write("m.ply", "precious");
+  write("state.json", "{}");
+  fs::create_hard_link(file("k.relievo"), file("again.relievo"));
+  const std::string k = file("k.relievo"), t = file("t.png"), m = file("m.ply"), n = file("new"), mesh = "build --mesh " + m + " -o ";
+  for (auto [command, one, other] : {std::array<std::string, 3>{"render " + k + " -o " + k, "-o", "FILE"},
+                                     {"render " + k + " -o " + file("again.relievo"), "-o", "FILE"},
+                                     {"render " + k + " -o " + n + " --stats " + k, "--stats", "FILE"},
+                                     {"render " + k + " -o " + n + " --stats " + folder_ + "/./new", "--stats", "-o"},
+                                     {"render " + k + " -o " + n + " --state " + file("state.json") + " --stats " + file("state.json"), "--stats", "--state"},
+                                     {"bench " + k + " --json " + k, "--json", "FILE"},
+                                     {mesh + m, "-o", "--mesh"},
+                                     {mesh + n + " --report " + m, "--report", "--mesh"},
+                                     {mesh + n + " --report " + n, "--report", "-o"},
+                                     {mesh + k + " --report " + n + " --json " + n, "--json", "--report"},
+                                     {mesh + n + " --texture " + t + " --report " + t, "--report", "--texture"},
+                                     {"build --image " + t + " -o " + n + " --json " + t, "--json", "--image"},
+                                     {"compare " + k + " -o " + folder_ + " --path " + file("report.json"), "-o", "--path"},
+                                     {"sample coin --size 16x16 --write height -o " + file("s") + " --package " + file("s/truth.json"), "--package", "-o"}}) {
+    if (command.find("compare") == 0) write("report.json", "precious");
+    const Outcome r = relievo(command);
+    EXPECT_EQ(r.exit_code, 1) << command << ": " << r.output;
+    EXPECT_NE(r.output.find(": " + one + " would overwrite "), std::string::npos) << r.output;
+    EXPECT_NE(r.output.find("put: " + other + " ("), std::string::npos) << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), command.find("sample") == 0 ? 2 : 1) << r.output;
+  }
+  for (const char* kept : {"k.relievo", "t.png", "m.ply", "report.json"}) {
+    std::ifstream in(file(kept));
+    std::string text;
+    in >> text;
+    EXPECT_EQ(text, "precious") << kept;
+  }
+  EXPECT_FALSE(fs::exists(n));
+}
+
+// Said at once, not after what takes long; nothing is made.
+TEST_F(Cli, AnOutputThatCannotBeWrittenIsExitCode2BeforeAnythingIsRead) {
+  for (const char* command : {"build --mesh nowhere.ply -o @ ", "build --mesh nowhere.ply -o x.relievo --report @", "build --image nowhere.png -o x.relievo --json @",
+                              "render nowhere.relievo -o @", "render nowhere.relievo -o x.png --stats @", "bench --json @", "sample coin --size 65536x65536 --package @"}) {
+    const std::string target = file(command[0] == 'r' ? "." : "none/file");
+    std::string all = command;
+    all.replace(all.find('@'), 1, target);
+    const Outcome r = relievo(all);
+    EXPECT_EQ(r.exit_code, 2) << all << ": " << r.output;
+    EXPECT_NE(r.output.find(target + ": -"), std::string::npos) << all << ": " << r.output;
+  }
+  EXPECT_TRUE(fs::is_empty(folder_));
 }
 
 TEST_F(Cli, ViewWithoutADisplayNamesRender) {

@@ -256,6 +256,14 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   EXPECT_NE(bytesOf(file("a.relievo")), coloured);
   ASSERT_EQ(relievo(build("slab.obj", "--texture none")).exit_code, 0);
   EXPECT_EQ(relievo("info " + file("a.relievo")).output.find("picture.ppm"), std::string::npos);
+  for (const char* named : {"picture.ppm", "slab.mtl"}) {
+    const std::string before = bytesOf(file(named));
+    r = relievo(build("slab.obj", "--texture none --report " + file(named)));
+    EXPECT_EQ(r.exit_code, 1) << r.output;
+    EXPECT_NE(r.output.find("--report would overwrite"), std::string::npos) << r.output;
+    EXPECT_NE(r.output.find(std::string(named) + ", which the mesh names"), std::string::npos) << r.output;
+    EXPECT_EQ(bytesOf(file(named)), before);
+  }
   std::filesystem::remove(file("picture.ppm"));
   r = relievo(build("slab.obj"));
   EXPECT_EQ(r.exit_code, 2) << r.output;
