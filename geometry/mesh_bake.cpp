@@ -904,7 +904,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->mesh = &mesh;
   const bool from_image = !image.texels.empty() && !mesh.corner_uv.empty();
   impl->planes = image.planes && from_image;
-  if (from_image) impl->image = PlaneImage(image.width, image.height, image.channels, image.texels, impl->planes ? 16 : 0);
+  if (from_image) impl->image = PlaneImage(image.width, image.height, image.channels, image.texels, impl->planes ? 16 : 0, image.repeats);
   impl->base = base;
   impl->prepare(options);
   if (!scene.rays) {

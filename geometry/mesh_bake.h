@@ -71,6 +71,7 @@ class MeshBake {
     std::span<const uint8_t> texels;
     int channels = 3;
     bool planes = false;
+    bool repeats = false;  // beyond its border
   };
   // The mesh and the image's bytes are used in place: they must outlive the bake unchanged. scene: of the mesh, or empty.
   static Result<std::unique_ptr<MeshBake>> create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& options,

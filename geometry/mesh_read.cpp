@@ -16,6 +16,8 @@ using namespace mesh_file;
 // Beyond this, coordinates are no measures of things that anybody scans: a wrong unit, or damage. Products of three
 // lengths stay within floats.
 constexpr double kMaxCoordinateMm = 1e12;
+// Beyond the image by more than what programs round when they write: half a texel of 5,000.
+constexpr float kOutsideImage = 1e-4f;
 
 // About the box's centre, on a grid as coarse as the box: subtracting it from a float is exact in double, a mesh around
 // the coordinates' origin keeps its very floats, and what is left is at most twice the half diagonal: exact to 2^-23 of
@@ -91,12 +93,22 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   std::vector<glm::vec3>().swap(raw.float_colours);
   mesh.corner_uv = std::move(raw.corner_uv);
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
-  for (size_t t = 0; t < mesh.corner_uv.size(); ++t)
-    for (const glm::vec2& uv : mesh.corner_uv[t])
+  mesh.texture_repeats = raw.texture_repeats;
+  MeshFinding outside{"triangles with texture coordinates outside the image", 0, {},
+                      mesh.texture_repeats ? "the image is repeated" : "the image's border goes on"};
+  for (size_t t = 0; t < mesh.corner_uv.size(); ++t) {
+    bool out_of = false;
+    for (const glm::vec2& uv : mesh.corner_uv[t]) {
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
         return invalid(name, "triangle " + std::to_string(t) +
                                  " (from 0): expected finite texture coordinates, found " + numberText(uv.x) + " " +
                                  numberText(uv.y));
+      out_of = out_of || std::abs(uv.x - 0.5f) > 0.5f + kOutsideImage || std::abs(uv.y - 0.5f) > 0.5f + kOutsideImage;
+    }
+    if (out_of && ++outside.count <= kMaxPlaces)
+      outside.places_mm.push_back(mesh.origin_mm + glm::dvec3(mesh.positions_mm[mesh.triangles[t][0]]));
+  }
+  if (outside.count > 0) out.diagnosis.findings.push_back(std::move(outside));
   mesh.texture_path = std::move(raw.texture_path);
   if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
     out.diagnosis.findings.push_back(

@@ -20,8 +20,8 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-// The path behind map_Kd's options; it may hold blanks.
-std::string imagePath(std::string_view text) {
+// The path behind map_Kd's options; it may hold blanks. clamped: the image does not repeat.
+std::string imagePath(std::string_view text, bool& clamped) {
   for (;;) {
     std::string_view rest = text, option = nextItem(rest);
     int arguments = -1;
@@ -42,6 +42,7 @@ std::string imagePath(std::string_view text) {
     if (arguments < 0) break;
     for (int k = 0; k < arguments; ++k) {
       std::string_view before = rest, argument = nextItem(rest);
+      if (option == "-clamp") clamped = argument == "on";
       double number = 0;
       if (arguments == 3 && k > 0 && !parseNumber(argument, number)) {  // -o, -s and -t may have fewer than three
         rest = before;
@@ -94,6 +95,7 @@ class ObjReader {
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     chooseImage();
+    noteColoursLost();
     return std::move(mesh_);
   }
 
@@ -192,7 +194,8 @@ class ObjReader {
     cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
     if (mesh_.triangles.size() > kMaxTriangles)
       return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
-    if (use_) *use_ += mesh_.triangles.size() - before;
+    if (!use_) use_ = &triangles();
+    *use_ += mesh_.triangles.size() - before;
   }
 
   void materialFile(std::string_view name) {
@@ -202,27 +205,38 @@ class ObjReader {
     mesh_.named_files.emplace_back(name);
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
-      mesh_.findings.push_back(
-          {"material files that cannot be read (" + std::string(name.substr(0, 100)) + ")", 1, {}, ""});
+      if (++unread_libraries_ == 1) unread_library_ = name.substr(0, 100);
       return;
     }
-    std::string material;
+    std::string name_of;
     for (std::string_view rest = *text; !rest.empty();) {
       size_t end = rest.find('\n');
       std::string_view line = rest.substr(0, end);
       rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
       std::string_view key = nextItem(line);
-      if (key == "newmtl") material = trimmed(line);
-      else if (lowerCase(key) == "map_kd") {
-        image_of_[material] = imagePath(trimmed(line));
-        if (images_.insert(image_of_[material]).second) mesh_.named_files.push_back(image_of_[material]);
+      if (key == "newmtl") {
+        name_of = trimmed(line);
+      } else if (lowerCase(key) == "map_kd") {
+        Material& m = materials_[name_of];
+        bool clamped = false;
+        m.image = imagePath(trimmed(line), clamped);
+        if (images_.emplace(m.image, clamped).second) mesh_.named_files.push_back(m.image);
+      } else if (lowerCase(key) == "kd") {
+        double c[3];
+        if (parseNumber(nextItem(line), c[0]) && parseNumber(nextItem(line), c[1]) && parseNumber(nextItem(line), c[2]))
+          materials_[name_of].coloured = c[0] != c[1] || c[1] != c[2];
       }
     }
   }
 
   void useMaterial(std::string_view name) {
-    auto found = image_of_.find(std::string(name));
-    use_ = found == image_of_.end() || found->second.empty() ? nullptr : &triangles_of_[found->second];
+    material_ = name;
+    use_ = nullptr;
+  }
+  // Of the material in use: its image's, or its own if it has none.
+  uint64_t& triangles() {
+    auto found = materials_.find(material_);
+    return found == materials_.end() || found->second.image.empty() ? without_image_[material_] : triangles_of_[found->second.image];
   }
 
   // TriMesh has one image: the one that most triangles show.
@@ -234,9 +248,39 @@ class ObjReader {
       most = triangles;
       mesh_.texture_path = image;
     }
+    mesh_.texture_repeats = most == 0 || !images_[mesh_.texture_path];
     if (all > most)
-      mesh_.findings.push_back(
-          {"triangles of further images (one is used: " + mesh_.texture_path + ")", all - most, {}, ""});
+      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")", all - most, {},
+                                "painted from that one, too"});
+  }
+
+  void noteColoursLost() {
+    const bool image = !mesh_.texture_path.empty() && !mesh_.corner_uv.empty();
+    uint64_t lost = 0, most = 0, materials = 0;
+    std::string material;
+    for (const auto& [name, triangles] : without_image_) {
+      auto found = materials_.find(name);
+      // Beside an image all other triangles are lost; without any, those of a colour that is no grey.
+      if (triangles == 0 || (!image && (found == materials_.end() || !found->second.coloured))) continue;
+      lost += triangles;
+      ++materials;
+      if (triangles <= most) continue;
+      most = triangles;
+      material = name;
+    }
+    const std::string further = materials > 1 ? " and " + std::to_string(materials - 1) + " more" : "";
+    const std::string whose = (material.empty() ? "no material" : "material " + inQuotes(material)) + further;
+    if (lost > 0 && image)
+      mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")", lost, {},
+                                "painted from the image of the others"});
+    if (lost > 0 && !image)
+      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")", lost, {}, "Kd is not used"});
+    if (unread_libraries_ > 0)
+      mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")", unread_libraries_, {},
+                                image                            ? "their images are not used"
+                                : !mesh_.float_colours.empty()   ? "colours of vertices are used"
+                                : mesh_.corner_uv.empty()        ? "the result has no colour"
+                                                                 : "the result has no colour, unless --texture names the image"});
   }
 
   FileReader in_;
@@ -244,9 +288,16 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
-  std::set<std::string> libraries_, images_;
-  std::map<std::string, std::string> image_of_;   // a material's
-  std::map<std::string, uint64_t> triangles_of_;  // an image's
+  struct Material {
+    std::string image;
+    bool coloured = false;  // Kd is no grey
+  };
+  std::set<std::string> libraries_;
+  std::map<std::string, bool> images_;  // whether one is clamped
+  std::map<std::string, Material> materials_;
+  std::map<std::string, uint64_t> triangles_of_, without_image_;  // an image's; a material's
+  std::string material_, unread_library_;
+  uint64_t unread_libraries_ = 0;
   uint64_t* use_ = nullptr;
   uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;
   std::string joined_;

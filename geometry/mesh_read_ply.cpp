@@ -31,7 +31,7 @@ bool parseType(std::string_view name, Type& type) {
   return false;
 }
 
-enum class Use : uint8_t { kNone, kX, kY, kZ, kRed, kGreen, kBlue, kU, kV, kIndices, kCornerUv };
+enum class Use : uint8_t { kNone, kX, kY, kZ, kRed, kGreen, kBlue, kU, kV, kIndices, kCornerUv, kFaceColour, kImage };
 
 struct Property {
   std::string name;
@@ -73,6 +73,10 @@ Use useOf(const Element& element, const Property& p) {
     if (is({"vertex_indices", "vertex_index"})) return Use::kIndices;
     if (element.kind == Kind::kFace && name == "texcoord") return Use::kCornerUv;
   }
+  if (element.kind == Kind::kFace && !p.list) {
+    if (is({"red", "r", "diffuse_red"})) return Use::kFaceColour;
+    if (is({"texnumber", "texture_index", "texid"})) return Use::kImage;
+  }
   return Use::kNone;
 }
 
@@ -91,15 +95,42 @@ class PlyReader {
     if (in_.failed()) return in_.error();
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    chooseImage();
+    for (const Element& e : elements_)
+      if (e.used(Use::kFaceColour) && e.count > 0)
+        mesh_.findings.push_back({"faces with a colour of their own", e.count, {},
+                                  mesh_.colours.empty() && mesh_.float_colours.empty()
+                                      ? "not used: colours of vertices are read"
+                                      : "not used: colours of vertices are"});
     return std::move(mesh_);
   }
 
  private:
+  // TriMesh has one image: the one that most triangles show. Without numbers of images all show the first.
+  void chooseImage() {
+    mesh_.named_files = images_;
+    if (images_.empty()) return;
+    size_t used = 0;
+    uint64_t all = 0;
+    for (size_t k = 0; k < images_.size(); ++k) {
+      all += triangles_of_[k];
+      if (triangles_of_[k] > triangles_of_[used]) used = k;
+    }
+    mesh_.texture_path = images_[used];
+    if (all > triangles_of_[used])
+      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
+                                all - triangles_of_[used], {}, "painted from that one, too"});
+    if (all == 0 && images_.size() > 1)
+      mesh_.findings.push_back({"further images, without numbers that say which faces show them (one is used: " +
+                                    mesh_.texture_path + ")",
+                                images_.size() - 1, {}, "not used"});
+  }
+
   void readHeader() {
     std::string_view text;
     if (!in_.line(text) || nextItem(text) != "ply")
       return in_.note("expected \"ply\" as the first line", "this is no PLY file");
-    bool format = false, texture = false;
+    bool format = false;
     for (;;) {
       if (!in_.line(text)) {
         in_.endOfFile("end_header");
@@ -147,11 +178,11 @@ class PlyReader {
         elements_.back().properties.push_back(std::move(p));
       } else if (key == "comment" || key == "obj_info") {
         std::string_view rest = text;
-        if (lowerCase(nextItem(rest)) == "texturefile" && !texture) {
+        if (lowerCase(nextItem(rest)) == "texturefile") {
           while (!rest.empty() && isBlank(rest.front())) rest.remove_prefix(1);
           while (!rest.empty() && isBlank(rest.back())) rest.remove_suffix(1);
-          mesh_.texture_path = rest;
-          texture = true;
+          images_.emplace_back(rest);
+          triangles_of_.push_back(0);
         }
       } else if (!key.empty()) {
         return in_.note("expected a line of a PLY header, found " + inQuotes(whole));
@@ -379,6 +410,7 @@ class PlyReader {
       }
       corners.clear();
       uv.clear();
+      double image = -1;
       for (const Property& p : e.properties) {
         if (p.use == Use::kIndices && e.kind == Kind::kFace) {
           corners.resize(count(p, "face", face));
@@ -398,6 +430,8 @@ class PlyReader {
           }
         } else if (p.list) {
           readOverList(p, "face", face);
+        } else if (p.use == Use::kImage) {
+          image = value(p.type, "face", face);
         } else {
           value(p.type, "face", face);
         }
@@ -409,7 +443,10 @@ class PlyReader {
                         " corners, but texture coordinates of " + std::to_string(uv.size()));
       if (uv.empty() && !vertex_uv_.empty())
         for (uint32_t index : corners) uv.push_back(vertex_uv_[index]);
+      const size_t before = mesh_.triangles.size();
       cutter_.add(corners, uv);
+      if (image >= 0 && image < static_cast<double>(images_.size()))
+        triangles_of_[static_cast<size_t>(image)] += mesh_.triangles.size() - before;
       if (mesh_.triangles.size() > kMaxTriangles)
         return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
     }
@@ -446,6 +483,8 @@ class PlyReader {
   FaceCutter cutter_;
   std::vector<Element> elements_;
   std::vector<glm::vec2> vertex_uv_;
+  std::vector<std::string> images_;     // that comments name
+  std::vector<uint64_t> triangles_of_;  // an image's, where faces say which
   std::string_view line_;
   bool ascii_ = false, swap_ = false;
 };

@@ -14,7 +14,6 @@ namespace relievo {
 namespace {
 
 constexpr uint32_t kNone = ~uint32_t{0};
-constexpr size_t kMaxPlaces = 8;
 
 class Repair {
  public:

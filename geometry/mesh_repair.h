@@ -9,6 +9,7 @@ namespace relievo {
 // Zero area: two corners are one, or the height above the longest side is below this part of it (rounding of double,
 // far below that of the floats: slivers of scans stay).
 inline constexpr double kDegenerate = 1e-13;
+inline constexpr size_t kMaxPlaces = 8;  // of a finding
 bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& triangle);
 
 // findings and the numbers read are kept, all else of the diagnosis is filled in. Every index and number must have been

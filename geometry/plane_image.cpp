@@ -5,7 +5,8 @@
 
 namespace relievo {
 
-PlaneImage::PlaneImage(int width, int height, int channels, std::span<const uint8_t> texels, int levels) : channels_(channels) {
+PlaneImage::PlaneImage(int width, int height, int channels, std::span<const uint8_t> texels, int levels, bool repeats)
+    : channels_(channels), repeats_(repeats) {
   levels_.reserve(static_cast<size_t>(levels) + 1);
   levels_.push_back({width, height, texels, {}});
   while (static_cast<int>(levels_.size()) <= levels && (levels_.back().width > 1 || levels_.back().height > 1)) {
@@ -41,7 +42,11 @@ void PlaneImage::add(const Level& level, float scale, const glm::vec2& place, fl
 
 void PlaneImage::sample(const glm::vec2& uv, float lod, std::span<float> out) const {
   std::fill_n(out.begin(), channels_, 0.0f);
-  const glm::vec2 place(uv.x * static_cast<float>(width()), (1 - uv.y) * static_cast<float>(height()));
+  auto within = [this](float x, int texels) {
+    const float half = 0.5f / static_cast<float>(texels);
+    return repeats_ && (x < -half || x > 1 + half) ? x - std::floor(x) : x;
+  };
+  const glm::vec2 place(within(uv.x, width()) * static_cast<float>(width()), (1 - within(uv.y, height())) * static_cast<float>(height()));
   lod = std::clamp(std::isfinite(lod) ? lod : 0.0f, 0.0f, static_cast<float>(levels_.size() - 1));
   const int fine = static_cast<int>(lod);
   const float blend = lod - static_cast<float>(fine);

@@ -296,7 +296,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     auto scene = bake_scene.get();
     if (!scene) return scene.error();
-    return MeshBake::create(scan, {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty()}, *base, bake_options, std::move(*scene));
+    return MeshBake::create(scan, {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty(), scan.texture_repeats}, *base, bake_options, std::move(*scene));
   });
   if (!bake) return bake.error();
 

@@ -220,6 +220,94 @@ TEST(MeshFormats, ObjWithMaterials) {
   EXPECT_NE(defects(m.diagnosis).find("triangles of further images"), std::string::npos);
 }
 
+const MeshFinding* finding(const LoadedMesh& m, const std::string& what) {
+  for (const MeshFinding& f : m.diagnosis.findings)
+    if (f.what.find(what) != std::string::npos) return &f;
+  return nullptr;
+}
+
+// What cannot be shown is said: triangles of materials without an image, images beside the one, colours of faces.
+TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
+  saveFile("some.mtl", "newmtl a\nKd 1 0 0\nmap_Kd a.png\nnewmtl red\nKd 1 0 0\nnewmtl grey\nKd .5 .5 .5\n");
+  const std::string corners = "mtllib some.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\n";
+  LoadedMesh m = mustRead(saveFile("a.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
+  const MeshFinding* f = finding(m, "without an image (material \"red\")");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 2u);
+  m = mustRead(saveFile("a.obj", corners + "f 1/1 2/1 3/1\nusemtl a\nf 1/1 3/1 4/1\nusemtl grey\nf 4/1 3/1 5/1\n"));
+  f = finding(m, "without an image (no material and 1 more)");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 2u);
+  // Without any image: colours are missed, greys are not.
+  m = mustRead(saveFile("a.obj", corners + "usemtl red\nf 1/1 2/1 3/1\nusemtl grey\nf 1/1 3/1 4/1\n"));
+  f = finding(m, "with a colour alone (material \"red\")");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 1u);
+  for (const char* none : {"usemtl grey\nf 1/1 2/1 3/1\n", "usemtl a\nf 1/1 2/1 3/1\n", "f 1 2 3\n"}) {
+    m = mustRead(saveFile("a.obj", corners + none));
+    EXPECT_FALSE(finding(m, "image") || finding(m, "colour")) << none << defects(m.diagnosis);
+  }
+  m = mustRead(saveFile("a.obj", "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n"));
+  ASSERT_TRUE(finding(m, "cannot be read (none.mtl)"));
+  EXPECT_EQ(finding(m, "none.mtl")->done, "the result has no colour");
+  EXPECT_EQ(m.named_files, std::vector<std::string>{(meshFolder() / "none.mtl").string()});
+
+  auto ply = [](const char* images, const char* face, const char* values) {
+    std::string text = std::string("ply\nformat ascii 1.0\n") + images +
+                       "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float s\n"
+                       "property float t\nelement face 3\nproperty list uchar int vertex_indices\n" + face +
+                       "end_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 0 1 0 1\n";
+    for (const char* corners_of : {"3 0 1 2", "3 0 2 3", "3 0 3 1"}) {
+      text += std::string(corners_of) + " " + std::string(values, std::strcspn(values, "|")) + "\n";
+      values += std::min(std::strlen(values), std::strcspn(values, "|") + 1);
+    }
+    return text;
+  };
+  const char* two = "comment TextureFile a.png\ncomment TextureFile b.png\n";
+  m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "1|0|1")));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
+  f = finding(m, "triangles of further images (one is used: b.png)");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 1u);
+  m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "0|0|0")));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
+  EXPECT_FALSE(finding(m, "images")) << defects(m.diagnosis);
+  m = mustRead(saveFile("two.ply", ply(two, "property int texnumber\n", "7|-1|2")));  // none of them
+  EXPECT_TRUE(finding(m, "further images, without numbers")) << defects(m.diagnosis);
+  m = mustRead(saveFile("two.ply", ply(two, "", "||")));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
+  EXPECT_TRUE(finding(m, "further images, without numbers")) << defects(m.diagnosis);
+  EXPECT_EQ(m.named_files.size(), 2u);
+  m = mustRead(saveFile("two.ply", ply("", "property uchar red\nproperty uchar green\nproperty uchar blue\n", "255 0 0|0 255 0|0 0 255")));
+  f = finding(m, "faces with a colour of their own");
+  ASSERT_TRUE(f) << defects(m.diagnosis);
+  EXPECT_EQ(f->count, 3u);
+}
+
+// OBJ repeats its images unless a material says otherwise; where a format says nothing the border goes on.
+TEST(MeshFormats, TextureCoordinatesOutsideTheImage) {
+  saveFile("plain.mtl", "newmtl m\nmap_Kd a.png\n");
+  saveFile("clamped.mtl", "newmtl m\nmap_Kd -clamp on a.png\n");
+  for (const char* mtl : {"plain", "clamped", "none"}) {
+    auto obj = [&](const char* far) {
+      return mustRead(saveFile("a.obj", std::string("mtllib ") + mtl + ".mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt " + far + "\nusemtl m\nf 1/1 2/2 3/3\n"));
+    };
+    LoadedMesh m = obj("0 3.5");
+    EXPECT_EQ(m.mesh.texture_repeats, std::string(mtl) != "clamped");
+    const MeshFinding* f = finding(m, "triangles with texture coordinates outside the image");
+    ASSERT_TRUE(f) << defects(m.diagnosis);
+    EXPECT_EQ(f->count, 1u);
+    EXPECT_EQ(f->places_mm.size(), 1u);
+    EXPECT_EQ(f->done, m.mesh.texture_repeats ? "the image is repeated" : "the image's border goes on");
+    for (const char* within : {"0 1", "0 1.00005", "-0.00005 1"}) EXPECT_FALSE(finding(obj(within), "outside")) << within;
+    EXPECT_TRUE(finding(obj("-0.001 1"), "outside"));
+  }
+  const LoadedMesh off = mustRead(saveFile("a.off", "STOFF 3 1 0\n0 0 0 0 0\n1 0 0 2 0\n0 1 0 0 1\n3 0 1 2\n"));
+  EXPECT_FALSE(off.mesh.texture_repeats);
+  EXPECT_TRUE(finding(off, "outside"));
+}
+
 TEST(MeshFormats, Off) {
   Sample plain = cubeSphere(4), coloured = plain;
   decorate(coloured, 5);

@@ -35,6 +35,35 @@ TEST(PlaneImage, linearChannelsAreReadAsTheyAre) {
   image.sample({0.5, 0.5}, std::nanf(""), out);
 }
 
+TEST(PlaneImage, repeatsWhereItIsToldTo) {
+  constexpr int kWidth = 8, kHeight = 4;
+  std::vector<uint8_t> texels;
+  for (int i = 0; i < kWidth * kHeight; ++i) texels.push_back(static_cast<uint8_t>(7 * i));
+  const PlaneImage clamped(kWidth, kHeight, 1, texels, 2), repeated(kWidth, kHeight, 1, texels, 2, true);
+  std::mt19937 random(3);
+  std::uniform_real_distribution<float> unit(0, 1);
+  auto at = [](const PlaneImage& image, float u, float v, float lod) {
+    float out = 0;
+    image.sample({u, v}, lod, {&out, 1});
+    return out;
+  };
+  for (int i = 0; i < 500; ++i) {
+    const float u = 0.01f + 0.98f * unit(random), v = 0.01f + 0.98f * unit(random), lod = 2 * unit(random);
+    const float inside = at(clamped, u, v, lod);
+    EXPECT_EQ(at(repeated, u, v, lod), inside);
+    for (const glm::vec2& away : {glm::vec2(1, 0), glm::vec2(-2, 3), glm::vec2(0, -1)}) {
+      const bool far_u = std::abs(u + away.x - 0.5f) > 0.5f + 0.5f / kWidth, far_v = std::abs(v + away.y - 0.5f) > 0.5f + 0.5f / kHeight;
+      if ((far_u || away.x == 0) && (far_v || away.y == 0)) {
+        EXPECT_NEAR(at(repeated, u + away.x, v + away.y, lod), inside, 1e-2);
+      }
+    }
+  }
+  // Rounded coordinates do not reach the other side.
+  EXPECT_EQ(at(repeated, 1.00001f, 0.5f, 0), at(clamped, 1, 0.5f, 0));
+  EXPECT_EQ(at(repeated, 0.5f, -0.00001f, 0), at(clamped, 0.5f, 0, 0));
+  EXPECT_EQ(at(clamped, 3.3f, 0.5f, 0), at(clamped, 1, 0.5f, 0));
+}
+
 TEST(PlaneImage, whatIsFinerIsAveraged) {
   constexpr int kSide = 64;
   std::vector<uint8_t> texels;
