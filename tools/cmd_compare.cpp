@@ -127,6 +127,8 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
   if (auto r = add(kReportFiles[1], reportJson(plan, figures)); !r) return r;
   if (auto r = add(kReportFiles[2], reportHtml(plan, figures, *pictures)); !r) return r;
   for (OutputFile& file : files)
+    if (auto r = file.finish(); !r) return r;
+  for (OutputFile& file : files)
     if (auto r = file.commit(); !r) return r;
   return {};
 }
@@ -186,7 +188,8 @@ std::string footer() {
   text +=
       "\nA FILE.json for --path:\n"
       "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, \"orthographic\": false, \"target_mm\": [0, 0, 0]}, ...]}\n"
-      "What a camera leaves out is that of one which sees the whole artwork from the front.\n\n"
+      "What a camera leaves out is that of one which sees the whole artwork from the front. Other members are refused, but for the light that\n"
+      "relievo view --print-view prints with a camera.\n\n"
       "Example:\n  relievo compare inscription.relievo --path orbit --error-px 0.5,1,2,4 -o comparison\n"
       "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison";
   return text;

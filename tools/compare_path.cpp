@@ -1,6 +1,7 @@
 #include "tools/compare_path.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -18,6 +19,8 @@ namespace {
 
 constexpr uint64_t kMaxFileBytes = 64 << 20;
 constexpr double kFrame_s = 1.0 / 60;
+// light: as `view --print-view` prints it; these figures are without.
+constexpr std::array kCameraKeys{"azimuth_deg", "elevation_deg", "distance_mm", "fov_deg", "orthographic", "target_mm", "light"};
 
 Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const Extent& extent, int width_px, int height_px) {
   auto text = readTextFile(path, kMaxFileBytes);
@@ -37,6 +40,10 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
     const auto& c = list[k];
     std::string where = "camera " + std::to_string(k) + ": ";
     if (!c.is_object()) return wrong(where + "expected an object");
+    for (const auto& [key, value] : c.items()) {
+      if (std::none_of(kCameraKeys.begin(), kCameraKeys.end(), [&](const char* known) { return key == known; }))
+        return wrong(where + "there is no '" + key.substr(0, 40) + "' of a camera");
+    }
     bool good = true;
     auto number = [&](const char* key, double otherwise) {
       if (!c.contains(key)) return otherwise;

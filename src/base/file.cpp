@@ -194,10 +194,16 @@ const std::string& OutputFile::partPath() const { return impl_->part_path; }
 
 uint64_t OutputFile::size() const { return impl_->flushed + impl_->buffer.size(); }
 
-Result<void> OutputFile::commit() {
+Result<void> OutputFile::finish() {
   Impl& impl = *impl_;
   if (auto flushed = impl.flush(path_); !flushed) return flushed;
   if (::fsync(impl.fd) != 0 && errno != EINVAL) return ioError(path_, "writing", errno);
+  return {};
+}
+
+Result<void> OutputFile::commit() {
+  Impl& impl = *impl_;
+  if (auto finished = finish(); !finished) return finished;
   int closed = ::close(impl.fd);
   impl.fd = -1;
   if (closed != 0) return ioError(path_, "writing", errno);

@@ -51,7 +51,9 @@ class OutputFile {
   // once, as long as none appends.
   Result<void> writeAt(uint64_t offset, std::span<const uint8_t> bytes);
   uint64_t size() const;                                // bytes appended so far
-  Result<void> commit();                                // flush, fsync, rename
+  // All of it on the disk, still under partPath(): of several files that belong together none takes its place before each has been finished.
+  Result<void> finish();
+  Result<void> commit();                                // finish, rename
 
  private:
   struct Impl;

@@ -353,6 +353,10 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   r = relievo(compare + "--path " + file("path.json"));
   EXPECT_EQ(r.exit_code, 3) << r.output;
   EXPECT_NE(r.output.find("camera 0"), std::string::npos) << r.output;
+  write("path.json", "{\"cameras\": [{\"azimuth_deg\": 3}, {\"azimuth\": 3}]}");
+  r = relievo(compare + "--path " + file("path.json"));
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+  EXPECT_NE(r.output.find("camera 1: there is no 'azimuth'"), std::string::npos) << r.output;
   ASSERT_EQ(relievo("build --ptm " + file("s/ptm_lrgb.ptm") + " -o " + file("flat.relievo")).exit_code, 0);
   EXPECT_EQ(relievo("compare " + file("flat.relievo") + " -o " + file("report")).exit_code, 5);
   EXPECT_FALSE(fs::exists(file("report/report.json")));
@@ -362,7 +366,12 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   EXPECT_EQ(r.exit_code, 130) << r.output;
   EXPECT_NE(r.output.find("interrupted"), std::string::npos) << r.output;
   EXPECT_TRUE(fs::is_empty(file("stopped")));
-  r = relievo(compare + "--quick --size 160x90 --frames 2 --error-px 1 --strategies edge-lod,uniform");
+  // The page is the largest of the three: a limit that it alone exceeds leaves none of them.
+  const std::string quick = compare + "--quick --size 160x90 --frames 2 --error-px 1 --strategies edge-lod,uniform";
+  r = run("ulimit -f 16; " RELIEVO_PROGRAM " " + quick);
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_TRUE(fs::is_empty(file("report"))) << r.output;
+  r = relievo(quick);
   ASSERT_EQ(r.exit_code, 0) << r.output;
   for (const char* name : {"report.json", "report.html", "frames.csv"}) EXPECT_TRUE(fs::exists(file(std::string("report/") + name))) << name;
   std::ifstream text(file("report/report.json"));
