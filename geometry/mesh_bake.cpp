@@ -975,9 +975,12 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
       if (auto looked = look(cells_log2); !looked) return looked.error();
       if (auto taken = take(cells_log2, cells_log2, false); !taken) return taken.error();
       if (deviation <= tolerance_mm) break;
-      if (cells_log2 >= kMaxAutoCellsLog2 || count(cells_log2 + 1) > most) break;
+      BakeLimit& limit = impl->report.limit;
       // Finer than the scan, and hardly better: what is left is not a matter of samples.
-      if (count(cells_log2) > 4 * vertices && deviation > 0.8 * before) break;
+      if (count(cells_log2) > 4 * vertices && deviation > 0.8 * before) limit = BakeLimit::kShape;
+      else if (cells_log2 >= kMaxAutoCellsLog2) limit = BakeLimit::kCells;
+      else if (count(cells_log2 + 1) > most) limit = BakeLimit::kSamples;
+      if (limit != BakeLimit::kNone) break;
     }
     if (options.fit && (deviation > tolerance_mm || cells_log2 > least_log2)) {
       if (deviation > tolerance_mm)
@@ -986,6 +989,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     }
   }
   at = {};
+  if (deviation <= tolerance_mm) impl->report.limit = BakeLimit::kNone;
+  else if (impl->report.limit == BakeLimit::kNone) impl->report.limit = BakeLimit::kCells;
 
   // Texels: twice as dense as what they are taken from, along u and v.
   double tones = 4 * vertices;

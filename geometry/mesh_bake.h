@@ -31,12 +31,20 @@ struct BakeOptions {
   const std::atomic<bool>* interrupted = nullptr;  // texels() heeds it, too
 };
 
+// Why a tolerance was not reached.
+enum class BakeLimit : uint8_t {
+  kNone,     // it was
+  kCells,    // no more cells a patch are made, or were asked for
+  kSamples,  // nor samples for a scan of so many vertices
+  kShape,    // finer grids hardly come nearer: edges and undercuts that no grid follows
+};
 struct BakeReport {
   int cells_log2 = 0, texture_depth = 0;
   bool fitted = false;      // heights are a fit, not the scan's at the samples
   uint64_t samples = 0;     // (n + 1)^2 a patch, shared ones counted once; n: 2^cells_log2, or fewer where fewer keep the tolerance
   uint64_t by_closest_point = 0;  // samples whose line meets the mesh nowhere within a patch's width, nor nearly
   double tolerance_mm = 0, deviation_mm = 0;  // asked for; what 99.9 % of places looked at, where lines meet the scan, keep
+  BakeLimit limit = BakeLimit::kNone;
   double seconds = 0;
 };
 

@@ -42,6 +42,20 @@ std::string finiteProblem(const glm::dvec3& p, uint64_t vertex, double mm_per_un
   return {};
 }
 
+Error badVertices(const std::vector<glm::dvec3>& positions, size_t first, const std::string& name, double mm_per_unit) {
+  std::string message = finiteProblem(positions[first], first, mm_per_unit);
+  uint64_t more = 0;
+  bool finite = true;
+  for (size_t i = first; i < positions.size(); ++i) {
+    const glm::dvec3& p = positions[i];
+    const bool numbers = std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+    finite = finite && numbers;
+    if (i > first && !finiteProblem(p, i, mm_per_unit).empty()) ++more;
+  }
+  if (more > 0) message += "; " + std::to_string(more) + " more " + (more == 1 ? "vertex is" : "vertices are") + " like that";
+  return invalid(name, std::move(message), finite ? "remove such vertices and their faces, or set --unit" : "remove such vertices and their faces");
+}
+
 // Floats as colours: 0..1, or 0..255 if any says so.
 std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
   float most = 0;
@@ -69,7 +83,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
     const glm::dvec3& p = raw.positions[i];
     if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm &&
           std::abs(p.z * unit) <= kMaxCoordinateMm))
-      return invalid(name, finiteProblem(p, i, unit), "remove the vertex and its faces, or set --unit");
+      return badVertices(raw.positions, i, name, unit);
   }
   if (raw.triangles.empty())
     return invalid(name, "expected a surface, found no triangle", "points must be meshed first");

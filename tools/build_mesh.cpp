@@ -266,6 +266,11 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   for (const std::string& path : loaded->named_files) named.push_back({path + ", which the mesh names", path});
   if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good) return good;
   const TriMesh& scan = loaded->mesh;
+  // Each patch has cells of its own: more of them than the scan has detail for take minutes, and space, for nothing.
+  constexpr size_t kAlwaysPatches = 1024;
+  if (const size_t most = std::max(kAlwaysPatches, scan.triangles.size() / 2); a.patches > most)
+    return Error{ErrorKind::kUsage, a.mesh, "--patches asks for " + std::to_string(a.patches) + ", a scan of " + std::to_string(scan.triangles.size()) +
+                     " triangles has at most " + std::to_string(most), "ask for fewer, or leave --patches out", {}};
   auto textured = readSurface(a, scan);
   if (!textured) return textured.error();
   const Image8& image = textured->image;
@@ -304,7 +309,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   if (textured->source) sources.push_back(*textured->source);
   MeshBuildResult result;
   result.package = a.package.output;
-  result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report());
+  result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report(), a.patches);
   BuildOptions package = a.package;
   package.manifest_extra =
       nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);

@@ -1,6 +1,7 @@
 // relievo build: raster files, or a scanned mesh, into a package.
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
@@ -39,6 +40,15 @@ Result<std::optional<std::pair<double, double>>> parseRange(const std::string& t
     return usageError("expected --relief-mm MIN:MAX in mm with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5");
   }
   return std::optional(std::pair(low, high));
+}
+
+std::string notNegative(const std::string& text) {
+  char* end = nullptr;
+  const double v = std::strtod(text.c_str(), &end);
+  return end != text.c_str() && *end == 0 && v >= 0 && std::isfinite(v) ? "" : "expected a finite number from 0, found " + text;
+}
+std::string positive(const std::string& text) {
+  return notNegative(text).empty() && std::strtod(text.c_str(), nullptr) > 0 ? "" : "expected a finite number above 0, found " + text;
 }
 
 Result<void> build(const BuildArguments& o) {
@@ -131,12 +141,12 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   auto* mesh = c->add_option("--mesh", o->mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
   c->add_option("--texture", o->texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")->needs(mesh);
   c->add_option("--unit", o->unit, "Of the mesh's coordinates: mm, cm, m or in")->check(CLI::IsMember({"mm", "cm", "m", "in"}))->needs(mesh)->capture_default_str();
-  c->add_option("--patches", o->patches, "About how many patches; 0: as the shape asks for")->check(CLI::Range(0u, 1u << 20))->needs(mesh)->capture_default_str();
-  c->add_option("--tolerance", o->tolerance_mm, "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal")->check(CLI::NonNegativeNumber)->needs(mesh)->capture_default_str();
+  c->add_option("--patches", o->patches, "About how many patches, at most half of the triangles (or 1024); 0: as the shape asks for. How many there are is said")->check(CLI::Range(0u, 1u << 20))->needs(mesh)->capture_default_str();
+  c->add_option("--tolerance", o->tolerance_mm, "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal. If it is not reached, that is said, and why")->check(notNegative)->needs(mesh)->capture_default_str();
   c->add_option("--report", o->report, "Write this HTML file: diagnosis, distances with a picture, time and memory")->needs(mesh);
   c->add_option("--relief", o->relief, "Height map, one channel: 8 or 16 bit (with --relief-mm), or float in mm")->excludes(mesh);
   c->add_option("--relief-mm", o->relief_mm, "MIN:MAX, the heights of the map's 0 and its largest value, mm");
-  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(CLI::PositiveNumber)->excludes(mesh)->capture_default_str();
+  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(positive)->excludes(mesh)->capture_default_str();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")->check(CLI::Range(-7, 19))->capture_default_str();
   c->add_option("--encoding", o->encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")->capture_default_str();

@@ -137,7 +137,7 @@ Result<void> info(const InfoArguments& o) {
   } else {
     std::printf("  relief    none\n");
   }
-  std::printf("  patches   %u of %llu px a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
+  std::printf("  patches   %u, of %llu px of texture a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
   std::printf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
               static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
   for (const PlaneLine& p : planes) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 
 #include "src/base/file.h"
@@ -47,14 +48,31 @@ std::array<double, 3> tripleOf(const Json& v) {
     if (v.is_array() && v.size() == 3 && v[k].is_number()) out[k] = v[k].get<double>();
   return out;
 }
-std::string count(double n, const char* what) { return format("%.0f %s%s", n, what, n == 1 ? "" : "s"); }
-std::string placesText(const Json& places) {
+std::string count(double n, const char* what) {
+  const size_t length = std::strlen(what);
+  return format("%.0f %s%s", n, what, n == 1 ? "" : length > 1 && what[length - 1] == 'h' ? "es" : "s");
+}
+// "open borders" of one: "open border". what may be anything.
+std::string headed(double n, std::string what) {
+  if (n != 1) return what;
+  for (const auto& [many, one] : {std::pair{"vertices", "vertex"}, {"triangles", "triangle"}, {"materials without", "a material without"}, {"materials with", "a material with"},
+                                  {"edges", "edge"}, {"borders", "border"}, {"pieces", "piece"}, {"faces", "face"}, {"images", "image"}, {"files", "file"},
+                                  {"that are", "that is"}, {"that run", "that runs"}, {"their", "its"}}) {
+    const size_t at = what.find(many), aside = what.find('(');
+    if (at == std::string::npos || at > aside) continue;
+    what.replace(at, std::strlen(many), one);
+  }
+  return what;
+}
+std::string placesText(const Json& places, double n) {
   std::string out;
   if (!places.is_array()) return out;
   for (const Json& place : places) {
     auto p = tripleOf(place);
     out += format("%s(%.6g, %.6g, %.6g)", out.empty() ? "" : ", ", p[0], p[1], p[2]);
   }
+  const double further = n - static_cast<double>(places.size());
+  if (!out.empty() && further >= 1) out += format(" and %.0f more", further);
   return out;
 }
 
@@ -124,7 +142,7 @@ constexpr const char* kStyle =
 }  // namespace
 
 Json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& d, const BaseMesh& base,
-              const BakeReport& bake) {
+              const BakeReport& bake, uint32_t patches_asked) {
   Json json;
   json["file"] = file;
   json["unit"] = unit;
@@ -143,6 +161,7 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
     json["findings"].push_back({{"what", f.what}, {"count", f.count}, {"done", f.done}, {"places_mm", places}});
   }
   json["patches"] = base.patches.size();
+  if (patches_asked > 0) json["patches_asked"] = patches_asked;
   json["corners"] = base.corners.size();
   json["cells_a_side"] = 1 << bake.cells_log2;
   json["texels_a_side"] = kPagePx << bake.texture_depth;
@@ -150,6 +169,19 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
   json["samples_by_closest_point"] = bake.by_closest_point;
   json["tolerance_mm"] = bake.tolerance_mm;
   json["deviation_mm"] = bake.deviation_mm;
+  switch (bake.limit) {
+    case BakeLimit::kNone:
+      break;
+    case BakeLimit::kCells:
+      json["tolerance_missed"] = "there are no more cells a patch; more patches have more";
+      break;
+    case BakeLimit::kSamples:
+      json["tolerance_missed"] = "there are no more samples for a scan of so many vertices";
+      break;
+    case BakeLimit::kShape:
+      json["tolerance_missed"] = "finer grids hardly come nearer, the scan has edges or undercuts that none follows; more patches may";
+      break;
+  }
   return json;
 }
 
@@ -167,12 +199,16 @@ std::string meshText(const Json& m) {
                   numberOf(m, "triangles_read"));
   if (const Json& findings = memberOf(m, "findings"); findings.is_array()) {
     for (const Json& f : findings) {
-      const std::string done = textOf(f, "done"), places = placesText(memberOf(f, "places_mm"));
-      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"), textOf(f, "what").c_str(),
+      const std::string done = textOf(f, "done"), places = placesText(memberOf(f, "places_mm"), numberOf(f, "count"));
+      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"), headed(numberOf(f, "count"), textOf(f, "what")).c_str(),
                     done.empty() ? "left as it is" : done.c_str(), places.empty() ? "" : "; at ", places.c_str());
     }
   }
-  out += format("    baked   %.0f samples, %.0f x %.0f cells a patch", numberOf(m, "samples"),
+  if (const double asked = numberOf(m, "patches_asked"), made = numberOf(m, "patches"); asked > 0 && std::abs(made - asked) > 0.05 * asked) {
+    out += format("    laid    over %s where %.0f %s asked for: %s\n", count(made, "patch").c_str(), asked, asked == 1 ? "was" : "were",
+                  made > 1.3 * asked ? "its pieces, borders and creases take so many" : "numbers are kept to about 30 %");
+  }
+  out += format("    baked   %.0f samples, %.0f x %.0f cells of heights a patch", numberOf(m, "samples"),
                 numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));
   if (double n = numberOf(m, "samples_by_closest_point"); n > 0)
     out += format(", %.0f of them by the closest point", n);
@@ -180,6 +216,7 @@ std::string meshText(const Json& m) {
       "\n            99.9 %% of the surface within %.3g mm where lines along the normals meet the scan; %.3g mm were "
       "aimed at",
       numberOf(m, "deviation_mm"), numberOf(m, "tolerance_mm"));
+  if (const std::string why = textOf(m, "tolerance_missed"); !why.empty()) out += ", and not reached: " + why;
   return out + "\n";
 }
 

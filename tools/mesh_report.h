@@ -14,9 +14,9 @@
 
 namespace relievo {
 
-// The manifest's member "mesh". Deterministic: no times.
+// The manifest's member "mesh". Deterministic: no times. patches_asked: 0 if no number was asked for.
 nlohmann::ordered_json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& diagnosis,
-                                const BaseMesh& base, const BakeReport& bake);
+                                const BaseMesh& base, const BakeReport& bake, uint32_t patches_asked = 0);
 // The same as indented lines; of any JSON, as it may come from a file that somebody else wrote. Empty if it is none of
 // ours.
 std::string meshText(const nlohmann::ordered_json& mesh);

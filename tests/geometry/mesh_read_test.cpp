@@ -531,6 +531,21 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
   expectRefused(saveFile("a.stl", binary.substr(0, binary.size() / 2)), invalid, "triangles stated");
 }
 
+TEST(MeshRefusals, BadVerticesAreCounted) {
+  auto refused = [](const char* vertices) {
+    const auto r = readMesh(saveFile("a.obj", std::string(vertices) + "f 1 2 3\n"));
+    EXPECT_FALSE(r.ok());
+    return r.ok() ? Error{} : r.error();
+  };
+  Error e = refused("v 0 0 0\nv nan 0 0\nv 0 inf 0\nv 0 0 1e99\n");
+  EXPECT_NE(e.message.find("vertex 1 (from 0)"), std::string::npos) << e.text();
+  EXPECT_NE(e.message.find("2 more vertices are like that"), std::string::npos) << e.text();
+  EXPECT_EQ(e.hint.find("--unit"), std::string::npos) << "no unit makes a number of it";
+  e = refused("v 0 0 0\nv 1 0 0\nv 0 0 1e99\n");
+  EXPECT_EQ(e.message.find("like that"), std::string::npos) << e.text();
+  EXPECT_NE(e.hint.find("--unit"), std::string::npos) << e.text();
+}
+
 TEST(MeshRefusals, CountsAreCheckedBeforeAnythingIsAllocated) {
   for (const char* format : {"ascii", "binary_little_endian", "binary_big_endian"}) {
     std::string head = std::string("ply\nformat ") + format +

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <set>
 
 namespace relievo {
 namespace {
@@ -149,7 +150,37 @@ TEST(MeshReport, textNamesFindingsAndPlaces) {
   EXPECT_NE(text.find("10 vertices, 19 triangles, 2 pieces, 1 open border, 2 x 4 x 6 mm"), std::string::npos) << text;
   EXPECT_NE(text.find("read    12 vertices, 20 triangles"), std::string::npos) << text;
   EXPECT_NE(text.find("found   2 duplicate vertices: welded; at (0.5, 0, 0), (1, 2, 3)"), std::string::npos) << text;
-  EXPECT_NE(text.find("found   1 open borders: left as it is\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("found   1 open border: left as it is\n"), std::string::npos) << text;
+}
+
+TEST(MeshReport, textSaysWhatWasAskedForAndNotReached) {
+  MeshDiagnosis diagnosis;
+  diagnosis.findings = {{"isolated pieces", 1, {}, ""}, {"vertices of no triangle", 1, {}, "dropped"}, {"triangles of materials without an image (material \"files\")", 1, {}, "x"},
+                        {"open borders", 11, {{1, 2, 3}, {4, 5, 6}}, ""}};
+  BaseMesh base;
+  base.patches.resize(10);
+  BakeReport bake;
+  bake.cells_log2 = 6;
+  bake.tolerance_mm = 0.5;
+  bake.deviation_mm = 0.25;
+  auto text = [&](uint32_t asked) { return meshText(meshJson("a.ply", "mm", diagnosis, base, bake, asked)); };
+  for (const char* words : {"found   1 isolated piece: left", "found   1 vertex of no triangle: dropped", "found   1 triangle of a material without an image (material \"files\"): x",
+                            "found   11 open borders: left as it is; at (1, 2, 3), (4, 5, 6) and 9 more\n", "64 x 64 cells of heights a patch"})
+    EXPECT_NE(text(0).find(words), std::string::npos) << words << " in " << text(0);
+  for (uint32_t asked : {0u, 10u}) {
+    EXPECT_EQ(text(asked).find("asked for"), std::string::npos) << text(asked);
+    EXPECT_EQ(text(asked).find("not reached"), std::string::npos) << text(asked);
+  }
+  EXPECT_NE(text(1).find("over 10 patches where 1 was asked for: its pieces"), std::string::npos) << text(1);
+  EXPECT_NE(text(11).find("over 10 patches where 11 were asked for: numbers are kept to about 30 %"), std::string::npos) << text(11);
+  std::set<std::string> reasons;
+  for (BakeLimit limit : {BakeLimit::kCells, BakeLimit::kSamples, BakeLimit::kShape}) {
+    bake.limit = limit;
+    const size_t at = text(0).find("0.5 mm were aimed at, and not reached: ");
+    ASSERT_NE(at, std::string::npos) << text(0);
+    reasons.insert(text(0).substr(at));
+  }
+  EXPECT_EQ(reasons.size(), 3u);
 }
 
 // The manifest may be anybody's: members missing, of other types, nested, huge.
