@@ -211,7 +211,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed, at most for 3 s (--quick: 0.3 s) [5; --quick: 3]")->check(CLI::Range(1, 1000));
   c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")->check(CLI::Range(-10000.0, 10000.0))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")->check(CLI::Range(1.0, 65536.0))->capture_default_str();
-  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: within a minute for a 2048x2048 artwork; a scan of two million triangles takes about as long");
+  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: a minute or two for a 2048x2048 artwork where software draws, on two cores; a scan of two million triangles takes about as long");
   c->callback([o, &context] {
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
