@@ -59,8 +59,8 @@ class Selection {
     hysteresis_ = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
     memory_.nextView(hysteresis_);
     if (!camera_.valid) return rootsAlone();
-    // The roots' tables know whole levels, and this view alone.
-    one_by_one_ = morph_ || hysteresis_ > 0;
+    // The roots' tables know whole levels, and this view alone: then they tell which patches are single cells whatever was before.
+    whole_levels_ = !morph_ && hysteresis_ == 0;
     roots_.prepare(forest_, exaggerate_);
     // Four times the error until it fits, then back to twice if that fits too.
     double asked_px = error_px_, scale = 1;
@@ -117,8 +117,8 @@ class Selection {
     if (uint32_t found = info_index_.find(k); found != kNone) return found;
     const auto index = static_cast<uint32_t>(infos_.size());
     info_index_.insert(k, index);
-    const int code = s.level == 0 && !one_by_one_ ? roots_.codes()[s.patch] : MeshRoots::kCareful;
-    infos_.push_back(code & MeshRoots::kCareful ? evaluate(s) : ofRoot(s.patch, code));
+    const int code = s.level == 0 ? roots_.codes()[s.patch] : MeshRoots::kCareful;
+    infos_.push_back(code & toLookAt() ? evaluate(s) : ofRoot(s.patch, code));
     return index;
   }
   // It is far away and coarse: nobody asks where it is, nor for the size of its cells.
@@ -130,9 +130,11 @@ class Selection {
     in.diameter_mm = roots_.diameter(patch);
     return in;
   }
+  // Roots with one of these in their codes. What is out of view is in no table; with geomorph it is as it will be when it comes into view.
+  int toLookAt() const { return whole_levels_ ? MeshRoots::kCareful : MeshRoots::kCareful | MeshRoots::kCulled; }
   int wantedLevel(const Square& s) {
-    if (s.level == 0 && !one_by_one_)
-      if (const int code = roots_.codes()[s.patch]; !(code & MeshRoots::kCareful)) return (code & MeshRoots::kLevel) * kOneLevel;
+    if (s.level == 0)
+      if (const int code = roots_.codes()[s.patch]; !(code & toLookAt())) return (code & MeshRoots::kLevel) * kOneLevel;
     return infos_[infoIndex(s)].wanted;
   }
   // What the view makes of a square, and of all within so many mm of its hull.
@@ -288,8 +290,20 @@ class Selection {
       if (tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, forest_.leastResidentLevel(), 0);
     };
     add(patch);
-    if (one_by_one_) return;
-    for (uint32_t p : roots_.neighbours(patch)) add(p);
+    for (uint32_t p : roots_.neighbours(patch))
+      if (whole_levels_ || !(roots_.codes()[p] & (MeshRoots::kCulled | MeshRoots::kHidden))) add(p);
+  }
+  // Levels that are continuous, or remembered. Single cells among single cells stay in the roots' tables: not those next to what must be looked at, whose
+  // sides are its sides, nor those next to what its levels raise (levelOf()).
+  void addRootsOneByOne(std::span<const uint8_t> codes) {
+    for (uint32_t p = 0; p < codes.size(); ++p) {
+      if (codes[p] & (MeshRoots::kCulled | MeshRoots::kHidden)) continue;
+      int around = codes[p];
+      for (uint32_t n : roots_.neighbours(p)) around |= codes[n];
+      if (around & toLookAt() && tree_.root_node[p] == kNone) addNode({p, 0, 0, 0}, forest_.leastResidentLevel(), 0);
+    }
+    for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
+      if (const Square s = tree_.nodes[i].square; levelOf(s) > 0) addRootAndNeighbours(s.patch);
   }
   // Children need at least the grid of level 1: whole units, and samples for it.
   bool hasUnitsToSplit(const Square& s) const { return s.level + 2 <= forest_.unitLog2() && s.level + 1 <= forest_.maxLevel(); }
@@ -414,7 +428,7 @@ class Selection {
     infos_.clear();
     info_index_.clear();
     memory_.again();
-    roots_.evaluate(camera_, {error_px_, min_cell_px_, max_node_px_, hide_backs_});
+    roots_.evaluate(camera_, {error_px_ / (1 + hysteresis_), min_cell_px_, max_node_px_, hide_backs_, !whole_levels_});
     if (!refine(anyway)) return false;
     if (!limited_tree_ || anyway) return true;
     other_tree_.root_node.resize(tree_.root_node.size(), kNone);
@@ -430,10 +444,9 @@ class Selection {
     tree_.clear();
     limited_tree_ = false;
     const std::span<const uint8_t> codes = roots_.codes();
-    for (uint32_t p = 0; p < codes.size() && one_by_one_; ++p)
-      if (!(codes[p] & (MeshRoots::kCulled | MeshRoots::kHidden))) addRootAndNeighbours(p);
-    for (uint32_t p = 0; p < codes.size() && !one_by_one_ && roots_.anyCareful(); ++p)
+    for (uint32_t p = 0; p < codes.size() && whole_levels_ && roots_.anyCareful(); ++p)
       if (codes[p] & MeshRoots::kCareful) addRootAndNeighbours(p);
+    if (!whole_levels_) addRootsOneByOne(codes);
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
       if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
@@ -627,12 +640,10 @@ class Selection {
     parts_.clear();
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i)
       if (tree_.nodes[i].state == State::kLeaf) levelSides(i);
-    if (!one_by_one_) {
-      for (const Node& n : tree_.nodes)
-        if (n.square.level == 0) roots_.leaveOut(n.square.patch);
-      roots_.levelEdges();
-      parts_.push_back({roots_.maxErrorPx(), {}, kNone});
-    }
+    for (const Node& n : tree_.nodes)
+      if (n.square.level == 0) roots_.leaveOut(n.square.patch);
+    roots_.levelEdges();
+    parts_.push_back({roots_.maxErrorPx(), {}, kNone});
     std::vector<PatchInstance>& drawn = of_nodes_.instances;
     drawn.clear();
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
@@ -665,10 +676,6 @@ class Selection {
     result.backs_are_hidden = roots_.backsAreHidden();
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
-    if (one_by_one_) {
-      result.instances = drawn;
-      return result;
-    }
     // Both lists are in order; a patch is in one of them alone.
     size_t count = drawn.size(), next = 0;
     for (int level = 0; level <= kMaxGridLevel; ++level) count += roots_.drawn(level).size();
@@ -694,7 +701,7 @@ class Selection {
   bool flat_ = false;
   bool hide_backs_ = true;
   double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0, hysteresis_ = 0;
-  bool morph_ = false, one_by_one_ = false;
+  bool morph_ = false, whole_levels_ = true;
   WishMemory memory_;
   Tree tree_, other_tree_;
   std::vector<Info> infos_;

@@ -37,6 +37,7 @@ struct MeshRoots::Eye {
   float ahead_x = 0, ahead_y = 0, ahead_z = 0;  // orthographic: where the eye looks
   float near_mm, scale, max_secant, error_px, max_node_px;
   std::array<float, kLevels> min_cell_px;
+  int levels = kLevels;  // that are not careful
 
   template <bool kOrthographic>
   static Eye of(const LodCamera& camera, const RootView& view, double extent) {
@@ -59,6 +60,11 @@ struct MeshRoots::Eye {
     e.max_secant = static_cast<float>(camera.max_secant) * kRoundUp, e.error_px = static_cast<float>(view.error_px);
     e.max_node_px = static_cast<float>(view.max_node_px);
     for (int k = 0; k < kLevels; ++k) e.min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k + 1));
+    if (!view.still) return e;
+    // Cells of any width that geomorph may want (level_wish.h), and squares from which on it prepares to split them.
+    e.levels = 1;
+    e.max_node_px *= 0.5f;
+    for (float& cell : e.min_cell_px) cell *= 0.25f;
     return e;
   }
   // Of a sphere, the least of the planes' distances.
@@ -110,6 +116,7 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   block_levels_.assign(blocks_, {0, 0});
   block_patch_radius_.assign(blocks_, 0);
   block_error_.assign(blocks_, 0);
+  block_cell_error_.assign(blocks_, 0);
   for (auto& list : lists_) list.resize(padded_);
   if (first) closed_ = forest.isClosed();
   std::array<FacingCone, kBlock> cones;
@@ -157,6 +164,7 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       block_patch_radius_[b] = std::max(block_patch_radius_[b], of_patches_.radius[p]);
       of_blocks_.longest[b] = std::max(of_blocks_.longest[b], of_patches_.longest[p]);
       block_error_[b] = std::max(block_error_[b], errors_[kLevels - 1][p]);
+      block_cell_error_[b] = std::max(block_cell_error_[b], errors_[0][p]);
     }
     of_blocks_.radius[b] = static_cast<float>(radius) * kRoundUp;
   }
@@ -227,7 +235,7 @@ void MeshRoots::evaluateBlocks(const Eye& eye) {
   const float* longest = of_blocks_.longest.data();
   const uint32_t* cone = of_blocks_.cone.data();
   const float* patch_radius = block_patch_radius_.data();
-  const float* error = block_error_.data();
+  const float* error = (eye.levels == kLevels ? block_error_ : block_cell_error_).data();
   uint8_t* states = block_state_.data();
   const int count = static_cast<int>(blocks_);
   int careful_backs = 0;
@@ -318,7 +326,7 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
       return static_cast<int>(error[p] > allowed_mm) & static_cast<int>(cell_px > cells * eye.min_cell_px[k]);
     };
     const int level = wants(e0, 0) + wants(e1, 1) + wants(e2, 2) + wants(e3, 3);
-    careful |= static_cast<int>(level == kLevels) | static_cast<int>(!(cell_px <= eye.max_node_px));
+    careful |= static_cast<int>(level >= eye.levels) | static_cast<int>(!(cell_px <= eye.max_node_px));
     int hidden = 0;
     if constexpr (kFacing) {
       const Eye::Facing facing = eye.facing<kOrthographic>(dx, dy, dz, distance, r, cone[p]);

@@ -19,13 +19,15 @@ namespace relievo {
 struct RootView {
   double error_px = 1, min_cell_px = 0, max_node_px = 1024;
   bool hide_backs = true;
+  // Levels are continuous, or remembered: what is not for certain a single cell, with room to spare for its width, is careful.
+  bool still = false;
 };
 
 class MeshRoots {
  public:
   // A patch's code: the level wanted, 0 .. kLevels - 1, and some of these.
   static constexpr int kCulled = 0x80;   // out of view, and no level wanted
-  static constexpr int kCareful = 0x40;  // near the eye, or wants more than a root's grid gives
+  static constexpr int kCareful = 0x40;  // near the eye, or wants more than a root's grid gives; RootView::still: or may
   static constexpr int kOthers = 0x20;   // drawn by others, see leaveOut()
   static constexpr int kHidden = 0x10;   // faces away: not drawn, whatever else is said
   static constexpr int kNotShown = kCulled | kCareful | kOthers | kHidden;
@@ -81,7 +83,7 @@ class MeshRoots {
   };
   Spheres of_patches_, of_blocks_;
   std::array<std::vector<float>, kLevels> errors_, between_;  // between: where vertices snapped to that level, see mesh_lod.cpp
-  std::vector<float> block_patch_radius_, block_error_;
+  std::vector<float> block_patch_radius_, block_error_, block_cell_error_;  // errors of the finest grid, of a single cell
   std::vector<std::array<uint32_t, 4>> across_;       // by side
   std::vector<uint32_t> first_adjacent_, adjacent_;   // blocks that meet a block
   std::vector<float> px_per_mm_;
