@@ -1,8 +1,10 @@
-// view_share.h - how much of their random work tests do under the address sanitizer.
+// view_share.h - how much of their random work tests do: under the address sanitizer less, with RELIEVO_LONG_TESTS=1 more.
 #pragma once
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdlib>
+#include <string_view>
 
 namespace relievo::test {
 
@@ -16,5 +18,11 @@ inline constexpr bool kSanitized = kViewShare > 1;
 
 // Of n of them; at least one.
 constexpr int share(int n) { return std::max(1, n / kViewShare); }
+
+// RELIEVO_LONG_TESTS=1, and nothing else: what tests do then is named where they ask.
+inline bool longTests() {
+  const char* wish = std::getenv("RELIEVO_LONG_TESTS");
+  return wish && std::string_view(wish) == "1";
+}
 
 }  // namespace relievo::test

@@ -7,7 +7,6 @@
 #include <gtest/gtest.h>
 
 #include <cstdio>
-#include <cstdlib>
 #include <limits>
 
 #include "geometry/base_domain.h"
@@ -17,6 +16,7 @@
 #include "tests/geometry/base_shapes.h"
 #include "tests/geometry/cell_ranges.h"
 #include "tests/geometry/true_mesh_relief.h"
+#include "tests/view_share.h"
 #include "tools/sample_artwork.h"
 
 namespace relievo::test {
@@ -27,8 +27,6 @@ struct Picture {
   int width, height;  // px
 };
 constexpr Picture kSmall{72, 54}, kLarge{1152, 864};
-
-bool longTests() { return std::getenv("RELIEVO_LONG_TESTS") != nullptr; }
 
 // A finest surface: rectangles of cells (a flat artwork is one), each cut along (i, j) - (i + 1, j + 1).
 struct Artwork {
@@ -604,9 +602,9 @@ Artwork flatSample() {
 void expectCertified(const Artwork& artwork, int views, const Picture& picture, double part) {
   Figures f = study(artwork, views, picture, part);
   std::printf("[ figures  ] %-26s seed %llu: %d views of %d x %d px, %llu rays through pixels, %llu aimed at what is worst (in %d views more that is hidden than could be tried), %llu met the surface and "
-              "are measured; above the bound: %d views, above %.2g of it: %d; bound / measured: median %.2f, least %.2f, 90 %% below %.2f; of pixels alone: median %.2f\n",
+              "are measured, %llu more where nothing is drawn; above the bound: %d views, above %.2g of it: %d; bound / measured: median %.2f, least %.2f, 90 %% below %.2f; of pixels alone: median %.2f\n",
               artwork.name.c_str(), static_cast<unsigned long long>(kSeed), f.views, picture.width, picture.height, static_cast<unsigned long long>(f.rays), static_cast<unsigned long long>(f.aimed), f.unfound,
-              static_cast<unsigned long long>(f.measured), f.above, part, f.above_part, f.percentile(f.tightness, 0.5), f.percentile(f.tightness, 0), f.percentile(f.tightness, 0.9), f.percentile(f.of_pixels, 0.5));
+              static_cast<unsigned long long>(f.measured), static_cast<unsigned long long>(f.undrawn), f.above, part, f.above_part, f.percentile(f.tightness, 0.5), f.percentile(f.tightness, 0), f.percentile(f.tightness, 0.9), f.percentile(f.of_pixels, 0.5));
   EXPECT_EQ(f.above, 0);
   EXPECT_GT(f.above_part, 0) << "a part of the bound would do, too: nothing is shown";
   if (picture.width == kSmall.width) {

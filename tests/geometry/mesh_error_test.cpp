@@ -108,10 +108,11 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
               static_cast<unsigned long long>(kSeed), all.views, static_cast<unsigned long long>(all.samples), all.tightness[all.tightness.size() / 2],
               halved_above);
   EXPECT_GT(halved_above, 0);
+  EXPECT_LT(all.tightness[all.tightness.size() / 2], kSanitized ? 3.0 : 2.25);
 }
 
-// How near the prediction comes where artworks are looked at as a whole, with all pages: reported, and no more than what levels that meet
-// and foreshortening explain.
+// How near the prediction comes where artworks are looked at as a whole, with all pages: never below, and less than twice too large in half of the views,
+// which levels that meet and foreshortening explain.
 TEST(MeshError, TightnessOfTheWholeInView) {
   std::vector<double> ratios;
   for (const NamedMesh& named : {NamedMesh{"cube sphere of 54", cubeSphere(3, 60)}, NamedMesh{"torus", torus(9, 5, 80, 25)}, NamedMesh{"open sheet", openSheet(3, 4, 30)}}) {
@@ -147,7 +148,9 @@ TEST(MeshError, TightnessOfTheWholeInView) {
   }
   std::sort(ratios.begin(), ratios.end());
   ASSERT_FALSE(ratios.empty());
-  std::printf("[ figures  ] all: median %.2f\n", ratios[ratios.size() / 2]);
+  const double median = ratios[ratios.size() / 2];
+  std::printf("[ figures  ] all: median %.2f\n", median);
+  EXPECT_LT(median, kSanitized ? 2.5 : 2.0);  // no view is above 2.6, and with sanitizers there are three
 }
 
 // What is known of the parts of grids coarser than a page saves cells, and costs no truth; what is true of other parts is no bound.

@@ -1,11 +1,11 @@
 // Watertight over base meshes: where two drawn nodes meet, the vertices of both are the same, bit for bit, whatever their levels, patches,
 // orientation and resident pages; with plain arithmetic, and with models of GPUs that contract a * b + c to fma.
+// RELIEVO_LONG_TESTS=1: 10^9 comparisons of each sort instead of 10^7.
 #include <gtest/gtest.h>
 
 #include <bit>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 
 #include "tests/geometry/mesh_fixture.h"
 
@@ -14,11 +14,15 @@ namespace {
 
 constexpr uint64_t kSeed = 20260401;
 
+// Of each test that counts them.
+uint64_t wantedComparisons() { return longTests() ? 1'000'000'000 : 10'000'000 / kViewShare; }
+
 TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
   const std::vector<NamedMesh> meshes = allMeshes();
+  const uint64_t wanted = wantedComparisons(), most_cases = longTests() ? 400'000 : 4000;
   MeshSeams total;
   uint64_t cases = 0, nodes = 0, limited = 0, halves = 0;
-  for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
+  for (uint64_t seed = kSeed; total.comparisons < wanted && cases < most_cases; ++seed, ++cases) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
@@ -40,7 +44,7 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
               static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases), static_cast<unsigned long long>(nodes),
               static_cast<unsigned long long>(total.pairs), static_cast<unsigned long long>(total.across_patches),
               static_cast<unsigned long long>(limited), static_cast<unsigned long long>(halves), static_cast<unsigned long long>(total.comparisons));
-  EXPECT_GE(total.comparisons, 10'000'000u / kViewShare);
+  EXPECT_GE(total.comparisons, wanted);
   EXPECT_GT(limited, 0u);
   EXPECT_GT(halves, 0u);
   EXPECT_GT(total.across_patches, 0u);
@@ -61,7 +65,7 @@ glm::vec3 unorderedVertex(const BaseMesh& mesh, uint32_t patch, const glm::dvec3
 
 TEST(MeshWatertight, NegativeControls) {
   const std::vector<NamedMesh> meshes = wellShapedMeshes();
-  uint64_t unsnapped = 0, alone = 0, unordered = 0, ranges = 0, one_sided = 0, straight = 0;
+  uint64_t unsnapped = 0, alone = 0, snapped_alone = 0, unordered = 0, ranges = 0, one_sided = 0, straight = 0;
   for (uint64_t seed = kSeed; seed < kSeed + (kSanitized ? 15 : 60); ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     const BaseMesh& mesh = c.named.mesh;
@@ -70,9 +74,14 @@ TEST(MeshWatertight, NegativeControls) {
     MeshHeight height = noiseOver(mesh, unit, seed);
     MeshVertexFunction twin = twinOf<PlainOps>(mesh, c.relief, height, c.view);
     unsnapped += compareMeshSeams(mesh, unit, lod.instances, twin, false).mismatches;
-    std::vector<PatchInstance> own = lod.instances;  // each node decides alone
-    for (PatchInstance& p : own)
-      for (auto& side : p.edges) side = {p.grid_level, PatchInstance::kWholeEdge};
+    // Each node decides alone: all of its sides are as the coarsest of them, and its vertices snap to that.
+    std::vector<PatchInstance> own = lod.instances;
+    for (PatchInstance& p : own) {
+      uint8_t coarsest = p.grid_level;
+      for (const auto& side : p.edges) coarsest = std::min({coarsest, side[0], side[1]});
+      for (auto& side : p.edges) side = {coarsest, PatchInstance::kWholeEdge};
+      snapped_alone += coarsest < p.grid_level;
+    }
     alone += compareMeshSeams(mesh, unit, own, twin).mismatches;
     unordered += compareMeshSeams(mesh, unit, lod.instances, [&](const PatchInstance& p, uint32_t x, uint32_t y) {
                    return bitsOf(unorderedVertex<FmaSecond>(mesh, p.node.patch, c.view.eye_mm, x, y, 1u << unit, c.relief.mm(height(p.node.patch, x, y), 1)));
@@ -103,12 +112,14 @@ TEST(MeshWatertight, NegativeControls) {
         if (side[1] != PatchInstance::kWholeEdge) std::swap(side[0], side[1]);
     straight += compareMeshSeams(mesh, unit, swapped, twin).mismatches;
   }
-  std::printf("[ figures  ] mismatches: %llu without snapping, %llu with levels per node, %llu with ends unordered, %llu with a range per patch, %llu with "
+  std::printf("[ figures  ] mismatches: %llu without snapping, %llu with levels per node (vertices of %llu nodes snap), %llu with ends unordered, %llu with a range per patch, %llu with "
               "residency of one side, %llu with halves exchanged\n",
-              static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(alone), static_cast<unsigned long long>(unordered),
+              static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(alone), static_cast<unsigned long long>(snapped_alone), static_cast<unsigned long long>(unordered),
               static_cast<unsigned long long>(ranges), static_cast<unsigned long long>(one_sided), static_cast<unsigned long long>(straight));
   EXPECT_GT(unsnapped, 0u);
   EXPECT_GT(alone, 0u);
+  EXPECT_GT(snapped_alone, 0u);
+  EXPECT_NE(alone, unsnapped) << "the control of snapping once more";
   EXPECT_GT(unordered, 0u);
   EXPECT_GT(ranges, 0u);
   EXPECT_GT(one_sided, 0u);
@@ -221,10 +232,8 @@ PairCount comparePairs(uint64_t seed, uint64_t wanted) {
   return count;
 }
 
-// RELIEVO_LONG_TESTS=1: 10^9 comparisons instead of 10^7.
 TEST(MeshWatertight, EveryPairOfLevelsAndEveryOrientation) {
-  const char* long_tests = std::getenv("RELIEVO_LONG_TESTS");
-  const uint64_t wanted = long_tests && *long_tests == '1' ? 1'000'000'000 : 10'000'000 / kViewShare;
+  const uint64_t wanted = wantedComparisons();
   PairCount count = comparePairs(kSeed, wanted);
   std::printf("[ figures  ] seed %llu: %llu vertices compared, %llu differ\n", static_cast<unsigned long long>(kSeed),
               static_cast<unsigned long long>(count.comparisons), static_cast<unsigned long long>(count.mismatches));

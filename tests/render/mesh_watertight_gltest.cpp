@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cstdlib>
 #include <cstring>
 #include <functional>
 #include <random>
@@ -14,6 +13,7 @@
 #include "src/engine.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_engine.h"
+#include "tests/view_share.h"
 #include "texturing/page_codec.h"
 
 namespace relievo {
@@ -518,7 +518,7 @@ TEST_F(MeshBackground, NoneShowsThrough) {
   uint64_t inside_all = 0;
   int views_all = 0;
   for (OpenBody& body : openBodies()) {
-    const int views = std::getenv("RELIEVO_LONG_TESTS") ? 1667 : 40;
+    const int views = test::longTests() ? 1667 : 40;
     const std::string name = body.name;
     auto [inside, background] = look(std::move(body), views, true);
     std::printf("[ watertight ] %s, seed %llu: %d views, %llu pixels inside, %llu of them background\n", name.c_str(), (unsigned long long)kSeed + 1, views,
