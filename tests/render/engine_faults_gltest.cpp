@@ -173,19 +173,63 @@ class EngineFaults : public ::testing::Test {
   std::shared_ptr<const Package> package_;
 };
 
-// Each picture but the first is drawn with a list that was asked for before; how long is counted, frame by frame.
+// An oracle whose answers, and so the LOD worker's, can be held up.
+class GatedOracle final : public ReliefOracle {
+ public:
+  explicit GatedOracle(std::shared_ptr<const ReliefOracle> inner) : inner_(std::move(inner)) {}
+  HeightBounds bounds(const NodeId& page) const override {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [&] { return open_; });
+    return inner_->bounds(page);
+  }
+  void open(bool is_open) const {
+    {
+      std::lock_guard lock(mutex_);
+      open_ = is_open;
+    }
+    changed_.notify_all();
+  }
+
+ private:
+  std::shared_ptr<const ReliefOracle> inner_;
+  mutable std::mutex mutex_;
+  mutable std::condition_variable changed_;
+  mutable bool open_ = true;
+};
+
+// Each picture but the first is drawn with a list that was asked for before; how long is counted, frame by frame. A worker that is held up for 7 frames
+// makes it 1 to 7; one whose answer is waited for before each frame makes it 1.
 TEST_F(EngineFaults, TheAgeOfPatchListsIsCounted) {
-  auto engine = makeEngine(package_);
+  Artwork artwork = artworkFromPackage(package_);
+  auto gate = std::make_shared<GatedOracle>(artwork.oracle);
+  artwork.oracle = gate;
+  EngineOptions options;
+  options.prefetch = false;  // asks the oracle, too
+  auto engine = test::makeEngine(artwork, {}, options, kWidth, kHeight);
   ASSERT_TRUE(engine);
-  for (int i = 0; i < 21; ++i) {
-    engine->setCamera(camera(0.05 * i));
-    engine->frame(0.016 * i);
-    engine->readPixels();
+  int frames = 0;
+  auto draw = [&] {
+    engine->setCamera(camera(0.05 * frames));
+    engine->frame(0.016 * frames++);
+  };
+  draw();
+  EXPECT_EQ(engine->stats().lod_lag_frames.count, 0u);
+  gate->open(false);
+  constexpr int kHeld = 7, kWaited = 8;
+  for (int i = 0; i < kHeld; ++i) draw();
+  const LatencySummary held = engine->stats().lod_lag_frames;
+  gate->open(true);
+  EXPECT_EQ(held.count, uint64_t{kHeld});
+  EXPECT_EQ(held.p50, (kHeld + 1) / 2);
+  EXPECT_EQ(held.max, kHeld);
+  for (int i = 0; i < kWaited; ++i) {
+    ASSERT_TRUE(engine->settle(60).ok());
+    draw();
   }
   const LatencySummary age = engine->stats().lod_lag_frames;
-  EXPECT_EQ(age.count, 20u);
-  EXPECT_GE(age.p50, 1);
-  EXPECT_LE(age.max, 20);
+  EXPECT_EQ(age.count, uint64_t{kHeld + kWaited});
+  EXPECT_EQ(age.p50, 1);  // 9 of 15
+  EXPECT_EQ(age.max, kHeld);
 }
 
 // --- a source that never answers ---
