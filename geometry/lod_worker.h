@@ -1,4 +1,5 @@
-// lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. The render thread never waits.
+// lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. Whoever posts and tries to take waits for no
+// evaluation; waitFor() does: the engine's first frame of a streamer, which has no list yet to draw, and settling.
 #pragma once
 
 #include <functional>
@@ -39,7 +40,7 @@ class LodWorker {
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);
   std::optional<LodAnswer> tryTake();
-  // For settling headless: waits for the answer to the posted request of this frame (or a later one).
+  // Waits for the answer to the posted request of this frame (or a later one).
   LodAnswer waitFor(uint64_t frame);
 
  private:

@@ -706,7 +706,7 @@ struct Engine::Impl {
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
-    if (adopted_frame == 0) {  // the very first frame has nothing to draw yet: it waits for its list
+    if (adopted_frame == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
       postLod(view);
       adopt(lod->waitFor(frame));
     } else {

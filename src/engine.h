@@ -1,6 +1,6 @@
 // engine.h - one artwork on screen: pages in, frames out, with or without a window. Needs a current GL context on the thread that
-// calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker; only the first, which has
-// nothing to draw yet, waits for its patch list.
+// calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker, but for the patch list
+// where there is none to draw yet: the first frame, and the first one after a scene's other planes were gone over to.
 //
 // A frame: take the finished feedback; hand over wishes; place decoded pages and upload them within the budget; take the newest LOD
 // answer and post the camera to the LOD worker; draw the surface if it changed; shade it; issue the next feedback.
@@ -76,7 +76,7 @@ struct EngineStats {
   double detail_bias = 0;
   uint32_t edges_limited = 0;
   double lod_ms = 0;        // of the last LOD evaluation, on its worker
-  LatencySummary lod_lag_frames;  // of frames but the first: how many before it its patch list was asked for; 1 at best
+  LatencySummary lod_lag_frames;  // of frames that did not wait for their list: how many before it its patch list was asked for; 1 at best
   double determine_ms = 0;  // the part of it that named texture pages; 0 with kFeedback
   double predict_ms = 0;    // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way

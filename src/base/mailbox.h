@@ -1,5 +1,6 @@
 // mailbox.h - a newest-wins hand-over between two threads: a later post replaces one that was not yet taken.
-// The poster never waits for the taker. close() wakes the taker.
+// Neither side waits for what the other does with a letter, but at most while it exchanges one for another: letters are destroyed after that, by whoever
+// replaces them. close() wakes the taker.
 #pragma once
 
 #include <condition_variable>
@@ -13,13 +14,14 @@ template <class T>
 class Mailbox {
  public:
   void post(T value) {
+    std::optional<T> replaced(std::move(value));
     {
       std::lock_guard lock(mutex_);
-      letter_ = std::move(value);
+      letter_.swap(replaced);
     }
     ready_.notify_one();
   }
-  // Never waits.
+  // Does not wait for a letter.
   std::optional<T> tryTake() {
     std::lock_guard lock(mutex_);
     return std::exchange(letter_, std::nullopt);
