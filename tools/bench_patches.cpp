@@ -226,6 +226,8 @@ Result<void> patchesBench(BenchContext& context) {
   (*engine)->setCamera(camera);
   if (auto settled = (*engine)->settle(120); !settled) return settled;
   const double opened_s = benchSeconds() - start;
+  double largest_error_px = 0;
+  uint32_t most_triangles = 0;
   auto turn = [&](int frames, std::vector<double>& ms, std::vector<double>& submit_ms) {
     for (int i = 0; i < frames && !context.stopped(); ++i) {
       camera.azimuth_deg += 0.37;
@@ -235,6 +237,9 @@ Result<void> patchesBench(BenchContext& context) {
       submit_ms.push_back((benchSeconds() - start) * 1000);
       (*engine)->readPixels();
       ms.push_back((benchSeconds() - start) * 1000);
+      const EngineStats stats = (*engine)->stats();
+      largest_error_px = std::max(largest_error_px, stats.predicted_error_px);
+      most_triangles = std::max(most_triangles, stats.triangles);
     }
   };
   std::vector<double> frame_ms, submit_ms, one_by_one_ms, one_by_one_submit_ms;
@@ -245,11 +250,11 @@ Result<void> patchesBench(BenchContext& context) {
   const EngineStats slow = (*engine)->stats();
   if (context.stopped()) return {};
   char note[240];
-  std::snprintf(note, sizeof note, "slowest %.1f ms, %.1f ms of it until submitted; predicted error %.2f px, %u instances; %.0f MiB of tails, %u pages, none pinned; %.1f s to the first picture",
-                quantile(frame_ms, 1), median(submit_ms), stats.predicted_error_px, stats.instances, static_cast<double>(stats.tail_bytes) / (1 << 20), stats.resident, opened_s);
+  std::snprintf(note, sizeof note, "slowest %.1f ms, %.1f ms of it until submitted; predicted error up to %.2f px, %u instances; %.0f MiB of tails, %u pages, none pinned; %.1f s to the first picture",
+                quantile(frame_ms, 1), median(submit_ms), largest_error_px, stats.instances, static_cast<double>(stats.tail_bytes) / (1 << 20), stats.resident, opened_s);
   context.row({.what = "24,300 patches as one scene at 1280x720, error 1 px, turning: a frame", .measured = median(frame_ms), .unit = "ms", .goal = 1000.0 / 30,
                .baseline_name = "one draw call and its uniforms a patch", .baseline = median(one_by_one_ms), .note = note});
-  context.row({.what = "triangles drawn in it", .measured = static_cast<double>(stats.triangles), .unit = "", .goal = 60000});
+  context.row({.what = "triangles drawn in it, at most", .measured = static_cast<double>(most_triangles), .unit = "", .goal = 60000});
   context.row({.what = "draw calls, shading and feedback included", .measured = static_cast<double>(stats.draw_calls), .unit = "", .goal = 8,
                .baseline_name = "one draw call a patch", .baseline = static_cast<double>(slow.draw_calls)});
   context.row({.what = "its patch list behind the frame, p99 of " + std::to_string(stats.lod_lag_frames.count) + " frames", .measured = stats.lod_lag_frames.p99, .unit = "frames", .goal = 1});
