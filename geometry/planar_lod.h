@@ -46,7 +46,7 @@ struct LodView {
   // up to a third more triangles. What still changes at once: geometry/README.md, "Between levels".
   bool morph = false;
   // Of error_px. A square keeps its level until it has too large an error, or would have a coarser one with error_px / (1 + hysteresis):
-  // a camera that trembles changes neither nodes nor pages, and the error stays within error_px. The answer depends on the views before,
+  // a camera that trembles seldom changes nodes or pages, and the error stays within error_px. The answer depends on the views before,
   // as far as they had one; 0: on this view alone.
   double hysteresis = 0;
   double exaggerate = 1.0;          // heights are multiplied by it
