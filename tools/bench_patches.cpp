@@ -226,6 +226,7 @@ Result<void> patchesBench(BenchContext& context) {
   (*engine)->setCamera(camera);
   if (auto settled = (*engine)->settle(120); !settled) return settled;
   const double opened_s = benchSeconds() - start;
+  const double first_azimuth_deg = camera.azimuth_deg;
   double largest_error_px = 0;
   uint32_t most_triangles = 0;
   auto turn = [&](int frames, std::vector<double>& ms, std::vector<double>& submit_ms) {
@@ -250,8 +251,8 @@ Result<void> patchesBench(BenchContext& context) {
   const EngineStats slow = (*engine)->stats();
   if (context.stopped()) return {};
   char note[240];
-  std::snprintf(note, sizeof note, "slowest %.1f ms, %.1f ms of it until submitted; predicted error up to %.2f px, %u instances; %.0f MiB of tails, %u pages, none pinned; %.1f s to the first picture",
-                quantile(frame_ms, 1), median(submit_ms), largest_error_px, stats.instances, static_cast<double>(stats.tail_bytes) / (1 << 20), stats.resident, opened_s);
+  std::snprintf(note, sizeof note, "slowest %.1f ms, %.1f ms of it until submitted; predicted error up to %.2f px within %.0f degrees, %u instances; %.0f MiB of tails, %u pages, none pinned; %.1f s to the first picture",
+                quantile(frame_ms, 1), median(submit_ms), largest_error_px, camera.azimuth_deg - first_azimuth_deg, stats.instances, static_cast<double>(stats.tail_bytes) / (1 << 20), stats.resident, opened_s);
   context.row({.what = "24,300 patches as one scene at 1280x720, error 1 px, turning: a frame", .measured = median(frame_ms), .unit = "ms", .goal = 1000.0 / 30,
                .baseline_name = "one draw call and its uniforms a patch", .baseline = median(one_by_one_ms), .note = note});
   context.row({.what = "triangles drawn in it, at most", .measured = static_cast<double>(most_triangles), .unit = "", .goal = 60000});
