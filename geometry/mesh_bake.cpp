@@ -1000,7 +1000,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
       const glm::dvec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
       used += 0.5 * std::abs(a.x * b.y - a.y * b.x);
     }
-    tones = used * image.width * image.height;
+    if (used > 0) tones = used * image.width * image.height;  // else a colour a triangle: as of vertices
   }
   int& depth = impl->report.texture_depth = options.texture_depth;
   if (depth < 0) {

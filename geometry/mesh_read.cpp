@@ -108,6 +108,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   mesh.corner_uv = std::move(raw.corner_uv);
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
   mesh.texture_repeats = raw.texture_repeats;
+  mesh.palette = std::move(raw.palette);
   MeshFinding outside{"triangles with texture coordinates outside the image", 0, {},
                       mesh.texture_repeats ? "the image is repeated" : "the image's border goes on"};
   for (size_t t = 0; t < mesh.corner_uv.size(); ++t) {

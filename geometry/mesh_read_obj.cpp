@@ -95,6 +95,7 @@ class ObjReader {
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     chooseImage();
+    useColours();
     noteColoursLost();
     return std::move(mesh_);
   }
@@ -194,7 +195,10 @@ class ObjReader {
     cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
     if (mesh_.triangles.size() > kMaxTriangles)
       return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
-    if (!use_) use_ = &triangles();
+    if (!use_) {
+      use_ = &triangles();
+      if (runs_.empty() || runs_.back().material != material_) runs_.push_back({before, material_});
+    }
     *use_ += mesh_.triangles.size() - before;
   }
 
@@ -222,9 +226,10 @@ class ObjReader {
         m.image = imagePath(trimmed(line), clamped);
         if (images_.emplace(m.image, clamped).second) mesh_.named_files.push_back(m.image);
       } else if (lowerCase(key) == "kd") {
-        double c[3];
-        if (parseNumber(nextItem(line), c[0]) && parseNumber(nextItem(line), c[1]) && parseNumber(nextItem(line), c[2]))
-          materials_[name_of].coloured = c[0] != c[1] || c[1] != c[2];
+        glm::dvec3 c(0);
+        if (parseNumber(nextItem(line), c.x) && parseNumber(nextItem(line), c.y) && parseNumber(nextItem(line), c.z) &&
+            std::isfinite(c.x + c.y + c.z))
+          materials_[name_of].colour = glm::u8vec3(glm::round(255.0 * glm::clamp(c, 0.0, 1.0)));
       }
     }
   }
@@ -254,6 +259,31 @@ class ObjReader {
                                 "painted from that one, too"});
   }
 
+  // Where no image, no texture coordinate and no vertex has colours: those of the materials, if there is more than one, or no grey among them.
+  void useColours() {
+    if (!mesh_.texture_path.empty() || !mesh_.corner_uv.empty() || !mesh_.float_colours.empty()) return;
+    std::map<std::string, uint32_t> texel;
+    std::vector<glm::u8vec3> palette;
+    bool worth = false;
+    for (const Run& run : runs_) {
+      if (!texel.emplace(run.material, static_cast<uint32_t>(palette.size())).second) continue;
+      if (palette.size() == kMaxPalette) return;
+      auto found = materials_.find(run.material);
+      const glm::u8vec3 c = found == materials_.end() ? kPlain : found->second.colour;
+      worth = worth || c.r != c.g || c.g != c.b || (!palette.empty() && c != palette[0]);
+      palette.push_back(c);
+    }
+    if (!worth) return;
+    mesh_.corner_uv.resize(mesh_.triangles.size());
+    for (size_t i = 0; i < runs_.size(); ++i) {
+      const size_t end = i + 1 < runs_.size() ? runs_[i + 1].first : mesh_.triangles.size();
+      const glm::vec2 uv((static_cast<float>(texel[runs_[i].material]) + 0.5f) / static_cast<float>(palette.size()), 0.5f);
+      for (size_t t = runs_[i].first; t < end; ++t) mesh_.corner_uv[t].fill(uv);
+    }
+    mesh_.palette = std::move(palette);
+    mesh_.texture_repeats = false;
+  }
+
   void noteColoursLost() {
     const bool image = !mesh_.texture_path.empty() && !mesh_.corner_uv.empty();
     uint64_t lost = 0, most = 0, materials = 0;
@@ -261,7 +291,8 @@ class ObjReader {
     for (const auto& [name, triangles] : without_image_) {
       auto found = materials_.find(name);
       // Beside an image all other triangles are lost; without any, those of a colour that is no grey.
-      if (triangles == 0 || (!image && (found == materials_.end() || !found->second.coloured))) continue;
+      const bool grey = found == materials_.end() || (found->second.colour.r == found->second.colour.g && found->second.colour.g == found->second.colour.b);
+      if (triangles == 0 || (!image && (grey || !mesh_.palette.empty()))) continue;
       lost += triangles;
       ++materials;
       if (triangles <= most) continue;
@@ -274,7 +305,7 @@ class ObjReader {
       mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")", lost, {},
                                 "painted from the image of the others"});
     if (lost > 0 && !image)
-      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")", lost, {}, "Kd is not used"});
+      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")", lost, {}, "Kd is not used beside texture coordinates or colours of vertices"});
     if (unread_libraries_ > 0)
       mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")", unread_libraries_, {},
                                 image                            ? "their images are not used"
@@ -288,15 +319,22 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
+  static constexpr glm::u8vec3 kPlain{204, 204, 204};  // of a material that says none
+  static constexpr size_t kMaxPalette = 16384;         // as wide as an image may be
   struct Material {
     std::string image;
-    bool coloured = false;  // Kd is no grey
+    glm::u8vec3 colour = kPlain;  // Kd
   };
   std::set<std::string> libraries_;
   std::map<std::string, bool> images_;  // whether one is clamped
   std::map<std::string, Material> materials_;
   std::map<std::string, uint64_t> triangles_of_, without_image_;  // an image's; a material's
   std::string material_, unread_library_;
+  struct Run {
+    size_t first = 0;  // triangle
+    std::string material;
+  };
+  std::vector<Run> runs_;
   uint64_t unread_libraries_ = 0;
   uint64_t* use_ = nullptr;
   uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;

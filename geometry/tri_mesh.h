@@ -19,6 +19,7 @@ struct TriMesh {
   std::vector<std::array<glm::vec2, 3>> corner_uv;    // a triangle; (0, 0) is the image's lower left corner; or empty
   std::string texture_path;                           // the image that the file's material names; or empty
   bool texture_repeats = false;                       // beyond 0..1; otherwise its border goes on
+  std::vector<glm::u8vec3> palette;                   // sRGB; instead of a file's, an image of one row: materials' colours; or empty
 };
 
 }  // namespace relievo

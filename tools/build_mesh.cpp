@@ -124,16 +124,24 @@ class Stages {
   std::vector<StageCost> costs;
 };
 
+// Of its own, not those that name materials' colours.
+bool hasTextureCoordinates(const TriMesh& mesh) { return !mesh.corner_uv.empty() && mesh.palette.empty(); }
+
 // The image that the scan's texture coordinates belong to, as three channels.
 Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (a.texture == "none") return Image8{};
-  if (!a.texture.empty() && mesh.corner_uv.empty())
+  if (!a.texture.empty() && !hasTextureCoordinates(mesh))
     return Error{ErrorKind::kUsage,
                  a.mesh,
                  "--texture needs texture coordinates, found none in the mesh",
-                 "leave --texture out: colours of vertices are used",
+                 "leave --texture out: colours of vertices or materials are used",
                  {}};
   const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
+  if (path.empty() && !mesh.palette.empty()) {
+    Image8 row{static_cast<int>(mesh.palette.size()), 1, 3, {}};
+    for (const glm::u8vec3& colour : mesh.palette) row.pixels.insert(row.pixels.end(), {colour.r, colour.g, colour.b});
+    return row;
+  }
   if (path.empty() || mesh.corner_uv.empty()) return Image8{};
   auto image = readImage8(path);
   if (!image) {
@@ -176,7 +184,7 @@ Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, 
 }
 
 Result<Surface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) {
-  if (mesh.corner_uv.empty())
+  if (!hasTextureCoordinates(mesh))
     return Error{ErrorKind::kUsage,
                  a.mesh,
                  "--ptm needs texture coordinates, found none in the mesh",
@@ -221,7 +229,7 @@ Result<Surface> readSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (!image) return image.error();
   Surface out;
   out.image = std::move(*image);
-  if (out.image.width > 0) out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
+  if (out.image.width > 0 && (mesh.palette.empty() || !a.texture.empty())) out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
   return out;
 }
 

@@ -226,6 +226,30 @@ const MeshFinding* finding(const LoadedMesh& m, const std::string& what) {
   return nullptr;
 }
 
+// Without an image, each triangle has its material's Kd: a texel of a row of them.
+TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
+  saveFile("kd.mtl", "newmtl red\nKd 1 0 0\nnewmtl plain\nnewmtl blue\nKd 0 0.2 1.5\nnewmtl not\nKd 0 nan 0\n");
+  const std::string corners = "mtllib kd.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\n";
+  LoadedMesh m = mustRead(saveFile("kd.obj", corners + "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nusemtl red\nusemtl plain\nf 4 3 5\n"));
+  EXPECT_EQ(m.mesh.palette, (std::vector<glm::u8vec3>{{255, 0, 0}, {0, 51, 255}, {204, 204, 204}}));
+  ASSERT_EQ(m.mesh.corner_uv.size(), 3u);
+  EXPECT_FALSE(m.mesh.texture_repeats);
+  for (size_t t = 0; t < 3; ++t) {
+    const auto& positions = m.mesh.positions_mm;
+    glm::vec3 centre(0);
+    for (uint32_t v : m.mesh.triangles[t]) centre += positions[v] / 3.0f;
+    centre += glm::vec3(m.mesh.origin_mm);
+    const size_t expected = centre.y < 0.5f ? 0 : centre.y < 0.9f ? 1 : 2;
+    for (const glm::vec2& uv : m.mesh.corner_uv[t]) EXPECT_EQ(uv, glm::vec2((static_cast<float>(expected) + 0.5f) / 3, 0.5f)) << centre.y;
+  }
+  EXPECT_FALSE(finding(m, "image") || finding(m, "colour")) << defects(m.diagnosis);
+  // One grey for all, what is no number, colours of vertices, texture coordinates: no row.
+  for (const char* none : {"f 1 2 3\n", "usemtl plain\nf 1 2 3\n", "usemtl not\nf 1 2 3\nf 1 3 4\n", "v 2 2 2 1 0 0\nusemtl red\nf 1 2 6\n", "vt 0 0\nusemtl red\nf 1/1 2/1 3/1\n"}) {
+    m = mustRead(saveFile("kd.obj", corners + none));
+    EXPECT_TRUE(m.mesh.palette.empty()) << none;
+  }
+}
+
 // What cannot be shown is said: triangles of materials without an image, images beside the one, colours of faces.
 TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
   saveFile("some.mtl", "newmtl a\nKd 1 0 0\nmap_Kd a.png\nnewmtl red\nKd 1 0 0\nnewmtl grey\nKd .5 .5 .5\n");
