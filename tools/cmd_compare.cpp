@@ -71,7 +71,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom";
   plan.frames = o.frames > 0 ? o.frames : o.quick ? 6 : recorded ? 24 : 0;
   plan.repeats = o.repeats > 0 ? o.repeats : o.quick ? 3 : 5;
-  plan.repeat_s = o.quick ? 0.3 : 3;
+  plan.repeat_s = o.quick ? 0.2 : 3;
   if (o.quick) plan.reference_triangles = plan.seam_vertices = 4'000'000;
   auto size = parseSize(o.size.empty() ? (o.quick ? "640x360" : "1280x720") : o.size);
   if (!size) return size.error();
@@ -208,10 +208,10 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
   c->add_option("--frames", o->frames, "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")->check(CLI::Range(1, 100000));
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 640x360]");
-  c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed, at most for 3 s (--quick: 0.3 s) [5; --quick: 3]")->check(CLI::Range(1, 1000));
+  c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed, at most for 3 s (--quick: 0.2 s) [5; --quick: 3]")->check(CLI::Range(1, 1000));
   c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")->check(CLI::Range(-10000.0, 10000.0))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")->check(CLI::Range(1.0, 65536.0))->capture_default_str();
-  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: a minute or two for a 2048x2048 artwork where software draws, on two cores; a scan of two million triangles takes about as long");
+  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software draws, on two idle cores; a scan of two million triangles takes about as long");
   c->callback([o, &context] {
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
