@@ -370,8 +370,8 @@ class Selection {
     return infos_[at].children = levels;
   }
   // A node's grid is everywhere as fine as the finest of its sides asks for, and as its roughest part. Would its children take so many triangles fewer that
-  // three more instances pay? All is drawn as finely as it is asked for either way. No page is asked for for that alone. Not with geomorph, where a
-  // square's own wish must tell when it splits.
+  // three more instances pay? All is drawn as finely as it is asked for either way. No page is asked for for that alone. Not where a square's own
+  // wish must tell when it splits: with geomorph, and where lists hold still under a camera that trembles.
   bool savesBySplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
     if (tree_.nodes[index].rough) return false;  // waits for pages
@@ -451,7 +451,7 @@ class Selection {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
       if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
     }
-    for (uint32_t i = 0; i < tree_.nodes.size() && !morph_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes; ++i)
+    for (uint32_t i = 0; i < tree_.nodes.size() && whole_levels_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes; ++i)
       if (tree_.nodes[i].state == State::kLeaf && savesBySplit(i) && canSplit(i)) split(i);
     return true;
   }
