@@ -4,6 +4,7 @@
 #include <bit>
 
 #include "geometry/facing_cone.h"
+#include "geometry/level_wish.h"
 
 // What the following loop writes, none of its other turns reads.
 #if defined(__GNUC__) && !defined(__clang__)
@@ -116,7 +117,8 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   block_levels_.assign(blocks_, {0, 0});
   block_patch_radius_.assign(blocks_, 0);
   block_error_.assign(blocks_, 0);
-  block_cell_error_.assign(blocks_, 0);
+  still_errors_.assign(padded_, 0);
+  block_still_error_.assign(blocks_, 0);
   for (auto& list : lists_) list.resize(padded_);
   if (first) closed_ = forest.isClosed();
   std::array<FacingCone, kBlock> cones;
@@ -145,6 +147,10 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
         errors_[k][p] = static_cast<float>(std::min(d.mm, 2 * radius)) * kRoundUp;
         between_[k][p] = static_cast<float>(std::min(any_view.between(d), 2 * radius)) * kRoundUp;
       }
+      // Where finer grids are hardly better, geomorph begins before the error is reached.
+      double plateau = 1;
+      for (int k = 0; k <= std::min(kPageLog2, forest.unitLog2()); ++k, plateau *= kPlateau)
+        still_errors_[p] = std::max(still_errors_[p], static_cast<float>(plateau * std::min(forest.deviation(root, k, exaggerate).mm, 2 * radius)) * kRoundUp);
       for (size_t side = 0; side < 4; ++side) {
         const PatchNeighbour& n = forest.patchNeighboursOf(p)[side];
         across_[p][side] = n.patch == PatchNeighbour::kNone ? p : n.patch;
@@ -164,7 +170,7 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       block_patch_radius_[b] = std::max(block_patch_radius_[b], of_patches_.radius[p]);
       of_blocks_.longest[b] = std::max(of_blocks_.longest[b], of_patches_.longest[p]);
       block_error_[b] = std::max(block_error_[b], errors_[kLevels - 1][p]);
-      block_cell_error_[b] = std::max(block_cell_error_[b], errors_[0][p]);
+      block_still_error_[b] = std::max(block_still_error_[b], still_errors_[p]);
     }
     of_blocks_.radius[b] = static_cast<float>(radius) * kRoundUp;
   }
@@ -235,7 +241,7 @@ void MeshRoots::evaluateBlocks(const Eye& eye) {
   const float* longest = of_blocks_.longest.data();
   const uint32_t* cone = of_blocks_.cone.data();
   const float* patch_radius = block_patch_radius_.data();
-  const float* error = (eye.levels == kLevels ? block_error_ : block_cell_error_).data();
+  const float* error = (eye.levels == kLevels ? block_error_ : block_still_error_).data();
   uint8_t* states = block_state_.data();
   const int count = static_cast<int>(blocks_);
   int careful_backs = 0;
@@ -293,7 +299,7 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
   const float* radius = of_patches_.radius.data() + first;
   const float* longest = of_patches_.longest.data() + first;
   const uint32_t* cone = of_patches_.cone.data() + first;
-  const float* e0 = errors_[0].data() + first;
+  const float* e0 = (eye.levels == kLevels ? errors_[0] : still_errors_).data() + first;
   const float* e1 = errors_[1].data() + first;
   const float* e2 = errors_[2].data() + first;
   const float* e3 = errors_[3].data() + first;

@@ -83,7 +83,7 @@ class MeshRoots {
   };
   Spheres of_patches_, of_blocks_;
   std::array<std::vector<float>, kLevels> errors_, between_;  // between: where vertices snapped to that level, see mesh_lod.cpp
-  std::vector<float> block_patch_radius_, block_error_, block_cell_error_;  // errors of the finest grid, of a single cell
+  std::vector<float> still_errors_, block_patch_radius_, block_error_, block_still_error_;  // still: of single cells, as geomorph counts them (level_wish.h)
   std::vector<std::array<uint32_t, 4>> across_;       // by side
   std::vector<uint32_t> first_adjacent_, adjacent_;   // blocks that meet a block
   std::vector<float> px_per_mm_;

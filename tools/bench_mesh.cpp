@@ -128,8 +128,8 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
   return {};
 }
 
-// What the render thread does for a new list and a moved eye, but for drawing: corners from the eye, instances packed and uploaded, uniforms, bindings and calls. Software GL draws
-// within the calls; so those are measured with one instance each, all of it outside of the picture.
+// What the render thread does for a new list and a moved eye, but for drawing: corners from the eye, instances packed and uploaded, uniforms, bindings
+// and calls. Software GL draws within the calls; so those are measured with one instance each, all of it outside of the picture.
 Result<void> submitRow(BenchContext& context) {
   auto base = torusPatches(270, 90);
   MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(*base), {}, true);

@@ -15,6 +15,43 @@ namespace {
 constexpr uint64_t kSeed = 20260411;
 constexpr double kBudgetPx = 1;  // of what should not pop
 
+// ---- many patches
+// Far patches that stay single cells are not looked at one by one. Where finer grids are hardly better, vertices are on their way before the error is
+// reached: such patches are looked at.
+TEST(MeshMorph, SingleCellsAreLeftToTheRootsTablesOnlyWhereNothingBegins) {
+  const auto mesh = std::make_shared<BaseMesh>(torus(48, 24, 80, 25));
+  struct Flat final : ReliefOracle {
+    HeightBounds bounds(const NodeId&) const override { return {-0.1f, 0.1f, 0.0f}; }
+  };
+  for (bool steps : {false, true}) {
+    std::vector<CoarseErrors> coarse(mesh->patches.size());
+    for (CoarseErrors& e : coarse)
+      for (size_t k = 0; k < e.size(); ++k) e[k] = static_cast<float>(0.1 * std::ldexp(1.0, steps ? 0 : -2 * static_cast<int>(k)));
+    MeshLod lod(mesh, 0, -0.1, 0.2 / 65535, std::make_shared<Flat>(), coarse, true);
+    Camera camera;
+    camera.eye = {0, 150, 300};
+    auto select = [&](double error_px, bool morph) {
+      LodView view = makeView(camera, error_px);
+      view.morph = morph;
+      return lod.select(view, {});
+    };
+    auto finest = [](const PlanarLodResult& result) {
+      int level = 0;
+      for (const PatchInstance& p : result.instances) level = std::max(level, static_cast<int>(p.node.level) + p.grid_level);
+      return level;
+    };
+    const double worst_px = select(1e3, false).max_error_px;
+    ASSERT_GT(worst_px, 0);
+    // 2 per cent above the worst error: whole levels need no more than single cells; with geomorph steps have begun.
+    const PlanarLodResult whole = select(1.02 * worst_px, false), begun = select(1.02 * worst_px, true), still = select(3 * worst_px, true);
+    EXPECT_EQ(finest(whole), 0);
+    EXPECT_EQ(finest(begun) > 0, steps);
+    EXPECT_EQ(finest(still), 0);
+    EXPECT_EQ(still.instances, whole.instances);
+    EXPECT_GT(whole.instances.size(), 300u);
+  }
+}
+
 // ---- watertight
 TEST(MeshMorph, SharedVerticesAreTheSameBitForBit) {
   const std::vector<NamedMesh> meshes = allMeshes();
