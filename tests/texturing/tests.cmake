@@ -16,7 +16,7 @@ target_compile_definitions(page_life_test PRIVATE RELIEVO_PAGE_LIFE="${CMAKE_SOU
 relievo_test(page_faults_test LIBS relievo_texturing SOURCES texturing/page_faults_test.cpp)
 relievo_test(streamer_threads_test LIBS relievo_texturing SOURCES texturing/streamer_threads_test.cpp)
 relievo_test(ptm_test LIBS relievo_texturing relievo_image SOURCES texturing/ptm_test.cpp)
-relievo_test(image_io_test LIBS relievo_image PkgConfig::oiio SOURCES texturing/image_io_test.cpp)
+relievo_test(image_io_test LIBS relievo_image_linked PkgConfig::oiio SOURCES texturing/image_io_test.cpp)
 relievo_test(resolve_test LIBS relievo_texturing SOURCES texturing/resolve_test.cpp)
 relievo_test(mip_test LIBS relievo_texturing SOURCES texturing/mip_test.cpp)
 relievo_test(page_codec_test LIBS relievo_texturing SOURCES texturing/page_codec_test.cpp)
