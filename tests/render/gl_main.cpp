@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include "tests/render/gl_fixture.h"
-#include "tests/view_share.h"
 
 namespace relievo::gltest {
 namespace {
@@ -23,7 +22,6 @@ class NoGlErrors : public testing::EmptyTestEventListener {
 }  // namespace
 
 gl::Api api() { return g_context->info().api; }
-uint64_t viewsHere(uint64_t n) { return api() == gl::Api::kEs30 && !test::longTests() ? (n + 3) / 4 : n; }
 gl::HeadlessContext& context() { return *g_context; }
 
 int takeGlErrors() {
