@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "geometry/base_reduce.h"
-#include "geometry/parallel_for.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "geometry/parallel_for.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <limits>
 
+#include "src/base/simd_dispatch.h"
+
 namespace relievo {
 namespace {
 
 // The same triangles with twice as many cells a side: new vertices lie halfway along edges, the cells' diagonals among them.
-void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
+RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
   const size_t n = coarse.row() - 1, row = coarse.row(), fine_row = fine.row();
   for (size_t axis = 0; axis < 3; ++axis) {
     const double* in = coarse.axes[axis].data();
@@ -34,7 +36,7 @@ void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
 }
 
 // Of bilinear normals, at each vertex.
-void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row, std::array<std::vector<double>, 3>& out) {
+RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row, std::array<std::vector<double>, 3>& out) {
   for (auto& axis : out) axis.resize(row * row);
   const double step = 1.0 / static_cast<double>(row - 1);
   for (size_t y = 0; y < row; ++y) {
@@ -76,7 +78,7 @@ double lowest(const std::vector<double>& of, size_t first, size_t last) {
   return least;
 }
 // step: vertices a cell's side.
-void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
+RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest, const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
                    GridErrorScratch::Rows& rows, std::vector<Extremes>& out) {
   const size_t row = coarse.row(), n = row - 1, size = n / blocks;
   out.assign(blocks * blocks, {});

@@ -4,6 +4,8 @@
 #include <cassert>
 #include <vector>
 
+#include "src/base/simd_dispatch.h"
+
 namespace relievo {
 namespace {
 
@@ -56,7 +58,7 @@ void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
     for (size_t i = 0; i < count; ++i) relax(first + (sweep % 2 ? count - 1 - i : i));
 }
 
-void fitGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row) {
+RELIEVO_SIMD_CLONES void fitGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row) {
   const size_t n = row - 1, ratio = (data_row - 1) / n;
   assert(data_row == n * ratio + 1 && data.heights.size() == data_row * data_row && nodes.size() == row * row);
   // The normal equations, of each node: itself, with the next along u, along v, along the diagonal, and the right side.

@@ -5,7 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "geometry/parallel_for.h"
+#include "src/base/parallel_for.h"
+#include "src/base/simd_dispatch.h"
 
 namespace relievo {
 namespace {
@@ -189,7 +190,7 @@ struct Scratch {
 };
 
 // (u, v, h) of the vertices, how far the last step moved them, and the planes that they lie beyond. Plain loops over arrays: several at a time.
-void placeVertices(const Body& b, Scratch& s) {
+RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
   const size_t count = s.x.size();
   for (auto* list : {&s.u, &s.v, &s.h, &s.moved}) list->resize(count);
   s.placed.resize(count);
@@ -410,7 +411,7 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
 
 // Of each line, in the bins' order, the triangle whose plane it meets nearest, into s.nearest. False: too many triangles whose places in (u, v) are
 // not known.
-bool drawTriangles(const TriMesh& mesh, const Body& body, const std::array<glm::vec3, 4>& normals, std::span<const Line> lines, size_t bins, Scratch& s) {
+RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, const std::array<glm::vec3, 4>& normals, std::span<const Line> lines, size_t bins, Scratch& s) {
   const size_t count = s.line.size();
   s.nearest.assign(count, SurfacePoint::kNone);
   auto binOf = [&](float x) { return static_cast<size_t>(std::clamp(x * static_cast<float>(bins), 0.0f, static_cast<float>(bins - 1))); };

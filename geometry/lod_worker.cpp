@@ -8,12 +8,21 @@
 #include <mutex>
 #include <utility>
 
+#include "src/base/worker_threads.h"
+
 namespace relievo {
 
 struct LodWorker::Impl {
   using TextureStrategy = std::function<std::vector<TextureWant>(const TextureView&)>;
   Impl(LodStrategy select, TextureStrategy textures) : select_lod(std::move(select)), select_texture(std::move(textures)) {
-    thread = std::thread([this] { work(); });
+    thread.startAtLeastOne(1, [this] {
+      try {
+        work();
+      } catch (...) {
+        answers.close();  // whoever waits is woken, and told
+        throw;
+      }
+    });
   }
   ~Impl() {
     requests.close();
@@ -48,7 +57,7 @@ struct LodWorker::Impl {
   // Of the owner's thread.
   std::optional<LodRequest> last_request;
   std::optional<uint64_t> last_taken;
-  std::thread thread;
+  WorkerThreads thread{"relievo-lod"};  // last
 };
 
 LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
@@ -67,6 +76,7 @@ void LodWorker::post(LodRequest request) {
 
 std::optional<LodAnswer> LodWorker::tryTake() {
   std::optional<LodAnswer> answer = impl_->answers.tryTake();
+  if (!answer) impl_->thread.rethrow();
   if (answer) impl_->last_taken = answer->frame;
   return answer;
 }
@@ -79,7 +89,11 @@ LodAnswer LodWorker::waitFor(uint64_t frame) {
   if (impl_->last_taken && *impl_->last_taken >= frame) impl_->requests.post(*impl_->last_request);
   for (;;) {
     std::optional<LodAnswer> answer = impl_->answers.take();
-    assert(answer);  // answers is never closed
+    if (!answer) {  // only a worker that ended by an exception closes them
+      impl_->thread.join();
+      impl_->thread.rethrow();
+    }
+    assert(answer);
     if (answer->frame < frame) continue;
     impl_->last_taken = answer->frame;
     return std::move(*answer);

@@ -11,10 +11,10 @@
 
 #include "geometry/height_fit.h"
 #include "geometry/line_sweep.h"
-#include "geometry/parallel_for.h"
 #include "geometry/plane_image.h"
 #include "geometry/ray_scene.h"
 #include "geometry/triangle_blocks.h"
+#include "src/base/parallel_for.h"
 #include "src/base/planar_domain.h"
 
 namespace relievo {

@@ -26,6 +26,9 @@ struct MeshDistance {
 };
 struct DistanceRun {
   int workers = 0;  // 0: one a core
+  // For what is looked up beside the scan and the bake: the baked surface is triangulated and searched in parts of whole patches that fit,
+  // one after the other. The results are the same bit for bit; 0: all at once. The distances themselves come on top, 4 bytes a sample.
+  uint64_t memory_bytes = 0;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };

@@ -9,8 +9,8 @@
 #include <span>
 #include <vector>
 
-#include "geometry/parallel_for.h"
 #include "geometry/triangle_blocks.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "geometry/parallel_for.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 namespace {

@@ -140,6 +140,21 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
 
 }  // namespace
 
+Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, const char* what) {
+  namespace fs = std::filesystem;
+  std::error_code unknown, ignored;
+  const fs::path beside = fs::path(mesh).parent_path();
+  const fs::path folder = fs::canonical(beside.empty() ? fs::path(".") : beside, unknown);
+  // Made absolute first: of a relative path of which nothing exists the library leaves all as it is.
+  const fs::path file = fs::weakly_canonical(fs::absolute(path, ignored), ignored);
+  // What is not there at all, within the folder or not, is not opened: the reader says so.
+  if (!unknown && std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first == folder.end()) return {};
+  constexpr size_t kPrinted = 300;
+  const std::string named = path.size() > kPrinted ? inQuotes(path) : "\"" + path + "\"";
+  return Error{ErrorKind::kInvalidData, mesh, std::string("it names ") + what + " " + named + ", which lies outside its folder",
+               "put it beside the mesh, or give --allow-outside", {}};
+}
+
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
   std::string extension = lowerCase(std::filesystem::path(path).extension().string());
   auto reader = extension == ".ply"   ? readPly

@@ -58,7 +58,7 @@ std::string imagePath(std::string_view text, bool& clamped) {
 
 class ObjReader {
  public:
-  ObjReader(const InputFile& file, const MeshReadOptions& options) : in_(file, options), cutter_(mesh_) {}
+  ObjReader(const InputFile& file, const MeshReadOptions& options) : allow_outside_(options.allow_outside), in_(file, options), cutter_(mesh_) {}
 
   Result<RawMesh> read() {
     std::string_view text;
@@ -207,6 +207,10 @@ class ObjReader {
     if (libraries_.size() == kMaxLibraries || !libraries_.insert(std::string(name)).second) return;
     auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
     mesh_.named_files.emplace_back(name);
+    if (!allow_outside_) {
+      if (auto beside = checkBesideMesh(in_.file().path(), path.string(), "the material file"); !beside)
+        return in_.note(beside.error().message, beside.error().hint);
+    }
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
       if (++unread_libraries_ == 1) unread_library_ = name.substr(0, 100);
@@ -314,6 +318,7 @@ class ObjReader {
                                                                  : "the result has no colour, unless --texture names the image"});
   }
 
+  bool allow_outside_;
   FileReader in_;
   RawMesh mesh_;
   FaceCutter cutter_;

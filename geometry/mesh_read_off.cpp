@@ -1,4 +1,4 @@
-// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian). Vertex colours behind the
+// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian; little-endian where only that fits the file). Vertex colours behind the
 // coordinates are taken in files without the C, too. Faces' colours are read over.
 #include <bit>
 #include <cmath>
@@ -61,9 +61,7 @@ class OffReader {
     std::string_view rest = text, next = nextItem(rest);
     if (next == "BINARY") {
       binary_ = true;
-      vertices_ = static_cast<uint32_t>(word("the counts"));
-      faces_ = static_cast<uint32_t>(word("the counts"));
-      word("the counts");
+      readBinaryCounts();
     } else {
       if (next.empty() && !line(text, "the counts of vertices and faces")) return;
       whole = text;
@@ -72,20 +70,40 @@ class OffReader {
         return in_.note("expected the counts of vertices and faces, found " + inQuotes(whole));
     }
     if (in_.failed()) return;
-    // "0 0 0" and "3 0 1 2" with their line ends, the last of which may lack; "0" for a face that is none.
-    uint64_t vertex_bytes = binary_ ? 12 : 6, face_bytes = binary_ ? 8 : 2, left = in_.left() + 1;
-    if (vertices_ > left / vertex_bytes || faces_ > (left - vertices_ * vertex_bytes) / face_bytes ||
-        vertices_ > kMaxVertices)
+    if (!fits(vertices_, faces_))
       return in_.note("expected " + std::to_string(vertices_) + " vertices and " + std::to_string(faces_) +
                           " faces, found " + std::to_string(in_.left()) + " bytes left in the file",
                       "it is truncated, or states more than it holds; get a whole copy");
     mesh_.positions.reserve(vertices_);
-    mesh_.triangles.reserve(std::min(faces_, left / 8));
+    mesh_.triangles.reserve(std::min(faces_, (in_.left() + 1) / 8));
+  }
+
+  bool fits(uint64_t vertices, uint64_t faces) const {
+    // "0 0 0" and "3 0 1 2" with their line ends, the last of which may lack; "0" for a face that is none.
+    const uint64_t vertex_bytes = binary_ ? 12 : 6, face_bytes = binary_ ? 8 : 2, left = in_.left() + 1;
+    return vertices <= left / vertex_bytes && faces <= (left - vertices * vertex_bytes) / face_bytes && vertices <= kMaxVertices;
+  }
+
+  // The format's numbers are big-endian; some programs write their own machine's. Counts tell which, as swapped ones are far too large.
+  void readBinaryCounts() {
+    uint32_t counts[3];
+    for (uint32_t& count : counts) count = static_cast<uint32_t>(word("the counts"));
+    vertices_ = counts[0];
+    faces_ = counts[1];
+    const uint32_t vertices = __builtin_bswap32(counts[0]), faces = __builtin_bswap32(counts[1]);
+    if (in_.failed() || fits(vertices_, faces_) || !fits(vertices, faces)) return;
+    little_endian_ = true;
+    vertices_ = vertices;
+    faces_ = faces;
+    mesh_.findings.push_back({"binary OFF in little-endian order", 1, {}, "read as such"});
   }
 
   int32_t word(const char* what) {
     const uint8_t* p = in_.take(4, what);
     if (!p) return 0;
+    if (little_endian_)
+      return static_cast<int32_t>(static_cast<uint32_t>(p[3]) << 24 | static_cast<uint32_t>(p[2]) << 16 |
+                                  static_cast<uint32_t>(p[1]) << 8 | p[0]);
     return static_cast<int32_t>(static_cast<uint32_t>(p[0]) << 24 | static_cast<uint32_t>(p[1]) << 16 |
                                 static_cast<uint32_t>(p[2]) << 8 | p[3]);
   }
@@ -185,7 +203,7 @@ class OffReader {
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
   uint64_t vertices_ = 0, faces_ = 0;
-  bool binary_ = false, has_uv_ = false, has_colours_ = false, has_normals_ = false;
+  bool binary_ = false, little_endian_ = false, has_uv_ = false, has_colours_ = false, has_normals_ = false;
 };
 
 }  // namespace

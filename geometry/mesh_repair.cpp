@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <future>
+#include <optional>
 
 #include "geometry/mesh_sheets.h"
 #include "geometry/mesh_tjunction.h"
-#include "geometry/parallel_for.h"
 #include "geometry/point_table.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 namespace {
@@ -25,7 +25,7 @@ class Repair {
     if (!step(0)) return stopped();
     for (glm::vec3& v : mesh_.positions_mm) v += 0.0f;  // -0 is 0
     // Whether a triangle is degenerate depends on its corners' places alone: that is found out beside the welding.
-    auto degenerate = std::async(beside(), [this] { return findDegenerate(); });
+    BackgroundTask<std::vector<uint32_t>> degenerate("relievo-mesh", [this] { return findDegenerate(); }, beside());
     std::vector<uint32_t> first;
     const bool welded = findSamePlaces(first);
     const std::vector<uint32_t> dropped = degenerate.get();
@@ -52,10 +52,10 @@ class Repair {
     if (!step(0.5)) return stopped();
     if (!closeTJunctions(census, kTJunctionTolerance * diagonal)) return stopped();
     // Beside the turning, which it does not depend on: most scans have nothing to split.
-    std::future<bool> sound_fans;
-    if (census.crowded.empty()) sound_fans = std::async(beside(), [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); });
+    std::optional<BackgroundTask<bool>> sound_fans;
+    if (census.crowded.empty()) sound_fans.emplace("relievo-mesh", [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); }, beside());
     Turned turned = findTurns(mesh_, census, interrupted_, workers_);
-    const bool one_fan = sound_fans.valid() && sound_fans.get();
+    const bool one_fan = sound_fans && sound_fans->get();
     Pieces pieces = turn(census, std::move(turned));
     if (!step(0.7)) return stopped();
     if (!one_fan && !splitSheets(census, pieces)) {
@@ -102,8 +102,8 @@ class Repair {
     diagnosis_.findings.push_back(std::move(finding));
   }
 
-  // What is done beside something else; by one worker, after it.
-  std::launch beside() const { return workers_ > 1 ? std::launch::async : std::launch::deferred; }
+  // Whether something is done beside something else; one worker does it after it.
+  bool beside() const { return workers_ > 1; }
 
   // The first vertex at each vertex's place; empty where each is that itself. False: interrupted.
   bool findSamePlaces(std::vector<uint32_t>& first) {

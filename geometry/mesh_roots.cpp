@@ -5,6 +5,7 @@
 
 #include "geometry/facing_cone.h"
 #include "geometry/level_wish.h"
+#include "src/base/simd_dispatch.h"
 
 // What the following loop writes, none of its other turns reads.
 #if defined(__GNUC__) && !defined(__clang__)
@@ -232,7 +233,7 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
 }
 
 template <bool kOrthographic>
-void MeshRoots::evaluateBlocks(const Eye& eye) {
+RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) {
   const bool hide = leaves_out_;
   const float* x = of_blocks_.x.data();
   const float* y = of_blocks_.y.data();
@@ -291,7 +292,7 @@ void MeshRoots::evaluateBlocks(const Eye& eye) {
 }
 
 template <bool kOrthographic, bool kCuts, bool kFacing>
-int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
+RELIEVO_SIMD_CLONES int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
   const size_t first = block * kBlock;
   const float* x = of_patches_.x.data() + first;
   const float* y = of_patches_.y.data() + first;
@@ -352,7 +353,7 @@ int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
   return any;
 }
 
-void MeshRoots::levelEdges() {
+RELIEVO_SIMD_CLONES void MeshRoots::levelEdges() {
   const uint8_t* all_codes = codes_.data();
   std::array<Drawn*, kMaxGridLevel + 2> next;  // the last: not drawn
   std::array<Drawn, kBlock> nowhere;

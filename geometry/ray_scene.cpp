@@ -1,16 +1,22 @@
 #include "geometry/ray_scene.h"
 
 #include <embree3/rtcore.h>
+#include <tbb/global_control.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <condition_variable>
+#include <memory>
 #include <mutex>
+#include <new>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "geometry/box_tree.h"
+#include "src/base/worker_threads.h"
 
 namespace relievo {
 namespace {
@@ -145,6 +151,17 @@ SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, d
   return hit;
 }
 
+// Embree's task scheduler, TBB, ends the process where a thread that it counts on cannot be started: it counts on those that the system gives
+// at the first scene. The limit stays to the end, as TBB starts the threads that are missing when it is lifted.
+void limitScheduler() {
+  alignas(tbb::global_control) static unsigned char limit[sizeof(tbb::global_control)];  // never destroyed
+  [[maybe_unused]] static const bool limited = [] {
+    const auto others = static_cast<size_t>(workerCount(0) - 1), given = threadsToBeHad(others);
+    if (given < others) new (limit) tbb::global_control(tbb::global_control::max_allowed_parallelism, 1 + given);
+    return given < others;
+  }();
+}
+
 struct Hierarchy {
   RTCScene scene = nullptr;
   uint64_t bytes = 0;
@@ -191,6 +208,7 @@ struct RayScene::Impl {
   std::condition_variable built;
   uint64_t clock = 0, builds = 0, held_bytes = 0;
   std::string failure;
+  std::string device_error;  // what the device said last; guarded by mutex
 
   static constexpr size_t kPartsARegion = 4;
 
@@ -225,8 +243,12 @@ struct RayScene::Impl {
     const RTCError code = rtcGetDeviceError(device);
     if (stopped()) return nullptr;
     if (code == RTC_ERROR_NONE) return made;
+    // Whatever stopped it, such as a thread that the system refused, stopped it between its tasks: releasing the scene would end the process.
+    // It stays, and with it what it took.
+    static std::atomic<RTCScene> abandoned;
+    abandoned = std::exchange(made->scene, nullptr);
     std::lock_guard lock(mutex);
-    failure = std::string("ray tracing: the mesh's hierarchy cannot be built") + (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory" : "");
+    failure = std::string("ray tracing: the mesh's hierarchy cannot be built") + (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory" : device_error.empty() ? "" : ": " + device_error);
     return nullptr;
   }
 
@@ -311,7 +333,10 @@ uint64_t RayScene::builds() const {
 }
 Result<void> RayScene::status() const {
   std::lock_guard lock(impl_->mutex);
-  if (!impl_->failure.empty()) return Error{ErrorKind::kRuntime, "", impl_->failure, ""};
+  if (!impl_->failure.empty()) {
+    const bool threads = impl_->failure.find("thread") != std::string::npos || impl_->failure.find("temporarily unavailable") != std::string::npos;
+    return Error{ErrorKind::kRuntime, "", impl_->failure, threads ? ThreadStartFailure::kHint : ""};
+  }
   return {};
 }
 
@@ -321,8 +346,17 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
   impl->mesh = &mesh;
   impl->options = options;
   for (const glm::vec3& p : mesh.positions_mm) impl->size = std::max({impl->size, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+  limitScheduler();
   impl->device = rtcNewDevice(nullptr);
   if (!impl->device) return Error{ErrorKind::kRuntime, "", "ray tracing: no device", ""};
+  rtcSetDeviceErrorFunction(
+      impl->device,
+      [](void* user, RTCError, const char* text) {
+        Impl& i = *static_cast<Impl*>(user);
+        std::lock_guard lock(i.mutex);
+        i.device_error = text ? text : "";
+      },
+      impl.get());
   rtcSetDeviceMemoryMonitorFunction(
       impl->device,
       [](void* user, ssize_t bytes, bool) {

@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "geometry/parallel_for.h"
+#include "src/base/parallel_for.h"
 
 namespace relievo {
 

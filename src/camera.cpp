@@ -8,17 +8,13 @@
 namespace relievo {
 namespace {
 
-glm::dmat3 worldFromCamera(const OrbitCamera& camera) {
-  double az = glm::radians(camera.azimuth_deg), el = glm::radians(camera.elevation_deg);
-  glm::dvec3 back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)};
-  glm::dvec3 right{std::cos(az), 0, -std::sin(az)};
-  return {right, glm::cross(back, right), back};
-}
-
 glm::dvec3 cornerOf(const Extent& extent, int corner) {
   const glm::dvec3 &lo = extent.min_mm, &hi = extent.max_mm;
   return {corner & 1 ? hi.x : lo.x, corner & 2 ? hi.y : lo.y, corner & 4 ? hi.z : lo.z};
 }
+
+// Heights of the plane that a flat artwork is framed by: 0, unless it lies elsewhere altogether.
+double planeHeight(const Extent& extent) { return std::clamp(0.0, std::min(extent.min_mm.z, extent.max_mm.z), std::max(extent.min_mm.z, extent.max_mm.z)); }
 
 double tanHalf(const OrbitCamera& camera) { return std::tan(glm::radians(camera.fov_deg) / 2); }
 
@@ -51,6 +47,13 @@ void setOrthographicDepth(const Extent& extent, const glm::dvec3& target_mm, con
 }
 
 }  // namespace
+
+glm::dmat3 worldFromCamera(const OrbitCamera& camera) {
+  double az = glm::radians(camera.azimuth_deg), el = glm::radians(camera.elevation_deg);
+  glm::dvec3 back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)};
+  glm::dvec3 right{std::cos(az), 0, -std::sin(az)};
+  return {right, glm::cross(back, right), back};
+}
 
 glm::dvec3 eyePosition(const OrbitCamera& camera) {
   return camera.target_mm + worldFromCamera(camera)[2] * camera.distance_mm;
@@ -139,16 +142,21 @@ ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domai
 
 double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
   constexpr double kMargin = 1.06;
-  double tan_y = tanHalf(camera) / kMargin;
-  double tan_x = tan_y * static_cast<double>(width_px) / height_px;
-  glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
-  double distance = 0;
-  for (int corner = 0; corner < 8; ++corner) {
-    glm::dvec3 p = camera_from_world * (cornerOf(extent, corner) - camera.target_mm);
-    const double towards = camera.orthographic ? 0 : p.z;
-    distance = std::max({distance, std::abs(p.x) / tan_x + towards, std::abs(p.y) / tan_y + towards});
-  }
-  return distance;
+  const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
+  auto fit = [&](const Extent& box, double margin) {
+    const double tan_y = tanHalf(camera) / margin, tan_x = tan_y * static_cast<double>(width_px) / height_px;
+    double distance = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      const glm::dvec3 p = camera_from_world * (cornerOf(box, corner) - camera.target_mm);
+      const double towards = camera.orthographic ? 0 : p.z;
+      distance = std::max({distance, std::abs(p.x) / tan_x + towards, std::abs(p.y) / tan_y + towards});
+    }
+    return distance;
+  };
+  if (!extent.flat) return fit(extent, kMargin);
+  Extent plane = extent;
+  plane.min_mm.z = plane.max_mm.z = planeHeight(extent);
+  return std::max(fit(plane, kMargin), fit(extent, 1));
 }
 
 glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent) {
@@ -167,6 +175,7 @@ OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double 
   OrbitCamera camera;
   camera.fov_deg = fov_deg;
   camera.target_mm = extent.centre();
+  if (extent.flat) camera.target_mm.z = planeHeight(extent);
   camera.distance_mm = fitDistance(camera, extent, width_px, height_px);
   return camera;
 }

@@ -22,6 +22,7 @@ struct OrbitCamera {
   double fov_deg = 35;                        // vertical
   glm::dvec3 target_mm{0};
   bool orthographic = false;
+  friend bool operator==(const OrbitCamera&, const OrbitCamera&) = default;
 };
 inline constexpr double kMinFovDeg = 1, kMaxFovDeg = 170;
 
@@ -35,6 +36,7 @@ struct Extent {
   glm::dvec3 min_mm{0}, max_mm{0};  // a box around it
   double texel_mm = 1;
   bool flat = true;                 // a plane of heights, seen from the front; else a body, seen from everywhere
+  bool size_known = true;           // else what is said in mm counts the artwork's pixels
   glm::dvec3 centre() const { return (min_mm + max_mm) / 2.0; }
 };
 Extent extentOf(const PlanarDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
@@ -50,15 +52,16 @@ struct ViewTransform {
 };
 
 glm::dvec3 eyePosition(const OrbitCamera& camera);
+glm::dmat3 worldFromCamera(const OrbitCamera& camera);  // camera axes: x right, y up, z towards the viewer
 // Near and far are chosen around the extent (of the exaggerated heights: min_z_mm, max_z_mm).
 ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
-// The smallest distance from which all of the extent (a flat artwork's plane) is in view in the camera's direction and projection, with a
-// little margin, mm.
+// The smallest distance from which all of the extent is in view in the camera's direction and projection, mm: with a little margin; of a flat
+// one its plane with the margin and its displaced box within it. The plane is that of height 0, or of the height nearest to it that there is.
 double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px);
-// Looks straight at the extent's centre from where all of it is in view.
+// Looks straight at the extent's centre (of a flat one: of its plane) from where all of it is in view.
 OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg = 35);
 OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg = 35);
 // How wide and high, in mm, the orthographic picture around the camera's target must be to hold all of the extent; no margin.

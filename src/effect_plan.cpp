@@ -7,18 +7,21 @@ namespace relievo {
 
 EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   EffectPlan plan;
-  Basis basis = manifest.texture.basis;
-  bool has_coefficients = basis != Basis::kColour;
-  plan.relight = scene.relight && has_coefficients;
-  plan.resolve = !scene.relight && has_coefficients;
-  plan.shade = plan.relight ? basis : Basis::kColour;
+  plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
+  plan.mesh = manifest.base != nullptr;
+  if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit) plan.normals_exaggerate = scene.exaggerate;
+  plan.stored = manifest.texture.basis;
+  const TextureFormat format = plan.format(manifest);
+  const bool lit = format.basis != Basis::kColour && !scene.unlit;
+  plan.relight = scene.relight && lit;
+  plan.resolve = !scene.relight && lit;
+  plan.shade = plan.relight ? format.basis : Basis::kColour;
   if (plan.resolve) {
     plan.texture_planes = {Plane::kResolved};
   } else {
-    for (int k = 0; k < manifest.texture.planes(); ++k) plan.texture_planes.push_back(texturePlane(k));
+    const int planes = lit ? format.planes() : TextureFormat{}.planes();  // unlit: the colour alone
+    for (int k = 0; k < planes; ++k) plan.texture_planes.push_back(texturePlane(k));
   }
-  plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
-  plan.mesh = manifest.base != nullptr;
   plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
   plan.sampling = scene.sampling;
   if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
@@ -27,6 +30,17 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.wireframe = scene.wireframe;
   plan.show = scene.show;
   return plan;
+}
+
+TextureFormat EffectPlan::format(const Manifest& manifest) const {
+  TextureFormat format = manifest.texture;
+  if (normals_exaggerate != 0) format.basis = Basis::kAlbedoNormal;
+  return format;
+}
+
+std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
+  if (scene.unlit && isPtm(manifest.texture.basis)) return "a polynomial texture map has no colour without a light";
+  return "";
 }
 
 gl::Defines EffectPlan::defines() const {
@@ -56,7 +70,7 @@ std::string planeName(Plane plane, Basis basis) {
   if (plane == Plane::kRelief) return "relief";
   if (plane == Plane::kResolved) return "resolved";
   int k = static_cast<int>(plane);
-  if (basis == Basis::kColour) return "colour";
+  if (basis == Basis::kColour) return plane == kNormalPlane ? "normal" : "colour";  // made of the relief
   if (basis == Basis::kPtmLrgb) return k == 0 ? "a0-a2" : k == 1 ? "a3-a5" : "colour";
   if (basis == Basis::kAlbedoNormal) return k == 0 ? "albedo" : "normal";
   return "rgb-a" + std::to_string(k);
@@ -64,13 +78,16 @@ std::string planeName(Plane plane, Basis basis) {
 
 std::vector<std::string> EffectPlan::planesRead() const {
   std::vector<std::string> names;
-  for (Plane p : texture_planes) names.push_back(planeName(p, shade));
+  for (Plane p : texture_planes) {
+    if (normals_exaggerate != 0 && p == kNormalPlane) continue;  // made of the relief
+    names.push_back(planeName(p, stored));
+  }
   if (relief) names.push_back("relief");
   return names;
 }
 
 bool EffectPlan::samePages(const EffectPlan& other) const {
-  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve;
+  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve && normals_exaggerate == other.normals_exaggerate;
 }
 
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {

@@ -19,6 +19,7 @@
 #include "src/prefetch.h"
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
+#include "src/render/depth_probe.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
@@ -104,21 +105,23 @@ class PackageOracle final : public ReliefOracle {
 
 }  // namespace
 
-Artwork artworkFromPackage(std::shared_ptr<const Package> package) {
+Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop) {
   Artwork artwork;
   artwork.manifest = package->manifest();
   artwork.source = package;
   artwork.oracle = std::make_shared<PackageOracle>(package);
-  if (package->hasTails()) artwork.tails = [package](int workers, std::vector<std::string>* problems) { return package->tails(workers, problems); };
+  if (package->hasTails()) artwork.tails = [package, stop](int workers, std::vector<std::string>* problems) { return package->tails(workers, problems, stop); };
   return artwork;
 }
 
 Extent artworkExtent(const Manifest& manifest, double exaggerate) {
   const PlanarDomain& d = manifest.domain;
-  if (!manifest.base) return extentOf(d);
   double low = d.relief_offset_mm * exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * exaggerate;
   if (d.relief_depth < 0) low = high = 0;
-  return extentOf(*manifest.base, std::min(low, high), std::max(low, high), d.mm_per_px);
+  if (low > high) std::swap(low, high);
+  Extent extent = manifest.base ? extentOf(*manifest.base, low, high, d.mm_per_px) : extentOf(d, low, high);
+  extent.size_known = manifest.size_known;
+  return extent;
 }
 
 struct Engine::Impl {
@@ -135,7 +138,10 @@ struct Engine::Impl {
   EffectPlan starting_plan;              // of the streamer that stream_switch makes ready
   std::array<double, 3> starting_light{};
   std::optional<Scene> wished;           // a scene of other planes: shown once their roots have come
-  std::vector<std::string> messages;
+  std::vector<std::string> notices;        // for the user, but for pages that failed:
+  std::vector<std::string> page_messages;  // these, of streamers that ended
+  std::vector<std::string> tail_messages;  // and what the tails could not be made of
+  PageFailures failures;                   // of the tails, and of streamers that ended
   std::unique_ptr<PagePool> pool;
   std::unique_ptr<PatchPass> patches;
   std::unique_ptr<BaseCorners> corners;  // over a base mesh
@@ -145,6 +151,7 @@ struct Engine::Impl {
   std::unique_ptr<FeedbackPass> feedback;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
+  std::optional<DepthProbe> depth_probe;  // from the first question on
   gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program, capture_program, capture_roots_program;
   SurfaceTarget surface{{}};
   PictureTarget target{{}};
@@ -249,13 +256,15 @@ struct Engine::Impl {
   }
   void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
     if (!tails) return;
-    if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, artwork.manifest.texture, light), *artwork.manifest.base);
+    const TextureFormat& format = artwork.manifest.texture;
+    if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
+    else if (!of.lit() && format.planes() > 1) tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
     else tail_textures->setTexels(*tails, *artwork.manifest.base);
   }
 
-  // What the plan's pages need. Pages that are resolved are RGBA8.
+  // What the plan's pages need. Pages that are resolved, or made, are RGBA8.
   CacheNeeds cacheNeeds(const EffectPlan& of) const {
-    CacheNeeds needs{.upload = of.resolve ? PageCodec::kLossless : upload.codec,
+    CacheNeeds needs{.upload = of.resolve || of.normals_exaggerate != 0 ? PageCodec::kLossless : upload.codec,
                      .texture_planes = static_cast<int>(of.texture_planes.size()),
                      .relief = of.relief,
                      .roots = pinned_nodes,
@@ -269,6 +278,10 @@ struct Engine::Impl {
       if (level <= domain().relief_depth) needs.relief_pages += nodes;
     }
     return needs;
+  }
+  std::string whyNotBlocks() const {
+    if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0) return "the normals beside them are made of the relief (--unlit needs none)";
+    return upload.why_not_blocks;
   }
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
@@ -322,11 +335,12 @@ struct Engine::Impl {
   void makeTails() {
     const Manifest& m = artwork.manifest;
     if (artwork.tails) {
-      tails = artwork.tails(options.workers, &messages);
+      tails = artwork.tails(options.workers, &tail_messages);
     } else {
       tails.emplace(m.domain.patchCount(), m.texture.channels());
-      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails, &messages);
+      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails, &tail_messages, options.interrupted);
     }
+    failures.add(tails->failures);
     tail_textures = std::make_unique<TailTextures>(*tails);
   }
 
@@ -343,11 +357,11 @@ struct Engine::Impl {
     so.max_reads = kMaxReads;
     so.ready_limit = kReadyLimit;
     so.texture_planes = for_plan.texture_planes;
-    so.format = artwork.manifest.texture;
+    so.format = for_plan.format(artwork.manifest);
+    if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain(), for_plan.normals_exaggerate};
     starting_plan = for_plan;
     starting_light = normalizedLight(for_scene.light);
-    so.light_u = starting_light[0];
-    so.light_v = starting_light[1];
+    so.light = starting_light;
     std::vector<NodeId> roots;
     for (uint32_t p = 0; p < domain().patchCount() && !tails; ++p) roots.push_back({p, 0, 0, 0});
     stream_switch.start(artwork.source, so, roots, for_plan.relief ? roots : std::vector<NodeId>());
@@ -356,7 +370,8 @@ struct Engine::Impl {
   // What is resident for other planes is dropped.
   void adoptStreamer(std::unique_ptr<PageStreamer> next) {
     if (streamer) {
-      for (std::string& text : streamer->takeMessages()) messages.push_back(std::move(text));
+      for (std::string& text : streamer->takeMessages()) page_messages.push_back(std::move(text));
+      failures.add(streamer->failures());
       stream_switch.retire(std::move(streamer));
     }
     streamer = std::move(next);
@@ -392,7 +407,7 @@ struct Engine::Impl {
         plan = wanted;
         auto light = normalizedLight(scene.light);
         if (plan.resolve && light != starting_light) {
-          streamer->setLight(light[0], light[1]);
+          streamer->setLight(light);
           setTailTexels(plan, light);
         }
         return linkPrograms();
@@ -406,7 +421,7 @@ struct Engine::Impl {
   LodView lodView(const ViewTransform& view) const {
     LodView v = lodViewFrom(view);
     v.error_px = scene.error_px * std::exp2(lod_bias);  // under pressure geometry gives way as texture does
-    v.min_cell_px = 2 * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
+    v.min_cell_px = scene.least_cell * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     v.hide_backs = options.hide_backs;
@@ -477,14 +492,13 @@ struct Engine::Impl {
     if (tail_textures) tail_textures->bind(program, tailReach());
     glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
     if (overMesh()) light = drawn.view.world_from_camera * light;
-    setShadingUniforms(program, {.format = &artwork.manifest.texture,
+    const TextureFormat format = plan.format(artwork.manifest);
+    setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
                                  .lod_bias = lod_bias,
                                  .sample = sample,
                                  .tap_phase = tap_phase,
-                                 .light_u = light[0],
-                                 .light_v = light[1],
-                                 .light_w = light[2],
+                                 .light = {light[0], light[1], light[2]},
                                  .now_s = now_s,
                                  .page_fade_s = scene.page_fade_s,
                                  .fades_over = fades_over});
@@ -701,7 +715,7 @@ struct Engine::Impl {
   void frameOnce(double now_s) {
     ++frame;
     ++stats.frames;
-    if (auto switched = switchPlanes(); !switched) messages.push_back(switched.error().text());
+    if (auto switched = switchPlanes(); !switched) notices.push_back(switched.error().text());
     takeFeedback();
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
@@ -762,6 +776,8 @@ Engine::Engine(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Engine::~Engine() = default;
 
 Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
+  if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
+    return Error{ErrorKind::kUsage, "", problem, "leave out --unlit", {}};
   auto impl = std::make_unique<Impl>();
   impl->artwork = std::move(artwork);
   impl->scene = scene;
@@ -777,12 +793,12 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                              [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
   if (!upload) return upload.error();
   impl->upload = *upload;
-  if (options.upload == Upload::kBlocks && !upload->why_not_blocks.empty())
-    impl->messages.push_back("texture pages are uploaded as rgba8, not as blocks: " + upload->why_not_blocks);
+  if (const std::string why = impl->whyNotBlocks(); options.upload == Upload::kBlocks && !why.empty())
+    impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
   impl->pinned_nodes = roots;
   // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed later.
   EffectPlan fixed = impl->plan;
-  if (!fixed.resolve && manifest.texture.basis != Basis::kColour) {
+  if (!fixed.resolve && fixed.lit()) {
     Scene fixed_scene = scene;
     fixed_scene.relight = false;
     fixed = planEffects(fixed_scene, manifest);
@@ -798,6 +814,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
                        std::to_string(manifest.domain.patchCount()), "build it with fewer patches (--patches)", {}};
     }
     impl->makeTails();
+    if (options.interrupted && options.interrupted->load()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   }
   impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
@@ -840,6 +857,7 @@ ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
   Impl& e = *impl_;
+  if (const std::string problem = sceneProblem(scene, e.artwork.manifest); !problem.empty()) return Error{ErrorKind::kUsage, "", problem, "", {}};
   EffectPlan before = e.plan;
   auto light_before = normalizedLight(e.scene.light);
   Scene now = scene;
@@ -849,13 +867,14 @@ Result<void> Engine::setScene(const Scene& scene) {
     e.wished = scene;
     now.relief = e.scene.relief;
     now.relight = e.scene.relight;
+    now.unlit = e.scene.unlit;
     now.exaggerate = e.scene.exaggerate;
   }
   e.scene = now;
   e.plan = planEffects(now, e.artwork.manifest);
   assert(e.plan.samePages(before));
   if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) {
-    e.streamer->setLight(light[0], light[1]);
+    e.streamer->setLight(light);
     e.setTailTexels(e.plan, light);
   }
   if (e.plan != before) {
@@ -928,6 +947,27 @@ std::vector<uint8_t> Engine::readPixels() { return impl_->target.readPixels(); }
 
 void Engine::present(int window_width_px, int window_height_px) { impl_->target.present(window_width_px, window_height_px); }
 
+std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
+  Impl& e = *impl_;
+  const Impl::DrawnSurface& shown = e.surface_drawn;
+  if (shown.width == 0 || !(x_px >= 0 && y_px >= 0 && x_px < shown.width && y_px < shown.height)) return std::nullopt;
+  if (!e.depth_probe) {
+    auto probe = DepthProbe::create(e.context.api);
+    if (!probe) {
+      e.notices.push_back(probe.error().text());
+      return std::nullopt;
+    }
+    e.depth_probe = std::move(*probe);
+  }
+  const int x = static_cast<int>(x_px), y = shown.height - 1 - static_cast<int>(y_px);
+  const auto z = e.depth_probe->read(e.surface, *e.screen, x, y);
+  if (!z) return std::nullopt;
+  const glm::dvec4 clip((x + 0.5) / shown.width * 2 - 1, (y + 0.5) / shown.height * 2 - 1, *z, 1);
+  const glm::dvec4 world = glm::inverse(shown.clip_from_world) * clip;
+  const glm::dvec3 place = glm::dvec3(world) / world.w;
+  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place) : std::nullopt;
+}
+
 EngineStats Engine::stats() const {
   const Impl& e = *impl_;
   EngineStats s = e.stats;
@@ -944,10 +984,11 @@ EngineStats Engine::stats() const {
   }
   s.orthographic = e.camera.orthographic;
   s.mm_per_px = mmPerPx(e.camera, e.height);
+  s.size_known = e.artwork.manifest.size_known;
   s.slots = e.slots.total();
   s.resident = static_cast<uint32_t>(s.streamer.resident);
   s.upload = e.slots.upload;
-  s.why_not_blocks = e.upload.why_not_blocks;
+  s.why_not_blocks = e.whyNotBlocks();
   s.cache_bytes = e.slots.bytes();
   s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
@@ -964,8 +1005,26 @@ EngineStats Engine::stats() const {
 }
 
 std::vector<std::string> Engine::takeMessages() {
-  std::vector<std::string> all = std::exchange(impl_->messages, {});
-  for (std::string& text : impl_->streamer->takeMessages()) all.push_back(std::move(text));
+  std::vector<std::string> all = std::exchange(impl_->notices, {});
+  for (auto texts : {std::exchange(impl_->tail_messages, {}), std::exchange(impl_->page_messages, {}), impl_->streamer->takeMessages()})
+    for (std::string& text : texts) all.push_back(std::move(text));
+  return all;
+}
+
+PageFailures Engine::failures() const {
+  PageFailures all = impl_->failures;
+  all.add(impl_->streamer->failures());
+  return all;
+}
+
+std::vector<std::string> Engine::takeNotices() {
+  std::vector<std::string> all = std::exchange(impl_->notices, {});
+  // Tails are made of root pages where they are damaged: the same picture, unless those failed.
+  if (const auto tails = std::exchange(impl_->tail_messages, {}); !tails.empty() && impl_->failures.pages == 0) {
+    all.push_back(tails.front() + (tails.size() > 1 ? ", and " + std::to_string(tails.size() - 1) + " more like it" : ""));
+  }
+  impl_->page_messages.clear();
+  (void)impl_->streamer->takeMessages();
   return all;
 }
 
@@ -1028,7 +1087,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"upload", uploadFormatName(s.upload)},
       {"depth", depthName(s.reversed_depth)},
       {"projection", s.orthographic ? "orthographic" : "perspective"},
-      {s.orthographic ? "mm_per_px" : "mm_per_px_at_target", s.mm_per_px},
+      {std::string(s.size_known ? "mm_per_px" : "artwork_px_per_px") + (s.orthographic ? "" : "_at_target"), s.mm_per_px},
       {"resident_mib", mib(s.streamer.resident_bytes)},
       {"relief_mib", mib(s.streamer.relief_bytes)},
       {"cache_mib", mib(s.cache_bytes)},

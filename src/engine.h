@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,7 @@
 #include "src/gl/context.h"
 #include "src/upload_choice.h"
 #include "texturing/package.h"
+#include "texturing/page_failures.h"
 #include "texturing/page_streamer.h"
 #include "texturing/patch_tails.h"
 
@@ -34,7 +36,8 @@ struct Artwork {
   // made up is named in problems.
   std::function<PatchTails(int workers, std::vector<std::string>* problems)> tails;
 };
-Artwork artworkFromPackage(std::shared_ptr<const Package> package);
+// Once *stop is set (it may be null), its tails are no longer read and not to be used.
+Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop = nullptr);
 // Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
 Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 
@@ -59,7 +62,7 @@ struct EngineOptions {
   bool prefetch = true;     // asks for what a moving camera is about to want (src/prefetch.h); of flat artworks
   bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
-  const std::atomic<bool>* interrupted = nullptr;  // polled while settling: set, settle() gives up
+  const std::atomic<bool>* interrupted = nullptr;  // polled while starting and settling: set, create() and settle() give up
 };
 
 struct EngineStats {
@@ -82,6 +85,7 @@ struct EngineStats {
   bool switching = false;   // the scene asks for other planes, whose roots are still on the way
   bool reversed_depth = false;  // in use
   bool orthographic = false;    // the camera
+  bool size_known = true;       // else mm_per_px counts the artwork's pixels
   double mm_per_px = 0;         // orthographic: everywhere in the picture; else on the plane through the target
   std::vector<std::string> passes, planes_read;
 };
@@ -113,8 +117,14 @@ class Engine {
   std::vector<uint8_t> readPixels();
   // Copies the picture to the framebuffer that the window shows (0); dark grey beside the artwork.
   void present(int window_width_px, int window_height_px);
+  // The place on the surface that a pixel (origin top left) of the last picture shows; nothing over the background. Waits for that picture.
+  std::optional<glm::dvec3> surfacePoint(double x_px, double y_px);
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
+  // Pages that pictures were drawn without since the start; takeMessages() names each of them, too.
+  PageFailures failures() const;
+  // What takeMessages() would say, but for those pages; cleared by the call.
+  std::vector<std::string> takeNotices();
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
   const std::vector<NodeWant>& textureWants() const;  // the newest wish list

@@ -17,7 +17,7 @@ namespace {
 static_assert(sizeof(ImDrawVert) == sizeof(OverlayVertex) && offsetof(ImDrawVert, uv) == offsetof(OverlayVertex, u) &&
               offsetof(ImDrawVert, col) == offsetof(OverlayVertex, rgba) && sizeof(ImDrawIdx) == sizeof(uint16_t));
 
-constexpr const char* kHelp[][2] = {{"Left drag", "turn"},
+constexpr const char* kHelp[][2] = {{"Left drag", "turn about the point under the mouse"},
                                     {"Middle drag, Shift + left drag", "move"},
                                     {"Wheel", "zoom to the point under the mouse"},
                                     {"Right drag, L + move", "light"},
@@ -73,13 +73,18 @@ void drawFigures(const HudFigures& figures, float gap) {
 
 std::string hudLine(const HudState& s) {
   char text[200];
-  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error %.2f of %.1f px", s.fps, s.frame_ms,
-                s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px, s.error_px);
+  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error at most %.2f px", s.fps, s.frame_ms,
+                s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px);
   std::string line = text;
-  if (s.mm_per_px > 0) {
-    std::snprintf(text, sizeof text, "   %.4g mm a px", s.mm_per_px);
+  if (s.predicted_error_px > s.error_px) {
+    std::snprintf(text, sizeof text, " %s (asked for %.1f)", s.missing_pages > 0 ? "so far" : "in places", s.error_px);
     line += text;
   }
+  if (s.mm_per_px > 0) {
+    std::snprintf(text, sizeof text, s.size_known ? "   %.4g mm a px" : "   %.4g px of the artwork a px", s.mm_per_px);
+    line += text;
+  }
+  if (s.unlit) line += "   unlit";
   return line;
 }
 
@@ -111,7 +116,7 @@ struct Hud::Impl {
       ImGui::End();
     }
 
-    if (state.show_light) {
+    if (state.show_light && !state.unlit) {
       ImGui::SetNextWindowPos(ImVec2(edge, display.y - edge), ImGuiCond_Always, ImVec2(0, 1));
       ImGui::SetNextWindowBgAlpha(0.55f);
       ImGui::Begin("light", nullptr, kPassive);

@@ -16,9 +16,11 @@ namespace relievo {
 struct HudState {
   double fps = 0, frame_ms = 0;
   uint32_t resident_pages = 0, slots = 0, missing_pages = 0;
-  double error_px = 1;            // allowed
+  double error_px = 1;            // asked for
   double predicted_error_px = 0;  // of what is drawn
   double mm_per_px = 0;           // of an orthographic picture; else 0
+  bool unlit = false;             // no light changes the picture: said, and no gauge
+  bool size_known = true;         // else it counts the artwork's pixels
   std::array<double, 3> light{0, 0, 1};
   bool show_light = false;
   bool help = false;
@@ -26,7 +28,8 @@ struct HudState {
   std::optional<HudFigures> figures;  // the panel
 };
 
-// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px"; orthographic: "   0.042 mm a px", too
+// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error at most 0.84 px"; where that is more than was asked for: "   error at most 8.60 px in places
+// (asked for 1.0)", or while pages are missing "... so far (asked for 1.0)"; orthographic: "   0.042 mm a px", too; "   unlit".
 std::string hudLine(const HudState& state);
 
 class Hud {

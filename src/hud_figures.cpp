@@ -50,8 +50,8 @@ HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest) {
                          big(s.cancelled_before_decode), big(s.cancelled_after_decode)));
   f.lines.push_back(text("prefetched %llu   used %llu   wasted %llu", big(s.prefetched), big(s.prefetch_used), big(s.prefetch_wasted)));
   f.lines.push_back(text("bias %.2f levels   no room for %llu pages   patch list p99 %.0f frames old", stats.detail_bias, big(s.deferred), stats.lod_lag_frames.p99));
-  f.lines.push_back(stats.orthographic ? text("orthographic (O)   %.4g mm a px", stats.mm_per_px)
-                                       : text("perspective (O)   %.4g mm a px at the target", stats.mm_per_px));
+  f.lines.push_back(text("%s (O)   %.4g %s a px%s", stats.orthographic ? "orthographic" : "perspective", stats.mm_per_px,
+                         stats.size_known ? "mm" : "px of the artwork", stats.orthographic ? "" : " at the target"));
   if (s.latency_ms.count > 0) {
     f.lines.push_back(text("wanted to visible  p50 %.0f ms (%.0f frames)   p90 %.0f (%.0f)   p99 %.0f (%.0f)", s.latency_ms.p50, s.latency_frames.p50,
                            s.latency_ms.p90, s.latency_frames.p90, s.latency_ms.p99, s.latency_frames.p99));

@@ -4,10 +4,10 @@
 #include <chrono>
 #include <cmath>
 #include <numbers>
-#include <thread>
 #include <utility>
 
 #include "src/base/mailbox.h"
+#include "src/base/worker_threads.h"
 
 namespace relievo {
 namespace {
@@ -111,7 +111,8 @@ const std::vector<NodeWant>& PredictedWants::finish() {
 
 struct Prefetcher::Impl {
   Impl(const PlanarDomain& d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
-    thread = std::thread([this] { work(); });
+    // Without a thread nothing is determined ahead of time: pages come when they are in view.
+    thread.start(1, [this] { work(); });
   }
   ~Impl() {
     requests.close();
@@ -143,13 +144,18 @@ struct Prefetcher::Impl {
   const std::shared_ptr<const ReliefOracle> oracle;
   Mailbox<Request> requests;
   Mailbox<Answer> answers;
-  std::thread thread;
+  WorkerThreads thread{"relievo-ahead"};  // last
 };
 
 Prefetcher::Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(std::make_unique<Impl>(domain, std::move(oracle))) {}
 Prefetcher::~Prefetcher() = default;
-void Prefetcher::post(Request request) { impl_->requests.post(std::move(request)); }
-std::optional<Prefetcher::Answer> Prefetcher::tryTake() { return impl_->answers.tryTake(); }
+void Prefetcher::post(Request request) {
+  if (!impl_->thread.empty()) impl_->requests.post(std::move(request));
+}
+std::optional<Prefetcher::Answer> Prefetcher::tryTake() {
+  impl_->thread.rethrow();
+  return impl_->answers.tryTake();
+}
 
 }  // namespace relievo

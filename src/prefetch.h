@@ -79,7 +79,8 @@ class PredictedWants {
   std::vector<NodeWant> wants_;
 };
 
-// Newest request in, newest answer out; used from one thread, which never waits (but for the destructor).
+// Newest request in, newest answer out; used from one thread, which never waits (but for the destructor). Where no thread can be started
+// nothing is predicted: requests have no answer.
 class Prefetcher {
  public:
   struct Request {

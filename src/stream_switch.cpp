@@ -1,17 +1,9 @@
 #include "src/stream_switch.h"
 
 #include <cassert>
-#include <chrono>
 #include <utility>
 
 namespace relievo {
-
-namespace {
-template <class T>
-bool isReady(const std::future<T>& f) {
-  return f.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-}
-}  // namespace
 
 void StreamSwitch::start(std::shared_ptr<const PageSource> source, StreamerOptions options, std::vector<NodeId> texture_roots,
                          std::vector<NodeId> relief_roots) {
@@ -22,15 +14,20 @@ void StreamSwitch::start(std::shared_ptr<const PageSource> source, StreamerOptio
     streamer->pinRoots(texture_roots, relief_roots);
     return streamer;
   };
-  next_ = std::async(std::launch::async, std::move(make));
+  next_.emplace("relievo-roots", std::move(make));
 }
 
-std::unique_ptr<PageStreamer> StreamSwitch::tryTake() { return busy() && isReady(next_) ? next_.get() : nullptr; }
-std::unique_ptr<PageStreamer> StreamSwitch::take() { return next_.get(); }
+std::unique_ptr<PageStreamer> StreamSwitch::tryTake() { return busy() && next_->ready() ? take() : nullptr; }
+std::unique_ptr<PageStreamer> StreamSwitch::take() {
+  std::unique_ptr<PageStreamer> streamer = std::move(next_->get());
+  next_.reset();
+  return streamer;
+}
 
 void StreamSwitch::retire(std::unique_ptr<PageStreamer> old) {
-  std::erase_if(ending_, [](const auto& f) { return isReady(f); });
-  ending_.push_back(std::async(std::launch::async, [streamer = std::move(old)]() mutable { streamer.reset(); }));
+  std::erase_if(ending_, [](const auto& task) { return task.ready(); });
+  ending_.emplace_back("relievo-ending", [streamer = std::move(old)]() mutable { streamer.reset(); });
+  if (ending_.back().ready()) ending_.pop_back();  // no thread could be started: the streamer ends with the task
 }
 
 }  // namespace relievo

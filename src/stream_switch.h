@@ -3,10 +3,12 @@
 // a source that never answers costs one thread, however often the scene changes.
 #pragma once
 
-#include <future>
+#include <list>
 #include <memory>
+#include <optional>
 #include <vector>
 
+#include "src/base/worker_threads.h"
 #include "texturing/page_streamer.h"
 
 namespace relievo {
@@ -14,17 +16,18 @@ namespace relievo {
 // Owned by the render thread. The destructor waits for the reads under way.
 class StreamSwitch {
  public:
-  bool busy() const { return next_.valid(); }  // something is being made ready, or is ready and not yet taken
+  bool busy() const { return next_.has_value(); }  // something is being made ready, or is ready and not yet taken
   // Not while busy.
   void start(std::shared_ptr<const PageSource> source, StreamerOptions options, std::vector<NodeId> texture_roots,
              std::vector<NodeId> relief_roots);
-  std::unique_ptr<PageStreamer> tryTake();  // null: not ready, or nothing was started
-  std::unique_ptr<PageStreamer> take();     // waits; busy only
+  // Null: not ready, or nothing was started. Both throw what kept the streamer from being made (no thread, no memory).
+  std::unique_ptr<PageStreamer> tryTake();
+  std::unique_ptr<PageStreamer> take();  // waits; busy only
   void retire(std::unique_ptr<PageStreamer> old);
 
  private:
-  std::future<std::unique_ptr<PageStreamer>> next_;
-  std::vector<std::future<void>> ending_;
+  std::optional<BackgroundTask<std::unique_ptr<PageStreamer>>> next_;
+  std::list<BackgroundTask<void>> ending_;
 };
 
 }  // namespace relievo

@@ -13,6 +13,9 @@
 
 #include "src/base/heap.h"
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
+#include "src/base/worker_threads.h"
+#include "src/eye_guard.h"
 #include "src/gl/window.h"
 #include "src/hud.h"
 #include "src/view_control.h"
@@ -27,6 +30,8 @@ constexpr double kLightGaugeS = 1.5;   // and the light's direction after a drag
 // frames late); longer where pages are missing, which may be on their way.
 constexpr double kCalmS = 0.5, kCalmMissingS = 3;
 constexpr int kCalmFrames = 12;
+// A camera stands still once it has not moved for this long, s; less than kCalmS, so that what follows from it is drawn.
+constexpr double kStillS = 0.3;
 constexpr double kIdleWaitS = 0.25;    // between looks at the clock then
 constexpr double kIdleRedrawS = 1;     // and between pictures: a page that failed may be tried again
 
@@ -54,8 +59,8 @@ class FrameMeter {
 
 Result<void> writeSnapshot(Engine& engine, const std::string& path, const ViewerOptions& options) {
   const EngineStats stats = engine.stats();
-  return writePng(path, engine.width(), engine.height(), 3, overBackground(engine.readPixels(), options.background),
-                  stats.orthographic ? stats.mm_per_px : 0);
+  return writeImage(path, engine.width(), engine.height(), 3, overBackground(engine.readPixels(), options.background),
+                    stats.orthographic && stats.size_known ? stats.mm_per_px : 0);
 }
 
 std::string viewJson(const ViewControl::View& view) {
@@ -96,7 +101,14 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
   heap.finish(gl::currentContextInfo().software);
-  const Extent extent = artworkExtent(artwork.manifest, options.scene.relief ? options.scene.exaggerate : 0);
+  const double exaggerate = options.scene.relief ? options.scene.exaggerate : 0;
+  const Extent extent = artworkExtent(artwork.manifest, exaggerate);
+  // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a second, during which the
+  // window draws and moves already.
+  BackgroundTask<std::unique_ptr<const EyeGuard>> guard(
+      "relievo-guard", [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
+      artwork.manifest.base != nullptr);
+  bool guarded = false;
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();
   Engine& engine = **made_engine;
@@ -110,7 +122,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(extent, start, window.width(), window.height());
+  ViewControl control(extent, start, window.width(), window.height(), {[&](double x, double y) { return engine.surfacePoint(x, y); }});
   control.wireframe = scene.wireframe;
   control.show_pages = scene.show == Show::kPages;
 
@@ -121,6 +133,11 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   bool switching = false;
   std::array<uint64_t, 6> progress_before{};
   FrameMeter meter;
+  const bool exact_still = options.exact_still == ViewerOptions::ExactStill::kAuto
+                               ? !gl::currentContextInfo().software && options.frames == 0
+                               : options.exact_still == ViewerOptions::ExactStill::kOn;
+  OrbitCamera camera_before;
+  double moved_at = 0;
   int64_t frames = 0;
   HudState shown;
   while (!control.quit) {
@@ -129,6 +146,10 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     const bool busy = options.frames > 0 || calm_frames < kCalmFrames ||
                       now < changed_at + (shown.missing_pages > 0 || switching ? kCalmMissingS : kCalmS);
     bool changed = false;
+    if (!guarded && guard.ready()) {
+      changed = control.setGuard(guard.get().get());
+      guarded = true;
+    }
     for (const gl::Event& e : busy ? window.pollEvents() : window.waitEvents(kIdleWaitS)) changed |= control.handle(e);
     if (window.width() < 1 || window.height() < 1) {  // minimised
       window.waitEvents(kIdleWaitS);
@@ -147,7 +168,12 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     if (control.figures != shown.figures.has_value()) changed_at = now;
     shown.light = control.view().light;
 
+    if (const OrbitCamera& now_at = control.view().camera; now_at != camera_before) {
+      camera_before = now_at;
+      moved_at = now;
+    }
     Scene wanted = scene;
+    if (exact_still && now >= moved_at + kStillS) wanted.least_cell = 0;
     wanted.light = control.view().light;
     wanted.wireframe = control.wireframe;
     wanted.show = control.show_pages ? Show::kPages : scene.show == Show::kPages ? Show::kNone : scene.show;
@@ -169,11 +195,12 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
       const std::string name = freeSnapshotName(".", options.snapshot_stem);
       Result<void> written = name.empty() ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
                                           : writeSnapshot(engine, name, options);
-      message = written ? "written: " + std::filesystem::absolute(name).lexically_normal().string() : written.error().text();
+      message = written ? "written: " + std::filesystem::absolute(name).lexically_normal().string() : "the snapshot failed: " + written.error().text();
       message_until = now + kMessageS;
       shown.message = message;
     }
 
+    shown.unlit = !engine.plan().lit();
     shown.fps = meter.meanSeconds() > 0 ? 1 / meter.meanSeconds() : 0;
     shown.frame_ms = meter.meanSeconds() * 1000;
     shown.resident_pages = stats.resident;
@@ -182,6 +209,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     shown.error_px = scene.error_px;
     shown.predicted_error_px = stats.predicted_error_px;
     shown.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
+    shown.size_known = stats.size_known;
     shown.figures.reset();
     if (control.figures) shown.figures = hudFigures(stats, engine.manifest());
     engine.present(window.width(), window.height());
@@ -197,7 +225,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
       break;
     }
   }
-  if (options.print_view) std::printf("%s\n", viewJson(control.view()).c_str());
+  if (options.print_view) printOutf("%s\n", viewJson(control.view()).c_str());
   return {};
 }
 

@@ -59,9 +59,26 @@ inline std::array<double, 2> ptmDirection(double x, double y, double z) {
 // The six basis functions, in .ptm's order.
 inline std::array<double, 6> ptmBasis(double u, double v) { return {u * u, v * v, u * v, u, v, 1.0}; }
 
+// The unit vector towards a light in front of the artwork, by its x and y.
+inline std::array<double, 3> frontLight(double u, double v) { return {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))}; }
+
+// The basis functions under the unit vector towards a light anywhere around the object: the one definition that shader, resolver and reference
+// share. A light straight from behind has no side. There the functions take their mean over all grazing lights, and they go over to it within
+// kBehind of straight behind, so that a rounding error of the direction cannot choose a side.
+inline constexpr double kBehind = 0.02;  // sine of the angle between the light and straight behind: 1.1 degrees
+inline std::array<double, 6> ptmBasis(const std::array<double, 3>& light) {
+  const auto [u, v] = ptmDirection(light[0], light[1], light[2]);
+  auto basis = ptmBasis(u, v);
+  if (light[2] >= 0) return basis;
+  constexpr std::array<double, 6> kGrazingMean{0.5, 0.5, 0, 0, 0, 1};
+  const double share = std::min(1.0, std::hypot(light[0], light[1]) / kBehind);
+  for (size_t k = 0; k < basis.size(); ++k) basis[k] = share < 1 ? kGrazingMean[k] + (basis[k] - kGrazingMean[k]) * share : basis[k];
+  return basis;
+}
+
 // One pixel in 0..255 units from its raw channels (channels() of them; they may be filtered, hence double).
 // LRGB: raw[0..5] coefficients, raw[6..8] colour. RGB: raw[3 k + c] is coefficient k of colour c. Albedo and normal: raw[0..2], raw[3..5].
-// light: the unit vector towards the light; of a PTM's, z counts where it is below 0 only (ptmDirection).
+// light: the unit vector towards the light, in the artwork's space.
 inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
   std::array<double, 3> rgb{};
   if (f.basis == Basis::kColour) return {raw[0], raw[1], raw[2]};
@@ -72,8 +89,7 @@ inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double*
     for (int c = 0; c < 3; ++c) rgb[c] = std::clamp(raw[c] * gain, 0.0, 255.0);
     return rgb;
   }
-  const auto [u, v] = ptmDirection(light[0], light[1], light[2]);
-  auto basis = ptmBasis(u, v);
+  const auto basis = ptmBasis(light);
   if (f.basis == Basis::kPtmLrgb) {
     double lum = 0;
     for (int k = 0; k < 6; ++k) lum += (raw[k] - f.bias[k]) * f.scale[k] * basis[k];
@@ -87,7 +103,7 @@ inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double*
 }
 // The same for a light in front of the artwork, (u, v) the x and y of the vector towards it.
 inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, double u, double v) {
-  return evaluatePixel(f, raw, {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))});
+  return evaluatePixel(f, raw, frontLight(u, v));
 }
 
 }  // namespace relievo

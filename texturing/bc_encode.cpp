@@ -7,6 +7,7 @@
 #include <cstring>
 #include <limits>
 
+#include "src/base/simd_dispatch.h"
 #include "texturing/bc7_layout.h"
 #include "texturing/bc_blocks.h"
 
@@ -363,7 +364,7 @@ void writeApart(int mode, int apart, bool selection, Line pair, Line single, uin
 
 }  // namespace
 
-void encodeBc1(const uint8_t* texels, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc1(const uint8_t* texels, uint8_t* block) {
   Point points[16];
   for (int i = 0; i < 16; ++i)
     for (int c = 0; c < 3; ++c) points[i].c[c] = texels[4 * i + c];
@@ -383,7 +384,7 @@ void encodeBc1(const uint8_t* texels, uint8_t* block) {
   std::memcpy(block + 4, &best.indices, 4);
 }
 
-void encodeBc4(const uint8_t* values, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc4(const uint8_t* values, uint8_t* block) {
   const int low = *std::min_element(values, values + 16), high = *std::max_element(values, values + 16);
   // Ends at the extremes bound the error by a fourteenth of their distance; least squares may only do better than that.
   int best_error = std::numeric_limits<int>::max();
@@ -415,7 +416,7 @@ void encodeBc4(const uint8_t* values, uint8_t* block) {
   std::memcpy(block, &best, 8);
 }
 
-void encodeBc7(const uint8_t* texels, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc7(const uint8_t* texels, uint8_t* block) {
   Point points[16];
   for (int i = 0; i < 16; ++i)
     for (int c = 0; c < 3; ++c) points[i].c[c] = texels[4 * i + c];

@@ -4,11 +4,12 @@
 #pragma once
 
 #include <atomic>
-#include <future>
 #include <mutex>
+#include <optional>
 #include <string>
 
 #include "src/base/file.h"
+#include "src/base/worker_threads.h"
 #include "texturing/raster_source.h"
 
 namespace relievo {
@@ -20,24 +21,24 @@ class FileProvenance {
   FileProvenance& operator=(const FileProvenance&) = delete;
   ~FileProvenance() {
     stop_ = true;
-    if (digest_.valid()) digest_.wait();
+    digest_.reset();  // waits
   }
 
   // Cheap after the first call; from any thread.
   void start() const {
     if (!hash_) return;
     std::call_once(started_, [this] {
-      digest_ = std::async(std::launch::async, [this] {
-                  auto digest = hashFile(path_, &stop_);
-                  return digest ? *digest : std::string();
-                }).share();
+      digest_.emplace("relievo-digest", [this] { return hashFile(path_, &stop_); });
     });
   }
   Provenance get() const {
     Provenance provenance;
     provenance.name = path_.substr(path_.find_last_of('/') + 1);
     start();
-    if (hash_) provenance.xxh3 = std::shared_future<std::string>(digest_).get();
+    if (!hash_) return provenance;
+    const Result<std::string>& digest = digest_->get();
+    if (digest) provenance.xxh3 = *digest;
+    else provenance.failure = digest.error();
     return provenance;
   }
 
@@ -46,7 +47,7 @@ class FileProvenance {
   bool hash_;
   std::atomic<bool> stop_{false};
   mutable std::once_flag started_;
-  mutable std::shared_future<std::string> digest_;
+  mutable std::optional<BackgroundTask<Result<std::string>>> digest_;
 };
 
 }  // namespace relievo

@@ -15,6 +15,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "src/base/simd_dispatch.h"
+
 namespace relievo {
 namespace {
 
@@ -119,7 +121,7 @@ MipFilter::MipFilter(const TextureFormat& format) : format_(format) {
 }
 
 template <class T>
-void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out) const {
+RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out) const {
   assert(width % 2 == 0 && height % 2 == 0);
   const int out_width = width / 2, out_height = height / 2;
   const size_t plane = static_cast<size_t>(width) * height, out_plane = plane / 4;

@@ -7,7 +7,9 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -17,6 +19,7 @@
 #include "src/base/result.h"
 #include "texturing/basis.h"
 #include "texturing/page_encoding.h"
+#include "texturing/page_failures.h"
 #include "texturing/page_source.h"
 #include "texturing/patch_source.h"
 #include "texturing/patch_tails.h"
@@ -28,6 +31,7 @@ struct Manifest {
   PlanarDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;  // of the texture's planes; relief is lossless
+  bool size_known = true;    // else all that is said in mm counts the artwork's pixels (mm_per_px is 1)
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;
@@ -54,6 +58,8 @@ struct PageRecord {
   ReliefBounds relief;    // relief pages only
 };
 
+struct PackageHeader;  // package_layout.h
+
 class Package final : public PageSource {
  public:
   static Result<std::shared_ptr<Package>> open(const std::string& path);
@@ -62,9 +68,13 @@ class Package final : public PageSource {
   const std::string& path() const;
   uint64_t fileBytes() const;
   const Manifest& manifest() const;
+  const PackageHeader& header() const;      // the copy in use
   const std::string& manifestJson() const;  // as stored; empty when damaged
-  // What was found damaged on opening; the package works without it.
+  const std::optional<Error>& manifestProblem() const;  // nothing: it is sound
+  // What was found damaged on opening, the manifest included; the package works without it.
   const std::vector<std::string>& warnings() const;
+  // Bytes of the file as they are.
+  Result<void> readBytes(uint64_t offset, std::span<uint8_t> out) const;
   Result<PageRecord> record(PageId id) const;  // thread-safe
   // How far a relief page's surface can lie from the finest relief, mm, by 16 x 16 blocks of 8 x 8 cells, rows top first: upper
   // bounds, none above the page's own (but for their rounding up). False: the package does not say (an older one, or damaged).
@@ -74,12 +84,16 @@ class Package final : public PageSource {
   // The tails of its patches (patch_tails.h), as far as they are sound; the others are made of the root pages, and problems (which may be null)
   // names them. False: the package has none (an older one, or a flat artwork).
   bool hasTails() const;
-  PatchTails tails(int workers, std::vector<std::string>* problems) const;
-  std::vector<std::string> tailProblems() const;  // what of them is damaged; nothing where there are none
+  // Ends soon after *stop is set (it may be null); what it answers then is not to be used.
+  PatchTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr) const;
+  // What of them is damaged, as it is found; nothing where there are none. problem(error) until *stop is set.
+  void checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop = nullptr) const;
+  std::vector<std::string> tailProblems() const;  // as texts
   Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of these sound?
   // Is the index block that holds the page's entry sound?
   Result<void> checkIndex(PageId id) const;
   Result<EncodedPage> read(PageId id) const override;
+  PageFailures readFailures() const;  // of read(), since the package was opened: a page that fails twice counts twice
 
  private:
   struct Impl;
@@ -88,24 +102,48 @@ class Package final : public PageSource {
 };
 
 // What a plane takes in the file, by the index (which is read as a whole: 0.1 % of a package). Index blocks that are damaged
-// count as unknown pages.
+// count as unknown pages; one that cannot be read is an error, since it says nothing of the package. kInterrupted soon after *stop is set (it may be null).
 struct PlaneUsage {
   uint64_t pages = 0, bytes = 0, unknown_pages = 0;
 };
-PlaneUsage planeUsage(const Package& package, Plane plane);
+Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::atomic<bool>* stop = nullptr);
 
 struct DamagedPage {
   PageId id;
   std::string what;
 };
+struct VerifyProblem {
+  std::optional<PageId> page;  // or it lies outside the pages: header, base mesh, index, padding
+  std::string what;
+  bool unreadable = false;     // an input/output error, which says nothing of the package
+  bool repairable = false;     // by repairPackage
+};
 struct VerifyReport {
   uint64_t pages = 0, bytes = 0;
   std::vector<DamagedPage> damaged;
-  std::vector<std::string> other;  // damage outside pages (index blocks, header)
+  std::vector<std::string> other;       // damage outside pages
+  std::vector<std::string> unreadable;  // input/output errors
 };
-// Reads, checks and decodes every page. The damage is listed in the index's order, whatever the workers. progress(done, total) may be null.
-// (kInterrupted when the flag is set, which may be null.)
-Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total),
-                                   const std::atomic<bool>* interrupted = nullptr);
+struct VerifyOptions {
+  int workers = 0;  // 0: one per core
+  std::function<void(uint64_t done, uint64_t total)> progress;
+  // Takes each problem as it is found, in the place of the report's lists, so that memory stays bounded however many there are.
+  std::function<void(const VerifyProblem&)> problem;
+  const std::atomic<bool>* interrupted = nullptr;  // once set: kInterrupted soon
+  const PageSource* pages = nullptr;               // where pages are read in the place of the package: for faults on purpose
+};
+// Reads, checks and decodes every page, both copies of what is there twice, and what lies between the sections. The problems come in the
+// file's order, those of pages in the index's, whatever the workers.
+Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& options);
+inline Result<VerifyReport> verifyPackage(const Package& package, int workers, void (*progress)(uint64_t done, uint64_t total),
+                                          const std::atomic<bool>* interrupted = nullptr) {
+  return verifyPackage(package, VerifyOptions{.workers = workers, .progress = progress, .problem = {}, .interrupted = interrupted});
+}
+
+// Writes a damaged copy of the header or the base mesh anew from the sound one, and zeros into padding: in place, those bytes only.
+// A copy of the whole file would need its space again and could lose what a file has besides its bytes (owner, links). The bytes that
+// are written are damaged, and nothing reads them while the other copy is sound: an interruption leaves the package as good as it was.
+// The sound copy is checked once more on the way. Answers what was repaired.
+Result<std::vector<std::string>> repairPackage(const std::string& path, const std::atomic<bool>* interrupted = nullptr);
 
 }  // namespace relievo

@@ -19,10 +19,16 @@
 #include <cassert>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <xxhash.h>
+#include <zstd.h>
 
+#include "src/base/simd_dispatch.h"
+#include "texturing/build_checkpoint.h"
 #include "texturing/mip.h"
 #include "texturing/package_layout.h"
 #include "texturing/package_writer.h"
@@ -126,8 +132,8 @@ class TileWorker {
     BuildPart out;
     stage_ = &stage;
     tile_x_ = tile_x, tile_y_ = tile_y;
-    if (stage.texture.level >= 0) out.status = prepareTexture();
-    if (out.status.ok() && stage.relief.level >= 0) out.status = prepareRelief();
+    if (stage.texture.level >= 0) out.status = prepareTexture(out);
+    if (out.status.ok() && stage.relief.level >= 0) out.status = prepareRelief(out);
     if (!out.status.ok()) return out;
     int level = std::max(stage.texture.level, stage.relief.level);
     int coarsest = std::min(kStageLevels - 1, level);
@@ -149,7 +155,7 @@ class TileWorker {
   };
   Region regionAt(int down) const { return {region_.width >> down, region_.height >> down}; }
 
-  Result<void> prepareTexture() {
+  Result<void> prepareTexture(BuildPart& out_part) {
     const TextureStage& s = stage_->texture;
     const PlanarDomain& d = context_.domain;
     const int channels = context_.format.channels();
@@ -205,7 +211,8 @@ class TileWorker {
                    static_cast<int>(std::max<int64_t>(0, -top)), static_cast<int>(std::min<int64_t>(to.width, lw - left)),
                    static_cast<int>(std::min<int64_t>(to.height, lh - top)));
     }
-    return s.out ? writeSpill() : Result<void>();
+    if (s.out) spillInto(out_part.texture_spill);
+    return {};
   }
 
   static uint64_t spillBlockBytes(int channels) { return uint64_t{2} * kSpillPx * kSpillPx * channels; }
@@ -236,18 +243,18 @@ class TileWorker {
   }
 
   // The tile's texels of level L-3, without the margin, as one block.
-  Result<void> writeSpill() {
+  void spillInto(SpillBlock& block) {
     const TextureStage& s = stage_->texture;
     const int channels = context_.format.channels();
     Region r = regionAt(kStageLevels);
     const int margin = kMarginPx >> kStageLevels;
-    spill_.assign(static_cast<size_t>(kSpillPx) * kSpillPx * channels, 0);
+    block.offset = (tile_y_ * s.out_columns + tile_x_) * spillBlockBytes(channels);
+    block.bytes.assign(spillBlockBytes(channels), 0);
     for (int c = 0; c < channels; ++c)
       for (int y = 0; y < r.height - 2 * margin; ++y)
-        std::memcpy(spill_.data() + (static_cast<size_t>(c) * kSpillPx + y) * kSpillPx,
+        std::memcpy(block.bytes.data() + (static_cast<size_t>(c) * kSpillPx + static_cast<size_t>(y)) * kSpillPx * 2,
                     levels_[kStageLevels].data() + (static_cast<size_t>(c) * r.height + y + margin) * r.width + margin,
                     static_cast<size_t>(r.width - 2 * margin) * 2);
-    return s.out->write((tile_y_ * s.out_columns + tile_x_) * spillBlockBytes(channels), spill_.data(), spill_.size() * 2);
   }
 
   // Page (x, y) of the tile, `down` levels below L.
@@ -273,7 +280,7 @@ class TileWorker {
   // ---- relief ----
   static constexpr int gridSide(int down) { return (kTilePx >> down) + 1; }
 
-  Result<void> prepareRelief() {
+  Result<void> prepareRelief(BuildPart& out_part) {
     const ReliefStage& s = stage_->relief;
     grid_[0].resize(static_cast<size_t>(gridSide(0)) * gridSide(0));
     NodeGrid nodes = nodeGrid(context_.domain, s.level);
@@ -316,9 +323,12 @@ class TileWorker {
       }
     }
     if (!s.out) return {};
-    (*s.out_ranges)[tile_y_ * s.out_columns + tile_x_] = ranges_[kStageLevels][0];
-    return s.out->write((tile_y_ * s.out_columns + tile_x_) * kReliefPageSamples * 2, grid_[kStageLevels].data(),
-                        kReliefPageSamples * 2);
+    out_part.spill_node = tile_y_ * s.out_columns + tile_x_;
+    out_part.spill_range = ranges_[kStageLevels][0];
+    out_part.relief_spill.offset = out_part.spill_node * kReliefPageSamples * 2;
+    const auto* samples = reinterpret_cast<const uint8_t*>(grid_[kStageLevels].data());
+    out_part.relief_spill.bytes.assign(samples, samples + kReliefPageSamples * 2);
+    return {};
   }
 
   // A block's error: what the finer level's blocks below it leave out, and how far that level lies from this one. Both surfaces lie
@@ -351,7 +361,7 @@ class TileWorker {
   struct Step {
     uint32_t below = 0, above = 0, between = 0;
   };
-  Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
+  RELIEVO_SIMD_CLONES Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
     constexpr int kCells = kPagePx / kErrorBlocks;
     const ReliefStage& s = stage_->relief;
     ReliefGrid cells(context_.domain, s.level - down);
@@ -523,14 +533,29 @@ class TileWorker {
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
-std::string manifestOf(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
+Result<std::string> manifestOf(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
   nlohmann::ordered_json json = manifestJson(h, tool_version);
-  addSource(json, texture.provenance(), "texture");
-  if (relief) addSource(json, relief->provenance(), "relief");
+  if (auto added = addSource(json, texture.provenance(), "texture"); !added) return added.error();
+  if (relief)
+    if (auto added = addSource(json, relief->provenance(), "relief"); !added) return added.error();
   return manifestText(json);
 }
 
-Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
+// A height map lies over the texture border to border: it has the texture's proportions, but for rounding to whole pixels.
+constexpr double kAspectTolerance = 0.01;
+Result<void> checkProportions(const TextureSource& texture, const HeightSource& relief) {
+  const double w = static_cast<double>(texture.width()), h = static_cast<double>(texture.height());
+  const double relief_w = static_cast<double>(relief.width()), relief_h = static_cast<double>(relief.height());
+  const double stretch = relief_w * h / (relief_h * w);
+  if (std::abs(stretch - 1) <= kAspectTolerance || std::abs(relief_w - relief_h * w / h) <= 1 || std::abs(relief_h - relief_w * h / w) <= 1) return {};
+  char text[200];
+  std::snprintf(text, sizeof text, "expected the proportions of the texture, %lld x %lld px, within 1 %% or one pixel, found a height map of %lld x %lld px, off by %.1f %%",
+                static_cast<long long>(texture.width()), static_cast<long long>(texture.height()), static_cast<long long>(relief.width()),
+                static_cast<long long>(relief.height()), 100 * (std::max(stretch, 1 / stretch) - 1));
+  return Error{ErrorKind::kInvalidData, relief.provenance().name, text, "cut both to the same part of the artwork; --stretch-relief stretches it all the same", {}};
+}
+
+Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px, bool stretch_relief) {
   PlanarDomain d;
   if (texture.width() < 1 || texture.height() < 1) return usage("the texture is empty");
   d.width_px = static_cast<uint64_t>(texture.width());
@@ -541,6 +566,8 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
   if (relief) {
     if (relief->width() < 1 || relief->height() < 1) return usage("the height map is empty");
+    if (!stretch_relief)
+      if (auto alike = checkProportions(texture, *relief); !alike) return alike.error();
     if (!std::isfinite(relief->minMm()) || !std::isfinite(relief->maxMm()) || relief->maxMm() < relief->minMm())
       return usage("the height map's range is not one: " + std::to_string(relief->minMm()) + " to " + std::to_string(relief->maxMm()) + " mm");
     double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(relief->width()),
@@ -556,16 +583,31 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   return d;
 }
 
+// What decides a package's bytes: where it differs, a checkpoint of the one is none of the other. Nothing where it is not known.
+std::optional<uint64_t> identityOf(const PackageHeader& header, const std::string& manifest, const BuildOptions& options) {
+  auto program = hashFile("/proc/self/exe");
+  if (!program) return std::nullopt;
+  std::vector<uint8_t> bytes(kHeaderBytes);
+  encodeHeader(header, bytes);
+  auto add = [&](std::string_view text) { bytes.insert(bytes.end(), text.begin(), text.end()); };
+  add(manifest);
+  add(*program);
+  for (const PageEncoding& e : header.encodings) add(std::to_string(static_cast<int>(e.codec)) + "/" + std::to_string(e.parameter) + " ");
+  add(std::to_string(options.zstd_level) + " " + std::to_string(ZSTD_versionNumber()));
+  return XXH3_64bits(bytes.data(), bytes.size());
+}
+
 }  // namespace
 
 Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  auto planned = planDomain(texture, relief, options.mm_per_px);
+  auto planned = planDomain(texture, relief, options.size_known ? options.mm_per_px : 1, options.stretch_relief);
   if (!planned) return planned.error();
 
   PackageHeader header;
   header.domain = *planned;
+  header.size_known = options.size_known;
   header.texture = texture.format();
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
   for (int k = 0; k < 6; ++k)
@@ -574,7 +616,9 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   const PlanarDomain& d = header.domain;
   header.relief_detail = header.relief_shapes = d.relief_depth >= 0;
   header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
-  const std::string manifest = manifestOf(header, texture, relief, options.tool_version);
+  const auto described = manifestOf(header, texture, relief, options.tool_version);
+  if (!described) return described.error();
+  const std::string& manifest = *described;
   if (auto placed = placeSections(header, manifest, {}); !placed) return placed.error();
   BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.detailBytes()), MipFilter(header.texture),
                        header.encodings};
@@ -584,14 +628,75 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   const uint64_t tile_pages = kTilePages * kTilePages * 4 / 3;
   const uint64_t worker_bytes = region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 +
                                 (relief ? region_texels * 8 : 0) +
+                                uint64_t{kSpillPx * kSpillPx} * 2 * static_cast<uint64_t>(header.texture.channels()) * (1 + kPartsAhead) +
                                 tile_pages * (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kPartsAhead);
-  int workers = options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  int workers = workerCount(options.workers);
   workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
   SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0, options.output};
 
-  auto writer = PackageWriter::create(options.output, header, manifest, {}, spills);
+  auto note = [&](const std::string& text) {
+    if (options.note) options.note(text);
+  };
+  std::optional<BuildJournal> journal;
+  std::optional<OutputFile> pages;
+  bool kept = false;  // the files stay where the build stops
+  uint64_t identity = 0;
+  bool known = false;
+  if (options.checkpoint_s >= 0 || options.resume) {
+    const auto found = identityOf(header, manifest, options);
+    if (found) identity = *found, known = true;
+    else note("this build leaves no checkpoints: the program cannot be read");
+  }
+  if (options.resume && known) {
+    auto found = BuildJournal::find(options.output, identity, header, options.interrupted);
+    if (!found) return found.error();
+    if (found->found) {
+      journal = std::move(found->found->journal);
+      pages = std::move(found->found->pages);
+      journal->file().keep(), pages->keep();
+      kept = true;
+      note("going on from a checkpoint: " + std::to_string(found->pages_done) + " of " + std::to_string(header.page_count) + " pages are done");
+    } else {
+      note("building from the start: " + found->why);
+    }
+  }
+  auto writer = pages ? PackageWriter::resume(std::move(*pages), header, manifest, spills) : PackageWriter::create(options.output, header, manifest, {}, spills);
   if (!writer) return writer.error();
+  if (!journal && known && !(*writer)->file().partPath().empty()) {
+    auto made = BuildJournal::create(options.output, identity, (*writer)->file().partPath());
+    if (made) journal = std::move(*made);
+    else note("this build leaves no checkpoints: " + made.error().text());
+  }
+  const double checkpoint_s = options.checkpoint_s >= 0 ? options.checkpoint_s : kCheckpointSeconds;
+  double last_checkpoint = 0;
+  // What cannot be written of the journal costs the checkpoints; what cannot be written of the pages ends the build.
+  auto checkpoint = [&]() -> Result<void> {
+    if (!journal) return {};
+    if (auto synced = (*writer)->file().finish(); !synced) return synced;
+    auto written = journal->checkpoint((*writer)->file().size());
+    if (written && !kept) written = journal->file().syncFolder();
+    if (written && options.resume && !kept) {
+      (*writer)->file().keep(), journal->file().keep();
+      kept = true;
+    }
+    last_checkpoint = seconds();
+    if (written) return {};
+    note("this build leaves no more checkpoints: " + written.error().text());
+    journal->file().remove();
+    journal.reset();
+    return {};
+  };
+  auto journalPart = [&](uint32_t stage, const BuildPart& part) -> Result<void> {
+    if (!journal) return {};
+    if (auto added = journal->add(stage, part); !added) {
+      note("this build leaves no more checkpoints: " + added.error().text());
+      journal->file().remove();
+      journal.reset();
+      return {};
+    }
+    return seconds() - last_checkpoint >= checkpoint_s ? checkpoint() : Result<void>();
+  };
 
   BuildProgress progress;
   progress.pages_total = header.page_count;
@@ -607,9 +712,34 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   struct Tile {
     uint64_t x = 0, y = 0;
   };
+  uint32_t stages_done = 0;
   auto runStage = [&](const Stage& stage) -> Result<void> {
     TileOrder order(stage.tile_columns, stage.tile_rows);
-    const uint64_t tiles = stage.tile_columns * stage.tile_rows;
+    uint64_t tiles = stage.tile_columns * stage.tile_rows;
+    const uint32_t serial = stages_done++;
+    // The next stage's input.
+    auto spill = [&](const BuildPart& part) -> Result<void> {
+      if (stage.texture.out)
+        if (auto written = stage.texture.out->write(part.texture_spill.offset, part.texture_spill.bytes.data(), part.texture_spill.bytes.size()); !written) return written;
+      if (!stage.relief.out) return {};
+      if (part.spill_node < stage.relief.out_ranges->size()) (*stage.relief.out_ranges)[part.spill_node] = part.spill_range;
+      return stage.relief.out->write(part.relief_spill.offset, part.relief_spill.bytes.data(), part.relief_spill.bytes.size());
+    };
+    // Parts that a build before this one has made.
+    while (journal && options.resume && tiles > 0) {
+      if (options.interrupted && options.interrupted->load()) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "", {}};
+      auto part = journal->replay(serial);
+      if (!part) return part.error();
+      if (!*part) break;
+      Tile passed;
+      order.next(&passed.x, &passed.y);
+      --tiles;
+      if (auto placed = (*writer)->place(**part); !placed) return placed;
+      if (auto spilled = spill(**part); !spilled) return spilled;
+      progress.pages_done += (*part)->pages.size(), progress.texels_done += (*part)->texels;
+      report(false);
+    }
+    if (tiles == 0) return {};
     OrderedWorkers<Tile> runner(
         static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers), tiles)), kPartsAhead, options.interrupted,
         [&](Tile* tile) { return order.next(&tile->x, &tile->y); },
@@ -620,7 +750,21 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     return writeParts(runner, tiles, *writer->get(), options, [&](const BuildPart* part) {
       if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
       report(false);
+    }, [&](const BuildPart& part) {
+      if (auto spilled = spill(part); !spilled) return spilled;
+      return journalPart(serial, part);
     });
+  };
+
+  auto hintAtCheckpoint = [&](Error error) {
+    if (kept && !journal) (*writer)->file().remove(), kept = false;  // nobody could go on with the pages alone
+    if (kept) error.hint += (error.hint.empty() ? "" : "; ") + std::string("what is done is kept: build again with --resume");
+    return error;
+  };
+  // What a build that stops leaves, where it was asked to.
+  auto stopped = [&](Error error) {
+    if (options.resume && error.kind == ErrorKind::kInterrupted && journal && !journal->replaying()) (void)checkpoint();
+    return hintAtCheckpoint(std::move(error));
   };
 
   // Stages from the finest level on; a spill lives from the stage that writes it to the one that reads it.
@@ -647,7 +791,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
         s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
         if (more) {
           auto made = spills.create(tiles * kSpillPx * kSpillPx * 2 * static_cast<uint64_t>(header.texture.channels()));
-          if (!made) return made.error();
+          if (!made) return stopped(made.error());
           texture_out = std::move(*made);
           s.out = texture_out.get();
         }
@@ -661,13 +805,13 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
         s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
         if (more) {
           auto made = spills.create(tiles * kReliefPageSamples * 2);
-          if (!made) return made.error();
+          if (!made) return stopped(made.error());
           relief_out = std::move(*made);
           s.out = relief_out.get();
           ranges_out.assign(tiles, {});
         }
       }
-      if (auto ran = runStage(stage); !ran) return ran.error();
+      if (auto ran = runStage(stage); !ran) return stopped(ran.error());
       texture_in = std::move(texture_out);
       relief_in = std::move(relief_out);
       ranges_in = std::move(ranges_out);
@@ -675,8 +819,12 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   }
   assert(progress.pages_done == header.page_count);
 
+  // The last moment for a checkpoint: finish() writes before and after the pages.
+  if (options.interrupted && options.interrupted->load())
+    return stopped({ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}});
   auto file_bytes = (*writer)->finish(options.interrupted);
-  if (!file_bytes) return file_bytes.error();
+  if (!file_bytes) return hintAtCheckpoint(file_bytes.error());
+  if (journal) journal->file().remove();
   report(true);
   return BuildReport{header.page_count, *file_bytes, seconds()};
 }

@@ -20,9 +20,13 @@ struct BuildProgress {
   double seconds = 0;
 };
 
+inline constexpr double kCheckpointSeconds = 10;  // what a kill costs at most, beside the parts in work
+
 struct BuildOptions {
   std::string output;
   double mm_per_px = 1.0;
+  bool size_known = true;       // else mm_per_px is 1, heights are in pixels of the texture, and the package says so
+  bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
   int workers = 0;          // 0: one per core
   int zstd_level = 1;
   PageEncoding coefficients, colour;  // of the planes of either kind; mip levels are computed from exact values all the same
@@ -32,6 +36,10 @@ struct BuildOptions {
   std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second
   const std::atomic<bool>* interrupted = nullptr;      // polled; set: stop, remove the part file, kInterrupted
+  // Checkpoints: what a build that was killed leaves, to go on from (build_checkpoint.h). buildPackage only.
+  double checkpoint_s = -1;  // seconds between them; 0: after each part; negative: none
+  bool resume = false;       // go on from the last one, if there is one; and what stops this build leaves one
+  std::function<void(const std::string&)> note;  // one sentence for the user, about checkpoints
 };
 
 struct BuildReport {

@@ -8,6 +8,7 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <cstdio>
 
 namespace relievo {
 
@@ -20,6 +21,17 @@ uint64_t blocks(uint64_t nodes) { return (nodes + kIndexBlockNodes - 1) / kIndex
 // Nodes of a level that meet [0, extent) texels: ceil(extent * 2^level / patch_px).
 uint64_t nodesAlong(const PlanarDomain& domain, uint64_t extent, int level) {
   return ((extent << level) + domain.patchPx() - 1) / domain.patchPx();
+}
+
+// The index entries of the finest levels alone.
+double leastIndexBytes(const PlanarDomain& d, uint32_t detail_bytes) {
+  auto nodes = [&](int level) {
+    const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
+    return std::max(1.0, static_cast<double>(d.width_px) * finer) * std::max(1.0, static_cast<double>(d.height_px) * finer);
+  };
+  double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
+  if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + detail_bytes);
+  return bytes;
 }
 
 struct HeaderField {
@@ -152,6 +164,7 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(128, static_cast<int32_t>(h.domain.texture_depth));
   f.put(132, static_cast<int32_t>(h.domain.relief_depth));
   f.put(136, static_cast<uint32_t>(h.texture.basis));
+  f.put(140, h.size_known ? 0u : 1u);
   for (int k = 0; k < 6; ++k) {
     f.put(144 + 8 * k, h.texture.scale[k]);
     f.put(192 + 8 * k, h.texture.bias[k]);
@@ -210,6 +223,8 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   if (basis > (version == 1 ? 2 : 3))
     return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " + std::to_string(basis));
   h.texture.basis = static_cast<Basis>(basis);
+  // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
+  h.size_known = loadLittle<uint32_t>(p + 140) == 0;
   for (int k = 0; k < 6; ++k) {
     h.texture.scale[k] = loadLittle<double>(p + 144 + 8 * k);
     h.texture.bias[k] = loadLittle<double>(p + 192 + 8 * k);
@@ -242,13 +257,20 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.relief_shapes = shapes == 1;
   }
   if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
+  if (constexpr uint64_t kMost = uint64_t{1} << 62; h.file_bytes > kMost)
+    return invalid(16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h.file_bytes));
   // Written so that no sum can overflow.
   auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
   if (loadLittle<uint32_t>(p + 12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
-  if (!inside(h.manifest_offset, h.manifest_bytes) || h.manifest_bytes > kMaxManifestBytes)
-    return invalid(24, "the manifest lies outside the file");
-  if (!inside(h.index_offset, h.index_bytes)) return invalid(48, "the index lies outside the file");
-  if (!inside(h.pages_offset, h.pages_bytes)) return invalid(64, "the pages lie outside the file");
+  auto outside = [&](uint64_t field, const char* what, uint64_t offset, uint64_t size) {
+    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(size) +
+                              " bytes from byte " + std::to_string(offset));
+  };
+  if (!inside(h.manifest_offset, h.manifest_bytes)) return outside(24, "the manifest lies", h.manifest_offset, h.manifest_bytes);
+  if (h.manifest_bytes > kMaxManifestBytes)
+    return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " + std::to_string(h.manifest_bytes));
+  if (!inside(h.index_offset, h.index_bytes)) return outside(48, "the index lies", h.index_offset, h.index_bytes);
+  if (!inside(h.pages_offset, h.pages_bytes)) return outside(64, "the pages lie", h.pages_offset, h.pages_bytes);
   if (version == 2) {
     h.base_offset = loadLittle<uint64_t>(p + 264);
     h.base_bytes = loadLittle<uint64_t>(p + 272);
@@ -257,11 +279,11 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.tails_offset = loadLittle<uint64_t>(p + 296);
     h.tails_bytes = loadLittle<uint64_t>(p + 304);
     h.tails_hash = loadLittle<uint64_t>(p + 312);
-    if (!inside(h.tails_offset, h.tails_bytes)) return invalid(296, "the patches' tails lie outside the file");
+    if (!inside(h.tails_offset, h.tails_bytes)) return outside(296, "the patches' tails lie", h.tails_offset, h.tails_bytes);
     if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount()); h.tails_bytes != 0 && h.tails_bytes != expected)
       return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " + std::to_string(h.tails_bytes));
-    if (!inside(h.base_offset, h.base_bytes)) return invalid(264, "the base mesh lies outside the file");
-    if (!inside(h.base_copy_offset, h.base_bytes)) return invalid(288, "the base mesh's copy lies outside the file");
+    if (!inside(h.base_offset, h.base_bytes)) return outside(264, "the base mesh lies", h.base_offset, h.base_bytes);
+    if (!inside(h.base_copy_offset, h.base_bytes)) return outside(288, "the base mesh's copy lies", h.base_copy_offset, h.base_bytes);
     if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
@@ -270,6 +292,12 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) + " bytes, found " + std::to_string(h.base_bytes));
     }
   }
+  // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
+  if (const double least = leastIndexBytes(h.domain, h.detailBytes()); least > static_cast<double>(h.file_bytes)) {
+    char text[40];
+    std::snprintf(text, sizeof text, "%.3g", least);
+    return invalid(88, "expected a file of at least " + std::string(text) + " bytes for the index of so many pages, found " + std::to_string(h.file_bytes));
+  }
   PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   if (layout.index_bytes != h.index_bytes) {
     return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
@@ -277,6 +305,9 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   }
   if (layout.page_count != h.page_count) {
     return invalid(80, "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
+  }
+  if (h.pages_bytes < h.page_count) {
+    return invalid(72, "expected at least a byte for each of " + std::to_string(h.page_count) + " pages, found " + std::to_string(h.pages_bytes) + " bytes of pages");
   }
   return h;
 }

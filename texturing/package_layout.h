@@ -40,6 +40,7 @@ struct PackageHeader {
   PlanarDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;
+  bool size_known = true;  // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
   bool relief_shapes = false;  // and kReliefShapesBytes
   uint32_t detailBytes() const { return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0; }

@@ -7,10 +7,11 @@
 #include <deque>
 #include <mutex>
 #include <nlohmann/json.hpp>
-#include <thread>
 #include <unordered_map>
 
 #include "src/base/file.h"
+#include "src/base/parallel_for.h"
+#include "src/base/json_parse.h"
 #include "texturing/package.h"
 #include "texturing/package_base.h"
 #include "texturing/package_layout.h"
@@ -31,6 +32,7 @@ struct Package::Impl {
   PackageLayout layout;
   Manifest manifest;
   std::string manifest_json;
+  std::optional<Error> manifest_problem;
   std::vector<std::string> warnings;
 
   // Index blocks by their offset in the file, dropped in the order of their arrival beyond kIndexCacheBytes.
@@ -38,6 +40,7 @@ struct Package::Impl {
   mutable std::unordered_map<uint64_t, Block> blocks;
   mutable std::deque<uint64_t> arrivals;
   mutable uint64_t cached_bytes = 0;
+  mutable PageFailures read_failures;
 
   explicit Impl(InputFile f) : file(std::move(f)) {}
 
@@ -67,6 +70,8 @@ struct Package::Impl {
     return Block(std::move(bytes));
   }
 
+  Result<EncodedPage> readPage(const Package& package, PageId id) const;
+
   // Nothing can be drawn without it, so it is there twice.
   Result<void> readBase() {
     auto readAt = [&](uint64_t offset) -> Result<BaseSection> {
@@ -89,7 +94,8 @@ struct Package::Impl {
       const Error first = section.error();
       section = readAt(header.base_copy_offset);
       if (!section) return first;
-      warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) + " is damaged; its copy is used");
+      warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) +
+                         (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") + "; its copy is used");
     }
     manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
     manifest.coarse_errors = std::move(section->coarse_errors);
@@ -132,33 +138,35 @@ struct Package::Impl {
   }
 
   // What the header does not hold: where the data came from.
-  void readManifest() {
+  Result<void> readManifest() {
+    auto invalid = [&](std::string what) { return Error{ErrorKind::kInvalidData, file.path(), std::move(what), "", header.manifest_offset}; };
+    // A truncated file can be shorter than what the header promises.
+    if (header.manifest_offset > file.size() || header.manifest_bytes > file.size() - header.manifest_offset)
+      return invalid("the manifest lies beyond the end of the file");
     std::string bytes(header.manifest_bytes, '\0');
     auto read = file.read(header.manifest_offset, {reinterpret_cast<uint8_t*>(bytes.data()), bytes.size()});
     if (!read) {
-      warnings.push_back("the manifest cannot be read: " + read.error().message);
-      return;
+      Error error = read.error();
+      error.message = "the manifest cannot be read: " + error.message;
+      return error;
     }
-    if (XXH3_64bits(bytes.data(), bytes.size()) != header.manifest_hash) {
-      warnings.push_back("the manifest at byte " + std::to_string(header.manifest_offset) +
-                         " is damaged: its checksum does not match; provenance is unknown");
-      return;
-    }
-    auto json = nlohmann::json::parse(bytes, nullptr, false);
-    if (!json.is_object()) {
-      warnings.push_back("the manifest is not a JSON object; provenance is unknown");
-      return;
-    }
+    const std::string where = "the manifest at byte " + std::to_string(header.manifest_offset);
+    if (XXH3_64bits(bytes.data(), bytes.size()) != header.manifest_hash)
+      return invalid(where + " is damaged: its checksum does not match; provenance is unknown");
+    auto json = parseJson(bytes, file.path());
+    if (!json) return invalid(where + " is damaged: " + json.error().message + "; provenance is unknown");
+    if (!json->is_object()) return invalid(where + " is damaged: expected a JSON object; provenance is unknown");
     manifest_json = std::move(bytes);
-    auto text = [](const nlohmann::json& object, const char* key) {
+    auto text = [](const nlohmann::ordered_json& object, const char* key) {
       auto it = object.find(key);
       return it != object.end() && it->is_string() ? it->get<std::string>() : std::string();
     };
-    manifest.tool_version = text(json, "tool_version");
-    if (auto sources = json.find("sources"); sources != json.end() && sources->is_array()) {
+    manifest.tool_version = text(*json, "tool_version");
+    if (auto sources = json->find("sources"); sources != json->end() && sources->is_array()) {
       for (const auto& s : *sources)
         if (s.is_object()) manifest.sources.push_back({text(s, "name"), text(s, "xxh3"), text(s, "generator")});
     }
+    return {};
   }
 };
 
@@ -177,26 +185,32 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   std::vector<uint8_t> bytes(kHeaderBytes);
   if (auto read = impl->file.read(0, bytes); !read) return read.error();
   auto header = decodeHeader(bytes, path);
-  if (!header && header.error().kind == ErrorKind::kInvalidData) {
-    // The same bytes stand at the end of the file.
+  if (!header) {
+    // The same bytes stand at the end of the file. (A newer version has that version there, too.)
     if (auto read = impl->file.read(impl->file.size() - kHeaderBytes, bytes); !read) return read.error();
     auto copy = decodeHeader(bytes, path);
     if (!copy || copy->file_bytes != impl->file.size()) return header.error();
     impl->warnings.push_back("the header is damaged; its copy at the end of the file is used");
     header = std::move(copy);
   }
-  if (!header) return header.error();
   impl->header = *header;
   const PackageHeader& h = impl->header;
-  if (h.file_bytes != impl->file.size()) {
+  // Pages lie behind the index: who ends within it has none. Whatever is walked from here on is bounded by the file's own length.
+  if (h.index_offset > impl->file.size() || h.index_bytes > impl->file.size() - h.index_offset) {
+    return Error{ErrorKind::kInvalidData, path, "expected an index of " + std::to_string(h.index_bytes) + " bytes from byte " + std::to_string(h.index_offset) +
+                     ", found a file of " + std::to_string(impl->file.size()) + " bytes: it holds no page",
+                 "it is truncated or forged; get a whole copy", 56};
+  }
+  if (impl->file.size() < h.file_bytes) {
     impl->warnings.push_back("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " +
                              std::to_string(impl->file.size()) + ": pages are missing");
+  } else if (impl->file.size() > h.file_bytes) {
+    impl->warnings.push_back("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " +
+                             std::to_string(impl->file.size()) + ": the rest belongs to nothing");
   }
-  // A truncated file can be shorter than what the header promises.
-  if (h.manifest_offset > impl->file.size() || h.manifest_bytes > impl->file.size() - h.manifest_offset) {
-    impl->warnings.push_back("the manifest lies beyond the end of the file");
-  } else {
-    impl->readManifest();
+  if (auto read = impl->readManifest(); !read) {
+    impl->warnings.push_back(read.error().message);
+    impl->manifest_problem = read.error();
   }
   if (h.base_bytes > 0) {
     if (auto read = impl->readBase(); !read) return read.error();
@@ -205,6 +219,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
+  impl->manifest.size_known = h.size_known;
   impl->manifest.page_count = h.page_count;
   if (!impl->manifest.base) impl->manifest.error_unit_mm = h.domain.relief_scale_mm;
   return std::shared_ptr<Package>(new Package(std::move(impl)));
@@ -214,7 +229,10 @@ const std::string& Package::path() const { return impl_->file.path(); }
 uint64_t Package::fileBytes() const { return impl_->file.size(); }
 const Manifest& Package::manifest() const { return impl_->manifest; }
 const std::string& Package::manifestJson() const { return impl_->manifest_json; }
+const std::optional<Error>& Package::manifestProblem() const { return impl_->manifest_problem; }
+const PackageHeader& Package::header() const { return impl_->header; }
 const std::vector<std::string>& Package::warnings() const { return impl_->warnings; }
+Result<void> Package::readBytes(uint64_t offset, std::span<uint8_t> out) const { return impl_->file.read(offset, out); }
 
 Result<void> Package::checkIndex(PageId id) const {
   const IndexLayout& tree = id.plane() == Plane::kRelief ? impl_->layout.relief : impl_->layout.texture;
@@ -234,45 +252,57 @@ Result<void> Package::checkReliefDetail(const NodeId& node) const {
 
 bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }
 
-PatchTails Package::tails(int workers, std::vector<std::string>* problems) const {
+PatchTails Package::tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop) const {
   const Manifest& m = manifest();
   PatchTails out(m.domain.patchCount(), m.texture.channels());
   std::mutex mutex;
   auto instead = [&](uint32_t first, uint32_t count, const Error& error) {
     std::lock_guard lock(mutex);
     if (problems) problems->push_back(error.text() + " (made of the root pages)");
-    tailsFromPages(*this, m.texture, true, first, count, 1, out, problems);
+    tailsFromPages(*this, m.texture, true, first, count, 1, out, problems, stop);
   };
   auto chunks = impl_->tailsDirectory();
   if (!chunks) {
     instead(0, out.patches, chunks.error());
     return out;
   }
-  std::atomic<size_t> next{0};
-  auto readSome = [&] {
-    for (size_t i = next++; i < chunks->size(); i = next++) {
-      const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches, count = std::min(kTailsChunkPatches, out.patches - first);
-      if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read) instead(first, count, read.error());
-    }
-  };
-  std::vector<std::thread> helpers;
-  for (size_t i = 1; i < std::min<size_t>(static_cast<size_t>(std::max(workers, 1)), chunks->size()); ++i) helpers.emplace_back(readSome);
-  readSome();
-  for (std::thread& t : helpers) t.join();
+  parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
+    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches, count = std::min(kTailsChunkPatches, out.patches - first);
+    if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read) instead(first, count, read.error());
+  });
   return out;
+}
+
+void Package::checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {
+  if (!hasTails()) return;
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) return problem(chunks.error());
+  const Manifest& m = manifest();
+  const PackageHeader& h = impl_->header;
+  // One after the other, from the pages' end to the directory.
+  uint64_t expected = h.pages_offset + h.pages_bytes;
+  for (uint32_t i = 0; i < chunks->size() && !(stop && stop->load()); ++i) {
+    const TailsChunk& chunk = (*chunks)[i];
+    const uint32_t count = std::min(kTailsChunkPatches, m.domain.patchCount() - i * kTailsChunkPatches);
+    PatchTails part(count, m.texture.channels());
+    auto read = impl_->readTails(chunk, i * kTailsChunkPatches, count, part, 0);
+    if (!read) {
+      problem(read.error());
+    } else if (chunk.offset != expected) {
+      problem({ErrorKind::kInvalidData, path(), "expected the tails of patches from " + std::to_string(i * kTailsChunkPatches) + " on at byte " + std::to_string(expected) +
+                   ", found them at byte " + std::to_string(chunk.offset), "rebuild the package, or get a whole copy", h.tails_offset});
+    }
+    expected = chunk.offset + chunk.size;
+  }
+  if (expected != h.tails_offset && !(stop && stop->load())) {
+    problem({ErrorKind::kInvalidData, path(), "expected the patches' tails to end at byte " + std::to_string(h.tails_offset) + ", found their end at byte " +
+                 std::to_string(expected), "rebuild the package, or get a whole copy", h.tails_offset});
+  }
 }
 
 std::vector<std::string> Package::tailProblems() const {
   std::vector<std::string> out;
-  if (!hasTails()) return out;
-  auto chunks = impl_->tailsDirectory();
-  if (!chunks) return {chunks.error().text()};
-  const Manifest& m = manifest();
-  for (uint32_t i = 0; i < chunks->size(); ++i) {
-    const uint32_t count = std::min(kTailsChunkPatches, m.domain.patchCount() - i * kTailsChunkPatches);
-    PatchTails part(count, m.texture.channels());
-    if (auto read = impl_->readTails((*chunks)[i], i * kTailsChunkPatches, count, part, 0); !read) out.push_back(read.error().text());
-  }
+  checkTails([&](const Error& error) { out.push_back(error.text()); });
   return out;
 }
 
@@ -349,27 +379,42 @@ Result<PageRecord> Package::record(PageId id) const {
 }
 
 Result<EncodedPage> Package::read(PageId id) const {
-  auto found = record(id);
+  auto page = impl_->readPage(*this, id);
+  if (!page && page.error().offset) {  // else there is no such page
+    std::lock_guard lock(impl_->mutex);
+    impl_->read_failures.add(id, page.error());
+  }
+  return page;
+}
+
+PageFailures Package::readFailures() const {
+  std::lock_guard lock(impl_->mutex);
+  return impl_->read_failures;
+}
+
+Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) const {
+  auto found = package.record(id);
   if (!found) return found.error();
   auto failed = [&](std::string what, ErrorKind kind) {
-    return Error{kind, path(), "page " + describePage(id) + ": " + what, "rebuild the package, or get a whole copy",
-                 found->offset};
+    return Error{kind, file.path(), "page " + describePage(id) + ": " + what,
+                 kind == ErrorKind::kIo ? "check the disk, or copy the package to another one" : "rebuild the package, or get a whole copy", found->offset};
   };
   // Checked before the allocation: the file may be truncated.
-  if (found->offset > fileBytes() || found->size > fileBytes() - found->offset)
+  if (found->offset > file.size() || found->size > file.size() - found->offset)
     return failed("it lies beyond the end of the file", ErrorKind::kInvalidData);
   EncodedPage page;
   page.bytes.resize(found->size);
-  if (auto read = impl_->file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
+  if (auto read = file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
   if (XXH3_64bits(page.bytes.data(), page.bytes.size()) != found->checksum)
     return failed("its checksum does not match", ErrorKind::kInvalidData);
   return page;
 }
 
-PlaneUsage planeUsage(const Package& package, Plane plane) {
+Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::atomic<bool>* stop) {
   const Manifest& m = package.manifest();
   PackageLayout layout = packageLayout(m.domain, m.texture, 0, 0);
   PlaneUsage usage;
+  std::optional<Error> unreadable;
   (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
     for (uint32_t i = 0; i < block.columns * block.rows; ++i) {
       NodeId node = block.first;
@@ -379,9 +424,12 @@ PlaneUsage planeUsage(const Package& package, Plane plane) {
       ++usage.pages;
       usage.unknown_pages += !record;
       if (record) usage.bytes += record->size;
+      else if (record.error().kind == ErrorKind::kIo) unreadable = record.error();
     }
-    return true;
+    return !unreadable && !(stop && stop->load());
   });
+  if (stop && stop->load()) return Error{ErrorKind::kInterrupted, package.path(), "interrupted", "", {}};
+  if (unreadable) return *unreadable;
   return usage;
 }
 

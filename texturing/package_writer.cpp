@@ -16,6 +16,7 @@ namespace relievo {
 Result<std::unique_ptr<SpillStore>> SpillStore::create(uint64_t size, bool in_memory, const std::string& beside) {
   auto store = std::unique_ptr<SpillStore>(new SpillStore);
   store->path_ = beside;
+  store->size_ = size;
   if (in_memory) {
     store->memory_ = std::make_unique_for_overwrite<uint8_t[]>(std::max<uint64_t>(size, 1));
     return store;
@@ -36,7 +37,14 @@ SpillStore::~SpillStore() {
   if (fd_ >= 0) ::close(fd_);
 }
 
+// Offsets may come from a checkpoint, which is a file.
+Result<void> SpillStore::holds(uint64_t offset, size_t size) const {
+  if (offset <= size_ && size <= size_ - offset) return {};
+  return Error{ErrorKind::kRuntime, path_, "a part of the build lies outside its place", "build again without --resume", {}};
+}
+
 Result<void> SpillStore::write(uint64_t offset, const void* bytes, size_t size) {
+  if (auto held = holds(offset, size); !held) return held;
   if (memory_) {
     std::memcpy(memory_.get() + offset, bytes, size);
     return {};
@@ -89,6 +97,7 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
   json["width_px"] = d.width_px;
   json["height_px"] = d.height_px;
   json["mm_per_px"] = d.mm_per_px;
+  if (!h.size_known) json["size_known"] = false;
   json["page_px"] = kPagePx;
   json["page_border_px"] = kPageBorderPx;
   json["texture_depth"] = d.texture_depth;
@@ -108,13 +117,15 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
   return json;
 }
 
-void addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role) {
+Result<void> addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role) {
+  if (p.failure) return *p.failure;
   nlohmann::ordered_json s;
   s["role"] = role;
   s["name"] = p.name;
   if (!p.xxh3.empty()) s["xxh3"] = p.xxh3;
   if (!p.generator.empty()) s["generator"] = p.generator;
   manifest["sources"].push_back(s);
+  return {};
 }
 
 std::string manifestText(const nlohmann::ordered_json& manifest) {
@@ -144,14 +155,10 @@ Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& 
                                                              SpillBudget& spills) {
   auto file = OutputFile::create(output);
   if (!file) return file.error();
-  auto index = spills.create(header.index_bytes);
-  if (!index) return index.error();
-  auto writer = std::unique_ptr<PackageWriter>(new PackageWriter(std::move(*file)));
-  writer->header_ = header;
-  writer->manifest_ = std::move(manifest);
+  auto made = resume(std::move(*file), header, std::move(manifest), spills);
+  if (!made) return made.error();
+  std::unique_ptr<PackageWriter> writer = std::move(*made);
   writer->base_ = std::move(base);
-  writer->index_ = std::move(*index);
-  writer->offset_ = header.pages_offset;
   // What stands before the pages is filled in at the end.
   std::vector<uint8_t> zeros(size_t{1} << 20);
   for (uint64_t left = header.pages_offset; left > 0;) {
@@ -162,8 +169,24 @@ Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& 
   return writer;
 }
 
+Result<std::unique_ptr<PackageWriter>> PackageWriter::resume(OutputFile file, const PackageHeader& header, std::string manifest,
+                                                             SpillBudget& spills) {
+  auto index = spills.create(header.index_bytes);
+  if (!index) return index.error();
+  auto writer = std::unique_ptr<PackageWriter>(new PackageWriter(std::move(file)));
+  writer->header_ = header;
+  writer->manifest_ = std::move(manifest);
+  writer->index_ = std::move(*index);
+  writer->offset_ = header.pages_offset;
+  return writer;
+}
+
 Result<void> PackageWriter::append(const BuildPart& part) {
   if (auto appended = file_.append(part.bytes); !appended) return appended;
+  return place(part);
+}
+
+Result<void> PackageWriter::place(const BuildPart& part) {
   for (const Placed& p : part.pages) {
     uint8_t entry[kReliefEntryBytes];
     storeLittle(entry, offset_);

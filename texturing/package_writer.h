@@ -14,11 +14,11 @@
 #include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "src/base/file.h"
 #include "src/base/result.h"
+#include "src/base/worker_threads.h"
 #include "texturing/package_builder.h"
 #include "texturing/package_layout.h"
 #include "texturing/package_tails.h"
@@ -38,8 +38,10 @@ class SpillStore {
 
  private:
   SpillStore() = default;
+  Result<void> holds(uint64_t offset, size_t size) const;
   Error failed(const char* doing, int error_number) const;
   std::string path_;
+  uint64_t size_ = 0;
   std::unique_ptr<uint8_t[]> memory_;
   int fd_ = -1;
 };
@@ -78,10 +80,18 @@ struct Placed {               // a page that was made
   uint64_t detail_offset = 0;  // relief: of its errors by block
   NodeRange range;
 };
+// What a part hands to the next stage: bytes at a place of a spill.
+struct SpillBlock {
+  uint64_t offset = 0;
+  std::vector<uint8_t> bytes;
+};
 struct BuildPart {
   std::vector<uint8_t> bytes;
   std::vector<Placed> pages;
   uint64_t texels = 0;  // finest texels of the texture done
+  SpillBlock texture_spill, relief_spill;
+  uint64_t spill_node = 0;  // of spill_range
+  NodeRange spill_range;
   Result<void> status;
   void place(const Placed& page, std::span<const uint8_t> encoded) {
     pages.push_back(page);
@@ -93,7 +103,7 @@ struct BuildPart {
 
 // Workers take jobs in order and make parts of them; the caller takes the parts in that order, so what is written does
 // not depend on the workers. next (called by one worker at a time) gives the next job, or false; make_worker is called
-// by each worker's thread.
+// by each worker's thread. Where no thread can be started, take() does the jobs.
 template <class Job>
 class OrderedWorkers {
  public:
@@ -104,7 +114,7 @@ class OrderedWorkers {
         make_worker_(std::move(make_worker)),
         interrupted_(interrupted),
         ahead_(static_cast<uint64_t>(workers) * static_cast<uint64_t>(1 + ahead)) {
-    for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { work(); });
+    threads_.start(static_cast<size_t>(workers), [this] { work(); });
   }
   ~OrderedWorkers() {
     {
@@ -112,10 +122,12 @@ class OrderedWorkers {
       stopped_ = true;
     }
     room_.notify_all();
-    for (std::thread& t : threads_) t.join();
+    threads_.join();
   }
-  // The next part in order; waits at most a tenth of a second (then null).
+  // The next part in order; waits at most a tenth of a second (then null). Throws what a worker threw.
   std::unique_ptr<BuildPart> take() {
+    threads_.rethrow();
+    if (threads_.empty()) workOnce(own_worker_);
     std::unique_lock lock(mutex_);
     ready_.wait_for(lock, std::chrono::milliseconds(100), [&] { return done_.contains(written_); });
     auto found = done_.find(written_);
@@ -130,23 +142,28 @@ class OrderedWorkers {
 
  private:
   void work() {
-    Worker worker = make_worker_();
-    for (;;) {
-      Job job;
-      uint64_t serial;
-      {
-        std::unique_lock lock(mutex_);
-        room_.wait(lock, [&] { return stopped_ || taken_ < written_ + ahead_; });
-        if (stopped_ || (interrupted_ && interrupted_->load()) || !next_(&job)) return;
-        serial = taken_++;
-      }
-      BuildPart part = worker(job);
-      {
-        std::lock_guard lock(mutex_);
-        done_.emplace(serial, std::move(part));
-      }
-      ready_.notify_one();
+    Worker worker;
+    while (workOnce(worker)) {
     }
+  }
+  // One job, by a worker that is made for the first; false: there are no more.
+  bool workOnce(Worker& worker) {
+    if (!worker) worker = make_worker_();
+    Job job;
+    uint64_t serial;
+    {
+      std::unique_lock lock(mutex_);
+      room_.wait(lock, [&] { return stopped_ || taken_ < written_ + ahead_; });
+      if (stopped_ || (interrupted_ && interrupted_->load()) || !next_(&job)) return false;
+      serial = taken_++;
+    }
+    BuildPart part = worker(job);
+    {
+      std::lock_guard lock(mutex_);
+      done_.emplace(serial, std::move(part));
+    }
+    ready_.notify_one();
+    return true;
   }
 
   std::mutex mutex_;
@@ -157,7 +174,8 @@ class OrderedWorkers {
   std::map<uint64_t, BuildPart> done_;
   uint64_t taken_ = 0, written_ = 0, ahead_;
   bool stopped_ = false;
-  std::vector<std::thread> threads_;
+  Worker own_worker_;  // of take(), where there are no threads
+  WorkerThreads threads_{"relievo-build"};  // last
 };
 
 // Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may
@@ -171,7 +189,12 @@ class PackageWriter {
   static Result<std::unique_ptr<PackageWriter>> create(const std::string& output, const PackageHeader& header,
                                                        std::string manifest, std::vector<uint8_t> base,
                                                        SpillBudget& spills);
+  // The same, to go on with a file that create() made and that holds pages; place() says which.
+  static Result<std::unique_ptr<PackageWriter>> resume(OutputFile file, const PackageHeader& header, std::string manifest,
+                                                       SpillBudget& spills);
   Result<void> append(const BuildPart& part);
+  Result<void> place(const BuildPart& part);  // as append(), for a part whose pages are in the file already
+  OutputFile& file() { return file_; }
   // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes them.
   Result<void> appendTails(std::span<const uint8_t> chunk);
   void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
@@ -189,10 +212,10 @@ class PackageWriter {
   std::vector<TailsChunk> tails_;
 };
 
-// Takes `parts` parts and appends them; progress(part, or null while waiting).
-template <class Job, class Progress>
+// Takes `parts` parts, appends them and hands each to accept; progress(part, or null while waiting).
+template <class Job, class Progress, class Accept>
 Result<void> writeParts(OrderedWorkers<Job>& workers, uint64_t parts, PackageWriter& writer,
-                        const BuildOptions& options, Progress&& progress) {
+                        const BuildOptions& options, Progress&& progress, Accept&& accept) {
   while (parts > 0) {
     if (options.interrupted && options.interrupted->load())
       return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
@@ -202,14 +225,20 @@ Result<void> writeParts(OrderedWorkers<Job>& workers, uint64_t parts, PackageWri
     --parts;
     if (!part->status.ok()) return part->status;
     if (auto appended = writer.append(*part); !appended) return appended;
+    if (auto accepted = accept(*part); !accepted) return accepted;
   }
   return {};
+}
+template <class Job, class Progress>
+Result<void> writeParts(OrderedWorkers<Job>& workers, uint64_t parts, PackageWriter& writer,
+                        const BuildOptions& options, Progress&& progress) {
+  return writeParts(workers, parts, writer, options, progress, [](const BuildPart&) { return Result<void>(); });
 }
 
 Error usage(std::string message, std::string hint = {});
 // The manifest's members that repeat the header, then its sources, then as text.
 nlohmann::ordered_json manifestJson(const PackageHeader& header, const std::string& tool_version);
-void addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role);
+Result<void> addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role);
 std::string manifestText(const nlohmann::ordered_json& manifest);
 
 }  // namespace relievo

@@ -20,10 +20,11 @@
 #include <cstring>
 #include <memory>
 
-#if defined(__SSSE3__)
-#include <tmmintrin.h>
+#if defined(__SSE2__)
+#include <emmintrin.h>
 #endif
 
+#include "src/base/simd_dispatch.h"
 #include "texturing/page_block_codec.h"
 #include "texturing/page_jpeg_codec.h"
 
@@ -76,18 +77,19 @@ void predictRow(Predictor p, const T* __restrict row, const T* __restrict above,
 void prefixSum(uint8_t* row, int width) {
   int x = 0;
   uint8_t sum = 0;
-#if defined(__SSSE3__)
-  __m128i carry = _mm_setzero_si128();
-  const __m128i last = _mm_set1_epi8(15);
+#if defined(__SSE2__)
+  __m128i carry = _mm_setzero_si128();  // the sum so far, in every byte
   for (; x + 16 <= width; x += 16) {
     __m128i v = _mm_loadu_si128(reinterpret_cast<const __m128i*>(row + x));
     v = _mm_add_epi8(v, _mm_slli_si128(v, 1));
     v = _mm_add_epi8(v, _mm_slli_si128(v, 2));
     v = _mm_add_epi8(v, _mm_slli_si128(v, 4));
     v = _mm_add_epi8(v, _mm_slli_si128(v, 8));
-    v = _mm_add_epi8(v, carry);
-    carry = _mm_shuffle_epi8(v, last);
-    _mm_storeu_si128(reinterpret_cast<__m128i*>(row + x), v);
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(row + x), _mm_add_epi8(v, carry));
+    // The last byte, in every byte.
+    v = _mm_unpackhi_epi8(v, v);
+    v = _mm_shufflehi_epi16(v, 0xFF);
+    carry = _mm_add_epi8(carry, _mm_unpackhi_epi64(v, v));
   }
   sum = static_cast<uint8_t>(_mm_cvtsi128_si32(carry));
 #endif
@@ -97,17 +99,16 @@ void prefixSum(uint8_t* row, int width) {
 void prefixSum(uint16_t* row, int width) {
   int x = 0;
   uint16_t sum = 0;
-#if defined(__SSSE3__)
+#if defined(__SSE2__)
   __m128i carry = _mm_setzero_si128();
-  const __m128i last = _mm_set1_epi16(0x0F0E);
   for (; x + 8 <= width; x += 8) {
     __m128i v = _mm_loadu_si128(reinterpret_cast<const __m128i*>(row + x));
     v = _mm_add_epi16(v, _mm_slli_si128(v, 2));
     v = _mm_add_epi16(v, _mm_slli_si128(v, 4));
     v = _mm_add_epi16(v, _mm_slli_si128(v, 8));
-    v = _mm_add_epi16(v, carry);
-    carry = _mm_shuffle_epi8(v, last);
-    _mm_storeu_si128(reinterpret_cast<__m128i*>(row + x), v);
+    _mm_storeu_si128(reinterpret_cast<__m128i*>(row + x), _mm_add_epi16(v, carry));
+    v = _mm_shufflehi_epi16(v, 0xFF);
+    carry = _mm_add_epi16(carry, _mm_unpackhi_epi64(v, v));
   }
   sum = static_cast<uint16_t>(_mm_cvtsi128_si32(carry));
 #endif
@@ -116,7 +117,7 @@ void prefixSum(uint16_t* row, int width) {
 
 // In place: residuals to values, row by row.
 template <class T, int kWidth>
-void unpredict(Predictor p, T* data, int height) {
+RELIEVO_SIMD_CLONES void unpredict(Predictor p, T* data, int height) {
   static constexpr T kZeros[kWidth] = {};
   for (int y = 0; y < height; ++y) {
     T* __restrict row = data + static_cast<size_t>(y) * kWidth;
@@ -156,7 +157,7 @@ uint32_t magnitude(const uint16_t* r, int n) {
 // The predictor with the smallest residuals on every fourth row. kNone is judged by the distance from the mean, in which a
 // channel of plain noise wins (differences double its variance).
 template <class T, int kWidth>
-Predictor choosePredictor(const T* data, int height) {
+RELIEVO_SIMD_CLONES Predictor choosePredictor(const T* data, int height) {
   if (std::memcmp(data, data + 1, (static_cast<size_t>(kWidth) * height - 1) * sizeof(T)) == 0) return kConstant;
   uint64_t cost[kConstant] = {};
   uint64_t total = 0, rows = 0;
@@ -184,7 +185,7 @@ struct Expansion {
   int shift;
 };
 constexpr Expansion kExpansions[] = {{272, 0, 4}, {527, 23, 6}, {259, 33, 6}, {257, 64, 7}};
-void expandLevels(uint8_t* data, size_t n, int bits) {
+RELIEVO_SIMD_CLONES void expandLevels(uint8_t* data, size_t n, int bits) {
   const Expansion e = kExpansions[bits - kMinQuantisedBits];
   const uint8_t top = static_cast<uint8_t>((1 << bits) - 1);
   for (size_t i = 0; i < n; ++i) {
@@ -194,9 +195,9 @@ void expandLevels(uint8_t* data, size_t n, int bits) {
 }
 
 // Three channels <-> RGBA8 texels, alpha 255.
-void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) {
+RELIEVO_SIMD_CLONES void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) {
   const uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
-#if defined(__SSSE3__)
+#if defined(__SSE2__)
   static_assert(kChannelBytes % 16 == 0);
   const __m128i opaque = _mm_set1_epi8(-1);
   for (size_t i = 0; i < kChannelBytes; i += 16) {
@@ -220,7 +221,7 @@ void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) 
 #endif
 }
 
-void separate(const uint8_t* __restrict texels, uint8_t* __restrict channels) {
+RELIEVO_SIMD_CLONES void separate(const uint8_t* __restrict texels, uint8_t* __restrict channels) {
   uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
   for (size_t i = 0; i < kChannelBytes; ++i) r[i] = texels[4 * i], g[i] = texels[4 * i + 1], b[i] = texels[4 * i + 2];
 }
@@ -459,6 +460,14 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
   }
   unpredict<uint16_t, kReliefSamples>(p, out, kReliefSamples);
   return {};
+}
+
+void reliefSamples(std::span<const uint8_t> texels, std::span<uint16_t> samples) {
+  assert(texels.size() == kSlotBytes && samples.size() == kReliefPageSamples);
+  for (size_t j = 0; j < kReliefSamples; ++j) {
+    const uint8_t* row = texels.data() + j * kPageFullPx * 4;
+    for (size_t i = 0; i < kReliefSamples; ++i) samples[j * kReliefSamples + i] = static_cast<uint16_t>(row[4 * i] << 8 | row[4 * i + 1]);
+  }
 }
 
 Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {

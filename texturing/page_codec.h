@@ -25,6 +25,9 @@ inline constexpr size_t kReliefPageSamples = size_t{kReliefSamples} * kReliefSam
 inline constexpr size_t kMaxEncodedPageBytes = kTexturePageBytes + 16;  // no encoding makes a page larger
 inline constexpr size_t kSlotBytes = size_t{4} * kPageFullPx * kPageFullPx;  // 73,984
 
+// The samples of a relief page's slot texels.
+void reliefSamples(std::span<const uint8_t> texels /* kSlotBytes */, std::span<uint16_t> samples /* kReliefPageSamples */);
+
 // One per thread: holds the compressor's context and scratch memory.
 class PageEncoder {
  public:

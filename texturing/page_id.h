@@ -18,6 +18,7 @@ enum class Plane : uint8_t {
   kResolved = 9   // R G B under a fixed light, computed once per page from the texture planes; never stored
 };
 inline constexpr int kMaxTexturePlanes = 8;
+inline constexpr Plane kNormalPlane = static_cast<Plane>(1);  // of albedo and normal; of colour that is lit by its relief it is made, not stored (relief_normals.h)
 inline constexpr Plane texturePlane(int k) { return static_cast<Plane>(k); }
 inline constexpr bool isTexturePlane(Plane p) { return static_cast<uint8_t>(p) < kMaxTexturePlanes; }
 

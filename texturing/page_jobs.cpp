@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <system_error>
 #include <utility>
 
 #include "src/base/thread_priority.h"
@@ -10,19 +9,19 @@
 namespace relievo {
 
 PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-                   PageCodec upload, ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers)
+                   PageCodec upload, ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers, const ReliefNormals* normals)
     : source_(source),
       format_(format),
       decoder_(decoder),
       upload_(upload),
       relief_parts_(relief_parts),
+      normals_(normals),
       workers_(workers),
       max_threads_(static_cast<size_t>(std::max(workers, max_reads))),
       max_buffers_(max_buffers),
       gate_(std::max(1, workers)),
       free_buffers_(max_buffers) {
-  threads_.reserve(max_threads_);
-  for (int i = 0; i < workers; ++i) threads_.emplace_back([this] { work(); });
+  if (workers > 0) threads_.startAtLeastOne(static_cast<size_t>(workers), [this] { work(); });
 }
 
 PageJobs::~PageJobs() {
@@ -32,7 +31,7 @@ PageJobs::~PageJobs() {
     for (Running& r : running_) r.wanted = false;
   }
   work_.notify_all();
-  for (std::thread& t : threads_) t.join();
+  threads_.join();
 }
 
 void PageJobs::work() {
@@ -56,12 +55,9 @@ void PageJobs::addThreads() {
   const size_t threads = threads_.size();
   const bool slow = std::exchange(finished_, 0) < threads && gate_.reading.load() >= static_cast<int>(threads);
   if (!slow || stop_ || workers_ == 0) return;
-  try {
-    for (size_t i = threads; i < std::min({2 * threads, max_threads_, threads + jobs_.size()}); ++i)
-      threads_.emplace_back([this] { work(); });
-  } catch (const std::system_error&) {
-    // The system gives no more: those that there are go on.
-  }
+  // Where the system gives no more, those that there are go on.
+  const size_t most = std::min({2 * threads, max_threads_, threads + jobs_.size()});
+  if (most > threads) threads_.start(most - threads, [this] { work(); });
 }
 
 bool PageJobs::available() const {
@@ -73,7 +69,7 @@ PageJob PageJobs::takeLocked() {
   PageJob job{jobs_.back().rank.id, jobs_.back().ticket};
   jobs_.pop_back();
   started_.push_back(job);
-  running_.push_back({job, true, light_u_, light_v_});
+  running_.push_back({job, true, light_});
   --free_buffers_;
   return job;
 }
@@ -116,12 +112,12 @@ void PageJobs::finish(const PageJob& job) {
   lock.unlock();
 
   if (!texels) texels = makeTexels();
-  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_, workers_ > 0 ? &gate_ : nullptr);
+  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_, workers_ > 0 ? &gate_ : nullptr, normals_);
   LoadOutcome outcome;
   outcome.id = job.id;
   outcome.ticket = job.ticket;
   loader->load(
-      job.id, running.light_u, running.light_v, [&] { return wanted(job); }, texels.get(), outcome);
+      job.id, running.light, [&] { return wanted(job); }, texels.get(), outcome);
 
   lock.lock();
   ++finished_;
@@ -138,6 +134,7 @@ void PageJobs::finish(const PageJob& job) {
 }
 
 void PageJobs::collect(Report& report, std::vector<Texels>& returned) {
+  threads_.rethrow();
   report.started.clear();
   report.done.clear();
   bool more_buffers = !returned.empty();
@@ -168,13 +165,12 @@ void PageJobs::publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& start
   if (any) work_.notify_all();
 }
 
-void PageJobs::setLight(double u, double v, const std::function<bool(const PageJob&)>& still_wanted,
+void PageJobs::setLight(const std::array<double, 3>& light, const std::function<bool(const PageJob&)>& still_wanted,
                         std::vector<PageJob>& started) {
   started.clear();
   std::lock_guard lock(mutex_);
   started.swap(started_);
-  light_u_ = u;
-  light_v_ = v;
+  light_ = light;
   for (Running& r : running_) r.wanted = r.wanted && still_wanted(r.job);
 }
 

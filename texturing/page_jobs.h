@@ -4,6 +4,7 @@
 // finish().
 #pragma once
 
+#include <array>
 #include <condition_variable>
 #include <cstdint>
 #include <functional>
@@ -11,9 +12,9 @@
 #include <mutex>
 #include <optional>
 #include <span>
-#include <thread>
 #include <vector>
 
+#include "src/base/worker_threads.h"
 #include "texturing/page_loader.h"
 #include "texturing/page_rank.h"
 
@@ -35,9 +36,9 @@ class PageJobs {
   // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as many threads
   // as workers serve a fast source, and more are added while all of them wait for a slow one (a link with latency).
   // max_buffers: jobs under way and decoded pages that are not returned yet, at most.
-  // upload, relief_parts: as for PageLoader.
+  // upload, relief_parts, normals: as for PageLoader. Fewer threads where the system refuses some; not one: throws ThreadStartFailure.
   PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload, ReliefParts relief_parts, int workers,
-           int max_reads, size_t max_buffers);
+           int max_reads, size_t max_buffers, const ReliefNormals* normals = nullptr);
   ~PageJobs();  // waits for the reads under way, not for decoding what they bring
 
   // --- any thread
@@ -52,14 +53,14 @@ class PageJobs {
     std::vector<PageJob> started;  // since the last report
     std::vector<LoadOutcome> done;
   };
-  // Both vectors are replaced; `returned` is emptied.
+  // Both vectors are replaced; `returned` is emptied. Throws what a worker threw (out of memory).
   void collect(Report& report, std::vector<Texels>& returned);
   // Replaces all jobs that are not taken yet; the best is last. What was taken meanwhile is left out, and named in
   // started. Every job under way is then wanted or not as still_wanted says (under the mutex: be brief).
   void publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& started,
                const std::function<bool(const PageJob&)>& still_wanted);
   // Jobs taken until now are not wanted any more and have the old light, later ones the new; started and still_wanted as for publish.
-  void setLight(double u, double v, const std::function<bool(const PageJob&)>& still_wanted,
+  void setLight(const std::array<double, 3>& light, const std::function<bool(const PageJob&)>& still_wanted,
                 std::vector<PageJob>& started);
   size_t maxBuffers() const { return max_buffers_; }
 
@@ -67,7 +68,7 @@ class PageJobs {
   struct Running {
     PageJob job;
     bool wanted = true;
-    double light_u = 0, light_v = 0;
+    std::array<double, 3> light{0, 0, 1};
   };
   void work();
   void addThreads();       // the mutex is held
@@ -81,6 +82,7 @@ class PageJobs {
   const SlotDecoder& decoder_;
   const PageCodec upload_;
   const ReliefParts relief_parts_;
+  const ReliefNormals* normals_;
   const int workers_;
   const size_t max_threads_, max_buffers_;
   LoadGate gate_;
@@ -95,9 +97,9 @@ class PageJobs {
   std::vector<Texels> pool_;
   size_t free_buffers_;  // those of the pool, and those not made yet
   std::vector<std::unique_ptr<PageLoader>> loaders_;
-  double light_u_ = 0, light_v_ = 0;
+  std::array<double, 3> light_{0, 0, 1};
   size_t finished_ = 0;  // jobs, since the last publish()
-  std::vector<std::thread> threads_;
+  WorkerThreads threads_{"relievo-pages"};  // last
 };
 
 }  // namespace relievo

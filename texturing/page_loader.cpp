@@ -5,31 +5,66 @@
 #include <cmath>
 
 #include "texturing/cache_budget.h"
+#include "texturing/package_layout.h"
+#include "texturing/page_failures.h"
 #include "texturing/resolve.h"
 
 namespace relievo {
 
 PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
-                       ReliefParts relief_parts, LoadGate* gate)
-    : source_(source), format_(format), decoder_(decoder), upload_(upload), relief_parts_(relief_parts), gate_(gate) {
+                       ReliefParts relief_parts, LoadGate* gate, const ReliefNormals* normals)
+    : source_(source), format_(format), decoder_(decoder), upload_(upload), relief_parts_(relief_parts), gate_(gate), normals_(normals) {
   if (!decoder_) own_.emplace();
 }
 
-void PageLoader::load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
+void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted, uint8_t* texels,
                       LoadOutcome& outcome) {
   if (id.plane() != Plane::kResolved) {
-    if (!loadOne(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
+    if (!loadPlane(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
     outcome.part_level = reliefPartLevel({texels, kSlotBytes}, relief_parts_);
     return;
   }
   std::vector<const uint8_t*> slots;
   for (int k = 0; k < format_.planes(); ++k) {
     if (scratch_.size() <= size_t(k)) scratch_.push_back(makeTexels());
-    if (!loadOne(PageId(texturePlane(k), id.node()), wanted, scratch_[k].get(), outcome)) return;
+    if (!loadPlane(PageId(texturePlane(k), id.node()), wanted, scratch_[k].get(), outcome)) return;
     slots.push_back(scratch_[k].get());
   }
-  resolvePage(format_, light_u, light_v, slots, texels);
+  resolvePage(format_, light, slots, texels);
 }
+
+bool PageLoader::loadPlane(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
+  if (!normals_ || id.plane() != kNormalPlane) return loadOne(id, wanted, texels, outcome);
+  auto readRelief = [&](const NodeId& node, std::span<uint16_t> samples) {
+    if (!relief_scratch_) relief_scratch_ = makeTexels();
+    if (!loadOne(PageId(Plane::kRelief, node), wanted, relief_scratch_.get(), outcome)) return false;
+    reliefSamples({relief_scratch_.get(), kSlotBytes}, samples);
+    return true;
+  };
+  if (!normals_->make(id.node(), readRelief, texels)) return false;
+  outcome.end = LoadOutcome::End::kLoaded;
+  return true;
+}
+
+namespace {
+// Left whatever is thrown meanwhile, so that no other thread waits for one that ended.
+class GatePass {
+ public:
+  using Step = void (LoadGate::*)();
+  GatePass(LoadGate* gate, Step begin, Step end) : gate_(gate), end_(end) {
+    if (gate_) (gate_->*begin)();
+  }
+  GatePass(const GatePass&) = delete;
+  GatePass& operator=(const GatePass&) = delete;
+  ~GatePass() {
+    if (gate_) (gate_->*end_)();
+  }
+
+ private:
+  LoadGate* gate_;
+  Step end_;
+};
+}  // namespace
 
 bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
   auto end = [&](LoadOutcome::End how) {
@@ -37,9 +72,10 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
     return how == LoadOutcome::End::kLoaded;
   };
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeRead);
-  if (gate_) ++gate_->reading;
-  Result<EncodedPage> page = source_.read(id);
-  if (gate_) --gate_->reading;
+  Result<EncodedPage> page = [&] {
+    const GatePass reading(gate_, &LoadGate::beginReading, &LoadGate::endReading);
+    return source_.read(id);
+  }();
   if (!page) {
     outcome.permanent = page.error().kind == ErrorKind::kInvalidData && !page.error().offset;
     outcome.error = page.error();
@@ -49,11 +85,12 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
   std::span<uint8_t> out(texels, slotBytes(upload_, id.plane()));
   const bool blocks = isBlockCodec(upload_) && isTexturePlane(id.plane());
-  if (gate_) gate_->decode.acquire();
-  Result<void> decoded = !own_    ? decoder_(id.plane(), page->bytes, out)
-                         : blocks ? own_->decodeToBlocks(upload_, page->bytes, out)
-                                  : own_->decodeToSlot(id.plane(), page->bytes, out);
-  if (gate_) gate_->decode.release();
+  Result<void> decoded = [&] {
+    const GatePass decoding(gate_, &LoadGate::beginDecoding, &LoadGate::endDecoding);
+    return !own_    ? decoder_(id.plane(), page->bytes, out)
+           : blocks ? own_->decodeToBlocks(upload_, page->bytes, out)
+                    : own_->decodeToSlot(id.plane(), page->bytes, out);
+  }();
   if (!decoded) {
     outcome.error = decoded.error();
     return end(LoadOutcome::End::kFailed);
@@ -82,6 +119,14 @@ void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uin
   if (!isBlockCodec(upload) || !isTexturePlane(plane)) return;
   const std::vector<uint8_t> page(texels, texels + kSlotBytes);
   encodePageBlocks(upload, page.data(), {texels, pageBlockBytes(upload)});
+}
+
+void PageFailures::add(PageId id, const Error& error) {
+  unreadable += error.kind == ErrorKind::kIo;
+  if (pages++ > 0) return;
+  first = error.message;
+  if (first.find(describePage(id)) == std::string::npos) first = "page " + describePage(id) + ": " + first;
+  if (error.offset) first += " (byte " + std::to_string(*error.offset) + ")";
 }
 
 std::string pageWords(PageId id) {

@@ -2,6 +2,7 @@
 // for a fixed light evaluates the stored planes. One loader per thread at a time.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -17,6 +18,7 @@
 #include "texturing/page_codec.h"
 #include "texturing/page_id.h"
 #include "texturing/page_source.h"
+#include "texturing/relief_normals.h"
 #include "texturing/relief_parts.h"
 
 namespace relievo {
@@ -51,20 +53,28 @@ struct LoadGate {
   std::counting_semaphore<> decode;  // who decodes holds one
   std::atomic<int> reading{0};
   explicit LoadGate(int workers) : decode(workers) {}
+  void beginReading() { ++reading; }
+  void endReading() { --reading; }
+  void beginDecoding() { decode.acquire(); }
+  void endDecoding() { decode.release(); }
 };
 
 class PageLoader {
  public:
   // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that are unpacked,
-  // not decoded; then nothing is resolved. relief_parts: that relief pages may take. gate: may be null.
+  // not decoded; then nothing is resolved or made. relief_parts: that relief pages may take. gate: may be null. normals: makes the pages of the
+  // normal plane (kNormalPlane), which the source does not have; null: it has all planes of the format.
   PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-             PageCodec upload = PageCodec::kLossless, ReliefParts relief_parts = ReliefParts::kOnlyHalves, LoadGate* gate = nullptr);
+             PageCodec upload = PageCodec::kLossless, ReliefParts relief_parts = ReliefParts::kOnlyHalves, LoadGate* gate = nullptr,
+             const ReliefNormals* normals = nullptr);
   // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent,
   // costs and part_level of the outcome.
-  void load(PageId id, double light_u, double light_v, const std::function<bool()>& wanted, uint8_t* texels,
+  void load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted, uint8_t* texels,
             LoadOutcome& outcome);
 
  private:
+  // A page that is stored, or a normal page that is made of stored ones.
+  bool loadPlane(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome);
   bool loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome);
 
   const PageSource& source_;
@@ -73,8 +83,10 @@ class PageLoader {
   const PageCodec upload_;
   const ReliefParts relief_parts_;
   LoadGate* gate_;
+  const ReliefNormals* normals_;
   std::optional<PageDecoder> own_;
   std::vector<Texels> scratch_;
+  Texels relief_scratch_;
 };
 
 // What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As blocks: as near to

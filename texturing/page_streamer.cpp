@@ -1,16 +1,15 @@
 #include "texturing/page_streamer.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cassert>
 #include <cmath>
 #include <deque>
 #include <optional>
-#include <thread>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
 
+#include "src/base/parallel_for.h"
 #include "texturing/cache_budget.h"
 #include "texturing/page_codec.h"
 #include "texturing/relief_parts.h"
@@ -201,10 +200,11 @@ struct PageStreamer::Impl {
     if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
+    if (options.normals_of) normals.emplace(*options.normals_of);
     jobs.emplace(*source, options.format, decoder, options.upload, options.relief_parts, options.workers, options.max_reads,
-                 size_t(options.workers) + options.ready_limit);
+                 size_t(options.workers) + options.ready_limit, normals ? &*normals : nullptr);
     jobs->setLight(
-        options.light_u, options.light_v, [](const PageJob&) { return true; }, started);
+        options.light, [](const PageJob&) { return true; }, started);
   }
 
   // --- states -------------------------------------------------------------------------------------------------------
@@ -283,6 +283,7 @@ struct PageStreamer::Impl {
     page.retry_at_s = now_s + kFirstBackOff_s * std::pow(kBackOffFactor, page.attempts - 1);
     if (!page.permanent) return;
     ++stats.failed_pages;
+    failures.add(id, error);
     std::erase(refresh, id);
     say(pageWords(id) + " cannot be shown: " + error.text());
   }
@@ -720,6 +721,7 @@ struct PageStreamer::Impl {
 
   StreamerStats stats;
   LatencyHistogram latency_us, latency_frames;
+  PageFailures failures;
   std::vector<std::string> messages;
 
   // Scratch, kept between calls.
@@ -731,6 +733,7 @@ struct PageStreamer::Impl {
   std::vector<PageRank> ranked;
   PageJobs::Report report;
 
+  std::optional<ReliefNormals> normals;
   std::optional<PageJobs> jobs;  // last: its threads end before what they use does
 };
 
@@ -763,26 +766,21 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
           std::to_string(needed) + " (raise the cache's budget)");
   }
 
-  std::atomic<size_t> next{0};
-  auto loadSome = [&] {
-    PageLoader loader(*m.source, m.options.format, m.decoder, m.options.upload, m.options.relief_parts);
-    for (size_t i = next++; i < roots.size(); i = next++) {
-      LoadOutcome& root = roots[i];
-      root.texels = makeTexels();
-      for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
-        root.error.reset();
-        loader.load(
-            root.id, m.options.light_u, m.options.light_v, [] { return true; }, root.texels.get(), root);
-        if (!root.error) break;
-      }
-      if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
-      if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
-    }
+  auto makeLoader = [&] {
+    return std::make_unique<PageLoader>(*m.source, m.options.format, m.decoder, m.options.upload, m.options.relief_parts, nullptr, m.normals ? &*m.normals : nullptr);
   };
-  std::vector<std::thread> helpers;
-  for (size_t i = 1; i < std::min(roots.size(), size_t(m.options.workers)); ++i) helpers.emplace_back(loadSome);
-  loadSome();
-  for (std::thread& t : helpers) t.join();
+  parallelForWith(roots.size(), std::max(m.options.workers, 1), nullptr, makeLoader, [&](std::unique_ptr<PageLoader>& loader, size_t i) {
+    LoadOutcome& root = roots[i];
+    root.texels = makeTexels();
+    for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
+      root.error.reset();
+      loader->load(
+          root.id, m.options.light, [] { return true; }, root.texels.get(), root);
+      if (!root.error) break;
+    }
+    if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
+    if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
+  });
 
   for (LoadOutcome& root : roots) {
     m.account(root.costs);
@@ -799,6 +797,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
       page.permanent = true;
       page.list = kAlways;
       ++m.stats.failed_pages;
+      m.failures.add(root.id, *root.error);
       m.say("the coarsest " + pageWords(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
     } else {
       for (PageState s : {PageState::kReady, PageState::kResident}) m.setState(root.id, page, s);
@@ -871,12 +870,11 @@ std::vector<NodeId> PageStreamer::residentRelief() const {
 
 uint64_t PageStreamer::reliefGeneration() const { return impl_->relief_generation; }
 
-void PageStreamer::setLight(double u, double v) {
+void PageStreamer::setLight(const std::array<double, 3>& light) {
   Impl& m = *impl_;
-  m.options.light_u = u;
-  m.options.light_v = v;
+  m.options.light = light;
   m.jobs->setLight(
-      u, v, [](const PageJob& job) { return job.id.plane() != Plane::kResolved; }, m.started);
+      light, [](const PageJob& job) { return job.id.plane() != Plane::kResolved; }, m.started);
   m.noteStarted(m.started);
   for (auto it = m.pages.begin(); it != m.pages.end();) {
     bool is_ready = it->second.state == PageState::kReady;
@@ -973,9 +971,11 @@ uint64_t PageStreamer::bufferBytes() const {
   bool resolve = std::find(m.options.texture_planes.begin(), m.options.texture_planes.end(), Plane::kResolved) !=
                  m.options.texture_planes.end();
   uint64_t scratch = resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
-  return (m.jobs->maxBuffers() + scratch) * kSlotBytes;
+  if (m.normals) scratch += uint64_t(std::max({1, m.options.workers, m.options.max_reads}));
+  return (m.jobs->maxBuffers() + scratch) * kSlotBytes + (m.normals ? ReliefNormals::kKeptBytes : 0);
 }
 
+const PageFailures& PageStreamer::failures() const { return impl_->failures; }
 std::vector<std::string> PageStreamer::takeMessages() { return std::exchange(impl_->messages, {}); }
 
 }  // namespace relievo

@@ -30,6 +30,7 @@
 #include "texturing/feedback.h"
 #include "texturing/latency.h"
 #include "texturing/page_encoding.h"
+#include "texturing/page_failures.h"
 #include "texturing/page_id.h"
 #include "texturing/page_jobs.h"
 #include "texturing/page_life.h"
@@ -52,11 +53,13 @@ struct StreamerOptions {
   Replacement replacement = Replacement::kLru;
   int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
-  // fixed light: the worker then reads the stored planes of `format` and evaluates them for (light_u, light_v) per
-  // texel.
+  // fixed light: the worker then reads the stored planes of `format` and evaluates them under `light` per texel.
   std::vector<Plane> texture_planes;
   TextureFormat format;
-  double light_u = 0, light_v = 0;
+  // With it the pages of kNormalPlane are made of the relief's (relief_normals.h), which the source has; reads are counted under relief. Not with
+  // blocks.
+  std::optional<ReliefSurface> normals_of;
+  std::array<double, 3> light{0, 0, 1};  // the unit vector towards it, in the artwork's space
   int max_reads = 0;           // reads under way at most, where a source is slow; fewer than workers: as many as workers
   uint32_t ready_limit = 64;  // decoded pages that may wait for a slot; workers pause when that many do
 };
@@ -81,7 +84,7 @@ struct StreamerStats {
   uint64_t resident = 0, resident_bytes = 0;  // slots in use now, and what they hold
   uint64_t relief_bytes = 0;                  // of those, slots that are divided for relief: whole, however full
   uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
-  uint64_t evictions = 0, failed_pages = 0, retries = 0;
+  uint64_t evictions = 0, failed_pages = 0, retries = 0;  // which pages failed: PageStreamer::failures()
   // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.
   uint64_t cancelled_before_read = 0, cancelled_before_decode = 0, cancelled_after_decode = 0, cancelled = 0;
   // Pages that a worker took for a predicted view only; wanted later (also while under way); gone without ever being
@@ -137,7 +140,7 @@ class PageStreamer {
   // For kResolved: another fixed light. Pages resolved under the old one are dropped, except pinned roots: those show
   // the old light until their new texels arrive, before everything else. The others are resolved when they are wanted
   // again.
-  void setLight(double u, double v);
+  void setLight(const std::array<double, 3>& light);
 
   // How many texture levels coarser the view should ask (add to its LOD bias) so that its wishes fit the cache
   // (detail_bias.h); 0..kMaxDetailBias. Follows the wish lists with each placeReady.
@@ -151,6 +154,7 @@ class PageStreamer {
   bool settled() const;
   PageState state(PageId id) const;
   const StreamerStats& stats() const;
+  const PageFailures& failures() const;  // for good, since the start
   PageTable& table();
   const DividedCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
   // Cache, page table (without its texture) and what is known of each slot; not the pages that are on their way.

@@ -21,7 +21,6 @@
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "texturing/mip.h"
 #include "texturing/package_base.h"
@@ -520,7 +519,7 @@ Result<PlanarDomain> planDomain(const PatchSource& source) {
   return d;
 }
 
-std::string manifestOf(const PackageHeader& h, const PatchSource& source, const BuildOptions& options) {
+Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source, const BuildOptions& options) {
   nlohmann::ordered_json json = manifestJson(h, options.tool_version);
   const BaseMesh& base = source.base();
   json["base"] = {{"corners", base.corners.size()},
@@ -532,7 +531,7 @@ std::string manifestOf(const PackageHeader& h, const PatchSource& source, const 
   if (extra.is_object()) json.update(extra);
   const char* role = "mesh";
   for (const Provenance& p : source.provenance()) {
-    addSource(json, p, role);
+    if (auto added = addSource(json, p, role); !added) return added.error();
     role = "texture";
   }
   return manifestText(json);
@@ -601,7 +600,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), std::vector<HeightSlopes>(patches), std::vector<CoarseShapes>(patches),
                    source.errorUnitMm()};
   header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
-  const std::string manifest = manifestOf(header, source, options);
+  const auto described = manifestOf(header, source, options);
+  if (!described) return described.error();
+  const std::string& manifest = *described;
   if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
 
   Context context{source,
@@ -636,8 +637,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
   const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
   const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
-  int workers =
-      options.workers > 0 ? options.workers : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  int workers = workerCount(options.workers);
   workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
                                                   std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);

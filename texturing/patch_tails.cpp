@@ -1,12 +1,11 @@
 #include "texturing/patch_tails.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cassert>
 #include <cstring>
 #include <mutex>
-#include <thread>
 
+#include "src/base/parallel_for.h"
 #include "texturing/package_layout.h"
 #include "texturing/page_codec.h"
 #include "texturing/page_loader.h"
@@ -38,14 +37,23 @@ void tailTexels(const MipFilter& mip, std::span<const uint8_t> root, std::span<u
 }
 
 void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count, int workers, PatchTails& tails,
-                    std::vector<std::string>* problems) {
+                    std::vector<std::string>* problems, const std::atomic<bool>* stop) {
   const MipFilter mip(format);
-  std::atomic<uint32_t> next{first};
   std::mutex mutex;
-  auto makeSome = [&] {
+  struct Buffers {
     PageDecoder decoder;
-    std::vector<uint8_t> slot(kSlotBytes), root(static_cast<size_t>(format.channels()) * kPagePx * kPagePx);
-    std::vector<uint16_t> samples(kReliefPageSamples);
+    std::vector<uint8_t> slot, root;
+    std::vector<uint16_t> samples;
+  };
+  auto makeBuffers = [&] {
+    return Buffers{{}, std::vector<uint8_t>(kSlotBytes), std::vector<uint8_t>(static_cast<size_t>(format.channels()) * kPagePx * kPagePx),
+                   std::vector<uint16_t>(kReliefPageSamples)};
+  };
+  parallelForWith(count, std::max(workers, 1), stop, makeBuffers, [&](Buffers& b, size_t i) {
+    PageDecoder& decoder = b.decoder;
+    std::vector<uint8_t>&slot = b.slot, &root = b.root;
+    std::vector<uint16_t>& samples = b.samples;
+    const uint32_t patch = first + static_cast<uint32_t>(i);
     auto loadOnce = [&](PageId id) -> Result<void> {
       auto page = source.read(id);
       return page ? decoder.decodeToSlot(id.plane(), page->bytes, slot) : Result<void>(page.error());
@@ -55,36 +63,26 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
       for (int attempt = 0; attempt < kAttempts; ++attempt)
         if (loaded = loadOnce(id); loaded.ok()) return;
       neutralPage(id.plane(), format, PageCodec::kLossless, slot.data());
-      if (!problems) return;
       std::lock_guard lock(mutex);
-      problems->push_back("the page of " + describePage(id) + " is damaged, a neutral one stands in: " + loaded.error().text());
+      tails.failures.add(id, loaded.error());
+      if (problems) problems->push_back("the page of " + describePage(id) + " is damaged, a neutral one stands in: " + loaded.error().text());
     };
-    for (uint32_t patch = next++; patch < first + count; patch = next++) {
-      if (relief) {
-        load(PageId(Plane::kRelief, {patch, 0, 0, 0}));
-        for (size_t y = 0; y < kReliefSamples; ++y)
-          for (size_t x = 0; x < kReliefSamples; ++x) {
-            const uint8_t* texel = slot.data() + 4 * (y * kPageFullPx + x);
-            samples[y * kReliefSamples + x] = static_cast<uint16_t>(texel[0] << 8 | texel[1]);
-          }
-        tailHeights(samples, tails.heightsOf(patch));
-      }
-      for (int plane = 0; plane < format.planes(); ++plane) {
-        load(PageId(texturePlane(plane), {patch, 0, 0, 0}));
-        uint8_t* to = root.data() + static_cast<size_t>(3 * plane) * kPagePx * kPagePx;
-        for (size_t c = 0; c < 3; ++c)
-          for (size_t y = 0; y < kPagePx; ++y) {
-            const uint8_t* row = slot.data() + 4 * ((y + kPageBorderPx) * kPageFullPx + kPageBorderPx) + c;
-            for (size_t x = 0; x < kPagePx; ++x) *to++ = row[4 * x];
-          }
-      }
-      tailTexels(mip, root, tails.texelsOf(patch));
+    if (relief) {
+      load(PageId(Plane::kRelief, {patch, 0, 0, 0}));
+      reliefSamples(slot, samples);
+      tailHeights(samples, tails.heightsOf(patch));
     }
-  };
-  std::vector<std::thread> helpers;
-  for (int i = 1; i < std::min<int>(workers, static_cast<int>(count)); ++i) helpers.emplace_back(makeSome);
-  makeSome();
-  for (std::thread& t : helpers) t.join();
+    for (int plane = 0; plane < format.planes(); ++plane) {
+      load(PageId(texturePlane(plane), {patch, 0, 0, 0}));
+      uint8_t* to = root.data() + static_cast<size_t>(3 * plane) * kPagePx * kPagePx;
+      for (size_t c = 0; c < 3; ++c)
+        for (size_t y = 0; y < kPagePx; ++y) {
+          const uint8_t* row = slot.data() + 4 * ((y + kPageBorderPx) * kPageFullPx + kPageBorderPx) + c;
+          for (size_t x = 0; x < kPagePx; ++x) *to++ = row[4 * x];
+        }
+    }
+    tailTexels(mip, root, tails.texelsOf(patch));
+  });
   if (problems) std::sort(problems->begin(), problems->end());
 }
 

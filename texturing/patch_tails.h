@@ -11,6 +11,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -20,6 +21,7 @@
 #include "src/base/result.h"
 #include "texturing/basis.h"
 #include "texturing/mip.h"
+#include "texturing/page_failures.h"
 #include "texturing/page_source.h"
 
 namespace relievo {
@@ -36,6 +38,7 @@ struct PatchTails {
   int channels = 0;
   std::vector<uint16_t> heights;  // patch by patch, rows of v from 0
   std::vector<uint8_t> texels;    // patch by patch; in it level by level, finest first; in it channel by channel, rows of v from 0
+  PageFailures failures;          // root pages that some of them should have been made of
 
   PatchTails() = default;
   PatchTails(uint32_t patch_count, int channel_count)
@@ -57,9 +60,9 @@ void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out /* k
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> root, std::span<uint8_t> out /* kTailPatchTexels a channel */);
 
 // Reads the root pages of patches first .. first + count and makes their tails of them. A page that cannot be had counts as a neutral one
-// and is named in `problems`, which may be null.
+// and is named in `problems`, which may be null, and counted in tails.failures. Ends soon after *stop is set (it may be null).
 void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count, int workers, PatchTails& tails,
-                    std::vector<std::string>* problems);
+                    std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr);
 
 // Coefficients evaluated for a fixed light, as resolve.h does it for pages: three channels. The heights are left out.
 PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, const std::array<double, 3>& light);

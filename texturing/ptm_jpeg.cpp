@@ -17,12 +17,12 @@
 #include <csetjmp>
 #include <cstdio>
 #include <optional>
-#include <thread>
 
 #include <jpeglib.h>
 
 #include <jerror.h>
 
+#include "src/base/parallel_for.h"
 #include "texturing/ptm_internal.h"
 
 namespace relievo::ptm_detail {
@@ -159,30 +159,20 @@ Result<std::vector<uint8_t>> decodeJpegPlanes(const InputFile& file, const FileH
 
   std::vector<uint8_t> out(total);
   std::vector<std::optional<Error>> errors(h.planes.size());
-  std::atomic<size_t> next{0};
-  auto work = [&] {
-    std::vector<uint8_t> bytes;
-    for (size_t i; (i = next++) < h.planes.size();) {
-      const JpegPlane& plane = h.planes[i];
-      bytes.resize(plane.jpeg_bytes);
-      if (auto read = file.read(plane.offset, bytes); !read) {
-        errors[i] = read.error();
-        continue;
-      }
-      ErrorManager manager;
-      if (!decodeGrey(bytes.data(), bytes.size(), width, height, out.data() + i * samples, manager)) {
-        errors[i] = Error{ErrorKind::kInvalidData, file.path(), "plane " + std::to_string(i) + ": " + manager.message,
-                          "the file is damaged; get a whole copy", plane.offset};
-      }
+  const int workers = samples >= 1 << 16 ? std::min(workerCount(0), 9) : 1;  // small pictures are not worth a thread
+  parallelForWith(h.planes.size(), workers, nullptr, [] { return std::vector<uint8_t>(); }, [&](std::vector<uint8_t>& bytes, size_t i) {
+    const JpegPlane& plane = h.planes[i];
+    bytes.resize(plane.jpeg_bytes);
+    if (auto read = file.read(plane.offset, bytes); !read) {
+      errors[i] = read.error();
+      return;
     }
-  };
-  std::vector<std::thread> helpers;
-  // Small pictures are not worth a thread.
-  if (samples >= 1 << 16) {
-    for (unsigned t = 1; t < std::min(std::thread::hardware_concurrency(), 9u); ++t) helpers.emplace_back(work);
-  }
-  work();
-  for (auto& helper : helpers) helper.join();
+    ErrorManager manager;
+    if (!decodeGrey(bytes.data(), bytes.size(), width, height, out.data() + i * samples, manager)) {
+      errors[i] = Error{ErrorKind::kInvalidData, file.path(), "plane " + std::to_string(i) + ": " + manager.message,
+                        "the file is damaged; get a whole copy", plane.offset};
+    }
+  });
   for (auto& error : errors) {
     if (error) return *error;  // the first plane's, whichever thread met it
   }

@@ -24,8 +24,8 @@
 #include <cstring>
 #include <string_view>
 
-#if defined(__SSSE3__)
-#include <immintrin.h>
+#if defined(__x86_64__)
+#include <tmmintrin.h>
 #endif
 
 #include "texturing/file_provenance.h"
@@ -294,7 +294,7 @@ namespace {
 
 using ptm_detail::FileHeader;
 
-#if defined(__SSSE3__)
+#if defined(__x86_64__)
 // Shuffle masks: byte i of 16 of channel k lies at stride * i + k of 16 * stride interleaved bytes; mask[k][j] gathers what
 // the j-th 16 of these hold of it (0x80: nothing, which pshufb turns into 0).
 template <int kStride>
@@ -309,14 +309,12 @@ struct ShuffleTable {
         }
   }
 };
-#endif
 
-// in: kStride bytes a pixel; out: one row of each channel, channel_stride bytes apart.
+// As deinterleaveRow, of the pixels in whole 16s: how many.
 template <int kStride>
-void deinterleaveRow(const uint8_t* in, size_t pixels, uint8_t* out, size_t channel_stride) {
-  size_t i = 0;
-#if defined(__SSSE3__)
+__attribute__((target("ssse3"))) size_t deinterleaveBySsse3(const uint8_t* in, size_t pixels, uint8_t* out, size_t channel_stride) {
   static constexpr ShuffleTable<kStride> kTable;
+  size_t i = 0;
   for (; i + 16 <= pixels; i += 16) {
     __m128i block[kStride];
     for (int j = 0; j < kStride; ++j) {
@@ -331,6 +329,16 @@ void deinterleaveRow(const uint8_t* in, size_t pixels, uint8_t* out, size_t chan
       _mm_storeu_si128(reinterpret_cast<__m128i*>(out + k * channel_stride + i), gathered);
     }
   }
+  return i;
+}
+#endif
+
+// in: kStride bytes a pixel; out: one row of each channel, channel_stride bytes apart.
+template <int kStride>
+void deinterleaveRow(const uint8_t* in, size_t pixels, uint8_t* out, size_t channel_stride) {
+  size_t i = 0;
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("ssse3")) i = deinterleaveBySsse3<kStride>(in, pixels, out, channel_stride);
 #endif
   for (; i < pixels; ++i) {
     for (int k = 0; k < kStride; ++k) out[k * channel_stride + i] = in[i * kStride + k];

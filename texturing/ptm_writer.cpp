@@ -4,14 +4,15 @@
 // blocks is: LRGB has coefficients and colours, RGB a block a colour). Two threads take bands in turn, because a source may
 // be a slow generator; every band has its own place in the file, so they need not wait for one another.
 #include <algorithm>
+#include <atomic>
 #include <charconv>
 #include <cmath>
 #include <mutex>
 #include <optional>
-#include <thread>
 #include <vector>
 
 #include "src/base/file.h"
+#include "src/base/parallel_for.h"
 #include "texturing/ptm.h"
 
 namespace relievo {
@@ -69,58 +70,58 @@ Result<void> writePtm(const std::string& path, const TextureSource& source, cons
   const int64_t bands = (height + band_rows - 1) / band_rows;
   const uint64_t data = header.size(), pixels = static_cast<uint64_t>(width) * height;
 
-  std::atomic<int64_t> next_band{0};
+  std::atomic<bool> failed{false};  // the bands that are left are left out
   std::mutex mutex;
   std::optional<Error> first_error;
   auto fail = [&](Error error) {
     std::lock_guard lock(mutex);
     if (!first_error) first_error = std::move(error);
-    next_band = bands;
+    failed = true;
   };
-  auto work = [&] {
-    std::vector<uint8_t> raster(static_cast<size_t>(band_rows * width * channels));
-    std::vector<uint8_t> packed(raster.size());
-    for (int64_t band; (band = next_band++) < bands;) {
-      if (interrupted && interrupted->load()) {
-        fail({ErrorKind::kInterrupted, path, "interrupted", "", {}});
-        return;
-      }
-      const int64_t first_row = band * band_rows;  // counted from the bottom, as in the file
-      const int64_t rows = std::min(band_rows, height - first_row);
-      const size_t plane = static_cast<size_t>(rows * width);
-      auto read = source.read({0, height - first_row - rows, width, rows}, std::span(raster).first(plane * channels));
-      if (!read) {
-        fail(read.error());
-        return;
-      }
-      // Blocks in the file's order: which channels, and where the block starts.
-      const int blocks = lrgb ? 2 : 3;
-      for (int b = 0; b < blocks; ++b) {
-        const int count = lrgb && b == 1 ? 3 : 6;
-        const uint64_t block_offset = data + 6 * pixels * b;
-        for (int64_t r = 0; r < rows; ++r) {
-          const uint8_t* rows_in[6];
-          for (int k = 0; k < count; ++k) {
-            const int channel = lrgb ? 6 * b + k : 3 * k + b;
-            rows_in[k] = raster.data() + channel * plane + (rows - 1 - r) * width;
-          }
-          uint8_t* out = packed.data() + static_cast<size_t>(r * width * count);
-          if (count == 6) interleaveRow<6>(rows_in, width, out);
-          else interleaveRow<3>(rows_in, width, out);
+  struct Buffers {
+    std::vector<uint8_t> raster, packed;
+  };
+  auto makeBuffers = [&] {
+    const size_t bytes = static_cast<size_t>(band_rows * width * channels);
+    return Buffers{std::vector<uint8_t>(bytes), std::vector<uint8_t>(bytes)};
+  };
+  parallelForWith(static_cast<size_t>(bands), kThreads, &failed, makeBuffers, [&](Buffers& buffers, size_t band) {
+    auto& [raster, packed] = buffers;
+    if (interrupted && interrupted->load()) {
+      fail({ErrorKind::kInterrupted, path, "interrupted", "", {}});
+      return;
+    }
+    const int64_t first_row = static_cast<int64_t>(band) * band_rows;  // counted from the bottom, as in the file
+    const int64_t rows = std::min(band_rows, height - first_row);
+    const size_t plane = static_cast<size_t>(rows * width);
+    auto read = source.read({0, height - first_row - rows, width, rows}, std::span(raster).first(plane * channels));
+    if (!read) {
+      fail(read.error());
+      return;
+    }
+    // Blocks in the file's order: which channels, and where the block starts.
+    const int blocks = lrgb ? 2 : 3;
+    for (int b = 0; b < blocks; ++b) {
+      const int count = lrgb && b == 1 ? 3 : 6;
+      const uint64_t block_offset = data + 6 * pixels * b;
+      for (int64_t r = 0; r < rows; ++r) {
+        const uint8_t* rows_in[6];
+        for (int k = 0; k < count; ++k) {
+          const int channel = lrgb ? 6 * b + k : 3 * k + b;
+          rows_in[k] = raster.data() + channel * plane + (rows - 1 - r) * width;
         }
-        auto written = file.writeAt(block_offset + static_cast<uint64_t>(first_row * width) * count,
-                                    std::span(packed).first(plane * count));
-        if (!written) {
-          fail(written.error());
-          return;
-        }
+        uint8_t* out = packed.data() + static_cast<size_t>(r * width * count);
+        if (count == 6) interleaveRow<6>(rows_in, width, out);
+        else interleaveRow<3>(rows_in, width, out);
+      }
+      auto written = file.writeAt(block_offset + static_cast<uint64_t>(first_row * width) * count,
+                                  std::span(packed).first(plane * count));
+      if (!written) {
+        fail(written.error());
+        return;
       }
     }
-  };
-  std::vector<std::thread> helpers;
-  for (int t = 1; t < std::min<int64_t>(kThreads, bands); ++t) helpers.emplace_back(work);
-  work();
-  for (auto& helper : helpers) helper.join();
+  });
   if (first_error) return *first_error;
   return file.commit();
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -23,6 +24,7 @@ struct Provenance {
   std::string name;       // file name without its folder, or the generator's name and seed
   std::string xxh3;       // hex digest of the file's bytes; empty for a generator
   std::string generator;  // empty for a file
+  std::optional<Error> failure;  // the digest could not be taken: no package is made without it
 };
 
 class TextureSource {

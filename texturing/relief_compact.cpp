@@ -162,7 +162,8 @@ int compactSample(std::span<const uint8_t> packed, int cells, int x, int y) {
   const auto index = static_cast<uint32_t>(by * (last + 1) + bx), odd = index & 1, first = index / 2 * 3;
   const uint32_t plane = texelAt(packed, first + 2 * odd), rest = swapped(texelAt(packed, first + 1) >> (16 * odd) & 0xFFFFu), width = widthOf(rest & 15u);
   const uint32_t bit = width * static_cast<uint32_t>((y - b.y) * b.columns + x - b.x), at = 2 * (rest >> 4) + (bit >> 5), shift = bit & 31u;
-  uint32_t residual = texelAt(packed, at) >> shift;
+  // A block of no residuals has no texel of its own; the last one's would lie behind all texels.
+  uint32_t residual = width > 0 ? texelAt(packed, at) >> shift : 0;
   if (shift + width > 32) residual |= texelAt(packed, at + 1) << (32 - shift);
   const int slope_x = static_cast<int8_t>(plane >> 16 & 0xFFu), slope_y = static_cast<int8_t>(plane >> 24);
   return (static_cast<int>(plane & 0xFFFFu) + kSlopeStep * (slope_x * (x - b.x) + slope_y * (y - b.y)) + static_cast<int>(residual & ((1u << width) - 1u))) & 0xFFFF;

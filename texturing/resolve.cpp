@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "src/base/simd_dispatch.h"
 #include "texturing/page_codec.h"
 
 // Vectors are passed between inlined functions of this file only, so that how they are passed does not matter.
@@ -29,10 +30,10 @@ struct Weights {
   float constant;
 };
 
-Weights weightsFor(const TextureFormat& format, double u, double v, double gain) {
+Weights weightsFor(const TextureFormat& format, const std::array<double, 3>& light, double gain) {
   Weights out{};
   double constant = 0;
-  auto basis = ptmBasis(u, v);
+  const auto basis = ptmBasis(light);
   for (int k = 0; k < 6; ++k) {
     double w = format.scale[k] * basis[k] * gain;
     out.w[k] = static_cast<float>(w);
@@ -63,7 +64,7 @@ void store(Floats red, Floats green, Floats blue, uint8_t* out, size_t texel) {
   std::memcpy(out + 4 * texel, &packed, sizeof packed);
 }
 
-void resolveLrgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveLrgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
   for (size_t i = 0; i < kTexels; i += kLanes) {
     Ints high = load(slots[0], i), low = load(slots[1], i), colour = load(slots[2], i);
     Floats lum = channel<0>(high) * s.w[0] + channel<1>(high) * s.w[1] + channel<2>(high) * s.w[2] +
@@ -72,7 +73,7 @@ void resolveLrgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_
   }
 }
 
-void resolveRgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveRgb(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
   for (size_t i = 0; i < kTexels; i += kLanes) {
     Floats red = Floats{} + s.constant, green = red, blue = red;
     for (int k = 0; k < 6; ++k) {
@@ -105,7 +106,7 @@ class GainTable {
   std::array<float, kSteps + 2> values_;
 };
 
-void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out) {
   static const GainTable gains;
   float w[3], constant = 0;
   for (int c = 0; c < 3; ++c) {
@@ -123,12 +124,7 @@ void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* 
 
 }  // namespace
 
-void resolvePage(const TextureFormat& format, double u, double v, std::span<const uint8_t* const> slots, uint8_t* out) {
-  resolvePage(format, {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))}, slots, out);
-}
-
 void resolvePage(const TextureFormat& format, const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out) {
-  const double u = light[0], v = light[1];
   assert(slots.size() >= static_cast<size_t>(format.planes()));
   switch (format.basis) {
     case Basis::kColour:
@@ -138,8 +134,8 @@ void resolvePage(const TextureFormat& format, const std::array<double, 3>& light
       }
       break;
     // pixel = RGB * L / 255: the division is in the weights.
-    case Basis::kPtmLrgb: resolveLrgb(weightsFor(format, u, v, 1.0 / 255), slots, out); break;
-    case Basis::kPtmRgb: resolveRgb(weightsFor(format, u, v, 1), slots, out); break;
+    case Basis::kPtmLrgb: resolveLrgb(weightsFor(format, light, 1.0 / 255), slots, out); break;
+    case Basis::kPtmRgb: resolveRgb(weightsFor(format, light, 1), slots, out); break;
     case Basis::kAlbedoNormal: resolveAlbedo(light, slots, out); break;
   }
 }

@@ -10,10 +10,8 @@
 
 namespace relievo {
 
-// light: the unit vector towards the light, in the artwork's space; of a PTM's, x and y count.
+// light: the unit vector towards the light, in the artwork's space.
 // slots: the format's planes as slot texels (RGBA8, kSlotBytes each); out: kSlotBytes.
 void resolvePage(const TextureFormat& format, const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out);
-// The same for a light in front of the artwork.
-void resolvePage(const TextureFormat& format, double u, double v, std::span<const uint8_t* const> slots, uint8_t* out);
 
 }  // namespace relievo

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/json_parse.h"
 #include "tools/bench_groups.h"
 
 extern char** environ;
@@ -32,10 +33,11 @@ Result<Start> startOnce(const BenchContext& context, std::vector<std::string> ar
   if (status != 0) return Error{ErrorKind::kRuntime, "", "the program that is to be timed did not run", "run relievo render by itself", {}};
   auto text = readTextFile(stats, 1 << 20);
   if (!text) return text.error();
-  auto json = nlohmann::json::parse(*text, nullptr, false);
-  if (!json.is_object() || !json.contains("settled_at_s") || !json.contains("context_ms"))
+  auto json = parseJson(*text, stats);
+  if (!json) return json.error();
+  if (!json->is_object() || !json->contains("settled_at_s") || !json->contains("context_ms"))
     return Error{ErrorKind::kInvalidData, stats, "expected the time of the settled picture", "", {}};
-  return Start{(json["settled_at_s"].get<double>() - start_s) * 1000, json["context_ms"].get<double>()};
+  return Start{((*json)["settled_at_s"].get<double>() - start_s) * 1000, (*json)["context_ms"].get<double>()};
 }
 
 }  // namespace

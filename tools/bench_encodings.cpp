@@ -4,14 +4,15 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <mutex>
 #include <numbers>
-#include <thread>
 #include <unordered_map>
 
 #include "src/base/file.h"
+#include "src/base/parallel_for.h"
 #include "src/engine.h"
 #include "src/render/block_formats.h"
 #include "texturing/package_layout.h"
@@ -210,36 +211,26 @@ class EncodingsBench {
   // Every sampled page, by all cores.
   Result<void> encodeAll(const EncodedAnew& source, EncodingFigures* f) {
     std::mutex mutex;
-    size_t next = 0;
     uint64_t bytes = 0;
+    std::atomic<bool> failed{false};
     Result<void> status;
     const double start = processSeconds();
-    std::vector<std::thread> threads;
-    for (unsigned i = 0; i < std::max(1u, std::thread::hardware_concurrency()); ++i) {
-      threads.emplace_back([&] {
-        for (;;) {
-          NodeId node;
-          {
-            std::lock_guard lock(mutex);
-            if (next == nodes_.size() || !status.ok() || context_.stopped()) return;
-            node = nodes_[next++];
-          }
-          uint64_t size = 0;
-          for (int k = 0; k < manifest_.texture.planes(); ++k) {
-            auto page = source.read(PageId(texturePlane(k), node));
-            std::lock_guard lock(mutex);
-            if (!page) {
-              status = page.error();
-              return;
-            }
-            size += page->bytes.size();
-          }
-          std::lock_guard lock(mutex);
-          bytes += size;
+    parallelFor(nodes_.size(), 0, &failed, [&](size_t i) {
+      if (context_.stopped()) return;
+      uint64_t size = 0;
+      for (int k = 0; k < manifest_.texture.planes(); ++k) {
+        auto page = source.read(PageId(texturePlane(k), nodes_[i]));
+        std::lock_guard lock(mutex);
+        if (!page) {
+          status = page.error();
+          failed = true;
+          return;
         }
-      });
-    }
-    for (std::thread& t : threads) t.join();
+        size += page->bytes.size();
+      }
+      std::lock_guard lock(mutex);
+      bytes += size;
+    });
     if (!status.ok()) return status;
     f->encode_cpu_s = processSeconds() - start;
     const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, 0).texture.nodeCount();

@@ -12,6 +12,7 @@
 
 #include "geometry/mesh_lod.h"
 #include "src/base/file.h"
+#include "src/base/json_parse.h"
 #include "src/camera.h"
 #include "src/engine.h"
 #include "src/lod_views.h"
@@ -256,11 +257,12 @@ Result<Build> buildPackageOf(const std::string& scan, const std::string& package
   if (status != 0) return Error{ErrorKind::kRuntime, "", "relievo build --mesh failed", "run it by itself", {}};
   auto text = readTextFile(json_file, 1 << 20);
   if (!text) return text.error();
-  auto json = nlohmann::json::parse(*text, nullptr, false);
+  auto json = parseJson(*text, json_file);
+  if (!json) return json.error();
   Build build;
-  if (!json.is_object() || !json.contains("build_seconds")) return Error{ErrorKind::kInvalidData, json_file, "expected the build's time", "", {}};
-  build.seconds = json["build_seconds"].get<double>();
-  for (const auto& stage : json["stages"]) {
+  if (!json->is_object() || !json->contains("build_seconds")) return Error{ErrorKind::kInvalidData, json_file, "expected the build's time", "", {}};
+  build.seconds = (*json)["build_seconds"].get<double>();
+  for (const auto& stage : (*json)["stages"]) {
     if (stage["name"] != "distance") build.peak_bytes = std::max(build.peak_bytes, stage["peak_bytes"].get<double>());
   }
   return build;

@@ -190,7 +190,7 @@ Result<void> decodeBench(BenchContext& context) {
       for (size_t p = 0; p < kPlane; ++p)
         for (size_t c = 0; c < 3; ++c) rgb[3 * p + c] = channels[c * kPlane + p];
       std::string file = context.folder + "/page.png";
-      if (auto written = writePng(file, kPageFullPx, kPageFullPx, 3, rgb); !written) return written;
+      if (auto written = writeImage(file, kPageFullPx, kPageFullPx, 3, rgb); !written) return written;
       double start = benchSeconds();
       auto image = readImage8(file);
       if (!image) return image.error();

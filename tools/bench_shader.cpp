@@ -126,7 +126,7 @@ Result<void> shaderBench(BenchContext& context) {
     patches.bindInstances(program, 3);
     surface.bind(program, 4);
     if (from == Texture::kDense) both.dense->bind(program, linear);
-    setShadingUniforms(program, {.format = &both.manifest.texture, .domain = &d, .light_u = -0.5, .light_v = 0.3});
+    setShadingUniforms(program, {.format = &both.manifest.texture, .domain = &d, .light = frontLight(-0.5, 0.3)});
     screen.draw(true);
     finishFrame();
     return (info.software ? processSeconds() : benchSeconds()) - start;

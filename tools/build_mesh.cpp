@@ -8,7 +8,6 @@
 #include <cstdio>
 #include <cstring>
 #include <functional>
-#include <future>
 #include <memory>
 #include <optional>
 
@@ -19,6 +18,8 @@
 #include "geometry/mesh_read.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
+#include "src/base/worker_threads.h"
 #include "texturing/file_provenance.h"
 #include "texturing/image_io.h"
 #include "texturing/package.h"
@@ -26,6 +27,7 @@
 #include "texturing/patch_source.h"
 #include "texturing/ptm.h"
 #include "tools/build_run.h"
+#include "tools/commands.h"
 #include "tools/mesh_report.h"
 #include "tools/output_files.h"
 
@@ -98,6 +100,8 @@ struct Memory {
   }
 };
 
+// What a build takes beside a scan, however little memory is left: for looking up where lines meet the scan, and for pages.
+constexpr uint64_t kLeastRayBytes = uint64_t{256} << 20, kLeastPackageBytes = uint64_t{64} << 20;
 // From so many on a scan is worked through in parts.
 constexpr size_t kManyTriangles = 400'000;
 
@@ -143,13 +147,16 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
     return row;
   }
   if (path.empty() || mesh.corner_uv.empty()) return Image8{};
-  auto image = readImage8(path);
+  if (a.texture.empty() && !a.allow_outside)
+    if (auto beside = checkBesideMesh(a.mesh, path, "the image"); !beside) return beside.error();
+  auto image = readImage8(path, a.images);
   if (!image) {
     Error error = image.error();
     if (a.texture.empty())
       error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
     return error;
   }
+  if (image->channels == 2 || image->channels == 4) warn(path + ": its alpha channel is ignored; colours are taken as they are stored");
   if (image->channels == 3) return image;
   Image8 rgb{image->width, image->height, 3, {}};
   const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
@@ -169,7 +176,11 @@ struct Surface {
 // The coordinates belong to the image that the mesh names: a PTM of other proportions was taken otherwise.
 Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, int64_t width, int64_t height) {
   if (a.texture == "none" || mesh.texture_path.empty()) return {};
-  auto named = openColourImage(mesh.texture_path);
+  if (!a.allow_outside)
+    if (auto beside = checkBesideMesh(a.mesh, mesh.texture_path, "the image"); !beside) return beside;
+  ImageReadOptions as_stored = a.images;
+  as_stored.orient = false;
+  auto named = openColourImage(mesh.texture_path, as_stored);
   if (!named) return {};
   const double ratio = static_cast<double>(width) / static_cast<double>(height) * static_cast<double>((*named)->height()) /
                        static_cast<double>((*named)->width());
@@ -237,14 +248,6 @@ Error interrupted(const MeshBuildArguments& a) {
   return {ErrorKind::kInterrupted, a.package.output, "interrupted", "nothing was written", {}};
 }
 
-Result<void> writeText(const std::string& path, const std::string& text) {
-  if (path == "-") {
-    std::fputs(text.c_str(), stdout);
-    return {};
-  }
-  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
-}
-
 std::string millimetres(double mm) {
   char text[32];
   std::snprintf(text, sizeof text, "%.3g mm", mm);
@@ -263,6 +266,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   MeshReadOptions read_options;
   read_options.mm_per_unit = mmPerUnit(a.unit);
   read_options.workers = a.package.workers;
+  read_options.allow_outside = a.allow_outside;
   auto loaded = stages.run("read", read_options, [&] {
     auto mesh = readMesh(a.mesh, read_options);
     if (mesh.ok()) mesh_file.start();
@@ -270,6 +274,12 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     return mesh;
   });
   if (!loaded) return loaded.error();
+  if (a.named_files) *a.named_files = loaded->named_files;
+  // Nothing of what follows can give the scan's own memory back.
+  if (const uint64_t held = Memory::now(); held > a.package.memory_budget_bytes) {
+    warn(a.mesh + ": the scan alone takes " + std::to_string(held >> 20) + " MiB of memory, --memory-mib allows " + std::to_string(a.package.memory_budget_bytes >> 20) +
+         ", about " + std::to_string((held + kLeastRayBytes + kLeastPackageBytes) >> 20) + " MiB are needed");
+  }
   std::vector<NamedFile> named;
   for (const std::string& path : loaded->named_files) named.push_back({path + ", which the mesh names", path});
   if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good) return good;
@@ -288,13 +298,13 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   base_options.patches = a.patches;
   base_options.workers = a.package.workers;
   // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package does not need.
-  constexpr uint64_t kPackageBytes = uint64_t{128} << 20, kLeastRayBytes = uint64_t{256} << 20;
-  std::future<Result<BakeScene>> bake_scene;
+  constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
+  std::optional<BackgroundTask<Result<BakeScene>>> bake_scene;
   base_options.scan_done = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a.package.memory_budget_bytes > held ? a.package.memory_budget_bytes - held : 0;
     BakeSceneOptions options{.ray_bytes = std::max(left, kLeastRayBytes), .workers = a.package.workers, .interrupted = &interruptedFlag()};
-    bake_scene = std::async(std::launch::async, [&scan, options] { return makeBakeScene(scan, options); });
+    bake_scene.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
   };
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
   if (!base) {
@@ -307,7 +317,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   bake_options.tolerance_mm = a.tolerance_mm;
   bake_options.workers = a.package.workers;
   auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
-    auto scene = bake_scene.get();
+    Result<BakeScene>& scene = bake_scene->get();
     if (!scene) return scene.error();
     return MeshBake::create(scan, {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty(), scan.texture_repeats}, *base, bake_options, std::move(*scene));
   });
@@ -323,10 +333,10 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
       nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
   // package's.
-  constexpr uint64_t kLeastBytes = uint64_t{64} << 20, kKeptBytes = uint64_t{16} << 20;
+  constexpr uint64_t kKeptBytes = uint64_t{16} << 20;
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
-  package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastBytes) - held;
+  package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a) : built.error();
   result.pages = built->pages;
@@ -336,14 +346,18 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   {
     auto opened = Package::open(a.package.output);
     if (!opened) return opened.error();
-    result.relief_bytes =
-        planeUsage(**opened, Plane::kRelief).bytes + baseSectionBytes(base->corners.size(), base->patches.size());
+    auto relief = planeUsage(**opened, Plane::kRelief);
+    if (!relief) return relief.error();
+    result.relief_bytes = relief->bytes + baseSectionBytes(base->corners.size(), base->patches.size());
   }
 
   const bool measure = !a.report.empty() || !a.json_file.empty();
   if (measure) {
     DistanceRun distance_run;
     distance_run.workers = a.package.workers;
+    // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
+    const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a.package.memory_budget_bytes ? 64u : 16u} << 20;
+    distance_run.memory_bytes = std::max(a.package.memory_budget_bytes, in_use + least) - in_use;
     auto distance = stages.run("distance", distance_run, [&] { return measureDistance(scan, **bake, 3, distance_run); });
     if (!distance) {
       Error error = distance.error();
@@ -357,9 +371,10 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     if (auto written = writeMeshReport(a.report, scan, result); !written) return written;
   if (!a.json_file.empty()) {
     const std::string text = reportJson(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
-    if (auto written = writeText(a.json_file, text); !written || a.json_file == "-") return written;
+    if (auto written = writeFile(a.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written || a.json_file == "-") return written;
   }
 
+  if (a.quiet) return {};
   double seconds = 0;
   uint64_t peak = 0;
   std::string each;
@@ -370,12 +385,12 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     seconds += s.seconds;
     peak = std::max(peak, s.peak_bytes);
   }
-  std::printf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(),
+  printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(),
               static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20),
               seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
   if (measure) {
     const MeshDistance& d = result.distance;
-    std::printf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
+    printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
                 millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
                 millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
   }

@@ -3,8 +3,10 @@
 
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "src/base/result.h"
+#include "texturing/image_io.h"
 #include "texturing/package_builder.h"
 
 namespace relievo {
@@ -17,7 +19,11 @@ struct MeshBuildArguments {
   uint32_t patches = 0;           // 0: as the shape asks for
   double tolerance_mm = 0;        // 0: 1e-4 of the diagonal
   std::string report, json_file;  // either asks for the distance between scan and patches, too
+  bool allow_outside = false;     // material files and images beyond the mesh's folder, if the mesh names them
+  ImageReadOptions images;        // limits
   BuildOptions package;           // output, workers, compression, encodings, memory
+  bool quiet = false;             // nothing is said on standard output
+  std::vector<std::string>* named_files = nullptr;  // gets the files that the mesh names, there or not
 };
 
 // The millimetres of a unit; 0 if it is none.

@@ -22,6 +22,7 @@ std::string duration(double seconds) {
 void watch(BuildOptions& options, ProgressLine& line) {
   options.tool_version = "relievo " RELIEVO_VERSION;
   options.interrupted = &interruptedFlag();
+  options.note = [](const std::string& text) { std::fprintf(stderr, "relievo: note: %s\n", text.c_str()); };
   options.progress = [&line](const BuildProgress& p) {
     double fraction = p.pages_total ? static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total) : 0;
     char text[160];

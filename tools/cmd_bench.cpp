@@ -11,6 +11,7 @@
 
 #include "src/base/file.h"
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
 #include "src/gl/context.h"
 #include "texturing/package_builder.h"
 #include "tools/bench.h"
@@ -53,10 +54,10 @@ bool meets(const BenchRow& row) { return row.at_most ? row.measured <= *row.goal
 void print(const BenchRow& row) {
   std::string goal = row.goal ? (row.at_most ? "<= " : ">= ") + number(*row.goal) : "";
   std::string baseline = row.baseline ? number(*row.baseline) + " " + row.baseline_name : "";
-  std::printf("  %-58s %10s %-9s %-10s %-4s  %s%s%s\n", row.what.c_str(), number(row.measured).c_str(), row.unit.c_str(),
+  printOutf("  %-58s %10s %-9s %-10s %-4s  %s%s%s\n", row.what.c_str(), number(row.measured).c_str(), row.unit.c_str(),
               goal.c_str(), !row.goal ? "" : meets(row) ? "ok" : "MISS", baseline.c_str(),
               row.note.empty() || baseline.empty() ? "" : "; ", row.note.c_str());
-  std::fflush(stdout);
+  (void)flushOut();
 }
 
 Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const std::string& folder) {
@@ -85,6 +86,7 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
 
 Result<void> bench(const BenchOptions& o) {
   if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}}); !good) return good;
+  if (auto good = checkFolder("--plots", o.plots); !good) return good;
   ScratchFolder scratch;
   if (scratch.path.empty()) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
   auto package = openArtwork(o, scratch.path);
@@ -98,7 +100,7 @@ Result<void> bench(const BenchOptions& o) {
   if (!context) return context.error();
 
   const Manifest& m = (*package)->manifest();
-  std::printf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(), std::thread::hardware_concurrency(),
+  printOutf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(), std::thread::hardware_concurrency(),
               static_cast<unsigned long long>(m.domain.width_px), static_cast<unsigned long long>(m.domain.height_px),
               basisName(m.texture.basis), m.domain.relief_depth >= 0 ? " with relief" : "");
   nlohmann::ordered_json json = {{"renderer", (*context)->info().renderer}, {"tool_version", "relievo " RELIEVO_VERSION}, {"quick", o.quick}};
@@ -127,11 +129,17 @@ Result<void> bench(const BenchOptions& o) {
   };
   for (const BenchGroup& group : benchGroups()) {
     if (!o.only.empty() && std::find(o.only.begin(), o.only.end(), group.name) == o.only.end()) continue;
-    std::printf("%s: %s\n", group.name, group.purpose);
-    std::fflush(stdout);
+    printOutf("%s: %s\n", group.name, group.purpose);
+    (void)flushOut();
     group_name = group.name;
-    if (auto done = group.run(bc); !done) return done;
+    auto done = group.run(bc);
     if (interruptedFlag()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+    if (const PageFailures failures = (*package)->readFailures(); failures.pages > 0) {
+      return Error{failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData, (*package)->path(),
+                   std::to_string(failures.pages) + " reads of pages failed, so that what was measured is not that of a sound package; the first: " + failures.first,
+                   "relievo verify names them all", {}};
+    }
+    if (!done) return done;
   }
   if (o.json_file.empty()) return {};
   json["rows"] = std::move(rows);

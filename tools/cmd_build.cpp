@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "src/base/file.h"
+#include "src/base/standard_output.h"
 #include "texturing/image_io.h"
 #include "texturing/package_builder.h"
 #include "texturing/ptm.h"
@@ -20,24 +21,27 @@ namespace relievo {
 namespace {
 
 struct BuildArguments {
-  std::string output, ptm, image, relief, relief_mm, json_file;
+  std::string output, ptm, image, relief, relief_mm, relief_px, mm_per_px, json_file;
   std::string mesh, texture, unit = "mm", report;
   uint32_t patches = 0;
   double tolerance_mm = 0;
   std::string encoding = "lossless", coefficients, colour;
   int quality = 90;
-  double mm_per_px = 1.0;
+  bool stretch_relief = false, allow_outside = false;
+  uint64_t max_tile_mib = 0, max_image_mib = 0, max_packing = ImageReadOptions().max_packing;
   int workers = 0, zstd_level = 1;
   uint64_t memory_mib = 768;
+  bool resume = false;
+  double checkpoint_s = kCheckpointSeconds;
 };
 
-Result<std::optional<std::pair<double, double>>> parseRange(const std::string& text) {
+Result<std::optional<std::pair<double, double>>> parseRange(const std::string& text, const std::string& option, const std::string& unit) {
   if (text.empty()) return std::optional<std::pair<double, double>>();
   double low = 0, high = 0;
   int end = 0;
   if (std::sscanf(text.c_str(), "%lf:%lf%n", &low, &high, &end) != 2 || end != static_cast<int>(text.size()) || !std::isfinite(low) ||
       !std::isfinite(high) || high < low) {
-    return usageError("expected --relief-mm MIN:MAX in mm with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5");
+    return usageError("expected " + option + " MIN:MAX in " + unit + " with MIN <= MAX, found '" + text + "'", "for example -1.5:2.5");
   }
   return std::optional(std::pair(low, high));
 }
@@ -51,6 +55,57 @@ std::string positive(const std::string& text) {
   return notNegative(text).empty() && std::strtod(text.c_str(), nullptr) > 0 ? "" : "expected a finite number above 0, found " + text;
 }
 
+std::string positiveOrTag(const std::string& text) { return text == "tag" || positive(text).empty() ? "" : "expected a finite number above 0, or tag, found " + text; }
+
+std::string formatted(const char* format, double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, format, value);
+  return text;
+}
+
+// How large a pixel of the texture is. A file's resolution tag is offered, never taken unasked: a scanner's is the object's size, a camera's
+// 72 dpi are nobody's.
+Result<void> takeSize(const BuildArguments& o, const ImageReadOptions& limits, BuildOptions& options, std::vector<std::string>& warnings) {
+  const bool given = !o.mm_per_px.empty() && o.mm_per_px != "tag";
+  if (given) options.mm_per_px = std::strtod(o.mm_per_px.c_str(), nullptr);
+  options.size_known = given;
+  ImageFacts facts;
+  if (!o.image.empty()) {
+    auto read = readImageFacts(o.image, limits);
+    if (!read) return read.error();
+    facts = std::move(*read);
+    if (facts.alpha) warnings.push_back(o.image + ": its alpha channel is ignored; colours are taken as they are stored, those that are transparent, too");
+  }
+  if (given) return {};
+  if (o.mm_per_px == "tag") {
+    if (!(facts.tag_mm_per_px > 0)) {
+      return Error{ErrorKind::kUsage, o.image.empty() ? o.ptm : o.image, "expected a resolution tag for --mm-per-pixel tag, found none", "give the size of a pixel in mm", {}};
+    }
+    options.mm_per_px = facts.tag_mm_per_px;
+    options.size_known = true;
+    return {};
+  }
+  if (facts.tag_mm_per_px > 0) {
+    warnings.push_back(o.image + ": no size is known, lengths count px; its resolution tag says " + facts.tag + ": add --mm-per-pixel " +
+                       formatted("%.4g", facts.tag_mm_per_px) + " (or tag) if that is the size of the object");
+  } else {
+    warnings.push_back((o.image.empty() ? o.ptm : o.image) + ": no size is known, lengths count px; --mm-per-pixel gives it");
+  }
+  return {};
+}
+
+// Heights in mm beside pixels of no known size would be a scale that lies.
+Result<std::optional<std::pair<double, double>>> reliefRange(const BuildArguments& o, const BuildOptions& options) {
+  if (!o.relief_px.empty() && !o.relief_mm.empty()) return usageError("--relief-mm and --relief-px both say how high the relief is", "leave out one of them");
+  auto range = o.relief_px.empty() ? parseRange(o.relief_mm, "--relief-mm", "mm") : parseRange(o.relief_px, "--relief-px", "px");
+  if (!range) return range;
+  if (!o.relief.empty() && o.relief_px.empty() && !options.size_known) {
+    return usageError("heights in mm need the size of a pixel in mm, too", "add --mm-per-pixel, or give the heights in px with --relief-px MIN:MAX");
+  }
+  if (*range && !o.relief_px.empty()) (*range)->first *= options.mm_per_px, (*range)->second *= options.mm_per_px;
+  return range;
+}
+
 Result<void> build(const BuildArguments& o) {
   if (o.mesh.empty() ? o.ptm.empty() == o.image.empty() : !o.image.empty()) {
     return usageError("expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)", "see relievo build --help");
@@ -58,34 +113,43 @@ Result<void> build(const BuildArguments& o) {
   if (!o.ptm.empty() && !o.texture.empty() && o.texture != "none") {
     return usageError("expected --ptm FILE or --texture IMAGE for the mesh, found both");
   }
-  if (o.relief.empty() && !o.relief_mm.empty()) return usageError("--relief-mm needs --relief HEIGHTMAP");
-  auto range = parseRange(o.relief_mm);
-  if (!range) return range.error();
+  if (o.resume && !o.mesh.empty()) {
+    return usageError("--resume goes on with builds from --ptm or --image; a mesh's is computed in memory and leaves nothing to go on from", "leave --resume out");
+  }
+  if (o.relief.empty() && !(o.relief_mm.empty() && o.relief_px.empty())) return usageError("--relief-mm and --relief-px need --relief HEIGHTMAP");
   auto coefficients = parseEncoding(o.coefficients.empty() ? o.encoding : o.coefficients, o.quality);
   if (!coefficients) return coefficients.error();
   auto colour = parseEncoding(o.colour.empty() ? o.encoding : o.colour, o.quality);
   if (!colour) return colour.error();
   const std::vector<NamedFile> inputs{{"--mesh", o.mesh}, {"--texture", o.texture}, {"--ptm", o.ptm}, {"--image", o.image}, {"--relief", o.relief}};
-  if (auto good = checkOutputs({{"-o", o.output}, {"--report", o.report}, {"--json", o.json_file}}, inputs); !good) return good;
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPackage}, {"--report", o.report}, {"--json", o.json_file}}, inputs); !good) return good;
   const uint64_t budget = o.memory_mib << 20;
   BuildOptions options;
   options.output = o.output;
-  options.mm_per_px = o.mm_per_px;
+  options.stretch_relief = o.stretch_relief;
   options.workers = o.workers;
   options.zstd_level = o.zstd_level;
   options.coefficients = *coefficients;
   options.colour = *colour;
   options.memory_budget_bytes = budget;
-  if (!o.mesh.empty()) return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, o.tolerance_mm, o.report, o.json_file, options});
-  auto texture = o.ptm.empty() ? openColourImage(o.image) : openPtm(o.ptm, {.memory_budget_bytes = budget});
+  const ImageReadOptions limits{.memory_budget_bytes = budget, .max_tile_bytes = o.max_tile_mib << 20, .max_decoded_bytes = o.max_image_mib << 20, .max_packing = o.max_packing};
+  if (!o.mesh.empty()) return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, o.tolerance_mm, o.report, o.json_file, o.allow_outside, limits, options});
+  options.resume = o.resume;
+  options.checkpoint_s = o.checkpoint_s;
+  std::vector<std::string> warnings;  // said once all inputs are open: a failure is one line
+  if (auto taken = takeSize(o, limits, options, warnings); !taken) return taken;
+  auto range = reliefRange(o, options);
+  if (!range) return range.error();
+  auto texture = o.ptm.empty() ? openColourImage(o.image, limits) : openPtm(o.ptm, {.memory_budget_bytes = budget});
   if (!texture) return texture.error();
   std::unique_ptr<HeightSource> relief;
   if (!o.relief.empty()) {
-    auto opened = openHeightImage(o.relief, *range);
+    auto opened = openHeightImage(o.relief, *range, limits);
     if (!opened) return opened.error();
     relief = std::move(*opened);
   }
 
+  for (const std::string& warning : warnings) warn(warning);
   auto built = buildWithProgress(**texture, relief.get(), options);
   if (!built) return built.error();
 
@@ -95,19 +159,17 @@ Result<void> build(const BuildArguments& o) {
     json["package"] = o.output;
     json["width_px"] = (*texture)->width();
     json["height_px"] = (*texture)->height();
+    json["mm_per_px"] = options.size_known ? nlohmann::ordered_json(options.mm_per_px) : nlohmann::ordered_json();
     json["pages"] = built->pages;
     json["package_bytes"] = built->package_bytes;
     json["bytes_per_px"] = static_cast<double>(built->package_bytes) / pixels;
     json["seconds"] = built->seconds;
     json["mpix_per_s"] = pixels / 1e6 / std::max(built->seconds, 1e-9);
     std::string text = json.dump(2) + "\n";
-    if (o.json_file == "-") {
-      std::fputs(text.c_str(), stdout);
-      return {};
-    }
-    if (auto written = writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written) return written;
+    auto written = writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+    if (!written || o.json_file == "-") return written;
   }
-  std::printf("%s\n", buildSummary(**texture, options, *built).c_str());
+  printOutf("%s\n", buildSummary(**texture, options, *built).c_str());
   return {};
 }
 
@@ -132,7 +194,9 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
       "  jpeg      smallest; --quality chooses. Slow to decode\n"
       "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three channels\n"
       "What each costs is measured in texturing/ENCODINGS.md, and for your artwork by `relievo bench FILE --only encodings`.\n\n"
-      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind. No output takes the place of an\n"
+      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind. One that is killed leaves files\n"
+      "named OUTPUT.part-...: the next build of that output removes them, or goes on from them with --resume (every 10 s there is a\n"
+      "checkpoint; if inputs, options or program differ, or the files are damaged, it starts anew). No output takes the place of an\n"
       "input, of a file that the mesh names, or of another output.\n"
       "The same inputs give the same bytes, with any number of workers.");
   c->add_option("-o,--output", o->output, "Package to write")->required();
@@ -144,9 +208,11 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--patches", o->patches, "About how many patches, at most half of the triangles (or 1024); 0: as the shape asks for. How many there are is said")->check(CLI::Range(0u, 1u << 20))->needs(mesh)->capture_default_str();
   c->add_option("--tolerance", o->tolerance_mm, "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal. If it is not reached, that is said, and why")->check(notNegative)->needs(mesh)->capture_default_str();
   c->add_option("--report", o->report, "Write this HTML file: diagnosis, distances with a picture, time and memory")->needs(mesh);
-  c->add_option("--relief", o->relief, "Height map, one channel: 8 or 16 bit (with --relief-mm), or float in mm")->excludes(mesh);
-  c->add_option("--relief-mm", o->relief_mm, "MIN:MAX, the heights of the map's 0 and its largest value, mm");
-  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm")->check(positive)->excludes(mesh)->capture_default_str();
+  c->add_option("--relief", o->relief, "Height map, one channel, of the texture's proportions: 8 or 16 bit (with --relief-mm), or float in mm")->excludes(mesh);
+  c->add_option("--relief-mm", o->relief_mm, "MIN:MAX, the heights of the map's 0 and its largest value (of floats: of 0 and 1), mm");
+  c->add_option("--relief-px", o->relief_px, "MIN:MAX, the same in pixels of the texture, where its size in mm is not known");
+  c->add_flag("--stretch-relief", o->stretch_relief, "Stretch a height map of other proportions than the texture's over it");
+  c->add_option("--mm-per-pixel", o->mm_per_px, "Size of a texture pixel, mm; tag: what the image's resolution tag says [not known: the package counts px]")->check(positiveOrTag)->excludes(mesh);
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")->check(CLI::Range(-7, 19))->capture_default_str();
   c->add_option("--encoding", o->encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")->capture_default_str();
@@ -154,6 +220,13 @@ void addBuildCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--encoding-colour", o->colour, "Of colour planes alone [as --encoding]");
   c->add_option("--quality", o->quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
   c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB (a mesh may take more: 36 bytes a triangle as it is read; less than 90 makes it slower)")->check(CLI::Range(64, 1 << 20))->capture_default_str();
+  c->add_flag("--resume", o->resume, "Go on from the last checkpoint of the same build that was killed or interrupted, or start anew; and keep one where this build stops. Not with --mesh");
+  c->add_option("--checkpoint-every", o->checkpoint_s, "Seconds; 0: after each part; negative: none")->group("")->capture_default_str();
+  const char* limits = "Limits";
+  c->add_flag("--allow-outside", o->allow_outside, "Open material files and images that the mesh names outside its folder, too")->needs(mesh)->group(limits);
+  c->add_option("--max-tile-mib", o->max_tile_mib, "Largest tile of an image, decoded, MiB [an eighth of --memory-mib]")->check(CLI::Range(0, 1 << 20))->group(limits);
+  c->add_option("--max-image-mib", o->max_image_mib, "Largest image that is decoded as a whole (interlaced, progressive, a mesh's), MiB [a third of --memory-mib]")->check(CLI::Range(0, 1 << 20))->group(limits);
+  c->add_option("--max-packing", o->max_packing, "An image that claims more bytes of pixels than this times its file's is taken for damaged")->check(CLI::Range(1, 1 << 30))->capture_default_str()->group(limits);
   c->add_option("--json", o->json_file, "Write a report to this JSON file; - for standard output. Of a mesh: with distances");
   c->callback([o, &context] {
     if (auto done = build(*o); !done) context.fail(done.error());

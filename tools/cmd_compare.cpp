@@ -12,6 +12,7 @@
 
 #include "src/base/file.h"
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
 #include "src/gl/context.h"
 #include "texturing/image_io.h"
 #include "tools/commands.h"
@@ -82,33 +83,13 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   return plan;
 }
 
-// Through a file: what writes PNG writes nowhere else.
-Result<std::string> pngUri(const ReportPicture& picture, const std::string& folder) {
-  std::string path = folder + "/picture.png";
-  if (auto written = writePng(path, picture.width_px, picture.height_px, 4, picture.rgba); !written) return written.error();
-  auto file = InputFile::open(path);
-  if (!file) return file.error();
-  std::vector<uint8_t> bytes(file->size());
-  if (auto read = file->read(0, bytes); !read) return read.error();
-  return "data:image/png;base64," + base64(bytes);
-}
-
 Result<std::vector<ReportPicture>> encodedPictures(const ComparePlan& plan, const CompareFigures& figures) {
   std::vector<ReportPicture> pictures = reportPictures(plan, figures);
-  std::string folder = (std::filesystem::temp_directory_path() / "relievo-compare-XXXXXX").string();
-  if (!mkdtemp(folder.data())) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
-  Result<void> done;
   for (ReportPicture& p : pictures) {
-    auto uri = pngUri(p, folder);
-    if (!uri) {
-      done = uri.error();
-      break;
-    }
-    p.uri = std::move(*uri);
+    auto png = encodePng(p.width_px, p.height_px, 4, p.rgba);
+    if (!png) return png.error();
+    p.uri = "data:image/png;base64," + base64(*png);
   }
-  std::error_code ignored;
-  std::filesystem::remove_all(folder, ignored);
-  if (!done) return done.error();
   return pictures;
 }
 
@@ -136,6 +117,7 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
 Result<void> compare(const CompareOptions& o) {
   auto plan = planOf(o);
   if (!plan) return plan.error();
+  if (auto good = checkFolder("-o", o.folder); !good) return good;
   for (const char* name : kReportFiles)
     if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"FILE", o.file}, {"--path", o.path}}); !good) return good;
   auto package = Package::open(o.file);
@@ -160,18 +142,18 @@ Result<void> compare(const CompareOptions& o) {
   }
   if (!figures) return figures.error();
   if (auto written = writeReports(*plan, *figures, o.folder); !written) return written;
-  std::printf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px", "p99 px", "pop px", "crack px", "bit diffs",
+  printOutf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px", "p99 px", "pop px", "crack px", "bit diffs",
               "triangles", "select ms", "frame ms");
   for (const StrategyFigures& run : figures->runs) {
     if (!run.available) {
-      std::printf("%-16s %9.3g not available here: needs OpenGL 4\n", run.strategy->name.c_str(), run.budget_px);
+      printOutf("%-16s %9.3g not available here: needs OpenGL 4\n", run.strategy->name.c_str(), run.budget_px);
       continue;
     }
     RunSummary s = summaryOf(run, *figures);
     char predicted[32] = "-", mismatches[32] = "-";
     if (s.predicted_px >= 0) std::snprintf(predicted, sizeof predicted, "%.3g", s.predicted_px);
     if (s.seams_known) std::snprintf(mismatches, sizeof mismatches, "%llu", static_cast<unsigned long long>(s.seams_mismatched));
-    std::printf("%-16s %9.3g %9s %9.3g %9.3g %9.3g %8llu %9s %10.0f %9.2f %9.1f\n", run.strategy->name.c_str(), run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px,
+    printOutf("%-16s %9.3g %9s %9.3g %9.3g %9.3g %8llu %9s %10.0f %9.2f %9.1f\n", run.strategy->name.c_str(), run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px,
                 static_cast<unsigned long long>(s.crack_pixels), mismatches, s.triangles, s.select_ms.median, s.frame_ms.median);
   }
   return {};

@@ -4,6 +4,9 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include "src/base/json_parse.h"
+#include "src/base/progress.h"
+#include "src/base/standard_output.h"
 #include "src/effect_plan.h"
 #include "src/upload_choice.h"
 #include "texturing/cache_budget.h"
@@ -19,14 +22,20 @@ struct PlaneLine {
   PlaneUsage usage;
 };
 
-std::vector<PlaneLine> planeLines(const Package& package) {
+Result<std::vector<PlaneLine>> planeLines(const Package& package) {
   const Manifest& m = package.manifest();
   std::vector<PlaneLine> lines;
   for (int k = 0; k < m.texture.planes(); ++k) {
     const Plane plane = texturePlane(k);
-    lines.push_back({planeName(plane, m.texture.basis), encodingName(m.encodings[static_cast<size_t>(k)]), planeUsage(package, plane)});
+    auto usage = planeUsage(package, plane, &interruptedFlag());
+    if (!usage) return usage.error();
+    lines.push_back({planeName(plane, m.texture.basis), encodingName(m.encodings[static_cast<size_t>(k)]), *usage});
   }
-  if (m.domain.relief_depth >= 0) lines.push_back({"relief", "lossless", planeUsage(package, Plane::kRelief)});
+  if (m.domain.relief_depth >= 0) {
+    auto usage = planeUsage(package, Plane::kRelief, &interruptedFlag());
+    if (!usage) return usage.error();
+    lines.push_back({"relief", "lossless", *usage});
+  }
   return lines;
 }
 
@@ -44,9 +53,10 @@ std::pair<glm::dvec3, glm::dvec3> extentMm(const BaseMesh& base) {
 
 // What the package keeps of the scan that it was made from; null if nothing.
 nlohmann::ordered_json meshOf(const Package& package) {
-  auto manifest = nlohmann::ordered_json::parse(package.manifestJson(), nullptr, false);
-  auto found = manifest.is_object() ? manifest.find("mesh") : manifest.end();
-  return manifest.is_object() && found != manifest.end() ? *found : nlohmann::ordered_json();
+  auto manifest = parseJson(package.manifestJson(), package.path());
+  if (!manifest || !manifest->is_object()) return {};
+  auto found = manifest->find("mesh");
+  return found != manifest->end() ? *found : nlohmann::ordered_json();
 }
 
 struct InfoArguments {
@@ -58,25 +68,31 @@ Result<void> info(const InfoArguments& o) {
   auto opened = Package::open(o.file);
   if (!opened) return opened.error();
   const Package& package = **opened;
+  // Damage is told of in what follows. What the disk does not give is no property of the package.
+  if (const auto& problem = package.manifestProblem(); problem && problem->kind == ErrorKind::kIo) return *problem;
   const Manifest& m = package.manifest();
   const PlanarDomain& d = m.domain;
   const double pixels = static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
   const double bytes_per_px = static_cast<double>(package.fileBytes()) / pixels;
-  for (const std::string& warning : package.warnings()) std::fprintf(stderr, "relievo: warning: %s: %s\n", o.file.c_str(), warning.c_str());
-  const auto planes = planeLines(package);
+  for (const std::string& warning : package.warnings()) warn(o.file + ": " + warning);
+  const auto planes_read = planeLines(package);
+  if (!planes_read) return planes_read.error();
+  const auto& planes = *planes_read;
+  const char* unit = m.size_known ? "mm" : "px";
   if (o.json) {
     nlohmann::ordered_json json;
     json["file"] = o.file;
     json["file_bytes"] = package.fileBytes();
     json["width_px"] = d.width_px;
     json["height_px"] = d.height_px;
-    json["mm_per_px"] = d.mm_per_px;
+    if (m.size_known) json["mm_per_px"] = d.mm_per_px;
+    else json["mm_per_px"] = nullptr;
     if (m.base) {
       const auto [low, high] = extentMm(*m.base);
       json["base"] = {{"corners", m.base->corners.size()}, {"patches", m.base->patches.size()}, {"min_mm", {low.x, low.y, low.z}}, {"max_mm", {high.x, high.y, high.z}},
                       {"error_unit_mm", m.error_unit_mm}};
       if (auto mesh = meshOf(package); !mesh.is_null()) json["mesh"] = mesh;
-    } else {
+    } else if (m.size_known) {
       json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
       json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
     }
@@ -90,9 +106,9 @@ Result<void> info(const InfoArguments& o) {
       json["bias"] = m.texture.bias;
     }
     if (d.relief_depth >= 0) {
-      json["relief_min_mm"] = d.relief_offset_mm;
-      json["relief_max_mm"] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
-      json["relief_step_mm"] = d.relief_scale_mm;
+      json[std::string("relief_min_") + unit] = d.relief_offset_mm;
+      json[std::string("relief_max_") + unit] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
+      json[std::string("relief_step_") + unit] = d.relief_scale_mm;
     }
     json["planes"] = nlohmann::ordered_json::array();
     for (const PlaneLine& p : planes) {
@@ -108,55 +124,57 @@ Result<void> info(const InfoArguments& o) {
     json["sources"] = nlohmann::ordered_json::array();
     for (const Provenance& p : m.sources) json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
     json["warnings"] = package.warnings();
-    std::printf("%s\n", json.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace).c_str());
+    printOutf("%s\n", json.dump(2, ' ', /*ensure_ascii=*/true, nlohmann::ordered_json::error_handler_t::replace).c_str());
     return {};
   }
-  std::printf("%s\n", o.file.c_str());
+  printOutf("%s\n", printable(o.file).c_str());
   if (m.base) {
     const auto [low, high] = extentMm(*m.base);
-    std::printf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x, high.y - low.y, high.z - low.z, d.mm_per_px);
-    std::printf("%s", meshText(meshOf(package)).c_str());
+    printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x, high.y - low.y, high.z - low.z, d.mm_per_px);
+    printOutf("%s", meshText(meshOf(package)).c_str());
+  } else if (!m.size_known) {
+    printOutf("  size      %llu x %llu px, not known in mm\n", static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px));
   } else {
-    std::printf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
+    printOutf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
                 static_cast<unsigned long long>(d.height_px), static_cast<double>(d.width_px) * d.mm_per_px,
                 static_cast<double>(d.height_px) * d.mm_per_px, d.mm_per_px);
   }
-  std::printf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
+  printOutf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
               m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
   if (isPtm(m.texture.basis)) {
-    std::printf("  scale    ");
-    for (double v : m.texture.scale) std::printf(" %.6g", v);
-    std::printf("\n  bias     ");
-    for (double v : m.texture.bias) std::printf(" %.6g", v);
-    std::printf("\n");
+    printOutf("  scale    ");
+    for (double v : m.texture.scale) printOutf(" %.6g", v);
+    printOutf("\n  bias     ");
+    for (double v : m.texture.bias) printOutf(" %.6g", v);
+    printOutf("\n");
   }
   if (d.relief_depth >= 0) {
-    std::printf("  relief    %.6g to %.6g mm in steps of %.3g mm, %d level%s, a vertex every %.6g px\n", d.relief_offset_mm,
-                d.relief_offset_mm + 65535 * d.relief_scale_mm, d.relief_scale_mm, d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
+    printOutf("  relief    %.6g to %.6g %s in steps of %.3g %s, %d level%s, a vertex every %.6g px\n", d.relief_offset_mm,
+                d.relief_offset_mm + 65535 * d.relief_scale_mm, unit, d.relief_scale_mm, unit, d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
                 static_cast<double>(d.patchPx()) / (128.0 * static_cast<double>(uint64_t{1} << d.relief_depth)));
   } else {
-    std::printf("  relief    none\n");
+    printOutf("  relief    none\n");
   }
-  std::printf("  patches   %u, of %llu px of texture a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
-  std::printf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
+  printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
+  printOutf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
               static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
   for (const PlaneLine& p : planes) {
-    std::printf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(), static_cast<double>(p.usage.bytes) / (1 << 20),
+    printOutf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(), static_cast<double>(p.usage.bytes) / (1 << 20),
                 static_cast<double>(p.usage.bytes) / pixels);
-    if (p.usage.unknown_pages) std::printf(", without %llu pages whose index entries are damaged", static_cast<unsigned long long>(p.usage.unknown_pages));
-    std::printf("\n");
+    if (p.usage.unknown_pages) printOutf(", without %llu pages whose index entries are damaged", static_cast<unsigned long long>(p.usage.unknown_pages));
+    printOutf("\n");
   }
   if (package.hasTails()) {
-    std::printf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
+    printOutf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
                 static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
-  std::printf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));
-  if (auto codec = commonBlockCodec(m)) std::printf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
-  std::printf("\n");
-  if (!m.tool_version.empty()) std::printf("  made by   %s\n", m.tool_version.c_str());
+  printOutf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));
+  if (auto codec = commonBlockCodec(m)) printOutf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
+  printOutf("\n");
+  if (!m.tool_version.empty()) printOutf("  made by   %s\n", printable(m.tool_version).c_str());
   for (const Provenance& p : m.sources) {
-    std::printf("  source    %s%s%s%s%s\n", p.name.c_str(), p.xxh3.empty() ? "" : "  xxh3 ", p.xxh3.c_str(), p.generator.empty() ? "" : "  generator ",
-                p.generator.c_str());
+    printOutf("  source    %s%s%s%s%s\n", printable(p.name).c_str(), p.xxh3.empty() ? "" : "  xxh3 ", printable(p.xxh3).c_str(),
+                p.generator.empty() ? "" : "  generator ", printable(p.generator).c_str());
   }
   return {};
 }

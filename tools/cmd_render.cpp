@@ -1,4 +1,4 @@
-// relievo render: a picture of a package, without a window.
+// relievo render: a picture of an artwork, without a window.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -15,6 +15,7 @@
 #include "src/engine.h"
 #include "src/gl/context.h"
 #include "texturing/image_io.h"
+#include "tools/artwork_cache.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/scene_options.h"
@@ -31,17 +32,27 @@ double nowSeconds() {
 
 struct RenderOptions {
   std::string file, output, size, stats_file, background = "24,24,26";
-  bool settle = true;
+  bool settle = true, allow_damage = false;
   int frames = 0;
   double timeout_s = 120;
   SceneOptions scene;
   SourceOptions source;
+  ArtworkCache cache;
 };
 
 double median(std::vector<double> values) {
   if (values.empty()) return 0;
   std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
   return values[values.size() / 2];
+}
+
+// A picture in which stand-ins are drawn where pages are damaged or cannot be read.
+Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const std::string& file) {
+  uint64_t wanted = failures.pages;
+  for (uint64_t resident : stats.streamer.pages[static_cast<size_t>(PageState::kResident)]) wanted += resident;
+  return {failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData, file,
+          std::to_string(failures.pages) + " of " + std::to_string(wanted) + " pages that the picture needs could not be read; the first: " + failures.first,
+          "relievo verify names them all; --allow-damage draws stand-ins in their place", {}};
 }
 
 Result<void> render(const RenderOptions& o) {
@@ -53,22 +64,21 @@ Result<void> render(const RenderOptions& o) {
     return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   }
   int width = static_cast<int>(size->first), height = static_cast<int>(size->second);
-  auto background = parseTriple(o.background, "--background");
+  auto background = parseTriple(o.background, "--background", "R,G,B from 0 to 255: 24,24,26");
   if (!background) return background.error();
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"-o", o.output}, {"--stats", o.stats_file}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
-  auto package = Package::open(o.file);
-  if (!package) return package.error();
-  const Extent extent = artworkExtent((*package)->manifest(), scene->relief ? scene->exaggerate : 0);
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
+  if (auto format = imageFormatOf(o.output); !format) return format.error();
+  auto artwork = openArtwork(o.file, o.cache);
+  if (!artwork) return artwork.error();
+  std::vector<NamedFile> named;
+  for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
+  if (auto good = checkApart({{"-o", o.output}, {"--stats", o.stats_file}}, named); !good) return good;
+  const std::shared_ptr<const Package>& package = artwork->package;
+  const Extent extent = artworkExtent(package->manifest(), scene->relief ? scene->exaggerate : 0);
   if (o.scene.mm_per_px && o.size.empty()) {
-    const PlanarDomain& d = (*package)->manifest().domain;
-    Extent whole = extent;
-    if (extent.flat && scene->relief && d.relief_depth >= 0) {  // at a slant heights reach beyond the plane's picture
-      const double ends[] = {d.relief_offset_mm * scene->exaggerate, (d.relief_offset_mm + 65535 * d.relief_scale_mm) * scene->exaggerate};
-      whole = extentOf(d, std::min(ends[0], ends[1]), std::max(ends[0], ends[1]));
-    }
-    auto all = o.scene.sizeAtScale(extent, whole, static_cast<int>(kMaxSidePx));
+    auto all = o.scene.sizeAtScale(extent, extent, static_cast<int>(kMaxSidePx));
     if (!all) return all.error();
     std::tie(width, height) = *all;
   }
@@ -79,7 +89,7 @@ Result<void> render(const RenderOptions& o) {
   if (!context) return context.error();
   heap.finish((*context)->info().software);
   double context_s = nowSeconds() - start;
-  auto engine = Engine::create(o.source.artwork(*package), *scene, o.scene.engineOptions());
+  auto engine = Engine::create(o.source.artwork(package), *scene, o.scene.engineOptions());
   if (!engine) return engine.error();
   Engine& e = **engine;
   e.resize(width, height);
@@ -113,8 +123,15 @@ Result<void> render(const RenderOptions& o) {
       rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
     }
   }
-  if (auto written = writePng(o.output, width, height, 3, rgb, camera->orthographic ? mmPerPx(*camera, height) : 0); !written) return written;
-  for (const std::string& message : e.takeMessages()) std::fprintf(stderr, "relievo: warning: %s\n", message.c_str());
+  if (const PageFailures failures = e.failures(); failures.pages > 0) {
+    const Error error = drawnWithout(failures, e.stats(), o.file);
+    if (!o.allow_damage) return error;
+    warn(error.text());
+  }
+  for (const std::string& notice : e.takeNotices()) warn(notice);
+  if (auto written = writeImage(o.output, width, height, 3, rgb, camera->orthographic && extent.size_known ? mmPerPx(*camera, height) : 0); !written) return written;
+  if (!o.scene.light.empty() && !scene->unlit && !e.plan().lit())
+    warn(std::string("--light changes nothing: an image ") + (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") + " is shown unlit");
 
   if (!o.stats_file.empty()) {
     auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
@@ -137,21 +154,23 @@ Result<void> render(const RenderOptions& o) {
 
 void addRenderCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<RenderOptions>();
-  auto* c = app.add_subcommand("render", "Draw a package into a PNG, without a window");
+  auto* c = app.add_subcommand("render", "Draw an artwork into a picture, without a window");
   c->footer(
       "Example:\n  relievo render inscription.relievo -o picture.png --size 1280x720 --azimuth 25 --elevation 15 \\\n"
       "      --light -0.8,0.3,0.4 --settle --stats stats.json\n\n"
       "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png --mm-per-px 0.05");
-  c->add_option("FILE", o->file, "Package to draw")->required();
-  c->add_option("-o,--output", o->output, "PNG to write")->required();
+  c->add_option("FILE", o->file, "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package is built into one and kept (--cache-dir)")->required();
+  c->add_option("-o,--output", o->output, "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - for a PNG on standard output")->required();
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; with --mm-per-px as large as all of the artwork takes]");
   o->scene.addTo(*c);
   o->source.addTo(*c);
+  o->cache.addTo(*c);
   c->add_flag("--settle,!--no-settle", o->settle, "Wait until all wanted pages are resident: the picture is then deterministic [on]");
+  c->add_flag("--allow-damage", o->allow_damage, "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of exit code 3 or 2");
   c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")->check(CLI::Range(0.1, 86400.0))->capture_default_str();
   c->add_option("--frames", o->frames, "Frames to time once settled, with a moving and with a still camera, for --stats")->check(CLI::Range(0, 100000))->capture_default_str();
   c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255")->capture_default_str();
-  c->add_option("--stats", o->stats_file, "Write counters to this JSON file: planes, pages and bytes read, passes, draw calls, ms");
+  c->add_option("--stats", o->stats_file, "Write counters to this JSON file (- for standard output): planes, pages and bytes read, passes, draw calls, ms");
   c->callback([o, &context] {
     if (auto done = render(*o); !done) context.fail(done.error());
   });

@@ -7,6 +7,7 @@
 #include <CLI/CLI.hpp>
 
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
@@ -68,20 +69,21 @@ Result<void> makeSample(const Options& o) {
   if (auto chosen = chooseFiles(o.write, size->first * size->second, files); !chosen) return chosen;
   if (o.write && o.folder.empty()) return usageError("--write needs a folder", "-o DIR");
 
+  if (auto good = checkFolder("-o", o.folder); !good) return good;
   // The folder may be made with the files; what lies in it then is checked before the package is begun.
   if (o.folder.empty())
-    if (auto good = checkWritable({{"--package", o.package}}); !good) return good;
+    if (auto good = checkOutputs({{"--package", o.package, Content::kPackage}}, {}); !good) return good;
   SampleArtwork artwork({.kind = *kind, .width = size->first, .height = size->second, .seed = o.seed});
-  std::printf("%s, %s px, seed %llu: %.9g mm per px\n", sampleKindName(*kind), o.size.c_str(), static_cast<unsigned long long>(o.seed), artwork.mmPerPx());
+  printOutf("%s, %s px, seed %llu: %.9g mm per px\n", sampleKindName(*kind), o.size.c_str(), static_cast<unsigned long long>(o.seed), artwork.mmPerPx());
   if (!o.folder.empty()) {
     auto written = writeSample(artwork, files);
     if (!written) return written.error();
     for (const std::string& name : *written)
       if (auto good = checkApart({{"-o", o.folder + "/" + name}, {"--package", o.package}}, {}); !good) return good;
     for (const std::string& name : *written)
-      if (name.rfind("photos/light_", 0) != 0) std::printf("%s/%s\n", o.folder.c_str(), name.c_str());
-    if (files.photos) std::printf("%s/photos: %d photographs\n", o.folder.c_str(), o.lights);
-    if (files.height) std::printf("height_16.tif spans --relief-mm %.9g:%.9g\n", artwork.minMm(), artwork.maxMm());
+      if (name.rfind("photos/light_", 0) != 0) printOutf("%s/%s\n", o.folder.c_str(), name.c_str());
+    if (files.photos) printOutf("%s/photos: %d photographs\n", o.folder.c_str(), o.lights);
+    if (files.height) printOutf("height_16.tif spans --relief-mm %.9g:%.9g\n", artwork.minMm(), artwork.maxMm());
   }
   if (!o.package.empty()) {
     auto texture = artwork.ptmSource(o.basis == "rgb" ? Basis::kPtmRgb : o.basis == "lrgb" ? Basis::kPtmLrgb : Basis::kColour);
@@ -92,7 +94,7 @@ Result<void> makeSample(const Options& o) {
     build.workers = o.workers;
     auto report = buildWithProgress(*texture, relief.get(), build);
     if (!report) return report.error();
-    std::printf("%s\n", buildSummary(*texture, build, *report).c_str());
+    printOutf("%s\n", buildSummary(*texture, build, *report).c_str());
   }
   return {};
 }

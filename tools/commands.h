@@ -30,10 +30,12 @@ void addViewCommand(CLI::App& app, CommandContext& context);
 void addBenchCommand(CLI::App& app, CommandContext& context);
 void addCompareCommand(CLI::App& app, CommandContext& context);
 
+// Prints "relievo: warning: TEXT" to standard error, control characters escaped.
+void warn(const std::string& text);
 Error usageError(const std::string& message, const std::string& hint = "");
 // "1920x1080" -> {1920, 1080}; a usage error otherwise.
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);
 // "a,b,c" -> three doubles.
-Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option);
+Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example);
 
 }  // namespace relievo

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/json_parse.h"
 #include "src/engine.h"
 #include "src/flight.h"
 
@@ -30,17 +31,23 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
     return e;
   }
   auto wrong = [&](const std::string& what) { return Error{ErrorKind::kInvalidData, path, what, "see relievo compare --help for the format", {}}; };
-  auto json = nlohmann::json::parse(*text, nullptr, false);
-  if (json.is_discarded() || !json.is_object() || !json.contains("cameras") || !json["cameras"].is_array())
+  auto json = parseJson(*text, path);
+  if (!json) {
+    Error e = json.error();
+    e.hint = "see relievo compare --help for the format";
+    return e;
+  }
+  if (!json->is_object() || !json->contains("cameras") || !(*json)["cameras"].is_array())
     return wrong("expected a JSON object with an array 'cameras'");
-  const auto& list = json["cameras"];
+  const auto& list = (*json)["cameras"];
   if (list.empty() || list.size() > kMaxCameras) return wrong("expected 1 to " + std::to_string(kMaxCameras) + " cameras, found " + std::to_string(list.size()));
   std::vector<OrbitCamera> out;
   for (size_t k = 0; k < list.size(); ++k) {
     const auto& c = list[k];
     std::string where = "camera " + std::to_string(k) + ": ";
     if (!c.is_object()) return wrong(where + "expected an object");
-    for (const auto& [key, value] : c.items()) {
+    for (const auto& item : c.items()) {
+      const std::string& key = item.key();
       if (std::none_of(kCameraKeys.begin(), kCameraKeys.end(), [&](const char* known) { return key == known; }))
         return wrong(where + "there is no '" + key.substr(0, 40) + "' of a camera");
     }

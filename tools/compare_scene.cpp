@@ -2,6 +2,7 @@
 
 #include <vector>
 
+#include "texturing/package_layout.h"
 #include "texturing/page_codec.h"
 #include "texturing/relief_parts.h"
 
@@ -44,10 +45,13 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
           if (interrupted && *interrupted) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
           auto encoded = package->read(PageId(Plane::kRelief, node));
           if (!encoded) return encoded.error();
-          if (auto done = decoder.decodeToSlot(Plane::kRelief, encoded->bytes, texels); !done) return done.error();
+          auto undecoded = [&](const Error& error) {
+            return Error{error.kind, path, "page " + describePage(PageId(Plane::kRelief, node)) + ": " + error.message, "relievo verify names all damage", {}};
+          };
+          if (auto done = decoder.decodeToSlot(Plane::kRelief, encoded->bytes, texels); !done) return undecoded(done.error());
           (*pass)->upload(node, texels.data());
           if (static_cast<int>(level) == domain.relief_depth) {
-            if (auto done = decoder.decodeRelief(encoded->bytes, samples); !done) return done.error();
+            if (auto done = decoder.decodeRelief(encoded->bytes, samples); !done) return undecoded(done.error());
             if (body) body->setPage(node, samples);
             else field->setPage(node, samples);
           }

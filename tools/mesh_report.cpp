@@ -1,13 +1,10 @@
 #include "tools/mesh_report.h"
 
-#include <stdlib.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
-#include <filesystem>
+#include <span>
 
 #include "src/base/file.h"
 #include "src/base/planar_domain.h"
@@ -28,10 +25,10 @@ std::string format(const char* pattern, Values... values) {
 
 Json vectorJson(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 
-// Members of JSON that may hold anything.
+// Members of JSON that may hold anything; text as it may be printed.
 std::string textOf(const Json& object, const char* key) {
   auto it = object.is_object() ? object.find(key) : object.end();
-  return object.is_object() && it != object.end() && it->is_string() ? it->get<std::string>() : std::string();
+  return object.is_object() && it != object.end() && it->is_string() ? printable(it->get<std::string>()) : std::string();
 }
 double numberOf(const Json& object, const char* key) {
   auto it = object.is_object() ? object.find(key) : object.end();
@@ -88,7 +85,7 @@ std::array<double, 3> rampColour(double t) {
   return out;
 }
 
-std::string base64(const std::string& bytes) {
+std::string base64(std::span<const uint8_t> bytes) {
   static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
   std::string out;
   for (size_t i = 0; i < bytes.size(); i += 3) {
@@ -99,22 +96,10 @@ std::string base64(const std::string& bytes) {
   return out;
 }
 
-// As a data URI; by way of a file, as images are written to files.
 Result<std::string> pngUri(const ErrorPicture& picture) {
-  std::string name = (std::filesystem::temp_directory_path() / "relievo-XXXXXX.png").string();
-  const int fd = ::mkstemps(name.data(), 4);
-  if (fd < 0)
-    return Error{ErrorKind::kIo,
-                 name,
-                 "a temporary picture cannot be created",
-                 "set TMPDIR to a folder that can be written",
-                 {}};
-  ::close(fd);
-  auto written = writePng(name, picture.width, picture.height, 3, picture.rgb);
-  auto bytes = written ? readTextFile(name, uint64_t{64} << 20) : Result<std::string>(written.error());
-  ::unlink(name.c_str());
-  if (!bytes) return bytes.error();
-  return "data:image/png;base64," + base64(*bytes);
+  auto png = encodePng(picture.width, picture.height, 3, picture.rgb);
+  if (!png) return png.error();
+  return "data:image/png;base64," + base64(*png);
 }
 
 std::string escaped(const std::string& text) {

@@ -3,14 +3,21 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
+
+#include "src/base/file.h"
+#include "src/base/standard_output.h"
 
 namespace relievo {
 namespace {
 
 bool named(const NamedFile& file, bool output) { return !file.path.empty() && !(output && file.path == "-"); }
+
+// Devices such as /dev/null take any number of files.
+bool isDevice(const std::string& path) {
+  struct stat st {};
+  return ::stat(path.c_str(), &st) == 0 && S_ISCHR(st.st_mode);
+}
 
 }  // namespace
 
@@ -34,30 +41,44 @@ Result<void> checkApart(const std::vector<NamedFile>& outputs, const std::vector
     for (const NamedFile& input : inputs)
       if (named(input, false) && sameFile(outputs[i].path, input.path)) return refused(input, "an input: ");
     for (size_t k = 0; k < i; ++k)
-      if (named(outputs[k], true) && sameFile(outputs[i].path, outputs[k].path)) return refused(outputs[k], "another output: ");
+      if (named(outputs[k], true) && !isDevice(outputs[i].path) && sameFile(outputs[i].path, outputs[k].path)) return refused(outputs[k], "another output: ");
   }
   return {};
 }
 
 Result<void> checkWritable(const std::vector<NamedFile>& outputs) {
+  const NamedFile* first_out = nullptr;
   for (const NamedFile& output : outputs) {
-    if (!named(output, true)) continue;
-    struct stat st {};
-    if (::stat(output.path.c_str(), &st) == 0 && S_ISDIR(st.st_mode))
-      return Error{ErrorKind::kIo, output.path, output.option + " is a folder, expected the name of a file to write", "name a file", {}};
-    std::string folder = std::filesystem::path(output.path).parent_path().string();
-    if (folder.empty()) folder = ".";
-    if (::access(folder.c_str(), W_OK | X_OK) == 0) continue;
-    const int why = errno;
-    return Error{ErrorKind::kIo, output.path, output.option + " cannot be written into the folder " + folder + ": " + std::strerror(why),
-                 why == ENOENT ? "make the folder first, or check the path" : "check the permissions, or name another folder", {}};
+    if (output.path.empty()) continue;
+    auto kind = OutputFile::check(output.path);
+    if (!kind) {
+      Error error = kind.error();
+      error.message = output.option + " " + error.message;
+      return error;
+    }
+    const auto refused = [&](const std::string& why, const char* hint) { return Error{ErrorKind::kUsage, output.path, output.option + " " + why, hint, {}}; };
+    if (*kind != OutputKind::kFile && output.content == Content::kPackage) return refused("is a package, which only a file can hold", "name a file");
+    if (*kind != OutputKind::kStandardOutput) continue;
+    if (first_out) return refused("cannot go to standard output: " + first_out->option + " goes there", "name a file for one of them");
+    if (output.content == Content::kPicture && ::isatty(STDOUT_FILENO)) return refused("is a picture, and standard output is a terminal", "redirect it, or name a file");
+    first_out = &output;
   }
   return {};
 }
 
+Result<void> checkFolder(const std::string& option, const std::string& path) {
+  if (path != "-") return {};
+  return Error{ErrorKind::kUsage, "", option + " names a folder, and standard output is none", "name a folder", {}};
+}
+
 Result<void> checkOutputs(const std::vector<NamedFile>& outputs, const std::vector<NamedFile>& inputs) {
   if (auto apart = checkApart(outputs, inputs); !apart) return apart;
-  return checkWritable(outputs);
+  if (auto good = checkWritable(outputs); !good) return good;
+  for (const NamedFile& output : outputs) {
+    if (output.path.empty()) continue;
+    if (auto kind = OutputFile::check(output.path); kind && *kind == OutputKind::kStandardOutput) claimOut();
+  }
+  return {};
 }
 
 }  // namespace relievo

@@ -1,22 +1,36 @@
 // relievo - view, preprocess and compare relief artworks. One sub-command a file: cmd_*.cpp.
+#include <cxxabi.h>
+
 #include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <exception>
 #include <new>
+#include <sstream>
+#include <typeinfo>
 
 #include <CLI/CLI.hpp>
 
+#include "src/base/file.h"
+#include "src/base/foreign_format.h"
 #include "src/base/progress.h"
+#include "src/base/standard_output.h"
 #include "tools/commands.h"
 
 namespace relievo {
 
-void CommandContext::fail(const Error& error) {
+void CommandContext::fail(const Error& failure) {
+  // Whichever reader gave it up: a format that is known by name is said to be what it is.
+  const bool of_file = failure.kind == ErrorKind::kInvalidData || failure.kind == ErrorKind::kUnsupported || failure.kind == ErrorKind::kIo;
+  const std::optional<Error> foreign = of_file && !failure.file.empty() ? foreignFormat(failure.file) : std::nullopt;
+  const Error& error = foreign ? *foreign : failure;
   std::fprintf(stderr, "relievo: error: %s\n", error.text().c_str());
   exit_code = error.exitCode();
 }
+
+void warn(const std::string& text) { std::fprintf(stderr, "relievo: warning: %s\n", printable(text).c_str()); }
 
 Error usageError(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
 
@@ -31,7 +45,7 @@ Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
   return usageError("expected a size as WIDTHxHEIGHT in px, found '" + text + "'", "for example 1280x720");
 }
 
-Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option) {
+Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example) {
   std::array<double, 3> values{};
   const char* at = text.data();
   const char* end = at + text.size();
@@ -39,7 +53,7 @@ Result<std::array<double, 3>> parseTriple(const std::string& text, const char* o
     auto [after, bad] = std::from_chars(at, end, values[i]);
     bool separator = i == 2 ? after == end : after < end && *after == ',';
     if (bad != std::errc() || !separator || !std::isfinite(values[i])) {
-      return usageError(std::string("expected three numbers X,Y,Z for ") + option + ", found '" + text + "'", "for example -0.7,0.4,0.6");
+      return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'", std::string("for example ") + example);
     }
     at = after + 1;
   }
@@ -48,19 +62,22 @@ Result<std::array<double, 3>> parseTriple(const std::string& text, const char* o
 
 }  // namespace relievo
 
-int main(int argc, char** argv) {
+namespace {
+
+void runCommand(int argc, char** argv, relievo::CommandContext& context) {
   using namespace relievo;
-  installInterruptHandler();
   CLI::App app{"Relievo shows relief artworks in true 3D, at any size, under any light."};
   app.footer(
       "Example:\n  relievo sample inscription --size 4096x4096 --package inscription.relievo -o sample\n"
       "  relievo render inscription.relievo -o picture.png --azimuth 25 --light -0.8,0.3,0.4\n\n"
       "Exit codes: 0 ok, 1 usage, 2 input/output, 3 invalid data, 4 runtime or GL, 5 unsupported, 7 difference found,\n"
-      "130 interrupted.");
+      "130 interrupted.\n\n"
+      "- as the name of a picture, a report or a JSON file is standard output; what is printed besides then goes to standard error.\n"
+      "Packages and folders have names of their own. A file appears under its name once it is whole; until then, and when something\n"
+      "fails, what was there before stays.");
   app.set_version_flag("--version", "relievo " RELIEVO_VERSION);
   app.require_subcommand(1);
   app.set_help_all_flag("--help-all", "Print the help of every sub-command and exit");
-  CommandContext context;
   addSampleCommand(app, context);
   addBuildCommand(app, context);
   addInfoCommand(app, context);
@@ -69,14 +86,56 @@ int main(int argc, char** argv) {
   addViewCommand(app, context);
   addBenchCommand(app, context);
   addCompareCommand(app, context);
+  std::string names;
+  bool known = argc < 2 || argv[1][0] == '-';
+  for (const CLI::App* command : app.get_subcommands({})) {
+    names += (names.empty() ? "" : ", ") + command->get_name();
+    known = known || command->get_name() == argv[1];
+  }
+  if (!known) return context.fail(usageError("expected a sub-command, found '" + std::string(argv[1]) + "'", "one of " + names + "; see relievo --help"));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? 0 : 1;
-  } catch (const std::bad_alloc&) {
-    context.fail({ErrorKind::kRuntime, "", "out of memory", "close other programs, or lower --cache-mib and --workers", {}});
-  } catch (const std::exception& e) {
-    context.fail({ErrorKind::kRuntime, "", e.what(), "", {}});
+    std::ostringstream out, err;
+    context.exit_code = app.exit(e, out, err) == 0 ? 0 : 1;
+    (void)printOut(out.str());  // the error stays: flushOut() returns it
+    std::fputs(err.str().c_str(), stderr);
   }
-  return context.exit_code;
+  if (auto flushed = flushOut(); !flushed) {
+    const int before = context.exit_code;
+    context.fail(flushed.error());
+    if (before != 0) context.exit_code = before;
+  }
+}
+
+// No more memory is asked for to say so.
+void sayOutOfMemory() {
+  std::fputs("relievo: error: out of memory (close other programs, or lower --memory-mib, --cache-mib and --workers)\n", stderr);
+}
+
+// Where memory runs out in a destructor, such as that of a JSON document, which asks for some, no exception reaches main().
+[[noreturn]] void onTerminate() {
+  const std::type_info* type = abi::__cxa_current_exception_type();
+  if (!type || *type != typeid(std::bad_alloc)) std::abort();
+  relievo::removePartFiles();
+  sayOutOfMemory();
+  std::_Exit(static_cast<int>(relievo::ErrorKind::kRuntime));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::set_terminate(onTerminate);
+  relievo::openStandardDescriptors();
+  relievo::installInterruptHandler();
+  try {
+    relievo::CommandContext context;
+    runCommand(argc, argv, context);
+    return context.exit_code;
+  } catch (const std::bad_alloc&) {
+    sayOutOfMemory();
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "relievo: error: %s\n", e.what());
+  }
+  return static_cast<int>(relievo::ErrorKind::kRuntime);
 }

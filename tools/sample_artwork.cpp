@@ -3,8 +3,12 @@
 #include <cassert>
 #include <cmath>
 
+#include "src/base/simd_dispatch.h"
 #include "tools/sample_kinds.h"
 #include "tools/sample_shading.h"
+
+// Vectors are passed between inlined functions of this file only, so that how they are passed does not matter.
+#pragma GCC diagnostic ignored "-Wpsabi"
 
 namespace relievo {
 
@@ -289,7 +293,7 @@ class SamplePtmSource final : public TextureSource, SampleSource {
   TextureFormat format_;
 
   template <bool kRgb>
-  void shade(const SampleArtwork::Impl::Tile& t, const Rect& rect, uint8_t* out) const {
+  RELIEVO_SIMD_CLONES void shade(const SampleArtwork::Impl::Tile& t, const Rect& rect, uint8_t* out) const {
     using sample::ShadingTable;
     const float* table = sample::shadingTable().data;
     const auto tile_area = static_cast<size_t>(t.rect.width * t.rect.height), area = static_cast<size_t>(rect.width * rect.height);

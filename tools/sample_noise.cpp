@@ -1,5 +1,7 @@
 #include "tools/sample_noise.h"
 
+#include "src/base/simd_dispatch.h"
+
 namespace relievo::sample {
 
 Block::Block(int64_t anchor_x, int64_t anchor_y, int first_x, int last_x, int first_y, int last_y, double mm_per_px)
@@ -24,7 +26,7 @@ inline float latticeValue(int32_t x, int32_t y, uint32_t seed) {
 
 }  // namespace
 
-void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude, uint32_t seed) {
+RELIEVO_SIMD_CLONES void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude, uint32_t seed) {
   const double finest_px = std::min(cell_x_mm, cell_y_mm) / b.mm;
   if (finest_px <= 2.0) return;
   if (finest_px < 3.0) amplitude *= static_cast<float>(finest_px - 2.0);
@@ -99,7 +101,7 @@ double noiseAt(double x_mm, double y_mm, double cell_mm, uint32_t seed) {
   return sum;
 }
 
-void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm, uint32_t seed) {
+RELIEVO_SIMD_CLONES void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm, uint32_t seed) {
   if (cell_mm * 0.25 < 0.8 * b.mm) return;
   const double x_lo = b.left_mm + b.x0 * b.mm, x_hi = b.left_mm + (b.x1 - 1) * b.mm;
   const double y_lo = b.top_mm + b.y0 * b.mm, y_hi = b.top_mm + (b.y1 - 1) * b.mm;
@@ -193,7 +195,7 @@ double StrokeField::maxHalfWidth() const {
   return r;
 }
 
-bool StrokeField::eval(const Block& b, Plane& sd, std::vector<int>& scratch) const {
+RELIEVO_SIMD_CLONES bool StrokeField::eval(const Block& b, Plane& sd, std::vector<int>& scratch) const {
   grid_.candidates({b.left_mm, b.top_mm, b.left_mm + b.size_mm, b.top_mm + b.size_mm}, scratch);
   if (scratch.empty()) return false;
   // At the block's centre, +- what a pixel can lie away from it: who can't be the largest anywhere is left out.

@@ -7,6 +7,7 @@
 #include <array>
 #include <numbers>
 
+#include "src/base/simd_dispatch.h"
 #include "tools/sample_kinds.h"
 
 namespace relievo::sample {
@@ -343,7 +344,7 @@ class Painting final : public Kind {
     return off < half * (1 - 1.0 / kEdge - 0.08);  // rim >= 1/kEdge whatever the hairs take from it
   }
 
-  void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out, Plane& paint, Plane& wet) const {
+  RELIEVO_SIMD_CLONES void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out, Plane& paint, Plane& wet) const {
     const auto ox = static_cast<float>(s.x - b.left_mm), oy = static_cast<float>(s.y - b.top_mm);
     const auto c = static_cast<float>(s.c), si = static_cast<float>(s.s);
     const auto inv_l = static_cast<float>(1.0 / s.half_length), bend = static_cast<float>(s.bend_mm);
@@ -454,7 +455,7 @@ class Painting final : public Kind {
   }
 
   // Cracks run where two cells of a jittered lattice meet; places are moved by noise first. 0..1 into `crack`.
-  bool craquelure(const Block& b, Layers& out, Plane& crack) const {
+  RELIEVO_SIMD_CLONES bool craquelure(const Block& b, Layers& out, Plane& crack) const {
     if (kHalfWidth * 4 < b.mm) return false;
     if (!crackNear(b)) return false;
     Plane &wx = out.tmp[5], &wy = out.tmp[6], &second = out.tmp[7];

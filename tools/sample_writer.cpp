@@ -8,9 +8,9 @@
 #include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "src/base/file.h"
+#include "src/base/parallel_for.h"
 #include "src/base/progress.h"
 #include "texturing/image_io.h"
 #include "texturing/ptm.h"
@@ -41,20 +41,20 @@ struct Job {
 template <class T>
 void fillBand(const Rect& band, size_t channels, std::vector<T>& out, const std::function<void(const Rect&, std::span<T>)>& f) {
   out.resize(static_cast<size_t>(band.width * band.height) * channels);
-  const auto cores = std::max<int64_t>(1, std::thread::hardware_concurrency());
+  const auto cores = static_cast<int64_t>(workerCount(0));
   const int64_t chunk = std::max<int64_t>(512, (band.width / cores + 63) / 64 * 64);
   if (chunk >= band.width) return f(band, out);
-  std::vector<std::jthread> threads;
-  for (int64_t x = 0; x < band.width; x += chunk)
-    threads.emplace_back([&, x] {
-      Rect part{band.x + x, band.y, std::min(chunk, band.width - x), band.height};
-      const size_t row = static_cast<size_t>(part.width) * channels;
-      std::vector<T> local(row * static_cast<size_t>(part.height));
-      f(part, local);
-      for (int64_t y = 0; y < part.height; ++y)
-        std::copy_n(local.data() + static_cast<size_t>(y) * row, row,
-                    out.data() + static_cast<size_t>(y * band.width + x) * channels);
-    });
+  const size_t chunks = static_cast<size_t>((band.width + chunk - 1) / chunk);
+  parallelFor(chunks, static_cast<int>(chunks), nullptr, [&](size_t i) {
+    const int64_t x = static_cast<int64_t>(i) * chunk;
+    Rect part{band.x + x, band.y, std::min(chunk, band.width - x), band.height};
+    const size_t row = static_cast<size_t>(part.width) * channels;
+    std::vector<T> local(row * static_cast<size_t>(part.height));
+    f(part, local);
+    for (int64_t y = 0; y < part.height; ++y)
+      std::copy_n(local.data() + static_cast<size_t>(y) * row, row,
+                  out.data() + static_cast<size_t>(y * band.width + x) * channels);
+  });
 }
 
 int64_t bandRows(int64_t width) {
@@ -177,8 +177,7 @@ void shadeRows(const SampleArtwork& artwork, const PhotoRows& rows, const Shadow
     }
   };
   const int64_t half = rows.rect.height / 2;
-  std::jthread other([&] { shadeRange(0, half); });
-  shadeRange(half, rows.rect.height);
+  parallelFor(2, 2, nullptr, [&](size_t part) { shadeRange(part == 0 ? 0 : half, part == 0 ? half : rows.rect.height); });
 }
 
 Result<void> writePhotos(Job& job) {

@@ -1,6 +1,7 @@
 #include "tools/scene_options.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 
@@ -8,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
+#include "src/base/json_parse.h"
 #include "src/base/progress.h"
 #include "tools/commands.h"
 
@@ -15,27 +17,40 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMaxStateBytes = 1 << 20;
+constexpr std::array kStateKeys{"azimuth_deg", "elevation_deg", "distance_mm", "fov_deg", "orthographic", "target_mm", "light"};
 
-Result<nlohmann::json> readState(const std::string& path) {
-  if (path.empty()) return nlohmann::json::object();
+Result<nlohmann::ordered_json> readState(const std::string& path) {
+  if (path.empty()) return nlohmann::ordered_json::object();
   auto text = readTextFile(path, kMaxStateBytes);
   if (!text) return text.error();
-  auto json = nlohmann::json::parse(*text, nullptr, false);
-  if (json.is_discarded() || !json.is_object()) {
+  auto json = parseJson(*text, path);
+  if (!json) {
+    Error error = json.error();
+    error.hint = "see relievo render --help";
+    return error;
+  }
+  if (!json->is_object()) {
     return Error{ErrorKind::kInvalidData, path, "expected a JSON object with the camera and light", "see relievo render --help", {}};
+  }
+  for (const auto& member : json->items()) {
+    const std::string& key = member.key();
+    if (std::none_of(kStateKeys.begin(), kStateKeys.end(), [&](const char* known) { return key == known; })) {
+      return Error{ErrorKind::kInvalidData, path, "there is no '" + key.substr(0, 40) + "' of a camera or light",
+                   "known are azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm and light", {}};
+    }
   }
   return json;
 }
 
 // A number of the state file where it is given and finite; a named error where it is something else.
-Result<void> take(const nlohmann::json& state, const char* key, const std::string& path, double* value) {
+Result<void> take(const nlohmann::ordered_json& state, const char* key, const std::string& path, double* value) {
   if (!state.contains(key)) return {};
   if (!state[key].is_number()) return Error{ErrorKind::kInvalidData, path, std::string("expected a number for '") + key + "'", "", {}};
   *value = state[key].get<double>();
   return {};
 }
 
-Result<bool> takeTriple(const nlohmann::json& state, const char* key, const std::string& path, double* values) {
+Result<bool> takeTriple(const nlohmann::ordered_json& state, const char* key, const std::string& path, double* values) {
   if (!state.contains(key)) return false;
   const auto& list = state[key];
   bool good = list.is_array() && list.size() == 3;
@@ -60,7 +75,11 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; options given beside it win");
   c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
-  c.add_option("--error-px", error_px, "Geometric error allowed on screen, px")->capture_default_str();
+  c.add_option("--error-px", error_px, "Geometric error to aim at on screen, px. Where levels meet it may be twice that, at steps and cracks more (--least-cell); what it is at "
+               "most is in the window's first line and in --stats (predicted_error_px)")->capture_default_str();
+  c.add_option("--least-cell", least_cell, "No triangles narrower on screen than so many --error-px (at steps half and a quarter of that), so that they are not too many; "
+               "0: as narrow as the error asks for, which keeps it within about twice --error-px for 1.6 to 9 times the triangles")
+      ->check(CLI::Range(0.0, 100.0))->capture_default_str();
   c.add_option("--geomorph", geomorph, "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes up to a third more "
                "triangles for the same error")
       ->check(CLI::IsMember({"on", "off"}))->capture_default_str();
@@ -69,6 +88,7 @@ void SceneOptions::addTo(CLI::App& c) {
       ->check(CLI::Range(0.0, 100.0))->capture_default_str();
   c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
   c.add_flag("--no-relight", no_relight, "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--unlit", unlit, "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, and of a scan");
   c.add_option("--sampling", sampling, "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
                "(two levels) or anisotropic (several trilinear taps: sharp at grazing angles)")
       ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic"}))->capture_default_str();
@@ -104,7 +124,7 @@ Result<Scene> SceneOptions::scene() const {
   if (!state) return state.error();
   if (auto t = takeTriple(*state, "light", state_file, s.light.data()); !t) return t.error();
   if (!light.empty()) {
-    auto l = parseTriple(light, "--light");
+    auto l = parseTriple(light, "--light", "X,Y,Z towards the light: -0.7,0.4,0.6");
     if (!l) return l.error();
     s.light = *l;
   }
@@ -113,6 +133,7 @@ Result<Scene> SceneOptions::scene() const {
   if (!(error_px >= 0) || error_px > 1e4) return usageError("expected --error-px from 0 to 10000 px");
   s.relief = !no_relief;
   s.relight = !no_relight;
+  s.unlit = unlit;
   s.sampling = no_trilinear || sampling == "bilinear" ? Sampling::kBilinear
                : sampling == "nearest"                ? Sampling::kNearest
                : sampling == "anisotropic"            ? Sampling::kAnisotropic
@@ -122,6 +143,7 @@ Result<Scene> SceneOptions::scene() const {
   s.page_fade_s = page_fade_ms / 1000;
   s.exaggerate = exaggerate;
   s.error_px = error_px;
+  s.least_cell = least_cell;
   s.geomorph = geomorph == "on";
   s.hysteresis = hysteresis_percent / 100;
   s.wireframe = wireframe;
@@ -141,6 +163,9 @@ Result<void> SceneOptions::checkProjection() const {
 
 Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int height_px) const {
   if (auto good = checkProjection(); !good) return good.error();
+  if (mm_per_px && !extent.size_known) {
+    return usageError("--mm-per-px needs the artwork's size, which its package does not know", "build it with --mm-per-pixel, or give --orthographic with --distance");
+  }
   auto state = readState(state_file);
   if (!state) return state.error();
   double fov_deg = 35;
@@ -163,7 +188,7 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   c.azimuth_deg = azimuth.value_or(c.azimuth_deg);
   c.elevation_deg = elevation.value_or(c.elevation_deg);
   if (!target.empty()) {
-    auto t = parseTriple(target, "--target");
+    auto t = parseTriple(target, "--target", "X,Y,Z in mm: 0,0,0");
     if (!t) return t.error();
     c.target_mm = {(*t)[0], (*t)[1], (*t)[2]};
   }

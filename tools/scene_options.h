@@ -20,8 +20,8 @@ struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
   std::string target, light, state_file, show = "none", filter = "exact", sampling = "trilinear";
-  bool no_relief = false, no_relight = false, no_trilinear = false, wireframe = false;
-  double exaggerate = 1, error_px = 1, page_fade_ms = 0, cache_mib = 256;
+  bool no_relief = false, no_relight = false, unlit = false, no_trilinear = false, wireframe = false;
+  double exaggerate = 1, error_px = 1, least_cell = 2, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";
   double hysteresis_percent = 0;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <utility>
 
 namespace relievo {
 namespace {
@@ -20,7 +21,8 @@ HeapWarmer::HeapWarmer(size_t bytes) {
   mallopt(M_TRIM_THRESHOLD, kKept);
   const size_t block = std::min<size_t>(bytes / blocks_.size(), kLargestBlock - 4096);
   for (void*& b : blocks_) b = std::malloc(block);
-  thread_ = std::thread([blocks = blocks_, block] {
+  // Without a thread the memory comes as the driver asks for it.
+  thread_.start(1, [blocks = blocks_, block] {
     const uintptr_t page = 4096, huge = 2 << 20;
     for (void* b : blocks) {
       if (!b) continue;
@@ -33,8 +35,8 @@ HeapWarmer::HeapWarmer(size_t bytes) {
 }
 
 void HeapWarmer::finish(bool keep) {
-  if (!thread_.joinable()) return;
   thread_.join();
+  if (!std::exchange(held_, false)) return;
   for (void* b : blocks_) std::free(b);
   if (!keep) malloc_trim(0);
 }

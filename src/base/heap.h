@@ -5,7 +5,8 @@
 
 #include <array>
 #include <cstddef>
-#include <thread>
+
+#include "src/base/worker_threads.h"
 
 namespace relievo {
 
@@ -22,7 +23,8 @@ class HeapWarmer {
 
  private:
   std::array<void*, 4> blocks_{};
-  std::thread thread_;
+  bool held_ = true;
+  WorkerThreads thread_{"relievo-heap"};
 };
 
 }  // namespace relievo

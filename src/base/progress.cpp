@@ -54,7 +54,12 @@ void installInterruptHandler() {
   sigemptyset(&action.sa_mask);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGALRM, &action, nullptr);
+  struct sigaction before {};
+  // What nohup started goes on when its terminal is closed.
+  if (sigaction(SIGHUP, nullptr, &before) == 0 && before.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
   std::signal(SIGXFSZ, SIG_IGN);  // a file grown beyond `ulimit -f` is an error of writing it
+  std::signal(SIGPIPE, SIG_IGN);  // and so is a pipe whose reader has gone
 }
 
 const std::atomic<bool>& interruptedFlag() { return interrupted; }

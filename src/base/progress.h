@@ -1,4 +1,4 @@
-// progress.h - a progress line on a terminal (standard error), and the flag that Ctrl-C sets.
+// progress.h - a progress line on a terminal (standard error), and the flag that Ctrl-C and other signals set.
 #pragma once
 
 #include <atomic>
@@ -19,8 +19,9 @@ class ProgressLine {
   bool printed_ = false;
 };
 
-// Installs handlers for SIGINT and SIGTERM that set the flag; a second signal removes part files and exits at once (130).
-// Files that may not grow further (ulimit -f) are errors of writing them, no signal.
+// Installs handlers for SIGINT, SIGTERM, SIGALRM and SIGHUP (unless nohup ignores it) that set the flag; a second signal removes part
+// files and exits at once (130). Files that may not grow further (ulimit -f) and pipes without a reader are errors of writing them, no
+// signals.
 void installInterruptHandler();
 const std::atomic<bool>& interruptedFlag();
 

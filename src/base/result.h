@@ -11,6 +11,8 @@
 #include <utility>
 #include <variant>
 
+#include "src/base/printable.h"
+
 namespace relievo {
 
 enum class ErrorKind : int {
@@ -30,14 +32,15 @@ struct Error {
   std::string hint;                // what to do; may be empty
   std::optional<uint64_t> offset;  // byte offset in the file, where it applies
 
-  // One line: "FILE: at byte N: MESSAGE (HINT)".
+  // One line: "FILE: at byte N: MESSAGE (HINT)". What of it comes from a file, its name included, may hold any bytes: control characters
+  // are escaped.
   std::string text() const {
     std::string out;
     if (!file.empty()) out += file + ": ";
     if (offset) out += "at byte " + std::to_string(*offset) + ": ";
     out += message;
     if (!hint.empty()) out += " (" + hint + ")";
-    return out;
+    return printable(out);
   }
   int exitCode() const { return static_cast<int>(kind); }
 };

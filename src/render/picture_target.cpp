@@ -62,9 +62,8 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   glUniform4i(program.uniform("u_sample"), p.sample[0], p.sample[1], p.sample[2], 0);
   glUniform1i(program.uniform("u_tap_phase"), p.tap_phase);
   glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));
-  const auto [ptm_u, ptm_v] = ptmDirection(p.light_u, p.light_v, p.light_w);
-  auto basis = ptmBasis(ptm_u, ptm_v);
-  if (p.format->basis == Basis::kAlbedoNormal) basis = {p.light_u, p.light_v, p.light_w, 0, 0, 0};
+  auto basis = ptmBasis(p.light);
+  if (p.format->basis == Basis::kAlbedoNormal) basis = {p.light[0], p.light[1], p.light[2], 0, 0, 0};
   float coefficients[24] = {};
   for (int k = 0; k < 6; ++k) {
     coefficients[4 * k] = static_cast<float>(p.format->scale[k]);

@@ -40,7 +40,7 @@ struct ShadingParameters {
   double lod_bias = 0;
   std::array<int, 3> sample{1, 0, 0};  // of a feedback pass: its pixel (i, j) is pixel (i, j) * [0] + ([1], [2]) of the picture
   int tap_phase = 0;       // of an anisotropic feedback pass (shaders/feedback.frag)
-  double light_u = 0, light_v = 0, light_w = 1;  // the unit vector towards the light; of a PTM, z counts where it is below 0 only (ptmDirection)
+  std::array<double, 3> light{0, 0, 1};  // the unit vector towards it, in the artwork's space
   double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade
   bool fades_over = false;            // every page shows whole, whatever its age: a settled picture
 };

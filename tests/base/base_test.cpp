@@ -18,12 +18,16 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "src/base/channel.h"
 #include "src/base/file.h"
 #include "src/base/heap.h"
+#include "src/base/json_parse.h"
 #include "src/base/mailbox.h"
 #include "src/base/node_id.h"
 #include "src/base/planar_domain.h"
+#include "src/base/printable.h"
 #include "src/base/result.h"
 
 namespace relievo {
@@ -538,6 +542,27 @@ TEST_F(Files, HashesTellFilesApart) {
   EXPECT_FALSE(hashFile(at("absent")).ok());
 }
 
+TEST(Printable, EscapesWhatSteersATerminalAndNothingElse) {
+  EXPECT_EQ(printable("coin (front).ptm C:\\x"), "coin (front).ptm C:\\x");
+  EXPECT_EQ(printable("\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99"), "\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99");  // 2, 3 and 4 bytes
+  EXPECT_EQ(printable(std::string_view("a\0b", 3)), "a\\x00b");
+  EXPECT_EQ(printable("a\x1b[2Jb\nc\rd\te\x7f"), "a\\x1b[2Jb\\nc\\rd\\te\\x7f");
+  EXPECT_EQ(printable("\xc2\x9b" "31m"), "\\u009b31m");         // CSI as one character
+  EXPECT_EQ(printable("\xe2\x80\xaegnp.exe"), "\\u202egnp.exe");  // right-to-left override
+  // No UTF-8: alone, cut short, overlong, a surrogate, beyond the last character.
+  EXPECT_EQ(printable("\x9b" "31m"), "\\x9b31m");
+  EXPECT_EQ(printable("\xe2\x82"), "\\xe2\\x82");
+  EXPECT_EQ(printable("\xc0\x9b\xe0\x82\x9b"), "\\xc0\\x9b\\xe0\\x82\\x9b");
+  EXPECT_EQ(printable("\xed\xa0\x80\xf4\x90\x80\x80"), "\\xed\\xa0\\x80\\xf4\\x90\\x80\\x80");
+  for (int b = 0; b < 256; ++b)
+    for (char c : printable(std::string(1, static_cast<char>(b)))) EXPECT_TRUE(c >= 0x20 && c < 0x7f) << b;
+}
+
+TEST(Printable, AnErrorIsOneLineWhateverItQuotes) {
+  const Error e{ErrorKind::kInvalidData, "a\nb.ply", "found \"\x1b]0;x\x07\"", "get a whole\ncopy", uint64_t{7}};
+  EXPECT_EQ(e.text(), "a\\nb.ply: at byte 7: found \"\\x1b]0;x\\x07\" (get a whole\\ncopy)");
+}
+
 long minorFaults() {
   struct rusage usage {};
   getrusage(RUSAGE_SELF, &usage);
@@ -564,6 +589,59 @@ TEST(HeapWarmer, MallocsMemoryIsThereBefore) {
   std::printf("[ heap ] 16 MiB: %ld page faults cold, %ld warm\n", cold, warm);
   EXPECT_LT(warm, 400);
   EXPECT_GT(cold, warm);
+}
+
+// ---- JSON of files ----
+
+TEST(ParseJson, WhatIsDeeperOrWiderThanTheLimitsIsRefusedWithItsPlace) {
+  auto nested = [](size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); };
+  EXPECT_TRUE(parseJson(nested(kMaxJsonDepth), "m").ok());
+  for (size_t depth : {size_t{kMaxJsonDepth} + 1, size_t{1000000}}) {
+    auto json = parseJson(nested(depth), "m");
+    ASSERT_FALSE(json.ok()) << depth;
+    EXPECT_EQ(json.error().kind, ErrorKind::kInvalidData);
+    EXPECT_EQ(json.error().file, "m");
+    EXPECT_EQ(json.error().offset, uint64_t{kMaxJsonDepth});
+    EXPECT_NE(json.error().message.find("64 levels"), std::string::npos) << json.error().message;
+  }
+  EXPECT_TRUE(parseJson(nested(3), "m", 3).ok());
+  EXPECT_FALSE(parseJson(nested(4), "m", 3).ok());
+  std::string objects;
+  for (int i = 0; i < 1000000; ++i) objects += "{\"a\":";
+  EXPECT_EQ(parseJson(objects, "m").error().offset, 5 * uint64_t{kMaxJsonDepth});
+  // Brackets and colons of strings are text.
+  const std::string quoted = "{\"a\": \"" + std::string(1000, '[') + std::string(1000, ':') + "\\\"[[\", \"b\": 2}";
+  auto json = parseJson(quoted, "m");
+  ASSERT_TRUE(json.ok()) << json.error().text();
+  EXPECT_EQ((*json)["b"], 2);
+  auto wide = [](size_t members) {
+    std::string text = "{";
+    for (size_t i = 0; i < members; ++i) text += (i ? ",\"" : "\"") + std::to_string(i) + "\":0";
+    return text + "}";
+  };
+  EXPECT_TRUE(parseJson(wide(kMaxJsonMembers), "m").ok());
+  EXPECT_FALSE(parseJson(wide(kMaxJsonMembers + 1), "m").ok());
+  EXPECT_TRUE(parseJson("[" + wide(kMaxJsonMembers) + "," + wide(kMaxJsonMembers) + "]", "m").ok()) << "of one object";
+  auto many = [](size_t values) {
+    std::string text = "[0";
+    for (size_t i = 1; i < values; ++i) text += ",0";
+    return text + "]";
+  };
+  EXPECT_TRUE(parseJson(many(kMaxJsonValues - 1), "m").ok());
+  EXPECT_FALSE(parseJson(many(kMaxJsonValues + 1), "m").ok());
+}
+
+TEST(ParseJson, WhatIsNoJsonIsAnErrorAtItsPlace) {
+  for (auto [text, place] : {std::pair<const char*, uint64_t>{"{\"a\": nul}", 9}, {"[1, 2", 5}, {"", 0}, {"]", 0}, {"{} x", 3}, {"[1e999999]", 8}}) {
+    auto json = parseJson(text, "state.json");
+    ASSERT_FALSE(json.ok()) << text;
+    EXPECT_EQ(json.error().kind, ErrorKind::kInvalidData) << text;
+    EXPECT_EQ(json.error().offset, place) << text;
+  }
+  // In the order of the text.
+  auto json = parseJson("{\"z\": 1, \"a\": [true, null]}", "m");
+  ASSERT_TRUE(json.ok());
+  EXPECT_EQ(json->dump(), "{\"z\":1,\"a\":[true,null]}");
 }
 
 }  // namespace

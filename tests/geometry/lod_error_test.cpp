@@ -119,5 +119,52 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
   EXPECT_GT(empty_above, 0);
 }
 
+// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Two patches meet at x = 256 px; the left one
+// has its root page alone (samples every 4th of the finest), the right one the next finer pages (every 2nd). The surface through the coarser samples is
+// 0. On the shared edge the finer ones are -1; in the first column beside it they are +1, and drawn triangles lead from there to the snapped edge, at
+// 0; halfway the relief is -1 and the drawn surface +1/2. Neither level's own surface is further off than 1.
+constexpr int kOneHeight = 16384;
+constexpr int64_t kSpacing = 8, kEdge = 256 << kUnitsPerTexelLog2;  // units
+uint16_t heightsBesideASnappedEdge(int64_t x_units, int64_t y_units) {
+  const int64_t column = (x_units - kEdge) / kSpacing, row = y_units / kSpacing;
+  const bool inside_rows = row > 8 && row < 1000;  // the artwork's own border stays flat
+  // How far row lies from a row that the coarser samples leave out, of the two steps to one that they have: the finer surface is linear between.
+  const int64_t off = std::abs(row % 4 - 2);
+  double height = 0;
+  if (!inside_rows || x_units < kEdge || column > 4) return 32768;
+  const double edge = -0.5 * static_cast<double>(2 - off);
+  if (column == 0) height = edge;
+  if (column == 1) height = off == 0 ? -1 : 0.5 * (edge + 1);
+  if (column == 2) height = 1;
+  if (column == 3) height = 0.5;
+  return static_cast<uint16_t>(32768 + std::lround(kOneHeight * height));
+}
+TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
+  PlanarDomain domain = makeDomain(512, 256, 1);
+  ASSERT_EQ(domain.relief_depth, 2);
+  ASSERT_EQ(reliefSpacingLog2(domain, 2), 3) << "kSpacing";
+  domain.relief_scale_mm = 1.0 / kOneHeight;
+  domain.relief_offset_mm = -2;
+  const TrueRelief relief(domain, heightsBesideASnappedEdge);
+  ReliefPages pages(domain, heightsBesideASnappedEdge);
+  ReliefSet resident;
+  for (uint32_t k = 0; k < 4; ++k) resident.insert({1, 1, k & 1, k >> 1});
+  // From the side, so that a millimetre of height is one of the picture, nearly.
+  Camera camera;
+  camera.eye = {0, -99, 14}, camera.target = {0, 0, 0};
+  const LodView view = orthographicView(camera, 40, 0.01);
+  const PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
+  const Measured m = measureError(domain, relief, view, camera, lod.instances, pages);
+  const double one_px = view.pixels_per_radian * 99 / std::hypot(99.0, 14.0);
+  EXPECT_NEAR(m.max_px, 1.5 * one_px, 0.02 * one_px) << "the heights are what they should be";
+  EXPECT_GE(lod.max_error_px, m.max_px);
+  EXPECT_LE(lod.max_error_px, 2.02 * one_px) << "twice the deviation of the edge's level";
+  // Control: were the edge not snapped, the triangles would be those of the finer level alone.
+  resident.clear();
+  for (uint32_t k = 0; k < 8; ++k) resident.insert({k >> 2, 1, k & 1, (k >> 1) & 1});
+  const PlanarLodResult alike = selectPlanarLod(domain, relief, view, resident);
+  EXPECT_NEAR(measureError(domain, relief, view, camera, alike.instances, pages).max_px, one_px, 0.02 * one_px);
+}
+
 }  // namespace
 }  // namespace relievo::test

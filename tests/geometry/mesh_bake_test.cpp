@@ -9,8 +9,8 @@
 #include <random>
 
 #include "geometry/mesh_order.h"
-#include "geometry/parallel_for.h"
 #include "geometry/ray_scene.h"
+#include "src/base/parallel_for.h"
 #include "src/base/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"

@@ -48,6 +48,27 @@ TEST(MeshDistance, spheresOneInAnother) {
   }
 }
 
+TEST(MeshDistance, partsOfTheSurfaceGiveTheSameBits) {
+  const TriMesh scan = sphereMesh(50, 14);
+  auto baked = bake(sphereMesh(50.3, 14), sphereBase(50, 2), 4);
+  ASSERT_TRUE(baked);
+  auto whole = measureDistance(scan, *baked);
+  ASSERT_TRUE(whole);
+  for (uint64_t memory_bytes : {uint64_t{1}, uint64_t{200} << 10, uint64_t{1} << 20}) {
+    auto parts = measureDistance(scan, *baked, 3, {.memory_bytes = memory_bytes});
+    ASSERT_TRUE(parts) << parts.error().text();
+    EXPECT_EQ(parts->scan_vertex_mm, whole->scan_vertex_mm);
+    for (auto member : {&MeshDistance::to_baked, &MeshDistance::to_scan}) {
+      const DistanceStats &a = (*parts).*member, &b = (*whole).*member;
+      EXPECT_EQ(a.samples, b.samples);
+      EXPECT_EQ(a.max_mm, b.max_mm);
+      EXPECT_EQ(a.rms_mm, b.rms_mm);
+      EXPECT_EQ(a.percentiles_mm, b.percentiles_mm);
+    }
+    EXPECT_EQ(parts->psnr_db, whole->psnr_db);
+  }
+}
+
 TEST(MeshDistance, stopsWhenInterruptedAndShowsProgress) {
   const TriMesh scan = sphereMesh(50, 40);
   auto baked = bake(scan, sphereBase(50, 2), 5);

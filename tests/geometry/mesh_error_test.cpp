@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "tests/geometry/mesh_fixture.h"
+#include "tests/geometry/mesh_shapes.h"
 #include "tests/geometry/true_mesh_relief.h"
 
 namespace relievo::test {
@@ -194,6 +195,53 @@ TEST(MeshError, ShapesOfErrors) {
   EXPECT_LT(figures[1].cells, figures[0].cells);
   EXPECT_LT(median(figures[1]), median(figures[0]));
   EXPECT_GT(figures[2].above, 0);
+}
+
+// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Of three flat patches in a row the first wants
+// 4 x 4 cells, the others a single one. So the middle one's grid has 4 x 4 cells, whose vertices on the side of the last patch snap to that side's ends, at
+// 0. Beside that side vertices are +1, on it the relief is -1; halfway between, where the drawn surface is +1/2, it is -1, too. No grid's own surface is
+// further off than 1. Without hysteresis bounding spheres decide about such patches all at once (mesh_roots.h), with it they are looked at one by one.
+TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
+  for (const double hysteresis : {0.0, 0.01}) {
+    constexpr int kCells = 4;
+    constexpr double kPatchMm = 32, kBudgetMm = 1.1;
+    const BaseMesh mesh = sheetBase(3 * kPatchMm, kPatchMm, 3, 1);
+    const MeshRelief relief{0, -2, 4.0 / 65535};
+    auto vertexHeight = [](int i, int j) {  // along the three patches
+      if (j <= 0 || j >= kCells) return 0.0;
+      if (i < kCells) return i % 2 == 1 && j % 2 == 1 ? 1.2 : 0.0;
+      if (i == 2 * kCells - 1) return 1.0;
+      if (i == 2 * kCells && j == 1) return -1.0;
+      return 0.0;
+    };
+    const TrueMeshRelief truth(mesh, relief, [&](const glm::dvec3& p, const Place&) {
+      const double x = p.x / kPatchMm * kCells, y = -p.y / kPatchMm * kCells;
+      const int i = std::min(static_cast<int>(x), 3 * kCells - 1), j = std::min(static_cast<int>(y), kCells - 1);
+      const double u = x - i, v = y - j, z00 = vertexHeight(i, j), z10 = vertexHeight(i + 1, j), z01 = vertexHeight(i, j + 1), z11 = vertexHeight(i + 1, j + 1);
+      const double height = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
+      return 0.5 + 0.25 * (x == 2 * kCells - 0.5 && y == 1 ? -1 : height);
+    });
+    MeshLod selection(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm,
+                      std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
+    Camera camera;  // from the side, so that a millimetre of height is one of the picture, nearly
+    camera.target = {1.5 * kPatchMm, -0.5 * kPatchMm, 0};
+    camera.eye = camera.target + glm::dvec3(0, -99, 14);
+    constexpr double kHeightMm = 80;
+    LodView view = orthographicView(camera, kHeightMm, kBudgetMm * camera.viewport_height_px / kHeightMm);
+    view.hysteresis = hysteresis;
+    const PlanarLodResult lod = selection.select(view, {});
+    std::vector<PatchInstance> middle;
+    for (const PatchInstance& p : lod.instances)
+      if (p.node.patch == 1) middle.push_back(p);
+    ASSERT_EQ(middle.size(), 1u) << hysteresis;
+    EXPECT_EQ(1 << middle[0].grid_level, kCells) << hysteresis;
+    EXPECT_EQ(middle[0].edges[kRight][0], 0) << hysteresis;
+    const double one_px = view.pixels_per_radian;
+    const Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
+    EXPECT_NEAR(m.max_px, 1.5 * one_px * 99 / std::hypot(99.0, 14.0), 0.02 * one_px) << hysteresis << ": the heights are what they should be";
+    EXPECT_GE(lod.max_error_px, m.max_px) << hysteresis;
+    EXPECT_LE(lod.max_error_px, 2.03 * one_px) << hysteresis << ": twice the deviation of the side's grid";
+  }
 }
 
 }  // namespace

@@ -348,6 +348,59 @@ TEST(MeshFormats, Off) {
   EXPECT_EQ(m.mesh.colours[1], glm::u8vec3(0, 255, 0));
 }
 
+// Every number behind the header's line turned around, as a program writes it that does not turn them.
+TEST(MeshFormats, OffInLittleEndianOrder) {
+  const Sample plain = cubeSphere(4);
+  auto bytes = offFile(plain, true);
+  size_t at = 0;
+  while (bytes[at] != '\n') ++at;
+  for (++at; at + 4 <= bytes.size(); at += 4) std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(at), bytes.begin() + static_cast<std::ptrdiff_t>(at + 4));
+  LoadedMesh m = mustRead(saveFile("little.off", bytes));
+  EXPECT_TRUE(finding(m, "little-endian"));
+  m.diagnosis.findings.clear();
+  expectSame(m, plain, false, false);
+}
+
+TEST(MeshFormats, MaterialFilesLieInTheMeshsFolder) {
+  namespace fs = std::filesystem;
+  fs::create_directories(meshFolder() / "inner/deeper");
+  saveFile("secret.mtl", "newmtl surface\nKd 1 0 0\n");
+  saveFile("inner/deeper/near.mtl", "newmtl surface\nKd 1 0 0\n");
+  fs::remove(meshFolder() / "inner/link.mtl");
+  fs::create_symlink("../secret.mtl", meshFolder() / "inner/link.mtl");
+  fs::remove(meshFolder() / "inner/inside.mtl");
+  fs::create_symlink("deeper/near.mtl", meshFolder() / "inner/inside.mtl");
+  auto obj = [](const std::string& library) {
+    return "mtllib " + library + "\nusemtl surface\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  };
+  for (const std::string& outside : {std::string("../secret.mtl"), std::string("deeper/../../secret.mtl"), (meshFolder() / "secret.mtl").string(), std::string("link.mtl"), std::string("/etc/passwd")}) {
+    const std::string path = saveFile("inner/a.obj", obj(outside));
+    auto refused = readMesh(path);
+    ASSERT_FALSE(refused) << outside;
+    EXPECT_EQ(refused.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(refused.error().text().find(fs::path(outside).filename().string()), std::string::npos) << refused.error().text();
+    EXPECT_NE(refused.error().hint.find("--allow-outside"), std::string::npos) << refused.error().text();
+    EXPECT_TRUE(readMesh(path, {.allow_outside = true})) << outside;
+  }
+  for (const char* within : {"deeper/near.mtl", "inside.mtl", "./deeper/../deeper/near.mtl", "absent.mtl"})
+    EXPECT_TRUE(readMesh(saveFile("inner/a.obj", obj(within)))) << within;
+  // The same from within the folder, by names alone.
+  const fs::path before = fs::current_path();
+  fs::current_path(meshFolder() / "inner");
+  for (const char* within : {"deeper/near.mtl", "inside.mtl", "absent.mtl"}) {
+    saveFile("inner/a.obj", obj(within));
+    EXPECT_TRUE(readMesh("a.obj")) << within;
+  }
+  for (const char* outside : {"../secret.mtl", "../absent.mtl", "link.mtl"}) {
+    saveFile("inner/a.obj", obj(outside));
+    EXPECT_FALSE(readMesh("a.obj")) << outside;
+  }
+  fs::current_path(before);
+  EXPECT_FALSE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "picture.png").string(), "the image"));
+  EXPECT_FALSE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner2/picture.png").string(), "the image"));
+  EXPECT_TRUE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner/picture.png").string(), "the image"));
+}
+
 TEST(MeshFormats, Stl) {
   Sample s = cubeSphere(4);
   for (bool binary : {false, true}) {

@@ -95,6 +95,23 @@ TEST(Snap, SnapVertexKeepsInnerVerticesAndCorners) {
     }
 }
 
+// The rule itself, as it reads: every vertex goes to the nearest of the edge, of two as near to the one nearer to the edge's middle. The middle of an edge of
+// one segment, for which both are alike, goes to the first end.
+TEST(Snap, ToTheNearestAndOfTwoToTheOneNearerToTheMiddle) {
+  for (uint32_t n = 1; n <= kMaxGridLevel; ++n)
+    for (uint32_t m = 0; m <= n; ++m) {
+      const int size = 1 << n, step = 1 << (n - m);
+      for (int i = 0; i <= size; ++i) {
+        int best = 0;
+        for (int v = step; v <= size; v += step) {
+          const int nearer = std::abs(v - i) - std::abs(best - i), to_middle = std::abs(2 * v - size) - std::abs(2 * best - size);
+          if (nearer < 0 || (nearer == 0 && to_middle < 0)) best = v;
+        }
+        ASSERT_EQ(snapToEdge(static_cast<uint32_t>(i), n, m), static_cast<uint32_t>(best)) << "vertex " << i << " of 2^" << n << " cells, 2^" << m << " segments";
+      }
+    }
+}
+
 // Negative control: rounding ties towards the far end (one formula for both halves, as one would first write) flips triangles
 // or, at least, is not what this checks for: a snap that swaps two vertices must be seen.
 TEST(Snap, NegativeControlSwappedVerticesAreSeen) {

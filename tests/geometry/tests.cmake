@@ -23,5 +23,7 @@ relievo_test(base_mesh_test LIBS relievo_base SOURCES geometry/base_mesh_test.cp
 relievo_test(base_domain_test LIBS relievo_mesh SOURCES geometry/base_domain_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_mesh SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(strategy_test LIBS relievo_strategies SOURCES geometry/strategy_test.cpp)
-relievo_test(certified_test LIBS relievo_mesh relievo_geometry relievo_sample SOURCES geometry/certified_test.cpp)
+if(TARGET relievo_sample)
+  relievo_test(certified_test LIBS relievo_mesh relievo_geometry relievo_sample SOURCES geometry/certified_test.cpp)
+endif()
 target_compile_definitions(strategy_test PRIVATE RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")

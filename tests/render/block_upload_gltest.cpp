@@ -76,8 +76,10 @@ Difference differenceOf(const std::vector<uint8_t>& a, const std::vector<uint8_t
 
 class BlockUpload : public ::testing::Test {
  protected:
-  static std::unique_ptr<Engine> makeEngine(std::shared_ptr<const Package> package, Upload upload, const Scene& scene,
+  // Colour is drawn unlit: the normals beside it are no blocks.
+  static std::unique_ptr<Engine> makeEngine(std::shared_ptr<const Package> package, Upload upload, Scene scene,
                                             std::shared_ptr<const PageSource> source = {}, double cache_mib = 64) {
+    scene.unlit = package->manifest().texture.basis == Basis::kColour;
     Artwork artwork = artworkFromPackage(package);
     if (source) artwork.source = source;
     EngineOptions options;
@@ -528,6 +530,17 @@ TEST_F(BlockUpload, PackagesWithoutBlocksFallBackAndSayWhy) {
     EXPECT_TRUE(rgba8->takeMessages().empty());
     EXPECT_TRUE(rgba8->stats().why_not_blocks.empty()) << "nobody asked";
   }
+}
+
+TEST_F(BlockUpload, ColourLitByItsReliefIsNoBlocksAndSaysWhy) {
+  auto package = blockPackage(folder_, 200, 150, Basis::kColour, {PageCodec::kBc1, 0}, {PageCodec::kBc1, 0});
+  ASSERT_TRUE(package);
+  if (missing(PageCodec::kBc1)) GTEST_SKIP() << "this context has no BC1";
+  auto lit = test::makeEngine(artworkFromPackage(package), {}, {.upload = Upload::kBlocks}, kWidth, kHeight);
+  ASSERT_TRUE(lit);
+  EXPECT_EQ(lit->stats().upload, PageCodec::kLossless);
+  EXPECT_NE(lit->stats().why_not_blocks.find("--unlit"), std::string::npos);
+  EXPECT_FALSE(lit->takeMessages().empty());
 }
 
 // Run once more without the extension (tests.cmake): then the error names it, and auto does without.

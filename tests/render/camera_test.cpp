@@ -6,6 +6,7 @@
 #include <random>
 
 #include "src/camera.h"
+#include "src/engine.h"
 
 #include <glm/gtc/matrix_transform.hpp>
 
@@ -126,6 +127,55 @@ TEST(Camera, AFittedViewHoldsTheWholeArtworkAndLittleElse) {
     EXPECT_LE(largest, 1.0);
     EXPECT_GE(largest, 0.9);
   }
+}
+
+// Heights far from 0, and large ones, are in the picture; small ones around 0 change nothing.
+TEST(Camera, AFittedViewHoldsWhatIsDisplaced) {
+  const PlanarDomain d = panel();
+  std::mt19937 random(kSeed + 3);
+  auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
+  for (auto [low, high] : {std::pair{490.0, 500.0}, {-500.0, -490.0}, {0.0, 100.0}, {-100.0, 100.0}, {-4.0, 2.0}}) {
+    const Extent extent = extentOf(d, low, high);
+    for (int i = 0; i < 100; ++i) {
+      OrbitCamera c = fitCamera(extent, kWidth, kHeight, uniform(5, 120));
+      EXPECT_GE(c.target_mm.z, low);
+      EXPECT_LE(c.target_mm.z, high);
+      c.azimuth_deg = i == 0 ? 0 : uniform(-85, 85);
+      c.elevation_deg = i == 0 ? 0 : uniform(-85, 85);
+      c.orthographic = i % 2 == 1;
+      c.distance_mm = fitDistance(c, extent, kWidth, kHeight);
+      const ViewTransform v = viewTransform(c, d, low, high, kWidth, kHeight);
+      double largest = 0;
+      for (int corner = 0; corner < 8; ++corner) {
+        const glm::dvec4 p = v.clip_from_world * glm::dvec4(corner & 1 ? 150 : -150, corner & 2 ? 85 : -85, corner & 4 ? high : low, 1);
+        ASSERT_GT(p.w, 0);
+        largest = std::max({largest, std::abs(p.x) / p.w, std::abs(p.y) / p.w});
+      }
+      EXPECT_LE(largest, 1.0 + 1e-9) << low << " to " << high;
+      EXPECT_GE(largest, 0.9) << low << " to " << high;
+    }
+  }
+  // As the plane alone: pictures of artworks whose heights are a few percent of their sides stay as they are.
+  const OrbitCamera plane = fitCamera(d, kWidth, kHeight), relief = fitCamera(extentOf(d, -4, 2), kWidth, kHeight);
+  EXPECT_EQ(relief.distance_mm, plane.distance_mm);
+  EXPECT_EQ(relief.target_mm, plane.target_mm);
+}
+
+TEST(Camera, AnArtworksExtentHoldsItsDisplacedHeights) {
+  Manifest m;
+  m.domain = panel();
+  EXPECT_EQ(artworkExtent(m).max_mm.z, 0);
+  m.domain.relief_depth = 2;
+  m.domain.relief_offset_mm = 490;
+  m.domain.relief_scale_mm = 10.0 / 65535;
+  for (double exaggerate : {1.0, 2.0, -1.0, 0.0}) {
+    const Extent extent = artworkExtent(m, exaggerate);
+    EXPECT_NEAR(extent.min_mm.z, std::min(490 * exaggerate, 500 * exaggerate), 1e-9);
+    EXPECT_NEAR(extent.max_mm.z, std::max(490 * exaggerate, 500 * exaggerate), 1e-9);
+    EXPECT_TRUE(extent.flat && extent.size_known);
+  }
+  m.size_known = false;
+  EXPECT_FALSE(artworkExtent(m).size_known);
 }
 
 glm::dvec2 pixelOf(const ViewTransform& v, const glm::dvec3& p) {

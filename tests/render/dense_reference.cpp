@@ -238,6 +238,65 @@ Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDom
   return r;
 }
 
+namespace {
+
+// Slopes (to the right, downwards) of a cell of relief level r: of the bilinear surface through its corners, at its middle.
+glm::dvec2 denseCellSlope(const DenseRelief& relief, const PlanarDomain& d, int r, int64_t x, int64_t y, double exaggerate) {
+  const int64_t apart = int64_t{1} << (d.relief_depth - r);
+  const double side_px = std::ldexp(1.0, d.texture_depth - r);
+  auto mm = [&](int64_t i, int64_t j) {
+    return exaggerate * relief.scale_mm * relief.samples[static_cast<size_t>(std::min(j * apart, relief.height - 1) * relief.width + std::min(i * apart, relief.width - 1))];
+  };
+  auto placeMm = [&](int64_t i, uint64_t extent) { return d.mm_per_px * std::min(side_px * static_cast<double>(i), static_cast<double>(extent)); };
+  const double right = 0.5 * (mm(x + 1, y) - mm(x, y) + mm(x + 1, y + 1) - mm(x, y + 1)), down = 0.5 * (mm(x, y + 1) - mm(x, y) + mm(x + 1, y + 1) - mm(x + 1, y));
+  return {right / (placeMm(x + 1, d.width_px) - placeMm(x, d.width_px)), down / (placeMm(y + 1, d.height_px) - placeMm(y, d.height_px))};
+}
+
+}  // namespace
+
+glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& d, int k, int64_t x, int64_t y, double exaggerate) {
+  const int r = std::min(k, d.relief_depth);
+  glm::dvec2 slope{0};
+  if (r == k) {
+    slope = denseCellSlope(relief, d, r, x, y, exaggerate);
+  } else {
+    // Bilinear between the middles of the finest cells; those beyond the artwork are its last ones.
+    const double texels = std::ldexp(1.0, k - r), px = (static_cast<double>(x) + 0.5) / texels - 0.5, py = (static_cast<double>(y) + 0.5) / texels - 0.5;
+    const auto cx = static_cast<int64_t>(std::floor(px)), cy = static_cast<int64_t>(std::floor(py));
+    for (int64_t j = 0; j < 2; ++j) {
+      for (int64_t i = 0; i < 2; ++i) {
+        const double wx = 1 - std::abs(px - static_cast<double>(cx + i)), wy = 1 - std::abs(py - static_cast<double>(cy + j));
+        slope += wx * wy * denseCellSlope(relief, d, r, std::clamp<int64_t>(cx + i, 0, static_cast<int64_t>(d.levelWidth(r)) - 1),
+                                          std::clamp<int64_t>(cy + j, 0, static_cast<int64_t>(d.levelHeight(r)) - 1), exaggerate);
+      }
+    }
+  }
+  return glm::normalize(glm::dvec3(-slope.x, slope.y, 1));
+}
+
+DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& relief, double exaggerate) {
+  DenseTexture out = colour;
+  out.format.basis = Basis::kAlbedoNormal;
+  for (size_t k = 0; k < out.levels.size(); ++k) {
+    DenseLevel& level = out.levels[k];
+    const DenseLevel& from = colour.levels[k];
+    level.stored_width = level.width;
+    level.stored_height = level.height;
+    level.texels.resize(static_cast<size_t>(level.width * level.height * 6));
+    for (int64_t y = 0; y < level.height; ++y) {
+      for (int64_t x = 0; x < level.width; ++x) {
+        uint8_t* to = &level.texels[static_cast<size_t>((y * level.width + x) * 6)];
+        const glm::dvec3 n = denseNormal(relief, colour.domain, static_cast<int>(k), x, y, exaggerate);
+        for (int c = 0; c < 3; ++c) {
+          to[c] = from.texel(x, y, 3)[c];
+          to[3 + c] = static_cast<uint8_t>(std::floor(127.5 * (n[c] + 1) + 0.5));
+        }
+      }
+    }
+  }
+  return out;
+}
+
 double denseHeightMm(const DenseRelief& relief, const PlanarDomain& domain, int64_t x, int64_t y) {
   // Exact: a power of two times an integer of at most 53 bits.
   auto place = [&](int64_t units, uint64_t extent_px) {
@@ -549,7 +608,7 @@ void sampleLevel(const DenseTexture& t, int k, glm::dvec2 texel, const DenseView
     if (view.resolved) {
       std::array<double, kMaxChannels> raw{};
       for (int c = 0; c < raw_channels; ++c) raw[c] = taps[n][c];
-      const auto rgb = evaluatePixel(t.format, raw.data(), view.light_u, view.light_v);
+      const auto rgb = evaluatePixel(t.format, raw.data(), view.light);
       for (int c = 0; c < 3; ++c) out[c] += weights[n] * std::floor(rgb[c] + 0.5);
     } else {
       for (int c = 0; c < channels; ++c) out[c] += weights[n] * taps[n][c];
@@ -618,7 +677,7 @@ glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& v
   }
   glm::dvec3 rgb{sum[0], sum[1], sum[2]};
   if (!view.resolved) {
-    const auto e = evaluatePixel(t.format, sum.data(), view.light_u, view.light_v);
+    const auto e = evaluatePixel(t.format, sum.data(), view.light);
     rgb = {e[0], e[1], e[2]};
   }
   return glm::clamp(rgb, 0.0, 255.0);

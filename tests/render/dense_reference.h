@@ -73,6 +73,11 @@ struct DenseRelief {
   std::vector<uint16_t> samples;
 };
 
+// Colour with the normals of its relief beside it (texturing/relief_normals.h), level by level: six channels, the normals as bytes.
+DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& relief, double exaggerate);
+// Of a texel's middle, before it becomes bytes. k: the level, 0 the coarsest.
+glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& domain, int k, int64_t x, int64_t y, double exaggerate);
+
 Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain);
 
 // Height in mm (not exaggerated) of a vertex at (x, y) units of 2^-kUnitsPerTexelLog2 texels, before it is clamped to
@@ -105,7 +110,7 @@ struct DenseView {
   glm::dmat4 clip_from_world{1.0};
   int width_px = 0, height_px = 0;
   double exaggerate = 1.0;
-  double light_u = 0, light_v = 0;
+  std::array<double, 3> light{0, 0, 1};  // the unit vector towards it
   DenseSampling sampling = DenseSampling::kTrilinear;
   int anisotropy = 8;
   double lod_bias = 0;

@@ -705,8 +705,7 @@ TEST(DenseReference, PtmUnderLightByHand) {
   FunctionTexture source(64, 64, ptmFormat(Basis::kPtmLrgb), [&](int64_t, int64_t, int c) { return lrgb[c]; });
   DenseTexture t = dense(source);
   DenseView view = frontView(t.domain, 16, 16, 1, 8, 8);
-  view.light_u = 0.5;
-  view.light_v = -0.25;
+  view.light = frontLight(0.5, -0.25);
   const double lum = 20 * 0.25 - 20 * 0.0625 + 2 * -0.125 + 40 * 0.5 - 10 * -0.25 + 180;
   auto instances = uniformInstances(t.domain, 0, 1);
   DenseImage image = renderDense(t, nullptr, instances, view);
@@ -716,7 +715,7 @@ TEST(DenseReference, PtmUnderLightByHand) {
   for (int c = 0; c < 3; ++c)
     EXPECT_NEAR(resolved.at(3, 4).rgb[c], std::floor(std::min(255.0, lrgb[6 + c] * lum / 255) + 0.5), 1e-9);
   // Negative control: u and v swapped.
-  std::swap(view.light_u, view.light_v);
+  std::swap(view.light[0], view.light[1]);
   view.resolved = false;
   EXPECT_GT(largestDifference(image, renderDense(t, nullptr, instances, view)), 1);
 
@@ -724,7 +723,7 @@ TEST(DenseReference, PtmUnderLightByHand) {
   FunctionTexture rgb(64, 64, ptmFormat(Basis::kPtmRgb),
                       [&](int64_t, int64_t, int c) { return uint8_t(rgb_base[c / 3] + c % 3); });
   t = dense(rgb);
-  std::swap(view.light_u, view.light_v);
+  std::swap(view.light[0], view.light[1]);
   image = renderDense(t, nullptr, instances, view);
   for (int c = 0; c < 3; ++c) {
     const double expected =

@@ -6,8 +6,10 @@
 
 namespace relievo::test {
 
-inline Subject denseSubject(const TextureSource& texture, const HeightSource* heights) {
-  const PlanarDomain domain = denseDomain(texture, heights, 0.1);
+// finer: levels that the relief has beyond the texture's.
+inline Subject denseSubject(const TextureSource& texture, const HeightSource* heights, int finer = 0) {
+  PlanarDomain domain = denseDomain(texture, heights, 0.1);
+  if (heights != nullptr) domain.relief_depth += finer;
   Subject s;
   auto dense = buildDenseTexture(texture, domain);
   EXPECT_TRUE(dense.ok());

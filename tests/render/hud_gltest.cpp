@@ -50,9 +50,17 @@ TEST(Hud, LineNamesTheFigures) {
   HudState s{.fps = 31.4, .frame_ms = 31.85, .resident_pages = 312, .slots = 3628, .missing_pages = 4};
   s.error_px = 1;
   s.predicted_error_px = 0.84;
-  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px");
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px");
   s.mm_per_px = 0.0416667;
-  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error 0.84 of 1.0 px   0.04167 mm a px");
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px   0.04167 mm a px");
+  s.size_known = false;
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px   0.04167 px of the artwork a px");
+  // What is promised is the bound that holds, not the budget.
+  s.mm_per_px = 0;
+  s.predicted_error_px = 8.6;
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 8.60 px so far (asked for 1.0)");
+  s.missing_pages = 0;
+  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 0 missing   error at most 8.60 px in places (asked for 1.0)");
 }
 
 TEST(Hud, DrawsInItsCornerAndNowhereElse) {
@@ -83,6 +91,9 @@ TEST(Hud, HelpAndLightComeWhenAsked) {
   (*hud)->draw({.light = {0.5, 0.5, 0.7}, .show_light = true}, kWidth, kHeight);
   EXPECT_GT(picture.touched(0, 240, 200, kHeight), 1000) << "the light's gauge, bottom left";
   EXPECT_EQ(picture.touched(200, 60, kWidth, kHeight), 0);
+  glClear(GL_COLOR_BUFFER_BIT);
+  (*hud)->draw({.unlit = true, .light = {0.5, 0.5, 0.7}, .show_light = true}, kWidth, kHeight);
+  EXPECT_EQ(picture.touched(0, 60, kWidth, kHeight), 0) << "no gauge where no light changes the picture";
   glClear(GL_COLOR_BUFFER_BIT);
   (*hud)->draw({.help = true}, kWidth, kHeight);
   EXPECT_GT(picture.touched(160, 100, 480, 260), 10000) << "the help, in the middle";

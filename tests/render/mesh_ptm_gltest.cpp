@@ -143,7 +143,7 @@ TEST_F(MeshPtm, whatDoesNotFitIsOneError) {
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("found both"), std::string::npos) << r.output;
   // The mesh names an image of other proportions: a square for its 4 : 3.
-  ASSERT_TRUE(writePng(file("square.png"), 64, 64, 3, std::vector<uint8_t>(64 * 64 * 3, 90)));
+  ASSERT_TRUE(writeImage(file("square.png"), 64, 64, 3, std::vector<uint8_t>(64 * 64 * 3, 90)));
   std::ifstream in(file("plane.obj"));
   std::stringstream plane;
   plane << in.rdbuf();

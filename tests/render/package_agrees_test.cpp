@@ -23,6 +23,7 @@ void compareAll(int64_t w, int64_t h, Basis basis, bool relief, uint32_t oracle_
   BuildOptions options;
   options.output = folder.file("small.relievo");
   options.workers = 2;
+  options.stretch_relief = true;
   auto built = buildPackage(texture, relief ? &heights : nullptr, options);
   ASSERT_TRUE(built.ok()) << built.error().text();
   auto package = Package::open(options.output);

@@ -47,10 +47,17 @@ relievo_gltest(virtual_equals_dense_gltest LIBS relievo_render relievo_dense_pag
   SOURCES render/virtual_equals_dense_gltest.cpp)
 relievo_gltest(filters_equal_dense_gltest LIBS relievo_render relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
+relievo_gltest(fixed_light_gltest LIBS relievo_render relievo_dense_pages relievo_geometry SOURCES render/fixed_light_gltest.cpp)
+relievo_gltest(lit_relief_gltest LIBS relievo_viewer relievo_render relievo_dense_pages SOURCES render/lit_relief_gltest.cpp)
+if(TARGET lit_relief_gltest)
+  target_compile_definitions(lit_relief_gltest PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
+  add_dependencies(lit_relief_gltest relievo)
+endif()
 relievo_gltest(page_fade_gltest LIBS relievo_render relievo_dense_pages SOURCES render/page_fade_gltest.cpp)
 relievo_gltest(sample_equals_dense_gltest LIBS relievo_render relievo_dense_pages relievo_sample
   SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
+relievo_gltest(eye_outside_gltest LIBS relievo_viewer relievo_geometry SOURCES render/eye_outside_gltest.cpp)
 relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)
 
 # The viewer in a window, under a virtual display.

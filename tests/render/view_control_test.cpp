@@ -1,5 +1,6 @@
 // What mouse and keys do: the point that is grabbed or zoomed at stays under the mouse, whatever the view.
 #include <cmath>
+#include <optional>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -153,6 +154,16 @@ TEST(ViewControl, LightFollowsTheHandAndStaysAUnitVectorAboveTheSurface) {
   EXPECT_EQ(control.view().camera.azimuth_deg, 0);
 }
 
+TEST(ViewControl, TheLightOfTheStartKeepsItsDirection) {
+  for (const std::array<double, 3>& light : {std::array<double, 3>{0.1, 0, -1}, {1, 0, 0}, {0, 0, -2}}) {
+    ViewControl::View start = startView();
+    start.light = light;
+    const ViewControl control(extentOf(artwork()), start, kWidth, kHeight);
+    const double length = std::hypot(light[0], light[1], light[2]);
+    for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(control.view().light[i], light[i] / length, 1e-12);
+  }
+}
+
 TEST(ViewControl, HoldingLMovesTheLightWithoutAButton) {
   ViewControl control(extentOf(artwork()), startView(), kWidth, kHeight);
   Hand hand{control};
@@ -241,6 +252,223 @@ TEST(ViewControl, KeysToggleResetAndQuit) {
   EXPECT_FALSE(control.quit);
   hand.press("Escape");
   EXPECT_TRUE(control.quit);
+}
+
+// ---- surfaces: what is known of them analytically, seen along exact rays
+
+// Of a place of the picture on the screen: the ray's origin and direction.
+struct Ray {
+  glm::dvec3 from, along;
+};
+Ray rayUnder(const OrbitCamera& c, double x, double y) {
+  const glm::dvec3 on_target = pointAtTarget(c, kWidth, kHeight, x, y), eye = eyePosition(c), forward = (c.target_mm - eye) / c.distance_mm;
+  if (c.orthographic) return {on_target - forward * 2000.0, forward};
+  return {eye, glm::normalize(on_target - eye)};
+}
+
+struct TestSurface : EyeGuard {
+  virtual std::optional<glm::dvec3> hit(const Ray& ray) const = 0;
+  virtual double outside(const glm::dvec3& p) const = 0;  // above 0 exactly where a place is outside
+  virtual Extent extent() const = 0;
+  virtual Extent whole() const { return extent(); }  // with its heights
+};
+
+// A flat artwork of tall relief: bumps of 60 mm on a panel of 300 x 200 mm.
+struct Bumps final : TestSurface {
+  static double height(double x, double y) {
+    if (std::abs(x) > 150 || std::abs(y) > 100) return -1e9;
+    return 30 * (std::sin(x / 17) * std::cos(y / 13 + 0.3 * std::sin(x / 29)) + 1);
+  }
+  // No steeper than 1 in 0.4 or so: a height above ground is at least so much of a distance.
+  double distance(const glm::dvec3& p) const override {
+    const glm::dvec2 beside = glm::max(glm::abs(glm::dvec2(p)) - glm::dvec2(150, 100), glm::dvec2(0));
+    if (beside.x > 0 || beside.y > 0) return glm::length(glm::dvec3(beside, std::max(0.0, p.z - 60)));
+    return std::min((p.z - height(p.x, p.y)) * 0.25, std::max(1.0, p.z - 60));
+  }
+  bool behind(const glm::dvec3&) const override { return false; }
+  std::optional<glm::dvec3> hit(const Ray& ray) const override {
+    for (double t = 0; t < 8000; t += 0.05) {
+      const glm::dvec3 p = ray.from + ray.along * t;
+      if (p.z > 61) {  // nothing is so high
+        if (ray.along.z >= 0) return std::nullopt;
+        t = std::max(t, (60.5 - ray.from.z) / ray.along.z);
+        continue;
+      }
+      if (p.z < -1) return std::nullopt;
+      if (p.z <= height(p.x, p.y)) return p;
+    }
+    return std::nullopt;
+  }
+  double outside(const glm::dvec3& p) const override { return p.z - height(p.x, p.y); }
+  Extent extent() const override { return extentOf(artwork()); }
+  Extent whole() const override { return extentOf(artwork(), 0, 60); }
+};
+
+struct Ball final : TestSurface {
+  double distance(const glm::dvec3& p) const override { return std::abs(glm::length(p) - 50); }
+  bool behind(const glm::dvec3& p) const override { return glm::length(p) < 50; }
+  std::optional<glm::dvec3> hit(const Ray& ray) const override {
+    const double b = glm::dot(ray.from, ray.along), c = glm::dot(ray.from, ray.from) - 2500, d = b * b - c;
+    if (d < 0 || -b - std::sqrt(d) < 0) return std::nullopt;
+    return ray.from + ray.along * (-b - std::sqrt(d));
+  }
+  double outside(const glm::dvec3& p) const override { return glm::length(p) - 50; }
+  Extent extent() const override { return {glm::dvec3(-50), glm::dvec3(50), 0.1, false}; }
+};
+
+// A control of what is seen of a surface. guarded: the eye is kept outside; else as a control that knows no surface.
+struct Seen {
+  const TestSurface& surface;
+  ViewControl control;
+  Seen(const TestSurface& of, bool guarded, ViewControl::View start)
+      : surface(of), control(of.extent(), start, kWidth, kHeight, guarded ? ViewControl::Surface{[this](double x, double y) { return under(x, y); }, &of} : ViewControl::Surface{}) {}
+  Seen(const TestSurface& of, bool guarded) : Seen(of, guarded, {fitCamera(of.extent(), kWidth, kHeight), {0, 0, 1}}) {}
+  std::optional<glm::dvec3> under(double x, double y) const { return surface.hit(rayUnder(control.view().camera, x, y)); }
+  double eyeOutside() const { return surface.outside(eyePosition(control.view().camera)); }
+  glm::dvec2 pixelOf(const glm::dvec3& p) const {
+    const glm::dvec4 clip = viewTransform(control.view().camera, surface.extent(), kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
+    return {(clip.x / clip.w + 1) * kWidth / 2, (1 - clip.y / clip.w) * kHeight / 2};
+  }
+};
+
+const Bumps kBumps;
+const Ball kBall;
+
+TEST(ViewControlSurface, AHundredNotchesEndAtTheSurface) {
+  for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
+    for (glm::dvec2 mouse : {glm::dvec2(640, 400), glm::dvec2(500, 330), glm::dvec2(760, 520)}) {
+      for (bool guarded : {true, false}) {
+        Seen seen(*surface, guarded);
+        Hand hand{seen.control};
+        hand.drag(MouseButton::kLeft, 640, 400, 700, 450);
+        hand.to(mouse.x, mouse.y);
+        const auto point = seen.under(mouse.x, mouse.y);
+        ASSERT_TRUE(point);
+        double least = 1e300;
+        for (int notch = 0; notch < 100; ++notch) {
+          hand.wheel(1);
+          least = std::min(least, seen.eyeOutside());
+          if (guarded) {
+            ASSERT_LT(glm::length(seen.pixelOf(*point) - mouse), 0.01) << "notch " << notch;
+          }
+        }
+        if (guarded) {
+          EXPECT_GT(least, 0);
+          const auto middle = seen.under(640, 400);
+          ASSERT_TRUE(middle) << "the artwork fills the window";
+          const ViewTransform view = viewTransform(seen.control.view().camera, surface->whole(), kWidth, kHeight);
+          EXPECT_LT(view.near_mm, glm::length(*middle - view.eye_mm)) << "the near plane lies before it";
+          EXPECT_LT(glm::length(*middle - view.eye_mm), 5) << "and it is near";
+        } else if (mouse.x == 640) {
+          EXPECT_LT(least, 0) << "control: without a surface the eye goes through";
+        }
+      }
+    }
+  }
+}
+
+TEST(ViewControlSurface, AnOrbitKeepsThePointUnderTheMouse) {
+  for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
+    for (bool orthographic : {false, true}) {
+      ViewControl::View start{fitCamera(surface->extent(), kWidth, kHeight), {0, 0, 1}};
+      start.camera.orthographic = orthographic;
+      Seen seen(*surface, true, start);
+      Hand hand{seen.control};
+      const glm::dvec2 mouse(560, 350);
+      const auto point = seen.under(mouse.x, mouse.y);
+      ASSERT_TRUE(point);
+      hand.down(MouseButton::kLeft, mouse.x, mouse.y);
+      for (int i = 1; i <= 20; ++i) {
+        hand.to(mouse.x + 12 * i, mouse.y + 5 * i);
+        ASSERT_LT(glm::length(seen.pixelOf(*point) - mouse), 0.01) << i;
+        if (!orthographic) {
+          ASSERT_GT(seen.eyeOutside(), 0);
+        }
+      }
+      EXPECT_LT(seen.control.view().camera.azimuth_deg, -50) << "it did turn";
+      hand.up(MouseButton::kLeft, 0, 0);
+    }
+  }
+}
+
+// Over the background a body turns about the target.
+TEST(ViewControlSurface, AnOrbitOverTheBackgroundKeepsTheTarget) {
+  Seen seen(kBall, true);
+  Hand hand{seen.control};
+  ASSERT_FALSE(seen.under(20, 20));
+  const glm::dvec3 target = seen.control.view().camera.target_mm;
+  hand.drag(MouseButton::kLeft, 20, 20, 300, 100);
+  EXPECT_EQ(seen.control.view().camera.target_mm, target);
+  EXPECT_NEAR(seen.control.view().camera.azimuth_deg, -280 * 180.0 / kHeight, 1e-9);
+}
+
+TEST(ViewControlSurface, PanHoldsThePointOfTheSurface) {
+  for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
+    Seen seen(*surface, true);
+    Hand hand{seen.control};
+    hand.to(600, 380);
+    hand.wheel(3);
+    const auto point = seen.under(600, 380);
+    ASSERT_TRUE(point);
+    hand.drag(MouseButton::kMiddle, 600, 380, 660, 350);
+    EXPECT_LT(glm::length(seen.pixelOf(*point) - glm::dvec2(660, 350)), 0.01);
+    EXPECT_GT(seen.eyeOutside(), 0);
+  }
+}
+
+// Whatever a hand does, a perspective eye is outside after each event. The control knows no surface.
+TEST(ViewControlSurface, NothingAHandDoesPutsTheEyeInside) {
+  for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
+    for (bool guarded : {true, false}) {
+      Seen seen(*surface, guarded);
+      Hand hand{seen.control};
+      std::mt19937 random(11);
+      std::uniform_real_distribution<double> x(0, kWidth), y(0, kHeight), uniform(0, 1);
+      int inside = 0, moved = 0;
+      for (int i = 0; i < 1500; ++i) {
+        const glm::dvec3 before = eyePosition(seen.control.view().camera);
+        switch (random() % 8) {
+          case 0:
+          case 1:
+          case 2: hand.to(x(random), y(random)), hand.wheel(uniform(random) < 0.75 ? 1 + 5 * uniform(random) : -4 * uniform(random)); break;
+          case 3:
+          case 4: hand.drag(MouseButton::kLeft, x(random), y(random), x(random), y(random)); break;
+          case 5: hand.drag(MouseButton::kMiddle, x(random), y(random), x(random), y(random)); break;
+          case 6: hand.press("O"); break;
+          case 7:
+            if (random() % 8 == 0) hand.press("R");
+            break;
+        }
+        const OrbitCamera& c = seen.control.view().camera;
+        ASSERT_TRUE(std::isfinite(c.distance_mm) && c.distance_mm > 0 && std::isfinite(c.target_mm.x + c.target_mm.y + c.target_mm.z));
+        inside += !c.orthographic && seen.eyeOutside() <= 0;
+        moved += eyePosition(c) != before;
+      }
+      EXPECT_TRUE(guarded ? inside == 0 : inside > 10) << inside << " inside, seed 11; without a surface: the control";
+      EXPECT_GT(moved, 700);
+    }
+  }
+}
+
+// A start inside, as a file or an option may say, is moved out along the line of sight; and so is what reset goes back to.
+TEST(ViewControlSurface, AStartInsideIsMovedOut) {
+  for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
+    ViewControl::View start{fitCamera(surface->extent(), kWidth, kHeight), {0, 0, 1}};
+    start.camera.distance_mm = 3;
+    start.camera.target_mm = {2, 3, 0};
+    Seen free(*surface, false, start), seen(*surface, true, start);
+    EXPECT_LT(free.eyeOutside(), 0) << "control";
+    EXPECT_GT(seen.eyeOutside(), 0);
+    EXPECT_EQ(seen.control.view().camera.target_mm, start.camera.target_mm);
+    Hand hand{seen.control};
+    hand.drag(MouseButton::kLeft, 640, 400, 700, 450);
+    hand.press("R");
+    EXPECT_GT(seen.eyeOutside(), 0);
+    // One that is outside stays as it is.
+    ViewControl::View near{fitCamera(surface->extent(), kWidth, kHeight), {0, 0, 1}};
+    near.camera.distance_mm = 90;
+    EXPECT_EQ(Seen(*surface, true, near).control.view().camera.distance_mm, 90);
+  }
 }
 
 }  // namespace

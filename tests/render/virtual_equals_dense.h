@@ -124,6 +124,8 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     EXPECT_TRUE(e.sabotage(run.sabotage).ok());
   }
   std::mt19937 random(run.seed);
+  DenseTexture with_normals;  // of the exaggeration
+  double of_exaggeration = 0;
   for (int view = 0; view < run.views; ++view) {
     const OrbitCamera camera =
         run.camera ? run.camera(random) : randomCamera(random, subject.texture->domain, run.height);
@@ -143,16 +145,19 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     v.width_px = run.width;
     v.height_px = run.height;
     v.exaggerate = scene.exaggerate;
-    const auto light = normalizedLight(scene.light);
-    v.light_u = light[0];
-    v.light_v = light[1];
+    v.light = normalizedLight(scene.light);
     v.sampling = static_cast<DenseSampling>(scene.sampling);
     v.anisotropy = scene.anisotropy;
     v.resolved = e.plan().resolve;
     v.snapped_px = snappedPx();
     if (run.wrong_oracle) run.wrong_oracle(v);
+    const bool by_relief = e.plan().normals_exaggerate != 0;
+    if (by_relief && of_exaggeration != scene.exaggerate) {
+      with_normals = denseWithNormals(*subject.texture, *subject.relief, scene.exaggerate);
+      of_exaggeration = scene.exaggerate;
+    }
     const DenseImage reference =
-        renderDense(*subject.texture, e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);
+        renderDense(by_relief ? with_normals : *subject.texture, e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);
     const ImageDifference d = compareImages(reference, pixels, false);
     totals.engine_s += drawn - start;
     totals.oracle_s += now() - drawn;

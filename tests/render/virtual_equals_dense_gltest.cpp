@@ -13,6 +13,26 @@ TEST(VirtualEqualsDense, ReliefOfEveryBasis) {
     expectEqual(compare(noiseSubject(1501, 1103, basis, 12, 7), {}, {.views = 8}), basisName(basis));
 }
 
+// Colour lit by the normals of its relief, where the relief is as fine as the colour, finer and coarser, and where heights are multiplied.
+TEST(VirtualEqualsDense, ColourLitByItsRelief) {
+  const Subject same = noiseSubject(1101, 600, Basis::kColour, 12, 21);
+  NoiseHeight finer(2202, 1200, 12, 22), coarser(300, 164, 12, 23);
+  const Subject on_finer = denseSubject(NoiseTexture(1101, 600, Basis::kColour, 22), &finer, 1),
+                on_coarser = denseSubject(NoiseTexture(1101, 600, Basis::kColour, 23), &coarser, -2);
+  const Subject strip = noiseSubject(150, 1300, Basis::kColour, 6, 24);
+  expectEqual(compare(same, {}, {.views = 6}), "as fine");
+  expectEqual(compare(same, {.exaggerate = -2}, {.views = 4}), "exaggerated, mirrored");
+  expectEqual(compare(same, {.relight = false}, {.views = 4}), "fixed light");
+  expectEqual(compare(same, {.sampling = Sampling::kAnisotropic}, {.views = 3}), "anisotropic");
+  expectEqual(compare(on_finer, {}, {.views = 4}), "finer");
+  expectEqual(compare(on_coarser, {}, {.views = 6}), "coarser");
+  expectEqual(compare(strip, {}, {.views = 6}), "over patches of a strip");
+  expectEqual(compare(same, {.unlit = true}, {.views = 4}), "unlit");
+  Views run{.views = 3};
+  run.wrong_oracle = [](DenseView& v) { v.light[0] += 0.05; };
+  EXPECT_GT(compare(same, {}, run).above_1, 100u) << "control";
+}
+
 TEST(VirtualEqualsDense, WithoutRelief) {
   Scene scene;
   scene.relief = false;
@@ -31,6 +51,23 @@ TEST(VirtualEqualsDense, FixedLightAndNearestLevel) {
   scene.sampling = Sampling::kTrilinear;
   scene.exaggerate = 2.5;
   expectEqual(compare(subject, scene, {.views = 8}), "exaggerated relief");
+}
+
+TEST(VirtualEqualsDense, LightsFromAllAround) {
+  const Subject subject = noiseSubject(700, 500, Basis::kPtmLrgb, 5, 13);
+  for (bool relight : {true, false}) {
+    for (const std::array<double, 3>& light : {std::array{0.1, 0.0, -1.0}, {0.0, 0.0, -1.0}, {-0.7, 0.5, -0.2}, {0.3, 1.0, 0.0}}) {
+      Scene scene;
+      scene.relight = relight;
+      scene.light = light;
+      Views run{.views = 2};
+      run.random_light = false;
+      expectEqual(compare(subject, scene, run), relight ? "live light from behind" : "fixed light from behind");
+      if (light[2] > -0.1) continue;
+      run.wrong_oracle = [](DenseView& v) { v.light[2] = -v.light[2]; };
+      EXPECT_GT(compare(subject, scene, run).above_1, 100u) << "control";
+    }
+  }
 }
 
 TEST(VirtualEqualsDense, FromOneTexel) {
@@ -125,7 +162,7 @@ TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
   const std::vector<std::pair<const char*, std::function<void(DenseView&)>>> mistakes{
       {"level of detail off by a quarter", [](DenseView& v) { v.lod_bias = 0.25; }},
-      {"light off by a degree", [](DenseView& v) { v.light_u += 0.0175; }},
+      {"light off by a degree", [](DenseView& v) { v.light[0] += 0.0175; }},
       {"nearest level", [](DenseView& v) { v.sampling = DenseSampling::kBilinear; }},
       {"the farthest surface instead of the nearest",
        [](DenseView& v) {

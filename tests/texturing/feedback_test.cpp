@@ -5,7 +5,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <map>
 #include <random>
@@ -119,6 +118,24 @@ TEST(Feedback, CentreIsNearAndCornersAreFar) {
   EXPECT_LE(wants[6].centre_distance, 1.0f);
   EXPECT_EQ(wants[0].centre_distance, 0.0f) << "an ancestor is as near as the nearest that wants it";
   EXPECT_EQ(wants[0].pixels, 0u);
+}
+
+// As near to the centre as pixel centres get: half a pixel where the width is even, and of equal nodes the order of their names.
+TEST(Feedback, TheMiddleOfARunAndTheOrderOfEqualsAreExact) {
+  FeedbackAnalyzer analyzer;
+  const std::vector<Pixel> four(4, pixelOf({0, 0, 0, 0})), five(5, pixelOf({0, 0, 0, 0}));
+  EXPECT_FLOAT_EQ(analyzer.analyze(four, 4, 1)[0].centre_distance, static_cast<float>(std::sqrt(1.0 / (4 * 4 + 1))));
+  EXPECT_EQ(analyzer.analyze(five, 5, 1)[0].centre_distance, 0.0f);
+  const NodeId low{0, 1, 0, 1}, high{0, 1, 1, 0};
+  ASSERT_LT(packNode(low), packNode(high));
+  for (const bool swapped : {false, true}) {
+    std::vector<Pixel> pixels(4, kBackground);
+    pixels[swapped ? 3 : 0] = pixelOf(low), pixels[swapped ? 0 : 3] = pixelOf(high);
+    const auto wants = analyzer.analyze(pixels, 4, 1);
+    ASSERT_EQ(wants.size(), 3u);
+    EXPECT_EQ(wants[1].node, low) << swapped;
+    EXPECT_EQ(wants[2].node, high) << swapped;
+  }
 }
 
 TEST(Feedback, NothingInNothingOut) {
@@ -287,21 +304,18 @@ TEST(WantMemory, FloodsAreForgotten) {
   EXPECT_EQ(memory.add(chain({0, 3, 1, 1}, 0), 1, 64).size(), 4u);
 }
 
-// Not asserted: printed for the record.
-TEST(Feedback, Timing) {
+// As large as feedback gets (every pixel of a screen), and again with the scratch memory of the call before, which was larger or smaller.
+TEST(Feedback, AWholeScreenGivesTheNaiveAnswerWhateverWasAnalysedBefore) {
   FeedbackAnalyzer analyzer;
-  for (auto [w, h] : {std::pair{160, 90}, {1280, 720}}) {
-    auto pixels = inclinedView(w, h, 8);  // pages of some 128 screen pixels
-    double best = 1e9;
-    size_t nodes = 0;
-    for (int i = 0; i < 20; ++i) {
-      auto start = std::chrono::steady_clock::now();
-      nodes = analyzer.analyze(pixels, w, h).size();
-      best =
-          std::min(best, std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count());
-    }
-    std::printf("%d x %d pixels, %zu nodes: %.3f ms\n", w, h, nodes, best);
+  std::map<int, size_t> nodes;
+  for (auto [w, h] : {std::pair{160, 90}, {1280, 720}, {160, 90}, {1280, 720}}) {
+    const auto pixels = inclinedView(w, h, w == 160 ? 5 : 8);  // of a screen: pages of some 128 of its pixels
+    const auto wants = analyzer.analyze(pixels, w, h);
+    EXPECT_EQ(compare(wants, naive(pixels, w, h)), "") << w << " x " << h;
+    EXPECT_TRUE(nodes.emplace(w, wants.size()).first->second == wants.size()) << w << " x " << h;
   }
+  EXPECT_GT(nodes[160], 5u);
+  EXPECT_GT(nodes[1280], 2 * nodes[160]);
 }
 
 }  // namespace

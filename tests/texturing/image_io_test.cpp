@@ -1,6 +1,9 @@
 // Images through OpenImageIO: regions of what was written, whatever the file's layout; damaged files cost one Error.
 #include "texturing/image_io.h"
+#include "texturing/image_io_module.h"
 
+#include <OpenImageIO/imagebuf.h>
+#include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -20,6 +23,7 @@ namespace relievo {
 namespace {
 
 namespace fs = std::filesystem;
+using relievo::writeImage;  // beside the one below, which writes as OpenImageIO does
 using Bytes = std::vector<uint8_t>;
 
 fs::path folder() {
@@ -135,7 +139,6 @@ TEST(HeightImage, FloatsAreMillimetresAndTheirRangeIsTight) {
     ASSERT_TRUE(source);
     EXPECT_EQ((*source)->minMm(), *std::min_element(f.begin(), f.end()));
     EXPECT_EQ((*source)->maxMm(), *std::max_element(f.begin(), f.end()));
-    expectHeights(path, {{10, 12}}, w, h, [&](int64_t x, int64_t y) { return 10 + 2.0 * mm(x, y); });
   }
   std::vector<double> d(f.begin(), f.end());
   expectHeights(writeImage("d.tif", w, h, 1, d, OIIO::TypeDesc::DOUBLE), {}, w, h, mm);
@@ -143,6 +146,22 @@ TEST(HeightImage, FloatsAreMillimetresAndTheirRangeIsTight) {
   for (float& v : halves) v = std::round(v * 8) / 8;  // what a half holds exactly
   expectHeights(writeImage("half.exr", w, h, 1, halves, OIIO::TypeHalf), {}, w, h,
                 [&](int64_t x, int64_t y) { return halves[static_cast<size_t>(y * w + x)]; });
+}
+
+TEST(HeightImage, FloatsBesideARangeAreSharesOfIt) {
+  const int w = 40, h = 30;
+  auto shares = noise<float>(w * h, 14);
+  for (float& v : shares) v = (v + 3) / 12;
+  expectHeights(writeImage("shares.tif", w, h, 1, shares, OIIO::TypeFloat), {{10, 12}}, w, h,
+                [&](int64_t x, int64_t y) { return 10 + 2.0 * shares[static_cast<size_t>(y * w + x)]; });
+  // Beyond 0..1 they are mm: a range beside them would multiply millimetres.
+  for (float beyond : {-0.01f, 1.01f, 250.0f}) {
+    shares[77] = beyond;
+    auto source = openHeightImage(writeImage("mm.tif", w, h, 1, shares, OIIO::TypeFloat), {{10, 12}});
+    ASSERT_FALSE(source) << beyond;
+    EXPECT_EQ(source.error().kind, ErrorKind::kUsage);
+    EXPECT_NE(source.error().hint.find("leave out --relief-mm"), std::string::npos) << source.error().text();
+  }
 }
 
 TEST(HeightImage, HolesAreRefusedWithTheirPlace) {
@@ -244,14 +263,134 @@ TEST(ColourImage, ProvenanceNamesTheFileAndItsDigest) {
   EXPECT_EQ((*source)->provenance().xxh3, *hashFile(path));
 }
 
+// As OpenImageIO turns a whole image; but for 5 and 7, which its reorient() (2.4) takes for one another: of 5 the first row is the picture's left
+// side and the first column its top, of 7 its right side and its bottom (EXIF 2.3, 4.6.4).
+OIIO::ImageBuf turnedWhole(const std::string& path, int orientation) {
+  const OIIO::ImageBuf stored(path);
+  if (orientation == 5) return OIIO::ImageBufAlgo::transpose(stored);
+  if (orientation == 7) return OIIO::ImageBufAlgo::rotate180(OIIO::ImageBufAlgo::transpose(stored));
+  return OIIO::ImageBufAlgo::reorient(stored);
+}
+
+TEST(Orientation, OfExifIsAppliedToEveryRectangle) {
+  const int w = 70, h = 41;
+  auto pixels = noise<uint8_t>(w * h * 3, 21);
+  auto heights = noise<uint16_t>(w * h, 22);
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    for (int tile : {0, 16}) {
+      auto save = [&](const std::string& name, int channels, OIIO::TypeDesc type, const void* data) {
+        // Names of their own: ImageBuf keeps what it read under a name.
+        const std::string path = folder() / (name + std::to_string(orientation) + "_" + std::to_string(tile) + ".tif");
+        OIIO::ImageSpec spec(w, h, channels, type);
+        spec.attribute("Orientation", orientation);
+        if (tile) spec.tile_width = spec.tile_height = tile;
+        auto out = OIIO::ImageOutput::create(path);
+        EXPECT_TRUE(out && out->open(path, spec) && out->write_image(type, data) && out->close());
+        return path;
+      };
+      const std::string colour = save("turned", 3, OIIO::TypeUInt8, pixels.data()), relief = save("turned_height", 1, OIIO::TypeUInt16, heights.data());
+      const OIIO::ImageBuf turned = turnedWhole(colour, orientation), turned_relief = turnedWhole(relief, orientation);
+      ASSERT_EQ(turned.spec().width, orientation >= 5 ? h : w);
+      auto facts = readImageFacts(colour);
+      ASSERT_TRUE(facts);
+      EXPECT_EQ(facts->width_px, turned.spec().width);
+      EXPECT_EQ(facts->height_px, turned.spec().height);
+      expectHeights(relief, {{0, 65535}}, turned_relief.spec().width, turned_relief.spec().height,
+                    [&](int64_t x, int64_t y) { return std::round(65535.0 * turned_relief.getchannel(static_cast<int>(x), static_cast<int>(y), 0, 0)); });
+      for (bool orient : {true, false}) {
+        const OIIO::ImageBuf stored(colour);
+        const OIIO::ImageBuf& expected = orient ? turned : stored;
+        auto source = openColourImage(colour, {.cache_bytes = 3 * w * 16, .orient = orient});
+        ASSERT_TRUE(source) << source.error().text();
+        ASSERT_EQ((*source)->width(), expected.spec().width);
+        ASSERT_EQ((*source)->height(), expected.spec().height);
+        std::mt19937 random(5);
+        for (int i = 0; i < 12; ++i) {
+          const Rect r = i ? randomRect(random, (*source)->width(), (*source)->height()) : Rect{0, 0, (*source)->width(), (*source)->height()};
+          Bytes out(static_cast<size_t>(3 * r.width * r.height));
+          ASSERT_TRUE((*source)->read(r, out));
+          for (int c = 0; c < 3; ++c)
+            for (int64_t y = 0; y < r.height; ++y)
+              for (int64_t x = 0; x < r.width; ++x)
+                ASSERT_EQ(out[static_cast<size_t>((c * r.height + y) * r.width + x)],
+                          std::lround(255 * expected.getchannel(static_cast<int>(r.x + x), static_cast<int>(r.y + y), 0, c)))
+                    << "orientation " << orientation << " tile " << tile;
+        }
+      }
+    }
+  }
+}
+
+TEST(ImageFacts, TellAlphaAndTheResolutionTag) {
+  auto facts = [&](const char* name, int channels, float x, float y, const char* unit) {
+    const std::string path = folder() / name;
+    OIIO::ImageSpec spec(8, 8, channels, OIIO::TypeUInt8);
+    if (x > 0) spec.attribute("XResolution", x), spec.attribute("YResolution", y), spec.attribute("ResolutionUnit", unit);
+    if (x != y) spec.attribute("PixelAspectRatio", y / x);
+    auto out = OIIO::ImageOutput::create(path);
+    const Bytes pixels(static_cast<size_t>(64 * channels), 9);
+    EXPECT_TRUE(out && out->open(path, spec) && out->write_image(OIIO::TypeUInt8, pixels.data()) && out->close());
+    auto read = readImageFacts(path);
+    EXPECT_TRUE(read) << read.error().text();
+    return read ? *read : ImageFacts{};
+  };
+  EXPECT_NEAR(facts("dpi.tif", 3, 300, 300, "in").tag_mm_per_px, 25.4 / 300, 1e-9);
+  EXPECT_EQ(facts("dpi.tif", 3, 300, 300, "in").tag, "300 dpi");
+  EXPECT_NEAR(facts("dpcm.tif", 3, 200, 200, "cm").tag_mm_per_px, 0.05, 1e-9);
+  EXPECT_NEAR(facts("dpi.jpg", 3, 600, 600, "in").tag_mm_per_px, 25.4 / 600, 1e-9);
+  EXPECT_NEAR(facts("dpi.png", 3, 300, 300, "in").tag_mm_per_px, 25.4 / 300, 1e-4);  // whole pixels a metre
+  EXPECT_EQ(facts("oblong.tif", 3, 300, 150, "in").tag_mm_per_px, 0) << "pixels that are not square";
+  EXPECT_EQ(facts("ratio.tif", 3, 300, 300, "none").tag_mm_per_px, 0);
+  EXPECT_EQ(facts("untold.tif", 3, 0, 0, "").tag_mm_per_px, 0);
+  for (int channels : {1, 2, 3, 4}) EXPECT_EQ(facts("alpha.png", channels, 0, 0, "").alpha, channels % 2 == 0) << channels;
+}
+
+// What a header claims is refused by the limit's name before it is allocated; the same file is read where the limit allows it.
+TEST(ImageLimits, AreCheckedBeforeTheLibraryAllocates) {
+  const uint64_t mib = uint64_t{1} << 20;
+  auto expectBeyond = [](const auto& result, const char* option) {
+    ASSERT_FALSE(result);
+    EXPECT_EQ(result.error().kind, ErrorKind::kRuntime) << result.error().text();
+    EXPECT_NE(result.error().hint.find(option), std::string::npos) << result.error().text();
+    EXPECT_NE(result.error().hint.find("--memory-mib"), std::string::npos) << result.error().text();
+  };
+  const std::string tiled = writeImage("tile.tif", 1024, 1024, 3, Bytes(3 << 20), OIIO::TypeUInt8, "zip", 1024);
+  expectBeyond(openColourImage(tiled, {.memory_budget_bytes = 16 * mib}), "--max-tile-mib to 4,");
+  EXPECT_TRUE(openColourImage(tiled, {.memory_budget_bytes = 16 * mib, .max_tile_bytes = 4 * mib}));
+  EXPECT_TRUE(openColourImage(tiled, {.memory_budget_bytes = 24 * mib}));
+  const std::string height = writeImage("tile16.tif", 1024, 1024, 1, std::vector<uint16_t>(1 << 20), OIIO::TypeUInt16, "zip", 1024);
+  expectBeyond(openHeightImage(height, {{0, 1}}, {.memory_budget_bytes = 8 * mib}), "--max-tile-mib");
+  // Kept as a whole: a mesh's image.
+  const std::string plain = writeImage("whole.tif", 1024, 1024, 3, Bytes(3 << 20), OIIO::TypeUInt8);
+  expectBeyond(readImage8(plain, {.memory_budget_bytes = 8 * mib}), "--max-image-mib to 4,");
+  EXPECT_TRUE(readImage8(plain, {.memory_budget_bytes = 9 * mib}));
+  EXPECT_TRUE(readImage8(plain, {.memory_budget_bytes = 8 * mib, .max_decoded_bytes = 3 * mib}));
+  // Decoded as a whole, by its header alone: nothing behind it is there to be read.
+  Bytes png{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0, 0, 0x40, 0, 0, 0, 0x40, 0, 8, 2, 0, 0, 1};
+  png.resize(60000);
+  expectBeyond(openColourImage(save("interlaced.png", png)), "--max-image-mib to 769,");
+  png[28] = 0;
+  EXPECT_EQ(openColourImage(save("rows.png", png)).error().kind, ErrorKind::kInvalidData);
+  Bytes jpeg{0xff, 0xd8, 0xff, 0xe0, 0, 4, 0, 0, 0xff, 0xc2, 0, 17, 8, 0x80, 0, 0x80, 0, 3};
+  jpeg.resize(300000);
+  expectBeyond(openColourImage(save("progressive.jpg", jpeg)), "--max-image-mib to 6145,");
+  // The packing ratio.
+  const std::string blank = writeImage("blank.tif", 4096, 4096, 1, Bytes(1 << 24), OIIO::TypeUInt8, "zip");
+  EXPECT_TRUE(openColourImage(blank));
+  auto packed = openColourImage(blank, {.max_packing = 10});
+  ASSERT_FALSE(packed);
+  EXPECT_EQ(packed.error().kind, ErrorKind::kInvalidData);
+  EXPECT_NE(packed.error().hint.find("--max-packing"), std::string::npos) << packed.error().text();
+}
+
 // ---- writing
 
-TEST(WritePng, RoundTripIsExact) {
+TEST(WriteImage, PngRoundTripIsExact) {
   // Four channels: colour under zero alpha must survive too.
   for (int channels : {1, 2, 3, 4}) {
     auto pixels = noise<uint8_t>(static_cast<size_t>(31 * 17 * channels), 9);
     const std::string path = folder() / "w.png";
-    ASSERT_TRUE(writePng(path, 31, 17, channels, pixels));
+    ASSERT_TRUE(writeImage(path, 31, 17, channels, pixels));
     auto image = readImage8(path);
     ASSERT_TRUE(image) << image.error().text();
     EXPECT_EQ(image->channels, channels);
@@ -260,7 +399,7 @@ TEST(WritePng, RoundTripIsExact) {
 }
 
 // In whole pixels a metre, as PNG counts.
-TEST(WritePng, TellsItsScale) {
+TEST(WriteImage, PngTellsItsScale) {
   const auto pixels = noise<uint8_t>(8 * 8 * 3, 9);
   const std::string path = folder() / "scale.png";
   auto perMetre = [&]() -> uint32_t {
@@ -275,9 +414,152 @@ TEST(WritePng, TellsItsScale) {
     return x;
   };
   for (auto [mm_per_px, px_per_m] : {std::pair{0.05, 20000u}, {0.0423333333, 23622u}, {0.3, 3333u}, {0.29296875, 3413u}, {1000.0, 1u}, {0.0, 0u}, {2001.0, 0u}, {1e-9, 0u}}) {
-    ASSERT_TRUE(writePng(path, 8, 8, 3, pixels, mm_per_px));
+    ASSERT_TRUE(writeImage(path, 8, 8, 3, pixels, mm_per_px));
     EXPECT_EQ(perMetre(), px_per_m) << mm_per_px;
     EXPECT_TRUE(readImage8(path)->pixels == pixels);
+  }
+}
+
+// IEC 61966-2-1, in double precision.
+double linearOf(uint8_t code) {
+  const double v = code / 255.0;
+  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
+}
+
+TEST(WriteImage, TiffRoundTripIsExactAndJpegIsClose) {
+  for (int channels : {1, 2, 3, 4}) {
+    auto pixels = noise<uint8_t>(static_cast<size_t>(31 * 17 * channels), 9);
+    const std::string path = folder() / "w.tif";
+    ASSERT_TRUE(writeImage(path, 31, 17, channels, pixels));
+    auto image = readImage8(path);
+    ASSERT_TRUE(image) << image.error().text();
+    EXPECT_TRUE(image->channels == channels && image->pixels == pixels) << channels << " channels";
+  }
+  const Bytes grey(31 * 17 * 3, 100);
+  ASSERT_TRUE(writeImage(folder() / "w.jpeg", 31, 17, 3, grey));
+  auto jpeg = readImage8(folder() / "w.jpeg");
+  ASSERT_TRUE(jpeg);
+  for (const uint8_t v : jpeg->pixels) EXPECT_NEAR(v, 100, 1);
+  auto refused = writeImage(folder() / "alpha.jpg", 31, 17, 4, Bytes(31 * 17 * 4));
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().kind, ErrorKind::kUsage);
+  EXPECT_FALSE(fs::exists(folder() / "alpha.jpg"));
+}
+
+// Linear light, premultiplied, each value the nearest that a half has (2^-11 of it, or 2^-25).
+TEST(WriteImage, ExrIsLinearLight) {
+  for (int channels : {1, 3, 4}) {
+    const int w = 256, h = 5;
+    auto pixels = noise<uint8_t>(static_cast<size_t>(w * h * channels), 19);
+    for (int x = 0; x < w; ++x)
+      for (int c = 0; c < channels; ++c) pixels[static_cast<size_t>(x * channels + c)] = c == 3 ? 255 : static_cast<uint8_t>(x);  // every code, opaque
+    const std::string path = folder() / "w.exr";
+    ASSERT_TRUE(writeImage(path, w, h, channels, pixels));
+    auto in = OIIO::ImageInput::open(path);
+    ASSERT_TRUE(in);
+    EXPECT_TRUE(in->spec().format == OIIO::TypeHalf);
+    std::vector<float> back(pixels.size());
+    ASSERT_TRUE(in->read_image(0, 0, 0, channels, OIIO::TypeFloat, back.data()));
+    for (size_t i = 0; i < back.size(); ++i) {
+      const size_t c = i % static_cast<size_t>(channels);
+      const double alpha = channels == 4 ? pixels[i - c + 3] / 255.0 : 1;
+      const double expected = c == 3 ? alpha : alpha * linearOf(pixels[i]);
+      ASSERT_NEAR(back[i], expected, expected / 2048 + 1.0 / (1 << 25)) << i;
+    }
+  }
+}
+
+// As other programs read it: pixels a unit of length.
+TEST(WriteImage, EveryFormatTellsItsScale) {
+  const auto pixels = noise<uint8_t>(8 * 8 * 3, 9);
+  for (const char* name : {"scale.tif", "scale.exr", "scale.jpg"}) {
+    for (const double mm_per_px : {0.05, 0.0423333333, 0.29296875, 25.4 / 300, 0.0}) {
+      const std::string path = folder() / name;
+      ASSERT_TRUE(writeImage(path, 8, 8, 3, pixels, mm_per_px));
+      auto in = OIIO::ImageInput::open(path);
+      ASSERT_TRUE(in);
+      const auto& spec = in->spec();
+      const double mm = spec.get_string_attribute("ResolutionUnit", "in") == "cm" ? 10 : 25.4;
+      const float x = spec.get_float_attribute("XResolution", 0), y = spec.get_float_attribute("YResolution", 0);
+      if (mm_per_px == 0) {
+        EXPECT_TRUE(std::string(name) == "scale.jpg" || x == 0) << name << " says a scale that nobody gave: " << x;
+        continue;
+      }
+      ASSERT_GT(x, 0) << name;
+      EXPECT_EQ(x, y) << name;
+      // JFIF counts whole pixels an inch or a centimetre.
+      EXPECT_NEAR(mm / x, mm_per_px, mm_per_px * (std::string(name) == "scale.jpg" ? 0.006 : 1e-5)) << name;
+    }
+  }
+}
+
+TEST(WriteImage, OtherNamesAreRefused) {
+  for (const char* name : {"w.bmp", "w", "w.png.gif", "w.exr/x"}) {
+    auto written = writeImage(folder() / name, 8, 8, 3, Bytes(192));
+    ASSERT_FALSE(written) << name;
+    EXPECT_EQ(written.error().kind, ErrorKind::kUsage) << name;
+  }
+  EXPECT_EQ(*imageFormatOf("-"), ImageFormat::kPng);
+}
+
+// Bytes that lie about what they keep.
+class LyingBytes final : public ImageBytes {
+ public:
+  uint64_t keeps = ~uint64_t{0};     // what is beyond is lost without a word
+  uint64_t fails_at = ~uint64_t{0};  // writing there is an error
+  Bytes bytes;
+  Result<void> write(uint64_t offset, std::span<const uint8_t> from) override {
+    if (offset + from.size() > fails_at) return Error{ErrorKind::kIo, "the disk", "is full", "", {}};
+    for (size_t i = 0; i < from.size() && offset + i < keeps; ++i) {
+      if (bytes.size() <= offset + i) bytes.resize(offset + i + 1);
+      bytes[offset + i] = from[i];
+    }
+    return {};
+  }
+  Result<void> read(uint64_t offset, std::span<uint8_t> out) override {
+    for (size_t i = 0; i < out.size(); ++i) out[i] = bytes.at(offset + i);
+    return {};
+  }
+  uint64_t size() const override { return bytes.size(); }
+};
+
+// What the library does not notice is found all the same: a disk that is full wherever it may be, bytes that are lost or others.
+TEST(WriteImage, WhatIsNotOnTheDiskIsNotWritten) {
+  auto module = imageIoModule();
+  ASSERT_TRUE(module);
+  const int w = 64, h = 48;
+  const auto pixels = noise<uint8_t>(w * h * 6, 5);  // as many bytes as halves need
+  for (const ImageFormat format : {ImageFormat::kPng, ImageFormat::kTiff, ImageFormat::kExr, ImageFormat::kJpeg}) {
+    const auto encode = [&](LyingBytes& bytes, uint64_t flip) -> Result<void> {
+      auto encoder = (*module)->create_encoder({"picture", format, w, h, 3, format == ImageFormat::kExr ? SampleType::kHalf : SampleType::kUint8, 0}, bytes);
+      if (!encoder) return encoder.error();
+      for (int y = 0; y < h; ++y)
+        if (auto done = (*encoder)->appendRows(1, pixels.data() + static_cast<size_t>(y) * w * (format == ImageFormat::kExr ? 6 : 3)); !done) return done;
+      if (flip < bytes.bytes.size()) bytes.bytes[flip] ^= 0x10;
+      return (*encoder)->finish();
+    };
+    LyingBytes whole;
+    ASSERT_TRUE(encode(whole, ~uint64_t{0})) << "the control: " << encode(whole, ~uint64_t{0}).error().text();
+    const uint64_t size = whole.bytes.size();
+    for (uint64_t at = 0; at < size; at += 1 + size / 97) {
+      LyingBytes full;
+      full.fails_at = at;
+      auto written = encode(full, ~uint64_t{0});
+      ASSERT_FALSE(written) << static_cast<int>(format) << " full at " << at << " of " << size;
+      EXPECT_EQ(written.error().text(), "the disk: is full");
+    }
+    LyingBytes last;
+    last.fails_at = size - 1;
+    EXPECT_FALSE(encode(last, ~uint64_t{0})) << static_cast<int>(format);
+    for (const uint64_t kept : {uint64_t{0}, size / 4, size / 2, size - 1}) {
+      LyingBytes lost;
+      lost.keeps = kept;
+      EXPECT_FALSE(encode(lost, ~uint64_t{0})) << static_cast<int>(format) << " lost from " << kept << " of " << size;
+    }
+    if (format == ImageFormat::kPng || format == ImageFormat::kTiff) {  // which write their samples as they come
+      LyingBytes other;
+      EXPECT_FALSE(encode(other, size / 3)) << static_cast<int>(format) << ": a sample is another";
+    }
   }
 }
 
@@ -402,6 +684,62 @@ TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
       if (length % 32 == 0) (void)!!readImage8(path);
     }
     EXPECT_LT(still_whole, 30u) << whole_path << ": only trailing bytes that no pixel needs may be missing";
+  }
+}
+
+// OpenEXR allocates what an attribute claims before it reads: 271 bytes took 1.8 GB. The claim is compared with the file's length first.
+TEST(ImageDamage, AnExrAttributeLargerThanTheFileIsRefusedBeforeItIsAllocated) {
+  const Bytes sound = load(writeImage("sound.exr", 6, 5, 1, noise<float>(30, 9), OIIO::TypeDesc::FLOAT, "zip"));
+  EXPECT_TRUE(openHeightImage(save("same.exr", sound), {}));
+  // Every attribute, one by one: name, type, size, as the library wrote them.
+  size_t at = 8, attributes = 0;
+  while (sound[at] != 0) {
+    const std::string name = reinterpret_cast<const char*>(&sound[at]);
+    size_t size_at = at + name.size() + 1;
+    size_at += std::strlen(reinterpret_cast<const char*>(&sound[size_at])) + 1;
+    const size_t size = sound[size_at] | sound[size_at + 1] << 8;
+    for (const uint32_t claimed : {0x70000000u, 0xFFFFFFFFu, static_cast<uint32_t>(sound.size() - size_at - 3)}) {
+      Bytes bytes = sound;
+      std::memcpy(&bytes[size_at], &claimed, sizeof claimed);
+      const auto image = openHeightImage(save("claims.exr", bytes), {});
+      ASSERT_FALSE(image) << name;
+      EXPECT_EQ(image.error().kind, ErrorKind::kInvalidData);
+      EXPECT_NE(image.error().message.find("\"" + name + "\""), std::string::npos) << image.error().text();
+      EXPECT_EQ(image.error().offset, size_at);
+    }
+    at = size_at + 4 + size;
+    ++attributes;
+  }
+  EXPECT_GE(attributes, 8u) << "channels, compression, windows, ...";
+}
+
+// OpenImageIO reads the names of these segments, and the IPTC metadata within, without looking where they end.
+TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
+  using namespace std::string_literals;
+  const Bytes sound = load(writeImage("sound.jpg", 8, 8, 3, noise<uint8_t>(192, 9), OIIO::TypeDesc::UINT8));
+  auto with = [&](uint8_t marker, const std::string& data, const std::string& before = "") {
+    Bytes bytes(sound.begin(), sound.begin() + 2);
+    const size_t size = data.size() + 2;
+    bytes.insert(bytes.end(), before.begin(), before.end());
+    for (const size_t b : {size_t{0xff}, size_t{marker}, size >> 8, size & 255}) bytes.push_back(static_cast<uint8_t>(b));
+    bytes.insert(bytes.end(), data.begin(), data.end());
+    bytes.insert(bytes.end(), sound.begin() + 2, sound.end());
+    return openColourImage(save("metadata.jpg", bytes), {});
+  };
+  const std::string xmp = "http://ns.adobe.com/xap/1.0/\0"s, iptc = "Photoshop 3.0\0"s + "8BIM\4\4\0\0\0\0"s;
+  const std::string tiff = "II*\0\10\0\0\0"s + "\0\0\0\0\0\0"s;
+  EXPECT_TRUE(with(0xe1, "Exif\0\0"s + tiff));
+  EXPECT_TRUE(with(0xe1, xmp + "<x:xmpmeta/>"));
+  EXPECT_TRUE(with(0xed, iptc + "\0\5\x1c\2\x50\0\0"s));
+  EXPECT_TRUE(with(0xe2, ""));
+  for (const std::string& before : {""s, "garbage\xff\0\xff"s}) {
+    for (const auto& [marker, data] : {std::pair{0xe1, ""s}, {0xe1, "Ex"s}, {0xe1, "Exif\0"s}, {0xe1, "Exif\0\0II*"s}, {0xe1, xmp.substr(0, 28)}, {0xed, ""s},
+                                       {0xed, "Photoshop 3"s}, {0xed, iptc.substr(0, 17)}, {0xed, iptc}, {0xed, iptc + "\0\6\x1c\2\x50\0\0"s}}) {
+      const auto image = with(static_cast<uint8_t>(marker), data, before);
+      ASSERT_FALSE(image) << marker << " of " << data.size() << " bytes";
+      EXPECT_EQ(image.error().kind, ErrorKind::kInvalidData);
+      EXPECT_EQ(image.error().offset, 2 + before.size() + 2);
+    }
   }
 }
 

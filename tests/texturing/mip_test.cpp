@@ -48,6 +48,32 @@ TEST(Mip, equalsTheNaiveRuleOnOddSizesAtEveryLevel) {
   }
 }
 
+// So bright that many weights are the largest that there is.
+TEST(Mip, equalsTheNaiveRuleWhereWeightsAreClamped) {
+  NoisyTexture source(64, 48, Basis::kPtmLrgb, 5, 120);
+  TextureFormat format = source.format();
+  format.scale[5] = 8;
+  const NaiveImage level = naiveFinest(source);
+  const auto in = padded(level, 64, 48);
+  std::vector<uint16_t> out(in.size() / 4);
+  MipFilter(format).downsample(in.data(), 64, 48, out.data());
+  EXPECT_EQ(out, padded(naiveCoarser(level, format), 32, 24));
+}
+
+TEST(Mip, aBorderRepeatsTheNearestTexel) {
+  constexpr int kWidth = 7, kHeight = 6, kX0 = 2, kX1 = 5, kY0 = 1, kY1 = 4;
+  std::vector<uint8_t> data(size_t{2} * kWidth * kHeight);
+  for (size_t i = 0; i < data.size(); ++i) data[i] = static_cast<uint8_t>(3 * i + 1);
+  const std::vector<uint8_t> before = data;
+  repeatBorder(data.data(), kWidth, kHeight, 2, kX0, kY0, kX1, kY1);
+  for (int c = 0; c < 2; ++c)
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        const int from_x = std::clamp(x, kX0, kX1 - 1), from_y = std::clamp(y, kY0, kY1 - 1);
+        EXPECT_EQ(data[static_cast<size_t>((c * kHeight + y) * kWidth + x)], before[static_cast<size_t>((c * kHeight + from_y) * kWidth + from_x)]) << c << " " << x << " " << y;
+      }
+}
+
 TEST(Mip, constantImagesStayAsTheyAre) {
   for (Basis basis : {Basis::kColour, Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kAlbedoNormal}) {
     TextureFormat format = sampleFormat(basis);

@@ -34,6 +34,7 @@ Result<BuildReport> build(const std::string& path, const TextureSource& t, const
   o.mm_per_px = 0.25;
   o.memory_budget_bytes = budget;
   o.tool_version = "test";
+  o.stretch_relief = true;  // pages are compared whatever the proportions
   return buildPackage(t, h, o);
 }
 
@@ -312,6 +313,47 @@ TEST(Determinism, workersAndMemoryDoNotMatter) {
   EXPECT_EQ(folder.entries(), 5u);
 }
 
+// ---- the size ----
+
+TEST(Size, thatNobodyGaveIsSaidToBeUnknown) {
+  ScratchFolder folder;
+  NoisyTexture texture(200, 100, Basis::kColour, 21);
+  NoisyHeights heights(200, 100, 22);
+  BuildOptions o;
+  o.mm_per_px = 0.25;
+  for (bool known : {true, false}) {
+    o.output = folder.file(known ? "known" : "unknown");
+    o.size_known = known;
+    ASSERT_TRUE(buildPackage(texture, &heights, o).ok());
+    auto package = Package::open(o.output);
+    ASSERT_TRUE(package.ok()) << package.error().text();
+    EXPECT_EQ((*package)->manifest().size_known, known);
+    EXPECT_EQ((*package)->manifest().domain.mm_per_px, known ? 0.25 : 1);
+    EXPECT_EQ((*package)->manifestJson().find("size_known") == std::string::npos, known) << "a member of packages without a size alone";
+    // What readers from before there was such a field take for padding.
+    const std::string bytes = fileBytes(o.output);
+    EXPECT_EQ(bytes.substr(140, 4), std::string(known ? "\0\0\0\0" : "\1\0\0\0", 4));
+  }
+}
+
+TEST(Proportions, ofAHeightMapAreTheTextures) {
+  ScratchFolder folder;
+  NoisyTexture texture(300, 200, Basis::kColour, 21);
+  BuildOptions o;
+  o.output = folder.file("a");
+  for (auto [width, height, good] : {std::tuple{300, 200, true}, {150, 100, true}, {31, 20, true}, {302, 200, true}, {305, 200, false}, {200, 300, false}, {600, 300, false}}) {
+    NoisyHeights heights(width, height, 22);
+    o.stretch_relief = false;
+    auto built = buildPackage(texture, &heights, o);
+    EXPECT_EQ(built.ok(), good) << width << " x " << height;
+    o.stretch_relief = true;
+    EXPECT_TRUE(buildPackage(texture, &heights, o).ok()) << width << " x " << height;
+    if (good) continue;
+    EXPECT_EQ(built.error().kind, ErrorKind::kInvalidData);
+    for (const char* told : {"300 x 200", "within 1 %", "--stretch-relief"}) EXPECT_NE(built.error().text().find(told), std::string::npos) << built.error().text();
+  }
+}
+
 // ---- encodings ----
 
 Result<BuildReport> buildEncoded(const std::string& path, const TextureSource& t, const HeightSource* h, PageEncoding coefficients, PageEncoding colour,
@@ -373,7 +415,7 @@ TEST(Encodings, everyPageIsTheExactOneEncoded) {
     // Planes and their bytes, as `relievo info` shows them, add up.
     uint64_t pages = 0, bytes = 0;
     for (Plane p : {Plane::kTexture0, texturePlane(1), texturePlane(2), Plane::kRelief}) {
-      PlaneUsage usage = planeUsage(**lossy, p);
+      PlaneUsage usage = *planeUsage(**lossy, p);
       pages += usage.pages, bytes += usage.bytes;
       EXPECT_EQ(usage.unknown_pages, 0u);
     }

@@ -138,6 +138,18 @@ std::string compareWithModel(uint64_t seed, bool broken) {
   return {};
 }
 
+// Whatever age is asked for, what the current frame uses stays.
+TEST(PageCache, AnAgeOf0SparesTheCurrentFrameToo) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving}) {
+    PageCache cache(1, policy);
+    const PageId first(Plane::kTexture0, {1, 0, 0, 0}), second(Plane::kTexture0, {2, 0, 0, 0});
+    ASSERT_TRUE(cache.place(first, 1));
+    EXPECT_FALSE(cache.place(second, 1, 0)) << replacementName(policy);
+    EXPECT_NE(cache.find(first), kNoSlot) << replacementName(policy);
+    EXPECT_TRUE(cache.place(second, 2, 0)) << replacementName(policy) << ", a frame later";
+  }
+}
+
 TEST(PageCache, RandomOperationsAgreeWithANaiveModel) {
   for (uint64_t seed = 1; seed <= 100; ++seed) ASSERT_EQ(compareWithModel(seed, false), "") << "seed " << seed;
 }

@@ -66,7 +66,7 @@ TEST(StreamerFaults, ASourceThatNeverAnswersStopsNothing) {
     sim.texture = square(5, i % 20, i % 17, 4);
     sim.relief = square(5, i % 20, i % 17, 2);
     sim.predicted = square(5, (i + 7) % 20, i % 17, 4);
-    if (i % 50 == 0) sim.streamer.setLight(0.01 * i, 0);
+    if (i % 50 == 0) sim.streamer.setLight(frontLight(0.01 * i, 0));
     sim.step();
     for (const NodeWant& w : sim.texture) ASSERT_EQ(sim.shown(w.node), kRoot);
     EXPECT_FALSE(sim.streamer.settled());
@@ -252,7 +252,7 @@ void holdUnderRandomOperations(bool blocks) {
           sim.texture.insert(sim.texture.end(), sim.predicted.begin(), sim.predicted.end());
           break;  // duplicates
         case 4:
-          sim.streamer.setLight(0.01 * dice_of(90), 0.1);
+          sim.streamer.setLight(frontLight(0.01 * dice_of(90), 0.1));
           break;
         case 5:
           sim.now_s += 3;

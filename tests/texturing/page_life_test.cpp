@@ -36,7 +36,7 @@ TEST(StreamerStates, EveryLegalChangeOccursAndNoOther) {
       if (random() % 3 == 0) sim.relief = square(4, x, y, 1 + random() % 3);
       if (random() % 3 == 0) sim.predicted = square(4, x, y, 1 + random() % 4);
       if (random() % 20 == 0) sim.texture = square(5, x, y, 1);
-      if (random() % 10 == 0) sim.streamer.setLight(0.001 * i, 0.1);
+      if (random() % 10 == 0) sim.streamer.setLight(frontLight(0.001 * i, 0.1));
       sim.max_uploads = random() % 12;
       sim.step();
     }

@@ -433,6 +433,7 @@ TEST(PageStreamer, RetriesBackOff) {
   EXPECT_EQ(rig.messages.size(), 1u);
   EXPECT_EQ(rig.streamer.stats().retries, 3u);
   EXPECT_EQ(rig.streamer.stats().failed_pages, 1u);
+  EXPECT_EQ(rig.streamer.failures().pages, 1u) << "tried often, failed once";
 }
 
 TEST(PageStreamer, NodesThatDoNotExistFailAtOnce) {
@@ -480,6 +481,9 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   streamer.pinRoots(roots, roots);
   EXPECT_EQ(streamer.stats().failed_pages, 8u);
   EXPECT_EQ(streamer.takeMessages().size(), 8u);
+  EXPECT_EQ(streamer.failures().pages, 8u);
+  EXPECT_EQ(streamer.failures().unreadable, 8u) << "input/output errors";
+  EXPECT_NE(streamer.failures().first.find("plane 0 patch 0 level 0 x 0 y 0"), std::string::npos) << streamer.failures().first;
   streamer.beginFrame(1, 0);
   auto uploads = streamer.placeReady(1);
   ASSERT_EQ(uploads.size(), 8u) << "the roots come at once";
@@ -528,8 +532,7 @@ struct ResolvedRig {
     o.slot_count = 64;
     o.texture_planes = {Plane::kResolved};
     o.format = ptmFormat();
-    o.light_u = 0.25;
-    o.light_v = 0.5;
+    o.light = frontLight(0.25, 0.5);
     return o;
   }
   ResolvedRig() : rig(record, options()) { rig.check_texels = false; }
@@ -577,7 +580,7 @@ TEST(PageStreamer, AFixedLightIsResolvedOncePerPage) {
   EXPECT_EQ(r.rig.streamer.cache().residentCount(), nodes) << "one slot a node";
   EXPECT_EQ(r.rig.streamer.bufferBytes(), (2 + 64 + 2 * 3) * kSlotBytes);
 
-  r.rig.streamer.setLight(-0.5, 0.1);
+  r.rig.streamer.setLight(frontLight(-0.5, 0.1));
   EXPECT_FALSE(r.rig.streamer.settled());
   EXPECT_TRUE(r.rig.streamer.table().find(kRoot)) << "a look-up must end somewhere";
   EXPECT_EQ(r.rig.streamer.table().size(), 1u) << "nothing else shows the old light";
@@ -592,7 +595,7 @@ TEST(PageStreamer, PagesUnderWayWhenTheLightMovesAreDropped) {
   r.gate->open(false);
   r.rig.step();
   r.gate->waitForReaders(2);
-  r.rig.streamer.setLight(0.7, -0.1);
+  r.rig.streamer.setLight(frontLight(0.7, -0.1));
   r.gate->open();
   r.settle();
   EXPECT_LE(r.worst(0.7, -0.1), 0.51);
@@ -600,7 +603,7 @@ TEST(PageStreamer, PagesUnderWayWhenTheLightMovesAreDropped) {
   EXPECT_EQ(r.rig.streamer.stats().cancelled, 2u);
   // Moved in every frame, as by a hand: the last light counts.
   for (int i = 0; i <= 60; ++i) {
-    r.rig.streamer.setLight(0.01 * i, 0.2);
+    r.rig.streamer.setLight(frontLight(0.01 * i, 0.2));
     r.rig.streamer.beginFrame(++r.rig.frame, r.rig.now_s);
     r.rig.streamer.wantTexture(r.rig.texture);
     for (const PageUpload& up : r.rig.streamer.placeReady(2)) r.shown[up.id].assign(up.texels, up.texels + kSlotBytes);

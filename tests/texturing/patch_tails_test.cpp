@@ -147,6 +147,13 @@ TEST(PatchTails, pagesThatCannotBeHadAreNeutralOfWhateverBasis) {
     std::vector<std::string> problems;
     tailsFromPages(NoPages(), format, true, 0, 2, 1, tails, &problems);
     EXPECT_EQ(problems.size(), 2 * static_cast<size_t>(format.planes() + 1));
+    EXPECT_EQ(tails.failures.pages, problems.size());
+    EXPECT_EQ(tails.failures.unreadable, problems.size());
+    EXPECT_NE(tails.failures.first.find("unreadable"), std::string::npos);
+    const std::atomic<bool> stop{true};
+    PatchTails stopped(2, format.channels());
+    tailsFromPages(NoPages(), format, true, 0, 2, 2, stopped, nullptr, &stop);
+    EXPECT_EQ(stopped.failures.pages, 0u) << "nothing is read any more";
     std::vector<double> raw;
     for (int c = 0; c < format.channels(); ++c) raw.push_back(tails.level(1, 0, c)[0]);
     for (const std::array<double, 3>& light : {std::array<double, 3>{0, 0, 1}, std::array<double, 3>{0.6, 0, 0.8}}) {
@@ -287,6 +294,9 @@ TEST_F(TailsOfPackage, hostileHeaderFieldsAreRefusedByName) {
 // The package opens, says what is wrong, and shows what its root pages tell.
 TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
   const PatchTails sound = open(bytes_)->tails(1, nullptr);
+  EXPECT_EQ(sound.failures.pages, 0u);
+  const std::atomic<bool> stop{true};
+  EXPECT_FALSE(open(bytes_)->tails(1, nullptr, &stop) == sound) << "interrupted";
   const uint64_t first_chunk = loadLittle<uint64_t>(bytes_.data() + header_.tails_offset + kTailsHeadBytes);
   const struct {
     const char* what;

@@ -2,6 +2,8 @@
 #include "texturing/relief_compact.h"
 
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -85,6 +87,43 @@ TEST(ReliefCompact, EverySampleComesBack) {
 }
 
 // A twin that took a width for one less, or a slope for one more, reads other samples.
+// Bytes that end where memory does.
+class AtTheEnd {
+ public:
+  explicit AtTheEnd(const std::vector<uint8_t>& bytes) : page_(static_cast<size_t>(sysconf(_SC_PAGESIZE))) {
+    all_ = (bytes.size() / page_ + 2) * page_;
+    void* at = mmap(nullptr, all_, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    begin_ = at == MAP_FAILED ? nullptr : static_cast<uint8_t*>(at);
+    if (!begin_ || mprotect(begin_ + all_ - page_, page_, PROT_NONE) != 0) return;
+    bytes_ = std::span(begin_ + all_ - page_ - bytes.size(), bytes.size());
+    std::copy(bytes.begin(), bytes.end(), bytes_.begin());
+  }
+  ~AtTheEnd() {
+    if (begin_) munmap(begin_, all_);
+  }
+  std::span<const uint8_t> bytes() const { return bytes_; }
+
+ private:
+  size_t page_, all_ = 0;
+  uint8_t* begin_ = nullptr;
+  std::span<uint8_t> bytes_;
+};
+
+// A page whose last block has no residuals: nothing of them is read.
+TEST(ReliefCompact, NothingIsReadBehindTheTexels) {
+  for (const int cells : {128, 64, 32}) {
+    for (const int slope : {0, 8}) {
+      const Height height = [&](int x, int y) { return 1000 + slope * (x + 2 * y); };
+      std::vector<uint8_t> whole = packed(pageOf(cells, height), cells);
+      whole.resize(whole.size() - 8);
+      const AtTheEnd end(whole);
+      ASSERT_EQ(end.bytes().size(), whole.size());
+      for (int y = 0; y <= cells; ++y)
+        for (int x = 0; x <= cells; ++x) ASSERT_EQ(compactSample(end.bytes(), cells, x, y), height(x, y));
+    }
+  }
+}
+
 TEST(ReliefCompact, AWrongWidthOrSlopeIsSeen) {
   const Case noisy = cases()[8];
   for (int cells : {128, 64, 32}) {

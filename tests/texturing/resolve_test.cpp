@@ -100,6 +100,66 @@ TEST(Resolve, AlbedoAndNormalUnderLightsFromAllAround) {
   EXPECT_DOUBLE_EQ(grey(0.5, 1), 255 * std::pow(0.52, 1 / 2.2));
 }
 
+// The polynomial by the definition in words (PACKAGE.md), from the light's azimuth: from the front (u, v) are x and y; from behind the light grazes
+// from the same side; straight from behind, where there is no side, the mean over all grazing lights, here over 720 of them.
+std::array<double, 6> basisInWords(const std::array<double, 3>& light) {
+  auto terms = [](double u, double v) { return std::array<double, 6>{u * u, v * v, u * v, u, v, 1}; };
+  if (light[2] >= 0) return terms(light[0], light[1]);
+  std::array<double, 6> mean{};
+  for (int i = 0; i < 720; ++i) {
+    const auto grazing = terms(std::cos(i * 3.14159265358979 / 360), std::sin(i * 3.14159265358979 / 360));
+    for (size_t k = 0; k < 6; ++k) mean[k] += grazing[k] / 720;
+  }
+  const double angle = std::atan2(light[1], light[0]), share = std::min(1.0, std::sqrt(light[0] * light[0] + light[1] * light[1]) / 0.02);
+  const auto side = terms(std::cos(angle), std::sin(angle));
+  std::array<double, 6> out{};
+  for (size_t k = 0; k < 6; ++k) out[k] = mean[k] * (1 - share) + side[k] * share;
+  return out;
+}
+
+TEST(Resolve, PolynomialsUnderLightsOverTheWholeSphere) {
+  std::mt19937 random(11);
+  std::vector<std::array<double, 3>> lights{{0, 0, 1}, {0, 0, -1}, {1, 0, 0}, {0, -1, 0}, {0.6, 0.8, 0}, {0.0995, 0, -0.995}, {1e-9, 0, -1}, {0.01, 0, -0.99995}};
+  for (int i = 0; i < 24; ++i) {  // evenly over z, the golden angle around
+    const double z = 1 - (2 * i + 1) / 24.0, r = std::sqrt(1 - z * z), angle = 2.39996 * i;
+    lights.push_back({r * std::cos(angle), r * std::sin(angle), z});
+  }
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
+    const auto f = format(basis);
+    for (const auto& light : lights) {
+      // The reference itself, and then the resolver against it.
+      const auto terms = basisInWords(light);
+      double largest = 0;
+      for (int n = 0; n < 50; ++n) {
+        double raw[18];
+        for (double& r : raw) r = static_cast<double>(random() % 256);
+        const auto pixel = evaluatePixel(f, raw, light);
+        for (size_t c = 0; c < 3; ++c) {
+          double sum = 0;
+          for (size_t k = 0; k < 6; ++k) sum += (raw[basis == Basis::kPtmLrgb ? k : 3 * k + c] - f.bias[k]) * f.scale[k] * terms[k];
+          if (basis == Basis::kPtmLrgb) sum *= raw[6 + c] / 255;
+          largest = std::max(largest, std::abs(pixel[c] - std::clamp(sum, 0.0, 255.0)));
+        }
+      }
+      EXPECT_LT(largest, 1e-3) << basisName(basis) << " " << light[0] << " " << light[1] << " " << light[2];
+      const auto r = compare(f, light, random, f, light);
+      EXPECT_LE(r.worst, 1);
+      EXPECT_EQ(r.different_off_ties, 0u) << light[0] << " " << light[1] << " " << light[2];
+      // Control: x and y alone do not tell a light behind the artwork from one in front of it.
+      if (light[2] < -0.1) {
+        EXPECT_GT(compare(f, light, random, f, {light[0], light[1], -light[2]}).different_off_ties, kTexels / 2);
+      }
+    }
+  }
+  // A rounding error of the direction changes nothing that can be seen.
+  double raw[18];
+  for (double& r : raw) r = static_cast<double>(random() % 256);
+  for (const auto& off : {std::array{1e-7, 0.0, -1.0}, {-1e-7, 0.0, -1.0}, {0.0, 1e-7, -1.0}}) {
+    const auto there = evaluatePixel(format(Basis::kPtmRgb), raw, {0, 0, -1}), beside = evaluatePixel(format(Basis::kPtmRgb), raw, off);
+    for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(there[c], beside[c], 0.05);
+  }
+}
+
 TEST(Resolve, ClampsAndNeverWraps) {
   // Coefficients far outside what a display shows: all results are 0 or 255.
   std::mt19937 random(6);

@@ -153,7 +153,7 @@ TEST(StreamerThreads, WorkersOfItsOwnAndCallersShareTheJobs) {
       if (i % 2) sim.texture = square(4, x, y, 1 + random() % 4);
       if (i % 3) sim.predicted = square(4, y, x, 1 + random() % 4);
       if (i % 5 == 0) sim.relief = square(4, x, x, 2);
-      if (i % 7 == 0) sim.streamer.setLight(0.001 * i, 0.3);
+      if (i % 7 == 0) sim.streamer.setLight(frontLight(0.001 * i, 0.3));
       sim.step();
       std::this_thread::sleep_for(std::chrono::microseconds(100));
     }

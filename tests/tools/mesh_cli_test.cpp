@@ -290,6 +290,22 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   EXPECT_NE(r.output.find("--texture none"), std::string::npos) << r.output;
 }
 
+TEST_F(MeshCli, ImagesOutsideTheMeshsFolderAreRefusedByName) {
+  std::filesystem::create_directory(file("inner"));
+  write("inner/a.obj", "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 10 0 0\nv 10 10 1\nv 0 10 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n");
+  write("inner/a.mtl", "newmtl m\nmap_Kd ../secret.ppm\n");
+  write("secret.ppm", std::string("P6\n2 1\n255\n") + "\xff\x10\x10\x10\x10\xff");
+  const std::string build = "build --mesh " + file("inner/a.obj") + " -o " + file("a.relievo");
+  Outcome r = relievo(build);
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+  EXPECT_NE(r.output.find("secret.ppm"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("--allow-outside"), std::string::npos) << r.output;
+  EXPECT_FALSE(std::filesystem::exists(file("a.relievo")));
+  EXPECT_EQ(relievo(build + " --allow-outside").exit_code, 0);
+  EXPECT_EQ(relievo(build + " --texture none").exit_code, 0);
+  EXPECT_EQ(relievo(build + " --texture " + file("secret.ppm")).exit_code, 0) << "who names it on the command line means it";
+}
+
 TEST_F(MeshCli, AnInterruptedBuildLeavesWhatWasThere) {
   write("dense.ply", plyOf(wavyBall(700, 500), false));
   write("a.relievo", "precious");

@@ -1,0 +1,81 @@
+// The program where the system gives few threads: the same bytes as with many, or exit code 4 and one sentence; it never hangs nor aborts.
+#include "tests/base/thread_limit.h"
+
+#include <iterator>
+
+#include "tests/tools/cli_fixture.h"
+
+namespace relievo {
+namespace {
+
+using testing_support::Outcome;
+
+class ThreadLimit : public testing_support::Cli {
+ protected:
+  static std::string bytesOf(const std::string& path) {
+    std::ifstream in(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+  }
+  // `arguments` write the file `output`, or none where that is empty.
+  void expectSameOrSentence(const std::string& arguments, const std::string& output) {
+    const Outcome whole = relievo(arguments);
+    if (whole.exit_code == 4) GTEST_SKIP() << whole.output;
+    ASSERT_EQ(whole.exit_code, 0) << whole.output;
+    const std::string expected = output.empty() ? "" : bytesOf(file(output));
+    for (int most : {0, 1, 2, 3, 6, 12, 24}) {
+      if (!output.empty()) testing_support::fs::remove(file(output));
+      // The sanitizers' libraries want to be first.
+      const Outcome r = testing_support::run("timeout -s KILL 300 env ASAN_OPTIONS=\"$ASAN_OPTIONS:verify_asan_link_order=0\" LD_PRELOAD=" RELIEVO_THREAD_LIMIT
+                                             " RELIEVO_MOST_THREADS=" + std::to_string(most) + " RELIEVO_THREADS_REFUSED=" + file("refused") +
+                                             " " RELIEVO_PROGRAM " " + arguments);
+      SCOPED_TRACE("at most " + std::to_string(most) + " threads: " + arguments + "\n" + r.output);
+      if (r.exit_code == 0) {
+        if (!output.empty()) {
+          EXPECT_TRUE(bytesOf(file(output)) == expected);
+        }
+      } else {
+        EXPECT_EQ(r.exit_code, 4);
+        EXPECT_NE(r.output.find("relievo: error: "), std::string::npos);
+        EXPECT_NE(r.output.find("thread"), std::string::npos);
+        EXPECT_NE(r.output.find("ulimit -u"), std::string::npos);
+        EXPECT_EQ(r.output.find("terminate"), std::string::npos);
+        if (!output.empty()) {
+          EXPECT_FALSE(testing_support::fs::exists(file(output)));
+        }
+      }
+      EXPECT_EQ(filesNamed(".part"), 0);
+      if (most == 0) {
+        EXPECT_GT(std::atoi(bytesOf(file("refused")).c_str()), 0) << "nothing was tested";
+      }
+    }
+  }
+  void makePackage() {
+    const Outcome made = relievo("sample coin --size 300x200 --write height,ptm-lrgb,mesh -o " + file("s") + " --package " + file("coin.relievo"));
+    ASSERT_EQ(made.exit_code, 0) << made.output;
+  }
+};
+
+TEST_F(ThreadLimit, BuildOfAPtmAndHeights) {
+  makePackage();
+  expectSameOrSentence("build --ptm " + file("s/ptm_lrgb.ptm") + " --relief " + file("s/height_float.tif") + " --mm-per-pixel 0.1 -o " + file("built.relievo"), "built.relievo");
+}
+
+TEST_F(ThreadLimit, BuildOfAScan) {
+  makePackage();
+  expectSameOrSentence("build --mesh " + file("s/mesh.ply") + " -o " + file("built.relievo"), "built.relievo");
+}
+
+TEST_F(ThreadLimit, Sample) { expectSameOrSentence("sample inscription --size 1100x300 --package " + file("made.relievo"), "made.relievo"); }
+
+TEST_F(ThreadLimit, Verify) {
+  makePackage();
+  expectSameOrSentence("verify " + file("coin.relievo"), "");
+}
+
+TEST_F(ThreadLimit, Render) {
+  makePackage();
+  expectSameOrSentence("render " + file("coin.relievo") + " -o " + file("picture.png") + " --size 160x120", "picture.png");
+}
+
+}  // namespace
+}  // namespace relievo
