@@ -1,0 +1,62 @@
+// fuzz_packages.h - small packages of every kind, from the project's own builders: what fuzzing begins with.
+#pragma once
+
+#include <cstdio>
+#include <fstream>
+#include <iterator>
+#include <vector>
+
+#include "tests/fuzz/fuzz_file.h"
+#include "tests/texturing/patch_fixture.h"
+#include "texturing/package_builder.h"
+#include "texturing/patch_package_builder.h"
+
+namespace relievo::fuzz {
+
+inline std::vector<uint8_t> fileBytes(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// Heights that pack well, the same at both ends of a row: a small file is changed more often where it matters.
+class SmoothPatches final : public testing_support::NoisyPatches {
+ public:
+  using NoisyPatches::NoisyPatches;
+  uint16_t height(uint32_t /*patch*/, int x, int y) const override { return static_cast<uint16_t>(20000 + 3 * std::abs(x - cells() / 2) + 5 * y); }
+};
+
+inline std::vector<std::vector<uint8_t>> samplePackages() {
+  using namespace testing_support;
+  std::vector<std::vector<uint8_t>> out;
+  auto add = [&](auto&& build) {
+    BuildOptions options;
+    options.output = folder().file("sample.relievo");
+    options.workers = 1;
+    options.tool_version = "fuzz";
+    options.stretch_relief = true;  // proportions do not matter here
+    build(options);
+    out.push_back(fileBytes(options.output));
+    require(!out.back().empty(), "a sample package could not be built");
+  };
+  auto flat = [](int64_t width, int64_t height, Basis basis, bool relief, PageEncoding coefficients, PageEncoding colour) {
+    return [=](BuildOptions& options) {
+      options.coefficients = coefficients, options.colour = colour;
+      const NoisyTexture texture(width, height, basis, 7, 0);
+      const NoisyHeights heights(17, 13, 5);
+      require(static_cast<bool>(buildPackage(texture, relief ? &heights : nullptr, options)), "a flat sample");
+    };
+  };
+  add(flat(40, 30, Basis::kColour, true, {}, {}));
+  add(flat(50, 20, Basis::kPtmLrgb, false, {PageCodec::kJpeg, 60}, {PageCodec::kBc1, 0}));
+  add(flat(300, 90, Basis::kPtmLrgb, true, {PageCodec::kQuantised, 5}, {PageCodec::kBc7, 0}));
+  add([](BuildOptions& options) {
+    BaseMesh mesh;
+    for (int k = 0; k < 6; ++k) mesh.corners.push_back({glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
+    mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
+    auto built = buildPatchPackage(SmoothPatches(mesh, 0, 0, 3), options);
+    require(built.ok(), built ? "" : built.error().text());
+  });
+  return out;
+}
+
+}  // namespace relievo::fuzz
