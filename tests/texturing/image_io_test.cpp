@@ -716,7 +716,7 @@ TEST(ImageDamage, AnExrAttributeLargerThanTheFileIsRefusedBeforeItIsAllocated) {
 // OpenImageIO reads the names of these segments, and the IPTC metadata within, without looking where they end.
 TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
   using namespace std::string_literals;
-  const Bytes sound = load(writeImage("sound.jpg", 8, 8, 3, noise<uint8_t>(192, 9), OIIO::TypeDesc::UINT8));
+  const Bytes sound = load(writeImage("sound.jpg", 8, 8, 3, noise<uint8_t>(192, 9), OIIO::TypeUInt8));
   auto with = [&](uint8_t marker, const std::string& data, const std::string& before = "") {
     Bytes bytes(sound.begin(), sound.begin() + 2);
     const size_t size = data.size() + 2;
