@@ -259,7 +259,8 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   }
   for (const SurfacePiece& p : scan->pieces) {
     if (p.area > 1e-14) continue;
-    const glm::dvec3 at = glm::dvec3(scan->points[scan->triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
+    const glm::dvec3 at =
+        glm::dvec3(scan->points[scan->triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
     return Error{ErrorKind::kInvalidData,
                  {},
                  "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
@@ -272,7 +273,9 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (stopped()) return interruptedError();
   report(0.4);
   // Of the scan itself: the reduced one's walls lean over.
-  const Outlook outlook = scan->pieces.size() == 1 ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted) : Outlook{};
+  const Outlook outlook = scan->pieces.size() == 1
+                              ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted)
+                              : Outlook{};
   if (stopped()) return interruptedError();
   if (options.scan_done) options.scan_done();
 

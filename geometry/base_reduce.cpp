@@ -43,8 +43,8 @@ struct Reducer {
   uint32_t to(uint32_t h) const { return s.triangles[h / 3][(h + 1) % 3]; }
   bool border(uint32_t v) const { return twin[leaving[v]] == kNoIndex; }
 
-  // fn(half edge leaving v, the vertex it ends in, the triangle's third, is there a next triangle?) for each triangle around v, until it answers
-  // false.
+  // fn(half edge leaving v, the vertex it ends in, the triangle's third, is there a next triangle?) for each triangle
+  // around v, until it answers false.
   template <class Fn>
   bool around(uint32_t v, Fn fn) const {
     const uint32_t first = leaving[v];

@@ -20,7 +20,8 @@ struct Thinned {
   std::vector<Triangle> triangles;
   std::vector<uint32_t> vertex;  // of the part's surface that each is
 };
-Thinned thinned(Surface part, float length, std::span<const uint32_t> stay, const std::atomic<bool>* interrupted = nullptr);
+Thinned thinned(Surface part, float length, std::span<const uint32_t> stay,
+                const std::atomic<bool>* interrupted = nullptr);
 
 struct Reduced {
   Surface surface;

@@ -76,8 +76,8 @@ Run thin(const TriMesh& mesh, size_t first, size_t last, std::vector<uint32_t>& 
 std::optional<Surface> thinnedByRuns(const TriMesh& mesh, const RunOptions& options) {
   const size_t triangles = mesh.triangles.size();
   // Smaller ones fit into caches, larger ones leave less between them.
-  const size_t length = options.run_triangles ? options.run_triangles
-                                              : std::clamp(triangles / 32, size_t{1} << 16, size_t{1} << 19);
+  const size_t length =
+      options.run_triangles ? options.run_triangles : std::clamp(triangles / 32, size_t{1} << 16, size_t{1} << 19);
   const size_t count = (triangles + length - 1) / length;
   auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   std::vector<uint32_t> names(mesh.positions_mm.size(), kNoIndex);
@@ -92,7 +92,8 @@ std::optional<Surface> thinnedByRuns(const TriMesh& mesh, const RunOptions& opti
         names[v] = names[v] == kNoIndex || names[v] == own ? own : kShared;
       }
       const glm::vec3 a = mesh.positions_mm[triangle[0]];
-      areas[run] += 0.5f * glm::length(glm::cross(mesh.positions_mm[triangle[1]] - a, mesh.positions_mm[triangle[2]] - a));
+      areas[run] +=
+          0.5f * glm::length(glm::cross(mesh.positions_mm[triangle[1]] - a, mesh.positions_mm[triangle[2]] - a));
     }
   }
   double area = 0;

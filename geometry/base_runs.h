@@ -1,5 +1,5 @@
-// base_runs.h - a scan of millions of triangles down to some hundred thousand, run by run of consecutive triangles: each
-// is thinned on its own (base_reduce.h) and all are joined again. In a fraction of the memory that the scan's
+// base_runs.h - a scan of millions of triangles down to some hundred thousand, run by run of consecutive triangles:
+// each is thinned on its own (base_reduce.h) and all are joined again. In a fraction of the memory that the scan's
 // connectivity would take, on all cores, and within caches where triangles near one another in space are near in the
 // list (mesh_order.h).
 #pragma once

@@ -21,7 +21,8 @@ bool straight(const Rail& rail) {
 
 }  // namespace
 
-Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers, const std::atomic<bool>* interrupted) {
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers,
+                  const std::atomic<bool>* interrupted) {
   auto area = [&](const Triangle& t) {
     const glm::dvec3 a = points[t[0]];
     return glm::cross(glm::dvec3(points[t[1]]) - a, glm::dvec3(points[t[2]]) - a);

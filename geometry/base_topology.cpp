@@ -53,8 +53,9 @@ Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike)
         if (ends[i].vertex != ends[j].vertex) continue;
         uint32_t &of_i = twin[sorted[begin[v] + i]], &of_j = twin[sorted[begin[v] + j]];
         if (of_i != kNoIndex || of_j != kNoIndex) {
-          return invalid("three triangles share the edge at " + placeText(s.points[ends[i].leaves ? v : ends[i].vertex]),
-                         "let the mesh be repaired as it is read");
+          return invalid(
+              "three triangles share the edge at " + placeText(s.points[ends[i].leaves ? v : ends[i].vertex]),
+              "let the mesh be repaired as it is read");
         }
         of_i = sorted[begin[v] + j];
         of_j = sorted[begin[v] + i];

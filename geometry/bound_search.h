@@ -1,5 +1,6 @@
-// bound_search.h - the least upper bound that is known of what is drawn, by parts: the part with the largest bound is divided until it cannot
-// be. What is nowhere near the largest is never looked at closely, so that a search costs some tens of parts. Internal to geometry/.
+// bound_search.h - the least upper bound that is known of what is drawn, by parts: the part with the largest bound is
+// divided until it cannot be. What is nowhere near the largest is never looked at closely, so that a search costs some
+// tens of parts. Internal to geometry/.
 #pragma once
 
 #include <algorithm>
@@ -15,11 +16,14 @@ namespace relievo {
 // Levels (wishes) of a drawn node's sides, by side: of a whole one, then kWholeSide; or of its two halves.
 using SideLevels = std::array<std::array<int, 2>, 4>;
 inline constexpr int kWholeSide = -1;
-inline int coarsestOf(const std::array<int, 2>& side) { return side[1] == kWholeSide ? side[0] : std::min(side[0], side[1]); }
+inline int coarsestOf(const std::array<int, 2>& side) {
+  return side[1] == kWholeSide ? side[0] : std::min(side[0], side[1]);
+}
 
-// The coarsest level that triangles within a part of a node, square (x, y) of the 2^depth a side, have vertices of: that of its inside and those of the
-// sides that the part lies at. Around a corner: a vertex next to one snaps away from it where segments have two cells, and only there; then a triangle
-// with vertices on the other side of the corner reaches two cells along this one.
+// The coarsest level that triangles within a part of a node, square (x, y) of the 2^depth a side, have vertices of:
+// that of its inside and those of the sides that the part lies at. Around a corner: a vertex next to one snaps away
+// from it where segments have two cells, and only there; then a triangle with vertices on the other side of the corner
+// reaches two cells along this one.
 inline int coarsestAround(const SideLevels& sides, int inside, int node_level, int depth, uint32_t x, uint32_t y) {
   const uint32_t last = (1u << depth) - 1;
   const int grid = wholeLevels(inside);
@@ -28,7 +32,8 @@ inline int coarsestAround(const SideLevels& sides, int inside, int node_level, i
     const bool upright = side == kLeft || side == kRight;
     if ((upright ? x : y) != (side == kRight || side == kBottom ? last : 0)) continue;
     const uint32_t along = upright ? y : x;
-    const int here = sides[side][1] == kWholeSide || depth == 0 ? coarsestOf(sides[side]) : sides[side][along > last / 2];
+    const int here =
+        sides[side][1] == kWholeSide || depth == 0 ? coarsestOf(sides[side]) : sides[side][along > last / 2];
     coarsest = std::min(coarsest, here);
     if (node_level + depth < grid || grid - wholeLevels(here) != 1) continue;
     auto around = [&](int next) {
@@ -44,9 +49,9 @@ inline int coarsestAround(const SideLevels& sides, int inside, int node_level, i
 
 inline constexpr size_t kMostParts = 512;  // divided for a bound
 
-// parts: of any order, each with its bound `px`; scratch afterwards. divide(part, add): false: it cannot be divided; else calls add(child)
-// for those of its children that count. A child's bound may be the larger one: its parent's holds for it, too.
-// What is found after kMostParts is an upper bound all the same.
+// parts: of any order, each with its bound `px`; scratch afterwards. divide(part, add): false: it cannot be divided;
+// else calls add(child) for those of its children that count. A child's bound may be the larger one: its parent's holds
+// for it, too. What is found after kMostParts is an upper bound all the same.
 template <class Part, class Divide>
 double searchBound(std::vector<Part>& parts, Divide&& divide) {
   auto less = [](const Part& a, const Part& b) { return a.px < b.px; };

@@ -22,7 +22,8 @@ struct Box {
     high = glm::max(high, o.high);
   }
   bool meets(const Box& o) const {
-    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y && low.z <= o.high.z && o.low.z <= high.z;
+    return low.x <= o.high.x && o.low.x <= high.x && low.y <= o.high.y && o.low.y <= high.y && low.z <= o.high.z &&
+           o.low.z <= high.z;
   }
   double squaredDistance(const glm::dvec3& p) const {
     const glm::dvec3 out = glm::max(glm::max(glm::dvec3(low) - p, p - glm::dvec3(high)), glm::dvec3(0));

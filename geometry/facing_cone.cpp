@@ -7,7 +7,8 @@
 namespace relievo {
 namespace {
 
-// Of sines: what fp32 vertices and a rasteriser's fixed point may turn a triangle by, and the rounding of axes that are not.
+// Of sines: what fp32 vertices and a rasteriser's fixed point may turn a triangle by, and the rounding of axes that are
+// not.
 constexpr double kSlack = 0.01;
 
 struct Range {
@@ -30,7 +31,8 @@ FacingCone facingCone(const BaseMesh& mesh, uint32_t patch, double min_mm, doubl
     p[k] = mesh.corners[mesh.patches[patch][k]].position_mm;
     n[k] = mesh.corners[mesh.patches[patch][k]].normal;
   }
-  const glm::dvec3 along_u = (p[1] - p[0]) + (p[3] - p[2]), along_v = (p[2] - p[0]) + (p[3] - p[1]), out = glm::cross(along_v, along_u);
+  const glm::dvec3 along_u = (p[1] - p[0]) + (p[3] - p[2]), along_v = (p[2] - p[0]) + (p[3] - p[1]),
+                   out = glm::cross(along_v, along_u);
   const double length_u = glm::length(along_u), area = glm::length(out);
   if (!(area > 0) || !(length_u > 0)) return {};
   const glm::dvec3 axis = out / area, x = along_u / length_u, y = glm::cross(axis, x);
@@ -47,8 +49,10 @@ FacingCone facingCone(const BaseMesh& mesh, uint32_t patch, double min_mm, doubl
     Range normal = of(n[0], n[1]);
     normal.add(at(n[2]));
     normal.add(at(n[3]));
-    u[k] = of(p[1] - p[0], p[3] - p[2]) + Range{slopes.min_u, slopes.max_u} * normal + height * of(n[1] - n[0], n[3] - n[2]);
-    v[k] = of(p[2] - p[0], p[3] - p[1]) + Range{slopes.min_v, slopes.max_v} * normal + height * of(n[2] - n[0], n[3] - n[1]);
+    u[k] = of(p[1] - p[0], p[3] - p[2]) + Range{slopes.min_u, slopes.max_u} * normal +
+           height * of(n[1] - n[0], n[3] - n[2]);
+    v[k] = of(p[2] - p[0], p[3] - p[1]) + Range{slopes.min_v, slopes.max_v} * normal +
+           height * of(n[2] - n[0], n[3] - n[1]);
   }
   // v x u, outwards.
   const double ahead = (v[0] * u[1] - v[1] * u[0]).low;
@@ -67,7 +71,8 @@ FacingCone joined(std::span<const FacingCone> cones) {
   if (!(length > 0)) return {};
   all.axis /= length;
   double angle = 0;
-  for (const FacingCone& c : cones) angle = std::max(angle, std::acos(std::clamp(glm::dot(c.axis, all.axis), -1.0, 1.0)) + std::asin(c.sine));
+  for (const FacingCone& c : cones)
+    angle = std::max(angle, std::acos(std::clamp(glm::dot(c.axis, all.axis), -1.0, 1.0)) + std::asin(c.sine));
   all.sine = angle < 1.57 ? std::sin(angle) + kSlack : 2;
   return all;
 }
@@ -99,7 +104,8 @@ bool isClosedBody(const BaseMesh& mesh, std::span<const PatchNeighbours> neighbo
     for (size_t side = 0; side < 4; ++side) {
       const PatchNeighbour& n = neighbours[p][side];
       if (n.patch == PatchNeighbour::kNone) return false;
-      if ((kAlong[side] != kAlong[static_cast<size_t>(n.side)]) == n.reversed) return false;  // both walk it the same way
+      if ((kAlong[side] != kAlong[static_cast<size_t>(n.side)]) == n.reversed)
+        return false;  // both walk it the same way
       part[find(p)] = find(n.patch);
     }
   }

@@ -30,18 +30,21 @@ struct GridErrors {
   std::vector<DeviationShape> shapes;  // which way they lie
 };
 
-// By cells_log2 from 0 to the finest's: for each block, what the triangles (cells cut along (0,0)-(1,1)) through every 2^n-th vertex leave out of
-// those of the finest; never below those of finer grids' blocks inside it; 0 for the finest. corner_normals: of the base, not zero, at
-// (u, v) = (0,0), (1,0), (0,1), (1,1). Scratch: of any content; kept by the caller so that one patch after the other needs no new memory.
+// By cells_log2 from 0 to the finest's: for each block, what the triangles (cells cut along (0,0)-(1,1)) through every
+// 2^n-th vertex leave out of those of the finest; never below those of finer grids' blocks inside it; 0 for the finest.
+// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1). Scratch: of any content; kept by the
+// caller so that one patch after the other needs no new memory.
 struct GridErrorScratch {
   std::vector<SurfaceGrid> grids;              // by cells_log2
   std::array<std::vector<double>, 3> normals;  // of length 1, or zero where there is none
   struct Rows {
-    std::array<std::vector<double>, 4> now, high, low;       // x, y, z of deviations and what lies along the normal: of a row; the extremes of a row of cells
+    std::array<std::vector<double>, 4> now, high,
+        low;  // x, y, z of deviations and what lies along the normal: of a row; the extremes of a row of cells
     std::vector<double> squared_now, aside_now, squared, aside;  // the latter two of a row of blocks
   };
   Rows rows;
 };
-std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals, GridErrorScratch& scratch);
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
+                                   GridErrorScratch& scratch);
 
 }  // namespace relievo

@@ -11,8 +11,8 @@ namespace {
 
 // Of data of weight 0, beside 1 .. 255; and how firmly a node stays where it was: it decides where data do not.
 constexpr float kNoWeight = 0.25f, kStay = 0.5f;
-// Gauss and Seidel's, there and back, with the ranges below: the matrix is that of overlapping tents, whose condition is small, so that a
-// sweep takes the error to less than a half.
+// Gauss and Seidel's, there and back, with the ranges below: the matrix is that of overlapping tents, whose condition
+// is small, so that a sweep takes the error to less than a half.
 constexpr int kSweeps = 12;
 
 float weightOf(uint8_t w) { return w ? static_cast<float>(w) : kNoWeight; }
@@ -39,7 +39,8 @@ void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
   }
   for (size_t i = 0; i < data.heights.size(); ++i) {
     const size_t cell = i < n * ratio ? i / ratio : n - 1;
-    const double t = static_cast<double>(i - cell * ratio) / static_cast<double>(ratio), w = weightOf(data.weights[i]), h = data.heights[i];
+    const double t = static_cast<double>(i - cell * ratio) / static_cast<double>(ratio), w = weightOf(data.weights[i]),
+                 h = data.heights[i];
     diagonal[cell] += w * (1 - t) * (1 - t);
     diagonal[cell + 1] += w * t * t;
     next[cell] += w * t * (1 - t);
@@ -99,8 +100,9 @@ RELIEVO_SIMD_CLONES void fitGrid(const HeightData& data, size_t data_row, std::s
   }
   auto relax = [&](size_t i) {
     const Equation& e = equations[i];
-    const float others = e.east * nodes[i + 1] + equations[i - 1].east * nodes[i - 1] + e.south * nodes[i + row] + equations[i - row].south * nodes[i - row] +
-                         e.diagonal * nodes[i + row + 1] + equations[i - row - 1].diagonal * nodes[i - row - 1];
+    const float others = e.east * nodes[i + 1] + equations[i - 1].east * nodes[i - 1] + e.south * nodes[i + row] +
+                         equations[i - row].south * nodes[i - row] + e.diagonal * nodes[i + row + 1] +
+                         equations[i - row - 1].diagonal * nodes[i - row - 1];
     nodes[i] = std::clamp((e.right - others) / e.self, e.range.low, e.range.high);
   };
   for (int sweep = 0; sweep < kSweeps; ++sweep) {

@@ -1,8 +1,9 @@
-// level_wish.h - how fine a square wants to be drawn, as a continuous level: 1 / 256 of a level is a step nobody sees, and an integer is the same
-// everywhere. Level n with weight w (geometry/morph.h) is (n - 1) + w. Internal to geometry/.
+// level_wish.h - how fine a square wants to be drawn, as a continuous level: 1 / 256 of a level is a step nobody sees,
+// and an integer is the same everywhere. Level n with weight w (geometry/morph.h) is (n - 1) + w. Internal to
+// geometry/.
 //
-// Where errors of two levels are E > budget >= e, the drawn surface is (1 - w) times the coarser one plus w times the finer one, and so is the
-// bound of its error: w = (E - budget) / (E - e) keeps it at the budget.
+// Where errors of two levels are E > budget >= e, the drawn surface is (1 - w) times the coarser one plus w times the
+// finer one, and so is the bound of its error: w = (E - budget) / (E - e) keeps it at the budget.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +22,8 @@ inline int wholeLevels(int wish) { return (wish + kOneLevel - 1) / kOneLevel; } 
 // PatchInstance::morph of it.
 inline uint8_t morphOf(int wish) { return static_cast<uint8_t>(wish - (wholeLevels(wish) - 1) * kOneLevel - 1); }
 
-// PatchInstance::edge_morph: how far a segment's vertices have slid (morph.h), rounded up, so that the segment is no further from the finer one.
+// PatchInstance::edge_morph: how far a segment's vertices have slid (morph.h), rounded up, so that the segment is no
+// further from the finer one.
 inline uint8_t slideOf(int wish) {
   const int weight = morphOf(wish) + 1, whole = kOneLevel + weight;
   return static_cast<uint8_t>((2 * kOneLevel * weight + whole - 1) / whole - 1);
@@ -33,15 +35,16 @@ Deviation betweenLevels(int wish, Coarser&& coarser, const Deviation& finer) {
   const double weight = (morphOf(wish) + 1) / double{kOneLevel};
   return weight < 1 ? (1 - weight) * coarser() + weight * finer : finer;
 }
-// Of an edge's finer level, while its vertices slide: triangles then reach over two of its cells, in one of the coarser level. Where the inside is of
-// that level, too, its own vertices do not deviate from it.
+// Of an edge's finer level, while its vertices slide: triangles then reach over two of its cells, in one of the coarser
+// level. Where the inside is of that level, too, its own vertices do not deviate from it.
 inline Deviation slidAlong(int edge, int inside, const Deviation& finer) {
   if (edge % kOneLevel == 0) return finer;
   return wholeLevels(edge) < wholeLevels(inside) ? finer.overCells() : finer.fromNone();
 }
 
-// Steps and cracks keep their error over many levels. So that these come one after the other, a level counts for at least so many times the next
-// finer one's error: 6 per cent of a zoom each. Less would make them come faster, more refines what needs no refinement.
+// Steps and cracks keep their error over many levels. So that these come one after the other, a level counts for at
+// least so many times the next finer one's error: 6 per cent of a zoom each. Less would make them come faster, more
+// refines what needs no refinement.
 inline constexpr double kPlateau = 1.0625;
 // Over what part of a doubling of cells, where their width is what holds a level back, vertices reach their places.
 inline constexpr double kCellRamp = 0.75;
@@ -55,7 +58,8 @@ struct WishRange {
   int low = 0, high = 0;  // what the budget asks for; what it would with the hysteresis taken off it
 };
 
-// A square of a level, as one cell so many px wide, of the widest that may be drawn as one node. error_px(level) falls or stays, finest >= level.
+// A square of a level, as one cell so many px wide, of the widest that may be drawn as one node. error_px(level) falls
+// or stays, finest >= level.
 template <class ErrorPx>
 WishRange levelWish(int level, int finest, double cell_px, double of_widest, const WishView& view, ErrorPx&& error_px) {
   std::array<double, 2 * kPageLog2 + 2> px;
@@ -67,7 +71,8 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
       for (size_t k = 0;; ++k, cells *= 0.5) {
         if (k == last) return level + static_cast<int>(k);
         if (k == count) px[count++] = error_px(level + static_cast<int>(k));
-        if (px[k] <= budget || !(cells > 2 * leastCellPx(view.min_cell_px, px[k] / budget))) return level + static_cast<int>(k);
+        if (px[k] <= budget || !(cells > 2 * leastCellPx(view.min_cell_px, px[k] / budget)))
+          return level + static_cast<int>(k);
       }
     };
     WishRange range;
@@ -77,7 +82,9 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
   }
   const double least_budget = view.budget_px / (1 + view.hysteresis);
   // As leastCellPx(), without its steps.
-  auto leastCell = [&](double error_over_budget) { return view.min_cell_px * std::clamp(1.5 / std::sqrt(error_over_budget), 0.25, 1.0); };
+  auto leastCell = [&](double error_over_budget) {
+    return view.min_cell_px * std::clamp(1.5 / std::sqrt(error_over_budget), 0.25, 1.0);
+  };
   // Of the next finer level, as far as its cells go: 0 where they are too narrow.
   auto byCells = [&](size_t k, double budget) {
     if (!(view.min_cell_px > 0)) return 1.0;
@@ -94,7 +101,9 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
   auto wish = [&](double budget) {
     int at = level * kOneLevel;
     for (size_t k = 0; k + 1 < count && px[k] > budget; ++k) {
-      const double by_error = px[k + 1] >= budget ? 1.0 : std::isfinite(px[k]) ? (px[k] - budget) / (px[k] - px[k + 1]) : 1.0;
+      const double by_error = px[k + 1] >= budget    ? 1.0
+                              : std::isfinite(px[k]) ? (px[k] - budget) / (px[k] - px[k + 1])
+                                                     : 1.0;
       const double step = std::min(by_error, byCells(k, budget));
       at += static_cast<int>(std::ceil(step * kOneLevel));
       if (step < 1) break;
@@ -112,7 +121,10 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
 inline int splitProgress(int level, int drawn, double of_widest) {
   const int by_error = drawn - (level + kMaxSplitLevel) * kOneLevel;
   const double by_width = (of_widest - 1) * kOneLevel;
-  return std::clamp(std::max(by_error, by_width > kOneLevel ? kOneLevel : by_width > 0 ? static_cast<int>(by_width) : 0), 0, kOneLevel);
+  return std::clamp(std::max(by_error, by_width > kOneLevel ? kOneLevel
+                                       : by_width > 0       ? static_cast<int>(by_width)
+                                                            : 0),
+                    0, kOneLevel);
 }
 inline int childFloor(int level, int of_parent, int progress) {
   const int from = std::min(of_parent, (level + kMaxSplitLevel) * kOneLevel);
@@ -122,7 +134,8 @@ inline int childFloor(int level, int of_parent, int progress) {
 inline constexpr int kMostBeyondNeighbour = (kMaxSplitLevel - 1) * kOneLevel;
 
 // ---- from view to view
-// Hysteresis: a square keeps its level while it lies within the range that it may have. Without any, what was is forgotten.
+// Hysteresis: a square keeps its level while it lies within the range that it may have. Without any, what was is
+// forgotten.
 class WishMemory {
  public:
   void nextView(double hysteresis) {

@@ -11,24 +11,25 @@
 namespace relievo {
 namespace {
 
-constexpr size_t kBlock = 16;  // triangles a box: a strip of them is not much longer than wide
-constexpr int kSteps = 4;      // of Newton: from a tenth of a square to rounding
-constexpr float kGrow = 0.25f;  // of the square, beyond its sides: triangles that cross them are known there, too
+constexpr size_t kBlock = 16;       // triangles a box: a strip of them is not much longer than wide
+constexpr int kSteps = 4;           // of Newton: from a tenth of a square to rounding
+constexpr float kGrow = 0.25f;      // of the square, beyond its sides: triangles that cross them are known there, too
 constexpr float kRounding = 1e-5f;  // of (u, v): floats, and what Newton leaves
 constexpr double kNear = 0.25;      // of what is likely
 constexpr uint32_t kUnknown = 1u << 6;
-constexpr size_t kMostWide = 32;    // triangles whose (u, v) are not known
+constexpr size_t kMostWide = 32;  // triangles whose (u, v) are not known
 
 // The body in floats, about its middle: P = p[0] + u p[1] + v p[2] + u v p[3], N alike.
 struct Body {
   std::array<glm::vec3, 4> p, n;
-  glm::mat3 start;       // (u, v, h) of a place near the middle: start * place + start_at
+  glm::mat3 start;  // (u, v, h) of a place near the middle: start * place + start_at
   glm::vec3 start_at;
   float low = 0, high = 0, low_grown = 0, high_grown = 0;
-  float sign = 1;        // of the body's orientation: of (u, v) seen along the lines
-  float bend_uv = 0, bend_uh = 0, bend_vh = 0;  // how far a straight line of given extents leaves the straight line in (u, v)
-  float bend_h = 0;                             // in h so many times as far
-  float small = 0;       // what is no longer than this and reaches into the body lies within the grown one
+  float sign = 1;  // of the body's orientation: of (u, v) seen along the lines
+  float bend_uv = 0, bend_uh = 0,
+        bend_vh = 0;                  // how far a straight line of given extents leaves the straight line in (u, v)
+  float bend_h = 0;                   // in h so many times as far
+  float small = 0;                    // what is no longer than this and reaches into the body lies within the grown one
   float uv_a_unit = 0, h_a_unit = 0;  // of a move in space, at most
   // Beyond any of these planes there is nothing of the body: dot(normal, place) > at.
   std::array<glm::vec3, 6> plane;
@@ -49,9 +50,9 @@ bool makeBody(const SweepSquare& square, const glm::dvec3& middle, double low, d
   const double normal = std::max(glm::length(n[0] + 0.5 * (n[1] + n[2]) + 0.25 * n[3]), 1e-300);
   const double grow = std::max(0.25 * (high - low), 0.125 * across / normal);
   const std::array<double, 2> t{-double{kGrow}, 1 + double{kGrow}}, h{low - grow, high + grow};
-  // The derivative by u is linear in v and h, and so on: each column of the Jacobian lies in the hull of its four values at the grown body's corners,
-  // and so does its mean over any segment in it. A determinant is linear in each column: where all 64 have one sign, none of those means is singular,
-  // and no two places of the body are the same.
+  // The derivative by u is linear in v and h, and so on: each column of the Jacobian lies in the hull of its four
+  // values at the grown body's corners, and so does its mean over any segment in it. A determinant is linear in each
+  // column: where all 64 have one sign, none of those means is singular, and no two places of the body are the same.
   std::array<glm::dvec3, 4> by_u, by_v, by_h;
   for (size_t i = 0; i < 2; ++i)
     for (size_t k = 0; k < 2; ++k) {
@@ -87,8 +88,9 @@ bool makeBody(const SweepSquare& square, const glm::dvec3& middle, double low, d
   out.start = glm::mat3(inverse);
   out.start_at = glm::vec3(glm::dvec3(0.5, 0.5, mid) - inverse * centre);
 
-  // A straight segment x(s), s in [0, 1], has q(s) with J q'' = -D2(q', q'), and is q's straight segment to max |q''| / 8. Of the inverse of J the
-  // rows of u and v are cross(by_v, by_h) / det and so on: bounded by their largest and the least determinant. Twice that, for the changes of q'.
+  // A straight segment x(s), s in [0, 1], has q(s) with J q'' = -D2(q', q'), and is q's straight segment to max |q''|
+  // / 8. Of the inverse of J the rows of u and v are cross(by_v, by_h) / det and so on: bounded by their largest and
+  // the least determinant. Twice that, for the changes of q'.
   double row = 0, row_h = 0;
   for (const glm::dvec3& d : by_h) {
     for (const glm::dvec3& a : by_u) row = std::max(row, glm::length(glm::cross(a, d)));
@@ -189,7 +191,8 @@ struct Scratch {
   }
 };
 
-// (u, v, h) of the vertices, how far the last step moved them, and the planes that they lie beyond. Plain loops over arrays: several at a time.
+// (u, v, h) of the vertices, how far the last step moved them, and the planes that they lie beyond. Plain loops over
+// arrays: several at a time.
 RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
   const size_t count = s.x.size();
   for (auto* list : {&s.u, &s.v, &s.h, &s.moved}) list->resize(count);
@@ -213,19 +216,24 @@ RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
 #pragma GCC ivdep
       for (size_t i = first; i < last; ++i) {
         const float u = us[i], v = vs[i], h = hs[i], uv = u * v;
-        const float nx = n[0].x + u * n[1].x + v * n[2].x + uv * n[3].x, ny = n[0].y + u * n[1].y + v * n[2].y + uv * n[3].y,
+        const float nx = n[0].x + u * n[1].x + v * n[2].x + uv * n[3].x,
+                    ny = n[0].y + u * n[1].y + v * n[2].y + uv * n[3].y,
                     nz = n[0].z + u * n[1].z + v * n[2].z + uv * n[3].z;
-        const float rx = x[i] - (p[0].x + u * p[1].x + v * p[2].x + uv * p[3].x + h * nx), ry = y[i] - (p[0].y + u * p[1].y + v * p[2].y + uv * p[3].y + h * ny),
+        const float rx = x[i] - (p[0].x + u * p[1].x + v * p[2].x + uv * p[3].x + h * nx),
+                    ry = y[i] - (p[0].y + u * p[1].y + v * p[2].y + uv * p[3].y + h * ny),
                     rz = z[i] - (p[0].z + u * p[1].z + v * p[2].z + uv * p[3].z + h * nz);
-        const float ax = p[1].x + v * p[3].x + h * (n[1].x + v * n[3].x), ay = p[1].y + v * p[3].y + h * (n[1].y + v * n[3].y),
+        const float ax = p[1].x + v * p[3].x + h * (n[1].x + v * n[3].x),
+                    ay = p[1].y + v * p[3].y + h * (n[1].y + v * n[3].y),
                     az = p[1].z + v * p[3].z + h * (n[1].z + v * n[3].z);
-        const float bx = p[2].x + u * p[3].x + h * (n[2].x + u * n[3].x), by = p[2].y + u * p[3].y + h * (n[2].y + u * n[3].y),
+        const float bx = p[2].x + u * p[3].x + h * (n[2].x + u * n[3].x),
+                    by = p[2].y + u * p[3].y + h * (n[2].y + u * n[3].y),
                     bz = p[2].z + u * p[3].z + h * (n[2].z + u * n[3].z);
         // Cramer's rule.
         const float cx = by * nz - bz * ny, cy = bz * nx - bx * nz, cz = bx * ny - by * nx;
         const float inverse = 1 / (ax * cx + ay * cy + az * cz);
         const float dx = ry * az - rz * ay, dy = rz * ax - rx * az, dz = rx * ay - ry * ax;  // r x a
-        const float du = inverse * (rx * cx + ry * cy + rz * cz), dv = -inverse * (dx * nx + dy * ny + dz * nz), dh = inverse * (dx * bx + dy * by + dz * bz);
+        const float du = inverse * (rx * cx + ry * cy + rz * cz), dv = -inverse * (dx * nx + dy * ny + dz * nz),
+                    dh = inverse * (dx * bx + dy * by + dz * bz);
         us[i] = u + du;
         vs[i] = v + dv;
         hs[i] = h + dh;
@@ -236,8 +244,10 @@ RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
 #pragma GCC ivdep
     for (size_t i = first; i < last; ++i) {
       uint32_t c = 0;
-      for (uint32_t k = 0; k < 6; ++k) c |= (plane[k].x * x[i] + plane[k].y * y[i] + plane[k].z * z[i] > plane_at[k] ? 1u : 0u) << k;
-      const bool known = (moved[i] < 1e-3f) & (us[i] > -kGrow) & (us[i] < 1 + kGrow) & (vs[i] > -kGrow) & (vs[i] < 1 + kGrow) & (hs[i] > low) & (hs[i] < high);
+      for (uint32_t k = 0; k < 6; ++k)
+        c |= (plane[k].x * x[i] + plane[k].y * y[i] + plane[k].z * z[i] > plane_at[k] ? 1u : 0u) << k;
+      const bool known = (moved[i] < 1e-3f) & (us[i] > -kGrow) & (us[i] < 1 + kGrow) & (vs[i] > -kGrow) &
+                         (vs[i] < 1 + kGrow) & (hs[i] > low) & (hs[i] < high);
       code[i - first] = c | (known ? 0u : kUnknown);
     }
     for (size_t i = first; i < last; ++i) s.placed[i] = {us[i], vs[i], hs[i], code[i - first]};
@@ -245,7 +255,9 @@ RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
 }
 
 void binLines(std::span<const SweepPlace> places, size_t bins, Scratch& s) {
-  auto binOf = [&](float t) { return std::min(static_cast<size_t>(std::max(t, 0.0f) * static_cast<float>(bins)), bins - 1); };
+  auto binOf = [&](float t) {
+    return std::min(static_cast<size_t>(std::max(t, 0.0f) * static_cast<float>(bins)), bins - 1);
+  };
   s.first.assign(bins * bins + 1, 0);
   s.bin_of.resize(places.size());
   for (size_t i = 0; i < places.size(); ++i) {
@@ -278,7 +290,8 @@ LineSweep::LineSweep(const TriMesh& mesh, int workers) : mesh_(&mesh) {
   blocks_ = BoxTree(std::move(boxes));
 }
 
-void LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines, std::span<SurfacePoint> hits) const {
+void LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines,
+                        std::span<SurfacePoint> hits) const {
   std::fill(hits.begin(), hits.end(), SurfacePoint{});
   if (places.empty() || nearest(square, places, lines, 1, 0, hits)) return;
   // Where lines meet one another further out, what is near at least.
@@ -288,8 +301,8 @@ void LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> p
   if (!left.empty()) nearestOf(square, left, places, lines, kNear, 0, hits);
 }
 
-bool LineSweep::nearestOf(const SweepSquare& square, std::span<const uint32_t> some, std::span<const SweepPlace> places, std::span<const Line> lines, double share,
-                          int depth, std::span<SurfacePoint> hits) const {
+bool LineSweep::nearestOf(const SweepSquare& square, std::span<const uint32_t> some, std::span<const SweepPlace> places,
+                          std::span<const Line> lines, double share, int depth, std::span<SurfacePoint> hits) const {
   std::vector<SweepPlace> own_places(some.size());
   std::vector<Line> own_lines(some.size());
   std::vector<SurfacePoint> own_hits(some.size());
@@ -299,8 +312,8 @@ bool LineSweep::nearestOf(const SweepSquare& square, std::span<const uint32_t> s
   return known;
 }
 
-bool LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines, double share, int depth,
-                        std::span<SurfacePoint> hits) const {
+bool LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines,
+                        double share, int depth, std::span<SurfacePoint> hits) const {
   constexpr int kDeepest = 2;
   if (sweep(square, places, lines, share, hits)) return true;
   if (depth == kDeepest) return false;
@@ -319,7 +332,9 @@ bool LineSweep::nearest(const SweepSquare& square, std::span<const SweepPlace> p
     SweepSquare part;
     for (size_t k = 0; k < 4; ++k) {
       const double u = u0 + (k % 2 ? 0.5 : 0.0), v = v0 + (k / 2 ? 0.5 : 0.0);
-      auto at = [&](const std::array<glm::dvec3, 4>& c) { return (c[0] * (1 - u) + c[1] * u) * (1 - v) + (c[2] * (1 - u) + c[3] * u) * v; };
+      auto at = [&](const std::array<glm::dvec3, 4>& c) {
+        return (c[0] * (1 - u) + c[1] * u) * (1 - v) + (c[2] * (1 - u) + c[3] * u) * v;
+      };
       part.points[k] = at(square.points);
       part.normals[k] = at(square.normals);
     }
@@ -336,7 +351,8 @@ struct Plane {
 };
 Plane planeOf(const TriMesh& mesh, uint32_t triangle) {
   const auto& t = mesh.triangles[triangle];
-  const glm::dvec3 a(mesh.positions_mm[t[0]]), ab = glm::dvec3(mesh.positions_mm[t[1]]) - a, ac = glm::dvec3(mesh.positions_mm[t[2]]) - a;
+  const glm::dvec3 a(mesh.positions_mm[t[0]]), ab = glm::dvec3(mesh.positions_mm[t[1]]) - a,
+                                               ac = glm::dvec3(mesh.positions_mm[t[2]]) - a;
   return {a, ab, ac, glm::cross(ab, ac)};
 }
 // How far along a line from its point; infinite where it does not face along it.
@@ -344,8 +360,8 @@ double alongLine(const Plane& plane, const Line& line) {
   const double steep = glm::dot(plane.normal, line.direction);
   return steep > 0 ? glm::dot(plane.normal, plane.corner - line.at) / steep : std::numeric_limits<double>::infinity();
 }
-// Inside, or on its sides. The volumes over a side, from the line's point along the line, are of either triangle at it the same number, but for
-// their sign: no line is outside of both.
+// Inside, or on its sides. The volumes over a side, from the line's point along the line, are of either triangle at it
+// the same number, but for their sign: no line is outside of both.
 bool passesThrough(const TriMesh& mesh, uint32_t triangle, const Line& line) {
   std::array<glm::dvec3, 3> to;
   for (size_t k = 0; k < 3; ++k) to[k] = glm::dvec3(mesh.positions_mm[mesh.triangles[triangle][k]]) - line.at;
@@ -382,8 +398,11 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
     const float reach = 0.5f * glm::length(box.high - box.low) + slack;
     if (reach < body.small) {
       const Scratch::Placed& at = s.placed[i];
-      const float off = reach * body.uv_a_unit + kRounding, off_h = reach * body.h_a_unit + kRounding * (body.high_grown - body.low_grown);
-      if (at.beyond & kUnknown || at.u < -off || at.u > 1 + off || at.v < -off || at.v > 1 + off || at.h < body.low - off_h || at.h > body.high + off_h) continue;
+      const float off = reach * body.uv_a_unit + kRounding,
+                  off_h = reach * body.h_a_unit + kRounding * (body.high_grown - body.low_grown);
+      if (at.beyond & kUnknown || at.u < -off || at.u > 1 + off || at.v < -off || at.v > 1 + off ||
+          at.h < body.low - off_h || at.h > body.high + off_h)
+        continue;
     }
     s.blocks[kept++] = s.blocks[i];
   }
@@ -398,7 +417,10 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
       std::array<uint32_t, 3> names;
       for (size_t k = 0; k < 3; ++k) {
         const uint32_t v = corners[k];
-        names[k] = any && v == before[0] ? named[0] : any && v == before[1] ? named[1] : any && v == before[2] ? named[2] : s.nameOf(v, mesh, middle);
+        names[k] = any && v == before[0]   ? named[0]
+                   : any && v == before[1] ? named[1]
+                   : any && v == before[2] ? named[2]
+                                           : s.nameOf(v, mesh, middle);
       }
       before = corners;
       named = names;
@@ -409,35 +431,44 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
   }
 }
 
-// Of each line, in the bins' order, the triangle whose plane it meets nearest, into s.nearest. False: too many triangles whose places in (u, v) are
-// not known.
-RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, const std::array<glm::vec3, 4>& normals, std::span<const Line> lines, size_t bins, Scratch& s) {
+// Of each line, in the bins' order, the triangle whose plane it meets nearest, into s.nearest. False: too many
+// triangles whose places in (u, v) are not known.
+RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, const std::array<glm::vec3, 4>& normals,
+                                       std::span<const Line> lines, size_t bins, Scratch& s) {
   const size_t count = s.line.size();
   s.nearest.assign(count, SurfacePoint::kNone);
-  auto binOf = [&](float x) { return static_cast<size_t>(std::clamp(x * static_cast<float>(bins), 0.0f, static_cast<float>(bins - 1))); };
+  auto binOf = [&](float x) {
+    return static_cast<size_t>(std::clamp(x * static_cast<float>(bins), 0.0f, static_cast<float>(bins - 1)));
+  };
   size_t wide = 0;
   for (size_t i = 0; i < s.triangles.size(); ++i) {
     const auto& t = s.triangles[i];
     const Scratch::Placed &p0 = s.placed[t[0]], &p1 = s.placed[t[1]], &p2 = s.placed[t[2]];
     if (p0.beyond & p1.beyond & p2.beyond & ~kUnknown) continue;
     std::array<float, 3> u, v;
-    float u_low = 0, u_high = 1, v_low = 0, v_high = 1, off = 0;  // off: how far from the straight sides in (u, v) the triangle may reach
+    float u_low = 0, u_high = 1, v_low = 0, v_high = 1,
+          off = 0;  // off: how far from the straight sides in (u, v) the triangle may reach
     if (!((p0.beyond | p1.beyond | p2.beyond) & kUnknown)) {
       u = {p0.u, p1.u, p2.u};
       v = {p0.v, p1.v, p2.v};
       u_low = std::min({u[0], u[1], u[2]}), u_high = std::max({u[0], u[1], u[2]});
       v_low = std::min({v[0], v[1], v[2]}), v_high = std::max({v[0], v[1], v[2]});
-      const float h_low = std::min({p0.h, p1.h, p2.h}), h_high = std::max({p0.h, p1.h, p2.h}), du = u_high - u_low, dv = v_high - v_low, dh = h_high - h_low;
+      const float h_low = std::min({p0.h, p1.h, p2.h}), h_high = std::max({p0.h, p1.h, p2.h}), du = u_high - u_low,
+                  dv = v_high - v_low, dh = h_high - h_low;
       off = body.bend_uv * du * dv + body.bend_uh * du * dh + body.bend_vh * dv * dh + kRounding;
       const float room = body.bend_h * off;
-      if (u_high < -off || u_low > 1 + off || v_high < -off || v_low > 1 + off || h_high + room < body.low || h_low - room > body.high) continue;
+      if (u_high < -off || u_low > 1 + off || v_high < -off || v_low > 1 + off || h_high + room < body.low ||
+          h_low - room > body.high)
+        continue;
     } else {
-      const glm::vec3 a(s.x[t[0]], s.y[t[0]], s.z[t[0]]), b(s.x[t[1]], s.y[t[1]], s.z[t[1]]), c(s.x[t[2]], s.y[t[2]], s.z[t[2]]);
+      const glm::vec3 a(s.x[t[0]], s.y[t[0]], s.z[t[0]]), b(s.x[t[1]], s.y[t[1]], s.z[t[1]]),
+          c(s.x[t[2]], s.y[t[2]], s.z[t[2]]);
       const float longest = std::max({glm::dot(b - a, b - a), glm::dot(c - a, c - a), glm::dot(c - b, c - b)});
       if (longest < body.small * body.small) continue;  // it does not reach into the body
       const glm::vec3 facing = glm::cross(b - a, c - a);
       // Directions are means of the corners'.
-      if (std::all_of(normals.begin(), normals.end(), [&](const glm::vec3& n) { return glm::dot(facing, n) <= 0; })) continue;
+      if (std::all_of(normals.begin(), normals.end(), [&](const glm::vec3& n) { return glm::dot(facing, n) <= 0; }))
+        continue;
       if (++wide > kMostWide) return false;
       u = v = {};
     }
@@ -459,13 +490,17 @@ RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, co
       const uint32_t end = s.first[row * bins + last_u + 1];
       for (uint32_t at = s.first[row * bins + first_u]; at < end; ++at) {
         const float x = s.line_u[at], y = s.line_v[at];
-        const float w0 = side_u[0] * x + side_v[0] * y + side_at[0], w1 = side_u[1] * x + side_v[1] * y + side_at[1], w2 = side_u[2] * x + side_v[2] * y + side_at[2];
+        const float w0 = side_u[0] * x + side_v[0] * y + side_at[0], w1 = side_u[1] * x + side_v[1] * y + side_at[1],
+                    w2 = side_u[2] * x + side_v[2] * y + side_at[2];
         if (std::min({w0, w1, w2}) < 0) continue;
-        if (!(w0 > twice_off[0] && w1 > twice_off[1] && w2 > twice_off[2]) && !passesThrough(mesh, triangle, lines[s.line[at]])) continue;
+        if (!(w0 > twice_off[0] && w1 > twice_off[1] && w2 > twice_off[2]) &&
+            !passesThrough(mesh, triangle, lines[s.line[at]]))
+          continue;
         uint32_t& known_triangle = s.nearest[at];
         if (known_triangle != SurfacePoint::kNone) {
           const Line& line = lines[s.line[at]];
-          const double here = std::abs(alongLine(planeOf(mesh, triangle), line)), there = std::abs(alongLine(planeOf(mesh, known_triangle), line));
+          const double here = std::abs(alongLine(planeOf(mesh, triangle), line)),
+                       there = std::abs(alongLine(planeOf(mesh, known_triangle), line));
           if (!(here < there || (here == there && triangle < known_triangle))) continue;
         }
         known_triangle = triangle;
@@ -477,7 +512,8 @@ RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, co
 
 }  // namespace
 
-bool LineSweep::sweep(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines, double share, std::span<SurfacePoint> hits) const {
+bool LineSweep::sweep(const SweepSquare& square, std::span<const SweepPlace> places, std::span<const Line> lines,
+                      double share, std::span<SurfacePoint> hits) const {
   double low = std::numeric_limits<double>::infinity(), high = -low;
   for (size_t i = 0; i < places.size(); ++i) {
     const double likely = share * std::min(lines[i].likely, lines[i].reach);

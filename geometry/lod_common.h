@@ -1,5 +1,5 @@
-// lod_common.h - what the LOD selections of flat artworks and of base meshes share: a table of places, the view in numbers, errors of
-// a page's parts. Internal to geometry/.
+// lod_common.h - what the LOD selections of flat artworks and of base meshes share: a table of places, the view in
+// numbers, errors of a page's parts. Internal to geometry/.
 #pragma once
 
 #include <algorithm>
@@ -19,18 +19,20 @@ namespace relievo {
 
 inline constexpr int kPageLog2 = 7;  // kPagePx cells a relief page's side
 static_assert(1 << kPageLog2 == kPagePx);
-inline constexpr size_t kMaxLodNodes = 20000;               // nodes below the roots
-inline constexpr double kMaxNodePx = 1024;                  // keeps a node's varyings exact to a small part of a texel in fp32
-// LodView::min_cell_px where the error is so many times what was asked for: walls, which are few, may have narrower cells, or their rims would
-// look like combs.
+inline constexpr size_t kMaxLodNodes = 20000;  // nodes below the roots
+inline constexpr double kMaxNodePx = 1024;     // keeps a node's varyings exact to a small part of a texel in fp32
+// LodView::min_cell_px where the error is so many times what was asked for: walls, which are few, may have narrower
+// cells, or their rims would look like combs.
 inline double leastCellPx(double min_cell_px, double error_over_budget) {
   return error_over_budget > 16 ? 0.25 * min_cell_px : error_over_budget > 4 ? 0.5 * min_cell_px : min_cell_px;
 }
 
-inline constexpr int kMaxSplitLevel = kMaxGridLevel - 1;    // above it a node splits; the last level is for sides of half edges
-inline constexpr int kWantLadder = 3;                       // wants keep every third page above the wanted one
+inline constexpr int kMaxSplitLevel =
+    kMaxGridLevel - 1;                 // above it a node splits; the last level is for sides of half edges
+inline constexpr int kWantLadder = 3;  // wants keep every third page above the wanted one
 inline constexpr double kMinErrorPx = 1.0 / 64;
-inline constexpr double kMinSine = 1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
+inline constexpr double kMinSine =
+    1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
 
 // Open addressing, keys are below 2^64 - 1. Values are indices into a vector that the caller owns.
 class IndexTable {
@@ -112,7 +114,8 @@ class PartErrors {
     std::array<DeviationShape, kBlocks> shapes;
     const bool known = oracle.errorBlocks(page, mm), shaped = known && oracle.errorShapes(page, shapes);
     PartError* finest = parts_.data() + firstPart(kErrorBlocksLog2);
-    for (size_t i = 0; i < kBlocks; ++i) finest[i] = partError(whole_mm, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
+    for (size_t i = 0; i < kBlocks; ++i)
+      finest[i] = partError(whole_mm, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
     for (int depth = kErrorBlocksLog2 - 1; depth > 0; --depth) {
       const PartError* finer = parts_.data() + firstPart(depth + 1);
       PartError* at = parts_.data() + firstPart(depth);
@@ -125,7 +128,9 @@ class PartErrors {
     }
   }
   // Part (x, y) of 2^depth a side, 1 <= depth <= kErrorBlocksLog2.
-  const PartError& at(int depth, int64_t x, int64_t y) const { return parts_[static_cast<size_t>(firstPart(depth) + (y << depth) + x)]; }
+  const PartError& at(int depth, int64_t x, int64_t y) const {
+    return parts_[static_cast<size_t>(firstPart(depth) + (y << depth) + x)];
+  }
 
  private:
   std::array<PartError, firstPart(kErrorBlocksLog2 + 1)> parts_;
@@ -133,15 +138,16 @@ class PartErrors {
 
 // A LodView in the numbers that selections work with.
 struct LodCamera {
-  static constexpr double kCullSlack = 1.0 / 512;  // of the screen: the GPU's fp32 may move what doubles put just outside
+  static constexpr double kCullSlack =
+      1.0 / 512;  // of the screen: the GPU's fp32 may move what doubles put just outside
   bool valid = false, orthographic = false;
   glm::dvec3 eye{0};
-  double near_mm = 1, scale = 1;        // pixels per radian; orthographic: per mm
-  double max_secant = 1;                // of the angle off the axis, in the picture's corner
-  std::array<glm::dvec4, 7> planes{};   // value < 0: outside
+  double near_mm = 1, scale = 1;       // pixels per radian; orthographic: per mm
+  double max_secant = 1;               // of the angle off the axis, in the picture's corner
+  std::array<glm::dvec4, 7> planes{};  // value < 0: outside
   std::array<glm::dvec4, 4> clip_rows{};
-  glm::dvec4 depth_row{0};              // perspective: mm ahead of the eye
-  glm::dvec3 forward{0, 0, -1};         // of length 1; orthographic: either way along it
+  glm::dvec4 depth_row{0};       // perspective: mm ahead of the eye
+  glm::dvec3 forward{0, 0, -1};  // of length 1; orthographic: either way along it
 
   LodCamera() = default;
   explicit LodCamera(const LodView& view) {
@@ -149,13 +155,18 @@ struct LodCamera {
     near_mm = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
     scale = view.pixels_per_radian;
     glm::dmat4 rows = glm::transpose(view.clip_from_world);
-    valid = finite(rows) && std::isfinite(scale) && scale > 0 && std::isfinite(near_mm) && std::isfinite(eye.x) && std::isfinite(eye.y) &&
-            std::isfinite(eye.z);
+    valid = finite(rows) && std::isfinite(scale) && scale > 0 && std::isfinite(near_mm) && std::isfinite(eye.x) &&
+            std::isfinite(eye.y) && std::isfinite(eye.z);
     if (!valid) return;
     double w_length = glm::length(glm::dvec3(rows[3]));
     orthographic = w_length <= 1e-12 * std::abs(rows[3].w);
-    planes = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
-              rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
+    planes = {rows[3] * (1 + kCullSlack) + rows[0],
+              rows[3] * (1 + kCullSlack) - rows[0],
+              rows[3] * (1 + kCullSlack) + rows[1],
+              rows[3] * (1 + kCullSlack) - rows[1],
+              rows[3] + rows[2],
+              rows[3] - rows[2],
+              rows[3]};
     for (int i = 0; i < 4; ++i) clip_rows[i] = rows[i];
     valid = orthographic ? rows[3].w > 0 : w_length > 0;
     if (orthographic) {
@@ -174,7 +185,9 @@ struct LodCamera {
     double tx = tangent(rows[0]), ty = tangent(rows[1]);
     max_secant = std::sqrt(1 + tx * tx + ty * ty);
   }
-  static double value(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
+  static double value(const glm::dvec4& row, const glm::dvec3& p) {
+    return row.x * p.x + row.y * p.y + row.z * p.z + row.w;
+  }
   // 0 in the picture's middle, 1 in its corner and beyond.
   float priority(const glm::dvec3& p) const {
     double w = value(clip_rows[3], p);
@@ -193,10 +206,11 @@ struct LodCamera {
 
 // What a millimetre can be in the picture, anywhere in some part of the surface.
 struct PxPerMm {
-  double head_on = 0;      // across the line of sight, where the part is nearest
-  double any_way = 1;      // times that: moved in any direction, up to the secant of the angle off the axis
-  double along = 1;        // times that: moved along the base's normal of the part's middle; a height that points at the eye counts for little
-  double turn = 0;         // how far other normals of the part lie from that one (MeshForest::NormalRange)
+  double head_on = 0;  // across the line of sight, where the part is nearest
+  double any_way = 1;  // times that: moved in any direction, up to the secant of the angle off the axis
+  double along = 1;  // times that: moved along the base's normal of the part's middle; a height that points at the eye
+                     // counts for little
+  double turn = 0;   // how far other normals of the part lie from that one (MeshForest::NormalRange)
 
   // How far a deviation is to be seen.
   double of(const Deviation& d) const {
@@ -205,8 +219,11 @@ struct PxPerMm {
   }
   // How far two of the points that a deviation may lead to within a cell of the coarser surface are from one another.
   double between(const Deviation& d) const {
-    // Along two normals, a and b of them: |a - b| along, and |a| + |b| turned, which is |a - b| where they lie on two sides.
-    const double turned = turn * any_way, shaped = std::max(d.between_mm * (along + turned), 2 * d.largestAlong() * turned) + 2 * d.aside_mm * any_way;
+    // Along two normals, a and b of them: |a - b| along, and |a| + |b| turned, which is |a - b| where they lie on two
+    // sides.
+    const double turned = turn * any_way,
+                 shaped = std::max(d.between_mm * (along + turned), 2 * d.largestAlong() * turned) +
+                          2 * d.aside_mm * any_way;
     return head_on * std::min(d.apart_mm * any_way, shaped);
   }
 };

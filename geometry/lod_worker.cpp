@@ -14,7 +14,8 @@ namespace relievo {
 
 struct LodWorker::Impl {
   using TextureStrategy = std::function<std::vector<TextureWant>(const TextureView&)>;
-  Impl(LodStrategy select, TextureStrategy textures) : select_lod(std::move(select)), select_texture(std::move(textures)) {
+  Impl(LodStrategy select, TextureStrategy textures)
+      : select_lod(std::move(select)), select_texture(std::move(textures)) {
     thread.startAtLeastOne(1, [this] {
       try {
         work();
@@ -62,7 +63,9 @@ struct LodWorker::Impl {
 
 LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(std::make_unique<Impl>(
-          [lod = std::make_shared<PlanarLod>(domain, oracle)](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); },
+          [lod = std::make_shared<PlanarLod>(domain, oracle)](const LodView& view, const ReliefSet& resident) {
+            return lod->select(view, resident);
+          },
           [domain, oracle](const TextureView& view) { return selectTextureNodes(domain, *oracle, view); })) {
   assert(oracle);
 }

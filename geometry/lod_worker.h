@@ -1,5 +1,6 @@
-// lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. Whoever posts and tries to take waits for no
-// evaluation; waitFor() does: the engine's first frame of a streamer, which has no list yet to draw, and settling.
+// lod_worker.h - evaluates the LOD on a thread of its own: newest view in, newest patch list out. Whoever posts and
+// tries to take waits for no evaluation; waitFor() does: the engine's first frame of a streamer, which has no list yet
+// to draw, and settling.
 #pragma once
 
 #include <functional>
@@ -20,12 +21,12 @@ struct LodRequest {
   std::optional<TextureView> texture;  // the texture nodes of this view are asked for, too
 };
 struct LodAnswer {
-  uint64_t frame = 0;   // of the request
+  uint64_t frame = 0;  // of the request
   LodView view;
   PlanarLodResult lod;
   std::optional<std::vector<TextureWant>> texture;  // when they were asked for
-  double evaluate_ms = 0;     // of both
-  double determine_ms = 0;    // of the texture nodes
+  double evaluate_ms = 0;                           // of both
+  double determine_ms = 0;                          // of the texture nodes
 };
 
 // View and resident relief pages to what is drawn; called on the worker's thread alone.

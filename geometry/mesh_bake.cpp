@@ -34,7 +34,9 @@ struct Frame {
   glm::dvec3 point{0}, normal{0};
 };
 glm::dvec3 lerp(const glm::dvec3& a, const glm::dvec3& b, double t) { return a * (1 - t) + b * t; }
-Frame lerp(const Frame& a, const Frame& b, double t) { return {lerp(a.point, b.point, t), lerp(a.normal, b.normal, t)}; }
+Frame lerp(const Frame& a, const Frame& b, double t) {
+  return {lerp(a.point, b.point, t), lerp(a.normal, b.normal, t)};
+}
 
 // Linear on the triangles of a cell, cut along (0,0)-(1,1).
 template <class T>
@@ -42,8 +44,8 @@ T onCell(const T& c00, const T& c10, const T& c01, const T& c11, double fx, doub
   return fx >= fy ? c00 + (c10 - c00) * fx + (c11 - c10) * fy : c00 + (c01 - c00) * fy + (c11 - c01) * fx;
 }
 
-// Lines are looked up by squares of a patch: what they meet lies together, so that few of the scan's hierarchies are needed at a time, or few
-// of its triangles swept. Of [0, side)^2, some `wanted` each way.
+// Lines are looked up by squares of a patch: what they meet lies together, so that few of the scan's hierarchies are
+// needed at a time, or few of its triangles swept. Of [0, side)^2, some `wanted` each way.
 struct Tiles {
   size_t side, parts;
   Tiles(size_t places, size_t wanted) : side(places), parts(std::max<size_t>(1, (places + wanted / 2) / wanted)) {}
@@ -74,12 +76,13 @@ double onGrid(std::span<const uint16_t> grid, size_t n, double u, double v) {
 
 }  // namespace
 
-// Samples are kept once each: corners; then the inner samples of each side, from the corner with the smaller index to the other; then
-// those inside each patch, by rows. `m` below is the number of inner samples of a side, 2^cells_log2 - 1.
+// Samples are kept once each: corners; then the inner samples of each side, from the corner with the smaller index to
+// the other; then those inside each patch, by rows. `m` below is the number of inner samples of a side, 2^cells_log2
+// - 1.
 struct SampleLayout {
-  std::vector<std::array<uint32_t, 2>> sides;         // their corners, the smaller index first
-  std::vector<std::array<uint32_t, 4>> patch_sides;   // by Side
-  std::vector<uint32_t> side_patch;                   // the first patch of each side
+  std::vector<std::array<uint32_t, 2>> sides;        // their corners, the smaller index first
+  std::vector<std::array<uint32_t, 4>> patch_sides;  // by Side
+  std::vector<uint32_t> side_patch;                  // the first patch of each side
   size_t corners = 0, patches = 0;
 
   explicit SampleLayout(const BaseMesh& base) : corners(base.corners.size()), patches(base.patches.size()) {
@@ -91,7 +94,8 @@ struct SampleLayout {
     patch_sides.resize(patches);
     side_patch.resize(sides.size());
     for (size_t i = all.size(); i-- > 0;) {
-      patch_sides[i / 4][i % 4] = static_cast<uint32_t>(std::lower_bound(sides.begin(), sides.end(), all[i]) - sides.begin());
+      patch_sides[i / 4][i % 4] =
+          static_cast<uint32_t>(std::lower_bound(sides.begin(), sides.end(), all[i]) - sides.begin());
       side_patch[patch_sides[i / 4][i % 4]] = static_cast<uint32_t>(i / 4);
     }
   }
@@ -106,11 +110,13 @@ struct SampleLayout {
     std::vector<T> out(count(coarse_m));
     std::copy_n(fine.begin(), corners, out.begin());
     for (size_t side = 0; side < sides.size(); ++side)
-      for (size_t i = 1; i < coarse_n; ++i) out[sideFirst(side, coarse_m) + i - 1] = fine[sideFirst(side, m) + i * step - 1];
+      for (size_t i = 1; i < coarse_n; ++i)
+        out[sideFirst(side, coarse_m) + i - 1] = fine[sideFirst(side, m) + i * step - 1];
     for (size_t patch = 0; patch < patches; ++patch)
       for (size_t y = 1; y < coarse_n; ++y)
         for (size_t x = 1; x < coarse_n; ++x)
-          out[insideFirst(patch, coarse_m) + (y - 1) * coarse_m + x - 1] = fine[insideFirst(patch, m) + (y * step - 1) * m + x * step - 1];
+          out[insideFirst(patch, coarse_m) + (y - 1) * coarse_m + x - 1] =
+              fine[insideFirst(patch, m) + (y * step - 1) * m + x * step - 1];
     return out;
   }
 
@@ -123,9 +129,13 @@ struct SampleLayout {
   }
   // It in its place on the border of a patch's grid of n cells a side.
   template <class T>
-  void placeSide(const BaseMesh& base, uint32_t patch, size_t side, size_t n, std::span<const T> line, std::span<T> grid) const {
+  void placeSide(const BaseMesh& base, uint32_t patch, size_t side, size_t n, std::span<const T> line,
+                 std::span<T> grid) const {
     const auto [a, b] = kSideCorners[side];
-    const size_t first = side == kRight ? n : side == kBottom ? n * (n + 1) : 0, step = side == kLeft || side == kRight ? n + 1 : 1;
+    const size_t first = side == kRight    ? n
+                         : side == kBottom ? n * (n + 1)
+                                           : 0,
+                 step = side == kLeft || side == kRight ? n + 1 : 1;
     const bool forward = base.patches[patch][static_cast<size_t>(a)] < base.patches[patch][static_cast<size_t>(b)];
     for (size_t i = 0; i <= n; ++i) grid[first + i * step] = line[forward ? i : n - i];
   }
@@ -148,15 +158,15 @@ struct SampleLayout {
 struct Traced {
   int cells_log2 = 0;
   std::vector<float> heights;
-  // 0: the line meets nothing. Else what a height's error counts in space: 1 + 254 x the cosine between line and surface, since its
-  // square is what is left of a height's, and its inverse the surface that a cell holds.
+  // 0: the line meets nothing. Else what a height's error counts in space: 1 + 254 x the cosine between line and
+  // surface, since its square is what is left of a height's, and its inverse the surface that a cell holds.
   std::vector<uint8_t> weights;
 };
 
 struct MeshBake::Impl {
   const TriMesh* mesh = nullptr;
   PlaneImage image;
-  bool planes = false;                 // the image's channels are the texture
+  bool planes = false;  // the image's channels are the texture
   BaseMesh base;
   BakeReport report;
   int workers = 0;
@@ -164,24 +174,25 @@ struct MeshBake::Impl {
   std::unique_ptr<RayScene> scene;
   std::unique_ptr<LineSweep> sweep;
   std::unique_ptr<SampleLayout> layout;
-  std::vector<uint8_t> used;           // by corner: has it a patch?
-  std::vector<uint32_t> corner_patch;  // the first, of those used
-  glm::dvec3 shift{0};                 // from the base's coordinates to the mesh's
-  std::vector<glm::vec3> normals;      // of the mesh's vertices
+  std::vector<uint8_t> used;                                  // by corner: has it a patch?
+  std::vector<uint32_t> corner_patch;                         // the first, of those used
+  glm::dvec3 shift{0};                                        // from the base's coordinates to the mesh's
+  std::vector<glm::vec3> normals;                             // of the mesh's vertices
   std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines look
   int relief_depth = 0;
   double offset_mm = 0, scale_mm = 0, error_unit_mm = 0;
-  std::vector<uint8_t> patch_log2;     // its own cells, where they are fewer
-  std::vector<uint16_t> samples;       // as SampleLayout has them
+  std::vector<uint8_t> patch_log2;  // its own cells, where they are fewer
+  std::vector<uint16_t> samples;    // as SampleLayout has them
   struct Probe {
-    double along = 0, cosine = -1;     // of the line's hit; below 0: none
+    double along = 0, cosine = -1;  // of the line's hit; below 0: none
   };
-  std::vector<Probe> probes;           // lines between samples, patch after patch, once they are traced
+  std::vector<Probe> probes;                    // lines between samples, patch after patch, once they are traced
   std::vector<std::vector<GridErrors>> errors;  // by patch, then as gridErrors() has them
-  int tone_log2 = 0;                   // colours and normals: this fine a grid is looked up; or texel by texel
+  int tone_log2 = 0;                            // colours and normals: this fine a grid is looked up; or texel by texel
 
   // ---- places ----
-  // Shared places are computed by one rule from the same numbers, whichever patch asks (as geometry/mesh_vertex.h does).
+  // Shared places are computed by one rule from the same numbers, whichever patch asks (as geometry/mesh_vertex.h
+  // does).
   Frame corner(uint32_t index) const {
     const BaseCorner& c = base.corners[index];
     return {glm::dvec3(c.position_mm) + shift, glm::dvec3(c.normal)};
@@ -193,7 +204,8 @@ struct MeshBake::Impl {
   }
   // Vertex (x, y) of a grid of n cells a side.
   Frame at(uint32_t patch, size_t x, size_t y, size_t n) const {
-    const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
+    const double u = static_cast<double>(x) / static_cast<double>(n),
+                 v = static_cast<double>(y) / static_cast<double>(n);
     const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
     const auto& c = base.patches[patch];
     if (on_u && on_v) return corner(c[(x ? 1 : 0) + (y ? 2 : 0)]);
@@ -217,7 +229,8 @@ struct MeshBake::Impl {
     std::vector<SurfacePoint> left_hits;
     void add(const Line& line, double u, double v, double start) {
       lines.push_back(line);
-      places.push_back({static_cast<float>((u - u0) * u_scale), static_cast<float>((v - v0) * v_scale), static_cast<float>(start)});
+      places.push_back(
+          {static_cast<float>((u - u0) * u_scale), static_cast<float>((v - v0) * v_scale), static_cast<float>(start)});
     }
   };
   size_t tile() const { return sweep ? 128 : 64; }
@@ -246,7 +259,8 @@ struct MeshBake::Impl {
   size_t probesAPatch() const { return std::max<size_t>(kProbes / layout->patches, 4); }
   // The plastic number's sequence (Roberts 2018), another run of it for each patch.
   static glm::dvec2 probePlace(size_t k) {
-    return {std::fmod(0.5 + static_cast<double>(k) * 0.75487766624669276, 1.0), std::fmod(0.5 + static_cast<double>(k) * 0.56984029099805327, 1.0)};
+    return {std::fmod(0.5 + static_cast<double>(k) * 0.75487766624669276, 1.0),
+            std::fmod(0.5 + static_cast<double>(k) * 0.56984029099805327, 1.0)};
   }
   void heightsOf(uint32_t patch, std::span<uint16_t> out) const;
   void surface(uint32_t patch, SurfaceGrid& out) const;
@@ -258,8 +272,8 @@ struct MeshBake::Impl {
 
 namespace {
 
-// Where corners' normals oppose one another, those between them get short, and heights along them long: they end at twice the reach.
-// The base is made to lie near the scan: most hits are within a fifth of the reach.
+// Where corners' normals oppose one another, those between them get short, and heights along them long: they end at
+// twice the reach. The base is made to lie near the scan: most hits are within a fifth of the reach.
 Line lineOf(const Frame& f, double reach) {
   const double along = reach / std::max(glm::length(f.normal), 0.5);
   return {f.point, f.normal, along, 0.2 * along};
@@ -267,8 +281,8 @@ Line lineOf(const Frame& f, double reach) {
 
 Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
 
-// Where a line comes closest to the mesh: from its point to the mesh's closest one, from there back to the line, and so on. It ends at
-// borders that the line only just passes by, and at the nearest border from beyond it.
+// Where a line comes closest to the mesh: from its point to the mesh's closest one, from there back to the line, and so
+// on. It ends at borders that the line only just passes by, and at the nearest border from beyond it.
 struct Approach {
   double along = 0, distance = 0;
 };
@@ -293,16 +307,19 @@ Approach closestApproach(const RayScene& scene, const TriMesh& mesh, const Line&
   return out;
 }
 
-// The height along a line that meets the scan so, and its weight (Traced). 0 where it meets nothing within reach nor nearly does: borders that it
-// touches are met.
-void heightAlong(const RayScene& scene, const TriMesh& mesh, const Line& line, const SurfacePoint& hit, float& height, uint8_t& weight) {
+// The height along a line that meets the scan so, and its weight (Traced). 0 where it meets nothing within reach nor
+// nearly does: borders that it touches are met.
+void heightAlong(const RayScene& scene, const TriMesh& mesh, const Line& line, const SurfacePoint& hit, float& height,
+                 uint8_t& weight) {
   constexpr double kNearly = 1e-3;  // of what a line reaches
   if (hit) {
     height = static_cast<float>(hit.along);
     const auto& t = mesh.triangles[hit.triangle];
     const glm::vec3& a = mesh.positions_mm[t[0]];
-    const glm::vec3 normal = glm::cross(mesh.positions_mm[t[1]] - a, mesh.positions_mm[t[2]] - a), direction(line.direction);
-    const float cosine = glm::dot(normal, direction) / std::sqrt(glm::dot(normal, normal) * glm::dot(direction, direction));
+    const glm::vec3 normal = glm::cross(mesh.positions_mm[t[1]] - a, mesh.positions_mm[t[2]] - a),
+                    direction(line.direction);
+    const float cosine =
+        glm::dot(normal, direction) / std::sqrt(glm::dot(normal, normal) * glm::dot(direction, direction));
     weight = static_cast<uint8_t>(1 + static_cast<int>(254 * std::clamp(cosine, 0.0f, 1.0f)));
   } else {
     const Approach near = closestApproach(scene, mesh, line);
@@ -311,10 +328,11 @@ void heightAlong(const RayScene& scene, const TriMesh& mesh, const Line& line, c
   }
 }
 
-// Does the grid of `cells` cells keep the tolerance at nearly all of the data, and a fifth of it in their root mean square? A tolerance of
-// 1e-4 of the diagonal is 94 dB then, with room for what no height shows; and 99.8 % of each patch were 99.9 % of a bust's, since most keep
-// it with room. off: scratch.
-bool keeps(const HeightData& data, size_t data_cells, std::span<const float> nodes, size_t cells, double tolerance_mm, std::vector<float>& off) {
+// Does the grid of `cells` cells keep the tolerance at nearly all of the data, and a fifth of it in their root mean
+// square? A tolerance of 1e-4 of the diagonal is 94 dB then, with room for what no height shows; and 99.8 % of each
+// patch were 99.9 % of a bust's, since most keep it with room. off: scratch.
+bool keeps(const HeightData& data, size_t data_cells, std::span<const float> nodes, size_t cells, double tolerance_mm,
+           std::vector<float>& off) {
   constexpr double kRms = 0.2, kShare = 0.998;
   const size_t step = data_cells / cells, row = cells + 1;
   off.clear();
@@ -328,7 +346,8 @@ bool keeps(const HeightData& data, size_t data_cells, std::span<const float> nod
       const size_t cx = std::min(x / step, cells - 1);
       const float fx = static_cast<float>(x - cx * step) / static_cast<float>(step);
       const float* c = nodes.data() + cy * row + cx;
-      const float d = std::abs(data.heights[i] - onCell<float>(c[0], c[1], c[row], c[row + 1], fx, fy)) * static_cast<float>(data.weights[i]) / 255;
+      const float d = std::abs(data.heights[i] - onCell<float>(c[0], c[1], c[row], c[row + 1], fx, fy)) *
+                      static_cast<float>(data.weights[i]) / 255;
       squares += double{d} * d;
       off.push_back(d);
     }
@@ -340,7 +359,8 @@ bool keeps(const HeightData& data, size_t data_cells, std::span<const float> nod
   return *rank <= tolerance_mm;
 }
 
-// What the lines do not know takes the mean of its neighbours, again and again: no spikes where the closest point jumps.
+// What the lines do not know takes the mean of its neighbours, again and again: no spikes where the closest point
+// jumps.
 constexpr int kSmoothings = 8;
 
 }  // namespace
@@ -371,7 +391,9 @@ void MeshBake::Impl::prepare(const BakeOptions& options) {
   patch_reach.assign(layout->patches, 0);
   for (uint32_t p = 0; p < layout->patches; ++p) {
     const auto& c = base.patches[p];
-    auto length = [&](int a, int b) { return glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point); };
+    auto length = [&](int a, int b) {
+      return glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point);
+    };
     const double reach = std::max(length(0, 3), length(1, 2));
     patch_reach[p] = reach;
     for (uint32_t s : layout->patch_sides[p]) side_reach[s] = std::max(side_reach[s], reach);
@@ -388,13 +410,16 @@ namespace {
 // Of the vector (x, y), y > 0, to 2e-6: a tenth of the library's time.
 float angleOf(float y, float x) {
   const float wide = std::abs(x), t = std::min(wide, y) / std::max(wide, y), s = t * t;
-  const float least = t * (0.99997726f + s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f - s * 0.01172120f)))));
+  const float least =
+      t *
+      (0.99997726f + s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f - s * 0.01172120f)))));
   const float first = y > wide ? std::numbers::pi_v<float> / 2 - least : least;
   return x < 0 ? std::numbers::pi_v<float> - first : first;
 }
 
-// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich 1998). Triangles that a
-// scan has folded over, back onto their neighbours, face away from the others at their corners: they would darken these, and are left out.
+// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich
+// 1998). Triangles that a scan has folded over, back onto their neighbours, face away from the others at their corners:
+// they would darken these, and are left out.
 bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vector<glm::vec3>& normals) {
   constexpr float kFoldedCosine = -0.2f;
   normals.assign(mesh.positions_mm.size(), glm::vec3(0));
@@ -412,7 +437,8 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
     }
     return out;
   };
-  // Every part goes through the triangles and sums up its own vertices: the same order of additions for any number of workers.
+  // Every part goes through the triangles and sums up its own vertices: the same order of additions for any number of
+  // workers.
   const TriangleBlocks blocks(mesh.triangles, options.workers);
   auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   const bool summed = parallelFor(parts, options.workers, options.interrupted, [&](size_t part) {
@@ -439,7 +465,8 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
       bool away = false;
       for (uint32_t v : t) {
         const float along = glm::dot(n, normals[v]);
-        away |= along < 0 && along * along > kFoldedCosine * kFoldedCosine * glm::dot(n, n) * glm::dot(normals[v], normals[v]);
+        away |= along < 0 &&
+                along * along > kFoldedCosine * kFoldedCosine * glm::dot(n, n) * glm::dot(normals[v], normals[v]);
       }
       if (away) folded[part].push_back(i);
     }
@@ -452,7 +479,8 @@ bool makeNormals(const TriMesh& mesh, const BakeSceneOptions& options, std::vect
       for (size_t k = 0; k < 3; ++k) {
         // A vertex of few others keeps what it has.
         const glm::vec3 without = normals[t[k]] - share[k];
-        if (glm::dot(without, share[k]) < 0 && 4 * glm::dot(without, without) > glm::dot(share[k], share[k])) normals[t[k]] = without;
+        if (glm::dot(without, share[k]) < 0 && 4 * glm::dot(without, without) > glm::dot(share[k], share[k]))
+          normals[t[k]] = without;
       }
     }
   }
@@ -474,7 +502,10 @@ BakeScene::~BakeScene() = default;
 Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
   BakeScene out;
   const bool swept = mesh.triangles.size() >= options.sweep_from_triangles;
-  auto rays = RayScene::create(mesh, {.interrupted = options.interrupted, .region_triangles = options.region_triangles, .budget_bytes = options.ray_bytes, .at_once = !swept});
+  auto rays = RayScene::create(mesh, {.interrupted = options.interrupted,
+                                      .region_triangles = options.region_triangles,
+                                      .budget_bytes = options.ray_bytes,
+                                      .at_once = !swept});
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
   if (swept) out.sweep = std::make_unique<LineSweep>(mesh, options.workers);
@@ -510,7 +541,9 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
         auto next_probe = by_tile.begin();
         // Samples on sides and corners are looked up with the first patch that they belong to.
         std::array<bool, 4> forward{};
-        for (size_t s = 0; s < 4; ++s) forward[s] = base.patches[patch][static_cast<size_t>(kSideCorners[s][0])] < base.patches[patch][static_cast<size_t>(kSideCorners[s][1])];
+        for (size_t s = 0; s < 4; ++s)
+          forward[s] = base.patches[patch][static_cast<size_t>(kSideCorners[s][0])] <
+                       base.patches[patch][static_cast<size_t>(kSideCorners[s][1])];
         size_t tile_number = 0;
         tiles.forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
           auto share = [&](size_t x) { return static_cast<double>(std::min(x, n)) / static_cast<double>(n); };
@@ -545,7 +578,8 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
           }
           ++tile_number;
           find(look);
-          for (size_t i = 0; i < samples_here; ++i) heightAlong(*scene, *mesh, look.lines[i], look.hits[i], heights[to[i]], found[to[i]]);
+          for (size_t i = 0; i < samples_here; ++i)
+            heightAlong(*scene, *mesh, look.lines[i], look.hits[i], heights[to[i]], found[to[i]]);
           for (size_t i = samples_here; i < to.size(); ++i) {
             if (!look.hits[i]) continue;
             const auto& t = mesh->triangles[look.hits[i].triangle];
@@ -583,12 +617,14 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
   std::vector<float> grid((n + 1) * (n + 1));
   for (uint32_t patch = 0; patch < l.patches; ++patch) {
     const size_t first = l.insideFirst(patch, m);
-    if (std::find(found.begin() + static_cast<ptrdiff_t>(first), found.begin() + static_cast<ptrdiff_t>(first + m * m), 0) ==
-        found.begin() + static_cast<ptrdiff_t>(first + m * m))
+    if (std::find(found.begin() + static_cast<ptrdiff_t>(first), found.begin() + static_cast<ptrdiff_t>(first + m * m),
+                  0) == found.begin() + static_cast<ptrdiff_t>(first + m * m))
       continue;
     l.gather<float>(base, patch, m, heights, grid);
     auto inner = [&](size_t x, size_t y) { return x > 0 && x < n && y > 0 && y < n; };
-    auto height = [&](size_t x, size_t y) { return inner(x, y) ? heights[first + (y - 1) * m + x - 1] : grid[y * (n + 1) + x]; };
+    auto height = [&](size_t x, size_t y) {
+      return inner(x, y) ? heights[first + (y - 1) * m + x - 1] : grid[y * (n + 1) + x];
+    };
     smooth(first, m * m, [&](size_t i) {
       const size_t x = i % m + 1, y = i / m + 1;
       return 0.25f * (height(x - 1, y) + height(x + 1, y) + height(x, y - 1) + height(x, y + 1));
@@ -603,10 +639,11 @@ Result<Traced> MeshBake::Impl::trace(int cells_log2, const BakeOptions& options)
   return out;
 }
 
-// Least squares: sides by themselves with free ends, whose means are the corners; sides again between these; then the inside. So every
-// shared sample is found once, from what all of its patches share. Each patch has as few cells as keep the tolerance, a side as many as
-// the finer of its patches; between its samples there are those of the triangles.
-bool MeshBake::Impl::fit(const Traced& fine, const FitOptions& how, const BakeOptions& options, std::vector<float>& heights) {
+// Least squares: sides by themselves with free ends, whose means are the corners; sides again between these; then the
+// inside. So every shared sample is found once, from what all of its patches share. Each patch has as few cells as keep
+// the tolerance, a side as many as the finer of its patches; between its samples there are those of the triangles.
+bool MeshBake::Impl::fit(const Traced& fine, const FitOptions& how, const BakeOptions& options,
+                         std::vector<float>& heights) {
   const SampleLayout& l = *layout;
   const size_t fine_n = size_t{1} << fine.cells_log2, fine_m = fine_n - 1, n = size_t{1} << how.cells_log2, m = n - 1;
   heights = l.everyOther<float>(fine.heights, fine_n, n);
@@ -674,7 +711,8 @@ bool MeshBake::Impl::fit(const Traced& fine, const FitOptions& how, const BakeOp
         nodes.resize((cells + 1) * (cells + 1));
         const std::vector<float>& border = by_log2[static_cast<size_t>(log2)];
         for (size_t s = 0; s < 4; ++s)
-          l.placeSide<float>(base, p, s, cells, std::span(border).subspan(l.patch_sides[p][s] * (cells + 1), cells + 1), nodes);
+          l.placeSide<float>(base, p, s, cells, std::span(border).subspan(l.patch_sides[p][s] * (cells + 1), cells + 1),
+                             nodes);
         fitInside({data, weights}, nodes, cells);
         if (!keeps({data, weights}, fine_n, nodes, cells, how.tolerance_mm, off)) continue;
         patch_log2[p] = static_cast<uint8_t>(log2);
@@ -713,7 +751,8 @@ bool MeshBake::Impl::fit(const Traced& fine, const FitOptions& how, const BakeOp
       for (size_t x = 1; x < n; ++x) {
         const size_t cx = x / step, cy = y / step;
         const float* c = nodes.data() + cy * (cells + 1) + cx;
-        const double fx = static_cast<double>(x - cx * step) / static_cast<double>(step), fy = static_cast<double>(y - cy * step) / static_cast<double>(step);
+        const double fx = static_cast<double>(x - cx * step) / static_cast<double>(step),
+                     fy = static_cast<double>(y - cy * step) / static_cast<double>(step);
         *out++ = static_cast<float>(onCell<double>(c[0], c[1], c[cells + 1], c[cells + 2], fx, fy));
       }
     }
@@ -733,7 +772,8 @@ void MeshBake::Impl::store(std::span<const float> heights, std::span<const uint8
   relief_depth = std::max(cells_log2 - kPageCellsLog2, 0);
 }
 
-// How far the baked surface lies from the scan, in its tangents' direction, at places spread over the patches: the 99.9th percentile.
+// How far the baked surface lies from the scan, in its tangents' direction, at places spread over the patches:
+// the 99.9th percentile.
 void MeshBake::Impl::probe(double& deviation_mm) const {
   const size_t places = probesAPatch(), n = size_t{1} << report.cells_log2;
   std::vector<float> deviations(probes.size(), -1.0f);
@@ -772,8 +812,10 @@ void MeshBake::Impl::heightsOf(uint32_t patch, std::span<uint16_t> out) const {
       const int cx = std::min(x >> up, static_cast<int>(n) - 1), fx = x - (cx << up);
       const uint16_t* c = coarse.data() + static_cast<size_t>(cy) * (n + 1) + static_cast<size_t>(cx);
       const int c00 = c[0], c10 = c[1], c01 = c[n + 1], c11 = c[n + 2];
-      const int sum = fx >= fy ? c00 * (cells - fx) + c10 * (fx - fy) + c11 * fy : c00 * (cells - fy) + c01 * (fy - fx) + c11 * fx;
-      out[static_cast<size_t>(y) * kReliefSamples + static_cast<size_t>(x)] = static_cast<uint16_t>((sum + cells / 2) >> up);
+      const int sum =
+          fx >= fy ? c00 * (cells - fx) + c10 * (fx - fy) + c11 * fy : c00 * (cells - fy) + c01 * (fy - fx) + c11 * fx;
+      out[static_cast<size_t>(y) * kReliefSamples + static_cast<size_t>(x)] =
+          static_cast<uint16_t>((sum + cells / 2) >> up);
     }
   }
 }
@@ -804,11 +846,12 @@ void MeshBake::Impl::surface(uint32_t patch, SurfaceGrid& out) const {
 
 glm::vec2 MeshBake::Impl::uvAt(const SurfacePoint& at) const {
   const auto& uv = mesh->corner_uv[at.triangle];
-  return uv[0] * static_cast<float>(1 - at.b1 - at.b2) + uv[1] * static_cast<float>(at.b1) + uv[2] * static_cast<float>(at.b2);
+  return uv[0] * static_cast<float>(1 - at.b1 - at.b2) + uv[1] * static_cast<float>(at.b1) +
+         uv[2] * static_cast<float>(at.b2);
 }
 
-// Texel by texel. What is finer than the patch's texels is averaged: by the image's texels a millimetre of the triangle, since (u, v) of
-// neighbouring texels may lie in different parts of the image.
+// Texel by texel. What is finer than the patch's texels is averaged: by the image's texels a millimetre of the
+// triangle, since (u, v) of neighbouring texels may lie in different parts of the image.
 bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
   const size_t side = size_t{kPagePx} << report.texture_depth, n = size_t{1} << report.cells_log2;
   const auto channels = static_cast<size_t>(image.channels());
@@ -816,7 +859,8 @@ bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
   layout->gather<uint16_t>(base, patch, n - 1, samples, q);
   const auto& c = base.patches[patch];
   double around = 0;
-  for (const auto& [a, b] : kSideCorners) around += glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point);
+  for (const auto& [a, b] : kSideCorners)
+    around += glm::length(corner(c[static_cast<size_t>(a)]).point - corner(c[static_cast<size_t>(b)]).point);
   const double texel_mm = around / (4.0 * static_cast<double>(side));
   Lookup look;
   std::vector<float> values(channels);
@@ -825,7 +869,8 @@ bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
     begin(look, patch, share(x0), share(y0), share(x1), share(y1));
     for (size_t i = 0; i < (x1 - x0) * (y1 - y0); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
-      const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side), v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
+      const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side),
+                   v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
       const Frame f = inside(patch, u, v);
       const double height = offset_mm + scale_mm * onGrid(q, n, u, v);
       look.add(lineOf({f.point + height * f.normal, f.normal}, patch_reach[patch]), u, v, height);
@@ -838,10 +883,12 @@ bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
       const auto& uv = mesh->corner_uv[at.triangle];
       const glm::vec3 &p = mesh->positions_mm[t[0]], e = mesh->positions_mm[t[1]] - p, g = mesh->positions_mm[t[2]] - p;
       const glm::vec2 i = uv[1] - uv[0], j = uv[2] - uv[0];
-      const double image_area = std::abs(double{i.x} * j.y - double{i.y} * j.x) * image.width() * image.height(), area = glm::length(glm::cross(e, g));
+      const double image_area = std::abs(double{i.x} * j.y - double{i.y} * j.x) * image.width() * image.height(),
+                   area = glm::length(glm::cross(e, g));
       const double lod = area > 0 ? 0.5 * std::log2(texel_mm * texel_mm * image_area / area) : 0.0;
       image.sample(uvAt(at), static_cast<float>(lod), values);
-      for (size_t k = 0; k < channels; ++k) out[(k * side + y) * side + x] = static_cast<uint8_t>(std::clamp(values[k] + 0.5f, 0.0f, 255.0f));
+      for (size_t k = 0; k < channels; ++k)
+        out[(k * side + y) * side + x] = static_cast<uint8_t>(std::clamp(values[k] + 0.5f, 0.0f, 255.0f));
     }
     return !stopped();
   });
@@ -849,7 +896,8 @@ bool MeshBake::Impl::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
 
 std::array<float, kTexelChannels> MeshBake::Impl::tone(const SurfacePoint& at) const {
   const auto& t = mesh->triangles[at.triangle];
-  const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1), static_cast<float>(at.b2)};
+  const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1),
+                               static_cast<float>(at.b2)};
   std::array<float, kTexelChannels> out{kGrey, kGrey, kGrey, 0, 0, 0};
   if (!image.empty()) {
     image.sample(uvAt(at), 0, out);
@@ -861,7 +909,9 @@ std::array<float, kTexelChannels> MeshBake::Impl::tone(const SurfacePoint& at) c
   }
   glm::vec3 n(0);
   for (size_t k = 0; k < 3; ++k) n += w[k] * normals[t[k]];
-  if (!(glm::length(n) > 1e-3f)) n = glm::cross(mesh->positions_mm[t[1]] - mesh->positions_mm[t[0]], mesh->positions_mm[t[2]] - mesh->positions_mm[t[0]]);
+  if (!(glm::length(n) > 1e-3f))
+    n = glm::cross(mesh->positions_mm[t[1]] - mesh->positions_mm[t[0]],
+                   mesh->positions_mm[t[2]] - mesh->positions_mm[t[0]]);
   const float length = glm::length(n);
   if (length > 0) n /= length;
   out[3] = n.x;
@@ -882,8 +932,8 @@ double MeshBake::reliefOffsetMm() const { return impl_->offset_mm; }
 double MeshBake::reliefScaleMm() const { return impl_->scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 
-Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base, const BakeOptions& given,
-                                                   BakeScene scene) {
+Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base,
+                                                   const BakeOptions& given, BakeScene scene) {
   const auto started = std::chrono::steady_clock::now();
   BakeOptions options = given;
   if (given.progress) {  // grids tried one after the other never lead backwards
@@ -891,20 +941,26 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   }
   auto usage = [](std::string what) { return Error{ErrorKind::kUsage, "", std::move(what), ""}; };
   if (options.cells_log2 != -1 && (options.cells_log2 < 1 || options.cells_log2 > kMaxCellsLog2))
-    return usage("relief cells a patch: expected 2^1 to 2^" + std::to_string(kMaxCellsLog2) + ", found 2^" + std::to_string(options.cells_log2));
+    return usage("relief cells a patch: expected 2^1 to 2^" + std::to_string(kMaxCellsLog2) + ", found 2^" +
+                 std::to_string(options.cells_log2));
   if (options.texture_depth < -1 || options.texture_depth > 7)
     return usage("texture depth of a patch: expected 0 to 7, found " + std::to_string(options.texture_depth));
-  if (!(options.tolerance_mm >= 0) || !std::isfinite(options.tolerance_mm)) return usage("the tolerance is not a distance in mm");
+  if (!(options.tolerance_mm >= 0) || !std::isfinite(options.tolerance_mm))
+    return usage("the tolerance is not a distance in mm");
   if (mesh.triangles.empty()) return Error{ErrorKind::kInvalidData, "", "the mesh has no triangle", ""};
   if (image.planes && mesh.corner_uv.empty()) return usage("the mesh has no texture coordinates for the planes");
-  if (!image.planes && !image.texels.empty() && image.channels != 3) return usage("an image of colours has three channels");
-  if (auto problem = baseMeshProblem(base); !problem.empty()) return Error{ErrorKind::kInvalidData, "", "base mesh: " + problem, ""};
+  if (!image.planes && !image.texels.empty() && image.channels != 3)
+    return usage("an image of colours has three channels");
+  if (auto problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, "", "base mesh: " + problem, ""};
 
   auto impl = std::make_unique<Impl>();
   impl->mesh = &mesh;
   const bool from_image = !image.texels.empty() && !mesh.corner_uv.empty();
   impl->planes = image.planes && from_image;
-  if (from_image) impl->image = PlaneImage(image.width, image.height, image.channels, image.texels, impl->planes ? 16 : 0, image.repeats);
+  if (from_image)
+    impl->image =
+        PlaneImage(image.width, image.height, image.channels, image.texels, impl->planes ? 16 : 0, image.repeats);
   impl->base = base;
   impl->prepare(options);
   if (!scene.rays) {
@@ -917,14 +973,16 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->normals = std::move(scene.normals);
   if (options.progress) options.progress(0.3);
 
-  const double vertices = static_cast<double>(mesh.positions_mm.size()), patches = static_cast<double>(base.patches.size());
+  const double vertices = static_cast<double>(mesh.positions_mm.size()),
+               patches = static_cast<double>(base.patches.size());
   glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
   for (const glm::vec3& p : mesh.positions_mm) {
     low = glm::min(low, p);
     high = glm::max(high, p);
   }
   const bool automatic = options.cells_log2 < 0;
-  const double tolerance_mm = options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * glm::length(glm::dvec3(high) - glm::dvec3(low));
+  const double tolerance_mm =
+      options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * glm::length(glm::dvec3(high) - glm::dvec3(low));
   // Small scans may have sharp edges that patches cross: four million samples take about a second.
   const double most = std::max(vertices * (options.tolerance_mm > 0 ? 256 : 16), 4.0 * (1 << 20));
   impl->report.tolerance_mm = tolerance_mm;
@@ -934,7 +992,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   const double least = vertices / (options.tolerance_mm > 0 ? 256 : 2);
   if (automatic)
     for (cells_log2 = 1; cells_log2 < kMaxAutoCellsLog2 && count(cells_log2) < least;) ++cells_log2;
-  if (count(cells_log2) > static_cast<double>(kMaxSamples)) return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
+  if (count(cells_log2) > static_cast<double>(kMaxSamples))
+    return usage("more than 2^32 relief samples: ask for fewer patches or fewer cells");
   double& deviation = impl->report.deviation_mm;
   Traced at;
   std::vector<float> fitted;
@@ -960,11 +1019,14 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     impl->probe(deviation);
     return {};
   };
-  // Lines for a fit: four times as many as samples; sixteen times where that takes no more than some seconds (0.5 dB better). None
-  // where it took minutes, or where the samples are so dense already that more would only find the scan's own triangles again.
+  // Lines for a fit: four times as many as samples; sixteen times where that takes no more than some seconds (0.5 dB
+  // better). None where it took minutes, or where the samples are so dense already that more would only find the scan's
+  // own triangles again.
   constexpr double kManyLines = 1 << 23, kMostLines = 1 << 26;
   const double most_lines = automatic ? std::clamp(16 * vertices, kManyLines, kMostLines) : kMostLines;
-  auto finer = [&](int log2) { return log2 + (count(log2 + 2) <= kManyLines ? 2 : count(log2 + 1) <= most_lines ? 1 : 0); };
+  auto finer = [&](int log2) {
+    return log2 + (count(log2 + 2) <= kManyLines ? 2 : count(log2 + 1) <= most_lines ? 1 : 0);
+  };
   const int least_log2 = cells_log2;
   if (!automatic) {
     if (auto looked = look(options.fit ? finer(cells_log2) : cells_log2); !looked) return looked.error();
@@ -1008,8 +1070,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
     auto texels = [&](int d) { return std::ldexp(patches, 2 * (kPageCellsLog2 + d)); };
     while (texels(depth) < tones && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
   }
-  // Vertex colours are linear over the scan's triangles: a grid somewhat finer than these knows all of them. Creases show where it is not
-  // much finer; half a million places are looked up in a quarter of a second.
+  // Vertex colours are linear over the scan's triangles: a grid somewhat finer than these knows all of them. Creases
+  // show where it is not much finer; half a million places are looked up in a quarter of a second.
   const double places = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
   const int texels_log2 = kPageCellsLog2 + depth;
   impl->tone_log2 = 1;
@@ -1032,13 +1094,17 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
         }
       },
       [&](size_t taken) {
-        if (options.progress) options.progress(0.9 + 0.1 * std::min(1.0, static_cast<double>(taken * kPatchesAJob) / static_cast<double>(base.patches.size())));
+        if (options.progress)
+          options.progress(0.9 + 0.1 * std::min(1.0, static_cast<double>(taken * kPatchesAJob) /
+                                                         static_cast<double>(base.patches.size())));
       });
   if (!done) return interruptedError();
   float largest = 0;
   for (const auto& by_grid : impl->errors)
     for (float e : by_grid[kPageCellsLog2].mm) largest = std::max(largest, e);
-  impl->error_unit_mm = largest > 0 ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9) : impl->scale_mm > 0 ? impl->scale_mm : 1.0;
+  impl->error_unit_mm = largest > 0          ? static_cast<double>(largest) / 65535.0 * (1 + 1e-9)
+                        : impl->scale_mm > 0 ? impl->scale_mm
+                                             : 1.0;
   if (auto sound = impl->scene->status(); !sound) return sound.error();
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   if (options.progress) options.progress(1);
@@ -1050,7 +1116,9 @@ Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
   return {};
 }
 
-const GridErrors& MeshBake::errorsOfCells(uint32_t patch, int cells_log2) const { return impl_->errors[patch][static_cast<size_t>(cells_log2)]; }
+const GridErrors& MeshBake::errorsOfCells(uint32_t patch, int cells_log2) const {
+  return impl_->errors[patch][static_cast<size_t>(cells_log2)];
+}
 float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
   const std::vector<float>& mm = errorsOfCells(patch, cells_log2).mm;
   return *std::max_element(mm.begin(), mm.end());
@@ -1129,7 +1197,8 @@ Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
     for (size_t k = 0; k < kTexelChannels; ++k) {
       const float* v = values.data() + k * side;
       uint8_t* to = out.data() + k * plane + y * side;
-      for (size_t x = 0; x < side; ++x) to[x] = static_cast<uint8_t>(static_cast<int>(std::min(std::max(v[x] + 0.5f, 0.0f), 255.0f)));
+      for (size_t x = 0; x < side; ++x)
+        to[x] = static_cast<uint8_t>(static_cast<int>(std::min(std::max(v[x] + 0.5f, 0.0f), 255.0f)));
     }
   }
   return {};

@@ -12,10 +12,12 @@
 namespace relievo {
 namespace {
 
-// The k-th place in a triangle: the plastic number's sequence, folded into it (Roberts 2018): any run of them is spread evenly.
+// The k-th place in a triangle: the plastic number's sequence, folded into it (Roberts 2018): any run of them is spread
+// evenly.
 glm::dvec2 placeInTriangle(size_t k) {
   constexpr double kPlastic = 1.32471795724474602596;
-  double b1 = std::fmod(0.5 + static_cast<double>(k) / kPlastic, 1.0), b2 = std::fmod(0.5 + static_cast<double>(k) / (kPlastic * kPlastic), 1.0);
+  double b1 = std::fmod(0.5 + static_cast<double>(k) / kPlastic, 1.0),
+         b2 = std::fmod(0.5 + static_cast<double>(k) / (kPlastic * kPlastic), 1.0);
   if (b1 + b2 > 1) {
     b1 = 1 - b1;
     b2 = 1 - b2;
@@ -40,7 +42,8 @@ Box boxOf(const TriMesh& mesh) {
   return box;
 }
 
-// The k-th of `spread` places, evenly over a mesh's area, that lies on a part of it: the part's areas, and the whole mesh's.
+// The k-th of `spread` places, evenly over a mesh's area, that lies on a part of it: the part's areas, and the whole
+// mesh's.
 class SpreadPlaces {
  public:
   SpreadPlaces(const TriMesh& part, const std::vector<double>& area_before, double whole_area, size_t spread)
@@ -60,7 +63,9 @@ class SpreadPlaces {
   glm::dvec3 place(size_t k, size_t& triangle) const {
     const double area = areaOf(k);
     if (area >= area_before_[triangle + 1])
-      triangle = static_cast<size_t>(std::upper_bound(area_before_.begin(), area_before_.end(), area) - area_before_.begin()) - 1;
+      triangle =
+          static_cast<size_t>(std::upper_bound(area_before_.begin(), area_before_.end(), area) - area_before_.begin()) -
+          1;
     triangle = std::min(triangle, part_.triangles.size() - 1);
     const auto& t = part_.triangles[triangle];
     const glm::dvec2 w = placeInTriangle(k);
@@ -75,10 +80,11 @@ class SpreadPlaces {
   size_t spread_;
 };
 
-// mm[i] becomes the distance from place(i, triangle) to the scene, all of it within `box`, where that is smaller; places by jobs, each with a search of its own.
-// Interrupted: of some.
+// mm[i] becomes the distance from place(i, triangle) to the scene, all of it within `box`, where that is smaller;
+// places by jobs, each with a search of its own. Interrupted: of some.
 template <class Place>
-void lowerToDistance(std::span<float> mm, const RayScene& scene, const Box& box, const DistanceRun& run, Place&& place) {
+void lowerToDistance(std::span<float> mm, const RayScene& scene, const Box& box, const DistanceRun& run,
+                     Place&& place) {
   constexpr size_t kAJob = 4096;
   const size_t jobs = (mm.size() + kAJob - 1) / kAJob;
   auto progress = [&](size_t taken) {
@@ -90,10 +96,12 @@ void lowerToDistance(std::span<float> mm, const RayScene& scene, const Box& box,
     for (size_t i = job * kAJob; i < std::min(mm.size(), (job + 1) * kAJob); ++i) {
       const glm::dvec3 p = place(i, triangle);
       // Most places are far from most parts.
-      if (const double nearest = mm[i]; !std::isinf(nearest) && box.squaredDistance(p) > nearest * nearest * (1 + 1e-9)) continue;
-      // Looked for no further than what another part of the surface has. Rounding it to a float first changes nothing: it is monotone, so
-      // that what lies between the two is rounded to the same.
-      SurfacePoint found = std::isinf(mm[i]) ? scene.closestPoint(p, last) : scene.closestPoint(p, static_cast<double>(mm[i]));
+      if (const double nearest = mm[i]; !std::isinf(nearest) && box.squaredDistance(p) > nearest * nearest * (1 + 1e-9))
+        continue;
+      // Looked for no further than what another part of the surface has. Rounding it to a float first changes nothing:
+      // it is monotone, so that what lies between the two is rounded to the same.
+      SurfacePoint found =
+          std::isinf(mm[i]) ? scene.closestPoint(p, last) : scene.closestPoint(p, static_cast<double>(mm[i]));
       if (!found) continue;
       last = found;
       mm[i] = std::min(mm[i], static_cast<float>(found.along));
@@ -125,7 +133,8 @@ DistanceStats stats(std::span<float> mm) {
 // The surface that a bake is measured by, patch by patch (bakedTriangles()).
 class BakedSurface {
  public:
-  BakedSurface(const MeshBake& baked, const DistanceRun& run) : baked_(baked), run_(run), finest_log2_(7 + baked.reliefDepth()) {
+  BakedSurface(const MeshBake& baked, const DistanceRun& run)
+      : baked_(baked), run_(run), finest_log2_(7 + baked.reliefDepth()) {
     const BaseMesh& base = baked.base();
     glm::dvec3 low(base.corners[0].position_mm), high = low;
     for (const BaseCorner& c : base.corners) {
@@ -158,22 +167,23 @@ class BakedSurface {
     out.origin_mm = baked_.base().origin_mm;
     out.positions_mm.resize(all.vertex);
     out.triangles.resize(all.triangle);
-    parallelFor(places.size(), run_.workers, run_.interrupted, [&](size_t i) {
-      fill(static_cast<uint32_t>(first + i), out, places[i].vertex, places[i].triangle);
-    });
+    parallelFor(places.size(), run_.workers, run_.interrupted,
+                [&](size_t i) { fill(static_cast<uint32_t>(first + i), out, places[i].vertex, places[i].triangle); });
     return out;
   }
 
  private:
   void fill(uint32_t p, TriMesh& out, size_t first_vertex, size_t first_triangle) const {
     const BaseMesh& base = baked_.base();
-    const size_t n = size_t{1} << cells_log2_[p], row = n + 1, finest_row = (size_t{1} << finest_log2_) + 1, step = (finest_row - 1) / n;
+    const size_t n = size_t{1} << cells_log2_[p], row = n + 1, finest_row = (size_t{1} << finest_log2_) + 1,
+                 step = (finest_row - 1) / n;
     std::vector<uint16_t> q(finest_row * finest_row);
     (void)baked_.heights(p, q);
     glm::vec3* vertex = out.positions_mm.data() + first_vertex;
     for (size_t y = 0; y <= n; ++y) {
       for (size_t x = 0; x <= n; ++x) {
-        const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
+        const double u = static_cast<double>(x) / static_cast<double>(n),
+                     v = static_cast<double>(y) / static_cast<double>(n);
         const double height = baked_.reliefOffsetMm() + baked_.reliefScaleMm() * q[(y * finest_row + x) * step];
         *vertex++ = glm::vec3(base.point(p, u, v) + height * base.normal(p, u, v));
       }
@@ -181,7 +191,8 @@ class BakedSurface {
     auto* triangle = out.triangles.data() + first_triangle;
     for (size_t y = 0; y < n; ++y) {
       for (size_t x = 0; x < n; ++x) {
-        const auto a = static_cast<uint32_t>(first_vertex + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row), d = c + 1;
+        const auto a = static_cast<uint32_t>(first_vertex + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row),
+                   d = c + 1;
         *triangle++ = {a, d, b};
         *triangle++ = {a, c, d};
       }
@@ -218,7 +229,8 @@ TriMesh bakedTriangles(const MeshBake& baked, const DistanceRun& run) {
   return surface.part(0, surface.patches());
 }
 
-Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle, const DistanceRun& run) {
+Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle,
+                                     const DistanceRun& run) {
   MeshDistance out;
   const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   auto stopped = [&] { return run.interrupted && run.interrupted->load(std::memory_order_relaxed); };
@@ -240,7 +252,8 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
   if (stopped()) return interrupted;
   const std::vector<size_t> ends = partEnds(surface, run.memory_bytes);
   const double parts = static_cast<double>(ends.size());
-  const RaySceneOptions scene_options{.interrupted = run.interrupted, .budget_bytes = run.memory_bytes ? run.memory_bytes : ~uint64_t{0}};
+  const RaySceneOptions scene_options{.interrupted = run.interrupted,
+                                      .budget_bytes = run.memory_bytes ? run.memory_bytes : ~uint64_t{0}};
 
   // From the scan to each part of the surface, the nearest of them all.
   size_t spread = scan.triangles.size() * static_cast<size_t>(std::max(samples_per_triangle, 0));
@@ -284,7 +297,8 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
     const SpreadPlaces places(part, area_before, surface_area, spread);
     const size_t end_k = i + 1 < ends.size() ? places.firstAt(area) : spread;
     const double from = 0.58 + 0.42 * static_cast<double>(i) / parts;
-    lowerToDistance(std::span(back).subspan(from_k, end_k - from_k), **scan_scene, boxOf(scan), within(from, from + 0.42 / parts),
+    lowerToDistance(std::span(back).subspan(from_k, end_k - from_k), **scan_scene, boxOf(scan),
+                    within(from, from + 0.42 / parts),
                     [&](size_t k, size_t& triangle) { return shift + places.place(from_k + k, triangle); });
     if (stopped()) return interrupted;
     from_k = end_k;

@@ -1,4 +1,5 @@
-// mesh_distance.h - how far two surfaces lie apart, both ways: samples of either against the closest point of the other.
+// mesh_distance.h - how far two surfaces lie apart, both ways: samples of either against the closest point of the
+// other.
 #pragma once
 
 #include <array>
@@ -26,19 +27,21 @@ struct MeshDistance {
 };
 struct DistanceRun {
   int workers = 0;  // 0: one a core
-  // For what is looked up beside the scan and the bake: the baked surface is triangulated and searched in parts of whole patches that fit,
-  // one after the other. The results are the same bit for bit; 0: all at once. The distances themselves come on top, 4 bytes a sample.
+  // For what is looked up beside the scan and the bake: the baked surface is triangulated and searched in parts of
+  // whole patches that fit, one after the other. The results are the same bit for bit; 0: all at once. The distances
+  // themselves come on top, 4 bytes a sample.
   uint64_t memory_bytes = 0;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// Samples: every vertex of the scan, and samples_per_triangle for each of its triangles, spread evenly over its area; as many as these
-// together over the baked surface. At fixed places: the same mesh and bake give the same numbers. Interrupted: ErrorKind::kInterrupted,
-// within a second.
-Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3, const DistanceRun& run = {});
-// The finest surface of a bake as triangles, patch by patch, not welded (for measuring and for pictures). A patch's grid is the coarsest
-// that lies within 5 x 10^-6 of the base's diagonal or one step of the heights of the finest (errorOfCells()), never coarser than the samples.
-// Interrupted: some of it.
+// Samples: every vertex of the scan, and samples_per_triangle for each of its triangles, spread evenly over its area;
+// as many as these together over the baked surface. At fixed places: the same mesh and bake give the same numbers.
+// Interrupted: ErrorKind::kInterrupted, within a second.
+Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked, int samples_per_triangle = 3,
+                                     const DistanceRun& run = {});
+// The finest surface of a bake as triangles, patch by patch, not welded (for measuring and for pictures). A patch's
+// grid is the coarsest that lies within 5 x 10^-6 of the base's diagonal or one step of the heights of the finest
+// (errorOfCells()), never coarser than the samples. Interrupted: some of it.
 TriMesh bakedTriangles(const MeshBake& baked, const DistanceRun& run = {});
 
 }  // namespace relievo

@@ -28,13 +28,14 @@ inline bool stopAt(size_t step, const std::atomic<bool>* stop) {
   return (step & 0x3FFFF) == 0 && stop && stop->load(std::memory_order_relaxed);
 }
 
-// visit(part, half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by their
-// higher one: each part has a range of lower vertices, and parts are visited at the same time. Half-edges are dealt out to
-// their lower vertices and sorted there: linear, for vertices of usual valence.
-// Memory: 4 bytes a vertex and 8 a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them:
-// 32 MB). Ends early, soon after *stop is set.
+// visit(part, half_edges) once an edge, whichever way they run, ascending; the edges by their lower vertex, then by
+// their higher one: each part has a range of lower vertices, and parts are visited at the same time. Half-edges are
+// dealt out to their lower vertices and sorted there: linear, for vertices of usual valence. Memory: 4 bytes a vertex
+// and 8 a half-edge, of which an eighth is held at once in large meshes (at least 4 M of them: 32 MB). Ends early, soon
+// after *stop is set.
 template <class Visit>
-void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t parts, Visit visit, const std::atomic<bool>* stop = nullptr) {
+void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t parts, Visit visit,
+                        const std::atomic<bool>* stop = nullptr) {
   std::vector<uint32_t> end(vertices + 1, 0);  // of each vertex's half-edges, counted over all vertices
   auto stopped = [&] { return stop && stop->load(std::memory_order_relaxed); };
   const TriangleBlocks blocks(triangles, static_cast<int>(parts));
@@ -54,7 +55,9 @@ void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t part
   const size_t share = std::max<size_t>(size_t{4} << 20, triangles.size() * 3 / 8) / parts;
   inParallel([&](size_t part) {
     auto bound = [&](size_t k) {  // as many half-edges a part
-      return k == parts ? vertices : static_cast<size_t>(std::lower_bound(end.begin(), end.end(), triangles.size() * 3 * k / parts) - end.begin());
+      return k == parts ? vertices
+                        : static_cast<size_t>(
+                              std::lower_bound(end.begin(), end.end(), triangles.size() * 3 * k / parts) - end.begin());
     };
     const size_t part_end = bound(part + 1);
     std::vector<uint64_t> dealt;  // higher vertex, half-edge
@@ -71,7 +74,9 @@ void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t part
         const auto& t = triangles[i];
         for (uint32_t k = 0; k < 3; ++k) {
           uint32_t a = t[k], b = t[k == 2 ? 0 : k + 1], low = std::min(a, b);
-          if (low >= first && low < last) dealt[next[low - first]++] = static_cast<uint64_t>(std::max(a, b)) << 32 | (3 * static_cast<uint32_t>(i) + k);
+          if (low >= first && low < last)
+            dealt[next[low - first]++] =
+                static_cast<uint64_t>(std::max(a, b)) << 32 | (3 * static_cast<uint32_t>(i) + k);
         }
       });
       if (stopped()) return;
@@ -99,7 +104,8 @@ void forEachEdgeInParts(const Triangles& triangles, size_t vertices, size_t part
 // visit(half_edges) on this thread alone.
 template <class Visit>
 void forEachEdge(const Triangles& triangles, size_t vertices, Visit visit, const std::atomic<bool>* stop = nullptr) {
-  forEachEdgeInParts(triangles, vertices, 1, [&](size_t, std::span<const uint32_t> edge) { visit(edge); }, stop);
+  forEachEdgeInParts(
+      triangles, vertices, 1, [&](size_t, std::span<const uint32_t> edge) { visit(edge); }, stop);
 }
 
 }  // namespace relievo

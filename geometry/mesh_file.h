@@ -40,10 +40,10 @@ struct RawMesh {
   std::vector<glm::vec3> float_colours;  // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
   std::string texture_path;
-  std::vector<glm::u8vec3> palette;  // see tri_mesh.h
-  bool texture_repeats = false;  // beyond 0..1, as the format has it
+  std::vector<glm::u8vec3> palette;      // see tri_mesh.h
+  bool texture_repeats = false;          // beyond 0..1, as the format has it
   std::vector<std::string> named_files;  // images and material files, as the file names them
-  uint64_t vertices_read = 0;  // as the file counts
+  uint64_t vertices_read = 0;            // as the file counts
   std::vector<MeshFinding> findings;
 };
 

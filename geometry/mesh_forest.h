@@ -1,5 +1,5 @@
-// mesh_forest.h - what of an artwork over a base mesh does not change from view to view: where squares meet, and what the oracle said of
-// their heights and errors, kept once asked for. Internal to mesh_lod.cpp.
+// mesh_forest.h - what of an artwork over a base mesh does not change from view to view: where squares meet, and what
+// the oracle said of their heights and errors, kept once asked for. Internal to mesh_lod.cpp.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,8 @@ struct Square {
   NodeId id() const { return {patch, static_cast<uint32_t>(level), x, y}; }
 };
 
-// Corners of a square at its lowest and at its highest height: the displaced square lies in their hull (see mesh_lod.cpp).
+// Corners of a square at its lowest and at its highest height: the displaced square lies in their hull (see
+// mesh_lod.cpp).
 using SquareHull = std::array<glm::dvec3, 8>;
 
 // Of grids coarser than a root page's, by parts: grids of 2^4 to 2^6 cells a patch's side have 2, 4, 8 blocks a side.
@@ -41,7 +42,8 @@ class CoarseParts {
  public:
   static constexpr int kFirst = 4, kLast = kPageLog2 - 1;
   static constexpr int depthOf(int cells_log2) { return cells_log2 - 3; }
-  // whole_mm: by cells_log2, what unknown and impossible blocks count for. Blocks of more cells are around those inside.
+  // whole_mm: by cells_log2, what unknown and impossible blocks count for. Blocks of more cells are around those
+  // inside.
   void read(const ReliefOracle& oracle, uint32_t patch, const CoarseErrors& whole_mm) {
     std::array<float, 64> mm;
     std::array<DeviationShape, 64> shapes;
@@ -49,8 +51,10 @@ class CoarseParts {
       const float whole = whole_mm[static_cast<size_t>(k)];
       const int finest = depthOf(k);
       const size_t count = size_t{1} << (2 * finest);
-      const bool known = oracle.coarseBlocks(patch, k, std::span(mm).first(count)), shaped = known && oracle.coarseShapes(patch, k, std::span(shapes).first(count));
-      for (size_t i = 0; i < count; ++i) parts_[first(k, finest) + i] = partError(whole, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
+      const bool known = oracle.coarseBlocks(patch, k, std::span(mm).first(count)),
+                 shaped = known && oracle.coarseShapes(patch, k, std::span(shapes).first(count));
+      for (size_t i = 0; i < count; ++i)
+        parts_[first(k, finest) + i] = partError(whole, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
       for (int depth = finest - 1; depth > 0; --depth) {
         const uint32_t side = 1u << depth;
         for (uint32_t y = 0; y < side; ++y)
@@ -62,7 +66,9 @@ class CoarseParts {
     }
   }
   // Part (x, y) of 2^depth a side, 1 <= depth <= depthOf(cells_log2).
-  const PartError& at(int cells_log2, int depth, uint32_t x, uint32_t y) const { return parts_[first(cells_log2, depth) + (y << depth) + x]; }
+  const PartError& at(int cells_log2, int depth, uint32_t x, uint32_t y) const {
+    return parts_[first(cells_log2, depth) + (y << depth) + x];
+  }
 
  private:
   // Those of each grid one after the other, the coarsest parts first.
@@ -77,9 +83,14 @@ class CoarseParts {
 
 class MeshForest {
  public:
-  MeshForest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm, std::shared_ptr<const ReliefOracle> oracle,
-             std::vector<CoarseErrors> coarse, bool tails)
-      : base_(std::move(mesh)), oracle_(std::move(oracle)), coarse_errors_(std::move(coarse)), depth_(std::max(relief_depth, 0)), has_relief_(relief_depth >= 0), tails_(tails) {
+  MeshForest(std::shared_ptr<const BaseMesh> mesh, int relief_depth, double offset_mm, double scale_mm,
+             std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse, bool tails)
+      : base_(std::move(mesh)),
+        oracle_(std::move(oracle)),
+        coarse_errors_(std::move(coarse)),
+        depth_(std::max(relief_depth, 0)),
+        has_relief_(relief_depth >= 0),
+        tails_(tails) {
     assert(base_ && oracle_);
     const double ends[2] = {offset_mm, offset_mm + 65535 * scale_mm};
     whole_range_.min_mm = static_cast<float>(std::min(ends[0], ends[1]));
@@ -106,16 +117,18 @@ class MeshForest {
 
   uint32_t patchCount() const { return static_cast<uint32_t>(base_->patches.size()); }
   bool hasRelief() const { return has_relief_; }
-  int depth() const { return depth_; }               // of the relief's pages
-  // Heights that are there without pages: those of the patches' tails; else those of the root pages, which are then always resident.
+  int depth() const { return depth_; }  // of the relief's pages
+  // Heights that are there without pages: those of the patches' tails; else those of the root pages, which are then
+  // always resident.
   bool hasTails() const { return tails_; }
   int leastResidentLevel() const { return tails_ ? kTailCellsLog2 : kPageLog2; }
-  int unitLog2() const { return depth_ + kPageLog2; }  // of a patch's side in finest cells
+  int unitLog2() const { return depth_ + kPageLog2; }                           // of a patch's side in finest cells
   int maxLevel() const { return std::min({place_bits_, unitLog2() - 1, 31}); }  // of squares
 
   // ---- places
   uint64_t key(const Square& s) const {
-    return (static_cast<uint64_t>(s.level) << 58) | (uint64_t{s.patch} << (2 * place_bits_)) | (uint64_t{s.x} << place_bits_) | s.y;
+    return (static_cast<uint64_t>(s.level) << 58) | (uint64_t{s.patch} << (2 * place_bits_)) |
+           (uint64_t{s.x} << place_bits_) | s.y;
   }
   const PatchNeighbours& patchNeighboursOf(uint32_t patch) const { return neighbours_[patch]; }
   // The square of the same level across a side; false: the mesh's border.
@@ -152,7 +165,8 @@ class MeshForest {
     }
     return hull;
   }
-  // Which way the base's normals point within a square: all within `turn` of the axis, both of length 1. More than 1: any way.
+  // Which way the base's normals point within a square: all within `turn` of the axis, both of length 1. More than 1:
+  // any way.
   struct NormalRange {
     glm::dvec3 axis{0};
     double turn = 2;
@@ -181,16 +195,21 @@ class MeshForest {
     if (!oracle_->heightSlopes(patch, slopes)) return {};
     const HeightBounds& h = pageBounds({patch, 0, 0, 0});
     const double low = h.min_mm * exaggerate, high = h.max_mm * exaggerate;
-    auto times = [&](float a, float b) { return std::array{static_cast<float>(std::min(a * exaggerate, b * exaggerate)), static_cast<float>(std::max(a * exaggerate, b * exaggerate))}; };
+    auto times = [&](float a, float b) {
+      return std::array{static_cast<float>(std::min(a * exaggerate, b * exaggerate)),
+                        static_cast<float>(std::max(a * exaggerate, b * exaggerate))};
+    };
     const auto u = times(slopes.min_u, slopes.max_u), v = times(slopes.min_v, slopes.max_v);
     return facingCone(*base_, patch, std::min(low, high), std::max(low, high), {u[0], u[1], v[0], v[1]});
   }
   // Of the surface through the vertices of an absolute level, within a square. Infinite: nothing is known.
-  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: what was baked x times, and what is left of the bilinear P's.
-  // The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4 in their middle.
+  // Exaggerated x times, S = P + x h N = x (P + h N) + (1 - x) P: what was baked x times, and what is left of the
+  // bilinear P's. The latter: P's mixed term d u v, cut along the diagonal of cells of width w, is off by |d| w^2 / 4
+  // in their middle.
   Deviation deviation(const Square& s, int level, double exaggerate) {
     if (level >= unitLog2()) return {};
-    const Deviation twist = Deviation::anyDirection(std::abs(1 - exaggerate) * 0.25 * twist_mm_[s.patch] * halved(2 * level));
+    const Deviation twist =
+        Deviation::anyDirection(std::abs(1 - exaggerate) * 0.25 * twist_mm_[s.patch] * halved(2 * level));
     return exaggerate != 0 ? twist + exaggerate * bakedDeviation(s, level) : twist;
   }
   double error(const Square& s, int level, double exaggerate) { return deviation(s, level, exaggerate).mm; }
@@ -217,7 +236,8 @@ class MeshForest {
   }
   HeightBounds askBounds(const Square& page) const {
     HeightBounds b = oracle_->bounds(page.id());
-    if (!(b.min_mm <= b.max_mm) || !std::isfinite(b.min_mm) || !std::isfinite(b.max_mm)) b.min_mm = whole_range_.min_mm, b.max_mm = whole_range_.max_mm;
+    if (!(b.min_mm <= b.max_mm) || !std::isfinite(b.min_mm) || !std::isfinite(b.max_mm))
+      b.min_mm = whole_range_.min_mm, b.max_mm = whole_range_.max_mm;
     if (!(b.error_mm >= 0)) b.error_mm = std::numeric_limits<float>::infinity();
     return b;
   }
@@ -295,7 +315,7 @@ class MeshForest {
     uint8_t known = 0;  // a bit each
   };
   std::vector<WholeShapes> whole_shapes_;  // by patch
-  std::vector<uint32_t> coarse_index_;  // by patch, in the following; none: not asked for yet
+  std::vector<uint32_t> coarse_index_;     // by patch, in the following; none: not asked for yet
   std::vector<CoarseParts> coarse_parts_;
   IndexTable bounds_index_, parts_index_;
 };

@@ -1,21 +1,22 @@
-// mesh_lod.cpp - see the header. The order of the work is that of planar_lod.cpp: roots in view, refinement with 2:1 balance, one level
-// an edge, the list. What differs:
+// mesh_lod.cpp - see the header. The order of the work is that of planar_lod.cpp: roots in view, refinement with 2:1
+// balance, one level an edge, the list. What differs:
 //
-// Many patches. All roots are looked at together (mesh_roots.h); where neither a root nor a neighbour needs more than a root's grid, it
-// is drawn from there. Only the others become nodes of a tree.
+// Many patches. All roots are looked at together (mesh_roots.h); where neither a root nor a neighbour needs more than a
+// root's grid, it is drawn from there. Only the others become nodes of a tree.
 //
-// Levels of squares, not of edges: the level that a square wants, W, is the coarsest whose error is small enough on the screen, a
-// function of the square alone. An edge between two squares of one level wants the larger of their two; so does either side, whoever
-// asks, and neither side's triangles are worse than that side asks for.
+// Levels of squares, not of edges: the level that a square wants, W, is the coarsest whose error is small enough on the
+// screen, a function of the square alone. An edge between two squares of one level wants the larger of their two; so
+// does either side, whoever asks, and neither side's triangles are worse than that side asks for.
 //
-// Pixels of an error. A point X of the finest surface and the drawn one of the same (u, v), X', lie e apart at most. In the picture
-// of a perspective view (x / z, y / z) they lie |(dx, dy) - dz (x, y) / z| / z' <= e sqrt(1 + tan^2 a) / z' apart, a the angle of
-// the one that is in the picture off the axis, z' the other one's depth: exact, not a first order. Both lie in the hull of the
-// square's displaced corners P + h N, h in {min, max}: for one (u, v) S is on the segment between two bilinear patches, either of
-// which lies in the hull of its corners.
+// Pixels of an error. A point X of the finest surface and the drawn one of the same (u, v), X', lie e apart at most. In
+// the picture of a perspective view (x / z, y / z) they lie |(dx, dy) - dz (x, y) / z| / z' <= e sqrt(1 + tan^2 a) / z'
+// apart, a the angle of the one that is in the picture off the axis, z' the other one's depth: exact, not a first
+// order. Both lie in the hull of the square's displaced corners P + h N, h in {min, max}: for one (u, v) S is on the
+// segment between two bilinear patches, either of which lies in the hull of its corners.
 //
-// Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L) units
-// apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr + 7.
+// Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L)
+// units apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr
+// + 7.
 #include "geometry/mesh_lod.h"
 
 #include <algorithm>
@@ -59,7 +60,8 @@ class Selection {
     hysteresis_ = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
     memory_.nextView(hysteresis_);
     if (!camera_.valid) return rootsAlone();
-    // The roots' tables know whole levels, and this view alone: then they tell which patches are single cells whatever was before.
+    // The roots' tables know whole levels, and this view alone: then they tell which patches are single cells whatever
+    // was before.
     whole_levels_ = !morph_ && hysteresis_ == 0;
     roots_.prepare(forest_, exaggerate_);
     // Four times the error until it fits, then back to twice if that fits too.
@@ -71,8 +73,8 @@ class Selection {
 
  private:
   enum class State : uint8_t { kLeaf, kSplit };
-  // What a square alone determines. Culled: no error shows; nothing is wanted but with geomorph, where what comes into view is as it will be.
-  // Levels here and in nodes are wishes: kOneLevel a level (level_wish.h).
+  // What a square alone determines. Culled: no error shows; nothing is wanted but with geomorph, where what comes into
+  // view is as it will be. Levels here and in nodes are wishes: kOneLevel a level (level_wish.h).
   static constexpr int kUnknown = -1;
   struct Info {
     PxPerMm px;
@@ -80,7 +82,7 @@ class Selection {
     glm::dvec3 centre{0};
     int wanted = 0;  // absolute
     bool culled = false;
-    int floored = kUnknown, level = kUnknown, inner = kUnknown;  // of flooredLevel(), levelOf(), innerLevel()
+    int floored = kUnknown, level = kUnknown, inner = kUnknown;           // of flooredLevel(), levelOf(), innerLevel()
     std::array<int, 4> children{kUnknown, kUnknown, kUnknown, kUnknown};  // of childLevels()
   };
   struct Node {
@@ -92,11 +94,11 @@ class Selection {
     int resident_level = 0;  // vertices up to this absolute level have samples
     int needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
     int grid_level = 0;
-    int wanted = 0;          // the largest of its edges'
-    int drawn = 0;           // of its inside
+    int wanted = 0;  // the largest of its edges'
+    int drawn = 0;   // of its inside
     uint32_t info = 0;
     std::array<int, 4> across{kUnknown, kUnknown, kUnknown, kUnknown};  // what its sides want, if they are whole
-    SideLevels edges{};      // absolute
+    SideLevels edges{};                                                 // absolute
   };
   struct Tree {
     std::vector<Node> nodes;
@@ -130,7 +132,8 @@ class Selection {
     in.diameter_mm = roots_.diameter(patch);
     return in;
   }
-  // Roots with one of these in their codes. What is out of view is in no table; with geomorph it is as it will be when it comes into view.
+  // Roots with one of these in their codes. What is out of view is in no table; with geomorph it is as it will be when
+  // it comes into view.
   int toLookAt() const { return whole_levels_ ? MeshRoots::kCareful : MeshRoots::kCareful | MeshRoots::kCulled; }
   int wantedLevel(const Square& s) {
     if (s.level == 0)
@@ -150,7 +153,8 @@ class Selection {
       double reach = std::numeric_limits<double>::lowest(), terms = 0;
       for (const glm::dvec3& p : hull) {
         reach = std::max(reach, LodCamera::value(plane, p));
-        terms = std::max(terms, std::abs(plane.x * p.x) + std::abs(plane.y * p.y) + std::abs(plane.z * p.z) + std::abs(plane.w));
+        terms = std::max(
+            terms, std::abs(plane.x * p.x) + std::abs(plane.y * p.y) + std::abs(plane.z * p.z) + std::abs(plane.w));
       }
       // Vertices are computed in floats: what is on the plane stays.
       if (reach + around_mm * glm::length(glm::dvec3(plane)) < -1e-6 * terms) {
@@ -167,25 +171,28 @@ class Selection {
     seen.px.turn = normals.turn;
     seen.px.head_on = camera_.scale;
     if (camera_.orthographic) {
-      seen.px.along = std::max(kMinSine, glm::length(normals.axis - glm::dot(normals.axis, camera_.forward) * camera_.forward));
+      seen.px.along =
+          std::max(kMinSine, glm::length(normals.axis - glm::dot(normals.axis, camera_.forward) * camera_.forward));
       return seen;
     }
     double depth = std::numeric_limits<double>::max(), secant = 1;
     for (const glm::dvec3& p : hull) {
       const double z = LodCamera::value(camera_.depth_row, p) - around_mm;
       depth = std::min(depth, z);
-      secant = std::max(secant, z >= camera_.near_mm ? (glm::length(p - camera_.eye) + around_mm) / z : camera_.max_secant);
+      secant =
+          std::max(secant, z >= camera_.near_mm ? (glm::length(p - camera_.eye) + around_mm) / z : camera_.max_secant);
     }
     depth = std::max(camera_.near_mm, depth);
     seen.px.head_on = camera_.scale / depth;
     seen.px.any_way = seen.px.along = std::min(secant, camera_.max_secant);
-    // A move along n is |n - (n f) r| to be seen, f forward and r from the eye, as far as 1 ahead; r is known in the hull's middle, and within R
-    // of it differs by at most R |r| / depth.
+    // A move along n is |n - (n f) r| to be seen, f forward and r from the eye, as far as 1 ahead; r is known in the
+    // hull's middle, and within R of it differs by at most R |r| / depth.
     const double middle = LodCamera::value(camera_.depth_row, seen.centre);
     if (!(middle > camera_.near_mm)) return seen;
     const glm::dvec3 ray = (seen.centre - camera_.eye) / middle;
     const double ahead = glm::dot(normals.axis, camera_.forward), reach = 0.5 * seen.diameter_mm + around_mm;
-    const double at_centre = glm::length(normals.axis - ahead * ray), differs = std::abs(ahead) * reach * glm::length(ray) / depth;
+    const double at_centre = glm::length(normals.axis - ahead * ray),
+                 differs = std::abs(ahead) * reach * glm::length(ray) / depth;
     seen.px.along = std::min(seen.px.any_way, std::max(kMinSine, at_centre + differs));
     return seen;
   }
@@ -201,20 +208,23 @@ class Selection {
     in.px = seen.px;
     double longest = 0;
     for (size_t a : {0, 4})
-      for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2}, std::array<size_t, 2>{1, 3}})
+      for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2},
+                          std::array<size_t, 2>{1, 3}})
         longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
     in.cell_px = longest * seen.px.head_on;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
     const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
-    in.wanted = memory_.held(forest_.key(s), levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish, [&](int level) { return in.px.of(deviation(s, level, in.diameter_mm)); }));
+    in.wanted = memory_.held(forest_.key(s),
+                             levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish,
+                                       [&](int level) { return in.px.of(deviation(s, level, in.diameter_mm)); }));
     return in;
   }
   // Nothing of a square lies further from anything of it.
   Deviation deviation(const Square& s, int level, double diameter_mm) {
     return forest_.deviation(s, level, exaggerate_).atMost(diameter_mm);
   }
-  // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of them are nodes.
-  // A square's own wish, and what is left of its parent's.
+  // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of
+  // them are nodes. A square's own wish, and what is left of its parent's.
   int flooredLevel(const Square& s) {
     const uint32_t at = infoIndex(s);
     if (infos_[at].floored != kUnknown) return infos_[at].floored;
@@ -232,16 +242,19 @@ class Selection {
     if (infos_[at].level != kUnknown) return infos_[at].level;
     int level = flooredLevel(s);
     for (int side = 0; side < 4; ++side)
-      if (Square other; forest_.neighbour(s, side, other)) level = std::max(level, flooredLevel(other) - kMostBeyondNeighbour);
+      if (Square other; forest_.neighbour(s, side, other))
+        level = std::max(level, flooredLevel(other) - kMostBeyondNeighbour);
     return infos_[at].level = level;
   }
-  // Of the side of a square that another of its level lies across, whoever asks; at the border that of the square alone.
+  // Of the side of a square that another of its level lies across, whoever asks; at the border that of the square
+  // alone.
   int levelOfSide(const Square& s, int side) {
     int level = levelOf(s);
     Square other;
     if (!forest_.neighbour(s, side, other)) return level;
     level = std::max(level, levelOf(other));
-    if (!morph_ || s.level == 0 || other.patch != s.patch || other.x >> 1 != s.x >> 1 || other.y >> 1 != s.y >> 1) return level;
+    if (!morph_ || s.level == 0 || other.patch != s.patch || other.x >> 1 != s.x >> 1 || other.y >> 1 != s.y >> 1)
+      return level;
     // Inside the parent.
     const Square parent = s.ancestor(s.level - 1);
     return std::max(level, childFloor(parent.level, innerLevel(parent), progressOf(parent)));
@@ -266,13 +279,16 @@ class Selection {
 
   // ---- the tree
   bool isResident(const Square& page) const {
-    return assume_resident_ || (page.level == 0 && !forest_.hasTails()) || (page.level <= forest_.depth() && resident_->count(page.id()) != 0);
+    return assume_resident_ || (page.level == 0 && !forest_.hasTails()) ||
+           (page.level <= forest_.depth() && resident_->count(page.id()) != 0);
   }
   int residentLevel(const Square& s, int inherited) const {
     if (flat_) return forest_.unitLog2();
     return s.level <= forest_.depth() && isResident(s) ? s.level + kPageLog2 : inherited;
   }
-  uint32_t findNode(const Square& s) const { return s.level == 0 ? tree_.root_node[s.patch] : tree_.index.find(forest_.key(s)); }
+  uint32_t findNode(const Square& s) const {
+    return s.level == 0 ? tree_.root_node[s.patch] : tree_.index.find(forest_.key(s));
+  }
   void addNode(const Square& s, int inherited, int needs_level) {
     const uint32_t info = infoIndex(s);
     if (infos_[info].culled) return;  // a node that is not in the table is not drawn
@@ -293,8 +309,8 @@ class Selection {
     for (uint32_t p : roots_.neighbours(patch))
       if (whole_levels_ || !(roots_.codes()[p] & (MeshRoots::kCulled | MeshRoots::kHidden))) add(p);
   }
-  // Levels that are continuous, or remembered. Single cells among single cells stay in the roots' tables: not those next to what must be looked at, whose
-  // sides are its sides, nor those next to what its levels raise (levelOf()).
+  // Levels that are continuous, or remembered. Single cells among single cells stay in the roots' tables: not those
+  // next to what must be looked at, whose sides are its sides, nor those next to what its levels raise (levelOf()).
   void addRootsOneByOne(std::span<const uint8_t> codes) {
     for (uint32_t p = 0; p < codes.size(); ++p) {
       if (codes[p] & (MeshRoots::kCulled | MeshRoots::kHidden)) continue;
@@ -306,10 +322,13 @@ class Selection {
       if (const Square s = tree_.nodes[i].square; levelOf(s) > 0) addRootAndNeighbours(s.patch);
   }
   // Children need at least the grid of level 1: whole units, and samples for it.
-  bool hasUnitsToSplit(const Square& s) const { return s.level + 2 <= forest_.unitLog2() && s.level + 1 <= forest_.maxLevel(); }
+  bool hasUnitsToSplit(const Square& s) const {
+    return s.level + 2 <= forest_.unitLog2() && s.level + 1 <= forest_.maxLevel();
+  }
   bool hasSamplesToSplit(const Node& n) const {
     bool all = true;
-    for (uint32_t k = 0; k < 4 && n.resident_level < n.square.level + 2; ++k) all = all && isResident(n.square.child(k));
+    for (uint32_t k = 0; k < 4 && n.resident_level < n.square.level + 2; ++k)
+      all = all && isResident(n.square.child(k));
     return all;
   }
   bool maySplit(uint32_t index) {
@@ -353,7 +372,8 @@ class Selection {
     limited_tree_ = limited_tree_ || !finer;
     return finer;
   }
-  // Whole levels that a square's children will want at most, nearly: by their own errors, seen as the square is, which costs a fraction of a look at each.
+  // Whole levels that a square's children will want at most, nearly: by their own errors, seen as the square is, which
+  // costs a fraction of a look at each.
   std::array<int, 4> childLevels(const Square& s) {
     const uint32_t at = infoIndex(s);
     if (infos_[at].children[0] != kUnknown) return infos_[at].children;
@@ -363,15 +383,17 @@ class Selection {
     for (uint32_t k = 0; k < 4 && in.cell_px > 0; ++k) {  // else one of the roots' tables
       auto suffices = [&](int level) {
         const double px = in.px.of(deviation(s.child(k), level, in.diameter_mm));
-        return px <= error_px_ || !(std::ldexp(in.cell_px, s.level - level) > 2 * leastCellPx(min_cell_px_, px / error_px_));
+        return px <= error_px_ ||
+               !(std::ldexp(in.cell_px, s.level - level) > 2 * leastCellPx(min_cell_px_, px / error_px_));
       };
       while (levels[k] > s.level + 1 && suffices(levels[k] - 1)) --levels[k];
     }
     return infos_[at].children = levels;
   }
-  // A node's grid is everywhere as fine as the finest of its sides asks for, and as its roughest part. Would its children take so many triangles fewer that
-  // three more instances pay? All is drawn as finely as it is asked for either way. No page is asked for for that alone. Not where a square's own
-  // wish must tell when it splits: with geomorph, and where lists hold still under a camera that trembles.
+  // A node's grid is everywhere as fine as the finest of its sides asks for, and as its roughest part. Would its
+  // children take so many triangles fewer that three more instances pay? All is drawn as finely as it is asked for
+  // either way. No page is asked for for that alone. Not where a square's own wish must tell when it splits: with
+  // geomorph, and where lists hold still under a camera that trembles.
   bool savesBySplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
     if (tree_.nodes[index].rough) return false;  // waits for pages
@@ -420,8 +442,9 @@ class Selection {
     }
     return true;
   }
-  // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else arriving
-  // pages would coarsen the error, the pages would no longer be wanted, be evicted, and the error refine again.
+  // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else
+  // arriving pages would coarsen the error, the pages would no longer be wanted, be evicted, and the error refine
+  // again.
   bool fits(double asked_px, double scale, bool anyway) {
     error_px_ = asked_px * scale;
     max_node_px_ = kMaxNodePx * scale;
@@ -451,7 +474,8 @@ class Selection {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
       if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
     }
-    for (uint32_t i = 0; i < tree_.nodes.size() && whole_levels_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes; ++i)
+    for (uint32_t i = 0; i < tree_.nodes.size() && whole_levels_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes;
+         ++i)
       if (tree_.nodes[i].state == State::kLeaf && savesBySplit(i) && canSplit(i)) split(i);
     return true;
   }
@@ -460,7 +484,8 @@ class Selection {
   // One edge between squares of base_level: as wanted, as far as both sides have samples for it.
   int edgeLevel(Node& n, const Node* across, int wanted, int base_level, int cap, bool counts) {
     int available = across ? std::min(n.resident_level, across->resident_level) : n.resident_level;
-    int level = std::max(std::min(wanted, std::min({available, base_level + cap, forest_.unitLog2()}) * kOneLevel), base_level * kOneLevel);
+    int level = std::max(std::min(wanted, std::min({available, base_level + cap, forest_.unitLog2()}) * kOneLevel),
+                         base_level * kOneLevel);
     bool blocked = n.blocked || (across && across->blocked);
     n.wanted = std::max(n.wanted, wanted);
     if (counts && level < wanted && (available * kOneLevel < wanted || blocked)) ++limited_;
@@ -472,11 +497,13 @@ class Selection {
     n.wanted = levelOf(s);
     n.drawn = s.level * kOneLevel;
     for (int side = 0; side < 4; ++side) {
-      // across: none where nothing is drawn, or where a root is that is no node (it has samples for all that it can want).
+      // across: none where nothing is drawn, or where a root is that is no node (it has samples for all that it can
+      // want).
       auto whole = [&](int cap, uint32_t across) {
         const Node* a = across == kNone ? nullptr : &tree_.nodes[across];
         // An edge is counted once: by the finer node, or by the first of two.
-        const int level = edgeLevel(n, a, wantedOnSide(n, side), s.level, cap, !a || a->square.level < s.level || index < across);
+        const int level =
+            edgeLevel(n, a, wantedOnSide(n, side), s.level, cap, !a || a->square.level < s.level || index < across);
         n.edges[static_cast<size_t>(side)] = {level, kWholeSide};
         n.drawn = std::max(n.drawn, level);
       };
@@ -510,31 +537,40 @@ class Selection {
   // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
   Deviation deviationAt(const Square& s, int wish, double diameter_mm) {
     const int level = wholeLevels(wish);
-    return betweenLevels(wish, [&] { return deviation(s, level - 1, diameter_mm); }, deviation(s, level, diameter_mm));
+    return betweenLevels(
+        wish, [&] { return deviation(s, level - 1, diameter_mm); }, deviation(s, level, diameter_mm));
   }
   Deviation deviationOnEdge(const Square& s, int wish, int inside, double diameter_mm) {
     const int level = wholeLevels(wish);
-    return betweenLevels(wish, [&] { return deviation(s, level - 1, diameter_mm); }, slidAlong(wish, inside, deviation(s, level, diameter_mm)));
+    return betweenLevels(
+        wish, [&] { return deviation(s, level - 1, diameter_mm); },
+        slidAlong(wish, inside, deviation(s, level, diameter_mm)));
   }
-  // ---- what is promised: by parts of what is drawn, those with the largest bound alone divided until they are out of view or single cells
-  // (bound_search.h).
+  // ---- what is promised: by parts of what is drawn, those with the largest bound alone divided until they are out of
+  // view or single cells (bound_search.h).
   struct Part {
     double px = 0;
     Square square;
     uint32_t node = kNone;  // none: a root of the roots' tables
   };
-  // At an edge with a coarser level all vertices lie where that one's deviation may lead to from its surface, which is flat within each drawn
-  // triangle; so does the finest surface.
+  // At an edge with a coarser level all vertices lie where that one's deviation may lead to from its surface, which is
+  // flat within each drawn triangle; so does the finest surface.
   Part partOf(uint32_t index, const Square& s) {
     const Node& n = tree_.nodes[index];
-    const int depth = s.level - n.square.level, edge_level = coarsestAround(n.edges, n.drawn, n.square.level, depth, s.x - (n.square.x << depth), s.y - (n.square.y << depth));
+    const int depth = s.level - n.square.level,
+              edge_level = coarsestAround(n.edges, n.drawn, n.square.level, depth, s.x - (n.square.x << depth),
+                                          s.y - (n.square.y << depth));
     const Info& whole = infos_[n.info];
     const double diameter_mm = whole.diameter_mm;
     const bool slides = edge_level % kOneLevel != 0, snapped = edge_level < n.drawn || slides;
-    const Deviation own = deviationAt(s, n.drawn, diameter_mm), edge = snapped ? deviationOnEdge(s, edge_level, n.drawn, diameter_mm) : Deviation{};
-    auto bound = [&](const PxPerMm& px) { return std::min(std::max(px.of(own), px.between(edge)), diameter_mm * px.head_on * px.any_way); };
+    const Deviation own = deviationAt(s, n.drawn, diameter_mm),
+                    edge = snapped ? deviationOnEdge(s, edge_level, n.drawn, diameter_mm) : Deviation{};
+    auto bound = [&](const PxPerMm& px) {
+      return std::min(std::max(px.of(own), px.between(edge)), diameter_mm * px.head_on * px.any_way);
+    };
     if (depth == 0) return {whole.culled ? 0 : bound(whole.px), s, index};
-    // Drawn triangles that reach beyond the part are those with vertices on edges that are coarser; they stay within a square of that one's level.
+    // Drawn triangles that reach beyond the part are those with vertices on edges that are coarser; they stay within a
+    // square of that one's level.
     const int reaches = std::max(n.square.level, edge_level / kOneLevel);
     const bool beyond = snapped && s.level > reaches;
     Seen seen = look(s, forest_.hull(s, exaggerate_), beyond ? edge.mm : 0);
@@ -554,14 +590,16 @@ class Selection {
     });
   }
   Square reliefPage(const Node& n) const {
-    if (forest_.hasTails() && n.square.level + n.grid_level <= kTailCellsLog2) return {n.square.patch, static_cast<int>(kTailLevel), 0, 0};
+    if (forest_.hasTails() && n.square.level + n.grid_level <= kTailCellsLog2)
+      return {n.square.patch, static_cast<int>(kTailLevel), 0, 0};
     int level = std::clamp(n.square.level + n.grid_level - kPageLog2, 0, forest_.depth());
     for (; level < std::min(n.square.level, forest_.depth()); ++level)
       if (isResident(n.square.ancestor(level))) break;
     assert(isResident(n.square.ancestor(level)));
     return n.square.ancestor(level);
   }
-  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots, or what does for them, are always there.
+  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots, or what does for
+  // them, are always there.
   void addWants(const Node& n, int wanted_level, int used_level) {
     const Square& s = n.square;
     const int level = std::clamp(wanted_level - kPageLog2, 0, std::min(s.level, forest_.depth()));
@@ -591,8 +629,8 @@ class Selection {
     wants_.push_back({page.id(), priority});
   }
 
-  // Roots of one grid level: what they have in common is copied, what differs is written into a batch that stays in the cache. Put together from
-  // its bytes an instance would be read back in words that wait for them.
+  // Roots of one grid level: what they have in common is copied, what differs is written into a batch that stays in the
+  // cache. Put together from its bytes an instance would be read back in words that wait for them.
   void addRoots(std::vector<PatchInstance>& to, int grid_level, std::span<const MeshRoots::Drawn> roots) const {
     static_assert(std::endian::native == std::endian::little);
     if (roots.empty()) return;
@@ -610,7 +648,8 @@ class Selection {
         uint64_t edges = roots[i].segments;
         edges = (edges | edges << 16) & 0x0000FFFF0000FFFF;
         edges = (edges | edges << 8) & 0x00FF00FF00FF00FF;
-        batch[i].edges = std::bit_cast<decltype(PatchInstance::edges)>(edges | 0x0100010001000100 * PatchInstance::kWholeEdge);
+        batch[i].edges =
+            std::bit_cast<decltype(PatchInstance::edges)>(edges | 0x0100010001000100 * PatchInstance::kWholeEdge);
       }
       to.insert(to.end(), batch.begin(), batch.begin() + static_cast<std::ptrdiff_t>(n));
       roots = roots.subspan(n);
@@ -619,7 +658,8 @@ class Selection {
   PlanarLodResult rootsAlone() const {
     PlanarLodResult result;
     result.error_px = error_px_;
-    for (uint32_t p = 0; p < forest_.patchCount(); ++p) addRoots(result.instances, 0, std::array{MeshRoots::Drawn{p, 0}});
+    for (uint32_t p = 0; p < forest_.patchCount(); ++p)
+      addRoots(result.instances, 0, std::array{MeshRoots::Drawn{p, 0}});
     return result;
   }
 
@@ -722,9 +762,11 @@ struct MeshLod::Impl {
   Selection selection{forest};
 };
 
-MeshLod::MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
-                 std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse, bool tails)
-    : impl_(new Impl{MeshForest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle), std::move(coarse), tails)}) {}
+MeshLod::MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm,
+                 double relief_scale_mm, std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse,
+                 bool tails)
+    : impl_(new Impl{MeshForest(std::move(base), relief_depth, relief_offset_mm, relief_scale_mm, std::move(oracle),
+                                std::move(coarse), tails)}) {}
 MeshLod::~MeshLod() = default;
 
 PlanarLodResult MeshLod::select(const LodView& view, const ReliefSet& resident) {

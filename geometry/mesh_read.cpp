@@ -52,8 +52,11 @@ Error badVertices(const std::vector<glm::dvec3>& positions, size_t first, const 
     finite = finite && numbers;
     if (i > first && !finiteProblem(p, i, mm_per_unit).empty()) ++more;
   }
-  if (more > 0) message += "; " + std::to_string(more) + " more " + (more == 1 ? "vertex is" : "vertices are") + " like that";
-  return invalid(name, std::move(message), finite ? "remove such vertices and their faces, or set --unit" : "remove such vertices and their faces");
+  if (more > 0)
+    message += "; " + std::to_string(more) + " more " + (more == 1 ? "vertex is" : "vertices are") + " like that";
+  return invalid(
+      name, std::move(message),
+      finite ? "remove such vertices and their faces, or set --unit" : "remove such vertices and their faces");
 }
 
 // Floats as colours: 0..1, or 0..255 if any says so.
@@ -109,7 +112,9 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
   mesh.texture_repeats = raw.texture_repeats;
   mesh.palette = std::move(raw.palette);
-  MeshFinding outside{"triangles with texture coordinates outside the image", 0, {},
+  MeshFinding outside{"triangles with texture coordinates outside the image",
+                      0,
+                      {},
                       mesh.texture_repeats ? "the image is repeated" : "the image's border goes on"};
   for (size_t t = 0; t < mesh.corner_uv.size(); ++t) {
     bool out_of = false;
@@ -133,7 +138,8 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   auto progress = [&](double done) {
     if (options.progress) options.progress(0.6 + 0.4 * done);
   };
-  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers); !repaired)
+  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers);
+      !repaired)
     return repaired.error();
   return out;
 }
@@ -148,11 +154,15 @@ Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, c
   // Made absolute first: of a relative path of which nothing exists the library leaves all as it is.
   const fs::path file = fs::weakly_canonical(fs::absolute(path, ignored), ignored);
   // What is not there at all, within the folder or not, is not opened: the reader says so.
-  if (!unknown && std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first == folder.end()) return {};
+  if (!unknown && std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first == folder.end())
+    return {};
   constexpr size_t kPrinted = 300;
   const std::string named = path.size() > kPrinted ? inQuotes(path) : "\"" + path + "\"";
-  return Error{ErrorKind::kInvalidData, mesh, std::string("it names ") + what + " " + named + ", which lies outside its folder",
-               "put it beside the mesh, or give --allow-outside", {}};
+  return Error{ErrorKind::kInvalidData,
+               mesh,
+               std::string("it names ") + what + " " + named + ", which lies outside its folder",
+               "put it beside the mesh, or give --allow-outside",
+               {}};
 }
 
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
@@ -211,7 +221,8 @@ Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers
     for (const glm::vec2& uv : m.corner_uv[t])
       if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
         return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
-  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers); !repaired) return repaired.error();
+  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers); !repaired)
+    return repaired.error();
   return out;
 }
 

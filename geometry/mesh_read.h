@@ -29,7 +29,8 @@ struct MeshReadOptions {
   double mm_per_unit = 1.0;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
-  bool allow_outside = false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
+  bool allow_outside =
+      false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
   int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
 };
 
@@ -57,8 +58,9 @@ struct LoadedMesh {
 // Paths of the result: from the mesh file's folder if they are relative. texture_path: the material's; empty if no
 // corner has texture coordinates.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
-// A file that a mesh names must lie in the mesh's folder or below it, wherever links lead: whoever sends a mesh shall not choose which of the
-// receiver's files are opened. kInvalidData names it; `what` says what it is: "the material file". path: as LoadedMesh has it.
+// A file that a mesh names must lie in the mesh's folder or below it, wherever links lead: whoever sends a mesh shall
+// not choose which of the receiver's files are opened. kInvalidData names it; `what` says what it is: "the material
+// file". path: as LoadedMesh has it.
 Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, const char* what);
 // The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers = 0);

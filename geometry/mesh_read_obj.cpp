@@ -58,7 +58,8 @@ std::string imagePath(std::string_view text, bool& clamped) {
 
 class ObjReader {
  public:
-  ObjReader(const InputFile& file, const MeshReadOptions& options) : allow_outside_(options.allow_outside), in_(file, options), cutter_(mesh_) {}
+  ObjReader(const InputFile& file, const MeshReadOptions& options)
+      : allow_outside_(options.allow_outside), in_(file, options), cutter_(mesh_) {}
 
   Result<RawMesh> read() {
     std::string_view text;
@@ -245,7 +246,8 @@ class ObjReader {
   // Of the material in use: its image's, or its own if it has none.
   uint64_t& triangles() {
     auto found = materials_.find(material_);
-    return found == materials_.end() || found->second.image.empty() ? without_image_[material_] : triangles_of_[found->second.image];
+    return found == materials_.end() || found->second.image.empty() ? without_image_[material_]
+                                                                    : triangles_of_[found->second.image];
   }
 
   // TriMesh has one image: the one that most triangles show.
@@ -259,11 +261,14 @@ class ObjReader {
     }
     mesh_.texture_repeats = most == 0 || !images_[mesh_.texture_path];
     if (all > most)
-      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")", all - most, {},
+      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
+                                all - most,
+                                {},
                                 "painted from that one, too"});
   }
 
-  // Where no image, no texture coordinate and no vertex has colours: those of the materials, if there is more than one, or no grey among them.
+  // Where no image, no texture coordinate and no vertex has colours: those of the materials, if there is more than one,
+  // or no grey among them.
   void useColours() {
     if (!mesh_.texture_path.empty() || !mesh_.corner_uv.empty() || !mesh_.float_colours.empty()) return;
     std::map<std::string, uint32_t> texel;
@@ -281,7 +286,8 @@ class ObjReader {
     mesh_.corner_uv.resize(mesh_.triangles.size());
     for (size_t i = 0; i < runs_.size(); ++i) {
       const size_t end = i + 1 < runs_.size() ? runs_[i + 1].first : mesh_.triangles.size();
-      const glm::vec2 uv((static_cast<float>(texel[runs_[i].material]) + 0.5f) / static_cast<float>(palette.size()), 0.5f);
+      const glm::vec2 uv((static_cast<float>(texel[runs_[i].material]) + 0.5f) / static_cast<float>(palette.size()),
+                         0.5f);
       for (size_t t = runs_[i].first; t < end; ++t) mesh_.corner_uv[t].fill(uv);
     }
     mesh_.palette = std::move(palette);
@@ -295,7 +301,8 @@ class ObjReader {
     for (const auto& [name, triangles] : without_image_) {
       auto found = materials_.find(name);
       // Beside an image all other triangles are lost; without any, those of a colour that is no grey.
-      const bool grey = found == materials_.end() || (found->second.colour.r == found->second.colour.g && found->second.colour.g == found->second.colour.b);
+      const bool grey = found == materials_.end() || (found->second.colour.r == found->second.colour.g &&
+                                                      found->second.colour.g == found->second.colour.b);
       if (triangles == 0 || (!image && (grey || !mesh_.palette.empty()))) continue;
       lost += triangles;
       ++materials;
@@ -306,16 +313,24 @@ class ObjReader {
     const std::string further = materials > 1 ? " and " + std::to_string(materials - 1) + " more" : "";
     const std::string whose = (material.empty() ? "no material" : "material " + inQuotes(material)) + further;
     if (lost > 0 && image)
-      mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")", lost, {},
+      mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")",
+                                lost,
+                                {},
                                 "painted from the image of the others"});
     if (lost > 0 && !image)
-      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")", lost, {}, "Kd is not used beside texture coordinates or colours of vertices"});
+      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")",
+                                lost,
+                                {},
+                                "Kd is not used beside texture coordinates or colours of vertices"});
     if (unread_libraries_ > 0)
-      mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")", unread_libraries_, {},
-                                image                            ? "their images are not used"
-                                : !mesh_.float_colours.empty()   ? "colours of vertices are used"
-                                : mesh_.corner_uv.empty()        ? "the result has no colour"
-                                                                 : "the result has no colour, unless --texture names the image"});
+      mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")",
+                                unread_libraries_,
+                                {},
+                                image                          ? "their images are not used"
+                                : !mesh_.float_colours.empty() ? "colours of vertices are used"
+                                : mesh_.corner_uv.empty()
+                                    ? "the result has no colour"
+                                    : "the result has no colour, unless --texture names the image"});
   }
 
   bool allow_outside_;

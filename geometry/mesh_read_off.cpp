@@ -1,5 +1,5 @@
-// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian; little-endian where only that fits the file). Vertex colours behind the
-// coordinates are taken in files without the C, too. Faces' colours are read over.
+// mesh_read_off.cpp - OFF (Geomview): [ST][C][N]OFF, text and BINARY (big-endian; little-endian where only that fits
+// the file). Vertex colours behind the coordinates are taken in files without the C, too. Faces' colours are read over.
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -81,10 +81,12 @@ class OffReader {
   bool fits(uint64_t vertices, uint64_t faces) const {
     // "0 0 0" and "3 0 1 2" with their line ends, the last of which may lack; "0" for a face that is none.
     const uint64_t vertex_bytes = binary_ ? 12 : 6, face_bytes = binary_ ? 8 : 2, left = in_.left() + 1;
-    return vertices <= left / vertex_bytes && faces <= (left - vertices * vertex_bytes) / face_bytes && vertices <= kMaxVertices;
+    return vertices <= left / vertex_bytes && faces <= (left - vertices * vertex_bytes) / face_bytes &&
+           vertices <= kMaxVertices;
   }
 
-  // The format's numbers are big-endian; some programs write their own machine's. Counts tell which, as swapped ones are far too large.
+  // The format's numbers are big-endian; some programs write their own machine's. Counts tell which, as swapped ones
+  // are far too large.
   void readBinaryCounts() {
     uint32_t counts[3];
     for (uint32_t& count : counts) count = static_cast<uint32_t>(word("the counts"));

@@ -98,7 +98,9 @@ class PlyReader {
     chooseImage();
     for (const Element& e : elements_)
       if (e.used(Use::kFaceColour) && e.count > 0)
-        mesh_.findings.push_back({"faces with a colour of their own", e.count, {},
+        mesh_.findings.push_back({"faces with a colour of their own",
+                                  e.count,
+                                  {},
                                   mesh_.colours.empty() && mesh_.float_colours.empty()
                                       ? "not used: colours of vertices are read"
                                       : "not used: colours of vertices are"});
@@ -119,11 +121,15 @@ class PlyReader {
     mesh_.texture_path = images_[used];
     if (all > triangles_of_[used])
       mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
-                                all - triangles_of_[used], {}, "painted from that one, too"});
+                                all - triangles_of_[used],
+                                {},
+                                "painted from that one, too"});
     if (all == 0 && images_.size() > 1)
-      mesh_.findings.push_back({"further images, without numbers that say which faces show them (one is used: " +
-                                    mesh_.texture_path + ")",
-                                images_.size() - 1, {}, "not used"});
+      mesh_.findings.push_back(
+          {"further images, without numbers that say which faces show them (one is used: " + mesh_.texture_path + ")",
+           images_.size() - 1,
+           {},
+           "not used"});
   }
 
   void readHeader() {

@@ -19,13 +19,19 @@ class Repair {
  public:
   Repair(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name, const std::function<void(double)>& progress,
          const std::atomic<bool>* interrupted, int workers)
-      : mesh_(mesh), diagnosis_(diagnosis), name_(name), progress_(progress), interrupted_(interrupted), workers_(workerCount(workers)) {}
+      : mesh_(mesh),
+        diagnosis_(diagnosis),
+        name_(name),
+        progress_(progress),
+        interrupted_(interrupted),
+        workers_(workerCount(workers)) {}
 
   Result<void> run() {
     if (!step(0)) return stopped();
     for (glm::vec3& v : mesh_.positions_mm) v += 0.0f;  // -0 is 0
     // Whether a triangle is degenerate depends on its corners' places alone: that is found out beside the welding.
-    BackgroundTask<std::vector<uint32_t>> degenerate("relievo-mesh", [this] { return findDegenerate(); }, beside());
+    BackgroundTask<std::vector<uint32_t>> degenerate(
+        "relievo-mesh", [this] { return findDegenerate(); }, beside());
     std::vector<uint32_t> first;
     const bool welded = findSamePlaces(first);
     const std::vector<uint32_t> dropped = degenerate.get();
@@ -53,7 +59,9 @@ class Repair {
     if (!closeTJunctions(census, kTJunctionTolerance * diagonal)) return stopped();
     // Beside the turning, which it does not depend on: most scans have nothing to split.
     std::optional<BackgroundTask<bool>> sound_fans;
-    if (census.crowded.empty()) sound_fans.emplace("relievo-mesh", [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); }, beside());
+    if (census.crowded.empty())
+      sound_fans.emplace(
+          "relievo-mesh", [&] { return oneFanAVertex(mesh_, census.mate, interrupted_); }, beside());
     Turned turned = findTurns(mesh_, census, interrupted_, workers_);
     const bool one_fan = sound_fans && sound_fans->get();
     Pieces pieces = turn(census, std::move(turned));
@@ -351,7 +359,8 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
 }
 
 Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
-                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted, int workers) {
+                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted,
+                             int workers) {
   return Repair(mesh, diagnosis, name, progress, interrupted, workers).run();
 }
 

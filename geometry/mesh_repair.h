@@ -15,6 +15,7 @@ bool isDegenerate(const TriMesh& mesh, const std::array<uint32_t, 3>& triangle);
 // findings and the numbers read are kept, all else of the diagnosis is filled in. Every index and number must have been
 // checked. The same for any number of workers (0: one a core).
 Result<void> repairTriangles(TriMesh& mesh, MeshDiagnosis& diagnosis, const std::string& name,
-                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted, int workers);
+                             const std::function<void(double)>& progress, const std::atomic<bool>* interrupted,
+                             int workers);
 
 }  // namespace relievo

@@ -27,7 +27,9 @@ struct Plane {
 };
 
 // See packCone(). n: the byte from below.
-inline float coneByte(uint32_t cone, int n) { return static_cast<float>(static_cast<int32_t>(cone << (24 - 8 * n)) >> 24) * (1.0f / 127); }
+inline float coneByte(uint32_t cone, int n) {
+  return static_cast<float>(static_cast<int32_t>(cone << (24 - 8 * n)) >> 24) * (1.0f / 127);
+}
 
 }  // namespace
 
@@ -48,7 +50,8 @@ struct MeshRoots::Eye {
       // No direction: in front or behind alike.
       if (!(length > 1e-12 * std::abs(row.w))) return Plane{0, 0, 0, row.w >= 0 ? 1e30f : -1e30f};
       const double lost_mm = 4e-7 * (3 * extent + std::abs(row.w) / length);
-      return Plane{static_cast<float>(row.x / length), static_cast<float>(row.y / length), static_cast<float>(row.z / length),
+      return Plane{static_cast<float>(row.x / length), static_cast<float>(row.y / length),
+                   static_cast<float>(row.z / length),
                    static_cast<float>(row.w / length + (outwards ? lost_mm : -lost_mm))};
     };
     Eye e;
@@ -56,12 +59,15 @@ struct MeshRoots::Eye {
     if (!kOrthographic) e.depth = planeOf(camera.depth_row, false);
     const Plane ahead = planeOf(camera.planes[4], true);
     e.ahead_x = ahead.x, e.ahead_y = ahead.y, e.ahead_z = ahead.z;
-    e.x = static_cast<float>(camera.eye.x), e.y = static_cast<float>(camera.eye.y), e.z = static_cast<float>(camera.eye.z);
-    e.lost = static_cast<float>(4e-7 * (extent + std::max({std::abs(camera.eye.x), std::abs(camera.eye.y), std::abs(camera.eye.z)})));
+    e.x = static_cast<float>(camera.eye.x), e.y = static_cast<float>(camera.eye.y),
+    e.z = static_cast<float>(camera.eye.z);
+    e.lost = static_cast<float>(
+        4e-7 * (extent + std::max({std::abs(camera.eye.x), std::abs(camera.eye.y), std::abs(camera.eye.z)})));
     e.near_mm = static_cast<float>(camera.near_mm) * kRoundUp, e.scale = static_cast<float>(camera.scale) * kRoundUp;
     e.max_secant = static_cast<float>(camera.max_secant) * kRoundUp, e.error_px = static_cast<float>(view.error_px);
     e.max_node_px = static_cast<float>(view.max_node_px);
-    for (int k = 0; k < kLevels; ++k) e.min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k + 1));
+    for (int k = 0; k < kLevels; ++k)
+      e.min_cell_px[static_cast<size_t>(k)] = static_cast<float>(std::ldexp(view.min_cell_px, k + 1));
     if (!view.still) return e;
     // Cells of any width that geomorph may want (level_wish.h), and squares from which on it prepares to split them.
     e.levels = 1;
@@ -78,8 +84,8 @@ struct MeshRoots::Eye {
     }
     return least;
   }
-  // Which way a cone's normals point, from a sphere at (dx, dy, dz) from the eye, `distance` away (rounded up): where ahead > needed, backs alone
-  // are seen, where -ahead > needed, fronts alone.
+  // Which way a cone's normals point, from a sphere at (dx, dy, dz) from the eye, `distance` away (rounded up): where
+  // ahead > needed, backs alone are seen, where -ahead > needed, fronts alone.
   struct Facing {
     float ahead, needed;
   };
@@ -125,7 +131,8 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   std::array<FacingCone, kBlock> cones;
   for (size_t b = 0; b < blocks_; ++b) {
     glm::dvec3 block_low(1e300), block_high(-1e300);
-    const auto begin = static_cast<uint32_t>(b * kBlock), end = static_cast<uint32_t>(std::min<size_t>(count_, begin + kBlock));
+    const auto begin = static_cast<uint32_t>(b * kBlock),
+               end = static_cast<uint32_t>(std::min<size_t>(count_, begin + kBlock));
     for (uint32_t p = begin; p < end; ++p) {
       const Square root{p, 0, 0, 0};
       const SquareHull hull = forest.hull(root, exaggerate);
@@ -135,7 +142,8 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       double radius = 0, longest = 0;
       for (const glm::dvec3& point : hull) radius = std::max(radius, glm::length(point - glm::dvec3(centre)));
       for (size_t a : {0, 4})
-        for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2}, std::array<size_t, 2>{1, 3}})
+        for (auto [i, j] : {std::array<size_t, 2>{0, 1}, std::array<size_t, 2>{2, 3}, std::array<size_t, 2>{0, 2},
+                            std::array<size_t, 2>{1, 3}})
           longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
       of_patches_.x[p] = centre.x, of_patches_.y[p] = centre.y, of_patches_.z[p] = centre.z;
       of_patches_.radius[p] = static_cast<float>(radius) * kRoundUp;
@@ -151,7 +159,9 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
       // Where finer grids are hardly better, geomorph begins before the error is reached.
       double plateau = 1;
       for (int k = 0; k <= std::min(kPageLog2, forest.unitLog2()); ++k, plateau *= kPlateau)
-        still_errors_[p] = std::max(still_errors_[p], static_cast<float>(plateau * std::min(forest.deviation(root, k, exaggerate).mm, 2 * radius)) * kRoundUp);
+        still_errors_[p] = std::max(
+            still_errors_[p],
+            static_cast<float>(plateau * std::min(forest.deviation(root, k, exaggerate).mm, 2 * radius)) * kRoundUp);
       for (size_t side = 0; side < 4; ++side) {
         const PatchNeighbour& n = forest.patchNeighboursOf(p)[side];
         across_[p][side] = n.patch == PatchNeighbour::kNone ? p : n.patch;
@@ -166,7 +176,8 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
     of_blocks_.cone[b] = packCone(joined(std::span(cones).first(end - begin)));
     double radius = 0;
     for (uint32_t p = begin; p < end; ++p) {
-      const glm::dvec3 d(double{of_patches_.x[p]} - centre.x, double{of_patches_.y[p]} - centre.y, double{of_patches_.z[p]} - centre.z);
+      const glm::dvec3 d(double{of_patches_.x[p]} - centre.x, double{of_patches_.y[p]} - centre.y,
+                         double{of_patches_.z[p]} - centre.z);
       radius = std::max(radius, glm::length(d) + of_patches_.radius[p]);
       block_patch_radius_[b] = std::max(block_patch_radius_[b], of_patches_.radius[p]);
       of_blocks_.longest[b] = std::max(of_blocks_.longest[b], of_patches_.longest[p]);
@@ -193,7 +204,9 @@ bool MeshRoots::allBeyondNear(const glm::dvec4& near_row) const {
   const double length = glm::length(glm::dvec3(near_row));
   if (!(length > 0)) return false;
   const double lost = 4e-7 * (3 * extent_ + std::abs(near_row.w) / length);
-  auto beyond = [&](const glm::dvec3& centre, double radius) { return LodCamera::value(near_row, centre) / length > radius + lost; };
+  auto beyond = [&](const glm::dvec3& centre, double radius) {
+    return LodCamera::value(near_row, centre) / length > radius + lost;
+  };
   bool box = true;
   for (size_t k = 0; k < 8; ++k) box = box && beyond({box_[k & 1].x, box_[(k >> 1) & 1].y, box_[k >> 2].z}, 0);
   if (box) return true;
@@ -221,12 +234,15 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
     const int state = block_state_[b];
     const bool cuts = (state & kCutsFrustum) != 0;
     if (state & kFacesAway) {
-      any |= cuts ? evaluatePatches<kOrthographic, true, false>(eye, b) : evaluatePatches<kOrthographic, false, false>(eye, b);
+      any |= cuts ? evaluatePatches<kOrthographic, true, false>(eye, b)
+                  : evaluatePatches<kOrthographic, false, false>(eye, b);
       for (size_t p = b * kBlock; p < (b + 1) * kBlock; ++p) codes_[p] |= kHidden;
     } else if (state & kMayFaceAway) {
-      any |= cuts ? evaluatePatches<kOrthographic, true, true>(eye, b) : evaluatePatches<kOrthographic, false, true>(eye, b);
+      any |= cuts ? evaluatePatches<kOrthographic, true, true>(eye, b)
+                  : evaluatePatches<kOrthographic, false, true>(eye, b);
     } else {
-      any |= cuts ? evaluatePatches<kOrthographic, true, false>(eye, b) : evaluatePatches<kOrthographic, false, false>(eye, b);
+      any |= cuts ? evaluatePatches<kOrthographic, true, false>(eye, b)
+                  : evaluatePatches<kOrthographic, false, false>(eye, b);
     }
   }
   any_careful_ = (any & kCareful) != 0;
@@ -250,7 +266,8 @@ RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) {
   for (int b = 0; b < count; ++b) {
     const float r = radius[b], inside = eye.inside(x[b], y[b], z[b]);
     const float dx = x[b] - eye.x, dy = y[b] - eye.y, dz = z[b] - eye.z;
-    const Eye::Facing facing = eye.facing<kOrthographic>(dx, dy, dz, std::sqrt(dx * dx + dy * dy + dz * dz) * kRoundUp, r, cone[b]);
+    const Eye::Facing facing =
+        eye.facing<kOrthographic>(dx, dy, dz, std::sqrt(dx * dx + dy * dy + dz * dz) * kRoundUp, r, cone[b]);
     const int seen = inside >= -r, cuts = inside < r;
     const int hidden = static_cast<int>(hide) & static_cast<int>(facing.ahead > facing.needed);
     // May one of its patches be careful? Each is no nearer than the block's sphere.
@@ -258,19 +275,23 @@ RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) {
     int careful = 0;
     if constexpr (!kOrthographic) {
       const float nearest = eye.depth.x * x[b] + eye.depth.y * y[b] + eye.depth.z * z[b] + eye.depth.w - r;
-      careful = static_cast<int>(!(nearest > eye.near_mm)) | static_cast<int>(!(patch_radius[b] * kRoundUp < nearest * kSmallRadius));
+      careful = static_cast<int>(!(nearest > eye.near_mm)) |
+                static_cast<int>(!(patch_radius[b] * kRoundUp < nearest * kSmallRadius));
       depth_mm = nearest > eye.near_mm ? nearest : eye.near_mm;
       secant = eye.max_secant;
     }
     const float px_per_mm = eye.scale / depth_mm * kRoundUp;
-    careful |= static_cast<int>(!(longest[b] * px_per_mm < eye.max_node_px)) | static_cast<int>(!(error[b] * px_per_mm * secant * kRoundUp < eye.error_px));
-    const int may_face = static_cast<int>(hide) & static_cast<int>(!(facing.ahead > facing.needed)) & static_cast<int>(!(-facing.ahead > facing.needed));
+    careful |= static_cast<int>(!(longest[b] * px_per_mm < eye.max_node_px)) |
+               static_cast<int>(!(error[b] * px_per_mm * secant * kRoundUp < eye.error_px));
+    const int may_face = static_cast<int>(hide) & static_cast<int>(!(facing.ahead > facing.needed)) &
+                         static_cast<int>(!(-facing.ahead > facing.needed));
     careful_backs |= seen & hidden & careful;
-    const int state = kEvaluated | (cuts ? kCutsFrustum : 0) | (may_face ? kMayFaceAway : 0) | (hidden ? kFacesAway : 0);
+    const int state =
+        kEvaluated | (cuts ? kCutsFrustum : 0) | (may_face ? kMayFaceAway : 0) | (hidden ? kFacesAway : 0);
     states[b] = static_cast<uint8_t>(seen ? state : kSkipped);
   }
-  // Of what faces away, those next to others are looked at, for the levels of common edges. All of them, should some become squares of a tree,
-  // which reach further.
+  // Of what faces away, those next to others are looked at, for the levels of common edges. All of them, should some
+  // become squares of a tree, which reach further.
   active_.clear();
   for (uint32_t b = 0; b < blocks_; ++b) {
     int state = states[b];
@@ -317,7 +338,8 @@ RELIEVO_SIMD_CLONES int MeshRoots::evaluatePatches(const Eye& eye, size_t block)
     const float dx = x[p] - eye.x, dy = y[p] - eye.y, dz = z[p] - eye.z;
     const float distance = kOrthographic ? 1.0f : std::sqrt(dx * dx + dy * dy + dz * dz) * kRoundUp;
     if constexpr (!kOrthographic) {
-      const float ahead = eye.depth.x * x[p] + eye.depth.y * y[p] + eye.depth.z * z[p] + eye.depth.w, nearest = ahead - r;
+      const float ahead = eye.depth.x * x[p] + eye.depth.y * y[p] + eye.depth.z * z[p] + eye.depth.w,
+                  nearest = ahead - r;
       const float depth_mm = nearest > eye.near_mm ? nearest : eye.near_mm;
       const float furthest = distance + r + eye.lost;
       nearest_px_per_mm = eye.scale / depth_mm;
@@ -367,7 +389,8 @@ RELIEVO_SIMD_CLONES void MeshRoots::levelEdges() {
     // Most blocks want one level, and those around them no more: no need to look across each side.
     const auto [lowest, highest] = block_levels_[b];
     bool alike = lowest == highest;
-    for (uint32_t k = first_adjacent_[b]; k < first_adjacent_[b + 1]; ++k) alike = alike & (block_levels_[adjacent_[k]][1] <= lowest);
+    for (uint32_t k = first_adjacent_[b]; k < first_adjacent_[b + 1]; ++k)
+      alike = alike & (block_levels_[adjacent_[k]][1] <= lowest);
     if (alike) {
       const float* error = errors_[lowest].data() + first;
       int32_t block_worst = 0, any = 0, all = 0xFF;
@@ -395,8 +418,8 @@ RELIEVO_SIMD_CLONES void MeshRoots::levelEdges() {
     std::array<uint32_t, kBlock> theirs;
     for (size_t p = 0; p < kBlock; ++p) {
       const auto& n = across[p];
-      theirs[p] = static_cast<uint32_t>(all_codes[n[0]]) | static_cast<uint32_t>(all_codes[n[1]]) << 8 | static_cast<uint32_t>(all_codes[n[2]]) << 16 |
-                  static_cast<uint32_t>(all_codes[n[3]]) << 24;
+      theirs[p] = static_cast<uint32_t>(all_codes[n[0]]) | static_cast<uint32_t>(all_codes[n[1]]) << 8 |
+                  static_cast<uint32_t>(all_codes[n[2]]) << 16 | static_cast<uint32_t>(all_codes[n[3]]) << 24;
     }
     const float* e0 = errors_[0].data() + first;
     const float* e1 = errors_[1].data() + first;

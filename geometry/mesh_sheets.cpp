@@ -16,28 +16,32 @@ EdgeCensus takeCensus(const TriMesh& mesh, const std::atomic<bool>* stop, int wo
     std::vector<std::pair<uint32_t, uint32_t>> thirds;
   };
   std::vector<Part> found(parts);
-  forEachEdgeInParts(triangles, mesh.positions_mm.size(), parts, [&](size_t part, std::span<const uint32_t> edge) {
-    auto& [census, thirds] = found[part];
-    if (edge.size() == 1) {
-      census.open.push_back(edge[0]);
-    } else if (edge.size() == 2) {
-      mate[edge[0]] = edge[1];
-      mate[edge[1]] = edge[0];
-      if (third(edge[0]) == third(edge[1])) census.duplicates.push_back(edge[1] / 3);
-    } else {
-      census.crowded.insert(census.crowded.end(), edge.begin(), edge.end());
-      census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()));
-      thirds.clear();
-      for (uint32_t h : edge) thirds.emplace_back(third(h), h);
-      std::sort(thirds.begin(), thirds.end());
-      for (size_t i = 1; i < thirds.size(); ++i)
-        if (thirds[i].first == thirds[i - 1].first) census.duplicates.push_back(thirds[i].second / 3);
-    }
-  }, stop);
+  forEachEdgeInParts(
+      triangles, mesh.positions_mm.size(), parts,
+      [&](size_t part, std::span<const uint32_t> edge) {
+        auto& [census, thirds] = found[part];
+        if (edge.size() == 1) {
+          census.open.push_back(edge[0]);
+        } else if (edge.size() == 2) {
+          mate[edge[0]] = edge[1];
+          mate[edge[1]] = edge[0];
+          if (third(edge[0]) == third(edge[1])) census.duplicates.push_back(edge[1] / 3);
+        } else {
+          census.crowded.insert(census.crowded.end(), edge.begin(), edge.end());
+          census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()));
+          thirds.clear();
+          for (uint32_t h : edge) thirds.emplace_back(third(h), h);
+          std::sort(thirds.begin(), thirds.end());
+          for (size_t i = 1; i < thirds.size(); ++i)
+            if (thirds[i].first == thirds[i - 1].first) census.duplicates.push_back(thirds[i].second / 3);
+        }
+      },
+      stop);
   EdgeCensus census = std::move(found[0].census);
   for (size_t part = 1; part < parts; ++part) {
     const EdgeCensus& more = found[part].census;
-    for (uint32_t end : more.crowded_end) census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()) + end);
+    for (uint32_t end : more.crowded_end)
+      census.crowded_end.push_back(static_cast<uint32_t>(census.crowded.size()) + end);
     census.open.insert(census.open.end(), more.open.begin(), more.open.end());
     census.crowded.insert(census.crowded.end(), more.crowded.begin(), more.crowded.end());
     census.duplicates.insert(census.duplicates.end(), more.duplicates.begin(), more.duplicates.end());
@@ -53,7 +57,8 @@ namespace {
 // Walks over the pieces, triangle by triangle, in the order of their first triangles. cross(h, m) for each pair of
 // mates of which h's triangle was met first (twice for pairs within what is already met).
 template <class Meet, class Cross>
-Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, Meet meet, Cross cross) {
+Pieces walk(size_t triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, Meet meet,
+            Cross cross) {
   Pieces pieces;
   pieces.order.reserve(triangles);
   std::vector<bool> met(triangles);
@@ -91,10 +96,13 @@ Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const 
 
 namespace {
 
-bool runsAlike(const Triangles& triangles, uint32_t h, uint32_t m) { return fromVertex(triangles, h) == fromVertex(triangles, m); }
+bool runsAlike(const Triangles& triangles, uint32_t h, uint32_t m) {
+  return fromVertex(triangles, h) == fromVertex(triangles, m);
+}
 
 // Does any triangle run against a neighbour?
-bool anyRunsAlike(const Triangles& triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, int workers) {
+bool anyRunsAlike(const Triangles& triangles, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop,
+                  int workers) {
   constexpr size_t kBlock = size_t{1} << 16;
   std::atomic<bool> any{false};
   parallelFor((triangles.size() + kBlock - 1) / kBlock, workers, stop, [&](size_t block) {
@@ -256,10 +264,11 @@ uint32_t copyVertex(TriMesh& mesh, uint32_t v) {
   return static_cast<uint32_t>(mesh.positions_mm.size() - 1);
 }
 
-// second(vertex, fan) for each fan of triangles but the first around a vertex: corners, named as the half-edges that leave them. False: it
-// said so, or *stop was set.
+// second(vertex, fan) for each fan of triangles but the first around a vertex: corners, named as the half-edges that
+// leave them. False: it said so, or *stop was set.
 template <class Second>
-bool forEachFurtherFan(const Triangles& triangles, size_t vertices, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop, Second second) {
+bool forEachFurtherFan(const Triangles& triangles, size_t vertices, const std::vector<uint32_t>& mate,
+                       const std::atomic<bool>* stop, Second second) {
   std::vector<bool> done(triangles.size() * 3), has_fan(vertices);
   std::vector<uint32_t> fan;
   for (uint32_t corner = 0; corner < done.size(); ++corner) {
@@ -287,28 +296,33 @@ bool forEachFurtherFan(const Triangles& triangles, size_t vertices, const std::v
   return true;
 }
 
-bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {
+bool splitFansOnce(TriMesh& mesh, const std::vector<uint32_t>& mate, std::vector<uint32_t>& split,
+                   const std::atomic<bool>* stop) {
   std::vector<bool> counted(mesh.positions_mm.size());
-  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop, [&](uint32_t v, const std::vector<uint32_t>& fan) {
-    if (!counted[v]) split.push_back(v);
-    counted[v] = true;
-    uint32_t copy = copyVertex(mesh, v);
-    for (uint32_t c : fan) mesh.triangles[c / 3][c % 3] = copy;
-    return true;
-  });
+  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop,
+                           [&](uint32_t v, const std::vector<uint32_t>& fan) {
+                             if (!counted[v]) split.push_back(v);
+                             counted[v] = true;
+                             uint32_t copy = copyVertex(mesh, v);
+                             for (uint32_t c : fan) mesh.triangles[c / 3][c % 3] = copy;
+                             return true;
+                           });
 }
 
 // Edges that more than a pair of mates name, after the split: all but the first pair (or triangle) leave the vertex
 // that the edge's first half-edge starts from, each with a vertex of its own.
 bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate, const std::atomic<bool>* stop) {
   std::vector<std::array<uint32_t, 2>> leave;  // a half-edge, and its mate or none
-  forEachEdge(mesh.triangles, mesh.positions_mm.size(), [&](std::span<const uint32_t> edge) {
-    if (edge.size() < 2 || (edge.size() == 2 && mate[edge[0]] == edge[1])) return;
-    auto paired = std::find_if(edge.begin(), edge.end(), [&](uint32_t h) { return mate[h] != kNoHalfEdge; });
-    uint32_t stays = paired != edge.end() ? *paired : edge[0];
-    for (uint32_t h : edge)
-      if (h != stays && mate[h] != stays && (mate[h] == kNoHalfEdge || mate[h] > h)) leave.push_back({h, mate[h]});
-  }, stop);
+  forEachEdge(
+      mesh.triangles, mesh.positions_mm.size(),
+      [&](std::span<const uint32_t> edge) {
+        if (edge.size() < 2 || (edge.size() == 2 && mate[edge[0]] == edge[1])) return;
+        auto paired = std::find_if(edge.begin(), edge.end(), [&](uint32_t h) { return mate[h] != kNoHalfEdge; });
+        uint32_t stays = paired != edge.end() ? *paired : edge[0];
+        for (uint32_t h : edge)
+          if (h != stays && mate[h] != stays && (mate[h] == kNoHalfEdge || mate[h] > h)) leave.push_back({h, mate[h]});
+      },
+      stop);
   for (auto& pair : leave) {
     const uint32_t v = fromVertex(mesh.triangles, pair[0]);
     uint32_t copy = kNoHalfEdge;
@@ -334,7 +348,8 @@ bool cutCurls(TriMesh& mesh, std::vector<uint32_t>& mate, const std::atomic<bool
 }  // namespace
 
 bool oneFanAVertex(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop) {
-  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop, [](uint32_t, const std::vector<uint32_t>&) { return false; });
+  return forEachFurtherFan(mesh.triangles, mesh.positions_mm.size(), mate, stop,
+                           [](uint32_t, const std::vector<uint32_t>&) { return false; });
 }
 
 bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split, const std::atomic<bool>* stop) {

@@ -29,8 +29,8 @@ struct Pieces {
   }
 };
 
-// Which triangles to turn so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as closed)
-// outwards, by their signed volume. Pieces for which there is no such way round stay as they are.
+// Which triangles to turn so that those of a piece run alike: as most of them do; closed pieces (crowded edges count as
+// closed) outwards, by their signed volume. Pieces for which there is no such way round stay as they are.
 struct Turned {
   Pieces pieces;
   std::vector<bool> turn;                // of each triangle
@@ -40,7 +40,8 @@ struct Turned {
   std::vector<uint32_t> not_orientable;  // a triangle of each such piece
 };
 // Soon after *stop is set: a part of it, with which turnOver() leaves the mesh as it is.
-Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop = nullptr, int workers = 1);
+Turned findTurns(const TriMesh& mesh, const EdgeCensus& census, const std::atomic<bool>* stop = nullptr,
+                 int workers = 1);
 void turnOver(TriMesh& mesh, EdgeCensus& census, const Turned& turned);
 Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
@@ -51,12 +52,15 @@ Pieces findPieces(const TriMesh& mesh, const std::vector<uint32_t>& mate, const 
 inline constexpr size_t kMaxPaired = 32;
 void pairCrowded(const TriMesh& mesh, EdgeCensus& census);
 
-// Has no vertex several fans of triangles around it? Turning triangles over does not change that. False, too: *stop was set.
+// Has no vertex several fans of triangles around it? Turning triangles over does not change that. False, too: *stop was
+// set.
 bool oneFanAVertex(const TriMesh& mesh, const std::vector<uint32_t>& mate, const std::atomic<bool>* stop = nullptr);
 
 // Gives every fan of triangles around a vertex, but for the first, a vertex of its own, so that vertices are what mates
 // say; the vertices that had several go to split. Where an edge is still named by others than two mates (a sheet that
-// curls up to touch itself along an edge), those others are cut off at one end of the edge. False: that came to no end, or *stop was set.
-bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split, const std::atomic<bool>* stop = nullptr);
+// curls up to touch itself along an edge), those others are cut off at one end of the edge. False: that came to no end,
+// or *stop was set.
+bool splitFans(TriMesh& mesh, EdgeCensus& census, std::vector<uint32_t>& split,
+               const std::atomic<bool>* stop = nullptr);
 
 }  // namespace relievo

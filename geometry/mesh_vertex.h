@@ -1,9 +1,10 @@
-// mesh_vertex.h - the C++ twin of the vertex shader's geometry for artworks over a base mesh (shaders/patch.vert, MESH). Shared vertices
-// get the same bits from every patch, node and level, also on a GPU that contracts a * b + c to fma wherever it likes, as long as it does
-// so alike for all vertices of a program:
+// mesh_vertex.h - the C++ twin of the vertex shader's geometry for artworks over a base mesh (shaders/patch.vert,
+// MESH). Shared vertices get the same bits from every patch, node and level, also on a GPU that contracts a * b + c to
+// fma wherever it likes, as long as it does so alike for all vertices of a program:
 //   inside a patch   the same patch, (u, v) and height: the same operations on the same numbers
-//   on a side        ends ordered by their corner's index, then lo * (1 - t) + hi * t by one piece of code for all four sides
-//   at a corner      t = 0 or 1: x * 1 + y * 0 is x, contracted or not (but for the sign of a zero, which shows nowhere)
+//   on a side        ends ordered by their corner's index, then lo * (1 - t) + hi * t by one piece of code for all four
+//   sides at a corner      t = 0 or 1: x * 1 + y * 0 is x, contracted or not (but for the sign of a zero, which shows
+//   nowhere)
 // u, v and t are dyadic, below 2^-24 never: exact. Heights are samples: integers, the same in every page.
 #pragma once
 
@@ -23,8 +24,8 @@ struct EyeCorner {
   glm::vec3 normal{0};
 };
 
-// Ops: mulAdd(a, b, c) for a * b + c, mulMulAdd(a, b, c, d) for a * b + c * d; so that a test may model contraction, of either
-// product. PlainOps: every operation rounds.
+// Ops: mulAdd(a, b, c) for a * b + c, mulMulAdd(a, b, c, d) for a * b + c * d; so that a test may model contraction, of
+// either product. PlainOps: every operation rounds.
 struct PlainOps {
   static float mulAdd(float a, float b, float c) {
     float product = a * b;
@@ -49,10 +50,11 @@ glm::vec3 betweenVertices(const glm::vec3& a, const glm::vec3& b, const glm::vec
   return lerpOrdered<Ops>(0.5f * sum, own, weight);
 }
 
-// Vertex (x, y) in units of 1 / side (a power of two, at most 2^23) of a patch; height_mm as the shader computes it (exaggerated).
+// Vertex (x, y) in units of 1 / side (a power of two, at most 2^23) of a patch; height_mm as the shader computes it
+// (exaggerated).
 template <class Ops = PlainOps>
-glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::array<EyeCorner, 4>& corner, uint32_t x, uint32_t y, uint32_t side,
-                            float height_mm) {
+glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::array<EyeCorner, 4>& corner, uint32_t x,
+                            uint32_t y, uint32_t side, float height_mm) {
   const float scale = 1.0f / static_cast<float>(side);
   float u = static_cast<float>(x) * scale, v = static_cast<float>(y) * scale;
   // A vertex on a side is that side's alone: between its ends a, b at t. Inside, rows first.
@@ -74,7 +76,7 @@ glm::vec3 meshVertexFromEye(const std::array<uint32_t, 4>& index, const std::arr
   glm::vec3 p = lerpOrdered<Ops>(corner[a].from_eye_mm, corner[b].from_eye_mm, t);
   glm::vec3 n = lerpOrdered<Ops>(corner[a].normal, corner[b].normal, t);
   if (inside) {
-    auto across = [&](glm::vec3 EyeCorner::* field) {
+    auto across = [&](glm::vec3 EyeCorner::*field) {
       glm::vec3 top = lerpOrdered<Ops>(corner[0].*field, corner[1].*field, u);
       glm::vec3 bottom = lerpOrdered<Ops>(corner[2].*field, corner[3].*field, u);
       return lerpOrdered<Ops>(top, bottom, v);

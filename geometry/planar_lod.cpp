@@ -3,10 +3,12 @@
 //   2. refine: a node that wants more is split, after the coarser neighbours that the 2:1 rule asks for,
 //   3. one level per edge, both sides answering from the same record,
 //   4. grid levels, relief pages, wants, predicted error.
-// Bounded: when refining asks for more than kMaxLodNodes, everything starts again with twice the error, so detail falls evenly.
+// Bounded: when refining asks for more than kMaxLodNodes, everything starts again with twice the error, so detail falls
+// evenly.
 //
-// Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L) units
-// apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr + 7.
+// Levels of places: a grid of level n on a node of level l has vertices of the absolute level L = l + n, 2^(U - L)
+// units apart, U the log2 of a patch's side in units. A relief page of level lr has the samples of absolute level lr
+// + 7.
 #include "geometry/planar_lod.h"
 
 #include <algorithm>
@@ -21,7 +23,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kAnyLevel = 127;         // the finest relief page is resident: vertices at every level
+constexpr int kAnyLevel = 127;  // the finest relief page is resident: vertices at every level
 
 // A square of the forest by its place along the whole strip, so that patch seams are places like any other.
 struct Square {
@@ -36,7 +38,8 @@ struct Box {
 
 class Selection {
  public:
-  Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident, WishMemory& memory)
+  Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident,
+            WishMemory& memory)
       : domain_(domain), oracle_(oracle), resident_(resident), camera_(view), memory_(memory) {
     unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
     width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
@@ -65,25 +68,26 @@ class Selection {
   struct Node {
     Square square;
     State state = State::kLeaf;
-    bool blocked = false;       // would be split if more pages were resident
-    bool barren = false;        // split, and no child is in view
-    bool rough = false;         // an edge wants more than its grid can give
-    uint8_t resident_level = 0; // vertices up to this absolute level have samples
-    int8_t needs_level = 0;     // absolute level that must stay (or become) resident, whatever its edges want
+    bool blocked = false;        // would be split if more pages were resident
+    bool barren = false;         // split, and no child is in view
+    bool rough = false;          // an edge wants more than its grid can give
+    uint8_t resident_level = 0;  // vertices up to this absolute level have samples
+    int8_t needs_level = 0;      // absolute level that must stay (or become) resident, whatever its edges want
     uint8_t grid_level = 1;
-    int drawn = 0;              // absolute, of the grid's inside; levels here and in edges are wishes: kOneLevel a level (level_wish.h)
+    int drawn =
+        0;  // absolute, of the grid's inside; levels here and in edges are wishes: kOneLevel a level (level_wish.h)
     std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
-    SideLevels levels{};        // absolute, of edges as drawn
+    SideLevels levels{};                            // absolute, of edges as drawn
   };
   // One segment between two squares of one level (the finer node's whole edge), keyed by the right or lower square.
   struct Edge {
-    Square low, high;          // the squares left of (above) and right of (below) it
+    Square low, high;  // the squares left of (above) and right of (below) it
     bool has_low = false, has_high = false;
     bool counted = false;
-    int wanted = 0;            // absolute; at most the squares' level + kPageLog2
+    int wanted = 0;                            // absolute; at most the squares' level + kPageLog2
     int floored = kUnknown, level = kUnknown;  // of flooredLevel(), levelOf()
-    double px_per_mm = 0;      // what a millimetre near it can be on the screen
-    double range_mm = 0;       // of the heights in both squares
+    double px_per_mm = 0;                      // what a millimetre near it can be on the screen
+    double range_mm = 0;                       // of the heights in both squares
   };
 
   // ---- places
@@ -96,10 +100,12 @@ class Selection {
     int64_t along = domain_.alongX() ? s.x : s.y;
     int64_t within = along & ((int64_t{1} << s.level) - 1);
     return {static_cast<uint32_t>(along >> s.level), static_cast<uint32_t>(s.level),
-            static_cast<uint32_t>(domain_.alongX() ? within : s.x), static_cast<uint32_t>(domain_.alongX() ? s.y : within)};
+            static_cast<uint32_t>(domain_.alongX() ? within : s.x),
+            static_cast<uint32_t>(domain_.alongX() ? s.y : within)};
   }
   bool exists(const Square& s) const {
-    return s.x >= 0 && s.y >= 0 && (s.x << (unit_log2_ - s.level)) < width_units_ && (s.y << (unit_log2_ - s.level)) < height_units_;
+    return s.x >= 0 && s.y >= 0 && (s.x << (unit_log2_ - s.level)) < width_units_ &&
+           (s.y << (unit_log2_ - s.level)) < height_units_;
   }
   static Square neighbour(const Square& s, int side) {
     static constexpr int kDx[4] = {-1, 1, 0, 0}, kDy[4] = {0, 0, -1, 1};
@@ -170,10 +176,11 @@ class Selection {
     return false;
   }
   // An upper bound of how many pixels a millimetre of height (along z), anywhere in the box, can be on the screen.
-  // The perspective image f X / Z of a point moves by f / Z |n - (n . forward) d / Z| when the point moves along n; d / Z, d from
-  // the eye to the point and Z its depth, is taken at the box's centre and differs within the box by at most
+  // The perspective image f X / Z of a point moves by f / Z |n - (n . forward) d / Z| when the point moves along n; d /
+  // Z, d from the eye to the point and Z its depth, is taken at the box's centre and differs within the box by at most
   // |half| / (Z cos a), a the angle off the axis. So a height that points at the eye counts for what the rest of its
-  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn. Orthographic, it is the same sine for all.
+  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn.
+  // Orthographic, it is the same sine for all.
   double pxPerMm(const Box& b) const {
     if (!camera_.valid) return 0;
     const glm::dvec3 &forward = camera_.forward, up(0, 0, 1);
@@ -187,7 +194,8 @@ class Selection {
     double factor = secant;
     if (centre_depth > camera_.near_mm) {
       double at_centre = glm::length(up - forward.z * d / centre_depth);
-      double wholly = std::sqrt(1 + (aside / depth) * (aside / depth));  // not cut at the picture's corner: the box may reach beyond
+      double wholly = std::sqrt(1 + (aside / depth) *
+                                        (aside / depth));  // not cut at the picture's corner: the box may reach beyond
       factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
     }
     return camera_.scale / depth * factor;
@@ -198,7 +206,8 @@ class Selection {
     if (!camera_.valid) return 0;
     double cell_mm = std::ldexp(domain_.mm_per_px, unit_log2_ - kUnitsPerTexelLog2 - level);
     if (camera_.orthographic) return cell_mm * camera_.scale;
-    return cell_mm * camera_.scale / std::max(camera_.near_mm, LodCamera::value(camera_.depth_row, b.centre) - extent(camera_.depth_row, b));
+    return cell_mm * camera_.scale /
+           std::max(camera_.near_mm, LodCamera::value(camera_.depth_row, b.centre) - extent(camera_.depth_row, b));
   }
 
   // ---- edges
@@ -243,7 +252,8 @@ class Selection {
       const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
       double widest = 0;
       if (morph_) widest = std::max(e.has_low ? ofWidest(e.low) : 0, e.has_high ? ofWidest(e.high) : 0);
-      e.wanted = memory_.held(k, levelWish(s.level, s.level + kPageLog2, cellPx(box, s.level), widest, wish, [&](int level) { return errorPx(e, level); }));
+      e.wanted = memory_.held(k, levelWish(s.level, s.level + kPageLog2, cellPx(box, s.level), widest, wish,
+                                           [&](int level) { return errorPx(e, level); }));
     } else {
       e.wanted = s.level * kOneLevel;
     }
@@ -253,8 +263,9 @@ class Selection {
     return index;
   }
 
-  // ---- levels with geomorph: continuous functions of the view, of edges alone, so that it does not matter which squares are nodes.
-  // What an edge wants, and what is left of what its parent, or the square that it crosses, was drawn with.
+  // ---- levels with geomorph: continuous functions of the view, of edges alone, so that it does not matter which
+  // squares are nodes. What an edge wants, and what is left of what its parent, or the square that it crosses, was
+  // drawn with.
   int flooredLevel(uint32_t edge) {
     const Edge e = edges_[edge];
     if (e.floored != kUnknown) return e.floored;
@@ -278,7 +289,8 @@ class Selection {
     if (e.level != kUnknown) return e.level;
     int level = flooredLevel(edge);
     for (const Square* s : {&e.low, &e.high})
-      for (int side = 0; side < 4 && exists(*s); ++side) level = std::max(level, flooredLevel(edgeAt(*s, side)) - kMostBeyondNeighbour);
+      for (int side = 0; side < 4 && exists(*s); ++side)
+        level = std::max(level, flooredLevel(edgeAt(*s, side)) - kMostBeyondNeighbour);
     return edges_[edge].level = level;
   }
   uint32_t edgeBetween(const Square& low, const Square& high) { return edgeAt(high, low.x != high.x ? kLeft : kTop); }
@@ -384,8 +396,8 @@ class Selection {
     }
     nodes_[index].state = State::kSplit;
     int inherited = nodes_[index].resident_level;
-    // The pages that this split rests on must stay wanted, even if the children, whose edges are known better, want less:
-    // else they would be evicted, the split undone, and the pages asked for again.
+    // The pages that this split rests on must stay wanted, even if the children, whose edges are known better, want
+    // less: else they would be evicted, the split undone, and the pages asked for again.
     int needs = s.level + (nodes_[index].rough ? kMaxSplitLevel + 1 : 2);
     size_t before = nodes_.size();
     forChildren(s, [&](const Square& c) { addNode(c, residentLevel(c, inherited), needs); });
@@ -395,8 +407,9 @@ class Selection {
     }
     return true;
   }
-  // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else arriving
-  // pages would coarsen the error, the pages would no longer be wanted, be evicted, and the error refine again.
+  // Builds the tree for a scaled error. Whether it fits is asked of the tree that all pages together would give: else
+  // arriving pages would coarsen the error, the pages would no longer be wanted, be evicted, and the error refine
+  // again.
   bool fits(double asked_px, double scale, bool anyway) {
     error_px_ = asked_px * scale;
     max_node_px_ = kMaxNodePx * scale;
@@ -437,7 +450,8 @@ class Selection {
   // One edge: as wanted, as far as both sides have samples for it.
   int edgeLevel(uint32_t edge, int base_level, int cap, int resident_a, int resident_b, bool blocked) {
     const int wanted = levelOf(edge), available = std::min(resident_a, resident_b);
-    const int level = std::max(std::min(wanted, std::min({available, base_level + cap, unit_log2_}) * kOneLevel), base_level * kOneLevel);
+    const int level = std::max(std::min(wanted, std::min({available, base_level + cap, unit_log2_}) * kOneLevel),
+                               base_level * kOneLevel);
     Edge& e = edges_[edge];
     if (level < wanted && (available * kOneLevel < wanted || blocked) && !e.counted) {
       e.counted = true;
@@ -453,8 +467,9 @@ class Selection {
       auto whole = [&](int cap, const Node* neighbour_node) {
         uint32_t e = edgeAt(s, side);
         n.edge[side] = {e, e};
-        const int level = edgeLevel(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
-                                    n.blocked || (neighbour_node && neighbour_node->blocked));
+        const int level =
+            edgeLevel(e, s.level, cap, n.resident_level, neighbour_node ? neighbour_node->resident_level : kAnyLevel,
+                      n.blocked || (neighbour_node && neighbour_node->blocked));
         n.levels[side] = {level, kWholeSide};
         n.drawn = std::max(n.drawn, level);
       };
@@ -470,14 +485,16 @@ class Selection {
         // Two half edges, each the whole edge of a finer node (or of nothing, if that one is out of view).
         bool upright = side == kLeft || side == kRight;
         for (int half = 0; half < 2; ++half) {
-          Square mine{s.level + 1, 2 * s.x + (upright ? (side == kRight) : half), 2 * s.y + (upright ? half : (side == kBottom))};
-          if (!exists(mine)) mine = Square{s.level + 1, 2 * s.x + (upright && side == kRight), 2 * s.y + (!upright && side == kBottom)};
+          Square mine{s.level + 1, 2 * s.x + (upright ? (side == kRight) : half),
+                      2 * s.y + (upright ? half : (side == kBottom))};
+          if (!exists(mine))
+            mine = Square{s.level + 1, 2 * s.x + (upright && side == kRight), 2 * s.y + (!upright && side == kBottom)};
           uint32_t e = edgeAt(mine, side);
           uint32_t finer = findNode(neighbour(mine, side));
           const Node* f = finer != IndexTable::kNone ? &nodes_[finer] : nullptr;
           assert(!f || f->state == State::kLeaf);
-          const int level = edgeLevel(e, s.level + 1, kMaxGridLevel - 1, n.resident_level, f ? f->resident_level : kAnyLevel,
-                                      n.blocked || (f && f->blocked));
+          const int level = edgeLevel(e, s.level + 1, kMaxGridLevel - 1, n.resident_level,
+                                      f ? f->resident_level : kAnyLevel, n.blocked || (f && f->blocked));
           n.edge[side][half] = e;
           n.levels[side][half] = level;
           n.drawn = std::max(n.drawn, level);
@@ -486,7 +503,8 @@ class Selection {
       }
       const Node* coarser = nullptr;
       if (s.level > 0)
-        if (uint32_t up = findNode(other.ancestor(s.level - 1)); up != IndexTable::kNone && nodes_[up].state == State::kLeaf)
+        if (uint32_t up = findNode(other.ancestor(s.level - 1));
+            up != IndexTable::kNone && nodes_[up].state == State::kLeaf)
           coarser = &nodes_[up];
       whole(coarser ? kMaxGridLevel - 1 : kMaxGridLevel, coarser);
     }
@@ -501,7 +519,8 @@ class Selection {
     for (size_t side = 0; side < 4; ++side) {
       const bool whole = n.levels[side][1] == kWholeSide;
       for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
-        p.edges[side][half] = static_cast<uint8_t>(wholeLevels(n.levels[side][half]) - n.square.level - (whole ? 0 : 1));
+        p.edges[side][half] =
+            static_cast<uint8_t>(wholeLevels(n.levels[side][half]) - n.square.level - (whole ? 0 : 1));
         p.edge_morph[side][half] = slideOf(n.levels[side][half]);
       }
       if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
@@ -510,18 +529,22 @@ class Selection {
   // Of the surface through the vertices of a level, within a square.
   Deviation deviationOf(const Square& s, int level, double range_mm) {
     if (level - kPageLog2 >= domain_.relief_depth) return {};
-    Deviation d = (level < kPageLog2 ? Deviation::eitherSide(range_mm) : deviationWithin(s, level - kPageLog2)).atMost(range_mm);
+    Deviation d =
+        (level < kPageLog2 ? Deviation::eitherSide(range_mm) : deviationWithin(s, level - kPageLog2)).atMost(range_mm);
     d.aside_mm = 0;
     return d;
   }
   // Of the one that is drawn: between those of two levels, in one proportion everywhere.
   Deviation deviationAt(const Square& s, int wish, double range_mm) {
     const int level = wholeLevels(wish);
-    return betweenLevels(wish, [&] { return deviationOf(s, level - 1, range_mm); }, deviationOf(s, level, range_mm));
+    return betweenLevels(
+        wish, [&] { return deviationOf(s, level - 1, range_mm); }, deviationOf(s, level, range_mm));
   }
   Deviation deviationOnEdge(const Square& s, int wish, int inside, double range_mm) {
     const int level = wholeLevels(wish);
-    return betweenLevels(wish, [&] { return deviationOf(s, level - 1, range_mm); }, slidAlong(wish, inside, deviationOf(s, level, range_mm)));
+    return betweenLevels(
+        wish, [&] { return deviationOf(s, level - 1, range_mm); },
+        slidAlong(wish, inside, deviationOf(s, level, range_mm)));
   }
   // ---- what is promised, by parts (bound_search.h)
   struct Part {
@@ -529,12 +552,15 @@ class Selection {
     Square square;
     uint32_t node = 0;
   };
-  // At an edge with a coarser level, or one that goes another part of the way, all vertices lie where that one's deviation may lead to from its
-  // surface, which is flat within each drawn triangle; so does the finest surface. Never more than the range of heights.
+  // At an edge with a coarser level, or one that goes another part of the way, all vertices lie where that one's
+  // deviation may lead to from its surface, which is flat within each drawn triangle; so does the finest surface. Never
+  // more than the range of heights.
   Part partOf(uint32_t index, const Square& s) {
     const Node& n = nodes_[index];
     const int depth = s.level - n.square.level;
-    const int edge = coarsestAround(n.levels, n.drawn, n.square.level, depth, static_cast<uint32_t>(s.x - (n.square.x << depth)), static_cast<uint32_t>(s.y - (n.square.y << depth)));
+    const int edge =
+        coarsestAround(n.levels, n.drawn, n.square.level, depth, static_cast<uint32_t>(s.x - (n.square.x << depth)),
+                       static_cast<uint32_t>(s.y - (n.square.y << depth)));
     // Of heights, in a square around the cells of the coarsest level.
     const HeightBounds h = heights(s.ancestor(std::clamp(edge / kOneLevel, n.square.level, s.level)));
     const double range_mm = double{h.max_mm} - h.min_mm;
@@ -563,8 +589,8 @@ class Selection {
     assert(isResident(n.square.ancestor(level)));
     return nodeId(n.square.ancestor(level));
   }
-  // The page that a node would like, the one it uses, and a ladder above: descending needs a resident page at least every
-  // few levels, and the ladder is what a missing page falls back to (1.6 % more pages).
+  // The page that a node would like, the one it uses, and a ladder above: descending needs a resident page at least
+  // every few levels, and the ladder is what a missing page falls back to (1.6 % more pages).
   void addWants(const Node& n, int wanted_level, const NodeId& used) {
     const Square& s = n.square;
     float priority = camera_.priority(boxOf(s).centre);
@@ -650,7 +676,8 @@ class Selection {
 
 }  // namespace
 
-PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident) {
+PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
+                                const ReliefSet& resident) {
   WishMemory memory;
   return Selection(domain, oracle, view, resident, memory).run();
 }
@@ -660,7 +687,8 @@ struct PlanarLod::Impl {
   std::shared_ptr<const ReliefOracle> oracle;
   WishMemory memory;
 };
-PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle) : impl_(new Impl{domain, std::move(oracle), {}}) {}
+PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
+    : impl_(new Impl{domain, std::move(oracle), {}}) {}
 PlanarLod::~PlanarLod() = default;
 PlanarLodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
   return Selection(impl_->domain, *impl_->oracle, view, resident, impl_->memory).run();

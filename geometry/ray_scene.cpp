@@ -23,17 +23,18 @@ namespace {
 
 constexpr size_t kPacket = 8;  // AVX2
 
-// Triangles a region, some 25 MB each; of scans that may not have all regions at a time below 1 MB, so that little is built for what lies
-// beside what is asked for.
+// Triangles a region, some 25 MB each; of scans that may not have all regions at a time below 1 MB, so that little is
+// built for what lies beside what is asked for.
 constexpr size_t kRegionTriangles = size_t{1} << 19, kLargeRegionTriangles = size_t{1} << 14, kLarge = size_t{4} << 20;
 
-// What the lanes of a packet met so far. Surfaces that are equally near: the first triangle, whichever hierarchy is asked first.
+// What the lanes of a packet met so far. Surfaces that are equally near: the first triangle, whichever hierarchy is
+// asked first.
 struct PacketContext {
   RTCIntersectContext embree;  // the first member: Embree hands its address to the filter
-  // Rays go through to their ends, and the hit closest to their middle counts; else each ends at its nearest hit, but of equally near ones
-  // that may be any: Embree compares before it divides.
+  // Rays go through to their ends, and the hit closest to their middle counts; else each ends at its nearest hit, but
+  // of equally near ones that may be any: Embree compares before it divides.
   bool through = false;
-  uint32_t first_triangle = 0; // of the region
+  uint32_t first_triangle = 0;  // of the region
   std::array<float, kPacket> middle{}, nearest{}, t{}, u{}, v{};
   std::array<uint32_t, kPacket> triangle{};
 };
@@ -55,9 +56,11 @@ void lineFilter(const RTCFilterFunctionNArguments* args) {
                            RTCRayN_dir_z(args->ray, args->N, i) * RTCHitN_Ng_z(args->hit, args->N, i);
       if (kind == kRayUp ? !(facing > 0) : !(facing < 0)) continue;
     }
-    const float t = RTCRayN_tfar(args->ray, args->N, i), distance = context.through ? std::abs(t - context.middle[lane]) : t;
+    const float t = RTCRayN_tfar(args->ray, args->N, i),
+                distance = context.through ? std::abs(t - context.middle[lane]) : t;
     const uint32_t triangle = context.first_triangle + RTCHitN_primID(args->hit, args->N, i);
-    if (distance > context.nearest[lane] || (distance == context.nearest[lane] && triangle >= context.triangle[lane])) continue;
+    if (distance > context.nearest[lane] || (distance == context.nearest[lane] && triangle >= context.triangle[lane]))
+      continue;
     context.nearest[lane] = distance;
     context.triangle[lane] = triangle;
     context.t[lane] = t;
@@ -131,7 +134,8 @@ bool closestCallback(RTCPointQueryFunctionArguments* args) {
   return true;
 }
 
-// The plane of the triangle and the line, in double; a grazing hit, which that would throw far off, stays where Embree saw it.
+// The plane of the triangle and the line, in double; a grazing hit, which that would throw far off, stays where Embree
+// saw it.
 SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, double along, double b1, double b2) {
   SurfacePoint hit{triangle, b1, b2, along};
   const Corners t = cornersOf(mesh, triangle);
@@ -151,8 +155,9 @@ SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, d
   return hit;
 }
 
-// Embree's task scheduler, TBB, ends the process where a thread that it counts on cannot be started: it counts on those that the system gives
-// at the first scene. The limit stays to the end, as TBB starts the threads that are missing when it is lifted.
+// Embree's task scheduler, TBB, ends the process where a thread that it counts on cannot be started: it counts on those
+// that the system gives at the first scene. The limit stays to the end, as TBB starts the threads that are missing when
+// it is lifted.
 void limitScheduler() {
   alignas(tbb::global_control) static unsigned char limit[sizeof(tbb::global_control)];  // never destroyed
   [[maybe_unused]] static const bool limited = [] {
@@ -174,14 +179,14 @@ struct Hierarchy {
 };
 
 struct Region {
-  uint32_t first = 0, count = 0;  // triangles
+  uint32_t first = 0, count = 0;         // triangles
   std::shared_ptr<Hierarchy> hierarchy;  // all three guarded by Impl::mutex
   bool building = false;
   uint64_t used = 0;
 };
 
-// Does the segment of `half` to either side of `middle` meet a box? By separating axes (Ericson, 5.3.3): long segments past small boxes. What
-// rounding loses is far less than what boxes are grown by.
+// Does the segment of `half` to either side of `middle` meet a box? By separating axes (Ericson, 5.3.3): long segments
+// past small boxes. What rounding loses is far less than what boxes are grown by.
 bool meetsSegment(const Box& box, const glm::vec3& middle, const glm::vec3& half) {
   const glm::vec3 m = middle - 0.5f * (box.low + box.high), e = 0.5f * (box.high - box.low), d = glm::abs(half);
   const bool apart = (std::abs(m.x) > e.x + d.x) | (std::abs(m.y) > e.y + d.y) | (std::abs(m.z) > e.z + d.z) |
@@ -196,14 +201,15 @@ bool meetsSegment(const Box& box, const glm::vec3& middle, const glm::vec3& half
 struct RayScene::Impl {
   const TriMesh* mesh = nullptr;
   RaySceneOptions options;
-  std::vector<glm::vec3> copy;            // where the mesh's array may not be read 4 bytes beyond its end
+  std::vector<glm::vec3> copy;  // where the mesh's array may not be read 4 bytes beyond its end
   const glm::vec3* positions = nullptr;
   RTCDevice device = nullptr;
   std::atomic<int64_t> device_bytes{0};
-  float size = 0;                         // the largest coordinate
+  float size = 0;  // the largest coordinate
   std::vector<Region> regions;
-  BoxTree parts;                          // of the regions' triangles, kPartsARegion each, grown by far more than floats lose; where there are several
-  bool all_built = false;                 // and so they stay: no lock is needed
+  BoxTree parts;  // of the regions' triangles, kPartsARegion each, grown by far more than floats lose; where there are
+                  // several
+  bool all_built = false;  // and so they stay: no lock is needed
   std::mutex mutex;
   std::condition_variable built;
   uint64_t clock = 0, builds = 0, held_bytes = 0;
@@ -223,13 +229,15 @@ struct RayScene::Impl {
     auto made = std::make_shared<Hierarchy>();
     made->scene = rtcNewScene(device);
     rtcSetSceneFlags(made->scene, RTC_SCENE_FLAG_ROBUST | RTC_SCENE_FLAG_COMPACT);
-    // By Morton codes: 0.08 s of one core a million triangles. By surface areas: 0.3 s, and lines take the same time (0.08 us beside one
-    // another).
+    // By Morton codes: 0.08 s of one core a million triangles. By surface areas: 0.3 s, and lines take the same time
+    // (0.08 us beside one another).
     rtcSetSceneBuildQuality(made->scene, RTC_BUILD_QUALITY_LOW);
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
     rtcSetGeometryBuildQuality(geometry, RTC_BUILD_QUALITY_LOW);
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0, sizeof(glm::vec3), mesh->positions_mm.size());
-    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh->triangles.data() + region.first, 0, 3 * sizeof(uint32_t), region.count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, positions, 0, sizeof(glm::vec3),
+                               mesh->positions_mm.size());
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                               mesh->triangles.data() + region.first, 0, 3 * sizeof(uint32_t), region.count);
     rtcSetGeometryIntersectFilterFunction(geometry, lineFilter);
     rtcCommitGeometry(geometry);
     rtcAttachGeometry(made->scene, geometry);
@@ -243,16 +251,20 @@ struct RayScene::Impl {
     const RTCError code = rtcGetDeviceError(device);
     if (stopped()) return nullptr;
     if (code == RTC_ERROR_NONE) return made;
-    // Whatever stopped it, such as a thread that the system refused, stopped it between its tasks: releasing the scene would end the process.
-    // It stays, and with it what it took.
+    // Whatever stopped it, such as a thread that the system refused, stopped it between its tasks: releasing the scene
+    // would end the process. It stays, and with it what it took.
     static std::atomic<RTCScene> abandoned;
     abandoned = std::exchange(made->scene, nullptr);
     std::lock_guard lock(mutex);
-    failure = std::string("ray tracing: the mesh's hierarchy cannot be built") + (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory" : device_error.empty() ? "" : ": " + device_error);
+    failure = std::string("ray tracing: the mesh's hierarchy cannot be built") +
+              (code == RTC_ERROR_OUT_OF_MEMORY ? ": out of memory"
+               : device_error.empty()          ? ""
+                                               : ": " + device_error);
     return nullptr;
   }
 
-  // What Embree says of the memory that it holds includes what other builds use at the same time: some 64 bytes a triangle, if in doubt.
+  // What Embree says of the memory that it holds includes what other builds use at the same time: some 64 bytes a
+  // triangle, if in doubt.
   static constexpr uint64_t kBytesATriangle = 64;
 
   std::shared_ptr<Hierarchy> hierarchy(size_t index) {
@@ -317,7 +329,8 @@ struct RayScene::Impl {
     Held held;
   };
   void listParts(std::span<const Line> lines, bool likely, std::vector<uint32_t>& out) const;
-  void trace(const std::vector<uint32_t>& near, Held& held, PacketContext& context, RTCRayHit8& rays, std::array<int, kPacket>& valid);
+  void trace(const std::vector<uint32_t>& near, Held& held, PacketContext& context, RTCRayHit8& rays,
+             std::array<int, kPacket>& valid);
   void nearest(Query& query, std::span<const Line> lines, Facing facing, SurfacePoint* hits);
 };
 
@@ -325,7 +338,8 @@ RayScene::RayScene(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 RayScene::~RayScene() = default;
 size_t RayScene::regions() const { return impl_->regions.size(); }
 uint64_t RayScene::bytes() const {
-  return static_cast<uint64_t>(std::max<int64_t>(impl_->device_bytes.load(), 0)) + impl_->copy.size() * sizeof(glm::vec3);
+  return static_cast<uint64_t>(std::max<int64_t>(impl_->device_bytes.load(), 0)) +
+         impl_->copy.size() * sizeof(glm::vec3);
 }
 uint64_t RayScene::builds() const {
   std::lock_guard lock(impl_->mutex);
@@ -334,7 +348,8 @@ uint64_t RayScene::builds() const {
 Result<void> RayScene::status() const {
   std::lock_guard lock(impl_->mutex);
   if (!impl_->failure.empty()) {
-    const bool threads = impl_->failure.find("thread") != std::string::npos || impl_->failure.find("temporarily unavailable") != std::string::npos;
+    const bool threads = impl_->failure.find("thread") != std::string::npos ||
+                         impl_->failure.find("temporarily unavailable") != std::string::npos;
     return Error{ErrorKind::kRuntime, "", impl_->failure, threads ? ThreadStartFailure::kHint : ""};
   }
   return {};
@@ -345,7 +360,8 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
   auto impl = std::make_unique<Impl>();
   impl->mesh = &mesh;
   impl->options = options;
-  for (const glm::vec3& p : mesh.positions_mm) impl->size = std::max({impl->size, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+  for (const glm::vec3& p : mesh.positions_mm)
+    impl->size = std::max({impl->size, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
   limitScheduler();
   impl->device = rtcNewDevice(nullptr);
   if (!impl->device) return Error{ErrorKind::kRuntime, "", "ray tracing: no device", ""};
@@ -364,7 +380,8 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
         return true;
       },
       impl.get());
-  // Embree reads 16 bytes at a vertex. Behind the last one that stays in the same memory page unless the array ends with a page.
+  // Embree reads 16 bytes at a vertex. Behind the last one that stays in the same memory page unless the array ends
+  // with a page.
   impl->positions = mesh.positions_mm.data();
   if (mesh.positions_mm.capacity() == mesh.positions_mm.size() &&
       reinterpret_cast<uintptr_t>(impl->positions + mesh.positions_mm.size()) % 4096 == 0) {
@@ -374,15 +391,19 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
     impl->positions = impl->copy.data();
   }
   const size_t triangles = mesh.triangles.size();
-  const size_t run = options.region_triangles ? options.region_triangles : triangles < kLarge ? kRegionTriangles : kLargeRegionTriangles;
+  const size_t run = options.region_triangles ? options.region_triangles
+                     : triangles < kLarge     ? kRegionTriangles
+                                              : kLargeRegionTriangles;
   const glm::vec3 grow(1e-5f * impl->size);
   std::vector<Box> parts;
   for (size_t first = 0; first < triangles; first += run) {
     if (impl->stopped()) break;
-    Region region{.first = static_cast<uint32_t>(first), .count = static_cast<uint32_t>(std::min(run, triangles - first))};
+    Region region{.first = static_cast<uint32_t>(first),
+                  .count = static_cast<uint32_t>(std::min(run, triangles - first))};
     for (size_t part = 0; part < Impl::kPartsARegion && triangles > run; ++part) {
       Box box;
-      for (size_t t = first + region.count * part / Impl::kPartsARegion; t < first + region.count * (part + 1) / Impl::kPartsARegion; ++t)
+      for (size_t t = first + region.count * part / Impl::kPartsARegion;
+           t < first + region.count * (part + 1) / Impl::kPartsARegion; ++t)
         for (uint32_t v : mesh.triangles[t]) box.add(mesh.positions_mm[v]);
       box.low -= grow;
       box.high += grow;
@@ -412,7 +433,8 @@ void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, Packet
   auto from = [&](size_t i) { return glm::vec3(rays.ray.org_x[i], rays.ray.org_y[i], rays.ray.org_z[i]); };
   auto along = [&](size_t i) { return glm::vec3(rays.ray.dir_x[i], rays.ray.dir_y[i], rays.ray.dir_z[i]); };
   std::array<glm::vec3, kPacket> middle, half;
-  // Of the regions in turn those that rays begin in, then those that they only come to; or, where all of a ray counts, all at once.
+  // Of the regions in turn those that rays begin in, then those that they only come to; or, where all of a ray counts,
+  // all at once.
   const int rounds = context.through ? 1 : 2;
   for (int round = 0; round < rounds; ++round) {
     Box packet;
@@ -505,11 +527,12 @@ void RayScene::Impl::nearest(Query& query, std::span<const Line> lines, Facing f
     trace(query.likely, query.held, context, rays, valid);
     for (size_t i = 0; i < lines.size(); ++i)
       if (valid[i] && context.triangle[i] != SurfacePoint::kNone)
-        hits[i] = refined(*mesh, lines[i], context.triangle[i], static_cast<double>(context.t[i]) - start[i], context.u[i], context.v[i]);
+        hits[i] = refined(*mesh, lines[i], context.triangle[i], static_cast<double>(context.t[i]) - start[i],
+                          context.u[i], context.v[i]);
   }
 
-  // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on the surface. Then
-  // through what is as near as what was found.
+  // Upwards, then downwards no further than what was found. Both start a little behind the line's point: it may lie on
+  // the surface. Then through what is as near as what was found.
   std::array<bool, kPacket> known{};
   for (size_t i = 0; i < lines.size(); ++i) known[i] = static_cast<bool>(hits[i]) || !(length[i] > 0);
   for (bool up : {true, false}) {
@@ -521,7 +544,11 @@ void RayScene::Impl::nearest(Query& query, std::span<const Line> lines, Facing f
       any = true;
       start[i] = std::min(lines[i].reach, 2e-6 * size / length[i]);
       const double reach = up || !hits[i] ? lines[i].reach : std::min(lines[i].reach, std::abs(hits[i].along));
-      aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i], facing == Facing::kAny ? kRayAny : up ? kRayUp : kRayDown, 0);
+      aim(i, up ? lines[i].direction : -lines[i].direction, reach + start[i],
+          facing == Facing::kAny ? kRayAny
+          : up                   ? kRayUp
+                                 : kRayDown,
+          0);
     }
     if (!any) return;
     if (!query.knows_reached && regions.size() > 1) listParts(query.lines, false, query.reached);

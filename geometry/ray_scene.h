@@ -1,13 +1,14 @@
-// ray_scene.h - where lines meet a triangle mesh, and the mesh's point closest to a place. The one file that knows Embree.
-// Embree (robust mode: no line slips between two triangles) finds the triangle in single precision; where on it is then computed in
-// double precision, so that results carry the mesh's own rounding only. Places are the mesh's: from mesh.origin_mm.
-// All queries are const and thread-safe.
+// ray_scene.h - where lines meet a triangle mesh, and the mesh's point closest to a place. The one file that knows
+// Embree. Embree (robust mode: no line slips between two triangles) finds the triangle in single precision; where on it
+// is then computed in double precision, so that results carry the mesh's own rounding only. Places are the mesh's: from
+// mesh.origin_mm. All queries are const and thread-safe.
 //
-// Memory: Embree's hierarchies are many, one for each run of consecutive triangles (a region), built when a line or a place first needs it
-// and given back, longest unused first, when the budget is spent. Where triangles near one another in space are near in the list, too
-// (mesh_order.h), and so are lines that are asked for together, few regions are needed at a time; a query keeps its last 16 of them, too.
-// Results do not depend on the budget, and on the runs' length only as Embree's rounding does: of surfaces that are equally near the first
-// triangle is taken, whatever order the hierarchies are in.
+// Memory: Embree's hierarchies are many, one for each run of consecutive triangles (a region), built when a line or a
+// place first needs it and given back, longest unused first, when the budget is spent. Where triangles near one another
+// in space are near in the list, too (mesh_order.h), and so are lines that are asked for together, few regions are
+// needed at a time; a query keeps its last 16 of them, too. Results do not depend on the budget, and on the runs'
+// length only as Embree's rounding does: of surfaces that are equally near the first triangle is taken, whatever order
+// the hierarchies are in.
 #pragma once
 
 #include <atomic>
@@ -36,15 +37,16 @@ struct Line {
   glm::dvec3 at{0};
   glm::dvec3 direction{0};  // of any length but 0
   double reach = 0;
-  double likely = 0;        // most hits have |t| below this: looked for there first. 0: nothing is known
+  double likely = 0;  // most hits have |t| below this: looked for there first. 0: nothing is known
 };
 enum class Facing { kAny, kAlong };  // kAlong: only surfaces whose outside faces along the direction
 
 struct RaySceneOptions {
-  const std::atomic<bool>* interrupted = nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
-  uint32_t region_triangles = 0;                   // 0: what suits the mesh's size
-  uint64_t budget_bytes = ~uint64_t{0};            // of hierarchies at a time; one for each thread is kept, be it ever so small
-  bool at_once = true;                             // all are built now, where the budget allows it; else each when it is first asked for
+  const std::atomic<bool>* interrupted =
+      nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
+  uint32_t region_triangles = 0;         // 0: what suits the mesh's size
+  uint64_t budget_bytes = ~uint64_t{0};  // of hierarchies at a time; one for each thread is kept, be it ever so small
+  bool at_once = true;  // all are built now, where the budget allows it; else each when it is first asked for
 };
 
 class RayScene {
@@ -65,10 +67,11 @@ class RayScene {
   // The same, sooner, if `guess` (of an earlier query) is not far from it.
   SurfacePoint closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const;
 
-  Result<void> status() const;  // an error: a hierarchy could not be built (out of memory), and queries since then missed surfaces
-  uint64_t bytes() const;       // that Embree holds now, beside the mesh
+  Result<void> status()
+      const;  // an error: a hierarchy could not be built (out of memory), and queries since then missed surfaces
+  uint64_t bytes() const;  // that Embree holds now, beside the mesh
   size_t regions() const;
-  uint64_t builds() const;      // of hierarchies so far
+  uint64_t builds() const;  // of hierarchies so far
 
  private:
   struct Impl;

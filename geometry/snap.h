@@ -9,7 +9,8 @@
 namespace relievo {
 
 // Grid vertex i of 0..2^n on an edge of 2^m segments, m <= n: the edge vertex that it moves to, in grid steps.
-// Dyken, Reimers, Seland 2009: to the nearest; ties go towards the edge's middle on both of its halves, so that no triangle flips.
+// Dyken, Reimers, Seland 2009: to the nearest; ties go towards the edge's middle on both of its halves, so that no
+// triangle flips.
 inline uint32_t snapToEdge(uint32_t i, uint32_t n, uint32_t m) {
   if (m >= n) return i;
   uint32_t d = n - m, half = 1u << (d - 1);

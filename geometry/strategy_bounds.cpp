@@ -17,7 +17,8 @@ double extentAlong(const glm::dvec4& row, const WorldBox& b) {
 
 }  // namespace
 
-ViewBounds::ViewBounds(const LodView& view) : near_(std::max(view.near_mm, 1e-9)), scale_(view.pixels_per_radian), eye_(view.eye_mm) {
+ViewBounds::ViewBounds(const LodView& view)
+    : near_(std::max(view.near_mm, 1e-9)), scale_(view.pixels_per_radian), eye_(view.eye_mm) {
   glm::dmat4 rows = glm::transpose(view.clip_from_world);
   bool finite = std::isfinite(scale_) && scale_ > 0;
   for (int c = 0; c < 4; ++c)
@@ -27,8 +28,13 @@ ViewBounds::ViewBounds(const LodView& view) : near_(std::max(view.near_mm, 1e-9)
   double w_length = glm::length(glm::dvec3(rows[3]));
   orthographic_ = w_length <= 1e-12 * std::abs(rows[3].w);
   valid_ = orthographic_ ? rows[3].w > 0 : w_length > 0;
-  planes_ = {rows[3] * (1 + kCullSlack) + rows[0], rows[3] * (1 + kCullSlack) - rows[0], rows[3] * (1 + kCullSlack) + rows[1],
-             rows[3] * (1 + kCullSlack) - rows[1], rows[3] + rows[2], rows[3] - rows[2], rows[3]};
+  planes_ = {rows[3] * (1 + kCullSlack) + rows[0],
+             rows[3] * (1 + kCullSlack) - rows[0],
+             rows[3] * (1 + kCullSlack) + rows[1],
+             rows[3] * (1 + kCullSlack) - rows[1],
+             rows[3] + rows[2],
+             rows[3] - rows[2],
+             rows[3]};
   if (!valid_) return;
   if (orthographic_) {
     const glm::dvec3 along = glm::cross(glm::dvec3(rows[0]), glm::dvec3(rows[1]));
@@ -77,7 +83,9 @@ double ViewBounds::pxPerMm(const WorldBox& b) const {
 double ViewBounds::nearestMm(const WorldBox& b) const {
   return orthographic_ ? kFarEyeMm : glm::length(glm::max(glm::abs(eye_ - b.centre) - b.half, glm::dvec3(0)));
 }
-double ViewBounds::farthestMm(const WorldBox& b) const { return orthographic_ ? kFarEyeMm : glm::length(glm::abs(eye_ - b.centre) + b.half); }
+double ViewBounds::farthestMm(const WorldBox& b) const {
+  return orthographic_ ? kFarEyeMm : glm::length(glm::abs(eye_ - b.centre) + b.half);
+}
 
 double ViewBounds::distanceFor(double mm, double px) const {
   if (orthographic_) return mm * scale_ <= px ? 0 : std::numeric_limits<double>::infinity();
@@ -85,15 +93,19 @@ double ViewBounds::distanceFor(double mm, double px) const {
   return mm * scale_ * max_secant_ * max_secant_ / px;
 }
 
-ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene) : scene_(scene), unit_log2_(scene.domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2) {
+ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene)
+    : scene_(scene), unit_log2_(scene.domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2) {
   if (scene_.body) {
     unit_log2_ = std::max(0, scene_.domain.relief_depth) + kPageLog2;
-    forest_ = std::make_shared<MeshForest>(scene_.body->base, scene_.domain.relief_depth, scene_.domain.relief_offset_mm, scene_.domain.relief_scale_mm, scene_.oracle, scene_.coarse, false);
+    forest_ =
+        std::make_shared<MeshForest>(scene_.body->base, scene_.domain.relief_depth, scene_.domain.relief_offset_mm,
+                                     scene_.domain.relief_scale_mm, scene_.oracle, scene_.coarse, false);
   }
   const PlanarDomain& d = scene_.domain;
   typical_.assign(static_cast<size_t>(std::max(0, finestLevel())) + 1, 0);
   // What is coarser than the root pages is only known to lie within the range; over a base mesh by its table.
-  for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level) typical_[static_cast<size_t>(level)] = std::abs(65535 * d.relief_scale_mm);
+  for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level)
+    typical_[static_cast<size_t>(level)] = std::abs(65535 * d.relief_scale_mm);
   std::vector<double> pages(typical_.size(), 0);
   std::vector<NodeId> ordered(scene_.resident->begin(), scene_.resident->end());  // sums in the same order in every run
   std::sort(ordered.begin(), ordered.end());
@@ -107,11 +119,14 @@ ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene) : scene_(scene), unit
     if (pages[level] > 0) typical_[level] = std::sqrt(typical_[level] / pages[level]);
   for (int level = 0; forest_ && level < std::min(kPageLog2, finestLevel()); ++level) {
     double squares = 0;
-    for (const CoarseErrors& of : scene_.coarse) squares += double{of[static_cast<size_t>(level)]} * of[static_cast<size_t>(level)];
-    typical_[static_cast<size_t>(level)] = std::sqrt(squares / static_cast<double>(std::max<size_t>(1, scene_.coarse.size())));
+    for (const CoarseErrors& of : scene_.coarse)
+      squares += double{of[static_cast<size_t>(level)]} * of[static_cast<size_t>(level)];
+    typical_[static_cast<size_t>(level)] =
+        std::sqrt(squares / static_cast<double>(std::max<size_t>(1, scene_.coarse.size())));
   }
   for (int level = finestLevel() - 1; level > 0; --level)
-    typical_[static_cast<size_t>(level - 1)] = std::max(typical_[static_cast<size_t>(level - 1)], typical_[static_cast<size_t>(level)]);
+    typical_[static_cast<size_t>(level - 1)] =
+        std::max(typical_[static_cast<size_t>(level - 1)], typical_[static_cast<size_t>(level)]);
 }
 
 const HeightBounds& ReliefBounds3d::heights(const NodeId& page) {
@@ -128,7 +143,8 @@ const HeightBounds& ReliefBounds3d::heights(const NodeId& page) {
 }
 
 double ReliefBounds3d::rangeMm(const NodeId& node) {
-  const HeightBounds& h = heights(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, scene_.domain.relief_depth)))));
+  const HeightBounds& h = heights(
+      node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, scene_.domain.relief_depth)))));
   return double{h.max_mm} - h.min_mm;
 }
 
@@ -144,21 +160,27 @@ WorldBox ReliefBounds3d::box(const NodeId& node, double exaggerate) {
     return {0.5 * (low + high), 0.5 * (high - low), true};
   }
   const PlanarDomain& d = scene_.domain;
-  const HeightBounds& h = heights(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, d.relief_depth)))));
+  const HeightBounds& h =
+      heights(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, d.relief_depth)))));
   int shift = unit_log2_ - static_cast<int>(node.level);
   int64_t x0 = (static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.x} << shift);
   int64_t y0 = (static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.y} << shift);
-  auto width = static_cast<int64_t>(d.width_px) << kUnitsPerTexelLog2, height = static_cast<int64_t>(d.height_px) << kUnitsPerTexelLog2;
+  auto width = static_cast<int64_t>(d.width_px) << kUnitsPerTexelLog2, height = static_cast<int64_t>(d.height_px)
+                                                                                << kUnitsPerTexelLog2;
   int64_t x1 = std::min(x0 + (int64_t{1} << shift), width), y1 = std::min(y0 + (int64_t{1} << shift), height);
   double mm = d.mm_per_px / (1 << kUnitsPerTexelLog2);
-  double left = (static_cast<double>(x0) - 0.5 * static_cast<double>(width)) * mm, right = (static_cast<double>(x1) - 0.5 * static_cast<double>(width)) * mm;
-  double top = (0.5 * static_cast<double>(height) - static_cast<double>(y0)) * mm, bottom = (0.5 * static_cast<double>(height) - static_cast<double>(y1)) * mm;
+  double left = (static_cast<double>(x0) - 0.5 * static_cast<double>(width)) * mm,
+         right = (static_cast<double>(x1) - 0.5 * static_cast<double>(width)) * mm;
+  double top = (0.5 * static_cast<double>(height) - static_cast<double>(y0)) * mm,
+         bottom = (0.5 * static_cast<double>(height) - static_cast<double>(y1)) * mm;
   double z0 = h.min_mm * exaggerate, z1 = h.max_mm * exaggerate;
-  return {{0.5 * (left + right), 0.5 * (top + bottom), 0.5 * (z0 + z1)}, {0.5 * (right - left), 0.5 * (top - bottom), 0.5 * std::abs(z1 - z0)}};
+  return {{0.5 * (left + right), 0.5 * (top + bottom), 0.5 * (z0 + z1)},
+          {0.5 * (right - left), 0.5 * (top - bottom), 0.5 * std::abs(z1 - z0)}};
 }
 
 Deviation ReliefBounds3d::deviation(const NodeId& node, int level, double exaggerate) {
-  Deviation d = forest_ ? forest_->deviation(squareOf(node), level, exaggerate) : exaggerate * heightDeviation(node, level);
+  Deviation d =
+      forest_ ? forest_->deviation(squareOf(node), level, exaggerate) : exaggerate * heightDeviation(node, level);
   d.mm = std::min(d.mm, largestMm(node, exaggerate));
   return d;
 }
@@ -183,7 +205,9 @@ Deviation ReliefBounds3d::heightDeviation(const NodeId& node, int level) {
   auto [found, fresh] = parts_.try_emplace(page);
   if (fresh) found->second.read(*scene_.oracle, page, static_cast<float>(whole));
   NodeId part = node.ancestor(page.level + depth);
-  Deviation out = found->second.at(static_cast<int>(depth), part.x - (page.x << depth), part.y - (page.y << depth)).deviation().atMost(range);
+  Deviation out = found->second.at(static_cast<int>(depth), part.x - (page.x << depth), part.y - (page.y << depth))
+                      .deviation()
+                      .atMost(range);
   out.aside_mm = 0;
   return out;
 }
@@ -194,8 +218,10 @@ PatchInstance ReliefBounds3d::instance(const NodeId& node, int grid_level) const
   p.node = node;
   int shift = unit_log2_ - static_cast<int>(node.level);
   const bool over_mesh = forest_ != nullptr;  // units count within the patch there
-  p.x0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.x} << shift));
-  p.y0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) + (int64_t{node.y} << shift));
+  p.x0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) +
+                              (int64_t{node.x} << shift));
+  p.y0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) +
+                              (int64_t{node.y} << shift));
   p.grid_level = static_cast<uint8_t>(grid_level);
   p.step_log2 = static_cast<uint8_t>(shift - grid_level);
   p.edges.fill({static_cast<uint8_t>(grid_level), PatchInstance::kWholeEdge});
@@ -204,7 +230,8 @@ PatchInstance ReliefBounds3d::instance(const NodeId& node, int grid_level) const
   return p;
 }
 
-void ReliefBounds3d::descend(const ViewBounds& view, const NodeId& node, int level, double exaggerate, std::vector<NodeId>& out) {
+void ReliefBounds3d::descend(const ViewBounds& view, const NodeId& node, int level, double exaggerate,
+                             std::vector<NodeId>& out) {
   if (!scene_.domain.nodeExists(node) || view.culled(box(node, exaggerate))) return;
   if (static_cast<int>(node.level) == level) {
     out.push_back(node);
@@ -225,7 +252,8 @@ double ReliefBounds3d::boundPx(const ViewBounds& view, const std::vector<PatchIn
     int fine = static_cast<int>(p.node.level) + p.grid_level, coarse = fine;
     for (const auto& side : p.edges) {
       bool halves = side[1] != PatchInstance::kWholeEdge;
-      coarse = std::min<int>(coarse, static_cast<int>(p.node.level) + (halves ? 1 + std::min(side[0], side[1]) : side[0]));
+      coarse =
+          std::min<int>(coarse, static_cast<int>(p.node.level) + (halves ? 1 + std::min(side[0], side[1]) : side[0]));
     }
     double error = coarse < fine ? betweenMm(p.node, coarse, exaggerate) : errorMm(p.node, fine, exaggerate);
     if (error > 0) bound = std::max(bound, error * view.pxPerMm(box(p.node, exaggerate)));
@@ -247,7 +275,8 @@ bool ReliefBounds3d::neighbour(const NodeId& node, int side, NodeId* out) const 
   y += side == kBottom ? 1 : side == kTop ? -1 : 0;
   if (x < 0 || y < 0) return false;
   int64_t patch = d.alongX() ? x / size : y / size;
-  *out = {static_cast<uint32_t>(patch), node.level, static_cast<uint32_t>(d.alongX() ? x % size : x), static_cast<uint32_t>(d.alongX() ? y : y % size)};
+  *out = {static_cast<uint32_t>(patch), node.level, static_cast<uint32_t>(d.alongX() ? x % size : x),
+          static_cast<uint32_t>(d.alongX() ? y : y % size)};
   return d.nodeExists(*out);
 }
 

@@ -1,6 +1,6 @@
-// strategy_bounds.h - what strategies other than planar_lod.h's ask of a view and of the relief's pages: boxes, culling, error bounds.
-// The same bounds as geometry/README.md describes for the edge LOD, so that a comparison shows the strategies' difference and not the
-// metrics'; but for a node, not for an edge.
+// strategy_bounds.h - what strategies other than planar_lod.h's ask of a view and of the relief's pages: boxes,
+// culling, error bounds. The same bounds as geometry/README.md describes for the edge LOD, so that a comparison shows
+// the strategies' difference and not the metrics'; but for a node, not for an edge.
 #pragma once
 
 #include <array>
@@ -33,7 +33,8 @@ class ViewBounds {
   double nearestMm(const WorldBox& box) const;
   double farthestMm(const WorldBox& box) const;
   static constexpr double kFarEyeMm = 1e15;
-  // From this distance on a movement by so many millimetres is at most so many pixels, wherever in the picture. Orthographic: 0 or infinity.
+  // From this distance on a movement by so many millimetres is at most so many pixels, wherever in the picture.
+  // Orthographic: 0 or infinity.
   double distanceFor(double mm, double px) const;
 
  private:
@@ -48,7 +49,7 @@ class ReliefBounds3d {
  public:
   explicit ReliefBounds3d(const StrategyScene& scene);
   const PlanarDomain& domain() const { return scene_.domain; }
-  int unitLog2() const { return unit_log2_; }                  // log2 of a patch's side in units
+  int unitLog2() const { return unit_log2_; }                         // log2 of a patch's side in units
   int finestLevel() const { return scene_.domain.relief_depth + 7; }  // absolute level of the finest samples
   WorldBox box(const NodeId& node, double exaggerate);
   // Exaggerated, of the surface through the samples of an absolute level, over the node; 0 from the finest level on.
@@ -60,17 +61,22 @@ class ReliefBounds3d {
     const double error = errorMm(node, level, exaggerate);
     return error > 0 ? error * view.pxPerMm(box(node, exaggerate)) : 0;
   }
-  // Root mean square of the level's pages' errors over the whole artwork, and never less than a finer level's; not exaggerated.
-  double typicalErrorMm(int level) const { return level >= finestLevel() ? 0 : typical_[static_cast<size_t>(std::max(0, level))]; }
+  // Root mean square of the level's pages' errors over the whole artwork, and never less than a finer level's; not
+  // exaggerated.
+  double typicalErrorMm(int level) const {
+    return level >= finestLevel() ? 0 : typical_[static_cast<size_t>(std::max(0, level))];
+  }
   double rangeMm(const NodeId& node);                       // of heights
   double largestMm(const NodeId& node, double exaggerate);  // that any error can be
   // The node of the same level across a side.
   bool neighbour(const NodeId& node, int side, NodeId* out) const;
-  // An instance as strategies make it: whole edges of its own grid's level, displaced from the coarsest page that has its samples.
+  // An instance as strategies make it: whole edges of its own grid's level, displaced from the coarsest page that has
+  // its samples.
   PatchInstance instance(const NodeId& node, int grid_level) const;
   // Nodes of a level in view, by patch, then in rows.
   std::vector<NodeId> nodesInView(const ViewBounds& view, int level, double exaggerate);
-  // The bound for a list of instances, whoever chose their levels: where vertices snapped to a coarser level, betweenMm() of that.
+  // The bound for a list of instances, whoever chose their levels: where vertices snapped to a coarser level,
+  // betweenMm() of that.
   double boundPx(const ViewBounds& view, const std::vector<PatchInstance>& instances, double exaggerate);
 
  private:

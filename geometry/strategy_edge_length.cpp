@@ -1,6 +1,6 @@
-// strategy_edge_length.cpp - edge LOD with a length metric: segments of an edge are no longer on screen than kLengthPerBudget budgets, whatever
-// the relief does there (Dyken, Reimers, Seland 2009 measure silhouettes, Schulze Nilsson 2014 lengths). What error that leaves is known
-// afterwards, not chosen.
+// strategy_edge_length.cpp - edge LOD with a length metric: segments of an edge are no longer on screen than
+// kLengthPerBudget budgets, whatever the relief does there (Dyken, Reimers, Seland 2009 measure silhouettes, Schulze
+// Nilsson 2014 lengths). What error that leaves is known afterwards, not chosen.
 #include <cmath>
 #include <limits>
 
@@ -13,12 +13,14 @@ namespace {
 
 constexpr double kLengthPerBudget = 4;
 
-// Claims that every page but the finest is off by its whole range of heights: then only the cells' width stops the refinement
-// (LodView::min_cell_px). Where heights hardly differ they are given a thousandth of the artwork's range.
+// Claims that every page but the finest is off by its whole range of heights: then only the cells' width stops the
+// refinement (LodView::min_cell_px). Where heights hardly differ they are given a thousandth of the artwork's range.
 class NeverGoodEnough final : public ReliefOracle {
  public:
   explicit NeverGoodEnough(const StrategyScene& scene)
-      : truth_(scene.oracle), over_mesh_(scene.body != nullptr), least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
+      : truth_(scene.oracle),
+        over_mesh_(scene.body != nullptr),
+        least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
   HeightBounds bounds(const NodeId& page) const override {
     HeightBounds b = truth_->bounds(page);
     b.max_mm = std::max(b.max_mm, b.min_mm + least_mm_);
@@ -35,10 +37,12 @@ class NeverGoodEnough final : public ReliefOracle {
 
 class EdgeLength final : public LodStrategy {
  public:
-  explicit EdgeLength(const StrategyScene& scene) : lod_(scene, std::make_shared<NeverGoodEnough>(scene)), bounds_(scene) {}
+  explicit EdgeLength(const StrategyScene& scene)
+      : lod_(scene, std::make_shared<NeverGoodEnough>(scene)), bounds_(scene) {}
   StrategyResult select(const LodView& view) override {
     LodView v = view;
-    // Refining ends at twice the least width, which planar_lod.h narrows where the error is many times the budget: here it always is.
+    // Refining ends at twice the least width, which planar_lod.h narrows where the error is many times the budget: here
+    // it always is.
     v.min_cell_px = kLengthPerBudget * view.error_px / (2 * leastCellPx(1, std::numeric_limits<double>::infinity()));
     v.error_px = 0;
     PlanarLodResult lod = lod_.select(v);

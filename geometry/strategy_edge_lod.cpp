@@ -1,4 +1,5 @@
-// strategy_edge_lod.cpp - edge-LOD quad patches with the error metric (planar_lod.h, mesh_lod.h), refined until the budget holds everywhere.
+// strategy_edge_lod.cpp - edge-LOD quad patches with the error metric (planar_lod.h, mesh_lod.h), refined until the
+// budget holds everywhere.
 #include "geometry/strategy_list.h"
 
 namespace relievo {
@@ -23,7 +24,9 @@ StrategyEntry edgeLodStrategy() {
   StrategyEntry e;
   e.name = "edge-lod";
   e.title = "Edge LOD, error metric";
-  e.purpose = "quad patches with a level an edge by the certified error, vertices snapped; cells as small as the budget asks for";
+  e.purpose =
+      "quad patches with a level an edge by the certified error, vertices snapped; cells as small as the budget asks "
+      "for";
   e.keeps_budget = true;
   e.make = [](const StrategyScene& scene) { return std::make_unique<EdgeLod>(scene); };
   return e;

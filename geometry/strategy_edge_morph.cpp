@@ -1,4 +1,5 @@
-// strategy_edge_morph.cpp - edge-LOD quad patches as in strategy_edge_lod.cpp, with continuous levels: vertices slide to their places (morph.h).
+// strategy_edge_morph.cpp - edge-LOD quad patches as in strategy_edge_lod.cpp, with continuous levels: vertices slide
+// to their places (morph.h).
 #include "geometry/strategy_list.h"
 
 namespace relievo {
@@ -26,7 +27,8 @@ StrategyEntry edgeMorphStrategy() {
   StrategyEntry e;
   e.name = "edge-lod-morph";
   e.title = "Edge LOD, geomorph";
-  e.purpose = "edge-lod with continuous levels: vertices come and go in the middle of their neighbours, within the budget";
+  e.purpose =
+      "edge-lod with continuous levels: vertices come and go in the middle of their neighbours, within the budget";
   e.keeps_budget = true;
   e.make = [](const StrategyScene& scene) { return std::make_unique<EdgeMorph>(scene); };
   return e;

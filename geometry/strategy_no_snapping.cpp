@@ -1,5 +1,6 @@
-// strategy_no_snapping.cpp - a negative control: the patches of edge-lod, but their vertices stay where they are. Where levels meet, vertices
-// of the finer side lie beside the coarser side's edges: the measuring must see mismatches, and cracks.
+// strategy_no_snapping.cpp - a negative control: the patches of edge-lod, but their vertices stay where they are. Where
+// levels meet, vertices of the finer side lie beside the coarser side's edges: the measuring must see mismatches, and
+// cracks.
 #include "geometry/strategy_list.h"
 
 namespace relievo {

@@ -1,5 +1,6 @@
-// strategy_skirts.cpp - a negative control: as no-snapping, with a skirt hung from every side of every patch, as deep as both sides of an
-// edge can differ. No background shows through the cracks, but skirts do: places are seen where they are not.
+// strategy_skirts.cpp - a negative control: as no-snapping, with a skirt hung from every side of every patch, as deep
+// as both sides of an edge can differ. No background shows through the cracks, but skirts do: places are seen where
+// they are not.
 #include <cmath>
 
 #include "geometry/strategy_bounds.h"
@@ -10,7 +11,8 @@ namespace {
 
 class Skirts final : public LodStrategy {
  public:
-  explicit Skirts(const StrategyScene& scene) : scene_(scene), bounds_(scene), edge_lod_(edgeLodStrategy().make(scene)) {}
+  explicit Skirts(const StrategyScene& scene)
+      : scene_(scene), bounds_(scene), edge_lod_(edgeLodStrategy().make(scene)) {}
 
   StrategyResult select(const LodView& view) override {
     StrategyResult result = edge_lod_->select(view);
@@ -25,7 +27,8 @@ class Skirts final : public LodStrategy {
     const PatchInstance p = out.instances[index];
     int coarsest = p.grid_level;
     for (const auto& side : p.edges)
-      coarsest = std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
+      coarsest =
+          std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
     double depth_mm = bounds_.errorMm(p.node, static_cast<int>(p.node.level) + coarsest, exaggerate) +
                       bounds_.errorMm(p.node, static_cast<int>(p.node.level) + p.grid_level, exaggerate);
     const double step_mm = exaggerate * scene_.domain.relief_scale_mm;
@@ -46,7 +49,9 @@ class Skirts final : public LodStrategy {
           int32_t across = side == kLeft || side == kTop ? 0 : last;
           return upright ? vertex(across, along, low) : vertex(along, across, low);
         };
-        for (const StrategyVertex& v : {at(k, false), at(k + 1, false), at(k + 1, true), at(k, false), at(k + 1, true), at(k, true)}) out.triangles.push_back(v);
+        for (const StrategyVertex& v :
+             {at(k, false), at(k + 1, false), at(k + 1, true), at(k, false), at(k + 1, true), at(k, true)})
+          out.triangles.push_back(v);
       }
   }
 
@@ -61,7 +66,9 @@ StrategyEntry skirtsStrategy() {
   StrategyEntry e;
   e.name = "skirts";
   e.title = "Skirts instead of snapping";
-  e.purpose = "no-snapping's patches, each with skirts that hide the cracks: bits differ all the same, and skirts are seen where nothing is";
+  e.purpose =
+      "no-snapping's patches, each with skirts that hide the cracks: bits differ all the same, and skirts are seen "
+      "where nothing is";
   e.control = true;
   e.make = [](const StrategyScene& scene) { return std::make_unique<Skirts>(scene); };
   return e;

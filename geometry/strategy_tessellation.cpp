@@ -1,6 +1,7 @@
-// strategy_tessellation.cpp - hardware tessellation: equal nodes, each cut by the GPU into up to 64 x 64 cells by a factor an edge, chosen as
-// edge-lod chooses its levels (both nodes of an edge, the certified error). Factors are powers of two and the shader rounds to whole
-// samples, so shared vertices agree. What triangles lie between them is the tessellator's business: nothing is promised.
+// strategy_tessellation.cpp - hardware tessellation: equal nodes, each cut by the GPU into up to 64 x 64 cells by a
+// factor an edge, chosen as edge-lod chooses its levels (both nodes of an edge, the certified error). Factors are
+// powers of two and the shader rounds to whole samples, so shared vertices agree. What triangles lie between them is
+// the tessellator's business: nothing is promised.
 #include "geometry/strategy_bounds.h"
 #include "geometry/strategy_list.h"
 
@@ -51,7 +52,8 @@ class Tessellation final : public LodStrategy {
     bool has_other = bounds_.neighbour(node, side, &other);
     if (has_other) {
       WorldBox b = bounds_.box(other, view.exaggerate);
-      glm::dvec3 low = glm::min(box.centre - box.half, b.centre - b.half), high = glm::max(box.centre + box.half, b.centre + b.half);
+      glm::dvec3 low = glm::min(box.centre - box.half, b.centre - b.half),
+                 high = glm::max(box.centre + box.half, b.centre + b.half);
       box = {0.5 * (low + high), 0.5 * (high - low), box.any_direction};
     }
     double px_per_mm = screen.pxPerMm(box);

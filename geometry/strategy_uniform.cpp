@@ -1,5 +1,6 @@
-// strategy_uniform.cpp - one grid over all that is in view, so fine that the budget holds everywhere: what a plain height-field mesh with
-// culling does. The level is that of the place which needs most, mostly the nearest one; everything else pays for it.
+// strategy_uniform.cpp - one grid over all that is in view, so fine that the budget holds everywhere: what a plain
+// height-field mesh with culling does. The level is that of the place which needs most, mostly the nearest one;
+// everything else pays for it.
 #include "geometry/strategy_bounds.h"
 #include "geometry/strategy_list.h"
 

@@ -1,14 +1,15 @@
 // texture_select.cpp - see the header.
-// What a pixel's footprint on the artwork is. With clip coordinates scaled to pixels, rows R, U (screen x, y) and F (w), a point P
-// at d from the eye lies at s = (R.d, U.d) / F.d. Let qx, qy be the first two columns of [R; U; F]^-1, and o = -d_xy / d_z: where
-// the line of sight goes sideways while it falls by 1. On the horizontal plane through P the pixel's footprint has the sides
-//   c_i = w (q_i.xy + q_i.z o),   i = x, y   (w = F.d):                                                                       (1)
+// What a pixel's footprint on the artwork is. With clip coordinates scaled to pixels, rows R, U (screen x, y) and F
+// (w), a point P at d from the eye lies at s = (R.d, U.d) / F.d. Let qx, qy be the first two columns of [R; U; F]^-1,
+// and o = -d_xy / d_z: where the line of sight goes sideways while it falls by 1. On the horizontal plane through P the
+// pixel's footprint has the sides
+//   c_i = w (q_i.xy + q_i.z o),   i = x, y   (w = F.d): (1)
 // so the shader's gradient is max(|c_x|, |c_y|): exact for a flat artwork, where o is affine in P.
-// Orthographic views have no F: w is the same everywhere, lines of sight are parallel (o is one for all, and so is the footprint on a plane), and
-// q_i lie across them.
-// On a surface of gradient g the sides are c_i' = c_i - o (g.c_i) / (1 + g.o) (Sherman-Morrison). Their parts across o do not
-// depend on g, and |c_i| <= (1 + |g||o|) |c_i'|: with a bound S of |g|,
-//   |c_i'| >= max(part of c_i across o, |c_i| / (1 + S |o|)):                                                                 (2)
+// Orthographic views have no F: w is the same everywhere, lines of sight are parallel (o is one for all, and so is the
+// footprint on a plane), and q_i lie across them. On a surface of gradient g the sides are c_i' = c_i - o (g.c_i) / (1
+// + g.o) (Sherman-Morrison). Their parts across o do not depend on g, and |c_i| <= (1 + |g||o|) |c_i'|: with a bound S
+// of |g|,
+//   |c_i'| >= max(part of c_i across o, |c_i| / (1 + S |o|)): (2)
 // a slope that faces the viewer can undo the foreshortening along the line of sight, never what lies across it.
 #include "geometry/texture_select.h"
 
@@ -20,7 +21,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kFlatSplits = 3;    // a node that may be wanted is cut into quarters so often before it counts as wanted
+constexpr int kFlatSplits = 3;  // a node that may be wanted is cut into quarters so often before it counts as wanted
 constexpr int kReliefSplits = 2;
 
 double cross(const glm::dvec2& a, const glm::dvec2& b) { return a.x * b.y - a.y * b.x; }
@@ -67,7 +68,8 @@ class TextureSelection {
 
   std::vector<TextureWant> run() {
     if (!valid_) {
-      for (uint32_t p = 0; p < std::min<size_t>(domain_.patchCount(), kMaxTextureWants); ++p) wants_.push_back({{p, 0, 0, 0}, 1});
+      for (uint32_t p = 0; p < std::min<size_t>(domain_.patchCount(), kMaxTextureWants); ++p)
+        wants_.push_back({{p, 0, 0, 0}, 1});
       return std::move(wants_);
     }
     std::vector<TextureWant> level, next;
@@ -119,12 +121,13 @@ class TextureSelection {
     x_row_ = rows[0] * half_w;
     y_row_ = rows[1] * half_h;
     near_w_ = v.near_mm * glm::length(f);
-    // Between the outermost pixel centres: nothing beside them is ever sampled. Relief is drawn error_px off at most, twice that
-    // where levels meet.
+    // Between the outermost pixel centres: nothing beside them is ever sampled. Relief is drawn error_px off at most,
+    // twice that where levels meet.
     double margin = kPixelSlack - 0.5;
     if (!flat_) margin += 2 * std::max(0.0, std::isfinite(v.error_px) ? v.error_px : 0.0);
-    planes_ = {x_row_ + rows[3] * (half_w + margin), rows[3] * (half_w + margin) - x_row_, y_row_ + rows[3] * (half_h + margin),
-               rows[3] * (half_h + margin) - y_row_, rows[3] * (1 + 1e-6) + rows[2], rows[3] * (1 + 1e-6) - rows[2]};
+    planes_ = {x_row_ + rows[3] * (half_w + margin), rows[3] * (half_w + margin) - x_row_,
+               y_row_ + rows[3] * (half_h + margin), rows[3] * (half_h + margin) - y_row_,
+               rows[3] * (1 + 1e-6) + rows[2],       rows[3] * (1 + 1e-6) - rows[2]};
     if (orthographic_) {
       edge_on_ = !(std::abs(q_w_.z) > 1e-12 * glm::length(q_w_));
       if (flat_ && edge_on_) return false;
@@ -132,7 +135,8 @@ class TextureSelection {
     } else if (flat_ && !(std::abs(v.eye_mm.z) > 0)) {
       return false;
     }
-    // The largest that a horizontal millimetre at w = 1 can be on the screen: the norm of an affine function, so at a corner.
+    // The largest that a horizontal millimetre at w = 1 can be on the screen: the norm of an affine function, so at a
+    // corner.
     for (double sx : {-half_w, half_w}) {
       for (double sy : {-half_h, half_h}) {
         glm::dvec2 a = glm::dvec2(r - sx * f), b = glm::dvec2(u - sy * f);
@@ -150,7 +154,9 @@ class TextureSelection {
     double aa = norm2(a), bb = norm2(b), ab = glm::dot(a, b);
     return std::sqrt(0.5 * (aa + bb + std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab)));
   }
-  static double value(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
+  static double value(const glm::dvec4& row, const glm::dvec3& p) {
+    return row.x * p.x + row.y * p.y + row.z * p.z + row.w;
+  }
 
   // A pixel with a gradient below this (mm) wants the level, or a finer one.
   double thresholdMm(int level) const {
@@ -164,15 +170,20 @@ class TextureSelection {
     double side = std::ldexp(static_cast<double>(domain_.patchPx()), -static_cast<int>(n.level));
     double left = static_cast<double>(domain_.patchOriginX(n.patch)) + side * n.x;
     double top = static_cast<double>(domain_.patchOriginY(n.patch)) + side * n.y;
-    // The taps of an anisotropic look-up lie up to half the ratio beside the pixel, in steps of less than two texels of the level.
+    // The taps of an anisotropic look-up lie up to half the ratio beside the pixel, in steps of less than two texels of
+    // the level.
     double reach = view_.anisotropy > 1 ? view_.anisotropy * side / kPagePx : 0;
     return rectangle(left - reach, top - reach, left + side + reach, top + side + reach);
   }
   Region rectangle(double left, double top, double right, double bottom) const {
     auto width = static_cast<double>(domain_.width_px), height = static_cast<double>(domain_.height_px);
     double mm = domain_.mm_per_px;
-    return {std::max(left, 0.0) * mm - half_w_mm_, std::min(right, width) * mm - half_w_mm_,
-            half_h_mm_ - std::min(bottom, height) * mm, half_h_mm_ - std::max(top, 0.0) * mm, 0, 0};
+    return {std::max(left, 0.0) * mm - half_w_mm_,
+            std::min(right, width) * mm - half_w_mm_,
+            half_h_mm_ - std::min(bottom, height) * mm,
+            half_h_mm_ - std::max(top, 0.0) * mm,
+            0,
+            0};
   }
   void setHeights(const NodeId& node, Region& r) const {
     if (flat_) return;
@@ -180,7 +191,8 @@ class TextureSelection {
     r.z1 = high_mm_;
     // Beside the page lie pixels whose taps reach into it: their heights are anyone's guess.
     if (view_.anisotropy > 1) return;
-    HeightBounds b = oracle_.bounds(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(domain_.relief_depth))));
+    HeightBounds b =
+        oracle_.bounds(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(domain_.relief_depth))));
     if (!std::isfinite(b.min_mm) || !std::isfinite(b.max_mm) || !(b.min_mm <= b.max_mm)) return;
     r.z0 = b.min_mm * view_.exaggerate;
     r.z1 = b.max_mm * view_.exaggerate;
@@ -191,8 +203,9 @@ class TextureSelection {
     if (last - first > 1) {  // the strip as a binary tree of ranges
       uint32_t end = last - 1;
       auto side = static_cast<double>(domain_.patchPx());
-      Region r = rectangle(static_cast<double>(domain_.patchOriginX(first)), static_cast<double>(domain_.patchOriginY(first)),
-                           static_cast<double>(domain_.patchOriginX(end)) + side, static_cast<double>(domain_.patchOriginY(end)) + side);
+      Region r = rectangle(
+          static_cast<double>(domain_.patchOriginX(first)), static_cast<double>(domain_.patchOriginY(first)),
+          static_cast<double>(domain_.patchOriginX(end)) + side, static_cast<double>(domain_.patchOriginY(end)) + side);
       r.z0 = low_mm_;
       r.z1 = high_mm_;
       if (culled(r)) return;
@@ -215,7 +228,8 @@ class TextureSelection {
     glm::dvec3 centre{0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), 0.5 * (r.z0 + r.z1)};
     glm::dvec3 half{0.5 * (r.x1 - r.x0), 0.5 * (r.y1 - r.y0), 0.5 * (r.z1 - r.z0)};
     for (const glm::dvec4& p : planes_) {
-      double reach = std::abs(p.x) * half.x + std::abs(p.y) * half.y + std::abs(p.z) * half.z, middle = value(p, centre);
+      double reach = std::abs(p.x) * half.x + std::abs(p.y) * half.y + std::abs(p.z) * half.z,
+             middle = value(p, centre);
       if (middle + reach < -1e-12 * (std::abs(middle) + reach)) return true;
     }
     return false;
@@ -224,7 +238,9 @@ class TextureSelection {
   // ---- flat
   Polygon visiblePart(const Region& r) const {
     Polygon p;
-    for (const glm::dvec2& c : {glm::dvec2(r.x0, r.y0), glm::dvec2(r.x1, r.y0), glm::dvec2(r.x1, r.y1), glm::dvec2(r.x0, r.y1)}) p.add(c);
+    for (const glm::dvec2& c :
+         {glm::dvec2(r.x0, r.y0), glm::dvec2(r.x1, r.y0), glm::dvec2(r.x1, r.y1), glm::dvec2(r.x0, r.y1)})
+      p.add(c);
     for (const glm::dvec4& plane : planes_) {
       std::array<double, Polygon::kMax> side{};
       bool all = true;
@@ -332,7 +348,8 @@ class TextureSelection {
     }
     return false;
   }
-  // A pixel's centre in the polygon (or up to kPixelSlack beside it), from the middle rows outwards: large pages have one there.
+  // A pixel's centre in the polygon (or up to kPixelSlack beside it), from the middle rows outwards: large pages have
+  // one there.
   bool findPixelCentre(const Polygon& screen, glm::dvec2* pixel) const {
     // Pixel centres from the view's centre: k + 0.5 - half the size.
     const double x_shift = 0.5 * view_.width_px - 0.5, y_shift = 0.5 * view_.height_px - 0.5;
@@ -348,7 +365,8 @@ class TextureSelection {
       if (row < first || row > last) continue;
       double left = 1e300, right = -1e300;  // of the polygon within kPixelSlack of the row
       for (int i = 0; i < screen.count; ++i) {
-        const glm::dvec2 &a = screen.at[static_cast<size_t>(i)], &b = screen.at[static_cast<size_t>((i + 1) % screen.count)];
+        const glm::dvec2 &a = screen.at[static_cast<size_t>(i)],
+                         &b = screen.at[static_cast<size_t>((i + 1) % screen.count)];
         double y0 = row - y_shift - kPixelSlack, y1 = row - y_shift + kPixelSlack;
         if (std::max(a.y, b.y) < y0 || std::min(a.y, b.y) > y1) continue;
         for (double y : {y0, y1}) {
@@ -395,8 +413,8 @@ class TextureSelection {
   double leastFootprint(const Region& r) const {
     const glm::dvec3& eye = view_.eye_mm;
     glm::dvec3 centre{0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), 0.5 * (r.z0 + r.z1)};
-    double w = value(depth_row_, centre) - std::abs(depth_row_.x) * 0.5 * (r.x1 - r.x0) - std::abs(depth_row_.y) * 0.5 * (r.y1 - r.y0) -
-               std::abs(depth_row_.z) * 0.5 * (r.z1 - r.z0);
+    double w = value(depth_row_, centre) - std::abs(depth_row_.x) * 0.5 * (r.x1 - r.x0) -
+               std::abs(depth_row_.y) * 0.5 * (r.y1 - r.y0) - std::abs(depth_row_.z) * 0.5 * (r.z1 - r.z0);
     w = orthographic_ ? depth_row_.w : std::max(w, near_w_);
     // Some horizontal direction lies in the surface, and moves that far on the screen at most.
     double least = 1 / (std::sqrt(2.0) * px_per_mm_);
@@ -458,10 +476,10 @@ class TextureSelection {
   const TextureView& view_;
   bool flat_ = false, valid_ = false, orthographic_ = false, edge_on_ = false;
   double half_w_mm_ = 0, half_h_mm_ = 0, low_mm_ = 0, high_mm_ = 0;
-  double slope_per_mm_ = 0;               // steepest slope for a range of heights of 1 mm
-  std::array<glm::dvec3, 2> q_{};         // see (1)
-  glm::dvec3 q_w_{0};                     // the line of sight in the middle
-  glm::dvec2 sideways_{0};                // orthographic: o
+  double slope_per_mm_ = 0;        // steepest slope for a range of heights of 1 mm
+  std::array<glm::dvec3, 2> q_{};  // see (1)
+  glm::dvec3 q_w_{0};              // the line of sight in the middle
+  glm::dvec2 sideways_{0};         // orthographic: o
   glm::dvec4 x_row_{0}, y_row_{0}, depth_row_{0};
   glm::dvec2 screen_x_{0}, screen_y_{0}, screen_w_{0};
   std::array<glm::dvec4, 6> planes_{};
@@ -471,7 +489,8 @@ class TextureSelection {
 
 }  // namespace
 
-std::vector<TextureWant> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle, const TextureView& view) {
+std::vector<TextureWant> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle,
+                                            const TextureView& view) {
   return TextureSelection(domain, oracle, view).run();
 }
 

@@ -1,5 +1,5 @@
-// tri_mesh.h - a triangle mesh as scans bring it, after diagnosis and repair (mesh_read.h): every index in range, every number finite,
-// every edge shared by at most two triangles, no degenerate triangle.
+// tri_mesh.h - a triangle mesh as scans bring it, after diagnosis and repair (mesh_read.h): every index in range, every
+// number finite, every edge shared by at most two triangles, no degenerate triangle.
 #pragma once
 
 #include <array>
@@ -12,14 +12,14 @@
 namespace relievo {
 
 struct TriMesh {
-  glm::dvec3 origin_mm{0};                            // of the positions: near the mesh, so that floats lose nothing at 10^7 mm
-  std::vector<glm::vec3> positions_mm;                // from the origin
-  std::vector<std::array<uint32_t, 3>> triangles;     // counter-clockwise seen from outside
-  std::vector<glm::u8vec3> colours;                   // sRGB, a vertex; or empty
-  std::vector<std::array<glm::vec2, 3>> corner_uv;    // a triangle; (0, 0) is the image's lower left corner; or empty
-  std::string texture_path;                           // the image that the file's material names; or empty
-  bool texture_repeats = false;                       // beyond 0..1; otherwise its border goes on
-  std::vector<glm::u8vec3> palette;                   // sRGB; instead of a file's, an image of one row: materials' colours; or empty
+  glm::dvec3 origin_mm{0};              // of the positions: near the mesh, so that floats lose nothing at 10^7 mm
+  std::vector<glm::vec3> positions_mm;  // from the origin
+  std::vector<std::array<uint32_t, 3>> triangles;   // counter-clockwise seen from outside
+  std::vector<glm::u8vec3> colours;                 // sRGB, a vertex; or empty
+  std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; (0, 0) is the image's lower left corner; or empty
+  std::string texture_path;                         // the image that the file's material names; or empty
+  bool texture_repeats = false;                     // beyond 0..1; otherwise its border goes on
+  std::vector<glm::u8vec3> palette;  // sRGB; instead of a file's, an image of one row: materials' colours; or empty
 };
 
 }  // namespace relievo

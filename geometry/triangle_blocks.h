@@ -1,5 +1,6 @@
-// triangle_blocks.h - which vertices each block of successive triangles names: who looks for a range of vertices passes over the other blocks. In most
-// scans vertices are listed as triangles are, and a block names few; where they are not, nothing is passed over.
+// triangle_blocks.h - which vertices each block of successive triangles names: who looks for a range of vertices passes
+// over the other blocks. In most scans vertices are listed as triangles are, and a block names few; where they are not,
+// nothing is passed over.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +15,8 @@ namespace relievo {
 
 class TriangleBlocks {
  public:
-  TriangleBlocks(std::span<const std::array<uint32_t, 3>> triangles, int workers) : count_(triangles.size()), ranges_((count_ + kBlock - 1) / kBlock) {
+  TriangleBlocks(std::span<const std::array<uint32_t, 3>> triangles, int workers)
+      : count_(triangles.size()), ranges_((count_ + kBlock - 1) / kBlock) {
     constexpr size_t kBlocksAJob = 16;
     parallelFor((ranges_.size() + kBlocksAJob - 1) / kBlocksAJob, workers, nullptr, [&](size_t job) {
       for (size_t b = job * kBlocksAJob; b < std::min(ranges_.size(), (job + 1) * kBlocksAJob); ++b) {
@@ -25,7 +27,8 @@ class TriangleBlocks {
       }
     });
   }
-  // visit(triangle) in their order, of all that name a vertex within first <= v < last and some others, until `stopped` says so (asked once a block).
+  // visit(triangle) in their order, of all that name a vertex within first <= v < last and some others, until `stopped`
+  // says so (asked once a block).
   template <class Stopped, class Visit>
   void forEach(size_t first, size_t last, Stopped stopped, Visit visit) const {
     for (size_t b = 0; b < ranges_.size() && !stopped(); ++b) {

@@ -3,9 +3,10 @@
 //
 // Only uint arithmetic, so that GLSL 3.30, GLSL ES 3.00 and C++ give the same bits.
 // The finaliser is lowbias32 (Chris Wellons, hash-prospector: bias 0.17 of the ideal 0). The seed enters before a
-// multiplication of its own and the two halves of the key one after the other, so that keys which collide under one seed do
-// not under the next: a rehash always helps. (With the halves merged by xor first, they would collide under every seed.)
-// Every pixel computes this for each level that it reads: four multiplications in all, where three finalisers had six.
+// multiplication of its own and the two halves of the key one after the other, so that keys which collide under one
+// seed do not under the next: a rehash always helps. (With the halves merged by xor first, they would collide under
+// every seed.) Every pixel computes this for each level that it reads: four multiplications in all, where three
+// finalisers had six.
 #ifdef __cplusplus
 #pragma once
 #include <cstdint>
@@ -26,8 +27,8 @@ RV_FUNC uint pageHash(uint key_lo, uint key_hi, uint seed) {
   return pageMix((h ^ (h >> 15u)) + key_hi);
 }
 RV_FUNC uint pageProbe0(uint h, uint mask) { return h & mask; }
-// From the upper bits of a product, which depend on all of h. Differs from the first probe in its lowest bit, always: the two cells
-// of a key are never the same one.
+// From the upper bits of a product, which depend on all of h. Differs from the first probe in its lowest bit, always:
+// the two cells of a key are never the same one.
 RV_FUNC uint pageProbe1(uint h, uint mask) { return (h ^ ((h * 0x9E3779B9u) >> 14u | 1u)) & mask; }
 
 #ifdef __cplusplus

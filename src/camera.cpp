@@ -14,7 +14,9 @@ glm::dvec3 cornerOf(const Extent& extent, int corner) {
 }
 
 // Heights of the plane that a flat artwork is framed by: 0, unless it lies elsewhere altogether.
-double planeHeight(const Extent& extent) { return std::clamp(0.0, std::min(extent.min_mm.z, extent.max_mm.z), std::max(extent.min_mm.z, extent.max_mm.z)); }
+double planeHeight(const Extent& extent) {
+  return std::clamp(0.0, std::min(extent.min_mm.z, extent.max_mm.z), std::max(extent.min_mm.z, extent.max_mm.z));
+}
 
 double tanHalf(const OrbitCamera& camera) { return std::tan(glm::radians(camera.fov_deg) / 2); }
 
@@ -24,10 +26,12 @@ glm::dvec3 atTarget(const OrbitCamera& camera, int width_px, int height_px, doub
   return {(2 * x_px / width_px - 1) * half_mm * aspect, (1 - 2 * y_px / height_px) * half_mm, 0};
 }
 
-// Near and far, towards the viewer and away from the target: all of the extent between them, or of a flat one what the picture shows of the
-// slab that its heights keep to.
-void setOrthographicDepth(const Extent& extent, const glm::dvec3& target_mm, const glm::dvec2& half_mm, ViewTransform& view) {
-  const glm::dvec3 &right = view.world_from_camera[0], &up = view.world_from_camera[1], &back = view.world_from_camera[2];
+// Near and far, towards the viewer and away from the target: all of the extent between them, or of a flat one what the
+// picture shows of the slab that its heights keep to.
+void setOrthographicDepth(const Extent& extent, const glm::dvec3& target_mm, const glm::dvec2& half_mm,
+                          ViewTransform& view) {
+  const glm::dvec3 &right = view.world_from_camera[0], &up = view.world_from_camera[1],
+                   &back = view.world_from_camera[2];
   double nearest = -1e300, farthest = 1e300;
   for (int corner = 0; corner < 8; ++corner) {
     const double towards = glm::dot(back, cornerOf(extent, corner) - target_mm);
@@ -59,9 +63,13 @@ glm::dvec3 eyePosition(const OrbitCamera& camera) {
   return camera.target_mm + worldFromCamera(camera)[2] * camera.distance_mm;
 }
 
-double mmPerPx(const OrbitCamera& camera, int height_px) { return 2 * camera.distance_mm * tanHalf(camera) / height_px; }
+double mmPerPx(const OrbitCamera& camera, int height_px) {
+  return 2 * camera.distance_mm * tanHalf(camera) / height_px;
+}
 
-double distanceForScale(const OrbitCamera& camera, double mm_per_px, int height_px) { return mm_per_px * height_px / (2 * tanHalf(camera)); }
+double distanceForScale(const OrbitCamera& camera, double mm_per_px, int height_px) {
+  return mm_per_px * height_px / (2 * tanHalf(camera));
+}
 
 Extent extentOf(const PlanarDomain& domain, double min_z_mm, double max_z_mm) {
   double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
@@ -109,8 +117,9 @@ ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int
       nearest = std::min(nearest, depth);
       farthest = std::max(farthest, depth);
     }
-    // Nothing in view is nearer than the artwork's box, nor (of a flat one) than where the steepest line of sight, one of the picture's
-    // corners, meets the plane of the greatest height. An eye within the box gets a thousandth of the distance to the target.
+    // Nothing in view is nearer than the artwork's box, nor (of a flat one) than where the steepest line of sight, one
+    // of the picture's corners, meets the plane of the greatest height. An eye within the box gets a thousandth of the
+    // distance to the target.
     double steepest = -1e300;
     for (double x : {-1.0, 1.0}) {
       for (double y : {-1.0, 1.0}) {
@@ -163,7 +172,8 @@ glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent) {
   const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));
   glm::dvec2 half_mm(0);
   for (int corner = 0; corner < 8; ++corner)
-    half_mm = glm::max(half_mm, glm::abs(glm::dvec2(camera_from_world * (cornerOf(extent, corner) - camera.target_mm))));
+    half_mm =
+        glm::max(half_mm, glm::abs(glm::dvec2(camera_from_world * (cornerOf(extent, corner) - camera.target_mm))));
   return 2.0 * half_mm;
 }
 
@@ -187,11 +197,14 @@ glm::dvec3 pointAtTarget(const OrbitCamera& camera, int width_px, int height_px,
   return camera.target_mm + worldFromCamera(camera) * atTarget(camera, width_px, height_px, x_px, y_px);
 }
 
-bool pointOnPlane(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px, glm::dvec3* point_mm) {
+bool pointOnPlane(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px,
+                  glm::dvec3* point_mm) {
   const glm::dmat3 world_from_camera = worldFromCamera(camera);
   const glm::dvec3 aside = atTarget(camera, width_px, height_px, x_px, y_px), eye = eyePosition(camera);
   const glm::dvec3 from = camera.orthographic ? camera.target_mm + world_from_camera * aside : eye;
-  const glm::dvec3 direction = world_from_camera * (camera.orthographic ? glm::dvec3(0, 0, -1) : aside / camera.distance_mm - glm::dvec3(0, 0, 1));
+  const glm::dvec3 direction =
+      world_from_camera *
+      (camera.orthographic ? glm::dvec3(0, 0, -1) : aside / camera.distance_mm - glm::dvec3(0, 0, 1));
   if (camera.orthographic ? direction.z == 0 : direction.z * eye.z >= 0) return false;
   const double t = -from.z / direction.z;
   *point_mm = from + direction * t;

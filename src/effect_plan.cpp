@@ -9,7 +9,8 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   EffectPlan plan;
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
   plan.mesh = manifest.base != nullptr;
-  if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit) plan.normals_exaggerate = scene.exaggerate;
+  if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit)
+    plan.normals_exaggerate = scene.exaggerate;
   plan.stored = manifest.texture.basis;
   const TextureFormat format = plan.format(manifest);
   const bool lit = format.basis != Basis::kColour && !scene.unlit;
@@ -87,7 +88,8 @@ std::vector<std::string> EffectPlan::planesRead() const {
 }
 
 bool EffectPlan::samePages(const EffectPlan& other) const {
-  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve && normals_exaggerate == other.normals_exaggerate;
+  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve &&
+         normals_exaggerate == other.normals_exaggerate;
 }
 
 std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {

@@ -1,5 +1,6 @@
-// effect_plan.h - a scene states its light, mode and effects; the plan derived from it names the planes that are streamed, the passes
-// that run and the shader variant that is linked. What no effect needs is not read, decoded, uploaded, bound or computed.
+// effect_plan.h - a scene states its light, mode and effects; the plan derived from it names the planes that are
+// streamed, the passes that run and the shader variant that is linked. What no effect needs is not read, decoded,
+// uploaded, bound or computed.
 #pragma once
 
 #include <array>
@@ -16,46 +17,49 @@ enum class Show { kNone, kPages, kLod };
 // kExact: bilinear weights in full float precision (four fetches a plane). kFast: the texture unit's own filter, whose
 // weights have 8 bits on most hardware; the error it costs is measured in the README.
 enum class Filter { kExact, kFast };
-// Texels of a level and levels. kNearest: the nearest texel of the nearest level. kBilinear: four texels of it. kTrilinear: four
-// texels of two levels, blended. kAnisotropic: up to Scene::anisotropy such taps along the major axis of the pixel's footprint,
-// from levels that follow the minor one (shaders/texture_lookup.glsl).
+// Texels of a level and levels. kNearest: the nearest texel of the nearest level. kBilinear: four texels of it.
+// kTrilinear: four texels of two levels, blended. kAnisotropic: up to Scene::anisotropy such taps along the major axis
+// of the pixel's footprint, from levels that follow the minor one (shaders/texture_lookup.glsl).
 enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
 inline constexpr int kMaxAnisotropy = 8;
 
 struct Scene {
-  // Towards the light; x right, y up, z to the viewer; normalised on use. Of flat artworks seen from the front. Over a base mesh it
-  // turns with the camera while it is relit, and stays with the artwork where it is fixed.
+  // Towards the light; x right, y up, z to the viewer; normalised on use. Of flat artworks seen from the front. Over a
+  // base mesh it turns with the camera while it is relit, and stays with the artwork where it is fixed.
   std::array<double, 3> light{0, 0, 1};
-  bool relief = true;                    // displaced geometry, where the package has relief
-  // Colour as it is, without a light. Of images with relief and of scans; a PTM has no colour without a light (sceneProblem).
+  bool relief = true;  // displaced geometry, where the package has relief
+  // Colour as it is, without a light. Of images with relief and of scans; a PTM has no colour without a light
+  // (sceneProblem).
   bool unlit = false;
-  bool relight = true;                   // false: the light is fixed and resolved once per page
+  bool relight = true;  // false: the light is fixed and resolved once per page
   Sampling sampling = Sampling::kTrilinear;
-  int anisotropy = kMaxAnisotropy;       // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
+  int anisotropy = kMaxAnisotropy;  // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
   Filter filter = Filter::kExact;
-  double page_fade_s = 0;                // a new page blends in over this time; 0: at once
-  double exaggerate = 1;                 // heights times this
-  double error_px = 1;                   // geometric error allowed on screen
-  bool geomorph = false;                 // vertices slide to their places as levels change (geometry/morph.h)
-  // Of error_px: cells of triangles are no narrower on screen (half and a quarter of it at walls), which bounds a frame's cost by the screen's size
-  // and leaves an error at steps and cracks (EngineStats::predicted_error_px). 0: the error stays within about twice error_px.
+  double page_fade_s = 0;  // a new page blends in over this time; 0: at once
+  double exaggerate = 1;   // heights times this
+  double error_px = 1;     // geometric error allowed on screen
+  bool geomorph = false;   // vertices slide to their places as levels change (geometry/morph.h)
+  // Of error_px: cells of triangles are no narrower on screen (half and a quarter of it at walls), which bounds a
+  // frame's cost by the screen's size and leaves an error at steps and cracks (EngineStats::predicted_error_px). 0: the
+  // error stays within about twice error_px.
   double least_cell = 2;
-  double hysteresis = 0;                 // of error_px: what a level stays beyond its need (LodView); pictures that settle know none
+  double hysteresis = 0;  // of error_px: what a level stays beyond its need (LodView); pictures that settle know none
   bool wireframe = false;
   Show show = Show::kNone;
 };
 
 struct EffectPlan {
-  Basis stored = Basis::kColour;     // of the artwork's planes
-  Basis shade = Basis::kColour;      // what the fragment shader evaluates
-  std::vector<Plane> texture_planes; // streamed (or resolved), in the page table's order
-  bool mesh = false;                 // over a base mesh
+  Basis stored = Basis::kColour;      // of the artwork's planes
+  Basis shade = Basis::kColour;       // what the fragment shader evaluates
+  std::vector<Plane> texture_planes;  // streamed (or resolved), in the page table's order
+  bool mesh = false;                  // over a base mesh
   bool relief = false;
   bool geomorph = false;
   bool relight = false;
-  // Not 0: colour is lit by the normals of its relief, heights times this (texturing/relief_normals.h). Those are another plane that is uploaded.
+  // Not 0: colour is lit by the normals of its relief, heights times this (texturing/relief_normals.h). Those are
+  // another plane that is uploaded.
   double normals_exaggerate = 0;
-  bool resolve = false;              // coefficient pages are resolved to colour under a fixed light, on the workers
+  bool resolve = false;  // coefficient pages are resolved to colour under a fixed light, on the workers
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
   bool fade = false, wireframe = false;

@@ -14,8 +14,8 @@
 
 #include "geometry/lod_worker.h"
 #include "geometry/mesh_lod.h"
-#include "src/lod_views.h"
 #include "src/gl/program.h"
+#include "src/lod_views.h"
 #include "src/prefetch.h"
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
@@ -35,9 +35,10 @@
 namespace relievo {
 namespace {
 
-constexpr int kMaxReads = 64;          // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
-constexpr int kCornersUnit = 6;        // and two more: texture units of the base mesh
-constexpr uint32_t kReadyLimit = 256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
+constexpr int kMaxReads = 64;    // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
+constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
+constexpr uint32_t kReadyLimit =
+    256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
 double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -48,7 +49,9 @@ std::vector<NodeWant> unionOfWants(std::vector<NodeWant> wants) {
   std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
     return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
   });
-  wants.erase(std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; }), wants.end());
+  wants.erase(
+      std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; }),
+      wants.end());
   std::stable_sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
     return a.node.level != b.node.level ? a.node.level < b.node.level : a.centre_distance < b.centre_distance;
   });
@@ -63,7 +66,8 @@ class PackageOracle final : public ReliefOracle {
     whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
     whole_.error_mm = whole_.max_mm - whole_.min_mm;
     if (const auto& base = package_->manifest().base) {  // a distance in space: the base's own shape counts
-      const Extent extent = extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
+      const Extent extent =
+          extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
       whole_.error_mm = static_cast<float>(glm::length(extent.max_mm - extent.min_mm)) * 1.0001f;
     }
   }
@@ -72,13 +76,18 @@ class PackageOracle final : public ReliefOracle {
     if (!record || record->size == 0) return whole_;
     return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
   }
-  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override { return package_->reliefErrors(page, error_mm); }
-  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override { return package_->reliefShapes(page, shapes); }
+  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
+    return package_->reliefErrors(page, error_mm);
+  }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
+    return package_->reliefShapes(page, shapes);
+  }
   bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
     const auto& known = package_->manifest().coarse_shapes;
     if (patch >= known.size()) return false;
     const int grid = cells_log2 - kFirstBlockedGrid;
-    const size_t first = grid < 0 ? static_cast<size_t>(cells_log2) : kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)];
+    const size_t first =
+        grid < 0 ? static_cast<size_t>(cells_log2) : kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)];
     std::copy_n(known[patch].begin() + static_cast<std::ptrdiff_t>(first), shapes.size(), shapes.begin());
     return true;
   }
@@ -110,7 +119,10 @@ Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::at
   artwork.manifest = package->manifest();
   artwork.source = package;
   artwork.oracle = std::make_shared<PackageOracle>(package);
-  if (package->hasTails()) artwork.tails = [package, stop](int workers, std::vector<std::string>* problems) { return package->tails(workers, problems, stop); };
+  if (package->hasTails())
+    artwork.tails = [package, stop](int workers, std::vector<std::string>* problems) {
+      return package->tails(workers, problems, stop);
+    };
   return artwork;
 }
 
@@ -135,9 +147,9 @@ struct Engine::Impl {
 
   std::unique_ptr<PageStreamer> streamer;
   StreamSwitch stream_switch;
-  EffectPlan starting_plan;              // of the streamer that stream_switch makes ready
+  EffectPlan starting_plan;  // of the streamer that stream_switch makes ready
   std::array<double, 3> starting_light{};
-  std::optional<Scene> wished;           // a scene of other planes: shown once their roots have come
+  std::optional<Scene> wished;             // a scene of other planes: shown once their roots have come
   std::vector<std::string> notices;        // for the user, but for pages that failed:
   std::vector<std::string> page_messages;  // these, of streamers that ended
   std::vector<std::string> tail_messages;  // and what the tails could not be made of
@@ -152,7 +164,8 @@ struct Engine::Impl {
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
   std::optional<DepthProbe> depth_probe;  // from the first question on
-  gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program, capture_program, capture_roots_program;
+  gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program,
+      capture_program, capture_roots_program;
   SurfaceTarget surface{{}};
   PictureTarget target{{}};
   Sabotage broken;
@@ -190,10 +203,11 @@ struct Engine::Impl {
   uint64_t list_number = 0;           // differs whenever `instances` does
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
-  uint64_t adopted_frame = 0;         // of the LOD request whose answer is drawn
-  uint64_t lod_requests = 0;          // so far
+  uint64_t adopted_frame = 0;  // of the LOD request whose answer is drawn
+  uint64_t lod_requests = 0;   // so far
   LatencyHistogram lod_lag;
-  // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never looked at.
+  // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never
+  // looked at.
   struct DrawnView {
     uint64_t frame = 0;
     ViewTransform view;
@@ -201,21 +215,21 @@ struct Engine::Impl {
     uint64_t request = 0;  // counted from 1
   };
   DrawnView drawn;
-  std::deque<DrawnView> posted;       // requests whose answers are still to come
+  std::deque<DrawnView> posted;  // requests whose answers are still to come
   CameraPredictor predictor;
-  std::unique_ptr<Prefetcher> prefetcher;  // from the first move of the camera on
-  bool predicting = false;                 // the streamer has a list of predicted pages, or one is on the way
+  std::unique_ptr<Prefetcher> prefetcher;          // from the first move of the camera on
+  bool predicting = false;                         // the streamer has a list of predicted pages, or one is on the way
   std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
   double wants_bias = 0;                   // of feedback_wants
   int tap_phase = 0;
-  bool fades_over = false;            // while settle() draws
-  bool settling = false;              // within settle(): nothing is known of the views before
-  bool all_pages_come = true;         // none that the settled list wants has failed
+  bool fades_over = false;     // while settle() draws
+  bool settling = false;       // within settle(): nothing is known of the views before
+  bool all_pages_come = true;  // none that the settled list wants has failed
   UploadChoice upload;
-  uint32_t pinned_nodes = 0;          // in each plane
-  CacheSlots slots, starting_slots;   // of the streamer, and of the one that stream_switch makes ready
+  uint32_t pinned_nodes = 0;         // in each plane
+  CacheSlots slots, starting_slots;  // of the streamer, and of the one that stream_switch makes ready
   EngineStats stats;
 
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
@@ -234,7 +248,8 @@ struct Engine::Impl {
     }
     if (overMesh()) {
       const double exaggerate = plan.relief ? scene.exaggerate : 0;
-      if (!mesh_extent || mesh_extent->first != exaggerate) mesh_extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
+      if (!mesh_extent || mesh_extent->first != exaggerate)
+        mesh_extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
       return viewTransform(of, mesh_extent->second, width, height);
     }
     return viewTransform(of, domain(), low, high, width, height);
@@ -247,8 +262,8 @@ struct Engine::Impl {
     for (auto& define : PagePool::defines(slots.upload)) all.push_back(std::move(define));
     return all;
   }
-  // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or fewer, so that the roots
-  // that a screen full of patches asks for fit the cache with room to spare.
+  // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or
+  // fewer, so that the roots that a screen full of patches asks for fit the cache with room to spare.
   double tailReach() const {
     const double planes = static_cast<double>(plan.texture_planes.size());
     const double pages_of_screen = static_cast<double>(width) * height / (kPagePx * kPagePx) * planes;
@@ -258,7 +273,8 @@ struct Engine::Impl {
     if (!tails) return;
     const TextureFormat& format = artwork.manifest.texture;
     if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
-    else if (!of.lit() && format.planes() > 1) tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
+    else if (!of.lit() && format.planes() > 1)
+      tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
     else tail_textures->setTexels(*tails, *artwork.manifest.base);
   }
 
@@ -280,7 +296,8 @@ struct Engine::Impl {
     return needs;
   }
   std::string whyNotBlocks() const {
-    if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0) return "the normals beside them are made of the relief (--unlit needs none)";
+    if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0)
+      return "the normals beside them are made of the relief (--unlit needs none)";
     return upload.why_not_blocks;
   }
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
@@ -304,7 +321,8 @@ struct Engine::Impl {
     auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
       bool screen_wide = std::string_view(vertex) == "screen.vert";
       auto linked = gl::Program::link(
-          context.api, {vertex, fragment, defines, screen_wide ? std::vector<std::string>{"a_corner"} : patchAttributes(), {}});
+          context.api,
+          {vertex, fragment, defines, screen_wide ? std::vector<std::string>{"a_corner"} : patchAttributes(), {}});
       if (!linked) return linked.error();
       program = std::move(*linked);
       return {};
@@ -338,7 +356,8 @@ struct Engine::Impl {
       tails = artwork.tails(options.workers, &tail_messages);
     } else {
       tails.emplace(m.domain.patchCount(), m.texture.channels());
-      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails, &tail_messages, options.interrupted);
+      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails,
+                     &tail_messages, options.interrupted);
     }
     failures.add(tails->failures);
     tail_textures = std::make_unique<TailTextures>(*tails);
@@ -350,7 +369,9 @@ struct Engine::Impl {
     starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
     so.slot_count = starting_slots.texture;
     so.relief_slot_count = starting_slots.relief;
-    so.relief_parts = !overMesh() || !options.small_relief ? ReliefParts::kOnlyHalves : options.compact_relief ? ReliefParts::kCompact : ReliefParts::kSmall;
+    so.relief_parts = !overMesh() || !options.small_relief ? ReliefParts::kOnlyHalves
+                      : options.compact_relief             ? ReliefParts::kCompact
+                                                           : ReliefParts::kSmall;
     so.upload = starting_slots.upload;
     so.replacement = options.replacement;
     so.workers = options.workers;
@@ -421,7 +442,8 @@ struct Engine::Impl {
   LodView lodView(const ViewTransform& view) const {
     LodView v = lodViewFrom(view);
     v.error_px = scene.error_px * std::exp2(lod_bias);  // under pressure geometry gives way as texture does
-    v.min_cell_px = scene.least_cell * v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
+    v.min_cell_px = scene.least_cell *
+                    v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     v.hide_backs = options.hide_backs;
@@ -448,11 +470,13 @@ struct Engine::Impl {
       auto nodes = streamer->residentRelief();
       resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
     }
-    lod->post({frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
+    lod->post(
+        {frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
     posted.push_back({frame, view, scene.exaggerate, ++lod_requests});
   }
 
-  // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while it is.
+  // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while
+  // it is.
   void adopt(LodAnswer answer) {
     stats.lod_ms = answer.evaluate_ms;
     while (!posted.empty() && posted.front().frame < answer.frame) posted.pop_front();
@@ -525,8 +549,10 @@ struct Engine::Impl {
       corners->bind(*root_cells, kCornersUnit);
     }
     surface_program.use();
-    const PatchPass::Mesh mesh = backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
-    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye) : patches->draw(surface_program, eye, mesh, 0, root_cells);
+    const PatchPass::Mesh mesh =
+        backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye)
+                                            : patches->draw(surface_program, eye, mesh, 0, root_cells);
   }
 
   void bindSurface(const gl::Program& program) const {
@@ -537,7 +563,8 @@ struct Engine::Impl {
   void shadeSurface(double now_s) {
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
-    const gl::Program& program = tails && (texture_wants.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
+    const gl::Program& program =
+        tails && (texture_wants.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
     program.use();
     pool->bind(program, streamer->table());
     bindSurface(program);
@@ -609,14 +636,16 @@ struct Engine::Impl {
       double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
       if (bias != wants_bias) want_memory.clear();  // else the streamer would judge a bias by what another one wanted
       wants_bias = bias;
-      auto wants = want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
+      auto wants =
+          want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
       feedback_wants.assign(wants.begin(), wants.end());
       any = true;
     }
     if (any) uniteWants();
   }
 
-  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells what of it counts.
+  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
+  // what of it counts.
   void expectPages() {
     if (overMesh() || usesGeometry() || lod_bias > 0) return;
     TextureView view = textureView(drawn.view);
@@ -637,7 +666,7 @@ struct Engine::Impl {
     std::vector<NodeWant> wants;
     followView();
     constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
-    feedback->wait();  // all targets are free
+    feedback->wait();          // all targets are free
     for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
       for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
         if (!issueFeedback(kBlock)) continue;
@@ -680,7 +709,8 @@ struct Engine::Impl {
     }
     if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain(), artwork.oracle);
     if (auto answer = prefetcher->tryTake(); answer && predicting) {
-      streamer->wantPrefetch(answer->texture, plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
+      streamer->wantPrefetch(answer->texture,
+                             plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
       stats.predict_ms = answer->determine_ms;
     }
     auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
@@ -731,7 +761,8 @@ struct Engine::Impl {
     lod_bias = streamer->detailBias();
     stats.draw_calls = 0;
     updateSurface();  // a still camera: light, new pages and fades change the shading only
-    // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture for its target which is read.
+    // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
+    // for its target which is read.
     if (usesFeedback()) feedbackStep();
     shadeSurface(now_s);
     submitFrame();
@@ -750,11 +781,13 @@ struct Engine::Impl {
     return true;
   }
 
-  // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when it was made.
+  // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when
+  // it was made.
   bool settleGeometry() {
     ++frame;
     stream(steadySeconds(), slots.total());
-    if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias())) return true;  // nothing new to know
+    if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias()))
+      return true;  // nothing new to know
     settled_geometry = {};
     lod_bias = streamer->detailBias();
     postLod(currentView());
@@ -766,7 +799,8 @@ struct Engine::Impl {
       if (all_pages_come && allArrived(relief_wants, kReliefPlane)) all_pages_come = false;
       return false;
     }
-    bool final_list = !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
+    bool final_list =
+        !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
     if (final_list) settled_geometry = {generation, lod_bias};
     return final_list;
   }
@@ -787,7 +821,9 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->plan = planEffects(scene, impl->artwork.manifest);
   const Manifest& manifest = impl->artwork.manifest;
   const bool with_tails = manifest.base && manifest.domain.patchCount() > options.most_pinned_patches;
-  if (with_tails) impl->stats.tail_bytes = tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
+  if (with_tails)
+    impl->stats.tail_bytes =
+        tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
   const uint32_t roots = with_tails ? 1 : impl->domain().patchCount();
   auto upload = chooseUpload(options.upload, manifest, impl->context.software,
                              [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
@@ -796,25 +832,36 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   if (const std::string why = impl->whyNotBlocks(); options.upload == Upload::kBlocks && !why.empty())
     impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
   impl->pinned_nodes = roots;
-  // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed later.
+  // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed
+  // later.
   EffectPlan fixed = impl->plan;
   if (!fixed.resolve && fixed.lit()) {
     Scene fixed_scene = scene;
     fixed_scene.relight = false;
     fixed = planEffects(fixed_scene, manifest);
   }
-  const uint64_t least = impl->stats.tail_bytes + std::max(leastCacheBytes(impl->cacheNeeds(impl->plan)), leastCacheBytes(impl->cacheNeeds(fixed)));
+  const uint64_t least = impl->stats.tail_bytes + std::max(leastCacheBytes(impl->cacheNeeds(impl->plan)),
+                                                           leastCacheBytes(impl->cacheNeeds(fixed)));
   if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
-    return Error{ErrorKind::kUsage, "", "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
-                 "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)", {}};
+    return Error{ErrorKind::kUsage,
+                 "",
+                 "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
+                 "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)",
+                 {}};
   }
   if (with_tails) {
-    if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes()); manifest.domain.patchCount() > most) {
-      return Error{ErrorKind::kUnsupported, "", "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
-                       std::to_string(manifest.domain.patchCount()), "build it with fewer patches (--patches)", {}};
+    if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
+        manifest.domain.patchCount() > most) {
+      return Error{ErrorKind::kUnsupported,
+                   "",
+                   "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
+                       std::to_string(manifest.domain.patchCount()),
+                   "build it with fewer patches (--patches)",
+                   {}};
     }
     impl->makeTails();
-    if (options.interrupted && options.interrupted->load()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+    if (options.interrupted && options.interrupted->load())
+      return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   }
   impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
   impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
@@ -828,9 +875,11 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
   if (const Manifest& m = impl->artwork.manifest; m.base) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
-    auto lod = std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm, impl->artwork.oracle,
-                                          m.coarse_errors, impl->tails.has_value());
-    impl->lod = std::make_unique<LodWorker>([lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
+    auto lod =
+        std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm,
+                                  impl->artwork.oracle, m.coarse_errors, impl->tails.has_value());
+    impl->lod = std::make_unique<LodWorker>(
+        [lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
   } else {
     impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
   }
@@ -857,7 +906,8 @@ ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
   Impl& e = *impl_;
-  if (const std::string problem = sceneProblem(scene, e.artwork.manifest); !problem.empty()) return Error{ErrorKind::kUsage, "", problem, "", {}};
+  if (const std::string problem = sceneProblem(scene, e.artwork.manifest); !problem.empty())
+    return Error{ErrorKind::kUsage, "", problem, "", {}};
   EffectPlan before = e.plan;
   auto light_before = normalizedLight(e.scene.light);
   Scene now = scene;
@@ -891,8 +941,9 @@ Result<void> Engine::sabotage(const Sabotage& what) {
 void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
 
 Result<void> Engine::settle(double timeout_s) {
-  // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and patch list
-  // first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it over, with less detail.
+  // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and
+  // patch list first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it
+  // over, with less detail.
   Impl& e = *impl_;
   e.stopPrefetch();
   double start = steadySeconds();
@@ -919,7 +970,8 @@ Result<void> Engine::settle(double timeout_s) {
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
       bool geometry = e.settleGeometry();
-      if (geometry && e.streamer->settled() && e.lod_bias == bias && e.allArrived(e.texture_wants, e.plan.texture_planes)) {
+      if (geometry && e.streamer->settled() && e.lod_bias == bias &&
+          e.allArrived(e.texture_wants, e.plan.texture_planes)) {
         done = true;
         break;
       }
@@ -930,9 +982,13 @@ Result<void> Engine::settle(double timeout_s) {
   if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
   if (!done) {
     const StreamerStats& s = e.streamer->stats();
-    return Error{ErrorKind::kRuntime, "", "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) + " s: " +
-                     std::to_string(s.queued + s.decoding) + " pages under way, " + std::to_string(s.deferred) + " without a place in the cache",
-                 "raise --cache-mib or --timeout", {}};
+    return Error{ErrorKind::kRuntime,
+                 "",
+                 "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) +
+                     " s: " + std::to_string(s.queued + s.decoding) + " pages under way, " +
+                     std::to_string(s.deferred) + " without a place in the cache",
+                 "raise --cache-mib or --timeout",
+                 {}};
   }
   ++e.stats.frames;
   e.updateSurface();
@@ -945,7 +1001,9 @@ Result<void> Engine::settle(double timeout_s) {
 
 std::vector<uint8_t> Engine::readPixels() { return impl_->target.readPixels(); }
 
-void Engine::present(int window_width_px, int window_height_px) { impl_->target.present(window_width_px, window_height_px); }
+void Engine::present(int window_width_px, int window_height_px) {
+  impl_->target.present(window_width_px, window_height_px);
+}
 
 std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
   Impl& e = *impl_;
@@ -965,7 +1023,8 @@ std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
   const glm::dvec4 clip((x + 0.5) / shown.width * 2 - 1, (y + 0.5) / shown.height * 2 - 1, *z, 1);
   const glm::dvec4 world = glm::inverse(shown.clip_from_world) * clip;
   const glm::dvec3 place = glm::dvec3(world) / world.w;
-  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place) : std::nullopt;
+  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place)
+                                                                                    : std::nullopt;
 }
 
 EngineStats Engine::stats() const {
@@ -977,10 +1036,12 @@ EngineStats Engine::stats() const {
   s.triangles = e.patches->triangles();
   s.wanted_nodes = static_cast<uint32_t>(e.texture_wants.size());
   for (const NodeWant& w : e.texture_wants) {
-    for (Plane p : e.plan.texture_planes) s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
+    for (Plane p : e.plan.texture_planes)
+      s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
   }
   if (e.plan.relief) {
-    for (const NodeWant& w : e.relief_wants) s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
+    for (const NodeWant& w : e.relief_wants)
+      s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
   }
   s.orthographic = e.camera.orthographic;
   s.mm_per_px = mmPerPx(e.camera, e.height);
@@ -996,7 +1057,8 @@ EngineStats Engine::stats() const {
   s.passes = e.plan.passes();
   if (!e.usesFeedback()) std::erase(s.passes, "feedback");
   if (e.plan.resolve) {
-    for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k) s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
+    for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k)
+      s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
     if (e.plan.relief) s.planes_read.push_back("relief");
   } else {
     s.planes_read = e.plan.planesRead();
@@ -1006,7 +1068,8 @@ EngineStats Engine::stats() const {
 
 std::vector<std::string> Engine::takeMessages() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
-  for (auto texts : {std::exchange(impl_->tail_messages, {}), std::exchange(impl_->page_messages, {}), impl_->streamer->takeMessages()})
+  for (auto texts : {std::exchange(impl_->tail_messages, {}), std::exchange(impl_->page_messages, {}),
+                     impl_->streamer->takeMessages()})
     for (std::string& text : texts) all.push_back(std::move(text));
   return all;
 }
@@ -1021,7 +1084,8 @@ std::vector<std::string> Engine::takeNotices() {
   std::vector<std::string> all = std::exchange(impl_->notices, {});
   // Tails are made of root pages where they are damaged: the same picture, unless those failed.
   if (const auto tails = std::exchange(impl_->tail_messages, {}); !tails.empty() && impl_->failures.pages == 0) {
-    all.push_back(tails.front() + (tails.size() > 1 ? ", and " + std::to_string(tails.size() - 1) + " more like it" : ""));
+    all.push_back(tails.front() +
+                  (tails.size() > 1 ? ", and " + std::to_string(tails.size() - 1) + " more like it" : ""));
   }
   impl_->page_messages.clear();
   (void)impl_->streamer->takeMessages();
@@ -1037,7 +1101,8 @@ std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
     for (gl::Program* program : {&e.capture_program, &e.capture_roots_program}) {
       if (program == &e.capture_roots_program && !e.tails) continue;
       if (program == &e.capture_roots_program) defines.emplace_back("ROOT_CELLS", "1");
-      auto linked = gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
+      auto linked =
+          gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
       if (!linked) return {};
       *program = std::move(*linked);
     }
@@ -1061,10 +1126,11 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   for (int p = 0; p < 16; ++p) {
     if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
     auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
-    plane = {{"pages_read", s.streamer.pages_read[p]},       {"bytes_read", s.streamer.bytes_read[p]},
-             {"pages_decoded", s.streamer.pages_decoded[p]}, {"bytes_decoded", s.streamer.bytes_decoded[p]},
+    plane = {{"pages_read", s.streamer.pages_read[p]},         {"bytes_read", s.streamer.bytes_read[p]},
+             {"pages_decoded", s.streamer.pages_decoded[p]},   {"bytes_decoded", s.streamer.bytes_decoded[p]},
              {"pages_uploaded", s.streamer.pages_uploaded[p]}, {"bytes_uploaded", s.streamer.bytes_uploaded[p]}};
-    for (size_t state = 1; state < kPageStates; ++state) plane["states"][std::string(kPageStateNames[state])] = s.streamer.pages[state][p];
+    for (size_t state = 1; state < kPageStates; ++state)
+      plane["states"][std::string(kPageStateNames[state])] = s.streamer.pages[state][p];
   }
   auto latencyJson = [](const LatencySummary& l) {
     return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
@@ -1087,7 +1153,8 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
       {"upload", uploadFormatName(s.upload)},
       {"depth", depthName(s.reversed_depth)},
       {"projection", s.orthographic ? "orthographic" : "perspective"},
-      {std::string(s.size_known ? "mm_per_px" : "artwork_px_per_px") + (s.orthographic ? "" : "_at_target"), s.mm_per_px},
+      {std::string(s.size_known ? "mm_per_px" : "artwork_px_per_px") + (s.orthographic ? "" : "_at_target"),
+       s.mm_per_px},
       {"resident_mib", mib(s.streamer.resident_bytes)},
       {"relief_mib", mib(s.streamer.relief_bytes)},
       {"cache_mib", mib(s.cache_bytes)},

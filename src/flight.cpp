@@ -11,7 +11,8 @@ namespace {
 using Values = std::array<double, 7>;
 
 Values valuesOf(const OrbitCamera& c) {
-  return {c.azimuth_deg, c.elevation_deg, std::log(c.distance_mm), c.fov_deg, c.target_mm.x, c.target_mm.y, c.target_mm.z};
+  return {c.azimuth_deg, c.elevation_deg, std::log(c.distance_mm), c.fov_deg, c.target_mm.x,
+          c.target_mm.y, c.target_mm.z};
 }
 OrbitCamera cameraOf(const Values& v) {
   OrbitCamera c;
@@ -39,8 +40,8 @@ class Path {
   void stay(double seconds) { add(seconds, camera()); }
   void goTo(double seconds, const OrbitCamera& end) { add(seconds, end); }
 
-  // The point stays where it is on screen on the way to the centre, as by a wheel over it: log distance changes evenly (eased),
-  // the target's way is proportional to the distance.
+  // The point stays where it is on screen on the way to the centre, as by a wheel over it: log distance changes evenly
+  // (eased), the target's way is proportional to the distance.
   void zoomTo(double seconds, const glm::dvec3& point_mm, double distance_mm) {
     OrbitCamera from = camera();
     constexpr int kSteps = 24;
@@ -64,9 +65,9 @@ class Path {
 };
 
 struct Stage {
-  OrbitCamera whole;             // all in view
-  double close_mm = 0;           // distance of the close-ups
-  double half_w = 0, half_h = 0; // of the artwork, mm
+  OrbitCamera whole;                  // all in view
+  double close_mm = 0;                // distance of the close-ups
+  double half_w = 0, half_h = 0;      // of the artwork, mm
   double screen_w = 0, screen_h = 0;  // of the plane seen from close by, mm
 };
 Stage stageFor(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
@@ -91,7 +92,8 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
   if (keys.empty()) return {};
   if (!(time_s > keys.front().time_s)) return keys.front().camera;
   if (time_s >= keys.back().time_s) return keys.back().camera;
-  auto next = std::upper_bound(keys.begin(), keys.end(), time_s, [](double t, const FlightKey& k) { return t < k.time_s; });
+  auto next =
+      std::upper_bound(keys.begin(), keys.end(), time_s, [](double t, const FlightKey& k) { return t < k.time_s; });
   auto i = static_cast<size_t>(next - keys.begin()) - 1;
   auto span = [&](size_t k) { return keys[k + 1].time_s - keys[k].time_s; };
   auto secant = [&](size_t k, int v) {
@@ -109,11 +111,13 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
       continue;
     }
     double u = 1 - t;
-    at[v] = a[v] * (u * u * (1 + 2 * t)) + b[v] * (t * t * (3 - 2 * t)) + h * (slope(i, v) * (t * u * u) - slope(i + 1, v) * (t * t * u));
+    at[v] = a[v] * (u * u * (1 + 2 * t)) + b[v] * (t * t * (3 - 2 * t)) +
+            h * (slope(i, v) * (t * u * u) - slope(i + 1, v) * (t * t * u));
   }
   OrbitCamera camera = cameraOf(at);
   camera.orthographic = keys[i].camera.orthographic;
-  if (keys[i].camera.distance_mm == keys[i + 1].camera.distance_mm) camera.distance_mm = keys[i].camera.distance_mm;  // not exp(log())
+  if (keys[i].camera.distance_mm == keys[i + 1].camera.distance_mm)
+    camera.distance_mm = keys[i].camera.distance_mm;  // not exp(log())
   return camera;
 }
 
@@ -181,10 +185,17 @@ Flight wanderFlight(const PlanarDomain& domain, int width_px, int height_px, con
   Path path(c, scale.speed);
   path.stay(kStill_s);
   struct Leg {
-    double seconds, x, y, azimuth, elevation, distance;  // the target in halves of the artwork, the distance in close-ups
+    double seconds, x, y, azimuth, elevation,
+        distance;  // the target in halves of the artwork, the distance in close-ups
   };
-  for (const Leg& leg : {Leg{2.2, 0.1, 0.2, -35, 30, 1.3}, {0.7, 0.1, 0.2, -35, 30, 1.3}, {2.6, -0.5, 0.45, 10, 40, 1.1}, {1.8, -0.35, -0.3, 40, -10, 1.9},
-                         {0.4, -0.35, -0.3, 40, -10, 1.9}, {2.0, 0.4, -0.5, 25, -35, 1.2}, {1.6, 0.55, 0.1, 0, 0, 3.0}, {2.4, 0.1, 0.2, -35, 30, 1.3}}) {
+  for (const Leg& leg : {Leg{2.2, 0.1, 0.2, -35, 30, 1.3},
+                         {0.7, 0.1, 0.2, -35, 30, 1.3},
+                         {2.6, -0.5, 0.45, 10, 40, 1.1},
+                         {1.8, -0.35, -0.3, 40, -10, 1.9},
+                         {0.4, -0.35, -0.3, 40, -10, 1.9},
+                         {2.0, 0.4, -0.5, 25, -35, 1.2},
+                         {1.6, 0.55, 0.1, 0, 0, 3.0},
+                         {2.4, 0.1, 0.2, -35, 30, 1.3}}) {
     c.target_mm = {leg.x * s.half_w, leg.y * s.half_h, 0};
     c.azimuth_deg = leg.azimuth;
     c.elevation_deg = leg.elevation;

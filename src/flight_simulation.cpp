@@ -67,7 +67,8 @@ class NoBytes final : public PageSource {
 
 class Link {
  public:
-  Link(const LinkOptions& options, const std::function<uint32_t(PageId)>& page_bytes) : options_(options), page_bytes_(page_bytes) {}
+  Link(const LinkOptions& options, const std::function<uint32_t(PageId)>& page_bytes)
+      : options_(options), page_bytes_(page_bytes) {}
 
   void deliver(PageStreamer& streamer, double now_s) {
     while (!flying_.empty() && flying_.front().arrives_s <= now_s) {
@@ -113,17 +114,23 @@ std::optional<NodeId> nodeAt(const FlightScene& scene, const OrbitCamera& camera
   const bool parallel = camera.orthographic;
   double px = mmPerPx(camera, scene.height_px) / (parallel ? 1 : camera.distance_mm);  // at unit depth
   glm::dvec3 aside = right * ((x_px - 0.5 * scene.width_px) * px) + up * ((0.5 * scene.height_px - y_px) * px);
-  glm::dvec3 eye = camera.target_mm + back * camera.distance_mm + (parallel ? aside : glm::dvec3(0)), sight = (parallel ? glm::dvec3(0) : aside) - back;
+  glm::dvec3 eye = camera.target_mm + back * camera.distance_mm + (parallel ? aside : glm::dvec3(0)),
+             sight = (parallel ? glm::dvec3(0) : aside) - back;
   if (parallel ? sight.z == 0 : sight.z * eye.z >= 0) return std::nullopt;
   double t = -eye.z / sight.z;
   glm::dvec3 at = eye + sight * t;
-  auto rate = [&](const glm::dvec3& d) { return glm::dvec2(d - sight * (d.z / sight.z)) * ((parallel ? 1 : t) / scene.domain.mm_per_px); };
+  auto rate = [&](const glm::dvec3& d) {
+    return glm::dvec2(d - sight * (d.z / sight.z)) * ((parallel ? 1 : t) / scene.domain.mm_per_px);
+  };
   glm::dvec2 dx = rate(right * px), dy = rate(up * px);
   double lod = 0.5 * std::log2(std::max(glm::dot(dx, dx), glm::dot(dy, dy)));
   const PlanarDomain& d = scene.domain;
-  double x = at.x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px), y = 0.5 * static_cast<double>(d.height_px) - at.y / d.mm_per_px;
-  if (!(x >= 0 && y >= 0 && x < static_cast<double>(d.width_px) && y < static_cast<double>(d.height_px))) return std::nullopt;
-  auto level = static_cast<uint32_t>(d.texture_depth - static_cast<int>(std::floor(std::clamp(lod, 0.0, static_cast<double>(d.texture_depth)))));
+  double x = at.x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px),
+         y = 0.5 * static_cast<double>(d.height_px) - at.y / d.mm_per_px;
+  if (!(x >= 0 && y >= 0 && x < static_cast<double>(d.width_px) && y < static_cast<double>(d.height_px)))
+    return std::nullopt;
+  auto level = static_cast<uint32_t>(
+      d.texture_depth - static_cast<int>(std::floor(std::clamp(lod, 0.0, static_cast<double>(d.texture_depth)))));
   auto patch = static_cast<uint32_t>((d.alongX() ? x : y) / static_cast<double>(d.patchPx()));
   double node_px = static_cast<double>(d.patchPx() >> level);
   return NodeId{patch, level, static_cast<uint32_t>((x - static_cast<double>(d.patchOriginX(patch))) / node_px),
@@ -156,7 +163,8 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
     so.texture_planes = scene.texture_planes;
     so.format = how.format;
     so.ready_limit = static_cast<uint32_t>(4 * how.link.in_flight);
-    run.streamer = std::make_unique<PageStreamer>(source, so, [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
+    run.streamer = std::make_unique<PageStreamer>(
+        source, so, [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
     run.streamer->pinRoots(roots, scene.relief ? std::span<const NodeId>(roots) : std::span<const NodeId>());
     run.link = std::make_unique<Link>(how.link, how.page_bytes);
   }
@@ -191,11 +199,13 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
         run.predictor->observe(camera, flight_s);
         std::vector<OrbitCamera> views;
         if (run.predictor->moves(scene.height_px))
-          views = run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
+          views =
+              run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
         run.texture.begin(now_s);
         run.relief.begin(now_s);
         for (const OrbitCamera& view : views)
-          for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view))) run.texture.add(w.node, w.priority);
+          for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)))
+            run.texture.add(w.node, w.priority);
         if (relief_turn && !views.empty())
           for (const NodeWant& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
         if (views.empty()) {
@@ -218,7 +228,8 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
     if (!flying) return;
     for (int j = 0; j < how.grid_rows; ++j) {
       for (int i = 0; i < how.grid_columns; ++i) {
-        auto node = nodeAt(scene, camera, (i + 0.5) * scene.width_px / how.grid_columns, (j + 0.5) * scene.height_px / how.grid_rows);
+        auto node = nodeAt(scene, camera, (i + 0.5) * scene.width_px / how.grid_columns,
+                           (j + 0.5) * scene.height_px / how.grid_rows);
         if (!node) continue;
         for (Run& run : runs) {
           NodeId shown = *node;
@@ -232,7 +243,9 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
   };
 
   OrbitCamera start = cameraAt(flight, 0);
-  auto settled = [&] { return std::all_of(runs.begin(), runs.end(), [](const Run& r) { return r.streamer->settled(); }); };
+  auto settled = [&] {
+    return std::all_of(runs.begin(), runs.end(), [](const Run& r) { return r.streamer->settled(); });
+  };
   for (int i = 0; i < 6000 && (i < 8 || !settled()); ++i) step(start, now_s - 1e3, false);
   for (Run& run : runs) {
     if (run.predictor) run.predictor->reset();

@@ -30,8 +30,9 @@ constexpr const char* kHelp[][2] = {{"Left drag", "turn about the point under th
                                     {"F2", "figures: pages by state, bytes, latency"},
                                     {"Esc", "quit"}};
 
-constexpr ImGuiWindowFlags kPassive = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs | ImGuiWindowFlags_NoNav |
-                                      ImGuiWindowFlags_NoSavedSettings | ImGuiWindowFlags_AlwaysAutoResize;
+constexpr ImGuiWindowFlags kPassive = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs |
+                                      ImGuiWindowFlags_NoNav | ImGuiWindowFlags_NoSavedSettings |
+                                      ImGuiWindowFlags_AlwaysAutoResize;
 
 // The hemisphere of directions seen from above: the dot is the light.
 void drawLightGauge(const std::array<double, 3>& light, float scale) {
@@ -73,8 +74,8 @@ void drawFigures(const HudFigures& figures, float gap) {
 
 std::string hudLine(const HudState& s) {
   char text[200];
-  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error at most %.2f px", s.fps, s.frame_ms,
-                s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px);
+  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error at most %.2f px", s.fps,
+                s.frame_ms, s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px);
   std::string line = text;
   if (s.predicted_error_px > s.error_px) {
     std::snprintf(text, sizeof text, " %s (asked for %.1f)", s.missing_pages > 0 ? "so far" : "in places", s.error_px);
@@ -198,7 +199,8 @@ void Hud::draw(const HudState& state, int width_px, int height_px) {
     for (const ImDrawCmd& c : list.CmdBuffer) {
       OverlayCommand command;
       const float clip[4] = {c.ClipRect.x, c.ClipRect.y, c.ClipRect.z, c.ClipRect.w};
-      for (int k = 0; k < 4; ++k) command.clip[k] = static_cast<int32_t>(k < 2 ? std::floor(clip[k]) : std::ceil(clip[k]));
+      for (int k = 0; k < 4; ++k)
+        command.clip[k] = static_cast<int32_t>(k < 2 ? std::floor(clip[k]) : std::ceil(clip[k]));
       command.first_index = first_index + c.IdxOffset;
       command.indices = c.ElemCount;
       command.first_vertex = first_vertex + c.VtxOffset;

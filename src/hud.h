@@ -1,5 +1,6 @@
-// hud.h - the head-up display: a line of figures, a message, a panel of more figures, the light's direction, and the help. Dear ImGui lays it out, behind
-// hud.cpp alone; OverlayPass draws it, since ImGui's own back end raises GL errors under ES.
+// hud.h - the head-up display: a line of figures, a message, a panel of more figures, the light's direction, and the
+// help. Dear ImGui lays it out, behind hud.cpp alone; OverlayPass draws it, since ImGui's own back end raises GL errors
+// under ES.
 #pragma once
 
 #include <array>
@@ -24,12 +25,13 @@ struct HudState {
   std::array<double, 3> light{0, 0, 1};
   bool show_light = false;
   bool help = false;
-  std::string message;  // empty: none
+  std::string message;                // empty: none
   std::optional<HudFigures> figures;  // the panel
 };
 
-// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error at most 0.84 px"; where that is more than was asked for: "   error at most 8.60 px in places
-// (asked for 1.0)", or while pages are missing "... so far (asked for 1.0)"; orthographic: "   0.042 mm a px", too; "   unlit".
+// "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error at most 0.84 px"; where that is more than was asked for: "
+// error at most 8.60 px in places (asked for 1.0)", or while pages are missing "... so far (asked for 1.0)";
+// orthographic: "   0.042 mm a px", too; "   unlit".
 std::string hudLine(const HudState& state);
 
 class Hud {

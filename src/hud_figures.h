@@ -1,4 +1,5 @@
-// hud_figures.h - what the viewer's panel of figures says (F2): a page's way in numbers. Plain text, laid out by hud.cpp.
+// hud_figures.h - what the viewer's panel of figures says (F2): a page's way in numbers. Plain text, laid out by
+// hud.cpp.
 #pragma once
 
 #include <string>

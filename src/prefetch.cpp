@@ -25,8 +25,9 @@ double prefetchHorizon(double latency_p90_s, const PredictorOptions& options) {
 }
 
 void CameraPredictor::observe(const OrbitCamera& camera, double now_s) {
-  if (!past_.empty() && (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s || camera.fov_deg != past_.back().camera.fov_deg ||
-                         camera.orthographic != past_.back().camera.orthographic)) {
+  if (!past_.empty() &&
+      (now_s <= past_.back().time_s || now_s > past_.back().time_s + kGap_s ||
+       camera.fov_deg != past_.back().camera.fov_deg || camera.orthographic != past_.back().camera.orthographic)) {
     past_.clear();
   }
   past_.push_back({now_s, camera});
@@ -78,7 +79,8 @@ bool CameraPredictor::moves(int height_px) const {
   OrbitCamera then = predict(options_.horizon_s);
   double pixels_per_radian = height_px / (2 * std::tan(now.fov_deg * std::numbers::pi / 360));
   double nearer_mm = std::min(now.distance_mm, then.distance_mm);
-  double turned = std::max(std::abs(then.azimuth_deg - now.azimuth_deg), std::abs(then.elevation_deg - now.elevation_deg));
+  double turned =
+      std::max(std::abs(then.azimuth_deg - now.azimuth_deg), std::abs(then.elevation_deg - now.elevation_deg));
   double moved_px = pixels_per_radian * glm::length(then.target_mm - now.target_mm) / nearer_mm;
   moved_px += pixels_per_radian * turned * std::numbers::pi / 180;
   moved_px += 0.5 * height_px * std::abs(std::log(then.distance_mm / now.distance_mm));
@@ -132,7 +134,8 @@ struct Prefetcher::Impl {
       relief.begin(request->now_s);
       if (request->relief) {
         const ReliefSet& resident = request->resident ? *request->resident : kNothing;
-        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants) relief.add(w.page, w.priority);
+        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants)
+          relief.add(w.page, w.priority);
       }
       answer.relief = relief.finish();
       answer.determine_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();

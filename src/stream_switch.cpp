@@ -5,8 +5,8 @@
 
 namespace relievo {
 
-void StreamSwitch::start(std::shared_ptr<const PageSource> source, StreamerOptions options, std::vector<NodeId> texture_roots,
-                         std::vector<NodeId> relief_roots) {
+void StreamSwitch::start(std::shared_ptr<const PageSource> source, StreamerOptions options,
+                         std::vector<NodeId> texture_roots, std::vector<NodeId> relief_roots) {
   assert(!busy());
   auto make = [source = std::move(source), options = std::move(options), texture_roots = std::move(texture_roots),
                relief_roots = std::move(relief_roots)] {

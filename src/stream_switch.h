@@ -1,6 +1,6 @@
-// stream_switch.h - a change of planes without a wait: the next streamer reads its roots on a thread of its own while the old one is
-// drawn, and the old one ends on another, where waiting for its last reads keeps nobody. At most one is being made ready, so that
-// a source that never answers costs one thread, however often the scene changes.
+// stream_switch.h - a change of planes without a wait: the next streamer reads its roots on a thread of its own while
+// the old one is drawn, and the old one ends on another, where waiting for its last reads keeps nobody. At most one is
+// being made ready, so that a source that never answers costs one thread, however often the scene changes.
 #pragma once
 
 #include <list>

@@ -1,5 +1,6 @@
-// upload_choice.h - in which format texture pages go to the GPU: RGBA8, decoded by the workers whatever a package holds; or the
-// blocks that it holds, 2.7 to 8 times smaller, where all of its texture planes have one block codec and the context samples it. Pure.
+// upload_choice.h - in which format texture pages go to the GPU: RGBA8, decoded by the workers whatever a package
+// holds; or the blocks that it holds, 2.7 to 8 times smaller, where all of its texture planes have one block codec and
+// the context samples it. Pure.
 #pragma once
 
 #include <functional>
@@ -24,8 +25,8 @@ struct UploadChoice {
   PageCodec codec = PageCodec::kLossless;  // a block codec, or any other for RGBA8
   std::string why_not_blocks;              // empty: they are, or were not asked for
 };
-// missing: the GL extension that a codec lacks. An Error (kUnsupported) where blocks are asked for and only the context stands
-// against them; packages without blocks fall back to RGBA8.
+// missing: the GL extension that a codec lacks. An Error (kUnsupported) where blocks are asked for and only the context
+// stands against them; packages without blocks fall back to RGBA8.
 Result<UploadChoice> chooseUpload(Upload wanted, const Manifest& manifest, bool software,
                                   const std::function<std::optional<std::string>(PageCodec)>& missing);
 

@@ -38,27 +38,36 @@ OrbitCamera between(const OrbitCamera& a, const OrbitCamera& b, double share) {
 glm::dvec3 lineOfSight(const OrbitCamera& c) { return (c.target_mm - eyePosition(c)) / c.distance_mm; }
 
 // The camera turned to these angles with the point fixed to it: it keeps its pixel.
-OrbitCamera turnedAbout(const OrbitCamera& camera, const glm::dvec3& point_mm, double azimuth_deg, double elevation_deg) {
+OrbitCamera turnedAbout(const OrbitCamera& camera, const glm::dvec3& point_mm, double azimuth_deg,
+                        double elevation_deg) {
   OrbitCamera c = camera;
   c.azimuth_deg = azimuth_deg;
   c.elevation_deg = elevation_deg;
-  c.target_mm = point_mm + worldFromCamera(c) * (glm::transpose(worldFromCamera(camera)) * (camera.target_mm - point_mm));
+  c.target_mm =
+      point_mm + worldFromCamera(c) * (glm::transpose(worldFromCamera(camera)) * (camera.target_mm - point_mm));
   return c;
 }
 
 }  // namespace
 
 ViewControl::ViewControl(const Extent& extent, const View& start, int width_px, int height_px, Surface surface)
-    : extent_(extent), start_(start), view_(start), width_px_(std::max(1, width_px)), height_px_(std::max(1, height_px)), surface_(std::move(surface)) {
+    : extent_(extent),
+      start_(start),
+      view_(start),
+      width_px_(std::max(1, width_px)),
+      height_px_(std::max(1, height_px)),
+      surface_(std::move(surface)) {
   const auto& l = start.light;
   const double length = std::hypot(l[0], l[1], l[2]);
-  if (length > 0) start_.light = {l[0] / length, l[1] / length, l[2] / length};  // as it was asked for, behind the artwork or not
+  if (length > 0)
+    start_.light = {l[0] / length, l[1] / length, l[2] / length};  // as it was asked for, behind the artwork or not
   const double fit_mm = fitCamera(extent, width_px_, height_px_, start.camera.fov_deg).distance_mm;
   // From eight texels across the window's height to the artwork as a stamp.
   min_distance_mm_ = std::min(fit_mm, 8 * extent.texel_mm / (2 * std::tan(glm::radians(start.camera.fov_deg) / 2)));
   max_distance_mm_ = std::max(20 * fit_mm, start.camera.distance_mm);
   min_distance_mm_ = std::min(min_distance_mm_, start.camera.distance_mm);
-  // Less than the least distance to the point that is looked at, so that a surface at a slant beside it does not keep the eye away.
+  // Less than the least distance to the point that is looked at, so that a surface at a slant beside it does not keep
+  // the eye away.
   clear_mm_ = 0.25 * min_distance_mm_;
   view_ = start_;
   setGuard(surface_.guard);
@@ -75,7 +84,8 @@ bool ViewControl::setGuard(const EyeGuard* guard) {
 }
 
 void ViewControl::keepAngles(OrbitCamera& c) const {
-  const double tilt = std::max({kMaxTiltDeg, std::abs(start_.camera.azimuth_deg), std::abs(start_.camera.elevation_deg)});
+  const double tilt =
+      std::max({kMaxTiltDeg, std::abs(start_.camera.azimuth_deg), std::abs(start_.camera.elevation_deg)});
   if (extent_.flat) {
     c.azimuth_deg = std::clamp(c.azimuth_deg, -tilt, tilt);
     c.elevation_deg = std::clamp(c.elevation_deg, -std::min(tilt, 89.0), std::min(tilt, 89.0));
@@ -85,7 +95,8 @@ void ViewControl::keepAngles(OrbitCamera& c) const {
   }
 }
 
-// On the artwork, or no farther beside it than it was: zooming to a point near the border, and turning about one, may leave it there.
+// On the artwork, or no farther beside it than it was: zooming to a point near the border, and turning about one, may
+// leave it there.
 void ViewControl::keepTarget(OrbitCamera& c, const glm::dvec3& before_mm) const {
   const double z = c.target_mm.z;
   c.target_mm = glm::clamp(c.target_mm, glm::min(extent_.min_mm, before_mm), glm::max(extent_.max_mm, before_mm));
@@ -119,7 +130,8 @@ void ViewControl::anchor(const glm::dvec3& point_mm) {
 }
 
 bool ViewControl::wayIsFree(const OrbitCamera& from, const OrbitCamera& to) const {
-  return !surface_.guard || to.orthographic || surface_.guard->freeShare(eyePosition(from), eyePosition(to), clear_mm_) == 1;
+  return !surface_.guard || to.orthographic ||
+         surface_.guard->freeShare(eyePosition(from), eyePosition(to), clear_mm_) == 1;
 }
 
 bool ViewControl::isOutside(const OrbitCamera& c) const {
@@ -129,12 +141,14 @@ bool ViewControl::isOutside(const OrbitCamera& c) const {
 
 // From afar towards where the eye is, until the surface is in the way.
 void ViewControl::placeOutside(OrbitCamera& c) const {
-  const double far_mm = c.distance_mm + 2 * glm::length(extent_.max_mm - extent_.min_mm) + glm::length(c.target_mm - extent_.centre()) + clear_mm_;
+  const double far_mm = c.distance_mm + 2 * glm::length(extent_.max_mm - extent_.min_mm) +
+                        glm::length(c.target_mm - extent_.centre()) + clear_mm_;
   const glm::dvec3 back = -lineOfSight(c), from = c.target_mm + back * far_mm, eye = eyePosition(c);
   c.distance_mm = far_mm - (far_mm - c.distance_mm) * surface_.guard->freeShare(from, eye, clear_mm_);
 }
 
-// The near plane lies a thousandth of the distance to the target before the eye (camera.cpp), and nothing may come between.
+// The near plane lies a thousandth of the distance to the target before the eye (camera.cpp), and nothing may come
+// between.
 void ViewControl::keepNearPlane() {
   OrbitCamera& c = view_.camera;
   if (!surface_.guard || c.orthographic) return;
@@ -144,7 +158,8 @@ void ViewControl::keepNearPlane() {
 
 bool ViewControl::moveTo(const OrbitCamera& wanted) {
   OrbitCamera& c = view_.camera;
-  const double share = surface_.guard && !c.orthographic ? surface_.guard->freeShare(eyePosition(c), eyePosition(wanted), clear_mm_) : 1;
+  const double share =
+      surface_.guard && !c.orthographic ? surface_.guard->freeShare(eyePosition(c), eyePosition(wanted), clear_mm_) : 1;
   c = share == 1 ? wanted : between(c, wanted, share);
   keepNearPlane();
   return share == 1;
@@ -164,7 +179,8 @@ void ViewControl::beginDrag(Mode mode) {
 OrbitCamera ViewControl::panned(const OrbitCamera& from, double x, double y) {
   OrbitCamera c = from;
   glm::dvec3 now_mm;
-  // Near the horizon the plane runs away under the mouse: there, as outside it, pan by what a pixel is worth at the target.
+  // Near the horizon the plane runs away under the mouse: there, as outside it, pan by what a pixel is worth at the
+  // target.
   const double largest_mm = 4 * c.distance_mm;
   if (grabbed_ && pointUnder(c, x, y, grabbed_mm_.z, &now_mm) && glm::length(now_mm - c.target_mm) < largest_mm &&
       glm::length(grabbed_mm_ - c.target_mm) < largest_mm) {
@@ -208,7 +224,8 @@ void ViewControl::zoom(double steps) {
   glm::dvec3 fixed_mm = seen.value_or(c.target_mm);
   if (!surface_.under && !pointUnder(c, x_, y_, 0, &fixed_mm)) fixed_mm = c.target_mm;
   // Beyond its bounds already, the distance stays rather than go back.
-  const double least_mm = std::min(min_distance_mm_, c.distance_mm), most_mm = std::max(max_distance_mm_, c.distance_mm);
+  const double least_mm = std::min(min_distance_mm_, c.distance_mm),
+               most_mm = std::max(max_distance_mm_, c.distance_mm);
   const double distance_mm = std::clamp(c.distance_mm * std::pow(kWheelFactor, steps), least_mm, most_mm);
   // Eye and target scale about the same point, so the ray through it stays.
   OrbitCamera wanted = scaledAbout(c, fixed_mm, distance_mm / c.distance_mm);
@@ -228,7 +245,8 @@ void ViewControl::turn(double azimuth_deg, double elevation_deg) {
   }
   // In steps, each so small that the arc is a straight line.
   constexpr double kStepDeg = 2;
-  const double azimuth_way = extent_.flat ? wanted.azimuth_deg - c.azimuth_deg : std::remainder(wanted.azimuth_deg - c.azimuth_deg, 360.0);
+  const double azimuth_way =
+      extent_.flat ? wanted.azimuth_deg - c.azimuth_deg : std::remainder(wanted.azimuth_deg - c.azimuth_deg, 360.0);
   const double elevation_way = wanted.elevation_deg - c.elevation_deg;
   const double way = std::max(std::abs(azimuth_way), std::abs(elevation_way));
   if (!(way > 0) || !std::isfinite(way)) return;
@@ -258,9 +276,14 @@ void ViewControl::turn(double azimuth_deg, double elevation_deg) {
 void ViewControl::drag(double x, double y) {
   const double dx = x - x_, dy = y - y_;
   switch (mode_) {
-    case Mode::kNone: break;
-    case Mode::kOrbit: turn(view_.camera.azimuth_deg - dx * 180 / height_px_, view_.camera.elevation_deg + dy * 180 / height_px_); break;
-    case Mode::kPan: pan(x, y); break;
+    case Mode::kNone:
+      break;
+    case Mode::kOrbit:
+      turn(view_.camera.azimuth_deg - dx * 180 / height_px_, view_.camera.elevation_deg + dy * 180 / height_px_);
+      break;
+    case Mode::kPan:
+      pan(x, y);
+      break;
     case Mode::kLight: {
       const double radius_px = 0.5 * std::min(width_px_, height_px_);
       view_.light = lightAt(view_.light[0] + dx / radius_px, view_.light[1] - dy / radius_px);
@@ -286,19 +309,26 @@ bool ViewControl::handle(const gl::Event& e) {
       else if (e.button == gl::MouseButton::kMiddle || e.shift) beginDrag(Mode::kPan);
       else beginDrag(light_key_ ? Mode::kLight : Mode::kOrbit);
       return true;
-    case EventKind::kMouseUp: mode_ = light_key_ ? Mode::kLight : Mode::kNone; return true;
-    case EventKind::kScroll: zoom(e.y); return true;
+    case EventKind::kMouseUp:
+      mode_ = light_key_ ? Mode::kLight : Mode::kNone;
+      return true;
+    case EventKind::kScroll:
+      zoom(e.y);
+      return true;
     case EventKind::kResize:
       width_px_ = std::max(1, static_cast<int>(e.x));
       height_px_ = std::max(1, static_cast<int>(e.y));
       return true;
-    case EventKind::kClose: quit = true; return true;
+    case EventKind::kClose:
+      quit = true;
+      return true;
     case EventKind::kKeyUp:
       if (e.key != "L") return false;
       light_key_ = false;
       if (mode_ == Mode::kLight) mode_ = Mode::kNone;
       return true;
-    case EventKind::kKeyDown: break;
+    case EventKind::kKeyDown:
+      break;
   }
   if (e.key == "L") {
     light_key_ = true;

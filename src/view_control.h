@@ -1,14 +1,13 @@
 // view_control.h - what the mouse and the keys do to camera, light and display; no window, no GL.
-//   left drag             orbit about the point of the surface under the mouse, which stays there; over the background about the target
-//   middle drag, shift+left   pan: the point that was grabbed stays under the mouse
-//   wheel                 zoom: the point under the mouse stays there
-//   right drag, L + move  light
-//   O                     perspective or orthographic: what is at the target keeps its size and place
-//   W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot, help, figures, quit
-// Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the distance
-// within bounds. A perspective eye stays outside of the surface (eye_guard.h): what would lead into it stops before; turning and panning
-// go farther away where that lets them go on. Whoever turns or zooms about a point of the surface gets it as far away as the target is, so
-// that zooming in ends at the surface.
+//   left drag             orbit about the point of the surface under the mouse, which stays there; over the background
+//   about the target middle drag, shift+left   pan: the point that was grabbed stays under the mouse wheel zoom: the
+//   point under the mouse stays there right drag, L + move  light O                     perspective or orthographic:
+//   what is at the target keeps its size and place W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot,
+//   help, figures, quit
+// Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the
+// distance within bounds. A perspective eye stays outside of the surface (eye_guard.h): what would lead into it stops
+// before; turning and panning go farther away where that lets them go on. Whoever turns or zooms about a point of the
+// surface gets it as far away as the target is, so that zooming in ends at the surface.
 #pragma once
 
 #include <array>
@@ -42,7 +41,8 @@ class ViewControl {
 
   // True when it changed what is shown.
   bool handle(const gl::Event& event);
-  // From now on this one guards the eye, which is moved outside of its surface if it is not there. True when that changed what is shown.
+  // From now on this one guards the eye, which is moved outside of its surface if it is not there. True when that
+  // changed what is shown.
   bool setGuard(const EyeGuard* guard);
 
   const View& view() const { return view_; }
@@ -63,7 +63,8 @@ class ViewControl {
   void keepTarget(OrbitCamera& camera, const glm::dvec3& before_mm) const;
 
   // ---- the surface
-  // Puts the target where the line of sight is as far away as the point; a perspective picture stays the same, an orthographic one, too.
+  // Puts the target where the line of sight is as far away as the point; a perspective picture stays the same, an
+  // orthographic one, too.
   void anchor(const glm::dvec3& point_mm);
   // To a camera of the same direction and projection, as far as its eye stays outside. False: not all of the way.
   bool moveTo(const OrbitCamera& wanted);
@@ -72,7 +73,8 @@ class ViewControl {
   void placeOutside(OrbitCamera& camera) const;
   void keepNearPlane();
 
-  // The point under a pixel: of the plane of a flat artwork's height z_mm, else of the plane through the target that faces the eye.
+  // The point under a pixel: of the plane of a flat artwork's height z_mm, else of the plane through the target that
+  // faces the eye.
   bool pointUnder(const OrbitCamera& camera, double x, double y, double z_mm, glm::dvec3* point_mm) const;
 
   Extent extent_;
@@ -82,8 +84,8 @@ class ViewControl {
   Surface surface_;
   Mode mode_ = Mode::kNone;
   bool light_key_ = false, grabbed_ = false, snapshot_wished_ = false;
-  double x_ = 0, y_ = 0;       // the mouse
-  glm::dvec3 grabbed_mm_{0};   // the point that pan holds
+  double x_ = 0, y_ = 0;                // the mouse
+  glm::dvec3 grabbed_mm_{0};            // the point that pan holds
   std::optional<glm::dvec3> pivot_mm_;  // the point that a drag turns about; none: the target
 };
 

@@ -24,16 +24,17 @@
 namespace relievo {
 namespace {
 
-constexpr double kMessageS = 6;        // how long a message stays
-constexpr double kLightGaugeS = 1.5;   // and the light's direction after a drag
-// Redrawing stops once nothing has changed for this long, in seconds and in frames (the LOD and the feedback answer some
-// frames late); longer where pages are missing, which may be on their way.
+constexpr double kMessageS = 6;       // how long a message stays
+constexpr double kLightGaugeS = 1.5;  // and the light's direction after a drag
+// Redrawing stops once nothing has changed for this long, in seconds and in frames (the LOD and the feedback answer
+// some frames late); longer where pages are missing, which may be on their way.
 constexpr double kCalmS = 0.5, kCalmMissingS = 3;
 constexpr int kCalmFrames = 12;
-// A camera stands still once it has not moved for this long, s; less than kCalmS, so that what follows from it is drawn.
+// A camera stands still once it has not moved for this long, s; less than kCalmS, so that what follows from it is
+// drawn.
 constexpr double kStillS = 0.3;
-constexpr double kIdleWaitS = 0.25;    // between looks at the clock then
-constexpr double kIdleRedrawS = 1;     // and between pictures: a page that failed may be tried again
+constexpr double kIdleWaitS = 0.25;  // between looks at the clock then
+constexpr double kIdleRedrawS = 1;   // and between pictures: a page that failed may be tried again
 
 double nowSeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -97,16 +98,18 @@ std::string freeSnapshotName(const std::string& folder, const std::string& stem)
 
 Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   HeapWarmer heap(kFirstPictureBytes);
-  Result<std::unique_ptr<gl::Window>> made_window = gl::Window::create(options.title, options.width_px, options.height_px);
+  Result<std::unique_ptr<gl::Window>> made_window =
+      gl::Window::create(options.title, options.width_px, options.height_px);
   if (!made_window) return made_window.error();
   gl::Window& window = **made_window;
   heap.finish(gl::currentContextInfo().software);
   const double exaggerate = options.scene.relief ? options.scene.exaggerate : 0;
   const Extent extent = artworkExtent(artwork.manifest, exaggerate);
-  // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a second, during which the
-  // window draws and moves already.
+  // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a
+  // second, during which the window draws and moves already.
   BackgroundTask<std::unique_ptr<const EyeGuard>> guard(
-      "relievo-guard", [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
+      "relievo-guard",
+      [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
       artwork.manifest.base != nullptr);
   bool guarded = false;
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
@@ -122,7 +125,8 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
-  ViewControl control(extent, start, window.width(), window.height(), {[&](double x, double y) { return engine.surfacePoint(x, y); }});
+  ViewControl control(extent, start, window.width(), window.height(),
+                      {[&](double x, double y) { return engine.surfacePoint(x, y); }});
   control.wireframe = scene.wireframe;
   control.show_pages = scene.show == Show::kPages;
 
@@ -183,8 +187,12 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     engine.frame(now);
     const EngineStats stats = engine.stats();
     if (std::exchange(switching, stats.switching) != stats.switching) changed_at = now;
-    const std::array<uint64_t, 6> progress = {stats.resident, stats.missing_pages, stats.wanted_nodes, stats.triangles,
-                                              stats.streamer.decoding + stats.streamer.ready, stats.streamer.queued};
+    const std::array<uint64_t, 6> progress = {stats.resident,
+                                              stats.missing_pages,
+                                              stats.wanted_nodes,
+                                              stats.triangles,
+                                              stats.streamer.decoding + stats.streamer.ready,
+                                              stats.streamer.queued};
     if (progress != std::exchange(progress_before, progress)) changed_at = now;
     calm_frames = changed_at == now ? 0 : calm_frames + 1;
     for (const std::string& text : engine.takeMessages()) {
@@ -193,9 +201,11 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
     }
     if (control.takeSnapshotWish()) {
       const std::string name = freeSnapshotName(".", options.snapshot_stem);
-      Result<void> written = name.empty() ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
-                                          : writeSnapshot(engine, name, options);
-      message = written ? "written: " + std::filesystem::absolute(name).lexically_normal().string() : "the snapshot failed: " + written.error().text();
+      Result<void> written = name.empty()
+                                 ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
+                                 : writeSnapshot(engine, name, options);
+      message = written ? "written: " + std::filesystem::absolute(name).lexically_normal().string()
+                        : "the snapshot failed: " + written.error().text();
       message_until = now + kMessageS;
       shown.message = message;
     }

@@ -22,8 +22,8 @@ struct ViewerOptions {
   EngineOptions engine;
   // The view to start with, for the size that the window got.
   std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
-  // A camera that stands still is drawn with Scene::least_cell 0. auto: not with software OpenGL, whose next motion would begin with a slow frame,
-  // nor with `frames`.
+  // A camera that stands still is drawn with Scene::least_cell 0. auto: not with software OpenGL, whose next motion
+  // would begin with a slow frame, nor with `frames`.
   enum class ExactStill { kAuto, kOn, kOff };
   ExactStill exact_still = ExactStill::kAuto;
   // For tests: after so many frames (0: never), snapshot_file is written (if named) and the viewer ends.

@@ -6,7 +6,8 @@
 
 namespace relievo {
 
-// Looked for from where the test runs upwards, too: __FILE__ may be relative to where it was compiled (ccache). Empty: not there.
+// Looked for from where the test runs upwards, too: __FILE__ may be relative to where it was compiled (ccache). Empty:
+// not there.
 inline std::filesystem::path sharedData(const std::string& name) {
   namespace fs = std::filesystem;
   const fs::path beside = fs::path(__FILE__).parent_path() / "../../../shared/data" / name;

@@ -1,4 +1,5 @@
-// view_share.h - how much of their random work tests do: under the address sanitizer less, with RELIEVO_LONG_TESTS=1 more.
+// view_share.h - how much of their random work tests do: under the address sanitizer less, with RELIEVO_LONG_TESTS=1
+// more.
 #pragma once
 
 #include <algorithm>
@@ -8,7 +9,8 @@
 
 namespace relievo::test {
 
-// It takes ten to sixteen times as long and looks at memory, not at figures: it sees a sixteenth of the views, scans and damages.
+// It takes ten to sixteen times as long and looks at memory, not at figures: it sees a sixteenth of the views, scans
+// and damages.
 #ifdef __SANITIZE_ADDRESS__
 inline constexpr int kViewShare = 16;
 #else

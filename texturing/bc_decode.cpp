@@ -22,7 +22,8 @@ T load(const uint8_t* p) {
 template <int kSteps>
 constexpr std::array<uint8_t, kSteps + 1> roundedScale() {
   std::array<uint8_t, kSteps + 1> out{};
-  for (int i = 0; i <= kSteps; ++i) out[static_cast<size_t>(i)] = static_cast<uint8_t>((2 * 255 * i + kSteps) / (2 * kSteps));
+  for (int i = 0; i <= kSteps; ++i)
+    out[static_cast<size_t>(i)] = static_cast<uint8_t>((2 * 255 * i + kSteps) / (2 * kSteps));
   return out;
 }
 // A channel of 5 or 6 bits, in thirds (two weights that add up to 3) and in halves.
@@ -119,7 +120,8 @@ void decodeBc7(const uint8_t* block, uint8_t* first, size_t row_bytes) {
       const uint32_t *a = e[2 * s], *b = e[2 * s + 1];
       for (int k = 0; k < 1 << m.index_bits; ++k) {
         uint32_t w = weight[k];
-        palette[s][k] = mix(a[0], b[0], w) | mix(a[1], b[1], w) << 8 | mix(a[2], b[2], w) << 16 | mix(a[3], b[3], w) << 24;
+        palette[s][k] =
+            mix(a[0], b[0], w) | mix(a[1], b[1], w) << 8 | mix(a[2], b[2], w) << 16 | mix(a[3], b[3], w) << 24;
       }
     }
     uint64_t indices = static_cast<uint64_t>(bits);  // at most 63 bits
@@ -142,7 +144,8 @@ void decodeBc7(const uint8_t* block, uint8_t* first, size_t row_bytes) {
     first_indices >>= n1;
     second_indices >>= n2;
     if (selection) std::swap(w1, w2);
-    uint32_t t[4] = {mix(e[0][0], e[1][0], w1), mix(e[0][1], e[1][1], w1), mix(e[0][2], e[1][2], w1), mix(e[0][3], e[1][3], w2)};
+    uint32_t t[4] = {mix(e[0][0], e[1][0], w1), mix(e[0][1], e[1][1], w1), mix(e[0][2], e[1][2], w1),
+                     mix(e[0][3], e[1][3], w2)};
     if (rotation) std::swap(t[3], t[rotation - 1]);
     out[i] = t[0] | t[1] << 8 | t[2] << 16 | t[3] << 24;
   }

@@ -1,6 +1,6 @@
-// bc_encode.cpp - a block's texels lie near a line (or two) in the space of its channels: the principal axis gives the first ends,
-// and the least squares of the indices so found give better ones, two or three times over. BC7's modes are tried in turn, as far
-// as an estimate of what they leave over does not rule them out.
+// bc_encode.cpp - a block's texels lie near a line (or two) in the space of its channels: the principal axis gives the
+// first ends, and the least squares of the indices so found give better ones, two or three times over. BC7's modes are
+// tried in turn, as far as an estimate of what they leave over does not rule them out.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -30,7 +30,8 @@ Point principalAxis(const Point* points, int n, const Point& mean) {
   // The column of the largest variance cannot be orthogonal to the axis.
   Point v = xx >= yy && xx >= zz ? Point{{xx, xy, xz}} : yy >= zz ? Point{{xy, yy, yz}} : Point{{xz, yz, zz}};
   for (int i = 0; i < 4; ++i) {
-    Point w{{xx * v.c[0] + xy * v.c[1] + xz * v.c[2], xy * v.c[0] + yy * v.c[1] + yz * v.c[2], xz * v.c[0] + yz * v.c[1] + zz * v.c[2]}};
+    Point w{{xx * v.c[0] + xy * v.c[1] + xz * v.c[2], xy * v.c[0] + yy * v.c[1] + yz * v.c[2],
+             xz * v.c[0] + yz * v.c[1] + zz * v.c[2]}};
     float size = std::max({std::abs(w.c[0]), std::abs(w.c[1]), std::abs(w.c[2])});
     if (!(size > 0)) break;
     for (float& x : w.c) x /= size;
@@ -93,7 +94,8 @@ struct Bc1Block {
 };
 
 uint16_t to565(const Point& p) {
-  return static_cast<uint16_t>(rounded(p.c[0] * 31 / 255) << 11 | rounded(p.c[1] * 63 / 255) << 5 | rounded(p.c[2] * 31 / 255));
+  return static_cast<uint16_t>(rounded(p.c[0] * 31 / 255) << 11 | rounded(p.c[1] * 63 / 255) << 5 |
+                               rounded(p.c[2] * 31 / 255));
 }
 
 // The best indices for two ends; weight: where each texel then lies between c0 and c1.
@@ -197,7 +199,8 @@ Line fitLine(const Point* points, int n, int channels, int bits, PBits p_bits, i
   for (int round = 0; round < kRefinements; ++round) {
     // Of the p bits those that bring the ends nearest to where they should be.
     End a[2], b[2];
-    for (int p = 0; p < (has_p ? 2 : 1); ++p) a[p] = quantise(s.a, channels, bits, has_p, p), b[p] = quantise(s.b, channels, bits, has_p, p);
+    for (int p = 0; p < (has_p ? 2 : 1); ++p)
+      a[p] = quantise(s.a, channels, bits, has_p, p), b[p] = quantise(s.b, channels, bits, has_p, p);
     int pa = 0, pb = 0;
     if (p_bits == PBits::kEach) pa = a[1].error < a[0].error, pb = b[1].error < b[0].error;
     if (p_bits == PBits::kShared) pa = pb = a[1].error + b[1].error < a[0].error + b[0].error;
@@ -213,7 +216,8 @@ Line fitLine(const Point* points, int n, int channels, int bits, PBits p_bits, i
     const float per_length2 = length2 > 0 ? 64 / length2 : 0;
     float palette[16][3];
     for (int k = 0; k < 1 << index_bits; ++k)
-      for (int c = 0; c < 3; ++c) palette[k][c] = static_cast<float>(((64 - weights[k]) * from.value[c] + weights[k] * to.value[c] + 32) >> 6);
+      for (int c = 0; c < 3; ++c)
+        palette[k][c] = static_cast<float>(((64 - weights[k]) * from.value[c] + weights[k] * to.value[c] + 32) >> 6);
     float error = 0;
     for (int i = 0; i < n; ++i) {
       float t = 0;
@@ -262,7 +266,8 @@ void splitPoints(const Point* points, int partition, Point (*subset)[16], uint8_
   }
 }
 
-// What a line through each half would leave over: the covariance's trace without its largest eigenvalue, for every partition.
+// What a line through each half would leave over: the covariance's trace without its largest eigenvalue, for every
+// partition.
 void partitionResiduals(const Point* points, float* residual) {
   Point mean{};
   for (int i = 0; i < 16; ++i)
@@ -293,7 +298,8 @@ void partitionResiduals(const Point* points, float* residual) {
       Point v = xx >= yy && xx >= zz ? Point{{xx, xy, xz}} : yy >= zz ? Point{{xy, yy, yz}} : Point{{xz, yz, zz}};
       float eigenvalue = 0;
       for (int k = 0; k < 3; ++k) {
-        const Point w{{xx * v.c[0] + xy * v.c[1] + xz * v.c[2], xy * v.c[0] + yy * v.c[1] + yz * v.c[2], xz * v.c[0] + yz * v.c[1] + zz * v.c[2]}};
+        const Point w{{xx * v.c[0] + xy * v.c[1] + xz * v.c[2], xy * v.c[0] + yy * v.c[1] + yz * v.c[2],
+                       xz * v.c[0] + yz * v.c[1] + zz * v.c[2]}};
         const float vv = v.c[0] * v.c[0] + v.c[1] * v.c[1] + v.c[2] * v.c[2];
         if (!(vv > 0)) break;
         eigenvalue = (v.c[0] * w.c[0] + v.c[1] * w.c[1] + v.c[2] * w.c[2]) / vv;
@@ -344,7 +350,8 @@ void writeTwoSubsets(int mode, int partition, Line* lines, const uint8_t (*at)[1
 // Modes 4 and 5: channel `apart` (0..2) in alpha's place, which goes where it was, as 255.
 void writeApart(int mode, int apart, bool selection, Line pair, Line single, uint8_t* block) {
   const bc7::Mode& m = bc7::kModes[mode];
-  const int pair_bits = selection ? m.index2_bits : m.index_bits, single_bits = selection ? m.index_bits : m.index2_bits;
+  const int pair_bits = selection ? m.index2_bits : m.index_bits,
+            single_bits = selection ? m.index_bits : m.index2_bits;
   anchor(&pair, 0, 16, pair_bits);
   anchor(&single, 0, 16, single_bits);
   std::memset(block, 0, 16);
@@ -437,7 +444,8 @@ RELIEVO_SIMD_CLONES void encodeBc7(const uint8_t* texels, uint8_t* block) {
       Line lines[2];
       int error = 0;
       for (int s = 0; s < 2; ++s) {
-        lines[s] = fitLine(subset[s], n[s], 3, bc7::kModes[mode].colour_bits, mode == 1 ? PBits::kShared : PBits::kEach, bc7::kModes[mode].index_bits);
+        lines[s] = fitLine(subset[s], n[s], 3, bc7::kModes[mode].colour_bits, mode == 1 ? PBits::kShared : PBits::kEach,
+                           bc7::kModes[mode].index_bits);
         error += lines[s].error;
       }
       if (error >= best) continue;
@@ -453,7 +461,8 @@ RELIEVO_SIMD_CLONES void encodeBc7(const uint8_t* texels, uint8_t* block) {
     const int a = k == 0, b = k == 2 ? 1 : 2;
     float ma = 0, mb = 0, aa = 0, bb = 0, ab = 0;
     for (const Point& p : points) ma += p.c[a] / 16, mb += p.c[b] / 16;
-    for (const Point& p : points) aa += (p.c[a] - ma) * (p.c[a] - ma), bb += (p.c[b] - mb) * (p.c[b] - mb), ab += (p.c[a] - ma) * (p.c[b] - mb);
+    for (const Point& p : points)
+      aa += (p.c[a] - ma) * (p.c[a] - ma), bb += (p.c[b] - mb) * (p.c[b] - mb), ab += (p.c[a] - ma) * (p.c[b] - mb);
     const float smaller = (aa + bb - std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab)) / 2;
     if (smaller < least) least = smaller, apart = k;
   }

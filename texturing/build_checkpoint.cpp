@@ -161,7 +161,8 @@ std::optional<BuildJournal::Record> BuildJournal::read() {
   const auto checksum = t.take<uint64_t>();
   if (bytes > kMaxRecordBytes || bytes > end - at_ - head.size()) return std::nullopt;
   record.body.resize(bytes);
-  if (!file_.readBack(at_ + head.size(), record.body) || recordHash(record.type, serial_, record.body) != checksum) return std::nullopt;
+  if (!file_.readBack(at_ + head.size(), record.body) || recordHash(record.type, serial_, record.body) != checksum)
+    return std::nullopt;
   at_ += head.size() + bytes;
   ++serial_;
   return record;
@@ -188,24 +189,28 @@ Result<std::unique_ptr<BuildPart>> BuildJournal::replay(uint32_t stage) {
   while (parts_left_ > 0) {
     const uint64_t at = at_, serial = serial_;
     auto record = read();
-    if (!record) return Error{ErrorKind::kIo, file_.path(), "its checkpoint can no longer be read", "build again without --resume", {}};
+    if (!record)
+      return Error{
+          ErrorKind::kIo, file_.path(), "its checkpoint can no longer be read", "build again without --resume", {}};
     if (record->type != kPart) continue;
     auto part = std::make_unique<BuildPart>();
     const auto found = partFrom(record->body, *part);
-    if (!found || *found < stage) return Error{ErrorKind::kIo, file_.path(), "its checkpoint is not in order", "build again without --resume", {}};
+    if (!found || *found < stage)
+      return Error{ErrorKind::kIo, file_.path(), "its checkpoint is not in order", "build again without --resume", {}};
     if (*found > stage) {
       at_ = at, serial_ = serial;
       return std::unique_ptr<BuildPart>();
     }
     if (--parts_left_ == 0)
-      while (at_ < file_.size() && read()) {}  // the last checkpoint; from here on records are appended
+      while (at_ < file_.size() && read()) {
+      }  // the last checkpoint; from here on records are appended
     return part;
   }
   return std::unique_ptr<BuildPart>();
 }
 
-Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64_t identity, const PackageHeader& header,
-                                               const std::atomic<bool>* interrupted) {
+Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64_t identity,
+                                               const PackageHeader& header, const std::atomic<bool>* interrupted) {
   Found out;
   auto orphans = OutputFile::orphans(output);
   if (!orphans) return orphans.error();
@@ -220,7 +225,9 @@ Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64
     Taker t(head->body);
     const bool same = t.take<uint64_t>() == identity;
     const std::string name(head->body.begin() + sizeof identity, head->body.end());
-    const auto pages = std::find_if(orphans->begin(), orphans->end(), [&](const OutputFile& f) { return f.ownsPart() && fileName(f.partPath()) == name; });
+    const auto pages = std::find_if(orphans->begin(), orphans->end(), [&](const OutputFile& f) {
+      return f.ownsPart() && fileName(f.partPath()) == name;
+    });
     if (!same) {
       out.why = "the inputs, the options or the program are not those of the checkpoint";
       continue;
@@ -239,7 +246,8 @@ Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64
     while (pages->size() >= header.pages_offset) {
       if (interrupted && interrupted->load()) {
         journal.file_.keep(), pages->keep();
-        return Error{ErrorKind::kInterrupted, output, "interrupted", "the checkpoint is kept: build again with --resume", {}};
+        return Error{
+            ErrorKind::kInterrupted, output, "interrupted", "the checkpoint is kept: build again with --resume", {}};
       }
       const auto record = journal.read();
       if (!record) break;
@@ -256,9 +264,12 @@ Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64
       bool whole = true;
       const uint8_t* page = bytes.data();
       const uint64_t index_end = header.index_offset + header.index_bytes;
-      auto inIndex = [&](uint64_t place, uint64_t size) { return place >= header.index_offset && place <= index_end && size <= index_end - place; };
+      auto inIndex = [&](uint64_t place, uint64_t size) {
+        return place >= header.index_offset && place <= index_end && size <= index_end - place;
+      };
       for (const Placed& p : part.pages) {
-        whole &= encodedHash({page, p.size}) == p.checksum && inIndex(p.index_offset, p.relief ? kReliefEntryBytes : kTextureEntryBytes) &&
+        whole &= encodedHash({page, p.size}) == p.checksum &&
+                 inIndex(p.index_offset, p.relief ? kReliefEntryBytes : kTextureEntryBytes) &&
                  (!p.relief || inIndex(p.detail_offset, header.detailBytes()));
         page += p.size;
       }
@@ -271,7 +282,10 @@ Result<BuildJournal::Found> BuildJournal::find(const std::string& output, uint64
     bool blank = true;
     std::fill(bytes.begin(), bytes.end(), uint8_t{0});
     for (uint64_t at = 0; blank && at < header.pages_offset; at += bytes.size())
-      blank = pages->writeAt(at, {bytes.data(), static_cast<size_t>(std::min<uint64_t>(bytes.size(), header.pages_offset - at))}).ok();
+      blank = pages
+                  ->writeAt(at, {bytes.data(),
+                                 static_cast<size_t>(std::min<uint64_t>(bytes.size(), header.pages_offset - at))})
+                  .ok();
     if (!blank) continue;
     journal.at_ = first_at, journal.serial_ = first_serial, journal.parts_left_ = good_parts;
     out.pages_done = good_done;

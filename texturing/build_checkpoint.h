@@ -1,16 +1,18 @@
-// build_checkpoint.h - what a build keeps beside its part file, so that it can go on after it was killed. Internal to texturing/.
+// build_checkpoint.h - what a build keeps beside its part file, so that it can go on after it was killed. Internal to
+// texturing/.
 //
-// The journal is a second part file of the same target (src/base/file.h): locked while its writer lives, removed with it, and an
-// orphan when it was killed. It is a list of records, each with a checksum that depends on its number:
+// The journal is a second part file of the same target (src/base/file.h): locked while its writer lives, removed with
+// it, and an orphan when it was killed. It is a list of records, each with a checksum that depends on its number:
 //   header      the build's identity, and the name of the part file that holds the pages
-//   part        what a part of the build left besides its pages: where they lie and their checksums, and what the next stage reads
-//   checkpoint  the pages of all parts so far are on the disk, and end here
-// Only what stands before the last whole checkpoint counts. To go on, the parts are taken from there instead of being computed, and
-// the rest is computed as in any build, so the package has the same bytes.
+//   part        what a part of the build left besides its pages: where they lie and their checksums, and what the next
+//   stage reads checkpoint  the pages of all parts so far are on the disk, and end here
+// Only what stands before the last whole checkpoint counts. To go on, the parts are taken from there instead of being
+// computed, and the rest is computed as in any build, so the package has the same bytes.
 //
-// Trust: a journal is believed only if its identity is the build's (inputs by digest, options, and the program by its own digest), the
-// records' checksums match, and each page in the part file matches its own. Else the build starts anew. What stands before the pages
-// is written by the end of a build alone, so to go on it is made blank again, whatever it holds.
+// Trust: a journal is believed only if its identity is the build's (inputs by digest, options, and the program by its
+// own digest), the records' checksums match, and each page in the part file matches its own. Else the build starts
+// anew. What stands before the pages is written by the end of a build alone, so to go on it is made blank again,
+// whatever it holds.
 #pragma once
 
 #include <atomic>
@@ -31,9 +33,10 @@ class BuildJournal {
   static Result<BuildJournal> create(const std::string& output, uint64_t identity, const std::string& pages_part);
 
   struct Found;
-  // What a killed build of this output left; everything else that killed builds left of it is removed. Nothing: found is empty, and
-  // why says so as a sentence.
-  static Result<Found> find(const std::string& output, uint64_t identity, const PackageHeader& header, const std::atomic<bool>* interrupted);
+  // What a killed build of this output left; everything else that killed builds left of it is removed. Nothing: found
+  // is empty, and why says so as a sentence.
+  static Result<Found> find(const std::string& output, uint64_t identity, const PackageHeader& header,
+                            const std::atomic<bool>* interrupted);
 
   // The next part of this stage, without the bytes of its pages; null: none left.
   Result<std::unique_ptr<BuildPart>> replay(uint32_t stage);

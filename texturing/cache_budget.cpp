@@ -17,7 +17,9 @@ uint32_t slotsOf(uint64_t bytes, uint64_t slot_bytes, uint64_t pages, uint64_t l
   return static_cast<uint32_t>(whole >= std::max(least, kLayer) ? whole : n);
 }
 
-uint64_t leastTextureSlots(const CacheNeeds& n) { return uint64_t{n.roots} * static_cast<uint64_t>(n.texture_planes) + kSpareSlots; }
+uint64_t leastTextureSlots(const CacheNeeds& n) {
+  return uint64_t{n.roots} * static_cast<uint64_t>(n.texture_planes) + kSpareSlots;
+}
 uint64_t leastReliefSlots(const CacheNeeds& n) { return n.relief ? n.roots + kSpareReliefSlots : 0; }
 
 }  // namespace
@@ -33,8 +35,12 @@ CacheSlots cacheSlots(const CacheNeeds& n, uint64_t budget_bytes) {
     return {.upload = PageCodec::kLossless, .texture = static_cast<uint32_t>(all), .relief = 0};
   }
   const uint64_t slot = pageBlockBytes(n.upload), node = slot * static_cast<uint64_t>(n.texture_planes);
-  const auto textureSlots = [&](uint64_t bytes) { return slotsOf(bytes, slot, n.texture_pages, leastTextureSlots(n), n.most_slots); };
-  const auto reliefSlots = [&](uint64_t bytes) { return slotsOf(bytes, kSlotBytes, n.relief_pages, leastReliefSlots(n), n.most_slots); };
+  const auto textureSlots = [&](uint64_t bytes) {
+    return slotsOf(bytes, slot, n.texture_pages, leastTextureSlots(n), n.most_slots);
+  };
+  const auto reliefSlots = [&](uint64_t bytes) {
+    return slotsOf(bytes, kSlotBytes, n.relief_pages, leastReliefSlots(n), n.most_slots);
+  };
   CacheSlots out{.upload = n.upload, .texture = 0, .relief = 0};
   if (n.relief) {
     const uint64_t least = leastCacheBytes(n);

@@ -68,7 +68,7 @@ class DetailBias {
   int low_ = -1, high_ = kMaxBiasSteps + 1;
   bool learned_elsewhere_ = false;  // some of it before the view moved last
   int lists_of_view_ = 0;           // since then
-  double reference_ = 0;  // at the current bias
+  double reference_ = 0;            // at the current bias
   int judged_steps_ = -1;
   double judged_pages_ = 0;
   double slope_ = 1.3862943611198906;  // of log(demand), a level: log 4

@@ -30,7 +30,8 @@ uint32_t DividedCache::pageCount(int level) const {
   return count;
 }
 
-// --- names ------------------------------------------------------------------------------------------------------------
+// --- names
+// ------------------------------------------------------------------------------------------------------------
 
 SlotIndex DividedCache::nameAt(int level, uint32_t index) const {
   SlotPart p{.slot = 0, .level = level, .part = 0};
@@ -49,7 +50,8 @@ std::array<uint32_t, kPartLevels> DividedCache::indices(SlotIndex name) const {
     const int above = levelAbove(level);
     const PageId around = at(above).pages.pageIn(out[static_cast<size_t>(above)]);
     assert(around.plane() == kBundle && around.node().level == static_cast<uint32_t>(level));
-    out[static_cast<size_t>(level)] = around.node().patch * at(level).parts + p.part / (partsOf(p.level) / partsOf(level)) % at(level).parts;
+    out[static_cast<size_t>(level)] =
+        around.node().patch * at(level).parts + p.part / (partsOf(p.level) / partsOf(level)) % at(level).parts;
   }
   return out;
 }
@@ -73,11 +75,13 @@ bool DividedCache::isPinned(SlotIndex name) const {
   return at(level).pages.isPinned(indices(name)[static_cast<size_t>(level)]);
 }
 
-// --- use --------------------------------------------------------------------------------------------------------------
+// --- use
+// --------------------------------------------------------------------------------------------------------------
 
 void DividedCache::touch(SlotIndex name, uint64_t tick) {
   const auto index = indices(name);
-  for (int level = partOf(name).level; level > 0; level = levelAbove(level)) at(level).pages.touch(index[static_cast<size_t>(level)], tick);
+  for (int level = partOf(name).level; level > 0; level = levelAbove(level))
+    at(level).pages.touch(index[static_cast<size_t>(level)], tick);
   at(0).pages.touch(index[0], tick);
 }
 
@@ -102,10 +106,13 @@ void DividedCache::remove(PageId id) {
   at(0).pages.remove(id);
 }
 
-// --- who leaves -------------------------------------------------------------------------------------------------------
+// --- who leaves
+// -------------------------------------------------------------------------------------------------------
 
 // Links are of 16 bits.
-bool DividedCache::mayDivideInto(int level) const { return !at(level).vacant.empty() || at(level).pages.slotCount() + at(level).parts <= kMaxSlots; }
+bool DividedCache::mayDivideInto(int level) const {
+  return !at(level).vacant.empty() || at(level).pages.slotCount() + at(level).parts <= kMaxSlots;
+}
 
 uint32_t DividedCache::newBundle(int level) {
   Level& l = at(level);
@@ -136,10 +143,12 @@ void DividedCache::release(int level, uint32_t bundle, Placement& out) {
   l.vacant.push_back(static_cast<uint16_t>(bundle));
 }
 
-// --- places -----------------------------------------------------------------------------------------------------------
+// --- places
+// -----------------------------------------------------------------------------------------------------------
 
 uint32_t DividedCache::noteEvicted(int level, const PageCache::Placement& placed, Placement& out) {
-  if (placed.evicted && placed.evicted->plane() == kBundle) release(static_cast<int>(placed.evicted->node().level), placed.evicted->node().patch, out);
+  if (placed.evicted && placed.evicted->plane() == kBundle)
+    release(static_cast<int>(placed.evicted->node().level), placed.evicted->node().patch, out);
   else if (placed.evicted) out.evicted.push_back({level, placed.slot, *placed.evicted});
   return placed.slot;
 }
@@ -150,15 +159,17 @@ bool DividedCache::usedNow(uint32_t slot, uint64_t tick) const {
 }
 
 // From the level `from`, in which there is a place (`part`, if given), down to the page's own.
-DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_t> part, PageId id, uint64_t tick, uint32_t min_age, int level) {
+DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_t> part, PageId id, uint64_t tick,
+                                                 uint32_t min_age, int level) {
   Placement out;
   out.emptied = out.took_slot = from == 0;
-  for (int l = from, next; ; l = next) {
+  for (int l = from, next;; l = next) {
     const bool last = l == level;
     next = l > 0 ? l + 1 : isThird(level) ? kThirds : kHalves;
     const uint32_t bundle = last ? 0 : newBundle(next);
     const PageId what = last ? id : bundleId(next, bundle);
-    const auto placed = part && l == from ? at(l).pages.placeAt(*part, what, tick) : at(l).pages.place(what, tick, min_age);
+    const auto placed =
+        part && l == from ? at(l).pages.placeAt(*part, what, tick) : at(l).pages.place(what, tick, min_age);
     assert(placed);
     const uint32_t index = noteEvicted(l, *placed, out);
     if (last) {
@@ -223,30 +234,38 @@ bool DividedCache::isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const
   const auto level = static_cast<size_t>(partOf(part).level);
   const PageCache& parts = levels_[level].pages;
   const uint32_t index = indices(part)[level];
-  return !parts.holdsPage(index) || (!parts.isPinned(index) && static_cast<uint32_t>(tick) - parts.lastUse(index) >= min_age);
+  return !parts.holdsPage(index) ||
+         (!parts.isPinned(index) && static_cast<uint32_t>(tick) - parts.lastUse(index) >= min_age);
 }
 
 void DividedCache::idleParts(int level, uint64_t tick, std::vector<SlotIndex>& out) const {
   std::vector<std::pair<uint32_t, SlotIndex>> found;
   const Level& l = at(level);
   at(0).pages.forEach([&](PageId id) {
-    if (id.plane() != kBundle || id.node().level != static_cast<uint32_t>(level) || !usedNow(l.around[id.node().patch], tick)) return;
+    if (id.plane() != kBundle || id.node().level != static_cast<uint32_t>(level) ||
+        !usedNow(l.around[id.node().patch], tick))
+      return;
     for (uint32_t k = 0; k < l.parts; ++k) {
       const uint32_t index = id.node().patch * l.parts + k;
       const SlotIndex part = nameAt(level, index);
-      if (isIdle(part, tick, 1)) found.emplace_back(l.pages.holdsPage(index) ? static_cast<uint32_t>(tick) - l.pages.lastUse(index) : ~0u, part);
+      if (isIdle(part, tick, 1))
+        found.emplace_back(l.pages.holdsPage(index) ? static_cast<uint32_t>(tick) - l.pages.lastUse(index) : ~0u, part);
     }
   });
-  std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.first != b.first ? a.first > b.first : a.second < b.second; });
+  std::sort(found.begin(), found.end(),
+            [](const auto& a, const auto& b) { return a.first != b.first ? a.first > b.first : a.second < b.second; });
   out.clear();
   for (const auto& [age, part] : found) out.push_back(part);
 }
 
-// --- accounts and tests -----------------------------------------------------------------------------------------------
+// --- accounts and tests
+// -----------------------------------------------------------------------------------------------
 
 size_t DividedCache::metadataBytes() const {
   size_t bytes = sizeof *this + (levels_.capacity() - levels_.size()) * sizeof(Level);
-  for (const Level& l : levels_) bytes += l.pages.metadataBytes() + sizeof(Level) - sizeof(PageCache) + (l.around.capacity() + l.vacant.capacity()) * sizeof(uint16_t);
+  for (const Level& l : levels_)
+    bytes += l.pages.metadataBytes() + sizeof(Level) - sizeof(PageCache) +
+             (l.around.capacity() + l.vacant.capacity()) * sizeof(uint16_t);
   return bytes;
 }
 
@@ -273,7 +292,8 @@ bool DividedCache::checkInvariants(std::string* why) const {
         if (!l.pages.holdsPage(part)) continue;
         ++held;
         pinned = pinned || l.pages.isPinned(part);
-        if (!above.pages.isPinned(around) && above.pages.lastUse(around) < l.pages.lastUse(part)) wrong = "a part was used later than its bundle";
+        if (!above.pages.isPinned(around) && above.pages.lastUse(around) < l.pages.lastUse(part))
+          wrong = "a part was used later than its bundle";
       }
       if (held == 0) wrong = "an empty bundle";
       if (pinned != above.pages.isPinned(around)) wrong = "a bundle is pinned, or not, unlike its parts";

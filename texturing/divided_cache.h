@@ -1,5 +1,5 @@
-// divided_cache.h - a page cache whose slots are divided where a page needs less than one. One budget, one order of use: any page can
-// still take the place of any other.
+// divided_cache.h - a page cache whose slots are divided where a page needs less than one. One budget, one order of
+// use: any page can still take the place of any other.
 //
 //   level 0   a slot: texture pages
 //   level 1   half of a slot: relief pages, two bytes a sample
@@ -9,12 +9,13 @@
 //   level 5   a quarter of that: those that only need every second sample a side
 //   level 6   a quarter of that: every fourth
 //
-// A slot is divided in two or in three. What is divided sits in the level above as a page of its own, a bundle, which was used whenever one
-// of its parts was and is pinned while one of them is. So each level is a PageCache. A page takes the deepest free place that can be had,
-// of its own level and those above it; else somebody leaves: the least recently used page of its level, or a page or bundle of a level
-// above with all that is in it, whichever was not used for longer (the same: the smaller). The policy then chooses in that level.
-// Room: whatever else is resident, a relief page takes no more than a free or idle half of a slot, of one that is divided in two. What is idle of
-// a slot in three is for pages that fit a third alone: who counts on halves opens such a slot only where one is to spare, or for two pages
+// A slot is divided in two or in three. What is divided sits in the level above as a page of its own, a bundle, which
+// was used whenever one of its parts was and is pinned while one of them is. So each level is a PageCache. A page takes
+// the deepest free place that can be had, of its own level and those above it; else somebody leaves: the least recently
+// used page of its level, or a page or bundle of a level above with all that is in it, whichever was not used for
+// longer (the same: the smaller). The policy then chooses in that level. Room: whatever else is resident, a relief page
+// takes no more than a free or idle half of a slot, of one that is divided in two. What is idle of a slot in three is
+// for pages that fit a third alone: who counts on halves opens such a slot only where one is to spare, or for two pages
 // (page_streamer.cpp).
 #pragma once
 
@@ -38,15 +39,19 @@ inline constexpr bool isThird(int level) { return level >= kThirds; }
 // The level in which a level's bundles sit; of those from 1 on.
 inline constexpr int levelAbove(int level) { return level == kHalves || level == kThirds ? 0 : level - 1; }
 
-// The name of a place: bits 0..15 the slot, 16..21 which of its parts, 24..26 their level. A whole slot's name is its number.
-// Part i of a half or third, or of a quarter of one, holds parts 4 i .. 4 i + 3 of the next level.
+// The name of a place: bits 0..15 the slot, 16..21 which of its parts, 24..26 their level. A whole slot's name is its
+// number. Part i of a half or third, or of a quarter of one, holds parts 4 i .. 4 i + 3 of the next level.
 struct SlotPart {
   uint32_t slot = 0;
   int level = 0;
   uint32_t part = 0;
 };
-inline constexpr SlotIndex nameOf(const SlotPart& p) { return p.slot | p.part << 16 | static_cast<uint32_t>(p.level) << 24; }
-inline constexpr SlotPart partOf(SlotIndex name) { return {name & 0xFFFFu, static_cast<int>(name >> 24 & 7u), name >> 16 & 63u}; }
+inline constexpr SlotIndex nameOf(const SlotPart& p) {
+  return p.slot | p.part << 16 | static_cast<uint32_t>(p.level) << 24;
+}
+inline constexpr SlotPart partOf(SlotIndex name) {
+  return {name & 0xFFFFu, static_cast<int>(name >> 24 & 7u), name >> 16 & 63u};
+}
 
 class DividedCache {
  public:
@@ -57,7 +62,9 @@ class DividedCache {
   uint32_t pinnedCount() const { return levels_[0].pages.pinnedCount(); }      // slots that hold something pinned
   uint32_t pageCount() const;
   uint32_t pageCount(int level) const;
-  uint32_t dividedCount() const { return levels_[kHalves].bundles() + levels_[kThirds].bundles(); }  // slots that hold parts
+  uint32_t dividedCount() const {
+    return levels_[kHalves].bundles() + levels_[kThirds].bundles();
+  }  // slots that hold parts
   uint32_t pinnedHalves() const { return levels_[kHalves].pages.pinnedCount(); }
   uint32_t pinnedInTwo() const { return pinned_in_two_; }  // slots divided in two that hold something pinned
 
@@ -73,14 +80,14 @@ class DividedCache {
 
   struct Placement {
     SlotIndex slot = kNoSlot;
-    bool emptied = false;                                // all that was in the slot before is gone
-    bool took_slot = false;                              // nothing in the slot had been used in this frame
+    bool emptied = false;    // all that was in the slot before is gone
+    bool took_slot = false;  // nothing in the slot had been used in this frame
     struct Evicted {
       int level;
       uint32_t index;  // as indices() gave it
       PageId page;
     };
-    std::vector<Evicted> evicted;                        // pages, no bundles
+    std::vector<Evicted> evicted;  // pages, no bundles
   };
   // As PageCache::place, in a part of that level: 0 for texture pages, others for relief.
   std::optional<Placement> place(PageId id, uint64_t tick, uint32_t min_age = 1, int level = 0);
@@ -88,7 +95,8 @@ class DividedCache {
   Placement placeInPart(SlotIndex part, PageId id, uint64_t tick, int level);
   // Whether place() would only fill what is free in a slot that was used in frame `tick`: nobody leaves.
   bool hasPartToFill(uint64_t tick, int level) const;
-  // Halves or thirds that nothing used in frame `tick` sits in, of slots that something did (or that are pinned), the longest idle first.
+  // Halves or thirds that nothing used in frame `tick` sits in, of slots that something did (or that are pinned), the
+  // longest idle first.
   void idleParts(int level, uint64_t tick, std::vector<SlotIndex>& out) const;
   // Of a half or third: free, or all in it unpinned and not used in so many frames.
   bool isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const;
@@ -102,7 +110,8 @@ class DividedCache {
       });
   }
 
-  // A dense index of what sits at a place and at what is around it, by level (the name's own and those above it), for tables beside this one.
+  // A dense index of what sits at a place and at what is around it, by level (the name's own and those above it), for
+  // tables beside this one.
   std::array<uint32_t, kPartLevels> indices(SlotIndex name) const;
   uint32_t indexCount(int level) const { return levels_[static_cast<size_t>(level)].pages.slotCount(); }
 
@@ -113,15 +122,17 @@ class DividedCache {
   static constexpr Plane kBundle = static_cast<Plane>(15);  // no page's plane
   struct Level {
     PageCache pages;
-    uint32_t parts = 1;             // of a bundle
-    std::vector<uint16_t> around;   // by bundle: its index in the level above
-    std::vector<uint16_t> vacant;   // bundles that are none now
+    uint32_t parts = 1;            // of a bundle
+    std::vector<uint16_t> around;  // by bundle: its index in the level above
+    std::vector<uint16_t> vacant;  // bundles that are none now
     explicit Level(PageCache cache) : pages(std::move(cache)) {}
     uint32_t bundles() const { return static_cast<uint32_t>(around.size() - vacant.size()); }
   };
   Level& at(int level) { return levels_[static_cast<size_t>(level)]; }
   const Level& at(int level) const { return levels_[static_cast<size_t>(level)]; }
-  static PageId bundleId(int level, uint32_t bundle) { return PageId(kBundle, NodeId{bundle, static_cast<uint32_t>(level), 0, 0}); }
+  static PageId bundleId(int level, uint32_t bundle) {
+    return PageId(kBundle, NodeId{bundle, static_cast<uint32_t>(level), 0, 0});
+  }
   SlotIndex nameAt(int level, uint32_t index) const;
   bool mayDivideInto(int level) const;
   std::pair<int, SlotIndex> freePlace(int level) const;

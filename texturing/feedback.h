@@ -20,9 +20,10 @@ struct NodeWant {
   float centre_distance = 0;  // smallest distance from the view's centre, 0..1 (1: a corner)
 };
 
-// A feedback picture of 1/scale: pixel (i, j) is the full picture's pixel (i * scale + x, j * scale + y). Over scale^2 turns x, y run
-// through all offsets, each once, in an order in which every beginning is spread well (each offset is the one farthest from those
-// before it, blocks repeating on all sides); the first is the block's middle. scale 1..kMaxFeedbackScale.
+// A feedback picture of 1/scale: pixel (i, j) is the full picture's pixel (i * scale + x, j * scale + y). Over scale^2
+// turns x, y run through all offsets, each once, in an order in which every beginning is spread well (each offset is
+// the one farthest from those before it, blocks repeating on all sides); the first is the block's middle.
+// scale 1..kMaxFeedbackScale.
 inline constexpr int kMaxFeedbackScale = 16;
 struct FeedbackOffset {
   int x = 0, y = 0;

@@ -27,9 +27,7 @@ class FileProvenance {
   // Cheap after the first call; from any thread.
   void start() const {
     if (!hash_) return;
-    std::call_once(started_, [this] {
-      digest_.emplace("relievo-digest", [this] { return hashFile(path_, &stop_); });
-    });
+    std::call_once(started_, [this] { digest_.emplace("relievo-digest", [this] { return hashFile(path_, &stop_); }); });
   }
   Provenance get() const {
     Provenance provenance;

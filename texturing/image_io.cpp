@@ -23,11 +23,14 @@ Result<const ImageIoModule*> imageIoModule() {
   static const Result<const ImageIoModule*> loaded = []() -> Result<const ImageIoModule*> {
     std::error_code ignored;
     auto beside = std::filesystem::read_symlink("/proc/self/exe", ignored).parent_path() / RELIEVO_IMAGE_MODULE_NAME;
-    // Libraries that OpenImageIO needs start threads as they are loaded (log4cplus, of OpenVDB, as many as there are cores and a few), and end
-    // the process where they cannot.
+    // Libraries that OpenImageIO needs start threads as they are loaded (log4cplus, of OpenVDB, as many as there are
+    // cores and a few), and end the process where they cannot.
     if (const auto needed = static_cast<size_t>(2 * workerCount(0) + 8); threadsToBeHad(needed) < needed)
-      return Error{ErrorKind::kRuntime, RELIEVO_IMAGE_MODULE_NAME,
-                   "could not start the " + std::to_string(needed) + " threads that the image libraries may need", ThreadStartFailure::kHint, {}};
+      return Error{ErrorKind::kRuntime,
+                   RELIEVO_IMAGE_MODULE_NAME,
+                   "could not start the " + std::to_string(needed) + " threads that the image libraries may need",
+                   ThreadStartFailure::kHint,
+                   {}};
     std::string why;
     for (const std::string& path : {beside.string(), std::string(RELIEVO_IMAGE_MODULE)}) {
       void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
@@ -37,8 +40,11 @@ Result<const ImageIoModule*> imageIoModule() {
       const char* reason = dlerror();
       why += (why.empty() ? "" : "; ") + std::string(reason ? reason : "no reason given");
     }
-    return Error{ErrorKind::kRuntime, RELIEVO_IMAGE_MODULE_NAME, "cannot load the module that reads and writes images: " + why,
-                 "it belongs beside the program; install OpenImageIO (libopenimageio2.4)", {}};
+    return Error{ErrorKind::kRuntime,
+                 RELIEVO_IMAGE_MODULE_NAME,
+                 "cannot load the module that reads and writes images: " + why,
+                 "it belongs beside the program; install OpenImageIO (libopenimageio2.4)",
+                 {}};
   }();
   return loaded;
 }
@@ -56,7 +62,8 @@ Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path, 
   return (*module)->open_colour(path, options);
 }
 
-Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path, std::optional<std::pair<double, double>> range_mm,
+Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path,
+                                                      std::optional<std::pair<double, double>> range_mm,
                                                       const ImageReadOptions& options) {
   auto module = imageIoModule();
   if (!module) return module.error();
@@ -74,12 +81,17 @@ Result<ImageFormat> imageFormatOf(const std::string& path) {
   const size_t dot = path.find_last_of("./");
   std::string suffix = dot == std::string::npos || path[dot] != '.' ? "" : path.substr(dot);
   for (char& c : suffix) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  constexpr std::pair<const char*, ImageFormat> kFormats[] = {{".png", ImageFormat::kPng}, {".tif", ImageFormat::kTiff}, {".tiff", ImageFormat::kTiff},
-                                                              {".exr", ImageFormat::kExr}, {".jpg", ImageFormat::kJpeg}, {".jpeg", ImageFormat::kJpeg}};
+  constexpr std::pair<const char*, ImageFormat> kFormats[] = {
+      {".png", ImageFormat::kPng}, {".tif", ImageFormat::kTiff}, {".tiff", ImageFormat::kTiff},
+      {".exr", ImageFormat::kExr}, {".jpg", ImageFormat::kJpeg}, {".jpeg", ImageFormat::kJpeg}};
   for (const auto& [name, format] : kFormats)
     if (suffix == name) return format;
-  return Error{ErrorKind::kUsage, path, "expected a picture's name that ends in .png, .tif, .exr or .jpg, found " + (suffix.empty() ? "none of these" : suffix),
-               "the name says which format is written", {}};
+  return Error{ErrorKind::kUsage,
+               path,
+               "expected a picture's name that ends in .png, .tif, .exr or .jpg, found " +
+                   (suffix.empty() ? "none of these" : suffix),
+               "the name says which format is written",
+               {}};
 }
 
 namespace {
@@ -171,13 +183,15 @@ Result<std::vector<uint16_t>> linearHalves(std::span<const uint8_t> pixels, int 
 
 }  // namespace
 
-Result<void> writeImage(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels, double mm_per_px) {
+Result<void> writeImage(const std::string& path, int width, int height, int channels, std::span<const uint8_t> pixels,
+                        double mm_per_px) {
   assert(width > 0 && height > 0 && channels >= 1 && channels <= 4);
   assert(pixels.size() == static_cast<size_t>(width) * static_cast<size_t>(height) * static_cast<size_t>(channels));
   auto format = imageFormatOf(path);
   if (!format) return format.error();
   const bool exr = *format == ImageFormat::kExr;
-  auto writer = createWriter({path, *format, width, height, channels, exr ? SampleType::kHalf : SampleType::kUint8, mm_per_px});
+  auto writer =
+      createWriter({path, *format, width, height, channels, exr ? SampleType::kHalf : SampleType::kUint8, mm_per_px});
   if (!writer) return writer.error();
   // In bands: the encoder converts what it is given, and an EXR's samples are twice as large.
   const int band = std::clamp(static_cast<int>((int64_t{4} << 20) / (int64_t{width} * channels)), 1, height);
@@ -198,19 +212,21 @@ Result<void> writeImage(const std::string& path, int width, int height, int chan
   return (*writer)->commit();
 }
 
-Result<std::vector<uint8_t>> encodePng(int width, int height, int channels, std::span<const uint8_t> pixels, double mm_per_px) {
+Result<std::vector<uint8_t>> encodePng(int width, int height, int channels, std::span<const uint8_t> pixels,
+                                       double mm_per_px) {
   auto module = imageIoModule();
   if (!module) return module.error();
   MemoryBytes memory;
-  auto encoder = (*module)->create_encoder({"a picture", ImageFormat::kPng, width, height, channels, SampleType::kUint8, mm_per_px}, memory);
+  auto encoder = (*module)->create_encoder(
+      {"a picture", ImageFormat::kPng, width, height, channels, SampleType::kUint8, mm_per_px}, memory);
   if (!encoder) return encoder.error();
   if (auto done = (*encoder)->appendRows(height, pixels.data()); !done) return done.error();
   if (auto done = (*encoder)->finish(); !done) return done.error();
   return std::move(memory.bytes);
 }
 
-Result<std::unique_ptr<ImageWriter>> ImageWriter::create(const std::string& path, int64_t width, int64_t height, int channels,
-                                                         SampleType type) {
+Result<std::unique_ptr<ImageWriter>> ImageWriter::create(const std::string& path, int64_t width, int64_t height,
+                                                         int channels, SampleType type) {
   auto format = imageFormatOf(path);
   if (!format) return format.error();
   const bool fits = *format == ImageFormat::kExr    ? type == SampleType::kHalf

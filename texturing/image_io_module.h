@@ -1,12 +1,13 @@
-// image_io_module.h - what the module around OpenImageIO hands to image_io.cpp. OpenImageIO pulls in some 260 shared objects, which
-// cost a program 60 ms to start; so only a program that reads or writes an image loads them.
+// image_io_module.h - what the module around OpenImageIO hands to image_io.cpp. OpenImageIO pulls in some 260 shared
+// objects, which cost a program 60 ms to start; so only a program that reads or writes an image loads them.
 #pragma once
 
 #include "texturing/image_io.h"
 
 namespace relievo {
 
-// Where an encoder's bytes go, and come back from when they are checked. The program has it: the module opens no file to write.
+// Where an encoder's bytes go, and come back from when they are checked. The program has it: the module opens no file
+// to write.
 class ImageBytes {
  public:
   virtual ~ImageBytes() = default;

@@ -3,9 +3,9 @@
 //   linear  with lin(v) = round(65535 * f(v / 65280)), f the sRGB decoding curve (IEC 61966-2-1), and
 //           enc(n) = round(65280 * f^-1(n / 65535)):  enc((lin(a) + lin(b) + lin(c) + lin(d) + 2) >> 2)
 //   LRGB    a texel's weight, from its coefficients 0, 1 and 5, with t_k = v_k >> 4:
-//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 14, 1, 4095)          (in quarters of a unit of display intensity)
-//             M_k = round(4096 f_k scale_k / 2^s), f = 1/3, 1/3, 1; s >= 0 the smallest with all |M_k| <= 65536
-//             C = clamp(-sum M_k round(16 bias_k), +-8e8)
+//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 14, 1, 4095)          (in quarters of a unit of display
+//             intensity) M_k = round(4096 f_k scale_k / 2^s), f = 1/3, 1/3, 1; s >= 0 the smallest with all |M_k| <=
+//             65536 C = clamp(-sum M_k round(16 bias_k), +-8e8)
 //           colour (wa a + wb b + wc c + wd d + floor(W / 2)) / W, rounded down, W = wa + wb + wc + wd
 // Weights stay below 2^12 so that the sums fit 32 bits: 4 * 4095 * 65280 < 2^31.
 #include "texturing/mip.h"
@@ -47,15 +47,18 @@ const TransferTables& transferTables() {
 inline int levelValue(uint8_t b) { return b << 8; }
 inline int levelValue(uint16_t v) { return v; }
 
-void averageNumbers(const uint8_t* __restrict top, const uint8_t* __restrict bottom, int out_width, uint16_t* __restrict out) {
+void averageNumbers(const uint8_t* __restrict top, const uint8_t* __restrict bottom, int out_width,
+                    uint16_t* __restrict out) {
   // (256 (a + b + c + d) + 2) >> 2 = 64 (a + b + c + d)
   for (int x = 0; x < out_width; ++x)
     out[x] = static_cast<uint16_t>((top[2 * x] + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1]) << 6);
 }
 
-void averageNumbers(const uint16_t* __restrict top, const uint16_t* __restrict bottom, int out_width, uint16_t* __restrict out) {
+void averageNumbers(const uint16_t* __restrict top, const uint16_t* __restrict bottom, int out_width,
+                    uint16_t* __restrict out) {
   for (int x = 0; x < out_width; ++x)
-    out[x] = static_cast<uint16_t>((uint32_t{top[2 * x]} + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1] + 2u) >> 2);
+    out[x] =
+        static_cast<uint16_t>((uint32_t{top[2 * x]} + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1] + 2u) >> 2);
 }
 
 template <class T>
@@ -67,8 +70,8 @@ void averageLinear(const T* top, const T* bottom, int out_width, uint16_t* out) 
     out[x] = enc[(l(top[2 * x]) + l(top[2 * x + 1]) + l(bottom[2 * x]) + l(bottom[2 * x + 1]) + 2) >> 2];
 }
 
-// Weighted texels of one output row; the quotient by doubles is exact: N / W lies at least 1 / W >= 2^-14 below the next
-// integer, and below 2^16 doubles are spaced 2^-37.
+// Weighted texels of one output row; the quotient by doubles is exact: N / W lies at least 1 / W >= 2^-14 below the
+// next integer, and below 2^16 doubles are spaced 2^-37.
 template <class T>
 void averageWeighted(const T* __restrict top, const T* __restrict bottom, const int32_t* __restrict top_w,
                      const int32_t* __restrict bottom_w, int out_width, uint16_t* __restrict out) {
@@ -94,7 +97,8 @@ void repeatBorderAny(T* data, int width, int height, int channels, int x0, int y
       }
     }
     auto copyRow = [&](int from, int to) {
-      std::memcpy(plane + static_cast<size_t>(to) * width, plane + static_cast<size_t>(from) * width, width * sizeof(T));
+      std::memcpy(plane + static_cast<size_t>(to) * width, plane + static_cast<size_t>(from) * width,
+                  width * sizeof(T));
     };
     for (int y = 0; y < y0; ++y) copyRow(y0, y);
     for (int y = y1; y < height; ++y) copyRow(y1 - 1, y);
@@ -148,7 +152,8 @@ RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int he
       const T *a0 = base, *a1 = base + plane, *a5 = base + 5 * plane;
       int32_t* w = weights.data();
       for (int x = 0; x < 2 * width; ++x) {
-        int32_t sum = m0 * (levelValue(a0[x]) >> 4) + m1 * (levelValue(a1[x]) >> 4) + m5 * (levelValue(a5[x]) >> 4) + offset;
+        int32_t sum =
+            m0 * (levelValue(a0[x]) >> 4) + m1 * (levelValue(a1[x]) >> 4) + m5 * (levelValue(a5[x]) >> 4) + offset;
         w[x] = std::clamp(sum >> 14, 1, kMaxWeight);
       }
       for (int c = 6; c < 9; ++c) {

@@ -1,13 +1,14 @@
 // mip.h - how a coarser texture level follows from the finer one. Integer arithmetic, so that anyone can reproduce it.
 //
-// Level texels are kept as 8.8 fixed point (uint16, 0..65280) below the finest level, so that rounding does not pile up; a
-// page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or column is repeated.
+// Level texels are kept as 8.8 fixed point (uint16, 0..65280) below the finest level, so that rounding does not pile
+// up; a page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or column is
+// repeated.
 //   coefficients  (a + b + c + d + 2) >> 2: averaged as numbers
-//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), bases kColour and kAlbedoNormal
-//   normals       averaged as numbers, and not made longer again (basis.h says why)
-//   LRGB colour   averaged with weights: a texel's luminance under diffuse light from the upper hemisphere,
-//                 w = (a0 + a1) / 3 + a5 (u^2 and v^2 average 1/3 there, the odd terms 0), at least a small positive number,
-//                 so that the product colour x luminance stays close to the average of the products
+//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), bases kColour and
+//   kAlbedoNormal normals       averaged as numbers, and not made longer again (basis.h says why) LRGB colour averaged
+//   with weights: a texel's luminance under diffuse light from the upper hemisphere,
+//                 w = (a0 + a1) / 3 + a5 (u^2 and v^2 average 1/3 there, the odd terms 0), at least a small positive
+//                 number, so that the product colour x luminance stays close to the average of the products
 // The exact integer rules stand in mip.cpp's head and are repeated in texturing/PACKAGE.md.
 #pragma once
 
@@ -47,7 +48,8 @@ class MipFilter {
 // One texel of a page from its level's texel.
 inline uint8_t byteFromLevel(uint16_t v) { return static_cast<uint8_t>((v + 128) >> 8); }
 
-// Fills a channel-major image beyond the rectangle [x0, x1) x [y0, y1), which must not be empty, with the nearest texel inside.
+// Fills a channel-major image beyond the rectangle [x0, x1) x [y0, y1), which must not be empty, with the nearest texel
+// inside.
 void repeatBorder(uint8_t* data, int width, int height, int channels, int x0, int y0, int x1, int y1);
 void repeatBorder(uint16_t* data, int width, int height, int channels, int x0, int y0, int x1, int y1);
 

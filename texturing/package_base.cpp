@@ -9,7 +9,9 @@ namespace relievo {
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   const BaseMesh& mesh = section.mesh;
   std::vector<uint8_t> out(baseSectionBytes(mesh.corners.size(), mesh.patches.size(),
-                                            !section.shapes.empty() ? BaseSectionEnd::kShapes : !section.slopes.empty() ? BaseSectionEnd::kSlopes : BaseSectionEnd::kBlocks));
+                                            !section.shapes.empty()   ? BaseSectionEnd::kShapes
+                                            : !section.slopes.empty() ? BaseSectionEnd::kSlopes
+                                                                      : BaseSectionEnd::kBlocks));
   uint8_t* p = out.data();
   auto put = [&](auto v) {
     storeLittle(p, v);
@@ -54,12 +56,17 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   if (patch_count != patches)
     return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
   const bool has_shapes = bytes.size() == baseSectionBytes(corner_count, patch_count);
-  const bool has_slopes = has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
-  const uint64_t behind_blocks = patch_count * ((has_slopes ? kBaseSlopesBytes : 0) + (has_shapes ? kBaseShapesBytes : 0));
-  if (const uint64_t expected = baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kBlocks); expected != bytes.size() && !has_slopes) {
+  const bool has_slopes =
+      has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
+  const uint64_t behind_blocks =
+      patch_count * ((has_slopes ? kBaseSlopesBytes : 0) + (has_shapes ? kBaseShapesBytes : 0));
+  if (const uint64_t expected = baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kBlocks);
+      expected != bytes.size() && !has_slopes) {
     return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " +
-                          std::to_string(expected) + " bytes, or " + std::to_string(expected + patch_count * kBaseSlopesBytes) + " with slopes, " +
-                          std::to_string(expected + patch_count * (kBaseSlopesBytes + kBaseShapesBytes)) + " with shapes of errors, found " + std::to_string(bytes.size()));
+                          std::to_string(expected) + " bytes, or " +
+                          std::to_string(expected + patch_count * kBaseSlopesBytes) + " with slopes, " +
+                          std::to_string(expected + patch_count * (kBaseSlopesBytes + kBaseShapesBytes)) +
+                          " with shapes of errors, found " + std::to_string(bytes.size()));
   }
   BaseSection out;
   for (int k = 0; k < 3; ++k) take(out.mesh.origin_mm[k]);
@@ -94,8 +101,11 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   for (size_t i = 0; i < out.slopes.size(); ++i) {
     HeightSlopes& s = out.slopes[i];
     for (float* f : {&s.min_u, &s.max_u, &s.min_v, &s.max_v}) take(*f);
-    if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) || s.min_u > s.max_u || s.min_v > s.max_v)
-      return invalid(bytes.size() - (has_shapes ? patch_count * kBaseShapesBytes : 0) - (out.slopes.size() - i) * kBaseSlopesBytes, "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
+    if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
+        s.min_u > s.max_u || s.min_v > s.max_v)
+      return invalid(
+          bytes.size() - (has_shapes ? patch_count * kBaseShapesBytes : 0) - (out.slopes.size() - i) * kBaseSlopesBytes,
+          "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
   }
   if (!has_shapes) return out;
   out.shapes.resize(patch_count);

@@ -21,12 +21,14 @@ struct BaseSection {
   double error_unit_mm = 0;
 };
 
-inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84, kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes);
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84,
+                          kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes);
 // What a section ends with; each has what those before it have.
 enum class BaseSectionEnd { kBlocks, kSlopes, kShapes };
 constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSectionEnd end = BaseSectionEnd::kShapes) {
   return kBaseHeadBytes + corners * kBaseCornerBytes +
-         patches * (kBasePatchBytes + (end >= BaseSectionEnd::kSlopes ? kBaseSlopesBytes : 0) + (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
+         patches * (kBasePatchBytes + (end >= BaseSectionEnd::kSlopes ? kBaseSlopesBytes : 0) +
+                    (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
 }
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);

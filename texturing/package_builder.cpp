@@ -1,19 +1,21 @@
 // How a build runs.
 //
-// The artwork's levels are images over the whole strip (patch origins are multiples of the patch size, so level l of a patch
-// is a window of level l of the strip). A *stage* takes one level L, cut into tiles of 8 x 8 pages, and makes from each tile,
-// with 16 texels around it, the pages of the levels L, L-1 and L-2 (16 = 4 levels' worth: a border of 4 at L-2) and the
-// texels of level L-3, which it spills for the next stage. So the finest texels are read once (6 % twice), every level is the
-// mean of the whole level before, and memory depends on the tile alone. Beyond the artwork's border the edge texel of each
-// level is repeated, at that level: tiles know nothing that the whole image would not.
+// The artwork's levels are images over the whole strip (patch origins are multiples of the patch size, so level l of a
+// patch is a window of level l of the strip). A *stage* takes one level L, cut into tiles of 8 x 8 pages, and makes
+// from each tile, with 16 texels around it, the pages of the levels L, L-1 and L-2 (16 = 4 levels' worth: a border of 4
+// at L-2) and the texels of level L-3, which it spills for the next stage. So the finest texels are read once (6 %
+// twice), every level is the mean of the whole level before, and memory depends on the tile alone. Beyond the artwork's
+// border the edge texel of each level is repeated, at that level: tiles know nothing that the whole image would not.
 //
-// Relief is cut the same way on the grid of vertices: 1024 x 1024 cells a tile, shared samples computed from the same inputs
-// by both tiles. Where texture and relief have the same depth, one tile does both and their pages lie together.
+// Relief is cut the same way on the grid of vertices: 1024 x 1024 cells a tile, shared samples computed from the same
+// inputs by both tiles. Where texture and relief have the same depth, one tile does both and their pages lie together.
 //
-// Tiles are independent: workers take them in the file's order and the caller's thread writes what they made in that order,
-// so the bytes do not depend on the workers. At most kPartsAhead finished tiles a worker wait to be written.
+// Tiles are independent: workers take them in the file's order and the caller's thread writes what they made in that
+// order, so the bytes do not depend on the workers. At most kPartsAhead finished tiles a worker wait to be written.
 #include "texturing/package_builder.h"
 
+#include <xxhash.h>
+#include <zstd.h>
 #include <algorithm>
 #include <array>
 #include <cassert>
@@ -24,8 +26,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <xxhash.h>
-#include <zstd.h>
 
 #include "src/base/simd_dispatch.h"
 #include "texturing/build_checkpoint.h"
@@ -38,23 +38,23 @@ namespace relievo {
 namespace {
 
 constexpr int kTilePages = 8;
-constexpr int kTilePx = kTilePages * kPagePx;             // 1024
-constexpr int kStageLevels = 3;                           // levels L, L-1, L-2 get their pages in one stage
+constexpr int kTilePx = kTilePages * kPagePx;                   // 1024
+constexpr int kStageLevels = 3;                                 // levels L, L-1, L-2 get their pages in one stage
 constexpr int kMarginPx = kPageBorderPx << (kStageLevels - 1);  // 16
-constexpr int kSpillPx = kTilePx >> kStageLevels;         // 128
-constexpr double kSpacingSlack = 1.01;                    // a height map wider than the texture by rounding stays at its depth
+constexpr int kSpillPx = kTilePx >> kStageLevels;               // 128
+constexpr double kSpacingSlack = 1.01;  // a height map wider than the texture by rounding stays at its depth
 
 struct TextureStage {
-  int level = -1;                    // L; -1: none
+  int level = -1;                         // L; -1: none
   const TextureSource* source = nullptr;  // the first stage reads this, the others `in`
   const SpillStore* in = nullptr;
-  SpillStore* out = nullptr;         // level L-3, blocks of kSpillPx^2 texels, channel-major; null: nothing left to do
+  SpillStore* out = nullptr;  // level L-3, blocks of kSpillPx^2 texels, channel-major; null: nothing left to do
   uint64_t in_columns = 0, out_columns = 0;  // blocks a row
 };
 struct ReliefStage {
   int level = -1;
   const HeightSource* source = nullptr;
-  const SpillStore* in = nullptr;    // blocks of 129^2 samples, one a node of level L
+  const SpillStore* in = nullptr;  // blocks of 129^2 samples, one a node of level L
   SpillStore* out = nullptr;
   const std::vector<NodeRange>* in_ranges = nullptr;
   std::vector<NodeRange>* out_ranges = nullptr;
@@ -142,8 +142,7 @@ class TileWorker {
       int x = (code & 1) | (code >> 1 & 2) | (code >> 2 & 4), y = (code >> 1 & 1) | (code >> 2 & 2) | (code >> 3 & 4);
       emit(level, coarsest, x, y, out);
     }
-    if (stage.texture.source)
-      out.texels = static_cast<uint64_t>(valid_.width) * static_cast<uint64_t>(valid_.height);
+    if (stage.texture.source) out.texels = static_cast<uint64_t>(valid_.width) * static_cast<uint64_t>(valid_.height);
     return out;
   }
 
@@ -159,14 +158,18 @@ class TileWorker {
     const TextureStage& s = stage_->texture;
     const PlanarDomain& d = context_.domain;
     const int channels = context_.format.channels();
-    const int64_t level_width = static_cast<int64_t>(d.levelWidth(s.level)), level_height = static_cast<int64_t>(d.levelHeight(s.level));
+    const int64_t level_width = static_cast<int64_t>(d.levelWidth(s.level)),
+                  level_height = static_cast<int64_t>(d.levelHeight(s.level));
     const int64_t x0 = static_cast<int64_t>(tile_x_) * kTilePx, y0 = static_cast<int64_t>(tile_y_) * kTilePx;
     // Whole pages at every level of the stage, and whole 2 x 2 squares down to the spill.
     const int64_t page = kPagePx << std::min(kStageLevels - 1, s.level);
-    auto wholePages = [&](int64_t texels) { return static_cast<int>(std::min<int64_t>(kTilePx, (texels + page - 1) / page * page)); };
+    auto wholePages = [&](int64_t texels) {
+      return static_cast<int>(std::min<int64_t>(kTilePx, (texels + page - 1) / page * page));
+    };
     const int payload_width = wholePages(level_width - x0), payload_height = wholePages(level_height - y0);
     region_ = {payload_width + 2 * kMarginPx, payload_height + 2 * kMarginPx};
-    valid_ = {x0, y0, std::min<int64_t>(payload_width, level_width - x0), std::min<int64_t>(payload_height, level_height - y0)};
+    valid_ = {x0, y0, std::min<int64_t>(payload_width, level_width - x0),
+              std::min<int64_t>(payload_height, level_height - y0)};
     const size_t texels = static_cast<size_t>(region_.width) * region_.height;
     // The part of the region that lies on the artwork.
     Rect rect;
@@ -206,9 +209,11 @@ class TileWorker {
       }
       // What lies beyond this level's border is its own edge texel, not the mean of the finer level's repeats.
       int64_t left = (x0 - kMarginPx) >> down, top = (y0 - kMarginPx) >> down;
-      int64_t lw = static_cast<int64_t>(d.levelWidth(s.level - down)), lh = static_cast<int64_t>(d.levelHeight(s.level - down));
+      int64_t lw = static_cast<int64_t>(d.levelWidth(s.level - down)),
+              lh = static_cast<int64_t>(d.levelHeight(s.level - down));
       repeatBorder(out.data(), to.width, to.height, channels, static_cast<int>(std::max<int64_t>(0, -left)),
-                   static_cast<int>(std::max<int64_t>(0, -top)), static_cast<int>(std::min<int64_t>(to.width, lw - left)),
+                   static_cast<int>(std::max<int64_t>(0, -top)),
+                   static_cast<int>(std::min<int64_t>(to.width, lw - left)),
                    static_cast<int>(std::min<int64_t>(to.height, lh - top)));
     }
     if (s.out) spillInto(out_part.texture_spill);
@@ -224,16 +229,21 @@ class TileWorker {
     spill_.resize(static_cast<size_t>(kSpillPx) * kSpillPx * channels);
     for (int64_t by = rect.y / kSpillPx; by * kSpillPx < rect.y + rect.height; ++by) {
       for (int64_t bx = rect.x / kSpillPx; bx * kSpillPx < rect.x + rect.width; ++bx) {
-        uint64_t offset = (static_cast<uint64_t>(by) * s.in_columns + static_cast<uint64_t>(bx)) * spillBlockBytes(channels);
+        uint64_t offset =
+            (static_cast<uint64_t>(by) * s.in_columns + static_cast<uint64_t>(bx)) * spillBlockBytes(channels);
         if (auto read = s.in->read(offset, spill_.data(), spill_.size() * 2); !read) return read;
         int64_t left = std::max(rect.x, bx * kSpillPx), right = std::min(rect.x + rect.width, (bx + 1) * kSpillPx);
         int64_t top = std::max(rect.y, by * kSpillPx), bottom = std::min(rect.y + rect.height, (by + 1) * kSpillPx);
         for (int c = 0; c < channels; ++c) {
           for (int64_t y = top; y < bottom; ++y) {
-            const uint16_t* from = spill_.data() + (static_cast<size_t>(c) * kSpillPx + static_cast<size_t>(y - by * kSpillPx)) * kSpillPx +
-                                   (left - bx * kSpillPx);
-            uint16_t* to = levels_[0].data() + (static_cast<size_t>(c) * region_.height + static_cast<size_t>(y - rect.y + ry)) * region_.width +
-                           (left - rect.x + rx);
+            const uint16_t* from =
+                spill_.data() +
+                (static_cast<size_t>(c) * kSpillPx + static_cast<size_t>(y - by * kSpillPx)) * kSpillPx +
+                (left - bx * kSpillPx);
+            uint16_t* to =
+                levels_[0].data() +
+                (static_cast<size_t>(c) * region_.height + static_cast<size_t>(y - rect.y + ry)) * region_.width +
+                (left - rect.x + rx);
             std::memcpy(to, from, static_cast<size_t>(right - left) * 2);
           }
         }
@@ -261,7 +271,8 @@ class TileWorker {
   void cutTexture(int down, int x, int y, int plane) {
     Region r = regionAt(down);
     const int margin = kMarginPx >> down;
-    const size_t corner = static_cast<size_t>(y * kPagePx + margin - kPageBorderPx) * r.width + (x * kPagePx + margin - kPageBorderPx);
+    const size_t corner =
+        static_cast<size_t>(y * kPagePx + margin - kPageBorderPx) * r.width + (x * kPagePx + margin - kPageBorderPx);
     uint8_t* out = page_.data();
     for (int c = 3 * plane; c < 3 * plane + 3; ++c) {
       const size_t from = static_cast<size_t>(c) * r.width * r.height + corner;
@@ -294,7 +305,8 @@ class TileWorker {
       std::fill(row + used_x, row + full, row[used_x - 1]);
     }
     for (int y = used_y; y < full; ++y)
-      std::memcpy(grid_[0].data() + static_cast<size_t>(y) * full, grid_[0].data() + static_cast<size_t>(used_y - 1) * full, full * sizeof(uint16_t));
+      std::memcpy(grid_[0].data() + static_cast<size_t>(y) * full,
+                  grid_[0].data() + static_cast<size_t>(used_y - 1) * full, full * sizeof(uint16_t));
     int columns = relief_columns_, rows = relief_rows_;
     for (int down = 1; down <= kStageLevels && s.level - down >= 0; ++down) {
       // Coarser samples are finer ones.
@@ -302,7 +314,8 @@ class TileWorker {
       grid_[down].resize(static_cast<size_t>(side) * side);
       for (int y = 0; y < side; ++y)
         for (int x = 0; x < side; ++x)
-          grid_[down][static_cast<size_t>(y) * side + x] = grid_[down - 1][static_cast<size_t>(2 * y) * finer_side + 2 * x];
+          grid_[down][static_cast<size_t>(y) * side + x] =
+              grid_[down - 1][static_cast<size_t>(2 * y) * finer_side + 2 * x];
       const int finer_columns = columns, finer_rows = rows;
       columns = (columns + 1) / 2, rows = (rows + 1) / 2;
       for (int y = 0; y < rows; ++y) {
@@ -331,9 +344,10 @@ class TileWorker {
     return {};
   }
 
-  // A block's error: what the finer level's blocks below it leave out, and how far that level lies from this one. Both surfaces lie
-  // between the finest samples' extremes.
-  void boundErrors(int down, int node_x, int node_y, const std::array<const NodeRange*, 4>& children, NodeRange& r) const {
+  // A block's error: what the finer level's blocks below it leave out, and how far that level lies from this one. Both
+  // surfaces lie between the finest samples' extremes.
+  void boundErrors(int down, int node_x, int node_y, const std::array<const NodeRange*, 4>& children,
+                   NodeRange& r) const {
     constexpr int kHalf = kErrorBlocks / 2;
     const uint32_t range = static_cast<uint32_t>(r.max - r.min);
     for (int by = 0; by < kErrorBlocks; ++by) {
@@ -348,16 +362,17 @@ class TileWorker {
         block.below = static_cast<uint16_t>(std::min(inside.below + step.below, range));
         block.above = static_cast<uint16_t>(std::min(inside.above + step.above, range));
         block.error = std::max(block.below, block.above);
-        block.apart = block.between = std::min<uint32_t>(inside.below + inside.above + step.between, block.below + block.above);
+        block.apart = block.between =
+            std::min<uint32_t>(inside.below + inside.above + step.between, block.below + block.above);
         r.error = std::max(r.error, block.error);
       }
     }
   }
 
-  // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of the tile, below
-  // it and above: cells split along the (0,0)-(1,1) diagonal, or bilinear; and from the lowest to the highest of one cell (split). Rounded up. A cell
-  // that the artwork's border cuts is squeezed onto it, so its finer samples lie at other parameters than the halves: there the cell's range of samples
-  // is the bound.
+  // How far the samples of the next finer level lie, at most, from this level's surface over a block of node (x, y) of
+  // the tile, below it and above: cells split along the (0,0)-(1,1) diagonal, or bilinear; and from the lowest to the
+  // highest of one cell (split). Rounded up. A cell that the artwork's border cuts is squeezed onto it, so its finer
+  // samples lie at other parameters than the halves: there the cell's range of samples is the bound.
   struct Step {
     uint32_t below = 0, above = 0, between = 0;
   };
@@ -367,7 +382,9 @@ class TileWorker {
     ReliefGrid cells(context_.domain, s.level - down);
     const int64_t first_x = (static_cast<int64_t>(tile_x_) * kTilePx >> down) + node_x * kPagePx + block_x * kCells;
     const int64_t first_y = (static_cast<int64_t>(tile_y_) * kTilePx >> down) + node_y * kPagePx + block_y * kCells;
-    auto local = [](int64_t end, int64_t first) { return static_cast<int>(std::clamp<int64_t>(end - first, 0, kCells)); };
+    auto local = [](int64_t end, int64_t first) {
+      return static_cast<int>(std::clamp<int64_t>(end - first, 0, kCells));
+    };
     const int whole_x = local(cells.whole_x, first_x), whole_y = local(cells.whole_y, first_y);
     const int cells_x = local(cells.cells_x, first_x), cells_y = local(cells.cells_y, first_y);
     const int side = gridSide(down - 1);
@@ -388,7 +405,8 @@ class TileWorker {
           int a = r0[2 * x], b = r0[2 * x + 2], c = r2[2 * x], d = r2[2 * x + 2], m = r1[2 * x + 1];
           note(2 * (2 * m - a - d));
           note(4 * m - a - b - c - d);
-          const std::array<int, 5> of_cell{2 * r0[2 * x + 1] - a - b, 2 * r2[2 * x + 1] - c - d, 2 * r1[2 * x] - a - c, 2 * r1[2 * x + 2] - b - d, 2 * m - a - d};
+          const std::array<int, 5> of_cell{2 * r0[2 * x + 1] - a - b, 2 * r2[2 * x + 1] - c - d, 2 * r1[2 * x] - a - c,
+                                           2 * r1[2 * x + 2] - b - d, 2 * m - a - d};
           const auto [lowest, highest] = std::minmax_element(of_cell.begin(), of_cell.end());
           apart = std::max(apart, 2 * (std::max(*highest, 0) - std::min(*lowest, 0)));
         }
@@ -404,7 +422,8 @@ class TileWorker {
             low = std::min(low, v), high = std::max(high, v);
           }
         }
-        above = std::max(above, high - low), below = std::max(below, high - low), between = std::max(between, 2 * (high - low));
+        above = std::max(above, high - low), below = std::max(below, high - low),
+        between = std::max(between, 2 * (high - low));
       }
     }
     return {static_cast<uint32_t>(below), static_cast<uint32_t>(above), static_cast<uint32_t>(between)};
@@ -424,8 +443,10 @@ class TileWorker {
       std::vector<Tap> out(static_cast<size_t>(count));
       const double spacing = std::ldexp(1.0, d.texture_depth - d.relief_depth);
       for (int i = 0; i < count; ++i) {
-        double texel = std::min(static_cast<double>(tile * kTilePx + static_cast<uint64_t>(i)) * spacing, static_cast<double>(extent));
-        double at = std::clamp(texel * static_cast<double>(pixels) / static_cast<double>(extent) - 0.5, 0.0, static_cast<double>(pixels - 1));
+        double texel = std::min(static_cast<double>(tile * kTilePx + static_cast<uint64_t>(i)) * spacing,
+                                static_cast<double>(extent));
+        double at = std::clamp(texel * static_cast<double>(pixels) / static_cast<double>(extent) - 0.5, 0.0,
+                               static_cast<double>(pixels - 1));
         int64_t low = std::min(static_cast<int64_t>(at), std::max<int64_t>(pixels - 2, 0));
         out[static_cast<size_t>(i)] = {low, at - static_cast<double>(low)};
       }
@@ -473,7 +494,8 @@ class TileWorker {
     std::array<uint16_t, kReliefPageSamples> block;
     for (int py = 0; py < relief_rows_; ++py) {
       for (int px = 0; px < relief_columns_; ++px) {
-        uint64_t n = (tile_y_ * kTilePages + static_cast<uint64_t>(py)) * s.in_columns + tile_x_ * kTilePages + static_cast<uint64_t>(px);
+        uint64_t n = (tile_y_ * kTilePages + static_cast<uint64_t>(py)) * s.in_columns + tile_x_ * kTilePages +
+                     static_cast<uint64_t>(px);
         if (auto read = s.in->read(n * kReliefPageSamples * 2, block.data(), sizeof block); !read) return read;
         for (int y = 0; y < kReliefSamples; ++y)
           std::memcpy(grid_[0].data() + static_cast<size_t>(py * kPagePx + y) * side + px * kPagePx,
@@ -498,8 +520,9 @@ class TileWorker {
       auto at = context_.layout.texture.find(node);
       for (int plane = 0; plane < context_.format.planes(); ++plane) {
         cutTexture(down, x, y, plane);
-        out.place({.index_offset = at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes},
-                  encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]));
+        out.place(
+            {.index_offset = at.block_offset + at.node_offset + static_cast<uint64_t>(plane) * kTextureEntryBytes},
+            encoder_.encodeTexture(page_, context_.encodings[static_cast<size_t>(plane)]));
       }
     }
     if (stage_->relief.level >= 0) {
@@ -508,7 +531,9 @@ class TileWorker {
       for (int j = 0; j < kReliefSamples; ++j)
         std::memcpy(samples_.data() + static_cast<size_t>(j) * kReliefSamples,
                     grid_[down].data() + static_cast<size_t>(y * kPagePx + j) * side + x * kPagePx, kReliefSamples * 2);
-      out.place({.index_offset = at.block_offset + at.node_offset, .relief = true, .detail_offset = detail.block_offset + detail.node_offset,
+      out.place({.index_offset = at.block_offset + at.node_offset,
+                 .relief = true,
+                 .detail_offset = detail.block_offset + detail.node_offset,
                  .range = ranges_[down][static_cast<size_t>(y) * kTilePages + x]},
                 encoder_.encodeRelief(samples_));
     }
@@ -520,7 +545,7 @@ class TileWorker {
   uint64_t tile_x_ = 0, tile_y_ = 0;
 
   Region region_;
-  Rect valid_;                       // the tile's texels on the artwork, level L
+  Rect valid_;                         // the tile's texels on the artwork, level L
   std::vector<uint8_t> bytes_, part_;  // level L of the first stage
   std::array<std::vector<uint16_t>, kStageLevels + 1> levels_;
   std::vector<uint16_t> spill_;
@@ -533,7 +558,8 @@ class TileWorker {
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
-Result<std::string> manifestOf(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief, const std::string& tool_version) {
+Result<std::string> manifestOf(const PackageHeader& h, const TextureSource& texture, const HeightSource* relief,
+                               const std::string& tool_version) {
   nlohmann::ordered_json json = manifestJson(h, tool_version);
   if (auto added = addSource(json, texture.provenance(), "texture"); !added) return added.error();
   if (relief)
@@ -541,41 +567,58 @@ Result<std::string> manifestOf(const PackageHeader& h, const TextureSource& text
   return manifestText(json);
 }
 
-// A height map lies over the texture border to border: it has the texture's proportions, but for rounding to whole pixels.
+// A height map lies over the texture border to border: it has the texture's proportions, but for rounding to whole
+// pixels.
 constexpr double kAspectTolerance = 0.01;
 Result<void> checkProportions(const TextureSource& texture, const HeightSource& relief) {
   const double w = static_cast<double>(texture.width()), h = static_cast<double>(texture.height());
   const double relief_w = static_cast<double>(relief.width()), relief_h = static_cast<double>(relief.height());
   const double stretch = relief_w * h / (relief_h * w);
-  if (std::abs(stretch - 1) <= kAspectTolerance || std::abs(relief_w - relief_h * w / h) <= 1 || std::abs(relief_h - relief_w * h / w) <= 1) return {};
+  if (std::abs(stretch - 1) <= kAspectTolerance || std::abs(relief_w - relief_h * w / h) <= 1 ||
+      std::abs(relief_h - relief_w * h / w) <= 1)
+    return {};
   char text[200];
-  std::snprintf(text, sizeof text, "expected the proportions of the texture, %lld x %lld px, within 1 %% or one pixel, found a height map of %lld x %lld px, off by %.1f %%",
-                static_cast<long long>(texture.width()), static_cast<long long>(texture.height()), static_cast<long long>(relief.width()),
-                static_cast<long long>(relief.height()), 100 * (std::max(stretch, 1 / stretch) - 1));
-  return Error{ErrorKind::kInvalidData, relief.provenance().name, text, "cut both to the same part of the artwork; --stretch-relief stretches it all the same", {}};
+  std::snprintf(text, sizeof text,
+                "expected the proportions of the texture, %lld x %lld px, within 1 %% or one pixel, found a height map "
+                "of %lld x %lld px, off by %.1f %%",
+                static_cast<long long>(texture.width()), static_cast<long long>(texture.height()),
+                static_cast<long long>(relief.width()), static_cast<long long>(relief.height()),
+                100 * (std::max(stretch, 1 / stretch) - 1));
+  return Error{ErrorKind::kInvalidData,
+               relief.provenance().name,
+               text,
+               "cut both to the same part of the artwork; --stretch-relief stretches it all the same",
+               {}};
 }
 
-Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px, bool stretch_relief) {
+Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px,
+                                bool stretch_relief) {
   PlanarDomain d;
   if (texture.width() < 1 || texture.height() < 1) return usage("the texture is empty");
   d.width_px = static_cast<uint64_t>(texture.width());
   d.height_px = static_cast<uint64_t>(texture.height());
   d.mm_per_px = mm_per_px;
   if (std::min(d.width_px, d.height_px) > (uint64_t{kPagePx} << kMaxNodeLevel))
-    return Error{ErrorKind::kUnsupported, "", "the texture's shorter side exceeds 2^24 texels", "split the artwork", {}};
+    return Error{
+        ErrorKind::kUnsupported, "", "the texture's shorter side exceeds 2^24 texels", "split the artwork", {}};
   d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
   if (relief) {
     if (relief->width() < 1 || relief->height() < 1) return usage("the height map is empty");
     if (!stretch_relief)
       if (auto alike = checkProportions(texture, *relief); !alike) return alike.error();
     if (!std::isfinite(relief->minMm()) || !std::isfinite(relief->maxMm()) || relief->maxMm() < relief->minMm())
-      return usage("the height map's range is not one: " + std::to_string(relief->minMm()) + " to " + std::to_string(relief->maxMm()) + " mm");
+      return usage("the height map's range is not one: " + std::to_string(relief->minMm()) + " to " +
+                   std::to_string(relief->maxMm()) + " mm");
     double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(relief->width()),
                             static_cast<double>(d.height_px) / static_cast<double>(relief->height()));
     d.relief_depth = 0;
     while (std::ldexp(1.0, d.texture_depth - d.relief_depth) > pixel * kSpacingSlack) ++d.relief_depth;
     if (d.relief_depth > static_cast<int>(kMaxNodeLevel))
-      return Error{ErrorKind::kUnsupported, "", "the height map is too fine for the texture", "scale it down to the texture's size", {}};
+      return Error{ErrorKind::kUnsupported,
+                   "",
+                   "the height map is too fine for the texture",
+                   "scale it down to the texture's size",
+                   {}};
     d.relief_offset_mm = relief->minMm();
     d.relief_scale_mm = (relief->maxMm() - relief->minMm()) / 65535.0;
   }
@@ -583,8 +626,10 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   return d;
 }
 
-// What decides a package's bytes: where it differs, a checkpoint of the one is none of the other. Nothing where it is not known.
-std::optional<uint64_t> identityOf(const PackageHeader& header, const std::string& manifest, const BuildOptions& options) {
+// What decides a package's bytes: where it differs, a checkpoint of the one is none of the other. Nothing where it is
+// not known.
+std::optional<uint64_t> identityOf(const PackageHeader& header, const std::string& manifest,
+                                   const BuildOptions& options) {
   auto program = hashFile("/proc/self/exe");
   if (!program) return std::nullopt;
   std::vector<uint8_t> bytes(kHeaderBytes);
@@ -592,14 +637,16 @@ std::optional<uint64_t> identityOf(const PackageHeader& header, const std::strin
   auto add = [&](std::string_view text) { bytes.insert(bytes.end(), text.begin(), text.end()); };
   add(manifest);
   add(*program);
-  for (const PageEncoding& e : header.encodings) add(std::to_string(static_cast<int>(e.codec)) + "/" + std::to_string(e.parameter) + " ");
+  for (const PageEncoding& e : header.encodings)
+    add(std::to_string(static_cast<int>(e.codec)) + "/" + std::to_string(e.parameter) + " ");
   add(std::to_string(options.zstd_level) + " " + std::to_string(ZSTD_versionNumber()));
   return XXH3_64bits(bytes.data(), bytes.size());
 }
 
 }  // namespace
 
-Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options) {
+Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief,
+                                 const BuildOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
   auto planned = planDomain(texture, relief, options.size_known ? options.mm_per_px : 1, options.stretch_relief);
@@ -620,20 +667,29 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   if (!described) return described.error();
   const std::string& manifest = *described;
   if (auto placed = placeSections(header, manifest, {}); !placed) return placed.error();
-  BuildContext context{texture, relief, d, header.texture, packageLayout(d, header.texture, header.index_offset, header.detailBytes()), MipFilter(header.texture),
+  BuildContext context{texture,
+                       relief,
+                       d,
+                       header.texture,
+                       packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
+                       MipFilter(header.texture),
                        header.encodings};
 
   // A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.
   const uint64_t region_texels = uint64_t{kTilePx + 2 * kMarginPx} * (kTilePx + 2 * kMarginPx);
   const uint64_t tile_pages = kTilePages * kTilePages * 4 / 3;
-  const uint64_t worker_bytes = region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 +
-                                (relief ? region_texels * 8 : 0) +
-                                uint64_t{kSpillPx * kSpillPx} * 2 * static_cast<uint64_t>(header.texture.channels()) * (1 + kPartsAhead) +
-                                tile_pages * (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kPartsAhead);
+  const uint64_t worker_bytes =
+      region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 + (relief ? region_texels * 8 : 0) +
+      uint64_t{kSpillPx * kSpillPx} * 2 * static_cast<uint64_t>(header.texture.channels()) * (1 + kPartsAhead) +
+      tile_pages *
+          (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) *
+          (1 + kPartsAhead);
   int workers = workerCount(options.workers);
-  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
+  workers = static_cast<int>(
+      std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0, options.output};
+  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0,
+                     options.output};
 
   auto note = [&](const std::string& text) {
     if (options.note) options.note(text);
@@ -656,12 +712,14 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
       pages = std::move(found->found->pages);
       journal->file().keep(), pages->keep();
       kept = true;
-      note("going on from a checkpoint: " + std::to_string(found->pages_done) + " of " + std::to_string(header.page_count) + " pages are done");
+      note("going on from a checkpoint: " + std::to_string(found->pages_done) + " of " +
+           std::to_string(header.page_count) + " pages are done");
     } else {
       note("building from the start: " + found->why);
     }
   }
-  auto writer = pages ? PackageWriter::resume(std::move(*pages), header, manifest, spills) : PackageWriter::create(options.output, header, manifest, {}, spills);
+  auto writer = pages ? PackageWriter::resume(std::move(*pages), header, manifest, spills)
+                      : PackageWriter::create(options.output, header, manifest, {}, spills);
   if (!writer) return writer.error();
   if (!journal && known && !(*writer)->file().partPath().empty()) {
     auto made = BuildJournal::create(options.output, identity, (*writer)->file().partPath());
@@ -720,14 +778,20 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
     // The next stage's input.
     auto spill = [&](const BuildPart& part) -> Result<void> {
       if (stage.texture.out)
-        if (auto written = stage.texture.out->write(part.texture_spill.offset, part.texture_spill.bytes.data(), part.texture_spill.bytes.size()); !written) return written;
+        if (auto written = stage.texture.out->write(part.texture_spill.offset, part.texture_spill.bytes.data(),
+                                                    part.texture_spill.bytes.size());
+            !written)
+          return written;
       if (!stage.relief.out) return {};
-      if (part.spill_node < stage.relief.out_ranges->size()) (*stage.relief.out_ranges)[part.spill_node] = part.spill_range;
-      return stage.relief.out->write(part.relief_spill.offset, part.relief_spill.bytes.data(), part.relief_spill.bytes.size());
+      if (part.spill_node < stage.relief.out_ranges->size())
+        (*stage.relief.out_ranges)[part.spill_node] = part.spill_range;
+      return stage.relief.out->write(part.relief_spill.offset, part.relief_spill.bytes.data(),
+                                     part.relief_spill.bytes.size());
     };
     // Parts that a build before this one has made.
     while (journal && options.resume && tiles > 0) {
-      if (options.interrupted && options.interrupted->load()) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "", {}};
+      if (options.interrupted && options.interrupted->load())
+        return Error{ErrorKind::kInterrupted, options.output, "interrupted", "", {}};
       auto part = journal->replay(serial);
       if (!part) return part.error();
       if (!*part) break;
@@ -747,18 +811,22 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
           auto worker = std::make_shared<TileWorker>(context, options.zstd_level);
           return [&stage, worker](const Tile& tile) { return worker->run(stage, tile.x, tile.y); };
         });
-    return writeParts(runner, tiles, *writer->get(), options, [&](const BuildPart* part) {
-      if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
-      report(false);
-    }, [&](const BuildPart& part) {
-      if (auto spilled = spill(part); !spilled) return spilled;
-      return journalPart(serial, part);
-    });
+    return writeParts(
+        runner, tiles, *writer->get(), options,
+        [&](const BuildPart* part) {
+          if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
+          report(false);
+        },
+        [&](const BuildPart& part) {
+          if (auto spilled = spill(part); !spilled) return spilled;
+          return journalPart(serial, part);
+        });
   };
 
   auto hintAtCheckpoint = [&](Error error) {
     if (kept && !journal) (*writer)->file().remove(), kept = false;  // nobody could go on with the pages alone
-    if (kept) error.hint += (error.hint.empty() ? "" : "; ") + std::string("what is done is kept: build again with --resume");
+    if (kept)
+      error.hint += (error.hint.empty() ? "" : "; ") + std::string("what is done is kept: build again with --resume");
     return error;
   };
   // What a build that stops leaves, where it was asked to.

@@ -1,6 +1,6 @@
 // package_builder.h - from raster sources to a package file, streamed: regions in, pages out, memory bounded.
-// Written beside the target (TARGET.part-PID) and renamed when whole; on failure or interruption nothing is left behind.
-// The same bytes with any number of workers.
+// Written beside the target (TARGET.part-PID) and renamed when whole; on failure or interruption nothing is left
+// behind. The same bytes with any number of workers.
 #pragma once
 
 #include <atomic>
@@ -27,11 +27,13 @@ struct BuildOptions {
   double mm_per_px = 1.0;
   bool size_known = true;       // else mm_per_px is 1, heights are in pixels of the texture, and the package says so
   bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
-  int workers = 0;          // 0: one per core
+  int workers = 0;              // 0: one per core
   int zstd_level = 1;
-  PageEncoding coefficients, colour;  // of the planes of either kind; mip levels are computed from exact values all the same
+  PageEncoding coefficients,
+      colour;  // of the planes of either kind; mip levels are computed from exact values all the same
   uint64_t memory_budget_bytes = uint64_t{768} << 20;
-  uint64_t kept_bytes = ~uint64_t{0};  // of the budget, for what waits for its neighbours: more of it lies in files; buildPatchPackage only
+  uint64_t kept_bytes = ~uint64_t{
+      0};  // of the budget, for what waits for its neighbours: more of it lies in files; buildPatchPackage only
   std::string tool_version;
   std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second

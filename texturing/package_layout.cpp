@@ -27,7 +27,8 @@ uint64_t nodesAlong(const PlanarDomain& domain, uint64_t extent, int level) {
 double leastIndexBytes(const PlanarDomain& d, uint32_t detail_bytes) {
   auto nodes = [&](int level) {
     const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
-    return std::max(1.0, static_cast<double>(d.width_px) * finer) * std::max(1.0, static_cast<double>(d.height_px) * finer);
+    return std::max(1.0, static_cast<double>(d.width_px) * finer) *
+           std::max(1.0, static_cast<double>(d.height_px) * finer);
   };
   double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
   if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + detail_bytes);
@@ -61,9 +62,11 @@ std::string domainProblem(const PlanarDomain& d) {
   if (d.width_px > kMaxExtent || d.height_px > kMaxExtent) return "a side exceeds 2^44 texels";
   uint64_t shorter = std::min(d.width_px, d.height_px);
   if (shorter > (uint64_t{kPagePx} << kMaxNodeLevel)) return "the shorter side exceeds 2^24 texels";
-  if (d.texture_depth != PlanarDomain::depthFor(d.width_px, d.height_px)) return "the texture depth does not fit the size";
+  if (d.texture_depth != PlanarDomain::depthFor(d.width_px, d.height_px))
+    return "the texture depth does not fit the size";
   if (std::max(d.width_px, d.height_px) > d.patchPx() * kMaxPatches) return "the strip has more than 2^20 patches";
-  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel)) return "the relief depth is out of range";
+  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel))
+    return "the relief depth is out of range";
   if (!std::isfinite(d.mm_per_px) || d.mm_per_px <= 0) return "the size of a pixel in mm is not a positive number";
   if (!std::isfinite(d.relief_offset_mm) || !std::isfinite(d.relief_scale_mm) || d.relief_scale_mm < 0)
     return "the relief's range is not a number";
@@ -122,7 +125,8 @@ uint8_t byteFromError(uint32_t steps) {
   return static_cast<uint8_t>(16 * e + static_cast<int>(m) - 16);  // m of 32 is the next e's first
 }
 
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, uint32_t detail_bytes) {
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+                            uint32_t detail_bytes) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
   layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
@@ -221,7 +225,8 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   h.domain.relief_depth = loadLittle<int32_t>(p + 132);
   uint32_t basis = loadLittle<uint32_t>(p + 136);
   if (basis > (version == 1 ? 2 : 3))
-    return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " + std::to_string(basis));
+    return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " +
+                            std::to_string(basis));
   h.texture.basis = static_cast<Basis>(basis);
   // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
   h.size_known = loadLittle<uint32_t>(p + 140) == 0;
@@ -243,14 +248,16 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.encodings[k] = *encoding;
   }
   if (uint32_t blocks = loadLittle<uint32_t>(p + 256); blocks != 0 && blocks != kErrorBlocks) {
-    Error error = invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
+    Error error =
+        invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
     error.kind = ErrorKind::kUnsupported;
     return error;
   } else {
     h.relief_detail = blocks != 0;
   }
   if (uint32_t shapes = loadLittle<uint32_t>(p + 260); shapes > 1 || (shapes == 1 && !h.relief_detail)) {
-    Error error = invalid(260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " + std::to_string(shapes));
+    Error error = invalid(
+        260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " + std::to_string(shapes));
     error.kind = ErrorKind::kUnsupported;
     return error;
   } else {
@@ -258,17 +265,20 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   }
   if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
   if (constexpr uint64_t kMost = uint64_t{1} << 62; h.file_bytes > kMost)
-    return invalid(16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h.file_bytes));
+    return invalid(
+        16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h.file_bytes));
   // Written so that no sum can overflow.
   auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
   if (loadLittle<uint32_t>(p + 12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
   auto outside = [&](uint64_t field, const char* what, uint64_t offset, uint64_t size) {
-    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(size) +
-                              " bytes from byte " + std::to_string(offset));
+    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h.file_bytes) +
+                              " bytes, found " + std::to_string(size) + " bytes from byte " + std::to_string(offset));
   };
-  if (!inside(h.manifest_offset, h.manifest_bytes)) return outside(24, "the manifest lies", h.manifest_offset, h.manifest_bytes);
+  if (!inside(h.manifest_offset, h.manifest_bytes))
+    return outside(24, "the manifest lies", h.manifest_offset, h.manifest_bytes);
   if (h.manifest_bytes > kMaxManifestBytes)
-    return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " + std::to_string(h.manifest_bytes));
+    return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " +
+                           std::to_string(h.manifest_bytes));
   if (!inside(h.index_offset, h.index_bytes)) return outside(48, "the index lies", h.index_offset, h.index_bytes);
   if (!inside(h.pages_offset, h.pages_bytes)) return outside(64, "the pages lie", h.pages_offset, h.pages_bytes);
   if (version == 2) {
@@ -279,24 +289,31 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
     h.tails_offset = loadLittle<uint64_t>(p + 296);
     h.tails_bytes = loadLittle<uint64_t>(p + 304);
     h.tails_hash = loadLittle<uint64_t>(p + 312);
-    if (!inside(h.tails_offset, h.tails_bytes)) return outside(296, "the patches' tails lie", h.tails_offset, h.tails_bytes);
-    if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount()); h.tails_bytes != 0 && h.tails_bytes != expected)
-      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " + std::to_string(h.tails_bytes));
+    if (!inside(h.tails_offset, h.tails_bytes))
+      return outside(296, "the patches' tails lie", h.tails_offset, h.tails_bytes);
+    if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount());
+        h.tails_bytes != 0 && h.tails_bytes != expected)
+      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
+                              std::to_string(h.tails_bytes));
     if (!inside(h.base_offset, h.base_bytes)) return outside(264, "the base mesh lies", h.base_offset, h.base_bytes);
-    if (!inside(h.base_copy_offset, h.base_bytes)) return outside(288, "the base mesh's copy lies", h.base_copy_offset, h.base_bytes);
+    if (!inside(h.base_copy_offset, h.base_bytes))
+      return outside(288, "the base mesh's copy lies", h.base_copy_offset, h.base_bytes);
     if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), BaseSectionEnd::kBlocks), most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
+    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), BaseSectionEnd::kBlocks),
+        most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
         h.base_bytes < least || h.base_bytes > most) {
-      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) + " bytes, found " + std::to_string(h.base_bytes));
+      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
+                              " bytes, found " + std::to_string(h.base_bytes));
     }
   }
   // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
   if (const double least = leastIndexBytes(h.domain, h.detailBytes()); least > static_cast<double>(h.file_bytes)) {
     char text[40];
     std::snprintf(text, sizeof text, "%.3g", least);
-    return invalid(88, "expected a file of at least " + std::string(text) + " bytes for the index of so many pages, found " + std::to_string(h.file_bytes));
+    return invalid(88, "expected a file of at least " + std::string(text) +
+                           " bytes for the index of so many pages, found " + std::to_string(h.file_bytes));
   }
   PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
   if (layout.index_bytes != h.index_bytes) {
@@ -304,10 +321,12 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
                            std::to_string(h.index_bytes));
   }
   if (layout.page_count != h.page_count) {
-    return invalid(80, "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
+    return invalid(80,
+                   "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
   }
   if (h.pages_bytes < h.page_count) {
-    return invalid(72, "expected at least a byte for each of " + std::to_string(h.page_count) + " pages, found " + std::to_string(h.pages_bytes) + " bytes of pages");
+    return invalid(72, "expected at least a byte for each of " + std::to_string(h.page_count) + " pages, found " +
+                           std::to_string(h.pages_bytes) + " bytes of pages");
   }
   return h;
 }

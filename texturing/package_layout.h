@@ -1,5 +1,5 @@
-// package_layout.h - where things lie in a .relievo file; shared by the reader and the builder. Documented in PACKAGE.md.
-// Pure arithmetic: no input or output. All numbers in the file are little-endian.
+// package_layout.h - where things lie in a .relievo file; shared by the reader and the builder. Documented in
+// PACKAGE.md. Pure arithmetic: no input or output. All numbers in the file are little-endian.
 #pragma once
 
 #include <array>
@@ -18,12 +18,12 @@
 namespace relievo {
 
 inline constexpr std::array<uint8_t, 8> kPackageMagic{0x89, 'R', 'L', 'V', '\r', '\n', 0x1A, '\n'};
-inline constexpr uint32_t kHeaderBytes = 4096;           // at the file's start, and once more at its end
-inline constexpr uint32_t kIndexBlockNodes = 16;         // a block holds up to 16 x 16 nodes of one patch and level
-inline constexpr uint32_t kTextureEntryBytes = 20;       // u64 offset, u32 size, u64 checksum
-inline constexpr uint32_t kReliefEntryBytes = 26;        // the same, then u16 min, max, error
-// What a relief page's surface leaves out of the finest one, by blocks of 8 x 8 cells: 16 x 16 bytes, rows top first. As a byte
-// 16 e + m: m for e = 0, else (16 + m) << (e - 1) steps of the height's 16 bits, rounded up.
+inline constexpr uint32_t kHeaderBytes = 4096;      // at the file's start, and once more at its end
+inline constexpr uint32_t kIndexBlockNodes = 16;    // a block holds up to 16 x 16 nodes of one patch and level
+inline constexpr uint32_t kTextureEntryBytes = 20;  // u64 offset, u32 size, u64 checksum
+inline constexpr uint32_t kReliefEntryBytes = 26;   // the same, then u16 min, max, error
+// What a relief page's surface leaves out of the finest one, by blocks of 8 x 8 cells: 16 x 16 bytes, rows top first.
+// As a byte 16 e + m: m for e = 0, else (16 + m) << (e - 1) steps of the height's 16 bits, rounded up.
 inline constexpr int kErrorBlocks = 16;
 inline constexpr uint32_t kReliefDetailBytes = kErrorBlocks * kErrorBlocks;
 inline constexpr uint32_t errorFromByte(uint8_t b) { return b < 32 ? b : (16u + (b & 15u)) << ((b >> 4) - 1); }
@@ -40,10 +40,12 @@ struct PackageHeader {
   PlanarDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;
-  bool size_known = true;  // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
+  bool size_known = true;      // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
   bool relief_shapes = false;  // and kReliefShapesBytes
-  uint32_t detailBytes() const { return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0; }
+  uint32_t detailBytes() const {
+    return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
+  }
   // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
   uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
@@ -63,9 +65,9 @@ NodeGrid nodeGrid(const PlanarDomain& domain, int level);
 // The node at a column and row of that grid.
 NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row);
 
-// The index of one quadtree forest: the texture's (an entry a plane) or the relief's. Patch after patch, in a patch level
-// after level (coarsest first), in a level blocks of 16 x 16 nodes in rows, clipped where the artwork ends; in a block nodes
-// in rows; at a block's end the xxh3-64 of its entries.
+// The index of one quadtree forest: the texture's (an entry a plane) or the relief's. Patch after patch, in a patch
+// level after level (coarsest first), in a level blocks of 16 x 16 nodes in rows, clipped where the artwork ends; in a
+// block nodes in rows; at a block's end the xxh3-64 of its entries.
 class IndexLayout {
  public:
   IndexLayout() = default;  // an empty tree
@@ -74,9 +76,9 @@ class IndexLayout {
   uint64_t nodeCount() const { return nodes_; }
 
   struct Place {
-    uint64_t block_offset = 0;   // in the file
-    uint32_t block_bytes = 0;    // checksum included
-    uint32_t node_offset = 0;    // in the block
+    uint64_t block_offset = 0;  // in the file
+    uint32_t block_bytes = 0;   // checksum included
+    uint32_t node_offset = 0;   // in the block
   };
   bool contains(const NodeId& node) const;
   Place find(const NodeId& node) const;  // contained nodes only
@@ -84,7 +86,7 @@ class IndexLayout {
   struct Block {
     uint64_t offset = 0;
     uint32_t bytes = 0;
-    NodeId first;                // upper left node
+    NodeId first;  // upper left node
     uint32_t columns = 0, rows = 0;
   };
   // Calls f(block) for every block, in the file's order, until it returns false.
@@ -112,7 +114,8 @@ struct PackageLayout {
   IndexLayout texture, relief, relief_detail;
   uint64_t index_bytes = 0, page_count = 0;
 };
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset, uint32_t detail_bytes /* a relief page */);
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+                            uint32_t detail_bytes /* a relief page */);
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
 std::string domainProblem(const PlanarDomain& domain);
 

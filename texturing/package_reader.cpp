@@ -10,8 +10,8 @@
 #include <unordered_map>
 
 #include "src/base/file.h"
-#include "src/base/parallel_for.h"
 #include "src/base/json_parse.h"
+#include "src/base/parallel_for.h"
 #include "texturing/package.h"
 #include "texturing/package_base.h"
 #include "texturing/package_layout.h"
@@ -77,11 +77,13 @@ struct Package::Impl {
     auto readAt = [&](uint64_t offset) -> Result<BaseSection> {
       // Checked before the allocation: the file may be truncated.
       if (offset > file.size() || header.base_bytes > file.size() - offset)
-        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh lies beyond the end of the file", "get a whole copy", offset};
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh lies beyond the end of the file",
+                     "get a whole copy", offset};
       std::vector<uint8_t> bytes(header.base_bytes);
       if (auto read = file.read(offset, bytes); !read) return read.error();
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
-        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match", "rebuild the package, or get a whole copy", offset};
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
+                     "rebuild the package, or get a whole copy", offset};
       auto section = decodeBaseSection(bytes, header.domain.patchCount());
       if (section) return section;
       Error error = section.error();
@@ -95,7 +97,8 @@ struct Package::Impl {
       section = readAt(header.base_copy_offset);
       if (!section) return first;
       warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) +
-                         (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") + "; its copy is used");
+                         (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") +
+                         "; its copy is used");
     }
     manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
     manifest.coarse_errors = std::move(section->coarse_errors);
@@ -115,7 +118,8 @@ struct Package::Impl {
       return error;
     };
     if (XXH3_64bits(bytes.data(), bytes.size()) != header.tails_hash) {
-      return at({ErrorKind::kInvalidData, "", "the patches' tails are damaged: their directory's checksum does not match",
+      return at({ErrorKind::kInvalidData, "",
+                 "the patches' tails are damaged: their directory's checksum does not match",
                  "rebuild the package, or get a whole copy", 0});
     }
     auto chunks = decodeTailsDirectory(bytes, header.domain.patchCount(), header.texture.channels());
@@ -123,23 +127,30 @@ struct Package::Impl {
     return chunks;
   }
   // The chunk of patches first .. first + count, as those from `into` on.
-  Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails, uint32_t into) const {
+  Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails,
+                         uint32_t into) const {
     auto at = [&](std::string message) {
-      return Error{ErrorKind::kInvalidData, file.path(), std::move(message), "rebuild the package, or get a whole copy", chunk.offset};
+      return Error{ErrorKind::kInvalidData, file.path(), std::move(message), "rebuild the package, or get a whole copy",
+                   chunk.offset};
     };
-    const std::string who = "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1);
+    const std::string who =
+        "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1);
     // Checked before the allocation.
-    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset) return at(who + " lie beyond the end of the file");
+    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset)
+      return at(who + " lie beyond the end of the file");
     std::vector<uint8_t> bytes(chunk.size);
     if (auto read = file.read(chunk.offset, bytes); !read) return read;
-    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash) return at(who + " are damaged: their checksum does not match");
+    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash)
+      return at(who + " are damaged: their checksum does not match");
     auto decoded = decodeTailsChunk(bytes, into, count, tails);
     return decoded ? decoded : at(who + " are damaged: " + decoded.error().message);
   }
 
   // What the header does not hold: where the data came from.
   Result<void> readManifest() {
-    auto invalid = [&](std::string what) { return Error{ErrorKind::kInvalidData, file.path(), std::move(what), "", header.manifest_offset}; };
+    auto invalid = [&](std::string what) {
+      return Error{ErrorKind::kInvalidData, file.path(), std::move(what), "", header.manifest_offset};
+    };
     // A truncated file can be shorter than what the header promises.
     if (header.manifest_offset > file.size() || header.manifest_bytes > file.size() - header.manifest_offset)
       return invalid("the manifest lies beyond the end of the file");
@@ -195,10 +206,13 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   }
   impl->header = *header;
   const PackageHeader& h = impl->header;
-  // Pages lie behind the index: who ends within it has none. Whatever is walked from here on is bounded by the file's own length.
+  // Pages lie behind the index: who ends within it has none. Whatever is walked from here on is bounded by the file's
+  // own length.
   if (h.index_offset > impl->file.size() || h.index_bytes > impl->file.size() - h.index_offset) {
-    return Error{ErrorKind::kInvalidData, path, "expected an index of " + std::to_string(h.index_bytes) + " bytes from byte " + std::to_string(h.index_offset) +
-                     ", found a file of " + std::to_string(impl->file.size()) + " bytes: it holds no page",
+    return Error{ErrorKind::kInvalidData, path,
+                 "expected an index of " + std::to_string(h.index_bytes) + " bytes from byte " +
+                     std::to_string(h.index_offset) + ", found a file of " + std::to_string(impl->file.size()) +
+                     " bytes: it holds no page",
                  "it is truncated or forged; get a whole copy", 56};
   }
   if (impl->file.size() < h.file_bytes) {
@@ -236,7 +250,8 @@ Result<void> Package::readBytes(uint64_t offset, std::span<uint8_t> out) const {
 
 Result<void> Package::checkIndex(PageId id) const {
   const IndexLayout& tree = id.plane() == Plane::kRelief ? impl_->layout.relief : impl_->layout.texture;
-  if (!tree.contains(id.node())) return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
+  if (!tree.contains(id.node()))
+    return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
   auto block = impl_->block(tree.find(id.node()));
   if (!block) return block.error();
   return {};
@@ -267,8 +282,10 @@ PatchTails Package::tails(int workers, std::vector<std::string>* problems, const
     return out;
   }
   parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
-    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches, count = std::min(kTailsChunkPatches, out.patches - first);
-    if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read) instead(first, count, read.error());
+    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
+               count = std::min(kTailsChunkPatches, out.patches - first);
+    if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
+      instead(first, count, read.error());
   });
   return out;
 }
@@ -289,14 +306,18 @@ void Package::checkTails(const std::function<void(const Error&)>& problem, const
     if (!read) {
       problem(read.error());
     } else if (chunk.offset != expected) {
-      problem({ErrorKind::kInvalidData, path(), "expected the tails of patches from " + std::to_string(i * kTailsChunkPatches) + " on at byte " + std::to_string(expected) +
-                   ", found them at byte " + std::to_string(chunk.offset), "rebuild the package, or get a whole copy", h.tails_offset});
+      problem({ErrorKind::kInvalidData, path(),
+               "expected the tails of patches from " + std::to_string(i * kTailsChunkPatches) + " on at byte " +
+                   std::to_string(expected) + ", found them at byte " + std::to_string(chunk.offset),
+               "rebuild the package, or get a whole copy", h.tails_offset});
     }
     expected = chunk.offset + chunk.size;
   }
   if (expected != h.tails_offset && !(stop && stop->load())) {
-    problem({ErrorKind::kInvalidData, path(), "expected the patches' tails to end at byte " + std::to_string(h.tails_offset) + ", found their end at byte " +
-                 std::to_string(expected), "rebuild the package, or get a whole copy", h.tails_offset});
+    problem({ErrorKind::kInvalidData, path(),
+             "expected the patches' tails to end at byte " + std::to_string(h.tails_offset) +
+                 ", found their end at byte " + std::to_string(expected),
+             "rebuild the package, or get a whole copy", h.tails_offset});
   }
 }
 
@@ -357,12 +378,15 @@ Result<PageRecord> Package::record(PageId id) const {
   if (record.size == 0 || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
       record.offset - h.pages_offset > h.pages_bytes ||
       record.size > h.pages_bytes - (record.offset - h.pages_offset)) {
-    return Error{ErrorKind::kInvalidData, path(), "page " + describePage(id) + ": its index entry points outside the pages",
+    return Error{ErrorKind::kInvalidData, path(),
+                 "page " + describePage(id) + ": its index entry points outside the pages",
                  "rebuild the package, or get a whole copy", place.block_offset + place.node_offset};
   }
   if (relief) {
     // Outwards, so that the floats stay bounds.
-    auto mm = [&](int i) { return h.domain.relief_offset_mm + loadLittle<uint16_t>(entry + 20 + 2 * i) * h.domain.relief_scale_mm; };
+    auto mm = [&](int i) {
+      return h.domain.relief_offset_mm + loadLittle<uint16_t>(entry + 20 + 2 * i) * h.domain.relief_scale_mm;
+    };
     auto below = [](double v) {
       float f = static_cast<float>(v);
       return static_cast<double>(f) > v ? std::nextafter(f, -INFINITY) : f;
@@ -397,7 +421,9 @@ Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) c
   if (!found) return found.error();
   auto failed = [&](std::string what, ErrorKind kind) {
     return Error{kind, file.path(), "page " + describePage(id) + ": " + what,
-                 kind == ErrorKind::kIo ? "check the disk, or copy the package to another one" : "rebuild the package, or get a whole copy", found->offset};
+                 kind == ErrorKind::kIo ? "check the disk, or copy the package to another one"
+                                        : "rebuild the package, or get a whole copy",
+                 found->offset};
   };
   // Checked before the allocation: the file may be truncated.
   if (found->offset > file.size() || found->size > file.size() - found->offset)

@@ -25,11 +25,13 @@ class WritableFile {
     struct stat st {};
     if (::fstat(file.fd_, &st) != 0) return file.failed("examining", errno);
     if (!S_ISREG(st.st_mode)) return Error{ErrorKind::kIo, path, "expected a regular file", "name a package", {}};
-    if (::flock(file.fd_, LOCK_EX | LOCK_NB) != 0) return Error{ErrorKind::kIo, path, "another program has locked it", "wait until that has ended", {}};
+    if (::flock(file.fd_, LOCK_EX | LOCK_NB) != 0)
+      return Error{ErrorKind::kIo, path, "another program has locked it", "wait until that has ended", {}};
     file.size_ = static_cast<uint64_t>(st.st_size);
     return file;
   }
-  WritableFile(WritableFile&& other) noexcept : path_(std::move(other.path_)), fd_(std::exchange(other.fd_, -1)), size_(other.size_) {}
+  WritableFile(WritableFile&& other) noexcept
+      : path_(std::move(other.path_)), fd_(std::exchange(other.fd_, -1)), size_(other.size_) {}
   WritableFile& operator=(WritableFile&&) = delete;
   ~WritableFile() {
     if (fd_ >= 0) ::close(fd_);
@@ -59,8 +61,13 @@ class WritableFile {
  private:
   explicit WritableFile(std::string path) : path_(std::move(path)) {}
   Error failed(const char* doing, int error_number) const {
-    return {ErrorKind::kIo, path_, std::string(doing) + " failed: " + std::strerror(error_number),
-            error_number == EACCES || error_number == EROFS || error_number == EPERM ? "check the permissions" : "copy the package to another disk", {}};
+    return {ErrorKind::kIo,
+            path_,
+            std::string(doing) + " failed: " + std::strerror(error_number),
+            error_number == EACCES || error_number == EROFS || error_number == EPERM
+                ? "check the permissions"
+                : "copy the package to another disk",
+            {}};
   }
   std::string path_;
   int fd_ = -1;
@@ -72,7 +79,8 @@ Result<void> copyWithin(const WritableFile& file, const SectionFault& fault, con
   constexpr uint64_t kPieceBytes = uint64_t{1} << 20;
   std::vector<uint8_t> sound, present;
   for (uint64_t done = 0; done < fault.bytes; done += sound.size()) {
-    if (interrupted && interrupted->load()) return Error{ErrorKind::kInterrupted, "", "interrupted", "start it again to go on", {}};
+    if (interrupted && interrupted->load())
+      return Error{ErrorKind::kInterrupted, "", "interrupted", "start it again to go on", {}};
     sound.assign(std::min(kPieceBytes, fault.bytes - done), 0);
     present.resize(sound.size());
     if (fault.mend == SectionFault::Mend::kCopy)
@@ -93,7 +101,9 @@ Result<std::vector<std::string>> repairPackage(const std::string& path, const st
   const ReadBytes present = [&](uint64_t offset, std::span<uint8_t> out) { return (*package)->readBytes(offset, out); };
   auto known = sectionFaults({(*package)->header(), (*package)->fileBytes()}, present, interrupted);
   if (!known) return known.error();
-  if (std::none_of(known->begin(), known->end(), [](const SectionFault& fault) { return fault.mend != SectionFault::Mend::kNone; })) return std::vector<std::string>();
+  if (std::none_of(known->begin(), known->end(),
+                   [](const SectionFault& fault) { return fault.mend != SectionFault::Mend::kNone; }))
+    return std::vector<std::string>();
   auto file = WritableFile::open(path);
   if (!file) return file.error();
   const ReadBytes read = [&](uint64_t offset, std::span<uint8_t> out) { return file->read(offset, out); };
@@ -106,7 +116,8 @@ Result<std::vector<std::string>> repairPackage(const std::string& path, const st
   auto header = headerAt(0);
   if (!header && file->size() >= kHeaderBytes) {
     header = headerAt(file->size() - kHeaderBytes);
-    if (header && header->file_bytes != file->size()) return Error{ErrorKind::kInvalidData, path, "no copy of the header is sound", "get a whole copy", {}};
+    if (header && header->file_bytes != file->size())
+      return Error{ErrorKind::kInvalidData, path, "no copy of the header is sound", "get a whole copy", {}};
   }
   if (!header) return header.error();
   auto faults = sectionFaults({*header, file->size()}, read, interrupted);
@@ -116,7 +127,8 @@ Result<std::vector<std::string>> repairPackage(const std::string& path, const st
     if (fault.mend == SectionFault::Mend::kNone) continue;
     if (auto done = copyWithin(*file, fault, interrupted); !done) return done.error();
     if (auto done = file->sync(); !done) return done.error();
-    repaired.push_back(fault.what + (fault.mend == SectionFault::Mend::kCopy ? ": written anew from there" : ": zeros written"));
+    repaired.push_back(fault.what +
+                       (fault.mend == SectionFault::Mend::kCopy ? ": written anew from there" : ": zeros written"));
   }
   return repaired;
 }

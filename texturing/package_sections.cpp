@@ -32,7 +32,10 @@ void addCopies(const Copies& c, F&& copy, std::vector<SectionFault>& faults) {
     const bool other = is[1 - i] == Copy::kSound;
     SectionFault fault;
     fault.unreadable = is[i] == Copy::kUnreadable;
-    fault.what = at(c.what, c.offset[i]) + (is[i] == Copy::kMissing ? " lies beyond the end of the file" : fault.unreadable ? " cannot be read: " + why[i] : " is damaged") +
+    fault.what = at(c.what, c.offset[i]) +
+                 (is[i] == Copy::kMissing ? " lies beyond the end of the file"
+                  : fault.unreadable      ? " cannot be read: " + why[i]
+                                          : " is damaged") +
                  (other ? "; " + at("its copy", c.offset[1 - i]) + " is sound" : "");
     if (is[i] == Copy::kDamaged && other) {
       fault.mend = SectionFault::Mend::kCopy;
@@ -66,7 +69,8 @@ Result<uint64_t> hashOfBytes(uint64_t offset, uint64_t bytes, const ReadBytes& r
 
 }  // namespace
 
-Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read, const std::atomic<bool>* stop) {
+Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read,
+                                                const std::atomic<bool>* stop) {
   const PackageHeader& h = package.header;
   const uint64_t length = package.file_bytes;
   std::vector<SectionFault> faults;
@@ -76,10 +80,11 @@ Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const
     faults.back().unreadable = unreadable;
   };
   if (length < h.file_bytes) {
-    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) + ": its end is missing");
+    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) +
+        ": its end is missing");
   } else if (length > h.file_bytes) {
-    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) + ": the last " + std::to_string(length - h.file_bytes) +
-        " belong to nothing");
+    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) +
+        ": the last " + std::to_string(length - h.file_bytes) + " belong to nothing");
   }
   auto inFile = [&](uint64_t offset, uint64_t bytes) { return offset <= length && bytes <= length - offset; };
 
@@ -133,7 +138,9 @@ Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const
   // The tails themselves are checked one by one: they lie from the pages' end to their directory.
   if (const uint64_t pages_end = h.pages_offset + h.pages_bytes; h.tails_bytes > 0 && h.tails_offset >= pages_end)
     sections.push_back({"the patches' tails", pages_end, h.tails_offset - pages_end + h.tails_bytes});
-  std::stable_sort(sections.begin(), sections.end(), [](const Section& a, const Section& b) { return a.offset != b.offset ? a.offset < b.offset : a.bytes < b.bytes; });
+  std::stable_sort(sections.begin(), sections.end(), [](const Section& a, const Section& b) {
+    return a.offset != b.offset ? a.offset < b.offset : a.bytes < b.bytes;
+  });
   bool overlap = false;
   for (size_t i = 0; i + 1 < sections.size(); ++i) {
     const Section &before = sections[i], &behind = sections[i + 1];
@@ -146,15 +153,18 @@ Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const
     const uint64_t gap = behind.offset - end;
     if (gap == 0 || !inFile(end, gap)) continue;
     if (!before.padded || gap >= kHeaderBytes || behind.offset % kHeaderBytes != 0) {
-      say(std::to_string(gap) + " bytes at byte " + std::to_string(end) + " belong to nothing, between " + before.name + " and " + behind.name);
+      say(std::to_string(gap) + " bytes at byte " + std::to_string(end) + " belong to nothing, between " + before.name +
+          " and " + behind.name);
       continue;
     }
     std::vector<uint8_t> bytes(gap);
     if (auto got = read(end, bytes); !got) {
       say(at("the padding", end) + " cannot be read: " + got.error().message, got.error().kind == ErrorKind::kIo);
-    } else if (const auto wrong = bytes.size() - static_cast<size_t>(std::count(bytes.begin(), bytes.end(), uint8_t{0})); wrong > 0) {
-      say(at("the padding", end) + ", between " + before.name + " and " + behind.name + ", is damaged: expected " + std::to_string(gap) + " zeros, found " +
-          std::to_string(wrong) + " other bytes");
+    } else if (const auto wrong =
+                   bytes.size() - static_cast<size_t>(std::count(bytes.begin(), bytes.end(), uint8_t{0}));
+               wrong > 0) {
+      say(at("the padding", end) + ", between " + before.name + " and " + behind.name + ", is damaged: expected " +
+          std::to_string(gap) + " zeros, found " + std::to_string(wrong) + " other bytes");
       faults.back().mend = SectionFault::Mend::kZeros;
       faults.back().offset = end;
       faults.back().bytes = gap;

@@ -1,5 +1,5 @@
-// package_sections.h - what of a package is neither index entry nor page: the file's length, both copies of header and base mesh, and the
-// bytes between the sections. For verifyPackage and repairPackage; internal to texturing/.
+// package_sections.h - what of a package is neither index entry nor page: the file's length, both copies of header and
+// base mesh, and the bytes between the sections. For verifyPackage and repairPackage; internal to texturing/.
 #pragma once
 
 #include <array>
@@ -35,7 +35,9 @@ struct SectionsOf {
   PackageHeader header;
   uint64_t file_bytes = 0;
 };
-// kInterrupted soon after *stop is set (it may be null). Reads the header's and the base mesh's copies, and padding, which is short.
-Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read, const std::atomic<bool>* stop);
+// kInterrupted soon after *stop is set (it may be null). Reads the header's and the base mesh's copies, and padding,
+// which is short.
+Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read,
+                                                const std::atomic<bool>* stop);
 
 }  // namespace relievo

@@ -1,5 +1,5 @@
-// package_tails.h - the section of a package that holds its patches' tails (texturing/PACKAGE.md, "Tails"): chunks of 256 patches, each by
-// itself, and a directory of them.
+// package_tails.h - the section of a package that holds its patches' tails (texturing/PACKAGE.md, "Tails"): chunks of
+// 256 patches, each by itself, and a directory of them.
 #pragma once
 
 #include <cstdint>
@@ -14,15 +14,18 @@ namespace relievo {
 inline constexpr uint32_t kTailsChunkPatches = 256;
 inline constexpr uint64_t kTailsHeadBytes = 24, kTailsEntryBytes = 20;
 constexpr uint32_t tailsChunks(uint32_t patches) { return (patches + kTailsChunkPatches - 1) / kTailsChunkPatches; }
-constexpr uint64_t tailsDirectoryBytes(uint32_t patches) { return kTailsHeadBytes + tailsChunks(patches) * kTailsEntryBytes; }
+constexpr uint64_t tailsDirectoryBytes(uint32_t patches) {
+  return kTailsHeadBytes + tailsChunks(patches) * kTailsEntryBytes;
+}
 
 struct TailsChunk {
   uint64_t offset = 0;  // in the file
   uint32_t size = 0;
-  uint64_t hash = 0;    // xxh3-64
+  uint64_t hash = 0;  // xxh3-64
 };
 std::vector<uint8_t> encodeTailsDirectory(uint32_t patches, int channels, std::span<const TailsChunk> chunks);
-// Safe for untrusted bytes. The error names what is wrong; its offset counts from the directory's start, its file is empty.
+// Safe for untrusted bytes. The error names what is wrong; its offset counts from the directory's start, its file is
+// empty.
 Result<std::vector<TailsChunk>> decodeTailsDirectory(std::span<const uint8_t> bytes, uint32_t patches, int channels);
 
 // Of patches first .. first + count of `tails`.

@@ -21,11 +21,12 @@ struct Job {
   IndexLayout::Block block;
 };
 
-// Do ranges lie one after the other without gaps, in whatever order they are added? Then each place but the ends is the start of one range
-// as often as the end of one: the sums of a hash over both are the same, and takes no memory a range.
+// Do ranges lie one after the other without gaps, in whatever order they are added? Then each place but the ends is the
+// start of one range as often as the end of one: the sums of a hash over both are the same, and takes no memory a
+// range.
 struct Tiling {
   uint64_t ends = 0, bytes = 0;
-  bool complete = true;  // all ranges are known
+  bool complete = true;                // all ranges are known
   static uint64_t mixed(uint64_t v) {  // Stafford's mix 13
     v = (v ^ (v >> 30)) * 0xBF58476D1CE4E5B9ull;
     v = (v ^ (v >> 27)) * 0x94D049BB133111EBull;
@@ -52,8 +53,8 @@ VerifyProblem problemOf(const Error& error, std::string what, std::optional<Page
   return {page, std::move(what), error.kind == ErrorKind::kIo, false};
 }
 
-Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder& decoder, std::vector<uint8_t>& texels, const Job& job,
-                    const std::atomic<bool>* stop) {
+Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder& decoder, std::vector<uint8_t>& texels,
+                    const Job& job, const std::atomic<bool>* stop) {
   Outcome out;
   const int planes = job.relief ? 1 : package.manifest().texture.planes();
   auto plane = [&](int k) { return job.relief ? Plane::kRelief : texturePlane(k); };
@@ -61,15 +62,17 @@ Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder
   const NodeId& n = job.block.first;
   if (job.relief) {
     if (auto sound = package.checkReliefDetail(n); !sound)
-      out.problems.push_back(problemOf(sound.error(), sound.error().text() + ": errors by block, relief level " + std::to_string(n.level)));
+      out.problems.push_back(problemOf(
+          sound.error(), sound.error().text() + ": errors by block, relief level " + std::to_string(n.level)));
   }
   if (auto sound = package.checkIndex(PageId(plane(0), n)); !sound) {
     out.tiling.complete = false;
-    out.problems.push_back(problemOf(sound.error(), sound.error().text() + ": " + std::to_string(out.pages) + " pages lost, " +
-                                                        (job.relief ? "relief" : "texture") + " patch " + std::to_string(n.patch) + " level " +
-                                                        std::to_string(n.level) + " x " + std::to_string(n.x) + ".." +
-                                                        std::to_string(n.x + job.block.columns - 1) + " y " + std::to_string(n.y) + ".." +
-                                                        std::to_string(n.y + job.block.rows - 1)));
+    out.problems.push_back(
+        problemOf(sound.error(), sound.error().text() + ": " + std::to_string(out.pages) + " pages lost, " +
+                                     (job.relief ? "relief" : "texture") + " patch " + std::to_string(n.patch) +
+                                     " level " + std::to_string(n.level) + " x " + std::to_string(n.x) + ".." +
+                                     std::to_string(n.x + job.block.columns - 1) + " y " + std::to_string(n.y) + ".." +
+                                     std::to_string(n.y + job.block.rows - 1)));
     return out;
   }
   for (uint32_t y = 0; y < job.block.rows; ++y) {
@@ -90,8 +93,11 @@ Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder
         }
         out.bytes += page->bytes.size();
         if (auto decoded = decoder.decodeToSlot(plane(k), page->bytes, texels); !decoded) {
-          out.problems.push_back(problemOf(decoded.error(), "page " + describePage(id) + " at byte " + std::to_string(record ? record->offset : 0) + ": " +
-                                                                decoded.error().message, id));
+          out.problems.push_back(problemOf(decoded.error(),
+                                           "page " + describePage(id) + " at byte " +
+                                               std::to_string(record ? record->offset : 0) + ": " +
+                                               decoded.error().message,
+                                           id));
         }
       }
     }
@@ -99,8 +105,8 @@ Outcome verifyBlock(const Package& package, const PageSource& pages, PageDecoder
   return out;
 }
 
-// Blocks are verified in any order and their outcomes taken in the index's. At most kAhead a worker wait for one that takes longer, so
-// that what they found stays little.
+// Blocks are verified in any order and their outcomes taken in the index's. At most kAhead a worker wait for one that
+// takes longer, so that what they found stays little.
 class InOrder {
  public:
   InOrder(uint64_t ahead, std::function<void(Outcome&)> take) : ahead_(ahead), take_(std::move(take)) {}
@@ -121,7 +127,9 @@ class InOrder {
     {
       std::lock_guard lock(mutex_);
       waiting_.emplace(serial, std::move(out));
-      for (auto first = waiting_.begin(); first != waiting_.end() && first->first == next_; first = waiting_.erase(first), ++next_) take_(first->second);
+      for (auto first = waiting_.begin(); first != waiting_.end() && first->first == next_;
+           first = waiting_.erase(first), ++next_)
+        take_(first->second);
     }
     moved_.notify_all();
   }
@@ -155,7 +163,8 @@ Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& 
   const ReadBytes read = [&](uint64_t offset, std::span<uint8_t> out) { return package.readBytes(offset, out); };
   auto faults = sectionFaults({header, package.fileBytes()}, read, options.interrupted);
   if (!faults) return faults.error();
-  for (const SectionFault& fault : *faults) say({{}, fault.what, fault.unreadable, fault.mend != SectionFault::Mend::kNone});
+  for (const SectionFault& fault : *faults)
+    say({{}, fault.what, fault.unreadable, fault.mend != SectionFault::Mend::kNone});
   if (const auto& problem = package.manifestProblem()) say(problemOf(*problem, problem->message));
 
   Tiling tiling;
@@ -173,7 +182,8 @@ Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& 
     std::vector<uint8_t> texels = std::vector<uint8_t>(kSlotBytes);
   };
   auto run = [&](Worker& worker, const Job& job) {
-    Outcome out = stop() ? Outcome{} : verifyBlock(package, pages, worker.decoder, worker.texels, job, options.interrupted);
+    Outcome out =
+        stop() ? Outcome{} : verifyBlock(package, pages, worker.decoder, worker.texels, job, options.interrupted);
     done += out.pages;
     in_order.add(job.serial, std::move(out));
   };
@@ -214,11 +224,16 @@ Result<VerifyReport> verifyPackage(const Package& package, const VerifyOptions& 
   if (options.progress) options.progress(done, manifest.page_count);
 
   const uint64_t pages_end = header.pages_offset + header.pages_bytes;
-  if (tiling.complete && (tiling.bytes != header.pages_bytes || tiling.ends != Tiling::mixed(pages_end) - Tiling::mixed(header.pages_offset))) {
-    say({{}, "expected pages one after the other in the " + std::to_string(header.pages_bytes) + " bytes at byte " + std::to_string(header.pages_offset) + ", found pages of " +
-                 std::to_string(tiling.bytes) + " bytes" +
-                 (tiling.bytes < header.pages_bytes ? ": " + std::to_string(header.pages_bytes - tiling.bytes) + " bytes belong to nothing" : ", some of which overlap"),
-         false, false});
+  if (tiling.complete && (tiling.bytes != header.pages_bytes ||
+                          tiling.ends != Tiling::mixed(pages_end) - Tiling::mixed(header.pages_offset))) {
+    say({{},
+         "expected pages one after the other in the " + std::to_string(header.pages_bytes) + " bytes at byte " +
+             std::to_string(header.pages_offset) + ", found pages of " + std::to_string(tiling.bytes) + " bytes" +
+             (tiling.bytes < header.pages_bytes
+                  ? ": " + std::to_string(header.pages_bytes - tiling.bytes) + " bytes belong to nothing"
+                  : ", some of which overlap"),
+         false,
+         false});
   }
   package.checkTails([&](const Error& error) { say(problemOf(error, error.text())); }, options.interrupted);
   if (stop()) return interrupted;

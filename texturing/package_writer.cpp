@@ -40,7 +40,8 @@ SpillStore::~SpillStore() {
 // Offsets may come from a checkpoint, which is a file.
 Result<void> SpillStore::holds(uint64_t offset, size_t size) const {
   if (offset <= size_ && size <= size_ - offset) return {};
-  return Error{ErrorKind::kRuntime, path_, "a part of the build lies outside its place", "build again without --resume", {}};
+  return Error{
+      ErrorKind::kRuntime, path_, "a part of the build lies outside its place", "build again without --resume", {}};
 }
 
 Result<void> SpillStore::write(uint64_t offset, const void* bytes, size_t size) {
@@ -169,8 +170,8 @@ Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& 
   return writer;
 }
 
-Result<std::unique_ptr<PackageWriter>> PackageWriter::resume(OutputFile file, const PackageHeader& header, std::string manifest,
-                                                             SpillBudget& spills) {
+Result<std::unique_ptr<PackageWriter>> PackageWriter::resume(OutputFile file, const PackageHeader& header,
+                                                             std::string manifest, SpillBudget& spills) {
   auto index = spills.create(header.index_bytes);
   if (!index) return index.error();
   auto writer = std::unique_ptr<PackageWriter>(new PackageWriter(std::move(file)));
@@ -203,7 +204,8 @@ Result<void> PackageWriter::place(const BuildPart& part) {
       for (size_t i = 0; i < kReliefDetailBytes; ++i) {
         const BlockError& b = p.range.blocks[i];
         detail[i] = byteFromError(b.error);
-        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above), double(b.aside), double(b.between), double(b.apart)});
+        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above),
+                                              double(b.aside), double(b.between), double(b.apart)});
         std::memcpy(detail + kReliefDetailBytes + sizeof shape * i, &shape, sizeof shape);
       }
       if (written = index_->write(p.detail_offset - header_.index_offset, detail, header_.detailBytes()); !written)

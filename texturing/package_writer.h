@@ -64,7 +64,8 @@ struct BlockError {  // src/base/deviation.h, in those units
   uint16_t error = 0, below = 0, above = 0, aside = 0;
   uint32_t between = 0, apart = 0;
   friend BlockError joined(const BlockError& a, const BlockError& b) {
-    return {std::max(a.error, b.error), std::max(a.below, b.below), std::max(a.above, b.above), std::max(a.aside, b.aside), std::max(a.between, b.between), std::max(a.apart, b.apart)};
+    return {std::max(a.error, b.error), std::max(a.below, b.below),     std::max(a.above, b.above),
+            std::max(a.aside, b.aside), std::max(a.between, b.between), std::max(a.apart, b.apart)};
   }
 };
 struct NodeRange {
@@ -174,7 +175,7 @@ class OrderedWorkers {
   std::map<uint64_t, BuildPart> done_;
   uint64_t taken_ = 0, written_ = 0, ahead_;
   bool stopped_ = false;
-  Worker own_worker_;  // of take(), where there are no threads
+  Worker own_worker_;                       // of take(), where there are no threads
   WorkerThreads threads_{"relievo-build"};  // last
 };
 
@@ -190,12 +191,13 @@ class PackageWriter {
                                                        std::string manifest, std::vector<uint8_t> base,
                                                        SpillBudget& spills);
   // The same, to go on with a file that create() made and that holds pages; place() says which.
-  static Result<std::unique_ptr<PackageWriter>> resume(OutputFile file, const PackageHeader& header, std::string manifest,
-                                                       SpillBudget& spills);
+  static Result<std::unique_ptr<PackageWriter>> resume(OutputFile file, const PackageHeader& header,
+                                                       std::string manifest, SpillBudget& spills);
   Result<void> append(const BuildPart& part);
   Result<void> place(const BuildPart& part);  // as append(), for a part whose pages are in the file already
   OutputFile& file() { return file_; }
-  // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes them.
+  // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes
+  // them.
   Result<void> appendTails(std::span<const uint8_t> chunk);
   void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
   // Directory of tails, index, manifest, base mesh, header; renames. The file's bytes.

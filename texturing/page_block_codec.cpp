@@ -55,7 +55,9 @@ void decodePageBlocks(PageCodec codec, std::span<const uint8_t> blocks, uint8_t*
   } else {
     for (size_t c = 0; c < 3; ++c) {
       const Channel channel = channelBlocks(codec, c);
-      forEachBlock([&](size_t i, size_t at) { decodeBc4(blocks.data() + channel.first + channel.stride * i, texels + at + c, 4, kRowBytes); });
+      forEachBlock([&](size_t i, size_t at) {
+        decodeBc4(blocks.data() + channel.first + channel.stride * i, texels + at + c, 4, kRowBytes);
+      });
     }
   }
   for (size_t i = 0; i < kRowBytes * kPageFullPx; i += 4) texels[i + 3] = 255;

@@ -1,7 +1,7 @@
 // page_block_codec.h - a texture page as blocks of 4 x 4 texels, in the order in which a GPU takes them.
-// One set of kPageBlocks blocks, rows top first, for BC1 (8 bytes a block) and BC7 (16); three sets, one a channel, for BC4 (8);
-// a set of BC5 for channels 0 and 1 (16), then one of BC4 for channel 2, for kBc5.
-// A page's border of 4 is one row of blocks, so neighbouring pages hold the same blocks along their edge: no seams.
+// One set of kPageBlocks blocks, rows top first, for BC1 (8 bytes a block) and BC7 (16); three sets, one a channel, for
+// BC4 (8); a set of BC5 for channels 0 and 1 (16), then one of BC4 for channel 2, for kBc5. A page's border of 4 is one
+// row of blocks, so neighbouring pages hold the same blocks along their edge: no seams.
 #pragma once
 
 #include <cstdint>

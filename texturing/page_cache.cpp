@@ -7,9 +7,12 @@ namespace relievo {
 
 const char* replacementName(Replacement policy) {
   switch (policy) {
-    case Replacement::kLru: return "lru";
-    case Replacement::kClock: return "clock";
-    case Replacement::kHalving: return "halving";
+    case Replacement::kLru:
+      return "lru";
+    case Replacement::kClock:
+      return "clock";
+    case Replacement::kHalving:
+      return "halving";
   }
   return "";
 }
@@ -158,7 +161,8 @@ void PageCache::remove(PageId id) {
   --resident_;
 }
 
-// --- who leaves -------------------------------------------------------------------------------------------------------
+// --- who leaves
+// -------------------------------------------------------------------------------------------------------
 
 uint32_t PageCache::oldestAge(uint64_t tick) {
   advance(tick);
@@ -204,7 +208,8 @@ SlotIndex PageCache::halvingVictim(uint32_t min_age) {
   }
 }
 
-// --- page -> slot -----------------------------------------------------------------------------------------------------
+// --- page -> slot
+// -----------------------------------------------------------------------------------------------------
 
 size_t PageCache::home(PageId id) const {
   uint64_t h = id.bits * 0x9E3779B97F4A7C15ull;
@@ -234,7 +239,8 @@ void PageCache::forget(PageId id) {
   index_[gap] = kNone;
 }
 
-// --- list of uses -----------------------------------------------------------------------------------------------------
+// --- list of uses
+// -----------------------------------------------------------------------------------------------------
 
 void PageCache::unlink(SlotIndex s) {
   Use& use = uses_[s];
@@ -250,7 +256,8 @@ void PageCache::linkNewest(SlotIndex s) {
   newest_ = static_cast<Link>(s);
 }
 
-// --- list of free slots -----------------------------------------------------------------------------------------------
+// --- list of free slots
+// -----------------------------------------------------------------------------------------------
 
 void PageCache::linkFree(SlotIndex s) {
   uses_[s].newer = free_;
@@ -265,7 +272,8 @@ void PageCache::unlinkFree(SlotIndex s) {
   if (use.newer != kNone) uses_[use.newer].older = use.older;
 }
 
-// --- accounts and tests -----------------------------------------------------------------------------------------------
+// --- accounts and tests
+// -----------------------------------------------------------------------------------------------
 
 size_t PageCache::metadataBytes() const {
   return sizeof *this + pages_.capacity() * sizeof(PageId) + uses_.capacity() * sizeof(Use) +

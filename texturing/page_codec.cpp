@@ -3,10 +3,10 @@
 //   kQuantisedRaw, kQuantisedZstd  the bits, then the same, of levels instead of values
 //   kJpegFile                      a JPEG
 //   kBlocksRaw, kBlocksZstd        the PageCodec, then blocks of 4 x 4 texels
-// Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod 256).
-// Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small residuals of
-// either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and high byte.
-// Predictions see 0 beyond the page's left and upper border, so decoding is exact and vectorises:
+// Texture stream: kPageFullPx^2 residual bytes, or for kConstant the one value. residual = value - prediction (mod
+// 256). Relief stream: residual = value - prediction (mod 2^16), folded (r << 1) ^ (r >> 15, arithmetic) so that small
+// residuals of either sign have a zero high byte; all low bytes, then all high bytes. For kConstant the value's low and
+// high byte. Predictions see 0 beyond the page's left and upper border, so decoding is exact and vectorises:
 //   kLeft and kGradient (left + up - upper left) are prefix sums along a row, the rest look at the row above only.
 #include "texturing/page_codec.h"
 
@@ -31,13 +31,30 @@
 namespace relievo {
 namespace {
 
-enum Predictor : uint8_t { kNone = 0, kLeft = 1, kUp = 2, kGradient = 3, kSmoothUp = 4, kConstant = 5, kPredictorCount = 6 };
+enum Predictor : uint8_t {
+  kNone = 0,
+  kLeft = 1,
+  kUp = 2,
+  kGradient = 3,
+  kSmoothUp = 4,
+  kConstant = 5,
+  kPredictorCount = 6
+};
 // The first byte of a page. The odd ones are a zstd frame of what the even ones hold.
-enum Packing : uint8_t { kRaw = 0, kZstd = 1, kQuantisedRaw = 2, kQuantisedZstd = 3, kJpegFile = 4, kBlocksRaw = 6, kBlocksZstd = 7 };
+enum Packing : uint8_t {
+  kRaw = 0,
+  kZstd = 1,
+  kQuantisedRaw = 2,
+  kQuantisedZstd = 3,
+  kJpegFile = 4,
+  kBlocksRaw = 6,
+  kBlocksZstd = 7
+};
 
 constexpr int kSide = kPageFullPx;
 constexpr size_t kChannelBytes = size_t{kSide} * kSide;
-constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kJpegHeadBytes = 1, kBlocksHeadBytes = 2, kReliefHeadBytes = 2;
+constexpr size_t kTextureHeadBytes = 4, kQuantisedHeadBytes = 5, kJpegHeadBytes = 1, kBlocksHeadBytes = 2,
+                 kReliefHeadBytes = 2;
 constexpr size_t kReliefBytes = kReliefPageSamples * 2;
 
 // The row above, smoothed: (1 2 1) / 4 with the ends repeated. Averages noise away and needs nothing of the row itself.
@@ -69,7 +86,8 @@ void predictRow(Predictor p, const T* __restrict row, const T* __restrict above,
       for (int x = 0; x < kWidth; ++x) out[x] = static_cast<T>(row[x] - smooth[x]);
       break;
     }
-    default: std::memcpy(out, row, kWidth * sizeof(T));
+    default:
+      std::memcpy(out, row, kWidth * sizeof(T));
   }
 }
 
@@ -123,7 +141,9 @@ RELIEVO_SIMD_CLONES void unpredict(Predictor p, T* data, int height) {
     T* __restrict row = data + static_cast<size_t>(y) * kWidth;
     const T* __restrict above = y == 0 ? kZeros : row - kWidth;
     switch (p) {
-      case kLeft: prefixSum(row, kWidth); break;
+      case kLeft:
+        prefixSum(row, kWidth);
+        break;
       case kUp:
         for (int x = 0; x < kWidth; ++x) row[x] = static_cast<T>(row[x] + above[x]);
         break;
@@ -137,7 +157,8 @@ RELIEVO_SIMD_CLONES void unpredict(Predictor p, T* data, int height) {
         for (int x = 0; x < kWidth; ++x) row[x] = static_cast<T>(row[x] + smooth[x]);
         break;
       }
-      default: return;
+      default:
+        return;
     }
   }
 }
@@ -154,8 +175,8 @@ uint32_t magnitude(const uint16_t* r, int n) {
   return sum;
 }
 
-// The predictor with the smallest residuals on every fourth row. kNone is judged by the distance from the mean, in which a
-// channel of plain noise wins (differences double its variance).
+// The predictor with the smallest residuals on every fourth row. kNone is judged by the distance from the mean, in
+// which a channel of plain noise wins (differences double its variance).
 template <class T, int kWidth>
 RELIEVO_SIMD_CLONES Predictor choosePredictor(const T* data, int height) {
   if (std::memcmp(data, data + 1, (static_cast<size_t>(kWidth) * height - 1) * sizeof(T)) == 0) return kConstant;
@@ -178,8 +199,8 @@ RELIEVO_SIMD_CLONES Predictor choosePredictor(const T* data, int height) {
   return static_cast<Predictor>(std::min_element(cost, cost + kConstant) - cost);
 }
 
-// Levels back to values: round(255 level / (2^bits - 1)), in 16-bit arithmetic so that it vectorises; the constants are the
-// smallest that are exact for all levels. Levels that cannot be (from a damaged page) count as the largest.
+// Levels back to values: round(255 level / (2^bits - 1)), in 16-bit arithmetic so that it vectorises; the constants are
+// the smallest that are exact for all levels. Levels that cannot be (from a damaged page) count as the largest.
 struct Expansion {
   uint16_t factor, half;
   int shift;
@@ -242,7 +263,8 @@ struct PageEncoder::Impl {
 
   // The streams behind the head, packed if that makes them smaller.
   std::span<const uint8_t> pack(Packing raw, size_t head_bytes, size_t stream_bytes) {
-    size_t packed = ZSTD_compress2(context, out.data() + head_bytes, out.size() - head_bytes, streams.data(), stream_bytes);
+    size_t packed =
+        ZSTD_compress2(context, out.data() + head_bytes, out.size() - head_bytes, streams.data(), stream_bytes);
     out[0] = raw;
     if (ZSTD_isError(packed) || packed >= stream_bytes) {
       std::memcpy(out.data() + head_bytes, streams.data(), stream_bytes);
@@ -274,7 +296,8 @@ struct PageEncoder::Impl {
   std::span<const uint8_t> encodeQuantised(const uint8_t* channels, int bits) {
     const int top = (1 << bits) - 1;
     // 2 v top is even and 255 odd: no value lies halfway between two levels.
-    for (size_t i = 0; i < kTexturePageBytes; ++i) levels[i] = static_cast<uint8_t>((2 * channels[i] * top + 255) / 510);
+    for (size_t i = 0; i < kTexturePageBytes; ++i)
+      levels[i] = static_cast<uint8_t>((2 * channels[i] * top + 255) / 510);
     out[1] = static_cast<uint8_t>(bits);
     return encodeChannels(kQuantisedRaw, kQuantisedHeadBytes, levels.data());
   }
@@ -300,10 +323,11 @@ PageEncoder::PageEncoder(int zstd_level) : impl_(new Impl) {
   impl_->context = ZSTD_createCCtx();
   ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_compressionLevel, zstd_level);
   ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_contentSizeFlag, 0);  // known from the page's kind
-  // Residuals are noise with a narrow histogram: nearly all of the gain is in the entropy coder, which zstd leaves out at
-  // negative levels unless told otherwise.
+  // Residuals are noise with a narrow histogram: nearly all of the gain is in the entropy coder, which zstd leaves out
+  // at negative levels unless told otherwise.
   if (zstd_level < 0) ZSTD_CCtx_setParameter(impl_->context, ZSTD_c_literalCompressionMode, ZSTD_ps_enable);
-  impl_->out.resize(kQuantisedHeadBytes + std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
+  impl_->out.resize(kQuantisedHeadBytes +
+                    std::max(ZSTD_compressBound(kTexturePageBytes), ZSTD_compressBound(kReliefBytes)));
 }
 
 PageEncoder::~PageEncoder() {
@@ -314,14 +338,18 @@ PageEncoder::~PageEncoder() {
 std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> channels, PageEncoding encoding) {
   assert(channels.size() == kTexturePageBytes);
   switch (encoding.codec) {
-    case PageCodec::kLossless: break;
-    case PageCodec::kQuantised: return impl_->encodeQuantised(channels.data(), encoding.parameter);
+    case PageCodec::kLossless:
+      break;
+    case PageCodec::kQuantised:
+      return impl_->encodeQuantised(channels.data(), encoding.parameter);
     case PageCodec::kJpeg:
-    case PageCodec::kJpegYcc: return impl_->encodeJpeg(channels.data(), encoding);
+    case PageCodec::kJpegYcc:
+      return impl_->encodeJpeg(channels.data(), encoding);
     case PageCodec::kBc1:
     case PageCodec::kBc4:
     case PageCodec::kBc5:
-    case PageCodec::kBc7: return impl_->encodeBlocks(channels.data(), encoding.codec);
+    case PageCodec::kBc7:
+      return impl_->encodeBlocks(channels.data(), encoding.codec);
   }
   return impl_->encodeChannels(kRaw, kTextureHeadBytes, channels.data());
 }
@@ -373,7 +401,8 @@ struct PageDecoder::Impl {
     if (n != out.size()) return damaged("an encoded page decompresses to the wrong size");
     return {};
   }
-  Result<void> decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed, uint8_t* out_channels);
+  Result<void> decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed,
+                              uint8_t* out_channels);
   Result<void> decodeBlocks(std::span<const uint8_t> encoded, uint8_t* out_texels);
 };
 
@@ -384,7 +413,8 @@ PageDecoder::~PageDecoder() {
   delete impl_;
 }
 
-Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_t> predictors, std::span<const uint8_t> packed, uint8_t* out_channels) {
+Result<void> PageDecoder::Impl::decodeChannels(bool zstd, std::span<const uint8_t> predictors,
+                                               std::span<const uint8_t> packed, uint8_t* out_channels) {
   size_t stream_bytes = 0;
   bool any_constant = false;
   for (int c = 0; c < 3; ++c) {
@@ -416,7 +446,9 @@ Result<void> PageDecoder::Impl::decodeBlocks(std::span<const uint8_t> encoded, u
   const PageCodec codec = static_cast<PageCodec>(encoded[1]);
   const size_t bytes = pageBlockBytes(codec);
   if (bytes == 0) return damaged("an encoded page has blocks of an unknown kind");
-  if (auto unpacked = unpack(encoded[0] == kBlocksZstd, encoded.subspan(kBlocksHeadBytes), {streams.data(), bytes}); !unpacked) return unpacked;
+  if (auto unpacked = unpack(encoded[0] == kBlocksZstd, encoded.subspan(kBlocksHeadBytes), {streams.data(), bytes});
+      !unpacked)
+    return unpacked;
   decodePageBlocks(codec, {streams.data(), bytes}, out_texels);
   return {};
 }
@@ -434,8 +466,12 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
   const size_t head = quantised ? kQuantisedHeadBytes : kTextureHeadBytes;
   if (encoded.size() < head) return damaged("an encoded page is too short");
   const int bits = quantised ? encoded[1] : 8;
-  if (quantised && (bits < kMinQuantisedBits || bits > kMaxQuantisedBits)) return damaged("an encoded page has an unknown number of bits");
-  if (auto decoded = impl_->decodeChannels(packing & 1, encoded.subspan(head - 3, 3), encoded.subspan(head), channels.data()); !decoded) return decoded;
+  if (quantised && (bits < kMinQuantisedBits || bits > kMaxQuantisedBits))
+    return damaged("an encoded page has an unknown number of bits");
+  if (auto decoded =
+          impl_->decodeChannels(packing & 1, encoded.subspan(head - 3, 3), encoded.subspan(head), channels.data());
+      !decoded)
+    return decoded;
   if (quantised) expandLevels(channels.data(), channels.size(), bits);
   return {};
 }
@@ -447,12 +483,13 @@ Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::sp
   if (encoded[0] > kZstd) return damaged("an encoded page is packed in an unknown way");
   Predictor p = static_cast<Predictor>(encoded[1]);
   std::span<uint8_t> streams(impl_->streams.data(), p == kConstant ? 2 : kReliefBytes);
-  if (auto unpacked = impl_->unpack(encoded[0] == kZstd, encoded.subspan(kReliefHeadBytes), streams); !unpacked) return unpacked;
+  if (auto unpacked = impl_->unpack(encoded[0] == kZstd, encoded.subspan(kReliefHeadBytes), streams); !unpacked)
+    return unpacked;
   if (p == kConstant) {
     std::fill(samples.begin(), samples.end(), static_cast<uint16_t>(streams[0] | streams[1] << 8));
     return {};
   }
-  const uint8_t *__restrict low = streams.data(), *__restrict high = low + kReliefPageSamples;
+  const uint8_t* __restrict low = streams.data(), * __restrict high = low + kReliefPageSamples;
   uint16_t* __restrict out = samples.data();
   for (size_t i = 0; i < kReliefPageSamples; ++i) {
     uint16_t folded = static_cast<uint16_t>(low[i] | high[i] << 8);
@@ -466,7 +503,8 @@ void reliefSamples(std::span<const uint8_t> texels, std::span<uint16_t> samples)
   assert(texels.size() == kSlotBytes && samples.size() == kReliefPageSamples);
   for (size_t j = 0; j < kReliefSamples; ++j) {
     const uint8_t* row = texels.data() + j * kPageFullPx * 4;
-    for (size_t i = 0; i < kReliefSamples; ++i) samples[j * kReliefSamples + i] = static_cast<uint16_t>(row[4 * i] << 8 | row[4 * i + 1]);
+    for (size_t i = 0; i < kReliefSamples; ++i)
+      samples[j * kReliefSamples + i] = static_cast<uint16_t>(row[4 * i] << 8 | row[4 * i + 1]);
   }
 }
 
@@ -500,7 +538,8 @@ Result<void> PageDecoder::decodeToSlot(Plane plane, std::span<const uint8_t> enc
 
 Result<void> PageDecoder::decodeToBlocks(PageCodec codec, std::span<const uint8_t> encoded, std::span<uint8_t> blocks) {
   assert(isBlockCodec(codec) && blocks.size() == pageBlockBytes(codec));
-  if (encoded.size() < kBlocksHeadBytes || (encoded[0] != kBlocksRaw && encoded[0] != kBlocksZstd) || encoded[1] != static_cast<uint8_t>(codec))
+  if (encoded.size() < kBlocksHeadBytes || (encoded[0] != kBlocksRaw && encoded[0] != kBlocksZstd) ||
+      encoded[1] != static_cast<uint8_t>(codec))
     return damaged("an encoded page does not hold the blocks that its plane should have");
   return impl_->unpack(encoded[0] == kBlocksZstd, encoded.subspan(kBlocksHeadBytes), blocks);
 }

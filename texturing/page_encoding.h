@@ -1,5 +1,5 @@
-// page_encoding.h - how a texture plane's pages are stored: exactly, or smaller and less exactly. What each costs in accuracy,
-// size and time: texturing/ENCODINGS.md. The relief plane is always exact. Byte layout: texturing/PACKAGE.md.
+// page_encoding.h - how a texture plane's pages are stored: exactly, or smaller and less exactly. What each costs in
+// accuracy, size and time: texturing/ENCODINGS.md. The relief plane is always exact. Byte layout: texturing/PACKAGE.md.
 #pragma once
 
 #include <array>
@@ -20,8 +20,8 @@ enum class PageCodec : uint8_t {
   kJpegYcc = 3,    // the same with the channels as R G B turned into Y Cb Cr, none of them subsampled
   kBc1 = 17,       // S3TC: 4 x 4 texels in 8 bytes
   kBc4 = 20,       // RGTC, each of the three channels by itself: 24 bytes
-  kBc5 = 21,       // RGTC, channels 0 and 1 as BC5, channel 2 as BC4: the texels of kBc4 in two textures instead of three
-  kBc7 = 23        // BPTC: 16 bytes
+  kBc5 = 21,  // RGTC, channels 0 and 1 as BC5, channel 2 as BC4: the texels of kBc4 in two textures instead of three
+  kBc7 = 23   // BPTC: 16 bytes
 };
 
 struct PageEncoding {
@@ -46,11 +46,11 @@ Result<PageEncoding> parseEncoding(const std::string& name, int jpeg_quality);
 // Of a header's bytes: an Error of kind kUnsupported when the codec or its parameter is unknown.
 Result<PageEncoding> encodingFromBytes(uint8_t codec, uint8_t parameter);
 
-// Do the plane's three channels hold a colour? (Plane 0 of colour and of albedo and normal, plane 2 of LRGB; no plane of RGB: those
-// are coefficients. Normals count as coefficients.)
+// Do the plane's three channels hold a colour? (Plane 0 of colour and of albedo and normal, plane 2 of LRGB; no plane
+// of RGB: those are coefficients. Normals count as coefficients.)
 bool isColourPlane(const TextureFormat& format, int plane);
-// A build's choice, plane by plane. JPEG of planes whose channels belong to R, G and B goes through Y Cb Cr, which decorrelates
-// them; three different coefficients stay as they are.
+// A build's choice, plane by plane. JPEG of planes whose channels belong to R, G and B goes through Y Cb Cr, which
+// decorrelates them; three different coefficients stay as they are.
 PlaneEncodings planeEncodings(const TextureFormat& format, PageEncoding coefficients, PageEncoding colour);
 
 }  // namespace relievo

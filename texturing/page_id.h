@@ -11,14 +11,16 @@
 namespace relievo {
 
 // Texture planes hold three 8-bit channels each. What the channels mean depends on the artwork's basis (basis.h):
-// colour: plane 0 = R G B. Albedo and normal: 0 = R G B, 1 = x y z of the normal. LRGB PTM: 0 = a0 a1 a2, 1 = a3 a4 a5, 2 = R G B. RGB PTM: plane k = a_k of R, G and B.
+// colour: plane 0 = R G B. Albedo and normal: 0 = R G B, 1 = x y z of the normal. LRGB PTM: 0 = a0 a1 a2, 1 = a3 a4 a5,
+// 2 = R G B. RGB PTM: plane k = a_k of R, G and B.
 enum class Plane : uint8_t {
   kTexture0 = 0,  // ... kTexture0 + 7
   kRelief = 8,    // 16-bit displacement, vertex-centred
   kResolved = 9   // R G B under a fixed light, computed once per page from the texture planes; never stored
 };
 inline constexpr int kMaxTexturePlanes = 8;
-inline constexpr Plane kNormalPlane = static_cast<Plane>(1);  // of albedo and normal; of colour that is lit by its relief it is made, not stored (relief_normals.h)
+inline constexpr Plane kNormalPlane = static_cast<Plane>(
+    1);  // of albedo and normal; of colour that is lit by its relief it is made, not stored (relief_normals.h)
 inline constexpr Plane texturePlane(int k) { return static_cast<Plane>(k); }
 inline constexpr bool isTexturePlane(Plane p) { return static_cast<uint8_t>(p) < kMaxTexturePlanes; }
 

@@ -8,8 +8,9 @@
 
 namespace relievo {
 
-PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-                   PageCodec upload, ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers, const ReliefNormals* normals)
+PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
+                   ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers,
+                   const ReliefNormals* normals)
     : source_(source),
       format_(format),
       decoder_(decoder),
@@ -112,7 +113,9 @@ void PageJobs::finish(const PageJob& job) {
   lock.unlock();
 
   if (!texels) texels = makeTexels();
-  if (!loader) loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_, workers_ > 0 ? &gate_ : nullptr, normals_);
+  if (!loader)
+    loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_,
+                                          workers_ > 0 ? &gate_ : nullptr, normals_);
   LoadOutcome outcome;
   outcome.id = job.id;
   outcome.ticket = job.ticket;

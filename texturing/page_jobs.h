@@ -33,12 +33,13 @@ struct RankedJob {
 
 class PageJobs {
  public:
-  // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as many threads
-  // as workers serve a fast source, and more are added while all of them wait for a slow one (a link with latency).
-  // max_buffers: jobs under way and decoded pages that are not returned yet, at most.
-  // upload, relief_parts, normals: as for PageLoader. Fewer threads where the system refuses some; not one: throws ThreadStartFailure.
-  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload, ReliefParts relief_parts, int workers,
-           int max_reads, size_t max_buffers, const ReliefNormals* normals = nullptr);
+  // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as
+  // many threads as workers serve a fast source, and more are added while all of them wait for a slow one (a link with
+  // latency). max_buffers: jobs under way and decoded pages that are not returned yet, at most. upload, relief_parts,
+  // normals: as for PageLoader. Fewer threads where the system refuses some; not one: throws ThreadStartFailure.
+  PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
+           ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers,
+           const ReliefNormals* normals = nullptr);
   ~PageJobs();  // waits for the reads under way, not for decoding what they bring
 
   // --- any thread
@@ -59,7 +60,8 @@ class PageJobs {
   // started. Every job under way is then wanted or not as still_wanted says (under the mutex: be brief).
   void publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& started,
                const std::function<bool(const PageJob&)>& still_wanted);
-  // Jobs taken until now are not wanted any more and have the old light, later ones the new; started and still_wanted as for publish.
+  // Jobs taken until now are not wanted any more and have the old light, later ones the new; started and still_wanted
+  // as for publish.
   void setLight(const std::array<double, 3>& light, const std::function<bool(const PageJob&)>& still_wanted,
                 std::vector<PageJob>& started);
   size_t maxBuffers() const { return max_buffers_; }
@@ -98,7 +100,7 @@ class PageJobs {
   size_t free_buffers_;  // those of the pool, and those not made yet
   std::vector<std::unique_ptr<PageLoader>> loaders_;
   std::array<double, 3> light_{0, 0, 1};
-  size_t finished_ = 0;  // jobs, since the last publish()
+  size_t finished_ = 0;                     // jobs, since the last publish()
   WorkerThreads threads_{"relievo-pages"};  // last
 };
 

@@ -15,7 +15,8 @@ namespace {
 constexpr int kSide = kPageFullPx;
 constexpr int kBasicStep = 20;  // at quality 50: about the mean of JPEG's example tables
 
-// libjpeg knows no way out of an error but a jump: the functions that call setjmp hold nothing that would need a destructor.
+// libjpeg knows no way out of an error but a jump: the functions that call setjmp hold nothing that would need a
+// destructor.
 struct JumpingErrors {
   jpeg_error_mgr base;
   std::jmp_buf jump;
@@ -118,10 +119,12 @@ struct JpegPageDecoder::Impl {
       return "an encoded page holds a damaged JPEG";
     }
     jpeg_read_header(&info, TRUE);
-    bool ours = info.image_width == kSide && info.image_height == kSide && info.num_components == 3 && info.data_precision == 8 &&
-                !info.progressive_mode && !info.arith_code && !jpeg_has_multiple_scans(&info) &&
+    bool ours = info.image_width == kSide && info.image_height == kSide && info.num_components == 3 &&
+                info.data_precision == 8 && !info.progressive_mode && !info.arith_code &&
+                !jpeg_has_multiple_scans(&info) &&
                 (info.jpeg_color_space == JCS_RGB || info.jpeg_color_space == JCS_YCbCr);
-    for (int k = 0; ours && k < 3; ++k) ours = info.comp_info[k].h_samp_factor == 1 && info.comp_info[k].v_samp_factor == 1;
+    for (int k = 0; ours && k < 3; ++k)
+      ours = info.comp_info[k].h_samp_factor == 1 && info.comp_info[k].v_samp_factor == 1;
     if (!ours) {
       jpeg_abort_decompress(&info);
       return "an encoded page holds a JPEG of another size or kind";
@@ -131,7 +134,8 @@ struct JpegPageDecoder::Impl {
     jpeg_start_decompress(&info);
     while (info.output_scanline < info.output_height) {
       JSAMPROW rows[8];
-      for (unsigned i = 0; i < 8; ++i) rows[i] = texels + size_t{4} * kSide * std::min<unsigned>(info.output_scanline + i, kSide - 1);
+      for (unsigned i = 0; i < 8; ++i)
+        rows[i] = texels + size_t{4} * kSide * std::min<unsigned>(info.output_scanline + i, kSide - 1);
       jpeg_read_scanlines(&info, rows, std::min<unsigned>(8, info.output_height - info.output_scanline));
     }
     jpeg_finish_decompress(&info);

@@ -1,8 +1,8 @@
 // page_jpeg_codec.h - a texture page as a baseline JPEG of three components without subsampling, by libjpeg-turbo.
-// Every DCT coefficient is rounded to multiples of one step (jpegStep): a table made for eyes gives coefficients of a PTM three
-// times the largest error at the same size (texturing/ENCODINGS.md has the figures).
-// Decoding is safe for untrusted bytes: what is not such a JPEG of exactly a page's size, whole and without a byte too many,
-// is an Error; the work is bounded by the page's size (no progressive or arithmetic coding, one scan).
+// Every DCT coefficient is rounded to multiples of one step (jpegStep): a table made for eyes gives coefficients of a
+// PTM three times the largest error at the same size (texturing/ENCODINGS.md has the figures). Decoding is safe for
+// untrusted bytes: what is not such a JPEG of exactly a page's size, whole and without a byte too many, is an Error;
+// the work is bounded by the page's size (no progressive or arithmetic coding, one scan).
 #pragma once
 
 #include <cstdint>

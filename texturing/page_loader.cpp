@@ -11,14 +11,20 @@
 
 namespace relievo {
 
-PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
-                       ReliefParts relief_parts, LoadGate* gate, const ReliefNormals* normals)
-    : source_(source), format_(format), decoder_(decoder), upload_(upload), relief_parts_(relief_parts), gate_(gate), normals_(normals) {
+PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
+                       PageCodec upload, ReliefParts relief_parts, LoadGate* gate, const ReliefNormals* normals)
+    : source_(source),
+      format_(format),
+      decoder_(decoder),
+      upload_(upload),
+      relief_parts_(relief_parts),
+      gate_(gate),
+      normals_(normals) {
   if (!decoder_) own_.emplace();
 }
 
-void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted, uint8_t* texels,
-                      LoadOutcome& outcome) {
+void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted,
+                      uint8_t* texels, LoadOutcome& outcome) {
   if (id.plane() != Plane::kResolved) {
     if (!loadPlane(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
     outcome.part_level = reliefPartLevel({texels, kSlotBytes}, relief_parts_);
@@ -113,7 +119,8 @@ void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uin
   } else if (isTexturePlane(plane) && format.basis == Basis::kPtmRgb && k < 6) {
     for (int c = 0; c < 3; ++c) texel[c] = raw(k, k == 5 ? 128 : 0);
   } else if (isTexturePlane(plane) && format.basis == Basis::kAlbedoNormal && k == 1) {
-    texel = {128, 128, 255, 255};  // towards +z: nothing suits every side of a body, and no normal at all is nearly black
+    texel = {128, 128, 255,
+             255};  // towards +z: nothing suits every side of a body, and no normal at all is nearly black
   }
   for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
   if (!isBlockCodec(upload) || !isTexturePlane(plane)) return;

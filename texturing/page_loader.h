@@ -26,7 +26,8 @@ namespace relievo {
 using Texels = std::unique_ptr<uint8_t[]>;  // kSlotBytes; of a page of blocks the first slotBytes() count
 inline Texels makeTexels() { return std::make_unique<uint8_t[]>(kSlotBytes); }
 
-// Encoded bytes to slot texels, or to blocks where those are uploaded (slotBytes() of them). Called from several threads at once.
+// Encoded bytes to slot texels, or to blocks where those are uploaded (slotBytes() of them). Called from several
+// threads at once.
 using SlotDecoder = std::function<Result<void>(Plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels)>;
 
 // What a job cost, by stored plane.
@@ -45,7 +46,7 @@ struct LoadOutcome {
   std::optional<Error> error;  // kFailed
   bool permanent = false;      // kFailed, and there is no such page
   std::vector<LoadCost> costs;
-  int part_level = 0;          // kLoaded: of the part of a slot that the page takes (divided_cache.h)
+  int part_level = 0;  // kLoaded: of the part of a slot that the page takes (divided_cache.h)
 };
 
 // Shared by the threads of one PageJobs: a thread that waits for its source does not count as one that works.
@@ -61,12 +62,13 @@ struct LoadGate {
 
 class PageLoader {
  public:
-  // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that are unpacked,
-  // not decoded; then nothing is resolved or made. relief_parts: that relief pages may take. gate: may be null. normals: makes the pages of the
-  // normal plane (kNormalPlane), which the source does not have; null: it has all planes of the format.
+  // All outlive the loader. decoder: empty is a PageDecoder of its own. upload: a block codec for texture pages that
+  // are unpacked, not decoded; then nothing is resolved or made. relief_parts: that relief pages may take. gate: may be
+  // null. normals: makes the pages of the normal plane (kNormalPlane), which the source does not have; null: it has all
+  // planes of the format.
   PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-             PageCodec upload = PageCodec::kLossless, ReliefParts relief_parts = ReliefParts::kOnlyHalves, LoadGate* gate = nullptr,
-             const ReliefNormals* normals = nullptr);
+             PageCodec upload = PageCodec::kLossless, ReliefParts relief_parts = ReliefParts::kOnlyHalves,
+             LoadGate* gate = nullptr, const ReliefNormals* normals = nullptr);
   // Asks `wanted` before each read and between each read and its decoding; false: gives up. Sets end, error, permanent,
   // costs and part_level of the outcome.
   void load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted, uint8_t* texels,
@@ -89,8 +91,8 @@ class PageLoader {
   Texels relief_scratch_;
 };
 
-// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As blocks: as near to
-// that as the codec comes.
+// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As
+// blocks: as near to that as the codec comes.
 void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels);
 // For messages: "relief page of patch 0, level 3, column 1, row 2".
 std::string pageWords(PageId id);

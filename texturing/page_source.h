@@ -1,5 +1,6 @@
-// page_source.h - where encoded pages come from at run time. Sources stack: a package file, memory, a procedural source, and
-// wrappers that limit the rate, fail or record (page_sources.h). read() is called from several worker threads.
+// page_source.h - where encoded pages come from at run time. Sources stack: a package file, memory, a procedural
+// source, and wrappers that limit the rate, fail or record (page_sources.h). read() is called from several worker
+// threads.
 #pragma once
 
 #include <cstdint>

@@ -26,7 +26,9 @@ uint64_t mix(uint64_t x) {  // splitmix64 (Steele, Lea, Flood 2014)
   return x ^ (x >> 31);
 }
 uint64_t hash(PageId id, uint64_t seed, uint64_t attempt) { return mix(mix(id.bits ^ seed) + attempt); }
-double uniform(PageId id, uint64_t seed, uint64_t attempt) { return static_cast<double>(hash(id, seed, attempt) >> 11) * 0x1p-53; }
+double uniform(PageId id, uint64_t seed, uint64_t attempt) {
+  return static_cast<double>(hash(id, seed, attempt) >> 11) * 0x1p-53;
+}
 constexpr uint64_t kEveryAttempt = ~uint64_t{0};
 
 }  // namespace
@@ -91,7 +93,11 @@ Result<void> MemorySource::load(std::span<const PageId> pages) const {
     if (!page) return page.error();
     std::lock_guard lock(mutex_);
     if (bytes_ + page->bytes.size() > budget_bytes_ && !held_.contains(id)) {
-      return Error{ErrorKind::kUsage, "", "the pages do not fit " + std::to_string(budget_bytes_) + " bytes of memory", "give it more", {}};
+      return Error{ErrorKind::kUsage,
+                   "",
+                   "the pages do not fit " + std::to_string(budget_bytes_) + " bytes of memory",
+                   "give it more",
+                   {}};
     }
     hold(id, std::move(page->bytes));
   }
@@ -122,7 +128,8 @@ Result<EncodedPage> FailingSource::read(PageId id) const {
   }
   double dice = uniform(id, seed_, attempt);
   if (uniform(id, seed_, kEveryAttempt) < rates_.forever || dice < rates_.fail) {
-    return Error{ErrorKind::kIo, "simulated storage", "page " + describePage(id) + ": the read failed on purpose", "", {}};
+    return Error{
+        ErrorKind::kIo, "simulated storage", "page " + describePage(id) + ": the read failed on purpose", "", {}};
   }
   auto page = inner_->read(id);
   if (!page) return page;
@@ -150,7 +157,8 @@ int FailingSource::mostAttempts() const {
   return most;
 }
 
-RateLimitedSource::RateLimitedSource(std::shared_ptr<const PageSource> inner, Limits limits, uint64_t seed, SourceClock clock)
+RateLimitedSource::RateLimitedSource(std::shared_ptr<const PageSource> inner, Limits limits, uint64_t seed,
+                                     SourceClock clock)
     : inner_(std::move(inner)), limits_(limits), seed_(seed), clock_(std::move(clock)) {}
 
 double RateLimitedSource::latency_s(PageId id) const {
@@ -179,7 +187,11 @@ Result<EncodedPage> CheckedSource::read(PageId id) const {
   auto expected = checksum_of_(id);
   if (!expected || XXH3_64bits(page->bytes.data(), page->bytes.size()) == *expected) return page;
   ++caught_;
-  return Error{ErrorKind::kIo, "", "page " + describePage(id) + " arrived damaged: its checksum does not match", "check the storage", {}};
+  return Error{ErrorKind::kIo,
+               "",
+               "page " + describePage(id) + " arrived damaged: its checksum does not match",
+               "check the storage",
+               {}};
 }
 
 CheckedSource::ChecksumOf checksumsOf(std::shared_ptr<const Package> package) {
@@ -240,7 +252,9 @@ Result<std::vector<PageRead>> readTrace(const std::string& path) {
     size_t end = std::min(text->find('\n', at), text->size());
     std::string one = text->substr(at, end - at);
     auto wrong = [&](const std::string& what) {
-      return Error{ErrorKind::kInvalidData, path, "line " + std::to_string(line) + ": expected " + what + ", found '" + one.substr(0, 60) + "'", "", at};
+      return Error{ErrorKind::kInvalidData, path,
+                   "line " + std::to_string(line) + ": expected " + what + ", found '" + one.substr(0, 60) + "'", "",
+                   at};
     };
     if (line == 1) {
       if (one != kTraceHead) return wrong(std::string("'") + kTraceHead + "'");
@@ -256,23 +270,27 @@ Result<std::vector<PageRead>> readTrace(const std::string& path) {
       }
       if (!six || next != last) return wrong("plane patch level x y bytes");
       NodeId node{v[1], v[2], v[3], v[4]};
-      bool can_exist = v[0] <= static_cast<uint32_t>(Plane::kResolved) && node.patch < kMaxPatches && node.level <= kMaxNodeLevel &&
-                       node.x >> node.level == 0 && node.y >> node.level == 0;
+      bool can_exist = v[0] <= static_cast<uint32_t>(Plane::kResolved) && node.patch < kMaxPatches &&
+                       node.level <= kMaxNodeLevel && node.x >> node.level == 0 && node.y >> node.level == 0;
       if (!can_exist) return wrong("a page that can exist");
       reads.push_back({PageId(static_cast<Plane>(v[0]), node), v[5]});
     }
     at = end + 1;
   }
-  if (at == 0) return Error{ErrorKind::kInvalidData, path, std::string("expected '") + kTraceHead + "', found an empty file", "", 0};
+  if (at == 0)
+    return Error{ErrorKind::kInvalidData, path, std::string("expected '") + kTraceHead + "', found an empty file", "",
+                 0};
   return reads;
 }
 
-std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Package> package, const SimulatedStorage& storage, SourceClock clock) {
+std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Package> package,
+                                                     const SimulatedStorage& storage, SourceClock clock) {
   if (!storage.any()) return package;
   std::shared_ptr<const PageSource> source = package;
   if (storage.fail_percent > 0) {
     double each = storage.fail_percent / 400;
-    FailingSource::Rates rates{.fail = each, .truncate = each, .corrupt = each, .late = each, .late_s = SimulatedStorage::kLateS};
+    FailingSource::Rates rates{
+        .fail = each, .truncate = each, .corrupt = each, .late = each, .late_s = SimulatedStorage::kLateS};
     source = std::make_shared<FailingSource>(source, rates, storage.seed, clock);
   }
   if (storage.rate_mb_per_s > 0 || storage.latency_ms > 0 || storage.jitter_ms > 0) {
@@ -280,7 +298,8 @@ std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Packa
     source = std::make_shared<RateLimitedSource>(source, limits, storage.seed, clock);
   }
   if (storage.fail_percent > 0) source = std::make_shared<CheckedSource>(source, checksumsOf(package));
-  if (storage.memory_mib > 0) source = std::make_shared<MemorySource>(static_cast<uint64_t>(storage.memory_mib * 1024 * 1024), source);
+  if (storage.memory_mib > 0)
+    source = std::make_shared<MemorySource>(static_cast<uint64_t>(storage.memory_mib * 1024 * 1024), source);
   return source;
 }
 

@@ -1,7 +1,7 @@
-// page_sources.h - sources that stack on another one: memory in front of slow storage, storage that is slow or damaged on
-// purpose (so that a user, a test or a benchmark sees how the engine bears it), and a list of what was read. All of them are
-// read from several threads at once. What is random follows from a seed, the page and, where it is read again, the attempt:
-// a run can be repeated, whatever the threads do.
+// page_sources.h - sources that stack on another one: memory in front of slow storage, storage that is slow or damaged
+// on purpose (so that a user, a test or a benchmark sees how the engine bears it), and a list of what was read. All of
+// them are read from several threads at once. What is random follows from a seed, the page and, where it is read again,
+// the attempt: a run can be repeated, whatever the threads do.
 //
 // A package checks its own pages. What damages them behind its back belongs under a CheckedSource:
 //   checked(rate-limited(failing(package)))
@@ -32,8 +32,8 @@ struct SourceClock {
 // The machine's; once *stop is set (it may be null) nobody sleeps any longer.
 SourceClock steadyClock(const std::atomic<bool>* stop = nullptr);
 
-// Encoded pages held in memory. Over another source: what was read stays, the least recently read goes when the budget is
-// spent. Without one: what was put in is all there is.
+// Encoded pages held in memory. Over another source: what was read stays, the least recently read goes when the budget
+// is spent. Without one: what was put in is all there is.
 class MemorySource : public PageSource {
  public:
   explicit MemorySource(uint64_t budget_bytes, std::shared_ptr<const PageSource> inner = {});
@@ -44,7 +44,7 @@ class MemorySource : public PageSource {
   Result<void> load(std::span<const PageId> pages) const;
   uint64_t bytes() const;  // held now: encoded bytes, without the map's own
   size_t pages() const;
-  uint64_t hits() const;   // reads answered from memory
+  uint64_t hits() const;  // reads answered from memory
 
  private:
   struct Held {
@@ -92,7 +92,8 @@ class RateLimitedSource : public PageSource {
     double bytes_per_s = 0;  // 0: unlimited
     double latency_ms = 0, jitter_ms = 0;
   };
-  RateLimitedSource(std::shared_ptr<const PageSource> inner, Limits limits, uint64_t seed = 1, SourceClock clock = steadyClock());
+  RateLimitedSource(std::shared_ptr<const PageSource> inner, Limits limits, uint64_t seed = 1,
+                    SourceClock clock = steadyClock());
   Result<EncodedPage> read(PageId id) const override;
   double latency_s(PageId id) const;  // of this page: from seed and page alone
 
@@ -105,8 +106,8 @@ class RateLimitedSource : public PageSource {
   mutable double line_free_s_ = 0;
 };
 
-// Compares each page's xxh3-64 with the one that it should have; a page without one passes. What differs is an error that
-// may pass (kIo): the next read can be sound.
+// Compares each page's xxh3-64 with the one that it should have; a page without one passes. What differs is an error
+// that may pass (kIo): the next read can be sound.
 class CheckedSource : public PageSource {
  public:
   using ChecksumOf = std::function<std::optional<uint64_t>(PageId)>;
@@ -149,13 +150,16 @@ Result<std::vector<PageRead>> readTrace(const std::string& path);
 struct SimulatedStorage {
   double rate_mb_per_s = 0;  // 10^6 bytes; 0: unlimited
   double latency_ms = 0, jitter_ms = 0;
-  double fail_percent = 0;   // of reads: a quarter each fails, ends early, comes changed, comes kLateS late
-  double memory_mib = 0;     // encoded pages kept in front of it
+  double fail_percent = 0;  // of reads: a quarter each fails, ends early, comes changed, comes kLateS late
+  double memory_mib = 0;    // encoded pages kept in front of it
   uint64_t seed = 1;
   static constexpr double kLateS = 5;
-  bool any() const { return rate_mb_per_s > 0 || latency_ms > 0 || jitter_ms > 0 || fail_percent > 0 || memory_mib > 0; }
+  bool any() const {
+    return rate_mb_per_s > 0 || latency_ms > 0 || jitter_ms > 0 || fail_percent > 0 || memory_mib > 0;
+  }
 };
-std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Package> package, const SimulatedStorage& storage,
+std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Package> package,
+                                                     const SimulatedStorage& storage,
                                                      SourceClock clock = steadyClock());
 
 }  // namespace relievo

@@ -85,9 +85,9 @@ struct Pool {
   std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
   RecentUse recent;
   uint32_t roots = 0;
-  // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are not needed; pages
-  // without room, and those of relief among them; slots that would hold all; slots that relief to come was given, and may take still; halves
-  // that are free, idle or in such slots, and not spoken for.
+  // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are
+  // not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
+  // come was given, and may take still; halves that are free, idle or in such slots, and not spoken for.
   uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
   int64_t spare_halves = 0;
   struct Idle {
@@ -95,11 +95,14 @@ struct Pool {
     bool known = false;
   };
   Idle idle_halves, idle_thirds;  // that relief to come may take, once known
-  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) { follow(); }
+  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) {
+    follow();
+  }
   // Slots for the cache's new parts.
   void follow() {
     for (size_t level = 0; level < kPartLevels; ++level)
-      if (slots[level].size() < cache.indexCount(static_cast<int>(level))) slots[level].resize(cache.indexCount(static_cast<int>(level)));
+      if (slots[level].size() < cache.indexCount(static_cast<int>(level)))
+        slots[level].resize(cache.indexCount(static_cast<int>(level)));
   }
   Slot& slotOf(SlotIndex name) {
     const auto level = static_cast<size_t>(partOf(name).level);
@@ -140,9 +143,10 @@ struct Pool {
     opened += relief;
     return true;
   }
-  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to others. counted: by the
-  // plan, with half a slot. more: whether another compact page that it counted comes next.
-  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level, bool counted, bool more) {
+  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to
+  // others. counted: by the plan, with half a slot. more: whether another compact page that it counted comes next.
+  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
+                                                     bool counted, bool more) {
     if (isThird(level)) {
       if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
       level = plainLevel(level);
@@ -151,12 +155,14 @@ struct Pool {
     if (placed) spare_halves -= !counted;
     return placed;
   }
-  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a half is to spare. Two
-  // pages have it in their own right, and what a third one was counted with is left for others.
-  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level, bool counted, bool more) {
+  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a
+  // half is to spare. Two pages have it in their own right, and what a third one was counted with is left for others.
+  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
+                                                      bool counted, bool more) {
     const int64_t slot_takes = counted ? 1 : 2;
     std::optional<DividedCache::Placement> placed;
-    if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes)) placed = cache.place(id, frame, min_age, level);
+    if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes))
+      placed = cache.place(id, frame, min_age, level);
     if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
     if (!placed && openings > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
     if (!placed) return std::nullopt;
@@ -164,7 +170,8 @@ struct Pool {
     if (!placed->took_slot) return placed;
     openings -= openings > 0;
     if (idle_thirds.known)
-      for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k) idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
+      for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k)
+        idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
     return placed;
   }
   std::optional<DividedCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
@@ -175,9 +182,11 @@ struct Pool {
     }
     return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);
   }
-  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame, uint32_t min_age, int level) {
+  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
+                                                     uint32_t min_age, int level) {
     if (!std::exchange(idle.known, true)) cache.idleParts(part_level, frame, idle.parts);
-    auto next = std::find_if(idle.parts.begin(), idle.parts.end(), [&](SlotIndex part) { return cache.isIdle(part, frame, min_age); });
+    auto next = std::find_if(idle.parts.begin(), idle.parts.end(),
+                             [&](SlotIndex part) { return cache.isIdle(part, frame, min_age); });
     if (next == idle.parts.end()) return std::nullopt;
     const SlotIndex part = *next;
     idle.parts.erase(next);
@@ -195,14 +204,15 @@ struct PageStreamer::Impl {
         table(nodesAtMost(std::min(options.slot_count, kMaxSlots), options.texture_planes.size()),
               static_cast<int>(options.texture_planes.size())) {
     const bool blocks = isBlockCodec(options.upload);
-    assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) == options.texture_planes.end());
+    assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) ==
+                          options.texture_planes.end());
     pools.emplace_back(options.slot_count, options.replacement);
     if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
     if (options.normals_of) normals.emplace(*options.normals_of);
-    jobs.emplace(*source, options.format, decoder, options.upload, options.relief_parts, options.workers, options.max_reads,
-                 size_t(options.workers) + options.ready_limit, normals ? &*normals : nullptr);
+    jobs.emplace(*source, options.format, decoder, options.upload, options.relief_parts, options.workers,
+                 options.max_reads, size_t(options.workers) + options.ready_limit, normals ? &*normals : nullptr);
     jobs->setLight(
         options.light, [](const PageJob&) { return true; }, started);
   }
@@ -432,7 +442,8 @@ struct PageStreamer::Impl {
       auto absent = absentPages(w);
       if (!absent) continue;  // it will never show: what is there of it need not stay
       for (Plane p : planes)
-        if (SlotIndex slot = find(PageId(p, w.node)); slot != kNoSlot) use(pools[poolIndex(w.relief)], slot, is_new[w.relief]);
+        if (SlotIndex slot = find(PageId(p, w.node)); slot != kNoSlot)
+          use(pools[poolIndex(w.relief)], slot, is_new[w.relief]);
       if (*absent > 0) missing.emplace_back(&w, *absent);
     }
 
@@ -462,9 +473,12 @@ struct PageStreamer::Impl {
     }
     stats.wanted = wanted_pages;
     is_new = {};
-    for (Pool& pool : pools) pool.spare_halves = static_cast<int64_t>(pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
+    for (Pool& pool : pools)
+      pool.spare_halves = static_cast<int64_t>(
+          pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
     planPrefetch();
-    for (Pool& pool : pools) pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
+    for (Pool& pool : pools)
+      pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
     publish();
     if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
     if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
@@ -482,7 +496,8 @@ struct PageStreamer::Impl {
       auto entry = w.relief ? std::nullopt : table.find(w.node);
       if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
-      if (!absent || (pool.room_used + *absent > pool.cache.slotCount() && !(w.relief && pool.halves_left > 0))) continue;
+      if (!absent || (pool.room_used + *absent > pool.cache.slotCount() && !(w.relief && pool.halves_left > 0)))
+        continue;
       for (Plane p : planesOf(w)) {
         PageId id(p, w.node);
         SlotIndex slot = pool.cache.find(id);
@@ -589,7 +604,8 @@ struct PageStreamer::Impl {
   void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
     uploads.push_back({slot, id, texels});
     ++stats.pages_uploaded[static_cast<size_t>(id.plane())];
-    stats.bytes_uploaded[static_cast<size_t>(id.plane())] += isRelief(id) ? partBytes(partOf(slot).level) : slotBytes(options.upload, id.plane());
+    stats.bytes_uploaded[static_cast<size_t>(id.plane())] +=
+        isRelief(id) ? partBytes(partOf(slot).level) : slotBytes(options.upload, id.plane());
   }
 
   void placeReady(uint32_t max_uploads) {
@@ -612,7 +628,8 @@ struct PageStreamer::Impl {
     uint32_t placed = 0;
     const auto compactCounted = [&](const Page& page) { return page.plan == plan_number && isThird(page.part_level); };
     size_t compact_left = 0;  // that are sure to be placed in this frame
-    for (size_t i = 0; i < std::min<size_t>(ranked.size(), max_uploads); ++i) compact_left += compactCounted(pages.at(ranked[i].id));
+    for (size_t i = 0; i < std::min<size_t>(ranked.size(), max_uploads); ++i)
+      compact_left += compactCounted(pages.at(ranked[i].id));
     for (const PageRank& r : ranked) {
       auto it = pages.find(r.id);
       if (compact_left > 0 && compactCounted(it->second)) --compact_left;
@@ -622,7 +639,10 @@ struct PageStreamer::Impl {
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
       const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
-      if (room_for_one) placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level, it->second.plan == plan_number, compact_left > 0) : pool.cache.place(r.id, frame, min_age);
+      if (room_for_one)
+        placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level,
+                                                      it->second.plan == plan_number, compact_left > 0)
+                                   : pool.cache.place(r.id, frame, min_age);
       if (!placement) {
         if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
           ++stats.cancelled_after_decode;
@@ -666,8 +686,10 @@ struct PageStreamer::Impl {
   void updateBias() {
     if (bias_list == list[0] + list[1]) return;  // no new wish list
     bias_list = list[0] + list[1];
-    // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it changes.
-    DetailDemand demand{.pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
+    // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it
+    // changes.
+    DetailDemand demand{
+        .pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
     for (const Pool& pool : pools) {
       const double wanted = static_cast<double>(pool.demand) - pool.roots;
       const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
@@ -697,9 +719,9 @@ struct PageStreamer::Impl {
   PageMap pages;
   PageCensus census;
   std::unordered_map<PageId, int> dropped_attempts;  // of pages that failed and were cancelled when tried again
-  std::vector<PageId> queued, ready;  // may name pages that are no longer so
-  bool published = false;             // the workers may still hold jobs of the last publish()
-  std::vector<PageId> refresh;        // pinned pages whose texels are out of date
+  std::vector<PageId> queued, ready;                 // may name pages that are no longer so
+  bool published = false;                            // the workers may still hold jobs of the last publish()
+  std::vector<PageId> refresh;                       // pinned pages whose texels are out of date
 
   std::array<uint64_t, 2> list{};  // number of the newest wish list: texture, relief
   std::array<bool, 2> is_new{};    // no plan has seen it yet
@@ -762,25 +784,27 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
     size_t needed = 0;
     std::erase_if(roots, [&](const LoadOutcome& root) { return &m.poolOf(root.id) == &pool && ++needed > room; });
     if (needed <= room) continue;
-    m.say("the cache has " + std::to_string(pool.cache.slotCount()) + " slots, the artwork's coarsest pages alone need " +
-          std::to_string(needed) + " (raise the cache's budget)");
+    m.say("the cache has " + std::to_string(pool.cache.slotCount()) +
+          " slots, the artwork's coarsest pages alone need " + std::to_string(needed) + " (raise the cache's budget)");
   }
 
   auto makeLoader = [&] {
-    return std::make_unique<PageLoader>(*m.source, m.options.format, m.decoder, m.options.upload, m.options.relief_parts, nullptr, m.normals ? &*m.normals : nullptr);
+    return std::make_unique<PageLoader>(*m.source, m.options.format, m.decoder, m.options.upload,
+                                        m.options.relief_parts, nullptr, m.normals ? &*m.normals : nullptr);
   };
-  parallelForWith(roots.size(), std::max(m.options.workers, 1), nullptr, makeLoader, [&](std::unique_ptr<PageLoader>& loader, size_t i) {
-    LoadOutcome& root = roots[i];
-    root.texels = makeTexels();
-    for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
-      root.error.reset();
-      loader->load(
-          root.id, m.options.light, [] { return true; }, root.texels.get(), root);
-      if (!root.error) break;
-    }
-    if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
-    if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
-  });
+  parallelForWith(roots.size(), std::max(m.options.workers, 1), nullptr, makeLoader,
+                  [&](std::unique_ptr<PageLoader>& loader, size_t i) {
+                    LoadOutcome& root = roots[i];
+                    root.texels = makeTexels();
+                    for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
+                      root.error.reset();
+                      loader->load(
+                          root.id, m.options.light, [] { return true; }, root.texels.get(), root);
+                      if (!root.error) break;
+                    }
+                    if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
+                    if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
+                  });
 
   for (LoadOutcome& root : roots) {
     m.account(root.costs);
@@ -954,7 +978,9 @@ const StreamerStats& PageStreamer::stats() const {
 }
 
 PageTable& PageStreamer::table() { return impl_->table; }
-const DividedCache& PageStreamer::cache(Plane plane) const { return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache; }
+const DividedCache& PageStreamer::cache(Plane plane) const {
+  return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache;
+}
 
 uint64_t PageStreamer::metadataBytes() const {
   const Impl& m = *impl_;
@@ -970,7 +996,8 @@ uint64_t PageStreamer::bufferBytes() const {
   const Impl& m = *impl_;
   bool resolve = std::find(m.options.texture_planes.begin(), m.options.texture_planes.end(), Plane::kResolved) !=
                  m.options.texture_planes.end();
-  uint64_t scratch = resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
+  uint64_t scratch =
+      resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
   if (m.normals) scratch += uint64_t(std::max({1, m.options.workers, m.options.max_reads}));
   return (m.jobs->maxBuffers() + scratch) * kSlotBytes + (m.normals ? ReliefNormals::kKeptBytes : 0);
 }

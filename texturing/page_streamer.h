@@ -1,19 +1,19 @@
-// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread; reading
-// and decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the destructor.
+// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread;
+// reading and decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the
+// destructor.
 //
 //   Absent -> Queued -> Decoding -> Ready -> Resident -> Absent        and Failed: README.md has the whole diagram
 //
-// Each request carries a ticket. An answer whose ticket is not that of a page in state Decoding is late or cancelled, and
-// is dropped: in one place (takeResults).
-// Order of service (page_rank.h), made anew in every frame: what is wanted now, what is predicted, what the list before
-// the newest wanted; within a tier coarse before fine, then near the view's centre.
-// Room: a page wanted now is never evicted for another one wanted now, and a missing node is only asked for when all of
-// its planes will find slots (relief: half of one) beside everything else that is wanted. So a working set larger than the cache ends in a
-// still state without loads, never in thrashing; what found no room is counted (deferred) and detailBias() asks the view
-// for less.
-// Faults: an error of kind kInvalidData without a byte offset is the source's word that there is no such page, and is
-// final at once. All others may pass and are retried, at most kMaxAttempts attempts in all.
-// Memory: at most bufferBytes(), besides the slots (which live on the GPU) and the first upload of the roots.
+// Each request carries a ticket. An answer whose ticket is not that of a page in state Decoding is late or cancelled,
+// and is dropped: in one place (takeResults). Order of service (page_rank.h), made anew in every frame: what is wanted
+// now, what is predicted, what the list before the newest wanted; within a tier coarse before fine, then near the
+// view's centre. Room: a page wanted now is never evicted for another one wanted now, and a missing node is only asked
+// for when all of its planes will find slots (relief: half of one) beside everything else that is wanted. So a working
+// set larger than the cache ends in a still state without loads, never in thrashing; what found no room is counted
+// (deferred) and detailBias() asks the view for less. Faults: an error of kind kInvalidData without a byte offset is
+// the source's word that there is no such page, and is final at once. All others may pass and are retried, at most
+// kMaxAttempts attempts in all. Memory: at most bufferBytes(), besides the slots (which live on the GPU) and the first
+// upload of the roots.
 #pragma once
 
 #include <array>
@@ -44,8 +44,9 @@ inline constexpr int kMaxAttempts = 4;
 
 struct StreamerOptions {
   uint32_t slot_count = 1024;  // the cache budget over kSlotBytes; at most kMaxSlots
-  // A block codec that all texture planes have: they are not decoded but unpacked to blocks, in slots of their own, slot_count of
-  // them, and relief has relief_slot_count (cache_budget.h). Not with kResolved. Else all is RGBA8 in slot_count slots.
+  // A block codec that all texture planes have: they are not decoded but unpacked to blocks, in slots of their own,
+  // slot_count of them, and relief has relief_slot_count (cache_budget.h). Not with kResolved. Else all is RGBA8 in
+  // slot_count slots.
   PageCodec upload = PageCodec::kLossless;
   uint32_t relief_slot_count = 0;
   // Relief pages take half a slot; over a base mesh less where little is in them, or where their compact form does.
@@ -56,17 +57,18 @@ struct StreamerOptions {
   // fixed light: the worker then reads the stored planes of `format` and evaluates them under `light` per texel.
   std::vector<Plane> texture_planes;
   TextureFormat format;
-  // With it the pages of kNormalPlane are made of the relief's (relief_normals.h), which the source has; reads are counted under relief. Not with
-  // blocks.
+  // With it the pages of kNormalPlane are made of the relief's (relief_normals.h), which the source has; reads are
+  // counted under relief. Not with blocks.
   std::optional<ReliefSurface> normals_of;
   std::array<double, 3> light{0, 0, 1};  // the unit vector towards it, in the artwork's space
-  int max_reads = 0;           // reads under way at most, where a source is slow; fewer than workers: as many as workers
+  int max_reads = 0;          // reads under way at most, where a source is slow; fewer than workers: as many as workers
   uint32_t ready_limit = 64;  // decoded pages that may wait for a slot; workers pause when that many do
 };
 
 // Texels to copy into a slot of the page pool. The memory lives until the next beginFrame().
 struct PageUpload {
-  SlotIndex slot;  // of the texture's or the relief's, where those are two; of relief the name of a part (divided_cache.h)
+  SlotIndex
+      slot;  // of the texture's or the relief's, where those are two; of relief the name of a part (divided_cache.h)
   PageId id;
   const uint8_t* texels;  // kSlotBytes, or slotBytes() of blocks; of relief to be packed (relief_parts.h)
 };
@@ -81,8 +83,8 @@ struct StreamerStats {
   std::array<std::array<uint64_t, 16>, kPageStates> pages{};
   std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // changes of state, [from][to]
   uint64_t queued = 0, decoding = 0, ready = 0;                        // now
-  uint64_t resident = 0, resident_bytes = 0;  // slots in use now, and what they hold
-  uint64_t relief_bytes = 0;                  // of those, slots that are divided for relief: whole, however full
+  uint64_t resident = 0, resident_bytes = 0;                           // slots in use now, and what they hold
+  uint64_t relief_bytes = 0;      // of those, slots that are divided for relief: whole, however full
   uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
   uint64_t evictions = 0, failed_pages = 0, retries = 0;  // which pages failed: PageStreamer::failures()
   // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.

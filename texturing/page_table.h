@@ -3,10 +3,10 @@
 //
 // Entry: one RGBA32UI texel. x = low, y = high 32 bits of (packNode(node) + 1), 0 = empty; z = slot of plane 0 | slot
 // of plane 1 << 16; w = slot of plane 2 | birth << 16 (for the page fade). Artworks of
-// more than three planes keep planes 3.. in a second texture of the same shape: x = slot 3 | slot 4 << 16, y = slot 5 | slot
-// 6 << 16, z = slot 7. Only whole nodes are entered: every plane that the effect plan streams is resident. Slots are
-// 16-bit (65,535 x 72 KiB = 4.5 GiB). The hash functions and constants stand in shaders/page_table.h, which compiles as
-// C++ and GLSL. CPU side only: emits the texels that changed; src/render applies them.
+// more than three planes keep planes 3.. in a second texture of the same shape: x = slot 3 | slot 4 << 16, y = slot 5 |
+// slot 6 << 16, z = slot 7. Only whole nodes are entered: every plane that the effect plan streams is resident. Slots
+// are 16-bit (65,535 x 72 KiB = 4.5 GiB). The hash functions and constants stand in shaders/page_table.h, which
+// compiles as C++ and GLSL. CPU side only: emits the texels that changed; src/render applies them.
 #pragma once
 
 #include <algorithm>
@@ -38,7 +38,8 @@ class PageTable {
  public:
   // Room for max_nodes resident nodes (at most 65,536) at a load of at most 0.4. Width is a power of two <= 1024 texels
   // a row; width * height is a power of two, and its value - 1 is the mask of the probes.
-  // planes: how many slots an entry has. Up to kPlanesPerTexel there is no second texture; find() answers 0 for the others.
+  // planes: how many slots an entry has. Up to kPlanesPerTexel there is no second texture; find() answers 0 for the
+  // others.
   explicit PageTable(uint32_t max_nodes, int planes = kMaxTexturePlanes);
 
   uint32_t width() const;  // texels
@@ -54,7 +55,8 @@ class PageTable {
   std::span<const std::array<uint32_t, 4>> extraTexels() const;  // planes 3..7; empty when there are none
   // Indices of texels that changed since the last call (each once, ascending); all of them after a rehash.
   std::vector<uint32_t> takeDirty();
-  size_t metadataBytes() const;  // all that this object has allocated, itself included; the textures have texelBytes() more
+  size_t metadataBytes()
+      const;  // all that this object has allocated, itself included; the textures have texelBytes() more
   size_t texelBytes() const { return (texels_.size() + extra_.size()) * sizeof(texels_[0]); }
 
  private:

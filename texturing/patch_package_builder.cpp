@@ -241,7 +241,8 @@ class PatchReader {
   Result<void> readCoarseBlocks(uint32_t patch) {
     const size_t root = kErrorBlocks;
     std::vector<float> finer(root * root), mm;
-    for (size_t i = 0; i < finer.size(); ++i) finer[i] = static_cast<float>(ranges_[0][0].blocks[i].error * c_.source.errorUnitMm()) * (1 + 1e-6f);
+    for (size_t i = 0; i < finer.size(); ++i)
+      finer[i] = static_cast<float>(ranges_[0][0].blocks[i].error * c_.source.errorUnitMm()) * (1 + 1e-6f);
     CoarseBlocks& shares = c_.coarse_blocks[patch];
     for (int grid = kBlockedGrids - 1; grid >= 0; --grid) {
       const int cells_log2 = kFirstBlockedGrid + grid;
@@ -254,13 +255,15 @@ class PatchReader {
         mm.assign(blocks * blocks, whole);
       }
       const size_t first = kFirstCoarseBlock[static_cast<size_t>(grid)];
-      const std::span<DeviationShape> shapes = std::span(c_.coarse_shapes[patch]).subspan(kFirstShapedBlock + first, blocks * blocks);
+      const std::span<DeviationShape> shapes =
+          std::span(c_.coarse_shapes[patch]).subspan(kFirstShapedBlock + first, blocks * blocks);
       if (!c_.source.errorShapes(patch, cells_log2, shapes)) std::fill(shapes.begin(), shapes.end(), DeviationShape{});
       for (size_t y = 0; y < blocks; ++y) {
         for (size_t x = 0; x < blocks; ++x) {
           float& e = mm[y * blocks + x];
           if (!std::isfinite(e) || e < 0)
-            return invalid(patch, "its error by blocks at " + std::to_string(1 << cells_log2) + " cells a side is not a number of mm");
+            return invalid(patch, "its error by blocks at " + std::to_string(1 << cells_log2) +
+                                      " cells a side is not a number of mm");
           const float own = e;
           const float* inside = finer.data() + 2 * y * 2 * blocks + 2 * x;
           e = std::min(whole, std::max({e, inside[0], inside[1], inside[2 * blocks], inside[2 * blocks + 1]}));
@@ -294,7 +297,8 @@ class PatchReader {
     auto least = [](double a, double b) { return std::nextafter(static_cast<float>(std::min(a, b)), -INFINITY); };
     auto largest = [](double a, double b) { return std::nextafter(static_cast<float>(std::max(a, b)), INFINITY); };
     const double mm = c_.source.reliefScaleMm() * static_cast<double>(cells);
-    c_.slopes[patch] = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm), largest(q[2] * mm, q[3] * mm)};
+    c_.slopes[patch] = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm),
+                        largest(q[2] * mm, q[3] * mm)};
   }
 
   void noteBorder(uint32_t patch, size_t cells) {
@@ -321,7 +325,8 @@ class PatchReader {
       error_mm_.resize(blocks * blocks);
       shapes_.assign(blocks * blocks, {});
       if (auto read = c_.source.errors(patch, level, error_mm_); !read) return read;
-      if (!c_.source.errorShapes(patch, std::countr_zero(unsigned{kPagePx}) + level, shapes_)) shapes_.assign(blocks * blocks, {});
+      if (!c_.source.errorShapes(patch, std::countr_zero(unsigned{kPagePx}) + level, shapes_))
+        shapes_.assign(blocks * blocks, {});
       auto& out = errors_[static_cast<size_t>(level)];
       out.resize(blocks * blocks);
       for (size_t i = 0; i < out.size(); ++i) {
@@ -336,7 +341,12 @@ class PatchReader {
         }
         const Deviation d = deviationOf(mm, shapes_[i]);
         auto steps = [&](double part_mm) { return static_cast<uint16_t>(std::min(65535.0, stepsOf(part_mm))); };
-        out[i] = {steps(d.mm), steps(d.below_mm), steps(d.above_mm), steps(d.aside_mm), static_cast<uint32_t>(stepsOf(d.between_mm)), static_cast<uint32_t>(stepsOf(d.apart_mm))};
+        out[i] = {steps(d.mm),
+                  steps(d.below_mm),
+                  steps(d.above_mm),
+                  steps(d.aside_mm),
+                  static_cast<uint32_t>(stepsOf(d.between_mm)),
+                  static_cast<uint32_t>(stepsOf(d.apart_mm))};
         if (level == depth) continue;
         const BlockError* finer =
             errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);
@@ -366,7 +376,7 @@ class PatchReader {
     const size_t blocks = size_t{kErrorBlocks} << level;
     for (size_t i = 0; i < r.blocks.size(); ++i) {
       r.blocks[i] = errors_[static_cast<size_t>(level)]
-                                 [(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
+                           [(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
       r.error = std::max(r.error, r.blocks[i].error);
     }
     return r;
@@ -379,7 +389,7 @@ class PatchReader {
   std::vector<float> error_mm_;
   std::vector<DeviationShape> shapes_;
   std::vector<std::vector<BlockError>> errors_;  // by level and block
-  std::vector<std::vector<NodeRange>> ranges_;  // by level and node
+  std::vector<std::vector<NodeRange>> ranges_;   // by level and node
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
@@ -548,7 +558,8 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
       std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
       std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
     }
-    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, options.zstd_level)); !written) return written;
+    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, options.zstd_level)); !written)
+      return written;
   }
   return {};
 }
@@ -597,7 +608,11 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const PlanarDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
   header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
-  BaseSection base{source.base(), std::vector<CoarseErrors>(patches), std::vector<CoarseBlocks>(patches), std::vector<HeightSlopes>(patches), std::vector<CoarseShapes>(patches),
+  BaseSection base{source.base(),
+                   std::vector<CoarseErrors>(patches),
+                   std::vector<CoarseBlocks>(patches),
+                   std::vector<HeightSlopes>(patches),
+                   std::vector<CoarseShapes>(patches),
                    source.errorUnitMm()};
   header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
   const auto described = manifestOf(header, source, options);
@@ -641,10 +656,13 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
                                                   std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
   const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working ? std::min((options.memory_budget_bytes - working) / 4 * 3, options.kept_bytes) : 0,
+  SpillBudget spills{options.memory_budget_bytes > working
+                         ? std::min((options.memory_budget_bytes - working) / 4 * 3, options.kept_bytes)
+                         : 0,
                      options.output};
   for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
-                             {&context.strips, store.stripsBytes()}, {&context.levels, store.levelBytes()}}) {
+                             {&context.strips, store.stripsBytes()},
+                             {&context.levels, store.levelBytes()}}) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();
     *kept = std::move(*made);

@@ -20,7 +20,8 @@ void tailHeights(std::span<const uint16_t> samples, std::span<uint16_t> out) {
   assert(samples.size() == kReliefPageSamples && out.size() == kTailHeights);
   constexpr size_t kStep = kPagePx >> kTailCellsLog2;
   for (size_t y = 0; y < kTailSamples; ++y)
-    for (size_t x = 0; x < kTailSamples; ++x) out[y * kTailSamples + x] = samples[y * kStep * kReliefSamples + x * kStep];
+    for (size_t x = 0; x < kTailSamples; ++x)
+      out[y * kTailSamples + x] = samples[y * kStep * kReliefSamples + x * kStep];
 }
 
 void tailTexels(const MipFilter& mip, std::span<const uint8_t> root, std::span<uint8_t> out) {
@@ -36,8 +37,8 @@ void tailTexels(const MipFilter& mip, std::span<const uint8_t> root, std::span<u
   }
 }
 
-void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count, int workers, PatchTails& tails,
-                    std::vector<std::string>* problems, const std::atomic<bool>* stop) {
+void tailsFromPages(const PageSource& source, const TextureFormat& format, bool relief, uint32_t first, uint32_t count,
+                    int workers, PatchTails& tails, std::vector<std::string>* problems, const std::atomic<bool>* stop) {
   const MipFilter mip(format);
   std::mutex mutex;
   struct Buffers {
@@ -46,7 +47,9 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
     std::vector<uint16_t> samples;
   };
   auto makeBuffers = [&] {
-    return Buffers{{}, std::vector<uint8_t>(kSlotBytes), std::vector<uint8_t>(static_cast<size_t>(format.channels()) * kPagePx * kPagePx),
+    return Buffers{{},
+                   std::vector<uint8_t>(kSlotBytes),
+                   std::vector<uint8_t>(static_cast<size_t>(format.channels()) * kPagePx * kPagePx),
                    std::vector<uint16_t>(kReliefPageSamples)};
   };
   parallelForWith(count, std::max(workers, 1), stop, makeBuffers, [&](Buffers& b, size_t i) {
@@ -65,7 +68,9 @@ void tailsFromPages(const PageSource& source, const TextureFormat& format, bool 
       neutralPage(id.plane(), format, PageCodec::kLossless, slot.data());
       std::lock_guard lock(mutex);
       tails.failures.add(id, loaded.error());
-      if (problems) problems->push_back("the page of " + describePage(id) + " is damaged, a neutral one stands in: " + loaded.error().text());
+      if (problems)
+        problems->push_back("the page of " + describePage(id) +
+                            " is damaged, a neutral one stands in: " + loaded.error().text());
     };
     if (relief) {
       load(PageId(Plane::kRelief, {patch, 0, 0, 0}));
@@ -101,7 +106,8 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
       size_t at = 0;
       for (uint32_t patch = first; patch < first + count; ++patch)
         for (int level = 0; level < kTailLevels; ++level)
-          for (size_t i = 0; i < static_cast<size_t>(PatchTails::side(level) * PatchTails::side(level)); ++i) f(at++, level, i, patch);
+          for (size_t i = 0; i < static_cast<size_t>(PatchTails::side(level) * PatchTails::side(level)); ++i)
+            f(at++, level, i, patch);
     };
     for (int c = 0; c < 3 * format.planes(); ++c)
       forEach([&](size_t at, int level, size_t i, uint32_t patch) {
@@ -117,7 +123,11 @@ PatchTails resolvedTails(const PatchTails& tails, const TextureFormat& format, c
 }
 
 TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base)
-    : tails_(tails), base_(base), neighbours_(patchNeighbours(base)), first_(base.corners.size() + 1, 0), at_(base.patches.size() * 4) {
+    : tails_(tails),
+      base_(base),
+      neighbours_(patchNeighbours(base)),
+      first_(base.corners.size() + 1, 0),
+      at_(base.patches.size() * 4) {
   for (const auto& patch : base.patches)
     for (uint32_t corner : patch) ++first_[corner + 1];
   for (size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
@@ -125,11 +135,14 @@ TailBlocks::TailBlocks(const PatchTails& tails, const BaseMesh& base)
   for (uint32_t i = 0; i < at_.size(); ++i) at_[next[base.patches[i / 4][i % 4]]++] = i;
 }
 
-// As a page's border has it: what makes the mean of the four texels around the corner the same from all patches that meet there.
+// As a page's border has it: what makes the mean of the four texels around the corner the same from all patches that
+// meet there.
 uint8_t TailBlocks::beyondCorner(uint32_t patch, size_t k, int level, int channel) const {
   const uint32_t corner = base_.patches[patch][k];
   const size_t last = static_cast<size_t>(PatchTails::side(level) - 1), side = last + 1;
-  auto cornerTexel = [&](uint32_t p, size_t slot) { return tails_.level(p, level, channel)[(slot / 2) * last * side + (slot % 2) * last]; };
+  auto cornerTexel = [&](uint32_t p, size_t slot) {
+    return tails_.level(p, level, channel)[(slot / 2) * last * side + (slot % 2) * last];
+  };
   size_t sum = 0;
   const size_t meet = first_[corner + 1] - first_[corner];
   for (uint32_t i = first_[corner]; i < first_[corner + 1]; ++i) sum += cornerTexel(at_[i] / 4, at_[i] % 4);
@@ -155,14 +168,16 @@ void TailBlocks::write(uint32_t patch, int level, uint32_t* out) const {
   for (int channel = 0; channel < tails_.channels; ++channel) {
     const uint8_t* own = tails_.level(patch, level, channel);
     auto put = [&](int x, int y, uint8_t value) {  // from -1 on
-      out[(static_cast<size_t>(y + 1) * row + static_cast<size_t>(x + 1)) * planes + static_cast<size_t>(channel / 3)] |= uint32_t{value} << (8 * (channel % 3));
+      out[(static_cast<size_t>(y + 1) * row + static_cast<size_t>(x + 1)) * planes +
+          static_cast<size_t>(channel / 3)] |= uint32_t{value} << (8 * (channel % 3));
     };
     for (int y = 0; y < side; ++y)
       for (int x = 0; x < side; ++x) put(x, y, own[y * side + x]);
     for (size_t s = 0; s < 4; ++s) {
       const PatchNeighbour& n = neighbours_[patch][s];
       const bool upright = s == kLeft || s == kRight;
-      const int edge = s == kRight || s == kBottom ? last : 0, beyond = edge == 0 && (s == kLeft || s == kTop) ? -1 : side;
+      const int edge = s == kRight || s == kBottom ? last : 0,
+                beyond = edge == 0 && (s == kLeft || s == kTop) ? -1 : side;
       const uint8_t* from = n.patch == PatchNeighbour::kNone ? own : tails_.level(n.patch, level, channel);
       const size_t their_side = n.patch == PatchNeighbour::kNone ? s : static_cast<size_t>(n.side);
       const bool reversed = n.patch != PatchNeighbour::kNone && n.reversed;

@@ -1,4 +1,5 @@
-// ptm_internal.h - what ptm_reader.cpp and ptm_jpeg.cpp share: the parsed header and the decoded planes of JPEG variants.
+// ptm_internal.h - what ptm_reader.cpp and ptm_jpeg.cpp share: the parsed header and the decoded planes of JPEG
+// variants.
 #pragma once
 
 #include <array>
@@ -22,8 +23,8 @@ struct JpegPlane {
 
 struct FileHeader {
   PtmHeader header;
-  std::vector<JpegPlane> planes;            // JPEG variants only
-  std::array<double, 16> colour_matrix{};   // LUM only
+  std::vector<JpegPlane> planes;           // JPEG variants only
+  std::array<double, 16> colour_matrix{};  // LUM only
 };
 
 // Checked against the file's length: every byte the header promises is there.

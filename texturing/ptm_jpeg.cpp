@@ -5,10 +5,12 @@
 //   (x + motion_x, y + motion_y), clamped to the border, if bit 1 is set (transform 2, motion compensation).
 // Then side information replaces single samples: records of a big-endian 32-bit offset and a value.
 // Choices where the format's description leaves room, or readers disagree:
-//   - The sum is taken modulo 256, as bytes add. That is what the readers of the field do, so what the format's encoder counts
-//     on: a residual beyond +-128 wraps in the file and back here, and where JPEG's loss carries a sample over the end of
-//     the range, side information is there to put it right. Clamping would spoil the former.
-//   - Offsets of side information count in the JPEG's own rows, bottom to top. One reader flips them, but it flips the decoded
+//   - The sum is taken modulo 256, as bytes add. That is what the readers of the field do, so what the format's encoder
+//   counts
+//     on: a residual beyond +-128 wraps in the file and back here, and where JPEG's loss carries a sample over the end
+//     of the range, side information is there to put it right. Clamping would spoil the former.
+//   - Offsets of side information count in the JPEG's own rows, bottom to top. One reader flips them, but it flips the
+//   decoded
 //     picture as well, which amounts to the same; another that flips only the offsets contradicts both.
 //   - Motion vectors: all x, then all y; in the JPEG's own rows; a reference sample beyond the border is the border's.
 //     No file that uses them is known.
@@ -28,7 +30,8 @@
 namespace relievo::ptm_detail {
 namespace {
 
-// A block of 8x8 samples takes at least one bit (its DC code) in a Huffman-coded JPEG: 512 samples a byte at the very most.
+// A block of 8x8 samples takes at least one bit (its DC code) in a Huffman-coded JPEG: 512 samples a byte at the very
+// most.
 constexpr uint64_t kMaxSamplesPerByte = 512;
 // Progressive files with thousands of empty scans are an attack on time, not pictures.
 constexpr int kMaxScans = 200;
@@ -83,9 +86,9 @@ bool decodeGrey(const uint8_t* bytes, size_t size, int64_t width, int64_t height
   jpeg_read_header(&info, TRUE);
   if (info.image_width != static_cast<uint64_t>(width) || info.image_height != static_cast<uint64_t>(height) ||
       info.num_components != 1) {
-    std::snprintf(manager.message, sizeof manager.message, "expected a grey JPEG of %lld x %lld, found %u x %u with %d channels",
-                  static_cast<long long>(width), static_cast<long long>(height), info.image_width, info.image_height,
-                  info.num_components);
+    std::snprintf(manager.message, sizeof manager.message,
+                  "expected a grey JPEG of %lld x %lld, found %u x %u with %d channels", static_cast<long long>(width),
+                  static_cast<long long>(height), info.image_width, info.image_height, info.num_components);
     jpeg_destroy_decompress(&info);
     return false;
   }
@@ -125,10 +128,12 @@ Result<void> applySideInformation(const InputFile& file, const JpegPlane& plane,
   const uint64_t offset = plane.offset + plane.jpeg_bytes;
   if (auto read = file.read(offset, records); !read) return read;
   for (size_t i = 0; i + 5 <= records.size(); i += 5) {
-    uint64_t at = uint64_t{records[i]} << 24 | uint64_t{records[i + 1]} << 16 | uint64_t{records[i + 2]} << 8 | records[i + 3];
+    uint64_t at =
+        uint64_t{records[i]} << 24 | uint64_t{records[i + 1]} << 16 | uint64_t{records[i + 2]} << 8 | records[i + 3];
     if (at >= samples) {
       return Error{ErrorKind::kInvalidData, file.path(),
-                   "expected side information for a sample below " + std::to_string(samples) + ", found sample " + std::to_string(at),
+                   "expected side information for a sample below " + std::to_string(samples) + ", found sample " +
+                       std::to_string(at),
                    "the file is damaged; get a whole copy", offset + i};
     }
     out[at] = records[i + 4];
@@ -145,34 +150,39 @@ Result<std::vector<uint8_t>> decodeJpegPlanes(const InputFile& file, const FileH
   for (size_t i = 0; i < h.planes.size(); ++i) {
     if (samples / kMaxSamplesPerByte > h.planes[i].jpeg_bytes) {
       return Error{ErrorKind::kInvalidData, file.path(),
-                   "expected a JPEG of " + std::to_string(width) + " x " + std::to_string(height) + " samples for plane " +
-                       std::to_string(i) + ", found only " + std::to_string(h.planes[i].jpeg_bytes) + " bytes",
+                   "expected a JPEG of " + std::to_string(width) + " x " + std::to_string(height) +
+                       " samples for plane " + std::to_string(i) + ", found only " +
+                       std::to_string(h.planes[i].jpeg_bytes) + " bytes",
                    "the file is damaged; get a whole copy", h.planes[i].offset};
     }
   }
   if (total > budget_bytes) {
-    return Error{ErrorKind::kUnsupported, file.path(),
+    return Error{ErrorKind::kUnsupported,
+                 file.path(),
                  "JPEG variants are decoded as a whole: expected at most " + std::to_string(budget_bytes >> 20) +
                      " MiB of planes, found " + std::to_string((total >> 20) + 1) + " MiB",
-                 "raise the memory budget, or convert it to PTM_FORMAT_LRGB or PTM_FORMAT_RGB", {}};
+                 "raise the memory budget, or convert it to PTM_FORMAT_LRGB or PTM_FORMAT_RGB",
+                 {}};
   }
 
   std::vector<uint8_t> out(total);
   std::vector<std::optional<Error>> errors(h.planes.size());
   const int workers = samples >= 1 << 16 ? std::min(workerCount(0), 9) : 1;  // small pictures are not worth a thread
-  parallelForWith(h.planes.size(), workers, nullptr, [] { return std::vector<uint8_t>(); }, [&](std::vector<uint8_t>& bytes, size_t i) {
-    const JpegPlane& plane = h.planes[i];
-    bytes.resize(plane.jpeg_bytes);
-    if (auto read = file.read(plane.offset, bytes); !read) {
-      errors[i] = read.error();
-      return;
-    }
-    ErrorManager manager;
-    if (!decodeGrey(bytes.data(), bytes.size(), width, height, out.data() + i * samples, manager)) {
-      errors[i] = Error{ErrorKind::kInvalidData, file.path(), "plane " + std::to_string(i) + ": " + manager.message,
-                        "the file is damaged; get a whole copy", plane.offset};
-    }
-  });
+  parallelForWith(
+      h.planes.size(), workers, nullptr, [] { return std::vector<uint8_t>(); },
+      [&](std::vector<uint8_t>& bytes, size_t i) {
+        const JpegPlane& plane = h.planes[i];
+        bytes.resize(plane.jpeg_bytes);
+        if (auto read = file.read(plane.offset, bytes); !read) {
+          errors[i] = read.error();
+          return;
+        }
+        ErrorManager manager;
+        if (!decodeGrey(bytes.data(), bytes.size(), width, height, out.data() + i * samples, manager)) {
+          errors[i] = Error{ErrorKind::kInvalidData, file.path(), "plane " + std::to_string(i) + ": " + manager.message,
+                            "the file is damaged; get a whole copy", plane.offset};
+        }
+      });
   for (auto& error : errors) {
     if (error) return *error;  // the first plane's, whichever thread met it
   }
@@ -181,7 +191,8 @@ Result<std::vector<uint8_t>> decodeJpegPlanes(const InputFile& file, const FileH
   for (size_t i = 0; i < h.planes.size(); ++i) plane_at[h.planes[i].order] = i;
   for (size_t i : plane_at) {
     const JpegPlane& plane = h.planes[i];
-    if (plane.reference >= 0) predict(plane, out.data() + plane.reference * samples, width, height, out.data() + i * samples);
+    if (plane.reference >= 0)
+      predict(plane, out.data() + plane.reference * samples, width, height, out.data() + i * samples);
     if (plane.side_bytes > 0) {
       if (auto done = applySideInformation(file, plane, samples, out.data() + i * samples); !done) return done.error();
     }

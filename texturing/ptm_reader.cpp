@@ -1,22 +1,23 @@
 // ptm_reader.cpp - the .ptm header, and reading uncompressed files in rectangles straight from the file.
 //
 // Header: items separated by white space, so that "width newline height" and "width space height", trailing spaces and
-// CRLF line ends are all one case. Only the end of the header is strict: blanks, then one line feed (or CR LF), then data.
-// Data (rows bottom to top):
+// CRLF line ends are all one case. Only the end of the header is strict: blanks, then one line feed (or CR LF), then
+// data. Data (rows bottom to top):
 //   RGB       three blocks (R, G, B) of 6 bytes a pixel, a0..a5
 //   LRGB 1.2  a block of 6 bytes a pixel, a0..a5, then a block of 3 bytes a pixel, R G B
 //   LRGB 1.1  9 bytes a pixel, a0..a5 R G B
 //   LUM       a line of 16 numbers, a 4x4 colour matrix, ends the header; then 8 bytes a pixel, a0..a5 Cr Cb
 //
 // LUM becomes an RGB PTM. The only known writer of LUM files multiplies the matrix, row by row, with the column
-// (Cr, Y, Cb, 1), Y being the polynomial; as in JPEG we centre the two chroma bytes at 128. If the Y column of the rows R, G
-// and B is one number m > 0 (in all matrices known it is 1), then colour c is
-//   m (a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v) + [m a5 + o_c(Cr, Cb)],   o_c = M_c0 (Cr - 128) + M_c2 (Cb - 128) + M_c3:
-// a0..a4 are shared by the colours and keep their bytes (scale times m); only a5 differs. Its new scale and bias are common
-// to the colours and follow from the ranges alone, before any pixel is read: with [lo, hi] the smallest interval
-// that holds m a5 + o_c for all raw bytes and the three colours, step = (hi - lo) / 254 and bias = ceil(-lo / step), so that
-// 0..255 covers [lo, hi] with an integer bias (254, not 255, pays for rounding the bias). A grey matrix (o_c = 0) keeps
-// a5's own bytes. Other Y columns are refused.
+// (Cr, Y, Cb, 1), Y being the polynomial; as in JPEG we centre the two chroma bytes at 128. If the Y column of the rows
+// R, G and B is one number m > 0 (in all matrices known it is 1), then colour c is
+//   m (a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v) + [m a5 + o_c(Cr, Cb)],   o_c = M_c0 (Cr - 128) + M_c2 (Cb - 128) +
+//   M_c3:
+// a0..a4 are shared by the colours and keep their bytes (scale times m); only a5 differs. Its new scale and bias are
+// common to the colours and follow from the ranges alone, before any pixel is read: with [lo, hi] the smallest interval
+// that holds m a5 + o_c for all raw bytes and the three colours, step = (hi - lo) / 254 and bias = ceil(-lo / step), so
+// that 0..255 covers [lo, hi] with an integer bias (254, not 255, pays for rounding the bias). A grey matrix (o_c = 0)
+// keeps a5's own bytes. Other Y columns are refused.
 
 #include <algorithm>
 #include <charconv>
@@ -227,8 +228,8 @@ Result<FileHeader> readFileHeader(const InputFile& file) {
     else if (format == "PTM_FORMAT_JPEG_RGB") h.header.format = PtmFormat::kJpegRgb;
     else if (format == "PTM_FORMAT_JPEG_LRGB") h.header.format = PtmFormat::kJpegLrgb;
     else {
-      for (auto name : {"PTM_FORMAT_PTM_LUT"sv, "PTM_FORMAT_PTM_C_LUT"sv, "PTM_FORMAT_JPEGLS_RGB"sv,
-                        "PTM_FORMAT_JPEGLS_LRGB"sv}) {
+      for (auto name :
+           {"PTM_FORMAT_PTM_LUT"sv, "PTM_FORMAT_PTM_C_LUT"sv, "PTM_FORMAT_JPEGLS_RGB"sv, "PTM_FORMAT_JPEGLS_LRGB"sv}) {
         if (format == name) {
           p.note(std::string(name) + " is not supported", ErrorKind::kUnsupported,
                  "convert it to PTM_FORMAT_LRGB or PTM_FORMAT_RGB");
@@ -258,12 +259,15 @@ Result<FileHeader> readFileHeader(const InputFile& file) {
   if (h.header.format == PtmFormat::kLum) {
     for (double& m : h.colour_matrix) {
       m = p.number("an entry of the colour matrix");
-      if (!p.failed() && std::abs(m) > 1e6) p.note("expected an entry of the colour matrix up to 1e6, found " + std::to_string(m));
+      if (!p.failed() && std::abs(m) > 1e6)
+        p.note("expected an entry of the colour matrix up to 1e6, found " + std::to_string(m));
     }
     const auto& m = h.colour_matrix;
     if (!p.failed() && !(m[1] >= 1e-6 && m[5] == m[1] && m[9] == m[1])) {
-      p.note("PTM_FORMAT_LUM with a colour matrix that weighs luminance differently for red, green and blue is not supported",
-             ErrorKind::kUnsupported, "convert it to PTM_FORMAT_LRGB or PTM_FORMAT_RGB");
+      p.note(
+          "PTM_FORMAT_LUM with a colour matrix that weighs luminance differently for red, green and blue is not "
+          "supported",
+          ErrorKind::kUnsupported, "convert it to PTM_FORMAT_LRGB or PTM_FORMAT_RGB");
     }
   }
   p.lastLineEnd();
@@ -276,14 +280,15 @@ Result<FileHeader> readFileHeader(const InputFile& file) {
   const std::string size_text = std::to_string(h.header.width) + " x " + std::to_string(h.header.height) + " pixels";
   if (!end || *end > file.size()) {
     return Error{ErrorKind::kInvalidData, file.path(),
-                 "expected " + (end ? std::to_string(*end) : "more than 2^63") + " bytes for " + size_text + ", found " +
-                     std::to_string(file.size()),
+                 "expected " + (end ? std::to_string(*end) : "more than 2^63") + " bytes for " + size_text +
+                     ", found " + std::to_string(file.size()),
                  "it is truncated; get a whole copy", std::min(file.size(), end.value_or(file.size()))};
   }
   if (file.size() - *end > kMaxTrailingBytes) {
-    return Error{ErrorKind::kInvalidData, file.path(),
-                 "expected " + std::to_string(*end) + " bytes for " + size_text + ", found " + std::to_string(file.size()),
-                 HeaderParser::kDamaged, *end};
+    return Error{
+        ErrorKind::kInvalidData, file.path(),
+        "expected " + std::to_string(*end) + " bytes for " + size_text + ", found " + std::to_string(file.size()),
+        HeaderParser::kDamaged, *end};
   }
   return h;
 }
@@ -295,8 +300,8 @@ namespace {
 using ptm_detail::FileHeader;
 
 #if defined(__x86_64__)
-// Shuffle masks: byte i of 16 of channel k lies at stride * i + k of 16 * stride interleaved bytes; mask[k][j] gathers what
-// the j-th 16 of these hold of it (0x80: nothing, which pshufb turns into 0).
+// Shuffle masks: byte i of 16 of channel k lies at stride * i + k of 16 * stride interleaved bytes; mask[k][j] gathers
+// what the j-th 16 of these hold of it (0x80: nothing, which pshufb turns into 0).
 template <int kStride>
 struct ShuffleTable {
   alignas(16) uint8_t mask[kStride][kStride][16];
@@ -312,7 +317,8 @@ struct ShuffleTable {
 
 // As deinterleaveRow, of the pixels in whole 16s: how many.
 template <int kStride>
-__attribute__((target("ssse3"))) size_t deinterleaveBySsse3(const uint8_t* in, size_t pixels, uint8_t* out, size_t channel_stride) {
+__attribute__((target("ssse3"))) size_t deinterleaveBySsse3(const uint8_t* in, size_t pixels, uint8_t* out,
+                                                            size_t channel_stride) {
   static constexpr ShuffleTable<kStride> kTable;
   size_t i = 0;
   for (; i + 16 <= pixels; i += 16) {
@@ -345,9 +351,9 @@ void deinterleaveRow(const uint8_t* in, size_t pixels, uint8_t* out, size_t chan
   }
 }
 
-// Calls use(y, row) for each of the rectangle's rows (y from its top), row holding its pixels' bytes. One read a row, or
-// one for many rows where the rectangle is (nearly) as wide as the image: a system call costs about as much as copying
-// 4 KiB, so reading what lies between the rows is worth it up to there.
+// Calls use(y, row) for each of the rectangle's rows (y from its top), row holding its pixels' bytes. One read a row,
+// or one for many rows where the rectangle is (nearly) as wide as the image: a system call costs about as much as
+// copying 4 KiB, so reading what lies between the rows is worth it up to there.
 template <class Use>
 Result<void> readBlockRows(const InputFile& file, uint64_t block_offset, int pixel_bytes, int64_t width, int64_t height,
                            const Rect& rect, Use use) {
@@ -367,10 +373,12 @@ Result<void> readBlockRows(const InputFile& file, uint64_t block_offset, int pix
   int64_t asked_to = 0;
   for (int64_t r = 0; r < rect.height; r += rows_a_read) {
     const int64_t rows = std::min(rows_a_read, rect.height - r);
-    const uint64_t offset = block_offset + static_cast<uint64_t>(first + r) * pitch + static_cast<uint64_t>(rect.x) * pixel_bytes;
+    const uint64_t offset =
+        block_offset + static_cast<uint64_t>(first + r) * pitch + static_cast<uint64_t>(rect.x) * pixel_bytes;
     std::span<uint8_t> bytes(buffer.data(), pitch * (rows - 1) + row_bytes);
     if (rows_a_read > 1 || !file.readIfCached(offset, bytes)) {
-      for (asked_to = std::max(asked_to, r + 1); rows_a_read == 1 && asked_to < std::min(rect.height, r + kRowsAhead); ++asked_to) {
+      for (asked_to = std::max(asked_to, r + 1); rows_a_read == 1 && asked_to < std::min(rect.height, r + kRowsAhead);
+           ++asked_to) {
         file.willNeed(offset + static_cast<uint64_t>(asked_to - r) * pitch, row_bytes);
       }
       if (auto read = file.read(offset, bytes); !read) return read;
@@ -403,7 +411,8 @@ class PtmSource : public TextureSource {
   }
   // A block of kStride bytes a pixel into channels first_channel, first_channel + channel_step, ...
   template <int kStride>
-  Result<void> readBlock(uint64_t block_offset, const Rect& rect, uint8_t* out, int first_channel, int channel_step) const {
+  Result<void> readBlock(uint64_t block_offset, const Rect& rect, uint8_t* out, int first_channel,
+                         int channel_step) const {
     const size_t plane = static_cast<size_t>(rect.width) * rect.height;
     return readBlockRows(file_, block_offset, kStride, width(), height(), rect, [&](int64_t y, const uint8_t* row) {
       deinterleaveRow<kStride>(row, rect.width, out + first_channel * plane + y * rect.width, channel_step * plane);
@@ -552,7 +561,8 @@ Result<std::unique_ptr<TextureSource>> openPtm(const std::string& path, const Pt
     case PtmFormat::kJpegLrgb: {
       auto planes = ptm_detail::decodeJpegPlanes(*file, *header, options.memory_budget_bytes);
       if (!planes) return planes.error();
-      return std::unique_ptr<TextureSource>(new JpegPtm(std::move(*file), std::move(*header), options.hash, std::move(*planes)));
+      return std::unique_ptr<TextureSource>(
+          new JpegPtm(std::move(*file), std::move(*header), options.hash, std::move(*planes)));
     }
   }
   return Error{ErrorKind::kUnsupported, path, "unknown format", "", {}};

@@ -1,8 +1,8 @@
 // ptm_writer.cpp - any texture source into an uncompressed PTM_1.2 file.
 //
-// Bands of rows, from the picture's bottom to its top, so that the file is written front to back (each of its two or three
-// blocks is: LRGB has coefficients and colours, RGB a block a colour). Two threads take bands in turn, because a source may
-// be a slow generator; every band has its own place in the file, so they need not wait for one another.
+// Bands of rows, from the picture's bottom to its top, so that the file is written front to back (each of its two or
+// three blocks is: LRGB has coefficients and colours, RGB a block a colour). Two threads take bands in turn, because a
+// source may be a slow generator; every band has its own place in the file, so they need not wait for one another.
 #include <algorithm>
 #include <atomic>
 #include <charconv>
@@ -42,18 +42,25 @@ Result<void> writePtm(const std::string& path, const TextureSource& source, cons
   const TextureFormat format = source.format();
   const int64_t width = source.width(), height = source.height();
   if (!isPtm(format.basis)) {
-    return Error{ErrorKind::kUsage, path, std::string("expected polynomial coefficients to write, found ") + (format.basis == Basis::kColour ? "plain colour" : basisName(format.basis)),
-                 "write an image instead", {}};
+    return Error{ErrorKind::kUsage,
+                 path,
+                 std::string("expected polynomial coefficients to write, found ") +
+                     (format.basis == Basis::kColour ? "plain colour" : basisName(format.basis)),
+                 "write an image instead",
+                 {}};
   }
   const bool lrgb = format.basis == Basis::kPtmLrgb;
-  std::string header = std::string("PTM_1.2\n") + (lrgb ? "PTM_FORMAT_LRGB" : "PTM_FORMAT_RGB") + "\n" + std::to_string(width) +
-                       "\n" + std::to_string(height) + "\n";
+  std::string header = std::string("PTM_1.2\n") + (lrgb ? "PTM_FORMAT_LRGB" : "PTM_FORMAT_RGB") + "\n" +
+                       std::to_string(width) + "\n" + std::to_string(height) + "\n";
   for (int k = 0; k < 6; ++k) header += (k ? " " : "") + shortest(format.scale[k]);
   header += "\n";
   for (int k = 0; k < 6; ++k) {
     if (std::abs(format.bias[k]) > 1e6 || format.bias[k] != std::round(format.bias[k])) {
-      return Error{ErrorKind::kUnsupported, path,
-                   "a .ptm file holds whole biases: expected one, found " + shortest(format.bias[k]), "", {}};
+      return Error{ErrorKind::kUnsupported,
+                   path,
+                   "a .ptm file holds whole biases: expected one, found " + shortest(format.bias[k]),
+                   "",
+                   {}};
     }
     header += (k ? " " : "") + std::to_string(static_cast<int>(format.bias[k]));
   }

@@ -21,9 +21,9 @@ struct Rect {
 
 // Where the data came from; kept in the package's manifest.
 struct Provenance {
-  std::string name;       // file name without its folder, or the generator's name and seed
-  std::string xxh3;       // hex digest of the file's bytes; empty for a generator
-  std::string generator;  // empty for a file
+  std::string name;              // file name without its folder, or the generator's name and seed
+  std::string xxh3;              // hex digest of the file's bytes; empty for a generator
+  std::string generator;         // empty for a file
   std::optional<Error> failure;  // the digest could not be taken: no package is made without it
 };
 
@@ -41,9 +41,9 @@ class TextureSource {
 class HeightSource {
  public:
   virtual ~HeightSource() = default;
-  virtual int64_t width() const = 0;   // samples, pixel-centred; may differ from the texture's size
+  virtual int64_t width() const = 0;  // samples, pixel-centred; may differ from the texture's size
   virtual int64_t height() const = 0;
-  virtual double minMm() const = 0;    // a range that holds every sample; it becomes the artwork's one range
+  virtual double minMm() const = 0;  // a range that holds every sample; it becomes the artwork's one range
   virtual double maxMm() const = 0;
   virtual Provenance provenance() const = 0;
   // Heights in mm, towards the viewer positive, top row first.

@@ -20,7 +20,8 @@ bool followsFrom(const uint8_t* texels, int up) {
     const int y0 = y & ~(step - 1), fy = y - y0, y1 = y0 + step <= kPagePx ? y0 + step : y0;
     for (int x0 = 0; x0 <= kPagePx; x0 += step) {
       const int x1 = x0 + step <= kPagePx ? x0 + step : x0;
-      const int q00 = sampleAt(texels, x0, y0), q10 = sampleAt(texels, x1, y0), q01 = sampleAt(texels, x0, y1), q11 = sampleAt(texels, x1, y1);
+      const int q00 = sampleAt(texels, x0, y0), q10 = sampleAt(texels, x1, y0), q01 = sampleAt(texels, x0, y1),
+                q11 = sampleAt(texels, x1, y1);
       for (int fx = 0; fx < step && x0 + fx <= kPagePx; ++fx) {
         const int more = fx >= fy ? fx * (q10 - q00) + fy * (q11 - q10) : fy * (q01 - q00) + fx * (q11 - q01);
         if (sampleAt(texels, x0 + fx, y) != ((q00 << up) + more + half) >> up) return false;

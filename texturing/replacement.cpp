@@ -71,8 +71,8 @@ ReplayResult replayOptimum(const PageTrace& trace, uint32_t slots) {
   ReplayResult result;
   std::unordered_set<PageId> known;
   std::unordered_map<PageId, uint32_t> resident;  // page -> its next use
-  // What may leave, farthest next use first. A page used in this frame is only pushed at its end; its older entries, which name
-  // this frame as the next use, no longer agree with `resident` and are skipped.
+  // What may leave, farthest next use first. A page used in this frame is only pushed at its end; its older entries,
+  // which name this frame as the next use, no longer agree with `resident` and are skipped.
   using Candidate = std::pair<uint32_t, uint64_t>;
   std::priority_queue<Candidate> candidates;
   std::vector<Candidate> used, missing;

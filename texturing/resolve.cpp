@@ -1,5 +1,6 @@
-// resolve.cpp - the sums of basis.h with the light folded in: every coefficient's scale, bias and basis function become one
-// weight and one constant (computed in double precision), so that a texel costs six multiplications and additions a colour.
+// resolve.cpp - the sums of basis.h with the light folded in: every coefficient's scale, bias and basis function become
+// one weight and one constant (computed in double precision), so that a texel costs six multiplications and additions a
+// colour.
 #include "texturing/resolve.h"
 
 #include <algorithm>
@@ -16,8 +17,8 @@
 namespace relievo {
 namespace {
 
-// Eight texels at a time, in the vector types of g++ and clang (which split them where the machine's are narrower): left to
-// itself g++ 12 does not vectorise the clamping of floats, as comparisons may trap.
+// Eight texels at a time, in the vector types of g++ and clang (which split them where the machine's are narrower):
+// left to itself g++ 12 does not vectorise the clamping of floats, as comparisons may trap.
 typedef float Floats __attribute__((vector_size(32)));
 typedef int32_t Ints __attribute__((vector_size(32)));
 constexpr size_t kLanes = 8;
@@ -51,7 +52,9 @@ Ints load(const uint8_t* slot, size_t texel) {
 }
 
 template <int kChannel>
-Floats channel(Ints texels) { return __builtin_convertvector(texels >> 8 * kChannel & 255, Floats); }
+Floats channel(Ints texels) {
+  return __builtin_convertvector(texels >> 8 * kChannel & 255, Floats);
+}
 
 // Rounded half up, as everywhere in the engine, and packed.
 void store(Floats red, Floats green, Floats blue, uint8_t* out, size_t texel) {
@@ -86,18 +89,20 @@ RELIEVO_SIMD_CLONES void resolveRgb(const Weights& s, std::span<const uint8_t* c
   }
 }
 
-// x^(1/2.2) by a table over the values that L takes: interpolated linearly it is off by at most 35.9 h^2 / 8 < 1e-6, h its spacing and
-// 35.9 the second derivative at the ambient share, where it is largest.
+// x^(1/2.2) by a table over the values that L takes: interpolated linearly it is off by at most 35.9 h^2 / 8 < 1e-6, h
+// its spacing and 35.9 the second derivative at the ambient share, where it is largest.
 class GainTable {
  public:
   GainTable() {
-    for (int i = 0; i <= kSteps + 1; ++i) values_[static_cast<size_t>(i)] = static_cast<float>(std::pow(kAmbientShare + i / kPerUnit, 1 / kDisplayGamma));
+    for (int i = 0; i <= kSteps + 1; ++i)
+      values_[static_cast<size_t>(i)] = static_cast<float>(std::pow(kAmbientShare + i / kPerUnit, 1 / kDisplayGamma));
   }
   float at(float above_ambient) const {  // of kAmbientShare + above_ambient
     const float place = above_ambient * static_cast<float>(kPerUnit);
     const int i = std::min(static_cast<int>(place), kSteps);
     const float t = place - static_cast<float>(i);
-    return values_[static_cast<size_t>(i)] + t * (values_[static_cast<size_t>(i) + 1] - values_[static_cast<size_t>(i)]);
+    return values_[static_cast<size_t>(i)] +
+           t * (values_[static_cast<size_t>(i) + 1] - values_[static_cast<size_t>(i)]);
   }
 
  private:
@@ -106,7 +111,8 @@ class GainTable {
   std::array<float, kSteps + 2> values_;
 };
 
-RELIEVO_SIMD_CLONES void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* const> slots,
+                                       uint8_t* out) {
   static const GainTable gains;
   float w[3], constant = 0;
   for (int c = 0; c < 3; ++c) {
@@ -124,7 +130,8 @@ RELIEVO_SIMD_CLONES void resolveAlbedo(const std::array<double, 3>& light, std::
 
 }  // namespace
 
-void resolvePage(const TextureFormat& format, const std::array<double, 3>& light, std::span<const uint8_t* const> slots, uint8_t* out) {
+void resolvePage(const TextureFormat& format, const std::array<double, 3>& light, std::span<const uint8_t* const> slots,
+                 uint8_t* out) {
   assert(slots.size() >= static_cast<size_t>(format.planes()));
   switch (format.basis) {
     case Basis::kColour:
@@ -134,9 +141,15 @@ void resolvePage(const TextureFormat& format, const std::array<double, 3>& light
       }
       break;
     // pixel = RGB * L / 255: the division is in the weights.
-    case Basis::kPtmLrgb: resolveLrgb(weightsFor(format, light, 1.0 / 255), slots, out); break;
-    case Basis::kPtmRgb: resolveRgb(weightsFor(format, light, 1), slots, out); break;
-    case Basis::kAlbedoNormal: resolveAlbedo(light, slots, out); break;
+    case Basis::kPtmLrgb:
+      resolveLrgb(weightsFor(format, light, 1.0 / 255), slots, out);
+      break;
+    case Basis::kPtmRgb:
+      resolveRgb(weightsFor(format, light, 1), slots, out);
+      break;
+    case Basis::kAlbedoNormal:
+      resolveAlbedo(light, slots, out);
+      break;
   }
 }
 

@@ -67,7 +67,8 @@ std::vector<uint8_t> tiffTail(const TiffFrame& frame) {
   };
   const auto offsets = [&](uint16_t tag, int64_t count, auto value) {
     Entry e{tag, layout.big ? kLong8 : kLong, static_cast<uint64_t>(count), {}};
-    for (int64_t i = 0; i < count; ++i) layout.big ? store<uint64_t>(e.values, value(i)) : store(e.values, static_cast<uint32_t>(value(i)));
+    for (int64_t i = 0; i < count; ++i)
+      layout.big ? store<uint64_t>(e.values, value(i)) : store(e.values, static_cast<uint32_t>(value(i)));
     entries.push_back(std::move(e));
   };
   const auto one = [](uint64_t value) { return [value](int64_t) { return value; }; };
@@ -86,12 +87,15 @@ std::vector<uint8_t> tiffTail(const TiffFrame& frame) {
   shorts(258, 8 * frame.sample_bytes, frame.channels);  // bits a sample
   shorts(259, 1);                                       // uncompressed
   shorts(262, colour ? 2 : 1);                          // RGB; 0 is black
-  offsets(273, layout.strips, [&](int64_t i) { return layout.head_bytes + static_cast<uint64_t>(i * layout.strip_rows) * layout.row_bytes; });
+  offsets(273, layout.strips, [&](int64_t i) {
+    return layout.head_bytes + static_cast<uint64_t>(i * layout.strip_rows) * layout.row_bytes;
+  });
   shorts(274, 1);  // the first row is the top one
   shorts(277, frame.channels);
   offsets(278, 1, one(static_cast<uint64_t>(layout.strip_rows)));
-  offsets(279, layout.strips,
-          [&](int64_t i) { return static_cast<uint64_t>(std::min(layout.strip_rows, frame.height - i * layout.strip_rows)) * layout.row_bytes; });
+  offsets(279, layout.strips, [&](int64_t i) {
+    return static_cast<uint64_t>(std::min(layout.strip_rows, frame.height - i * layout.strip_rows)) * layout.row_bytes;
+  });
   if (sized) rational(282, frame.px_per_cm), rational(283, frame.px_per_cm);
   shorts(284, 1);             // channels side by side
   if (sized) shorts(296, 3);  // a centimetre
@@ -101,7 +105,9 @@ std::vector<uint8_t> tiffTail(const TiffFrame& frame) {
   const size_t inside = layout.big ? 8 : 4, entry_bytes = layout.big ? 20 : 12;
   uint64_t behind = layout.directory + (layout.big ? 16 : 6) + entries.size() * entry_bytes;
   std::vector<uint8_t> out(layout.directory - layout.head_bytes - layout.data_bytes, 0), values;
-  const auto offset = [&](uint64_t value) { layout.big ? store(out, value) : store(out, static_cast<uint32_t>(value)); };
+  const auto offset = [&](uint64_t value) {
+    layout.big ? store(out, value) : store(out, static_cast<uint32_t>(value));
+  };
   if (layout.big) store<uint64_t>(out, entries.size());
   else store(out, static_cast<uint16_t>(entries.size()));
   for (Entry& e : entries) {

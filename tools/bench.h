@@ -1,5 +1,5 @@
-// bench.h - what `relievo bench` is made of: groups, one a file (bench_*.cpp), each of which measures some rows with a baseline
-// or peer in the same run. A time is a median; what is not a time is deterministic.
+// bench.h - what `relievo bench` is made of: groups, one a file (bench_*.cpp), each of which measures some rows with a
+// baseline or peer in the same run. A time is a median; what is not a time is deterministic.
 #pragma once
 
 #include <atomic>
@@ -16,21 +16,22 @@
 namespace relievo {
 
 struct BenchRow {
-  std::string what;             // "analysis of one feedback, 160x90 px"
+  std::string what;  // "analysis of one feedback, 160x90 px"
   double measured = 0;
-  std::string unit;             // "ms", "pages/s", "B", "x", "%"
+  std::string unit;  // "ms", "pages/s", "B", "x", "%"
   std::optional<double> goal;
-  bool at_most = true;          // the goal is an upper bound; false: a lower bound
-  std::string baseline_name;    // "readback that waits", "LRU"
+  bool at_most = true;             // the goal is an upper bound; false: a lower bound
+  std::string baseline_name;       // "readback that waits", "LRU"
   std::optional<double> baseline;  // in the same unit, from the same run
-  std::string note;             // spread, counts, conditions; may be empty
+  std::string note;                // spread, counts, conditions; may be empty
 };
 
 struct BenchContext {
-  std::shared_ptr<const Package> package;  // the artwork to measure with: LRGB PTM with relief, 4096x4096 unless a FILE was given
-  std::string folder;                      // for files of the run; removed afterwards
-  std::string plots;                       // folder for plots; empty: none are wanted
-  bool quick = false;                      // fewer repetitions, a minute in all
+  std::shared_ptr<const Package>
+      package;         // the artwork to measure with: LRGB PTM with relief, 4096x4096 unless a FILE was given
+  std::string folder;  // for files of the run; removed afterwards
+  std::string plots;   // folder for plots; empty: none are wanted
+  bool quick = false;  // fewer repetitions, a minute in all
   const std::atomic<bool>* interrupted = nullptr;
   std::function<void(const BenchRow&)> row;  // call for each row, as soon as it is known
   bool stopped() const { return interrupted && interrupted->load(); }

@@ -1,5 +1,5 @@
-// bench_cold_start.cpp - from starting the program to a settled picture: the whole process, as a user waits for it. The package is in the
-// file cache; the driver's compiled shaders are in its own cache, as from the second start on.
+// bench_cold_start.cpp - from starting the program to a settled picture: the whole process, as a user waits for it. The
+// package is in the file cache; the driver's compiled shaders are in its own cache, as from the second start on.
 #include <spawn.h>
 #include <sys/wait.h>
 
@@ -22,7 +22,8 @@ struct Start {
 
 Result<Start> startOnce(const BenchContext& context, std::vector<std::string> arguments) {
   const std::string stats = context.folder + "/cold.json", picture = context.folder + "/cold.png";
-  arguments.insert(arguments.begin(), {"relievo", "render", context.package->path(), "-o", picture, "--size", "1280x720", "--stats", stats});
+  arguments.insert(arguments.begin(), {"relievo", "render", context.package->path(), "-o", picture, "--size",
+                                       "1280x720", "--stats", stats});
   std::vector<char*> argv;
   for (std::string& a : arguments) argv.push_back(a.data());
   argv.push_back(nullptr);
@@ -30,7 +31,9 @@ Result<Start> startOnce(const BenchContext& context, std::vector<std::string> ar
   pid_t child = 0;
   int status = posix_spawn(&child, "/proc/self/exe", nullptr, nullptr, argv.data(), environ);
   if (status == 0) waitpid(child, &status, 0);
-  if (status != 0) return Error{ErrorKind::kRuntime, "", "the program that is to be timed did not run", "run relievo render by itself", {}};
+  if (status != 0)
+    return Error{
+        ErrorKind::kRuntime, "", "the program that is to be timed did not run", "run relievo render by itself", {}};
   auto text = readTextFile(stats, 1 << 20);
   if (!text) return text.error();
   auto json = parseJson(*text, stats);
@@ -62,8 +65,14 @@ Result<void> coldStartBench(BenchContext& context) {
     }
     if (context.stopped()) return {};
     char note[80];
-    std::snprintf(note, sizeof note, "fastest %.0f, slowest %.0f ms of %zu", quantile(settled, 0), quantile(settled, 1), settled.size());
-    BenchRow row{.what = c.what, .measured = median(settled), .unit = "ms", .baseline_name = "the driver's context alone", .baseline = median(made), .note = note};
+    std::snprintf(note, sizeof note, "fastest %.0f, slowest %.0f ms of %zu", quantile(settled, 0), quantile(settled, 1),
+                  settled.size());
+    BenchRow row{.what = c.what,
+                 .measured = median(settled),
+                 .unit = "ms",
+                 .baseline_name = "the driver's context alone",
+                 .baseline = median(made),
+                 .note = note};
     if (c.goal) row.goal = 150;
     context.row(row);
   }

@@ -1,5 +1,6 @@
-// bench_encodings.cpp - what each page encoding costs in accuracy, size and time. The package's pages are decoded, encoded anew and
-// shown by the engine, which sees no difference to a package built that way: relit pictures against those of the package as it is.
+// bench_encodings.cpp - what each page encoding costs in accuracy, size and time. The package's pages are decoded,
+// encoded anew and shown by the engine, which sees no difference to a package built that way: relit pictures against
+// those of the package as it is.
 #include <time.h>
 
 #include <algorithm>
@@ -28,11 +29,22 @@ struct Choice {
   const char* colour;
   bool quick;  // is measured in a quick run, too
 };
-constexpr Choice kChoices[] = {
-    {"lossless", "lossless", true}, {"q7", "q7", false},         {"q6", "q6", true},         {"q5", "q5", true},
-    {"q4", "q4", false},            {"q6", "jpeg90", false},     {"jpeg98", "jpeg98", false}, {"jpeg95", "jpeg95", false},
-    {"jpeg90", "jpeg90", true},     {"jpeg75", "jpeg75", false}, {"jpeg50", "jpeg50", false}, {"bc4", "bc4", true},
-    {"bc5", "bc5", false},          {"bc7", "bc7", true},        {"bc1", "bc1", true},        {"bc4", "bc1", false}};
+constexpr Choice kChoices[] = {{"lossless", "lossless", true},
+                               {"q7", "q7", false},
+                               {"q6", "q6", true},
+                               {"q5", "q5", true},
+                               {"q4", "q4", false},
+                               {"q6", "jpeg90", false},
+                               {"jpeg98", "jpeg98", false},
+                               {"jpeg95", "jpeg95", false},
+                               {"jpeg90", "jpeg90", true},
+                               {"jpeg75", "jpeg75", false},
+                               {"jpeg50", "jpeg50", false},
+                               {"bc4", "bc4", true},
+                               {"bc5", "bc5", false},
+                               {"bc7", "bc7", true},
+                               {"bc1", "bc1", true},
+                               {"bc4", "bc1", false}};
 constexpr std::array<double, 3> kLights[] = {{0.6, 0.4, 0.7}, {-0.8, 0.1, 0.5}, {0.1, -0.5, 0.85}};
 
 double cpuSeconds(clockid_t whose) {
@@ -51,7 +63,8 @@ std::string nameOf(const Choice& c) {
 // The package's texture pages in other encodings, made when first read; relief as it is.
 class EncodedAnew final : public PageSource {
  public:
-  EncodedAnew(std::shared_ptr<const Package> package, const PlaneEncodings& encodings) : package_(std::move(package)), encodings_(encodings) {}
+  EncodedAnew(std::shared_ptr<const Package> package, const PlaneEncodings& encodings)
+      : package_(std::move(package)), encodings_(encodings) {}
   Result<EncodedPage> read(PageId id) const override {
     if (!isTexturePlane(id.plane())) return package_->read(id);
     {
@@ -183,7 +196,8 @@ class EncodingsBench {
     f.psnr_db = all.psnr();
     f.max_error = all.max;
     f.exact = all.max == 0;
-    if (const auto codec = commonBlockCodec(artwork.manifest); codec && !missingBlockExtension(*codec, gl::currentContextInfo().api)) {
+    if (const auto codec = commonBlockCodec(artwork.manifest);
+        codec && !missingBlockExtension(*codec, gl::currentContextInfo().api)) {
       f.as_blocks = true;
       std::vector<std::vector<uint8_t>> blocks;
       if (auto done = show(artwork, Upload::kBlocks, &f.blocks, &blocks); !done) return done;
@@ -201,8 +215,11 @@ class EncodingsBench {
 
   Result<void> writePlots() const {
     if (context_.plots.empty()) return {};
-    for (auto [name, text] : {std::pair{"/encodings.svg", encodingsPlot(figures_)}, {"/encodings.md", encodingsTable(figures_)}}) {
-      if (auto written = writeFile(context_.plots + name, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written) return written;
+    for (auto [name, text] :
+         {std::pair{"/encodings.svg", encodingsPlot(figures_)}, {"/encodings.md", encodingsTable(figures_)}}) {
+      if (auto written = writeFile(context_.plots + name, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+          !written)
+        return written;
     }
     return {};
   }
@@ -235,7 +252,8 @@ class EncodingsBench {
     f->encode_cpu_s = processSeconds() - start;
     const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, 0).texture.nodeCount();
     const double share = static_cast<double>(nodes_.size()) / static_cast<double>(all);
-    f->bytes_per_px = static_cast<double>(bytes) / share / static_cast<double>(manifest_.domain.width_px * manifest_.domain.height_px);
+    f->bytes_per_px = static_cast<double>(bytes) / share /
+                      static_cast<double>(manifest_.domain.width_px * manifest_.domain.height_px);
     return {};
   }
 
@@ -263,7 +281,8 @@ class EncodingsBench {
   }
 
   // Every view under every light, and what showing them costs.
-  Result<void> show(const Artwork& artwork, Upload upload, EncodingFigures::Shown* f, std::vector<std::vector<uint8_t>>* out) {
+  Result<void> show(const Artwork& artwork, Upload upload, EncodingFigures::Shown* f,
+                    std::vector<std::vector<uint8_t>>* out) {
     Scene scene;
     scene.relief = false;  // it is the same for all
     scene.light = kLights[0];
@@ -293,7 +312,8 @@ class EncodingsBench {
       scene.light = kLights[0];
       if (&view != &views_[0]) continue;
       const EngineStats stats = e.stats();
-      f->resident = static_cast<double>(stats.streamer.resident_bytes) * manifest_.texture.planes() / (static_cast<double>(stats.resident) * kPagePx * kPagePx);
+      f->resident = static_cast<double>(stats.streamer.resident_bytes) * manifest_.texture.planes() /
+                    (static_cast<double>(stats.resident) * kPagePx * kPagePx);
       std::vector<double> ms, cpu_ms;
       const double deadline = benchSeconds() + 5;  // software GL takes a second for a frame of BC7
       for (int i = 0; i < (context_.quick ? 5 : 30) && (i < 5 || benchSeconds() < deadline); ++i) {
@@ -336,7 +356,8 @@ class EncodingsBench {
     const auto shown = [&](const char* upload, const EncodingFigures::Shown& s, const EncodingFigures& b) {
       int n = std::snprintf(note, sizeof note, "%.1f ms of CPU, lossless %.1f", s.frame_cpu_ms, b.rgba8.frame_cpu_ms);
       if (!context_.quick)  // which encodes its pages on the way
-        std::snprintf(note + n, sizeof note - static_cast<size_t>(n), "; start to settled %.0f ms of CPU, lossless %.0f", s.settle_cpu_ms, b.rgba8.settle_cpu_ms);
+        std::snprintf(note + n, sizeof note - static_cast<size_t>(n),
+                      "; start to settled %.0f ms of CPU, lossless %.0f", s.settle_cpu_ms, b.rgba8.settle_cpu_ms);
       row(std::string("frame at a texel a pixel, ") + upload, s.frame_ms, "ms", b.rgba8.frame_ms, note);
     };
     row("resident bytes per texel, rgba8", f.rgba8.resident, "B", base.rgba8.resident);
@@ -362,7 +383,9 @@ Result<void> encodingsBench(BenchContext& context) {
   for (const Choice& choice : kChoices) {
     if (context.quick && !choice.quick) continue;
     if (context.stopped()) return {};
-    if (context.package->manifest().texture.basis == Basis::kColour && std::string(choice.coefficients) != choice.colour) continue;
+    if (context.package->manifest().texture.basis == Basis::kColour &&
+        std::string(choice.coefficients) != choice.colour)
+      continue;
     if (auto done = bench.run(choice); !done) return done;
   }
   return bench.writePlots();

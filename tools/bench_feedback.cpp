@@ -112,7 +112,8 @@ std::vector<NamedCamera> cameras(const PlanarDomain& domain) {
   slant.elevation_deg = 10;
   OrbitCamera grazing = near;
   grazing.azimuth_deg = 80;
-  return {{"all of it", whole}, {"close", near}, {"close, 55 degrees aside", slant}, {"close, 80 degrees aside", grazing}};
+  return {
+      {"all of it", whole}, {"close", near}, {"close, 55 degrees aside", slant}, {"close, 80 degrees aside", grazing}};
 }
 
 // As one would write it first: ordered containers, every pixel and all its ancestors.
@@ -123,7 +124,8 @@ std::vector<NodeWant> plainAnalysis(std::span<const std::array<uint32_t, 4>> pix
       const auto& p = pixels[static_cast<size_t>(y * width + x)];
       if (p[0] == 0) continue;
       NodeId node{p[1], (p[0] >> 8) & 0xFFu, p[2], p[3]};
-      auto d = static_cast<float>(std::hypot(x + 0.5 - width / 2.0, y + 0.5 - height / 2.0) / std::hypot(width / 2.0, height / 2.0));
+      auto d = static_cast<float>(std::hypot(x + 0.5 - width / 2.0, y + 0.5 - height / 2.0) /
+                                  std::hypot(width / 2.0, height / 2.0));
       for (bool first = true;; first = false) {
         NodeWant& w = nodes.try_emplace(node, NodeWant{node, 0, 1.0f}).first->second;
         w.pixels += first;
@@ -208,13 +210,25 @@ Result<void> feedbackBench(BenchContext& context) {
     }
   }
   char note[200];
-  std::snprintf(note, sizeof note, "issue %.3f, read %.3f, analyse %.3f, remember %.3f; p99 %.2f; with the draw calls %.2f ms wall", median(issue), median(read),
-                median(analysis), median(remembered), quantile(own, 0.99), median(own_wall));
-  context.row({.what = "issue, read and analyse 160x90 px, besides drawing", .measured = median(own), .unit = "ms CPU", .goal = 1.0,
-               .baseline_name = "ms wall, read at once, std containers", .baseline = median(waited), .note = note});
+  std::snprintf(note, sizeof note,
+                "issue %.3f, read %.3f, analyse %.3f, remember %.3f; p99 %.2f; with the draw calls %.2f ms wall",
+                median(issue), median(read), median(analysis), median(remembered), quantile(own, 0.99),
+                median(own_wall));
+  context.row({.what = "issue, read and analyse 160x90 px, besides drawing",
+               .measured = median(own),
+               .unit = "ms CPU",
+               .goal = 1.0,
+               .baseline_name = "ms wall, read at once, std containers",
+               .baseline = median(waited),
+               .note = note});
   std::snprintf(note, sizeof note, "p99 %.3f; lists of up to %zu nodes", quantile(analysis, 0.99), most);
-  context.row({.what = "analysis of 160x90 px", .measured = median(analysis), .unit = "ms CPU", .goal = 0.2, .baseline_name = "std::unordered_map and std::set",
-               .baseline = median(plain), .note = note});
+  context.row({.what = "analysis of 160x90 px",
+               .measured = median(analysis),
+               .unit = "ms CPU",
+               .goal = 0.2,
+               .baseline_name = "std::unordered_map and std::set",
+               .baseline = median(plain),
+               .note = note});
   return {};
 }
 
@@ -246,12 +260,18 @@ Result<void> determinationBench(BenchContext& context) {
     }
     char note[120];
     double all = std::accumulate(geometry.begin(), geometry.end(), 0.0);
-    std::snprintf(note, sizeof note, "%.2f us a node named; the pass is of a flat artwork", 1e3 * all / static_cast<double>(std::max<size_t>(1, named)));
-    context.row({.what = std::string(relief ? "relief" : "flat") + ": geometry, one view", .measured = median(geometry), .unit = "ms CPU",
-                 .baseline_name = "feedback at 1/8, drawn, read, analysed", .baseline = median(pass), .note = note});
+    std::snprintf(note, sizeof note, "%.2f us a node named; the pass is of a flat artwork",
+                  1e3 * all / static_cast<double>(std::max<size_t>(1, named)));
+    context.row({.what = std::string(relief ? "relief" : "flat") + ": geometry, one view",
+                 .measured = median(geometry),
+                 .unit = "ms CPU",
+                 .baseline_name = "feedback at 1/8, drawn, read, analysed",
+                 .baseline = median(pass),
+                 .note = note});
   }
 
-  // A slow flight: pages of two views in a row that the list of the second lacks, though every pixel's feedback has them.
+  // A slow flight: pages of two views in a row that the list of the second lacks, though every pixel's feedback has
+  // them.
   {
     std::array<size_t, 2> lost{};
     size_t wanted = 0;
@@ -265,10 +285,12 @@ Result<void> determinationBench(BenchContext& context) {
       camera.target_mm.x += 0.0005 * camera.distance_mm;
       camera.azimuth_deg += 0.05;
       feedback.setCamera(camera);
-      FeedbackGrid full = feedbackGrid(kWidth, kHeight, 1, 0), grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
+      FeedbackGrid full = feedbackGrid(kWidth, kHeight, 1, 0),
+                   grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
       std::set<NodeId> truth = nodesOf(analyzer.analyze(feedback.pixels(full), full.width(), full.height()));
       auto newest = analyzer.analyze(feedback.pixels(grid), grid.width(), grid.height());
-      std::array<std::set<NodeId>, 2> now{nodesOf(newest), nodesOf(memory.add(newest, static_cast<uint64_t>(k), kScale * kScale))};
+      std::array<std::set<NodeId>, 2> now{nodesOf(newest),
+                                          nodesOf(memory.add(newest, static_cast<uint64_t>(k), kScale * kScale))};
       for (const NodeId& n : truth) {
         if (!truth_before.contains(n)) continue;
         ++wanted;
@@ -277,9 +299,14 @@ Result<void> determinationBench(BenchContext& context) {
       truth_before = std::move(truth);
       before = std::move(now);
     }
-    auto percent = [&](size_t n) { return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<size_t>(1, wanted)); };
-    context.row({.what = "slow flight: wanted pages that drop out of the list, a frame", .measured = percent(lost[1]), .unit = "%",
-                 .baseline_name = "with the newest result only", .baseline = percent(lost[0]),
+    auto percent = [&](size_t n) {
+      return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<size_t>(1, wanted));
+    };
+    context.row({.what = "slow flight: wanted pages that drop out of the list, a frame",
+                 .measured = percent(lost[1]),
+                 .unit = "%",
+                 .baseline_name = "with the newest result only",
+                 .baseline = percent(lost[0]),
                  .note = std::to_string(kMovingResults) + " results remembered"});
   }
 
@@ -315,11 +342,21 @@ Result<void> determinationBench(BenchContext& context) {
       std::string name = std::string(relief ? "relief, " : "flat, ") + c.name;
       char note[160];
       std::snprintf(note, sizeof note, "of %zu pages; 1/8 while moving, %u results", truth.size(), kMovingResults);
-      context.row({.what = name + ": recall of geometry", .measured = share(truth, geometry), .unit = "%", .goal = 100.0, .at_most = false,
-                   .baseline_name = "feedback at 1/8", .baseline = share(truth, eighth), .note = note});
+      context.row({.what = name + ": recall of geometry",
+                   .measured = share(truth, geometry),
+                   .unit = "%",
+                   .goal = 100.0,
+                   .at_most = false,
+                   .baseline_name = "feedback at 1/8",
+                   .baseline = share(truth, eighth),
+                   .note = note});
       std::snprintf(note, sizeof note, "%zu pages named, by feedback %zu", geometry.size(), eighth.size());
-      context.row({.what = name + ": precision of geometry", .measured = share(geometry, truth), .unit = "%",
-                   .baseline_name = "feedback at 1/8", .baseline = share(eighth, truth), .note = note});
+      context.row({.what = name + ": precision of geometry",
+                   .measured = share(geometry, truth),
+                   .unit = "%",
+                   .baseline_name = "feedback at 1/8",
+                   .baseline = share(eighth, truth),
+                   .note = note});
     }
   }
   return {};

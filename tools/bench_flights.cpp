@@ -1,4 +1,5 @@
-// bench_flights.cpp - three recorded flights: how often the page cache has what a frame wants, and what prefetching spares.
+// bench_flights.cpp - three recorded flights: how often the page cache has what a frame wants, and what prefetching
+// spares.
 #include <algorithm>
 #include <cstdio>
 
@@ -30,7 +31,8 @@ std::vector<Flight> flightsOver(const FlightScene& s) {
 }  // namespace
 
 Result<void> replacementBench(BenchContext& context) {
-  constexpr double kShare = 0.5;  // of the flight's distinct pages: with less, single frames want more than the cache holds
+  constexpr double kShare =
+      0.5;  // of the flight's distinct pages: with less, single frames want more than the cache holds
   Artwork artwork = artworkFromPackage(context.package);
   FlightScene scene = sceneOf(context, artwork);
   if (context.quick) scene.frames_per_s = 20;
@@ -43,10 +45,13 @@ Result<void> replacementBench(BenchContext& context) {
     for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving}) {
       ReplayResult r = replay(trace, slots, policy);
       char note[200];
-      std::snprintf(note, sizeof note, "%.2f %% of it; %llu misses, x%.2f of Belady's %llu (first uses: %llu); %zu frames, %u pages, %u slots",
-                    100 * r.hitRate() / best.hitRate(), static_cast<unsigned long long>(r.misses),
-                    static_cast<double>(r.misses) / static_cast<double>(std::max<uint64_t>(1, best.misses)),
-                    static_cast<unsigned long long>(best.misses), static_cast<unsigned long long>(r.first_uses), trace.size(), distinct, slots);
+      std::snprintf(
+          note, sizeof note,
+          "%.2f %% of it; %llu misses, x%.2f of Belady's %llu (first uses: %llu); %zu frames, %u pages, %u slots",
+          100 * r.hitRate() / best.hitRate(), static_cast<unsigned long long>(r.misses),
+          static_cast<double>(r.misses) / static_cast<double>(std::max<uint64_t>(1, best.misses)),
+          static_cast<unsigned long long>(best.misses), static_cast<unsigned long long>(r.first_uses), trace.size(),
+          distinct, slots);
       BenchRow row;
       row.what = flight.name + ": hit rate, " + replacementName(policy);
       if (policy == StreamerOptions{}.replacement) row.what += " (default)";
@@ -84,7 +89,9 @@ Result<void> prefetchBench(BenchContext& context) {
     auto results = streamFlight(scene, flight, how, {std::nullopt, PredictorOptions{}});
     const StreamedFlight &without = results[0], &with = results[1];
     std::string name = flight.name + (flight.name == "wander" ? " (held out)" : "");
-    auto percent = [](uint64_t part, uint64_t whole) { return whole == 0 ? 0 : 100.0 * static_cast<double>(part) / static_cast<double>(whole); };
+    auto percent = [](uint64_t part, uint64_t whole) {
+      return whole == 0 ? 0 : 100.0 * static_cast<double>(part) / static_cast<double>(whole);
+    };
     char note[200];
     BenchRow row;
     row.what = name + ": pixel-frames coarser than wanted";
@@ -93,8 +100,8 @@ Result<void> prefetchBench(BenchContext& context) {
     row.goal = 0.2 * 100 * without.coarseShare();
     row.baseline_name = "without prefetch";
     row.baseline = 100 * without.coarseShare();
-    std::snprintf(note, sizeof note, "down %.1f %%; %.1f s at 60 Hz, %dx%d points a frame", 100 - percent(with.coarse, without.coarse), flight.duration_s(),
-                  how.grid_columns, how.grid_rows);
+    std::snprintf(note, sizeof note, "down %.1f %%; %.1f s at 60 Hz, %dx%d points a frame",
+                  100 - percent(with.coarse, without.coarse), flight.duration_s(), how.grid_columns, how.grid_rows);
     row.note = note;
     context.row(row);
     row.what = name + ": read while flying";
@@ -102,8 +109,9 @@ Result<void> prefetchBench(BenchContext& context) {
     row.unit = "MB";
     row.goal = 1.25 * static_cast<double>(without.bytes) / 1e6;
     row.baseline = static_cast<double>(without.bytes) / 1e6;
-    std::snprintf(note, sizeof note, "%+.1f %%; %llu pages prefetched, %llu of them used, %llu gone unused", percent(with.bytes, without.bytes) - 100,
-                  static_cast<unsigned long long>(with.stats.prefetched), static_cast<unsigned long long>(with.stats.prefetch_used),
+    std::snprintf(note, sizeof note, "%+.1f %%; %llu pages prefetched, %llu of them used, %llu gone unused",
+                  percent(with.bytes, without.bytes) - 100, static_cast<unsigned long long>(with.stats.prefetched),
+                  static_cast<unsigned long long>(with.stats.prefetch_used),
                   static_cast<unsigned long long>(with.stats.prefetch_wasted));
     row.note = note;
     context.row(row);

@@ -1,4 +1,5 @@
-// bench_mesh.cpp - artworks over a base mesh: evaluating the LOD of many patches, submitting and drawing them, and building one from a scan.
+// bench_mesh.cpp - artworks over a base mesh: evaluating the LOD of many patches, submitting and drawing them, and
+// building one from a scan.
 #include <fcntl.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -35,7 +36,8 @@ std::shared_ptr<const BaseMesh> torusPatches(int columns, int rows) {
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
       const double a = -2 * std::numbers::pi * i / columns, b = 2 * std::numbers::pi * j / rows;
-      const glm::dvec3 ring(std::cos(a), std::sin(a), 0), normal = std::cos(b) * ring + std::sin(b) * glm::dvec3(0, 0, 1);
+      const glm::dvec3 ring(std::cos(a), std::sin(a), 0),
+          normal = std::cos(b) * ring + std::sin(b) * glm::dvec3(0, 0, 1);
       mesh->corners.push_back({glm::vec3(100.0 * ring + 40.0 * normal), glm::vec3(normal)});
     }
   }
@@ -52,7 +54,8 @@ class FallingErrors final : public ReliefOracle {
   explicit FallingErrors(const BaseMesh& base) : base_(base) {}
   bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
     auto at = [&](size_t k) { return base_.corners[base_.patches[patch][k]].position_mm; };
-    const float u = kSlope * std::max(glm::length(at(1) - at(0)), glm::length(at(3) - at(2))), v = kSlope * std::max(glm::length(at(2) - at(0)), glm::length(at(3) - at(1)));
+    const float u = kSlope * std::max(glm::length(at(1) - at(0)), glm::length(at(3) - at(2))),
+                v = kSlope * std::max(glm::length(at(2) - at(0)), glm::length(at(3) - at(1)));
     slopes = {-u, u, -v, v};
     return true;
   }
@@ -64,8 +67,9 @@ class FallingErrors final : public ReliefOracle {
   const BaseMesh& base_;
 };
 
-// What is compared with: every patch by itself, its four sides in turn (Schulze Nilsson 2014 evaluates the edges of all patches each
-// frame; Dyken, Reimers, Seland 2009, section 3): each side's points projected, its length in pixels the measure of its level.
+// What is compared with: every patch by itself, its four sides in turn (Schulze Nilsson 2014 evaluates the edges of all
+// patches each frame; Dyken, Reimers, Seland 2009, section 3): each side's points projected, its length in pixels the
+// measure of its level.
 size_t evaluateOneByOne(const BaseMesh& base, const LodView& view) {
   size_t segments = 0;
   for (const auto& patch : base.patches) {
@@ -73,13 +77,16 @@ size_t evaluateOneByOne(const BaseMesh& base, const LodView& view) {
       glm::dvec2 px[2];
       bool seen = true;
       for (int k = 0; k < 2; ++k) {
-        const glm::dvec4 clip = view.clip_from_world * glm::dvec4(base.corners[patch[static_cast<size_t>(ends[static_cast<size_t>(k)])]].position_mm, 1);
+        const glm::dvec4 clip =
+            view.clip_from_world *
+            glm::dvec4(base.corners[patch[static_cast<size_t>(ends[static_cast<size_t>(k)])]].position_mm, 1);
         seen = seen && clip.w > view.near_mm;
         px[k] = glm::dvec2(clip) / std::max(clip.w, view.near_mm) * view.pixels_per_radian;
       }
       if (!seen) continue;
       const double length = glm::length(px[1] - px[0]);
-      segments += size_t{1} << std::clamp(static_cast<int>(std::ceil(std::log2(std::max(length / 4, 1.0)))), 0, kMaxGridLevel);
+      segments +=
+          size_t{1} << std::clamp(static_cast<int>(std::ceil(std::log2(std::max(length / 4, 1.0)))), 0, kMaxGridLevel);
     }
   }
   return segments;
@@ -122,15 +129,22 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
   if (context.stopped()) return {};
   char what[80], note[160];
   std::snprintf(what, sizeof what, "edge-LOD evaluation of %zu patches, one core", base->patches.size());
-  std::snprintf(note, sizeof note, "slowest %.2f ms; %zu instances, %llu triangles, the others face away; %.2f ms with those", quantile(ms, 1), instances,
-                static_cast<unsigned long long>(triangles), median(all_ms));
-  context.row({.what = what, .measured = median(ms), .unit = "ms", .goal = goal_ms, .baseline_name = "each side's length on screen, one by one",
-               .baseline = median(baseline_ms), .note = note});
+  std::snprintf(note, sizeof note,
+                "slowest %.2f ms; %zu instances, %llu triangles, the others face away; %.2f ms with those",
+                quantile(ms, 1), instances, static_cast<unsigned long long>(triangles), median(all_ms));
+  context.row({.what = what,
+               .measured = median(ms),
+               .unit = "ms",
+               .goal = goal_ms,
+               .baseline_name = "each side's length on screen, one by one",
+               .baseline = median(baseline_ms),
+               .note = note});
   return {};
 }
 
-// What the render thread does for a new list and a moved eye, but for drawing: corners from the eye, instances packed and uploaded, uniforms, bindings
-// and calls. Software GL draws within the calls; so those are measured with one instance each, all of it outside of the picture.
+// What the render thread does for a new list and a moved eye, but for drawing: corners from the eye, instances packed
+// and uploaded, uniforms, bindings and calls. Software GL draws within the calls; so those are measured with one
+// instance each, all of it outside of the picture.
 Result<void> submitRow(BenchContext& context) {
   auto base = torusPatches(270, 90);
   MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(*base), {}, true);
@@ -139,7 +153,8 @@ Result<void> submitRow(BenchContext& context) {
   domain.relief_depth = 0;
   domain.width_px = base->patches.size() * kPagePx;
   domain.height_px = kPagePx;
-  auto program = gl::Program::link(gl::currentContextInfo().api, {"patch.vert", "surface.frag", {{"MESH", "1"}}, patchAttributes(), {}});
+  auto program = gl::Program::link(gl::currentContextInfo().api,
+                                   {"patch.vert", "surface.frag", {{"MESH", "1"}}, patchAttributes(), {}});
   if (!program) return program.error();
   BaseCorners corners(base);
   PatchPass patches, one_each;
@@ -173,7 +188,8 @@ Result<void> submitRow(BenchContext& context) {
     corners.setEye(transform.eye_mm);
     corner_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
-    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true, surface.depthMode()), true, no_page);
+    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true, surface.depthMode()), true,
+                         no_page);
     pack_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
     calls = one_each.draw(*program, nowhere, PatchPass::Mesh::kFronts);
@@ -187,10 +203,18 @@ Result<void> submitRow(BenchContext& context) {
   if (context.stopped()) return {};
   char what[96], note[200];
   std::snprintf(what, sizeof what, "submission on the render thread, %zu patches", base->patches.size());
-  std::snprintf(note, sizeof note, "%zu corners from the eye %.3f ms; %u instances packed and uploaded in %.3f ms, slowest %.2f; %u calls with one instance each %.3f ms",
-                base->corners.size(), median(corner_ms), instances, median(pack_ms), quantile(pack_ms, 1), calls, median(call_ms));
-  context.row({.what = what, .measured = median(corner_ms) + median(pack_ms) + median(call_ms), .unit = "ms", .goal = 0.2, .baseline_name = "a call and uniforms a patch, nothing in view",
-               .baseline = median(baseline_ms), .note = note});
+  std::snprintf(note, sizeof note,
+                "%zu corners from the eye %.3f ms; %u instances packed and uploaded in %.3f ms, slowest %.2f; %u calls "
+                "with one instance each %.3f ms",
+                base->corners.size(), median(corner_ms), instances, median(pack_ms), quantile(pack_ms, 1), calls,
+                median(call_ms));
+  context.row({.what = what,
+               .measured = median(corner_ms) + median(pack_ms) + median(call_ms),
+               .unit = "ms",
+               .goal = 0.2,
+               .baseline_name = "a call and uniforms a patch, nothing in view",
+               .baseline = median(baseline_ms),
+               .note = note});
   return {};
 }
 
@@ -207,13 +231,15 @@ Result<void> writeScan(const std::string& path, uint64_t triangles) {
   const uint32_t vertices = (rows - 1) * columns + 2;
   const uint32_t faces = 2 * columns * (rows - 1);
   const std::string head = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(vertices) +
-                           "\nproperty float x\nproperty float y\nproperty float z\nelement face " + std::to_string(faces) +
-                           "\nproperty list uchar int vertex_indices\nend_header\n";
+                           "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
+                           std::to_string(faces) + "\nproperty list uchar int vertex_indices\nend_header\n";
   bytes.reserve(head.size() + vertices * size_t{12} + faces * size_t{13});
   bytes.insert(bytes.end(), head.begin(), head.end());
   auto vertex = [&](double latitude, double longitude) {
-    const glm::dvec3 d(std::sin(latitude) * std::cos(longitude), std::cos(latitude), -std::sin(latitude) * std::sin(longitude));
-    const double bump = std::sin(5 * d.x + 2 * std::sin(7 * d.y)) + 0.3 * std::sin(23 * d.y + 3 * std::sin(17 * d.z)) + 0.05 * std::sin(151 * d.x) * std::sin(167 * d.z);
+    const glm::dvec3 d(std::sin(latitude) * std::cos(longitude), std::cos(latitude),
+                       -std::sin(latitude) * std::sin(longitude));
+    const double bump = std::sin(5 * d.x + 2 * std::sin(7 * d.y)) + 0.3 * std::sin(23 * d.y + 3 * std::sin(17 * d.z)) +
+                        0.05 * std::sin(151 * d.x) * std::sin(167 * d.z);
     const glm::vec3 p((100 + 2 * bump) * d);
     for (int k = 0; k < 3; ++k) put(p[k]);
   };
@@ -238,8 +264,8 @@ Result<void> writeScan(const std::string& path, uint64_t triangles) {
 }
 
 struct Build {
-  double seconds = 0;       // without measuring distances
-  double peak_bytes = 0;    // of the process, in any stage of the build
+  double seconds = 0;     // without measuring distances
+  double peak_bytes = 0;  // of the process, in any stage of the build
 };
 // In a process of its own, so that its peak memory is its own.
 Result<Build> buildPackageOf(const std::string& scan, const std::string& package, const std::string& json_file) {
@@ -260,7 +286,8 @@ Result<Build> buildPackageOf(const std::string& scan, const std::string& package
   auto json = parseJson(*text, json_file);
   if (!json) return json.error();
   Build build;
-  if (!json->is_object() || !json->contains("build_seconds")) return Error{ErrorKind::kInvalidData, json_file, "expected the build's time", "", {}};
+  if (!json->is_object() || !json->contains("build_seconds"))
+    return Error{ErrorKind::kInvalidData, json_file, "expected the build's time", "", {}};
   build.seconds = (*json)["build_seconds"].get<double>();
   for (const auto& stage : (*json)["stages"]) {
     if (stage["name"] != "distance") build.peak_bytes = std::max(build.peak_bytes, stage["peak_bytes"].get<double>());
@@ -278,7 +305,8 @@ Result<void> meshLodBench(BenchContext& context) {
 
 Result<void> meshBuildBench(BenchContext& context) {
   const uint64_t triangles = context.quick ? 250'000 : 2'000'000;
-  const std::string scan = context.folder + "/scan.ply", package = context.folder + "/scan.relievo", json_file = context.folder + "/scan.json";
+  const std::string scan = context.folder + "/scan.ply", package = context.folder + "/scan.relievo",
+                    json_file = context.folder + "/scan.json";
   if (auto written = writeScan(scan, triangles); !written) return written;
   auto built = buildPackageOf(scan, package, json_file);
   if (!built) return built.error();
@@ -290,11 +318,21 @@ Result<void> meshBuildBench(BenchContext& context) {
     (void)hashFile(scan);
     return benchSeconds() - start;
   }();
-  context.row({.what = "relievo build --mesh, triangles a second, 2 cores", .measured = n / 1e6 / built->seconds, .unit = "M/s", .goal = 1, .at_most = false,
-               .baseline_name = "the file read and hashed alone", .baseline = n / 1e6 / read_s,
-               .note = std::to_string(triangles) + " triangles, " + std::to_string((*opened)->manifest().domain.patchCount()) + " patches"});
-  context.row({.what = "its peak memory, a triangle", .measured = built->peak_bytes / n, .unit = "B", .goal = 100,
-               .baseline_name = "the file itself", .baseline = static_cast<double>(std::filesystem::file_size(scan)) / n});
+  context.row({.what = "relievo build --mesh, triangles a second, 2 cores",
+               .measured = n / 1e6 / built->seconds,
+               .unit = "M/s",
+               .goal = 1,
+               .at_most = false,
+               .baseline_name = "the file read and hashed alone",
+               .baseline = n / 1e6 / read_s,
+               .note = std::to_string(triangles) + " triangles, " +
+                       std::to_string((*opened)->manifest().domain.patchCount()) + " patches"});
+  context.row({.what = "its peak memory, a triangle",
+               .measured = built->peak_bytes / n,
+               .unit = "B",
+               .goal = 100,
+               .baseline_name = "the file itself",
+               .baseline = static_cast<double>(std::filesystem::file_size(scan)) / n});
   if (context.stopped()) return {};
 
   // What was built, on screen.
@@ -320,11 +358,24 @@ Result<void> meshBuildBench(BenchContext& context) {
   }
   char note[160];
   std::snprintf(note, sizeof note, "predicted error %.2f px, %u instances", stats.predicted_error_px, stats.instances);
-  context.row({.what = "that scan turning at 1280x720, error 1 px: a frame", .measured = median(frame_ms), .unit = "ms", .goal = 1000.0 / 30, .note = note});
-  context.row({.what = "triangles drawn in it", .measured = static_cast<double>(stats.triangles), .unit = "", .goal = 60000,
-               .baseline_name = "in the scan", .baseline = n});
-  context.row({.what = "draw calls, shading and feedback included", .measured = static_cast<double>(stats.draw_calls), .unit = "", .goal = 8});
-  context.row({.what = "a frame on the render thread, until it is submitted", .measured = median(submit_ms), .unit = "ms",
+  context.row({.what = "that scan turning at 1280x720, error 1 px: a frame",
+               .measured = median(frame_ms),
+               .unit = "ms",
+               .goal = 1000.0 / 30,
+               .note = note});
+  context.row({.what = "triangles drawn in it",
+               .measured = static_cast<double>(stats.triangles),
+               .unit = "",
+               .goal = 60000,
+               .baseline_name = "in the scan",
+               .baseline = n});
+  context.row({.what = "draw calls, shading and feedback included",
+               .measured = static_cast<double>(stats.draw_calls),
+               .unit = "",
+               .goal = 8});
+  context.row({.what = "a frame on the render thread, until it is submitted",
+               .measured = median(submit_ms),
+               .unit = "ms",
                .note = "software GL draws on that thread, too"});
   return {};
 }

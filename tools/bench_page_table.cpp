@@ -1,6 +1,6 @@
 // bench_page_table.cpp - what a change of residency costs, and what a resident page costs beside its texels.
-// Peer: the flat, mip-mapped indirection table of Andersson and Goeransson 2012 (section 3.7): an element for every virtual page,
-// which names the page itself or the nearest resident ancestor, and goes to the GPU in one call a level.
+// Peer: the flat, mip-mapped indirection table of Andersson and Goeransson 2012 (section 3.7): an element for every
+// virtual page, which names the page itself or the nearest resident ancestor, and goes to the GPU in one call a level.
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -23,8 +23,8 @@ struct FrameOfChanges {
   std::vector<NodeId> leave, come;
 };
 
-// A full cache of `nodes` while the camera roams: each frame the nodes that came first leave, and others come: three of four of the
-// finest level, three of four of the rest one level coarser, and so on; the coarsest levels never change.
+// A full cache of `nodes` while the camera roams: each frame the nodes that came first leave, and others come: three of
+// four of the finest level, three of four of the rest one level coarser, and so on; the coarsest levels never change.
 std::vector<FrameOfChanges> changesAt(int depth, uint32_t nodes, int frames, std::vector<NodeId>* first) {
   std::mt19937_64 random(static_cast<uint64_t>(depth));
   std::deque<NodeId> resident;
@@ -39,7 +39,8 @@ std::vector<FrameOfChanges> changesAt(int depth, uint32_t nodes, int frames, std
         auto jitter = static_cast<double>(random() % 4096) / 64 - 32;
         return static_cast<uint32_t>(std::clamp(at + jitter, 0.0, side - 1.0));
       };
-      NodeId node = NodeId{0, static_cast<uint32_t>(depth), near(x), near(y)}.ancestor(static_cast<uint32_t>(depth) - up);
+      NodeId node =
+          NodeId{0, static_cast<uint32_t>(depth), near(x), near(y)}.ancestor(static_cast<uint32_t>(depth) - up);
       if (known.insert(node).second) return node;
       x = std::clamp(x + 0.5, 0.0, side - 1.0);
     }
@@ -94,11 +95,13 @@ class FlatTable {
  public:
   using Element = std::array<uint8_t, 4>;
 
-  explicit FlatTable(int depth) : levels_(static_cast<size_t>(depth) + 1), changed_(levels_.size()), texture_(gl::Texture::create()) {
+  explicit FlatTable(int depth)
+      : levels_(static_cast<size_t>(depth) + 1), changed_(levels_.size()), texture_(gl::Texture::create()) {
     glBindTexture(GL_TEXTURE_2D, texture_.id());
     for (int level = 0; level <= depth; ++level) {
       levels_[level].resize(size_t{1} << (2 * level));
-      glTexImage2D(GL_TEXTURE_2D, depth - level, GL_RGBA8, 1 << level, 1 << level, 0, GL_RGBA, GL_UNSIGNED_BYTE, levels_[level].data());
+      glTexImage2D(GL_TEXTURE_2D, depth - level, GL_RGBA8, 1 << level, 1 << level, 0, GL_RGBA, GL_UNSIGNED_BYTE,
+                   levels_[level].data());
     }
   }
   size_t bytes() const {
@@ -118,8 +121,8 @@ class FlatTable {
     glBindTexture(GL_TEXTURE_2D, texture_.id());
     for (size_t level = 0; level < levels_.size(); ++level) {
       if (!std::exchange(changed_[level], uint8_t{0})) continue;
-      glTexSubImage2D(GL_TEXTURE_2D, static_cast<GLint>(levels_.size() - 1 - level), 0, 0, 1 << level, 1 << level, GL_RGBA, GL_UNSIGNED_BYTE,
-                      levels_[level].data());
+      glTexSubImage2D(GL_TEXTURE_2D, static_cast<GLint>(levels_.size() - 1 - level), 0, 0, 1 << level, 1 << level,
+                      GL_RGBA, GL_UNSIGNED_BYTE, levels_[level].data());
     }
   }
 
@@ -171,7 +174,8 @@ FlatCost flatCost(int depth, uint32_t nodes, int frames) {
 
 std::string spread(const std::vector<double>& times) {
   char text[80];
-  std::snprintf(text, sizeof text, "p99 %.3f ms, most %.3f ms, %zu frames", quantile(times, 0.99), quantile(times, 1), times.size());
+  std::snprintf(text, sizeof text, "p99 %.3f ms, most %.3f ms, %zu frames", quantile(times, 0.99), quantile(times, 1),
+                times.size());
   return text;
 }
 
@@ -190,10 +194,12 @@ Metadata metadataOf(uint32_t slots, int planes, bool fill) {
   so.workers = 0;
   so.ready_limit = 256;
   for (int k = 0; k < planes; ++k) so.texture_planes.push_back(texturePlane(k));
-  PageStreamer streamer(std::make_shared<NoBytes>(), so, [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
+  PageStreamer streamer(std::make_shared<NoBytes>(), so,
+                        [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
   uint32_t pages = slots / static_cast<uint32_t>(planes) * static_cast<uint32_t>(planes);
   std::vector<NodeWant> wants;
-  for (uint32_t i = 0; fill && i < pages / static_cast<uint32_t>(planes); ++i) wants.push_back({{0, 10, i & 1023, i >> 10}, 1, 0});
+  for (uint32_t i = 0; fill && i < pages / static_cast<uint32_t>(planes); ++i)
+    wants.push_back({{0, 10, i & 1023, i >> 10}, 1, 0});
   for (uint64_t frame = 1; fill && frame < 1000 && streamer.cache().residentCount() < pages; ++frame) {
     streamer.beginFrame(frame, static_cast<double>(frame) / 60);
     streamer.wantTexture(wants);
@@ -229,7 +235,8 @@ Result<void> pageTableBench(BenchContext& context) {
       row.baseline_name = "flat indirection table, changed levels uploaded whole";
       row.baseline = median(at_20.times_ms);
     } else {
-      row.note += "; a flat table would take " + std::to_string(static_cast<int>(kFlatGiBAt24)) + " GiB, half of it on the GPU";
+      row.note +=
+          "; a flat table would take " + std::to_string(static_cast<int>(kFlatGiBAt24)) + " GiB, half of it on the GPU";
     }
     context.row(row);
     if (context.stopped()) return {};
@@ -238,16 +245,20 @@ Result<void> pageTableBench(BenchContext& context) {
   for (int planes : {3, 1}) {
     Metadata m = metadataOf(slots, planes, true);
     double worst = 0;
-    for (uint32_t s = 512; s <= kMaxSlots; s += s / 16) worst = std::max(worst, metadataOf(s, planes, false).bytes_a_page);
+    for (uint32_t s = 512; s <= kMaxSlots; s += s / 16)
+      worst = std::max(worst, metadataOf(s, planes, false).bytes_a_page);
     BenchRow row;
-    row.what = std::string("page table + cache metadata a resident page, ") + (planes == 3 ? "LRGB PTM (3 planes)" : "colour (1 plane)");
+    row.what = std::string("page table + cache metadata a resident page, ") +
+               (planes == 3 ? "LRGB PTM (3 planes)" : "colour (1 plane)");
     row.measured = m.bytes_a_page;
     row.unit = "B";
     if (planes == 3) row.goal = 64;
     row.baseline_name = "flat table at 2^20";
     row.baseline = static_cast<double>(at_20.bytes) / slots;
     char note[160];
-    std::snprintf(note, sizeof note, "cache of 256 MiB, full; table here and on the GPU %.1f B of it; at the worst budget from 36 MiB to 4.5 GiB %.1f B",
+    std::snprintf(note, sizeof note,
+                  "cache of 256 MiB, full; table here and on the GPU %.1f B of it; at the worst budget from 36 MiB to "
+                  "4.5 GiB %.1f B",
                   m.table_share, worst);
     row.note = note;
     context.row(row);

@@ -1,4 +1,5 @@
-// bench_pages.cpp - a page's way: how long it takes, how many of them a second, and what that does to the frames meanwhile.
+// bench_pages.cpp - a page's way: how long it takes, how many of them a second, and what that does to the frames
+// meanwhile.
 #include <sys/resource.h>
 
 #include <algorithm>
@@ -47,7 +48,8 @@ std::vector<NodeId> nodesOfLevel(const PlanarDomain& d, int level) {
 // Looking straight at a place given in texels, a texel being `zoom` pixels on screen.
 OrbitCamera above(const PlanarDomain& d, double x_px, double y_px, double zoom) {
   OrbitCamera c;
-  c.target_mm = {(x_px - 0.5 * static_cast<double>(d.width_px)) * d.mm_per_px, (0.5 * static_cast<double>(d.height_px) - y_px) * d.mm_per_px, 0};
+  c.target_mm = {(x_px - 0.5 * static_cast<double>(d.width_px)) * d.mm_per_px,
+                 (0.5 * static_cast<double>(d.height_px) - y_px) * d.mm_per_px, 0};
   c.distance_mm = d.mm_per_px * kHeight / (2 * zoom * std::tan(c.fov_deg * std::numbers::pi / 360));
   return c;
 }
@@ -69,7 +71,8 @@ std::vector<PageId> texturePages(const Manifest& m) {
 
 }  // namespace
 
-// Moves from one finest node to another, far away; each brings one node into view (and, at first, some of its ancestors).
+// Moves from one finest node to another, far away; each brings one node into view (and, at first, some of its
+// ancestors).
 Result<void> pageLatencyBench(BenchContext& context) {
   const Manifest& m = context.package->manifest();
   std::vector<NodeId> nodes = nodesOfLevel(m.domain, m.domain.texture_depth);
@@ -132,19 +135,36 @@ Result<void> pageLatencyBench(BenchContext& context) {
     if (context.stopped()) return {};
   }
   const StreamerStats s = e.stats().streamer;
-  std::string moves = text("%.0f moves, %.0f pages; frames of %.1f ms", static_cast<double>(nodes.size()), static_cast<double>(s.latency_frames.count), median(frame_ms));
-  context.row({.what = "wanted to visible, p99, frames", .measured = s.latency_frames.p99, .unit = "frames", .goal = 2,
-               .baseline_name = "p50", .baseline = s.latency_frames.p50, .note = moves});
-  context.row({.what = "wanted to visible, p50", .measured = s.latency_ms.p50, .unit = "ms",
-               .baseline_name = "node read, decoded, uploaded within the frame", .baseline = median(blocking_ms)});
-  context.row({.what = "wanted to visible, p99", .measured = s.latency_ms.p99, .unit = "ms",
-               .baseline_name = "node read, decoded, uploaded within the frame", .baseline = quantile(blocking_ms, 0.99)});
-  context.row({.what = "camera moved to visible, p99, frames", .measured = quantile(frames_to_picture, 0.99), .unit = "frames",
-               .baseline_name = "p50", .baseline = median(frames_to_picture), .note = text("%.1f ms p99, with LOD, feedback and its way back", quantile(ms_to_picture, 0.99))});
+  std::string moves = text("%.0f moves, %.0f pages; frames of %.1f ms", static_cast<double>(nodes.size()),
+                           static_cast<double>(s.latency_frames.count), median(frame_ms));
+  context.row({.what = "wanted to visible, p99, frames",
+               .measured = s.latency_frames.p99,
+               .unit = "frames",
+               .goal = 2,
+               .baseline_name = "p50",
+               .baseline = s.latency_frames.p50,
+               .note = moves});
+  context.row({.what = "wanted to visible, p50",
+               .measured = s.latency_ms.p50,
+               .unit = "ms",
+               .baseline_name = "node read, decoded, uploaded within the frame",
+               .baseline = median(blocking_ms)});
+  context.row({.what = "wanted to visible, p99",
+               .measured = s.latency_ms.p99,
+               .unit = "ms",
+               .baseline_name = "node read, decoded, uploaded within the frame",
+               .baseline = quantile(blocking_ms, 0.99)});
+  context.row({.what = "camera moved to visible, p99, frames",
+               .measured = quantile(frames_to_picture, 0.99),
+               .unit = "frames",
+               .baseline_name = "p50",
+               .baseline = median(frames_to_picture),
+               .note = text("%.1f ms p99, with LOD, feedback and its way back", quantile(ms_to_picture, 0.99))});
   return {};
 }
 
-// All texture pages of the package through source, workers and uploads, without drawing; the cache holds a tenth of them.
+// All texture pages of the package through source, workers and uploads, without drawing; the cache holds a tenth of
+// them.
 Result<void> decodeBench(BenchContext& context) {
   const Manifest& m = context.package->manifest();
   const int planes = m.texture.planes();
@@ -210,7 +230,8 @@ Result<void> decodeBench(BenchContext& context) {
   {
     PageStreamer streamer(context.package, options);
     PagePool pool(options.slot_count);
-    const size_t batch = slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
+    const size_t batch =
+        slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
     uint64_t frame = 0;
     double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = cpuSeconds();
     std::vector<NodeWant> wants;
@@ -220,7 +241,8 @@ Result<void> decodeBench(BenchContext& context) {
         size_t node = (first + i) % (pages.size() / static_cast<size_t>(planes));
         wants.push_back({pages[node * static_cast<size_t>(planes)].node(), 1, 0.5f});
       }
-      std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node.level < b.node.level; });
+      std::sort(wants.begin(), wants.end(),
+                [](const NodeWant& a, const NodeWant& b) { return a.node.level < b.node.level; });
       // The window moves on before the workers run dry.
       do {
         streamer.beginFrame(++frame, benchSeconds());
@@ -236,19 +258,39 @@ Result<void> decodeBench(BenchContext& context) {
     uploaded = sum(streamer.stats().pages_uploaded);
   }
   double rate = static_cast<double>(uploaded) / wall_s;
-  std::string cost = text("%.0f us of processor time a page: %.0f pages/s on 2 free cores", 1e6 * cpu_s / static_cast<double>(uploaded), 2 * static_cast<double>(uploaded) / cpu_s);
-  context.row({.what = "pages of one plane, read, decoded, uploaded, " + std::to_string(kWorkers) + " workers", .measured = rate, .unit = "pages/s", .goal = 5000,
-               .at_most = false, .baseline_name = "on one thread, one after the other", .baseline = counted / (read_s + decode_s + upload_s), .note = cost});
-  context.row({.what = "the same in nodes of " + std::to_string(planes) + " planes", .measured = rate / planes, .unit = "nodes/s",
-               .baseline_name = "on one thread, one after the other", .baseline = counted / (read_s + decode_s + upload_s) / planes});
-  context.row({.what = "decode alone, one thread", .measured = counted / decode_s, .unit = "pages/s", .at_most = false, .baseline_name = "PNG by OpenImageIO",
-               .baseline = png_pages / png_s, .note = text("%.1f KB a page", static_cast<double>(encoded_bytes) / static_cast<double>(sample) / 1000)});
-  context.row({.what = "read and checksum alone, one thread", .measured = counted / read_s, .unit = "pages/s", .baseline_name = "uploads alone", .baseline = counted / upload_s});
+  std::string cost = text("%.0f us of processor time a page: %.0f pages/s on 2 free cores",
+                          1e6 * cpu_s / static_cast<double>(uploaded), 2 * static_cast<double>(uploaded) / cpu_s);
+  context.row({.what = "pages of one plane, read, decoded, uploaded, " + std::to_string(kWorkers) + " workers",
+               .measured = rate,
+               .unit = "pages/s",
+               .goal = 5000,
+               .at_most = false,
+               .baseline_name = "on one thread, one after the other",
+               .baseline = counted / (read_s + decode_s + upload_s),
+               .note = cost});
+  context.row({.what = "the same in nodes of " + std::to_string(planes) + " planes",
+               .measured = rate / planes,
+               .unit = "nodes/s",
+               .baseline_name = "on one thread, one after the other",
+               .baseline = counted / (read_s + decode_s + upload_s) / planes});
+  context.row(
+      {.what = "decode alone, one thread",
+       .measured = counted / decode_s,
+       .unit = "pages/s",
+       .at_most = false,
+       .baseline_name = "PNG by OpenImageIO",
+       .baseline = png_pages / png_s,
+       .note = text("%.1f KB a page", static_cast<double>(encoded_bytes) / static_cast<double>(sample) / 1000)});
+  context.row({.what = "read and checksum alone, one thread",
+               .measured = counted / read_s,
+               .unit = "pages/s",
+               .baseline_name = "uploads alone",
+               .baseline = counted / upload_s});
   return {};
 }
 
-// A path over the artwork at one texel a pixel, as fast as it takes to bring in about 1,000 pages a second, in a cache that holds little
-// more than the view. Baseline: the same cameras with everything resident.
+// A path over the artwork at one texel a pixel, as fast as it takes to bring in about 1,000 pages a second, in a cache
+// that holds little more than the view. Baseline: the same cameras with everything resident.
 Result<void> streamingBench(BenchContext& context) {
   const Manifest& m = context.package->manifest();
   const PlanarDomain& d = m.domain;
@@ -258,20 +300,26 @@ Result<void> streamingBench(BenchContext& context) {
   scene.relief = false;
   const double pages_in_view = (kWidth / 128.0 + 1) * (kHeight / 128.0 + 1) * 1.4 * m.texture.planes();
   const auto mib = [](double pages) { return pages * static_cast<double>(kSlotBytes) / (1024 * 1024); };
-  auto made = Engine::create(artworkFromPackage(context.package), scene, {.cache_mib = mib(2 * pages_in_view), .workers = kWorkers});
+  auto made = Engine::create(artworkFromPackage(context.package), scene,
+                             {.cache_mib = mib(2 * pages_in_view), .workers = kWorkers});
   if (!made) return made.error();
-  auto whole = Engine::create(artworkFromPackage(context.package), scene, {.cache_mib = mib(1.5 * static_cast<double>(texturePages(m).size()) + 64), .workers = kWorkers});
+  auto whole =
+      Engine::create(artworkFromPackage(context.package), scene,
+                     {.cache_mib = mib(1.5 * static_cast<double>(texturePages(m).size()) + 64), .workers = kWorkers});
   if (!whole) return whole.error();
   (*made)->resize(kWidth, kHeight);
   (*whole)->resize(kWidth, kHeight);
 
   // Lines to and fro, the middle of the view within the artwork.
-  const double left = std::min(0.5 * kWidth, 0.5 * static_cast<double>(d.width_px)), right = static_cast<double>(d.width_px) - left;
-  const double top = std::min(0.5 * kHeight, 0.5 * static_cast<double>(d.height_px)), bottom = static_cast<double>(d.height_px) - top;
+  const double left = std::min(0.5 * kWidth, 0.5 * static_cast<double>(d.width_px)),
+               right = static_cast<double>(d.width_px) - left;
+  const double top = std::min(0.5 * kHeight, 0.5 * static_cast<double>(d.height_px)),
+               bottom = static_cast<double>(d.height_px) - top;
   auto cameraAfter = [&](double px) {
     double width = std::max(1.0, right - left);
     auto line = static_cast<int64_t>(px / width);
-    double x = px - static_cast<double>(line) * width, y = std::fmod(static_cast<double>(line) * 0.45 * kHeight, std::max(1.0, bottom - top));
+    double x = px - static_cast<double>(line) * width,
+           y = std::fmod(static_cast<double>(line) * 0.45 * kHeight, std::max(1.0, bottom - top));
     return above(d, line % 2 == 0 ? left + x : right - x, top + y, 1);
   };
 
@@ -312,12 +360,22 @@ Result<void> streamingBench(BenchContext& context) {
   Frames streaming = run(**made, nullptr);
   run(**whole, &streaming);  // brings everything in
   Frames still = run(**whole, &streaming);
-  double spread = quantile(streaming.ms, 0.99) - median(streaming.ms), still_spread = quantile(still.ms, 0.99) - median(still.ms);
-  context.row({.what = "frame time while pages stream, p99 over the median", .measured = spread, .unit = "ms", .goal = 2,
-               .baseline_name = "same cameras, all resident", .baseline = still_spread,
+  double spread = quantile(streaming.ms, 0.99) - median(streaming.ms),
+         still_spread = quantile(still.ms, 0.99) - median(still.ms);
+  context.row({.what = "frame time while pages stream, p99 over the median",
+               .measured = spread,
+               .unit = "ms",
+               .goal = 2,
+               .baseline_name = "same cameras, all resident",
+               .baseline = still_spread,
                .note = text("%.0f pages/s, %.0f frames", streaming.rate, static_cast<double>(streaming.ms.size()))});
-  context.row({.what = "median frame time while pages stream", .measured = median(streaming.ms), .unit = "ms", .baseline_name = "same cameras, all resident",
-               .baseline = median(still.ms), .note = still.pages > 0 ? text("the baseline loaded %.0f pages", static_cast<double>(still.pages)) : ""});
+  context.row(
+      {.what = "median frame time while pages stream",
+       .measured = median(streaming.ms),
+       .unit = "ms",
+       .baseline_name = "same cameras, all resident",
+       .baseline = median(still.ms),
+       .note = still.pages > 0 ? text("the baseline loaded %.0f pages", static_cast<double>(still.pages)) : ""});
   return {};
 }
 

@@ -1,5 +1,5 @@
-// bench_relief_memory.cpp - what a relief's finest triangles take of the page cache, all of the artwork resident as a view would have it: the finest pages,
-// every third level above them, the roots; or tails.
+// bench_relief_memory.cpp - what a relief's finest triangles take of the page cache, all of the artwork resident as a
+// view would have it: the finest pages, every third level above them, the roots; or tails.
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -29,7 +29,9 @@ Result<void> reliefMemoryBench(BenchContext& context) {
           const NodeId node{patch, static_cast<uint32_t>(level), x, y};
           if (domain.nodeExists(node)) wants.push_back({node, 1, 0});
         }
-  if (wants.size() > kMaxSlots) return Error{ErrorKind::kUnsupported, "", "its relief has more pages than a cache holds", "measure a smaller artwork", {}};
+  if (wants.size() > kMaxSlots)
+    return Error{
+        ErrorKind::kUnsupported, "", "its relief has more pages than a cache holds", "measure a smaller artwork", {}};
   StreamerOptions so;
   so.slot_count = static_cast<uint32_t>(wants.size());
   so.relief_parts = over_mesh ? ReliefParts::kCompact : ReliefParts::kOnlyHalves;
@@ -39,10 +41,12 @@ Result<void> reliefMemoryBench(BenchContext& context) {
     streamer.beginFrame(frame, benchSeconds());
     streamer.wantRelief(wants);
     streamer.placeReady(256);
-    if (streamer.stats().failed_pages > 0) return Error{ErrorKind::kInvalidData, "", "a relief page is damaged", "relievo verify names it", {}};
+    if (streamer.stats().failed_pages > 0)
+      return Error{ErrorKind::kInvalidData, "", "a relief page is damaged", "relievo verify names it", {}};
   }
 
-  // Triangles of each page's samples, where no finer page lies over it; what of a flat artwork's pages lies beyond its border counts as theirs.
+  // Triangles of each page's samples, where no finer page lies over it; what of a flat artwork's pages lies beyond its
+  // border counts as theirs.
   const DividedCache& cache = streamer.cache(Plane::kRelief);
   double triangles = 0;
   std::array<uint32_t, 3> of_cells{};  // 128, 64, 32 a side
@@ -51,15 +55,23 @@ Result<void> reliefMemoryBench(BenchContext& context) {
     const int level = partOf(streamer.findRelief(w.node)).level;
     ++of_cells[static_cast<size_t>(reliefCoarser(level))];
     compact += isThird(level);
-    if (static_cast<int>(w.node.level) == domain.relief_depth) triangles += 2.0 * reliefCells(level) * reliefCells(level);
+    if (static_cast<int>(w.node.level) == domain.relief_depth)
+      triangles += 2.0 * reliefCells(level) * reliefCells(level);
   }
   const double tail_bytes = with_tails ? 2.0 * kTailHeights * domain.patchCount() : 0;
   const double bytes = static_cast<double>(streamer.stats().relief_bytes) + tail_bytes;
   char note[200];
-  std::snprintf(note, sizeof note, "%.2f MiB: %u slots, with %u, %u and %u pages of 128, 64 and 32 cells a side, %u of all compact; tails %.2f MiB", bytes / (1 << 20), cache.dividedCount(),
-                of_cells[0], of_cells[1], of_cells[2], compact, tail_bytes / (1 << 20));
-  context.row({.what = "resident displacement a triangle of the finest grids", .measured = bytes / triangles, .unit = "B", .goal = 1, .baseline_name = "a slot a page",
-               .baseline = static_cast<double>(wants.size() * kSlotBytes) / triangles, .note = note});
+  std::snprintf(
+      note, sizeof note,
+      "%.2f MiB: %u slots, with %u, %u and %u pages of 128, 64 and 32 cells a side, %u of all compact; tails %.2f MiB",
+      bytes / (1 << 20), cache.dividedCount(), of_cells[0], of_cells[1], of_cells[2], compact, tail_bytes / (1 << 20));
+  context.row({.what = "resident displacement a triangle of the finest grids",
+               .measured = bytes / triangles,
+               .unit = "B",
+               .goal = 1,
+               .baseline_name = "a slot a page",
+               .baseline = static_cast<double>(wants.size() * kSlotBytes) / triangles,
+               .note = note});
   return {};
 }
 

@@ -1,6 +1,7 @@
-// bench_shader.cpp - what the virtual texture's look-up costs: the shading pass with its page table and pool, against the same
-// shader, filters and shading with plain mip-mapped textures (define DENSE). All of the texture is resident on both sides, the
-// artwork is flat and fills 1280x720 px. On software GL a time is the processor time of all threads, on a GPU the wall's.
+// bench_shader.cpp - what the virtual texture's look-up costs: the shading pass with its page table and pool, against
+// the same shader, filters and shading with plain mip-mapped textures (define DENSE). All of the texture is resident on
+// both sides, the artwork is flat and fills 1280x720 px. On software GL a time is the processor time of all threads, on
+// a GPU the wall's.
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -91,7 +92,8 @@ Result<void> shaderBench(BenchContext& context) {
   OrbitCamera camera;
   camera.azimuth_deg = 12;
   camera.elevation_deg = 8;
-  const double texels_per_px = 0.7 * std::min(static_cast<double>(d.width_px) / kWidth, static_cast<double>(d.height_px) / kHeight);
+  const double texels_per_px =
+      0.7 * std::min(static_cast<double>(d.width_px) / kWidth, static_cast<double>(d.height_px) / kHeight);
   camera.distance_mm = texels_per_px * kHeight / (2 * std::tan(camera.fov_deg * 3.14159265358979 / 360));
   const ViewTransform view = viewTransform(camera, d, 0, 0, kWidth, kHeight);
   LodView lod = lodViewFrom(view);

@@ -100,7 +100,8 @@ struct Memory {
   }
 };
 
-// What a build takes beside a scan, however little memory is left: for looking up where lines meet the scan, and for pages.
+// What a build takes beside a scan, however little memory is left: for looking up where lines meet the scan, and for
+// pages.
 constexpr uint64_t kLeastRayBytes = uint64_t{256} << 20, kLeastPackageBytes = uint64_t{64} << 20;
 // From so many on a scan is worked through in parts.
 constexpr size_t kManyTriangles = 400'000;
@@ -156,7 +157,8 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
       error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
     return error;
   }
-  if (image->channels == 2 || image->channels == 4) warn(path + ": its alpha channel is ignored; colours are taken as they are stored");
+  if (image->channels == 2 || image->channels == 4)
+    warn(path + ": its alpha channel is ignored; colours are taken as they are stored");
   if (image->channels == 3) return image;
   Image8 rgb{image->width, image->height, 3, {}};
   const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
@@ -182,8 +184,8 @@ Result<void> checkProportions(const MeshBuildArguments& a, const TriMesh& mesh, 
   as_stored.orient = false;
   auto named = openColourImage(mesh.texture_path, as_stored);
   if (!named) return {};
-  const double ratio = static_cast<double>(width) / static_cast<double>(height) * static_cast<double>((*named)->height()) /
-                       static_cast<double>((*named)->width());
+  const double ratio = static_cast<double>(width) / static_cast<double>(height) *
+                       static_cast<double>((*named)->height()) / static_cast<double>((*named)->width());
   if (ratio > 0.99 && ratio < 1.01) return {};
   auto size = [](int64_t w, int64_t h) { return std::to_string(w) + " x " + std::to_string(h); };
   return Error{ErrorKind::kInvalidData,
@@ -212,8 +214,8 @@ Result<Surface> readPtmPlanes(const MeshBuildArguments& a, const TriMesh& mesh) 
   if (bytes > static_cast<double>(a.package.memory_budget_bytes))
     return Error{ErrorKind::kUsage,
                  a.ptm,
-                 "its planes take " + std::to_string(static_cast<uint64_t>(bytes) >> 20) + " MiB of memory, expected at most " +
-                     std::to_string(a.package.memory_budget_bytes >> 20),
+                 "its planes take " + std::to_string(static_cast<uint64_t>(bytes) >> 20) +
+                     " MiB of memory, expected at most " + std::to_string(a.package.memory_budget_bytes >> 20),
                  "--memory-mib allows more",
                  {}};
   out.image = {static_cast<int>(ptm.width()), static_cast<int>(ptm.height()), channels, {}};
@@ -240,7 +242,8 @@ Result<Surface> readSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (!image) return image.error();
   Surface out;
   out.image = std::move(*image);
-  if (out.image.width > 0 && (mesh.palette.empty() || !a.texture.empty())) out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
+  if (out.image.width > 0 && (mesh.palette.empty() || !a.texture.empty()))
+    out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
   return out;
 }
 
@@ -277,18 +280,24 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   if (a.named_files) *a.named_files = loaded->named_files;
   // Nothing of what follows can give the scan's own memory back.
   if (const uint64_t held = Memory::now(); held > a.package.memory_budget_bytes) {
-    warn(a.mesh + ": the scan alone takes " + std::to_string(held >> 20) + " MiB of memory, --memory-mib allows " + std::to_string(a.package.memory_budget_bytes >> 20) +
-         ", about " + std::to_string((held + kLeastRayBytes + kLeastPackageBytes) >> 20) + " MiB are needed");
+    warn(a.mesh + ": the scan alone takes " + std::to_string(held >> 20) + " MiB of memory, --memory-mib allows " +
+         std::to_string(a.package.memory_budget_bytes >> 20) + ", about " +
+         std::to_string((held + kLeastRayBytes + kLeastPackageBytes) >> 20) + " MiB are needed");
   }
   std::vector<NamedFile> named;
   for (const std::string& path : loaded->named_files) named.push_back({path + ", which the mesh names", path});
-  if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good) return good;
+  if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good)
+    return good;
   const TriMesh& scan = loaded->mesh;
   // Each patch has cells of its own: more of them than the scan has detail for take minutes, and space, for nothing.
   constexpr size_t kAlwaysPatches = 1024;
   if (const size_t most = std::max(kAlwaysPatches, scan.triangles.size() / 2); a.patches > most)
-    return Error{ErrorKind::kUsage, a.mesh, "--patches asks for " + std::to_string(a.patches) + ", a scan of " + std::to_string(scan.triangles.size()) +
-                     " triangles has at most " + std::to_string(most), "ask for fewer, or leave --patches out", {}};
+    return Error{ErrorKind::kUsage,
+                 a.mesh,
+                 "--patches asks for " + std::to_string(a.patches) + ", a scan of " +
+                     std::to_string(scan.triangles.size()) + " triangles has at most " + std::to_string(most),
+                 "ask for fewer, or leave --patches out",
+                 {}};
   auto textured = readSurface(a, scan);
   if (!textured) return textured.error();
   const Image8& image = textured->image;
@@ -297,13 +306,15 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   BaseDomainOptions base_options;
   base_options.patches = a.patches;
   base_options.workers = a.package.workers;
-  // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package does not need.
+  // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
+  // does not need.
   constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
   std::optional<BackgroundTask<Result<BakeScene>>> bake_scene;
   base_options.scan_done = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a.package.memory_budget_bytes > held ? a.package.memory_budget_bytes - held : 0;
-    BakeSceneOptions options{.ray_bytes = std::max(left, kLeastRayBytes), .workers = a.package.workers, .interrupted = &interruptedFlag()};
+    BakeSceneOptions options{
+        .ray_bytes = std::max(left, kLeastRayBytes), .workers = a.package.workers, .interrupted = &interruptedFlag()};
     bake_scene.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
   };
   auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
@@ -319,7 +330,10 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene->get();
     if (!scene) return scene.error();
-    return MeshBake::create(scan, {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty(), scan.texture_repeats}, *base, bake_options, std::move(*scene));
+    return MeshBake::create(
+        scan,
+        {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty(), scan.texture_repeats},
+        *base, bake_options, std::move(*scene));
   });
   if (!bake) return bake.error();
 
@@ -337,7 +351,8 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
-  auto built = stages.run("package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
+  auto built = stages.run(
+      "package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a) : built.error();
   result.pages = built->pages;
   result.package_bytes = built->package_bytes;
@@ -358,10 +373,12 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
     const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a.package.memory_budget_bytes ? 64u : 16u} << 20;
     distance_run.memory_bytes = std::max(a.package.memory_budget_bytes, in_use + least) - in_use;
-    auto distance = stages.run("distance", distance_run, [&] { return measureDistance(scan, **bake, 3, distance_run); });
+    auto distance =
+        stages.run("distance", distance_run, [&] { return measureDistance(scan, **bake, 3, distance_run); });
     if (!distance) {
       Error error = distance.error();
-      if (error.kind == ErrorKind::kInterrupted) error.hint = a.package.output + " is whole; its distances were not measured, no report was written";
+      if (error.kind == ErrorKind::kInterrupted)
+        error.hint = a.package.output + " is whole; its distances were not measured, no report was written";
       return error;
     }
     result.distance = std::move(*distance);
@@ -371,7 +388,9 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     if (auto written = writeMeshReport(a.report, scan, result); !written) return written;
   if (!a.json_file.empty()) {
     const std::string text = reportJson(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
-    if (auto written = writeFile(a.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written || a.json_file == "-") return written;
+    if (auto written = writeFile(a.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+        !written || a.json_file == "-")
+      return written;
   }
 
   if (a.quiet) return {};
@@ -386,13 +405,13 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
     peak = std::max(peak, s.peak_bytes);
   }
   printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(),
-              static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20),
-              seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
+            static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20),
+            seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
   if (measure) {
     const MeshDistance& d = result.distance;
     printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
-                millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
-                millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
+              millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
+              millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
   }
   return {};
 }

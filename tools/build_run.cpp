@@ -26,8 +26,9 @@ void watch(BuildOptions& options, ProgressLine& line) {
   options.progress = [&line](const BuildProgress& p) {
     double fraction = p.pages_total ? static_cast<double>(p.pages_done) / static_cast<double>(p.pages_total) : 0;
     char text[160];
-    std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left", static_cast<unsigned long long>(p.pages_done),
-                  static_cast<unsigned long long>(p.pages_total), static_cast<double>(p.texels_done) / 1e6 / std::max(p.seconds, 1e-3),
+    std::snprintf(text, sizeof text, "%llu of %llu pages, %.1f MPix/s, %s left",
+                  static_cast<unsigned long long>(p.pages_done), static_cast<unsigned long long>(p.pages_total),
+                  static_cast<double>(p.texels_done) / 1e6 / std::max(p.seconds, 1e-3),
                   fraction > 0 ? duration(p.seconds * (1 - fraction) / fraction).c_str() : "?");
     line.update(fraction, text);
   };
@@ -51,8 +52,9 @@ std::string buildSummary(const TextureSource& texture, const BuildOptions& optio
   double pixels = static_cast<double>(texture.width()) * static_cast<double>(texture.height());
   char text[200];
   std::snprintf(text, sizeof text, "%lld x %lld px, %llu pages, %.1f MiB (%.2f bytes per pixel), %.1f s, %.1f MPix/s",
-                static_cast<long long>(texture.width()), static_cast<long long>(texture.height()), static_cast<unsigned long long>(report.pages),
-                static_cast<double>(report.package_bytes) / (1 << 20), static_cast<double>(report.package_bytes) / pixels, report.seconds,
+                static_cast<long long>(texture.width()), static_cast<long long>(texture.height()),
+                static_cast<unsigned long long>(report.pages), static_cast<double>(report.package_bytes) / (1 << 20),
+                static_cast<double>(report.package_bytes) / pixels, report.seconds,
                 pixels / 1e6 / std::max(report.seconds, 1e-9));
   return options.output + ": " + text;
 }

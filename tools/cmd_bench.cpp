@@ -55,8 +55,11 @@ void print(const BenchRow& row) {
   std::string goal = row.goal ? (row.at_most ? "<= " : ">= ") + number(*row.goal) : "";
   std::string baseline = row.baseline ? number(*row.baseline) + " " + row.baseline_name : "";
   printOutf("  %-58s %10s %-9s %-10s %-4s  %s%s%s\n", row.what.c_str(), number(row.measured).c_str(), row.unit.c_str(),
-              goal.c_str(), !row.goal ? "" : meets(row) ? "ok" : "MISS", baseline.c_str(),
-              row.note.empty() || baseline.empty() ? "" : "; ", row.note.c_str());
+            goal.c_str(),
+            !row.goal    ? ""
+            : meets(row) ? "ok"
+                         : "MISS",
+            baseline.c_str(), row.note.empty() || baseline.empty() ? "" : "; ", row.note.c_str());
   (void)flushOut();
 }
 
@@ -77,10 +80,16 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
   }
   auto package = Package::open(path);
   if (!package) return package.error();
-  const bool any_will_do = !o.only.empty() && std::all_of(o.only.begin(), o.only.end(), [](const std::string& group) { return group == "relief-memory"; });
+  const bool any_will_do = !o.only.empty() && std::all_of(o.only.begin(), o.only.end(), [](const std::string& group) {
+    return group == "relief-memory";
+  });
   if ((*package)->manifest().base && !any_will_do)
-    return Error{ErrorKind::kUnsupported, path, "expected a flat artwork to measure with, found a scan",
-                 "--only relief-memory measures scans, too; mesh-lod, mesh-patches and mesh-build measure those that they make", {}};
+    return Error{
+        ErrorKind::kUnsupported,
+        path,
+        "expected a flat artwork to measure with, found a scan",
+        "--only relief-memory measures scans, too; mesh-lod, mesh-patches and mesh-build measure those that they make",
+        {}};
   return std::shared_ptr<const Package>(*package);
 }
 
@@ -88,7 +97,8 @@ Result<void> bench(const BenchOptions& o) {
   if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}}); !good) return good;
   if (auto good = checkFolder("--plots", o.plots); !good) return good;
   ScratchFolder scratch;
-  if (scratch.path.empty()) return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
+  if (scratch.path.empty())
+    return Error{ErrorKind::kIo, "", "cannot make a temporary folder", "set TMPDIR to a folder with space", {}};
   auto package = openArtwork(o, scratch.path);
   if (!package) return package.error();
   if (!o.plots.empty()) {
@@ -100,10 +110,12 @@ Result<void> bench(const BenchOptions& o) {
   if (!context) return context.error();
 
   const Manifest& m = (*package)->manifest();
-  printOutf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(), std::thread::hardware_concurrency(),
-              static_cast<unsigned long long>(m.domain.width_px), static_cast<unsigned long long>(m.domain.height_px),
-              basisName(m.texture.basis), m.domain.relief_depth >= 0 ? " with relief" : "");
-  nlohmann::ordered_json json = {{"renderer", (*context)->info().renderer}, {"tool_version", "relievo " RELIEVO_VERSION}, {"quick", o.quick}};
+  printOutf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(),
+            std::thread::hardware_concurrency(), static_cast<unsigned long long>(m.domain.width_px),
+            static_cast<unsigned long long>(m.domain.height_px), basisName(m.texture.basis),
+            m.domain.relief_depth >= 0 ? " with relief" : "");
+  nlohmann::ordered_json json = {
+      {"renderer", (*context)->info().renderer}, {"tool_version", "relievo " RELIEVO_VERSION}, {"quick", o.quick}};
   auto rows = nlohmann::ordered_json::array();
   const char* group_name = "";
   BenchContext bc;
@@ -114,7 +126,8 @@ Result<void> bench(const BenchOptions& o) {
   bc.interrupted = &interruptedFlag();
   bc.row = [&](const BenchRow& row) {
     print(row);
-    nlohmann::ordered_json j = {{"group", group_name}, {"what", row.what}, {"measured", row.measured}, {"unit", row.unit}};
+    nlohmann::ordered_json j = {
+        {"group", group_name}, {"what", row.what}, {"measured", row.measured}, {"unit", row.unit}};
     if (row.goal) {
       j["goal"] = *row.goal;
       j["goal_is"] = row.at_most ? "at most" : "at least";
@@ -135,9 +148,13 @@ Result<void> bench(const BenchOptions& o) {
     auto done = group.run(bc);
     if (interruptedFlag()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
     if (const PageFailures failures = (*package)->readFailures(); failures.pages > 0) {
-      return Error{failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData, (*package)->path(),
-                   std::to_string(failures.pages) + " reads of pages failed, so that what was measured is not that of a sound package; the first: " + failures.first,
-                   "relievo verify names them all", {}};
+      return Error{failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData,
+                   (*package)->path(),
+                   std::to_string(failures.pages) +
+                       " reads of pages failed, so that what was measured is not that of a sound package; the first: " +
+                       failures.first,
+                   "relievo verify names them all",
+                   {}};
     }
     if (!done) return done;
   }
@@ -175,7 +192,8 @@ void addBenchCommand(CLI::App& app, CommandContext& context) {
     groups += "  " + std::string(g.name) + ": " + g.purpose + "\n";
     names.emplace_back(g.name);
   }
-  c->footer("Groups:\n" + groups + "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n\n"
+  c->footer("Groups:\n" + groups +
+            "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n\n"
             "Example:\n  relievo bench --only feedback page-table --json bench.json");
   c->add_option("FILE", o->file, "Package to measure with [an inscription of 4096x4096 px made for the run]");
   c->add_option("--only", o->only, "Groups to run [all]")->check(CLI::IsMember(names));

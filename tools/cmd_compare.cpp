@@ -37,7 +37,8 @@ struct CompareOptions {
 std::vector<std::string> parts(const std::string& list) {
   std::vector<std::string> out;
   size_t from = 0;
-  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1) out.push_back(list.substr(from, comma - from));
+  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1)
+    out.push_back(list.substr(from, comma - from));
   out.push_back(list.substr(from));
   return out;
 }
@@ -66,7 +67,8 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
     double px = 0;
     auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
     if (bad != std::errc() || end != text.data() + text.size() || !(px >= 0.05 && px <= 1000))
-      return usageError("expected budgets from 0.05 to 1000 px, found '" + text + "'", "for example --error-px 0.5,1,2,4");
+      return usageError("expected budgets from 0.05 to 1000 px, found '" + text + "'",
+                        "for example --error-px 0.5,1,2,4");
     plan.budgets_px.push_back(px);
   }
   bool recorded = o.path == "orbit" || o.path == "flyover" || o.path == "zoom";
@@ -76,7 +78,8 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   if (o.quick) plan.reference_triangles = plan.seam_vertices = 4'000'000;
   auto size = parseSize(o.size.empty() ? (o.quick ? "640x360" : "1280x720") : o.size);
   if (!size) return size.error();
-  if (size->first > kMaxSidePx || size->second > kMaxSidePx) return usageError("expected a --size of at most 8192x8192 px, found " + o.size);
+  if (size->first > kMaxSidePx || size->second > kMaxSidePx)
+    return usageError("expected a --size of at most 8192x8192 px, found " + o.size);
   plan.width_px = static_cast<int>(size->first);
   plan.height_px = static_cast<int>(size->second);
   plan.interrupted = &interruptedFlag();
@@ -119,16 +122,23 @@ Result<void> compare(const CompareOptions& o) {
   if (!plan) return plan.error();
   if (auto good = checkFolder("-o", o.folder); !good) return good;
   for (const char* name : kReportFiles)
-    if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"FILE", o.file}, {"--path", o.path}}); !good) return good;
+    if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"FILE", o.file}, {"--path", o.path}}); !good)
+      return good;
   auto package = Package::open(o.file);
   if (!package) return package.error();
   plan->package = *package;
   // Before anything takes time: is there something to compare, a path, and a place for the report?
   const Manifest& m = (*package)->manifest();
-  if (m.base && o.quick && o.frames == 0) plan->frames = std::min(plan->frames, 4);  // full resolution is millions of triangles
+  if (m.base && o.quick && o.frames == 0)
+    plan->frames = std::min(plan->frames, 4);  // full resolution is millions of triangles
   if (m.domain.relief_depth < 0)
-    return Error{ErrorKind::kUnsupported, o.file, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
-  if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras) return cameras.error();
+    return Error{ErrorKind::kUnsupported,
+                 o.file,
+                 "the artwork has no relief: there is no geometry to compare",
+                 "build it with --relief",
+                 {}};
+  if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras)
+    return cameras.error();
   std::error_code bad;
   std::filesystem::create_directories(o.folder, bad);
   if (bad) return Error{ErrorKind::kIo, o.folder, "cannot make the folder: " + bad.message(), "", {}};
@@ -142,8 +152,8 @@ Result<void> compare(const CompareOptions& o) {
   }
   if (!figures) return figures.error();
   if (auto written = writeReports(*plan, *figures, o.folder); !written) return written;
-  printOutf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px", "p99 px", "pop px", "crack px", "bit diffs",
-              "triangles", "select ms", "frame ms");
+  printOutf("%-16s %9s %9s %9s %9s %9s %8s %9s %10s %9s %9s\n", "strategy", "budget px", "predicted", "max px",
+            "p99 px", "pop px", "crack px", "bit diffs", "triangles", "select ms", "frame ms");
   for (const StrategyFigures& run : figures->runs) {
     if (!run.available) {
       printOutf("%-16s %9.3g not available here: needs OpenGL 4\n", run.strategy->name.c_str(), run.budget_px);
@@ -152,25 +162,33 @@ Result<void> compare(const CompareOptions& o) {
     RunSummary s = summaryOf(run, *figures);
     char predicted[32] = "-", mismatches[32] = "-";
     if (s.predicted_px >= 0) std::snprintf(predicted, sizeof predicted, "%.3g", s.predicted_px);
-    if (s.seams_known) std::snprintf(mismatches, sizeof mismatches, "%llu", static_cast<unsigned long long>(s.seams_mismatched));
-    printOutf("%-16s %9.3g %9s %9.3g %9.3g %9.3g %8llu %9s %10.0f %9.2f %9.1f\n", run.strategy->name.c_str(), run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px,
-                static_cast<unsigned long long>(s.crack_pixels), mismatches, s.triangles, s.select_ms.median, s.frame_ms.median);
+    if (s.seams_known)
+      std::snprintf(mismatches, sizeof mismatches, "%llu", static_cast<unsigned long long>(s.seams_mismatched));
+    printOutf("%-16s %9.3g %9s %9.3g %9.3g %9.3g %8llu %9s %10.0f %9.2f %9.1f\n", run.strategy->name.c_str(),
+              run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px, static_cast<unsigned long long>(s.crack_pixels),
+              mismatches, s.triangles, s.select_ms.median, s.frame_ms.median);
   }
   return {};
 }
 
 std::string footer() {
   std::string text = "Strategies:\n";
-  for (const StrategyEntry& e : lodStrategies()) text += "  " + e.name + ": " + e.purpose + (e.control ? " (a negative control)" : "") + "\n";
+  for (const StrategyEntry& e : lodStrategies())
+    text += "  " + e.name + ": " + e.purpose + (e.control ? " (a negative control)" : "") + "\n";
   text +=
-      "\nEach pixel of each frame says which place of the artwork it shows; its error is its distance to where the full-resolution relief\n"
-      "has that place on screen, in double precision. Everything is drawn from the same relief pages, all of them resident.\n\n"
+      "\nEach pixel of each frame says which place of the artwork it shows; its error is its distance to where the "
+      "full-resolution relief\n"
+      "has that place on screen, in double precision. Everything is drawn from the same relief pages, all of them "
+      "resident.\n\n"
       "frames.csv, by column (report.json has the same, and sums over the frames):\n";
-  for (const ReportColumn& c : reportColumns()) text += "  " + std::string(c.name) + (*c.unit ? " (" + std::string(c.unit) + ")" : "") + ": " + c.meaning + "\n";
+  for (const ReportColumn& c : reportColumns())
+    text += "  " + std::string(c.name) + (*c.unit ? " (" + std::string(c.unit) + ")" : "") + ": " + c.meaning + "\n";
   text +=
       "\nA FILE.json for --path:\n"
-      "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, \"orthographic\": false, \"target_mm\": [0, 0, 0]}, ...]}\n"
-      "What a camera leaves out is that of one which sees the whole artwork from the front. Other members are refused, but for the light that\n"
+      "  {\"cameras\": [{\"azimuth_deg\": 20, \"elevation_deg\": 10, \"distance_mm\": 400, \"fov_deg\": 35, "
+      "\"orthographic\": false, \"target_mm\": [0, 0, 0]}, ...]}\n"
+      "What a camera leaves out is that of one which sees the whole artwork from the front. Other members are refused, "
+      "but for the light that\n"
       "relievo view --print-view prints with a camera.\n\n"
       "Example:\n  relievo compare inscription.relievo --path orbit --error-px 0.5,1,2,4 -o comparison\n"
       "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison";
@@ -181,19 +199,31 @@ std::string footer() {
 
 void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<CompareOptions>();
-  auto* c = app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
+  auto* c =
+      app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
   c->add_option("FILE", o->file, "Package of an artwork with relief")->required();
   c->add_option("-o,--output", o->folder, "Folder for report.html, report.json and frames.csv")->required();
-  c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")->capture_default_str();
+  c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")
+      ->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
-  c->add_option("--frames", o->frames, "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")->check(CLI::Range(1, 100000));
+  c->add_option("--frames", o->frames,
+                "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")
+      ->check(CLI::Range(1, 100000));
   c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 640x360]");
-  c->add_option("--repeats", o->repeats, "How often a choice and a frame are timed, at most for 3 s (--quick: 0.2 s) [5; --quick: 3]")->check(CLI::Range(1, 1000));
-  c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")->check(CLI::Range(-10000.0, 10000.0))->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")->check(CLI::Range(1.0, 65536.0))->capture_default_str();
-  c->add_flag("--quick", o->quick, "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software draws, on two idle cores; a scan of two million triangles takes about as long");
+  c->add_option("--repeats", o->repeats,
+                "How often a choice and a frame are timed, at most for 3 s (--quick: 0.2 s) [5; --quick: 3]")
+      ->check(CLI::Range(1, 1000));
+  c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")
+      ->check(CLI::Range(-10000.0, 10000.0))
+      ->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")
+      ->check(CLI::Range(1.0, 65536.0))
+      ->capture_default_str();
+  c->add_flag("--quick", o->quick,
+              "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software "
+              "draws, on two idle cores; a scan of two million triangles takes about as long");
   c->callback([o, &context] {
     if (auto done = compare(*o); !done) context.fail(done.error());
   });

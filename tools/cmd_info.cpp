@@ -1,7 +1,7 @@
 // relievo info: what a package holds.
+#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <memory>
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/base/json_parse.h"
@@ -47,7 +47,8 @@ double residentBytesPerTexel(const Manifest& m, PageCodec upload) {
 // Of the corners, in the scan's coordinates.
 std::pair<glm::dvec3, glm::dvec3> extentMm(const BaseMesh& base) {
   glm::dvec3 low(1e300), high(-1e300);
-  for (const BaseCorner& c : base.corners) low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
+  for (const BaseCorner& c : base.corners)
+    low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
   return {low + base.origin_mm, high + base.origin_mm};
 }
 
@@ -89,7 +90,10 @@ Result<void> info(const InfoArguments& o) {
     else json["mm_per_px"] = nullptr;
     if (m.base) {
       const auto [low, high] = extentMm(*m.base);
-      json["base"] = {{"corners", m.base->corners.size()}, {"patches", m.base->patches.size()}, {"min_mm", {low.x, low.y, low.z}}, {"max_mm", {high.x, high.y, high.z}},
+      json["base"] = {{"corners", m.base->corners.size()},
+                      {"patches", m.base->patches.size()},
+                      {"min_mm", {low.x, low.y, low.z}},
+                      {"max_mm", {high.x, high.y, high.z}},
                       {"error_unit_mm", m.error_unit_mm}};
       if (auto mesh = meshOf(package); !mesh.is_null()) json["mesh"] = mesh;
     } else if (m.size_known) {
@@ -112,8 +116,12 @@ Result<void> info(const InfoArguments& o) {
     }
     json["planes"] = nlohmann::ordered_json::array();
     for (const PlaneLine& p : planes) {
-      json["planes"].push_back({{"name", p.name}, {"encoding", p.encoding}, {"pages", p.usage.pages}, {"bytes", p.usage.bytes},
-                                {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels}, {"unknown_pages", p.usage.unknown_pages}});
+      json["planes"].push_back({{"name", p.name},
+                                {"encoding", p.encoding},
+                                {"pages", p.usage.pages},
+                                {"bytes", p.usage.bytes},
+                                {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels},
+                                {"unknown_pages", p.usage.unknown_pages}});
     }
     json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
     if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
@@ -122,25 +130,30 @@ Result<void> info(const InfoArguments& o) {
     json["bytes_per_px"] = bytes_per_px;
     json["tool_version"] = m.tool_version;
     json["sources"] = nlohmann::ordered_json::array();
-    for (const Provenance& p : m.sources) json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
+    for (const Provenance& p : m.sources)
+      json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
     json["warnings"] = package.warnings();
-    printOutf("%s\n", json.dump(2, ' ', /*ensure_ascii=*/true, nlohmann::ordered_json::error_handler_t::replace).c_str());
+    printOutf("%s\n",
+              json.dump(2, ' ', /*ensure_ascii=*/true, nlohmann::ordered_json::error_handler_t::replace).c_str());
     return {};
   }
   printOutf("%s\n", printable(o.file).c_str());
   if (m.base) {
     const auto [low, high] = extentMm(*m.base);
-    printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x, high.y - low.y, high.z - low.z, d.mm_per_px);
+    printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x,
+              high.y - low.y, high.z - low.z, d.mm_per_px);
     printOutf("%s", meshText(meshOf(package)).c_str());
   } else if (!m.size_known) {
-    printOutf("  size      %llu x %llu px, not known in mm\n", static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px));
+    printOutf("  size      %llu x %llu px, not known in mm\n", static_cast<unsigned long long>(d.width_px),
+              static_cast<unsigned long long>(d.height_px));
   } else {
-    printOutf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n", static_cast<unsigned long long>(d.width_px),
-                static_cast<unsigned long long>(d.height_px), static_cast<double>(d.width_px) * d.mm_per_px,
-                static_cast<double>(d.height_px) * d.mm_per_px, d.mm_per_px);
+    printOutf("  size      %llu x %llu px, %.6g x %.6g mm (%.6g mm per px)\n",
+              static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px),
+              static_cast<double>(d.width_px) * d.mm_per_px, static_cast<double>(d.height_px) * d.mm_per_px,
+              d.mm_per_px);
   }
   printOutf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
-              m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
+            m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
   if (isPtm(m.texture.basis)) {
     printOutf("  scale    ");
     for (double v : m.texture.scale) printOutf(" %.6g", v);
@@ -149,32 +162,37 @@ Result<void> info(const InfoArguments& o) {
     printOutf("\n");
   }
   if (d.relief_depth >= 0) {
-    printOutf("  relief    %.6g to %.6g %s in steps of %.3g %s, %d level%s, a vertex every %.6g px\n", d.relief_offset_mm,
-                d.relief_offset_mm + 65535 * d.relief_scale_mm, unit, d.relief_scale_mm, unit, d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
-                static_cast<double>(d.patchPx()) / (128.0 * static_cast<double>(uint64_t{1} << d.relief_depth)));
+    printOutf("  relief    %.6g to %.6g %s in steps of %.3g %s, %d level%s, a vertex every %.6g px\n",
+              d.relief_offset_mm, d.relief_offset_mm + 65535 * d.relief_scale_mm, unit, d.relief_scale_mm, unit,
+              d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
+              static_cast<double>(d.patchPx()) / (128.0 * static_cast<double>(uint64_t{1} << d.relief_depth)));
   } else {
     printOutf("  relief    none\n");
   }
-  printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(), static_cast<unsigned long long>(d.patchPx()));
+  printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(),
+            static_cast<unsigned long long>(d.patchPx()));
   printOutf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
-              static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
+            static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
   for (const PlaneLine& p : planes) {
-    printOutf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(), static_cast<double>(p.usage.bytes) / (1 << 20),
-                static_cast<double>(p.usage.bytes) / pixels);
-    if (p.usage.unknown_pages) printOutf(", without %llu pages whose index entries are damaged", static_cast<unsigned long long>(p.usage.unknown_pages));
+    printOutf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(),
+              static_cast<double>(p.usage.bytes) / (1 << 20), static_cast<double>(p.usage.bytes) / pixels);
+    if (p.usage.unknown_pages)
+      printOutf(", without %llu pages whose index entries are damaged",
+                static_cast<unsigned long long>(p.usage.unknown_pages));
     printOutf("\n");
   }
   if (package.hasTails()) {
     printOutf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
-                static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
+              static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
   printOutf("  resident  %.3g bytes per texel on a GPU as rgba8", residentBytesPerTexel(m, PageCodec::kLossless));
-  if (auto codec = commonBlockCodec(m)) printOutf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
+  if (auto codec = commonBlockCodec(m))
+    printOutf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
   printOutf("\n");
   if (!m.tool_version.empty()) printOutf("  made by   %s\n", printable(m.tool_version).c_str());
   for (const Provenance& p : m.sources) {
-    printOutf("  source    %s%s%s%s%s\n", printable(p.name).c_str(), p.xxh3.empty() ? "" : "  xxh3 ", printable(p.xxh3).c_str(),
-                p.generator.empty() ? "" : "  generator ", printable(p.generator).c_str());
+    printOutf("  source    %s%s%s%s%s\n", printable(p.name).c_str(), p.xxh3.empty() ? "" : "  xxh3 ",
+              printable(p.xxh3).c_str(), p.generator.empty() ? "" : "  generator ", printable(p.generator).c_str());
   }
   return {};
 }
@@ -183,7 +201,8 @@ Result<void> info(const InfoArguments& o) {
 
 void addInfoCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<InfoArguments>();
-  auto* c = app.add_subcommand("info", "Tell what a package holds: sizes in px and mm, planes, levels, pages, where it came from");
+  auto* c = app.add_subcommand(
+      "info", "Tell what a package holds: sizes in px and mm, planes, levels, pages, where it came from");
   c->footer("Example:\n  relievo info tablet.relievo\n  relievo info tablet.relievo --json");
   c->add_option("FILE", o->file, "Package to read")->required();
   c->add_flag("--json", o->json, "Print JSON");

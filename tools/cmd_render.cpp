@@ -50,9 +50,12 @@ double median(std::vector<double> values) {
 Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const std::string& file) {
   uint64_t wanted = failures.pages;
   for (uint64_t resident : stats.streamer.pages[static_cast<size_t>(PageState::kResident)]) wanted += resident;
-  return {failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData, file,
-          std::to_string(failures.pages) + " of " + std::to_string(wanted) + " pages that the picture needs could not be read; the first: " + failures.first,
-          "relievo verify names them all; --allow-damage draws stand-ins in their place", {}};
+  return {failures.unreadable > 0 ? ErrorKind::kIo : ErrorKind::kInvalidData,
+          file,
+          std::to_string(failures.pages) + " of " + std::to_string(wanted) +
+              " pages that the picture needs could not be read; the first: " + failures.first,
+          "relievo verify names them all; --allow-damage draws stand-ins in their place",
+          {}};
 }
 
 Result<void> render(const RenderOptions& o) {
@@ -68,7 +71,10 @@ Result<void> render(const RenderOptions& o) {
   if (!background) return background.error();
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
+                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
+      !good)
+    return good;
   if (auto format = imageFormatOf(o.output); !format) return format.error();
   auto artwork = openArtwork(o.file, o.cache);
   if (!artwork) return artwork.error();
@@ -120,7 +126,8 @@ Result<void> render(const RenderOptions& o) {
   std::vector<uint8_t> rgb(static_cast<size_t>(width) * static_cast<size_t>(height) * 3);
   for (size_t i = 0; i < rgb.size() / 3; ++i) {
     for (size_t c = 0; c < 3; ++c) {
-      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
+      rgb[3 * i + c] =
+          rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
     }
   }
   if (const PageFailures failures = e.failures(); failures.pages > 0) {
@@ -129,9 +136,14 @@ Result<void> render(const RenderOptions& o) {
     warn(error.text());
   }
   for (const std::string& notice : e.takeNotices()) warn(notice);
-  if (auto written = writeImage(o.output, width, height, 3, rgb, camera->orthographic && extent.size_known ? mmPerPx(*camera, height) : 0); !written) return written;
+  if (auto written = writeImage(o.output, width, height, 3, rgb,
+                                camera->orthographic && extent.size_known ? mmPerPx(*camera, height) : 0);
+      !written)
+    return written;
   if (!o.scene.light.empty() && !scene->unlit && !e.plan().lit())
-    warn(std::string("--light changes nothing: an image ") + (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") + " is shown unlit");
+    warn(std::string("--light changes nothing: an image ") +
+         (package->manifest().domain.relief_depth < 0 ? "without a height map" : "without its relief") +
+         " is shown unlit");
 
   if (!o.stats_file.empty()) {
     auto stats = nlohmann::ordered_json::parse(engineStatsJson(e.stats(), e.manifest()));
@@ -158,19 +170,37 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
   c->footer(
       "Example:\n  relievo render inscription.relievo -o picture.png --size 1280x720 --azimuth 25 --elevation 15 \\\n"
       "      --light -0.8,0.3,0.4 --settle --stats stats.json\n\n"
-      "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png --mm-per-px 0.05");
-  c->add_option("FILE", o->file, "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package is built into one and kept (--cache-dir)")->required();
-  c->add_option("-o,--output", o->output, "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - for a PNG on standard output")->required();
-  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; with --mm-per-px as large as all of the artwork takes]");
+      "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png "
+      "--mm-per-px 0.05");
+  c->add_option("FILE", o->file,
+                "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package "
+                "is built into one and kept (--cache-dir)")
+      ->required();
+  c->add_option("-o,--output", o->output,
+                "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - "
+                "for a PNG on standard output")
+      ->required();
+  c->add_option("--size", o->size,
+                "Picture, WIDTHxHEIGHT in px [1280x720; with --mm-per-px as large as all of the artwork takes]");
   o->scene.addTo(*c);
   o->source.addTo(*c);
   o->cache.addTo(*c);
-  c->add_flag("--settle,!--no-settle", o->settle, "Wait until all wanted pages are resident: the picture is then deterministic [on]");
-  c->add_flag("--allow-damage", o->allow_damage, "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of exit code 3 or 2");
-  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")->check(CLI::Range(0.1, 86400.0))->capture_default_str();
-  c->add_option("--frames", o->frames, "Frames to time once settled, with a moving and with a still camera, for --stats")->check(CLI::Range(0, 100000))->capture_default_str();
+  c->add_flag("--settle,!--no-settle", o->settle,
+              "Wait until all wanted pages are resident: the picture is then deterministic [on]");
+  c->add_flag("--allow-damage", o->allow_damage,
+              "Draw what is there, and stand-ins where pages are damaged or cannot be read: a warning in the place of "
+              "exit code 3 or 2");
+  c->add_option("--timeout", o->timeout_s, "Give up settling after this time, s")
+      ->check(CLI::Range(0.1, 86400.0))
+      ->capture_default_str();
+  c->add_option("--frames", o->frames,
+                "Frames to time once settled, with a moving and with a still camera, for --stats")
+      ->check(CLI::Range(0, 100000))
+      ->capture_default_str();
   c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255")->capture_default_str();
-  c->add_option("--stats", o->stats_file, "Write counters to this JSON file (- for standard output): planes, pages and bytes read, passes, draw calls, ms");
+  c->add_option(
+      "--stats", o->stats_file,
+      "Write counters to this JSON file (- for standard output): planes, pages and bytes read, passes, draw calls, ms");
   c->callback([o, &context] {
     if (auto done = render(*o); !done) context.fail(done.error());
   });

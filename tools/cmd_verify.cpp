@@ -1,9 +1,9 @@
 // relievo verify: reads and decodes every page of a package, and whatever else it holds; restores what is there twice.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <memory>
-#include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
 #include "src/base/progress.h"
@@ -35,7 +35,9 @@ struct Found {
 };
 
 void emit(const std::string& text) { (void)printOut(text); }  // the error stays: flushOut() returns it
-std::string jsonText(const nlohmann::ordered_json& json) { return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace); }
+std::string jsonText(const nlohmann::ordered_json& json) {
+  return json.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
+}
 
 // Damaged pages are printed as they are found: there may be as many as a large file has room for.
 class JsonReport {
@@ -45,20 +47,28 @@ class JsonReport {
     if (problem.page && !problem.unreadable) {
       const NodeId n = problem.page->node();
       emit(std::string(first_ ? "" : ",") + "\n    " +
-           jsonText({{"plane", static_cast<int>(problem.page->plane())}, {"patch", n.patch}, {"level", n.level}, {"x", n.x}, {"y", n.y}, {"what", problem.what}}));
+           jsonText({{"plane", static_cast<int>(problem.page->plane())},
+                     {"patch", n.patch},
+                     {"level", n.level},
+                     {"x", n.x},
+                     {"y", n.y},
+                     {"what", problem.what}}));
       first_ = false;
     } else if (auto& list = problem.unreadable ? unreadable_ : other_; list.size() < kListedOthers) {
       list.push_back(problem.what);
     }
   }
-  void finish(const Found& found, const VerifyReport& report, const std::vector<std::string>& repaired, double seconds) {
+  void finish(const Found& found, const VerifyReport& report, const std::vector<std::string>& repaired,
+              double seconds) {
     emit(std::string(first_ ? "]" : "\n  ]") + ",\n");
     list("other", other_);
     list("unreadable", unreadable_);
     list("repaired", repaired);
-    emit("  \"damaged_pages\": " + std::to_string(found.pages) + ",\n  \"other_faults\": " + std::to_string(found.others) + ",\n  \"unreadable_parts\": " +
-         std::to_string(found.unreadable) + ",\n  \"repairable\": " + std::to_string(found.repairable) + ",\n  \"pages\": " + std::to_string(report.pages) +
-         ",\n  \"page_bytes\": " + std::to_string(report.bytes) + ",\n  \"seconds\": " + jsonText(seconds) + "\n}\n");
+    emit("  \"damaged_pages\": " + std::to_string(found.pages) + ",\n  \"other_faults\": " +
+         std::to_string(found.others) + ",\n  \"unreadable_parts\": " + std::to_string(found.unreadable) +
+         ",\n  \"repairable\": " + std::to_string(found.repairable) +
+         ",\n  \"pages\": " + std::to_string(report.pages) + ",\n  \"page_bytes\": " + std::to_string(report.bytes) +
+         ",\n  \"seconds\": " + jsonText(seconds) + "\n}\n");
   }
 
  private:
@@ -91,7 +101,8 @@ Result<void> verify(const VerifyArguments& o) {
   options.problem = [&](const VerifyProblem& problem) {
     found.add(problem);
     if (json) json->add(problem);
-    else if (shown.size() < kShownProblems) shown.push_back((problem.unreadable ? "unreadable: " : "damaged: ") + problem.what);
+    else if (shown.size() < kShownProblems)
+      shown.push_back((problem.unreadable ? "unreadable: " : "damaged: ") + problem.what);
   };
   const FailingSource failing(*package, {.fail = o.fail_percent / 100}, 1);
   if (o.fail_percent > 0) options.pages = &failing;
@@ -99,7 +110,8 @@ Result<void> verify(const VerifyArguments& o) {
   {
     ProgressLine line("verify");
     options.progress = [&](uint64_t done, uint64_t total) {
-      line.update(total ? static_cast<double>(done) / static_cast<double>(total) : 1.0, std::to_string(done) + " of " + std::to_string(total) + " pages");
+      line.update(total ? static_cast<double>(done) / static_cast<double>(total) : 1.0,
+                  std::to_string(done) + " of " + std::to_string(total) + " pages");
     };
     report = verifyPackage(**package, options);
   }
@@ -110,26 +122,35 @@ Result<void> verify(const VerifyArguments& o) {
   } else {
     for (const std::string& what : repaired) printOutf("repaired: %s\n", what.c_str());
     for (const std::string& what : shown) printOutf("%s\n", what.c_str());
-    if (found.all() > shown.size()) printOutf("and %llu more (--json lists all)\n", static_cast<unsigned long long>(found.all() - shown.size()));
-    printOutf("%s: %llu pages, %.1f MiB, %.1f s, %.0f pages/s: ", o.file.c_str(), static_cast<unsigned long long>(report->pages),
-                static_cast<double>(report->bytes) / (1 << 20), seconds, static_cast<double>(report->pages) / std::max(seconds, 1e-9));
+    if (found.all() > shown.size())
+      printOutf("and %llu more (--json lists all)\n", static_cast<unsigned long long>(found.all() - shown.size()));
+    printOutf("%s: %llu pages, %.1f MiB, %.1f s, %.0f pages/s: ", o.file.c_str(),
+              static_cast<unsigned long long>(report->pages), static_cast<double>(report->bytes) / (1 << 20), seconds,
+              static_cast<double>(report->pages) / std::max(seconds, 1e-9));
     if (found.all() == 0) {
       printOutf("sound\n");
     } else {
-      printOutf("%llu damaged pages, %llu other faults", static_cast<unsigned long long>(found.pages), static_cast<unsigned long long>(found.others));
+      printOutf("%llu damaged pages, %llu other faults", static_cast<unsigned long long>(found.pages),
+                static_cast<unsigned long long>(found.others));
       if (found.unreadable) printOutf(", %llu parts unreadable", static_cast<unsigned long long>(found.unreadable));
       printOutf("\n");
     }
   }
   (void)flushOut();
   if (found.unreadable > 0) {
-    return Error{ErrorKind::kIo, o.file, "input/output errors: " + std::to_string(found.unreadable) + " parts could not be read, so nobody knows whether they are sound",
-                 "check the disk, copy the package to another one and verify it there", {}};
+    return Error{ErrorKind::kIo,
+                 o.file,
+                 "input/output errors: " + std::to_string(found.unreadable) +
+                     " parts could not be read, so nobody knows whether they are sound",
+                 "check the disk, copy the package to another one and verify it there",
+                 {}};
   }
   if (found.all() > 0) {
     std::string hint = "rebuild it, or get a whole copy";
     if (found.repairable == found.all()) hint = "relievo verify --repair restores it";
-    else if (found.repairable > 0) hint += "; relievo verify --repair restores " + std::to_string(found.repairable) + " of its " + std::to_string(found.all()) + " faults";
+    else if (found.repairable > 0)
+      hint += "; relievo verify --repair restores " + std::to_string(found.repairable) + " of its " +
+              std::to_string(found.all()) + " faults";
     return Error{ErrorKind::kInvalidData, o.file, "the package is damaged", hint, {}};
   }
   return {};
@@ -139,10 +160,15 @@ Result<void> verify(const VerifyArguments& o) {
 
 void addVerifyCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<VerifyArguments>();
-  auto* c = app.add_subcommand("verify", "Check all of a package: that every page is whole and decodes, and both copies of what is there twice");
-  c->footer("Example:\n  relievo verify tablet.relievo\n\nNames the first ten faults, for pages: plane, patch, level, x, y and the place in the file; --json names all. "
-            "Exit code 3 when damaged,\n2 where the file could not be read. --repair writes a damaged copy of the header or the base mesh anew from the sound one, and\n"
-            "zeros into damaged padding: in place, only bytes that nothing reads while the other copy is sound; then the package is verified.");
+  auto* c = app.add_subcommand(
+      "verify", "Check all of a package: that every page is whole and decodes, and both copies of what is there twice");
+  c->footer(
+      "Example:\n  relievo verify tablet.relievo\n\nNames the first ten faults, for pages: plane, patch, level, x, y "
+      "and the place in the file; --json names all. "
+      "Exit code 3 when damaged,\n2 where the file could not be read. --repair writes a damaged copy of the header or "
+      "the base mesh anew from the sound one, and\n"
+      "zeros into damaged padding: in place, only bytes that nothing reads while the other copy is sound; then the "
+      "package is verified.");
   c->add_option("FILE", o->file, "Package to check")->required();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_flag("--json", o->json, "Print JSON");

@@ -29,11 +29,16 @@ struct ViewOptions {
 Result<void> view(ViewOptions& o) {
   auto size = parseSize(o.size);
   if (!size) return size.error();
-  if (size->first > 16384 || size->second > 16384) return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
+  if (size->first > 16384 || size->second > 16384)
+    return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}}, {{"FILE", o.file}, {"--state", o.scene.state_file}}); !good) return good;
-  if (auto format = imageFormatOf(o.viewer.snapshot_file); !o.viewer.snapshot_file.empty() && !format) return format.error();
+  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
+                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
+      !good)
+    return good;
+  if (auto format = imageFormatOf(o.viewer.snapshot_file); !o.viewer.snapshot_file.empty() && !format)
+    return format.error();
   auto artwork = openArtwork(o.file, o.cache);
   if (!artwork) return artwork.error();
   std::vector<NamedFile> named;
@@ -47,7 +52,9 @@ Result<void> view(ViewOptions& o) {
   o.viewer.height_px = static_cast<int>(size->second);
   o.viewer.scene = *scene;
   using ExactStill = ViewerOptions::ExactStill;
-  o.viewer.exact_still = o.exact_still == "on" ? ExactStill::kOn : o.exact_still == "off" ? ExactStill::kOff : ExactStill::kAuto;
+  o.viewer.exact_still = o.exact_still == "on"    ? ExactStill::kOn
+                         : o.exact_still == "off" ? ExactStill::kOff
+                                                  : ExactStill::kAuto;
   o.viewer.engine = o.scene.engineOptions();
   o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
     return o.scene.camera(extent, width_px, height_px);
@@ -61,19 +68,27 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<ViewOptions>();
   auto* c = app.add_subcommand("view", "Show an artwork in a window");
   c->footer(
-      "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms to it; the eye\n"
-      "stays outside of the artwork. Right drag (or L held) moves the light. O goes over to an orthographic view and back. R resets,\n"
-      "W wireframe, P pages, S writes a snapshot into the current folder, F1 help, F2 figures, Esc quits. Without a display, use relievo render.\n\n"
+      "Left drag turns about the point under the mouse, middle drag (or Shift + left drag) moves it, the wheel zooms "
+      "to it; the eye\n"
+      "stays outside of the artwork. Right drag (or L held) moves the light. O goes over to an orthographic view and "
+      "back. R resets,\n"
+      "W wireframe, P pages, S writes a snapshot into the current folder, F1 help, F2 figures, Esc quits. Without a "
+      "display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
-  c->add_option("FILE", o->file, "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package is built into one and kept (--cache-dir)")->required();
+  c->add_option("FILE", o->file,
+                "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package "
+                "is built into one and kept (--cache-dir)")
+      ->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();
   o->scene.geomorph = "on";
   o->scene.hysteresis_percent = 10;
   o->scene.addTo(*c);
   o->source.addTo(*c);
   o->cache.addTo(*c);
-  c->add_option("--exact-still", o->exact_still, "As --least-cell 0 while the camera stands still: on, off, or auto (on, but not with software OpenGL)")
-      ->check(CLI::IsMember({"auto", "on", "off"}))->capture_default_str();
+  c->add_option("--exact-still", o->exact_still,
+                "As --least-cell 0 while the camera stands still: on, off, or auto (on, but not with software OpenGL)")
+      ->check(CLI::IsMember({"auto", "on", "off"}))
+      ->capture_default_str();
   c->add_flag("--print-view", o->viewer.print_view, "On leaving, print camera and light as JSON, for --state");
   // For tests.
   c->add_option("--frames", o->viewer.frames, "")->group("");

@@ -18,7 +18,8 @@ glm::dvec3 PlanarSurface::finestPointMm(const PatchInstance& p, double u, double
 
 glm::dvec3 BodySurface::finestPointMm(const PatchInstance& p, double u, double v) const {
   const double size = std::ldexp(1.0, p.step_log2 + p.grid_level), side = static_cast<double>(field_.side);
-  return field_.pointMm(p.node.patch, std::clamp(p.x0 + u * size, 0.0, side), std::clamp(p.y0 + v * size, 0.0, side), exaggerate_);
+  return field_.pointMm(p.node.patch, std::clamp(p.x0 + u * size, 0.0, side), std::clamp(p.y0 + v * size, 0.0, side),
+                        exaggerate_);
 }
 double BodySurface::mmPerUnit(const PatchInstance& p) const {
   const uint32_t patch = p.node.patch;
@@ -33,8 +34,8 @@ glm::dvec2 Frame::pixelOf(const glm::dvec3& point_mm, bool* in_front) const {
   return {(clip.x / clip.w * 0.5 + 0.5) * width_px, (clip.y / clip.w * 0.5 + 0.5) * height_px};
 }
 
-uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
-                  ErrorVectors& errors_px) {
+uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame,
+                      const PlacePixels& pixels, ErrorVectors& errors_px) {
   const float none = std::numeric_limits<float>::quiet_NaN();
   errors_px.resize(pixels.size());
   size_t at = 0;
@@ -45,7 +46,8 @@ uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInst
       const auto& p = pixels[at];
       if (p[2] == 0 || p[2] > instances.size()) continue;
       const PatchInstance& instance = instances[p[2] - 1];
-      double u = std::bit_cast<float>(p[0]), v = std::bit_cast<float>(p[1]), cell = std::ldexp(1.0, -instance.grid_level);
+      double u = std::bit_cast<float>(p[0]), v = std::bit_cast<float>(p[1]),
+             cell = std::ldexp(1.0, -instance.grid_level);
       auto outside = [cell](double place) { return !(place >= -cell && place <= 1 + cell); };
       if (outside(u) || outside(v) || !(std::bit_cast<float>(p[3]) <= kMostCellsAPixel * cell)) {
         ++edge_on;
@@ -81,7 +83,8 @@ ErrorFigures figuresOf(const ErrorVectors& errors_px) {
 double largestChangePx(const ErrorVectors& before, const ErrorVectors& after) {
   double largest = 0;
   for (size_t i = 0; i < before.size() && i < after.size(); ++i)
-    if (!std::isnan(before[i].x) && !std::isnan(after[i].x)) largest = std::max<double>(largest, glm::length(after[i] - before[i]));
+    if (!std::isnan(before[i].x) && !std::isnan(after[i].x))
+      largest = std::max<double>(largest, glm::length(after[i] - before[i]));
   return largest;
 }
 
@@ -93,7 +96,8 @@ std::vector<uint8_t> coverage(const PlacePixels& pixels) {
 
 namespace {
 
-// 1 where everything within `margin` pixels, along rows or columns and diagonally, is 1; beyond the picture counts as 1.
+// 1 where everything within `margin` pixels, along rows or columns and diagonally, is 1; beyond the picture counts
+// as 1.
 std::vector<uint8_t> eroded(const std::vector<uint8_t>& mask, int width, int height, int margin) {
   std::vector<uint8_t> rows(mask.size()), out(mask.size());
   auto pass = [margin](const uint8_t* from, uint8_t* to, int count, int stride) {
@@ -108,14 +112,16 @@ std::vector<uint8_t> eroded(const std::vector<uint8_t>& mask, int width, int hei
       if (last_empty - i <= margin) to[i * stride] = 0;
     }
   };
-  for (int y = 0; y < height; ++y) pass(&mask[static_cast<size_t>(y * width)], &rows[static_cast<size_t>(y * width)], width, 1);
+  for (int y = 0; y < height; ++y)
+    pass(&mask[static_cast<size_t>(y * width)], &rows[static_cast<size_t>(y * width)], width, 1);
   for (int x = 0; x < width; ++x) pass(&rows[static_cast<size_t>(x)], &out[static_cast<size_t>(x)], height, width);
   return out;
 }
 
 }  // namespace
 
-CoverageFigures compareCoverage(const std::vector<uint8_t>& drawn, const std::vector<uint8_t>& reference, int width_px, int height_px, int margin_px) {
+CoverageFigures compareCoverage(const std::vector<uint8_t>& drawn, const std::vector<uint8_t>& reference, int width_px,
+                                int height_px, int margin_px) {
   CoverageFigures f;
   std::vector<uint8_t> inside = eroded(reference, width_px, height_px, margin_px);
   for (size_t i = 0; i < drawn.size(); ++i) {
@@ -156,7 +162,8 @@ std::vector<Bits> alongSide(const Placed& p, int side, int64_t from, int64_t to)
     int64_t i = side == kLeft ? 0 : side == kRight ? last : k, j = side == kTop ? 0 : side == kBottom ? last : k;
     Bits bits;
     // -0 is 0: at a corner of a base mesh they may differ in that, which no picture shows.
-    for (size_t n = 0; n < 4; ++n) bits[n] = std::bit_cast<uint32_t>(p.vertices[4 * (j * (last + 1) + i) + static_cast<int64_t>(n)] + 0.0f);
+    for (size_t n = 0; n < 4; ++n)
+      bits[n] = std::bit_cast<uint32_t>(p.vertices[4 * (j * (last + 1) + i) + static_cast<int64_t>(n)] + 0.0f);
     if (out.empty() || out.back() != bits) out.push_back(bits);
   }
   return out;
@@ -164,7 +171,8 @@ std::vector<Bits> alongSide(const Placed& p, int side, int64_t from, int64_t to)
 
 }  // namespace
 
-SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances, std::span<const float> captured) {
+SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+                         std::span<const float> captured) {
   SeamFigures figures;
   int unit_log2 = domain.texture_depth + 7 + kUnitsPerTexelLog2;
   std::map<std::array<int64_t, 3>, Placed> placed;  // level, x, y along the strip
@@ -200,13 +208,15 @@ SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInst
   return figures;
 }
 
-// A line is what nodes can meet at: a side that two patches share, or a line of units inside a patch. Nodes on either hand of it never overlap
-// one another along it.
-SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, std::span<const float> captured) {
+// A line is what nodes can meet at: a side that two patches share, or a line of units inside a patch. Nodes on either
+// hand of it never overlap one another along it.
+SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances,
+                         std::span<const float> captured) {
   struct Entry {
-    std::array<uint32_t, 4> line;  // 1, patch, upright, across; or 0, patch, side, 0: of the two patches the first one's name
-    bool second, flip;             // hand; runs the other way than the line
-    int64_t from, to;              // along the line
+    std::array<uint32_t, 4>
+        line;           // 1, patch, upright, across; or 0, patch, side, 0: of the two patches the first one's name
+    bool second, flip;  // hand; runs the other way than the line
+    int64_t from, to;   // along the line
     Placed placed;
     int side;
   };
@@ -229,7 +239,8 @@ SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<
       if (across == 0 || across == whole) {
         const PatchNeighbour& n = neighbours[p.node.patch][static_cast<size_t>(side)];
         if (n.patch == PatchNeighbour::kNone) continue;
-        const std::array<uint32_t, 2> own{p.node.patch, static_cast<uint32_t>(side)}, other{n.patch, static_cast<uint32_t>(n.side)};
+        const std::array<uint32_t, 2> own{p.node.patch, static_cast<uint32_t>(side)},
+            other{n.patch, static_cast<uint32_t>(n.side)};
         const auto& first = std::min(own, other);
         e.line = {0, first[0], first[1], 0};
         e.second = other < own;
@@ -239,7 +250,9 @@ SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<
       entries.push_back(e);
     }
   }
-  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) { return std::tie(a.line, a.second, a.from) < std::tie(b.line, b.second, b.from); });
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+    return std::tie(a.line, a.second, a.from) < std::tie(b.line, b.second, b.from);
+  });
   auto run = [&](const Entry& e, int64_t from, int64_t to) {
     if (!e.flip) return alongSide(e.placed, e.side, from, to);
     std::vector<Bits> bits = alongSide(e.placed, e.side, whole - to, whole - from);

@@ -1,5 +1,5 @@
-// compare_measure.h - what a strategy's picture is off by: each pixel says which place of the artwork it shows (src/render/strategy_pass.h),
-// and that place on the finest relief is projected in double precision. No GL.
+// compare_measure.h - what a strategy's picture is off by: each pixel says which place of the artwork it shows
+// (src/render/strategy_pass.h), and that place on the finest relief is projected in double precision. No GL.
 #pragma once
 
 #include <array>
@@ -53,14 +53,15 @@ struct Frame {
   glm::dvec2 pixelOf(const glm::dvec3& point_mm, bool* in_front) const;
 };
 
-// A pixel more cells wide than that, seen edge-on, is not measured: rasterisers snap corners to 1/256 px or so, which moves its place by a
-// quarter of a cell, and beyond that what is interpolated lies outside its triangle.
+// A pixel more cells wide than that, seen edge-on, is not measured: rasterisers snap corners to 1/256 px or so, which
+// moves its place by a quarter of a cell, and beyond that what is interpolated lies outside its triangle.
 inline constexpr double kMostCellsAPixel = 64;
 
-// By pixel; not a number where nothing is drawn, where the true point has no picture, or edge-on. Returns the number of pixels edge-on.
+// By pixel; not a number where nothing is drawn, where the true point has no picture, or edge-on. Returns the number of
+// pixels edge-on.
 using ErrorVectors = std::vector<glm::vec2>;
-uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame, const PlacePixels& pixels,
-                  ErrorVectors& errors_px);
+uint64_t errorVectors(const CompareSurface& surface, const std::vector<PatchInstance>& instances, const Frame& frame,
+                      const PlacePixels& pixels, ErrorVectors& errors_px);
 
 struct ErrorFigures {
   double max_px = 0, p99_px = 0, rms_px = 0;
@@ -74,17 +75,23 @@ double largestChangePx(const ErrorVectors& before, const ErrorVectors& after);
 std::vector<uint8_t> coverage(const PlacePixels& pixels);
 struct CoverageFigures {
   uint64_t silhouette_pixels = 0;  // covered by one of both
-  uint64_t crack_pixels = 0;       // background at least margin_px inside the reference's silhouette (the picture's border is no silhouette)
+  uint64_t crack_pixels =
+      0;  // background at least margin_px inside the reference's silhouette (the picture's border is no silhouette)
 };
-CoverageFigures compareCoverage(const std::vector<uint8_t>& drawn, const std::vector<uint8_t>& reference, int width_px, int height_px, int margin_px);
+CoverageFigures compareCoverage(const std::vector<uint8_t>& drawn, const std::vector<uint8_t>& reference, int width_px,
+                                int height_px, int margin_px);
 
-// Vertices that two instances share, bit for bit. captured: clip positions, 4 floats a vertex, instance by instance (StrategyPass::capture).
-// Along every stretch of a side that two drawn nodes share, both must have the same sequence of distinct vertices.
+// Vertices that two instances share, bit for bit. captured: clip positions, 4 floats a vertex, instance by instance
+// (StrategyPass::capture). Along every stretch of a side that two drawn nodes share, both must have the same sequence
+// of distinct vertices.
 struct SeamFigures {
   uint64_t compared = 0, mismatched = 0;
 };
-SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances, std::span<const float> captured);
-// Over a base mesh: also along sides that two patches share, whichever way they run. unit_log2: of a patch's side in units.
-SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, std::span<const float> captured);
+SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+                         std::span<const float> captured);
+// Over a base mesh: also along sides that two patches share, whichever way they run. unit_log2: of a patch's side in
+// units.
+SeamFigures compareSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances,
+                         std::span<const float> captured);
 
 }  // namespace relievo

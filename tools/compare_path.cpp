@@ -21,16 +21,20 @@ namespace {
 constexpr uint64_t kMaxFileBytes = 64 << 20;
 constexpr double kFrame_s = 1.0 / 60;
 // light: as `view --print-view` prints it; these figures are without.
-constexpr std::array kCameraKeys{"azimuth_deg", "elevation_deg", "distance_mm", "fov_deg", "orthographic", "target_mm", "light"};
+constexpr std::array kCameraKeys{"azimuth_deg",  "elevation_deg", "distance_mm", "fov_deg",
+                                 "orthographic", "target_mm",     "light"};
 
-Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const Extent& extent, int width_px, int height_px) {
+Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const Extent& extent, int width_px,
+                                                 int height_px) {
   auto text = readTextFile(path, kMaxFileBytes);
   if (!text) {
     Error e = text.error();
     e.hint = "--path is orbit, flyover, zoom or a JSON file of cameras";
     return e;
   }
-  auto wrong = [&](const std::string& what) { return Error{ErrorKind::kInvalidData, path, what, "see relievo compare --help for the format", {}}; };
+  auto wrong = [&](const std::string& what) {
+    return Error{ErrorKind::kInvalidData, path, what, "see relievo compare --help for the format", {}};
+  };
   auto json = parseJson(*text, path);
   if (!json) {
     Error e = json.error();
@@ -40,7 +44,8 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
   if (!json->is_object() || !json->contains("cameras") || !(*json)["cameras"].is_array())
     return wrong("expected a JSON object with an array 'cameras'");
   const auto& list = (*json)["cameras"];
-  if (list.empty() || list.size() > kMaxCameras) return wrong("expected 1 to " + std::to_string(kMaxCameras) + " cameras, found " + std::to_string(list.size()));
+  if (list.empty() || list.size() > kMaxCameras)
+    return wrong("expected 1 to " + std::to_string(kMaxCameras) + " cameras, found " + std::to_string(list.size()));
   std::vector<OrbitCamera> out;
   for (size_t k = 0; k < list.size(); ++k) {
     const auto& c = list[k];
@@ -58,7 +63,8 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
       return good ? c[key].get<double>() : otherwise;
     };
     const double fov_deg = number("fov_deg", 35);
-    if (good && !(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg)) return wrong(where + "expected a field of view from 1 to 170 degrees");
+    if (good && !(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg))
+      return wrong(where + "expected a field of view from 1 to 170 degrees");
     OrbitCamera camera = fitCamera(extent, width_px, height_px, fov_deg);
     if (c.contains("orthographic")) {
       good = good && c["orthographic"].is_boolean();
@@ -76,7 +82,10 @@ Result<std::vector<OrbitCamera>> camerasFromFile(const std::string& path, const 
     }
     good = good && std::abs(camera.elevation_deg) <= 89;
     if (good) camera.distance_mm = number("distance_mm", fitDistance(camera, extent, width_px, height_px));
-    if (!good || !(camera.distance_mm > 0)) return wrong(where + "expected finite numbers (orthographic: true or false), an elevation within -89 to 89 and a distance above 0");
+    if (!good || !(camera.distance_mm > 0))
+      return wrong(where +
+                   "expected finite numbers (orthographic: true or false), an elevation within -89 to 89 and a "
+                   "distance above 0");
     out.push_back(camera);
   }
   return out;
@@ -104,7 +113,10 @@ std::optional<double> alongRay(const BaseMesh& mesh, const glm::dvec3& from, con
 class BodyPath {
  public:
   BodyPath(const BaseMesh& mesh, const Extent& extent, int width_px, int height_px)
-      : mesh_(mesh), extent_(extent), whole_(fitCamera(extent, width_px, height_px)), size_mm_(glm::length(extent.max_mm - extent.min_mm)) {
+      : mesh_(mesh),
+        extent_(extent),
+        whole_(fitCamera(extent, width_px, height_px)),
+        size_mm_(glm::length(extent.max_mm - extent.min_mm)) {
     for (double azimuth : {0.0, 90.0, 45.0}) {  // all in view from wherever
       OrbitCamera c = whole_;
       c.azimuth_deg = azimuth;
@@ -126,7 +138,8 @@ class BodyPath {
       front_elevation_deg_ = std::clamp(glm::degrees(std::asin(std::clamp(facing.y, -1.0, 1.0))), -60.0, 60.0);
     }
     // A texel a pixel, as flights over flat artworks have it; no nearer than a twelfth of it all.
-    close_mm_ = std::clamp(height_px / (2 * std::tan(glm::radians(whole_.fov_deg) / 2)) * extent.texel_mm, whole_.distance_mm / 12, whole_.distance_mm / 3);
+    close_mm_ = std::clamp(height_px / (2 * std::tan(glm::radians(whole_.fov_deg) / 2)) * extent.texel_mm,
+                           whole_.distance_mm / 12, whole_.distance_mm / 3);
   }
   Flight orbit() {
     OrbitCamera c = whole_;
@@ -146,14 +159,16 @@ class BodyPath {
       const double turn = sheet_ ? 40 : 60;
       c.azimuth_deg = front_azimuth_deg_ - turn + 2 * turn * k / 48;
       c.target_mm = surfaceSeen(c.azimuth_deg, front_elevation_deg_, {0, 0});
-      for (c.elevation_deg = -kFlyoverTilt_deg; c.elevation_deg > 0 && blocked(c); c.elevation_deg -= 10) {}
+      for (c.elevation_deg = -kFlyoverTilt_deg; c.elevation_deg > 0 && blocked(c); c.elevation_deg -= 10) {
+      }
       add(0.25, c);
     }
     return {"flyover", keys_};
   }
   Flight zoom() {
     add(0, whole_);
-    for (auto [turn, x, y] : {std::array{-20.0, -0.12, 0.1}, std::array{70.0, 0.05, -0.12}, std::array{160.0, 0.1, 0.05}, std::array{250.0, -0.05, -0.05}}) {
+    for (auto [turn, x, y] : {std::array{-20.0, -0.12, 0.1}, std::array{70.0, 0.05, -0.12},
+                              std::array{160.0, 0.1, 0.05}, std::array{250.0, -0.05, -0.05}}) {
       OrbitCamera far = whole_, near = whole_;
       far.azimuth_deg = near.azimuth_deg = front_azimuth_deg_ + (sheet_ ? 40 * std::sin(glm::radians(turn)) : turn);
       far.elevation_deg = near.elevation_deg = front_elevation_deg_;
@@ -168,7 +183,9 @@ class BodyPath {
   }
 
  private:
-  void add(double seconds, const OrbitCamera& c) { keys_.push_back({keys_.empty() ? 0 : keys_.back().time_s + seconds, c}); }
+  void add(double seconds, const OrbitCamera& c) {
+    keys_.push_back({keys_.empty() ? 0 : keys_.back().time_s + seconds, c});
+  }
   // Of what is seen from there, beside the picture's middle by parts of the body's size.
   glm::dvec3 surfaceSeen(double azimuth_deg, double elevation_deg, const glm::dvec2& aside) const {
     OrbitCamera c;
@@ -176,7 +193,8 @@ class BodyPath {
     c.elevation_deg = elevation_deg;
     c.target_mm = extent_.centre();
     c.distance_mm = 2 * size_mm_;
-    const glm::dvec3 back = (eyePosition(c) - c.target_mm) / c.distance_mm, right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), back)), up = glm::cross(back, right);
+    const glm::dvec3 back = (eyePosition(c) - c.target_mm) / c.distance_mm,
+                     right = glm::normalize(glm::cross(glm::dvec3(0, 1, 0), back)), up = glm::cross(back, right);
     for (const glm::dvec2& at : {aside, glm::dvec2(0)}) {
       const glm::dvec3 from = eyePosition(c) + size_mm_ * (at.x * right + at.y * up);
       if (auto along = alongRay(mesh_, from, -back)) return from - *along * back;
@@ -198,7 +216,8 @@ class BodyPath {
   std::vector<FlightKey> keys_;
 };
 
-Result<std::vector<CompareCamera>> camerasOf(const std::string& name, const Flight& flight, int frames, const Extent& extent, int width_px, int height_px) {
+Result<std::vector<CompareCamera>> camerasOf(const std::string& name, const Flight& flight, int frames,
+                                             const Extent& extent, int width_px, int height_px) {
   std::vector<CompareCamera> out;
   if (flight.keys.empty()) {
     auto cameras = camerasFromFile(name, extent, width_px, height_px);
@@ -220,15 +239,20 @@ Result<std::vector<CompareCamera>> camerasOf(const std::string& name, const Flig
 
 }  // namespace
 
-Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const Manifest& artwork, int width_px, int height_px) {
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const Manifest& artwork,
+                                                  int width_px, int height_px) {
   if (!artwork.base) return compareCameras(name, frames, artwork.domain, width_px, height_px);
   const Extent extent = artworkExtent(artwork);
   BodyPath path(*artwork.base, extent, width_px, height_px);
-  Flight flight = name == "orbit" ? path.orbit() : name == "flyover" ? path.flyover() : name == "zoom" ? path.zoom() : Flight{};
+  Flight flight = name == "orbit"     ? path.orbit()
+                  : name == "flyover" ? path.flyover()
+                  : name == "zoom"    ? path.zoom()
+                                      : Flight{};
   return camerasOf(name, flight, frames, extent, width_px, height_px);
 }
 
-Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain, int width_px, int height_px) {
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain,
+                                                  int width_px, int height_px) {
   Flight flight;
   if (name == "orbit") flight = orbitFlight(domain, width_px, height_px);
   if (name == "flyover") {

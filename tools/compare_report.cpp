@@ -21,7 +21,9 @@ double rounded(double v) {
 
 Json orNull(bool known, double v) { return known ? Json(rounded(v)) : Json(nullptr); }
 
-Json timingJson(const Timing& t) { return {{"median", rounded(t.median)}, {"fastest", rounded(t.low)}, {"slowest", rounded(t.high)}}; }
+Json timingJson(const Timing& t) {
+  return {{"median", rounded(t.median)}, {"fastest", rounded(t.low)}, {"slowest", rounded(t.high)}};
+}
 
 std::string number(double v) {
   char text[40];
@@ -83,9 +85,14 @@ const std::vector<ReportColumn>& reportColumns() {
       {"max_px", "px", "largest error of a pixel: from it to where full resolution has the place that it shows"},
       {"p99_px", "px", "99 of 100 pixels are off by no more"},
       {"rms_px", "px", "root of the mean square"},
-      {"edge_on_px", "pixels", "not measured: more than 64 cells wide, seen edge-on, where a rasteriser knows no place"},
-      {"pop_px", "px", "largest change of a pixel's error against the choice of a sixtieth of a second before, camera motion taken out; what comes into view from behind a rim counts, too"},
-      {"crack_px", "pixels", "background inside full resolution's silhouette, 1 px and the bounds of both away from it (of a closed body a crack shows the far side: see seam_mismatches)"},
+      {"edge_on_px", "pixels",
+       "not measured: more than 64 cells wide, seen edge-on, where a rasteriser knows no place"},
+      {"pop_px", "px",
+       "largest change of a pixel's error against the choice of a sixtieth of a second before, camera motion taken "
+       "out; what comes into view from behind a rim counts, too"},
+      {"crack_px", "pixels",
+       "background inside full resolution's silhouette, 1 px and the bounds of both away from it (of a closed body a "
+       "crack shows the far side: see seam_mismatches)"},
       {"silhouette_px", "pixels", "drawn by one of strategy and full resolution only"},
       {"seam_vertices", "", "vertices compared on sides that two drawn nodes share; empty: not known"},
       {"seam_mismatches", "", "of them, those whose bits one side lacks"},
@@ -115,7 +122,8 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                  {"mm_per_px", d.mm_per_px},
                  {"relief_pages", all.relief_pages},
                  {"relief_bytes", all.relief_bytes},
-                 {"base_patches", plan.package->manifest().base ? Json(plan.package->manifest().base->patches.size()) : Json(nullptr)}}},
+                 {"base_patches", plan.package->manifest().base ? Json(plan.package->manifest().base->patches.size())
+                                                                : Json(nullptr)}}},
                {"view",
                 {{"path", plan.path},
                  {"frames", all.frame_count},
@@ -134,7 +142,11 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
   json["columns"] = columns;
   Json runs = Json::array(), timings = Json::array();
   for (const StrategyFigures& run : all.runs) {
-    Json r = {{"strategy", run.strategy->name}, {"title", run.strategy->title}, {"purpose", run.strategy->purpose}, {"control", run.strategy->control}, {"error_px", run.budget_px}};
+    Json r = {{"strategy", run.strategy->name},
+              {"title", run.strategy->title},
+              {"purpose", run.strategy->purpose},
+              {"control", run.strategy->control},
+              {"error_px", run.budget_px}};
     if (!run.available) {
       r["available"] = false;
       r["why"] = "not available here: needs OpenGL 4";
@@ -215,7 +227,9 @@ std::string reportCsv(const CompareFigures& all) {
       count(f.coverage.silhouette_pixels);
       cell(f.seams_known, static_cast<double>(f.seams.compared));
       cell(f.seams_known, static_cast<double>(f.seams.mismatched));
-      for (uint64_t v : {f.triangles, uint64_t{f.draw_calls}, uint64_t{f.instances}, f.resident_bytes, f.streamed_bytes}) count(v);
+      for (uint64_t v :
+           {f.triangles, uint64_t{f.draw_calls}, uint64_t{f.instances}, f.resident_bytes, f.streamed_bytes})
+        count(v);
       for (const Timing* t : {&f.select_ms, &f.frame_ms})
         for (double v : {t->median, t->low, t->high}) cell(true, v);
       out += "\n";

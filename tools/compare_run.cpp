@@ -18,7 +18,9 @@ namespace {
 
 constexpr int kCrackMarginPx = 1;
 
-double nowMs() { return 1000 * std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+double nowMs() {
+  return 1000 * std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 Timing timingOf(std::vector<double> ms) {
   if (ms.empty()) return {};
@@ -28,10 +30,16 @@ Timing timingOf(std::vector<double> ms) {
 
 class Runner {
  public:
-  Runner(const ComparePlan& plan, const gl::ContextInfo& context, CompareScene scene, std::unique_ptr<StrategyPass> pass,
-         std::vector<CompareCamera> cameras)
-      : plan_(plan), context_(context), scene_(std::move(scene)), pass_(std::move(pass)), cameras_(std::move(cameras)), bounds_(scene_.strategy),
-        surface_(surfaceOf(scene_.strategy, plan.measured_exaggerate != 0 ? plan.measured_exaggerate : plan.exaggerate)) {
+  Runner(const ComparePlan& plan, const gl::ContextInfo& context, CompareScene scene,
+         std::unique_ptr<StrategyPass> pass, std::vector<CompareCamera> cameras)
+      : plan_(plan),
+        context_(context),
+        scene_(std::move(scene)),
+        pass_(std::move(pass)),
+        cameras_(std::move(cameras)),
+        bounds_(scene_.strategy),
+        surface_(
+            surfaceOf(scene_.strategy, plan.measured_exaggerate != 0 ? plan.measured_exaggerate : plan.exaggerate)) {
     pass_->resize(plan.width_px, plan.height_px);
   }
 
@@ -56,14 +64,17 @@ class Runner {
     double steps = static_cast<double>(cameras_.size() * (running.size() + 1)), step = 0;
     for (size_t frame = 0; frame < cameras_.size(); ++frame) {
       auto tell = [&](const std::string& what) {
-        if (plan_.progress) plan_.progress(step / steps, "frame " + std::to_string(frame + 1) + " of " + std::to_string(cameras_.size()) + ", " + what);
+        if (plan_.progress)
+          plan_.progress(step / steps,
+                         "frame " + std::to_string(frame + 1) + " of " + std::to_string(cameras_.size()) + ", " + what);
         ++step;
       };
       Frame now = frameOf(cameras_[frame].now);
       tell("full resolution");
       if (auto done = drawReference(now, figures); !done) return done.error();
       for (size_t r = 0; r < running.size(); ++r) {
-        if (plan_.interrupted && *plan_.interrupted) return Error{ErrorKind::kInterrupted, "", "interrupted: no report was written", "", {}};
+        if (plan_.interrupted && *plan_.interrupted)
+          return Error{ErrorKind::kInterrupted, "", "interrupted: no report was written", "", {}};
         StrategyFigures& f = figures.runs[r];
         tell(f.strategy->name);
         if (!f.available) continue;
@@ -86,9 +97,12 @@ class Runner {
   }
   Frame frameOf(const OrbitCamera& camera) const {
     if (scene_.strategy.body)
-      return {viewTransform(camera, artworkExtent(plan_.package->manifest(), plan_.exaggerate), plan_.width_px, plan_.height_px), plan_.width_px, plan_.height_px};
+      return {viewTransform(camera, artworkExtent(plan_.package->manifest(), plan_.exaggerate), plan_.width_px,
+                            plan_.height_px),
+              plan_.width_px, plan_.height_px};
     const PlanarDomain& d = scene_.strategy.domain;
-    double low = d.relief_offset_mm * plan_.exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * plan_.exaggerate;
+    double low = d.relief_offset_mm * plan_.exaggerate,
+           high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * plan_.exaggerate;
     if (low > high) std::swap(low, high);
     return {viewTransform(camera, d, low, high, plan_.width_px, plan_.height_px), plan_.width_px, plan_.height_px};
   }
@@ -127,7 +141,8 @@ class Runner {
     return {};
   }
 
-  Result<void> measure(Running& running, StrategyFigures& out, const CompareCamera& camera, const Frame& now, bool shown) {
+  Result<void> measure(Running& running, StrategyFigures& out, const CompareCamera& camera, const Frame& now,
+                       bool shown) {
     FrameFigures f;
     Frame before = frameOf(camera.before);
     // What the frame before would have drawn, seen by this frame's camera.
@@ -144,7 +159,8 @@ class Runner {
       select_ms.push_back(nowMs() - start);
     }
     // The same again, if no vertex of it moves with the eye, looks the same.
-    const bool changed = chosen.rule == GridRule::kMorphed || chosen.rule != earlier.rule || chosen.instances != earlier.instances;
+    const bool changed =
+        chosen.rule == GridRule::kMorphed || chosen.rule != earlier.rule || chosen.instances != earlier.instances;
     if (changed) {
       if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
       pass_->read(pixels_);
@@ -174,14 +190,16 @@ class Runner {
     f.error = figuresOf(errors_);
     f.pop_px = changed ? largestChangePx(errors_before_, errors_) : 0;
     // Where the silhouette may lie elsewhere by right, the background is no crack.
-    int margin = kCrackMarginPx + static_cast<int>(std::ceil(std::clamp(std::max(chosen.predicted_px, out.budget_px) + reference_bound_px_, 0.0, 1e4)));
+    int margin = kCrackMarginPx + static_cast<int>(std::ceil(std::clamp(
+                                      std::max(chosen.predicted_px, out.budget_px) + reference_bound_px_, 0.0, 1e4)));
     f.coverage = compareCoverage(coverage(pixels_), reference_, plan_.width_px, plan_.height_px, margin);
     auto captured = pass_->capture(chosen, now.view, plan_.exaggerate, plan_.seam_vertices);
     if (!captured) return captured.error();
     f.seams_known = !captured->empty();
     if (f.seams_known) {
-      f.seams = scene_.strategy.body ? compareSeams(*scene_.strategy.body->base, bounds_.unitLog2(), chosen.instances, *captured)
-                                     : compareSeams(scene_.strategy.domain, chosen.instances, *captured);
+      f.seams = scene_.strategy.body
+                    ? compareSeams(*scene_.strategy.body->base, bounds_.unitLog2(), chosen.instances, *captured)
+                    : compareSeams(scene_.strategy.domain, chosen.instances, *captured);
     }
 
     std::unordered_set<NodeId> pages;
@@ -214,7 +232,8 @@ class Runner {
       glm::dvec3 down = surface_->finestPointMm(p, u, v + step) - surface_->finestPointMm(p, u, v - step);
       glm::dvec3 normal = glm::cross(down, along);
       double length = glm::length(normal);
-      out.picture_shade[i] = static_cast<float>(length > 0 ? 0.25 + 0.75 * std::max(0.0, glm::dot(normal, light) / length) : 0.6);
+      out.picture_shade[i] =
+          static_cast<float>(length > 0 ? 0.25 + 0.75 * std::max(0.0, glm::dot(normal, light) / length) : 0.6);
     }
   }
 

@@ -22,12 +22,12 @@ struct ComparePlan {
   int frames = 24;
   int width_px = 1280, height_px = 720;
   double exaggerate = 1;
-  double measured_exaggerate = 0;               // of the truth, for tests: another one than is drawn; 0: the same
-  int repeats = 5;                              // of what is timed, at most
-  double repeat_s = 3;                          // no further ones once they took this long
-  uint64_t memory_bytes = uint64_t{1} << 30;    // for relief pages
-  uint64_t reference_triangles = 40'000'000;    // a frame, see CompareFigures::reference_whole
-  uint32_t seam_vertices = 40'000'000;          // no comparison of seams above that
+  double measured_exaggerate = 0;             // of the truth, for tests: another one than is drawn; 0: the same
+  int repeats = 5;                            // of what is timed, at most
+  double repeat_s = 3;                        // no further ones once they took this long
+  uint64_t memory_bytes = uint64_t{1} << 30;  // for relief pages
+  uint64_t reference_triangles = 40'000'000;  // a frame, see CompareFigures::reference_whole
+  uint32_t seam_vertices = 40'000'000;        // no comparison of seams above that
   const std::atomic<bool>* interrupted = nullptr;
   std::function<void(double fraction, const std::string& what)> progress;
 };
@@ -38,8 +38,8 @@ struct Timing {
 
 struct FrameFigures {
   ErrorFigures error;
-  double budget_px = 0;     // that the strategy kept to: as asked for, or doubled where a node budget ran out
-  double predicted_px = -1; // negative: nothing is promised
+  double budget_px = 0;         // that the strategy kept to: as asked for, or doubled where a node budget ran out
+  double predicted_px = -1;     // negative: nothing is promised
   uint64_t edge_on_pixels = 0;  // not measured
   CoverageFigures coverage;
   SeamFigures seams;
@@ -67,11 +67,11 @@ struct CompareFigures {
   int picture_frame = 0;
   size_t frame_count = 0;
   uint64_t relief_pages = 0, relief_bytes = 0;
-  bool reference_whole = true;             // false: silhouettes are those of a uniform grid that is coarser than full resolution
-  uint64_t reference_triangles = 0;        // at most, a frame
-  ErrorFigures floor;                      // the reference measured like a strategy: what measuring itself is off by (worst frame)
+  bool reference_whole = true;  // false: silhouettes are those of a uniform grid that is coarser than full resolution
+  uint64_t reference_triangles = 0;  // at most, a frame
+  ErrorFigures floor;  // the reference measured like a strategy: what measuring itself is off by (worst frame)
   double reference_bound_px = 0;
-  std::vector<StrategyFigures> runs;       // strategies in order, budgets within
+  std::vector<StrategyFigures> runs;  // strategies in order, budgets within
 };
 
 Result<CompareFigures> runCompare(const ComparePlan& plan, const gl::ContextInfo& context);

@@ -8,12 +8,16 @@
 
 namespace relievo {
 
-Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api, std::unique_ptr<StrategyPass>* pass,
-                                      const std::atomic<bool>* interrupted) {
+Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
+                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted) {
   const PlanarDomain& domain = package->manifest().domain;
   const std::string& path = package->path();
   if (domain.relief_depth < 0)
-    return Error{ErrorKind::kUnsupported, path, "the artwork has no relief: there is no geometry to compare", "build it with --relief", {}};
+    return Error{ErrorKind::kUnsupported,
+                 path,
+                 "the artwork has no relief: there is no geometry to compare",
+                 "build it with --relief",
+                 {}};
   const std::shared_ptr<const BaseMesh>& base = package->manifest().base;
   uint64_t pages = 0;
   for (int level = 0; base && level <= domain.relief_depth; ++level) pages += base->patches.size() << (2 * level);
@@ -24,9 +28,13 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
   }
   uint64_t bytes = pages * partBytes(kReliefPartLevel);
   if (bytes > budget_bytes || pages > StrategyPass::maxPages()) {
-    return Error{ErrorKind::kUnsupported, path,
-                 "its relief has " + std::to_string(pages) + " pages, " + std::to_string(bytes >> 20) + " MiB, all of which would be held in memory",
-                 bytes > budget_bytes ? "raise --memory-mib, or compare a part of the artwork" : "compare a part of the artwork", {}};
+    return Error{
+        ErrorKind::kUnsupported,
+        path,
+        "its relief has " + std::to_string(pages) + " pages, " + std::to_string(bytes >> 20) +
+            " MiB, all of which would be held in memory",
+        bytes > budget_bytes ? "raise --memory-mib, or compare a part of the artwork" : "compare a part of the artwork",
+        {}};
   }
   CompareScene scene;
   auto field = base ? nullptr : std::make_shared<ReliefField>(domain);
@@ -46,9 +54,14 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
           auto encoded = package->read(PageId(Plane::kRelief, node));
           if (!encoded) return encoded.error();
           auto undecoded = [&](const Error& error) {
-            return Error{error.kind, path, "page " + describePage(PageId(Plane::kRelief, node)) + ": " + error.message, "relievo verify names all damage", {}};
+            return Error{error.kind,
+                         path,
+                         "page " + describePage(PageId(Plane::kRelief, node)) + ": " + error.message,
+                         "relievo verify names all damage",
+                         {}};
           };
-          if (auto done = decoder.decodeToSlot(Plane::kRelief, encoded->bytes, texels); !done) return undecoded(done.error());
+          if (auto done = decoder.decodeToSlot(Plane::kRelief, encoded->bytes, texels); !done)
+            return undecoded(done.error());
           (*pass)->upload(node, texels.data());
           if (static_cast<int>(level) == domain.relief_depth) {
             if (auto done = decoder.decodeRelief(encoded->bytes, samples); !done) return undecoded(done.error());
@@ -59,7 +72,8 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
           scene.encoded_bytes[node] = static_cast<uint32_t>(encoded->bytes.size());
           ++scene.pages;
         }
-  scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field, body, package->manifest().coarse_errors};
+  scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field,
+                    body,   package->manifest().coarse_errors};
   return scene;
 }
 

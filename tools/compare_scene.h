@@ -17,9 +17,9 @@ struct CompareScene {
   uint64_t pages = 0;
 };
 
-// Reads every relief page once. Refuses an artwork whose relief takes more than budget_bytes (kUnsupported), or has none; a damaged page
-// is an error (kInvalidData).
-Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api, std::unique_ptr<StrategyPass>* pass,
-                                      const std::atomic<bool>* interrupted);
+// Reads every relief page once. Refuses an artwork whose relief takes more than budget_bytes (kUnsupported), or has
+// none; a damaged page is an error (kInvalidData).
+Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
+                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted);
 
 }  // namespace relievo

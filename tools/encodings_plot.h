@@ -8,13 +8,13 @@ namespace relievo {
 
 struct EncodingFigures {
   std::string name;
-  bool exact = false;         // no pixel differs: psnr_db means nothing
-  double psnr_db = 0;         // of relit pictures
-  int max_error = 0;          // of 255
-  double seam = 0;            // of 255
-  double bytes_per_px = 0;    // of texture in the package, mip levels included
-  double decode_us = 0;       // a page, CPU time
-  double encode_cpu_s = 0;    // of all threads
+  bool exact = false;       // no pixel differs: psnr_db means nothing
+  double psnr_db = 0;       // of relit pictures
+  int max_error = 0;        // of 255
+  double seam = 0;          // of 255
+  double bytes_per_px = 0;  // of texture in the package, mip levels included
+  double decode_us = 0;     // a page, CPU time
+  double encode_cpu_s = 0;  // of all threads
   // As the pages lie on the GPU. CPU times are those of all threads.
   struct Shown {
     double resident = 0;  // bytes per texel, all planes

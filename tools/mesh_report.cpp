@@ -28,7 +28,8 @@ Json vectorJson(const glm::dvec3& v) { return {v.x, v.y, v.z}; }
 // Members of JSON that may hold anything; text as it may be printed.
 std::string textOf(const Json& object, const char* key) {
   auto it = object.is_object() ? object.find(key) : object.end();
-  return object.is_object() && it != object.end() && it->is_string() ? printable(it->get<std::string>()) : std::string();
+  return object.is_object() && it != object.end() && it->is_string() ? printable(it->get<std::string>())
+                                                                     : std::string();
 }
 double numberOf(const Json& object, const char* key) {
   auto it = object.is_object() ? object.find(key) : object.end();
@@ -52,9 +53,19 @@ std::string count(double n, const char* what) {
 // "open borders" of one: "open border". what may be anything.
 std::string headed(double n, std::string what) {
   if (n != 1) return what;
-  for (const auto& [many, one] : {std::pair{"vertices", "vertex"}, {"triangles", "triangle"}, {"materials without", "a material without"}, {"materials with", "a material with"},
-                                  {"edges", "edge"}, {"borders", "border"}, {"pieces", "piece"}, {"faces", "face"}, {"images", "image"}, {"files", "file"},
-                                  {"that are", "that is"}, {"that run", "that runs"}, {"their", "its"}}) {
+  for (const auto& [many, one] : {std::pair{"vertices", "vertex"},
+                                  {"triangles", "triangle"},
+                                  {"materials without", "a material without"},
+                                  {"materials with", "a material with"},
+                                  {"edges", "edge"},
+                                  {"borders", "border"},
+                                  {"pieces", "piece"},
+                                  {"faces", "face"},
+                                  {"images", "image"},
+                                  {"files", "file"},
+                                  {"that are", "that is"},
+                                  {"that run", "that runs"},
+                                  {"their", "its"}}) {
     const size_t at = what.find(many), aside = what.find('(');
     if (at == std::string::npos || at > aside) continue;
     what.replace(at, std::strlen(many), one);
@@ -164,7 +175,8 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
       json["tolerance_missed"] = "there are no more samples for a scan of so many vertices";
       break;
     case BakeLimit::kShape:
-      json["tolerance_missed"] = "finer grids hardly come nearer, the scan has edges or undercuts that none follows; more patches may";
+      json["tolerance_missed"] =
+          "finer grids hardly come nearer, the scan has edges or undercuts that none follows; more patches may";
       break;
   }
   return json;
@@ -185,13 +197,17 @@ std::string meshText(const Json& m) {
   if (const Json& findings = memberOf(m, "findings"); findings.is_array()) {
     for (const Json& f : findings) {
       const std::string done = textOf(f, "done"), places = placesText(memberOf(f, "places_mm"), numberOf(f, "count"));
-      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"), headed(numberOf(f, "count"), textOf(f, "what")).c_str(),
+      out += format("    found   %.0f %s: %s%s%s\n", numberOf(f, "count"),
+                    headed(numberOf(f, "count"), textOf(f, "what")).c_str(),
                     done.empty() ? "left as it is" : done.c_str(), places.empty() ? "" : "; at ", places.c_str());
     }
   }
-  if (const double asked = numberOf(m, "patches_asked"), made = numberOf(m, "patches"); asked > 0 && std::abs(made - asked) > 0.05 * asked) {
-    out += format("    laid    over %s where %.0f %s asked for: %s\n", count(made, "patch").c_str(), asked, asked == 1 ? "was" : "were",
-                  made > 1.3 * asked ? "its pieces, borders and creases take so many" : "numbers are kept to about 30 %");
+  if (const double asked = numberOf(m, "patches_asked"), made = numberOf(m, "patches");
+      asked > 0 && std::abs(made - asked) > 0.05 * asked) {
+    out +=
+        format("    laid    over %s where %.0f %s asked for: %s\n", count(made, "patch").c_str(), asked,
+               asked == 1 ? "was" : "were",
+               made > 1.3 * asked ? "its pieces, borders and creases take so many" : "numbers are kept to about 30 %");
   }
   out += format("    baked   %.0f samples, %.0f x %.0f cells of heights a patch", numberOf(m, "samples"),
                 numberOf(m, "cells_a_side"), numberOf(m, "cells_a_side"));

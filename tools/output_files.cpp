@@ -22,7 +22,8 @@ bool isDevice(const std::string& path) {
 }  // namespace
 
 bool sameFile(const std::string& a, const std::string& b) {
-  struct stat sa {}, sb {};
+  struct stat sa {
+  }, sb{};
   const bool there = ::stat(a.c_str(), &sa) == 0, also = ::stat(b.c_str(), &sb) == 0;
   if (there && also) return sa.st_dev == sb.st_dev && sa.st_ino == sb.st_ino;
   if (there || also) return false;
@@ -36,12 +37,17 @@ Result<void> checkApart(const std::vector<NamedFile>& outputs, const std::vector
   for (size_t i = 0; i < outputs.size(); ++i) {
     if (!named(outputs[i], true)) continue;
     const auto refused = [&](const NamedFile& other, const char* is) {
-      return Error{ErrorKind::kUsage, outputs[i].path, outputs[i].option + " would overwrite " + is + other.option, "choose another name for " + outputs[i].option, {}};
+      return Error{ErrorKind::kUsage,
+                   outputs[i].path,
+                   outputs[i].option + " would overwrite " + is + other.option,
+                   "choose another name for " + outputs[i].option,
+                   {}};
     };
     for (const NamedFile& input : inputs)
       if (named(input, false) && sameFile(outputs[i].path, input.path)) return refused(input, "an input: ");
     for (size_t k = 0; k < i; ++k)
-      if (named(outputs[k], true) && !isDevice(outputs[i].path) && sameFile(outputs[i].path, outputs[k].path)) return refused(outputs[k], "another output: ");
+      if (named(outputs[k], true) && !isDevice(outputs[i].path) && sameFile(outputs[i].path, outputs[k].path))
+        return refused(outputs[k], "another output: ");
   }
   return {};
 }
@@ -56,11 +62,17 @@ Result<void> checkWritable(const std::vector<NamedFile>& outputs) {
       error.message = output.option + " " + error.message;
       return error;
     }
-    const auto refused = [&](const std::string& why, const char* hint) { return Error{ErrorKind::kUsage, output.path, output.option + " " + why, hint, {}}; };
-    if (*kind != OutputKind::kFile && output.content == Content::kPackage) return refused("is a package, which only a file can hold", "name a file");
+    const auto refused = [&](const std::string& why, const char* hint) {
+      return Error{ErrorKind::kUsage, output.path, output.option + " " + why, hint, {}};
+    };
+    if (*kind != OutputKind::kFile && output.content == Content::kPackage)
+      return refused("is a package, which only a file can hold", "name a file");
     if (*kind != OutputKind::kStandardOutput) continue;
-    if (first_out) return refused("cannot go to standard output: " + first_out->option + " goes there", "name a file for one of them");
-    if (output.content == Content::kPicture && ::isatty(STDOUT_FILENO)) return refused("is a picture, and standard output is a terminal", "redirect it, or name a file");
+    if (first_out)
+      return refused("cannot go to standard output: " + first_out->option + " goes there",
+                     "name a file for one of them");
+    if (output.content == Content::kPicture && ::isatty(STDOUT_FILENO))
+      return refused("is a picture, and standard output is a terminal", "redirect it, or name a file");
     first_out = &output;
   }
   return {};

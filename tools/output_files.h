@@ -1,5 +1,5 @@
-// output_files.h - files that a command is going to write, checked before it reads or computes anything: none takes the place of an
-// input or of another output, and each can be made.
+// output_files.h - files that a command is going to write, checked before it reads or computes anything: none takes the
+// place of an input or of another output, and each can be made.
 #pragma once
 
 #include <string>
@@ -9,8 +9,9 @@
 
 namespace relievo {
 
-// "-" as an output's name is standard output, for every option that writes one text or one picture. Packages are read again where they
-// were written and folders hold several files: they are refused. What the command prints besides then goes to standard error.
+// "-" as an output's name is standard output, for every option that writes one text or one picture. Packages are read
+// again where they were written and folders hold several files: they are refused. What the command prints besides then
+// goes to standard error.
 enum class Content { kText, kPicture, kPackage };
 struct NamedFile {
   std::string option, path;  // "--report"; an empty path: no file
@@ -20,8 +21,8 @@ struct NamedFile {
 bool sameFile(const std::string& a, const std::string& b);
 // kUsage names both options where an output is an input or another output.
 Result<void> checkApart(const std::vector<NamedFile>& outputs, const std::vector<NamedFile>& inputs);
-// kIo: an output or its folder cannot be written to. kUsage: standard output takes one file, no package, and no picture if it is a terminal.
-// Makes nothing.
+// kIo: an output or its folder cannot be written to. kUsage: standard output takes one file, no package, and no picture
+// if it is a terminal. Makes nothing.
 Result<void> checkWritable(const std::vector<NamedFile>& outputs);
 // Of an option that names a folder: kUsage if it is "-".
 Result<void> checkFolder(const std::string& option, const std::string& path);

@@ -23,7 +23,8 @@ namespace relievo {
 
 void CommandContext::fail(const Error& failure) {
   // Whichever reader gave it up: a format that is known by name is said to be what it is.
-  const bool of_file = failure.kind == ErrorKind::kInvalidData || failure.kind == ErrorKind::kUnsupported || failure.kind == ErrorKind::kIo;
+  const bool of_file = failure.kind == ErrorKind::kInvalidData || failure.kind == ErrorKind::kUnsupported ||
+                       failure.kind == ErrorKind::kIo;
   const std::optional<Error> foreign = of_file && !failure.file.empty() ? foreignFormat(failure.file) : std::nullopt;
   const Error& error = foreign ? *foreign : failure;
   std::fprintf(stderr, "relievo: error: %s\n", error.text().c_str());
@@ -32,7 +33,9 @@ void CommandContext::fail(const Error& failure) {
 
 void warn(const std::string& text) { std::fprintf(stderr, "relievo: warning: %s\n", printable(text).c_str()); }
 
-Error usageError(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
+Error usageError(const std::string& message, const std::string& hint) {
+  return {ErrorKind::kUsage, "", message, hint, {}};
+}
 
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
   int64_t width = 0, height = 0;
@@ -53,7 +56,8 @@ Result<std::array<double, 3>> parseTriple(const std::string& text, const char* o
     auto [after, bad] = std::from_chars(at, end, values[i]);
     bool separator = i == 2 ? after == end : after < end && *after == ',';
     if (bad != std::errc() || !separator || !std::isfinite(values[i])) {
-      return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'", std::string("for example ") + example);
+      return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'",
+                        std::string("for example ") + example);
     }
     at = after + 1;
   }
@@ -72,8 +76,10 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
       "  relievo render inscription.relievo -o picture.png --azimuth 25 --light -0.8,0.3,0.4\n\n"
       "Exit codes: 0 ok, 1 usage, 2 input/output, 3 invalid data, 4 runtime or GL, 5 unsupported, 7 difference found,\n"
       "130 interrupted.\n\n"
-      "- as the name of a picture, a report or a JSON file is standard output; what is printed besides then goes to standard error.\n"
-      "Packages and folders have names of their own. A file appears under its name once it is whole; until then, and when something\n"
+      "- as the name of a picture, a report or a JSON file is standard output; what is printed besides then goes to "
+      "standard error.\n"
+      "Packages and folders have names of their own. A file appears under its name once it is whole; until then, and "
+      "when something\n"
       "fails, what was there before stays.");
   app.set_version_flag("--version", "relievo " RELIEVO_VERSION);
   app.require_subcommand(1);
@@ -92,7 +98,9 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
     names += (names.empty() ? "" : ", ") + command->get_name();
     known = known || command->get_name() == argv[1];
   }
-  if (!known) return context.fail(usageError("expected a sub-command, found '" + std::string(argv[1]) + "'", "one of " + names + "; see relievo --help"));
+  if (!known)
+    return context.fail(usageError("expected a sub-command, found '" + std::string(argv[1]) + "'",
+                                   "one of " + names + "; see relievo --help"));
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
@@ -110,10 +118,12 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
 
 // No more memory is asked for to say so.
 void sayOutOfMemory() {
-  std::fputs("relievo: error: out of memory (close other programs, or lower --memory-mib, --cache-mib and --workers)\n", stderr);
+  std::fputs("relievo: error: out of memory (close other programs, or lower --memory-mib, --cache-mib and --workers)\n",
+             stderr);
 }
 
-// Where memory runs out in a destructor, such as that of a JSON document, which asks for some, no exception reaches main().
+// Where memory runs out in a destructor, such as that of a JSON document, which asks for some, no exception reaches
+// main().
 [[noreturn]] void onTerminate() {
   const std::type_info* type = abi::__cxa_current_exception_type();
   if (!type || *type != typeid(std::bad_alloc)) std::abort();

@@ -21,7 +21,8 @@ struct SampleArtwork::Impl {
   std::unique_ptr<sample::Kind> kind;
   double mm = 1;
 
-  // visit(block, layers, colour wanted) for every block that meets the rectangle, cut to it. `core` is where colour is wanted.
+  // visit(block, layers, colour wanted) for every block that meets the rectangle, cut to it. `core` is where colour is
+  // wanted.
   template <class F>
   void forBlocks(const Rect& rect, const Rect* core, F visit) const {
     auto layers = std::make_unique<Layers>();
@@ -39,7 +40,8 @@ struct SampleArtwork::Impl {
 
   // The wanted pixels of a block's row: x in [first, last) relative to the block, cut to the rectangle.
   static std::pair<int, int> columns(const Block& b, const Rect& r) {
-    return {static_cast<int>(std::max<int64_t>(b.x0, r.x - b.px)), static_cast<int>(std::min<int64_t>(b.x1, r.x + r.width - b.px))};
+    return {static_cast<int>(std::max<int64_t>(b.x0, r.x - b.px)),
+            static_cast<int>(std::min<int64_t>(b.x1, r.x + r.width - b.px))};
   }
 
   // Heights with a border of one pixel all around (repeated at the artwork's border): (width + 2) * (height + 2).
@@ -47,7 +49,8 @@ struct SampleArtwork::Impl {
     Rect rect;
     std::vector<float> heights, cavity, gloss;
     std::vector<uint8_t> rgb;  // planar: r, g, b
-    std::vector<float> inv_dx, inv_dy;  // 1 / distance of the two samples that a slope is taken from; 0 where there is one
+    std::vector<float> inv_dx,
+        inv_dy;  // 1 / distance of the two samples that a slope is taken from; 0 where there is one
     const float* row(int64_t y) const { return heights.data() + (y + 1) * (rect.width + 2) + 1; }  // y in [-1, height]
   };
   void evalTile(const Rect& rect, bool colour, Tile& t) const;
@@ -120,7 +123,8 @@ void SampleArtwork::Impl::evalTile(const Rect& rect, bool colour, Tile& t) const
       uint8_t *r = t.rgb.data() + to, *g = r + area, *bl = g + area;
       float *cavity = t.cavity.data() + to, *gloss = t.gloss.data() + to;
 #pragma GCC ivdep
-      for (int x = c0; x < c1; ++x) r[x] = toByte(l.red[from + x]), g[x] = toByte(l.green[from + x]), bl[x] = toByte(l.blue[from + x]);
+      for (int x = c0; x < c1; ++x)
+        r[x] = toByte(l.red[from + x]), g[x] = toByte(l.green[from + x]), bl[x] = toByte(l.blue[from + x]);
 #pragma GCC ivdep
       for (int x = c0; x < c1; ++x) cavity[x] = l.cavity[from + x], gloss[x] = l.gloss[from + x];
     }
@@ -227,7 +231,8 @@ class ColourSource final : public TextureSource, SampleSource {
     const auto area = static_cast<size_t>(rect.width * rect.height);
     std::vector<uint8_t> rgb(area * 3);
     artwork.albedo(rect, rgb);
-    for (size_t i = 0; i < area; ++i) out[i] = rgb[3 * i], out[area + i] = rgb[3 * i + 1], out[2 * area + i] = rgb[3 * i + 2];
+    for (size_t i = 0; i < area; ++i)
+      out[i] = rgb[3 * i], out[area + i] = rgb[3 * i + 1], out[2 * area + i] = rgb[3 * i + 2];
     return {};
   }
 };
@@ -296,7 +301,8 @@ class SamplePtmSource final : public TextureSource, SampleSource {
   RELIEVO_SIMD_CLONES void shade(const SampleArtwork::Impl::Tile& t, const Rect& rect, uint8_t* out) const {
     using sample::ShadingTable;
     const float* table = sample::shadingTable().data;
-    const auto tile_area = static_cast<size_t>(t.rect.width * t.rect.height), area = static_cast<size_t>(rect.width * rect.height);
+    const auto tile_area = static_cast<size_t>(t.rect.width * t.rect.height),
+               area = static_cast<size_t>(rect.width * rect.height);
     const auto w = static_cast<size_t>(t.rect.width);
     Vec8 step{}, half{};
     for (int k = 0; k < 6; ++k) {
@@ -329,7 +335,8 @@ class SamplePtmSource final : public TextureSource, SampleSource {
       }
       const size_t from = static_cast<size_t>(y) * w;
       const float *cavity = t.cavity.data() + from, *gloss = t.gloss.data() + from;
-      const uint8_t* rgb[3] = {t.rgb.data() + from, t.rgb.data() + tile_area + from, t.rgb.data() + 2 * tile_area + from};
+      const uint8_t* rgb[3] = {t.rgb.data() + from, t.rgb.data() + tile_area + from,
+                               t.rgb.data() + 2 * tile_area + from};
       for (size_t x = 0; x < w; ++x) {
         auto load = [](const float* p) {
           Vec8 v;
@@ -341,7 +348,8 @@ class SamplePtmSource final : public TextureSource, SampleSource {
         const float w11 = u * v, w10 = u - w11, w01 = v - w11, w00 = 1.0f - u - v + w11;
         constexpr int kNext = 16, kDown = ShadingTable::kSide * 16;
         Vec8 d = load(e) * w00 + load(e + kNext) * w10 + load(e + kDown) * w01 + load(e + kDown + kNext) * w11;
-        Vec8 s = load(e + 8) * w00 + load(e + kNext + 8) * w10 + load(e + kDown + 8) * w01 + load(e + kDown + kNext + 8) * w11;
+        Vec8 s = load(e + 8) * w00 + load(e + kNext + 8) * w10 + load(e + kDown + 8) * w01 +
+                 load(e + kDown + kNext + 8) * w11;
         const float sg = strength * gloss[x];
         auto put = [&](Vec8 a, size_t at) {
           Byte8 raw = __builtin_convertvector(__builtin_convertvector(a * step + half, Int8), Byte8);

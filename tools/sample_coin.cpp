@@ -1,7 +1,8 @@
-// A struck coin of 24 mm on dark cloth: an owl between two branches of laurel, a legend, a rim of beads; worn, scratched.
-// Odd seeds strike gold, even ones silver. The picture's shorter side is 31 mm.
+// A struck coin of 24 mm on dark cloth: an owl between two branches of laurel, a legend, a rim of beads; worn,
+// scratched. Odd seeds strike gold, even ones silver. The picture's shorter side is 31 mm.
 //
-// The relief is the highest of many small forms (domes, leaves, rods) over a dished field; only those near a block count.
+// The relief is the highest of many small forms (domes, leaves, rods) over a dished field; only those near a block
+// count.
 #include <numbers>
 
 #include "tools/sample_font.h"
@@ -17,17 +18,19 @@ constexpr float kClothMm = -1.9f, kThreadMm = 0.10f, kMaxReliefMm = 1.35f;
 enum class Shape { kDome, kLeaf, kRod };
 struct Form {
   Shape shape;
-  double x, y, c, s;      // centre, direction
-  double rx, ry;          // half length, half width
-  float base, height;     // mm above the coin's field
-  float tilt = 0;         // added from the tail (0) to the tip (1)
-  float ridge = 0;        // a shaft along the middle (> 0) or a groove (< 0)
-  bool flat = false;      // a soft swelling rather than a dome
+  double x, y, c, s;   // centre, direction
+  double rx, ry;       // half length, half width
+  float base, height;  // mm above the coin's field
+  float tilt = 0;      // added from the tail (0) to the tip (1)
+  float ridge = 0;     // a shaft along the middle (> 0) or a groove (< 0)
+  bool flat = false;   // a soft swelling rather than a dome
 };
 
 class Coin final : public Kind {
  public:
-  explicit Coin(const SampleOptions& o) : seed_(mix32(static_cast<uint32_t>(o.seed) * 69621u + static_cast<uint32_t>(o.seed >> 32) + 17)), gold_(o.seed % 2 == 1) {
+  explicit Coin(const SampleOptions& o)
+      : seed_(mix32(static_cast<uint32_t>(o.seed) * 69621u + static_cast<uint32_t>(o.seed >> 32) + 17)),
+        gold_(o.seed % 2 == 1) {
     short_mm = kShortMm;
     metal = true;
     gloss_strength = 0.75f;
@@ -55,7 +58,7 @@ class Coin final : public Kind {
   void eval(const Block& b, bool colour, Layers& out) const override {
     // How far the block's pixels can be from the coin's centre.
     const double dx = b.centreX() - cx_, dy = b.centreY() - cy_, d = std::hypot(dx, dy), r = b.radius();
-    const bool any_coin = d - r < kRadius + kBorder, any_cloth = d + r > kRadius - kBorder - 0.6;
+    const bool any_coin = d - r<kRadius + kBorder, any_cloth = d + r> kRadius - kBorder - 0.6;
     if (any_cloth) cloth(b, colour, out);
     if (any_coin) coin(b, colour, out, any_cloth);
   }
@@ -82,16 +85,27 @@ class Coin final : public Kind {
     }
   }
   // angle: of the form's long axis, degrees, counter-clockwise.
-  void add(Shape shape, double x, double y, double angle, double rx, double ry, double base, double height, double tilt = 0, double ridge = 0,
-           bool flat = false) {
-    Form f{shape, 0, 0, std::cos(angle * kPi / 180 + turn_), -std::sin(angle * kPi / 180 + turn_), rx, ry, static_cast<float>(base), static_cast<float>(height),
-           static_cast<float>(tilt), static_cast<float>(ridge), flat};
+  void add(Shape shape, double x, double y, double angle, double rx, double ry, double base, double height,
+           double tilt = 0, double ridge = 0, bool flat = false) {
+    Form f{shape,
+           0,
+           0,
+           std::cos(angle * kPi / 180 + turn_),
+           -std::sin(angle * kPi / 180 + turn_),
+           rx,
+           ry,
+           static_cast<float>(base),
+           static_cast<float>(height),
+           static_cast<float>(tilt),
+           static_cast<float>(ridge),
+           flat};
     place(x, y, f.x, f.y);
     forms_.push_back(f);
   }
   void rod(double x0, double y0, double x1, double y1, double r, double base, double height) {
     double len = std::hypot(x1 - x0, y1 - y0);
-    add(Shape::kRod, 0.5 * (x0 + x1), 0.5 * (y0 + y1), std::atan2(y1 - y0, x1 - x0) * 180 / kPi, 0.5 * len + r, r, base, height);
+    add(Shape::kRod, 0.5 * (x0 + x1), 0.5 * (y0 + y1), std::atan2(y1 - y0, x1 - x0) * 180 / kPi, 0.5 * len + r, r, base,
+        height);
   }
 
   void layOwl() {
@@ -107,7 +121,8 @@ class Coin final : public Kind {
       for (int i = 0; i <= n; ++i) {
         double x = -half + 2 * half * (i + (row % 2 ? 0.5 : 0.0) - 0.25) / n;
         if (std::abs(x) > half) continue;
-        double on_body = -0.15 + 0.80 * std::sqrt(std::max(0.0, 1 - std::pow(x / 2.55, 2) - std::pow((y + 0.9) / 3.9, 2)));
+        double on_body =
+            -0.15 + 0.80 * std::sqrt(std::max(0.0, 1 - std::pow(x / 2.55, 2) - std::pow((y + 0.9) / 3.9, 2)));
         add(Shape::kDome, x, y, -90 + x * 9, 0.42, 0.25, on_body - 0.015, 0.085, 0.07, -0.03);
       }
     }
@@ -115,13 +130,16 @@ class Coin final : public Kind {
     for (int side : {-1, 1}) {
       for (int i = 0; i < 6; ++i) {
         double t = i / 5.0, angle = side > 0 ? -(97 - 13 * (1 - t)) : -(83 + 13 * (1 - t));
-        add(Shape::kLeaf, side * (1.35 + 1.35 * t - 0.05), -2.35 + 0.42 * t * t + 0.25 * t, angle, 2.35 - 0.35 * t, 0.36, 0.24 - 0.12 * t + 0.02 * i, 0.30, 0.10, 0.07);
+        add(Shape::kLeaf, side * (1.35 + 1.35 * t - 0.05), -2.35 + 0.42 * t * t + 0.25 * t, angle, 2.35 - 0.35 * t,
+            0.36, 0.24 - 0.12 * t + 0.02 * i, 0.30, 0.10, 0.07);
       }
       for (int row = 0; row < 4; ++row)
         for (int i = 0; i < 4; ++i) {
-          double t = i / 3.0, x = side * (1.62 + 0.98 * t - 0.05 * row), y = -0.95 + 0.50 * row - 0.25 * t * t - 0.05 * row * t;
+          double t = i / 3.0, x = side * (1.62 + 0.98 * t - 0.05 * row),
+                 y = -0.95 + 0.50 * row - 0.25 * t * t - 0.05 * row * t;
           if (row == 3 && i > 2) continue;
-          add(Shape::kDome, x, y, -90 + side * (8 + 10 * t), 0.52, 0.29, 0.36 + 0.045 * row - 0.12 * t, 0.14, 0.10, 0.045);
+          add(Shape::kDome, x, y, -90 + side * (8 + 10 * t), 0.52, 0.29, 0.36 + 0.045 * row - 0.12 * t, 0.14, 0.10,
+              0.045);
         }
       add(Shape::kDome, side * 1.78, 0.45, side * 58 + 90, 1.25, 0.72, 0.30, 0.20);  // shoulder
       // Ear tufts.
@@ -130,12 +148,13 @@ class Coin final : public Kind {
       // Face discs: a fan of fine feathers around each eye, the eye in its ring.
       for (int i = 0; i < 26; ++i) {
         double a = i * 360.0 / 26;
-        add(Shape::kLeaf, side * 0.94 + 0.93 * std::cos(a * kPi / 180), 2.42 + 0.93 * std::sin(a * kPi / 180), a, 0.36, 0.105, 0.70, 0.17, 0.05, 0.0);
+        add(Shape::kLeaf, side * 0.94 + 0.93 * std::cos(a * kPi / 180), 2.42 + 0.93 * std::sin(a * kPi / 180), a, 0.36,
+            0.105, 0.70, 0.17, 0.05, 0.0);
       }
       for (int i = 0; i < 150; ++i) {
         double a = i * 2.4, q = (i + 1) * 2.4;
-        rod(side * 0.94 + 0.60 * std::cos(a * kPi / 180), 2.42 + 0.60 * std::sin(a * kPi / 180), side * 0.94 + 0.60 * std::cos(q * kPi / 180),
-            2.42 + 0.60 * std::sin(q * kPi / 180), 0.085, 0.78, 0.20);
+        rod(side * 0.94 + 0.60 * std::cos(a * kPi / 180), 2.42 + 0.60 * std::sin(a * kPi / 180),
+            side * 0.94 + 0.60 * std::cos(q * kPi / 180), 2.42 + 0.60 * std::sin(q * kPi / 180), 0.085, 0.78, 0.20);
       }
       add(Shape::kDome, side * 0.94, 2.42, 0, 0.47, 0.47, 0.76, 0.34);
       add(Shape::kDome, side * 0.94, 2.42, 0, 0.17, 0.17, 1.04, 0.11);
@@ -143,10 +162,12 @@ class Coin final : public Kind {
       add(Shape::kLeaf, side * 0.98, 3.30, side > 0 ? 27 : 153, 1.15, 0.24, 0.74, 0.26, 0.0, 0.0);
       // Legs and talons on the branch.
       add(Shape::kDome, side * 0.78, -4.28, 90, 0.62, 0.36, 0.20, 0.34);
-      for (int t = -1; t <= 1; ++t) add(Shape::kDome, side * 0.78 + 0.27 * t, -4.95, 90 + 12 * t, 0.42, 0.13, 0.34, 0.26);
+      for (int t = -1; t <= 1; ++t)
+        add(Shape::kDome, side * 0.78 + 0.27 * t, -4.95, 90 + 12 * t, 0.42, 0.13, 0.34, 0.26);
     }
     add(Shape::kLeaf, 0, 1.98, -90, 0.74, 0.26, 0.86, 0.36, 0.06, 0.0);  // beak
-    for (int i = 0; i < 5; ++i) add(Shape::kDome, 0, 2.75 + 0.26 * i, 90, 0.26, 0.15, 0.80 - 0.02 * i * i, 0.16, 0.05, 0.0);
+    for (int i = 0; i < 5; ++i)
+      add(Shape::kDome, 0, 2.75 + 0.26 * i, 90, 0.26, 0.15, 0.80 - 0.02 * i * i, 0.16, 0.05, 0.0);
     // The branch, with two leaves.
     double px = -3.6, py = -5.0;
     for (int i = 1; i <= 24; ++i) {
@@ -171,9 +192,11 @@ class Coin final : public Kind {
         double a = -90 + side * (10 + 150.0 * i / 15), size = 1.0 - 0.022 * i;
         double along = a + side * 90;  // the way the branch grows
         for (int leaf : {-1, 1}) {
-          double angle = along + side * leaf * -31.0, lx = (r + leaf * 0.36) * std::cos(a * kPi / 180), ly = (r + leaf * 0.36) * std::sin(a * kPi / 180);
-          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * kPi / 180), ly + 0.55 * size * std::sin(angle * kPi / 180), angle, 1.02 * size, 0.32 * size, 0.05, 0.36,
-              0.08, -0.045);
+          double angle = along + side * leaf * -31.0, lx = (r + leaf * 0.36) * std::cos(a * kPi / 180),
+                 ly = (r + leaf * 0.36) * std::sin(a * kPi / 180);
+          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * kPi / 180),
+              ly + 0.55 * size * std::sin(angle * kPi / 180), angle, 1.02 * size, 0.32 * size, 0.05, 0.36, 0.08,
+              -0.045);
         }
         if (i % 2) {
           double q = (a + side * 5) * kPi / 180;
@@ -202,7 +225,7 @@ class Coin final : public Kind {
     const std::string text = "RELIEVO.LVX.ET.VMBRA.FORMAM.DANT.";
     const double foot = 8.05, cap = 1.62, space = 0.14;
     // Letters stand on the inner circle, heads outwards, clockwise from the left of the foot.
-    double total = lineWidth(text, space) + space, scale = 2 * kPi * (foot + 0.35 * cap) / (total * cap) ;
+    double total = lineWidth(text, space) + space, scale = 2 * kPi * (foot + 0.35 * cap) / (total * cap);
     double x = 0;
     for (char c : text) {
       std::vector<Segment> glyph;
@@ -228,7 +251,8 @@ class Coin final : public Kind {
   void layScratches(Dice& dice) {
     std::vector<Segment> all;
     for (int i = 0; i < 90; ++i) {
-      double r = kRadius * std::sqrt(dice()), a = dice.range(0, 2 * kPi), len = dice.range(0.4, 1.0) * dice.range(0.3, 5.5), dir = dice.range(0, kPi);
+      double r = kRadius * std::sqrt(dice()), a = dice.range(0, 2 * kPi),
+             len = dice.range(0.4, 1.0) * dice.range(0.3, 5.5), dir = dice.range(0, kPi);
       double x = cx_ + r * std::cos(a), y = cy_ + r * std::sin(a), bend = dice.range(-0.15, 0.15);
       double w = dice.range(0.006, 0.024);
       for (int k = 0; k < 4; ++k) {
@@ -292,7 +316,8 @@ class Coin final : public Kind {
   }
 
   void coin(const Block& b, bool colour, Layers& out, bool cut_out) const {
-    Plane &relief = out.tmp[2], &radius = out.tmp[3], &soft = out.tmp[4], &fine = out.tmp[5], &sd = out.tmp[6], &scratch = out.tmp[7];
+    Plane &relief = out.tmp[2], &radius = out.tmp[3], &soft = out.tmp[4], &fine = out.tmp[5], &sd = out.tmp[6],
+          &scratch = out.tmp[7];
     const auto ox = static_cast<float>(b.left_mm - cx_), oy = static_cast<float>(b.top_mm - cy_);
     fill(b, soft, 0);
     addFbm(b, soft, 5.5, 0.55f, 0.5f, 4, seed_ + 71);
@@ -352,7 +377,8 @@ class Coin final : public Kind {
         float outside = cut_out ? clamp01((radius[i] - 11.97f) * 9.0f) : 0.0f;
         // Toning lies in the recesses and fades on what is rubbed.
         float high = clamp01(relief[i] * 1.9f + 0.05f);
-        float patina = clamp01((1.0f - high) * (0.18f + 0.50f * soft[i]) + 0.06f - scratch[i] * 3.0f - fine[i] * 6.0f + 0.25f * outside);
+        float patina = clamp01((1.0f - high) * (0.18f + 0.50f * soft[i]) + 0.06f - scratch[i] * 3.0f - fine[i] * 6.0f +
+                               0.25f * outside);
         float bright = 1.0f + 0.06f * high + fine[i] * 1.5f;
         float r = mixf(r0, r1, patina) * bright, g = mixf(g0, g1, patina) * bright, bl = mixf(b0, b1, patina) * bright;
         float keep = cut_out ? smooth01((12.12f - radius[i]) * 16.0f) : 1.0f;
@@ -392,8 +418,10 @@ class Coin final : public Kind {
     const float base = f.base, height = f.height, tilt = f.tilt, ridge = f.ridge;
     const double r = std::max(f.rx, f.ry);
     // Only the rows and columns that it can touch; beyond, nothing is raised.
-    const int ya = std::max(b.y0, static_cast<int>(std::floor((f.y - r - b.top_mm) / b.mm))), yb = std::min<int>(b.y1, static_cast<int>(std::ceil((f.y + r - b.top_mm) / b.mm)) + 1);
-    const int xa = std::max(b.x0, static_cast<int>(std::floor((f.x - r - b.left_mm) / b.mm)) & ~7), xb = std::min<int>(b.x1, (static_cast<int>(std::ceil((f.x + r - b.left_mm) / b.mm)) + 8) & ~7);
+    const int ya = std::max(b.y0, static_cast<int>(std::floor((f.y - r - b.top_mm) / b.mm))),
+              yb = std::min<int>(b.y1, static_cast<int>(std::ceil((f.y + r - b.top_mm) / b.mm)) + 1);
+    const int xa = std::max(b.x0, static_cast<int>(std::floor((f.x - r - b.left_mm) / b.mm)) & ~7),
+              xb = std::min<int>(b.x1, (static_cast<int>(std::ceil((f.x + r - b.left_mm) / b.mm)) + 8) & ~7);
     const auto straight = static_cast<float>(1.0 - f.ry / f.rx), inv_round = static_cast<float>(f.rx / f.ry);
     for (int y = ya; y < yb; ++y) {
       const float py = b.x_mm[y] - oy;
@@ -415,7 +443,8 @@ class Coin final : public Kind {
         }
       };
       if (f.shape == Shape::kDome) each([](float u, float v, float) { return 1.0f - u * u - v * v; });
-      else if (f.shape == Shape::kLeaf) each([](float u, float v, float) { return 1.02f - u * u - std::sqrt(v * v + 0.0018f); });  // a rubbed crest
+      else if (f.shape == Shape::kLeaf)
+        each([](float u, float v, float) { return 1.02f - u * u - std::sqrt(v * v + 0.0018f); });  // a rubbed crest
       else
         each([=](float u, float v, float) {
           float au = u < 0 ? -u : u;

@@ -44,7 +44,8 @@ struct Pen {
   void stem(double sx) { stroke(sx, 0, sx, 1, kThick, true, true); }
   void thin(double x0, double y0, double x1, double y1) { line(x0, y0, x1, y1, kThin, kThin); }
   // Angles in degrees, counter-clockwise; the stress leans a little, as a broad brush leaves it.
-  void arc(double cx, double cy, double rx, double ry, double a0, double a1, double lean = 12, double thick = kThick * 1.06) {
+  void arc(double cx, double cy, double rx, double ry, double a0, double a1, double lean = 12,
+           double thick = kThick * 1.06) {
     int n = std::max(6, static_cast<int>(std::abs(a1 - a0) / 360 * steps));
     auto half = [&](double a) {
       double k = std::abs(std::cos((a - lean) * kPi / 180));
@@ -112,7 +113,9 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
       p.thin(0.10, 0.51, 0.70, 0.51);
       return 0.82;
     case 'I':
-    case 'J': p.stem(0.10); return 0.22;
+    case 'J':
+      p.stem(0.10);
+      return 0.22;
     case 'K':
       p.stem(0.10);
       p.stroke(0.13, 0.43, 0.56, 1, kThin, false, true, 0, 0.09);
@@ -135,7 +138,9 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
       p.stroke(0.73, 0.03, 0.73, 1, kThin * 1.1, false, true, 0.09, 0.09);
       p.serif(0.08, 1, 0.09, 0.02);
       return 0.84;
-    case 'O': p.arc(0.50, 0.5, 0.465, 0.5 - kThin * 0.9, 0, 360); return 1.0;
+    case 'O':
+      p.arc(0.50, 0.5, 0.465, 0.5 - kThin * 0.9, 0, 360);
+      return 1.0;
     case 'P':
       p.stem(0.10);
       p.thin(0.10, top, 0.28, top);
@@ -158,7 +163,8 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
       int n = std::max(12, arc_steps);
       auto at = [&](double t, double& sx, double& sy, double& r) {
         double a = t < 0.5 ? 38 + (272 - 38) * (t / 0.5) : 92 - (92 + 142) * ((t - 0.5) / 0.5);
-        double upper_y = 0.742, ry1 = top - upper_y, ry2 = (upper_y - ry1 - kThin * 0.9) / 2, lower_y = upper_y - ry1 - ry2;
+        double upper_y = 0.742, ry1 = top - upper_y, ry2 = (upper_y - ry1 - kThin * 0.9) / 2,
+               lower_y = upper_y - ry1 - ry2;
         if (t < 0.5) sx = 0.275 + 0.185 * std::cos(a * kPi / 180), sy = upper_y + ry1 * std::sin(a * kPi / 180);
         else sx = 0.275 + 0.215 * std::cos(a * kPi / 180), sy = lower_y + ry2 * std::sin(a * kPi / 180);
         double k = 1 - std::abs(2 * t - 1);
@@ -205,8 +211,11 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
       p.tick(0.075, top, -0.12);
       p.tick(0.65, low, 0.13);
       return 0.7;
-    case '.': p.line(0.055, 0.535, 0.075, 0.44, 0.062, 0.008); return 0.15;
-    default: return 0.35;
+    case '.':
+      p.line(0.055, 0.535, 0.075, 0.44, 0.062, 0.008);
+      return 0.15;
+    default:
+      return 0.35;
   }
 }
 

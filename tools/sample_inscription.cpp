@@ -1,5 +1,5 @@
-// A Roman inscription: capitals cut with a V-shaped chisel groove into limestone, worn, pitted, cracked, with remains of
-// minium in the cuts. 600 mm on the shorter side; cuts are 4 to 6 mm deep.
+// A Roman inscription: capitals cut with a V-shaped chisel groove into limestone, worn, pitted, cracked, with remains
+// of minium in the cuts. 600 mm on the shorter side; cuts are 4 to 6 mm deep.
 #include "tools/sample_font.h"
 #include "tools/sample_kinds.h"
 
@@ -7,14 +7,15 @@ namespace relievo::sample {
 namespace {
 
 constexpr double kShortMm = 600;
-constexpr float kSlope = 1.65f;        // a V of some 62 degrees
+constexpr float kSlope = 1.65f;  // a V of some 62 degrees
 constexpr float kDeepestMm = 5.8f;
-constexpr double kReachMm = 2.2;       // beyond a stroke's border nothing is touched: edge rounding + wobble < reach
+constexpr double kReachMm = 2.2;  // beyond a stroke's border nothing is touched: edge rounding + wobble < reach
 constexpr float kCrackDeepMm = 2.2f;
 
 class Inscription final : public Kind {
  public:
-  explicit Inscription(const SampleOptions& o) : seed_(mix32(static_cast<uint32_t>(o.seed) * 7919u + static_cast<uint32_t>(o.seed >> 32) + 11)) {
+  explicit Inscription(const SampleOptions& o)
+      : seed_(mix32(static_cast<uint32_t>(o.seed) * 7919u + static_cast<uint32_t>(o.seed >> 32) + 11)) {
     short_mm = kShortMm;
     const double mm = kShortMm / static_cast<double>(std::min(o.width, o.height));
     const double w = static_cast<double>(o.width) * mm, h = static_cast<double>(o.height) * mm;
@@ -26,8 +27,8 @@ class Inscription final : public Kind {
   }
 
   void eval(const Block& b, bool colour, Layers& out) const override {
-    Plane &h = out.height, &sd = out.tmp[0], &low = out.tmp[1], &grain = out.tmp[2], &wobble = out.tmp[3], &cut = out.tmp[4],
-          &crack = out.tmp[5];
+    Plane &h = out.height, &sd = out.tmp[0], &low = out.tmp[1], &grain = out.tmp[2], &wobble = out.tmp[3],
+          &cut = out.tmp[4], &crack = out.tmp[5];
     // The stone: a hewn, worn face.
     fill(b, low, 0);
     addFbm(b, low, 190, 0.62f, 0.52f, 5, seed_ + 1);
@@ -166,7 +167,9 @@ class Inscription final : public Kind {
     std::vector<Segment> all;
     // From border to border by halving, each middle moved aside by a share of the length.
     auto crack = [&](double ax, double ay, double bx, double by, double ra, double rb) {
-      struct Point { double x, y; };
+      struct Point {
+        double x, y;
+      };
       std::vector<Point> line{{ax, ay}, {bx, by}};
       for (int level = 0; level < 7; ++level) {
         std::vector<Point> finer;
@@ -180,7 +183,8 @@ class Inscription final : public Kind {
         line = std::move(finer);
       }
       for (size_t i = 0; i + 1 < line.size(); ++i) {
-        double t0 = static_cast<double>(i) / static_cast<double>(line.size() - 1), t1 = static_cast<double>(i + 1) / static_cast<double>(line.size() - 1);
+        double t0 = static_cast<double>(i) / static_cast<double>(line.size() - 1),
+               t1 = static_cast<double>(i + 1) / static_cast<double>(line.size() - 1);
         all.push_back({line[i].x, line[i].y, line[i + 1].x, line[i + 1].y, ra + (rb - ra) * t0, ra + (rb - ra) * t1});
       }
       return line[line.size() / 2 + line.size() / 8];

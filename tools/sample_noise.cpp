@@ -26,7 +26,8 @@ inline float latticeValue(int32_t x, int32_t y, uint32_t seed) {
 
 }  // namespace
 
-RELIEVO_SIMD_CLONES void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude, uint32_t seed) {
+RELIEVO_SIMD_CLONES void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude,
+                                  uint32_t seed) {
   const double finest_px = std::min(cell_x_mm, cell_y_mm) / b.mm;
   if (finest_px <= 2.0) return;
   if (finest_px < 3.0) amplitude *= static_cast<float>(finest_px - 2.0);
@@ -101,12 +102,15 @@ double noiseAt(double x_mm, double y_mm, double cell_mm, uint32_t seed) {
   return sum;
 }
 
-RELIEVO_SIMD_CLONES void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm, uint32_t seed) {
+RELIEVO_SIMD_CLONES void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm,
+                                  uint32_t seed) {
   if (cell_mm * 0.25 < 0.8 * b.mm) return;
   const double x_lo = b.left_mm + b.x0 * b.mm, x_hi = b.left_mm + (b.x1 - 1) * b.mm;
   const double y_lo = b.top_mm + b.y0 * b.mm, y_hi = b.top_mm + (b.y1 - 1) * b.mm;
-  const auto c0 = static_cast<int32_t>(std::floor(x_lo / cell_mm - 0.5)), c1 = static_cast<int32_t>(std::floor(x_hi / cell_mm + 0.5));
-  const auto r0 = static_cast<int32_t>(std::floor(y_lo / cell_mm - 0.5)), r1 = static_cast<int32_t>(std::floor(y_hi / cell_mm + 0.5));
+  const auto c0 = static_cast<int32_t>(std::floor(x_lo / cell_mm - 0.5)),
+             c1 = static_cast<int32_t>(std::floor(x_hi / cell_mm + 0.5));
+  const auto r0 = static_cast<int32_t>(std::floor(y_lo / cell_mm - 0.5)),
+             r1 = static_cast<int32_t>(std::floor(y_hi / cell_mm + 0.5));
   for (int32_t r = r0; r <= r1; ++r)
     for (int32_t c = c0; c <= c1; ++c) {
       uint32_t h = hash2(c, r, seed);
@@ -184,7 +188,8 @@ void StrokeField::build(std::vector<Segment> segments, double reach_mm) {
   boxes.reserve(segments_.size());
   for (const Segment& s : segments_) {
     double r = std::max(s.ra, s.rb) + reach_;
-    boxes.push_back({std::min(s.ax, s.bx) - r, std::min(s.ay, s.by) - r, std::max(s.ax, s.bx) + r, std::max(s.ay, s.by) + r});
+    boxes.push_back(
+        {std::min(s.ax, s.bx) - r, std::min(s.ay, s.by) - r, std::max(s.ax, s.bx) + r, std::max(s.ay, s.by) + r});
   }
   grid_.build(boxes);
 }

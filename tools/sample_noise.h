@@ -1,9 +1,9 @@
-// sample_noise.h - the building stones of the procedural artworks: 64 x 64 pixel blocks at absolute places, lattice noise,
-// tapered strokes, dents, and a grid that finds what touches a block.
+// sample_noise.h - the building stones of the procedural artworks: 64 x 64 pixel blocks at absolute places, lattice
+// noise, tapered strokes, dents, and a grid that finds what touches a block.
 //
-// Seamlessness: a block lies at a multiple of kBlockPx, whatever rectangle was asked for; only the pixels wanted inside it
-// are computed. Everything that a pixel depends on is a function of its block, and what is culled contributes exactly
-// nothing, so a pixel has the same bits in every rectangle. Lengths in mm; x to the right, y down.
+// Seamlessness: a block lies at a multiple of kBlockPx, whatever rectangle was asked for; only the pixels wanted inside
+// it are computed. Everything that a pixel depends on is a function of its block, and what is culled contributes
+// exactly nothing, so a pixel has the same bits in every rectangle. Lengths in mm; x to the right, y down.
 #pragma once
 
 #include <algorithm>
@@ -26,11 +26,11 @@ struct Plane {
 // The block of pixels [x0, x1) x [y0, y1) relative to its anchor; x0 and x1 are multiples of 8, for full vectors.
 struct Block {
   Block(int64_t anchor_x, int64_t anchor_y, int first_x, int last_x, int first_y, int last_y, double mm_per_px);
-  int64_t px, py;          // anchor
+  int64_t px, py;  // anchor
   int x0, x1, y0, y1;
-  double mm;               // per pixel
-  double left_mm, top_mm;  // centre of the anchor pixel
-  double size_mm;          // centre to centre, first to last pixel of the whole block
+  double mm;                         // per pixel
+  double left_mm, top_mm;            // centre of the anchor pixel
+  double size_mm;                    // centre to centre, first to last pixel of the whole block
   alignas(64) float x_mm[kBlockPx];  // pixel centres relative to the anchor's
   double centreX() const { return left_mm + 0.5 * size_mm; }
   double centreY() const { return top_mm + 0.5 * size_mm; }

@@ -1,9 +1,10 @@
-// An oil painting with thick paint: cypresses, hills and a field of wheat under a turning sky, in some thousands of brush
-// strokes that lie over one another. 400 mm on the shorter side; paint up to 1.5 mm; a panel bowed by 1 mm; fine craquelure.
+// An oil painting with thick paint: cypresses, hills and a field of wheat under a turning sky, in some thousands of
+// brush strokes that lie over one another. 400 mm on the shorter side; paint up to 1.5 mm; a panel bowed by 1 mm; fine
+// craquelure.
 //
-// Strokes are not stored: a layer is a lattice of cells, a stroke a cell, made from the cell's hash when a block needs it.
-// A later stroke replaces what lies under it (h = h (1 - a) + stroke a), so where one covers a block wholly (a = 1 exactly)
-// all earlier ones are left out, without a change of a bit.
+// Strokes are not stored: a layer is a lattice of cells, a stroke a cell, made from the cell's hash when a block needs
+// it. A later stroke replaces what lies under it (h = h (1 - a) + stroke a), so where one covers a block wholly (a = 1
+// exactly) all earlier ones are left out, without a change of a bit.
 #include <array>
 #include <numbers>
 
@@ -21,7 +22,9 @@ constexpr float kSamplesPerMm = 64;
 struct Rgb {
   double r, g, b;
 };
-Rgb blend(const Rgb& a, const Rgb& b, double t) { return {a.r + (b.r - a.r) * t, a.g + (b.g - a.g) * t, a.b + (b.b - a.b) * t}; }
+Rgb blend(const Rgb& a, const Rgb& b, double t) {
+  return {a.r + (b.r - a.r) * t, a.g + (b.g - a.g) * t, a.b + (b.b - a.b) * t};
+}
 double step(double a, double b, double x) {
   double t = std::clamp((x - a) / (b - a), 0.0, 1.0);
   return t * t * (3 - 2 * t);
@@ -44,17 +47,18 @@ constexpr BrushLayer kLayers[] = {
 constexpr double kLongest = 1.35;  // of a stroke's length and width, relative to its layer's
 
 struct Stroke {
-  double x, y;                // centre
-  double c, s;                // direction
+  double x, y;  // centre
+  double c, s;  // direction
   double half_length, half_width, bend_mm;
-  Rgb light, dark;            // two pigments, not quite mixed
+  Rgb light, dark;  // two pigments, not quite mixed
   float paint_mm;
   uint32_t order, hash;
 };
 
 class Painting final : public Kind {
  public:
-  explicit Painting(const SampleOptions& o) : seed_(mix32(static_cast<uint32_t>(o.seed) * 40503u + static_cast<uint32_t>(o.seed >> 32) + 3)) {
+  explicit Painting(const SampleOptions& o)
+      : seed_(mix32(static_cast<uint32_t>(o.seed) * 40503u + static_cast<uint32_t>(o.seed >> 32) + 3)) {
     short_mm = kShortMm;
     const double mm = kShortMm / static_cast<double>(std::min(o.width, o.height));
     width_ = static_cast<double>(o.width) * mm, height_ = static_cast<double>(o.height) * mm;
@@ -73,7 +77,8 @@ class Painting final : public Kind {
     bristle_.resize(kBristles);
     auto sample = [&](int i) {
       double at = i % kBristles;
-      return static_cast<uint32_t>(65535 * (0.34 * wave(64, 1, at) + 0.33 * wave(32, 2, at) + 0.21 * wave(16, 3, at) + 0.12 * wave(8, 4, at)));
+      return static_cast<uint32_t>(
+          65535 * (0.34 * wave(64, 1, at) + 0.33 * wave(32, 2, at) + 0.21 * wave(16, 3, at) + 0.12 * wave(8, 4, at)));
     };
     for (int i = 0; i < kBristles; ++i) bristle_[static_cast<size_t>(i)] = sample(i) | sample(i + 1) << 16;
   }
@@ -85,7 +90,8 @@ class Painting final : public Kind {
     addFbm(b, paint, 3, 0.03f, 0.6f, 5, seed_ + 1);
     if (colour) {
       const float third = 1.0f;
-      forPixels(b, [&](int i, int, int) { out.red[i] = 150 * third, out.green[i] = 112, out.blue[i] = 74, wet[i] = 0.3f; });
+      forPixels(
+          b, [&](int i, int, int) { out.red[i] = 150 * third, out.green[i] = 112, out.blue[i] = 74, wet[i] = 0.3f; });
     }
     brush(b, colour, out, paint, wet);
 
@@ -139,8 +145,8 @@ class Painting final : public Kind {
 
   Motif motif(double x_mm, double y_mm) const {
     const double k = std::max(1.0, std::min(width_, height_));
-    const double x = x_mm / width_, y = y_mm / height_;        // place in the picture
-    const double X = x_mm / k, Y = y_mm / k, W = width_ / k;   // lengths, shorter side 1
+    const double x = x_mm / width_, y = y_mm / height_;       // place in the picture
+    const double X = x_mm / k, Y = y_mm / k, W = width_ / k;  // lengths, shorter side 1
     const double n1 = noise(x_mm, y_mm, 70, 1), n2 = noise(x_mm, y_mm, 26, 2);
     Motif m;
     // Sky: the air turns around the sun and in two eddies.
@@ -195,14 +201,16 @@ class Painting final : public Kind {
       // A path winds towards the hills.
       double path = 0.60 + 0.16 * std::sin(3.4 * (1 - depth) + 0.4) - 0.12 * (1 - depth), half = 0.012 + 0.075 * depth;
       if (std::abs(x - path) < half) {
-        m.colour = blend({214, 190, 160}, {170, 140, 128}, 0.5 + n2), m.angle = 0.25 * n1 - 0.05, m.thickness = 0.7, m.size = 0.8;
+        m.colour = blend({214, 190, 160}, {170, 140, 128}, 0.5 + n2), m.angle = 0.25 * n1 - 0.05, m.thickness = 0.7,
+        m.size = 0.8;
       }
     }
     // Cypresses: flames from the field into the sky.
     auto cypress = [&](double cx, double top, double foot, double w) {
       double t = (y - top) / (foot - top);
       if (t < 0 || t > 1) return;
-      double sway = 0.012 * std::sin(9 * t + cx * 20), half = w * std::pow(std::sin(std::numbers::pi * std::pow(t, 0.62) * 0.93 + 0.05), 0.8);
+      double sway = 0.012 * std::sin(9 * t + cx * 20),
+             half = w * std::pow(std::sin(std::numbers::pi * std::pow(t, 0.62) * 0.93 + 0.05), 0.8);
       half *= 1 + 0.35 * n2;
       double off = X - cx * W - sway;
       if (std::abs(off) > half) return;
@@ -278,7 +286,8 @@ class Painting final : public Kind {
     while (index-- > 0 && !covered) {
       const BrushLayer& layer = kLayers[index];
       if (layer.width_mm < 1.5 * b.mm) continue;
-      const double half_l = 0.5 * kLongest * layer.length_mm, reach = half_l + 0.5 * kLongest * layer.width_mm + 0.15 * half_l;
+      const double half_l = 0.5 * kLongest * layer.length_mm,
+                   reach = half_l + 0.5 * kLongest * layer.width_mm + 0.15 * half_l;
       auto cell = [&](double v) { return static_cast<int32_t>(std::floor(v / layer.cell_mm)); };
       layer_strokes.clear();
       for (int32_t gy = cell(y0 - reach); gy <= cell(y1 + reach); ++gy)
@@ -290,11 +299,14 @@ class Painting final : public Kind {
           const Stroke& s = memo.find(*this, layer, index, gx, gy);
           if (s.half_length == 0) continue;
           double px = cx - s.x, py = cy - s.y, along = px * s.c + py * s.s, across = py * s.c - px * s.s;
-          if (std::abs(along) > s.half_length + radius || std::abs(across) > s.half_width + std::abs(s.bend_mm) + radius) continue;
+          if (std::abs(along) > s.half_length + radius ||
+              std::abs(across) > s.half_width + std::abs(s.bend_mm) + radius)
+            continue;
           layer_strokes.push_back(s);
         }
       std::sort(layer_strokes.begin(), layer_strokes.end(), [](const Stroke& p, const Stroke& q) {
-        return p.order != q.order ? p.order > q.order : (p.hash != q.hash ? p.hash > q.hash : (p.y != q.y ? p.y > q.y : p.x > q.x));
+        return p.order != q.order ? p.order > q.order
+                                  : (p.hash != q.hash ? p.hash > q.hash : (p.y != q.y ? p.y > q.y : p.x > q.x));
       });
       for (const Stroke& s : layer_strokes) {
         strokes.push_back(s);
@@ -308,14 +320,17 @@ class Painting final : public Kind {
     constexpr int kQuarter = kBlockPx / 2;
     for (int qy = 0; qy < kBlockPx; qy += kQuarter)
       for (int qx = 0; qx < kBlockPx; qx += kQuarter) {
-        const Range range{std::max(b.x0, qx), std::min(b.x1, qx + kQuarter), std::max(b.y0, qy), std::min(b.y1, qy + kQuarter)};
+        const Range range{std::max(b.x0, qx), std::min(b.x1, qx + kQuarter), std::max(b.y0, qy),
+                          std::min(b.y1, qy + kQuarter)};
         if (range.x0 >= range.x1 || range.y0 >= range.y1) continue;
-        const double half = 0.5 * (kQuarter - 1) * b.mm, mx = b.left_mm + qx * b.mm + half, my = b.top_mm + qy * b.mm + half;
+        const double half = 0.5 * (kQuarter - 1) * b.mm, mx = b.left_mm + qx * b.mm + half,
+                     my = b.top_mm + qy * b.mm + half;
         const double r = half * std::numbers::sqrt2 * 1.001 + 1e-6;
         memo.chosen.clear();
         for (const Stroke& s : strokes) {
           double px = mx - s.x, py = my - s.y, along = px * s.c + py * s.s, across = py * s.c - px * s.s;
-          if (std::abs(along) > s.half_length + r || std::abs(across) > s.half_width + std::abs(s.bend_mm) + r) continue;
+          if (std::abs(along) > s.half_length + r || std::abs(across) > s.half_width + std::abs(s.bend_mm) + r)
+            continue;
           memo.chosen.push_back(&s);
           if (covers(s, mx, my, r)) break;
         }
@@ -344,14 +359,17 @@ class Painting final : public Kind {
     return off < half * (1 - 1.0 / kEdge - 0.08);  // rim >= 1/kEdge whatever the hairs take from it
   }
 
-  RELIEVO_SIMD_CLONES void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out, Plane& paint, Plane& wet) const {
+  RELIEVO_SIMD_CLONES void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out,
+                               Plane& paint, Plane& wet) const {
     const auto ox = static_cast<float>(s.x - b.left_mm), oy = static_cast<float>(s.y - b.top_mm);
     const auto c = static_cast<float>(s.c), si = static_cast<float>(s.s);
     const auto inv_l = static_cast<float>(1.0 / s.half_length), bend = static_cast<float>(s.bend_mm);
     const auto half_w = static_cast<float>(s.half_width), thick = s.paint_mm;
-    const auto base = static_cast<float>(1024 + (s.hash & 1023)), other = static_cast<float>(1024 + (s.hash >> 10 & 1023));
+    const auto base = static_cast<float>(1024 + (s.hash & 1023)),
+               other = static_cast<float>(1024 + (s.hash >> 10 & 1023));
     const uint32_t* hairs = bristle_.data();
-    const auto lr = static_cast<float>(s.light.r), lg = static_cast<float>(s.light.g), lb = static_cast<float>(s.light.b);
+    const auto lr = static_cast<float>(s.light.r), lg = static_cast<float>(s.light.g),
+               lb = static_cast<float>(s.light.b);
     const auto dr = static_cast<float>(s.dark.r), dg = static_cast<float>(s.dark.g), db = static_cast<float>(s.dark.b);
     const float *xs = b.x_mm, *ys = b.x_mm;
     alignas(64) float alpha[kBlockPx], level[kBlockPx], mixture[kBlockPx];
@@ -376,13 +394,13 @@ class Painting final : public Kind {
 #pragma GCC ivdep
       for (int x = first_x; x < x1; ++x) {
         float px = xs[x] - ox;
-        float q = (px * c + py * si) * inv_l;       // -1 .. 1 along
+        float q = (px * c + py * si) * inv_l;  // -1 .. 1 along
         float q2 = q * q;
-        float t = py * c - px * si - bend * q2;     // mm across
+        float t = py * c - px * si - bend * q2;  // mm across
         float limit = q2 < 1.21f ? q2 : 1.21f;
         float half = half_w * (1.0f - 0.35f * limit * limit);
         float at = t < 0 ? -t : t;
-        float rim = 1.0f - at / half;               // 0 at the border, 1 in the middle
+        float rim = 1.0f - at / half;  // 0 at the border, 1 in the middle
         // Two hairs' profiles, the second taking over along the stroke, so that ridges come and go.
         float p = (t < -20.0f ? -20.0f : (t > 20.0f ? 20.0f : t)) * kSamplesPerMm;
         float p0 = p + base + 512.0f, p1 = p * 0.83f + other + 512.0f;
@@ -396,7 +414,7 @@ class Painting final : public Kind {
         float blend01 = clamp01(0.5f + 0.7f * q);
         float hair = (h0 + (h1 - h0) * blend01) * (1.0f / 65535.0f);
         float aq = q < 0 ? -q : q;
-        float end = 1.0f - 0.3f * hair - aq;        // the hairs lift one by one
+        float end = 1.0f - 0.3f * hair - aq;  // the hairs lift one by one
         float a = clamp01((rim + 0.14f * hair - 0.07f) * kEdge) * clamp01(end * kEnd);
         // Pushed aside at the rim, heaped where the brush was set down, thin where it lifted.
         float ridge = clamp01(rim * 4.0f) * clamp01(1.9f - rim * 3.0f);
@@ -468,7 +486,8 @@ class Painting final : public Kind {
       for (int x = b.x0; x < b.x1; ++x) {
         int i = y * kBlockPx + x;
         wx[i] += b.x_mm[x], wy[i] += b.x_mm[y];
-        lo_x = std::min(lo_x, wx[i]), hi_x = std::max(hi_x, wx[i]), lo_y = std::min(lo_y, wy[i]), hi_y = std::max(hi_y, wy[i]);
+        lo_x = std::min(lo_x, wx[i]), hi_x = std::max(hi_x, wx[i]), lo_y = std::min(lo_y, wy[i]),
+        hi_y = std::max(hi_y, wy[i]);
       }
     struct Site {
       double x, y, nearest, farthest;
@@ -481,8 +500,10 @@ class Painting final : public Kind {
       for (int32_t gx = cell(b.left_mm + lo_x) - 2; gx <= cell(b.left_mm + hi_x) + 2 && count < 1024; ++gx) {
         auto [site_x, site_y] = site(gx, gy);
         Site s{site_x - b.left_mm, site_y - b.top_mm, 0, 0};
-        double nx = std::clamp(s.x, double{lo_x}, double{hi_x}) - s.x, ny = std::clamp(s.y, double{lo_y}, double{hi_y}) - s.y;
-        double fx = std::max(std::abs(s.x - lo_x), std::abs(s.x - hi_x)), fy = std::max(std::abs(s.y - lo_y), std::abs(s.y - hi_y));
+        double nx = std::clamp(s.x, double{lo_x}, double{hi_x}) - s.x,
+               ny = std::clamp(s.y, double{lo_y}, double{hi_y}) - s.y;
+        double fx = std::max(std::abs(s.x - lo_x), std::abs(s.x - hi_x)),
+               fy = std::max(std::abs(s.y - lo_y), std::abs(s.y - hi_y));
         s.nearest = std::hypot(nx, ny), s.farthest = std::hypot(fx, fy);
         least_far = std::min(least_far, s.farthest);
         sites[count++] = s;

@@ -1,7 +1,9 @@
 // sample_shading.h - how a sample artwork answers to light, and the PTM that comes nearest to it.
-// Shading without cast shadows, relative to the albedo: cavity * ((1 - s g) D + s g S), with gloss g and the kind's strength s,
+// Shading without cast shadows, relative to the albedo: cavity * ((1 - s g) D + s g S), with gloss g and the kind's
+// strength s,
 //   D = 0.06 + 0.94 max(0, n.l)      S = max(0, n.h)^8, h halfway between light and viewer (the viewer looks along -z).
-// Head-on light on a level place gives 1. The PTM is the least-squares fit over 49 lights spread evenly over the hemisphere.
+// Head-on light on a level place gives 1. The PTM is the least-squares fit over 49 lights spread evenly over the
+// hemisphere.
 #pragma once
 
 #include <array>
@@ -26,8 +28,8 @@ std::array<double, 6> fitPtm(const std::vector<Vec3>& lights, const std::vector<
 struct ShadingTable {
   static constexpr int kSide = 65;
   static constexpr float kHalf = 32;
-  std::vector<float> entries;  // kSide * kSide * 16, and room to align
-  const float* data = nullptr;   // 64-byte aligned
+  std::vector<float> entries;                 // kSide * kSide * 16, and room to align
+  const float* data = nullptr;                // 64-byte aligned
   std::array<double, 6> lowest{}, highest{};  // over D and S and every normal
 };
 const ShadingTable& shadingTable();

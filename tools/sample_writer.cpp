@@ -19,8 +19,9 @@
 namespace relievo {
 namespace {
 
-constexpr int64_t kBandPx = int64_t{8} << 20;          // a band's pixels: 8 Mi * (4 + 4 + 4 + 3 ... bytes) stays far below 1 GiB
-constexpr int64_t kShadowPx = int64_t{4096} * 4096;    // a larger artwork casts shadows from a subsampled relief
+constexpr int64_t kBandPx =
+    int64_t{8} << 20;  // a band's pixels: 8 Mi * (4 + 4 + 4 + 3 ... bytes) stays far below 1 GiB
+constexpr int64_t kShadowPx = int64_t{4096} * 4096;  // a larger artwork casts shadows from a subsampled relief
 constexpr int64_t kPngPx = int64_t{64} << 20;
 constexpr int64_t kMaxTriangles = 4'000'000;
 
@@ -33,13 +34,17 @@ struct Job {
   bool stopped() const { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); }
   std::string path(const std::string& name) const { return (std::filesystem::path(options.folder) / name).string(); }
   Error interruption() const {
-    return Error{.kind = ErrorKind::kInterrupted, .file = options.folder, .message = "interrupted", .hint = "files that were complete are kept"};
+    return Error{.kind = ErrorKind::kInterrupted,
+                 .file = options.folder,
+                 .message = "interrupted",
+                 .hint = "files that were complete are kept"};
   }
 };
 
 // f(rect, out) fills a rectangle, channels interleaved; here a band, its columns shared out over the cores.
 template <class T>
-void fillBand(const Rect& band, size_t channels, std::vector<T>& out, const std::function<void(const Rect&, std::span<T>)>& f) {
+void fillBand(const Rect& band, size_t channels, std::vector<T>& out,
+              const std::function<void(const Rect&, std::span<T>)>& f) {
   out.resize(static_cast<size_t>(band.width * band.height) * channels);
   const auto cores = static_cast<int64_t>(workerCount(0));
   const int64_t chunk = std::max<int64_t>(512, (band.width / cores + 63) / 64 * 64);
@@ -70,7 +75,8 @@ Result<void> forBands(Job& job, const std::string& label, const std::function<Re
     if (job.stopped()) return job.interruption();
     Rect band{0, y, job.width, std::min(rows, job.height - y)};
     if (auto done = f(band); !done) return done;
-    progress.update(static_cast<double>(y + band.height) / static_cast<double>(job.height), std::to_string(y + band.height) + " rows");
+    progress.update(static_cast<double>(y + band.height) / static_cast<double>(job.height),
+                    std::to_string(y + band.height) + " rows");
   }
   return {};
 }
@@ -86,7 +92,8 @@ Result<void> writeHeights(Job& job) {
   auto done = forBands(job, "height", [&](const Rect& band) -> Result<void> {
     fillBand<float>(band, 1, mm, [&](const Rect& r, std::span<float> out) { job.artwork.heights(r, out); });
     steps.resize(mm.size());
-    for (size_t i = 0; i < mm.size(); ++i) steps[i] = static_cast<uint16_t>(std::clamp((mm[i] - lo) * step + 0.5, 0.0, 65535.0));
+    for (size_t i = 0; i < mm.size(); ++i)
+      steps[i] = static_cast<uint16_t>(std::clamp((mm[i] - lo) * step + 0.5, 0.0, 65535.0));
     if (auto wrote = (*exact)->appendRows(band.height, mm.data()); !wrote) return wrote;
     return (*coarse)->appendRows(band.height, steps.data());
   });
@@ -97,8 +104,10 @@ Result<void> writeHeights(Job& job) {
   return {};
 }
 
-Result<void> writeRgb(Job& job, const std::string& stem, const std::function<void(const Rect&, std::span<uint8_t>)>& f) {
-  const std::string name = stem + (job.width * job.height <= kPngPx && std::max(job.width, job.height) <= 65500 ? ".png" : ".tif");
+Result<void> writeRgb(Job& job, const std::string& stem,
+                      const std::function<void(const Rect&, std::span<uint8_t>)>& f) {
+  const std::string name =
+      stem + (job.width * job.height <= kPngPx && std::max(job.width, job.height) <= 65500 ? ".png" : ".tif");
   auto writer = ImageWriter::create(job.path(name), job.width, job.height, 3, SampleType::kUint8);
   if (!writer) return writer.error();
   std::vector<uint8_t> rgb;
@@ -141,8 +150,8 @@ struct ShadowGrid {
   std::vector<float> heights;
 };
 
-void shadeRows(const SampleArtwork& artwork, const PhotoRows& rows, const ShadowGrid& grid, const std::vector<uint8_t>& lit,
-               const sample::Vec3& light, std::vector<uint8_t>& out) {
+void shadeRows(const SampleArtwork& artwork, const PhotoRows& rows, const ShadowGrid& grid,
+               const std::vector<uint8_t>& lit, const sample::Vec3& light, std::vector<uint8_t>& out) {
   out.resize(rows.albedo.size());
   const float lx = static_cast<float>(light[0]), ly = static_cast<float>(light[1]), lz = static_cast<float>(light[2]);
   const float inv_h = 1.0f / std::sqrt(lx * lx + ly * ly + (lz + 1) * (lz + 1));
@@ -158,9 +167,12 @@ void shadeRows(const SampleArtwork& artwork, const PhotoRows& rows, const Shadow
       for (int64_t x = 0; x < rows.rect.width; ++x) {
         const int64_t gx = x / grid.step, gx1 = std::min(gx + 1, grid.width - 1);
         const float fx = static_cast<float>(x % grid.step) / static_cast<float>(grid.step);
-        auto at = [&](int64_t i, int64_t j) { return static_cast<float>(lit[static_cast<size_t>(j * grid.width + i)]); };
+        auto at = [&](int64_t i, int64_t j) {
+          return static_cast<float>(lit[static_cast<size_t>(j * grid.width + i)]);
+        };
         float v = at(gx, gy);
-        if (grid.step > 1) v = (v * (1 - fx) + at(gx1, gy) * fx) * (1 - fy) + (at(gx, gy1) * (1 - fx) + at(gx1, gy1) * fx) * fy;
+        if (grid.step > 1)
+          v = (v * (1 - fx) + at(gx1, gy) * fx) * (1 - fy) + (at(gx, gy1) * (1 - fx) + at(gx1, gy1) * fx) * fy;
         shadow[static_cast<size_t>(x)] = v * (1.0f / 255.0f);
       }
       for (int64_t x = 0; x < rows.rect.width; ++x) {
@@ -168,16 +180,19 @@ void shadeRows(const SampleArtwork& artwork, const PhotoRows& rows, const Shadow
         const float* n = rows.normals.data() + 3 * i;
         float lambert = std::max(0.0f, n[0] * lx + n[1] * ly + n[2] * lz);
         float s = std::max(0.0f, n[0] * hx + n[1] * hy + n[2] * hz);
-        s *= s, s *= s, s *= s;             // ^8
-        if (sharp) s = s * s * s;           // ^24
+        s *= s, s *= s, s *= s;    // ^8
+        if (sharp) s = s * s * s;  // ^24
         const float sg = strength * rows.gloss[i], open = shadow[static_cast<size_t>(x)];
         float k = rows.cavity[i] * ((1 - sg) * (ambient + (1 - ambient) * lambert * open) + sg * s * open);
-        for (size_t c = 0; c < 3; ++c) out[3 * i + c] = static_cast<uint8_t>(std::min(255.0f, static_cast<float>(rows.albedo[3 * i + c]) * k + 0.5f));
+        for (size_t c = 0; c < 3; ++c)
+          out[3 * i + c] =
+              static_cast<uint8_t>(std::min(255.0f, static_cast<float>(rows.albedo[3 * i + c]) * k + 0.5f));
       }
     }
   };
   const int64_t half = rows.rect.height / 2;
-  parallelFor(2, 2, nullptr, [&](size_t part) { shadeRange(part == 0 ? 0 : half, part == 0 ? half : rows.rect.height); });
+  parallelFor(2, 2, nullptr,
+              [&](size_t part) { shadeRange(part == 0 ? 0 : half, part == 0 ? half : rows.rect.height); });
 }
 
 Result<void> writePhotos(Job& job) {
@@ -187,7 +202,8 @@ Result<void> writePhotos(Job& job) {
   const bool small = job.width * job.height <= kShadowPx;
   // The relief that casts shadows: all of it, or every step-th sample.
   ShadowGrid grid;
-  while (((job.width + grid.step - 1) / grid.step) * ((job.height + grid.step - 1) / grid.step) > kShadowPx) ++grid.step;
+  while (((job.width + grid.step - 1) / grid.step) * ((job.height + grid.step - 1) / grid.step) > kShadowPx)
+    ++grid.step;
   grid.width = (job.width + grid.step - 1) / grid.step, grid.height = (job.height + grid.step - 1) / grid.step;
   grid.heights.resize(static_cast<size_t>(grid.width * grid.height));
   {
@@ -196,7 +212,8 @@ Result<void> writePhotos(Job& job) {
       fillBand<float>(band, 1, mm, [&](const Rect& r, std::span<float> out) { job.artwork.heights(r, out); });
       for (int64_t y = (band.y + grid.step - 1) / grid.step * grid.step; y < band.y + band.height; y += grid.step)
         for (int64_t x = 0; x < grid.width; ++x)
-          grid.heights[static_cast<size_t>(y / grid.step * grid.width + x)] = mm[static_cast<size_t>((y - band.y) * job.width + x * grid.step)];
+          grid.heights[static_cast<size_t>(y / grid.step * grid.width + x)] =
+              mm[static_cast<size_t>((y - band.y) * job.width + x * grid.step)];
       return {};
     });
     if (!done) return done;
@@ -214,7 +231,8 @@ Result<void> writePhotos(Job& job) {
     std::snprintf(line, sizeof line, "%s %.9f %.9f %.9f\n", name, lights[k][0], lights[k][1], lights[k][2]);
     list += line;
     const std::string file = std::string("photos/") + name;
-    const auto lit = castShadows(grid.heights, grid.width, grid.height, job.artwork.mmPerPx() * static_cast<double>(grid.step), lights[k]);
+    const auto lit = castShadows(grid.heights, grid.width, grid.height,
+                                 job.artwork.mmPerPx() * static_cast<double>(grid.step), lights[k]);
     auto writer = ImageWriter::create(job.path(file), job.width, job.height, 3, SampleType::kUint8);
     if (!writer) return writer.error();
     const int64_t rows = small ? job.height : std::max<int64_t>(1, std::min<int64_t>(256, (kBandPx / 2) / job.width));
@@ -223,7 +241,10 @@ Result<void> writePhotos(Job& job) {
       if (!small) fillPhotoRows(job.artwork, {0, y, job.width, std::min(rows, job.height - y)}, kept);
       shadeRows(job.artwork, kept, grid, lit, lights[k], pixels);
       if (auto wrote = (*writer)->appendRows(kept.rect.height, pixels.data()); !wrote) return wrote;
-      progress.update((static_cast<double>(k) + static_cast<double>(y + kept.rect.height) / static_cast<double>(job.height)) / static_cast<double>(lights.size()), name);
+      progress.update(
+          (static_cast<double>(k) + static_cast<double>(y + kept.rect.height) / static_cast<double>(job.height)) /
+              static_cast<double>(lights.size()),
+          name);
     }
     if (auto done = (*writer)->commit(); !done) return done;
     job.files.push_back(file);
@@ -251,9 +272,11 @@ Result<void> writeMesh(Job& job) {
   const MeshGrid g = meshGrid(job.width, job.height);
   auto file = OutputFile::create(job.path("mesh.ply"));
   if (!file) return file.error();
-  const std::string header = "ply\nformat binary_little_endian 1.0\ncomment relievo sample " + std::string(sampleKindName(job.artwork.options().kind)) +
+  const std::string header = "ply\nformat binary_little_endian 1.0\ncomment relievo sample " +
+                             std::string(sampleKindName(job.artwork.options().kind)) +
                              ", mm, z towards the viewer, y up\nelement vertex " + std::to_string(g.columns * g.rows) +
-                             "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n" +
+                             "\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty "
+                             "uchar green\nproperty uchar blue\n" +
                              (job.options.mesh_uv ? "property float s\nproperty float t\n" : "") + "element face " +
                              std::to_string(g.triangles()) + "\nproperty list uchar int vertex_indices\nend_header\n";
   if (auto wrote = file->append({reinterpret_cast<const uint8_t*>(header.data()), header.size()}); !wrote) return wrote;
@@ -269,24 +292,29 @@ Result<void> writeMesh(Job& job) {
     bytes.clear();
     for (int64_t c = 0; c < g.columns; ++c) {
       const int64_t x = std::min(c * g.step, job.width - 1);
-      const float v[3] = {static_cast<float>((static_cast<double>(x) + 0.5) * mm), static_cast<float>((static_cast<double>(job.height - row.y) - 0.5) * mm),
+      const float v[3] = {static_cast<float>((static_cast<double>(x) + 0.5) * mm),
+                          static_cast<float>((static_cast<double>(job.height - row.y) - 0.5) * mm),
                           z[static_cast<size_t>(x)]};
       uint8_t vertex[23];
       std::memcpy(vertex, v, 12);
       std::memcpy(vertex + 12, rgb.data() + 3 * x, 3);
-      const float uv[2] = {static_cast<float>((static_cast<double>(x) + 0.5) / static_cast<double>(job.width)),
-                           static_cast<float>(1 - (static_cast<double>(row.y) + 0.5) / static_cast<double>(job.height))};
+      const float uv[2] = {
+          static_cast<float>((static_cast<double>(x) + 0.5) / static_cast<double>(job.width)),
+          static_cast<float>(1 - (static_cast<double>(row.y) + 0.5) / static_cast<double>(job.height))};
       std::memcpy(vertex + 15, uv, 8);
       bytes.insert(bytes.end(), vertex, vertex + (job.options.mesh_uv ? 23 : 15));
     }
     if (auto wrote = file->append(bytes); !wrote) return wrote;
-    progress.update(static_cast<double>(r + 1) / static_cast<double>(g.rows), std::to_string(g.triangles()) + " triangles");
+    progress.update(static_cast<double>(r + 1) / static_cast<double>(g.rows),
+                    std::to_string(g.triangles()) + " triangles");
   }
   for (int64_t r = 0; r + 1 < g.rows; ++r) {
     bytes.clear();
     for (int64_t c = 0; c + 1 < g.columns; ++c) {
-      const auto a = static_cast<int32_t>(r * g.columns + c), b = a + 1, d = static_cast<int32_t>(a + g.columns), e = d + 1;
-      for (const auto& t : {std::array<int32_t, 3>{a, d, b}, std::array<int32_t, 3>{b, d, e}}) {  // counter-clockwise from the viewer
+      const auto a = static_cast<int32_t>(r * g.columns + c), b = a + 1, d = static_cast<int32_t>(a + g.columns),
+                 e = d + 1;
+      for (const auto& t :
+           {std::array<int32_t, 3>{a, d, b}, std::array<int32_t, 3>{b, d, e}}) {  // counter-clockwise from the viewer
         uint8_t face[13] = {3};
         std::memcpy(face + 1, t.data(), 12);
         bytes.insert(bytes.end(), face, face + 13);
@@ -309,9 +337,10 @@ Result<void> writeTruth(Job& job) {
   truth["height_px"] = o.height;
   truth["mm_per_px"] = job.artwork.mmPerPx();
   truth["relief_mm"] = {job.artwork.minMm(), job.artwork.maxMm()};
-  truth["shading"] = {{"ambient", sample::kAmbient},
-                      {"gloss_strength", job.artwork.glossStrength()},
-                      {"formula", "albedo * cavity * ((1 - s g) (ambient + (1 - ambient) max(0, n.l)) + s g max(0, n.h)^8)"}};
+  truth["shading"] = {
+      {"ambient", sample::kAmbient},
+      {"gloss_strength", job.artwork.glossStrength()},
+      {"formula", "albedo * cavity * ((1 - s g) (ambient + (1 - ambient) max(0, n.l)) + s g max(0, n.h)^8)"}};
   for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
     if (basis == Basis::kPtmLrgb ? !job.options.ptm_lrgb : !job.options.ptm_rgb) continue;
     TextureFormat f = job.artwork.ptmSource(basis)->format();
@@ -327,12 +356,16 @@ Result<void> writeTruth(Job& job) {
   }
   if (job.options.mesh) {
     const MeshGrid g = meshGrid(job.width, job.height);
-    truth["mesh"] = {{"step_px", g.step}, {"vertices", g.columns * g.rows}, {"triangles", g.triangles()},
+    truth["mesh"] = {{"step_px", g.step},
+                     {"vertices", g.columns * g.rows},
+                     {"triangles", g.triangles()},
                      {"axes", "mm; x to the right and y up from the lower left corner; z towards the viewer"}};
   }
   truth["files"] = job.files;
   const std::string text = truth.dump(2) + "\n";
-  if (auto wrote = writeFile(job.path("truth.json"), {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !wrote) return wrote;
+  if (auto wrote = writeFile(job.path("truth.json"), {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+      !wrote)
+    return wrote;
   job.files.push_back("truth.json");
   return {};
 }
@@ -351,8 +384,8 @@ std::vector<uint8_t> castShadows(const std::vector<float>& heights, int64_t widt
   // Lines are swept from the light's side: rows, or columns by way of the transposed field.
   const int64_t lines = along_x ? width : height, length = along_x ? height : width;
   const double major = along_x ? lx : ly, minor = along_x ? ly : lx;
-  const bool from_end = major > 0;                        // the light stands at the last line
-  const double shift = minor / std::abs(major);           // pixels along the line, one line towards the light
+  const bool from_end = major > 0;               // the light stands at the last line
+  const double shift = minor / std::abs(major);  // pixels along the line, one line towards the light
   const auto drop = static_cast<float>(mm_per_px * std::hypot(1.0, shift) * light[2] / flat);
   const float inv_soft = 255.0f / (0.75f * drop + 1e-6f);
   const int64_t whole = static_cast<int64_t>(std::floor(shift));
@@ -376,7 +409,8 @@ std::vector<uint8_t> castShadows(const std::vector<float>& heights, int64_t widt
       const float *s0 = cast.data() + kPad + whole, *p0 = previous.data() + kPad + whole;
       float* s = next.data() + kPad;
       for (int64_t i = 0; i < length; ++i) {
-        float passed = s0[i] * (1 - fraction) + s0[i + 1] * fraction, neighbour = p0[i] * (1 - fraction) + p0[i + 1] * fraction;
+        float passed = s0[i] * (1 - fraction) + s0[i + 1] * fraction,
+              neighbour = p0[i] * (1 - fraction) + p0[i + 1] * fraction;
         float shade = (passed > neighbour ? passed : neighbour) - drop;
         s[i] = shade;
         float open = 255.0f - (shade - mm[i]) * inv_soft;
@@ -397,16 +431,21 @@ Result<std::vector<std::string>> writeSample(const SampleArtwork& artwork, const
   std::error_code bad;
   std::filesystem::create_directories(options.folder, bad);
   if (!std::filesystem::is_directory(options.folder))
-    return Error{.kind = ErrorKind::kIo, .file = options.folder, .message = "the folder can't be created: " + bad.message(), .hint = "name a folder that you may write to, with -o"};
+    return Error{.kind = ErrorKind::kIo,
+                 .file = options.folder,
+                 .message = "the folder can't be created: " + bad.message(),
+                 .hint = "name a folder that you may write to, with -o"};
   Job job{artwork, options, artwork.options().width, artwork.options().height, {}};
   Result<void> done;
   if (options.height) done = writeHeights(job);
-  if (done && options.albedo) done = writeRgb(job, "albedo", [&](const Rect& r, std::span<uint8_t> out) { artwork.albedo(r, out); });
+  if (done && options.albedo)
+    done = writeRgb(job, "albedo", [&](const Rect& r, std::span<uint8_t> out) { artwork.albedo(r, out); });
   if (done && options.normals)
     done = writeRgb(job, "normals", [&](const Rect& r, std::span<uint8_t> out) {
       std::vector<float> n(out.size());
       artwork.normals(r, n);
-      for (size_t i = 0; i < n.size(); ++i) out[i] = static_cast<uint8_t>(std::clamp(n[i] * 127.5f + 128.0f, 0.0f, 255.0f));
+      for (size_t i = 0; i < n.size(); ++i)
+        out[i] = static_cast<uint8_t>(std::clamp(n[i] * 127.5f + 128.0f, 0.0f, 255.0f));
     });
   if (done && options.ptm_lrgb) done = writePtmFile(job, Basis::kPtmLrgb, "ptm_lrgb.ptm");
   if (done && options.ptm_rgb) done = writePtmFile(job, Basis::kPtmRgb, "ptm_rgb.ptm");

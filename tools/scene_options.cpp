@@ -17,7 +17,8 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMaxStateBytes = 1 << 20;
-constexpr std::array kStateKeys{"azimuth_deg", "elevation_deg", "distance_mm", "fov_deg", "orthographic", "target_mm", "light"};
+constexpr std::array kStateKeys{"azimuth_deg",  "elevation_deg", "distance_mm", "fov_deg",
+                                "orthographic", "target_mm",     "light"};
 
 Result<nlohmann::ordered_json> readState(const std::string& path) {
   if (path.empty()) return nlohmann::ordered_json::object();
@@ -30,13 +31,20 @@ Result<nlohmann::ordered_json> readState(const std::string& path) {
     return error;
   }
   if (!json->is_object()) {
-    return Error{ErrorKind::kInvalidData, path, "expected a JSON object with the camera and light", "see relievo render --help", {}};
+    return Error{ErrorKind::kInvalidData,
+                 path,
+                 "expected a JSON object with the camera and light",
+                 "see relievo render --help",
+                 {}};
   }
   for (const auto& member : json->items()) {
     const std::string& key = member.key();
     if (std::none_of(kStateKeys.begin(), kStateKeys.end(), [&](const char* known) { return key == known; })) {
-      return Error{ErrorKind::kInvalidData, path, "there is no '" + key.substr(0, 40) + "' of a camera or light",
-                   "known are azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm and light", {}};
+      return Error{ErrorKind::kInvalidData,
+                   path,
+                   "there is no '" + key.substr(0, 40) + "' of a camera or light",
+                   "known are azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm and light",
+                   {}};
     }
   }
   return json;
@@ -45,7 +53,8 @@ Result<nlohmann::ordered_json> readState(const std::string& path) {
 // A number of the state file where it is given and finite; a named error where it is something else.
 Result<void> take(const nlohmann::ordered_json& state, const char* key, const std::string& path, double* value) {
   if (!state.contains(key)) return {};
-  if (!state[key].is_number()) return Error{ErrorKind::kInvalidData, path, std::string("expected a number for '") + key + "'", "", {}};
+  if (!state[key].is_number())
+    return Error{ErrorKind::kInvalidData, path, std::string("expected a number for '") + key + "'", "", {}};
   *value = state[key].get<double>();
   return {};
 }
@@ -55,7 +64,8 @@ Result<bool> takeTriple(const nlohmann::ordered_json& state, const char* key, co
   const auto& list = state[key];
   bool good = list.is_array() && list.size() == 3;
   for (size_t i = 0; good && i < 3; ++i) good = list[i].is_number();
-  if (!good) return Error{ErrorKind::kInvalidData, path, std::string("expected three numbers for '") + key + "'", "", {}};
+  if (!good)
+    return Error{ErrorKind::kInvalidData, path, std::string("expected three numbers for '") + key + "'", "", {}};
   for (size_t i = 0; i < 3; ++i) values[i] = list[i].get<double>();
   return true;
 }
@@ -66,56 +76,110 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--azimuth", azimuth, "Eye to the right of straight ahead, degrees [0]");
   c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
-  c.add_option("--target", target, "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) [its middle]");
+  c.add_option("--target", target,
+               "X,Y,Z that the camera looks at, mm from the artwork's centre (of a scan: from its base mesh's origin) "
+               "[its middle]");
   c.add_option("--fov", fov, "Vertical field of view, degrees, 1 to 170; of perspective [35]");
-  auto* parallel = c.add_flag("--orthographic", orthographic, "Parallel lines of sight: a millimetre is as many pixels wherever it is, so that the picture can be "
-                              "measured and drawn from; with --distance it shows as much as perspective does of the plane through the target");
+  auto* parallel = c.add_flag(
+      "--orthographic", orthographic,
+      "Parallel lines of sight: a millimetre is as many pixels wherever it is, so that the picture can be "
+      "measured and drawn from; with --distance it shows as much as perspective does of the plane through the target");
   c.add_flag("--perspective", perspective, "Perspective, whatever --state says [on]")->excludes(parallel);
-  c.add_option("--mm-per-px", mm_per_px, "Scale of an orthographic picture, mm a px, exactly (in a window, as it opens); implies --orthographic and goes in place of --distance [so that all is in view]");
-  c.add_option("--state", state_file, "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; options given beside it win");
-  c.add_option("--light", light, "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for --no-relight [0,0,1]");
+  c.add_option("--mm-per-px", mm_per_px,
+               "Scale of an orthographic picture, mm a px, exactly (in a window, as it opens); implies --orthographic "
+               "and goes in place of --distance [so that all is in view]");
+  c.add_option("--state", state_file,
+               "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; "
+               "options given beside it win");
+  c.add_option("--light", light,
+               "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for "
+               "--no-relight [0,0,1]");
   c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
-  c.add_option("--error-px", error_px, "Geometric error to aim at on screen, px. Where levels meet it may be twice that, at steps and cracks more (--least-cell); what it is at "
-               "most is in the window's first line and in --stats (predicted_error_px)")->capture_default_str();
-  c.add_option("--least-cell", least_cell, "No triangles narrower on screen than so many --error-px (at steps half and a quarter of that), so that they are not too many; "
-               "0: as narrow as the error asks for, which keeps it within about twice --error-px for 1.6 to 9 times the triangles")
-      ->check(CLI::Range(0.0, 100.0))->capture_default_str();
-  c.add_option("--geomorph", geomorph, "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes up to a third more "
+  c.add_option("--error-px", error_px,
+               "Geometric error to aim at on screen, px. Where levels meet it may be twice that, at steps and cracks "
+               "more (--least-cell); what it is at "
+               "most is in the window's first line and in --stats (predicted_error_px)")
+      ->capture_default_str();
+  c.add_option("--least-cell", least_cell,
+               "No triangles narrower on screen than so many --error-px (at steps half and a quarter of that), so that "
+               "they are not too many; "
+               "0: as narrow as the error asks for, which keeps it within about twice --error-px for 1.6 to 9 times "
+               "the triangles")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  c.add_option("--geomorph", geomorph,
+               "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes "
+               "up to a third more "
                "triangles for the same error")
-      ->check(CLI::IsMember({"on", "off"}))->capture_default_str();
-  c.add_option("--hysteresis", hysteresis_percent, "A level of detail stays until it is finer than needed by this much of --error-px, %, so that a trembling camera "
+      ->check(CLI::IsMember({"on", "off"}))
+      ->capture_default_str();
+  c.add_option("--hysteresis", hysteresis_percent,
+               "A level of detail stays until it is finer than needed by this much of --error-px, %, so that a "
+               "trembling camera "
                "changes nothing; 0 is off; pictures that are rendered or saved know no other view and use none")
-      ->check(CLI::Range(0.0, 100.0))->capture_default_str();
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
   c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
-  c.add_flag("--no-relight", no_relight, "Fixed light: coefficients are resolved once per page, not per pixel and frame");
-  c.add_flag("--unlit", unlit, "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, and of a scan");
-  c.add_option("--sampling", sampling, "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
+  c.add_flag("--no-relight", no_relight,
+             "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--unlit", unlit,
+             "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
+             "and of a scan");
+  c.add_option("--sampling", sampling,
+               "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
                "(two levels) or anisotropic (several trilinear taps: sharp at grazing angles)")
-      ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic"}))->capture_default_str();
-  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")->check(CLI::Range(1, kMaxAnisotropy))->capture_default_str();
+      ->check(CLI::IsMember({"nearest", "bilinear", "trilinear", "anisotropic"}))
+      ->capture_default_str();
+  c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")
+      ->check(CLI::Range(1, kMaxAnisotropy))
+      ->capture_default_str();
   c.add_flag("--no-trilinear", no_trilinear, "The same as --sampling bilinear");
   c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
-      ->check(CLI::IsMember({"exact", "fast"}))->capture_default_str();
-  c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")->check(CLI::Range(0.0, 60000.0))->capture_default_str();
+      ->check(CLI::IsMember({"exact", "fast"}))
+      ->capture_default_str();
+  c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")
+      ->check(CLI::Range(0.0, 60000.0))
+      ->capture_default_str();
   c.add_flag("--wireframe", wireframe, "Draw the triangles' edges");
   c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
-      ->check(CLI::IsMember({"pages", "lod", "none"}))->capture_default_str();
-  c.add_option("--determination", determination, "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
+      ->check(CLI::IsMember({"pages", "lod", "none"}))
+      ->capture_default_str();
+  c.add_option("--determination", determination,
+               "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
                "the view on the CPU, no pass) or both; of scans always by feedback")
-      ->check(CLI::IsMember({"feedback", "geometry", "both"}))->capture_default_str();
-  c.add_option("--feedback-scale", feedback_scale, "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
+      ->check(CLI::IsMember({"feedback", "geometry", "both"}))
+      ->capture_default_str();
+  c.add_option("--feedback-scale", feedback_scale,
+               "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
                "every pixel once in the square of that many frames")
-      ->check(CLI::Range(1, kMaxFeedbackScale))->capture_default_str();
-  c.add_option("--cache-mib", cache_mib, "Page cache for all planes together, and the tails of a scan of many patches, MiB")->check(CLI::Range(0.1, 65536.0))->capture_default_str();
-  c.add_option("--replacement", replacement, "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
-      ->check(CLI::IsMember({"lru", "clock", "halving"}))->capture_default_str();
-  c.add_option("--upload", upload, "Texture pages on the GPU: rgba8 (decoded), blocks (as packages of --encoding bc1, bc4, bc5 or bc7 hold them: 2.7 to 8 "
-               "times smaller; other packages stay rgba8) or auto (blocks where the GPU samples them, but not with software OpenGL)")
-      ->check(CLI::IsMember({"auto", "rgba8", "blocks"}))->capture_default_str();
-  c.add_option("--depth", depth, "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), to compare")
-      ->check(CLI::IsMember({"auto", "conventional"}))->capture_default_str();
-  c.add_flag("!--no-prefetch,--prefetch", prefetch, "Read what a moving camera is about to want, after what it wants now; of flat artworks [on]");
-  c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")->check(CLI::Range(1, 64))->capture_default_str();
+      ->check(CLI::Range(1, kMaxFeedbackScale))
+      ->capture_default_str();
+  c.add_option("--cache-mib", cache_mib,
+               "Page cache for all planes together, and the tails of a scan of many patches, MiB")
+      ->check(CLI::Range(0.1, 65536.0))
+      ->capture_default_str();
+  c.add_option(
+       "--replacement", replacement,
+       "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
+      ->check(CLI::IsMember({"lru", "clock", "halving"}))
+      ->capture_default_str();
+  c.add_option("--upload", upload,
+               "Texture pages on the GPU: rgba8 (decoded), blocks (as packages of --encoding bc1, bc4, bc5 or bc7 hold "
+               "them: 2.7 to 8 "
+               "times smaller; other packages stay rgba8) or auto (blocks where the GPU samples them, but not with "
+               "software OpenGL)")
+      ->check(CLI::IsMember({"auto", "rgba8", "blocks"}))
+      ->capture_default_str();
+  c.add_option("--depth", depth,
+               "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), "
+               "to compare")
+      ->check(CLI::IsMember({"auto", "conventional"}))
+      ->capture_default_str();
+  c.add_flag("!--no-prefetch,--prefetch", prefetch,
+             "Read what a moving camera is about to want, after what it wants now; of flat artworks [on]");
+  c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
 }
 
 Result<Scene> SceneOptions::scene() const {
@@ -128,8 +192,10 @@ Result<Scene> SceneOptions::scene() const {
     if (!l) return l.error();
     s.light = *l;
   }
-  if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0) return usageError("the light's direction is zero", "for example --light -0.7,0.4,0.6");
-  if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4) return usageError("expected --exaggerate within -10000 to 10000");
+  if (s.light[0] == 0 && s.light[1] == 0 && s.light[2] == 0)
+    return usageError("the light's direction is zero", "for example --light -0.7,0.4,0.6");
+  if (!std::isfinite(exaggerate) || std::abs(exaggerate) > 1e4)
+    return usageError("expected --exaggerate within -10000 to 10000");
   if (!(error_px >= 0) || error_px > 1e4) return usageError("expected --error-px from 0 to 10000 px");
   s.relief = !no_relief;
   s.relight = !no_relight;
@@ -152,11 +218,16 @@ Result<Scene> SceneOptions::scene() const {
 }
 
 Result<void> SceneOptions::checkProjection() const {
-  if (mm_per_px && !(*mm_per_px > 0 && std::isfinite(*mm_per_px))) return usageError("expected a --mm-per-px above 0", "for example --mm-per-px 0.05");
-  if (mm_per_px && perspective) return usageError("--mm-per-px is an orthographic picture's scale", "leave out --perspective or --mm-per-px");
-  if (mm_per_px && distance) return usageError("--mm-per-px and --distance both say how large the artwork is in the picture", "leave out one of them");
+  if (mm_per_px && !(*mm_per_px > 0 && std::isfinite(*mm_per_px)))
+    return usageError("expected a --mm-per-px above 0", "for example --mm-per-px 0.05");
+  if (mm_per_px && perspective)
+    return usageError("--mm-per-px is an orthographic picture's scale", "leave out --perspective or --mm-per-px");
+  if (mm_per_px && distance)
+    return usageError("--mm-per-px and --distance both say how large the artwork is in the picture",
+                      "leave out one of them");
   if (fov && (mm_per_px || orthographic)) {
-    return usageError("an orthographic picture has no field of view", "leave out --fov; --mm-per-px or --distance says how much is in view");
+    return usageError("an orthographic picture has no field of view",
+                      "leave out --fov; --mm-per-px or --distance says how much is in view");
   }
   return {};
 }
@@ -164,21 +235,25 @@ Result<void> SceneOptions::checkProjection() const {
 Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int height_px) const {
   if (auto good = checkProjection(); !good) return good.error();
   if (mm_per_px && !extent.size_known) {
-    return usageError("--mm-per-px needs the artwork's size, which its package does not know", "build it with --mm-per-pixel, or give --orthographic with --distance");
+    return usageError("--mm-per-px needs the artwork's size, which its package does not know",
+                      "build it with --mm-per-pixel, or give --orthographic with --distance");
   }
   auto state = readState(state_file);
   if (!state) return state.error();
   double fov_deg = 35;
   if (auto r = take(*state, "fov_deg", state_file, &fov_deg); !r) return r.error();
   fov_deg = fov.value_or(fov_deg);
-  if (!(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg)) return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
+  if (!(fov_deg >= kMinFovDeg && fov_deg <= kMaxFovDeg))
+    return usageError("expected a field of view from 1 to 170 degrees", "--fov 35 is a good start");
   OrbitCamera c = fitCamera(extent, width_px, height_px, fov_deg);
   if (state->contains("orthographic")) {
     const auto& parallel = (*state)["orthographic"];
-    if (!parallel.is_boolean()) return Error{ErrorKind::kInvalidData, state_file, "expected true or false for 'orthographic'", "", {}};
+    if (!parallel.is_boolean())
+      return Error{ErrorKind::kInvalidData, state_file, "expected true or false for 'orthographic'", "", {}};
     c.orthographic = parallel.get<bool>() && !perspective;
     if (c.orthographic && fov) {
-      return usageError("the camera of " + state_file + " is orthographic, which has no field of view", "leave out --fov, or give --perspective, too");
+      return usageError("the camera of " + state_file + " is orthographic, which has no field of view",
+                        "leave out --fov, or give --perspective, too");
     }
   }
   c.orthographic = c.orthographic || orthographic || mm_per_px;
@@ -193,7 +268,8 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
     c.target_mm = {(*t)[0], (*t)[1], (*t)[2]};
   }
   if (!std::isfinite(c.azimuth_deg)) return usageError("expected a finite --azimuth in degrees");
-  if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89)) return usageError("expected --elevation from -89 to 89 degrees");
+  if (!(c.elevation_deg >= -89 && c.elevation_deg <= 89))
+    return usageError("expected --elevation from -89 to 89 degrees");
   c.distance_mm = fitDistance(c, extent, width_px, height_px);
   if (auto r = take(*state, "distance_mm", state_file, &c.distance_mm); !r) return r.error();
   c.distance_mm = distance.value_or(c.distance_mm);
@@ -202,14 +278,16 @@ Result<OrbitCamera> SceneOptions::camera(const Extent& extent, int width_px, int
   return c;
 }
 
-Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, const Extent& whole, int max_side_px) const {
+Result<std::pair<int, int>> SceneOptions::sizeAtScale(const Extent& extent, const Extent& whole,
+                                                      int max_side_px) const {
   auto c = camera(extent, 1, 1);
   if (!c) return c.error();
   // Rounding of what is a whole number of pixels must not add one.
   const glm::dvec2 px = glm::max(glm::ceil(orthographicSize(*c, whole) / *mm_per_px - 1e-6), glm::dvec2(1));
   if (!(std::max(px.x, px.y) <= max_side_px)) {
     char text[120];
-    std::snprintf(text, sizeof text, "at %g mm a px all of the artwork is %.0f x %.0f px, at most %d x %d can be drawn", *mm_per_px, px.x, px.y, max_side_px, max_side_px);
+    std::snprintf(text, sizeof text, "at %g mm a px all of the artwork is %.0f x %.0f px, at most %d x %d can be drawn",
+                  *mm_per_px, px.x, px.y, max_side_px, max_side_px);
     return usageError(text, "give a coarser --mm-per-px, or --size (and --target) for a part of it");
   }
   return std::pair{static_cast<int>(px.x), static_cast<int>(px.y)};

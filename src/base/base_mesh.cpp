@@ -42,15 +42,18 @@ std::string baseMeshProblem(const BaseMesh& mesh) {
   for (size_t i = 0; i < mesh.corners.size(); ++i) {
     const BaseCorner& c = mesh.corners[i];
     if (!finite(c.position_mm)) return "corner " + std::to_string(i) + " has no finite position";
-    if (!finite(c.normal) || std::abs(glm::length(c.normal) - 1.0f) > 1e-3f) return "the normal of corner " + std::to_string(i) + " is not of length 1";
+    if (!finite(c.normal) || std::abs(glm::length(c.normal) - 1.0f) > 1e-3f)
+      return "the normal of corner " + std::to_string(i) + " is not of length 1";
   }
   for (size_t p = 0; p < mesh.patches.size(); ++p) {
     auto c = mesh.patches[p];
     for (uint32_t corner : c) {
-      if (corner >= mesh.corners.size()) return "patch " + std::to_string(p) + " names corner " + std::to_string(corner) + ", which does not exist";
+      if (corner >= mesh.corners.size())
+        return "patch " + std::to_string(p) + " names corner " + std::to_string(corner) + ", which does not exist";
     }
     std::sort(c.begin(), c.end());
-    if (std::adjacent_find(c.begin(), c.end()) != c.end()) return "patch " + std::to_string(p) + " names a corner twice";
+    if (std::adjacent_find(c.begin(), c.end()) != c.end())
+      return "patch " + std::to_string(p) + " names a corner twice";
   }
   return {};
 }

@@ -93,8 +93,8 @@ Result<void> writeFolderOf(const std::string& file, const std::string& named, co
 
 struct Target {
   OutputKind kind = OutputKind::kFile;
-  std::string path;            // of the file that is replaced, with symbolic links followed
-  bool there = false;          // it exists:
+  std::string path;    // of the file that is replaced, with symbolic links followed
+  bool there = false;  // it exists:
   struct stat status {};
 };
 
@@ -128,8 +128,12 @@ Result<Target> targetOf(const std::string& path) {
   } else if (S_ISDIR(mode)) {
     return Error{ErrorKind::kIo, path, "is a folder, expected the name of a file to write", "name a file", {}};
   } else if (!S_ISREG(mode) || of_process) {
-    return Error{ErrorKind::kIo, path, std::string("is ") + (of_process ? "a file open elsewhere" : kindOf(mode)) + ", expected the name of a file to write",
-                 of_process ? "name the file itself, or - for standard output" : "name a file", {}};
+    return Error{ErrorKind::kIo,
+                 path,
+                 std::string("is ") + (of_process ? "a file open elsewhere" : kindOf(mode)) +
+                     ", expected the name of a file to write",
+                 of_process ? "name the file itself, or - for standard output" : "name a file",
+                 {}};
   }
   return target;
 }
@@ -140,7 +144,9 @@ constexpr size_t kRandomDigits = 16;
 // Names end at 255 bytes; a target's longer name is cut in its part file's.
 constexpr size_t kMaxPartStem = 255 - (sizeof ".part-" - 1) - 10 - 1 - kRandomDigits;
 
-std::string partStem(const std::string& target) { return target.substr(folderOf(target).size()).substr(0, kMaxPartStem) + ".part-"; }
+std::string partStem(const std::string& target) {
+  return target.substr(folderOf(target).size()).substr(0, kMaxPartStem) + ".part-";
+}
 
 std::string randomDigits() {
   uint64_t random = 0;
@@ -165,8 +171,8 @@ bool isPartName(std::string_view name, std::string_view stem) {
   return name.size() == kRandomDigits && name.find_first_not_of("0123456789abcdef") == name.npos;
 }
 
-// Calls take(folder, name, fd) for each part file of the same target whose writer was killed: regular files of this user that nobody
-// holds locked. They are locked by fd, which is closed unless take returns true.
+// Calls take(folder, name, fd) for each part file of the same target whose writer was killed: regular files of this
+// user that nobody holds locked. They are locked by fd, which is closed unless take returns true.
 template <class Take>
 void forEachOrphan(const std::string& target, int access, Take&& take) {
   const int folder = openFolder(folderOf(target));
@@ -177,9 +183,10 @@ void forEachOrphan(const std::string& target, int access, Take&& take) {
   }
   const std::string stem = partStem(target);
   while (const dirent* entry = ::readdir(entries)) {
-    struct stat named {}, opened {};
-    if (!isPartName(entry->d_name, stem) || ::fstatat(folder, entry->d_name, &named, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(named.st_mode) ||
-        named.st_uid != ::geteuid())
+    struct stat named {
+    }, opened{};
+    if (!isPartName(entry->d_name, stem) || ::fstatat(folder, entry->d_name, &named, AT_SYMLINK_NOFOLLOW) != 0 ||
+        !S_ISREG(named.st_mode) || named.st_uid != ::geteuid())
       continue;
     const int fd = ::openat(folder, entry->d_name, access | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0) continue;
@@ -217,11 +224,14 @@ Result<InputFile> InputFile::open(const std::string& path) {
   const auto refused = [&]() -> std::optional<Error> {
     if (S_ISREG(st.st_mode)) return std::nullopt;
     const bool stream = S_ISFIFO(st.st_mode) || S_ISCHR(st.st_mode);
-    return Error{ErrorKind::kIo, path, std::string("is ") + kindOf(st.st_mode) + ", expected a file",
-                 stream ? "it is read at any place, so write its bytes into a file first" : "name a file", {}};
+    return Error{ErrorKind::kIo,
+                 path,
+                 std::string("is ") + kindOf(st.st_mode) + ", expected a file",
+                 stream ? "it is read at any place, so write its bytes into a file first" : "name a file",
+                 {}};
   };
-  // Before it is opened: opening a pipe waits for its writer, and opening a device may make it act. After: the path may stand for
-  // something else by now.
+  // Before it is opened: opening a pipe waits for its writer, and opening a device may make it act. After: the path may
+  // stand for something else by now.
   if (::stat(path.c_str(), &st) != 0) return ioError(path, "opening", errno);
   if (auto no = refused()) return *no;
   file.fd_ = ::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
@@ -256,10 +266,10 @@ Result<void> InputFile::read(uint64_t offset, std::span<uint8_t> out) const {
     if (n < 0 && errno == EINTR) continue;
     if (n < 0) return ioError(path_, "reading", errno);
     if (n == 0) {
-      return Error{ErrorKind::kInvalidData, path_,
-                   "the file ends too early: expected " + std::to_string(out.size()) + " bytes, found " +
-                       std::to_string(done),
-                   "it is truncated; get a whole copy", offset};
+      return Error{
+          ErrorKind::kInvalidData, path_,
+          "the file ends too early: expected " + std::to_string(out.size()) + " bytes, found " + std::to_string(done),
+          "it is truncated; get a whole copy", offset};
     }
     done += static_cast<size_t>(n);
   }
@@ -285,7 +295,7 @@ struct OutputFile::Impl {
   Target target;
   std::string part_path;  // empty: the bytes are in a file without a name
   int fd = -1;
-  int stream = -1;        // where they go then, unless to standard output
+  int stream = -1;  // where they go then, unless to standard output
   int part_index = -1;
   uint64_t flushed = 0;
   std::atomic<uint64_t> end{0};  // of the last byte written
@@ -314,7 +324,8 @@ struct OutputFile::Impl {
       if (n <= 0) return fail(ioError(path, "writing", n < 0 ? errno : ENOSPC));
       done += static_cast<size_t>(n);
     }
-    for (uint64_t seen = end; seen < offset + done && !end.compare_exchange_weak(seen, offset + done);) {}
+    for (uint64_t seen = end; seen < offset + done && !end.compare_exchange_weak(seen, offset + done);) {
+    }
     return {};
   }
   Result<void> flush(const std::string& path) {
@@ -325,13 +336,16 @@ struct OutputFile::Impl {
     return written;
   }
   Result<void> createPart(const std::string& path) {
-    // As open() to everybody does where there is no file yet; where there is one, what it permits is known only by fchmod below.
+    // As open() to everybody does where there is no file yet; where there is one, what it permits is known only by
+    // fchmod below.
     const mode_t mode = target.there ? 0600 : 0666;
     for (int attempt = 0; attempt < 100; ++attempt) {
       part_path = folderOf(target.path) + partStem(target.path) + std::to_string(::getpid()) + "-" + randomDigits();
       // Registered first: a signal between open and register would leave the file behind.
       part_index = registerPartFile(part_path);
-      if (part_index < 0) return Error{ErrorKind::kRuntime, path, "too many files are being written at once, or the path is too long", "", {}};
+      if (part_index < 0)
+        return Error{
+            ErrorKind::kRuntime, path, "too many files are being written at once, or the path is too long", "", {}};
       fd = ::open(part_path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, mode);
       if (fd < 0) {
         const int why = errno;
@@ -341,7 +355,8 @@ struct OutputFile::Impl {
         return ioError(path, "creating", why);
       }
       // Where the file system has no locks nobody can take one either, and nothing is mistaken for an orphan.
-      while (::flock(fd, LOCK_EX) != 0 && errno == EINTR) {}
+      while (::flock(fd, LOCK_EX) != 0 && errno == EINTR) {
+      }
       struct stat st {};
       if (::fstat(fd, &st) == 0 && st.st_nlink > 0) return keepAccess(path, st);
       // Another process took it for an orphan before it was locked.
@@ -352,7 +367,8 @@ struct OutputFile::Impl {
     }
     return Error{ErrorKind::kIo, path, "no name for a file beside it is free", "write to another folder", {}};
   }
-  // The part file gets owner, group and access mode of the file whose place it takes. A group that may not be given away gets no access.
+  // The part file gets owner, group and access mode of the file whose place it takes. A group that may not be given
+  // away gets no access.
   Result<void> keepAccess(const std::string& path, const struct stat& part) {
     if (!target.there) return {};
     mode_t mode = target.status.st_mode & 0777;
@@ -360,14 +376,16 @@ struct OutputFile::Impl {
     const bool owned = part.st_uid != target.status.st_uid && ::fchown(fd, target.status.st_uid, group) == 0;
     const bool grouped = owned || part.st_gid == group || ::fchown(fd, static_cast<uid_t>(-1), group) == 0;
     if (!grouped) mode &= ~static_cast<mode_t>(S_IRWXG);
-    if (::fchmod(fd, mode) != 0 && errno != EPERM && errno != ENOTSUP) return ioError(path, "setting the access mode", errno);
+    if (::fchmod(fd, mode) != 0 && errno != EPERM && errno != ENOTSUP)
+      return ioError(path, "setting the access mode", errno);
     return {};
   }
   Result<void> openStream(const std::string& path) {
     if (target.kind == OutputKind::kStream) {
       // A pipe that nobody reads would be waited for.
       stream = ::open(path.c_str(), O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
-      if (stream < 0 && errno == ENXIO && S_ISFIFO(target.status.st_mode)) return Error{ErrorKind::kIo, path, "is a pipe that nobody reads", "start its reader first", {}};
+      if (stream < 0 && errno == ENXIO && S_ISFIFO(target.status.st_mode))
+        return Error{ErrorKind::kIo, path, "is a pipe that nobody reads", "start its reader first", {}};
       if (stream < 0) return ioError(path, "opening", errno);
       ::fcntl(stream, F_SETFL, ::fcntl(stream, F_GETFL) & ~O_NONBLOCK);
     } else {
@@ -398,7 +416,12 @@ struct OutputFile::Impl {
       const ssize_t n = ::pread(fd, out.data() + done, out.size() - done, static_cast<off_t>(offset + done));
       if (n < 0 && errno == EINTR) continue;
       if (n < 0) return ioError(path, "reading it back", errno);
-      if (n == 0) return Error{ErrorKind::kIo, path, "reading it back failed: it ends too early", "something else changes it, or the disk is damaged", {}};
+      if (n == 0)
+        return Error{ErrorKind::kIo,
+                     path,
+                     "reading it back failed: it ends too early",
+                     "something else changes it, or the disk is damaged",
+                     {}};
       done += static_cast<size_t>(n);
     }
     return {};
@@ -420,8 +443,12 @@ Result<OutputKind> OutputFile::check(const std::string& path) {
   if (::access(folder.c_str(), W_OK | X_OK) == 0) return target->kind;
   const int why = errno;
   if (folder.size() > 1) folder.pop_back();
-  return Error{ErrorKind::kIo, path, "cannot be written into the folder " + folder + ": " + std::strerror(why),
-               why == ENOENT ? "make the folder first, or check the path" : "check the permissions, or name another folder", {}};
+  return Error{
+      ErrorKind::kIo,
+      path,
+      "cannot be written into the folder " + folder + ": " + std::strerror(why),
+      why == ENOENT ? "make the folder first, or check the path" : "check the permissions, or name another folder",
+      {}};
 }
 
 Result<OutputFile> OutputFile::create(const std::string& path) {
@@ -498,8 +525,11 @@ Result<void> OutputFile::finish() {
   struct stat st {};
   if (::fstat(impl.fd, &st) != 0) return impl.fail(ioError(path_, "examining", errno));
   if (static_cast<uint64_t>(st.st_size) != impl.end) {
-    return impl.fail({ErrorKind::kIo, path_, "expected " + std::to_string(impl.end) + " bytes written, found " + std::to_string(st.st_size),
-                      "something else changes the file, or the disk is damaged", {}});
+    return impl.fail({ErrorKind::kIo,
+                      path_,
+                      "expected " + std::to_string(impl.end) + " bytes written, found " + std::to_string(st.st_size),
+                      "something else changes the file, or the disk is damaged",
+                      {}});
   }
   return {};
 }
@@ -508,13 +538,15 @@ Result<void> OutputFile::commit() {
   Impl& impl = *impl_;
   if (auto finished = finish(); !finished) return finished;
   if (impl.part_path.empty()) return impl.copyToStream(path_);
-  // Some file systems tell only here that the disk is full. The lock stays until the file has its place: a second descriptor keeps it.
+  // Some file systems tell only here that the disk is full. The lock stays until the file has its place: a second
+  // descriptor keeps it.
   const int lock = ::fcntl(impl.fd, F_DUPFD_CLOEXEC, 0);
   if (lock < 0) return ioError(path_, "closing", errno);
   const int closed = ::close(impl.fd);
   impl.fd = lock;
   if (closed != 0 && errno != EINTR) return impl.fail(ioError(path_, "writing", errno));
-  if (::rename(impl.part_path.c_str(), impl.target.path.c_str()) != 0) return impl.fail(ioError(path_, "renaming into place", errno));
+  if (::rename(impl.part_path.c_str(), impl.target.path.c_str()) != 0)
+    return impl.fail(ioError(path_, "renaming into place", errno));
   unregisterPartFile(impl.part_index);
   impl.part_index = -1;
   ::close(impl.fd);
@@ -531,7 +563,9 @@ Result<void> OutputFile::truncate(uint64_t size) {
   return {};
 }
 
-Result<void> OutputFile::syncFolder() { return writeFolderOf(impl_->target.path, path_, "writing its folder to the disk"); }
+Result<void> OutputFile::syncFolder() {
+  return writeFolderOf(impl_->target.path, path_, "writing its folder to the disk");
+}
 
 void OutputFile::keep() { unregisterPartFile(std::exchange(impl_->part_index, -1)); }
 
@@ -557,9 +591,11 @@ Result<std::string> readTextFile(const std::string& path, uint64_t max_bytes) {
   auto file = InputFile::open(path);
   if (!file) return file.error();
   if (file->size() > max_bytes) {
-    return Error{ErrorKind::kInvalidData, path,
+    return Error{ErrorKind::kInvalidData,
+                 path,
                  "expected at most " + std::to_string(max_bytes) + " bytes, found " + std::to_string(file->size()),
-                 "is this the right file?", {}};
+                 "is this the right file?",
+                 {}};
   }
   std::string text(file->size(), '\0');
   auto read = file->read(0, {reinterpret_cast<uint8_t*>(text.data()), text.size()});

@@ -40,7 +40,8 @@ std::string memberText(std::string_view json, std::string_view key) {
 std::string relightKind(const std::string& json) {
   auto has = [&](std::string_view key) { return json.find("\"" + std::string(key) + "\"") != std::string::npos; };
   const std::string type = memberText(json, "type"), colours = memberText(json, "colorspace");
-  if (json.find_first_not_of(" \t\r\n") == std::string::npos || json[json.find_first_not_of(" \t\r\n")] != '{') return {};
+  if (json.find_first_not_of(" \t\r\n") == std::string::npos || json[json.find_first_not_of(" \t\r\n")] != '{')
+    return {};
   if (type.empty() || colours.empty() || !(has("nplanes") || has("materials"))) return {};
   return type + ", " + colours;
 }
@@ -54,7 +55,11 @@ std::string rtiKind(const std::string& text) {
   }
   const size_t end = text.find_first_of("\r\n \t", at);
   const std::string number = text.substr(at, end == std::string::npos ? end : end - at);
-  return number == "1" ? "PTM" : number == "2" ? "spherical harmonics" : number == "3" ? "HSH" : number == "4" ? "adaptive PTM" : "";
+  return number == "1"   ? "PTM"
+         : number == "2" ? "spherical harmonics"
+         : number == "3" ? "HSH"
+         : number == "4" ? "adaptive PTM"
+                         : "";
 }
 
 }  // namespace
@@ -86,7 +91,8 @@ std::optional<Error> foreignFormat(const std::string& path) {
   }
   if (extension == ".hsh") return refuse("an .hsh file (hemispherical harmonics) is unsupported", kSavePtm);
   if (extension == ".lp" || extension == ".dome")
-    return refuse("a list of light directions (" + extension + ") is unsupported", "fit a .ptm to its photographs with another program");
+    return refuse("a list of light directions (" + extension + ") is unsupported",
+                  "fit a .ptm to its photographs with another program");
   return {};
 }
 

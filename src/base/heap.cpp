@@ -29,7 +29,8 @@ HeapWarmer::HeapWarmer(size_t bytes) {
       const uintptr_t begin = reinterpret_cast<uintptr_t>(b), end = begin + block;
       const uintptr_t first = (begin + huge - 1) / huge * huge;
       if (first < end) madvise(reinterpret_cast<void*>(first), (end - first) / huge * huge, MADV_HUGEPAGE);
-      for (uintptr_t at = (begin + page - 1) / page * page; at < end; at += page) *reinterpret_cast<volatile char*>(at) = 0;
+      for (uintptr_t at = (begin + page - 1) / page * page; at < end; at += page)
+        *reinterpret_cast<volatile char*>(at) = 0;
     }
   });
 }

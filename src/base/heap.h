@@ -1,6 +1,6 @@
-// heap.h - memory that malloc hands out later without page faults. A driver in software takes tens of MiB for a first picture, piece by piece:
-// 4 KiB at a time that is 50 ms of faults. Here another thread takes them at once, in huge pages where the system has them, while the
-// caller does something else (making a GL context, say).
+// heap.h - memory that malloc hands out later without page faults. A driver in software takes tens of MiB for a first
+// picture, piece by piece: 4 KiB at a time that is 50 ms of faults. Here another thread takes them at once, in huge
+// pages where the system has them, while the caller does something else (making a GL context, say).
 #pragma once
 
 #include <array>

@@ -7,7 +7,8 @@
 namespace relievo {
 namespace {
 
-// Where the text exceeds the limits, and how. Brackets and commas count outside strings only; whether the rest is JSON is the parser's concern.
+// Where the text exceeds the limits, and how. Brackets and commas count outside strings only; whether the rest is JSON
+// is the parser's concern.
 std::optional<Error> beyondLimits(std::string_view text, const std::string& file, int max_depth) {
   std::vector<size_t> members;  // of each array or object around this place, so far; arrays do not count
   size_t values = 1;
@@ -23,7 +24,8 @@ std::optional<Error> beyondLimits(std::string_view text, const std::string& file
       in_string = true;
     } else if (c == '{' || c == '[') {
       if (members.size() >= static_cast<size_t>(max_depth))
-        return Error{ErrorKind::kInvalidData, file, "expected JSON of at most " + std::to_string(max_depth) + " levels, found more", "", i};
+        return Error{ErrorKind::kInvalidData, file,
+                     "expected JSON of at most " + std::to_string(max_depth) + " levels, found more", "", i};
       members.push_back(0);
       ++values;
     } else if (c == '}' || c == ']') {
@@ -31,10 +33,13 @@ std::optional<Error> beyondLimits(std::string_view text, const std::string& file
     } else if (c == ',') {
       ++values;
     } else if (c == ':' && !members.empty() && ++members.back() > kMaxJsonMembers) {
-      return Error{ErrorKind::kInvalidData, file, "expected JSON objects of at most " + std::to_string(kMaxJsonMembers) + " members, found more", "", i};
+      return Error{ErrorKind::kInvalidData, file,
+                   "expected JSON objects of at most " + std::to_string(kMaxJsonMembers) + " members, found more", "",
+                   i};
     }
     if (values > kMaxJsonValues)
-      return Error{ErrorKind::kInvalidData, file, "expected JSON of at most " + std::to_string(kMaxJsonValues) + " values, found more", "", i};
+      return Error{ErrorKind::kInvalidData, file,
+                   "expected JSON of at most " + std::to_string(kMaxJsonValues) + " values, found more", "", i};
   }
   return {};
 }

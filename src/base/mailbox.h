@@ -1,6 +1,6 @@
 // mailbox.h - a newest-wins hand-over between two threads: a later post replaces one that was not yet taken.
-// Neither side waits for what the other does with a letter, but at most while it exchanges one for another: letters are destroyed after that, by whoever
-// replaces them. close() wakes the taker.
+// Neither side waits for what the other does with a letter, but at most while it exchanges one for another: letters are
+// destroyed after that, by whoever replaces them. close() wakes the taker.
 #pragma once
 
 #include <condition_variable>

@@ -1,6 +1,6 @@
-// parallel_for.h - one loop on several threads, the caller's among them. Jobs are taken in order; what they write must not overlap.
-// The caller's thread takes jobs, too: the loop ends even where the system gives no other thread. What a job throws ends the loop, and is
-// thrown to the caller.
+// parallel_for.h - one loop on several threads, the caller's among them. Jobs are taken in order; what they write must
+// not overlap. The caller's thread takes jobs, too: the loop ends even where the system gives no other thread. What a
+// job throws ends the loop, and is thrown to the caller.
 #pragma once
 
 #include <algorithm>
@@ -12,10 +12,11 @@
 
 namespace relievo {
 
-// job(state, i) for i in [0, count); each thread makes a state of its own, as makeState() gives it, before its first job. Between its own
-// jobs the caller's thread calls between(jobs taken so far). False: interrupted.
+// job(state, i) for i in [0, count); each thread makes a state of its own, as makeState() gives it, before its first
+// job. Between its own jobs the caller's thread calls between(jobs taken so far). False: interrupted.
 template <class MakeState, class Job, class Between>
-bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interrupted, MakeState&& makeState, Job&& job, Between&& between) {
+bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interrupted, MakeState&& makeState, Job&& job,
+                     Between&& between) {
   std::atomic<size_t> next{0};
   std::atomic<bool> failed{false};
   auto interruptedNow = [&] { return interrupted && interrupted->load(std::memory_order_relaxed); };
@@ -42,7 +43,8 @@ bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interru
   return !interruptedNow();
 }
 template <class MakeState, class Job>
-bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interrupted, MakeState&& makeState, Job&& job) {
+bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interrupted, MakeState&& makeState,
+                     Job&& job) {
   return parallelForWith(count, workers, interrupted, makeState, job, [](size_t) {});
 }
 
@@ -50,7 +52,8 @@ bool parallelForWith(size_t count, int workers, const std::atomic<bool>* interru
 template <class Job, class Between>
 bool parallelFor(size_t count, int workers, const std::atomic<bool>* interrupted, Job&& job, Between&& between) {
   struct Nothing {};
-  return parallelForWith(count, workers, interrupted, [] { return Nothing{}; }, [&](Nothing&, size_t i) { job(i); }, between);
+  return parallelForWith(
+      count, workers, interrupted, [] { return Nothing{}; }, [&](Nothing&, size_t i) { job(i); }, between);
 }
 template <class Job>
 bool parallelFor(size_t count, int workers, const std::atomic<bool>* interrupted, Job&& job) {

@@ -17,10 +17,10 @@
 
 namespace relievo {
 
-inline constexpr int kPagePx = 128;                          // payload texels (and relief cells) a page side
-inline constexpr int kPageBorderPx = 4;                      // on every side: bilinear needs 1, anisotropy 4 needs 4
+inline constexpr int kPagePx = 128;      // payload texels (and relief cells) a page side
+inline constexpr int kPageBorderPx = 4;  // on every side: bilinear needs 1, anisotropy 4 needs 4
 inline constexpr int kPageFullPx = kPagePx + 2 * kPageBorderPx;  // 136
-inline constexpr int kReliefSamples = kPagePx + 1;           // 129 a side
+inline constexpr int kReliefSamples = kPagePx + 1;               // 129 a side
 
 struct PlanarDomain {
   uint64_t width_px = 1;

@@ -19,9 +19,9 @@ class ProgressLine {
   bool printed_ = false;
 };
 
-// Installs handlers for SIGINT, SIGTERM, SIGALRM and SIGHUP (unless nohup ignores it) that set the flag; a second signal removes part
-// files and exits at once (130). Files that may not grow further (ulimit -f) and pipes without a reader are errors of writing them, no
-// signals.
+// Installs handlers for SIGINT, SIGTERM, SIGALRM and SIGHUP (unless nohup ignores it) that set the flag; a second
+// signal removes part files and exits at once (130). Files that may not grow further (ulimit -f) and pipes without a
+// reader are errors of writing them, no signals.
 void installInterruptHandler();
 const std::atomic<bool>& interruptedFlag();
 

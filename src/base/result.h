@@ -1,7 +1,7 @@
 // result.h - a value or an error that a user can act on.
-// An Error names the file, what is wrong (expected and found, with the offset where it applies) and what to do about it.
-// Its kind is the process's exit code (documented in --help): 1 usage, 2 input/output, 3 invalid data, 4 runtime or GL,
-// 5 unsupported, 7 difference found.
+// An Error names the file, what is wrong (expected and found, with the offset where it applies) and what to do about
+// it. Its kind is the process's exit code (documented in --help): 1 usage, 2 input/output, 3 invalid data, 4 runtime or
+// GL, 5 unsupported, 7 difference found.
 #pragma once
 
 #include <cassert>
@@ -32,8 +32,8 @@ struct Error {
   std::string hint;                // what to do; may be empty
   std::optional<uint64_t> offset;  // byte offset in the file, where it applies
 
-  // One line: "FILE: at byte N: MESSAGE (HINT)". What of it comes from a file, its name included, may hold any bytes: control characters
-  // are escaped.
+  // One line: "FILE: at byte N: MESSAGE (HINT)". What of it comes from a file, its name included, may hold any bytes:
+  // control characters are escaped.
   std::string text() const {
     std::string out;
     if (!file.empty()) out += file + ": ";

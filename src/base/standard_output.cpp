@@ -41,7 +41,8 @@ Error outError(int error_number) {
 Result<void> writeBuffered() {
   Out& o = out();
   if (!o.error && !o.buffer.empty()) {
-    if (int bad = writeAll(STDOUT_FILENO, {reinterpret_cast<const uint8_t*>(o.buffer.data()), o.buffer.size()})) o.error = outError(bad);
+    if (int bad = writeAll(STDOUT_FILENO, {reinterpret_cast<const uint8_t*>(o.buffer.data()), o.buffer.size()}))
+      o.error = outError(bad);
   }
   o.buffer.clear();
   if (o.error) return *o.error;
@@ -54,7 +55,8 @@ void openStandardDescriptors() {
   for (int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
     if (::fcntl(fd, F_GETFD) >= 0 || errno != EBADF) continue;
     // The lowest number that is free is fd's own. Standard output is opened for reading, so that writing to it fails.
-    if (::open("/dev/null", fd == STDERR_FILENO ? O_WRONLY : O_RDONLY) != fd) std::_Exit(static_cast<int>(ErrorKind::kIo));
+    if (::open("/dev/null", fd == STDERR_FILENO ? O_WRONLY : O_RDONLY) != fd)
+      std::_Exit(static_cast<int>(ErrorKind::kIo));
   }
 }
 
@@ -84,7 +86,8 @@ Result<void> printOut(std::string_view text) {
   }
   static const bool terminal = ::isatty(STDOUT_FILENO) != 0;
   if (!o.error) o.buffer += text;
-  if (o.buffer.size() >= kBufferBytes || (terminal && text.find('\n') != std::string_view::npos)) return writeBuffered();
+  if (o.buffer.size() >= kBufferBytes || (terminal && text.find('\n') != std::string_view::npos))
+    return writeBuffered();
   if (o.error) return *o.error;
   return {};
 }
@@ -105,7 +108,8 @@ Result<void> flushOut() {
   auto flushed = writeBuffered();
   if (!flushed) return flushed;
   // A file system over the network may tell only a close that the disk is full.
-  if (const int again = ::fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3); again >= 0 && ::close(again) != 0 && errno != EINTR) {
+  if (const int again = ::fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
+      again >= 0 && ::close(again) != 0 && errno != EINTR) {
     out().error = outError(errno);
     return *out().error;
   }

@@ -1,6 +1,6 @@
 // standard_output.h - the one way in which the program prints to standard output: what cannot be written is an error.
-// Text is buffered (a line at most where standard output is a terminal). The first error stays: what is printed after it is left out,
-// and flushOut(), which main() calls at the end, returns it. Not for several threads at once.
+// Text is buffered (a line at most where standard output is a terminal). The first error stays: what is printed after
+// it is left out, and flushOut(), which main() calls at the end, returns it. Not for several threads at once.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace relievo {
 
-// First of all in main(): descriptors 0 to 2 that are closed become /dev/null, or the next file that is opened would get their number and
-// what is printed. Printing to a standard output that was closed stays an error.
+// First of all in main(): descriptors 0 to 2 that are closed become /dev/null, or the next file that is opened would
+// get their number and what is printed. Printing to a standard output that was closed stays an error.
 void openStandardDescriptors();
 
 Result<void> printOut(std::string_view text);
@@ -26,7 +26,8 @@ void claimOut();
 // The bytes of that file.
 Result<void> writeOut(std::span<const uint8_t> bytes);
 
-// All the bytes, however many calls that takes. 0, or errno; EINTR only once Ctrl-C or another signal asked the program to end.
+// All the bytes, however many calls that takes. 0, or errno; EINTR only once Ctrl-C or another signal asked the program
+// to end.
 int writeAll(int descriptor, std::span<const uint8_t> bytes);
 
 }  // namespace relievo

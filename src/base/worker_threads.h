@@ -1,5 +1,6 @@
-// worker_threads.h - the one place that starts threads. Where the system refuses some, those that started do the work; what the
-// user reads where none starts is said here once. What a thread throws is kept for its owner: it never ends the process.
+// worker_threads.h - the one place that starts threads. Where the system refuses some, those that started do the work;
+// what the user reads where none starts is said here once. What a thread throws is kept for its owner: it never ends
+// the process.
 #pragma once
 
 #include <atomic>
@@ -26,11 +27,12 @@ int workerCount(int wanted);
 class ThreadStartFailure : public std::runtime_error {
  public:
   explicit ThreadStartFailure(const std::string& cause);
-  static constexpr const char* kHint = "close other programs, or raise the limits of processes and memory: ulimit -u, ulimit -v";
+  static constexpr const char* kHint =
+      "close other programs, or raise the limits of processes and memory: ulimit -u, ulimit -v";
 };
 
-// Threads that run one function. The owner tells that function to return (stop = close, then join) before it destroys this object, or
-// joins; the object is the owner's last member, so that its threads end before what they use.
+// Threads that run one function. The owner tells that function to return (stop = close, then join) before it destroys
+// this object, or joins; the object is the owner's last member, so that its threads end before what they use.
 class WorkerThreads {
  public:
   explicit WorkerThreads(const char* name) : name_(name) {}  // as debuggers and `top -H` show it: at most 15 characters
@@ -43,7 +45,8 @@ class WorkerThreads {
   // Throws ThreadStartFailure where not one starts.
   size_t startAtLeastOne(size_t count, const std::function<void()>& body);
   void join();  // waits until every body has returned
-  // Throws what a body threw, the first that did. Bodies end by an exception on their own: this does not wait for the others.
+  // Throws what a body threw, the first that did. Bodies end by an exception on their own: this does not wait for the
+  // others.
   void rethrow() const;
 
   // Of the owner's thread.
@@ -61,11 +64,12 @@ class WorkerThreads {
   std::vector<std::thread> threads_;
 };
 
-// How many of `count` threads the system gives beside those that there are: they are started all at once, and end. For libraries that start
-// threads of their own and end the process where they cannot.
+// How many of `count` threads the system gives beside those that there are: they are started all at once, and end. For
+// libraries that start threads of their own and end the process where they cannot.
 size_t threadsToBeHad(size_t count);
 
-// One piece of work on a thread of its own; where none can be started, it is done by the thread that first asks for its result.
+// One piece of work on a thread of its own; where none can be started, it is done by the thread that first asks for its
+// result.
 template <class T>
 class BackgroundTask {
   using Value = std::conditional_t<std::is_void_v<T>, std::monostate, T>;

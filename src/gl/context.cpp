@@ -42,13 +42,18 @@ void GLAPIENTRY debugCallback(GLenum source, GLenum type, GLuint, GLenum, GLsize
 // ---- EGL ----
 
 std::string eglErrorName(EGLint code) {
-  static constexpr std::pair<EGLint, const char*> kNames[] = {
-      {EGL_SUCCESS, "EGL_SUCCESS"},         {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
-      {EGL_BAD_ACCESS, "EGL_BAD_ACCESS"},   {EGL_BAD_ALLOC, "EGL_BAD_ALLOC"},
-      {EGL_BAD_ATTRIBUTE, "EGL_BAD_ATTRIBUTE"}, {EGL_BAD_CONFIG, "EGL_BAD_CONFIG"},
-      {EGL_BAD_CONTEXT, "EGL_BAD_CONTEXT"}, {EGL_BAD_DISPLAY, "EGL_BAD_DISPLAY"},
-      {EGL_BAD_MATCH, "EGL_BAD_MATCH"},     {EGL_BAD_PARAMETER, "EGL_BAD_PARAMETER"},
-      {EGL_BAD_SURFACE, "EGL_BAD_SURFACE"}, {EGL_CONTEXT_LOST, "EGL_CONTEXT_LOST"}};
+  static constexpr std::pair<EGLint, const char*> kNames[] = {{EGL_SUCCESS, "EGL_SUCCESS"},
+                                                              {EGL_NOT_INITIALIZED, "EGL_NOT_INITIALIZED"},
+                                                              {EGL_BAD_ACCESS, "EGL_BAD_ACCESS"},
+                                                              {EGL_BAD_ALLOC, "EGL_BAD_ALLOC"},
+                                                              {EGL_BAD_ATTRIBUTE, "EGL_BAD_ATTRIBUTE"},
+                                                              {EGL_BAD_CONFIG, "EGL_BAD_CONFIG"},
+                                                              {EGL_BAD_CONTEXT, "EGL_BAD_CONTEXT"},
+                                                              {EGL_BAD_DISPLAY, "EGL_BAD_DISPLAY"},
+                                                              {EGL_BAD_MATCH, "EGL_BAD_MATCH"},
+                                                              {EGL_BAD_PARAMETER, "EGL_BAD_PARAMETER"},
+                                                              {EGL_BAD_SURFACE, "EGL_BAD_SURFACE"},
+                                                              {EGL_CONTEXT_LOST, "EGL_CONTEXT_LOST"}};
   for (const auto& [value, name] : kNames)
     if (value == code) return name;
   return "EGL error " + std::to_string(code);
@@ -63,7 +68,7 @@ bool hasWord(const char* words, const char* word) {
 // The ways to a display that this EGL offers. A display is opened only when it is tried, since that loads its driver.
 struct Platform {
   std::string name;
-  EGLenum platform = 0;          // 0: eglGetDisplay(EGL_DEFAULT_DISPLAY)
+  EGLenum platform = 0;  // 0: eglGetDisplay(EGL_DEFAULT_DISPLAY)
   void* native = nullptr;
   bool hardware_device = false;  // names a GPU for certain
 
@@ -106,8 +111,7 @@ struct EglContext {
     if (display == EGL_NO_DISPLAY) return;
     if (context != EGL_NO_CONTEXT) {
       eglBindAPI(egl_api);
-      if (eglGetCurrentContext() == context)
-        eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+      if (eglGetCurrentContext() == context) eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
       eglDestroyContext(display, context);
     }
     if (surface != EGL_NO_SURFACE) eglDestroySurface(display, surface);
@@ -127,19 +131,18 @@ std::string createOn(const Platform& platform, Api api, EglContext& out) {
 
   const char* extensions = eglQueryString(out.display, EGL_EXTENSIONS);
   const bool surfaceless = hasWord(extensions, "EGL_KHR_surfaceless_context");
-  const EGLint config_attributes[] = {EGL_SURFACE_TYPE,
-                                      surfaceless ? 0 : EGL_PBUFFER_BIT,
-                                      EGL_RENDERABLE_TYPE,
-                                      api == Api::kGl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT,
-                                      EGL_NONE};
+  const EGLint config_attributes[] = {EGL_SURFACE_TYPE, surfaceless ? 0 : EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE,
+                                      api == Api::kGl33 ? EGL_OPENGL_BIT : EGL_OPENGL_ES3_BIT, EGL_NONE};
   EGLConfig config = nullptr;
   EGLint count = 0;
   if (!eglChooseConfig(out.display, config_attributes, &config, 1, &count) || count < 1)
     return std::string("no EGL configuration for ") + apiName(api);
 
   const bool is_15 = major > 1 || (major == 1 && minor >= 5);
-  // Some drivers answer with the version asked for and no more: the newest first, for what is used where it is there (tessellation).
-  static constexpr std::pair<EGLint, EGLint> kGlVersions[] = {{4, 6}, {4, 5}, {4, 3}, {4, 1}, {3, 3}}, kEsVersions[] = {{3, 2}, {3, 1}, {3, 0}};
+  // Some drivers answer with the version asked for and no more: the newest first, for what is used where it is there
+  // (tessellation).
+  static constexpr std::pair<EGLint, EGLint> kGlVersions[] = {{4, 6}, {4, 5}, {4, 3}, {4, 1}, {3, 3}},
+                                             kEsVersions[] = {{3, 2}, {3, 1}, {3, 0}};
   const bool names_minor = is_15 || hasWord(extensions, "EGL_KHR_create_context");
   std::span<const std::pair<EGLint, EGLint>> versions = kEsVersions;
   if (api == Api::kGl33) versions = kGlVersions;
@@ -148,7 +151,8 @@ std::string createOn(const Platform& platform, Api api, EglContext& out) {
     std::vector<EGLint> attributes = {EGL_CONTEXT_MAJOR_VERSION, context_major};
     if (names_minor) {
       attributes.insert(attributes.end(), {EGL_CONTEXT_MINOR_VERSION, context_minor});
-      if (api == Api::kGl33) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
+      if (api == Api::kGl33)
+        attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT});
       if (debugContextWanted() && is_15) attributes.insert(attributes.end(), {EGL_CONTEXT_OPENGL_DEBUG, EGL_TRUE});
     }
     attributes.push_back(EGL_NONE);
@@ -237,9 +241,10 @@ Result<std::unique_ptr<HeadlessContext>> HeadlessContext::create(Api api) {
     installDebugCallback();
     return context;
   }
-  return Error{.kind = ErrorKind::kRuntime,
-               .message = "no GL context without a window: " + failures,
-               .hint = "install a driver: on Debian and Ubuntu the packages libegl1 and libgl1-mesa-dri; tools/setup does"};
+  return Error{
+      .kind = ErrorKind::kRuntime,
+      .message = "no GL context without a window: " + failures,
+      .hint = "install a driver: on Debian and Ubuntu the packages libegl1 and libgl1-mesa-dri; tools/setup does"};
 }
 
 const ContextInfo& HeadlessContext::info() const { return impl_->info; }

@@ -25,8 +25,8 @@ class Object {
     return *this;
   }
   ~Object() { destroy(); }
-  // Textures and queries get their kind from their first binding, so they cannot bear the label yet: use createTexture(),
-  // or label() after the first binding. There is no create() for shaders, which need their stage.
+  // Textures and queries get their kind from their first binding, so they cannot bear the label yet: use
+  // createTexture(), or label() after the first binding. There is no create() for shaders, which need their stage.
   static Object create(const char* label = nullptr);
   GLuint id() const { return id_; }
   explicit operator bool() const { return id_ != 0; }

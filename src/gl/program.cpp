@@ -73,11 +73,12 @@ Result<void> appendFile(const ShaderText& file, Assembled& out) {
     if (!argument->starts_with('"') || end == std::string_view::npos)
       return Error{.kind = ErrorKind::kRuntime,
                    .file = file.name,
-                   .message = "line " + std::to_string(line_number) + ": expected #include \"NAME\", found: " +
-                              std::string(line)};
+                   .message = "line " + std::to_string(line_number) +
+                              ": expected #include \"NAME\", found: " + std::string(line)};
     std::string name(argument->substr(1, end - 1));
     if (size_t slash = name.rfind('/'); slash != std::string::npos) name.erase(0, slash + 1);
-    const bool seen = std::any_of(out.files.begin(), out.files.end(), [&](const ShaderText& f) { return f.name == name; });
+    const bool seen =
+        std::any_of(out.files.begin(), out.files.end(), [&](const ShaderText& f) { return f.name == name; });
     if (seen) {
       out.text += '\n';
       continue;
@@ -223,7 +224,8 @@ Result<Program> Program::link(Api api, const Source& source) {
   return linkTexts(api, *vertex, *fragment, source);
 }
 
-Result<Program> Program::linkTexts(Api api, const ShaderText& vertex, const ShaderText& fragment, const Source& source) {
+Result<Program> Program::linkTexts(Api api, const ShaderText& vertex, const ShaderText& fragment,
+                                   const Source& source) {
   Result<Assembled> vertex_text = assemble(api, vertex, source.defines, false);
   if (!vertex_text) return vertex_text.error();
   Result<Assembled> fragment_text = assemble(api, fragment, source.defines, true);

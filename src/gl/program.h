@@ -1,6 +1,6 @@
-// program.h - linked shader programs from the files in shaders/, as one dialect: GL 3.3 core intersected with ES 3.0, and under OpenGL one thing more:
-// buffer textures, behind TEXEL_BUFFERS (shaders/texel_table.glsl).
-// A file has no #version; `#include "name"` is resolved among the embedded files, each once. Defines choose the variant;
+// program.h - linked shader programs from the files in shaders/, as one dialect: GL 3.3 core intersected with ES 3.0,
+// and under OpenGL one thing more: buffer textures, behind TEXEL_BUFFERS (shaders/texel_table.glsl). A file has no
+// #version; `#include "name"` is resolved among the embedded files, each once. Defines choose the variant;
 // RELIEVO_VERTEX or RELIEVO_FRAGMENT is defined as well. `#include <...>` lines are for C++ and are left out.
 #pragma once
 
@@ -29,14 +29,15 @@ class Program {
   ~Program();
   // feedback_varyings: for transform feedback (interleaved). attributes: name -> location is fixed by order.
   struct Source {
-    std::string vertex, fragment;                 // file names in shaders/; fragment may be empty: draws nothing
+    std::string vertex, fragment;  // file names in shaders/; fragment may be empty: draws nothing
     Defines defines;
-    std::vector<std::string> attributes;          // attribute i gets location i
+    std::vector<std::string> attributes;  // attribute i gets location i
     std::vector<const char*> feedback_varyings;
   };
   // Errors (kRuntime): the file, the driver's log with file names and line numbers, and the lines that it speaks of.
   static Result<Program> link(Api api, const Source& source);
-  // The same from texts that are not in shaders/, such as those of tests; source.vertex and .fragment are not looked at.
+  // The same from texts that are not in shaders/, such as those of tests; source.vertex and .fragment are not looked
+  // at.
   static Result<Program> linkTexts(Api api, const ShaderText& vertex, const ShaderText& fragment, const Source& source);
   GLuint id() const { return id_; }
   void use() const { glUseProgram(id_); }

@@ -32,30 +32,49 @@ std::string keyName(int key, int scancode) {
   if (key >= GLFW_KEY_0 && key <= GLFW_KEY_9) return std::string(1, static_cast<char>('0' + key - GLFW_KEY_0));
   if (key >= GLFW_KEY_F1 && key <= GLFW_KEY_F25) return "F" + std::to_string(key - GLFW_KEY_F1 + 1);
   switch (key) {
-    case GLFW_KEY_ESCAPE: return "Escape";
-    case GLFW_KEY_SPACE: return "Space";
+    case GLFW_KEY_ESCAPE:
+      return "Escape";
+    case GLFW_KEY_SPACE:
+      return "Space";
     case GLFW_KEY_ENTER:
-    case GLFW_KEY_KP_ENTER: return "Enter";
-    case GLFW_KEY_TAB: return "Tab";
-    case GLFW_KEY_BACKSPACE: return "Backspace";
-    case GLFW_KEY_DELETE: return "Delete";
-    case GLFW_KEY_LEFT: return "Left";
-    case GLFW_KEY_RIGHT: return "Right";
-    case GLFW_KEY_UP: return "Up";
-    case GLFW_KEY_DOWN: return "Down";
-    case GLFW_KEY_HOME: return "Home";
-    case GLFW_KEY_END: return "End";
-    case GLFW_KEY_PAGE_UP: return "PageUp";
-    case GLFW_KEY_PAGE_DOWN: return "PageDown";
+    case GLFW_KEY_KP_ENTER:
+      return "Enter";
+    case GLFW_KEY_TAB:
+      return "Tab";
+    case GLFW_KEY_BACKSPACE:
+      return "Backspace";
+    case GLFW_KEY_DELETE:
+      return "Delete";
+    case GLFW_KEY_LEFT:
+      return "Left";
+    case GLFW_KEY_RIGHT:
+      return "Right";
+    case GLFW_KEY_UP:
+      return "Up";
+    case GLFW_KEY_DOWN:
+      return "Down";
+    case GLFW_KEY_HOME:
+      return "Home";
+    case GLFW_KEY_END:
+      return "End";
+    case GLFW_KEY_PAGE_UP:
+      return "PageUp";
+    case GLFW_KEY_PAGE_DOWN:
+      return "PageDown";
     case GLFW_KEY_EQUAL:
-    case GLFW_KEY_KP_ADD: return "Plus";
+    case GLFW_KEY_KP_ADD:
+      return "Plus";
     case GLFW_KEY_MINUS:
-    case GLFW_KEY_KP_SUBTRACT: return "Minus";
+    case GLFW_KEY_KP_SUBTRACT:
+      return "Minus";
     case GLFW_KEY_LEFT_SHIFT:
-    case GLFW_KEY_RIGHT_SHIFT: return "Shift";
+    case GLFW_KEY_RIGHT_SHIFT:
+      return "Shift";
     case GLFW_KEY_LEFT_CONTROL:
-    case GLFW_KEY_RIGHT_CONTROL: return "Control";
-    default: return {};
+    case GLFW_KEY_RIGHT_CONTROL:
+      return "Control";
+    default:
+      return {};
   }
 }
 
@@ -64,7 +83,7 @@ std::string keyName(int key, int scancode) {
 struct Window::Impl {
   GLFWwindow* window = nullptr;
   bool initialised = false;
-  int width = 0, height = 0;  // framebuffer pixels
+  int width = 0, height = 0;        // framebuffer pixels
   double mouse_x = 0, mouse_y = 0;  // screen coordinates, of the last move
   std::set<std::string> keys_down;
   std::vector<Event> events;
@@ -102,9 +121,8 @@ struct Window::Impl {
       Impl& self = of(w);
       self.events.push_back(self.at(EventKind::kResize, self.width, self.height, 0));
     });
-    glfwSetWindowCloseCallback(window, [](GLFWwindow* w) {
-      of(w).events.push_back(of(w).at(EventKind::kClose, 0, 0, 0));
-    });
+    glfwSetWindowCloseCallback(window,
+                               [](GLFWwindow* w) { of(w).events.push_back(of(w).at(EventKind::kClose, 0, 0, 0)); });
     glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) {
       Impl& self = of(w);
       self.mouse_x = x;
@@ -114,9 +132,10 @@ struct Window::Impl {
     glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int mods) {
       if (button > GLFW_MOUSE_BUTTON_MIDDLE) return;
       Impl& self = of(w);
-      // Not glfwGetCursorPos: that is where the mouse is now, not where it was when the button went down a slow frame ago.
-      Event e = self.atMouse(action == GLFW_PRESS ? EventKind::kMouseDown : EventKind::kMouseUp, self.mouse_x, self.mouse_y,
-                             mods);
+      // Not glfwGetCursorPos: that is where the mouse is now, not where it was when the button went down a slow frame
+      // ago.
+      Event e = self.atMouse(action == GLFW_PRESS ? EventKind::kMouseDown : EventKind::kMouseUp, self.mouse_x,
+                             self.mouse_y, mods);
       e.button = button == GLFW_MOUSE_BUTTON_LEFT    ? MouseButton::kLeft
                  : button == GLFW_MOUSE_BUTTON_RIGHT ? MouseButton::kRight
                                                      : MouseButton::kMiddle;
@@ -163,9 +182,8 @@ Result<std::unique_ptr<Window>> Window::create(const std::string& title, int wid
   glfwSetErrorCallback([](int, const char* text) { g_glfw_error = text; });
   std::unique_ptr<Window> self(new Window());
   if (!glfwInit())
-    return Error{.kind = ErrorKind::kRuntime,
-                 .message = "no window can be opened: " + g_glfw_error,
-                 .hint = kNoWindowHint};
+    return Error{
+        .kind = ErrorKind::kRuntime, .message = "no window can be opened: " + g_glfw_error, .hint = kNoWindowHint};
   self->impl_->initialised = true;
 
   std::string failures;

@@ -17,7 +17,8 @@ BaseCorners::BaseCorners(std::shared_ptr<const BaseMesh> base) : base_(std::move
 void BaseCorners::setEye(const glm::dvec3& eye_mm) {
   if (eye_mm_ == eye_mm) return;
   eye_mm_ = eye_mm;
-  for (size_t i = 0; i < texels_.size(); ++i) texels_[i] = glm::vec4(glm::vec3(glm::dvec3(base_->corners[i].position_mm) - eye_mm), 0);
+  for (size_t i = 0; i < texels_.size(); ++i)
+    texels_[i] = glm::vec4(glm::vec3(glm::dvec3(base_->corners[i].position_mm) - eye_mm), 0);
   positions_.write(0, texels_.data(), texels_.size());
 }
 

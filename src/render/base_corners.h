@@ -1,5 +1,6 @@
-// base_corners.h - a base mesh as the vertex shader reads it (shaders/patch.vert, MESH): corners' positions from the eye, rounded from
-// double to float once a corner and frame, so that every patch at a corner gets the same bits; normals; corner indices by patch.
+// base_corners.h - a base mesh as the vertex shader reads it (shaders/patch.vert, MESH): corners' positions from the
+// eye, rounded from double to float once a corner and frame, so that every patch at a corner gets the same bits;
+// normals; corner indices by patch.
 #pragma once
 
 #include <memory>
@@ -21,8 +22,8 @@ class BaseCorners {
 
  private:
   std::shared_ptr<const BaseMesh> base_;
-  TexelTable positions_{"corner positions", TexelTable::Texel::kFloat32x4}, normals_{"corner normals", TexelTable::Texel::kFloat32x4},
-      patches_{"patches", TexelTable::Texel::kUint32x4};
+  TexelTable positions_{"corner positions", TexelTable::Texel::kFloat32x4},
+      normals_{"corner normals", TexelTable::Texel::kFloat32x4}, patches_{"patches", TexelTable::Texel::kUint32x4};
   std::optional<glm::dvec3> eye_mm_;
   std::vector<glm::vec4> texels_;
 };

@@ -14,11 +14,16 @@ constexpr BlockFormat kBc7[] = {{kRgbaBptcUnorm, 16}};
 
 std::span<const BlockFormat> blockFormats(PageCodec codec) {
   switch (codec) {
-    case PageCodec::kBc1: return kBc1;
-    case PageCodec::kBc4: return kBc4;
-    case PageCodec::kBc5: return kBc5;
-    case PageCodec::kBc7: return kBc7;
-    default: return {};
+    case PageCodec::kBc1:
+      return kBc1;
+    case PageCodec::kBc4:
+      return kBc4;
+    case PageCodec::kBc5:
+      return kBc5;
+    case PageCodec::kBc7:
+      return kBc7;
+    default:
+      return {};
   }
 }
 
@@ -26,11 +31,18 @@ std::optional<std::string> missingBlockExtension(PageCodec codec, gl::Api api) {
   const bool es = api == gl::Api::kEs30;
   const char* name = nullptr;
   switch (codec) {
-    case PageCodec::kBc1: name = "GL_EXT_texture_compression_s3tc"; break;
+    case PageCodec::kBc1:
+      name = "GL_EXT_texture_compression_s3tc";
+      break;
     case PageCodec::kBc4:
-    case PageCodec::kBc5: name = es ? "GL_EXT_texture_compression_rgtc" : "GL_ARB_texture_compression_rgtc"; break;
-    case PageCodec::kBc7: name = es ? "GL_EXT_texture_compression_bptc" : "GL_ARB_texture_compression_bptc"; break;
-    default: return std::nullopt;
+    case PageCodec::kBc5:
+      name = es ? "GL_EXT_texture_compression_rgtc" : "GL_ARB_texture_compression_rgtc";
+      break;
+    case PageCodec::kBc7:
+      name = es ? "GL_EXT_texture_compression_bptc" : "GL_ARB_texture_compression_bptc";
+      break;
+    default:
+      return std::nullopt;
   }
   // Drivers go on naming extensions that became a part of OpenGL.
   if (epoxy_has_gl_extension(name)) return std::nullopt;

@@ -1,4 +1,5 @@
-// block_formats.h - which GL formats hold a page's blocks (texturing/page_block_codec.h), and which of them a context samples.
+// block_formats.h - which GL formats hold a page's blocks (texturing/page_block_codec.h), and which of them a context
+// samples.
 #pragma once
 
 #include <optional>

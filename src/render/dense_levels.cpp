@@ -20,15 +20,16 @@ void DenseLevels::upload(int level, int plane, uint32_t x, uint32_t y, std::span
   glBindTexture(GL_TEXTURE_2D_ARRAY, texture_.id());
   glPixelStorei(GL_UNPACK_ROW_LENGTH, kPageFullPx);
   const uint8_t* payload = slot_texels.data() + 4 * (kPageBorderPx * kPageFullPx + kPageBorderPx);
-  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, depth_ - level, static_cast<GLint>(x) * kPagePx, static_cast<GLint>(y) * kPagePx, plane,
-                  kPagePx, kPagePx, 1, GL_RGBA, GL_UNSIGNED_BYTE, payload);
+  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, depth_ - level, static_cast<GLint>(x) * kPagePx, static_cast<GLint>(y) * kPagePx,
+                  plane, kPagePx, kPagePx, 1, GL_RGBA, GL_UNSIGNED_BYTE, payload);
   glPixelStorei(GL_UNPACK_ROW_LENGTH, 0);
 }
 
 void DenseLevels::bind(const gl::Program& program, bool linear) const {
   glActiveTexture(GL_TEXTURE6);
   glBindTexture(GL_TEXTURE_2D_ARRAY, texture_.id());
-  glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, linear ? GL_LINEAR_MIPMAP_LINEAR : GL_NEAREST_MIPMAP_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER,
+                  linear ? GL_LINEAR_MIPMAP_LINEAR : GL_NEAREST_MIPMAP_NEAREST);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, linear ? GL_LINEAR : GL_NEAREST);
   glActiveTexture(GL_TEXTURE0);
   glUniform1i(program.uniform("u_dense"), 6);

@@ -1,5 +1,6 @@
-// dense_levels.h - a plain mip-mapped texture of one whole patch, a layer a plane: what `relievo bench` compares the virtual
-// texture with (define DENSE of shaders/shade.frag). No more than that: an artwork's size is bounded by the GPU's here.
+// dense_levels.h - a plain mip-mapped texture of one whole patch, a layer a plane: what `relievo bench` compares the
+// virtual texture with (define DENSE of shaders/shade.frag). No more than that: an artwork's size is bounded by the
+// GPU's here.
 #pragma once
 
 #include <cstdint>

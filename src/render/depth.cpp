@@ -6,7 +6,8 @@ namespace relievo {
 
 DepthMode depthMode(bool want_reversed) {
   DepthMode mode;
-  mode.clip_control = epoxy_is_desktop_gl() ? epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control") : epoxy_has_gl_extension("GL_EXT_clip_control");
+  mode.clip_control = epoxy_is_desktop_gl() ? epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control")
+                                            : epoxy_has_gl_extension("GL_EXT_clip_control");
   mode.reversed = want_reversed && mode.clip_control;
   return mode;
 }
@@ -23,7 +24,8 @@ void beginDepth(const DepthMode& mode) {
   glDepthFunc(mode.nearerOrEqual());
 }
 
-std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm, const DepthMode& mode) {
+std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm,
+                                 const DepthMode& mode) {
   const glm::dmat4 clip = glm::translate(clip_from_world, origin_mm);
   std::array<float, 16> out;
   for (int c = 0; c < 4; ++c) {

@@ -1,8 +1,8 @@
 // depth.h - how depth is stored: one place decides, and every pass that draws with a depth test asks here.
-// Reversed: the near plane at 1, the far plane at 0, 32-bit floats, z of clip space within 0..w. A float's steps shrink towards 0 as those of
-// perspective do, so that depth is told apart to about 1e-7 of the distance, wherever the near plane lies. Conventional: 0 to 1 in 24-bit
-// fixed point, z within -w..w, for contexts without clip control: steps there grow with the square of the distance over the near plane's.
-// Needs a current context.
+// Reversed: the near plane at 1, the far plane at 0, 32-bit floats, z of clip space within 0..w. A float's steps shrink
+// towards 0 as those of perspective do, so that depth is told apart to about 1e-7 of the distance, wherever the near
+// plane lies. Conventional: 0 to 1 in 24-bit fixed point, z within -w..w, for contexts without clip control: steps
+// there grow with the square of the distance over the near plane's. Needs a current context.
 #pragma once
 
 #include <array>
@@ -19,7 +19,9 @@ struct DepthMode {
   GLenum format() const { return reversed ? GL_DEPTH_COMPONENT32F : GL_DEPTH_COMPONENT24; }
   GLenum nearerOrEqual() const { return reversed ? GL_GEQUAL : GL_LEQUAL; }
   GLenum farther() const { return reversed ? GL_LESS : GL_GREATER; }
-  float farPlane() const { return reversed ? 0.0f : 1.0f; }  // what the buffer is cleared to, and z / w of clip space there
+  float farPlane() const {
+    return reversed ? 0.0f : 1.0f;
+  }  // what the buffer is cleared to, and z / w of clip space there
   // What to add to z / w of clip space for what lies `bias` (of the conventional -1..1) nearer.
   float nearer(float bias) const { return reversed ? 0.5f * bias : -bias; }
 };
@@ -28,11 +30,12 @@ struct DepthMode {
 DepthMode depthMode(bool want_reversed = true);
 const char* depthName(bool reversed);  // for people: "reversed, 32-bit float" or "conventional, 24-bit"
 
-// Depth test on, nearer or equal passes, clip space as the mode has it. What draws without a depth test may do so in either clip space.
+// Depth test on, nearer or equal passes, clip space as the mode has it. What draws without a depth test may do so in
+// either clip space.
 void beginDepth(const DepthMode& mode);
 
-// What the GL is given to turn mm from `origin_mm` into its clip space, column by column: from the camera's matrix (z within -w..w), in double
-// precision until the end.
+// What the GL is given to turn mm from `origin_mm` into its clip space, column by column: from the camera's matrix (z
+// within -w..w), in double precision until the end.
 std::array<float, 16> glClipFrom(const glm::dmat4& clip_from_world, const glm::dvec3& origin_mm, const DepthMode& mode);
 
 }  // namespace relievo

@@ -1,6 +1,6 @@
 // feedback_pass.h - a small picture of which texture node each pixel wants, read back without waiting.
-// A ring of targets: a target is read once its fence has passed, through a pixel buffer on hardware; on software GL a finished target is
-// read directly (there a read into a pixel buffer waits for everything queued before it).
+// A ring of targets: a target is read once its fence has passed, through a pixel buffer on hardware; on software GL a
+// finished target is read directly (there a read into a pixel buffer waits for everything queued before it).
 #pragma once
 
 #include <array>
@@ -14,8 +14,8 @@
 
 namespace relievo {
 
-// Which pixels of the full picture a feedback picture consists of: its pixel (i, j) is (i * scale + offset.x, j * scale + offset.y),
-// counted from the bottom left corner, as GL does.
+// Which pixels of the full picture a feedback picture consists of: its pixel (i, j) is (i * scale + offset.x, j * scale
+// + offset.y), counted from the bottom left corner, as GL does.
 struct FeedbackGrid {
   int view_width_px = 1, view_height_px = 1;
   int scale = 1;
@@ -36,11 +36,11 @@ class FeedbackPass {
   int width() const { return width_; }
   int height() const { return height_; }
 
-  // Draws with `draw` into the next free target; false (nothing drawn) while all are under way. Nothing is drawn outside of the
-  // first columns and rows. tag: comes back with the result.
+  // Draws with `draw` into the next free target; false (nothing drawn) while all are under way. Nothing is drawn
+  // outside of the first columns and rows. tag: comes back with the result.
   bool issue(const FeedbackGrid& grid, uint64_t tag, const std::function<void()>& draw);
-  // The oldest finished result that was not returned yet, rows bottom first; empty when there is none. Never waits. Valid until the
-  // next call of poll, wait or issue.
+  // The oldest finished result that was not returned yet, rows bottom first; empty when there is none. Never waits.
+  // Valid until the next call of poll, wait or issue.
   std::span<const std::array<uint32_t, 4>> poll();
   // Waits for the newest issued result and drops all others (settling).
   std::span<const std::array<uint32_t, 4>> wait();
@@ -56,7 +56,7 @@ class FeedbackPass {
     uint64_t serial = 0, tag = 0;
   };
   void resize(int width_px, int height_px);  // results under way are dropped when it changes
-  void fit(Target& target);  // to the size wanted: memory is taken when a target is first drawn
+  void fit(Target& target);                  // to the size wanted: memory is taken when a target is first drawn
   void read(Target& target);
   void drop(Target& target);
 

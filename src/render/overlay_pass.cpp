@@ -7,8 +7,8 @@ namespace relievo {
 
 Result<OverlayPass> OverlayPass::create(gl::Api api, int width, int height, std::span<const uint8_t> alpha) {
   OverlayPass pass;
-  Result<gl::Program> program =
-      gl::Program::link(api, {.vertex = "overlay.vert", .fragment = "overlay.frag", .attributes = {"a_px", "a_uv", "a_colour"}});
+  Result<gl::Program> program = gl::Program::link(
+      api, {.vertex = "overlay.vert", .fragment = "overlay.frag", .attributes = {"a_px", "a_uv", "a_colour"}});
   if (!program) return program.error();
   pass.program_ = std::move(*program);
 

@@ -11,12 +11,12 @@
 namespace relievo {
 
 struct OverlayVertex {
-  float x = 0, y = 0;     // px, origin top left
-  float u = 0, v = 0;     // in the texture, 0..1
-  uint32_t rgba = 0;      // R in the low byte; alpha not premultiplied
+  float x = 0, y = 0;  // px, origin top left
+  float u = 0, v = 0;  // in the texture, 0..1
+  uint32_t rgba = 0;   // R in the low byte; alpha not premultiplied
 };
 struct OverlayCommand {
-  int32_t clip[4] = {};   // left, top, right, bottom, px
+  int32_t clip[4] = {};  // left, top, right, bottom, px
   uint32_t first_index = 0, indices = 0, first_vertex = 0;
 };
 

@@ -54,8 +54,9 @@ void copyLayers(GLuint from, int layers, GLsizei side) {  // to the texture that
   glBindFramebuffer(GL_READ_FRAMEBUFFER, 0);
 }
 
-// Clears a layer of a new texture, as a target: by that GPU drivers know whose it is, and make it in the GPU's memory. Else NVIDIA's makes it in the
-// processor's, and moves all of it when it is first written or sampled: 100 ms for 256 MiB instead of 0.4.
+// Clears a layer of a new texture, as a target: by that GPU drivers know whose it is, and make it in the GPU's memory.
+// Else NVIDIA's makes it in the processor's, and moves all of it when it is first written or sampled: 100 ms for 256
+// MiB instead of 0.4.
 void makeOnGpu(GLuint texture) {
   if (gl::currentContextInfo().software) return;
   GLint before = 0;
@@ -87,7 +88,8 @@ ReliefPlace reliefPlace(SlotIndex name) {
 uint32_t PagePool::maxSlots() {
   GLint layers = 256;
   glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &layers);
-  return std::min<uint32_t>(static_cast<uint32_t>(layers) * kSlotsPerLayer, 65535);  // slots are 16-bit in the page table
+  return std::min<uint32_t>(static_cast<uint32_t>(layers) * kSlotsPerLayer,
+                            65535);  // slots are 16-bit in the page table
 }
 
 PagePool::PagePool(const CacheSlots& slots, bool staged) : ring_(staged) { reshape(slots); }
@@ -103,7 +105,8 @@ void PagePool::reshape(const CacheSlots& slots) {
 
 uint64_t PagePool::textureBytes() const {
   const uint64_t block_layer = kSlotsPerLayer * slotBytes(slots_.upload, texturePlane(0));
-  return static_cast<uint64_t>(texels_.count) * kSlotsPerLayer * kSlotBytes + static_cast<uint64_t>(blocks_.count) * block_layer;
+  return static_cast<uint64_t>(texels_.count) * kSlotsPerLayer * kSlotBytes +
+         static_cast<uint64_t>(blocks_.count) * block_layer;
 }
 
 gl::Defines PagePool::defines(PageCodec upload) {
@@ -135,15 +138,18 @@ void PagePool::grow(bool blocks, int layers) {
     if (blocks) {
       const size_t bytes = static_cast<size_t>(layers) * kSlotsPerLayer * kPageBlocks * formats[i].block_bytes;
       glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, 0);
-      glCompressedTexImage3D(GL_TEXTURE_2D_ARRAY, 0, formats[i].format, kSide, kSide, layers, 0, static_cast<GLsizei>(bytes), nullptr);
+      glCompressedTexImage3D(GL_TEXTURE_2D_ARRAY, 0, formats[i].format, kSide, kSide, layers, 0,
+                             static_cast<GLsizei>(bytes), nullptr);
     } else {
       glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGBA8, kSide, kSide, layers, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
       makeOnGpu(larger.id());
     }
     if (now.count > 0 && canCopyImages())
-      glCopyImageSubData(now.textures[i].id(), GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, larger.id(), GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, kSide, kSide, now.count);
+      glCopyImageSubData(now.textures[i].id(), GL_TEXTURE_2D_ARRAY, 0, 0, 0, 0, larger.id(), GL_TEXTURE_2D_ARRAY, 0, 0,
+                         0, 0, kSide, kSide, now.count);
     else if (now.count > 0)
-      copyLayers(now.textures[i].id(), now.count, kSide);  // after which NVIDIA's driver takes milliseconds for each upload
+      copyLayers(now.textures[i].id(), now.count,
+                 kSide);  // after which NVIDIA's driver takes milliseconds for each upload
     now.textures[i] = std::move(larger);
   }
   now.count = layers;
@@ -179,7 +185,8 @@ void PagePool::upload(std::span<const PageUpload> uploads) {
           glCompressedTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, layer, kPageFullPx, kPageFullPx, 1, formats[i].format,
                                     static_cast<GLsizei>(bytes), ring_.stage({u.texels + from, bytes}));
         } else {
-          glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, layer, kPageFullPx, kPageFullPx, 1, GL_RGBA, GL_UNSIGNED_BYTE, ring_.stage({u.texels, bytes}));
+          glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, x, y, layer, kPageFullPx, kPageFullPx, 1, GL_RGBA, GL_UNSIGNED_BYTE,
+                          ring_.stage({u.texels, bytes}));
         }
         bytes_uploaded_ += bytes;
       }
@@ -195,8 +202,9 @@ void PagePool::uploadRelief(const PageUpload& u) {
   packed_.resize(partBytes(level));
   packRelief({u.texels, kSlotBytes}, level, packed_);
   const uint32_t at = reliefPlace(u.slot).texel;
-  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, static_cast<GLint>(at & 2047), static_cast<GLint>(at >> 11 & 2047), static_cast<GLint>(at >> 22), partColumns(level),
-                  partRows(level), 1, GL_RGBA, GL_UNSIGNED_BYTE, ring_.stage(packed_));
+  glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, static_cast<GLint>(at & 2047), static_cast<GLint>(at >> 11 & 2047),
+                  static_cast<GLint>(at >> 22), partColumns(level), partRows(level), 1, GL_RGBA, GL_UNSIGNED_BYTE,
+                  ring_.stage(packed_));
   bytes_uploaded_ += packed_.size();
 }
 

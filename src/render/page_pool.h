@@ -1,8 +1,9 @@
-// page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides nothing.
-// A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever it holds: a texture page, or relief
-// pages beside one another, two samples a texel or in compact form (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to
-// three compressed textures (block_formats.h), and RGBA8 is relief's alone.
-// Uploads come before the frame's draws: on software GL an upload to a texture that a draw in flight samples stalls for that draw.
+// page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides
+// nothing. A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever
+// it holds: a texture page, or relief pages beside one another, two samples a texel or in compact form
+// (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to three compressed textures
+// (block_formats.h), and RGBA8 is relief's alone. Uploads come before the frame's draws: on software GL an upload to a
+// texture that a draw in flight samples stalls for that draw.
 #pragma once
 
 #include <array>
@@ -21,8 +22,9 @@ namespace relievo {
 inline constexpr int kSlotsPerSide = 8;
 inline constexpr int kSlotsPerLayer = kSlotsPerSide * kSlotsPerSide;
 
-// Where a relief page's samples are, for shaders: its first texel's x | y << 11 | layer << 22 (reliefSample() in common.glsl); how many times
-// their spacing is twice the page's own; and whether they are in compact form (compact_relief.glsl).
+// Where a relief page's samples are, for shaders: its first texel's x | y << 11 | layer << 22 (reliefSample() in
+// common.glsl); how many times their spacing is twice the page's own; and whether they are in compact form
+// (compact_relief.glsl).
 struct ReliefPlace {
   uint32_t texel = 0;
   int coarser = 0;
@@ -32,22 +34,26 @@ ReliefPlace reliefPlace(SlotIndex name);
 
 class PagePool {
  public:
-  // Memory is taken as slots are filled, in whole layers: eight first, then twice as many each time, up to the slots' number. (A
-  // driver in software clears what it allocates: 140 ms for 256 MiB, before the first picture.) Contexts that cannot copy compressed
-  // textures (GL_ARB_copy_image) take the memory for blocks at once.
-  // staged: uploads go through a ring (upload_ring.h).
+  // Memory is taken as slots are filled, in whole layers: eight first, then twice as many each time, up to the slots'
+  // number. (A driver in software clears what it allocates: 140 ms for 256 MiB, before the first picture.) Contexts
+  // that cannot copy compressed textures (GL_ARB_copy_image) take the memory for blocks at once. staged: uploads go
+  // through a ring (upload_ring.h).
   explicit PagePool(const CacheSlots& slots, bool staged = UploadRing::pays());
-  explicit PagePool(uint32_t slot_count) : PagePool(CacheSlots{.upload = PageCodec::kLossless, .texture = slot_count, .relief = 0}) {}
+  explicit PagePool(uint32_t slot_count)
+      : PagePool(CacheSlots{.upload = PageCodec::kLossless, .texture = slot_count, .relief = 0}) {}
 
   // Other slots from now on, all of them empty.
   void reshape(const CacheSlots& slots);
   void upload(std::span<const PageUpload> uploads);
   // The page table's changed texels; its textures are made anew when its shape changes.
   void uploadTable(PageTable& table);
-  void forgetTable() { table_width_ = table_height_ = 0; }  // the next one is another table: nothing of the old one holds
+  void forgetTable() {
+    table_width_ = table_height_ = 0;
+  }  // the next one is another table: nothing of the old one holds
   // Of programs that sample texture pages: how the shader finds them (shade.frag).
   static gl::Defines defines(PageCodec upload);
-  // Binds the pool to texture units 0 and kBlockUnit.., the table to 1 and 2, and sets their uniforms in the program in use.
+  // Binds the pool to texture units 0 and kBlockUnit.., the table to 1 and 2, and sets their uniforms in the program in
+  // use.
   void bind(const gl::Program& program, const PageTable& table) const;
 
   static uint32_t maxSlots();  // of this context

@@ -16,7 +16,7 @@ namespace {
 
 constexpr uint32_t kManyCells = 1024;  // grids of one cell, from which on they are drawn as one mesh
 constexpr GLuint kGridAttribute = 0, kInstanceAttribute = 1, kMorphAttribute = 2;
-constexpr int kInstanceUnit = 3;          // behind the pool's
+constexpr int kInstanceUnit = 3;  // behind the pool's
 
 uint32_t packEdges(const PatchInstance& p) {
   static_assert(std::endian::native == std::endian::little);
@@ -29,7 +29,8 @@ uint32_t packEdges(const PatchInstance& p) {
 GpuPatchMorph packMorph(const PatchInstance& p) {
   GpuPatchMorph m{{0, 0, p.morph}};
   for (size_t side = 0; side < 4; ++side)
-    for (size_t half = 0; half < 2; ++half) m.weights[half] |= static_cast<uint32_t>(p.edge_morph[side][half]) << (8 * side);
+    for (size_t half = 0; half < 2; ++half)
+      m.weights[half] |= static_cast<uint32_t>(p.edge_morph[side][half]) << (8 * side);
   return m;
 }
 
@@ -37,7 +38,8 @@ GpuPatchMorph packMorph(const PatchInstance& p) {
 
 std::vector<std::string> patchAttributes() { return {"a_grid", "a_instance", "a_morph"}; }
 
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth) {
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+                  const DepthMode& depth) {
   EyeFrame eye;
   eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
@@ -58,7 +60,8 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
   return eye;
 }
 
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth) {
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+                      const DepthMode& depth) {
   EyeFrame eye;
   eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(unsigned{kPagePx}) + std::max(domain.relief_depth, 0);
@@ -146,14 +149,23 @@ void PatchPass::setInstances(std::span<const PatchInstance> instances, const Eye
       place = kReliefInTail;
       levels |= static_cast<uint32_t>(eye.patch_units_log2 - kTailCellsLog2) << 13 | p.node.level << 18;
     } else if (relief) {
-      assert(p.node.ancestor(p.relief_page.level) == p.relief_page && eye.patch_units_log2 == static_cast<int>(p.node.level) + p.grid_level + p.step_log2);
+      assert(p.node.ancestor(p.relief_page.level) == p.relief_page &&
+             eye.patch_units_log2 == static_cast<int>(p.node.level) + p.grid_level + p.step_log2);
       if (p.relief_page != last_page) last_page = p.relief_page, last_place = reliefPlace(slot_of(p.relief_page));
       place = last_place.texel;
-      levels |= static_cast<uint32_t>(eye.patch_units_log2 - static_cast<int>(p.relief_page.level) - 7 + last_place.coarser) << 13;
+      levels |=
+          static_cast<uint32_t>(eye.patch_units_log2 - static_cast<int>(p.relief_page.level) - 7 + last_place.coarser)
+          << 13;
       levels |= (p.node.level - p.relief_page.level) << 18;
       if (last_place.compact) levels |= static_cast<uint32_t>(1 + last_place.coarser) << 23;
     }
-    packed[i] = {p.node.patch, levels, p.node.x, p.node.y, {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)}, place, packEdges(p)};
+    packed[i] = {p.node.patch,
+                 levels,
+                 p.node.x,
+                 p.node.y,
+                 {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y)},
+                 place,
+                 packEdges(p)};
   }
   group_first_[0] = triangles_ = 0;
   for (int n = 0; n <= kMaxGridLevel; ++n) {
@@ -205,10 +217,12 @@ void PatchPass::setCells(uint32_t count) {
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, cell_indices_.id());
   glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * 4), indices.data(), GL_STATIC_DRAW);
   glBindBuffer(GL_ARRAY_BUFFER, cells_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(corners.size() * sizeof(Corner)), corners.data(), GL_STATIC_DRAW);
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(corners.size() * sizeof(Corner)), corners.data(),
+               GL_STATIC_DRAW);
   for (GLuint a : {kGridAttribute, kInstanceAttribute}) glEnableVertexAttribArray(a);
   glVertexAttribIPointer(kGridAttribute, 2, GL_UNSIGNED_BYTE, sizeof(Corner), nullptr);
-  glVertexAttribIPointer(kInstanceAttribute, 1, GL_UNSIGNED_INT, sizeof(Corner), reinterpret_cast<const void*>(offsetof(Corner, instance)));
+  glVertexAttribIPointer(kInstanceAttribute, 1, GL_UNSIGNED_INT, sizeof(Corner),
+                         reinterpret_cast<const void*>(offsetof(Corner, instance)));
   glBindVertexArray(0);
 }
 
@@ -225,12 +239,14 @@ void PatchPass::setMorphs(std::span<const PatchInstance> instances) {
   morphs.reserve(instances.size());
   for (const PatchInstance& p : instances) morphs.push_back(packMorph(p));
   glBindBuffer(GL_ARRAY_BUFFER, morphs_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(morphs.size() * sizeof(GpuPatchMorph)), morphs.data(), GL_STREAM_DRAW);
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(morphs.size() * sizeof(GpuPatchMorph)), morphs.data(),
+               GL_STREAM_DRAW);
 }
 
 void PatchPass::bindGroup(const Grid& grid, size_t first_instance) const {
   glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-  glVertexAttribIPointer(kGridAttribute, 2, GL_UNSIGNED_BYTE, 4, reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
+  glVertexAttribIPointer(kGridAttribute, 2, GL_UNSIGNED_BYTE, 4,
+                         reinterpret_cast<const void*>(size_t{grid.first_vertex} * 4));
   glBindBuffer(GL_ARRAY_BUFFER, numbers_.id());
   glVertexAttribIPointer(kInstanceAttribute, 1, GL_UNSIGNED_INT, 4, reinterpret_cast<const void*>(first_instance * 4));
   if (!morphs_any_) {
@@ -240,18 +256,23 @@ void PatchPass::bindGroup(const Grid& grid, size_t first_instance) const {
   }
   glEnableVertexAttribArray(kMorphAttribute);
   glBindBuffer(GL_ARRAY_BUFFER, morphs_.id());
-  glVertexAttribIPointer(kMorphAttribute, 3, GL_UNSIGNED_INT, sizeof(GpuPatchMorph), reinterpret_cast<const void*>(first_instance * sizeof(GpuPatchMorph)));
+  glVertexAttribIPointer(kMorphAttribute, 3, GL_UNSIGNED_INT, sizeof(GpuPatchMorph),
+                         reinterpret_cast<const void*>(first_instance * sizeof(GpuPatchMorph)));
 }
 
-void PatchPass::bindInstances(const gl::Program& program, int unit) const { lists_[list_].bind(program, "u_instances", unit); }
+void PatchPass::bindInstances(const gl::Program& program, int unit) const {
+  lists_[list_].bind(program, "u_instances", unit);
+}
 
 void PatchPass::setUniforms(const gl::Program& program, const EyeFrame& eye, float depth_bias) const {
   glUniformMatrix4fv(program.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
   glUniform2i(program.uniform("u_limit"), eye.limit_x, eye.limit_y);
-  glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, eye.depth.nearer(depth_bias));
+  glUniform4f(program.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm,
+              eye.depth.nearer(depth_bias));
 }
 
-uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias, const gl::Program* root_cells) const {
+uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias,
+                         const gl::Program* root_cells) const {
   auto begin = [&](const gl::Program& p) {
     p.use();
     bindInstances(p, kInstanceUnit);
@@ -260,7 +281,7 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   begin(program);
   glBindVertexArray(vertex_array_.id());
   if (mesh == Mesh::kFronts) glEnable(GL_CULL_FACE);  // GL's defaults: clockwise ones are culled
-  if (mesh == Mesh::kLines) glDepthMask(GL_FALSE);  // depth tells where the surface is seen
+  if (mesh == Mesh::kLines) glDepthMask(GL_FALSE);    // depth tells where the surface is seen
   uint32_t calls = 0;
   auto drawGroup = [&](int n, uint32_t first, uint32_t count) {
     if (count == 0) return;
@@ -268,8 +289,9 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
     bindGroup(grid, first);
     bool lines = mesh == Mesh::kLines;
     uint32_t first_index = lines ? grid.first_line : grid.first_index;
-    glDrawElementsInstanced(lines ? GL_LINES : GL_TRIANGLES, static_cast<GLsizei>(lines ? grid.line_indices : grid.indices),
-                            GL_UNSIGNED_SHORT, reinterpret_cast<const void*>(size_t{first_index} * sizeof(uint16_t)),
+    glDrawElementsInstanced(lines ? GL_LINES : GL_TRIANGLES,
+                            static_cast<GLsizei>(lines ? grid.line_indices : grid.indices), GL_UNSIGNED_SHORT,
+                            reinterpret_cast<const void*>(size_t{first_index} * sizeof(uint16_t)),
                             static_cast<GLsizei>(count));
     ++calls;
   };
@@ -278,7 +300,8 @@ uint32_t PatchPass::draw(const gl::Program& program, const EyeFrame& eye, Mesh m
   if (apart) begin(*root_cells);
   if (as_cells) calls += drawCells();
   if (apart) program.use();
-  for (int n = as_cells ? 1 : 0; n <= kMaxGridLevel; ++n) drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
+  for (int n = as_cells ? 1 : 0; n <= kMaxGridLevel; ++n)
+    drawGroup(n, group_first_[n], group_first_[n + 1] - group_first_[n]);
   glDisable(GL_CULL_FACE);
   glDepthMask(GL_TRUE);
   glBindVertexArray(0);
@@ -293,16 +316,19 @@ uint32_t PatchPass::drawOneByOne(const gl::Program& program, const EyeFrame& eye
     for (uint32_t i = group_first_[n]; i < group_first_[n + 1]; ++i) {
       setUniforms(program, eye, 0);
       bindGroup(grid, i);
-      glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(grid.indices), GL_UNSIGNED_SHORT, reinterpret_cast<const void*>(size_t{grid.first_index} * sizeof(uint16_t)), 1);
+      glDrawElementsInstanced(GL_TRIANGLES, static_cast<GLsizei>(grid.indices), GL_UNSIGNED_SHORT,
+                              reinterpret_cast<const void*>(size_t{grid.first_index} * sizeof(uint16_t)), 1);
     }
   }
   glBindVertexArray(0);
   return instance_count_;
 }
 
-std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices, const gl::Program* root_cells) const {
+std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices,
+                                      const gl::Program* root_cells) const {
   uint64_t total = 0;
-  for (int n = 0; n <= kMaxGridLevel; ++n) total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
+  for (int n = 0; n <= kMaxGridLevel; ++n)
+    total += uint64_t{group_first_[n + 1] - group_first_[n]} * grids_[n].vertices;
   if (total == 0 || total > max_vertices) return {};
   auto buffer = gl::Buffer::create();
   glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, buffer.id());
@@ -320,7 +346,8 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
     setUniforms(in_use, eye, 0);
     bindGroup(grid, group_first_[n]);
     uint64_t bytes = uint64_t{count} * grid.vertices * 16;
-    glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes));
+    glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), static_cast<GLintptr>(offset),
+                      static_cast<GLsizeiptr>(bytes));
     glBeginTransformFeedback(GL_POINTS);
     glDrawArraysInstanced(GL_POINTS, 0, static_cast<GLsizei>(grid.vertices), static_cast<GLsizei>(count));
     glEndTransformFeedback();
@@ -330,7 +357,8 @@ std::vector<float> PatchPass::capture(const gl::Program& program, const EyeFrame
   glBindVertexArray(0);
   std::vector<float> out(total * 4);
   glBindBuffer(GL_TRANSFORM_FEEDBACK_BUFFER, buffer.id());
-  if (void* mapped = glMapBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, static_cast<GLsizeiptr>(total * 16), GL_MAP_READ_BIT)) {
+  if (void* mapped =
+          glMapBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, static_cast<GLsizeiptr>(total * 16), GL_MAP_READ_BIT)) {
     std::copy_n(static_cast<const float*>(mapped), out.size(), out.begin());
     glUnmapBuffer(GL_TRANSFORM_FEEDBACK_BUFFER);
   } else {

@@ -17,20 +17,23 @@
 
 namespace relievo {
 
-// An instance as shaders read it (shaders/instance.glsl): two texels of one table, for vertices and for the pixels that show it.
+// An instance as shaders read it (shaders/instance.glsl): two texels of one table, for vertices and for the pixels that
+// show it.
 struct GpuPatchInstance {
   uint32_t patch;
-  uint32_t levels;     // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing 5 | levels from the relief page to the node 5
-                       // | 0, or for relief in compact form 1 + ReliefPlace::coarser 2
-  uint32_t x, y;       // the node's
-  int32_t origin[2];   // units from the eye's unit (over a base mesh: from the patch's corner)
-  uint32_t relief;     // ReliefPlace::texel; kReliefInTail: the patch's tail
-  uint32_t edges;      // per side a byte
+  uint32_t levels;  // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing
+                    // 5 | levels from the relief page to the node 5 | 0, or for relief in compact form 1 +
+                    // ReliefPlace::coarser 2
+  uint32_t x, y;      // the node's
+  int32_t origin[2];  // units from the eye's unit (over a base mesh: from the patch's corner)
+  uint32_t relief;    // ReliefPlace::texel; kReliefInTail: the patch's tail
+  uint32_t edges;     // per side a byte
 };
 static_assert(sizeof(GpuPatchInstance) == 32);
 inline constexpr uint32_t kReliefInTail = ~0u;
 
-// And with geomorph: weights of geometry/morph.h, per side a byte, of whole edges or first halves; of second halves; of the grid's inside.
+// And with geomorph: weights of geometry/morph.h, per side a byte, of whole edges or first halves; of second halves; of
+// the grid's inside.
 struct GpuPatchMorph {
   uint32_t weights[3];
 };
@@ -47,14 +50,16 @@ struct EyeFrame {
   int32_t limit_x = 0, limit_y = 0;
   float mm_per_unit = 1, mm_per_height_step = 0, zero_height_mm = 0;
 };
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth);
+EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+                  const DepthMode& depth);
 // Over a base mesh: instances' units count within their patch.
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief, const DepthMode& depth);
+EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+                      const DepthMode& depth);
 
 class PatchPass {
  public:
-  // cells_as_mesh: very many grids of one cell are drawn as one mesh, not as instances, of which each costs a driver in software as much as its
-  // vertices; packing them takes longer.
+  // cells_as_mesh: very many grids of one cell are drawn as one mesh, not as instances, of which each costs a driver in
+  // software as much as its vertices; packing them takes longer.
   explicit PatchPass(bool cells_as_mesh = false);
   // `slot_of` answers with the slot of a relief page in use.
   void setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
@@ -62,14 +67,18 @@ class PatchPass {
   enum class Mesh { kFull, kFronts, kLines };  // kFronts: triangles that are seen from outside the body
   // With a program in use and its other uniforms set. Returns draw calls made.
   // root_cells: of ROOT_CELLS, likewise; computes the same vertices where drawsRootCells().
-  uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0, const gl::Program* root_cells = nullptr) const;
+  uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0,
+                const gl::Program* root_cells = nullptr) const;
   // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
   uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
   // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
-  std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices, const gl::Program* root_cells = nullptr) const;
-  // The list as texture unit `unit`, for what reads the surface buffer. (What draws the instances binds it by itself, to kInstanceUnit.)
+  std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices,
+                             const gl::Program* root_cells = nullptr) const;
+  // The list as texture unit `unit`, for what reads the surface buffer. (What draws the instances binds it by itself,
+  // to kInstanceUnit.)
   void bindInstances(const gl::Program& program, int unit) const;
-  // Whether draw() has use for root_cells: single cells are drawn as one mesh, and all are whole patches with heights from tails.
+  // Whether draw() has use for root_cells: single cells are drawn as one mesh, and all are whole patches with heights
+  // from tails.
   bool drawsRootCells() const { return cell_count_ > 0 && cells_are_roots_; }
   uint32_t triangles() const { return triangles_; }
   uint32_t instanceCount() const { return instance_count_; }
@@ -77,7 +86,7 @@ class PatchPass {
  private:
   struct Grid {
     uint32_t first_vertex = 0, vertices = 0;
-    uint32_t first_index = 0, indices = 0;        // triangles
+    uint32_t first_index = 0, indices = 0;  // triangles
     uint32_t first_line = 0, line_indices = 0;
   };
   void setMorphs(std::span<const PatchInstance> instances);
@@ -94,12 +103,13 @@ class PatchPass {
   gl::VertexArray cell_array_;
   gl::Buffer cells_, cell_indices_;          // by vertex: place in the grid, instance
   uint32_t cell_count_ = 0, cell_room_ = 0;  // 0: as instances
-  bool cells_are_roots_ = false;  // all single cells are whole patches with heights from tails
-  bool morphs_any_ = false;  // one of the instances is not in place
+  bool cells_are_roots_ = false;             // all single cells are whole patches with heights from tails
+  bool morphs_any_ = false;                  // one of the instances is not in place
   // In turn, so that a list is not written where a frame in flight may read the one before.
-  std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4), TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
+  std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4),
+                                   TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
   size_t list_ = 0;
-  std::vector<GpuPatchInstance> packed_;     // where the list cannot be mapped; kept for its memory
+  std::vector<GpuPatchInstance> packed_;  // where the list cannot be mapped; kept for its memory
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;

@@ -1,4 +1,5 @@
-// picture_target.h - the framebuffer that the picture is drawn into, and the uniforms that every shading program shares.
+// picture_target.h - the framebuffer that the picture is drawn into, and the uniforms that every shading program
+// shares.
 #pragma once
 
 #include <array>
@@ -38,11 +39,12 @@ struct ShadingParameters {
   const TextureFormat* format = nullptr;
   const PlanarDomain* domain = nullptr;
   double lod_bias = 0;
-  std::array<int, 3> sample{1, 0, 0};  // of a feedback pass: its pixel (i, j) is pixel (i, j) * [0] + ([1], [2]) of the picture
-  int tap_phase = 0;       // of an anisotropic feedback pass (shaders/feedback.frag)
+  std::array<int, 3> sample{
+      1, 0, 0};       // of a feedback pass: its pixel (i, j) is pixel (i, j) * [0] + ([1], [2]) of the picture
+  int tap_phase = 0;  // of an anisotropic feedback pass (shaders/feedback.frag)
   std::array<double, 3> light{0, 0, 1};  // the unit vector towards it, in the artwork's space
-  double now_s = 0, page_fade_s = 0;  // page_fade_s 0: no fade
-  bool fades_over = false;            // every page shows whole, whatever its age: a settled picture
+  double now_s = 0, page_fade_s = 0;     // page_fade_s 0: no fade
+  bool fades_over = false;               // every page shows whole, whatever its age: a settled picture
 };
 // Of the program in use.
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);

@@ -20,8 +20,15 @@ constexpr int kCornersUnit = 6;  // and two more: behind the pool's
 
 }  // namespace
 
-StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages)
-    : api_(api), domain_(domain), corners_(base ? std::make_unique<BaseCorners>(std::move(base)) : nullptr), pool_((relief_pages + 1) / 2), table_(1, 1), vertex_array_(gl::VertexArray::create()), vertices_(gl::Buffer::create()) {
+StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base,
+                           uint32_t relief_pages)
+    : api_(api),
+      domain_(domain),
+      corners_(base ? std::make_unique<BaseCorners>(std::move(base)) : nullptr),
+      pool_((relief_pages + 1) / 2),
+      table_(1, 1),
+      vertex_array_(gl::VertexArray::create()),
+      vertices_(gl::Buffer::create()) {
   pool_.uploadTable(table_);
 }
 
@@ -60,8 +67,9 @@ Result<const gl::Program*> StrategyPass::program(GridRule rule, bool capture) {
   if (capture) variant.emplace_back("CAPTURE", "1");
   std::vector<const char*> varyings;
   if (capture) varyings.push_back("v_clip");
-  auto linked = gl::Program::link(api_, {rule == GridRule::kMorphed ? "compare_morph.vert" : "patch.vert", capture ? "lines.frag" : "compare_place.frag",
-                                         variant, patchAttributes(), varyings});
+  auto linked =
+      gl::Program::link(api_, {rule == GridRule::kMorphed ? "compare_morph.vert" : "patch.vert",
+                               capture ? "lines.frag" : "compare_place.frag", variant, patchAttributes(), varyings});
   if (!linked) return linked.error();
   p = std::move(*linked);
   return &p;
@@ -73,7 +81,8 @@ SlotIndex StrategyPass::slotOf(const NodeId& page) const {
   return found->second;
 }
 
-Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture) {
+Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, const ViewTransform& view,
+                                                 const EyeFrame& eye, bool capture) {
   auto in_use = program(chosen.rule, capture);
   if (!in_use) return in_use;
   const gl::Program& p = **in_use;
@@ -85,9 +94,11 @@ Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, c
   } else if (chosen.rule == GridRule::kMorphed) {
     // Vertices count from the eye's unit, which is not quite the eye.
     double mm_per_unit = domain_.mm_per_px / (1 << kUnitsPerTexelLog2);
-    double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px, half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
+    double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px,
+           half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
     glm::vec3 eye_mm(chosen.morph_eye_mm - glm::dvec3(static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
-                                                      half_h - static_cast<double>(eye.unit_y) * mm_per_unit, view.eye_mm.z));
+                                                      half_h - static_cast<double>(eye.unit_y) * mm_per_unit,
+                                                      view.eye_mm.z));
     glUniform3f(p.uniform("u_morph_eye"), eye_mm.x, eye_mm.y, eye_mm.z);
     glUniform2fv(p.uniform("u_morph"), kMorphLevels, &chosen.morph[0].start_mm);
   }
@@ -96,7 +107,8 @@ Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, c
 }
 
 Result<StrategyDraw> StrategyPass::drawTessellated(const StrategyResult& chosen, const EyeFrame& eye) {
-  if (!hasTessellation(api_)) return Error{ErrorKind::kUnsupported, "", "this context has no tessellation: it needs OpenGL 4", "", {}};
+  if (!hasTessellation(api_))
+    return Error{ErrorKind::kUnsupported, "", "this context has no tessellation: it needs OpenGL 4", "", {}};
   if (!tessellated_.linked())
     if (auto done = tessellated_.link(api_, defines()); !done) return done.error();
   // The pool stays bound to texture unit 0, which is what a sampler's uniform says that nobody set.
@@ -128,7 +140,11 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
   }
   if (chosen.triangles.empty()) return drawn;
   if (triangle_program_.id() == 0) {
-    auto linked = gl::Program::link(api_, {"compare_triangles.vert", "compare_place.frag", defines(), {"a_place", "a_height", "a_uv", "a_instance", "a_patch"}, {}});
+    auto linked = gl::Program::link(api_, {"compare_triangles.vert",
+                                           "compare_place.frag",
+                                           defines(),
+                                           {"a_place", "a_height", "a_uv", "a_instance", "a_patch"},
+                                           {}});
     if (!linked) return linked.error();
     triangle_program_ = std::move(*linked);
   }
@@ -159,7 +175,8 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
   glBindVertexArray(vertex_array_.id());
   glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(), GL_STREAM_DRAW);
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(),
+               GL_STREAM_DRAW);
   constexpr GLsizei kStride = sizeof(GpuTriangleVertex);
   auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
   for (GLuint a = 0; a < 5; ++a) glEnableVertexAttribArray(a);
@@ -172,7 +189,8 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   glBindVertexArray(0);
 }
 
-Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices) {
+Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view,
+                                                 double exaggerate, uint32_t max_vertices) {
   if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
   EyeFrame eye = eyeFrameOf(view, exaggerate);
   target_.begin();  // transform feedback answers zeros without a framebuffer

@@ -1,7 +1,7 @@
-// strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of the artwork each
-// pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0: nothing), how far u or v goes to the next pixel.
-// base: of an artwork over a base mesh; null: flat.
-// Needs the context current that it was made in, and a page of relief in its slot before anything is displaced from it.
+// strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of
+// the artwork each pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0:
+// nothing), how far u or v goes to the next pixel. base: of an artwork over a base mesh; null: flat. Needs the context
+// current that it was made in, and a page of relief in its slot before anything is displaced from it.
 #pragma once
 
 #include <array>
@@ -40,9 +40,10 @@ class StrategyPass {
   Result<StrategyDraw> draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate);
   // Rows bottom first, as GL has them.
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const { target_.read(pixels); }
-  // Clip positions of every grid vertex, by transform feedback, instance by instance, rows of 2^n + 1; empty for tessellated patches, or
-  // above max_vertices.
-  Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate, uint32_t max_vertices);
+  // Clip positions of every grid vertex, by transform feedback, instance by instance, rows of 2^n + 1; empty for
+  // tessellated patches, or above max_vertices.
+  Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate,
+                                     uint32_t max_vertices);
   // With anything finished that was drawn.
   static void finish();
   static bool hasTessellation(gl::Api api);
@@ -57,7 +58,8 @@ class StrategyPass {
   // What every program in use reads.
   void bindAll(const gl::Program& program);
   // A grid program in use, with the pages and its own uniforms; the instances set.
-  Result<const gl::Program*> prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye, bool capture);
+  Result<const gl::Program*> prepare(const StrategyResult& chosen, const ViewTransform& view, const EyeFrame& eye,
+                                     bool capture);
   SlotIndex slotOf(const NodeId& page) const;
 
   gl::Api api_;

@@ -25,7 +25,8 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
   height_ = height_px;
   surface_ = makeSurface("surface", width_, height_);
   gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
-  depth_ = makeTexture("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT, depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+  depth_ = makeTexture("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT,
+                       depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);
@@ -70,13 +71,16 @@ void SurfaceTarget::bind(const gl::Program& program, int unit) const {
     glActiveTexture(static_cast<GLenum>(GL_TEXTURE0 + unit + 2));
     glBindTexture(GL_TEXTURE_2D, depth_.id());
     glUniform1i(at, unit + 2);
-    // A driver may make a little less than 1 of the largest 24-bit number: the last two steps before the far plane ask for nothing.
-    glUniform2f(program.uniform("u_seen"), depth_mode_.reversed ? 0.0f : -1.0f, depth_mode_.reversed ? 2.0f : 0.9999999f);
+    // A driver may make a little less than 1 of the largest 24-bit number: the last two steps before the far plane ask
+    // for nothing.
+    glUniform2f(program.uniform("u_seen"), depth_mode_.reversed ? 0.0f : -1.0f,
+                depth_mode_.reversed ? 2.0f : 0.9999999f);
   }
   glActiveTexture(GL_TEXTURE0);
 }
 
-ScreenPass::ScreenPass(const DepthMode& depth) : depth_(depth), vertex_array_(gl::VertexArray::create()), corners_(gl::Buffer::create()) {
+ScreenPass::ScreenPass(const DepthMode& depth)
+    : depth_(depth), vertex_array_(gl::VertexArray::create()), corners_(gl::Buffer::create()) {
   const float z = depth.farPlane(), corners[9] = {-1, -1, z, 3, -1, z, -1, 3, z};
   glBindVertexArray(vertex_array_.id());
   glBindBuffer(GL_ARRAY_BUFFER, corners_.id());

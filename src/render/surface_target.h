@@ -1,7 +1,7 @@
-// surface_target.h - the surface buffer: for each pixel what is seen there (instance, place in its node, texture LOD), before any
-// texture is read. RGBA32UI, shaders/surface.frag; with anisotropy a second one for the texture's gradient. Where depth is at the far plane nothing is
-// seen, and what the buffer holds means nothing.
-// One pass over the geometry serves the picture, which is then shaded once a pixel, and the feedback, which reads any pixels of it.
+// surface_target.h - the surface buffer: for each pixel what is seen there (instance, place in its node, texture LOD),
+// before any texture is read. RGBA32UI, shaders/surface.frag; with anisotropy a second one for the texture's gradient.
+// Where depth is at the far plane nothing is seen, and what the buffer holds means nothing. One pass over the geometry
+// serves the picture, which is then shaded once a pixel, and the feedback, which reads any pixels of it.
 #pragma once
 
 #include <array>
@@ -18,12 +18,13 @@ class SurfaceTarget {
  public:
   explicit SurfaceTarget(const DepthMode& depth = relievo::depthMode()) : depth_mode_(depth) {}
   void resize(int width_px, int height_px, bool gradient);
-  // Binds, sets the depth test and clears depth: nothing is seen anywhere. (The buffer's 16 bytes a pixel are not cleared, which llvmpipe does texel by
-  // texel, for a tenth of a frame.)
+  // Binds, sets the depth test and clears depth: nothing is seen anywhere. (The buffer's 16 bytes a pixel are not
+  // cleared, which llvmpipe does texel by texel, for a tenth of a frame.)
   void begin() const;
   // Clears the buffer to zeros, too: for read().
   void beginCleared() const;
-  // As texture `unit`, the gradient as `unit` + 1; and depth as `unit` + 2, for programs that look where something is seen.
+  // As texture `unit`, the gradient as `unit` + 1; and depth as `unit` + 2, for programs that look where something is
+  // seen.
   void bind(const gl::Program& program, int unit) const;
   // Rows bottom first, as GL has them. Waits for what was drawn since beginCleared().
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const;

@@ -6,23 +6,30 @@
 namespace relievo {
 namespace {
 
-// Words that a texel of the table has: shaders fetch two planes at once where they come in pairs (TAIL_WORDS of shaders/tails.glsl).
+// Words that a texel of the table has: shaders fetch two planes at once where they come in pairs (TAIL_WORDS of
+// shaders/tails.glsl).
 uint64_t wordsOf(uint64_t planes) { return planes % 2 == 0 ? 2 : 1; }
-uint64_t texelsOf(uint64_t patches, uint64_t planes) { return patches * kTailBlockAt[kTailLevels] * (planes / wordsOf(planes)); }
+uint64_t texelsOf(uint64_t patches, uint64_t planes) {
+  return patches * kTailBlockAt[kTailLevels] * (planes / wordsOf(planes));
+}
 
 }  // namespace
 
 uint64_t TailTextures::maxPatches(int planes) {
-  const uint64_t a_patch = texelsOf(1, static_cast<uint64_t>(std::max(planes, 1))), rows = TexelTable::mostRowTexels() / a_patch, buffer = TexelTable::mostBufferTexels();
+  const uint64_t a_patch = texelsOf(1, static_cast<uint64_t>(std::max(planes, 1))),
+                 rows = TexelTable::mostRowTexels() / a_patch, buffer = TexelTable::mostBufferTexels();
   return buffer == 0 ? rows : std::min(rows, buffer / kTailBlockHeights);
 }
 
 TailTextures::TailTextures(const PatchTails& tails)
-    : patches_(tails.patches), rows_(TexelTable::mostBufferTexels() > 0 && texelsOf(tails.patches, static_cast<uint64_t>(tails.channels) / 3) > TexelTable::mostBufferTexels()) {
+    : patches_(tails.patches),
+      rows_(TexelTable::mostBufferTexels() > 0 &&
+            texelsOf(tails.patches, static_cast<uint64_t>(tails.channels) / 3) > TexelTable::mostBufferTexels()) {
   std::vector<uint16_t> heights;
   heights.reserve(patches_ * kTailBlockHeights);
   for (uint32_t p = 0; p < patches_; ++p)
-    for (size_t corner : {size_t{0}, size_t{kTailSamples - 1}, kTailHeights - kTailSamples, kTailHeights - 1}) heights.push_back(tails.heights[p * kTailHeights + corner]);
+    for (size_t corner : {size_t{0}, size_t{kTailSamples - 1}, kTailHeights - kTailSamples, kTailHeights - 1})
+      heights.push_back(tails.heights[p * kTailHeights + corner]);
   heights.insert(heights.end(), tails.heights.begin(), tails.heights.end());
   heights_.resize(heights.size());
   heights_.write(0, heights.data(), heights.size());

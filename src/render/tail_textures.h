@@ -1,4 +1,5 @@
-// tail_textures.h - the tails of an artwork's patches (texturing/patch_tails.h) as tables: heights for patch.vert, blocks of texels for shade.frag.
+// tail_textures.h - the tails of an artwork's patches (texturing/patch_tails.h) as tables: heights for patch.vert,
+// blocks of texels for shade.frag.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,8 @@ class TailTextures {
   // How many patches this context has room for.
   static uint64_t maxPatches(int planes);
   explicit TailTextures(const PatchTails& tails);  // uploads the heights
-  // The texels are in rows although the context has buffer textures: they are too many for one. Programs need TAIL_ROWS then.
+  // The texels are in rows although the context has buffer textures: they are too many for one. Programs need TAIL_ROWS
+  // then.
   bool inRows() const { return rows_; }
   // The texels of all planes; again whenever other planes are shown, or the light that they were resolved for changes.
   void setTexels(const PatchTails& tails, const BaseMesh& base);

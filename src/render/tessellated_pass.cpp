@@ -10,8 +10,8 @@
 namespace relievo {
 namespace {
 
-// Mesa 22.3 (llvmpipe) mixes up the vertices of a draw whose tessellator makes many: at 64 x 64 cells a patch places were hundreds of pixels off,
-// and a draw took a hundred times as long. It has 16-bit indices there.
+// Mesa 22.3 (llvmpipe) mixes up the vertices of a draw whose tessellator makes many: at 64 x 64 cells a patch places
+// were hundreds of pixels off, and a draw took a hundred times as long. It has 16-bit indices there.
 constexpr size_t kMaxVerticesADraw = 16384;
 
 struct GpuPatch {
@@ -28,7 +28,8 @@ std::string logOf(GLuint id, bool program) {
 
 }  // namespace
 
-TessellatedPass::TessellatedPass() : vertex_array_(gl::VertexArray::create()), instances_(gl::Buffer::create()), made_(gl::Query::create()) {}
+TessellatedPass::TessellatedPass()
+    : vertex_array_(gl::VertexArray::create()), instances_(gl::Buffer::create()), made_(gl::Query::create()) {}
 TessellatedPass::~TessellatedPass() {
   if (program_) glDeleteProgram(program_);
 }
@@ -41,8 +42,10 @@ Result<void> TessellatedPass::link(gl::Api api, const gl::Defines& defines) {
   };
   GLuint program = glCreateProgram();
   Error error{ErrorKind::kRuntime, "", "", "", {}};
-  for (const Stage& stage : {Stage{GL_VERTEX_SHADER, "compare_tessellated.vert", false}, Stage{GL_TESS_CONTROL_SHADER, "compare_tessellated.tesc", false},
-                             Stage{GL_TESS_EVALUATION_SHADER, "compare_tessellated.tese", false}, Stage{GL_FRAGMENT_SHADER, "compare_place.frag", true}}) {
+  for (const Stage& stage : {Stage{GL_VERTEX_SHADER, "compare_tessellated.vert", false},
+                             Stage{GL_TESS_CONTROL_SHADER, "compare_tessellated.tesc", false},
+                             Stage{GL_TESS_EVALUATION_SHADER, "compare_tessellated.tese", false},
+                             Stage{GL_FRAGMENT_SHADER, "compare_place.frag", true}}) {
     auto text = gl::assembleShader(api, stage.file, defines, stage.fragment);
     if (!text) {
       glDeleteProgram(program);
@@ -64,11 +67,13 @@ Result<void> TessellatedPass::link(gl::Api api, const gl::Defines& defines) {
     glDeleteShader(shader);
   }
   GLuint location = 0;
-  for (const char* name : {"a_origin", "a_relief", "a_instance", "a_edges", "a_patch"}) glBindAttribLocation(program, location++, name);
+  for (const char* name : {"a_origin", "a_relief", "a_instance", "a_edges", "a_patch"})
+    glBindAttribLocation(program, location++, name);
   glLinkProgram(program);
   GLint linked = 0;
   glGetProgramiv(program, GL_LINK_STATUS, &linked);
-  if (!linked && error.message.empty()) error.message = "the tessellation program does not link: " + logOf(program, true);
+  if (!linked && error.message.empty())
+    error.message = "the tessellation program does not link: " + logOf(program, true);
   if (!error.message.empty()) {
     glDeleteProgram(program);
     return error;
@@ -77,20 +82,27 @@ Result<void> TessellatedPass::link(gl::Api api, const gl::Defines& defines) {
   return {};
 }
 
-uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const EyeFrame& eye, const std::function<SlotIndex(const NodeId&)>& slot_of) {
+uint64_t TessellatedPass::draw(std::span<const PatchInstance> instances, const EyeFrame& eye,
+                               const std::function<SlotIndex(const NodeId&)>& slot_of) {
   draw_calls_ = 0;
   std::vector<GpuPatch> gpu;
   gpu.reserve(instances.size());
   for (const PatchInstance& p : instances) {
-    int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level), node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
-    auto offset = [&](uint32_t node, uint32_t page) { return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2)); };
+    int page_log2 = eye.patch_units_log2 - static_cast<int>(p.relief_page.level),
+        node_log2 = eye.patch_units_log2 - static_cast<int>(p.node.level);
+    auto offset = [&](uint32_t node, uint32_t page) {
+      return static_cast<int32_t>((int64_t{node} << node_log2) - (int64_t{page} << page_log2));
+    };
     const ReliefPlace place = reliefPlace(slot_of(p.relief_page));
-    GpuPatch g{{static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y), p.step_log2, p.grid_level},
-               {offset(p.node.x, p.relief_page.x), offset(p.node.y, p.relief_page.y), static_cast<int32_t>(place.texel), page_log2 - 7 + place.coarser},
-               static_cast<uint32_t>(gpu.size() + 1),
-               0,
-               p.node.patch};
-    for (int side = 0; side < 4; ++side) g.edges |= static_cast<uint32_t>(p.edges[static_cast<size_t>(side)][0]) << (8 * side);
+    GpuPatch g{
+        {static_cast<int32_t>(p.x0 - eye.unit_x), static_cast<int32_t>(p.y0 - eye.unit_y), p.step_log2, p.grid_level},
+        {offset(p.node.x, p.relief_page.x), offset(p.node.y, p.relief_page.y), static_cast<int32_t>(place.texel),
+         page_log2 - 7 + place.coarser},
+        static_cast<uint32_t>(gpu.size() + 1),
+        0,
+        p.node.patch};
+    for (int side = 0; side < 4; ++side)
+      g.edges |= static_cast<uint32_t>(p.edges[static_cast<size_t>(side)][0]) << (8 * side);
     gpu.push_back(g);
   }
   glUniformMatrix4fv(uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());

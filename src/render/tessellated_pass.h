@@ -1,4 +1,5 @@
-// tessellated_pass.h - patches cut by the hardware tessellator (GL 4), for comparison with grids. See geometry/strategy_tessellation.cpp.
+// tessellated_pass.h - patches cut by the hardware tessellator (GL 4), for comparison with grids. See
+// geometry/strategy_tessellation.cpp.
 #pragma once
 
 #include <cstdint>
@@ -22,7 +23,8 @@ class TessellatedPass {
   GLint uniform(const char* name) const { return glGetUniformLocation(program_, name); }
   void use() const { glUseProgram(program_); }
   // With the program in use and the pages bound. Returns the triangles that the tessellator made (waits for them).
-  uint64_t draw(std::span<const PatchInstance> instances, const EyeFrame& eye, const std::function<SlotIndex(const NodeId&)>& slot_of);
+  uint64_t draw(std::span<const PatchInstance> instances, const EyeFrame& eye,
+                const std::function<SlotIndex(const NodeId&)>& slot_of);
   uint32_t drawCalls() const { return draw_calls_; }  // of the last draw
 
  private:

@@ -12,11 +12,16 @@ struct Format {
 };
 Format formatOf(TexelTable::Texel texel) {
   switch (texel) {
-    case TexelTable::Texel::kUint16: return {GL_R16UI, GL_RED_INTEGER, GL_UNSIGNED_SHORT, 2};
-    case TexelTable::Texel::kUint32: return {GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, 4};
-    case TexelTable::Texel::kUint32x2: return {GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, 8};
-    case TexelTable::Texel::kUint32x4: return {GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, 16};
-    case TexelTable::Texel::kFloat32x4: return {GL_RGBA32F, GL_RGBA, GL_FLOAT, 16};
+    case TexelTable::Texel::kUint16:
+      return {GL_R16UI, GL_RED_INTEGER, GL_UNSIGNED_SHORT, 2};
+    case TexelTable::Texel::kUint32:
+      return {GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, 4};
+    case TexelTable::Texel::kUint32x2:
+      return {GL_RG32UI, GL_RG_INTEGER, GL_UNSIGNED_INT, 8};
+    case TexelTable::Texel::kUint32x4:
+      return {GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT, 16};
+    case TexelTable::Texel::kFloat32x4:
+      return {GL_RGBA32F, GL_RGBA, GL_FLOAT, 16};
   }
   return {};
 }
@@ -45,7 +50,8 @@ void TexelTable::resize(size_t texels) {
     buffer_ = gl::Buffer::create();
     glBindBuffer(GL_TEXTURE_BUFFER, buffer_.id());
     gl::label(GL_BUFFER, buffer_.id(), label_);
-    glBufferData(GL_TEXTURE_BUFFER, static_cast<GLsizeiptr>(std::max<size_t>(texels, 1) * f.bytes), nullptr, GL_STATIC_DRAW);
+    glBufferData(GL_TEXTURE_BUFFER, static_cast<GLsizeiptr>(std::max<size_t>(texels, 1) * f.bytes), nullptr,
+                 GL_STATIC_DRAW);
     texture_ = gl::Texture::create();
     glBindTexture(GL_TEXTURE_BUFFER, texture_.id());
     gl::label(GL_TEXTURE, texture_.id(), label_);
@@ -61,8 +67,8 @@ void TexelTable::resize(size_t texels) {
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAX_LEVEL, 0);
   const size_t rows = std::max<size_t>(rowsOf(texels), 1);
-  glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, static_cast<GLint>(f.stored), kRow, static_cast<GLsizei>(std::min(rows, kRows)), static_cast<GLsizei>((rows + kRows - 1) / kRows), 0,
-               f.format, f.type, nullptr);
+  glTexImage3D(GL_TEXTURE_2D_ARRAY, 0, static_cast<GLint>(f.stored), kRow, static_cast<GLsizei>(std::min(rows, kRows)),
+               static_cast<GLsizei>((rows + kRows - 1) / kRows), 0, f.format, f.type, nullptr);
   glActiveTexture(GL_TEXTURE0);
 }
 
@@ -74,8 +80,11 @@ void TexelTable::write(size_t first, const void* data, size_t count) {
   if (buffer_) {
     glBindBuffer(GL_TEXTURE_BUFFER, buffer_.id());
     // A whole table is a new store, so that nobody waits for a frame in flight that reads the old one.
-    if (count == size_) glBufferData(GL_TEXTURE_BUFFER, static_cast<GLsizeiptr>(count * f.bytes), bytes, GL_STATIC_DRAW);
-    else glBufferSubData(GL_TEXTURE_BUFFER, static_cast<GLintptr>(first * f.bytes), static_cast<GLsizeiptr>(count * f.bytes), bytes);
+    if (count == size_)
+      glBufferData(GL_TEXTURE_BUFFER, static_cast<GLsizeiptr>(count * f.bytes), bytes, GL_STATIC_DRAW);
+    else
+      glBufferSubData(GL_TEXTURE_BUFFER, static_cast<GLintptr>(first * f.bytes),
+                      static_cast<GLsizeiptr>(count * f.bytes), bytes);
     glBindBuffer(GL_TEXTURE_BUFFER, 0);
     return;
   }
@@ -85,9 +94,11 @@ void TexelTable::write(size_t first, const void* data, size_t count) {
   // Whole rows, as many as the layer has; then what is left of one.
   while (count > 0) {
     const size_t row = first / kRow;
-    const size_t rows = count < kRow ? 1 : std::min(count / kRow, kRows - row % kRows), texels = std::min(count, rows * kRow);
-    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, static_cast<GLint>(row % kRows), static_cast<GLint>(row / kRows), static_cast<GLsizei>(std::min(count, kRow)),
-                    static_cast<GLsizei>(rows), 1, f.format, f.type, bytes);
+    const size_t rows = count < kRow ? 1 : std::min(count / kRow, kRows - row % kRows),
+                 texels = std::min(count, rows * kRow);
+    glTexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, static_cast<GLint>(row % kRows), static_cast<GLint>(row / kRows),
+                    static_cast<GLsizei>(std::min(count, kRow)), static_cast<GLsizei>(rows), 1, f.format, f.type,
+                    bytes);
     first += texels;
     count -= texels;
     bytes += texels * f.bytes;
@@ -100,7 +111,8 @@ void* TexelTable::map(size_t count) {
   assert(count <= size_);
   if (!buffer_ || count == 0) return nullptr;
   glBindBuffer(GL_TEXTURE_BUFFER, buffer_.id());
-  void* mapped = glMapBufferRange(GL_TEXTURE_BUFFER, 0, static_cast<GLsizeiptr>(count * formatOf(texel_).bytes), GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+  void* mapped = glMapBufferRange(GL_TEXTURE_BUFFER, 0, static_cast<GLsizeiptr>(count * formatOf(texel_).bytes),
+                                  GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
   glBindBuffer(GL_TEXTURE_BUFFER, 0);
   return mapped;
 }

@@ -8,7 +8,8 @@
 namespace relievo {
 
 bool UploadRing::available() {
-  return epoxy_is_desktop_gl() ? epoxy_gl_version() >= 44 || epoxy_has_gl_extension("GL_ARB_buffer_storage") : epoxy_has_gl_extension("GL_EXT_buffer_storage");
+  return epoxy_is_desktop_gl() ? epoxy_gl_version() >= 44 || epoxy_has_gl_extension("GL_ARB_buffer_storage")
+                               : epoxy_has_gl_extension("GL_EXT_buffer_storage");
 }
 
 bool UploadRing::pays() { return available() && !gl::currentContextInfo().software; }

@@ -1,6 +1,6 @@
-// upload_ring.h - texels on their way into textures: a pixel unpack buffer that stays mapped, filled in turn. A texture that draws sample takes
-// texels from such a buffer in 0.01 to 0.03 ms a page, from the program's own memory in 0.2 ms (NVIDIA H100). Software GL is faster without, and has
-// none.
+// upload_ring.h - texels on their way into textures: a pixel unpack buffer that stays mapped, filled in turn. A texture
+// that draws sample takes texels from such a buffer in 0.01 to 0.03 ms a page, from the program's own memory in 0.2 ms
+// (NVIDIA H100). Software GL is faster without, and has none.
 #pragma once
 
 #include <array>
@@ -35,7 +35,7 @@ class UploadRing {
 
   gl::Buffer buffer_;
   uint8_t* mapped_ = nullptr;
-  size_t segment_ = 0, used_ = 0;  // of the segment
+  size_t segment_ = 0, used_ = 0;         // of the segment
   std::array<GLsync, kSegments> read_{};  // signalled once all uploads from the segment are done
 };
 

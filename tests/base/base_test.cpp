@@ -46,10 +46,10 @@ TEST(Error, TextNamesFileOffsetMessageAndHint) {
 }
 
 TEST(Error, KindIsTheDocumentedExitCode) {
-  const std::pair<ErrorKind, int> documented[] = {
-      {ErrorKind::kUsage, 1},       {ErrorKind::kIo, 2},         {ErrorKind::kInvalidData, 3},
-      {ErrorKind::kRuntime, 4},     {ErrorKind::kUnsupported, 5}, {ErrorKind::kDifference, 7},
-      {ErrorKind::kInterrupted, 130}};
+  const std::pair<ErrorKind, int> documented[] = {{ErrorKind::kUsage, 1},        {ErrorKind::kIo, 2},
+                                                  {ErrorKind::kInvalidData, 3},  {ErrorKind::kRuntime, 4},
+                                                  {ErrorKind::kUnsupported, 5},  {ErrorKind::kDifference, 7},
+                                                  {ErrorKind::kInterrupted, 130}};
   for (const auto& [kind, code] : documented) EXPECT_EQ(Error{.kind = kind}.exitCode(), code);
 }
 
@@ -188,7 +188,8 @@ TEST(Mailbox, CloseWakesTheTaker) {
 
 std::vector<uint32_t> corners(uint32_t maximum) {
   std::set<uint32_t> values = {0, maximum};
-  for (uint32_t bit = 1; bit != 0 && bit <= maximum; bit <<= 1) values.insert({bit, bit - 1, std::min(bit + 1, maximum)});
+  for (uint32_t bit = 1; bit != 0 && bit <= maximum; bit <<= 1)
+    values.insert({bit, bit - 1, std::min(bit + 1, maximum)});
   return {values.begin(), values.end()};
 }
 
@@ -255,8 +256,9 @@ bool meets(const PlanarDomain& d, const NodeId& n) {
   return right > x0 && bottom > y0;
 }
 
-const std::pair<uint64_t, uint64_t> kSizes[] = {{1, 1},     {1, 300},   {300, 1},   {127, 129}, {128, 128}, {129, 128},
-                                                {256, 255}, {257, 256}, {640, 480}, {480, 640}, {385, 1153}, {2000, 129}};
+const std::pair<uint64_t, uint64_t> kSizes[] = {{1, 1},     {1, 300},   {300, 1},    {127, 129},
+                                                {128, 128}, {129, 128}, {256, 255},  {257, 256},
+                                                {640, 480}, {480, 640}, {385, 1153}, {2000, 129}};
 
 TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
   for (const auto& [width, height] : kSizes) {
@@ -266,8 +268,8 @@ TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
       const uint32_t side = 1u << level;
       // All nodes of small levels; of large ones the rows and columns around every border.
       for (uint32_t patch = 0; patch < d.patchCount() + 2; ++patch)
-        for (uint32_t y = 0; y < side; y += level > 6 ? 3 : 1)
-          for (uint32_t x = 0; x < side; x += level > 6 ? 3 : 1) {
+        for (uint32_t y = 0; y<side; y += level> 6 ? 3 : 1)
+          for (uint32_t x = 0; x<side; x += level> 6 ? 3 : 1) {
             const NodeId n{patch, level, x, y};
             ASSERT_EQ(d.nodeExists(n), patch < d.patchCount() && meets(d, n))
                 << width << "x" << height << " patch " << patch << " level " << level << " at " << x << "," << y;
@@ -281,8 +283,11 @@ TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
 
 TEST(PlanarDomain, NodeExistsAtTheLargestSizesWithoutOverflow) {
   const uint64_t largest = uint64_t{1} << 24;
-  for (const auto& [width, height] : {std::pair{largest, largest}, {largest - 1, largest}, {largest, uint64_t{1}},
-                                      {largest * 3 + 1, largest}, {largest, largest / 2 + 1}}) {
+  for (const auto& [width, height] : {std::pair{largest, largest},
+                                      {largest - 1, largest},
+                                      {largest, uint64_t{1}},
+                                      {largest * 3 + 1, largest},
+                                      {largest, largest / 2 + 1}}) {
     const PlanarDomain d = domainOf(width, height);
     ASSERT_LE(d.texture_depth, static_cast<int>(kMaxNodeLevel));
     std::mt19937 random(7);
@@ -544,13 +549,18 @@ TEST_F(Files, HashesTellFilesApart) {
 
 TEST(Printable, EscapesWhatSteersATerminalAndNothingElse) {
   EXPECT_EQ(printable("coin (front).ptm C:\\x"), "coin (front).ptm C:\\x");
-  EXPECT_EQ(printable("\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99"), "\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99");  // 2, 3 and 4 bytes
+  EXPECT_EQ(printable("\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99"),
+            "\xc3\xa9\xe2\x82\xac\xf0\x9f\xaa\x99");  // 2, 3 and 4 bytes
   EXPECT_EQ(printable(std::string_view("a\0b", 3)), "a\\x00b");
   EXPECT_EQ(printable("a\x1b[2Jb\nc\rd\te\x7f"), "a\\x1b[2Jb\\nc\\rd\\te\\x7f");
-  EXPECT_EQ(printable("\xc2\x9b" "31m"), "\\u009b31m");         // CSI as one character
+  EXPECT_EQ(printable("\xc2\x9b"
+                      "31m"),
+            "\\u009b31m");                                        // CSI as one character
   EXPECT_EQ(printable("\xe2\x80\xaegnp.exe"), "\\u202egnp.exe");  // right-to-left override
   // No UTF-8: alone, cut short, overlong, a surrogate, beyond the last character.
-  EXPECT_EQ(printable("\x9b" "31m"), "\\x9b31m");
+  EXPECT_EQ(printable("\x9b"
+                      "31m"),
+            "\\x9b31m");
   EXPECT_EQ(printable("\xe2\x82"), "\\xe2\\x82");
   EXPECT_EQ(printable("\xc0\x9b\xe0\x82\x9b"), "\\xc0\\x9b\\xe0\\x82\\x9b");
   EXPECT_EQ(printable("\xed\xa0\x80\xf4\x90\x80\x80"), "\\xed\\xa0\\x80\\xf4\\x90\\x80\\x80");
@@ -632,7 +642,12 @@ TEST(ParseJson, WhatIsDeeperOrWiderThanTheLimitsIsRefusedWithItsPlace) {
 }
 
 TEST(ParseJson, WhatIsNoJsonIsAnErrorAtItsPlace) {
-  for (auto [text, place] : {std::pair<const char*, uint64_t>{"{\"a\": nul}", 9}, {"[1, 2", 5}, {"", 0}, {"]", 0}, {"{} x", 3}, {"[1e999999]", 8}}) {
+  for (auto [text, place] : {std::pair<const char*, uint64_t>{"{\"a\": nul}", 9},
+                             {"[1, 2", 5},
+                             {"", 0},
+                             {"]", 0},
+                             {"{} x", 3},
+                             {"[1e999999]", 8}}) {
     auto json = parseJson(text, "state.json");
     ASSERT_FALSE(json.ok()) << text;
     EXPECT_EQ(json.error().kind, ErrorKind::kInvalidData) << text;

@@ -1,5 +1,5 @@
-// One writer of files (src/base/file) and one of standard output (src/base/standard_output): nothing else in the program opens a file to
-// write or prints, so that no error of writing is overlooked.
+// One writer of files (src/base/file) and one of standard output (src/base/standard_output): nothing else in the
+// program opens a file to write or prints, so that no error of writing is overlooked.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -24,7 +24,8 @@ const std::vector<Rule> kRules = {
     {{"ofstream", "std::fstream"}, {}},
     {{"fopen("}, {"tools/build_mesh.cpp"}},  // of /proc/self, for peak memory
     {{"O_CREAT", "creat(", "rename("}, {"src/base/file.cpp"}},
-    {{"O_TMPFILE", "mkstemp(", "mkstemps(", "mkostemp("}, {"src/base/file.cpp", "texturing/package_writer.cpp"}},  // files without a name
+    {{"O_TMPFILE", "mkstemp(", "mkstemps(", "mkostemp("},
+     {"src/base/file.cpp", "texturing/package_writer.cpp"}},  // files without a name
     {{"printf(", "vprintf(", "puts(", "putchar(", "cout", "stdout"}, {}},
     {{"ImageOutput::create("}, {"texturing/image_io_oiio.cpp"}},
 };
@@ -49,7 +50,8 @@ bool hasWord(const std::string& text, const std::string& word) {
   const auto letter = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '_'; };
   for (size_t at = text.find(word); at != std::string::npos; at = text.find(word, at + 1)) {
     const size_t end = at + word.size();
-    if ((at == 0 || !letter(text[at - 1])) && (word.back() == '(' || end == text.size() || !letter(text[end]))) return true;
+    if ((at == 0 || !letter(text[at - 1])) && (word.back() == '(' || end == text.size() || !letter(text[end])))
+      return true;
   }
   return false;
 }
@@ -72,7 +74,8 @@ TEST(OneWriter, NothingElseWritesOrPrints) {
       if (entry.path().extension() != ".cpp" && entry.path().extension() != ".h") continue;
       std::ifstream in(entry.path(), std::ios::binary);
       const std::string text{std::istreambuf_iterator<char>(in), {}};
-      for (const std::string& offence : offences(fs::relative(entry.path(), RELIEVO_SOURCES).string(), text)) ADD_FAILURE() << offence;
+      for (const std::string& offence : offences(fs::relative(entry.path(), RELIEVO_SOURCES).string(), text))
+        ADD_FAILURE() << offence;
       ++files;
     }
   }
@@ -80,10 +83,13 @@ TEST(OneWriter, NothingElseWritesOrPrints) {
 }
 
 TEST(OneWriter, SeesWhatItLooksFor) {
-  for (const char* offence : {"std::printf(\"x\");", "printf(x);", "puts(x);", "std::fputs(x, stdout);", "std::cout << 1;", "std::ofstream out(path);", "FILE* f = fopen(path, mode);",
-                              "open(path, O_WRONLY | O_CREAT);", "::rename(a, b);", "std::filesystem::rename(a, b);", "mkstemp(name);"})
+  for (const char* offence :
+       {"std::printf(\"x\");", "printf(x);", "puts(x);", "std::fputs(x, stdout);", "std::cout << 1;",
+        "std::ofstream out(path);", "FILE* f = fopen(path, mode);", "open(path, O_WRONLY | O_CREAT);",
+        "::rename(a, b);", "std::filesystem::rename(a, b);", "mkstemp(name);"})
     EXPECT_EQ(offences("tools/x.cpp", offence).size(), 1u) << offence;
-  for (const char* fine : {"std::fprintf(stderr, \"x\");", "std::snprintf(text, 3, \"x\");", "printOutf(\"printf(\");", "// printf(x)", "std::ifstream in(path);"})
+  for (const char* fine : {"std::fprintf(stderr, \"x\");", "std::snprintf(text, 3, \"x\");", "printOutf(\"printf(\");",
+                           "// printf(x)", "std::ifstream in(path);"})
     EXPECT_TRUE(offences("tools/x.cpp", fine).empty()) << fine;
 }
 

@@ -1,4 +1,5 @@
-// Files that appear whole or not at all: what stands at the target, what is left by processes that were killed, and what is no file.
+// Files that appear whole or not at all: what stands at the target, what is left by processes that were killed, and
+// what is no file.
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/socket.h>
@@ -26,7 +27,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::span<const uint8_t> bytes(const std::string& text) { return {reinterpret_cast<const uint8_t*>(text.data()), text.size()}; }
+std::span<const uint8_t> bytes(const std::string& text) {
+  return {reinterpret_cast<const uint8_t*>(text.data()), text.size()};
+}
 
 class OutputFiles : public ::testing::Test {
  protected:
@@ -36,7 +39,9 @@ class OutputFiles : public ::testing::Test {
   }
   void TearDown() override { fs::remove_all(folder_); }
   std::string at(const std::string& name) const { return (folder_ / name).string(); }
-  void put(const std::string& name, const std::string& text) const { std::ofstream(at(name), std::ios::binary) << text; }
+  void put(const std::string& name, const std::string& text) const {
+    std::ofstream(at(name), std::ios::binary) << text;
+  }
   std::string get(const std::string& name) const {
     std::ifstream in(at(name), std::ios::binary);
     return {std::istreambuf_iterator<char>(in), {}};
@@ -44,7 +49,8 @@ class OutputFiles : public ::testing::Test {
   std::vector<std::string> partFiles() const {
     std::vector<std::string> names;
     for (const auto& e : fs::directory_iterator(folder_))
-      if (e.path().filename().string().find(".part-") != std::string::npos) names.push_back(e.path().filename().string());
+      if (e.path().filename().string().find(".part-") != std::string::npos)
+        names.push_back(e.path().filename().string());
     return names;
   }
   mode_t modeOf(const std::string& name) const {
@@ -52,7 +58,8 @@ class OutputFiles : public ::testing::Test {
     EXPECT_EQ(::stat(at(name).c_str(), &st), 0) << std::strerror(errno);
     return st.st_mode & 07777;
   }
-  // Another process that writes half of a file and waits. It ends with the pipe that keeps it, or by the signal that the test sends.
+  // Another process that writes half of a file and waits. It ends with the pipe that keeps it, or by the signal that
+  // the test sends.
   pid_t writerOf(const std::string& name) const {
     std::array<int, 2> ready{};
     EXPECT_EQ(::pipe(ready.data()), 0);
@@ -84,7 +91,8 @@ TEST_F(OutputFiles, KeepTheModeOfWhatTheyReplace) {
       ASSERT_TRUE(file.ok());
       struct stat st {};
       ASSERT_EQ(::stat(file->partPath().c_str(), &st), 0);
-      EXPECT_EQ(st.st_mode & 07777 & ~mode, 0u) << "while it is written others may read what they may not read in the end";
+      EXPECT_EQ(st.st_mode & 07777 & ~mode, 0u)
+          << "while it is written others may read what they may not read in the end";
       ASSERT_TRUE(file->append(bytes("after")).ok());
       ASSERT_TRUE(file->commit().ok());
     }
@@ -168,8 +176,14 @@ TEST_F(OutputFiles, OfAProcessThatLivesStay) {
 // Whatever is not exactly a part file of ours is not taken away, however alike its name is.
 TEST_F(OutputFiles, OfOthersAreLeftAlone) {
   const std::string digits = "0123456789abcdef";
-  const std::vector<std::string> names{"out.part-12",          "out.part-12-" + digits + "0", "out.part-12-" + digits.substr(1), "out.part--" + digits, "out.part-x12-" + digits,
-                                       "out.part-12-" + std::string(16, 'G'), "xout.part-12-" + digits,     "out.part-12-" + digits + ".tif"};
+  const std::vector<std::string> names{"out.part-12",
+                                       "out.part-12-" + digits + "0",
+                                       "out.part-12-" + digits.substr(1),
+                                       "out.part--" + digits,
+                                       "out.part-x12-" + digits,
+                                       "out.part-12-" + std::string(16, 'G'),
+                                       "xout.part-12-" + digits,
+                                       "out.part-12-" + digits + ".tif"};
   for (const std::string& name : names) put(name, "not ours");
   fs::create_directory(at("out.part-13-" + digits));
   put("elsewhere", "not ours");
@@ -227,13 +241,15 @@ TEST_F(OutputFiles, ToDevicesAreWrittenStraight) {
   if (::geteuid() == 0) {
     // Devices of the test's own: a root whose program replaces them would replace the machine's.
     null = at("null"), full = at("full");
-    if (::mknod(null.c_str(), S_IFCHR | 0666, makedev(1, 3)) != 0 || ::mknod(full.c_str(), S_IFCHR | 0666, makedev(1, 7)) != 0 || ::access(null.c_str(), W_OK) != 0)
+    if (::mknod(null.c_str(), S_IFCHR | 0666, makedev(1, 3)) != 0 ||
+        ::mknod(full.c_str(), S_IFCHR | 0666, makedev(1, 7)) != 0 || ::access(null.c_str(), W_OK) != 0)
       GTEST_SKIP() << "root may make no devices here: " << std::strerror(errno);
     const int fd = ::open(null.c_str(), O_WRONLY | O_CLOEXEC);
     if (fd < 0) GTEST_SKIP() << "devices do not work in " << folder_ << ": " << std::strerror(errno);
     ::close(fd);
   }
-  struct stat before {}, after {};
+  struct stat before {
+  }, after{};
   ASSERT_EQ(::stat(null.c_str(), &before), 0);
   ASSERT_TRUE(writeFile(null, bytes("x")).ok());
   ASSERT_EQ(::stat(null.c_str(), &after), 0);
@@ -305,8 +321,12 @@ TEST_F(OutputFiles, InputsThatAreNoFilesAreRefusedByNameWithoutWaiting) {
   ASSERT_EQ(::mkfifo(at("pipe").c_str(), 0600), 0);
   makeSocket(at("socket"));
   fs::create_symlink("pipe", at("link"));
-  for (const auto& [path, what] : {std::pair{at("pipe"), "a pipe"}, {at("link"), "a pipe"}, {at("socket"), "a socket"}, {std::string("/dev/null"), "a character device"},
-                                   {std::string("/dev/zero"), "a character device"}, {folder_.string(), "a folder"}}) {
+  for (const auto& [path, what] : {std::pair{at("pipe"), "a pipe"},
+                                   {at("link"), "a pipe"},
+                                   {at("socket"), "a socket"},
+                                   {std::string("/dev/null"), "a character device"},
+                                   {std::string("/dev/zero"), "a character device"},
+                                   {folder_.string(), "a folder"}}) {
     Result<InputFile> file = InputFile::open(path);
     ASSERT_FALSE(file.ok()) << path;
     EXPECT_EQ(file.error().kind, ErrorKind::kIo);

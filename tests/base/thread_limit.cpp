@@ -50,7 +50,9 @@ long threadsRefused() { return refused; }
 }  // namespace relievo::testing_support
 
 #ifndef __SANITIZE_THREAD__  // which has that place itself
-extern "C" __attribute__((visibility("default"))) int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*body)(void*), void* argument) {
+extern "C" __attribute__((visibility("default"))) int pthread_create(pthread_t* thread,
+                                                                     const pthread_attr_t* attributes,
+                                                                     void* (*body)(void*), void* argument) {
   static const auto next = reinterpret_cast<decltype(&pthread_create)>(dlsym(RTLD_NEXT, "pthread_create"));
   if (const long now = ++alive, limit = most; limit >= 0 && now > limit) {
     --alive;

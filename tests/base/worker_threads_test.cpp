@@ -1,4 +1,5 @@
-// Threads that the system refuses, and what threads throw: each loop and pool ends, with a result or with what was thrown.
+// Threads that the system refuses, and what threads throw: each loop and pool ends, with a result or with what was
+// thrown.
 #include <gtest/gtest.h>
 
 #include <new>
@@ -57,8 +58,15 @@ TEST_P(FewThreads, EachThreadOfALoopHasAStateOfItsOwn) {
 
 TEST_P(FewThreads, WhatAJobThrowsReachesTheCaller) {
   for (size_t bad : {0, 1, 17, 999})
-    EXPECT_THROW(parallelFor(1000, 4, nullptr, [&](size_t i) { if (i == bad) throw std::bad_alloc(); }), std::bad_alloc) << bad;
-  EXPECT_THROW(parallelForWith(10, 4, nullptr, []() -> int { throw std::bad_alloc(); }, [](int&, size_t) {}), std::bad_alloc);
+    EXPECT_THROW(parallelFor(1000, 4, nullptr,
+                             [&](size_t i) {
+                               if (i == bad) throw std::bad_alloc();
+                             }),
+                 std::bad_alloc)
+        << bad;
+  EXPECT_THROW(parallelForWith(
+                   10, 4, nullptr, []() -> int { throw std::bad_alloc(); }, [](int&, size_t) {}),
+               std::bad_alloc);
 }
 
 TEST_P(FewThreads, APoolHasAsManyAsItIsGiven) {
@@ -77,7 +85,8 @@ TEST_P(FewThreads, APoolHasAsManyAsItIsGiven) {
 }
 
 TEST_P(FewThreads, ABackgroundTaskIsDoneByWhoAsks) {
-  BackgroundTask<std::unique_ptr<int>> task("test", [seven = std::make_unique<int>(7)]() mutable { return std::move(seven); });
+  BackgroundTask<std::unique_ptr<int>> task("test",
+                                            [seven = std::make_unique<int>(7)]() mutable { return std::move(seven); });
   EXPECT_EQ(*task.get(), 7);
   EXPECT_EQ(*task.get(), 7);
   EXPECT_TRUE(task.ready());
@@ -85,9 +94,14 @@ TEST_P(FewThreads, ABackgroundTaskIsDoneByWhoAsks) {
   EXPECT_THROW(throwing.get(), std::bad_alloc);
   EXPECT_THROW(throwing.get(), std::bad_alloc);
   int done = 0;
-  BackgroundTask<void>("test", [&] { ++done; }, false).get();
+  BackgroundTask<void>(
+      "test", [&] { ++done; }, false)
+      .get();
   EXPECT_EQ(done, 1);
-  { BackgroundTask<void> never("test", [&] { ++done; }, false); }
+  {
+    BackgroundTask<void> never(
+        "test", [&] { ++done; }, false);
+  }
   EXPECT_EQ(done, 1);
 }
 
@@ -106,7 +120,9 @@ TEST(WorkerThreads, WhatAThreadThrowsIsKeptForItsOwner) {
 
 TEST(WorkerThreads, TheSentenceSaysWhyAndWhatToDo) {
   const std::string text = ThreadStartFailure("Resource temporarily unavailable").what();
-  EXPECT_EQ(text, "could not start a thread: Resource temporarily unavailable (close other programs, or raise the limits of processes and memory: ulimit -u, ulimit -v)");
+  EXPECT_EQ(text,
+            "could not start a thread: Resource temporarily unavailable (close other programs, or raise the limits of "
+            "processes and memory: ulimit -u, ulimit -v)");
 }
 
 }  // namespace

@@ -1,13 +1,12 @@
 // fault_driver - runs the program's commands once for every call of a kind that can fail, with that call failing
 // (fault_library.cpp), and looks at what is left.
 //
-// After each run: the program ended by itself with a documented exit code and in time; with 0 its outputs are byte for byte
-// those of an undisturbed run, else each output is still the old file (or the new one, whole) and exactly one line on
-// standard error begins with "relievo: error:"; inputs are untouched, and nothing else lies in the folder.
-// --kills: the program is killed (SIGKILL) while it writes; after each, the output is the old file or the new one, and the
-// next build gives the right bytes and leaves nothing else. --resume: that build goes on from a checkpoint, with another number of
-// workers.
-// Prints a table and every violation; exits with 0 if there is none, else with 7.
+// After each run: the program ended by itself with a documented exit code and in time; with 0 its outputs are byte for
+// byte those of an undisturbed run, else each output is still the old file (or the new one, whole) and exactly one line
+// on standard error begins with "relievo: error:"; inputs are untouched, and nothing else lies in the folder.
+// --kills: the program is killed (SIGKILL) while it writes; after each, the output is the old file or the new one, and
+// the next build gives the right bytes and leaves nothing else. --resume: that build goes on from a checkpoint, with
+// another number of workers. Prints a table and every violation; exits with 0 if there is none, else with 7.
 #include <fcntl.h>
 #include <signal.h>
 #include <sys/mman.h>
@@ -42,8 +41,8 @@ using relievo::testing_support::FaultReport;
 
 struct Arguments {
   std::string program, library, only, only_kind;
-  uint64_t tries = 0;  // of each row of the table; 0: every call
-  uint64_t kills = 0;  // moments; 0: the table of faults instead
+  uint64_t tries = 0;   // of each row of the table; 0: every call
+  uint64_t kills = 0;   // moments; 0: the table of faults instead
   bool resume = false;  // after a kill the build goes on
   int jobs = 2;
 };
@@ -66,8 +65,9 @@ struct Operation {
   std::string name;
   std::vector<std::string> arguments;
   std::vector<Output> outputs;
-  bool says = false;    // standard output is the same in each run, and is compared
-  bool foreign = false; // with OpenImageIO or GL, which use the standard library as well and end the process where it has no memory
+  bool says = false;     // standard output is the same in each run, and is compared
+  bool foreign = false;  // with OpenImageIO or GL, which use the standard library as well and end the process where it
+                         // has no memory
 };
 
 // What fails, and which exit codes say so. 0 is always allowed: with the right output the fault did no harm.
@@ -86,8 +86,11 @@ struct Run {
   double seconds = 0;
 };
 
-// In memory where there is such a folder: thousands of runs would wait for the disk, whose failures are injected anyway.
-fs::path scratchFolder() { return access("/dev/shm", W_OK | X_OK) == 0 ? fs::path("/dev/shm") : fs::temp_directory_path(); }
+// In memory where there is such a folder: thousands of runs would wait for the disk, whose failures are injected
+// anyway.
+fs::path scratchFolder() {
+  return access("/dev/shm", W_OK | X_OK) == 0 ? fs::path("/dev/shm") : fs::temp_directory_path();
+}
 
 class Workshop {
  public:
@@ -101,8 +104,10 @@ class Workshop {
   fs::path out(const std::string& name) const { return work() / "out" / name; }
 
   // kill_after_s: SIGKILL from outside, after that time.
-  Run run(const std::vector<std::string>& arguments, const std::map<std::string, std::string>& faults, double kill_after_s = -1) const {
-    const std::string report_path = (root_ / "report").string(), out_path = (root_ / "stdout").string(), err_path = (root_ / "stderr").string();
+  Run run(const std::vector<std::string>& arguments, const std::map<std::string, std::string>& faults,
+          double kill_after_s = -1) const {
+    const std::string report_path = (root_ / "report").string(), out_path = (root_ / "stdout").string(),
+                      err_path = (root_ / "stderr").string();
     writeAll(report_path, std::string(sizeof(FaultReport), '\0'));
     std::vector<std::string> words{arguments_.program};
     words.insert(words.end(), arguments.begin(), arguments.end());
@@ -159,7 +164,8 @@ class Workshop {
 
   std::map<std::string, std::string> filesIn(const char* folder) const {
     std::map<std::string, std::string> out;
-    for (const auto& e : fs::directory_iterator(work() / folder)) out[e.path().filename().string()] = e.is_regular_file() ? readAll(e.path()) : "";
+    for (const auto& e : fs::directory_iterator(work() / folder))
+      out[e.path().filename().string()] = e.is_regular_file() ? readAll(e.path()) : "";
     return out;
   }
   // out/ with these files only.
@@ -189,7 +195,8 @@ void makeInputs(const Workshop& shop, int big) {
       for (int y = 0; y < height; ++y)
         for (int x = 0; x < width; ++x)
           for (int c = 0; c < 3; ++c) pixels.push_back(static_cast<char>((x * (c + 1) + y * 2 + (x * y) % 7) & 255));
-    writeAll(shop.work() / "in" / name, "P6\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n" + pixels);
+    writeAll(shop.work() / "in" / name,
+             "P6\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n" + pixels);
   };
   image("image.ppm", w, h, false);
   if (big > 0) image("big.ppm", big, big * 2 / 3, true);  // noise does not compress: many bytes are written
@@ -200,7 +207,8 @@ void makeInputs(const Workshop& shop, int big) {
       heights += {static_cast<char>(v >> 8), static_cast<char>(v & 255)};
     }
   writeAll(shop.work() / "in" / "heights.pgm", heights);
-  std::string ptm = "PTM_1.2\nPTM_FORMAT_LRGB\n" + std::to_string(w) + "\n" + std::to_string(h) + "\n1 1 1 1 1 1\n128 128 128 128 128 0\n";
+  std::string ptm = "PTM_1.2\nPTM_FORMAT_LRGB\n" + std::to_string(w) + "\n" + std::to_string(h) +
+                    "\n1 1 1 1 1 1\n128 128 128 128 128 0\n";
   for (int i = 0; i < w * h; ++i)
     for (int k = 0; k < 6; ++k) ptm.push_back(static_cast<char>(128 + (i * (k + 3) / 50) % 40));
   for (int i = 0; i < w * h; ++i)
@@ -210,12 +218,15 @@ void makeInputs(const Workshop& shop, int big) {
   const int rings = 16, sides = 32;
   std::ostringstream ply;
   const int vertices = 2 + (rings - 1) * sides, faces = 2 * sides * (rings - 1);
-  ply << "ply\nformat ascii 1.0\nelement vertex " << vertices << "\nproperty float x\nproperty float y\nproperty float z\nelement face " << faces
+  ply << "ply\nformat ascii 1.0\nelement vertex " << vertices
+      << "\nproperty float x\nproperty float y\nproperty float z\nelement face " << faces
       << "\nproperty list uchar int vertex_indices\nend_header\n0 0 10\n";
   for (int i = 1; i < rings; ++i)
     for (int j = 0; j < sides; ++j) {
-      const double a = M_PI * i / rings, b = 2 * M_PI * j / sides, radius = 10 + 0.3 * std::sin(5 * a) * std::cos(4 * b);
-      ply << radius * std::sin(a) * std::cos(b) << " " << radius * std::sin(a) * std::sin(b) << " " << radius * std::cos(a) << "\n";
+      const double a = M_PI * i / rings, b = 2 * M_PI * j / sides,
+                   radius = 10 + 0.3 * std::sin(5 * a) * std::cos(4 * b);
+      ply << radius * std::sin(a) * std::cos(b) << " " << radius * std::sin(a) * std::sin(b) << " "
+          << radius * std::cos(a) << "\n";
     }
   ply << "0 0 -10\n";
   auto at = [&](int i, int j) { return i == 0 ? 0 : i == rings ? vertices - 1 : 1 + (i - 1) * sides + j % sides; };
@@ -230,10 +241,23 @@ void makeInputs(const Workshop& shop, int big) {
 std::vector<Operation> operations() {
   const std::string p = "in/package.relievo";
   return {
-      {"build image", {"build", "-o", "out/o.relievo", "--image", "in/image.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30", "--workers", "2", "--json", "out/o.json"}, {{"o.relievo", ""}, {"o.json", "}\n"}}, false, true},
+      {"build image",
+       {"build", "-o", "out/o.relievo", "--image", "in/image.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30",
+        "--workers", "2", "--json", "out/o.json"},
+       {{"o.relievo", ""}, {"o.json", "}\n"}},
+       false,
+       true},
       {"build ptm", {"build", "-o", "out/o.relievo", "--ptm", "in/tablet.ptm", "--workers", "2"}, {{"o.relievo", ""}}},
-      {"build mesh", {"build", "-o", "out/o.relievo", "--mesh", "in/scan.ply", "--workers", "2", "--patches", "24", "--report", "out/o.html"}, {{"o.relievo", ""}, {"o.html", "</html>\n"}}},
-      {"checkpoints", {"build", "-o", "out/o.relievo", "--ptm", "in/tablet.ptm", "--relief", "in/heights.pgm", "--relief-px", "0:30", "--workers", "2", "--checkpoint-every", "0"}, {{"o.relievo", ""}}, false, true},
+      {"build mesh",
+       {"build", "-o", "out/o.relievo", "--mesh", "in/scan.ply", "--workers", "2", "--patches", "24", "--report",
+        "out/o.html"},
+       {{"o.relievo", ""}, {"o.html", "</html>\n"}}},
+      {"checkpoints",
+       {"build", "-o", "out/o.relievo", "--ptm", "in/tablet.ptm", "--relief", "in/heights.pgm", "--relief-px", "0:30",
+        "--workers", "2", "--checkpoint-every", "0"},
+       {{"o.relievo", ""}},
+       false,
+       true},
       {"verify", {"verify", p}, {}, true},
       {"info", {"info", p}, {}, true},
       {"render", {"render", p, "-o", "out/o.png", "--size", "48x32"}, {{"o.png", ""}}, false, true},
@@ -243,12 +267,15 @@ std::vector<Operation> operations() {
 
 std::vector<Fault> faults() {
   return {
-      {"open", "EMFILE", false, {2}},      {"read", "EIO", false, {2}},         {"read", "SHORT", false, {}},
-      {"write", "ENOSPC", false, {2}},     {"write", "EIO", false, {2}},        {"write", "ENOSPC", true, {2}},
-      {"write", "SHORT", false, {}},       {"read,write", "EINTR", false, {}},  {"sync", "EIO", false, {2}},
-      {"rename", "EIO", false, {2}},       {"close", "EIO", false, {2}},        {"truncate,map,lock", "EIO", false, {2}},
-      {"alloc", "ENOMEM", false, {4}},     {"alloc", "ENOMEM", true, {4}},      {"string", "ENOMEM", false, {4}},
-      {"thread", "EAGAIN", false, {4}},    {"thread", "EAGAIN", true, {4}},     {"read,write,sync,rename,open", "INT", false, {130}},
+      {"open", "EMFILE", false, {2}},   {"read", "EIO", false, {2}},
+      {"read", "SHORT", false, {}},     {"write", "ENOSPC", false, {2}},
+      {"write", "EIO", false, {2}},     {"write", "ENOSPC", true, {2}},
+      {"write", "SHORT", false, {}},    {"read,write", "EINTR", false, {}},
+      {"sync", "EIO", false, {2}},      {"rename", "EIO", false, {2}},
+      {"close", "EIO", false, {2}},     {"truncate,map,lock", "EIO", false, {2}},
+      {"alloc", "ENOMEM", false, {4}},  {"alloc", "ENOMEM", true, {4}},
+      {"string", "ENOMEM", false, {4}}, {"thread", "EAGAIN", false, {4}},
+      {"thread", "EAGAIN", true, {4}},  {"read,write,sync,rename,open", "INT", false, {130}},
   };
 }
 
@@ -263,7 +290,9 @@ class Judge {
     ++count_;
     std::string said = r.err.substr(0, 300);
     while (!said.empty() && said.back() == '\n') said.pop_back();
-    if (count_ <= 400) std::printf("VIOLATION %s: %s [exit %d, signal %d] %s\n", where.c_str(), what.c_str(), r.exit_code, r.signal, said.c_str());
+    if (count_ <= 400)
+      std::printf("VIOLATION %s: %s [exit %d, signal %d] %s\n", where.c_str(), what.c_str(), r.exit_code, r.signal,
+                  said.c_str());
     std::fflush(stdout);
   }
   uint64_t count() const { return count_; }
@@ -291,19 +320,24 @@ std::map<std::string, std::string> oldFiles(const Operation& op) {
 }
 
 // Times and rates differ from run to run.
-std::string withoutTimes(const std::string& text) { return std::regex_replace(text, std::regex("[0-9.]+ (s|[A-Za-z]+/s)"), "T"); }
+std::string withoutTimes(const std::string& text) {
+  return std::regex_replace(text, std::regex("[0-9.]+ (s|[A-Za-z]+/s)"), "T");
+}
 
 // Empty: as it should be.
-std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& reference, const std::map<std::string, std::string>& old,
-                    const Run& r, const std::set<int>& codes, bool killed) {
+std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& reference,
+                    const std::map<std::string, std::string>& old, const Run& r, const std::set<int>& codes,
+                    bool killed) {
   if (r.hung) return "it did not end";
   if (!killed && r.signal) return "it crashed";
-  if (!killed && r.exit_code != 0 && !codes.contains(r.exit_code)) return "exit code " + std::to_string(r.exit_code) + " is not the one of this fault";
+  if (!killed && r.exit_code != 0 && !codes.contains(r.exit_code))
+    return "exit code " + std::to_string(r.exit_code) + " is not the one of this fault";
   if (shop.filesIn("in") != reference.inputs) return "an input is changed";
   auto now = shop.filesIn("out");
   for (const Output& o : op.outputs) {
     const auto found = now.find(o.name);
-    const bool is_old = old.contains(o.name) ? found != now.end() && found->second == old.at(o.name) : found == now.end();
+    const bool is_old =
+        old.contains(o.name) ? found != now.end() && found->second == old.at(o.name) : found == now.end();
     const bool is_new = found != now.end() && isWhole(o, found->second, reference);
     if (!killed && r.exit_code == 0 && !is_new) return "exit 0, but " + o.name + " is not what it should be";
     if (!is_old && !is_new) return o.name + " is neither the old file nor the new one";
@@ -311,7 +345,8 @@ std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& 
   }
   if (killed) return "";
   if (!now.empty()) return "left behind: " + now.begin()->first;
-  if (r.exit_code == 0 && op.says && withoutTimes(r.out) != withoutTimes(reference.run.out)) return "exit 0, but standard output differs";
+  if (r.exit_code == 0 && op.says && withoutTimes(r.out) != withoutTimes(reference.run.out))
+    return "exit 0, but standard output differs";
   int errors = 0;
   std::istringstream lines(r.err);
   for (std::string line; std::getline(lines, line);) errors += line.starts_with("relievo: error:");
@@ -353,8 +388,11 @@ int faultTable(const Arguments& arguments) {
     shops.push_back(std::make_unique<Workshop>(arguments, std::to_string(j)));
     makeInputs(*shops.back(), 0);
     if (arguments.only == "control") continue;
-    const Run made = shops.back()->run({"build", "-o", "in/package.relievo", "--image", "in/image.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30"}, {});
-    if (made.exit_code != 0) return std::fprintf(stderr, "fault_driver: cannot build the package to try: %s\n", made.err.c_str()), 4;
+    const Run made = shops.back()->run({"build", "-o", "in/package.relievo", "--image", "in/image.ppm", "--relief",
+                                        "in/heights.pgm", "--relief-px", "0:30"},
+                                       {});
+    if (made.exit_code != 0)
+      return std::fprintf(stderr, "fault_driver: cannot build the package to try: %s\n", made.err.c_str()), 4;
   }
   Judge judge;
   std::vector<std::string> table;
@@ -384,7 +422,9 @@ int faultTable(const Arguments& arguments) {
           if (r.hit == 0) ++counts.missed;
           if (!wrong.empty()) {
             ++counts.violations;
-            judge.violation(op.name + ", " + f.kinds + " " + f.action + (f.all ? " from " : " ") + std::to_string(numbers[i]), wrong, r);
+            judge.violation(
+                op.name + ", " + f.kinds + " " + f.action + (f.all ? " from " : " ") + std::to_string(numbers[i]),
+                wrong, r);
           } else {
             ++(r.exit_code == 0 ? counts.right : counts.refused);
           }
@@ -395,15 +435,18 @@ int faultTable(const Arguments& arguments) {
       work(*shops[0]);
       for (std::thread& t : threads) t.join();
       char line[200];
-      std::snprintf(line, sizeof line, "%-12s %-28s %-7s %-4s %7llu %7llu %7llu %7llu %7llu %7llu", op.name.c_str(), f.kinds, f.action, f.all ? "all" : "one",
-                    static_cast<unsigned long long>(counts.calls), static_cast<unsigned long long>(counts.tried), static_cast<unsigned long long>(counts.right),
-                    static_cast<unsigned long long>(counts.refused), static_cast<unsigned long long>(counts.missed), static_cast<unsigned long long>(counts.violations));
+      std::snprintf(line, sizeof line, "%-12s %-28s %-7s %-4s %7llu %7llu %7llu %7llu %7llu %7llu", op.name.c_str(),
+                    f.kinds, f.action, f.all ? "all" : "one", static_cast<unsigned long long>(counts.calls),
+                    static_cast<unsigned long long>(counts.tried), static_cast<unsigned long long>(counts.right),
+                    static_cast<unsigned long long>(counts.refused), static_cast<unsigned long long>(counts.missed),
+                    static_cast<unsigned long long>(counts.violations));
       std::printf("%s\n", line);
       std::fflush(stdout);
       table.push_back(line);
     }
   }
-  std::printf("\n%-12s %-28s %-7s %-4s %7s %7s %7s %7s %7s %7s\n", "operation", "calls", "fault", "", "calls", "tried", "right", "refused", "unhit", "WRONG");
+  std::printf("\n%-12s %-28s %-7s %-4s %7s %7s %7s %7s %7s %7s\n", "operation", "calls", "fault", "", "calls", "tried",
+              "right", "refused", "unhit", "WRONG");
   for (const std::string& line : table) std::printf("%s\n", line.c_str());
   std::printf("\n%llu violations\n", static_cast<unsigned long long>(judge.count()));
   return judge.count() ? 7 : 0;
@@ -414,7 +457,9 @@ int killTable(const Arguments& arguments) {
   Workshop shop(arguments, "kills");
   makeInputs(shop, 1500);  // four tiles, of which the first is half of it: most kills come after a checkpoint
   auto command = [&](const char* workers) {
-    std::vector<std::string> out{"build", "-o", "out/o.relievo", "--image", "in/big.ppm", "--relief", "in/heights.pgm", "--relief-px", "0:30", "--workers", workers};
+    std::vector<std::string> out{"build",      "-o",        "out/o.relievo",  "--image",
+                                 "in/big.ppm", "--relief",  "in/heights.pgm", "--relief-px",
+                                 "0:30",       "--workers", workers};
     if (arguments.resume) out.insert(out.end(), {"--resume", "--checkpoint-every", "0"});
     return out;
   };
@@ -461,7 +506,8 @@ int killTable(const Arguments& arguments) {
     went_on += next.err.find("going on from a checkpoint") != std::string::npos;
     if (wrong.empty() && next.exit_code != 0) wrong = "the next build failed: " + next.err;
     const auto now = shop.filesIn("out");
-    if (wrong.empty() && (!now.contains("o.relievo") || now.at("o.relievo") != whole)) wrong = "the next build gave other bytes";
+    if (wrong.empty() && (!now.contains("o.relievo") || now.at("o.relievo") != whole))
+      wrong = "the next build gave other bytes";
     if (wrong.empty() && now.size() != 1) {
       wrong = "after the next build there is still";
       for (const auto& [name, bytes] : now)
@@ -469,7 +515,9 @@ int killTable(const Arguments& arguments) {
     }
     if (!wrong.empty()) judge.violation("kill at " + moment, wrong, r);
   }
-  auto count = [](const char* what, uint64_t n) { std::printf("%-44s %8llu\n", what, static_cast<unsigned long long>(n)); };
+  auto count = [](const char* what, uint64_t n) {
+    std::printf("%-44s %8llu\n", what, static_cast<unsigned long long>(n));
+  };
   count("kills", arguments.kills);
   count("  at a byte that was being written", at_bytes);
   count("  before a call that changes files", at_calls);
@@ -504,13 +552,17 @@ int main(int argc, char** argv) {
     else if (word == "--jobs") arguments.jobs = std::max(1, std::stoi(value()));
     else {
       std::printf(
-          "fault_driver --program RELIEVO --library libfault.so [--tries N] [--only OPERATION] [--kinds KINDS] [--jobs N]\n"
+          "fault_driver --program RELIEVO --library libfault.so [--tries N] [--only OPERATION] [--kinds KINDS] [--jobs "
+          "N]\n"
           "fault_driver --program RELIEVO --library libfault.so --kills 200 [--resume]\n\n"
-          "Runs the program with the Nth call failing, for every N (or --tries of them, spread evenly, for each row), and says what\n"
-          "it makes of it; or kills it while it writes. Exit codes: 0 all as it should be, 7 violations (each printed), 1 usage.\n");
+          "Runs the program with the Nth call failing, for every N (or --tries of them, spread evenly, for each row), "
+          "and says what\n"
+          "it makes of it; or kills it while it writes. Exit codes: 0 all as it should be, 7 violations (each "
+          "printed), 1 usage.\n");
       return word == "--help" ? 0 : 1;
     }
   }
-  if (arguments.program.empty() || arguments.library.empty()) return std::fprintf(stderr, "fault_driver: --program and --library are needed\n"), 1;
+  if (arguments.program.empty() || arguments.library.empty())
+    return std::fprintf(stderr, "fault_driver: --program and --library are needed\n"), 1;
   return arguments.kills ? killTable(arguments) : faultTable(arguments);
 }

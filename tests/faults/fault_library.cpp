@@ -1,4 +1,5 @@
-// fault_library.cpp - makes chosen calls of a program fail, to see what the program makes of it. Loaded with LD_PRELOAD.
+// fault_library.cpp - makes chosen calls of a program fail, to see what the program makes of it. Loaded with
+// LD_PRELOAD.
 //
 // What it does is said by environment variables:
 //   RELIEVO_FAULT_KINDS    which calls are counted, separated by commas:
@@ -10,17 +11,20 @@
 //                            thread  threads of the program's own code (not those of the libraries it uses)
 //   RELIEVO_FAULT_FOLDER   an absolute path
 //   RELIEVO_FAULT_NTH      the call that fails, from 1 on; 0 or missing: none, calls are only counted
-//   RELIEVO_FAULT_BYTE     instead: the call that writes this byte (from 0 on, counted over all writes); the bytes before
+//   RELIEVO_FAULT_BYTE     instead: the call that writes this byte (from 0 on, counted over all writes); the bytes
+//   before
 //                          it are written first, as by a disk that fills up, or a process that is killed
-//   RELIEVO_FAULT_ACTION   the name of an errno (EIO, ENOSPC, EMFILE, ENOMEM, EAGAIN, EINTR, EINVAL), KILL (SIGKILL), INT (SIGINT,
+//   RELIEVO_FAULT_ACTION   the name of an errno (EIO, ENOSPC, EMFILE, ENOMEM, EAGAIN, EINTR, EINVAL), KILL (SIGKILL),
+//   INT (SIGINT,
 //                          and the call goes on), or SHORT (half of the bytes are read or written, which is no error)
 //   RELIEVO_FAULT_ALL      1: every call from the chosen one on fails
-//   RELIEVO_FAULT_REPORT   a file of at least sizeof(FaultReport) bytes, into which the counts are written as they grow, so
+//   RELIEVO_FAULT_REPORT   a file of at least sizeof(FaultReport) bytes, into which the counts are written as they
+//   grow, so
 //                          that they survive a kill (fault_report.h)
 //
-// Counting starts and ends with main(): what static constructors and destructors do, all of them libraries', is not the program's to
-// mend. A failing close() closes, as the
-// kernel's does. A failing stream loses what it has buffered, as a stream does whose buffer cannot be written.
+// Counting starts and ends with main(): what static constructors and destructors do, all of them libraries', is not the
+// program's to mend. A failing close() closes, as the kernel's does. A failing stream loses what it has buffered, as a
+// stream does whose buffer cannot be written.
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -54,7 +58,22 @@ namespace {
 
 using relievo::testing_support::FaultReport;
 
-enum Kind { kOpen, kRead, kWrite, kSync, kRename, kUnlink, kClose, kTruncate, kMap, kLock, kAlloc, kString, kThread, kKinds };
+enum Kind {
+  kOpen,
+  kRead,
+  kWrite,
+  kSync,
+  kRename,
+  kUnlink,
+  kClose,
+  kTruncate,
+  kMap,
+  kLock,
+  kAlloc,
+  kString,
+  kThread,
+  kKinds
+};
 constexpr const char* kNames[kKinds] = {"open",     "read", "write", "sync",  "rename", "unlink", "close",
                                         "truncate", "map",  "lock",  "alloc", "string", "thread"};
 constexpr int kKill = -1, kShort = -2, kInterrupt = -3;
@@ -72,11 +91,12 @@ FaultReport own_report;
 FaultReport* report = &own_report;
 uintptr_t program_begin = ~uintptr_t{0}, program_end = 0, library_begin = ~uintptr_t{0}, library_end = 0;
 
-#define REAL(name) \
-  static decltype(&::name) real_##name = reinterpret_cast<decltype(&::name)>(dlsym(RTLD_NEXT, #name))
+#define REAL(name) static decltype(&::name) real_##name = reinterpret_cast<decltype(&::name)>(dlsym(RTLD_NEXT, #name))
 
 bool inProgram(const void* p) { return reinterpret_cast<uintptr_t>(p) - program_begin < program_end - program_begin; }
-bool inStandardLibrary(const void* p) { return reinterpret_cast<uintptr_t>(p) - library_begin < library_end - library_begin; }
+bool inStandardLibrary(const void* p) {
+  return reinterpret_cast<uintptr_t>(p) - library_begin < library_end - library_begin;
+}
 
 int onModule(dl_phdr_info* info, size_t, void* data) {
   int& serial = *static_cast<int*>(data);
@@ -112,8 +132,8 @@ __attribute__((constructor)) void configure() {
     constexpr struct {
       const char* name;
       int value;
-    } kActions[] = {{"EIO", EIO},       {"ENOSPC", ENOSPC}, {"EMFILE", EMFILE}, {"ENOMEM", ENOMEM}, {"EAGAIN", EAGAIN},
-                    {"EINTR", EINTR},   {"EINVAL", EINVAL}, {"KILL", kKill},    {"SHORT", kShort},  {"INT", kInterrupt}};
+    } kActions[] = {{"EIO", EIO},     {"ENOSPC", ENOSPC}, {"EMFILE", EMFILE}, {"ENOMEM", ENOMEM}, {"EAGAIN", EAGAIN},
+                    {"EINTR", EINTR}, {"EINVAL", EINVAL}, {"KILL", kKill},    {"SHORT", kShort},  {"INT", kInterrupt}};
     for (const auto& known : kActions)
       if (strcmp(a, known.name) == 0) action = known.value;
   }
@@ -168,7 +188,8 @@ bool under(const char* path) {
   return strncmp(path, folder, folder_size) == 0 && (path[folder_size] == '/' || path[folder_size] == 0);
 }
 bool under(int at, const char* path) {
-  return at == AT_FDCWD || (path && path[0] == '/') ? under(path) : at >= 0 && at < kMaxDescriptors && tracked[at].load();
+  return at == AT_FDCWD || (path && path[0] == '/') ? under(path)
+                                                    : at >= 0 && at < kMaxDescriptors && tracked[at].load();
 }
 bool isTracked(int fd) { return fd >= 0 && fd < kMaxDescriptors && tracked[fd].load(); }
 bool isTracked(FILE* f) { return f && isTracked(fileno(f)); }
@@ -183,7 +204,8 @@ FILE* track(FILE* f) {
 }
 bool failsOn(Kind kind, int fd) { return isTracked(fd) && fails(kind); }
 
-// How many bytes of a write are to be written: all of them, some (then the disk is full or the process ends), or an error.
+// How many bytes of a write are to be written: all of them, some (then the disk is full or the process ends), or an
+// error.
 struct WriteFault {
   bool fail = false, then_kill = false;
   size_t bytes = 0;
@@ -252,7 +274,8 @@ int armedMain(int argc, char** argv, char** environment) {
 
 extern "C" {
 
-int __libc_start_main(Main main, int argc, char** argv, void (*init)(), void (*fini)(), void (*rtld_fini)(), void* stack_end) {
+int __libc_start_main(Main main, int argc, char** argv, void (*init)(), void (*fini)(), void (*rtld_fini)(),
+                      void* stack_end) {
   using Start = int (*)(Main, int, char**, void (*)(), void (*)(), void (*)(), void*);
   const Start start = reinterpret_cast<Start>(dlsym(RTLD_NEXT, "__libc_start_main"));
   program_main = main;
@@ -260,29 +283,29 @@ int __libc_start_main(Main main, int argc, char** argv, void (*init)(), void (*f
 }
 
 // ---- opening ----
-#define OPEN(name)                                      \
-  int name(const char* path, int flags, ...) {          \
-    va_list list;                                       \
-    va_start(list, flags);                              \
-    const mode_t mode = va_arg(list, mode_t);           \
-    va_end(list);                                       \
-    REAL(name);                                         \
+#define OPEN(name)                                           \
+  int name(const char* path, int flags, ...) {               \
+    va_list list;                                            \
+    va_start(list, flags);                                   \
+    const mode_t mode = va_arg(list, mode_t);                \
+    va_end(list);                                            \
+    REAL(name);                                              \
     if (!under(path)) return real_##name(path, flags, mode); \
-    if (fails(kOpen)) return failed(-1);                \
-    return track(real_##name(path, flags, mode));       \
+    if (fails(kOpen)) return failed(-1);                     \
+    return track(real_##name(path, flags, mode));            \
   }
 OPEN(open)
 OPEN(open64)
-#define OPENAT(name)                                            \
-  int name(int at, const char* path, int flags, ...) {          \
-    va_list list;                                               \
-    va_start(list, flags);                                      \
-    const mode_t mode = va_arg(list, mode_t);                   \
-    va_end(list);                                               \
-    REAL(name);                                                 \
+#define OPENAT(name)                                                 \
+  int name(int at, const char* path, int flags, ...) {               \
+    va_list list;                                                    \
+    va_start(list, flags);                                           \
+    const mode_t mode = va_arg(list, mode_t);                        \
+    va_end(list);                                                    \
+    REAL(name);                                                      \
     if (!under(at, path)) return real_##name(at, path, flags, mode); \
-    if (fails(kOpen)) return failed(-1);                        \
-    return track(real_##name(at, path, flags, mode));           \
+    if (fails(kOpen)) return failed(-1);                             \
+    return track(real_##name(at, path, flags, mode));                \
   }
 OPENAT(openat)
 OPENAT(openat64)
@@ -342,7 +365,9 @@ ssize_t preadv2(int fd, const iovec* parts, int count, off_t at, int flags) {
   REAL(preadv2);
   return failsOn(kRead, fd) && action != kShort ? failed<ssize_t>(-1) : real_preadv2(fd, parts, count, at, flags);
 }
-ssize_t preadv64v2(int fd, const iovec* parts, int count, off64_t at, int flags) { return preadv2(fd, parts, count, at, flags); }
+ssize_t preadv64v2(int fd, const iovec* parts, int count, off64_t at, int flags) {
+  return preadv2(fd, parts, count, at, flags);
+}
 size_t fread(void* out, size_t size, size_t count, FILE* f) {
   REAL(fread);
   if (isTracked(f) && fails(kRead) && action != kShort) return failStream(f);
@@ -417,11 +442,13 @@ int rename(const char* from, const char* to) {
 }
 int renameat(int from_at, const char* from, int to_at, const char* to) {
   REAL(renameat);
-  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1) : real_renameat(from_at, from, to_at, to);
+  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1)
+                                                                      : real_renameat(from_at, from, to_at, to);
 }
 int renameat2(int from_at, const char* from, int to_at, const char* to, unsigned flags) {
   REAL(renameat2);
-  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1) : real_renameat2(from_at, from, to_at, to, flags);
+  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1)
+                                                                      : real_renameat2(from_at, from, to_at, to, flags);
 }
 int link(const char* from, const char* to) {
   REAL(link);
@@ -429,7 +456,8 @@ int link(const char* from, const char* to) {
 }
 int linkat(int from_at, const char* from, int to_at, const char* to, int flags) {
   REAL(linkat);
-  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1) : real_linkat(from_at, from, to_at, to, flags);
+  return (under(from_at, from) || under(to_at, to)) && fails(kRename) ? failed(-1)
+                                                                      : real_linkat(from_at, from, to_at, to, flags);
 }
 int unlink(const char* path) {
   REAL(unlink);
@@ -485,8 +513,8 @@ int posix_memalign(void** out, size_t alignment, size_t size) {
 int pthread_create(pthread_t* thread, const pthread_attr_t* attributes, void* (*start)(void*), void* argument) {
   REAL(pthread_create);
   // std::thread hands over an object whose class is known only to the code that started it.
-  const bool own = inProgram(reinterpret_cast<void*>(start)) ||
-                   (inStandardLibrary(reinterpret_cast<void*>(start)) && argument && inProgram(*static_cast<void**>(argument)));
+  const bool own = inProgram(reinterpret_cast<void*>(start)) || (inStandardLibrary(reinterpret_cast<void*>(start)) &&
+                                                                 argument && inProgram(*static_cast<void**>(argument)));
   if (own && fails(kThread)) return action > 0 ? action : EAGAIN;
   return real_pthread_create(thread, attributes, start, argument);
 }
@@ -509,5 +537,9 @@ void* operator new[](size_t size, std::align_val_t alignment) {
   if (void* p = newBytes(size, static_cast<size_t>(alignment), __builtin_return_address(0))) return p;
   throw std::bad_alloc();
 }
-void* operator new(size_t size, const std::nothrow_t&) noexcept { return newBytes(size, 0, __builtin_return_address(0)); }
-void* operator new[](size_t size, const std::nothrow_t&) noexcept { return newBytes(size, 0, __builtin_return_address(0)); }
+void* operator new(size_t size, const std::nothrow_t&) noexcept {
+  return newBytes(size, 0, __builtin_return_address(0));
+}
+void* operator new[](size_t size, const std::nothrow_t&) noexcept {
+  return newBytes(size, 0, __builtin_return_address(0));
+}

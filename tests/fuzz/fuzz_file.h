@@ -1,4 +1,5 @@
-// fuzz_file.h - what the fuzz targets share: inputs as files, since readers take paths, and a way to fail that libFuzzer counts as a crash.
+// fuzz_file.h - what the fuzz targets share: inputs as files, since readers take paths, and a way to fail that
+// libFuzzer counts as a crash.
 #pragma once
 
 #include <fcntl.h>
@@ -29,7 +30,8 @@ class Folder {
  public:
   Folder() {
     const bool in_memory = access("/dev/shm", W_OK) == 0;
-    std::string pattern = (in_memory ? std::string("/dev/shm") : std::filesystem::temp_directory_path().string()) + "/relievo-fuzz-XXXXXX";
+    std::string pattern = (in_memory ? std::string("/dev/shm") : std::filesystem::temp_directory_path().string()) +
+                          "/relievo-fuzz-XXXXXX";
     if (!mkdtemp(pattern.data())) {
       std::perror("fuzz: a folder for the inputs");
       std::abort();

@@ -22,7 +22,9 @@ inline std::vector<uint8_t> fileBytes(const std::string& path) {
 class SmoothPatches final : public testing_support::NoisyPatches {
  public:
   using NoisyPatches::NoisyPatches;
-  uint16_t height(uint32_t /*patch*/, int x, int y) const override { return static_cast<uint16_t>(20000 + 3 * std::abs(x - cells() / 2) + 5 * y); }
+  uint16_t height(uint32_t /*patch*/, int x, int y) const override {
+    return static_cast<uint16_t>(20000 + 3 * std::abs(x - cells() / 2) + 5 * y);
+  }
 };
 
 inline std::vector<std::vector<uint8_t>> samplePackages() {
@@ -38,7 +40,8 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
     out.push_back(fileBytes(options.output));
     require(!out.back().empty(), "a sample package could not be built");
   };
-  auto flat = [](int64_t width, int64_t height, Basis basis, bool relief, PageEncoding coefficients, PageEncoding colour) {
+  auto flat = [](int64_t width, int64_t height, Basis basis, bool relief, PageEncoding coefficients,
+                 PageEncoding colour) {
     return [=](BuildOptions& options) {
       options.coefficients = coefficients, options.colour = colour;
       const NoisyTexture texture(width, height, basis, 7, 0);
@@ -51,7 +54,9 @@ inline std::vector<std::vector<uint8_t>> samplePackages() {
   add(flat(300, 90, Basis::kPtmLrgb, true, {PageCodec::kQuantised, 5}, {PageCodec::kBc7, 0}));
   add([](BuildOptions& options) {
     BaseMesh mesh;
-    for (int k = 0; k < 6; ++k) mesh.corners.push_back({glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
+    for (int k = 0; k < 6; ++k)
+      mesh.corners.push_back(
+          {glm::vec3(10.0f * static_cast<float>(k % 3), -10.0f * static_cast<float>(k / 3), 0), glm::vec3(0, 0, 1)});
     mesh.patches = {{0, 1, 3, 4}, {1, 2, 4, 5}};
     auto built = buildPatchPackage(SmoothPatches(mesh, 0, 0, 3), options);
     require(built.ok(), built ? "" : built.error().text());

@@ -1,5 +1,5 @@
-// fuzz_seeds FOLDER: writes the inputs that fuzzing begins with, FOLDER/TARGET/NAME, by the writers of the project and of its tests.
-// Nothing binary is kept in the repository, and formats that change bring their seeds along.
+// fuzz_seeds FOLDER: writes the inputs that fuzzing begins with, FOLDER/TARGET/NAME, by the writers of the project and
+// of its tests. Nothing binary is kept in the repository, and formats that change bring their seeds along.
 #include <OpenImageIO/imageio.h>
 
 #include <cstring>
@@ -38,20 +38,31 @@ void meshes() {
   for (Encoding e : {Encoding::kAscii, Encoding::kLittle, Encoding::kBig}) {
     const std::string name = std::to_string(static_cast<int>(e));
     put("ply", "plain" + name, plyFile(plain, {.encoding = e}));
-    put("ply", "full" + name, plyFile(full, {.encoding = e, .coordinate = "double", .colour = "ushort", .count = "uint", .clutter = true}));
+    put("ply", "full" + name,
+        plyFile(full, {.encoding = e, .coordinate = "double", .colour = "ushort", .count = "uint", .clutter = true}));
     put("ply", "uv" + name, plyFile(full, {.encoding = e, .colour = "float", .index = "ushort", .vertex_uv = true}));
   }
   put("ply", "strips",
-      "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\n"
+      "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float "
+      "y\nproperty float z\nelement tristrips 1\n"
       "property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n6 0 1 2 -1 1 2\n");
   put("obj", "plain", objFile(plain));
   put("obj", "negative", objFile(full, true));
   put("obj", "materials",
-      "mtllib scan.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl skin\nf 1/1 2/2 3/3\nusemtl cloth\nf 2//1 4//1 3//1\n"
-      "f 1/1/1 2/2/1 \\\n 3/3/1\n#materials\nnewmtl skin\nKd 0.5 0.25 1\nmap_Kd -clamp on -s 1 1 1 my skin.png\nnewmtl cloth\nKd 1 0 0\n");
+      "mtllib scan.mtl\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl "
+      "skin\nf 1/1 2/2 3/3\nusemtl cloth\nf 2//1 4//1 3//1\n"
+      "f 1/1/1 2/2/1 \\\n 3/3/1\n#materials\nnewmtl skin\nKd 0.5 0.25 1\nmap_Kd -clamp on -s 1 1 1 my skin.png\nnewmtl "
+      "cloth\nKd 1 0 0\n");
   for (bool binary : {false, true}) {
     put("off", binary ? "binary" : "text", offFile(plain, binary));
-    put("off", binary ? "colour binary" : "colour text", offFile([&] { Sample s = full; s.corner_uv.clear(); return s; }(), binary));
+    put("off", binary ? "colour binary" : "colour text",
+        offFile(
+            [&] {
+              Sample s = full;
+              s.corner_uv.clear();
+              return s;
+            }(),
+            binary));
     put("stl", binary ? "binary" : "text", stlFile(plain, binary));
   }
   put("off", "polygons", "OFF\n# a comment\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 2 2\n5 0 1 2 3 4 255 0 0\n3 0 1 2\n");
@@ -63,7 +74,8 @@ std::string greyJpeg(int side) {
   std::vector<uint8_t> pixels(static_cast<size_t>(side * side));
   for (size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<uint8_t>(37 * i);
   auto writer = ImageWriter::create(path, side, side, 1, SampleType::kUint8);
-  fuzz::require(writer && (*writer)->appendRows(side, pixels.data()) && (*writer)->commit(), "a seed image could not be written");
+  fuzz::require(writer && (*writer)->appendRows(side, pixels.data()) && (*writer)->commit(),
+                "a seed image could not be written");
   return load(path);
 }
 
@@ -79,28 +91,35 @@ void ptms() {
     put("ptm", "lrgb11", bytes);
   }
   const std::string numbers = "4\n3\n2 1.5 0.0625 2 1 1.25\n160 161 128 127 3 0\n";
-  put("ptm", "lum", "PTM_1.2\nPTM_FORMAT_LUM\n" + numbers + "1.402 1 0 0 -0.71414 1 -0.34414 0 0 1 1.772 0 0 0 0 1\n" + std::string(4 * 3 * 8, 'x'));
+  put("ptm", "lum",
+      "PTM_1.2\nPTM_FORMAT_LUM\n" + numbers + "1.402 1 0 0 -0.71414 1 -0.34414 0 0 1 1.772 0 0 0 0 1\n" +
+          std::string(4 * 3 * 8, 'x'));
   const std::string jpeg = greyJpeg(8);
   for (const int planes : {9, 18}) {
-    std::string text = std::string("PTM_1.2\nPTM_FORMAT_JPEG_") + (planes == 9 ? "LRGB" : "RGB") + "\n8\n8\n2 1.5 0.0625 2 1 1.25\n160 161 128 127 3 0\n95\n", data;
+    std::string text = std::string("PTM_1.2\nPTM_FORMAT_JPEG_") + (planes == 9 ? "LRGB" : "RGB") +
+                       "\n8\n8\n2 1.5 0.0625 2 1 1.25\n160 161 128 127 3 0\n95\n",
+                data;
     auto line = [&](const std::function<int(int)>& number) {
       for (int k = 0; k < planes; ++k) text += (k ? " " : "") + std::to_string(number(k));
       text += "\n";
     };
-    line([](int k) { return k % 3; });                    // transform
-    line([](int k) { return k == 2 ? 1 : 0; });           // motion
+    line([](int k) { return k % 3; });           // transform
+    line([](int k) { return k == 2 ? 1 : 0; });  // motion
     line([](int k) { return k == 2 ? -1 : 0; });
     line([](int k) { return k; });                        // order
     line([](int k) { return k % 3 == 0 ? -1 : k - 1; });  // reference
     line([&](int) { return static_cast<int>(jpeg.size()); });
-    line([](int k) { return k == 4 ? 3 : 0; });           // side information
+    line([](int k) { return k == 4 ? 3 : 0; });  // side information
     for (int k = 0; k < planes; ++k) data += jpeg + (k == 4 ? std::string("\0\0\1", 3) : "");
     put("ptm", planes == 9 ? "jpeg lrgb" : "jpeg rgb", text + data);
   }
 }
 
 void pages() {
-  auto asText = [](int kind, std::span<const uint8_t> page) { return std::string(1, static_cast<char>(kind)) + std::string(reinterpret_cast<const char*>(page.data()), page.size()); };
+  auto asText = [](int kind, std::span<const uint8_t> page) {
+    return std::string(1, static_cast<char>(kind)) +
+           std::string(reinterpret_cast<const char*>(page.data()), page.size());
+  };
   std::vector<uint8_t> flat(kTexturePageBytes, 90), ramp(kTexturePageBytes);
   for (size_t i = 0; i < ramp.size(); ++i) ramp[i] = static_cast<uint8_t>(i % kPageFullPx);
   PageEncoder encoder(1);
@@ -118,7 +137,8 @@ void pages() {
     put("page", kind ? "raw relief" : "raw texture", raw);
   }
   std::vector<uint16_t> heights(kReliefPageSamples);
-  for (size_t i = 0; i < heights.size(); ++i) heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));
+  for (size_t i = 0; i < heights.size(); ++i)
+    heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));
   put("page", "relief", asText(1, encoder.encodeRelief(heights)));
   heights.assign(heights.size(), 77);
   put("page", "flat relief", asText(1, encoder.encodeRelief(heights)));
@@ -130,7 +150,8 @@ void packages() {
     const std::string package(1, k);
     put("package", "whole " + std::to_string(k), package);
     auto change = [&](const char* name, char region, uint16_t offset, const std::string& bytes) {
-      const std::string at{region, static_cast<char>(offset & 255), static_cast<char>(offset >> 8), static_cast<char>(bytes.size())};
+      const std::string at{region, static_cast<char>(offset & 255), static_cast<char>(offset >> 8),
+                           static_cast<char>(bytes.size())};
       put("package", name + std::string(" ") + std::to_string(k), package + at + bytes);
     };
     change("width", 0, 88, std::string("\1\0\0\0\1\0\0\0", 8));
@@ -158,13 +179,20 @@ void images() {
     SampleType type;
     const void* samples;
   };
-  for (const Kind& k : {Kind{"0.png", 3, SampleType::kUint8, bytes.data()}, {"0.png", 1, SampleType::kUint16, shorts.data()}, {"1.tif", 3, SampleType::kUint8, bytes.data()},
-                        {"1.tif", 1, SampleType::kUint16, shorts.data()}, {"1.tif", 1, SampleType::kFloat, floats.data()}, {"2.jpg", 3, SampleType::kUint8, bytes.data()},
+  for (const Kind& k : {Kind{"0.png", 3, SampleType::kUint8, bytes.data()},
+                        {"0.png", 1, SampleType::kUint16, shorts.data()},
+                        {"1.tif", 3, SampleType::kUint8, bytes.data()},
+                        {"1.tif", 1, SampleType::kUint16, shorts.data()},
+                        {"1.tif", 1, SampleType::kFloat, floats.data()},
+                        {"2.jpg", 3, SampleType::kUint8, bytes.data()},
                         {"2.jpg", 1, SampleType::kUint8, bytes.data()}}) {
     const std::string path = fuzz::folder().file(k.name);
     auto writer = ImageWriter::create(path, 6, 5, k.channels, k.type);
-    fuzz::require(writer && (*writer)->appendRows(5, k.samples) && (*writer)->commit(), "a seed image could not be written");
-    put("image", std::string(k.name) + " " + std::to_string(k.channels) + " " + std::to_string(static_cast<int>(k.type)), std::string(1, static_cast<char>(k.name[0] - '0')) + load(path));
+    fuzz::require(writer && (*writer)->appendRows(5, k.samples) && (*writer)->commit(),
+                  "a seed image could not be written");
+    put("image",
+        std::string(k.name) + " " + std::to_string(k.channels) + " " + std::to_string(static_cast<int>(k.type)),
+        std::string(1, static_cast<char>(k.name[0] - '0')) + load(path));
   }
 }
 
@@ -178,16 +206,20 @@ void otherImages() {
       spec.attribute("DateTime", "");  // or it writes the time, and no two runs have the same inputs
       spec.attribute("compression", compression);
       auto output = OIIO::ImageOutput::create(path);
-      fuzz::require(output && output->open(path, spec) && output->write_image(OIIO::TypeDesc::FLOAT, pixels.data()) && output->close(), "a seed EXR could not be written");
+      fuzz::require(output && output->open(path, spec) && output->write_image(OIIO::TypeDesc::FLOAT, pixels.data()) &&
+                        output->close(),
+                    "a seed EXR could not be written");
       put("image", std::string("3.exr ") + compression + std::to_string(channels), std::string(1, 3) + load(path));
     }
 }
 
 void cameras() {
-  put("state", "all", R"({"azimuth_deg": 20, "elevation_deg": -10.5, "distance_mm": 400, "fov_deg": 35, "orthographic": false, "target_mm": [1, 2, 3], "light": [0.1, 0, 1]})");
+  put("state", "all",
+      R"({"azimuth_deg": 20, "elevation_deg": -10.5, "distance_mm": 400, "fov_deg": 35, "orthographic": false, "target_mm": [1, 2, 3], "light": [0.1, 0, 1]})");
   put("state", "empty", "{}");
   put("state", "parallel", R"({"orthographic": true, "distance_mm": 1e3})");
-  put("path", "two", R"({"cameras": [{"azimuth_deg": 20, "elevation_deg": 10, "distance_mm": 400, "fov_deg": 35, "target_mm": [0, 0, 0]}, {"orthographic": true, "light": [0, 0, 1]}]})");
+  put("path", "two",
+      R"({"cameras": [{"azimuth_deg": 20, "elevation_deg": 10, "distance_mm": 400, "fov_deg": 35, "target_mm": [0, 0, 0]}, {"orthographic": true, "light": [0, 0, 1]}]})");
   put("path", "empty", R"({"cameras": []})");
   put("planted", "near", "RL?");
 }

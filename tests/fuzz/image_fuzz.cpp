@@ -1,4 +1,5 @@
-// An image through OpenImageIO: the first byte chooses the format by the file's name. Large claims are refused before pixels are allocated.
+// An image through OpenImageIO: the first byte chooses the format by the file's name. Large claims are refused before
+// pixels are allocated.
 #include <array>
 #include <vector>
 
@@ -12,7 +13,9 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   const std::string path = fuzz::folder().put(kNames[data[0] % kNames.size()], {data + 1, size - 1});
   auto edges = [](const auto& source, auto&& read) {
     const int64_t width = std::min<int64_t>(source.width(), 32), height = std::min<int64_t>(source.height(), 32);
-    for (const Rect& r : {Rect{0, 0, width, height}, Rect{source.width() - width, source.height() - height, width, height}}) read(r);
+    for (const Rect& r :
+         {Rect{0, 0, width, height}, Rect{source.width() - width, source.height() - height, width, height}})
+      read(r);
   };
   if (auto colour = openColourImage(path, {.cache_bytes = uint64_t{8} << 20})) {
     edges(**colour, [&](const Rect& r) {

@@ -1,4 +1,5 @@
-// A scan's file; RELIEVO_FUZZ_NAME ends as the format's files do. Of an OBJ what follows a line "#materials" is its material file.
+// A scan's file; RELIEVO_FUZZ_NAME ends as the format's files do. Of an OBJ what follows a line "#materials" is its
+// material file.
 #include <string_view>
 
 #include "geometry/mesh_read.h"
@@ -9,7 +10,8 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   std::span<const uint8_t> scan(data, size), materials;
   constexpr std::string_view kBreak = "#materials\n";
   const std::string_view text(reinterpret_cast<const char*>(data), size);
-  if (const size_t at = text.find(kBreak); at != text.npos) materials = scan.subspan(at + kBreak.size()), scan = scan.first(at);
+  if (const size_t at = text.find(kBreak); at != text.npos)
+    materials = scan.subspan(at + kBreak.size()), scan = scan.first(at);
   fuzz::folder().put("scan.mtl", materials);
   auto read = readMesh(fuzz::folder().put(RELIEVO_FUZZ_NAME, scan), {.workers = 1});
   if (!read) {

@@ -1,5 +1,6 @@
-// A package with all checksums right, so that what they would keep away gets as far as it can: into the manifest, the index, pages, tails and base mesh.
-// An input names one of some packages that are built on start-up and lists changes to it:
+// A package with all checksums right, so that what they would keep away gets as far as it can: into the manifest, the
+// index, pages, tails and base mesh. An input names one of some packages that are built on start-up and lists changes
+// to it:
 //   byte 0     the package
 //   then       region, offset (u16), count: `count` bytes that replace those of the region from the offset on
 // Afterwards every checksum is computed anew from what it covers, for as far as the header's claims lie in the file.
@@ -27,13 +28,20 @@ struct Region {
 Region regionOf(std::span<const uint8_t> file, uint8_t region) {
   auto at = [&](size_t offset) { return loadLittle<uint64_t>(file.data() + offset); };
   switch (region % 7) {
-    case 0: return {0, 320};
-    case 1: return {at(24), at(32)};
-    case 2: return {at(264), at(272)};
-    case 3: return {at(48), at(56)};
-    case 4: return {at(64), 4096};   // the first pages
-    case 5: return {at(296), at(304)};
-    default: return {at(296) - std::min<uint64_t>(at(296), 512), 512};  // the last chunk of tails
+    case 0:
+      return {0, 320};
+    case 1:
+      return {at(24), at(32)};
+    case 2:
+      return {at(264), at(272)};
+    case 3:
+      return {at(48), at(56)};
+    case 4:
+      return {at(64), 4096};  // the first pages
+    case 5:
+      return {at(296), at(304)};
+    default:
+      return {at(296) - std::min<uint64_t>(at(296), 512), 512};  // the last chunk of tails
   }
 }
 
@@ -48,7 +56,8 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   };
   if (const uint64_t offset = at(296), bytes = at(304); inside(offset, bytes)) {
     for (uint64_t k = 24; k + 20 <= bytes && k < 24 + 16 * 20; k += 20) {
-      const uint64_t chunk = loadLittle<uint64_t>(h + offset + k), chunk_bytes = loadLittle<uint32_t>(h + offset + k + 8);
+      const uint64_t chunk = loadLittle<uint64_t>(h + offset + k),
+                     chunk_bytes = loadLittle<uint32_t>(h + offset + k + 8);
       if (inside(chunk, chunk_bytes)) storeLittle<uint64_t>(h + offset + k + 12, hash(chunk, chunk_bytes));
     }
   }
@@ -60,7 +69,8 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   };
   sealHeader();
   if (auto header = decodeHeader(std::span(file).first(kHeaderBytes), "")) {
-    const PackageLayout layout = packageLayout(header->domain, header->texture, header->index_offset, header->detailBytes());
+    const PackageLayout layout =
+        packageLayout(header->domain, header->texture, header->index_offset, header->detailBytes());
     auto tree = [&](const IndexLayout& index, uint32_t node_bytes, uint32_t entry_bytes) {
       int left = kBlocks;
       index.forEachBlock([&](const IndexLayout::Block& block) {
@@ -68,8 +78,10 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
         const uint64_t entries = block.bytes - 8;
         for (uint64_t e = 0; entry_bytes > 0 && e < entries; e += node_bytes)
           for (uint64_t k = e; k + entry_bytes <= e + node_bytes; k += entry_bytes) {
-            const uint64_t page = loadLittle<uint64_t>(h + block.offset + k), bytes = loadLittle<uint32_t>(h + block.offset + k + 8);
-            if (bytes <= kMaxEncodedPageBytes && inside(page, bytes)) storeLittle<uint64_t>(h + block.offset + k + 12, hash(page, bytes));
+            const uint64_t page = loadLittle<uint64_t>(h + block.offset + k),
+                           bytes = loadLittle<uint32_t>(h + block.offset + k + 8);
+            if (bytes <= kMaxEncodedPageBytes && inside(page, bytes))
+              storeLittle<uint64_t>(h + block.offset + k + 12, hash(page, bytes));
           }
         storeLittle<uint64_t>(h + block.offset + entries, hash(block.offset, entries));
         return --left > 0;
@@ -99,7 +111,8 @@ void readAll(const Package& package) {
           const PageId id(relief ? Plane::kRelief : texturePlane(plane), node);
           auto page = package.read(id);
           if (!page) requireExplained(page.error());
-          else if (auto decoded = decoder.decodeToSlot(id.plane(), page->bytes, texels); !decoded) requireExplained(decoded.error());
+          else if (auto decoded = decoder.decodeToSlot(id.plane(), page->bytes, texels); !decoded)
+            requireExplained(decoded.error());
           if (!relief) continue;
           std::array<float, kReliefDetailBytes> errors;
           std::array<DeviationShape, kReliefDetailBytes> shapes;

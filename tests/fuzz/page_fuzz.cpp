@@ -1,4 +1,5 @@
-// One encoded page: lossless, quantised, JPEG or blocks, texture or relief (the first byte's lowest bit). What decodes, decodes alike by every way.
+// One encoded page: lossless, quantised, JPEG or blocks, texture or relief (the first byte's lowest bit). What decodes,
+// decodes alike by every way.
 #include <cstring>
 #include <vector>
 
@@ -20,12 +21,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   if (relief) {
     std::vector<uint16_t> samples(kReliefPageSamples);
     auto decoded = decoder.decodeRelief(page, samples);
-    fuzz::require(static_cast<bool>(decoded) == static_cast<bool>(to_slot), "relief decodes by one way and not by the other");
+    fuzz::require(static_cast<bool>(decoded) == static_cast<bool>(to_slot),
+                  "relief decodes by one way and not by the other");
     if (!decoded) return 0;
     for (int j = 0; j < kReliefSamples; ++j)
       for (int i = 0; i < kReliefSamples; ++i) {
         const uint8_t* t = &texels[4 * (static_cast<size_t>(j) * kPageFullPx + static_cast<size_t>(i))];
-        fuzz::require(samples[static_cast<size_t>(j) * kReliefSamples + static_cast<size_t>(i)] == (t[0] << 8 | t[1]), "slot texels differ from samples");
+        fuzz::require(samples[static_cast<size_t>(j) * kReliefSamples + static_cast<size_t>(i)] == (t[0] << 8 | t[1]),
+                      "slot texels differ from samples");
       }
     for (const int cells : {128, 64, 32}) {
       const auto count = compactTexels(texels, cells);
@@ -35,17 +38,21 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
       const int step = 128 / cells;
       for (int y = 0; y <= cells; y += 3)
         for (int x = 0; x <= cells; ++x)
-          fuzz::require(compactSample(packed, cells, x, y) == samples[static_cast<size_t>(y * step * kReliefSamples + x * step)], "a compact sample differs");
+          fuzz::require(
+              compactSample(packed, cells, x, y) == samples[static_cast<size_t>(y * step * kReliefSamples + x * step)],
+              "a compact sample differs");
     }
     return 0;
   }
   std::vector<uint8_t> channels(kTexturePageBytes);
   auto decoded = decoder.decodeTexture(page, channels);
-  fuzz::require(static_cast<bool>(decoded) == static_cast<bool>(to_slot), "a texture page decodes by one way and not by the other");
+  fuzz::require(static_cast<bool>(decoded) == static_cast<bool>(to_slot),
+                "a texture page decodes by one way and not by the other");
   if (decoded) {
     constexpr size_t kTexels = size_t{kPageFullPx} * kPageFullPx;
     for (size_t i = 0; i < kTexels; ++i)
-      for (size_t c = 0; c < 3; ++c) fuzz::require(channels[c * kTexels + i] == texels[4 * i + c], "slot texels differ from channels");
+      for (size_t c = 0; c < 3; ++c)
+        fuzz::require(channels[c * kTexels + i] == texels[4 * i + c], "slot texels differ from channels");
   }
   for (const PageCodec codec : {PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc5, PageCodec::kBc7}) {
     std::vector<uint8_t> blocks(pageBlockBytes(codec)), from_blocks(kSlotBytes);

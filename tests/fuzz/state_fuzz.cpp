@@ -5,8 +5,12 @@
 
 // Of relievo.cpp, which has a main() of its own. No option is given here, so that none is parsed.
 namespace relievo {
-Error usageError(const std::string& message, const std::string& hint) { return {ErrorKind::kUsage, "", message, hint, {}}; }
-Result<std::array<double, 3>> parseTriple(const std::string&, const char* option, const char*) { return usageError(option); }
+Error usageError(const std::string& message, const std::string& hint) {
+  return {ErrorKind::kUsage, "", message, hint, {}};
+}
+Result<std::array<double, 3>> parseTriple(const std::string&, const char* option, const char*) {
+  return usageError(option);
+}
 }  // namespace relievo
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {

@@ -38,15 +38,16 @@ TEST(BaseMesh, NeighboursRunAlike) {
   for (Side s : {kRight, kTop, kBottom}) EXPECT_EQ(n[1][s].patch, PatchNeighbour::kNone);
 }
 
-// The second patch turned in steps of 90 degrees: every side of it meets the first one's right side once, in either direction.
+// The second patch turned in steps of 90 degrees: every side of it meets the first one's right side once, in either
+// direction.
 TEST(BaseMesh, NeighboursTurned) {
   struct Turn {
     std::array<uint32_t, 4> corners;
     Side side;
     bool reversed;
   };
-  for (const Turn& t : {Turn{{1, 2, 4, 5}, kLeft, false}, Turn{{2, 5, 1, 4}, kBottom, false}, Turn{{5, 4, 2, 1}, kRight, true},
-                        Turn{{4, 1, 5, 2}, kTop, true}}) {
+  for (const Turn& t : {Turn{{1, 2, 4, 5}, kLeft, false}, Turn{{2, 5, 1, 4}, kBottom, false},
+                        Turn{{5, 4, 2, 1}, kRight, true}, Turn{{4, 1, 5, 2}, kTop, true}}) {
     BaseMesh m = twoPatches();
     m.patches[1] = t.corners;
     const auto n = patchNeighbours(m);
@@ -59,7 +60,8 @@ TEST(BaseMesh, AStripClosedUpsideDown) {
   // A Moebius strip of three patches: the last one's right side is the first one's left side, reversed.
   BaseMesh m;
   for (int k = 0; k < 3; ++k) {
-    for (float y : {0.0f, 1.0f}) m.corners.push_back({{static_cast<float>(k), y, static_cast<float>(k % 2)}, {0, 0, 1}});
+    for (float y : {0.0f, 1.0f})
+      m.corners.push_back({{static_cast<float>(k), y, static_cast<float>(k % 2)}, {0, 0, 1}});
   }
   m.patches = {{0, 2, 1, 3}, {2, 4, 3, 5}, {4, 1, 5, 0}};
   EXPECT_EQ(baseMeshProblem(m), "");

@@ -12,7 +12,8 @@
 
 namespace relievo {
 
-// A grid of n x m cells over [0, 1]^2, wrapped where it closes, less the cells that skip names; place(u, v). Outside is u x v.
+// A grid of n x m cells over [0, 1]^2, wrapped where it closes, less the cells that skip names; place(u, v). Outside is
+// u x v.
 inline TriMesh gridMesh(int n, int m, bool wrap_u, bool wrap_v, const std::function<glm::dvec3(double, double)>& place,
                         const std::function<bool(double, double)>& skip = {}) {
   TriMesh mesh;
@@ -72,22 +73,28 @@ inline TriMesh cubeMesh(int n, const std::function<glm::dvec3(const glm::dvec3&)
 }
 
 inline TriMesh sphereMesh(int n = 40, double radius = 50) {
-  return cubeMesh(n, [=](const glm::dvec3& p) { return radius * glm::normalize(glm::dvec3(std::tan(p.x * 0.78), std::tan(p.y * 0.78), std::tan(p.z * 0.78))); });
+  return cubeMesh(n, [=](const glm::dvec3& p) {
+    return radius * glm::normalize(glm::dvec3(std::tan(p.x * 0.78), std::tan(p.y * 0.78), std::tan(p.z * 0.78)));
+  });
 }
 inline TriMesh torusMesh(int n = 120, int m = 50, double large = 50, double small = 18) {
   return gridMesh(n, m, true, true, [=](double u, double v) {
     const double a = 2 * std::numbers::pi * u, b = 2 * std::numbers::pi * v;
-    return glm::dvec3((large + small * std::cos(b)) * std::cos(a), (large + small * std::cos(b)) * std::sin(a), small * std::sin(b));
+    return glm::dvec3((large + small * std::cos(b)) * std::cos(a), (large + small * std::cos(b)) * std::sin(a),
+                      small * std::sin(b));
   });
 }
 // An open sheet of 100 x 100 with waves of +-5 and a round hole.
 inline TriMesh wavySheet(int n = 100, double hole = 0.15) {
-  return gridMesh(n, n, false, false,
-                  [](double u, double v) { return glm::dvec3(100 * u, 100 * v, 5 * std::sin(9 * u) * std::cos(7 * v)); },
-                  [=](double u, double v) { return std::hypot(u - 0.5, v - 0.45) < hole; });
+  return gridMesh(
+      n, n, false, false,
+      [](double u, double v) { return glm::dvec3(100 * u, 100 * v, 5 * std::sin(9 * u) * std::cos(7 * v)); },
+      [=](double u, double v) { return std::hypot(u - 0.5, v - 0.45) < hole; });
 }
 inline TriMesh panelMesh(int n = 120, double width = 200, double height = 120) {
-  return gridMesh(n, n, false, false, [=](double u, double v) { return glm::dvec3(width * u, height * v, 0.5 * std::sin(40 * u) * std::sin(30 * v)); });
+  return gridMesh(n, n, false, false, [=](double u, double v) {
+    return glm::dvec3(width * u, height * v, 0.5 * std::sin(40 * u) * std::sin(30 * v));
+  });
 }
 inline TriMesh boxMesh(int n, double x, double y, double z) {
   return cubeMesh(n, [=](const glm::dvec3& p) { return glm::dvec3(p.x * x / 2, p.y * y / 2, p.z * z / 2); });
@@ -117,7 +124,8 @@ inline TriMesh bustMesh(int n = 60) {
 inline TriMesh moebiusMesh(int n = 60, int m = 8) {
   TriMesh mesh = gridMesh(n, m, false, false, [](double u, double v) {
     const double a = 2 * std::numbers::pi * u, w = 20 * (v - 0.5);
-    return glm::dvec3((50 + w * std::cos(a / 2)) * std::cos(a), (50 + w * std::cos(a / 2)) * std::sin(a), w * std::sin(a / 2));
+    return glm::dvec3((50 + w * std::cos(a / 2)) * std::cos(a), (50 + w * std::cos(a / 2)) * std::sin(a),
+                      w * std::sin(a / 2));
   });
   // The last column is the first one, upside down.
   std::map<uint32_t, uint32_t> weld;

@@ -1,4 +1,5 @@
-// cell_ranges.h - of each cell of a square grid: how far what lies in it, its border and 0 included, is apart (Deviation::between_mm).
+// cell_ranges.h - of each cell of a square grid: how far what lies in it, its border and 0 included, is apart
+// (Deviation::between_mm).
 #pragma once
 
 #include <algorithm>
@@ -11,7 +12,8 @@ namespace relievo::test {
 class CellRanges {
  public:
   // cells a side, each of step finest cells a side.
-  CellRanges(int64_t cells, int64_t step) : cells_(cells), step_(step), ranges_(static_cast<size_t>(cells * cells), {0, 0}) {}
+  CellRanges(int64_t cells, int64_t step)
+      : cells_(cells), step_(step), ranges_(static_cast<size_t>(cells * cells), {0, 0}) {}
   // At finest sample (x, y) from the grid's corner.
   void note(int64_t x, int64_t y, double along) {
     for (int64_t cy = std::max<int64_t>(0, y - 1) / step_; cy <= std::min(cells_ - 1, y / step_); ++cy)

@@ -1,9 +1,11 @@
-// The predicted error is an upper bound of a picture's: random views of real and of hard artworks; through every pixel of a small picture a
-// ray is cast at the finest surface (Embree, independent triangles), and the point that is drawn in place of the one it meets is projected
-// in double precision: the two may not lie further apart than MeshLod or selectPlanarLod foresaw. Pixels are few and miss the worst places, so
-// rays are aimed at these, too: both surfaces are flat between the finest vertices but where drawn triangles cross them, so the finest vertices
-// that lie furthest from what is drawn in their place come first, until one of them is what its ray meets: that is the largest to be seen.
-// RELIEVO_LONG_TESTS=1: 1,000 views an artwork, else a share of them; and 12 in pictures of a screen's size, whose pixels meet the worst places.
+// The predicted error is an upper bound of a picture's: random views of real and of hard artworks; through every pixel
+// of a small picture a ray is cast at the finest surface (Embree, independent triangles), and the point that is drawn
+// in place of the one it meets is projected in double precision: the two may not lie further apart than MeshLod or
+// selectPlanarLod foresaw. Pixels are few and miss the worst places, so rays are aimed at these, too: both surfaces are
+// flat between the finest vertices but where drawn triangles cross them, so the finest vertices that lie furthest from
+// what is drawn in their place come first, until one of them is what its ray meets: that is the largest to be seen.
+// RELIEVO_LONG_TESTS=1: 1,000 views an artwork, else a share of them; and 12 in pictures of a screen's size, whose
+// pixels meet the worst places.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -51,7 +53,8 @@ struct Artwork {
     return vertices[static_cast<size_t>((patch * (rows + 1) + j) * (columns + 1) + i)];
   }
   glm::dvec3 point(uint32_t patch, double x, double y) const {
-    const int64_t i = std::clamp<int64_t>(static_cast<int64_t>(x), 0, columns - 1), j = std::clamp<int64_t>(static_cast<int64_t>(y), 0, rows - 1);
+    const int64_t i = std::clamp<int64_t>(static_cast<int64_t>(x), 0, columns - 1),
+                  j = std::clamp<int64_t>(static_cast<int64_t>(y), 0, rows - 1);
     const double u = x - static_cast<double>(i), v = y - static_cast<double>(j);
     const glm::dvec3 a = vertex(patch, i, j), d = vertex(patch, i + 1, j + 1);
     if (u >= v) {
@@ -88,8 +91,10 @@ struct Artwork {
 // The drawn surface of a list, asked place by place.
 class Drawn {
  public:
-  Drawn(const Artwork& artwork, const std::vector<PatchInstance>& instances) : artwork_(artwork), instances_(instances), by_patch_(artwork.patches), grids_(instances.size()) {
-    for (size_t k = 0; k < instances.size(); ++k) by_patch_[artwork.patches == 1 ? 0 : instances[k].node.patch].push_back(k);
+  Drawn(const Artwork& artwork, const std::vector<PatchInstance>& instances)
+      : artwork_(artwork), instances_(instances), by_patch_(artwork.patches), grids_(instances.size()) {
+    for (size_t k = 0; k < instances.size(); ++k)
+      by_patch_[artwork.patches == 1 ? 0 : instances[k].node.patch].push_back(k);
   }
   // False: nothing is drawn there.
   bool at(uint32_t patch, const glm::dvec2& place, glm::dvec3* out) {
@@ -109,7 +114,8 @@ class Drawn {
     }
     return false;
   }
-  // act(patch, i, j, drawn): every finest vertex; drawn() is the point that is drawn in its place. Again for each triangle that it lies in.
+  // act(patch, i, j, drawn): every finest vertex; drawn() is the point that is drawn in its place. Again for each
+  // triangle that it lies in.
   template <class Do>
   void forEachFinestVertex(Do&& act) {
     for (size_t k = 0; k < instances_.size(); ++k) {
@@ -122,9 +128,11 @@ class Drawn {
         const glm::dvec2 ab = b.at - a.at, ac = c.at - a.at;
         const double area = cross(ab, ac);
         if (!(area > 0)) return;
-        const double top = corner.y + step * std::min({a.at.y, b.at.y, c.at.y}), bottom = corner.y + step * std::max({a.at.y, b.at.y, c.at.y});
+        const double top = corner.y + step * std::min({a.at.y, b.at.y, c.at.y}),
+                     bottom = corner.y + step * std::max({a.at.y, b.at.y, c.at.y});
         for (auto j = static_cast<int64_t>(std::ceil(top)); static_cast<double>(j) <= bottom; ++j) {
-          // Weights of the corners, at a.at.x and by grid steps along the row; each is 0 or more between left and right.
+          // Weights of the corners, at a.at.x and by grid steps along the row; each is 0 or more between left and
+          // right.
           const double down = (static_cast<double>(j) - corner.y) / step - a.at.y;
           const double b0 = -down * ac.x / area, b1 = ac.y / area, c0 = ab.x * down / area, c1 = -ab.y / area;
           double left = -std::numeric_limits<double>::infinity(), right = -left;
@@ -135,9 +143,11 @@ class Drawn {
           }
           const double origin = corner.x + step * a.at.x;
           if (!(left <= right + 1e-9)) continue;
-          for (auto i = static_cast<int64_t>(std::ceil(origin + step * left - 1e-9)); static_cast<double>(i) <= origin + step * right + 1e-9; ++i) {
+          for (auto i = static_cast<int64_t>(std::ceil(origin + step * left - 1e-9));
+               static_cast<double>(i) <= origin + step * right + 1e-9; ++i) {
             const double t = (static_cast<double>(i) - origin) / step;
-            act(artwork_.patches == 1 ? 0 : p.node.patch, i, j, [&] { return a.point + (b0 + t * b1) * (b.point - a.point) + (c0 + t * c1) * (c.point - a.point); });
+            act(artwork_.patches == 1 ? 0 : p.node.patch, i, j,
+                [&] { return a.point + (b0 + t * b1) * (b.point - a.point) + (c0 + t * c1) * (c.point - a.point); });
           }
         }
       };
@@ -167,15 +177,19 @@ class Drawn {
         const auto g = snapVertex(i, j, p);
         const glm::dvec2 corner = glm::dvec2(p.x0, p.y0) / std::ldexp(1.0, artwork_.units_log2);
         // A flat artwork's grid may reach beyond its border: what lies there is drawn on it.
-        const glm::dvec2 place = glm::min(corner + step * glm::dvec2(g[0], g[1]), glm::dvec2(artwork_.columns, artwork_.rows));
-        vertices.push_back({(place - corner) / step, artwork_.point(artwork_.patches == 1 ? 0 : p.node.patch, place.x, place.y)});
+        const glm::dvec2 place =
+            glm::min(corner + step * glm::dvec2(g[0], g[1]), glm::dvec2(artwork_.columns, artwork_.rows));
+        vertices.push_back(
+            {(place - corner) / step, artwork_.point(artwork_.patches == 1 ? 0 : p.node.patch, place.x, place.y)});
       }
     return vertices;
   }
   bool inCell(size_t k, int ci, int cj, const glm::dvec2& in, glm::dvec3* out) {
     const std::vector<Vertex>& v = grid(k);
-    const size_t row = (size_t{1} << instances_[k].grid_level) + 1, a = static_cast<size_t>(cj) * row + static_cast<size_t>(ci);
-    for (const auto& t : {std::array<size_t, 3>{a, a + 1, a + row + 1}, std::array<size_t, 3>{a, a + row + 1, a + row}}) {
+    const size_t row = (size_t{1} << instances_[k].grid_level) + 1,
+                 a = static_cast<size_t>(cj) * row + static_cast<size_t>(ci);
+    for (const auto& t :
+         {std::array<size_t, 3>{a, a + 1, a + row + 1}, std::array<size_t, 3>{a, a + row + 1, a + row}}) {
       const Vertex &p = v[t[0]], &q = v[t[1]], &r = v[t[2]];
       const double area = cross(q.at - p.at, r.at - p.at);
       if (!(area > 0)) continue;
@@ -196,7 +210,8 @@ class Drawn {
 SurfacePoint firstHit(const RayScene& scene, const glm::dvec3& from, const glm::dvec3& direction, double length) {
   SurfacePoint hit = scene.nearestOnLine({from, direction, length}, Facing::kAny);
   if (!hit || hit.along >= 0) return hit;
-  // Something lies closer behind. Ever longer stretches ahead, each asked from its middle; then what is nearer in the one that has any.
+  // Something lies closer behind. Ever longer stretches ahead, each asked from its middle; then what is nearer in the
+  // one that has any.
   for (double reach = std::max(-hit.along / 2, 1e-6 * length); reach <= length; reach *= 2) {
     auto within = [&](double limit) {
       SurfacePoint p = scene.nearestOnLine({from + limit * direction, direction, limit}, Facing::kAny);
@@ -238,7 +253,8 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     camera.viewport_height_px = picture.height;
     const double error_px = std::exp(random.real(-2, 1));
     const bool orthographic = random.chance(0.1);
-    LodView view = orthographic ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px) : makeView(camera, error_px);
+    LodView view = orthographic ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px)
+                                : makeView(camera, error_px);
     if (random.chance(0.3)) view.min_cell_px = 2 * error_px;
     // Pages as they may have arrived: all that is wanted, or some of it.
     ReliefSet resident;
@@ -281,7 +297,8 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     const auto width = static_cast<size_t>(picture.width), height = static_cast<size_t>(picture.height);
     std::vector<double> reached(width * height);
     for (size_t y = 0; y < height; ++y)
-      for (size_t x = 0; x < width; ++x) reached[y * width + x] = cast(2.0 * (glm::dvec2(x, y) + 0.5) / glm::dvec2(width, height) - 1.0);
+      for (size_t x = 0; x < width; ++x)
+        reached[y * width + x] = cast(2.0 * (glm::dvec2(x, y) + 0.5) / glm::dvec2(width, height) - 1.0);
     f.rays += static_cast<uint64_t>(picture.width) * static_cast<uint64_t>(picture.height);
     const double by_pixels = most;
     struct Worst {
@@ -291,8 +308,10 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     };
     auto isBehind = [&](const glm::dvec2& ndc, const glm::dvec3& at) {
       const glm::dvec4 n4 = world_from_clip * glm::dvec4(ndc, -1, 1), f4 = world_from_clip * glm::dvec4(ndc, 1, 1);
-      const double share = glm::length(at - glm::dvec3(n4) / n4.w) / glm::length(glm::dvec3(f4) / f4.w - glm::dvec3(n4) / n4.w);
-      const auto x = static_cast<size_t>((ndc.x + 1) / 2 * static_cast<double>(width)), y = static_cast<size_t>((ndc.y + 1) / 2 * static_cast<double>(height));
+      const double share =
+          glm::length(at - glm::dvec3(n4) / n4.w) / glm::length(glm::dvec3(f4) / f4.w - glm::dvec3(n4) / n4.w);
+      const auto x = static_cast<size_t>((ndc.x + 1) / 2 * static_cast<double>(width)),
+                 y = static_cast<size_t>((ndc.y + 1) / 2 * static_cast<double>(height));
       for (size_t j = y > 0 ? y - 1 : 0; j <= std::min(y + 1, height - 1); ++j)
         for (size_t i = x > 0 ? x - 1 : 0; i <= std::min(x + 1, width - 1); ++i)
           if (reached[j * width + i] >= share) return false;
@@ -303,21 +322,28 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     auto faces = [&](uint32_t patch, int64_t i, int64_t j, const glm::dvec3& at) {
       const glm::dvec3 sight = orthographic ? camera.target - camera.eye : at - view.eye_mm;
       auto front = [&](int64_t x0, int64_t y0, int64_t x1, int64_t y1) {
-        if (std::min(x0, x1) < 0 || std::min(y0, y1) < 0 || std::max(x0, x1) > artwork.columns || std::max(y0, y1) > artwork.rows) return false;
+        if (std::min(x0, x1) < 0 || std::min(y0, y1) < 0 || std::max(x0, x1) > artwork.columns ||
+            std::max(y0, y1) > artwork.rows)
+          return false;
         return glm::dot(glm::cross(artwork.vertex(patch, x0, y0) - at, artwork.vertex(patch, x1, y1) - at), sight) > 0;
       };
-      return front(i + 1, j, i + 1, j + 1) || front(i + 1, j + 1, i, j + 1) || front(i, j + 1, i - 1, j) || front(i - 1, j, i - 1, j - 1) || front(i - 1, j - 1, i, j - 1) || front(i, j - 1, i + 1, j);
+      return front(i + 1, j, i + 1, j + 1) || front(i + 1, j + 1, i, j + 1) || front(i, j + 1, i - 1, j) ||
+             front(i - 1, j, i - 1, j - 1) || front(i - 1, j - 1, i, j - 1) || front(i, j - 1, i + 1, j);
     };
     drawn.forEachFinestVertex([&](uint32_t patch, int64_t i, int64_t j, auto&& instead) {
       glm::dvec2 true_px, drawn_px;
-      if (!project(artwork.vertex(patch, i, j), &true_px) || !(2 * std::abs(true_px.x) < picture.width && 2 * std::abs(true_px.y) < picture.height)) return;
+      if (!project(artwork.vertex(patch, i, j), &true_px) ||
+          !(2 * std::abs(true_px.x) < picture.width && 2 * std::abs(true_px.y) < picture.height))
+        return;
       if (!project(instead(), &drawn_px) || !(glm::length(true_px - drawn_px) > most)) return;
       if (lod.backs_are_hidden && !faces(patch, i, j, artwork.vertex(patch, i, j))) return;
       const glm::dvec2 ndc = 2.0 * true_px / glm::dvec2(width, height);
       worst.push_back({isBehind(ndc, artwork.vertex(patch, i, j)), glm::length(true_px - drawn_px), ndc});
     });
-    std::sort(worst.begin(), worst.end(), [](const Worst& a, const Worst& b) { return a.behind != b.behind ? b.behind : a.px > b.px; });
-    // Of those that lie behind what pixels met most are hidden: where they are too many, the largest found stands for the largest there is.
+    std::sort(worst.begin(), worst.end(),
+              [](const Worst& a, const Worst& b) { return a.behind != b.behind ? b.behind : a.px > b.px; });
+    // Of those that lie behind what pixels met most are hidden: where they are too many, the largest found stands for
+    // the largest there is.
     constexpr size_t kMostBehind = 4000;
     size_t behind = 0;
     for (const Worst& w : worst) {
@@ -332,8 +358,8 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     const double slack = 1e-6 + 1e-6 * lod.max_error_px;
     if (most > lod.max_error_px + slack) {
       ++f.above;
-      std::printf("[ above    ] %s, seed %llu: measured %.6g px, predicted %.6g px\n", artwork.name.c_str(), static_cast<unsigned long long>(kSeed) + static_cast<unsigned long long>(k), most,
-                  lod.max_error_px);
+      std::printf("[ above    ] %s, seed %llu: measured %.6g px, predicted %.6g px\n", artwork.name.c_str(),
+                  static_cast<unsigned long long>(kSeed) + static_cast<unsigned long long>(k), most, lod.max_error_px);
     }
     f.missed += most > 1.1 * by_pixels + slack;
     f.above_part += most > part * lod.max_error_px + slack;
@@ -344,13 +370,15 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
 }
 
 // ---- artworks
-Artwork overMesh(std::string name, const BaseMesh& mesh, const MeshRelief& relief, std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse) {
+Artwork overMesh(std::string name, const BaseMesh& mesh, const MeshRelief& relief,
+                 std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse) {
   Artwork a;
   a.name = std::move(name);
   a.patches = static_cast<uint32_t>(mesh.patches.size());
   a.columns = a.rows = int64_t{1} << relief.unitLog2();
   auto shared = std::make_shared<BaseMesh>(mesh);
-  auto lod = std::make_shared<MeshLod>(shared, relief.depth, relief.offset_mm, relief.scale_mm, oracle, std::move(coarse));
+  auto lod =
+      std::make_shared<MeshLod>(shared, relief.depth, relief.offset_mm, relief.scale_mm, oracle, std::move(coarse));
   a.select = [lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); };
   a.camera = [shared, unit = relief.unitLog2()](Random& random) { return randomMeshCamera(*shared, unit, random); };
   return a;
@@ -373,14 +401,19 @@ struct Baked final : ReliefOracle {
     std::array<float, 256> blocks{};
     errorBlocks(page, blocks);
     auto mm = [&](uint16_t q) { return relief.offset_mm + relief.scale_mm * q; };
-    return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f), *std::max_element(blocks.begin(), blocks.end())};
+    return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f),
+            *std::max_element(blocks.begin(), blocks.end())};
   }
-  const GridErrors& of(const NodeId& page) const { return bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level)); }
+  const GridErrors& of(const NodeId& page) const {
+    return bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level));
+  }
   // A page's blocks, of those of all pages of its level.
   template <class T>
   static bool pick(const std::vector<T>& all, const NodeId& page, std::span<T> out) {
     const auto row = static_cast<size_t>(16 << page.level);
-    for (size_t y = 0; y < 16; ++y) std::copy_n(all.begin() + static_cast<std::ptrdiff_t>((page.y * 16 + y) * row + page.x * 16), 16, out.begin() + static_cast<std::ptrdiff_t>(16 * y));
+    for (size_t y = 0; y < 16; ++y)
+      std::copy_n(all.begin() + static_cast<std::ptrdiff_t>((page.y * 16 + y) * row + page.x * 16), 16,
+                  out.begin() + static_cast<std::ptrdiff_t>(16 * y));
     return true;
   }
   template <class T>
@@ -389,9 +422,15 @@ struct Baked final : ReliefOracle {
     return true;
   }
   bool errorBlocks(const NodeId& page, std::span<float> out) const override { return pick(of(page).mm, page, out); }
-  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override { return pick(of(page).shapes, page, out); }
-  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override { return copy(bake->errorsOfCells(patch, cells_log2).mm, out); }
-  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override { return copy(bake->errorsOfCells(patch, cells_log2).shapes, out); }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> out) const override {
+    return pick(of(page).shapes, page, out);
+  }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override {
+    return copy(bake->errorsOfCells(patch, cells_log2).mm, out);
+  }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
+    return copy(bake->errorsOfCells(patch, cells_log2).shapes, out);
+  }
 };
 Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
   auto baked = std::make_shared<Baked>();
@@ -418,7 +457,8 @@ Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
   Artwork a = overMesh(std::move(name), *base, baked->relief, baked, std::move(coarse));
   a.make_vertex = [baked, side, mesh = std::make_shared<BaseMesh>(*base)](uint32_t patch, int64_t i, int64_t j) {
     const double u = double(i) / double(side), v = double(j) / double(side);
-    const double mm = baked->relief.offset_mm + baked->relief.scale_mm * baked->heights[patch][static_cast<size_t>(j * (side + 1) + i)];
+    const double mm = baked->relief.offset_mm +
+                      baked->relief.scale_mm * baked->heights[patch][static_cast<size_t>(j * (side + 1) + i)];
     return mesh->point(patch, u, v) + mm * mesh->normal(patch, u, v);
   };
   return a;
@@ -432,7 +472,9 @@ TriMesh coinScan(int64_t side) {
   TriMesh mesh;
   for (int64_t y = 0; y < side; ++y)
     for (int64_t x = 0; x < side; ++x)
-      mesh.positions_mm.push_back({coin.mmPerPx() * (double(x) - 0.5 * double(side)), coin.mmPerPx() * (0.5 * double(side) - double(y)), heights[static_cast<size_t>(y * side + x)]});
+      mesh.positions_mm.push_back({coin.mmPerPx() * (double(x) - 0.5 * double(side)),
+                                   coin.mmPerPx() * (0.5 * double(side) - double(y)),
+                                   heights[static_cast<size_t>(y * side + x)]});
   for (uint32_t y = 0; y + 1 < side; ++y)
     for (uint32_t x = 0; x + 1 < side; ++x) {
       const auto row = static_cast<uint32_t>(side), a = y * row + x;
@@ -466,10 +508,13 @@ Artwork hardShape() {
   held->mesh = mesh;
   held->truth = std::make_unique<TrueMeshRelief>(held->mesh, relief, [](const glm::dvec3& p, const Place& place) {
     const uint64_t h = hashOf(place, 5);
-    const double waves = 0.5 + 0.2 * std::sin(0.15 * p.x + 1) * std::cos(0.15 * p.y) + 0.1 * std::sin(0.4 * (p.z + 0.3 * p.x));
-    return waves + (p.x > 0 && p.y > 0 ? 0.05 * static_cast<double>(h & 1023) / 1023 : 0) + ((h >> 20) % 3000 == 0 ? 0.2 : 0);
+    const double waves =
+        0.5 + 0.2 * std::sin(0.15 * p.x + 1) * std::cos(0.15 * p.y) + 0.1 * std::sin(0.4 * (p.z + 0.3 * p.x));
+    return waves + (p.x > 0 && p.y > 0 ? 0.05 * static_cast<double>(h & 1023) / 1023 : 0) +
+           ((h >> 20) % 3000 == 0 ? 0.2 : 0);
   });
-  Artwork a = overMesh("corners of 3 and 8, pits", mesh, relief, std::shared_ptr<const ReliefOracle>(held, held->truth.get()), held->truth->coarse());
+  Artwork a = overMesh("corners of 3 and 8, pits", mesh, relief,
+                       std::shared_ptr<const ReliefOracle>(held, held->truth.get()), held->truth->coarse());
   a.make_vertex = [held](uint32_t patch, int64_t i, int64_t j) { return held->truth->point(patch, i, j, 1); };
   return a;
 }
@@ -483,11 +528,13 @@ struct FlatOracle final : ReliefOracle {
     const int64_t size = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
     uint16_t low = 65535, high = 0;
     for (int64_t j = page.y * size; j <= std::min<int64_t>((page.y + 1) * size, field.rows - 1); ++j)
-      for (int64_t i = page.x * size; i <= std::min<int64_t>((page.x + 1) * size, field.columns - 1); ++i) low = std::min(low, field.at(i, j)), high = std::max(high, field.at(i, j));
+      for (int64_t i = page.x * size; i <= std::min<int64_t>((page.x + 1) * size, field.columns - 1); ++i)
+        low = std::min(low, field.at(i, j)), high = std::max(high, field.at(i, j));
     std::array<float, 256> blocks{};
     errorBlocks(page, blocks);
     auto mm = [&](uint16_t q) { return d.relief_offset_mm + d.relief_scale_mm * q; };
-    return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f), *std::max_element(blocks.begin(), blocks.end())};
+    return {std::nextafter(static_cast<float>(mm(low)), -1e30f), std::nextafter(static_cast<float>(mm(high)), 1e30f),
+            *std::max_element(blocks.begin(), blocks.end())};
   }
   bool errorBlocks(const NodeId& page, std::span<float> out) const override {
     const auto blocks = measure(page);
@@ -510,11 +557,15 @@ struct FlatOracle final : ReliefOracle {
       for (int64_t j = page.y * size; j <= (page.y + 1) * size; ++j)
         for (int64_t i = page.x * size; i <= (page.x + 1) * size; ++i) {
           if (i >= field.columns || j >= field.rows) continue;
-          const int64_t a = std::min(i, (page.x + 1) * size - 1) / step * step, b = std::min(j, (page.y + 1) * size - 1) / step * step;
+          const int64_t a = std::min(i, (page.x + 1) * size - 1) / step * step,
+                        b = std::min(j, (page.y + 1) * size - 1) / step * step;
           const double u = double(i - a) / double(step), v = double(j - b) / double(step);
-          auto z = [&](int64_t x, int64_t y) { return double{1} * field.at(std::min(x, field.columns - 1), std::min(y, field.rows - 1)); };
+          auto z = [&](int64_t x, int64_t y) {
+            return double{1} * field.at(std::min(x, field.columns - 1), std::min(y, field.rows - 1));
+          };
           const double z00 = z(a, b), z10 = z(a + step, b), z01 = z(a, b + step), z11 = z(a + step, b + step);
-          const double drawn = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
+          const double drawn =
+              u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
           const double off = (z(i, j) - drawn) * d.relief_scale_mm;
           const int64_t x = i - page.x * size, y = j - page.y * size;
           for (int64_t by = std::max<int64_t>(0, y - 1) / block; by <= std::min<int64_t>(15, y / block); ++by)
@@ -526,7 +577,8 @@ struct FlatOracle final : ReliefOracle {
         }
       for (int64_t k = 0; k < 256; ++k) {
         Deviation& most = out[static_cast<size_t>(k)];
-        most.between_mm = most.apart_mm = std::max(most.apart_mm, apart.largest(k % 16 * (block / step), k / 16 * (block / step), block / step));
+        most.between_mm = most.apart_mm =
+            std::max(most.apart_mm, apart.largest(k % 16 * (block / step), k / 16 * (block / step), block / step));
       }
     }
     return out;
@@ -580,7 +632,8 @@ Artwork flatSample() {
   held->field = std::make_unique<ReliefField>(d);
   std::vector<float> heights(static_cast<size_t>((kSide + 1) * (kSide + 1)));
   sample.heights({0, 0, kSide + 1, kSide + 1}, heights);
-  for (size_t i = 0; i < heights.size(); ++i) held->field->samples[i] = static_cast<uint16_t>(std::lround((heights[i] - d.relief_offset_mm) / d.relief_scale_mm));
+  for (size_t i = 0; i < heights.size(); ++i)
+    held->field->samples[i] = static_cast<uint16_t>(std::lround((heights[i] - d.relief_offset_mm) / d.relief_scale_mm));
   held->oracle = std::make_shared<Remembering>(std::make_shared<FlatOracle>(*held->field));
   Artwork a;
   a.name = "sample inscription, flat";
@@ -588,7 +641,8 @@ Artwork flatSample() {
   a.units_log2 = held->field->spacing_log2;
   a.make_vertex = [held](uint32_t, int64_t i, int64_t j) {
     const ReliefField& f = *held->field;
-    return f.worldMm(static_cast<double>(i << f.spacing_log2), static_cast<double>(j << f.spacing_log2), f.domain.relief_offset_mm + f.domain.relief_scale_mm * f.at(i, j));
+    return f.worldMm(static_cast<double>(i << f.spacing_log2), static_cast<double>(j << f.spacing_log2),
+                     f.domain.relief_offset_mm + f.domain.relief_scale_mm * f.at(i, j));
   };
   a.select = [held, d](const LodView& view, const ReliefSet& resident) {
     ReliefSet with_roots = resident;
@@ -601,10 +655,16 @@ Artwork flatSample() {
 
 void expectCertified(const Artwork& artwork, int views, const Picture& picture, double part) {
   Figures f = study(artwork, views, picture, part);
-  std::printf("[ figures  ] %-26s seed %llu: %d views of %d x %d px, %llu rays through pixels, %llu aimed at what is worst (in %d views more that is hidden than could be tried), %llu met the surface and "
-              "are measured, %llu more where nothing is drawn; above the bound: %d views, above %.2g of it: %d; bound / measured: median %.2f, least %.2f, 90 %% below %.2f; of pixels alone: median %.2f\n",
-              artwork.name.c_str(), static_cast<unsigned long long>(kSeed), f.views, picture.width, picture.height, static_cast<unsigned long long>(f.rays), static_cast<unsigned long long>(f.aimed), f.unfound,
-              static_cast<unsigned long long>(f.measured), static_cast<unsigned long long>(f.undrawn), f.above, part, f.above_part, f.percentile(f.tightness, 0.5), f.percentile(f.tightness, 0), f.percentile(f.tightness, 0.9), f.percentile(f.of_pixels, 0.5));
+  std::printf(
+      "[ figures  ] %-26s seed %llu: %d views of %d x %d px, %llu rays through pixels, %llu aimed at what is worst (in "
+      "%d views more that is hidden than could be tried), %llu met the surface and "
+      "are measured, %llu more where nothing is drawn; above the bound: %d views, above %.2g of it: %d; bound / "
+      "measured: median %.2f, least %.2f, 90 %% below %.2f; of pixels alone: median %.2f\n",
+      artwork.name.c_str(), static_cast<unsigned long long>(kSeed), f.views, picture.width, picture.height,
+      static_cast<unsigned long long>(f.rays), static_cast<unsigned long long>(f.aimed), f.unfound,
+      static_cast<unsigned long long>(f.measured), static_cast<unsigned long long>(f.undrawn), f.above, part,
+      f.above_part, f.percentile(f.tightness, 0.5), f.percentile(f.tightness, 0), f.percentile(f.tightness, 0.9),
+      f.percentile(f.of_pixels, 0.5));
   EXPECT_EQ(f.above, 0);
   EXPECT_GT(f.above_part, 0) << "a part of the bound would do, too: nothing is shown";
   if (picture.width == kSmall.width) {
@@ -625,7 +685,9 @@ TEST(Certified, CoinScan) { expectCertified(scan("sample coin scan", coinScan(kS
 TEST(Certified, SmoothBall) { expectCertified(scan("smooth ball", sphereMesh(40), 0, -1)); }
 TEST(Certified, Bust) { expectCertified(scan("bust with undercuts", bustMesh(kSanitized ? 40 : 60), 0, -1)); }
 TEST(Certified, CornersOfManyPatches) { expectCertified(hardShape()); }
-TEST(Certified, FlatInscription) { expectCertified(flatSample(), 0.35); }  // at a slant heights are seen shortened, and its bound is looser
+TEST(Certified, FlatInscription) {
+  expectCertified(flatSample(), 0.35);
+}  // at a slant heights are seen shortened, and its bound is looser
 
 }  // namespace
 }  // namespace relievo::test

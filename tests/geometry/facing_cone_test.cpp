@@ -1,5 +1,6 @@
-// Cones of normals against all triangles of all levels' grids, in doubles; which meshes are closed bodies; and lists with and without what
-// faces away: nothing else may differ. Controls: cones a few degrees too narrow, slopes that are not true, eyes and near planes inside.
+// Cones of normals against all triangles of all levels' grids, in doubles; which meshes are closed bodies; and lists
+// with and without what faces away: nothing else may differ. Controls: cones a few degrees too narrow, slopes that are
+// not true, eyes and near planes inside.
 #include "geometry/facing_cone.h"
 
 #include <gtest/gtest.h>
@@ -21,7 +22,8 @@ struct Bumps {
   double scale() const { return 2 * amplitude_mm / 65535; }
   uint16_t operator()(const BaseMesh& mesh, uint32_t patch, double u, double v) const {
     const glm::dvec3 q = mesh.point(patch, u, v) * (2 * std::numbers::pi / wave_mm);
-    const double h = amplitude_mm * std::sin(q.x + 0.7 * std::sin(q.y)) * std::cos(1.3 * q.y + 0.4 * q.z) * std::cos(0.6 * q.z);
+    const double h =
+        amplitude_mm * std::sin(q.x + 0.7 * std::sin(q.y)) * std::cos(1.3 * q.y + 0.4 * q.z) * std::cos(0.6 * q.z);
     return static_cast<uint16_t>(std::lround((h - offset()) / scale()));
   }
 };
@@ -38,10 +40,13 @@ struct Displaced {
     const int n = 1 << kUnitLog2;
     for (int y = 0; y <= n; ++y)
       for (int x = 0; x <= n; ++x) samples.push_back(bumps(mesh, patch, double(x) / n, double(y) / n));
-    auto mm = [&](int x, int y) { return bumps.offset() + bumps.scale() * samples[static_cast<size_t>(y * (n + 1) + x)]; };
+    auto mm = [&](int x, int y) {
+      return bumps.offset() + bumps.scale() * samples[static_cast<size_t>(y * (n + 1) + x)];
+    };
     low = high = mm(0, 0);
     auto widen = [n](float& least, float& most, double step) {
-      least = std::min(least, std::nextafter(static_cast<float>(step * n), -INFINITY)), most = std::max(most, std::nextafter(static_cast<float>(step * n), INFINITY));
+      least = std::min(least, std::nextafter(static_cast<float>(step * n), -INFINITY)),
+      most = std::max(most, std::nextafter(static_cast<float>(step * n), INFINITY));
     };
     for (int y = 0; y <= n; ++y)
       for (int x = 0; x <= n; ++x) {
@@ -52,7 +57,8 @@ struct Displaced {
   }
   glm::dvec3 at(int x, int y, double exaggerate) const {
     const int n = 1 << kUnitLog2;
-    const double u = double(x) / n, v = double(y) / n, h = bumps.offset() + bumps.scale() * samples[static_cast<size_t>(y * (n + 1) + x)];
+    const double u = double(x) / n, v = double(y) / n,
+                 h = bumps.offset() + bumps.scale() * samples[static_cast<size_t>(y * (n + 1) + x)];
     return mesh.point(patch, u, v) + exaggerate * h * mesh.normal(patch, u, v);
   }
   FacingCone cone(double x) const {
@@ -68,7 +74,8 @@ struct Displaced {
     const int n = 1 << kUnitLog2, step = n >> level;
     for (int y = 0; y < n; y += step)
       for (int x = 0; x < n; x += step) {
-        const glm::dvec3 a = at(x, y, exaggerate), b = at(x + step, y, exaggerate), c = at(x, y + step, exaggerate), d = at(x + step, y + step, exaggerate);
+        const glm::dvec3 a = at(x, y, exaggerate), b = at(x + step, y, exaggerate), c = at(x, y + step, exaggerate),
+                         d = at(x + step, y + step, exaggerate);
         visit(glm::cross(d - a, b - a));
         visit(glm::cross(c - a, d - a));
       }
@@ -81,7 +88,8 @@ TEST(FacingCone, HoldsEveryNormalOfEveryLevel) {
   double spare = 1e9;
   for (const BaseMesh& mesh : {test::cubeSphere(4, 60), test::torus(24, 12, 80, 25), test::openSheet(3, 3, 30)}) {
     for (int i = 0; i < 12; ++i) {
-      Displaced patch(mesh, {random.real(0.2, 3), random.real(25, 60)}, static_cast<uint32_t>(random.integer(0, static_cast<int>(mesh.patches.size()) - 1)));
+      Displaced patch(mesh, {random.real(0.2, 3), random.real(25, 60)},
+                      static_cast<uint32_t>(random.integer(0, static_cast<int>(mesh.patches.size()) - 1)));
       const double exaggerate = i % 3 == 0 ? random.real(-1, 2) : 1;
       const FacingCone cone = patch.cone(exaggerate), flat = facingCone(mesh, patch.patch, 0, 0, {});
       if (!(cone.sine < 1)) continue;
@@ -99,12 +107,16 @@ TEST(FacingCone, HoldsEveryNormalOfEveryLevel) {
       }
       spare = std::min(spare, glm::degrees(std::asin(cone.sine) - widest));
       patch.normals(kUnitLog2, exaggerate, [&](const glm::dvec3& n) {
-        outside_narrower += glm::length(glm::cross(glm::normalize(n), cone.axis)) > std::sin(std::max(0.0, std::asin(cone.sine) - glm::radians(12.0)));
+        outside_narrower += glm::length(glm::cross(glm::normalize(n), cone.axis)) >
+                            std::sin(std::max(0.0, std::asin(cone.sine) - glm::radians(12.0)));
       });
     }
   }
-  std::printf("[ cones    ] seed %llu: %llu normals in %llu cones, the tightest with %.2f degrees to spare; outside of cones 12 degrees narrower %llu, of the base's own %llu\n",
-              (unsigned long long)kSeed, (unsigned long long)normals, (unsigned long long)cones, spare, (unsigned long long)outside_narrower, (unsigned long long)outside_without_slopes);
+  std::printf(
+      "[ cones    ] seed %llu: %llu normals in %llu cones, the tightest with %.2f degrees to spare; outside of cones "
+      "12 degrees narrower %llu, of the base's own %llu\n",
+      (unsigned long long)kSeed, (unsigned long long)normals, (unsigned long long)cones, spare,
+      (unsigned long long)outside_narrower, (unsigned long long)outside_without_slopes);
   EXPECT_GT(cones, 20u);
   EXPECT_GT(outside_narrower, 0u) << "control";
   EXPECT_GT(outside_without_slopes, 0u) << "control";
@@ -113,13 +125,16 @@ TEST(FacingCone, HoldsEveryNormalOfEveryLevel) {
 TEST(FacingCone, BytesAreRoundedOutwards) {
   test::Random random(kSeed + 1);
   for (int i = 0; i < 20000; ++i) {
-    FacingCone cone{glm::normalize(glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1))), random.real(0, 1.05)};
+    FacingCone cone{glm::normalize(glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1))),
+                    random.real(0, 1.05)};
     const uint32_t bytes = packCone(cone);
     auto byte = [&](int n) { return static_cast<double>(static_cast<int8_t>(bytes >> (8 * n))) / 127; };
     if (byte(3) >= 0.995) continue;
     ASSERT_LT(cone.sine, 1);
     // Whatever is seen from behind by the bytes is by the cone.
-    const glm::dvec3 v = random.real(0.1, 500) * glm::normalize(cone.axis + glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1)));
+    const glm::dvec3 v =
+        random.real(0.1, 500) *
+        glm::normalize(cone.axis + glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1)));
     const glm::dvec3 axis(byte(0), byte(1), byte(2));
     if (glm::dot(v, axis) > byte(3) * glm::length(v)) {
       ASSERT_GT(glm::dot(v, cone.axis), cone.sine * glm::length(v));
@@ -130,10 +145,13 @@ TEST(FacingCone, BytesAreRoundedOutwards) {
   for (int i = 0; i < 2000; ++i) {
     std::array<FacingCone, 4> cones;
     const glm::dvec3 middle = glm::normalize(glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1)));
-    for (FacingCone& c : cones) c = {glm::normalize(middle + 0.3 * glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1))), random.real(0, 0.5)};
+    for (FacingCone& c : cones)
+      c = {glm::normalize(middle + 0.3 * glm::dvec3(random.real(-1, 1), random.real(-1, 1), random.real(-1, 1))),
+           random.real(0, 0.5)};
     const FacingCone all = joined(cones);
     if (!(all.sine < 1)) continue;
-    for (const FacingCone& c : cones) ASSERT_LE(std::acos(glm::dot(c.axis, all.axis)) + std::asin(c.sine), std::asin(all.sine) + 1e-9);
+    for (const FacingCone& c : cones)
+      ASSERT_LE(std::acos(glm::dot(c.axis, all.axis)) + std::asin(c.sine), std::asin(all.sine) + 1e-9);
   }
 }
 
@@ -171,7 +189,8 @@ TEST(ClosedBody, IsWithoutBorderAndOutwardsEverywhere) {
 class BumpOracle final : public ReliefOracle {
  public:
   BumpOracle(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes) : bumps_(bumps) {
-    for (uint32_t p = 0; p < mesh.patches.size(); ++p) slopes_.push_back(true_slopes ? Displaced(mesh, bumps, p).slopes : HeightSlopes{});
+    for (uint32_t p = 0; p < mesh.patches.size(); ++p)
+      slopes_.push_back(true_slopes ? Displaced(mesh, bumps, p).slopes : HeightSlopes{});
   }
   HeightBounds bounds(const NodeId& page) const override {
     const auto a = static_cast<float>(bumps_.amplitude_mm);
@@ -196,7 +215,8 @@ Lists compareLists(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes, i
   auto shared = std::make_shared<const BaseMesh>(mesh);
   std::vector<CoarseErrors> coarse(mesh.patches.size());
   for (CoarseErrors& e : coarse)
-    for (int k = 0; k < 7; ++k) e[static_cast<size_t>(k)] = static_cast<float>(bumps.amplitude_mm * std::ldexp(1.0, -2 * k));
+    for (int k = 0; k < 7; ++k)
+      e[static_cast<size_t>(k)] = static_cast<float>(bumps.amplitude_mm * std::ldexp(1.0, -2 * k));
   MeshLod lod(shared, 0, bumps.offset(), bumps.scale(), std::make_shared<BumpOracle>(mesh, bumps, true_slopes), coarse);
   std::vector<Displaced> patches;
   for (uint32_t p = 0; p < mesh.patches.size(); ++p) patches.emplace_back(mesh, bumps, p);
@@ -231,8 +251,10 @@ Lists compareLists(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes, i
         const int n = 1 << kUnitLog2, step = n >> level;
         for (int y = 0; y < n; y += step)
           for (int x = 0; x < n; x += step) {
-            const glm::dvec3 a = patch.at(x, y, 1), b = patch.at(x + step, y, 1), c = patch.at(x, y + step, 1), d = patch.at(x + step, y + step, 1);
-            front = front || glm::dot(glm::cross(d - a, b - a), a - view.eye_mm) <= 0 || glm::dot(glm::cross(c - a, d - a), a - view.eye_mm) <= 0;
+            const glm::dvec3 a = patch.at(x, y, 1), b = patch.at(x + step, y, 1), c = patch.at(x, y + step, 1),
+                             d = patch.at(x + step, y + step, 1);
+            front = front || glm::dot(glm::cross(d - a, b - a), a - view.eye_mm) <= 0 ||
+                    glm::dot(glm::cross(c - a, d - a), a - view.eye_mm) <= 0;
           }
       }
       lists.fronts_left_out += front;
@@ -245,8 +267,10 @@ Lists compareLists(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes, i
 TEST(HiddenBacks, AreLeftOutAndChangeNothingElse) {
   for (const BaseMesh& mesh : {test::cubeSphere(6, 60), test::torus(30, 14, 80, 25)}) {
     const Lists lists = compareLists(mesh, {1.5, 45}, true, 40);
-    std::printf("[ backs    ] seed %llu, %zu patches: hidden in %llu of %llu views; %llu instances drawn, %llu left out\n", (unsigned long long)kSeed, mesh.patches.size(),
-                (unsigned long long)lists.hiding_views, (unsigned long long)lists.views, (unsigned long long)lists.drawn, (unsigned long long)lists.left_out);
+    std::printf(
+        "[ backs    ] seed %llu, %zu patches: hidden in %llu of %llu views; %llu instances drawn, %llu left out\n",
+        (unsigned long long)kSeed, mesh.patches.size(), (unsigned long long)lists.hiding_views,
+        (unsigned long long)lists.views, (unsigned long long)lists.drawn, (unsigned long long)lists.left_out);
     EXPECT_GT(lists.hiding_views, 5u);
     EXPECT_LT(lists.hiding_views, lists.views) << "eyes and near planes inside the body";
     EXPECT_GT(lists.left_out, 100u);

@@ -1,6 +1,6 @@
-// Hard geometry, item by item: no vertex that is no number, no crack, and a predicted error that is a bound, over base meshes and on flat
-// artworks, in random views and in those that each item names, whatever pages are resident. One checker for all; lists of nodes that are broken
-// on purpose show that it sees what it looks for.
+// Hard geometry, item by item: no vertex that is no number, no crack, and a predicted error that is a bound, over base
+// meshes and on flat artworks, in random views and in those that each item names, whatever pages are resident. One
+// checker for all; lists of nodes that are broken on purpose show that it sees what it looks for.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -25,8 +25,8 @@ struct Numbers {
     ++looked_at;
     const glm::dmat4 clip = glm::translate(view.clip_from_world, view.eye_mm);
     const glm::vec4 c = glm::mat4(clip) * glm::vec4(from_eye, 1);  // in floats, as the GPU has it
-    not_finite += !(std::isfinite(from_eye.x) && std::isfinite(from_eye.y) && std::isfinite(from_eye.z) && std::isfinite(c.x) && std::isfinite(c.y) &&
-                    std::isfinite(c.z) && std::isfinite(c.w));
+    not_finite += !(std::isfinite(from_eye.x) && std::isfinite(from_eye.y) && std::isfinite(from_eye.z) &&
+                    std::isfinite(c.x) && std::isfinite(c.y) && std::isfinite(c.z) && std::isfinite(c.w));
   }
 };
 struct Cracks {
@@ -49,7 +49,8 @@ struct Subject {
 using PlaceHeight = std::function<double(const glm::dvec3&, const Place&)>;  // 0..1
 double waves(const glm::dvec3& p, const Place& place) {
   const uint64_t h = hashOf(place, 5);
-  return 0.5 + 0.2 * std::sin(0.15 * p.x + 1) * std::cos(0.15 * p.y) + 0.1 * std::sin(0.4 * (p.z + 0.3 * p.x)) + ((h >> 20) % 3000 == 0 ? 0.19 : 0);
+  return 0.5 + 0.2 * std::sin(0.15 * p.x + 1) * std::cos(0.15 * p.y) + 0.1 * std::sin(0.4 * (p.z + 0.3 * p.x)) +
+         ((h >> 20) % 3000 == 0 ? 0.19 : 0);
 }
 double noise(const glm::dvec3&, const Place& place) { return static_cast<double>(hashOf(place, 9) >> 48) / 65535; }
 double fallen(const glm::dvec3&, const Place&) { return 0; }
@@ -70,8 +71,11 @@ Subject meshSubject(NamedMesh named, double range_mm, const PlaceHeight& height,
   held->relief = {held->mesh->patches.size() <= 4 ? 1 : 0, -0.4 * range_mm, range_mm / 65535};
   held->truth = std::make_unique<TrueMeshRelief>(*held->mesh, held->relief, height);
   held->lod = std::make_unique<MeshLod>(held->mesh, held->relief.depth, held->relief.offset_mm, held->relief.scale_mm,
-                                        std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), held->truth.get()), held->truth->coarse());
-  held->heights = [truth = held->truth.get()](uint32_t patch, uint32_t x, uint32_t y) { return truth->sample(patch, x, y); };
+                                        std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), held->truth.get()),
+                                        held->truth->coarse());
+  held->heights = [truth = held->truth.get()](uint32_t patch, uint32_t x, uint32_t y) {
+    return truth->sample(patch, x, y);
+  };
   Subject s;
   s.name = std::move(named.name);
   std::tie(s.low, s.high) = boxOf(*held->mesh);
@@ -92,7 +96,8 @@ Subject meshSubject(NamedMesh named, double range_mm, const PlaceHeight& height,
       for (uint32_t j = 0; j <= 1u << p.grid_level; ++j)
         for (uint32_t i = 0; i <= 1u << p.grid_level; ++i) {
           const auto g = snapVertex(i, j, p);
-          const auto x = static_cast<uint32_t>(p.x0) + (g[0] << p.step_log2), y = static_cast<uint32_t>(p.y0) + (g[1] << p.step_log2);
+          const auto x = static_cast<uint32_t>(p.x0) + (g[0] << p.step_log2),
+                     y = static_cast<uint32_t>(p.y0) + (g[1] << p.step_log2);
           glm::vec3 at = point(p, x, y);
           if (broken_normals) {
             const double side = static_cast<double>(held->truth->side());
@@ -102,7 +107,8 @@ Subject meshSubject(NamedMesh named, double range_mm, const PlaceHeight& height,
         }
   };
   s.cracks = [held](const LodView& view, const std::vector<PatchInstance>& list, bool snapped, Cracks& cracks) {
-    for (const MeshVertexFunction& twin : {twinOf<PlainOps>(*held->mesh, held->relief, held->heights, view), twinOf<FmaFirst>(*held->mesh, held->relief, held->heights, view),
+    for (const MeshVertexFunction& twin : {twinOf<PlainOps>(*held->mesh, held->relief, held->heights, view),
+                                           twinOf<FmaFirst>(*held->mesh, held->relief, held->heights, view),
                                            twinOf<FmaSecond>(*held->mesh, held->relief, held->heights, view)}) {
       const MeshSeams seams = compareMeshSeams(*held->mesh, held->relief.unitLog2(), list, twin, snapped);
       cracks.compared += seams.comparisons;
@@ -128,7 +134,8 @@ Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, Heig
   held->domain = domain;
   held->truth = std::make_unique<TrueRelief>(domain, height);
   held->pages = std::make_unique<ReliefPages>(domain, height);
-  const glm::dvec3 half(0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px, 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px, 0);
+  const glm::dvec3 half(0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px,
+                        0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px, 0);
   Subject s;
   s.name = std::move(name);
   s.low = -half, s.high = half;
@@ -137,26 +144,37 @@ Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, Heig
   s.spot = [half](Random& r) {
     const double x = r.real(-1, 1) * half.x, y = r.real(-1, 1) * half.y;
     const bool upright = r.chance(0.5);
-    return Spot{{x, y, 0}, {0, 0, 1}, upright ? glm::dvec3(-half.x, -half.y, 0) : -half, upright ? glm::dvec3(-half.x, half.y, 0) : glm::dvec3(half.x, -half.y, 0)};
+    return Spot{{x, y, 0},
+                {0, 0, 1},
+                upright ? glm::dvec3(-half.x, -half.y, 0) : -half,
+                upright ? glm::dvec3(-half.x, half.y, 0) : glm::dvec3(half.x, -half.y, 0)};
   };
-  s.select = [held](const LodView& view, const ReliefSet& resident) { return selectPlanarLod(held->domain, *held->truth, view, resident); };
+  s.select = [held](const LodView& view, const ReliefSet& resident) {
+    return selectPlanarLod(held->domain, *held->truth, view, resident);
+  };
   s.numbers = [held](const LodView& view, const std::vector<PatchInstance>& list, Numbers& numbers) {
     const PlanarDomain& d = held->domain;
-    const double unit = d.mm_per_px / (1 << kUnitsPerTexelLog2), left = -0.5 * static_cast<double>(d.width_px) * d.mm_per_px, top = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
+    const double unit = d.mm_per_px / (1 << kUnitsPerTexelLog2),
+                 left = -0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
+                 top = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
     for (const PatchInstance& p : list)
       for (uint32_t j = 0; j <= 1u << p.grid_level; ++j)
         for (uint32_t i = 0; i <= 1u << p.grid_level; ++i) {
           const PatchVertex v = patchVertex(d, p, i, j, view.relief, *held->pages);
-          const double z = view.relief ? (d.relief_offset_mm + d.relief_scale_mm * v.height_q8 / 256) * view.exaggerate : 0;
+          const double z =
+              view.relief ? (d.relief_offset_mm + d.relief_scale_mm * v.height_q8 / 256) * view.exaggerate : 0;
           numbers.look(glm::vec3(glm::dvec3(left + v.x * unit, top - v.y * unit, z) - view.eye_mm), view);
         }
   };
   s.cracks = [held](const LodView& view, const std::vector<PatchInstance>& list, bool snapped, Cracks& cracks) {
-    const SeamReport seams = compareSeams(held->domain, list, [&](const PatchInstance& p, uint32_t i, uint32_t j) {
-      PatchInstance loose = p;
-      if (!snapped) loose.edges.fill({p.grid_level, PatchInstance::kWholeEdge});
-      return patchVertex(held->domain, loose, i, j, view.relief, *held->pages);
-    }, snapped ? snapVertex : unsnappedVertex);
+    const SeamReport seams = compareSeams(
+        held->domain, list,
+        [&](const PatchInstance& p, uint32_t i, uint32_t j) {
+          PatchInstance loose = p;
+          if (!snapped) loose.edges.fill({p.grid_level, PatchInstance::kWholeEdge});
+          return patchVertex(held->domain, loose, i, j, view.relief, *held->pages);
+        },
+        snapped ? snapVertex : unsnappedVertex);
     cracks.compared += seams.comparisons;
     cracks.different += seams.mismatches;
   };
@@ -181,16 +199,20 @@ Case randomLook(const Subject& s, Look look, Random& random) {
   const glm::dvec3 n = glm::length(spot.normal) > 1e-3 ? glm::normalize(spot.normal) : any;
   Case c;
   Camera& camera = c.camera;
-  camera.fov_y = random.chance(0.2) ? glm::radians(1.0) : random.chance(0.25) ? glm::radians(170.0) : random.real(0.2, 1.6);
+  camera.fov_y = random.chance(0.2)    ? glm::radians(1.0)
+                 : random.chance(0.25) ? glm::radians(170.0)
+                                       : random.real(0.2, 1.6);
   camera.aspect = random.real(0.5, 2.5);
   camera.target = spot.at;
   double distance = std::exp(random.real(std::log(8 * s.cell_mm), std::log(3 * size)));
   camera.near_mm = distance * random.real(0.001, 0.3);
   camera.eye = camera.target + distance * (random.chance(0.7) ? glm::normalize(any + 1.5 * n) : any);
   switch (look) {
-    case Look::kAnywhere: break;
+    case Look::kAnywhere:
+      break;
     case Look::kClose:  // where the heights' range is 1 to 150 pixels
-      distance = std::max(range, 1e-9 * size) * camera.viewport_height_px / (2 * std::tan(camera.fov_y / 2)) * std::exp(-random.real(0, 5));
+      distance = std::max(range, 1e-9 * size) * camera.viewport_height_px / (2 * std::tan(camera.fov_y / 2)) *
+                 std::exp(-random.real(0, 5));
       camera.eye = camera.target + (distance + s.max_mm) * glm::normalize(n + 0.5 * any);
       camera.near_mm = 0.01 * distance;
       break;
@@ -208,13 +230,18 @@ Case randomLook(const Subject& s, Look look, Random& random) {
       camera.near_mm = distance * (random.chance(0.3) ? 1.0 : 1 - std::exp(random.real(-12, -1)));
       break;
     case Look::kOnSurface:
-      camera.eye = spot.at + n * (random.chance(0.3) ? 0.0 : random.chance(0.5) ? s.max_mm : random.real(s.min_mm, s.max_mm));
+      camera.eye = spot.at + n * (random.chance(0.3)   ? 0.0
+                                  : random.chance(0.5) ? s.max_mm
+                                                       : random.real(s.min_mm, s.max_mm));
       camera.target = camera.eye + any * (0.3 * size);
       camera.near_mm = size * std::exp(random.real(-9, -3));
       break;
     case Look::kInside: {
       const glm::dvec3 wider = glm::dvec3(std::max(std::abs(s.min_mm), std::abs(s.max_mm)));
-      auto within = [&](size_t k) { return random.real(s.low[static_cast<int>(k)] - wider[static_cast<int>(k)], s.high[static_cast<int>(k)] + wider[static_cast<int>(k)]); };
+      auto within = [&](size_t k) {
+        return random.real(s.low[static_cast<int>(k)] - wider[static_cast<int>(k)],
+                           s.high[static_cast<int>(k)] + wider[static_cast<int>(k)]);
+      };
       camera.eye = {within(0), within(1), within(2)};
       camera.target = camera.eye + any * (0.3 * size);
       camera.near_mm = size * std::exp(random.real(-9, -3));
@@ -224,7 +251,9 @@ Case randomLook(const Subject& s, Look look, Random& random) {
   camera.far_mm = 1e3 * (glm::length(camera.eye - camera.target) + size) + 10 * camera.near_mm;
   const double error_px = std::exp(random.real(-0.7, 2.5));
   const bool orthographic = look != Look::kThroughNear && random.chance(0.15);
-  c.view = orthographic ? orthographicView(camera, std::max(glm::length(camera.eye - camera.target), 1e-6 * size), error_px) : makeView(camera, error_px);
+  c.view = orthographic
+               ? orthographicView(camera, std::max(glm::length(camera.eye - camera.target), 1e-6 * size), error_px)
+               : makeView(camera, error_px);
   if (random.chance(0.2)) c.view.exaggerate = random.real(-2, 4);
   return c;
 }
@@ -266,16 +295,20 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
   EXPECT_FALSE(above) << what << ": measured " << m.max_px << " px, predicted " << lod.max_error_px;
   if (m.max_px > 0.01) t.tightest = std::max(t.tightest, m.max_px / lod.max_error_px);
 
-  // Broken on purpose: nothing snaps; every other node has the edges that it would have with more pages; every grid is half as fine as promised.
+  // Broken on purpose: nothing snaps; every other node has the edges that it would have with more pages; every grid is
+  // half as fine as promised.
   s.cracks(c.view, lod.instances, false, t.unsnapped);
   std::vector<PatchInstance> list = lod.instances;
   ReliefSet more = resident;
   for (const ReliefWant& w : lod.wants) more.insert(w.page);
   std::map<std::array<uint32_t, 4>, PatchInstance> rich;
-  auto name = [](const PatchInstance& p) { return std::array<uint32_t, 4>{p.node.patch, p.node.level, p.node.x, p.node.y}; };
+  auto name = [](const PatchInstance& p) {
+    return std::array<uint32_t, 4>{p.node.patch, p.node.level, p.node.x, p.node.y};
+  };
   for (const PatchInstance& p : s.select(c.view, more).instances) rich[name(p)] = p;
   for (PatchInstance& p : list)
-    if (auto found = rich.find(name(p)); found != rich.end() && ((p.node.x + p.node.y + p.node.patch) & 1)) p = found->second;
+    if (auto found = rich.find(name(p)); found != rich.end() && ((p.node.x + p.node.y + p.node.patch) & 1))
+      p = found->second;
   s.cracks(c.view, list, true, t.one_sided);
   list = lod.instances;
   for (PatchInstance& p : list) {
@@ -283,7 +316,8 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
     --p.grid_level, ++p.step_log2;
     for (auto& side : p.edges)
       for (uint8_t& level : side)
-        if (level != PatchInstance::kWholeEdge) level = std::min<uint8_t>(level, static_cast<uint8_t>(p.grid_level - (side[1] != PatchInstance::kWholeEdge)));
+        if (level != PatchInstance::kWholeEdge)
+          level = std::min<uint8_t>(level, static_cast<uint8_t>(p.grid_level - (side[1] != PatchInstance::kWholeEdge)));
   }
   t.coarser_above += s.measure(c.view, c.camera, list).max_px > lod.max_error_px * (1 + 1e-6) + 1e-6;
 }
@@ -309,10 +343,18 @@ std::vector<Item> items() {
   auto mesh = [](std::string name, double range_mm, PlaceHeight height = waves) {
     return [=] { return meshSubject(meshNamed(name), range_mm, height); };
   };
-  auto ball = [](double range_mm, PlaceHeight height = waves) { return [=] { return meshSubject({"ball", cubeSphere(1, 60), true}, range_mm, height); }; };
-  auto sheet = [](double range_mm, PlaceHeight height = waves) { return [=] { return meshSubject({"sheet", openSheet(2, 2, 40)}, range_mm, height); }; };
-  auto flat = [](uint64_t width_px, uint64_t height_px, double mm_per_px, double range_mm, HeightFunction height = reliefHeight) {
-    return [=] { return flatSubject("flat, " + std::to_string(width_px) + " x " + std::to_string(height_px) + " px", flatDomain(width_px, height_px, mm_per_px), range_mm, height); };
+  auto ball = [](double range_mm, PlaceHeight height = waves) {
+    return [=] { return meshSubject({"ball", cubeSphere(1, 60), true}, range_mm, height); };
+  };
+  auto sheet = [](double range_mm, PlaceHeight height = waves) {
+    return [=] { return meshSubject({"sheet", openSheet(2, 2, 40)}, range_mm, height); };
+  };
+  auto flat = [](uint64_t width_px, uint64_t height_px, double mm_per_px, double range_mm,
+                 HeightFunction height = reliefHeight) {
+    return [=] {
+      return flatSubject("flat, " + std::to_string(width_px) + " x " + std::to_string(height_px) + " px",
+                         flatDomain(width_px, height_px, mm_per_px), range_mm, height);
+    };
   };
   auto moved = [](const glm::vec3& by) {
     return [=] {
@@ -330,10 +372,19 @@ std::vector<Item> items() {
   const std::vector<Look> anywhere = {Look::kAnywhere, Look::kClose, Look::kOnSurface};
   return {
       {"needle quads 1:10,000", anywhere, {mesh("needles 10,000:1", 0.5), flat(3000, 1, 0.05, 0.5)}},
-      {"zero-area and collapsed quads", anywhere, {mesh("zero area", 3), mesh("collapsed sides", 3), mesh("one point", 3), flat(130, 1, 0.05, 0.3), flat(1, 1, 0.05, 0.01)}},
-      {"edges that point at the eye", {Look::kEdgeAtEye, Look::kEdgeAtEye}, {sheet(6), ball(5), mesh("fan of 5", 6), flat(300, 200, 0.05, 0.8)}},
-      {"edges through the near plane", {Look::kThroughNear, Look::kThroughNear}, {sheet(6), ball(5), flat(300, 200, 0.05, 0.8)}},
-      {"eye on the surface, inside the bounds", {Look::kOnSurface, Look::kInside}, {sheet(6), ball(5), mesh("torus", 6), flat(300, 200, 0.05, 0.8)}},
+      {"zero-area and collapsed quads",
+       anywhere,
+       {mesh("zero area", 3), mesh("collapsed sides", 3), mesh("one point", 3), flat(130, 1, 0.05, 0.3),
+        flat(1, 1, 0.05, 0.01)}},
+      {"edges that point at the eye",
+       {Look::kEdgeAtEye, Look::kEdgeAtEye},
+       {sheet(6), ball(5), mesh("fan of 5", 6), flat(300, 200, 0.05, 0.8)}},
+      {"edges through the near plane",
+       {Look::kThroughNear, Look::kThroughNear},
+       {sheet(6), ball(5), flat(300, 200, 0.05, 0.8)}},
+      {"eye on the surface, inside the bounds",
+       {Look::kOnSurface, Look::kInside},
+       {sheet(6), ball(5), mesh("torus", 6), flat(300, 200, 0.05, 0.8)}},
       {"10 um relief on a 10 m panel", anywhere, {frieze, flat(16384, 128, 10000.0 / 16384, 0.01)}},
       {"coordinates offset by 10^7 mm", anywhere, {mesh("corners 10^7 mm away", 3), moved({1e7, -1e7, 0})}},
       {"displacement larger than the patch", anywhere, {sheet(200), ball(200), flat(256, 128, 0.05, 40)}},
@@ -357,15 +408,20 @@ TEST(HardGeometry, NoNanNoCrackAndTheBoundHolds) {
       names += (k ? ", " : "") + s.name;
       for (size_t look = 0; look < item.looks.size(); ++look) {
         if (kSanitized && look != k % item.looks.size()) continue;
-        for (int view = 0; view < share(kViewsOfAKind); ++view) check(s, item.looks[look], kSeed + 1000 * k + 100 * look + static_cast<uint64_t>(view), t);
+        for (int view = 0; view < share(kViewsOfAKind); ++view)
+          check(s, item.looks[look], kSeed + 1000 * k + 100 * look + static_cast<uint64_t>(view), t);
       }
     }
-    std::printf("[ figures  ] %-38s %3llu views %6llu nodes; %8llu vertices, %llu no number; %8llu compared, %llu differ; %8llu finest vertices, measured/predicted at most %.2f | "
-                "broken: %llu differ unsnapped, %llu by pages of one side; %d of %llu above when coarser (%s)\n",
-                item.name, static_cast<unsigned long long>(t.views), static_cast<unsigned long long>(t.nodes), static_cast<unsigned long long>(t.numbers.looked_at),
-                static_cast<unsigned long long>(t.numbers.not_finite), static_cast<unsigned long long>(t.cracks.compared), static_cast<unsigned long long>(t.cracks.different),
-                static_cast<unsigned long long>(t.samples), t.tightest, static_cast<unsigned long long>(t.unsnapped.different), static_cast<unsigned long long>(t.one_sided.different),
-                t.coarser_above, static_cast<unsigned long long>(t.views), names.c_str());
+    std::printf(
+        "[ figures  ] %-38s %3llu views %6llu nodes; %8llu vertices, %llu no number; %8llu compared, %llu differ; "
+        "%8llu finest vertices, measured/predicted at most %.2f | "
+        "broken: %llu differ unsnapped, %llu by pages of one side; %d of %llu above when coarser (%s)\n",
+        item.name, static_cast<unsigned long long>(t.views), static_cast<unsigned long long>(t.nodes),
+        static_cast<unsigned long long>(t.numbers.looked_at), static_cast<unsigned long long>(t.numbers.not_finite),
+        static_cast<unsigned long long>(t.cracks.compared), static_cast<unsigned long long>(t.cracks.different),
+        static_cast<unsigned long long>(t.samples), t.tightest, static_cast<unsigned long long>(t.unsnapped.different),
+        static_cast<unsigned long long>(t.one_sided.different), t.coarser_above,
+        static_cast<unsigned long long>(t.views), names.c_str());
     EXPECT_EQ(t.numbers.not_finite + t.cracks.different + static_cast<uint64_t>(t.above), 0u) << item.name;
     EXPECT_GT(t.numbers.looked_at, 0u) << item.name;
     EXPECT_GT(t.samples, 0u) << item.name << ": nothing was in view";
@@ -379,7 +435,8 @@ TEST(HardGeometry, NoNanNoCrackAndTheBoundHolds) {
 // The look-out for what is no number sees it: normals that cancel half-way, made unit vectors.
 TEST(HardGeometry, NormalsThatCancelMustNotBeNormalised) {
   NamedMesh opposed{"opposed normals", openSheet(2, 2, 20, 0)};
-  for (size_t k = 0; k < opposed.mesh.corners.size(); k += 2) opposed.mesh.corners[k].normal = -opposed.mesh.corners[k].normal;
+  for (size_t k = 0; k < opposed.mesh.corners.size(); k += 2)
+    opposed.mesh.corners[k].normal = -opposed.mesh.corners[k].normal;
   for (bool broken : {false, true}) {
     const Subject s = meshSubject(opposed, 3, waves, broken);
     Numbers numbers;

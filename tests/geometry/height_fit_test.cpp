@@ -1,4 +1,5 @@
-// Fitted heights: the cost has its minimum there, found by brute force; what theory says a fit wins; what is shared stays.
+// Fitted heights: the cost has its minimum there, found by brute force; what theory says a fit wins; what is shared
+// stays.
 #include "geometry/height_fit.h"
 
 #include <gtest/gtest.h>
@@ -25,7 +26,8 @@ double onLine(std::span<const float> nodes, size_t i, size_t ratio) {
 // Barycentric weights of the triangle, found from its corners.
 double onGrid(std::span<const float> nodes, size_t row, size_t x, size_t y, size_t ratio) {
   const size_t cx = std::min(x / ratio, row - 2), cy = std::min(y / ratio, row - 2);
-  const double fx = static_cast<double>(x - cx * ratio) / static_cast<double>(ratio), fy = static_cast<double>(y - cy * ratio) / static_cast<double>(ratio);
+  const double fx = static_cast<double>(x - cx * ratio) / static_cast<double>(ratio),
+               fy = static_cast<double>(y - cy * ratio) / static_cast<double>(ratio);
   auto node = [&](size_t i, size_t j) { return static_cast<double>(nodes[(cy + j) * row + cx + i]); };
   if (fx >= fy) return node(0, 0) * (1 - fx) + node(1, 0) * (fx - fy) + node(1, 1) * fy;
   return node(0, 0) * (1 - fy) + node(0, 1) * (fy - fx) + node(1, 1) * fx;
@@ -53,7 +55,8 @@ TEST(HeightFit, aLineHasTheLeastCost) {
     fitLine(data, ends, nodes);
     auto cost = [&](std::span<const float> at) {
       double sum = 0;
-      for (size_t i = 0; i < data.heights.size(); ++i) sum += data.weights[i] * std::pow(onLine(at, i, kRatio) - data.heights[i], 2);
+      for (size_t i = 0; i < data.heights.size(); ++i)
+        sum += data.weights[i] * std::pow(onLine(at, i, kRatio) - data.heights[i], 2);
       return sum;
     };
     size_t lowered = 0;
@@ -67,7 +70,9 @@ TEST(HeightFit, aLineHasTheLeastCost) {
       for (float by : {-0.01f, 0.01f}) {
         auto moved = nodes;
         moved[i] += by;
-        if (!atBound(nodes[i], by, std::span(data.heights).subspan(low, high - low + 1))) { EXPECT_GT(cost(moved), cost(nodes)) << i; }
+        if (!atBound(nodes[i], by, std::span(data.heights).subspan(low, high - low + 1))) {
+          EXPECT_GT(cost(moved), cost(nodes)) << i;
+        }
         moved = samples;
         moved[i] += by;
         lowered += cost(moved) < cost(samples);
@@ -87,7 +92,8 @@ TEST(HeightFit, aGridHasTheLeastCostAndItsBorderStays) {
     Data data;
     for (size_t y = 0; y < data_row; ++y) {
       for (size_t x = 0; x < data_row; ++x) {
-        data.heights.push_back(std::sin(0.3f * static_cast<float>(x)) * std::cos(0.2f * static_cast<float>(y)) + 0.2f * noise(random));
+        data.heights.push_back(std::sin(0.3f * static_cast<float>(x)) * std::cos(0.2f * static_cast<float>(y)) +
+                               0.2f * noise(random));
         data.weights.push_back(static_cast<uint8_t>(60 + random() % 196));
       }
     }
@@ -99,7 +105,9 @@ TEST(HeightFit, aGridHasTheLeastCostAndItsBorderStays) {
     auto cost = [&](std::span<const float> at) {
       double sum = 0;
       for (size_t y = 0; y < data_row; ++y)
-        for (size_t x = 0; x < data_row; ++x) sum += data.weights[y * data_row + x] * std::pow(onGrid(at, kRow, x, y, ratio) - data.heights[y * data_row + x], 2);
+        for (size_t x = 0; x < data_row; ++x)
+          sum += data.weights[y * data_row + x] *
+                 std::pow(onGrid(at, kRow, x, y, ratio) - data.heights[y * data_row + x], 2);
       return sum;
     };
     size_t lowered = 0;
@@ -116,7 +124,9 @@ TEST(HeightFit, aGridHasTheLeastCostAndItsBorderStays) {
         for (float by : {-0.01f, 0.01f}) {
           auto moved = nodes;
           moved[i] += by;
-          if (!atBound(nodes[i], by, around)) { EXPECT_GT(cost(moved), cost(nodes)) << ratio << " " << x << " " << y; }
+          if (!atBound(nodes[i], by, around)) {
+            EXPECT_GT(cost(moved), cost(nodes)) << ratio << " " << x << " " << y;
+          }
           moved = samples;
           moved[i] += by;
           lowered += cost(moved) < cost(samples);
@@ -128,7 +138,8 @@ TEST(HeightFit, aGridHasTheLeastCostAndItsBorderStays) {
   }
 }
 
-// Of a parabola, segments through its points are off by h^2 f'' / sqrt(120) in the root mean square, the best ones by h^2 f'' / sqrt(720).
+// Of a parabola, segments through its points are off by h^2 f'' / sqrt(120) in the root mean square, the best ones by
+// h^2 f'' / sqrt(720).
 TEST(HeightFit, aParabolaIsSqrt6TimesCloser) {
   constexpr size_t kCells = 64, kRatio = 32;
   Data data;
@@ -190,7 +201,8 @@ TEST(HeightFit, noNodeOvershoots) {
     line.heights.push_back(i < 30 ? 0.0f : 1.0f);
     line.weights.push_back(255);
   }
-  for (size_t y = 0; y < kDataRow; ++y) grid.heights.insert(grid.heights.end(), line.heights.begin(), line.heights.end());
+  for (size_t y = 0; y < kDataRow; ++y)
+    grid.heights.insert(grid.heights.end(), line.heights.begin(), line.heights.end());
   grid.weights.assign(grid.heights.size(), 255);
   std::vector<float> nodes(kRow), square(kRow * kRow);
   for (size_t i = 0; i < kRow; ++i) nodes[i] = line.heights[i * kRatio];

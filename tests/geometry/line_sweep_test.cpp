@@ -1,4 +1,5 @@
-// All lines of a square at once: what is answered is what brute force over all triangles finds; what cannot be known is not answered.
+// All lines of a square at once: what is answered is what brute force over all triangles finds; what cannot be known is
+// not answered.
 #include "geometry/line_sweep.h"
 
 #include <gtest/gtest.h>
@@ -21,16 +22,20 @@ glm::dvec3 bilinear(const std::array<glm::dvec3, 4>& c, double u, double v) {
   return (c[0] * (1 - u) + c[1] * u) * (1 - v) + (c[2] * (1 - u) + c[3] * u) * v;
 }
 
-// The least |t|, and of those that share it the first triangle; within `likely`, outside facing along. Of lines through an edge either triangle does.
+// The least |t|, and of those that share it the first triangle; within `likely`, outside facing along. Of lines through
+// an edge either triangle does.
 SurfacePoint byBruteForce(const TriMesh& mesh, const Line& line) {
   SurfacePoint best;
   double least = line.likely;
   for (uint32_t i = 0; i < mesh.triangles.size(); ++i) {
     const auto& t = mesh.triangles[i];
-    const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]), n = glm::cross(b - a, c - a);
+    const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]),
+        n = glm::cross(b - a, c - a);
     const double steep = glm::dot(n, line.direction);
     if (!(steep > 0)) continue;
-    auto side = [&](const glm::dvec3& p, const glm::dvec3& q) { return glm::dot(line.direction, glm::cross(p - line.at, q - line.at)); };
+    auto side = [&](const glm::dvec3& p, const glm::dvec3& q) {
+      return glm::dot(line.direction, glm::cross(p - line.at, q - line.at));
+    };
     if (side(a, b) < 0 || side(b, c) < 0 || side(c, a) < 0) continue;
     const double along = glm::dot(n, a - line.at) / steep;
     if (!(std::abs(along) <= least) || (best && std::abs(along) == least)) continue;
@@ -47,7 +52,8 @@ struct Square {
   // n x n lines by rows, their points `start` above the square.
   Square(const SweepSquare& corners, size_t n, double likely, double start = 0) : square(corners) {
     for (size_t i = 0; i < n * n; ++i) {
-      const double u = static_cast<double>(i % n) / static_cast<double>(n - 1), v = static_cast<double>(i / n) / static_cast<double>(n - 1);
+      const double u = static_cast<double>(i % n) / static_cast<double>(n - 1),
+                   v = static_cast<double>(i / n) / static_cast<double>(n - 1);
       const glm::dvec3 direction = bilinear(corners.normals, u, v);
       places.push_back({static_cast<float>(u), static_cast<float>(v), static_cast<float>(start)});
       lines.push_back({bilinear(corners.points, u, v) + start * direction, direction, 2 * likely, likely});
@@ -122,7 +128,8 @@ TEST(LineSweep, answersWhatBruteForceFinds) {
 TEST(LineSweep, ofSeveralSurfacesTheNearest) {
   // Shells 0.4 apart, all of which face outwards; lines' points lie below, between and above them.
   const int n = kSanitized ? 20 : 30;
-  const TriMesh outer = starMesh(bumps, n), shells = joined(outer, starMesh([](const glm::dvec3& d) { return bumps(d) - 0.4; }, n + 3));
+  const TriMesh outer = starMesh(bumps, n),
+                shells = joined(outer, starMesh([](const glm::dvec3&d) { return bumps(d) - 0.4; }, n + 3));
   const BaseMesh base = sphereBase(9.8, 4);
   for (double start : {-0.3, 0.1, 0.8}) {
     const Square s(squareOf(base, 5), 25, 1.2, start);
@@ -144,8 +151,10 @@ TEST(LineSweep, ofSeveralSurfacesTheNearest) {
 
 TEST(LineSweep, noLineSlipsBetweenTriangles) {
   // Every line goes through a vertex of the sheet or the middle of an edge.
-  const TriMesh sheet = sheetMesh(8, 8, 16, 16, [](double x, double y) { return 0.25 * std::sin(x) * std::cos(2 * y); });
-  const SweepSquare square{{glm::dvec3(0, 0, 0.5), {8, 0, 0.5}, {0, -8, 0.5}, {8, -8, 0.5}}, {glm::dvec3(0, 0, 1), {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}};
+  const TriMesh sheet =
+      sheetMesh(8, 8, 16, 16, [](double x, double y) { return 0.25 * std::sin(x) * std::cos(2 * y); });
+  const SweepSquare square{{glm::dvec3(0, 0, 0.5), {8, 0, 0.5}, {0, -8, 0.5}, {8, -8, 0.5}},
+                           {glm::dvec3(0, 0, 1), {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}};
   const Counts all = compare(sheet, sheet, Square(square, 33, 2));
   EXPECT_EQ(all.answered, 33u * 33);
   EXPECT_EQ(all.wrong, 0u);
@@ -212,7 +221,9 @@ TEST(LineSweep, bakesTheSameAsRays) {
     ASSERT_TRUE(scene);
     EXPECT_EQ(scene->sweep != nullptr, k == 1);
     const RayScene& rays = *scene->rays;
-    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = kSanitized ? 4 : 6, .fit = false, .texture_depth = 0, .workers = 2}, std::move(*scene));
+    auto made = MeshBake::create(mesh, {}, base,
+                                 {.cells_log2 = kSanitized ? 4 : 6, .fit = false, .texture_depth = 0, .workers = 2},
+                                 std::move(*scene));
     ASSERT_TRUE(made);
     scale_mm[k] = (*made)->reliefScaleMm();
     for (uint32_t p = 0; p < base.patches.size(); ++p) {
@@ -229,8 +240,10 @@ TEST(LineSweep, bakesTheSameAsRays) {
   }
   EXPECT_NEAR(scale_mm[0], scale_mm[1], 1e-9);
   int worst_height = 0, worst_texel = 0;
-  for (size_t i = 0; i < heights[0].size(); ++i) worst_height = std::max(worst_height, std::abs(heights[0][i] - heights[1][i]));
-  for (size_t i = 0; i < texels[0].size(); ++i) worst_texel = std::max(worst_texel, std::abs(texels[0][i] - texels[1][i]));
+  for (size_t i = 0; i < heights[0].size(); ++i)
+    worst_height = std::max(worst_height, std::abs(heights[0][i] - heights[1][i]));
+  for (size_t i = 0; i < texels[0].size(); ++i)
+    worst_texel = std::max(worst_texel, std::abs(texels[0][i] - texels[1][i]));
   EXPECT_LE(worst_height, 1);
   EXPECT_LE(worst_texel, 1);
 }

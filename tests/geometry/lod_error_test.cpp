@@ -1,5 +1,6 @@
-// The predicted error is an upper bound of the measured one: a procedural relief with bounds computed from all of its samples,
-// random views and residency; every finest sample in view is projected, and so is the point of the drawn surface above its place.
+// The predicted error is an upper bound of the measured one: a procedural relief with bounds computed from all of its
+// samples, random views and residency; every finest sample in view is projected, and so is the point of the drawn
+// surface above its place.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -21,7 +22,8 @@ struct Figures {
   std::vector<double> tightness;  // measured / predicted
   double worst = 0;
 };
-Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe, bool orthographic = false, double fov_deg = 0) {
+Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
+              bool orthographic = false, double fov_deg = 0) {
   Figures f;
   ReliefPages pages(domain, reliefHeight);
   for (int k = 0; k < views; ++k) {
@@ -37,7 +39,9 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
     if (random.chance(0.3)) view.exaggerate = random.real(0.2, 4);
     if (orthographic) {
       const double exaggerate = view.exaggerate, distance = glm::length(camera.eye - camera.target);
-      if (k % 3 == 0) camera.eye = camera.target + glm::dvec3(random.real(-0.1, 0.1), 0, 1) * distance;  // heights point at the eye, or nearly
+      if (k % 3 == 0)
+        camera.eye =
+            camera.target + glm::dvec3(random.real(-0.1, 0.1), 0, 1) * distance;  // heights point at the eye, or nearly
       view = orthographicView(camera, 2 * distance * std::tan(camera.fov_y / 2), view.error_px);
       view.exaggerate = exaggerate;
     }
@@ -54,8 +58,8 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
     if (m.max_px > lod.max_error_px * believe * (1 + 1e-6) + 1e-6) {
       ++f.above;
       if (believe == 1)
-        std::printf("[ above    ] seed %llu: measured %.4g px, predicted %.4g px, asked %.3g px\n", static_cast<unsigned long long>(seed) + k, m.max_px,
-                    lod.max_error_px, view.error_px);
+        std::printf("[ above    ] seed %llu: measured %.4g px, predicted %.4g px, asked %.3g px\n",
+                    static_cast<unsigned long long>(seed) + k, m.max_px, lod.max_error_px, view.error_px);
     }
     if (believe < 1 && f.above > 0) break;  // a negative control has failed as it should
     if (lod.max_error_px > 0 && m.samples > 0) f.tightness.push_back(m.max_px / lod.max_error_px);
@@ -73,10 +77,12 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasuredInOrthographicViewsAndAtBothEnds
     const Figures f = study(domain, relief, kSanitized ? 7 : 30, kSeed, 1, fov_deg == 0, fov_deg);
     EXPECT_EQ(f.above, 0) << what;
     EXPECT_LE(f.worst, 2) << what;
-    EXPECT_GT(study(domain, relief, 60, kSeed, 1.0 / 3, fov_deg == 0, fov_deg).above, 0) << what << ", control: a third of it is no bound";
+    EXPECT_GT(study(domain, relief, 60, kSeed, 1.0 / 3, fov_deg == 0, fov_deg).above, 0)
+        << what << ", control: a third of it is no bound";
     ASSERT_FALSE(f.tightness.empty());
-    std::printf("[ figures  ] %s: %d views, %llu samples; measured / predicted: median %.2f, largest %.2f\n", what, f.views, static_cast<unsigned long long>(f.samples),
-                f.tightness[f.tightness.size() / 2], f.tightness.back());
+    std::printf("[ figures  ] %s: %d views, %llu samples; measured / predicted: median %.2f, largest %.2f\n", what,
+                f.views, static_cast<unsigned long long>(f.samples), f.tightness[f.tightness.size() / 2],
+                f.tightness.back());
   }
 }
 
@@ -86,15 +92,18 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
     int finer;
   };
   int empty_above = 0;
-  for (Artwork a : {Artwork{512, 512, 0}, Artwork{900, 300, 0}, Artwork{333, 217, 1}, Artwork{250, 701, -1}, Artwork{401, 397, -2}}) {
+  for (Artwork a : {Artwork{512, 512, 0}, Artwork{900, 300, 0}, Artwork{333, 217, 1}, Artwork{250, 701, -1},
+                    Artwork{401, 397, -2}}) {
     PlanarDomain domain = makeDomain(a.width, a.height, a.finer);
     domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
-    TrueRelief relief(domain, reliefHeight), whole_pages(domain, reliefHeight, Parts::kNone), mirrored(domain, reliefHeight, Parts::kMirrored);
+    TrueRelief relief(domain, reliefHeight), whole_pages(domain, reliefHeight, Parts::kNone),
+        mirrored(domain, reliefHeight, Parts::kMirrored);
     constexpr int kViews = kSanitized ? 20 : 80;
     Figures f = study(domain, relief, kViews, kSeed, 1);
     EXPECT_EQ(f.above, 0) << a.width << " x " << a.height;
     EXPECT_LE(f.worst, 2);  // with all pages it also keeps what was asked for, but for the factor where levels meet
-    // Negative control: a third of the prediction is not a bound (where the prediction is more than the range of heights).
+    // Negative control: a third of the prediction is not a bound (where the prediction is more than the range of
+    // heights).
     if (domain.relief_depth > 0 && relief.pageCount() > 4) {
       EXPECT_GT(study(domain, relief, 80, kSeed, 1.0 / 3).above, 0);
     }
@@ -110,25 +119,29 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
       if (empty_above == 0) empty_above = study(domain, empty_shapes, 80, kSeed, 0.999).above;
     }
     ASSERT_FALSE(f.tightness.empty());
-    std::printf("[ figures  ] %llu x %llu, %zu pages: %d views, %llu samples; measured / predicted: median %.2f, largest %.2f; with all pages "
-                "the measured error is at most %.2f of the one asked for; %.2f times the cells that whole pages' errors take\n",
-                static_cast<unsigned long long>(a.width), static_cast<unsigned long long>(a.height), relief.pageCount(), f.views,
-                static_cast<unsigned long long>(f.samples), f.tightness[f.tightness.size() / 2], f.tightness.back(), f.worst,
-                static_cast<double>(f.cells) / static_cast<double>(by_pages.cells));
+    std::printf(
+        "[ figures  ] %llu x %llu, %zu pages: %d views, %llu samples; measured / predicted: median %.2f, largest %.2f; "
+        "with all pages "
+        "the measured error is at most %.2f of the one asked for; %.2f times the cells that whole pages' errors take\n",
+        static_cast<unsigned long long>(a.width), static_cast<unsigned long long>(a.height), relief.pageCount(),
+        f.views, static_cast<unsigned long long>(f.samples), f.tightness[f.tightness.size() / 2], f.tightness.back(),
+        f.worst, static_cast<double>(f.cells) / static_cast<double>(by_pages.cells));
   }
   EXPECT_GT(empty_above, 0);
 }
 
-// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Two patches meet at x = 256 px; the left one
-// has its root page alone (samples every 4th of the finest), the right one the next finer pages (every 2nd). The surface through the coarser samples is
-// 0. On the shared edge the finer ones are -1; in the first column beside it they are +1, and drawn triangles lead from there to the snapped edge, at
-// 0; halfway the relief is -1 and the drawn surface +1/2. Neither level's own surface is further off than 1.
+// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Two patches
+// meet at x = 256 px; the left one has its root page alone (samples every 4th of the finest), the right one the next
+// finer pages (every 2nd). The surface through the coarser samples is 0. On the shared edge the finer ones are -1; in
+// the first column beside it they are +1, and drawn triangles lead from there to the snapped edge, at 0; halfway the
+// relief is -1 and the drawn surface +1/2. Neither level's own surface is further off than 1.
 constexpr int kOneHeight = 16384;
 constexpr int64_t kSpacing = 8, kEdge = 256 << kUnitsPerTexelLog2;  // units
 uint16_t heightsBesideASnappedEdge(int64_t x_units, int64_t y_units) {
   const int64_t column = (x_units - kEdge) / kSpacing, row = y_units / kSpacing;
   const bool inside_rows = row > 8 && row < 1000;  // the artwork's own border stays flat
-  // How far row lies from a row that the coarser samples leave out, of the two steps to one that they have: the finer surface is linear between.
+  // How far row lies from a row that the coarser samples leave out, of the two steps to one that they have: the finer
+  // surface is linear between.
   const int64_t off = std::abs(row % 4 - 2);
   double height = 0;
   if (!inside_rows || x_units < kEdge || column > 4) return 32768;

@@ -25,14 +25,17 @@ inline uint64_t mix(uint64_t v) {
   return v ^ (v >> 32);
 }
 
-// One 16-bit height for every place of an artwork: noise, so that no two different places agree by chance (but 1 in 65536).
+// One 16-bit height for every place of an artwork: noise, so that no two different places agree by chance (but 1 in
+// 65536).
 inline uint16_t noiseHeight(int64_t x_units, int64_t y_units) {
-  return static_cast<uint16_t>(mix(static_cast<uint64_t>(x_units) * 0x100000001B3ull + static_cast<uint64_t>(y_units)) >> 48);
+  return static_cast<uint16_t>(
+      mix(static_cast<uint64_t>(x_units) * 0x100000001B3ull + static_cast<uint64_t>(y_units)) >> 48);
 }
 
 using HeightFunction = uint16_t (*)(int64_t x_units, int64_t y_units);
 
-// Relief pages as the builder defines them: the height at the sample's place, clamped to the artwork. Computed when looked at.
+// Relief pages as the builder defines them: the height at the sample's place, clamped to the artwork. Computed when
+// looked at.
 class ReliefPages {
  public:
   struct Page {
@@ -41,7 +44,8 @@ class ReliefPages {
     int64_t x0, y0;
     uint16_t operator[](size_t index) const {
       auto i = static_cast<int64_t>(index % kReliefSamples), j = static_cast<int64_t>(index / kReliefSamples);
-      return pages.height_(std::min(x0 + (i << spacing_log2), pages.right_), std::min(y0 + (j << spacing_log2), pages.bottom_));
+      return pages.height_(std::min(x0 + (i << spacing_log2), pages.right_),
+                           std::min(y0 + (j << spacing_log2), pages.bottom_));
     }
   };
   ReliefPages(const PlanarDomain& domain, HeightFunction height) : domain_(domain), height_(height) {
@@ -50,8 +54,11 @@ class ReliefPages {
   }
   Page operator()(const NodeId& page) const {
     int spacing = reliefSpacingLog2(domain_, page.level);
-    return {*this, spacing, (static_cast<int64_t>(domain_.patchOriginX(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.x) << (spacing + 7)),
-            (static_cast<int64_t>(domain_.patchOriginY(page.patch)) << kUnitsPerTexelLog2) + (static_cast<int64_t>(page.y) << (spacing + 7))};
+    return {*this, spacing,
+            (static_cast<int64_t>(domain_.patchOriginX(page.patch)) << kUnitsPerTexelLog2) +
+                (static_cast<int64_t>(page.x) << (spacing + 7)),
+            (static_cast<int64_t>(domain_.patchOriginY(page.patch)) << kUnitsPerTexelLog2) +
+                (static_cast<int64_t>(page.y) << (spacing + 7))};
   }
 
  private:
@@ -60,18 +67,20 @@ class ReliefPages {
   int64_t right_, bottom_;
 };
 
-// Made-up bounds: errors fall by about 2 a level, with rough and smooth places; monotone down the tree. narrowing: the range of
-// heights falls too, as a real relief's does; else every page claims the whole range.
+// Made-up bounds: errors fall by about 2 a level, with rough and smooth places; monotone down the tree. narrowing: the
+// range of heights falls too, as a real relief's does; else every page claims the whole range.
 class MadeUpOracle final : public ReliefOracle {
  public:
-  MadeUpOracle(const PlanarDomain& domain, uint64_t seed, bool narrowing = false) : domain_(domain), seed_(seed), narrowing_(narrowing) {}
+  MadeUpOracle(const PlanarDomain& domain, uint64_t seed, bool narrowing = false)
+      : domain_(domain), seed_(seed), narrowing_(narrowing) {}
   HeightBounds bounds(const NodeId& page) const override {
     double low = domain_.relief_offset_mm, high = low + 65535 * domain_.relief_scale_mm, error = high - low;
     for (uint32_t level = 0; level <= page.level; ++level) {
       uint64_t h = mix(seed_ ^ mix(packNode(page.ancestor(level))));
       error *= 0.2 + 0.8 * static_cast<double>(h >> 11) * 0x1p-53;
       if (!narrowing_ || level == 0) continue;
-      double width = (high - low) * (0.4 + 0.4 * static_cast<double>(h & 255) / 255), at = static_cast<double>((h >> 8) & 255) / 255;
+      double width = (high - low) * (0.4 + 0.4 * static_cast<double>(h & 255) / 255),
+             at = static_cast<double>((h >> 8) & 255) / 255;
       low += (high - low - width) * at;
       high = low + width;
     }
@@ -119,7 +128,8 @@ inline LodView orthographicView(const Camera& c, double height_mm, double error_
   glm::dvec3 forward = glm::normalize(c.target - c.eye);
   glm::dvec3 up = std::abs(forward.y) > 0.99 ? glm::dvec3(0, 0, 1) : glm::dvec3(0, 1, 0);
   double h = 0.5 * height_mm;
-  v.clip_from_world = glm::ortho(-h * c.aspect, h * c.aspect, -h, h, -c.far_mm, c.far_mm) * glm::lookAt(c.eye, c.target, up);
+  v.clip_from_world =
+      glm::ortho(-h * c.aspect, h * c.aspect, -h, h, -c.far_mm, c.far_mm) * glm::lookAt(c.eye, c.target, up);
   v.pixels_per_radian = c.viewport_height_px / height_mm;
   return v;
 }
@@ -147,30 +157,39 @@ inline Camera randomCamera(const PlanarDomain& d, Random& random) {
   c.target = {random.real(-0.5, 0.5) * w, random.real(-0.5, 0.5) * h, 0};
   double distance = std::exp(random.real(std::log(4 * d.mm_per_px), std::log(3 * std::max(w, h) + 8 * d.mm_per_px)));
   double tilt = random.chance(0.5) ? random.real(0, 0.5) : random.real(0.5, 1.55), turn = random.real(0, 6.2832);
-  c.eye = c.target + distance * glm::dvec3(std::sin(tilt) * std::cos(turn), std::sin(tilt) * std::sin(turn), std::cos(tilt));
+  c.eye = c.target +
+          distance * glm::dvec3(std::sin(tilt) * std::cos(turn), std::sin(tilt) * std::sin(turn), std::cos(tilt));
   c.near_mm = distance * random.real(0.001, 0.3);
   c.far_mm = distance * 1000 + 10 * std::max(w, h);
   return c;
 }
 
 inline PlanarDomain randomDomain(Random& random) {
-  static constexpr uint64_t kSizes[][2] = {{1, 1},      {3, 1},        {1, 500},          {128, 128},        {129, 128},
-                                           {200, 131},  {1000, 700},   {5000, 300},       {300, 4000},       {4096, 4096},
-                                           {777, 9001}, {1u << 20, 64}, {1u << 20, 1000}, {1000, (1u << 20) - 3}, {30000, 20001},
-                                           {(1u << 24) - 5, (1u << 24) - 77}, {100003, 65537}};
+  static constexpr uint64_t kSizes[][2] = {{1, 1},           {3, 1},
+                                           {1, 500},         {128, 128},
+                                           {129, 128},       {200, 131},
+                                           {1000, 700},      {5000, 300},
+                                           {300, 4000},      {4096, 4096},
+                                           {777, 9001},      {1u << 20, 64},
+                                           {1u << 20, 1000}, {1000, (1u << 20) - 3},
+                                           {30000, 20001},   {(1u << 24) - 5, (1u << 24) - 77},
+                                           {100003, 65537}};
   const auto& size = kSizes[random.integer(0, static_cast<int>(std::size(kSizes)) - 1)];
   return makeDomain(size[0], size[1], random.chance(0.15) ? -static_cast<int>(kMaxNodeLevel) : random.integer(-3, 4));
 }
 
 // Pages as they may have arrived: some rounds of asking, each want granted or not, some pages lost again.
-inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, Random& random) {
+inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
+                                 Random& random) {
   ReliefSet resident;
   int rounds = random.integer(0, 5);
   double granted = random.real(0.3, 1), lost = random.chance(0.5) ? 0 : random.real(0, 0.3);
   for (int round = 0; round < rounds; ++round) {
     for (const ReliefWant& want : selectPlanarLod(domain, oracle, view, resident).wants)
       if (random.chance(granted)) resident.insert(want.page);
-    std::erase_if(resident, [&](const NodeId& n) { return random.engine() % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0; });
+    std::erase_if(resident, [&](const NodeId& n) {
+      return random.engine() % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0;
+    });
   }
   return resident;
 }
@@ -183,7 +202,8 @@ struct Placed {
 // By level and place along the strip; answers which drawn nodes lie beside a place.
 class PlacedIndex {
  public:
-  PlacedIndex(const PlanarDomain& domain, const std::vector<PatchInstance>& instances) : unit_log2_(domain.texture_depth + 7 + kUnitsPerTexelLog2) {
+  PlacedIndex(const PlanarDomain& domain, const std::vector<PatchInstance>& instances)
+      : unit_log2_(domain.texture_depth + 7 + kUnitsPerTexelLog2) {
     for (const PatchInstance& p : instances) {
       int64_t size = int64_t{1} << (unit_log2_ - static_cast<int>(p.node.level));
       placed_[{static_cast<int>(p.node.level), p.x0 / size, p.y0 / size}] = {&p, p.x0, p.y0, size};
@@ -229,11 +249,16 @@ struct SeamReport {
 
 // Where a grid's vertex goes, in grid steps. Levels with geomorph (morph.h) have ownVertex instead of snapVertex.
 using SnapFunction = std::array<uint32_t, 2> (*)(uint32_t i, uint32_t j, const PatchInstance&);
-inline std::array<uint32_t, 2> ownVertex(uint32_t i, uint32_t j, const PatchInstance& p) { return vertexOnBorder(i, j, p).own; }
-inline std::array<uint32_t, 2> unsnappedVertex(uint32_t i, uint32_t j, const PatchInstance&) { return {i, j}; }  // a negative control
+inline std::array<uint32_t, 2> ownVertex(uint32_t i, uint32_t j, const PatchInstance& p) {
+  return vertexOnBorder(i, j, p).own;
+}
+inline std::array<uint32_t, 2> unsnappedVertex(uint32_t i, uint32_t j, const PatchInstance&) {
+  return {i, j};
+}  // a negative control
 
 // The distinct vertices of one side, in order.
-inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, const VertexFunction& vertex, SnapFunction snap) {
+inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, const VertexFunction& vertex,
+                                            SnapFunction snap) {
   std::vector<SeamVertex> out;
   uint32_t last = 1u << p.grid_level;
   for (uint32_t k = 0; k <= last; ++k) {
@@ -245,9 +270,10 @@ inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, co
   return out;
 }
 
-// Compares both sides of every segment that two drawn nodes share: the same places, the same bits, none on one side alone.
-inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances, const VertexFunction& vertex,
-                               SnapFunction snap = snapVertex) {
+// Compares both sides of every segment that two drawn nodes share: the same places, the same bits, none on one side
+// alone.
+inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+                               const VertexFunction& vertex, SnapFunction snap = snapVertex) {
   PlacedIndex index(domain, instances);
   SeamReport report;
   auto compare = [&](const Placed& a, int side_a, const Placed& b, int side_b) {
@@ -274,7 +300,8 @@ inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<Pat
     for (int side = 0; side < 4; ++side) {
       int64_t x = place[1] + kDx[side], y = place[2] + kDy[side];
       if (x < 0 || y < 0) continue;
-      // Same level (once a pair), or a coarser neighbour (the finer one looks; any level difference, so imbalance shows too).
+      // Same level (once a pair), or a coarser neighbour (the finer one looks; any level difference, so imbalance shows
+      // too).
       if (const Placed* same = index.at(level, x, y)) {
         if (side == kRight || side == kBottom) compare(p, side, *same, kOpposite[side]);
         continue;

@@ -21,7 +21,8 @@ namespace {
 using test::kSanitized;
 using Heights = std::vector<uint16_t>;
 
-std::unique_ptr<MeshBake> bake(const TriMesh& mesh, const BaseMesh& base, BakeOptions options, const MeshBake::Image& image = {}) {
+std::unique_ptr<MeshBake> bake(const TriMesh& mesh, const BaseMesh& base, BakeOptions options,
+                               const MeshBake::Image& image = {}) {
   auto made = MeshBake::create(mesh, image, base, options);
   EXPECT_TRUE(made) << made.error().text();
   return made ? std::move(*made) : nullptr;
@@ -44,14 +45,17 @@ double heightByBruteForce(const TriMesh& mesh, const glm::dvec3& at, const glm::
     const double along = glm::dot(n, a - at) / steep;
     const glm::dvec3 p = at + along * direction;
     const double slack = -1e-9 * glm::dot(n, n);
-    const bool inside = glm::dot(glm::cross(b - a, p - a), n) >= slack && glm::dot(glm::cross(c - b, p - b), n) >= slack && glm::dot(glm::cross(a - c, p - c), n) >= slack;
+    const bool inside = glm::dot(glm::cross(b - a, p - a), n) >= slack &&
+                        glm::dot(glm::cross(c - b, p - b), n) >= slack &&
+                        glm::dot(glm::cross(a - c, p - c), n) >= slack;
     if (inside && std::abs(along) < std::abs(best)) best = along;
   }
   return best;
 }
 
 TEST(MeshBake, heightsOverASphereAreItsOwn) {
-  // Scan: 96 x 96 quads a face, inscribed: at most r (1 - cos) below the sphere. Base: 4 x 4 patches a face, whose normals are bilinear.
+  // Scan: 96 x 96 quads a face, inscribed: at most r (1 - cos) below the sphere. Base: 4 x 4 patches a face, whose
+  // normals are bilinear.
   const double radius = 50;
   const TriMesh mesh = sphereMesh(radius, 96);
   const BaseMesh base = sphereBase(radius * 0.98, 4);
@@ -82,7 +86,8 @@ TEST(MeshBake, heightsOverASphereAreItsOwn) {
 
 TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
   std::mt19937 random(3);
-  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + std::sin(7 * d.x) * std::cos(5 * d.y + 3 * d.z); }, 40);
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + std::sin(7 * d.x) * std::cos(5 * d.y + 3 * d.z); }, 40);
   BaseMesh base = sphereBase(10, 3);
   // Patches turned at random: neighbours' sides then run in all ways.
   for (auto& p : base.patches) {
@@ -107,7 +112,8 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
         ASSERT_NE(other.patch, PatchNeighbour::kNone);
         reversed += other.reversed;
         for (size_t i = 0; i <= n; ++i, ++compared)
-          ASSERT_EQ(onSide(p, static_cast<Side>(s), i), onSide(other.patch, other.side, other.reversed ? n - i : i)) << cells_log2 << " " << p << " " << s << " " << i;
+          ASSERT_EQ(onSide(p, static_cast<Side>(s), i), onSide(other.patch, other.side, other.reversed ? n - i : i))
+              << cells_log2 << " " << p << " " << s << " " << i;
       }
     }
     EXPECT_GT(reversed, 0u);
@@ -122,7 +128,9 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
     for (uint32_t p = 0; p < base.patches.size(); ++p) {
       for (int side_of = 0; side_of < 4; ++side_of) {
         const PatchNeighbour& other = neighbours[p][static_cast<size_t>(side_of)];
-        for (size_t i = 0; i <= n; ++i) different += onSide(p, static_cast<Side>(side_of), i) != onSide(other.patch, other.side, other.reversed ? n - i : i);
+        for (size_t i = 0; i <= n; ++i)
+          different +=
+              onSide(p, static_cast<Side>(side_of), i) != onSide(other.patch, other.side, other.reversed ? n - i : i);
       }
     }
     EXPECT_GT(different, compared / 2);
@@ -130,7 +138,8 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
 }
 
 TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
-  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
   const BaseMesh base = sphereBase(10, 1);
   auto baked = bake(mesh, base, {.cells_log2 = 8});
   ASSERT_TRUE(baked);
@@ -146,10 +155,14 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
     // The surface of a grid of `cells` cells a side at (u, v), in double precision.
     auto surface = [&](size_t cells, double u, double v) {
       const double x = u * static_cast<double>(cells), y = v * static_cast<double>(cells);
-      const size_t x0 = std::min(static_cast<size_t>(x), cells - 1), y0 = std::min(static_cast<size_t>(y), cells - 1), step = n / cells;
+      const size_t x0 = std::min(static_cast<size_t>(x), cells - 1), y0 = std::min(static_cast<size_t>(y), cells - 1),
+                   step = n / cells;
       auto vertex = [&](size_t i, size_t j) {
-        const double cu = static_cast<double>(i) / static_cast<double>(cells), cv = static_cast<double>(j) / static_cast<double>(cells);
-        return base.point(p, cu, cv) + (baked->reliefOffsetMm() + baked->reliefScaleMm() * q[j * step * row + i * step]) * base.normal(p, cu, cv);
+        const double cu = static_cast<double>(i) / static_cast<double>(cells),
+                     cv = static_cast<double>(j) / static_cast<double>(cells);
+        return base.point(p, cu, cv) +
+               (baked->reliefOffsetMm() + baked->reliefScaleMm() * q[j * step * row + i * step]) *
+                   base.normal(p, cu, cv);
       };
       const double fx = x - static_cast<double>(x0), fy = y - static_cast<double>(y0);
       const glm::dvec3 a = vertex(x0, y0), b = vertex(x0 + 1, y0), c = vertex(x0, y0 + 1), d = vertex(x0 + 1, y0 + 1);
@@ -167,7 +180,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
       std::vector<double> measured(errors.size(), 0);
       for (int i = 0; i < kLooks; ++i) {
         const double u = unit(random), v = unit(random);
-        const size_t block = std::min(static_cast<size_t>(v * static_cast<double>(blocks)), blocks - 1) * blocks + std::min(static_cast<size_t>(u * static_cast<double>(blocks)), blocks - 1);
+        const size_t block = std::min(static_cast<size_t>(v * static_cast<double>(blocks)), blocks - 1) * blocks +
+                             std::min(static_cast<size_t>(u * static_cast<double>(blocks)), blocks - 1);
         measured[block] = std::max(measured[block], glm::length(surface(n, u, v) - surface(size_t{1} << log2, u, v)));
       }
       for (size_t i = 0; i < errors.size(); ++i) {
@@ -178,9 +192,12 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
       // The shapes, at the finest vertices: none of them is too small, and half of any would be.
       std::vector<Deviation> seen(errors.size());
       for (int i = 0; i < kLooks; ++i) {
-        const double u = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n), v = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n);
-        const size_t block = std::min(static_cast<size_t>(v * static_cast<double>(blocks)), blocks - 1) * blocks + std::min(static_cast<size_t>(u * static_cast<double>(blocks)), blocks - 1);
-        const glm::dvec3 d = surface(n, u, v) - surface(size_t{1} << log2, u, v), normal = glm::normalize(base.normal(p, u, v));
+        const double u = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n),
+                     v = std::round(unit(random) * static_cast<double>(n)) / static_cast<double>(n);
+        const size_t block = std::min(static_cast<size_t>(v * static_cast<double>(blocks)), blocks - 1) * blocks +
+                             std::min(static_cast<size_t>(u * static_cast<double>(blocks)), blocks - 1);
+        const glm::dvec3 d = surface(n, u, v) - surface(size_t{1} << log2, u, v),
+                         normal = glm::normalize(base.normal(p, u, v));
         const double along = glm::dot(d, normal);
         seen[block] = joined(seen[block], {glm::length(d), -along, along, glm::length(d - along * normal)});
       }
@@ -189,7 +206,8 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
         ASSERT_LE(seen[i].below_mm, known.below_mm + 1e-12) << p << " " << log2 << " " << i;
         ASSERT_LE(seen[i].above_mm, known.above_mm + 1e-12) << p << " " << log2 << " " << i;
         ASSERT_LE(seen[i].aside_mm, known.aside_mm + 1e-12) << p << " " << log2 << " " << i;
-        half_shapes_fail[0] += seen[i].below_mm > known.below_mm / 2, half_shapes_fail[1] += seen[i].above_mm > known.above_mm / 2;
+        half_shapes_fail[0] += seen[i].below_mm > known.below_mm / 2,
+            half_shapes_fail[1] += seen[i].above_mm > known.above_mm / 2;
         half_shapes_fail[2] += seen[i].aside_mm > known.aside_mm / 2;
         within_cells += known.between_mm < 0.9 * (known.below_mm + known.above_mm);
         one_sided += known.below_mm + known.above_mm < 1.2 * known.mm;
@@ -197,18 +215,21 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
       // What lies apart within one cell, at some of its finest vertices.
       const size_t cells = size_t{1} << log2, step = n / cells, stride = std::max<size_t>(1, step / 16);
       for (int k = 0; k < 40; ++k) {
-        const size_t cx = random() % cells, cy = random() % cells, block = cy * blocks / cells * blocks + cx * blocks / cells;
+        const size_t cx = random() % cells, cy = random() % cells,
+                     block = cy * blocks / cells * blocks + cx * blocks / cells;
         double low = 0, high = 0;
         std::vector<glm::dvec3> apart{glm::dvec3(0)};
         for (size_t y = cy * step; y <= (cy + 1) * step; y += stride)
           for (size_t x = cx * step; x <= (cx + 1) * step; x += stride) {
-            const double u = static_cast<double>(x) / static_cast<double>(n), v = static_cast<double>(y) / static_cast<double>(n);
+            const double u = static_cast<double>(x) / static_cast<double>(n),
+                         v = static_cast<double>(y) / static_cast<double>(n);
             apart.push_back(surface(n, u, v) - surface(cells, u, v));
             const double along = glm::dot(apart.back(), glm::normalize(base.normal(p, u, v)));
             low = std::min(low, along), high = std::max(high, along);
           }
         double furthest = 0;
-        for (const glm::dvec3& a : apart) furthest = std::max(furthest, glm::length(a - apart[random() % apart.size()]));
+        for (const glm::dvec3& a : apart)
+          furthest = std::max(furthest, glm::length(a - apart[random() % apart.size()]));
         const Deviation known = deviationOf(errors[block], shapes[block]);
         ASSERT_LE(high - low, known.between_mm + 1e-12) << p << " " << log2 << " " << block;
         ASSERT_LE(furthest, known.apart_mm + 1e-12) << p << " " << log2 << " " << block;
@@ -261,7 +282,10 @@ TEST(MeshBake, bumpsKeepTheirHeights) {
     for (size_t y = 0; y <= 128; y += 4) {
       for (size_t x = 0; x <= 128; x += 4) {
         const double h = baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x];
-        ASSERT_NEAR(h, static_cast<float>(z(10.0 * p + 10.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128)), 0.501 * baked->reliefScaleMm());
+        ASSERT_NEAR(
+            h,
+            static_cast<float>(z(10.0 * p + 10.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128)),
+            0.501 * baked->reliefScaleMm());
       }
     }
   }
@@ -290,9 +314,11 @@ AllBytes allBytes(const MeshBake& baked) {
 }
 
 TEST(MeshBake, theSameForAnyNumberOfWorkers) {
-  TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y) * std::cos(8 * d.z); }, 50);
+  TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y) * std::cos(8 * d.z); }, 50);
   std::mt19937 random(21);
-  for (size_t i = 0; i < mesh.positions_mm.size(); ++i) mesh.colours.push_back(glm::u8vec3(random() % 256, random() % 256, random() % 256));
+  for (size_t i = 0; i < mesh.positions_mm.size(); ++i)
+    mesh.colours.push_back(glm::u8vec3(random() % 256, random() % 256, random() % 256));
   const BaseMesh base = sphereBase(10, 1);
   for (int cells_log2 : {3, 8, -1}) {
     if (kSanitized && cells_log2 == 8) continue;
@@ -307,7 +333,8 @@ TEST(MeshBake, theSameForAnyNumberOfWorkers) {
   }
   // Control: another mesh has other bytes.
   mesh.positions_mm[7] *= 1.001f;
-  EXPECT_FALSE(allBytes(*bake(mesh, base, {.cells_log2 = 3})) == allBytes(*bake(sphereMesh(10, 50), base, {.cells_log2 = 3})));
+  EXPECT_FALSE(allBytes(*bake(mesh, base, {.cells_log2 = 3})) ==
+               allBytes(*bake(sphereMesh(10, 50), base, {.cells_log2 = 3})));
 }
 
 TEST(MeshBake, beyondTheScansBorderLiesItsBorder) {
@@ -330,7 +357,9 @@ TEST(MeshBake, beyondTheScansBorderLiesItsBorder) {
         const double h = baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x];
         const double px = std::clamp(at.x - 1, 0.0, 20.0), py = std::clamp(at.y + 1, -10.0, 0.0);
         EXPECT_NEAR(h, z(px, py), 0.08) << at.x << " " << at.y;
-        if (x) { EXPECT_LT(std::abs(h - last), 0.15); }  // no spikes
+        if (x) {
+          EXPECT_LT(std::abs(h - last), 0.15);
+        }  // no spikes
         last = h;
       }
     }
@@ -348,7 +377,8 @@ TEST(MeshBake, needlesDoNoHarm) {
     const Heights q = heightsOf(*baked, p);
     for (size_t y = 0; y <= 128; ++y)
       for (size_t x = 0; x <= 128; ++x)
-        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x], z(25.0 * p + 25.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128),
+        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x],
+                    z(25.0 * p + 25.0 * static_cast<double>(x) / 128, -10.0 * static_cast<double>(y) / 128),
                     baked->reliefScaleMm() + 1e-5);
   }
 }
@@ -388,17 +418,23 @@ TEST(MeshBake, aMoebiusStripAgreesWithItselfUpsideDown) {
   ASSERT_EQ(baseMeshProblem(base), "");
   const auto neighbours = patchNeighbours(base);
   ASSERT_TRUE(neighbours[kPatches - 1][kRight].reversed);
-  for (const auto& [cells_log2, fit] : std::array<std::pair<int, bool>, 4>{{{2, false}, {6, false}, {8, false}, {4, true}}}) {
+  for (const auto& [cells_log2, fit] :
+       std::array<std::pair<int, bool>, 4>{{{2, false}, {6, false}, {8, false}, {4, true}}}) {
     auto baked = bake(mesh, base, {.cells_log2 = cells_log2, .fit = fit});
     ASSERT_TRUE(baked);
     EXPECT_TRUE(std::isfinite(baked->reliefOffsetMm()) && std::isfinite(baked->reliefScaleMm()));
-    if (!fit) { EXPECT_LT(std::abs(baked->reliefOffsetMm()) + baked->reliefScaleMm() * 65535, 20); }
+    if (!fit) {
+      EXPECT_LT(std::abs(baked->reliefOffsetMm()) + baked->reliefScaleMm() * 65535, 20);
+    }
     const size_t row = side(*baked), n = row - 1;
     for (uint32_t p = 0; p < kPatches; ++p) {
       const Heights here = heightsOf(*baked, p), next = heightsOf(*baked, (p + 1) % kPatches);
-      for (size_t i = 0; i <= n; ++i) ASSERT_EQ(here[i * row + n], next[(p + 1 == kPatches ? n - i : i) * row]) << p << " " << i;
+      for (size_t i = 0; i <= n; ++i)
+        ASSERT_EQ(here[i * row + n], next[(p + 1 == kPatches ? n - i : i) * row]) << p << " " << i;
       std::vector<uint8_t> texels(6 * 128 * 128);
-      if (baked->textureDepth() == 0) { EXPECT_TRUE(baked->texels(p, texels)); }
+      if (baked->textureDepth() == 0) {
+        EXPECT_TRUE(baked->texels(p, texels));
+      }
     }
   }
 }
@@ -428,9 +464,11 @@ TEST(MeshBake, coloursAndNormalsAreTheScans) {
       ASSERT_TRUE(baked->texels(p, texels));
       for (size_t y = 0; y < size; ++y) {
         for (size_t x = 0; x < size; ++x) {
-          const double px = 10.0 * p + 10 * (static_cast<double>(x) + 0.5) / static_cast<double>(size), py = -10 * (static_cast<double>(y) + 0.5) / static_cast<double>(size);
+          const double px = 10.0 * p + 10 * (static_cast<double>(x) + 0.5) / static_cast<double>(size),
+                       py = -10 * (static_cast<double>(y) + 0.5) / static_cast<double>(size);
           const glm::dvec3 expected = colour(px, py), other = colour(-py, -px);
-          const glm::dvec3 normal = glm::normalize(glm::dvec3(-0.24 * std::cos(0.8 * px), 0.12 * std::sin(0.6 * py), 1));
+          const glm::dvec3 normal =
+              glm::normalize(glm::dvec3(-0.24 * std::cos(0.8 * px), 0.12 * std::sin(0.6 * py), 1));
           for (int c = 0; c < 3; ++c) {
             const size_t at = (static_cast<size_t>(c) * size + y) * size + x;
             ASSERT_NEAR(texels[at], expected[c], 1.6) << px << " " << py;
@@ -463,7 +501,8 @@ TEST(MeshBake, foldedTrianglesDoNotDarkenTheirNeighbours) {
   for (const auto& t : mesh.triangles) {
     for (size_t k = 0; k < 3; ++k) {
       if (t[k] != moved) continue;
-      const glm::vec3 a = mesh.positions_mm[t[(k + 1) % 3]] - mesh.positions_mm[moved], b = mesh.positions_mm[t[(k + 2) % 3]] - mesh.positions_mm[moved];
+      const glm::vec3 a = mesh.positions_mm[t[(k + 1) % 3]] - mesh.positions_mm[moved],
+                      b = mesh.positions_mm[t[(k + 2) % 3]] - mesh.positions_mm[moved];
       const glm::vec3 n = glm::cross(a, b);
       sum += glm::normalize(n) * std::atan2(glm::length(n), glm::dot(a, b));
       down += n.z < 0;
@@ -483,8 +522,11 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
   constexpr int kWidth = 64, kHeight = 32;
   std::vector<uint8_t> rgb;
   for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) rgb.insert(rgb.end(), {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(8 * y), static_cast<uint8_t>(x + 2 * y)});
-  auto baked = bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .texels = rgb});
+    for (int x = 0; x < kWidth; ++x)
+      rgb.insert(rgb.end(),
+                 {static_cast<uint8_t>(4 * x), static_cast<uint8_t>(8 * y), static_cast<uint8_t>(x + 2 * y)});
+  auto baked =
+      bake(mesh, sheetBase(20, 10, 2, 1), {.cells_log2 = 5}, {.width = kWidth, .height = kHeight, .texels = rgb});
   ASSERT_TRUE(baked);
   EXPECT_EQ(baked->textureDepth(), 0);
   for (uint32_t p = 0; p < 2; ++p) {
@@ -493,7 +535,8 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
     for (int y = 0; y < 128; ++y) {
       for (int x = 0; x < 128; ++x) {
         // Bilinear in the image, whose rows run as v does.
-        const double ix = std::clamp((static_cast<int>(p) * 128 + x + 0.5) / 256 * kWidth - 0.5, 0.0, kWidth - 1.0), iy = std::clamp((y + 0.5) / 128 * kHeight - 0.5, 0.0, kHeight - 1.0);
+        const double ix = std::clamp((static_cast<int>(p) * 128 + x + 0.5) / 256 * kWidth - 0.5, 0.0, kWidth - 1.0),
+                     iy = std::clamp((y + 0.5) / 128 * kHeight - 0.5, 0.0, kHeight - 1.0);
         const size_t at = static_cast<size_t>(y * 128 + x);
         ASSERT_NEAR(texels[at], 4 * ix, 1.01);
         ASSERT_NEAR(texels[at + 128 * 128], 8 * iy, 1.01);
@@ -510,7 +553,8 @@ TEST(MeshBake, imagesAreLookedUpFromTheirLowerLeftCorner) {
 }
 
 TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
-  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.2 * std::sin(12 * d.x) * std::cos(11 * d.y + 9 * d.z); }, 40);
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.2 * std::sin(12 * d.x) * std::cos(11 * d.y + 9 * d.z); }, 40);
   const BaseMesh base = sphereBase(10, 2);
   int last = 0;
   for (double tolerance : {0.1, 0.01, 0.002}) {
@@ -525,7 +569,8 @@ TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
     EXPECT_GT(coarser->report().deviation_mm, tolerance);
   }
   // Without a tolerance the scan's detail is kept, however small it is beside the whole.
-  const TriMesh fine = sheetMesh(100, 100, 200, 200, [](double x, double y) { return 1e-3 * std::sin(x) * std::cos(y); });
+  const TriMesh fine =
+      sheetMesh(100, 100, 200, 200, [](double x, double y) { return 1e-3 * std::sin(x) * std::cos(y); });
   const BaseMesh sheet = sheetBase(100, 100, 4, 4);
   EXPECT_GE(2 * bake(fine, sheet, {})->report().samples, fine.positions_mm.size());
   EXPECT_LT(2 * bake(fine, sheet, {.tolerance_mm = 0.014})->report().samples, fine.positions_mm.size());
@@ -536,7 +581,8 @@ TEST(MeshBake, asManyCellsAsTheToleranceTakes) {
   EXPECT_GT(most->report().deviation_mm, 1e-9);
 }
 
-// The drawn surface against the scan's own function, at places of its own, in the direction of the heights: root mean square and 99.9 %.
+// The drawn surface against the scan's own function, at places of its own, in the direction of the heights: root mean
+// square and 99.9 %.
 struct Deviation {
   double rms = 0, p999 = 0;
 };
@@ -553,7 +599,8 @@ Deviation deviationOf(const MeshBake& baked, const std::function<double(double, 
       const size_t x0 = static_cast<size_t>(x), y0 = static_cast<size_t>(y);
       const double fx = x - static_cast<double>(x0), fy = y - static_cast<double>(y0);
       const uint16_t* c = q.data() + y0 * (n + 1) + x0;
-      const double steps = fx >= fy ? c[0] + fx * (c[1] - c[0]) + fy * (c[n + 2] - c[1]) : c[0] + fy * (c[n + 1] - c[0]) + fx * (c[n + 2] - c[n + 1]);
+      const double steps = fx >= fy ? c[0] + fx * (c[1] - c[0]) + fy * (c[n + 2] - c[1])
+                                    : c[0] + fy * (c[n + 1] - c[0]) + fx * (c[n + 2] - c[n + 1]);
       const glm::dvec3 at = baked.base().point(p, u, v);
       if (at.x < 0.5 || at.y > -0.5 || at.x > width - 0.5 || at.y < 0.5 - width) continue;
       off.push_back(std::abs(baked.reliefOffsetMm() + baked.reliefScaleMm() * steps - z(at.x, at.y)));
@@ -581,12 +628,15 @@ TEST(MeshBake, patchesHaveAsManyCellsAsTheyNeed) {
   // Waves in one corner of 36 patches, a gentle slope elsewhere.
   auto z = [](double x, double y) {
     const double r = std::hypot(x - 5, y + 5);
-    return 0.01 * x + (r < 6 ? 0.4 * std::pow(std::cos(0.5 * std::acos(-1.0) * r / 6), 2) * std::sin(4 * x) * std::cos(3 * y) : 0.0);
+    return 0.01 * x +
+           (r < 6 ? 0.4 * std::pow(std::cos(0.5 * std::acos(-1.0) * r / 6), 2) * std::sin(4 * x) * std::cos(3 * y)
+                  : 0.0);
   };
   const TriMesh mesh = sheetMesh(60, 60, 600, 600, z);
   const BaseMesh base = sheetBase(60, 60, 6, 6);
   constexpr double kTolerance = 0.01;
-  auto plain = bake(mesh, base, {.tolerance_mm = kTolerance, .fit = false}), own = bake(mesh, base, {.tolerance_mm = kTolerance});
+  auto plain = bake(mesh, base, {.tolerance_mm = kTolerance, .fit = false}),
+       own = bake(mesh, base, {.tolerance_mm = kTolerance});
   ASSERT_TRUE(plain && own);
   EXPECT_EQ(own->report().cells_log2, plain->report().cells_log2);
   EXPECT_LT(own->report().samples, plain->report().samples / 4);
@@ -649,7 +699,8 @@ TEST(MeshBake, texelsStopWhenInterrupted) {
   const TriMesh mesh = sphereMesh(10, 20);
   auto baked = bake(mesh, sphereBase(10, 2), {.cells_log2 = 4, .interrupted = &interrupted});
   ASSERT_TRUE(baked);
-  std::vector<uint8_t> texels(6 * (size_t{kPagePx} << baked->textureDepth()) * (size_t{kPagePx} << baked->textureDepth()));
+  std::vector<uint8_t> texels(6 * (size_t{kPagePx} << baked->textureDepth()) *
+                              (size_t{kPagePx} << baked->textureDepth()));
   EXPECT_TRUE(baked->texels(0, texels));
   interrupted = true;
   auto stopped = baked->texels(0, texels);
@@ -657,7 +708,8 @@ TEST(MeshBake, texelsStopWhenInterrupted) {
   EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
 }
 
-// With memory for an eighth of the scan's hierarchies each is built a few times over all, not again and again; what comes out is the same.
+// With memory for an eighth of the scan's hierarchies each is built a few times over all, not again and again; what
+// comes out is the same.
 TEST(MeshBake, littleMemoryIsEnough) {
   TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.3 * std::sin(9 * d.x + 4 * d.y); }, 80);
   ASSERT_TRUE(orderTriangles(mesh, 1));
@@ -670,7 +722,8 @@ TEST(MeshBake, littleMemoryIsEnough) {
     auto scene = makeBakeScene(mesh, {.ray_bytes = k ? all / 8 : all, .region_triangles = kRegion, .workers = 1});
     ASSERT_TRUE(scene);
     const RayScene& rays = *scene->rays;
-    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 8, .fit = false, .texture_depth = 1, .workers = 1}, std::move(*scene));
+    auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = 8, .fit = false, .texture_depth = 1, .workers = 1},
+                                 std::move(*scene));
     ASSERT_TRUE(made);
     const MeshBake& baked = **made;
     for (uint32_t p = 0; p < base.patches.size(); ++p) {
@@ -735,8 +788,10 @@ TEST(MeshBake, aThinReliefOnABigPanel) {
     const Heights q = heightsOf(*baked, p);
     for (size_t y = 0; y <= 128; y += 2) {
       for (size_t x = 0; x <= 128; x += 2) {
-        const double px = 4096.0 * (p % 2) + 32.0 * static_cast<double>(x), py = -4096.0 * (p / 2) - 32.0 * static_cast<double>(y);
-        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x], z(px, py), 0.51 * baked->reliefScaleMm());
+        const double px = 4096.0 * (p % 2) + 32.0 * static_cast<double>(x),
+                     py = -4096.0 * (p / 2) - 32.0 * static_cast<double>(y);
+        ASSERT_NEAR(baked->reliefOffsetMm() + baked->reliefScaleMm() * q[y * 129 + x], z(px, py),
+                    0.51 * baked->reliefScaleMm());
       }
     }
     EXPECT_LT(baked->errorOfCells(p, 0), 0.011f);
@@ -761,9 +816,11 @@ TEST(MeshBake, degenerateBasesGiveNumbers) {
         if (kSanitized && cells_log2 == 5) continue;
         auto baked = bake(*mesh, *base, {.cells_log2 = cells_log2});
         ASSERT_TRUE(baked);
-        EXPECT_TRUE(std::isfinite(baked->reliefOffsetMm()) && std::isfinite(baked->reliefScaleMm()) && std::isfinite(baked->report().deviation_mm));
+        EXPECT_TRUE(std::isfinite(baked->reliefOffsetMm()) && std::isfinite(baked->reliefScaleMm()) &&
+                    std::isfinite(baked->report().deviation_mm));
         EXPECT_TRUE(std::isfinite(baked->errorUnitMm()) && baked->errorUnitMm() > 0);
-        std::vector<uint8_t> texels(6 * (size_t{128} << baked->textureDepth()) * (size_t{128} << baked->textureDepth()));
+        std::vector<uint8_t> texels(6 * (size_t{128} << baked->textureDepth()) *
+                                    (size_t{128} << baked->textureDepth()));
         for (uint32_t p = 0; p < base->patches.size(); ++p) {
           for (int log2 = 0; log2 <= 7; ++log2) EXPECT_TRUE(std::isfinite(baked->errorOfCells(p, log2)));
           EXPECT_TRUE(baked->texels(p, texels));

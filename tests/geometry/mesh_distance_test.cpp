@@ -92,10 +92,13 @@ TEST(MeshDistance, stopsWhenInterruptedAndShowsProgress) {
   for (double when : {0.0, 0.2, 0.7}) {
     std::atomic<bool> interrupted{false};
     double seen = 0;
-    run = {.workers = 1, .progress = [&](double done) {
-             seen = done;
-             if (done >= when) interrupted = true;
-           }, .interrupted = &interrupted};
+    run = {.workers = 1,
+           .progress =
+               [&](double done) {
+                 seen = done;
+                 if (done >= when) interrupted = true;
+               },
+           .interrupted = &interrupted};
     auto stopped = measureDistance(scan, *baked, 3, run);
     ASSERT_FALSE(stopped);
     EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
@@ -146,7 +149,8 @@ TEST(MeshDistance, samplesAreSpreadOverTheArea) {
 }
 
 TEST(MeshDistance, bakedTrianglesAreTheFinestSurface) {
-  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.5 * std::sin(9 * d.x) * std::cos(7 * d.y + 3 * d.z); }, 60);
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.5 * std::sin(9 * d.x) * std::cos(7 * d.y + 3 * d.z); }, 60);
   for (int cells_log2 : {3, 8}) {
     BaseMesh base = sphereBase(9, 1);
     base.origin_mm = {3, 4, 5};
@@ -170,8 +174,10 @@ TEST(MeshDistance, bakedTrianglesAreTheFinestSurface) {
     for (uint32_t p = 0; p < base.patches.size(); ++p) {
       ASSERT_TRUE(baked->heights(p, q));
       for (size_t i = 0; i < q.size(); i += 37) {
-        const double u = static_cast<double>(i % (n + 1)) / static_cast<double>(n), v = static_cast<double>(i / (n + 1)) / static_cast<double>(n);
-        finest.push_back(base.point(p, u, v) + (baked->reliefOffsetMm() + baked->reliefScaleMm() * q[i]) * base.normal(p, u, v));
+        const double u = static_cast<double>(i % (n + 1)) / static_cast<double>(n),
+                     v = static_cast<double>(i / (n + 1)) / static_cast<double>(n);
+        finest.push_back(base.point(p, u, v) +
+                         (baked->reliefOffsetMm() + baked->reliefScaleMm() * q[i]) * base.normal(p, u, v));
       }
     }
     TriMesh points;  // each a triangle of no size: only its vertices count
@@ -196,10 +202,13 @@ TEST(MeshDistance, aRealScan) {
   for (int cells_log2 : {2, 3, 4}) {
     auto baked = bake(scan->mesh, *base, cells_log2);
     ASSERT_TRUE(baked);
-    EXPECT_LT(static_cast<double>(baked->report().by_closest_point), 0.02 * static_cast<double>(baked->report().samples));
+    EXPECT_LT(static_cast<double>(baked->report().by_closest_point),
+              0.02 * static_cast<double>(baked->report().samples));
     auto d = measureDistance(scan->mesh, *baked);
     ASSERT_TRUE(d);
-    std::cout << "2^" << cells_log2 << " cells, " << static_cast<double>(baked->report().samples) / static_cast<double>(scan->mesh.positions_mm.size()) << " samples a vertex: " << d->psnr_db << " dB, max "
+    std::cout << "2^" << cells_log2 << " cells, "
+              << static_cast<double>(baked->report().samples) / static_cast<double>(scan->mesh.positions_mm.size())
+              << " samples a vertex: " << d->psnr_db << " dB, max "
               << std::max(d->to_baked.max_mm, d->to_scan.max_mm) / d->diagonal_mm << " of the diagonal\n";
     EXPECT_GT(d->psnr_db, last + 3);  // four times the samples: at least 3 dB
     last = d->psnr_db;

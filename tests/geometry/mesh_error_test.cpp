@@ -1,6 +1,6 @@
-// The predicted error is an upper bound of the measured one, over base meshes: reliefs held in full with bounds computed from all of their
-// samples, random views, residency, exaggeration; every finest vertex is projected in double precision, and so is the point of the drawn
-// triangles at the same (u, v).
+// The predicted error is an upper bound of the measured one, over base meshes: reliefs held in full with bounds
+// computed from all of their samples, random views, residency, exaggeration; every finest vertex is projected in double
+// precision, and so is the point of the drawn triangles at the same (u, v).
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -21,14 +21,18 @@ struct NamedHeights {
   Heights at;
 };
 std::vector<NamedHeights> heightKinds() {
-  auto waves = [](const glm::dvec3& p, double f) { return 0.5 + 0.2 * std::sin(f * p.x + 1) * std::cos(f * p.y) + 0.1 * std::sin(2.7 * f * (p.z + 0.3 * p.x)); };
+  auto waves = [](const glm::dvec3& p, double f) {
+    return 0.5 + 0.2 * std::sin(f * p.x + 1) * std::cos(f * p.y) + 0.1 * std::sin(2.7 * f * (p.z + 0.3 * p.x));
+  };
   return {{"smooth", [=](const glm::dvec3& p, const Place&) { return waves(p, 0.05); }},
           {"waves, pits and a rough part",
            [=](const glm::dvec3& p, const Place& place) {
              uint64_t h = hashOf(place, 5);
-             return waves(p, 0.15) + (p.x > 0 && p.y > 0 ? 0.05 * static_cast<double>(h & 1023) / 1023 : 0) + ((h >> 20) % 3000 == 0 ? 0.2 : 0);
+             return waves(p, 0.15) + (p.x > 0 && p.y > 0 ? 0.05 * static_cast<double>(h & 1023) / 1023 : 0) +
+                    ((h >> 20) % 3000 == 0 ? 0.2 : 0);
            }},
-          {"noise over the full 16 bits", [](const glm::dvec3&, const Place& place) { return static_cast<double>(hashOf(place, 9) >> 48) / 65535; }},
+          {"noise over the full 16 bits",
+           [](const glm::dvec3&, const Place& place) { return static_cast<double>(hashOf(place, 9) >> 48) / 65535; }},
           {"zero range", [](const glm::dvec3&, const Place&) { return 0.0; }}};
 }
 
@@ -39,8 +43,8 @@ struct Figures {
   double worst = 0;               // measured / asked for, where nothing was missing
 };
 // believe: the part of the prediction that is taken for the bound.
-void study(Figures& f, const std::string& name, const BaseMesh& mesh, const MeshRelief& relief, const TrueMeshRelief& truth, int views, uint64_t seed,
-           double believe) {
+void study(Figures& f, const std::string& name, const BaseMesh& mesh, const MeshRelief& relief,
+           const TrueMeshRelief& truth, int views, uint64_t seed, double believe) {
   auto shared_mesh = std::make_shared<BaseMesh>(mesh);
   auto oracle = std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth);
   MeshLod selection(shared_mesh, relief.depth, relief.offset_mm, relief.scale_mm, oracle, truth.coarse());
@@ -48,7 +52,8 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
     Random random(seed + static_cast<uint64_t>(k));
     Camera camera = randomMeshCamera(mesh, relief.unitLog2(), random);
     double error_px = std::exp(random.real(-0.7, 2.5));
-    LodView view = random.chance(0.15) ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px) : makeView(camera, error_px);
+    LodView view = random.chance(0.15) ? orthographicView(camera, glm::length(camera.eye - camera.target), error_px)
+                                       : makeView(camera, error_px);
     if (random.chance(0.3)) view.exaggerate = random.real(-1, 4);
     view.relief = !random.chance(0.1);
     ReliefSet resident;
@@ -67,7 +72,8 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
       ++f.above;
       if (believe == 1)
         std::printf("[ above    ] %s, seed %llu: measured %.6g px, predicted %.6g px, asked %.3g px\n", name.c_str(),
-                    static_cast<unsigned long long>(seed) + static_cast<unsigned long long>(k), m.max_px, lod.max_error_px, view.error_px);
+                    static_cast<unsigned long long>(seed) + static_cast<unsigned long long>(k), m.max_px,
+                    lod.max_error_px, view.error_px);
     }
     if (believe < 1 && f.above > 0) break;  // a negative control has failed as it should
     if (m.max_px > 0.01 && m.samples > 0) f.tightness.push_back(lod.max_error_px / m.max_px);
@@ -92,7 +98,8 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
     Figures f;
     study(f, named.name, named.mesh, relief, truth, share(12), kSeed + 100 * k, 1);
     EXPECT_EQ(f.above, 0) << named.name << ", " << heights.name;
-    EXPECT_LE(f.worst, 2) << named.name;  // with all pages it also keeps what was asked for, but for the factor where levels meet
+    EXPECT_LE(f.worst, 2)
+        << named.name;  // with all pages it also keeps what was asked for, but for the factor where levels meet
     Figures halved;
     study(halved, named.name, named.mesh, relief, truth, share(12), kSeed + 100 * k, 0.5);
     halved_above += halved.above;
@@ -100,23 +107,29 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
     all.tightness.insert(all.tightness.end(), f.tightness.begin(), f.tightness.end());
     std::sort(f.tightness.begin(), f.tightness.end());
     if (!f.tightness.empty())
-      std::printf("[ figures  ] %-24s %-28s %7llu nodes %9llu samples; predicted / measured: median %.2f, least %.2f; measured / asked for %.2f\n",
-                  named.name.c_str(), heights.name, static_cast<unsigned long long>(f.nodes), static_cast<unsigned long long>(f.samples),
-                  f.tightness[f.tightness.size() / 2], f.tightness[0], f.worst);
+      std::printf(
+          "[ figures  ] %-24s %-28s %7llu nodes %9llu samples; predicted / measured: median %.2f, least %.2f; measured "
+          "/ asked for %.2f\n",
+          named.name.c_str(), heights.name, static_cast<unsigned long long>(f.nodes),
+          static_cast<unsigned long long>(f.samples), f.tightness[f.tightness.size() / 2], f.tightness[0], f.worst);
   }
   std::sort(all.tightness.begin(), all.tightness.end());
-  std::printf("[ figures  ] seed %llu: %d views, %llu samples; predicted / measured: median %.2f; half the prediction is exceeded with %d of the meshes\n",
-              static_cast<unsigned long long>(kSeed), all.views, static_cast<unsigned long long>(all.samples), all.tightness[all.tightness.size() / 2],
-              halved_above);
+  std::printf(
+      "[ figures  ] seed %llu: %d views, %llu samples; predicted / measured: median %.2f; half the prediction is "
+      "exceeded with %d of the meshes\n",
+      static_cast<unsigned long long>(kSeed), all.views, static_cast<unsigned long long>(all.samples),
+      all.tightness[all.tightness.size() / 2], halved_above);
   EXPECT_GT(halved_above, 0);
   EXPECT_LT(all.tightness[all.tightness.size() / 2], kSanitized ? 3.0 : 2.25);
 }
 
-// How near the prediction comes where artworks are looked at as a whole, with all pages: never below, and less than twice too large in half of the views,
-// which levels that meet and foreshortening explain.
+// How near the prediction comes where artworks are looked at as a whole, with all pages: never below, and less than
+// twice too large in half of the views, which levels that meet and foreshortening explain.
 TEST(MeshError, TightnessOfTheWholeInView) {
   std::vector<double> ratios;
-  for (const NamedMesh& named : {NamedMesh{"cube sphere of 54", cubeSphere(3, 60)}, NamedMesh{"torus", torus(9, 5, 80, 25)}, NamedMesh{"open sheet", openSheet(3, 4, 30)}}) {
+  for (const NamedMesh& named :
+       {NamedMesh{"cube sphere of 54", cubeSphere(3, 60)}, NamedMesh{"torus", torus(9, 5, 80, 25)},
+        NamedMesh{"open sheet", openSheet(3, 4, 30)}}) {
     for (size_t kind : {size_t{0}, size_t{1}}) {
       if (kSanitized && kind == 0) continue;
       auto [low, high] = boxOf(named.mesh);
@@ -132,7 +145,8 @@ TEST(MeshError, TightnessOfTheWholeInView) {
         Camera camera;
         double turn = random.real(0, 6.28), tilt = random.real(-1, 1), distance = size * random.real(0.9, 2.5);
         camera.target = 0.5 * (low + high);
-        camera.eye = camera.target + distance * glm::dvec3(std::cos(turn) * std::cos(tilt), std::sin(turn) * std::cos(tilt), std::sin(tilt));
+        camera.eye = camera.target + distance * glm::dvec3(std::cos(turn) * std::cos(tilt),
+                                                           std::sin(turn) * std::cos(tilt), std::sin(tilt));
         camera.near_mm = 0.01 * size, camera.far_mm = 10 * size;
         LodView view = makeView(camera, std::exp(random.real(-1, 1.5)));
         PlanarLodResult lod = selection.select(view, {});
@@ -142,8 +156,8 @@ TEST(MeshError, TightnessOfTheWholeInView) {
       }
       std::sort(here.begin(), here.end());
       if (here.empty()) continue;
-      std::printf("[ figures  ] %-20s %-30s predicted / measured: median %.2f, %.2f to %.2f\n", named.name.c_str(), kinds[kind].name, here[here.size() / 2], here.front(),
-                  here.back());
+      std::printf("[ figures  ] %-20s %-30s predicted / measured: median %.2f, %.2f to %.2f\n", named.name.c_str(),
+                  kinds[kind].name, here[here.size() / 2], here.front(), here.back());
       ratios.insert(ratios.end(), here.begin(), here.end());
     }
   }
@@ -154,42 +168,53 @@ TEST(MeshError, TightnessOfTheWholeInView) {
   EXPECT_LT(median, kSanitized ? 2.5 : 2.0);  // no view is above 2.6, and with sanitizers there are three
 }
 
-// What is known of the parts of grids coarser than a page saves cells, and costs no truth; what is true of other parts is no bound.
+// What is known of the parts of grids coarser than a page saves cells, and costs no truth; what is true of other parts
+// is no bound.
 TEST(MeshError, PartsOfCoarseGrids) {
   const BaseMesh mesh = cubeSphere(1, 60);
   MeshRelief relief{0, -2, 5.0 / 65535};
   TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place& place) {
-    return 0.3 + (p.x > 10 && p.y > 15 && p.z > -20 ? 0.5 * static_cast<double>(hashOf(place, 4) >> 40) * 0x1p-24 : 0.05 * std::sin(p.x * 0.05));
+    return 0.3 + (p.x > 10 && p.y > 15 && p.z > -20 ? 0.5 * static_cast<double>(hashOf(place, 4) >> 40) * 0x1p-24
+                                                    : 0.05 * std::sin(p.x * 0.05));
   });
   std::array<Figures, 3> figures;
   for (size_t k = 0; k < 3; ++k) {
     truth.tell(static_cast<TrueMeshRelief::Parts>(k));
     study(figures[k], "parts", mesh, relief, truth, share(40), kSeed + 9000, k == 2 ? 0.999 : 1);
   }
-  std::printf("[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in one of the first %d views\n",
-              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), figures[2].views);
+  std::printf(
+      "[ figures  ] cells by whole patches %llu, by parts %llu; predictions from other parts' errors are exceeded in "
+      "one of the first %d views\n",
+      static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells),
+      figures[2].views);
   EXPECT_EQ(figures[0].above, 0);
   EXPECT_EQ(figures[1].above, 0);
   EXPECT_LT(figures[1].cells, figures[0].cells);
   EXPECT_GT(figures[2].above, 0);
 }
 
-// What is known of the errors' directions saves cells where a relief is looked at along its heights, and tightens the promise; without what lies along the
-// normal it is no bound.
+// What is known of the errors' directions saves cells where a relief is looked at along its heights, and tightens the
+// promise; without what lies along the normal it is no bound.
 TEST(MeshError, ShapesOfErrors) {
   const BaseMesh mesh = openSheet(2, 2, 60);
   MeshRelief relief{0, -3, 6.0 / 65535};
-  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) { return 0.5 + 0.4 * std::sin(0.11 * p.x) * std::cos(0.13 * p.y); });
+  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) {
+    return 0.5 + 0.4 * std::sin(0.11 * p.x) * std::cos(0.13 * p.y);
+  });
   std::array<Figures, 3> figures;
   for (size_t k = 0; k < 3; ++k) {
     truth.tell(static_cast<TrueMeshRelief::Shapes>(k));
-    study(figures[k], "shapes", mesh, relief, truth, 40, kSeed + 9500, k == 2 ? 0.999 : 1);  // all with sanitizers, too: few views save cells
+    study(figures[k], "shapes", mesh, relief, truth, 40, kSeed + 9500,
+          k == 2 ? 0.999 : 1);  // all with sanitizers, too: few views save cells
     std::sort(figures[k].tightness.begin(), figures[k].tightness.end());
   }
   ASSERT_FALSE(figures[0].tightness.empty());
   auto median = [](const Figures& f) { return f.tightness[f.tightness.size() / 2]; };
-  std::printf("[ figures  ] cells without shapes %llu, with %llu; predicted / measured %.2f, %.2f; shapes without what lies along the normal are exceeded\n",
-              static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells), median(figures[0]), median(figures[1]));
+  std::printf(
+      "[ figures  ] cells without shapes %llu, with %llu; predicted / measured %.2f, %.2f; shapes without what lies "
+      "along the normal are exceeded\n",
+      static_cast<unsigned long long>(figures[0].cells), static_cast<unsigned long long>(figures[1].cells),
+      median(figures[0]), median(figures[1]));
   EXPECT_EQ(figures[0].above, 0);
   EXPECT_EQ(figures[1].above, 0);
   EXPECT_LT(figures[1].cells, figures[0].cells);
@@ -197,10 +222,12 @@ TEST(MeshError, ShapesOfErrors) {
   EXPECT_GT(figures[2].above, 0);
 }
 
-// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Of three flat patches in a row the first wants
-// 4 x 4 cells, the others a single one. So the middle one's grid has 4 x 4 cells, whose vertices on the side of the last patch snap to that side's ends, at
-// 0. Beside that side vertices are +1, on it the relief is -1; halfway between, where the drawn surface is +1/2, it is -1, too. No grid's own surface is
-// further off than 1. Without hysteresis bounding spheres decide about such patches all at once (mesh_roots.h), with it they are looked at one by one.
+// Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Of three
+// flat patches in a row the first wants 4 x 4 cells, the others a single one. So the middle one's grid has 4 x 4 cells,
+// whose vertices on the side of the last patch snap to that side's ends, at 0. Beside that side vertices are +1, on it
+// the relief is -1; halfway between, where the drawn surface is +1/2, it is -1, too. No grid's own surface is further
+// off than 1. Without hysteresis bounding spheres decide about such patches all at once (mesh_roots.h), with it they
+// are looked at one by one.
 TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   for (const double hysteresis : {0.0, 0.01}) {
     constexpr int kCells = 4;
@@ -217,7 +244,8 @@ TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
     const TrueMeshRelief truth(mesh, relief, [&](const glm::dvec3& p, const Place&) {
       const double x = p.x / kPatchMm * kCells, y = -p.y / kPatchMm * kCells;
       const int i = std::min(static_cast<int>(x), 3 * kCells - 1), j = std::min(static_cast<int>(y), kCells - 1);
-      const double u = x - i, v = y - j, z00 = vertexHeight(i, j), z10 = vertexHeight(i + 1, j), z01 = vertexHeight(i, j + 1), z11 = vertexHeight(i + 1, j + 1);
+      const double u = x - i, v = y - j, z00 = vertexHeight(i, j), z10 = vertexHeight(i + 1, j),
+                   z01 = vertexHeight(i, j + 1), z11 = vertexHeight(i + 1, j + 1);
       const double height = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
       return 0.5 + 0.25 * (x == 2 * kCells - 0.5 && y == 1 ? -1 : height);
     });
@@ -238,7 +266,8 @@ TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
     EXPECT_EQ(middle[0].edges[kRight][0], 0) << hysteresis;
     const double one_px = view.pixels_per_radian;
     const Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
-    EXPECT_NEAR(m.max_px, 1.5 * one_px * 99 / std::hypot(99.0, 14.0), 0.02 * one_px) << hysteresis << ": the heights are what they should be";
+    EXPECT_NEAR(m.max_px, 1.5 * one_px * 99 / std::hypot(99.0, 14.0), 0.02 * one_px)
+        << hysteresis << ": the heights are what they should be";
     EXPECT_GE(lod.max_error_px, m.max_px) << hysteresis;
     EXPECT_LE(lod.max_error_px, 2.03 * one_px) << hysteresis << ": twice the deviation of the side's grid";
   }

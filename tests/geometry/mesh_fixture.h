@@ -1,5 +1,6 @@
-// mesh_fixture.h - base meshes, reliefs, views and residency for the tests of the LOD over base meshes, all from one seed; and the
-// checks that they share. Nothing here asks patchNeighbours: where patches meet is told by their corners' indices.
+// mesh_fixture.h - base meshes, reliefs, views and residency for the tests of the LOD over base meshes, all from one
+// seed; and the checks that they share. Nothing here asks patchNeighbours: where patches meet is told by their corners'
+// indices.
 #pragma once
 
 #include <algorithm>
@@ -32,14 +33,16 @@ inline void turnPatches(BaseMesh& mesh, Random& random, bool mirrored = true) {
   }
 }
 
-// A box's surface, n x n patches a face, its corners pulled onto a sphere (radius > 0) or left (the corners' normals point from the centre).
+// A box's surface, n x n patches a face, its corners pulled onto a sphere (radius > 0) or left (the corners' normals
+// point from the centre).
 inline BaseMesh cubeSphere(int n, double radius_mm) {
   BaseMesh mesh;
   std::map<std::array<int, 3>, uint32_t> index;
   auto corner = [&](std::array<int, 3> at) {
     auto [place, is_new] = index.emplace(at, static_cast<uint32_t>(mesh.corners.size()));
     if (is_new) {
-      glm::dvec3 d = glm::normalize(glm::dvec3(std::tan((at[0] / double(n) - 0.5) * std::numbers::pi / 2), std::tan((at[1] / double(n) - 0.5) * std::numbers::pi / 2),
+      glm::dvec3 d = glm::normalize(glm::dvec3(std::tan((at[0] / double(n) - 0.5) * std::numbers::pi / 2),
+                                               std::tan((at[1] / double(n) - 0.5) * std::numbers::pi / 2),
                                                std::tan((at[2] / double(n) - 0.5) * std::numbers::pi / 2)));
       mesh.corners.push_back({glm::vec3(d * radius_mm), glm::vec3(d)});
     }
@@ -63,8 +66,10 @@ inline BaseMesh cubeSphere(int n, double radius_mm) {
   return mesh;
 }
 
-// nu x nv corners joined to nu (- 1 where open) x nv (- 1) patches. twist: the seam in u joins v with nv - 1 - v (needs nv patches open in v).
-inline BaseMesh gridMesh(int nu, int nv, bool closed_u, bool closed_v, bool twist, const std::function<BaseCorner(double, double)>& at) {
+// nu x nv corners joined to nu (- 1 where open) x nv (- 1) patches. twist: the seam in u joins v with nv - 1 - v (needs
+// nv patches open in v).
+inline BaseMesh gridMesh(int nu, int nv, bool closed_u, bool closed_v, bool twist,
+                         const std::function<BaseCorner(double, double)>& at) {
   BaseMesh mesh;
   int pu = closed_u ? nu : nu - 1, pv = closed_v ? nv : nv - 1;
   for (int j = 0; j < nv; ++j)
@@ -74,10 +79,13 @@ inline BaseMesh gridMesh(int nu, int nv, bool closed_u, bool closed_v, bool twis
     return static_cast<uint32_t>((j % nv) * nu + i % nu);
   };
   for (int j = 0; j < pv; ++j)
-    for (int i = 0; i < pu; ++i) mesh.patches.push_back({index(i, j), index(i + 1, j), index(i, j + 1), index(i + 1, j + 1)});
+    for (int i = 0; i < pu; ++i)
+      mesh.patches.push_back({index(i, j), index(i + 1, j), index(i, j + 1), index(i + 1, j + 1)});
   return mesh;
 }
-inline BaseCorner cornerAt(const glm::dvec3& p, const glm::dvec3& n) { return {glm::vec3(p), glm::vec3(glm::normalize(n))}; }
+inline BaseCorner cornerAt(const glm::dvec3& p, const glm::dvec3& n) {
+  return {glm::vec3(p), glm::vec3(glm::normalize(n))};
+}
 
 inline BaseMesh torus(int nu, int nv, double radius_mm, double tube_mm) {
   return gridMesh(nu, nv, true, true, false, [=](double u, double v) {
@@ -90,13 +98,15 @@ inline BaseMesh torus(int nu, int nv, double radius_mm, double tube_mm) {
 inline BaseMesh openSheet(int columns, int rows, double size_mm, double bend = 0.3, glm::dvec3 offset = {}) {
   return gridMesh(columns + 1, rows + 1, false, false, false, [=](double u, double v) {
     double x = (u - 0.5) * columns * size_mm, y = (0.5 - v) * rows * size_mm;
-    return cornerAt(offset + glm::dvec3(x, y, bend * size_mm * (std::sin(3 * u) + std::cos(2 * v))), glm::dvec3(-0.3 * bend * std::cos(3 * u), 0.2 * bend * std::sin(2 * v), 1));
+    return cornerAt(offset + glm::dvec3(x, y, bend * size_mm * (std::sin(3 * u) + std::cos(2 * v))),
+                    glm::dvec3(-0.3 * bend * std::cos(3 * u), 0.2 * bend * std::sin(2 * v), 1));
   });
 }
 inline BaseMesh moebius(int n, double radius_mm, double width_mm, int across = 2) {
   return gridMesh(n, across + 1, true, false, true, [=](double u, double v) {
     double a = 2 * std::numbers::pi * u, h = a / 2, w = (v - 0.5) * width_mm;
-    glm::dvec3 ring(std::cos(a), std::sin(a), 0), side = std::cos(h) * ring + std::sin(h) * glm::dvec3(0, 0, 1), along(-std::sin(a), std::cos(a), 0);
+    glm::dvec3 ring(std::cos(a), std::sin(a), 0), side = std::cos(h) * ring + std::sin(h) * glm::dvec3(0, 0, 1),
+                                                  along(-std::sin(a), std::cos(a), 0);
     return cornerAt(radius_mm * ring + w * side, glm::cross(along, side));
   });
 }
@@ -106,7 +116,8 @@ inline BaseMesh fan(int valence, double size_mm, double tip = 0.3) {
   mesh.corners.push_back(cornerAt({0, 0, tip * size_mm}, {0, 0, 1}));
   for (int k = 0; k < 2 * valence; ++k) {
     double a = std::numbers::pi * k / valence, r = k % 2 ? 1.3 : 1;
-    mesh.corners.push_back(cornerAt({r * size_mm * std::cos(a), r * size_mm * std::sin(a), 0}, {0.4 * std::cos(a), 0.4 * std::sin(a), 1}));
+    mesh.corners.push_back(
+        cornerAt({r * size_mm * std::cos(a), r * size_mm * std::sin(a), 0}, {0.4 * std::cos(a), 0.4 * std::sin(a), 1}));
   }
   for (int k = 0; k < valence; ++k) {
     auto ring = [&](int i) { return static_cast<uint32_t>(1 + (i + 2 * valence) % (2 * valence)); };
@@ -167,7 +178,9 @@ inline std::vector<NamedMesh> hardMeshes() {
   all.push_back({"two pieces that touch", touching});
   // Three sheets on one side: a border for all of them.
   BaseMesh book;
-  for (int k = 0; k < 8; ++k) book.corners.push_back(cornerAt({k < 2 ? 0 : 20 * std::cos(k / 2 * 2.0), k < 2 ? 0 : 20 * std::sin(k / 2 * 2.0), 20 * (k % 2)}, {1, 1, 0}));
+  for (int k = 0; k < 8; ++k)
+    book.corners.push_back(cornerAt(
+        {k < 2 ? 0 : 20 * std::cos(k / 2 * 2.0), k < 2 ? 0 : 20 * std::sin(k / 2 * 2.0), 20 * (k % 2)}, {1, 1, 0}));
   for (uint32_t k = 2; k < 8; k += 2) book.patches.push_back({0, k, 1, k + 1});
   all.push_back({"three sheets on a side", book});
   return all;
@@ -191,7 +204,8 @@ inline Place placeOf(const BaseMesh& mesh, int unit_log2, uint32_t patch, uint32
   return {1, a, b, t};
 }
 inline uint64_t hashOf(const Place& p, uint64_t seed) {
-  return mix(seed ^ mix((uint64_t{p.kind} << 62) ^ (uint64_t{p.a} << 32) ^ p.b) ^ (mix((uint64_t{p.s} << 32) ^ p.t) * 3));
+  return mix(seed ^ mix((uint64_t{p.kind} << 62) ^ (uint64_t{p.a} << 32) ^ p.b) ^
+             (mix((uint64_t{p.s} << 32) ^ p.t) * 3));
 }
 
 // ---- reliefs: 16-bit heights by place
@@ -207,24 +221,29 @@ struct MeshRelief {
   double offset_mm = 0, scale_mm = 0;
   int unitLog2() const { return depth + 7; }
   float mm(uint16_t q, double exaggerate) const {  // as the shader: two numbers a frame
-    return static_cast<float>(offset_mm * exaggerate) + static_cast<float>(scale_mm * exaggerate) * static_cast<float>(q);
+    return static_cast<float>(offset_mm * exaggerate) +
+           static_cast<float>(scale_mm * exaggerate) * static_cast<float>(q);
   }
 };
 
 // Bounds made up: errors fall by about 4 a level, with rough and smooth places; monotone down the tree.
 class MadeUpMeshOracle final : public ReliefOracle {
  public:
-  MadeUpMeshOracle(const MeshRelief& relief, uint64_t seed, double error_mm) : relief_(relief), seed_(seed), error_mm_(error_mm) {}
+  MadeUpMeshOracle(const MeshRelief& relief, uint64_t seed, double error_mm)
+      : relief_(relief), seed_(seed), error_mm_(error_mm) {}
   HeightBounds bounds(const NodeId& page) const override {
     double error = error_mm_;
     for (uint32_t level = 0; level <= page.level; ++level)
       error *= 0.05 + 0.9 * static_cast<double>(mix(seed_ ^ mix(packNode(page.ancestor(level)))) >> 11) * 0x1p-53;
-    return {static_cast<float>(relief_.offset_mm), static_cast<float>(relief_.offset_mm + 65535 * relief_.scale_mm), static_cast<float>(error)};
+    return {static_cast<float>(relief_.offset_mm), static_cast<float>(relief_.offset_mm + 65535 * relief_.scale_mm),
+            static_cast<float>(error)};
   }
   std::vector<CoarseErrors> coarse(size_t patches) const {
     std::vector<CoarseErrors> all(patches);
     for (uint32_t p = 0; p < patches; ++p)
-      for (int k = 0; k < 7; ++k) all[p][static_cast<size_t>(k)] = static_cast<float>(error_mm_ * std::ldexp(1.0, 7 - k)) * (0.3f + 0.7f * static_cast<float>(mix(p + seed_) & 255) / 255);
+      for (int k = 0; k < 7; ++k)
+        all[p][static_cast<size_t>(k)] = static_cast<float>(error_mm_ * std::ldexp(1.0, 7 - k)) *
+                                         (0.3f + 0.7f * static_cast<float>(mix(p + seed_) & 255) / 255);
     return all;
   }
 
@@ -237,7 +256,8 @@ class MadeUpMeshOracle final : public ReliefOracle {
 // ---- views
 inline std::pair<glm::dvec3, glm::dvec3> boxOf(const BaseMesh& mesh) {
   glm::dvec3 low(1e300), high(-1e300);
-  for (const BaseCorner& c : mesh.corners) low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
+  for (const BaseCorner& c : mesh.corners)
+    low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
   return {low, high};
 }
 // From all of it in view to a few cells across the screen.
@@ -270,7 +290,9 @@ inline ReliefSet randomMeshResidency(MeshLod& lod, const LodView& view, Random& 
   for (int round = 0; round < rounds; ++round) {
     for (const ReliefWant& want : lod.select(view, resident).wants)
       if (random.chance(granted)) resident.insert(want.page);
-    std::erase_if(resident, [&](const NodeId& n) { return mix(packNode(n) ^ static_cast<uint64_t>(round)) % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0; });
+    std::erase_if(resident, [&](const NodeId& n) {
+      return mix(packNode(n) ^ static_cast<uint64_t>(round)) % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0;
+    });
   }
   return resident;
 }
@@ -283,19 +305,23 @@ inline Bits bitsOf(glm::vec3 v) {
   return {std::bit_cast<uint32_t>(v.x), std::bit_cast<uint32_t>(v.y), std::bit_cast<uint32_t>(v.z)};
 }
 using MeshVertexFunction = std::function<Bits(const PatchInstance&, uint32_t x, uint32_t y)>;  // (x, y): units, snapped
-using MeshGridFunction = std::function<Bits(const PatchInstance&, uint32_t i, uint32_t j)>;    // (i, j): of the grid; as drawn
+using MeshGridFunction =
+    std::function<Bits(const PatchInstance&, uint32_t i, uint32_t j)>;  // (i, j): of the grid; as drawn
 
 struct MeshSeams {
   uint64_t lines = 0, pairs = 0, comparisons = 0, mismatches = 0, across_patches = 0, unbalanced = 0;
   void operator+=(const MeshSeams& o) {
-    lines += o.lines, pairs += o.pairs, comparisons += o.comparisons, mismatches += o.mismatches, across_patches += o.across_patches, unbalanced += o.unbalanced;
+    lines += o.lines, pairs += o.pairs, comparisons += o.comparisons, mismatches += o.mismatches,
+        across_patches += o.across_patches, unbalanced += o.unbalanced;
   }
 };
 
-// Lines are what nodes can meet at: a side between two patches, or a line of units inside one. Every drawn node's side lies on one; where
-// two sides overlap, their vertices must be the same. drawn: instead of vertex, where vertices are on their way to their places.
-inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances, const MeshVertexFunction& vertex,
-                                  bool snapped = true, const MeshGridFunction& drawn = {}) {
+// Lines are what nodes can meet at: a side between two patches, or a line of units inside one. Every drawn node's side
+// lies on one; where two sides overlap, their vertices must be the same. drawn: instead of vertex, where vertices are
+// on their way to their places.
+inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std::vector<PatchInstance>& instances,
+                                  const MeshVertexFunction& vertex, bool snapped = true,
+                                  const MeshGridFunction& drawn = {}) {
   struct Entry {
     uint32_t from, to;
     std::vector<std::pair<uint32_t, Bits>> vertices;  // by place along the line, growing
@@ -305,7 +331,8 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
   std::map<std::array<uint32_t, 2>, std::vector<uint32_t>> users;
   for (uint32_t p = 0; p < mesh.patches.size(); ++p)
     for (const auto& ends : kSideCorners) {
-      auto [a, b] = std::minmax(mesh.patches[p][static_cast<size_t>(ends[0])], mesh.patches[p][static_cast<size_t>(ends[1])]);
+      auto [a, b] =
+          std::minmax(mesh.patches[p][static_cast<size_t>(ends[0])], mesh.patches[p][static_cast<size_t>(ends[1])]);
       users[{a, b}].push_back(p);
     }
   const uint32_t last_unit = 1u << unit_log2;
@@ -314,7 +341,8 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
     for (int side = 0; side < 4; ++side) {
       const bool upright = side == kLeft || side == kRight;
       const auto x0 = static_cast<uint32_t>(p.x0), y0 = static_cast<uint32_t>(p.y0);
-      const uint32_t across = (upright ? x0 : y0) + (side == kRight || side == kBottom ? size : 0), along = upright ? y0 : x0;
+      const uint32_t across = (upright ? x0 : y0) + (side == kRight || side == kBottom ? size : 0),
+                     along = upright ? y0 : x0;
       std::array<uint32_t, 4> line{0, p.node.patch, upright ? 1u : 0u, across};
       bool flip = false;
       if (across == 0 || across == last_unit) {
@@ -329,7 +357,9 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
       Entry e{along, along + size, {}, p.node.patch};
       for (uint32_t k = 0; k <= last; ++k) {
         uint32_t i = side == kLeft ? 0 : side == kRight ? last : k, j = side == kTop ? 0 : side == kBottom ? last : k;
-        std::array<uint32_t, 2> g = drawn ? ownVertex(i, j, p) : snapped ? snapVertex(i, j, p) : std::array<uint32_t, 2>{i, j};
+        std::array<uint32_t, 2> g = drawn     ? ownVertex(i, j, p)
+                                    : snapped ? snapVertex(i, j, p)
+                                              : std::array<uint32_t, 2>{i, j};
         uint32_t x = x0 + (g[0] << p.step_log2), y = y0 + (g[1] << p.step_log2), t = upright ? y : x;
         if (!e.vertices.empty() && e.vertices.back().first == t) continue;
         e.vertices.push_back({t, drawn ? drawn(p, i, j) : vertex(p, x, y)});
@@ -355,13 +385,16 @@ inline MeshSeams compareMeshSeams(const BaseMesh& mesh, int unit_log2, const std
         ++report.pairs;
         report.unbalanced += std::max(a.to - a.from, b.to - b.from) > 2 * std::min(a.to - a.from, b.to - b.from);
         report.across_patches += a.patch != b.patch;
-        auto first = [&](const Entry& e) { return std::find_if(e.vertices.begin(), e.vertices.end(), [&](const auto& v) { return v.first >= from; }); };
+        auto first = [&](const Entry& e) {
+          return std::find_if(e.vertices.begin(), e.vertices.end(), [&](const auto& v) { return v.first >= from; });
+        };
         auto va = first(a), vb = first(b);
         for (; va != a.vertices.end() && va->first <= to && vb != b.vertices.end() && vb->first <= to; ++va, ++vb) {
           ++report.comparisons;
           if (*va != *vb) ++report.mismatches;
         }
-        if ((va != a.vertices.end() && va->first <= to) || (vb != b.vertices.end() && vb->first <= to)) ++report.mismatches;
+        if ((va != a.vertices.end() && va->first <= to) || (vb != b.vertices.end() && vb->first <= to))
+          ++report.mismatches;
       }
     }
   }
@@ -378,33 +411,46 @@ struct FmaFirst {
   static float mulMulAdd(float a, float b, float c, float d) { return std::fma(a, b, c * d); }
 };
 
-// As the vertex shader computes it, with a model of contraction. Heights come out of the instance's relief page: a vertex between its samples
-// gets another one's height.
+// As the vertex shader computes it, with a model of contraction. Heights come out of the instance's relief page: a
+// vertex between its samples gets another one's height.
 template <class Ops>
 auto pointsOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
   std::vector<EyeCorner> corners;
-  for (const BaseCorner& c : mesh.corners) corners.push_back({glm::vec3(glm::dvec3(c.position_mm) - view.eye_mm), c.normal});
-  return [&mesh, &relief, &height, corners = std::move(corners), flat = !view.relief, exaggerate = view.exaggerate](const PatchInstance& p, uint32_t x, uint32_t y) {
+  for (const BaseCorner& c : mesh.corners)
+    corners.push_back({glm::vec3(glm::dvec3(c.position_mm) - view.eye_mm), c.normal});
+  return [&mesh, &relief, &height, corners = std::move(corners), flat = !view.relief, exaggerate = view.exaggerate](
+             const PatchInstance& p, uint32_t x, uint32_t y) {
     const auto& c = mesh.patches[p.node.patch];
     float mm = 0;
     if (!flat) {
       const bool tail = p.relief_page.level == kTailLevel;
-      const uint32_t between = (1u << (tail ? relief.unitLog2() - kTailCellsLog2 : relief.depth - static_cast<int>(p.relief_page.level))) - 1;
+      const uint32_t between =
+          (1u << (tail ? relief.unitLog2() - kTailCellsLog2 : relief.depth - static_cast<int>(p.relief_page.level))) -
+          1;
       mm = relief.mm(height(p.node.patch, x & ~between, y & ~between), exaggerate);
     }
-    return meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y, 1u << relief.unitLog2(), mm);
+    return meshVertexFromEye<Ops>(c, {corners[c[0]], corners[c[1]], corners[c[2]], corners[c[3]]}, x, y,
+                                  1u << relief.unitLog2(), mm);
   };
 }
 template <class Ops>
-MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view) {
-  return [point = pointsOf<Ops>(mesh, relief, height, view)](const PatchInstance& p, uint32_t x, uint32_t y) { return bitsOf(point(p, x, y)); };
+MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height,
+                          const LodView& view) {
+  return [point = pointsOf<Ops>(mesh, relief, height, view)](const PatchInstance& p, uint32_t x, uint32_t y) {
+    return bitsOf(point(p, x, y));
+  };
 }
 // With geomorph. between: as betweenVertices, for what is broken on purpose.
 template <class Ops>
-MeshGridFunction morphTwinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height, const LodView& view,
-                             std::function<glm::vec3(const glm::vec3&, const glm::vec3&, const glm::vec3&, float)> between = betweenVertices<Ops>) {
+MeshGridFunction morphTwinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height,
+                             const LodView& view,
+                             std::function<glm::vec3(const glm::vec3&, const glm::vec3&, const glm::vec3&, float)>
+                                 between = betweenVertices<Ops>) {
   return [point = pointsOf<Ops>(mesh, relief, height, view), between](const PatchInstance& p, uint32_t i, uint32_t j) {
-    auto at = [&](uint32_t x, uint32_t y) { return point(p, static_cast<uint32_t>(p.x0) + (x << p.step_log2), static_cast<uint32_t>(p.y0) + (y << p.step_log2)); };
+    auto at = [&](uint32_t x, uint32_t y) {
+      return point(p, static_cast<uint32_t>(p.x0) + (x << p.step_log2),
+                   static_cast<uint32_t>(p.y0) + (y << p.step_log2));
+    };
     return bitsOf(drawnVertex(p, i, j, at, between));
   };
 }
@@ -430,11 +476,13 @@ inline MeshCase randomMeshCase(uint64_t seed, NamedMesh named) {
   c.relief.offset_mm = -random.real(0, 1) * 65535 * c.relief.scale_mm;
   double error = 65535 * c.relief.scale_mm * random.real(0.01, 1);
   c.oracle = std::make_shared<MadeUpMeshOracle>(c.relief, random.engine(), error);
-  c.lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm, c.oracle,
-                                    random.chance(0.8) ? c.oracle->coarse(c.named.mesh.patches.size()) : std::vector<CoarseErrors>{});
+  c.lod = std::make_unique<MeshLod>(
+      std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm, c.oracle,
+      random.chance(0.8) ? c.oracle->coarse(c.named.mesh.patches.size()) : std::vector<CoarseErrors>{});
   c.camera = randomMeshCamera(c.named.mesh, c.relief.unitLog2(), random);
   double error_px = random.real(0.5, 8);
-  c.view = random.chance(0.15) ? orthographicView(c.camera, glm::length(c.camera.eye - c.camera.target), error_px) : makeView(c.camera, error_px);
+  c.view = random.chance(0.15) ? orthographicView(c.camera, glm::length(c.camera.eye - c.camera.target), error_px)
+                               : makeView(c.camera, error_px);
   c.view.exaggerate = random.chance(0.3) ? random.real(0, 3) : 1;
   c.view.relief = !random.chance(0.1);
   c.view.min_cell_px = random.chance(0.3) ? random.real(0.5, 4) : 0;
@@ -442,8 +490,8 @@ inline MeshCase randomMeshCase(uint64_t seed, NamedMesh named) {
   return c;
 }
 inline std::string describe(const MeshCase& c, uint64_t seed) {
-  return "seed " + std::to_string(seed) + ", " + c.named.name + ", relief depth " + std::to_string(c.relief.depth) + ", " +
-         std::to_string(c.resident.size()) + " pages resident";
+  return "seed " + std::to_string(seed) + ", " + c.named.name + ", relief depth " + std::to_string(c.relief.depth) +
+         ", " + std::to_string(c.resident.size()) + " pages resident";
 }
 inline std::vector<NamedMesh> allMeshes() {
   std::vector<NamedMesh> meshes = wellShapedMeshes();

@@ -1,5 +1,5 @@
-// The LOD over base meshes: what is drawn tiles what is in view, levels are balanced and have samples, lists are deterministic and settle,
-// hard geometry and hard views end well.
+// The LOD over base meshes: what is drawn tiles what is in view, levels are balanced and have samples, lists are
+// deterministic and settle, hard geometry and hard views end well.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -35,7 +35,8 @@ Cover coverOf(const MeshCase& c, const std::vector<PatchInstance>& instances) {
       for (int i = 0; i <= 6; ++i)
         for (double h : {0.0, 0.5, 1.0}) {
           double u = (n.x + i / 6.0) / double(1u << n.level), v = (n.y + j / 6.0) / double(1u << n.level);
-          glm::dvec3 at = c.named.mesh.point(n.patch, u, v) + x * (c.relief.offset_mm + h * 65535 * c.relief.scale_mm) * c.named.mesh.normal(n.patch, u, v);
+          glm::dvec3 at = c.named.mesh.point(n.patch, u, v) +
+                          x * (c.relief.offset_mm + h * 65535 * c.relief.scale_mm) * c.named.mesh.normal(n.patch, u, v);
           glm::dvec4 p = c.view.clip_from_world * glm::dvec4(at, 1);
           if (std::abs(p.x) <= p.w && std::abs(p.y) <= p.w && std::abs(p.z) <= p.w) return true;
         }
@@ -65,7 +66,8 @@ TEST(MeshLod, DrawnNodesTileWhatIsInView) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     Cover cover = coverOf(c, lod.instances);
-    EXPECT_DOUBLE_EQ(cover.covered + cover.holes, static_cast<double>(c.named.mesh.patches.size())) << describe(c, seed);
+    EXPECT_DOUBLE_EQ(cover.covered + cover.holes, static_cast<double>(c.named.mesh.patches.size()))
+        << describe(c, seed);
     EXPECT_EQ(cover.overlaps, 0u) << describe(c, seed);
     EXPECT_EQ(cover.visible_holes, 0u) << describe(c, seed);
     with_holes += cover.holes > 0;
@@ -92,7 +94,8 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
       ++nodes;
       if (k > 0) {
         const PatchInstance& q = lod.instances[k - 1];
-        ASSERT_TRUE(q.grid_level < p.grid_level || (q.grid_level == p.grid_level && q.node < p.node)) << describe(c, seed);
+        ASSERT_TRUE(q.grid_level < p.grid_level || (q.grid_level == p.grid_level && q.node < p.node))
+            << describe(c, seed);
       }
       const int n = p.grid_level, level = static_cast<int>(p.node.level);
       ASSERT_LE(n, kMaxGridLevel);
@@ -101,10 +104,12 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
       deepest_step += p.step_log2 == 0;
       ASSERT_EQ(p.x0, static_cast<int64_t>(p.node.x) << (unit - level));
       ASSERT_EQ(p.y0, static_cast<int64_t>(p.node.y) << (unit - level));
-      for (const auto& side : p.edges) ASSERT_LE(side[1] == PatchInstance::kWholeEdge ? side[0] : std::max(side[0], side[1]) + 1, n);
+      for (const auto& side : p.edges)
+        ASSERT_LE(side[1] == PatchInstance::kWholeEdge ? side[0] : std::max(side[0], side[1]) + 1, n);
       if (!c.view.relief) continue;
       // The relief page: resident, covers the node, has all samples, and no coarser resident one does.
-      ASSERT_TRUE(isResident(p.relief_page) && p.relief_page.level <= p.node.level && p.node.ancestor(p.relief_page.level) == p.relief_page);
+      ASSERT_TRUE(isResident(p.relief_page) && p.relief_page.level <= p.node.level &&
+                  p.node.ancestor(p.relief_page.level) == p.relief_page);
       ASSERT_LE(static_cast<int>(p.relief_page.level), c.relief.depth);
       auto hasSamples = [&](uint32_t page_level) { return static_cast<int>(page_level) + 7 >= level + n; };
       ASSERT_TRUE(hasSamples(p.relief_page.level)) << describe(c, seed);
@@ -114,22 +119,27 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
     for (size_t k = 0; k < lod.wants.size(); ++k) {
       const ReliefWant& b = lod.wants[k];
       ASSERT_TRUE(b.priority >= 0 && b.priority <= 1);
-      ASSERT_TRUE(b.page.patch < c.named.mesh.patches.size() && static_cast<int>(b.page.level) <= c.relief.depth && b.page.x >> b.page.level == 0 && b.page.y >> b.page.level == 0);
+      ASSERT_TRUE(b.page.patch < c.named.mesh.patches.size() && static_cast<int>(b.page.level) <= c.relief.depth &&
+                  b.page.x >> b.page.level == 0 && b.page.y >> b.page.level == 0);
       if (k == 0) continue;
       const ReliefWant& a = lod.wants[k - 1];
       ASSERT_TRUE(a.page.level < b.page.level || (a.page.level == b.page.level && a.priority <= b.priority));
       ASSERT_FALSE(a.page == b.page);
     }
-    if (!c.view.relief) { ASSERT_TRUE(lod.wants.empty()); }
+    if (!c.view.relief) {
+      ASSERT_TRUE(lod.wants.empty());
+    }
   }
-  std::printf("[ figures  ] %llu nodes, %llu with the finest cells\n", static_cast<unsigned long long>(nodes), static_cast<unsigned long long>(deepest_step));
+  std::printf("[ figures  ] %llu nodes, %llu with the finest cells\n", static_cast<unsigned long long>(nodes),
+              static_cast<unsigned long long>(deepest_step));
   EXPECT_GT(deepest_step, 0u);
   EXPECT_GT(single_cells, 0u);
 }
 
 bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
   auto sameWant = [](const ReliefWant& p, const ReliefWant& q) { return p.page == q.page && p.priority == q.priority; };
-  return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px && a.error_px == b.error_px && a.instances == b.instances &&
+  return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
+         a.error_px == b.error_px && a.instances == b.instances &&
          std::equal(a.wants.begin(), a.wants.end(), b.wants.begin(), b.wants.end(), sameWant);
 }
 
@@ -138,7 +148,8 @@ TEST(MeshLod, SameInputSameList) {
   const auto meshes = allMeshes();
   uint64_t different = 0;
   for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
-    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]), fresh = randomMeshCase(seed, meshes[seed % meshes.size()]);
+    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]),
+             fresh = randomMeshCase(seed, meshes[seed % meshes.size()]);
     PlanarLodResult first = c.lod->select(c.view, c.resident);
     Random random(seed);
     for (int k = 0; k < 3; ++k) {
@@ -178,12 +189,15 @@ TEST(MeshLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     over_budget += lod.error_px > c.view.error_px;
     ASSERT_LT(rounds, 30) << describe(c, seed);
     ASSERT_EQ(lod.limited_by_residency, 0u) << describe(c, seed);
-    if (c.view.min_cell_px == 0) { ASSERT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9)) << describe(c, seed); }
+    if (c.view.min_cell_px == 0) {
+      ASSERT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9)) << describe(c, seed);
+    }
     most_rounds = std::max(most_rounds, rounds);
     most_nodes = std::max(most_nodes, lod.instances.size());
     most_wants = std::max(most_wants, lod.wants.size());
   }
-  std::printf("[ figures  ] %d cases: at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", cases, most_rounds, most_nodes, most_wants, over_budget);
+  std::printf("[ figures  ] %d cases: at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", cases,
+              most_rounds, most_nodes, most_wants, over_budget);
   EXPECT_LT(over_budget, cases / 2);
 }
 
@@ -191,7 +205,8 @@ TEST(MeshLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
 void expectSane(const NamedMesh& named, const MeshRelief& relief, const LodView& view, const char* what) {
   SCOPED_TRACE(named.name + ", " + what);
   auto oracle = std::make_shared<MadeUpMeshOracle>(relief, 7, 0.01 * 65535 * relief.scale_mm);
-  MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm, oracle, oracle->coarse(named.mesh.patches.size()));
+  MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm, oracle,
+                    oracle->coarse(named.mesh.patches.size()));
   ReliefSet resident;
   PlanarLodResult lod;
   for (int round = 0; round < 3; ++round) {
@@ -203,7 +218,8 @@ void expectSane(const NamedMesh& named, const MeshRelief& relief, const LodView&
   EXPECT_LT(lod.instances.size(), 30000u);
   for (const ReliefWant& w : lod.wants) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
   MeshHeight height = noiseOver(named.mesh, relief.unitLog2(), 3);
-  MeshSeams seams = compareMeshSeams(named.mesh, relief.unitLog2(), lod.instances, twinOf<PlainOps>(named.mesh, relief, height, view));
+  MeshSeams seams = compareMeshSeams(named.mesh, relief.unitLog2(), lod.instances,
+                                     twinOf<PlainOps>(named.mesh, relief, height, view));
   EXPECT_EQ(seams.mismatches, 0u);
   EXPECT_EQ(seams.unbalanced, 0u);
 }
@@ -221,7 +237,8 @@ TEST(MeshLod, HardViewsOfHardMeshes) {
   for (const NamedMesh& named : meshes) {
     auto [low, high] = boxOf(named.mesh);
     const double size = std::max(glm::length(high - low), 1.0);
-    const glm::dvec3 on = named.mesh.point(0, 0.3, 0.4), corner = glm::dvec3(named.mesh.corners[named.mesh.patches[0][0]].position_mm),
+    const glm::dvec3 on = named.mesh.point(0, 0.3, 0.4),
+                     corner = glm::dvec3(named.mesh.corners[named.mesh.patches[0][0]].position_mm),
                      along = glm::dvec3(named.mesh.corners[named.mesh.patches[0][1]].position_mm) - corner;
     for (double range_mm : {3 * size, 0.01, 0.0}) {  // larger than the patches; 10 um; none
       if (kSanitized && range_mm < size) continue;
@@ -272,7 +289,8 @@ TEST(MeshLod, ViewsThatAreNoneDrawTheRoots) {
     for (uint32_t p = 0; p < lod.instances.size(); ++p) {
       EXPECT_EQ(lod.instances[p].node, (NodeId{p, 0, 0, 0}));
       EXPECT_EQ(lod.instances[p].grid_level, 0);
-      for (const auto& side : lod.instances[p].edges) EXPECT_EQ(side, (std::array<uint8_t, 2>{0, PatchInstance::kWholeEdge}));
+      for (const auto& side : lod.instances[p].edges)
+        EXPECT_EQ(side, (std::array<uint8_t, 2>{0, PatchInstance::kWholeEdge}));
     }
   }
   // What is no number among the wishes is the default, or nothing.
@@ -287,7 +305,9 @@ class LyingOracle final : public ReliefOracle {
   explicit LyingOracle(int kind) : kind_(kind) {}
   HeightBounds bounds(const NodeId&) const override {
     const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
-    return kind_ == 0 ? HeightBounds{nan, nan, nan} : kind_ == 1 ? HeightBounds{5, -5, -1} : HeightBounds{-inf, inf, inf};
+    return kind_ == 0   ? HeightBounds{nan, nan, nan}
+           : kind_ == 1 ? HeightBounds{5, -5, -1}
+                        : HeightBounds{-inf, inf, inf};
   }
   bool errorBlocks(const NodeId&, std::span<float> error_mm) const override {
     for (float& e : error_mm) e = kind_ == 1 ? -1 : std::numeric_limits<float>::quiet_NaN();
@@ -303,8 +323,12 @@ TEST(MeshLod, OraclesThatLieAreTakenForKnowingNothing) {
   c.eye = {0, 0, 60};
   for (int kind : {0, 1, 2}) {
     std::vector<CoarseErrors> coarse(9);
-    for (auto& e : coarse) e.fill(kind == 0 ? std::numeric_limits<float>::quiet_NaN() : kind == 1 ? -1.0f : std::numeric_limits<float>::infinity());
-    MeshLod selection(std::make_shared<BaseMesh>(named.mesh), 2, -1, 2.0 / 65535, std::make_shared<LyingOracle>(kind), coarse);
+    for (auto& e : coarse)
+      e.fill(kind == 0   ? std::numeric_limits<float>::quiet_NaN()
+             : kind == 1 ? -1.0f
+                         : std::numeric_limits<float>::infinity());
+    MeshLod selection(std::make_shared<BaseMesh>(named.mesh), 2, -1, 2.0 / 65535, std::make_shared<LyingOracle>(kind),
+                      coarse);
     ReliefSet resident;
     PlanarLodResult lod;
     for (int round = 0; round < 6; ++round) {
@@ -317,8 +341,8 @@ TEST(MeshLod, OraclesThatLieAreTakenForKnowingNothing) {
   }
 }
 
-// Levels are a function of the error asked for: a smaller one never asks for anything coarser. A node that would save less than 32 cells by being divided
-// stays whole, and is drawn finer than asked for by no more than that.
+// Levels are a function of the error asked for: a smaller one never asks for anything coarser. A node that would save
+// less than 32 cells by being divided stays whole, and is drawn finer than asked for by no more than that.
 TEST(MeshLod, SmallerErrorsNeverDrawCoarser) {
   const auto meshes = wellShapedMeshes();
   uint64_t all_fine = 0, all_coarse = 0;
@@ -345,17 +369,24 @@ TEST(MeshLod, SmallerErrorsNeverDrawCoarser) {
     EXPECT_GE(fine.cells + coarse.spare, coarse.cells) << describe(c, seed);
     all_fine += fine.cells, all_coarse += coarse.cells;
   }
-  std::printf("[ figures  ] %llu cells, %llu for three times the error\n", static_cast<unsigned long long>(all_fine), static_cast<unsigned long long>(all_coarse));
-  if (!kSanitized) { EXPECT_GT(all_fine, all_coarse + all_coarse / 4); }  // few views may lack pages for more
+  std::printf("[ figures  ] %llu cells, %llu for three times the error\n", static_cast<unsigned long long>(all_fine),
+              static_cast<unsigned long long>(all_coarse));
+  if (!kSanitized) {
+    EXPECT_GT(all_fine, all_coarse + all_coarse / 4);
+  }  // few views may lack pages for more
 }
 
-// Where a part of a node asks for more than the rest, the rest is drawn without: all of it would take many more triangles, for the same promise.
+// Where a part of a node asks for more than the rest, the rest is drawn without: all of it would take many more
+// triangles, for the same promise.
 TEST(MeshLod, NodesAreDividedWhereThatSavesTriangles) {
   // One bump in the middle of a quarter of the only patch.
   BaseMesh mesh = openSheet(1, 1, 100, 0);
   MeshRelief relief{1, -2, 4.0 / 65535};
-  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) { return 0.5 + 0.4 * std::exp(-0.02 * glm::dot(p - glm::dvec3(25, 25, 0), p - glm::dvec3(25, 25, 0))); });
-  MeshLod lod(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm, std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
+  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) {
+    return 0.5 + 0.4 * std::exp(-0.02 * glm::dot(p - glm::dvec3(25, 25, 0), p - glm::dvec3(25, 25, 0)));
+  });
+  MeshLod lod(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm,
+              std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
   Camera c;
   c.eye = {0, 30, 150};
   LodView view = makeView(c, 0.25);
@@ -367,9 +398,12 @@ TEST(MeshLod, NodesAreDividedWhereThatSavesTriangles) {
   };
   const PlanarLodResult divided = lod.select(view, {});
   int finest = 0;
-  for (const PatchInstance& p : divided.instances) finest = std::max(finest, static_cast<int>(p.node.level) + p.grid_level);
+  for (const PatchInstance& p : divided.instances)
+    finest = std::max(finest, static_cast<int>(p.node.level) + p.grid_level);
   const uint64_t cells = count(divided), as_one = uint64_t{1} << (2 * finest);
-  std::printf("[ figures  ] %zu nodes, %llu cells, %llu if all were as fine; %.2f px promised\n", divided.instances.size(), static_cast<unsigned long long>(cells), static_cast<unsigned long long>(as_one), divided.max_error_px);
+  std::printf("[ figures  ] %zu nodes, %llu cells, %llu if all were as fine; %.2f px promised\n",
+              divided.instances.size(), static_cast<unsigned long long>(cells), static_cast<unsigned long long>(as_one),
+              divided.max_error_px);
   EXPECT_LE(divided.max_error_px, 0.5 * (1 + 1e-9));
   EXPECT_LT(3 * cells, as_one);
 }

@@ -230,7 +230,8 @@ const MeshFinding* finding(const LoadedMesh& m, const std::string& what) {
 TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
   saveFile("kd.mtl", "newmtl red\nKd 1 0 0\nnewmtl plain\nnewmtl blue\nKd 0 0.2 1.5\nnewmtl not\nKd 0 nan 0\n");
   const std::string corners = "mtllib kd.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\n";
-  LoadedMesh m = mustRead(saveFile("kd.obj", corners + "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nusemtl red\nusemtl plain\nf 4 3 5\n"));
+  LoadedMesh m = mustRead(
+      saveFile("kd.obj", corners + "usemtl red\nf 1 2 3\nusemtl blue\nf 1 3 4\nusemtl red\nusemtl plain\nf 4 3 5\n"));
   EXPECT_EQ(m.mesh.palette, (std::vector<glm::u8vec3>{{255, 0, 0}, {0, 51, 255}, {204, 204, 204}}));
   ASSERT_EQ(m.mesh.corner_uv.size(), 3u);
   EXPECT_FALSE(m.mesh.texture_repeats);
@@ -240,11 +241,13 @@ TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
     for (uint32_t v : m.mesh.triangles[t]) centre += positions[v] / 3.0f;
     centre += glm::vec3(m.mesh.origin_mm);
     const size_t expected = centre.y < 0.5f ? 0 : centre.y < 0.9f ? 1 : 2;
-    for (const glm::vec2& uv : m.mesh.corner_uv[t]) EXPECT_EQ(uv, glm::vec2((static_cast<float>(expected) + 0.5f) / 3, 0.5f)) << centre.y;
+    for (const glm::vec2& uv : m.mesh.corner_uv[t])
+      EXPECT_EQ(uv, glm::vec2((static_cast<float>(expected) + 0.5f) / 3, 0.5f)) << centre.y;
   }
   EXPECT_FALSE(finding(m, "image") || finding(m, "colour")) << defects(m.diagnosis);
   // One grey for all, what is no number, colours of vertices, texture coordinates: no row.
-  for (const char* none : {"f 1 2 3\n", "usemtl plain\nf 1 2 3\n", "usemtl not\nf 1 2 3\nf 1 3 4\n", "v 2 2 2 1 0 0\nusemtl red\nf 1 2 6\n", "vt 0 0\nusemtl red\nf 1/1 2/1 3/1\n"}) {
+  for (const char* none : {"f 1 2 3\n", "usemtl plain\nf 1 2 3\n", "usemtl not\nf 1 2 3\nf 1 3 4\n",
+                           "v 2 2 2 1 0 0\nusemtl red\nf 1 2 6\n", "vt 0 0\nusemtl red\nf 1/1 2/1 3/1\n"}) {
     m = mustRead(saveFile("kd.obj", corners + none));
     EXPECT_TRUE(m.mesh.palette.empty()) << none;
   }
@@ -254,7 +257,8 @@ TEST(MeshFormats, ObjMaterialsColourTheirTriangles) {
 TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
   saveFile("some.mtl", "newmtl a\nKd 1 0 0\nmap_Kd a.png\nnewmtl red\nKd 1 0 0\nnewmtl grey\nKd .5 .5 .5\n");
   const std::string corners = "mtllib some.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 2 0\nvt 0 0\n";
-  LoadedMesh m = mustRead(saveFile("a.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
+  LoadedMesh m =
+      mustRead(saveFile("a.obj", corners + "usemtl a\nf 1/1 2/1 3/1\nusemtl red\nf 1/1 3/1 4/1\nf 4/1 3/1 5/1\n"));
   EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
   const MeshFinding* f = finding(m, "without an image (material \"red\")");
   ASSERT_TRUE(f) << defects(m.diagnosis);
@@ -280,8 +284,8 @@ TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
   auto ply = [](const char* images, const char* face, const char* values) {
     std::string text = std::string("ply\nformat ascii 1.0\n") + images +
                        "element vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float s\n"
-                       "property float t\nelement face 3\nproperty list uchar int vertex_indices\n" + face +
-                       "end_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 0 1 0 1\n";
+                       "property float t\nelement face 3\nproperty list uchar int vertex_indices\n" +
+                       face + "end_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 0 1 0 1\n";
     for (const char* corners_of : {"3 0 1 2", "3 0 2 3", "3 0 3 1"}) {
       text += std::string(corners_of) + " " + std::string(values, std::strcspn(values, "|")) + "\n";
       values += std::min(std::strlen(values), std::strcspn(values, "|") + 1);
@@ -303,7 +307,8 @@ TEST(MeshFormats, ColoursThatAreNotReadAreFindings) {
   EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "a.png").string());
   EXPECT_TRUE(finding(m, "further images, without numbers")) << defects(m.diagnosis);
   EXPECT_EQ(m.named_files.size(), 2u);
-  m = mustRead(saveFile("two.ply", ply("", "property uchar red\nproperty uchar green\nproperty uchar blue\n", "255 0 0|0 255 0|0 0 255")));
+  m = mustRead(saveFile("two.ply", ply("", "property uchar red\nproperty uchar green\nproperty uchar blue\n",
+                                       "255 0 0|0 255 0|0 0 255")));
   f = finding(m, "faces with a colour of their own");
   ASSERT_TRUE(f) << defects(m.diagnosis);
   EXPECT_EQ(f->count, 3u);
@@ -315,7 +320,9 @@ TEST(MeshFormats, TextureCoordinatesOutsideTheImage) {
   saveFile("clamped.mtl", "newmtl m\nmap_Kd -clamp on a.png\n");
   for (const char* mtl : {"plain", "clamped", "none"}) {
     auto obj = [&](const char* far) {
-      return mustRead(saveFile("a.obj", std::string("mtllib ") + mtl + ".mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt " + far + "\nusemtl m\nf 1/1 2/2 3/3\n"));
+      return mustRead(saveFile("a.obj", std::string("mtllib ") + mtl +
+                                            ".mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt " + far +
+                                            "\nusemtl m\nf 1/1 2/2 3/3\n"));
     };
     LoadedMesh m = obj("0 3.5");
     EXPECT_EQ(m.mesh.texture_repeats, std::string(mtl) != "clamped");
@@ -324,7 +331,8 @@ TEST(MeshFormats, TextureCoordinatesOutsideTheImage) {
     EXPECT_EQ(f->count, 1u);
     EXPECT_EQ(f->places_mm.size(), 1u);
     EXPECT_EQ(f->done, m.mesh.texture_repeats ? "the image is repeated" : "the image's border goes on");
-    for (const char* within : {"0 1", "0 1.00005", "-0.00005 1"}) EXPECT_FALSE(finding(obj(within), "outside")) << within;
+    for (const char* within : {"0 1", "0 1.00005", "-0.00005 1"})
+      EXPECT_FALSE(finding(obj(within), "outside")) << within;
     EXPECT_TRUE(finding(obj("-0.001 1"), "outside"));
   }
   const LoadedMesh off = mustRead(saveFile("a.off", "STOFF 3 1 0\n0 0 0 0 0\n1 0 0 2 0\n0 1 0 0 1\n3 0 1 2\n"));
@@ -354,7 +362,8 @@ TEST(MeshFormats, OffInLittleEndianOrder) {
   auto bytes = offFile(plain, true);
   size_t at = 0;
   while (bytes[at] != '\n') ++at;
-  for (++at; at + 4 <= bytes.size(); at += 4) std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(at), bytes.begin() + static_cast<std::ptrdiff_t>(at + 4));
+  for (++at; at + 4 <= bytes.size(); at += 4)
+    std::reverse(bytes.begin() + static_cast<std::ptrdiff_t>(at), bytes.begin() + static_cast<std::ptrdiff_t>(at + 4));
   LoadedMesh m = mustRead(saveFile("little.off", bytes));
   EXPECT_TRUE(finding(m, "little-endian"));
   m.diagnosis.findings.clear();
@@ -373,12 +382,15 @@ TEST(MeshFormats, MaterialFilesLieInTheMeshsFolder) {
   auto obj = [](const std::string& library) {
     return "mtllib " + library + "\nusemtl surface\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
   };
-  for (const std::string& outside : {std::string("../secret.mtl"), std::string("deeper/../../secret.mtl"), (meshFolder() / "secret.mtl").string(), std::string("link.mtl"), std::string("/etc/passwd")}) {
+  for (const std::string& outside :
+       {std::string("../secret.mtl"), std::string("deeper/../../secret.mtl"), (meshFolder() / "secret.mtl").string(),
+        std::string("link.mtl"), std::string("/etc/passwd")}) {
     const std::string path = saveFile("inner/a.obj", obj(outside));
     auto refused = readMesh(path);
     ASSERT_FALSE(refused) << outside;
     EXPECT_EQ(refused.error().kind, ErrorKind::kInvalidData);
-    EXPECT_NE(refused.error().text().find(fs::path(outside).filename().string()), std::string::npos) << refused.error().text();
+    EXPECT_NE(refused.error().text().find(fs::path(outside).filename().string()), std::string::npos)
+        << refused.error().text();
     EXPECT_NE(refused.error().hint.find("--allow-outside"), std::string::npos) << refused.error().text();
     EXPECT_TRUE(readMesh(path, {.allow_outside = true})) << outside;
   }
@@ -396,9 +408,12 @@ TEST(MeshFormats, MaterialFilesLieInTheMeshsFolder) {
     EXPECT_FALSE(readMesh("a.obj")) << outside;
   }
   fs::current_path(before);
-  EXPECT_FALSE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "picture.png").string(), "the image"));
-  EXPECT_FALSE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner2/picture.png").string(), "the image"));
-  EXPECT_TRUE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner/picture.png").string(), "the image"));
+  EXPECT_FALSE(
+      checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "picture.png").string(), "the image"));
+  EXPECT_FALSE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner2/picture.png").string(),
+                               "the image"));
+  EXPECT_TRUE(checkBesideMesh((meshFolder() / "inner/a.obj").string(), (meshFolder() / "inner/picture.png").string(),
+                              "the image"));
 }
 
 TEST(MeshFormats, Stl) {
@@ -1179,8 +1194,9 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
       for (const MeshFinding& f : d.findings) all.insert(all.end(), f.places_mm.begin(), f.places_mm.end());
       return all;
     };
-    return a.mesh.positions_mm == b.mesh.positions_mm && a.mesh.triangles == b.mesh.triangles && a.mesh.colours == b.mesh.colours &&
-           a.mesh.corner_uv == b.mesh.corner_uv && defects(a.diagnosis) == defects(b.diagnosis) && places(a.diagnosis) == places(b.diagnosis) &&
+    return a.mesh.positions_mm == b.mesh.positions_mm && a.mesh.triangles == b.mesh.triangles &&
+           a.mesh.colours == b.mesh.colours && a.mesh.corner_uv == b.mesh.corner_uv &&
+           defects(a.diagnosis) == defects(b.diagnosis) && places(a.diagnosis) == places(b.diagnosis) &&
            a.diagnosis.pieces == b.diagnosis.pieces && a.diagnosis.border_loops == b.diagnosis.border_loops;
   };
   size_t meshes = 0, noticed = 0;
@@ -1192,9 +1208,12 @@ TEST(MeshRepairs, AnyNumberOfWorkersFindsTheSame) {
       s = cubeSphere(seed == 40 ? 40 : 1 + static_cast<int>(seed) / 4);
       if (seed % 8 == 0) std::swap(s.triangles[0][0], s.triangles[0][1]);
     } else {
-      const uint32_t vertices = 4 + pick(random, 300), triangles = 1 + pick(random, 4 * vertices), lattice = seed % 4 == 1 ? 1000 : 12;
-      for (uint32_t i = 0; i < vertices; ++i) s.positions.emplace_back(pick(random, lattice), pick(random, lattice), pick(random, lattice));
-      for (uint32_t t = 0; t < triangles; ++t) s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
+      const uint32_t vertices = 4 + pick(random, 300), triangles = 1 + pick(random, 4 * vertices),
+                     lattice = seed % 4 == 1 ? 1000 : 12;
+      for (uint32_t i = 0; i < vertices; ++i)
+        s.positions.emplace_back(pick(random, lattice), pick(random, lattice), pick(random, lattice));
+      for (uint32_t t = 0; t < triangles; ++t)
+        s.triangles.push_back({pick(random, vertices), pick(random, vertices), pick(random, vertices)});
     }
     if (seed % 2) decorate(s, seed);
     auto alone = repairMesh(toMesh(s), "alone", 1);
@@ -1226,12 +1245,14 @@ TEST(TriangleBlocks, PassOverWhatNamesNoneOfTheVertices) {
     for (int i = 0; i < 100; ++i) {
       const uint32_t first = pick(random, vertices), last = std::min(vertices, first + pick(random, 200));
       std::vector<size_t> visited;
-      blocks.forEach(first, last, [] { return false; }, [&](size_t t) { visited.push_back(t); });
+      blocks.forEach(
+          first, last, [] { return false; }, [&](size_t t) { visited.push_back(t); });
       EXPECT_TRUE(std::is_sorted(visited.begin(), visited.end()));
       for (size_t t = 0; t < s.triangles.size(); ++t) {
         const bool named = std::ranges::any_of(s.triangles[t], [&](uint32_t v) { return v >= first && v < last; });
         if (named) {
-          ASSERT_TRUE(std::binary_search(visited.begin(), visited.end(), t)) << first << " to " << last << ": triangle " << t;
+          ASSERT_TRUE(std::binary_search(visited.begin(), visited.end(), t))
+              << first << " to " << last << ": triangle " << t;
         }
       }
       visits += visited.size();

@@ -1,4 +1,5 @@
-// mesh_shapes.h - scans whose shape is known: cubes blown up to spheres, sheets, with a given height over them; and base meshes for them.
+// mesh_shapes.h - scans whose shape is known: cubes blown up to spheres, sheets, with a given height over them; and
+// base meshes for them.
 #pragma once
 
 #include <array>

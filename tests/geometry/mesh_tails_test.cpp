@@ -1,5 +1,6 @@
-// LOD over base meshes whose patches have tails (src/base/base_mesh.h): roots come and go like other pages, heights of coarse grids are always
-// there. Whatever is resident, what is drawn has its samples, and where two nodes meet their vertices are the same, bit for bit.
+// LOD over base meshes whose patches have tails (src/base/base_mesh.h): roots come and go like other pages, heights of
+// coarse grids are always there. Whatever is resident, what is drawn has its samples, and where two nodes meet their
+// vertices are the same, bit for bit.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,8 +18,8 @@ constexpr uint64_t kSeed = 20261121;
 struct TailCase : MeshCase {
   explicit TailCase(uint64_t seed, const NamedMesh& mesh) : MeshCase(randomMeshCase(seed, mesh)) {
     Random random(seed ^ 0x7A11);
-    lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm, oracle,
-                                    oracle->coarse(named.mesh.patches.size()), true);
+    lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm,
+                                    relief.scale_mm, oracle, oracle->coarse(named.mesh.patches.size()), true);
     view.hide_backs = false;
     // Often from further away, where patches are small.
     if (random.chance(0.6)) view.error_px *= std::exp(random.real(0, 5));
@@ -38,7 +39,8 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
     const PlanarLodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
-    const MeshSeams seams = compareMeshSeams(mesh, c.relief.unitLog2(), lod.instances, twinOf<PlainOps>(mesh, c.relief, height, c.view));
+    const MeshSeams seams =
+        compareMeshSeams(mesh, c.relief.unitLog2(), lod.instances, twinOf<PlainOps>(mesh, c.relief, height, c.view));
     ASSERT_EQ(seams.mismatches, 0u) << describe(c, seed);
     ASSERT_EQ(seams.unbalanced, 0u) << describe(c, seed);
     total += seams;
@@ -62,11 +64,16 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
     // Were all of them drawn from tails, vertices between a tail's samples would take another's height.
     std::vector<PatchInstance> broken = lod.instances;
     for (size_t i = 0; i < broken.size(); i += 2) broken[i].relief_page.level = kTailLevel;
-    if (c.view.relief) control += compareMeshSeams(mesh, c.relief.unitLog2(), broken, twinOf<PlainOps>(mesh, c.relief, height, c.view)).mismatches;
+    if (c.view.relief)
+      control += compareMeshSeams(mesh, c.relief.unitLog2(), broken, twinOf<PlainOps>(mesh, c.relief, height, c.view))
+                     .mismatches;
   }
-  std::printf("[ figures  ] %llu vertices compared, %llu segments across patches; instances: %llu from tails, %llu from roots, %llu from finer pages; %llu lists of both\n",
-              static_cast<unsigned long long>(total.comparisons), static_cast<unsigned long long>(total.across_patches), static_cast<unsigned long long>(of_tails),
-              static_cast<unsigned long long>(of_roots), static_cast<unsigned long long>(of_others), static_cast<unsigned long long>(mixed));
+  std::printf(
+      "[ figures  ] %llu vertices compared, %llu segments across patches; instances: %llu from tails, %llu from roots, "
+      "%llu from finer pages; %llu lists of both\n",
+      static_cast<unsigned long long>(total.comparisons), static_cast<unsigned long long>(total.across_patches),
+      static_cast<unsigned long long>(of_tails), static_cast<unsigned long long>(of_roots),
+      static_cast<unsigned long long>(of_others), static_cast<unsigned long long>(mixed));
   EXPECT_GE(total.comparisons, 1'000'000u / kViewShare);
   EXPECT_GT(of_tails, 1000u / kViewShare);
   EXPECT_GT(of_roots, 100u / kViewShare);
@@ -75,8 +82,8 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
   EXPECT_GT(control, 1000u / kViewShare);
 }
 
-// With nothing resident all is drawn from tails; what is asked for leaves nothing limited in the end. Where all roots are resident, tails change nothing
-// but where heights of coarse grids come from.
+// With nothing resident all is drawn from tails; what is asked for leaves nothing limited in the end. Where all roots
+// are resident, tails change nothing but where heights of coarse grids come from.
 TEST(MeshTails, WhatIsAskedForIsEnough) {
   const std::vector<NamedMesh> meshes = wellShapedMeshes();
   int of_pages = 0, of_tails = 0;
@@ -84,7 +91,8 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
     TailCase c(seed, meshes[seed % meshes.size()]);
     ReliefSet resident;
     PlanarLodResult lod = c.lod->select(c.view, resident);
-    for (const PatchInstance& p : lod.instances) ASSERT_TRUE(!c.view.relief || p.relief_page.level == kTailLevel) << describe(c, seed);
+    for (const PatchInstance& p : lod.instances)
+      ASSERT_TRUE(!c.view.relief || p.relief_page.level == kTailLevel) << describe(c, seed);
     for (int round = 0; round < 20; ++round) {
       const size_t before = resident.size();
       for (const ReliefWant& want : lod.wants) resident.insert(want.page);
@@ -92,7 +100,8 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
       lod = c.lod->select(c.view, resident);
     }
     EXPECT_EQ(lod.limited_by_residency, 0u) << describe(c, seed);
-    MeshLod without(std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm, c.oracle, c.oracle->coarse(c.named.mesh.patches.size()));
+    MeshLod without(std::make_shared<BaseMesh>(c.named.mesh), c.relief.depth, c.relief.offset_mm, c.relief.scale_mm,
+                    c.oracle, c.oracle->coarse(c.named.mesh.patches.size()));
     for (uint32_t p = 0; p < c.named.mesh.patches.size(); ++p) resident.insert({p, 0, 0, 0});
     lod = c.lod->select(c.view, resident);
     const PlanarLodResult reference = without.select(c.view, resident);
@@ -100,7 +109,8 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
     for (size_t i = 0; i < lod.instances.size(); ++i) {
       PatchInstance a = lod.instances[i], b = reference.instances[i];
       const bool tail = a.relief_page.level == kTailLevel;
-      ASSERT_TRUE(!c.view.relief || (tail ? b.relief_page.level == 0 : a.relief_page == b.relief_page)) << describe(c, seed);
+      ASSERT_TRUE(!c.view.relief || (tail ? b.relief_page.level == 0 : a.relief_page == b.relief_page))
+          << describe(c, seed);
       ++(tail ? of_tails : of_pages);
       a.relief_page = b.relief_page = {};
       ASSERT_EQ(a, b) << describe(c, seed) << " instance " << i;
@@ -112,8 +122,8 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
   EXPECT_GT(of_tails, 200 / kViewShare);
 }
 
-// The list that a view ends with, once all its pages are there, is known before; and is what they give then. The control: pages that come a few at a time,
-// in any order, end in other lists, too, each of which asks for no more.
+// The list that a view ends with, once all its pages are there, is known before; and is what they give then. The
+// control: pages that come a few at a time, in any order, end in other lists, too, each of which asks for no more.
 TEST(MeshTails, WhatPagesLeadToDoesNotDependOnTheirOrder) {
   const std::vector<NamedMesh> meshes = wellShapedMeshes();
   int of_pages = 0, others = 0, cases = 0;

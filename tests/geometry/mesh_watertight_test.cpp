@@ -1,6 +1,6 @@
-// Watertight over base meshes: where two drawn nodes meet, the vertices of both are the same, bit for bit, whatever their levels, patches,
-// orientation and resident pages; with plain arithmetic, and with models of GPUs that contract a * b + c to fma.
-// RELIEVO_LONG_TESTS=1: 10^9 comparisons of each sort instead of 10^7.
+// Watertight over base meshes: where two drawn nodes meet, the vertices of both are the same, bit for bit, whatever
+// their levels, patches, orientation and resident pages; with plain arithmetic, and with models of GPUs that contract a
+// * b + c to fma. RELIEVO_LONG_TESTS=1: 10^9 comparisons of each sort instead of 10^7.
 #include <gtest/gtest.h>
 
 #include <bit>
@@ -27,8 +27,9 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
-    for (const MeshVertexFunction& twin : {twinOf<PlainOps>(mesh, c.relief, height, c.view), twinOf<FmaFirst>(mesh, c.relief, height, c.view),
-                                           twinOf<FmaSecond>(mesh, c.relief, height, c.view)}) {
+    for (const MeshVertexFunction& twin :
+         {twinOf<PlainOps>(mesh, c.relief, height, c.view), twinOf<FmaFirst>(mesh, c.relief, height, c.view),
+          twinOf<FmaSecond>(mesh, c.relief, height, c.view)}) {
       MeshSeams seams = compareMeshSeams(mesh, c.relief.unitLog2(), lod.instances, twin);
       ASSERT_EQ(seams.mismatches, 0u) << describe(c, seed);
       ASSERT_EQ(seams.unbalanced, 0u) << describe(c, seed);
@@ -39,25 +40,31 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
     for (const PatchInstance& p : lod.instances)
       for (const auto& side : p.edges) halves += side[1] != PatchInstance::kWholeEdge;
   }
-  std::printf("[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu shared segments (%llu across patches, %llu limited by residency, %llu "
-              "sides of halves), %llu vertices compared\n",
-              static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases), static_cast<unsigned long long>(nodes),
-              static_cast<unsigned long long>(total.pairs), static_cast<unsigned long long>(total.across_patches),
-              static_cast<unsigned long long>(limited), static_cast<unsigned long long>(halves), static_cast<unsigned long long>(total.comparisons));
+  std::printf(
+      "[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu shared segments (%llu across patches, %llu limited "
+      "by residency, %llu "
+      "sides of halves), %llu vertices compared\n",
+      static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases),
+      static_cast<unsigned long long>(nodes), static_cast<unsigned long long>(total.pairs),
+      static_cast<unsigned long long>(total.across_patches), static_cast<unsigned long long>(limited),
+      static_cast<unsigned long long>(halves), static_cast<unsigned long long>(total.comparisons));
   EXPECT_GE(total.comparisons, wanted);
   EXPECT_GT(limited, 0u);
   EXPECT_GT(halves, 0u);
   EXPECT_GT(total.across_patches, 0u);
 }
 
-
-// As meshVertexFromEye without its rule: a side runs as its patch does. (Where nothing is contracted, lo * s + hi * t is the same either
-// way round: only a model of contraction tells.)
+// As meshVertexFromEye without its rule: a side runs as its patch does. (Where nothing is contracted, lo * s + hi * t
+// is the same either way round: only a model of contraction tells.)
 template <class Ops>
-glm::vec3 unorderedVertex(const BaseMesh& mesh, uint32_t patch, const glm::dvec3& eye, uint32_t x, uint32_t y, uint32_t side, float mm) {
+glm::vec3 unorderedVertex(const BaseMesh& mesh, uint32_t patch, const glm::dvec3& eye, uint32_t x, uint32_t y,
+                          uint32_t side, float mm) {
   const auto& c = mesh.patches[patch];
   float u = static_cast<float>(x) / static_cast<float>(side), v = static_cast<float>(y) / static_cast<float>(side);
-  auto across = [&](auto&& field) { return lerpOrdered<Ops>(lerpOrdered<Ops>(field(c[0]), field(c[1]), u), lerpOrdered<Ops>(field(c[2]), field(c[3]), u), v); };
+  auto across = [&](auto&& field) {
+    return lerpOrdered<Ops>(lerpOrdered<Ops>(field(c[0]), field(c[1]), u),
+                            lerpOrdered<Ops>(field(c[2]), field(c[3]), u), v);
+  };
   glm::vec3 p = across([&](uint32_t k) { return glm::vec3(glm::dvec3(mesh.corners[k].position_mm) - eye); });
   glm::vec3 n = across([&](uint32_t k) { return mesh.corners[k].normal; });
   return p + n * mm;
@@ -84,16 +91,20 @@ TEST(MeshWatertight, NegativeControls) {
     }
     alone += compareMeshSeams(mesh, unit, own, twin).mismatches;
     unordered += compareMeshSeams(mesh, unit, lod.instances, [&](const PatchInstance& p, uint32_t x, uint32_t y) {
-                   return bitsOf(unorderedVertex<FmaSecond>(mesh, p.node.patch, c.view.eye_mm, x, y, 1u << unit, c.relief.mm(height(p.node.patch, x, y), 1)));
+                   return bitsOf(unorderedVertex<FmaSecond>(mesh, p.node.patch, c.view.eye_mm, x, y, 1u << unit,
+                                                            c.relief.mm(height(p.node.patch, x, y), 1)));
                  }).mismatches;
     // The same heights, to half a step, in 16 bits of a range that is the patch's own.
     ranges += compareMeshSeams(mesh, unit, lod.instances, [&](const PatchInstance& p, uint32_t x, uint32_t y) {
                 MeshRelief range = c.relief;
                 range.scale_mm *= 1 + 0.1 * p.node.patch;
-                auto q = static_cast<uint16_t>(std::min(65535.0, std::round(height(p.node.patch, x, y) * c.relief.scale_mm / range.scale_mm)));
+                auto q = static_cast<uint16_t>(
+                    std::min(65535.0, std::round(height(p.node.patch, x, y) * c.relief.scale_mm / range.scale_mm)));
                 const auto& k = mesh.patches[p.node.patch];
                 std::array<EyeCorner, 4> corners;
-                for (size_t i = 0; i < 4; ++i) corners[i] = {glm::vec3(glm::dvec3(mesh.corners[k[i]].position_mm) - c.view.eye_mm), mesh.corners[k[i]].normal};
+                for (size_t i = 0; i < 4; ++i)
+                  corners[i] = {glm::vec3(glm::dvec3(mesh.corners[k[i]].position_mm) - c.view.eye_mm),
+                                mesh.corners[k[i]].normal};
                 return bitsOf(meshVertexFromEye(k, corners, x, y, 1u << unit, range.mm(q, 1)));
               }).mismatches;
     // Every other node takes the edges that it would have if more pages were resident.
@@ -103,7 +114,8 @@ TEST(MeshWatertight, NegativeControls) {
     for (const PatchInstance& p : c.lod->select(c.view, more).instances) rich[p.node] = p;
     std::vector<PatchInstance> trap = lod.instances;
     for (PatchInstance& p : trap)
-      if (auto found = rich.find(p.node); found != rich.end() && ((p.node.x + p.node.y + p.node.patch) & 1)) p = found->second;
+      if (auto found = rich.find(p.node); found != rich.end() && ((p.node.x + p.node.y + p.node.patch) & 1))
+        p = found->second;
     one_sided += compareMeshSeams(mesh, unit, trap, twin).mismatches;
     // Half edges in the neighbour's order, where that runs the other way.
     std::vector<PatchInstance> swapped = lod.instances;
@@ -112,10 +124,14 @@ TEST(MeshWatertight, NegativeControls) {
         if (side[1] != PatchInstance::kWholeEdge) std::swap(side[0], side[1]);
     straight += compareMeshSeams(mesh, unit, swapped, twin).mismatches;
   }
-  std::printf("[ figures  ] mismatches: %llu without snapping, %llu with levels per node (vertices of %llu nodes snap), %llu with ends unordered, %llu with a range per patch, %llu with "
-              "residency of one side, %llu with halves exchanged\n",
-              static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(alone), static_cast<unsigned long long>(snapped_alone), static_cast<unsigned long long>(unordered),
-              static_cast<unsigned long long>(ranges), static_cast<unsigned long long>(one_sided), static_cast<unsigned long long>(straight));
+  std::printf(
+      "[ figures  ] mismatches: %llu without snapping, %llu with levels per node (vertices of %llu nodes snap), %llu "
+      "with ends unordered, %llu with a range per patch, %llu with "
+      "residency of one side, %llu with halves exchanged\n",
+      static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(alone),
+      static_cast<unsigned long long>(snapped_alone), static_cast<unsigned long long>(unordered),
+      static_cast<unsigned long long>(ranges), static_cast<unsigned long long>(one_sided),
+      static_cast<unsigned long long>(straight));
   EXPECT_GT(unsnapped, 0u);
   EXPECT_GT(alone, 0u);
   EXPECT_GT(snapped_alone, 0u);
@@ -165,8 +181,9 @@ struct PairCount {
   uint64_t comparisons = 0, mismatches = 0;
 };
 template <class Ops>
-void comparePair(const Pair& pair, int unit_log2, int level, uint32_t segment, int edge_level, const std::array<int, 2>& grid, const std::array<bool, 2>& half,
-                 const std::vector<float>& heights, PairCount& count) {
+void comparePair(const Pair& pair, int unit_log2, int level, uint32_t segment, int edge_level,
+                 const std::array<int, 2>& grid, const std::array<bool, 2>& half, const std::vector<float>& heights,
+                 PairCount& count) {
   // Grid vertices of each node's side, snapped, as places from the corner with the smaller name.
   std::array<std::vector<std::pair<uint32_t, Bits>>, 2> seen;
   const uint32_t side_units = 1u << unit_log2, width = side_units >> level;
@@ -192,7 +209,9 @@ void comparePair(const Pair& pair, int unit_log2, int level, uint32_t segment, i
       const uint32_t t = origin + snapOnSide(i, n, record) * step, place = flip ? side_units - t : t;
       if (!seen[k].empty() && seen[k].back().first == place) continue;
       const uint32_t across = side == kRight || side == kBottom ? side_units : 0;
-      const glm::vec3 v = meshVertexFromEye<Ops>(pair.index[k], pair.corner[k], upright ? across : t, upright ? t : across, side_units, heights[place & (heights.size() - 1)]);
+      const glm::vec3 v =
+          meshVertexFromEye<Ops>(pair.index[k], pair.corner[k], upright ? across : t, upright ? t : across, side_units,
+                                 heights[place & (heights.size() - 1)]);
       seen[k].push_back({place, bitsOf(v)});
     }
     if (flip) std::reverse(seen[k].begin(), seen[k].end());
@@ -214,7 +233,8 @@ PairCount comparePairs(uint64_t seed, uint64_t wanted) {
         pair.index[0][static_cast<size_t>(kSideCorners[static_cast<size_t>(pair.side[0])][1])])
       continue;
     const double scale = std::exp(random.real(-8, 3));
-    for (float& h : heights) h = static_cast<float>(scale) * static_cast<float>(random.engine() >> 48) + static_cast<float>(-20000 * scale);
+    for (float& h : heights)
+      h = static_cast<float>(scale) * static_cast<float>(random.engine() >> 48) + static_cast<float>(-20000 * scale);
     const int unit_log2 = random.integer(7, 20), level = random.integer(0, unit_log2 - kMaxGridLevel);
     const auto segment = static_cast<uint32_t>(random.engine() & ((1u << level) - 1));
     for (bool half_a : {false, true})

@@ -37,7 +37,10 @@ struct Screen {
   double half_height_px, aspect, near_mm;
   bool orthographic;
   Screen(const LodView& view, const Camera& camera)
-      : clip_from_world(view.clip_from_world), half_height_px(0.5 * camera.viewport_height_px), aspect(camera.aspect), near_mm(camera.near_mm),
+      : clip_from_world(view.clip_from_world),
+        half_height_px(0.5 * camera.viewport_height_px),
+        aspect(camera.aspect),
+        near_mm(camera.near_mm),
         orthographic(glm::length(glm::dvec3(glm::transpose(view.clip_from_world)[3])) == 0) {}
   // -1: no picture, 0: beside it, 1: in it.
   int project(const glm::dvec3& at, glm::dvec2& px) const {
@@ -50,11 +53,12 @@ struct Screen {
 
 constexpr int64_t kSampled = 3;  // every third finest sample either way: prime to all levels' steps
 
-// By finest sample of a patch (rows of v): how far the picture of the drawn point lies from that of the finest surface's, px. Not a number: not drawn,
-// or out of the picture.
+// By finest sample of a patch (rows of v): how far the picture of the drawn point lies from that of the finest
+// surface's, px. Not a number: not drawn, or out of the picture.
 using Offsets = std::vector<std::vector<glm::dvec2>>;
 // flipped: of triangles turned over, where any is.
-inline Offsets offsetsOf(const TrueSurface& surface, const LodView& view, const Camera& camera, const std::vector<PatchInstance>& instances, uint64_t& flipped) {
+inline Offsets offsetsOf(const TrueSurface& surface, const LodView& view, const Camera& camera,
+                         const std::vector<PatchInstance>& instances, uint64_t& flipped) {
   Offsets all(surface.patches);
   const double none = std::numeric_limits<double>::quiet_NaN();
   const Screen screen(view, camera);
@@ -66,26 +70,35 @@ inline Offsets offsetsOf(const TrueSurface& surface, const LodView& view, const 
     grid.clear();
     for (uint32_t j = 0; j <= size; ++j)
       for (uint32_t i = 0; i <= size; ++i)
-        grid.push_back(drawnVertex(p, i, j, [&](uint32_t x, uint32_t y) { return surface.vertex(p, x, y); },
-                                   [](const DrawnPoint& a, const DrawnPoint& b, const DrawnPoint& own, float w) {
-                                     return b.place == own.place ? own : (0.5 - 0.5 * w) * (a + b) + double{w} * own;
-                                   }));
+        grid.push_back(drawnVertex(
+            p, i, j, [&](uint32_t x, uint32_t y) { return surface.vertex(p, x, y); },
+            [](const DrawnPoint& a, const DrawnPoint& b, const DrawnPoint& own, float w) {
+              return b.place == own.place ? own : (0.5 - 0.5 * w) * (a + b) + double{w} * own;
+            }));
     auto triangle = [&](const DrawnPoint& a, const DrawnPoint& b, const DrawnPoint& c) {
-      const double area = (b.place.x - a.place.x) * (c.place.y - a.place.y) - (b.place.y - a.place.y) * (c.place.x - a.place.x);
+      const double area =
+          (b.place.x - a.place.x) * (c.place.y - a.place.y) - (b.place.y - a.place.y) * (c.place.x - a.place.x);
       flipped += area < -1e-9;
       if (area < 1e-9) return;
       auto first = [&](double u, double v, double w) {
-        const auto at = static_cast<int64_t>(std::ceil(std::min({u, v, w}) / static_cast<double>(surface.spacing) - 1e-9));
+        const auto at =
+            static_cast<int64_t>(std::ceil(std::min({u, v, w}) / static_cast<double>(surface.spacing) - 1e-9));
         return (at + kSampled - 1) / kSampled * kSampled;
       };
       auto last = [&](double u, double v, double w, int64_t count) {
-        return std::min(count - 1, static_cast<int64_t>(std::ceil(std::max({u, v, w}) / static_cast<double>(surface.spacing) + 1e-9)));
+        return std::min(count - 1, static_cast<int64_t>(
+                                       std::ceil(std::max({u, v, w}) / static_cast<double>(surface.spacing) + 1e-9)));
       };
-      for (int64_t j = first(a.place.y, b.place.y, c.place.y); j <= last(a.place.y, b.place.y, c.place.y, surface.rows); j += kSampled)
-        for (int64_t i = first(a.place.x, b.place.x, c.place.x); i <= last(a.place.x, b.place.x, c.place.x, surface.columns); i += kSampled) {
-          const auto x = static_cast<double>(std::min(i * surface.spacing, surface.width)), y = static_cast<double>(std::min(j * surface.spacing, surface.height));
-          const double wb = ((x - a.place.x) * (c.place.y - a.place.y) - (y - a.place.y) * (c.place.x - a.place.x)) / area;
-          const double wc = ((b.place.x - a.place.x) * (y - a.place.y) - (b.place.y - a.place.y) * (x - a.place.x)) / area;
+      for (int64_t j = first(a.place.y, b.place.y, c.place.y); j <= last(a.place.y, b.place.y, c.place.y, surface.rows);
+           j += kSampled)
+        for (int64_t i = first(a.place.x, b.place.x, c.place.x);
+             i <= last(a.place.x, b.place.x, c.place.x, surface.columns); i += kSampled) {
+          const auto x = static_cast<double>(std::min(i * surface.spacing, surface.width)),
+                     y = static_cast<double>(std::min(j * surface.spacing, surface.height));
+          const double wb =
+              ((x - a.place.x) * (c.place.y - a.place.y) - (y - a.place.y) * (c.place.x - a.place.x)) / area;
+          const double wc =
+              ((b.place.x - a.place.x) * (y - a.place.y) - (b.place.y - a.place.y) * (x - a.place.x)) / area;
           if (wb < -1e-9 || wc < -1e-9 || wb + wc > 1 + 1e-9) continue;
           glm::dvec2 seen(0), truth(0);
           const int in_truth = screen.project(surface.truth(patch, i, j), truth);
@@ -128,7 +141,9 @@ struct Path {
 };
 // The address sanitizer sees a share of the frames, as far apart as they are in the whole.
 inline Path shareOf(const Path& path) {
-  return {path.name, share(path.steps), [at = path.at, of_all = double(share(path.steps)) / path.steps](double t) { return at((kSanitized ? 0.8 : 0) + of_all * t); }};
+  return {path.name, share(path.steps), [at = path.at, of_all = double(share(path.steps)) / path.steps](double t) {
+            return at((kSanitized ? 0.8 : 0) + of_all * t);
+          }};
 }
 enum class How { kMorph, kStill, kRounded };  // kRounded: weights rounded to all or nothing, a control
 struct Pops {
@@ -136,7 +151,8 @@ struct Pops {
   int frames = 0, above_half = 0;
   uint64_t cells = 0, flipped = 0;
 };
-inline Pops fly(const TrueSurface& surface, const Path& path, double error_px, double min_cell_px, How how, const std::function<PlanarLodResult(const LodView&)>& select) {
+inline Pops fly(const TrueSurface& surface, const Path& path, double error_px, double min_cell_px, How how,
+                const std::function<PlanarLodResult(const LodView&)>& select) {
   Pops pops;
   Offsets before;
   for (int k = 0; k <= path.steps; ++k) {
@@ -168,8 +184,10 @@ inline Pops fly(const TrueSurface& surface, const Path& path, double error_px, d
 }
 inline std::string describe(const Pops& p) {
   char text[200];
-  std::snprintf(text, sizeof text, "largest pop %.3f px (%d of %d frames above 0.5), error %.2f px, %.2f of the bound, %llu cells", p.largest_px, p.above_half, p.frames, p.error_px,
-                p.over_bound, static_cast<unsigned long long>(p.cells));
+  std::snprintf(text, sizeof text,
+                "largest pop %.3f px (%d of %d frames above 0.5), error %.2f px, %.2f of the bound, %llu cells",
+                p.largest_px, p.above_half, p.frames, p.error_px, p.over_bound,
+                static_cast<unsigned long long>(p.cells));
   return text;
 }
 

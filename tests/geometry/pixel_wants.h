@@ -1,5 +1,5 @@
-// pixel_wants.h - what the pixels of a picture want of the texture, by rays in double precision: knows nothing of nodes, tiles or
-// matrices but the view's. The oracle of page determination, on the CPU and by feedback.
+// pixel_wants.h - what the pixels of a picture want of the texture, by rays in double precision: knows nothing of
+// nodes, tiles or matrices but the view's. The oracle of page determination, on the CPU and by feedback.
 #pragma once
 
 #include <cmath>
@@ -17,7 +17,8 @@ namespace relievo::test {
 inline TextureView textureView(const Camera& c, int height_px, bool relief, bool orthographic = false) {
   Camera sized = c;
   sized.viewport_height_px = height_px;
-  LodView lod = orthographic ? orthographicView(sized, 2 * glm::length(c.eye - c.target) * std::tan(c.fov_y / 2), 1) : makeView(sized);
+  LodView lod = orthographic ? orthographicView(sized, 2 * glm::length(c.eye - c.target) * std::tan(c.fov_y / 2), 1)
+                             : makeView(sized);
   TextureView v;
   v.clip_from_world = lod.clip_from_world;
   v.eye_mm = lod.eye_mm;
@@ -40,7 +41,9 @@ struct Footprint {
 class Rays {
  public:
   explicit Rays(const TextureView& v)
-      : view_(v), world_from_clip_(glm::inverse(v.clip_from_world)), orthographic_(glm::length(glm::dvec3(glm::transpose(v.clip_from_world)[3])) == 0) {}
+      : view_(v),
+        world_from_clip_(glm::inverse(v.clip_from_world)),
+        orthographic_(glm::length(glm::dvec3(glm::transpose(v.clip_from_world)[3])) == 0) {}
   // Of the line of sight there, of any length.
   glm::dvec3 direction(double x, double y) const { return at(x, y, 0.9) - from(x, y); }
   // x, y: px from the top left corner. The plane: (p - at) . normal = 0.
@@ -55,21 +58,25 @@ class Rays {
     if (!(std::abs(clip.z) <= clip.w)) return std::nullopt;
     return p;
   }
-  std::optional<Footprint> footprint(const PlanarDomain& d, double x, double y, const glm::dvec3& at, const glm::dvec3& normal) const {
+  std::optional<Footprint> footprint(const PlanarDomain& d, double x, double y, const glm::dvec3& at,
+                                     const glm::dvec3& normal) const {
     constexpr double kStep = 1.0 / 1024;
     auto texel = [&](double sx, double sy) -> std::optional<glm::dvec2> {
       std::optional<glm::dvec3> p = meet(sx, sy, at, normal);
       if (!p) return std::nullopt;
-      return glm::dvec2(p->x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px), 0.5 * static_cast<double>(d.height_px) - p->y / d.mm_per_px);
+      return glm::dvec2(p->x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px),
+                        0.5 * static_cast<double>(d.height_px) - p->y / d.mm_per_px);
     };
-    auto centre = texel(x, y), right = texel(x + kStep, y), left = texel(x - kStep, y), down = texel(x, y + kStep), up = texel(x, y - kStep);
+    auto centre = texel(x, y), right = texel(x + kStep, y), left = texel(x - kStep, y), down = texel(x, y + kStep),
+         up = texel(x, y - kStep);
     if (!centre || !right || !left || !down || !up) return std::nullopt;
     return Footprint{*centre, (*right - *left) / (2 * kStep), (*down - *up) / (2 * kStep)};
   }
 
  private:
   glm::dvec3 at(double x, double y, double depth) const {
-    const glm::dvec4 p = world_from_clip_ * glm::dvec4(2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px, depth, 1);
+    const glm::dvec4 p =
+        world_from_clip_ * glm::dvec4(2 * x / view_.width_px - 1, 1 - 2 * y / view_.height_px, depth, 1);
     return glm::dvec3(p) / p.w;
   }
   // Parallel ones are taken from amid the depths, both ways.
@@ -81,11 +88,14 @@ class Rays {
 };
 
 inline std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& texel, int level) {
-  if (texel.x < 0 || texel.y < 0 || texel.x >= static_cast<double>(d.width_px) || texel.y >= static_cast<double>(d.height_px)) return std::nullopt;
+  if (texel.x < 0 || texel.y < 0 || texel.x >= static_cast<double>(d.width_px) ||
+      texel.y >= static_cast<double>(d.height_px))
+    return std::nullopt;
   double side = static_cast<double>(d.patchPx());
   auto patch = static_cast<uint32_t>((d.alongX() ? texel.x : texel.y) / side);
   double cell = std::ldexp(side, -level);
-  return NodeId{patch, static_cast<uint32_t>(level), static_cast<uint32_t>((texel.x - static_cast<double>(d.patchOriginX(patch))) / cell),
+  return NodeId{patch, static_cast<uint32_t>(level),
+                static_cast<uint32_t>((texel.x - static_cast<double>(d.patchOriginX(patch))) / cell),
                 static_cast<uint32_t>((texel.y - static_cast<double>(d.patchOriginY(patch))) / cell)};
 }
 inline int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint& f) {
@@ -93,7 +103,8 @@ inline int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint&
   if (v.anisotropy > 1) {
     double aa = glm::dot(f.dx, f.dx), bb = glm::dot(f.dy, f.dy), ab = glm::dot(f.dx, f.dy);
     double root = std::sqrt((aa - bb) * (aa - bb) + 4 * ab * ab);
-    double longest = std::sqrt(0.5 * (aa + bb + root)), shortest = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / longest;
+    double longest = std::sqrt(0.5 * (aa + bb + root)),
+           shortest = std::abs(f.dx.x * f.dy.y - f.dx.y * f.dy.x) / longest;
     major = std::max(shortest, longest / v.anisotropy);
   }
   double lod = std::clamp(std::log2(major) + v.lod_bias, 0.0, static_cast<double>(d.texture_depth));
@@ -111,8 +122,8 @@ inline void addWithAncestors(NodeId node, std::set<NodeId>& out) {
   while (out.insert(node).second && node.level > 0) node = node.parent();
 }
 
-// What one pixel of a flat artwork wants: the node, and those that it may want instead, sampled up to kPixelSlack beside its centre
-// and with levels off by kLodSlack, as a rasteriser and fp32 do.
+// What one pixel of a flat artwork wants: the node, and those that it may want instead, sampled up to kPixelSlack
+// beside its centre and with levels off by kLodSlack, as a rasteriser and fp32 do.
 struct PixelWish {
   std::optional<NodeId> exact;
   std::vector<NodeId> alternatives;
@@ -122,9 +133,10 @@ inline PixelWish pixelWish(const PlanarDomain& d, const TextureView& v, const Ra
   PixelWish wish;
   bool first = true;
   // The corners may lie off the artwork where places nearer to the centre do not.
-  for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1), glm::dvec2(-0.5, 0),
-                         glm::dvec2(0.5, 0), glm::dvec2(0, -0.5), glm::dvec2(0, 0.5)}) {
-    auto f = rays.footprint(d, x + 0.5 + off.x * kPixelSlack, y + 0.5 + off.y * kPixelSlack, glm::dvec3(0), glm::dvec3(0, 0, 1));
+  for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1),
+                         glm::dvec2(-0.5, 0), glm::dvec2(0.5, 0), glm::dvec2(0, -0.5), glm::dvec2(0, 0.5)}) {
+    auto f = rays.footprint(d, x + 0.5 + off.x * kPixelSlack, y + 0.5 + off.y * kPixelSlack, glm::dvec3(0),
+                            glm::dvec3(0, 0, 1));
     std::optional<NodeId> last;
     for (double slack : {0.0, -kLodSlack, kLodSlack}) {
       TextureView shifted = v;

@@ -1,4 +1,5 @@
-// The planar LOD's invariants over random artworks, views and residency: watertight, tiled, balanced, deterministic, settling.
+// The planar LOD's invariants over random artworks, views and residency: watertight, tiled, balanced, deterministic,
+// settling.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -34,12 +35,14 @@ Case randomCase(uint64_t seed, bool narrowing = true) {
   return c;
 }
 VertexFunction twin(const PlanarDomain& domain, ReliefPages& pages, bool relief = true) {
-  return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) { return patchVertex(domain, p, i, j, relief, pages); };
+  return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) {
+    return patchVertex(domain, p, i, j, relief, pages);
+  };
 }
 std::string describe(const Case& c, uint64_t seed) {
-  return "seed " + std::to_string(seed) + ", " + std::to_string(c.domain.width_px) + " x " + std::to_string(c.domain.height_px) +
-         ", relief depth " + std::to_string(c.domain.relief_depth) + " of " + std::to_string(c.domain.texture_depth) + ", " +
-         std::to_string(c.resident.size()) + " pages resident";
+  return "seed " + std::to_string(seed) + ", " + std::to_string(c.domain.width_px) + " x " +
+         std::to_string(c.domain.height_px) + ", relief depth " + std::to_string(c.domain.relief_depth) + " of " +
+         std::to_string(c.domain.texture_depth) + ", " + std::to_string(c.resident.size()) + " pages resident";
 }
 
 TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
@@ -60,11 +63,14 @@ TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
       for (const auto& side : p.edges) mixed += side[1] != PatchInstance::kWholeEdge;
   }
   double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  std::printf("[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu shared segments (%llu limited by residency, %llu sides of "
-              "halves), %llu vertices compared, %.1f s\n",
-              static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases), static_cast<unsigned long long>(drawn),
-              static_cast<unsigned long long>(total.pairs), static_cast<unsigned long long>(limited),
-              static_cast<unsigned long long>(mixed), static_cast<unsigned long long>(total.comparisons), seconds);
+  std::printf(
+      "[ figures  ] seeds from %llu: %llu cases, %llu nodes, %llu shared segments (%llu limited by residency, %llu "
+      "sides of "
+      "halves), %llu vertices compared, %.1f s\n",
+      static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases),
+      static_cast<unsigned long long>(drawn), static_cast<unsigned long long>(total.pairs),
+      static_cast<unsigned long long>(limited), static_cast<unsigned long long>(mixed),
+      static_cast<unsigned long long>(total.comparisons), seconds);
   EXPECT_GE(total.comparisons, 10'000'000u / kViewShare);
   EXPECT_GT(limited, 0u);
   EXPECT_GT(mixed, 0u);
@@ -77,11 +83,15 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
     PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     ReliefPages pages(c.domain, noiseHeight);
     // Without snapping.
-    unsnapped += compareSeams(c.domain, lod.instances, [&](const PatchInstance& p, uint32_t i, uint32_t j) {
-      PatchInstance loose = p;
-      for (auto& side : loose.edges) side = {p.grid_level, PatchInstance::kWholeEdge};
-      return patchVertex(c.domain, loose, i, j, true, pages);
-    }, unsnappedVertex).mismatches;
+    unsnapped += compareSeams(
+                     c.domain, lod.instances,
+                     [&](const PatchInstance& p, uint32_t i, uint32_t j) {
+                       PatchInstance loose = p;
+                       for (auto& side : loose.edges) side = {p.grid_level, PatchInstance::kWholeEdge};
+                       return patchVertex(c.domain, loose, i, j, true, pages);
+                     },
+                     unsnappedVertex)
+                     .mismatches;
     // Each node decides alone.
     std::vector<PatchInstance> alone = lod.instances;
     for (PatchInstance& p : alone)
@@ -111,15 +121,18 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
     }
     // Heights that depend on the page they were read from (a range per page, say).
     finer_heights += compareSeams(c.domain, lod.instances, [&](const PatchInstance& p, uint32_t i, uint32_t j) {
-      PatchVertex v = patchVertex(c.domain, p, i, j, true, pages);
-      v.height_q8 += p.relief_page.level;
-      return v;
-    }).mismatches;
+                       PatchVertex v = patchVertex(c.domain, p, i, j, true, pages);
+                       v.height_q8 += p.relief_page.level;
+                       return v;
+                     }).mismatches;
   }
-  std::printf("[ figures  ] mismatches: %llu without snapping, %llu with levels per node, %llu with residency of one side (%llu cases), "
-              "%llu with page-dependent heights\n",
-              static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(per_patch), static_cast<unsigned long long>(one_sided),
-              static_cast<unsigned long long>(one_sided_cases), static_cast<unsigned long long>(finer_heights));
+  std::printf(
+      "[ figures  ] mismatches: %llu without snapping, %llu with levels per node, %llu with residency of one side "
+      "(%llu cases), "
+      "%llu with page-dependent heights\n",
+      static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(per_patch),
+      static_cast<unsigned long long>(one_sided), static_cast<unsigned long long>(one_sided_cases),
+      static_cast<unsigned long long>(finer_heights));
   EXPECT_GT(unsnapped, 0u);
   EXPECT_GT(per_patch, 0u);
   EXPECT_GT(one_sided, 0u);
@@ -150,12 +163,14 @@ struct CoverCheck {
   bool insideFrustum(double x_units, double y_units, double z_mm) const {
     double mm = c.domain.mm_per_px / (1 << kUnitsPerTexelLog2);
     glm::dvec4 p = c.view.clip_from_world * glm::dvec4((x_units - 0.5 * static_cast<double>(width)) * mm,
-                                                       (0.5 * static_cast<double>(height) - y_units) * mm, z_mm * c.view.exaggerate, 1);
+                                                       (0.5 * static_cast<double>(height) - y_units) * mm,
+                                                       z_mm * c.view.exaggerate, 1);
     return std::abs(p.x) <= p.w && std::abs(p.y) <= p.w && std::abs(p.z) <= p.w;
   }
   void visit(int64_t level, int64_t x, int64_t y) {
     int shift = index.unitLog2() - static_cast<int>(level);
-    int64_t x0 = x << shift, y0 = y << shift, x1 = std::min((x + 1) << shift, width), y1 = std::min((y + 1) << shift, height);
+    int64_t x0 = x << shift, y0 = y << shift, x1 = std::min((x + 1) << shift, width),
+            y1 = std::min((y + 1) << shift, height);
     if (x0 >= width || y0 >= height) return;
     bool is_inner = inner.count({level, x, y}) != 0;
     if (index.at(static_cast<int>(level), x, y)) {
@@ -168,17 +183,20 @@ struct CoverCheck {
       return;
     }
     cover.holes += (x1 - x0) * (y1 - y0);
-    double z0 = c.view.relief ? c.domain.relief_offset_mm : 0, z1 = c.view.relief ? z0 + 65535 * c.domain.relief_scale_mm : 0;
+    double z0 = c.view.relief ? c.domain.relief_offset_mm : 0,
+           z1 = c.view.relief ? z0 + 65535 * c.domain.relief_scale_mm : 0;
     for (int j = 0; j <= 8; ++j)
       for (int i = 0; i <= 8; ++i)
         for (double z : {z0, 0.5 * (z0 + z1), z1})
-          if (insideFrustum(static_cast<double>(x0) + static_cast<double>(x1 - x0) * i / 8.0, static_cast<double>(y0) + static_cast<double>(y1 - y0) * j / 8.0, z)) {
+          if (insideFrustum(static_cast<double>(x0) + static_cast<double>(x1 - x0) * i / 8.0,
+                            static_cast<double>(y0) + static_cast<double>(y1 - y0) * j / 8.0, z)) {
             ++cover.visible_holes;
             return;
           }
   }
   void run() {
-    for (int64_t patch = 0; patch < c.domain.patchCount(); ++patch) visit(0, c.domain.alongX() ? patch : 0, c.domain.alongX() ? 0 : patch);
+    for (int64_t patch = 0; patch < c.domain.patchCount(); ++patch)
+      visit(0, c.domain.alongX() ? patch : 0, c.domain.alongX() ? 0 : patch);
   }
 };
 
@@ -200,7 +218,8 @@ TEST(PlanarLod, DrawnNodesTileWhatIsInView) {
     // Points on the artwork that are in view lie in exactly one drawn node.
     Random random(seed);
     for (int k = 0; k < 200; ++k) {
-      double x = random.real(0, 1) * static_cast<double>(check.width), y = random.real(0, 1) * static_cast<double>(check.height);
+      double x = random.real(0, 1) * static_cast<double>(check.width),
+             y = random.real(0, 1) * static_cast<double>(check.height);
       double z = c.view.relief ? c.domain.relief_offset_mm + random.real(0, 65535) * c.domain.relief_scale_mm : 0;
       if (!check.insideFrustum(x, y, z)) continue;
       int count = 0;
@@ -233,13 +252,16 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
       ++nodes;
       if (k > 0) {
         const PatchInstance& q = lod.instances[k - 1];
-        ASSERT_TRUE(q.grid_level < p.grid_level || (q.grid_level == p.grid_level && q.node < p.node)) << describe(c, seed);
+        ASSERT_TRUE(q.grid_level < p.grid_level || (q.grid_level == p.grid_level && q.node < p.node))
+            << describe(c, seed);
       }
       int n = p.grid_level, u = index.unitLog2(), level = static_cast<int>(p.node.level);
       ASSERT_TRUE(n >= 1 && n <= kMaxGridLevel);
       ASSERT_EQ(p.step_log2 + n + level, u) << describe(c, seed);
-      ASSERT_EQ(p.x0, static_cast<int64_t>(c.domain.patchOriginX(p.node.patch)) * 16 + (static_cast<int64_t>(p.node.x) << (u - level)));
-      ASSERT_EQ(p.y0, static_cast<int64_t>(c.domain.patchOriginY(p.node.patch)) * 16 + (static_cast<int64_t>(p.node.y) << (u - level)));
+      ASSERT_EQ(p.x0, static_cast<int64_t>(c.domain.patchOriginX(p.node.patch)) * 16 +
+                          (static_cast<int64_t>(p.node.x) << (u - level)));
+      ASSERT_EQ(p.y0, static_cast<int64_t>(c.domain.patchOriginY(p.node.patch)) * 16 +
+                          (static_cast<int64_t>(p.node.y) << (u - level)));
       int most = 1;
       for (const auto& side : p.edges) {
         most = std::max<int>(most, side[1] == PatchInstance::kWholeEdge ? side[0] : std::max(side[0], side[1]) + 1);
@@ -247,7 +269,8 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
       ASSERT_EQ(most, n) << describe(c, seed);
       if (!c.view.relief) continue;
       // The relief page: resident, covers the node, has all samples, and no coarser resident one does.
-      ASSERT_TRUE(isResident(p.relief_page) && p.relief_page.level <= p.node.level && p.node.ancestor(p.relief_page.level) == p.relief_page);
+      ASSERT_TRUE(isResident(p.relief_page) && p.relief_page.level <= p.node.level &&
+                  p.node.ancestor(p.relief_page.level) == p.relief_page);
       auto hasSamples = [&](uint32_t page_level) {
         return static_cast<int>(page_level) == c.domain.relief_depth || static_cast<int>(page_level) + 7 >= level + n;
       };
@@ -258,7 +281,12 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
     // 2:1 over the whole strip.
     for (const auto& [place, p] : index.all())
       for (int side = 0; side < 4; ++side) {
-        int64_t x = place[1] + (side == kLeft ? -1 : side == kRight ? 1 : 0), y = place[2] + (side == kTop ? -1 : side == kBottom ? 1 : 0);
+        int64_t x = place[1] + (side == kLeft    ? -1
+                                : side == kRight ? 1
+                                                 : 0),
+                y = place[2] + (side == kTop      ? -1
+                                : side == kBottom ? 1
+                                                  : 0);
         if (x < 0 || y < 0) continue;
         for (int up = 2; up <= place[0]; ++up)
           ASSERT_EQ(index.at(static_cast<int>(place[0]) - up, x >> up, y >> up), nullptr) << describe(c, seed);
@@ -278,8 +306,8 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
 
 bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
   auto same = [](const PatchInstance& p, const PatchInstance& q) {
-    return p.node == q.node && p.x0 == q.x0 && p.y0 == q.y0 && p.step_log2 == q.step_log2 && p.grid_level == q.grid_level && p.edges == q.edges &&
-           p.relief_page == q.relief_page;
+    return p.node == q.node && p.x0 == q.x0 && p.y0 == q.y0 && p.step_log2 == q.step_log2 &&
+           p.grid_level == q.grid_level && p.edges == q.edges && p.relief_page == q.relief_page;
   };
   auto sameWant = [](const ReliefWant& p, const ReliefWant& q) { return p.page == q.page && p.priority == q.priority; };
   return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
@@ -328,8 +356,8 @@ TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     most_nodes = std::max(most_nodes, lod.instances.size());
     most_wants = std::max(most_wants, lod.wants.size());
   }
-  std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", most_rounds, most_nodes, most_wants,
-              over_budget);
+  std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", most_rounds,
+              most_nodes, most_wants, over_budget);
   EXPECT_LT(over_budget, share(250) / 2);
 }
 
@@ -350,7 +378,8 @@ void expectSane(const PlanarDomain& domain, const LodView& view, const char* wha
   ReliefPages pages(domain, noiseHeight);
   SeamReport seams = compareSeams(domain, lod.instances, twin(domain, pages, view.relief));
   EXPECT_EQ(seams.mismatches, 0u);
-  std::printf("[ figures  ] %-34s %6zu nodes %6zu wants  error %.3g px\n", what, lod.instances.size(), lod.wants.size(), lod.max_error_px);
+  std::printf("[ figures  ] %-34s %6zu nodes %6zu wants  error %.3g px\n", what, lod.instances.size(), lod.wants.size(),
+              lod.max_error_px);
 }
 
 TEST(PlanarLod, HardViews) {

@@ -52,7 +52,8 @@ TEST(PlaneImage, repeatsWhereItIsToldTo) {
     const float inside = at(clamped, u, v, lod);
     EXPECT_EQ(at(repeated, u, v, lod), inside);
     for (const glm::vec2& away : {glm::vec2(1, 0), glm::vec2(-2, 3), glm::vec2(0, -1)}) {
-      const bool far_u = std::abs(u + away.x - 0.5f) > 0.5f + 0.5f / kWidth, far_v = std::abs(v + away.y - 0.5f) > 0.5f + 0.5f / kHeight;
+      const bool far_u = std::abs(u + away.x - 0.5f) > 0.5f + 0.5f / kWidth,
+                 far_v = std::abs(v + away.y - 0.5f) > 0.5f + 0.5f / kHeight;
       if ((far_u || away.x == 0) && (far_v || away.y == 0)) {
         EXPECT_NEAR(at(repeated, u + away.x, v + away.y, lod), inside, 1e-2);
       }

@@ -14,7 +14,6 @@
 namespace relievo {
 namespace {
 
-
 // The distance to a triangle by its interior and its three segments.
 double distanceTo(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c, const glm::dvec3& p) {
   auto segment = [&](const glm::dvec3& from, const glm::dvec3& to) {
@@ -40,7 +39,9 @@ TEST(RayScene, closestPointsAreThoseOfBruteForce) {
   for (int i = 0; i < 2000; ++i) {
     const glm::dvec3 p(place(random), place(random), place(random));
     double expected = std::numeric_limits<double>::infinity();
-    for (const auto& t : mesh.triangles) expected = std::min(expected, distanceTo(mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]], p));
+    for (const auto& t : mesh.triangles)
+      expected =
+          std::min(expected, distanceTo(mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]], p));
     const SurfacePoint found = (*scene)->closestPoint(p);
     ASSERT_TRUE(found);
     EXPECT_NEAR(found.along, expected, 1e-12);
@@ -60,7 +61,8 @@ TEST(RayScene, linesTakeTheNearestSurfaceThatFacesThem) {
   std::normal_distribution<double> gauss;
   for (int i = 0; i < 2000; ++i) {
     const glm::dvec3 n = glm::normalize(glm::dvec3(gauss(random), gauss(random), gauss(random)));
-    // From 9 along n, whose length is 2: the sphere's outside is 0.5 away; its other side, 9.5 away, faces the other way.
+    // From 9 along n, whose length is 2: the sphere's outside is 0.5 away; its other side, 9.5 away, faces the other
+    // way.
     const SurfacePoint out = (*scene)->nearestOnLine({9.0 * n, 2.0 * n, 20}, Facing::kAlong);
     ASSERT_TRUE(out);
     EXPECT_NEAR(out.along, 0.5, 0.05);
@@ -100,14 +102,15 @@ TEST(RayScene, linesThroughVerticesAndEdgesAreNotLost) {
   }
 }
 
-// Whatever memory the regions may have, the very same triangle and place come out: on edges and at vertices, where several triangles are
-// equally near, above all. Regions of another size: the same place, but for rounding.
+// Whatever memory the regions may have, the very same triangle and place come out: on edges and at vertices, where
+// several triangles are equally near, above all. Regions of another size: the same place, but for rounding.
 TEST(RayScene, regionsDoNotChangeResults) {
   TriMesh mesh = sphereMesh(10.0, 12);
   std::mt19937 random(9);
   std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);  // every region all over the sphere
   const TriMesh spread = mesh;
-  std::sort(mesh.triangles.begin(), mesh.triangles.end(), [&](const auto& a, const auto& b) { return mesh.positions_mm[a[0]].x < mesh.positions_mm[b[0]].x; });
+  std::sort(mesh.triangles.begin(), mesh.triangles.end(),
+            [&](const auto& a, const auto& b) { return mesh.positions_mm[a[0]].x < mesh.positions_mm[b[0]].x; });
   const auto& p = mesh.positions_mm;
   std::vector<Line> lines;
   std::vector<glm::dvec3> places;
@@ -122,14 +125,16 @@ TEST(RayScene, regionsDoNotChangeResults) {
     }
   }
   for (int i = 0; i < 300; ++i) {
-    lines.push_back({10.0 * glm::dvec3(in(random), in(random), in(random)), glm::dvec3(in(random), in(random), in(random)), 8 * std::abs(in(random))});
+    lines.push_back({10.0 * glm::dvec3(in(random), in(random), in(random)),
+                     glm::dvec3(in(random), in(random), in(random)), 8 * std::abs(in(random))});
     places.push_back(15.0 * glm::dvec3(in(random), in(random), in(random)));
   }
   for (const TriMesh* m : {&std::as_const(mesh), &spread}) {
     std::vector<SurfacePoint> expected, same;
     std::vector<SurfacePoint> hits(lines.size());
     uint32_t last_run = 0;
-    for (const auto& [run, budget] : {std::pair<uint32_t, uint64_t>{1u << 20, ~uint64_t{0}}, {300, ~uint64_t{0}}, {300, 300 * 64 * 4}}) {
+    for (const auto& [run, budget] :
+         {std::pair<uint32_t, uint64_t>{1u << 20, ~uint64_t{0}}, {300, ~uint64_t{0}}, {300, 300 * 64 * 4}}) {
       auto scene = RayScene::create(*m, {.region_triangles = run, .budget_bytes = budget});
       ASSERT_TRUE(scene);
       std::vector<SurfacePoint> found;
@@ -181,7 +186,7 @@ TEST(RayScene, aLikelyDistanceIsNoLimit) {
   std::uniform_real_distribution<double> in(0.5, 1.5);
   for (int i = 0; i < 2000; ++i) {
     const glm::dvec3 n = glm::normalize(glm::dvec3(gauss(random), gauss(random), gauss(random)));
-    Line line{10 * in(random) * n, n, 20};
+    Line line{10 * in(random)*n, n, 20};
     const SurfacePoint plain = (*scene)->nearestOnLine(line, Facing::kAlong);
     for (double likely : {1e-9, 0.01, 1.0, 100.0}) {
       line.likely = likely;
@@ -201,7 +206,8 @@ TEST(MeshOrder, bringsNeighboursTogether) {
   std::mt19937 random(11);
   std::shuffle(mesh.triangles.begin(), mesh.triangles.end(), random);
   EXPECT_TRUE(needsOrder(mesh));
-  for (size_t t = 0; t < mesh.triangles.size(); ++t) mesh.corner_uv.push_back({glm::vec2(static_cast<float>(mesh.triangles[t][1]), 0)});
+  for (size_t t = 0; t < mesh.triangles.size(); ++t)
+    mesh.corner_uv.push_back({glm::vec2(static_cast<float>(mesh.triangles[t][1]), 0)});
   // The part of the sphere's size that runs of a hundredth of all triangles take, on the mean.
   auto extent = [](const TriMesh& m) {
     double sum = 0;
@@ -209,7 +215,8 @@ TEST(MeshOrder, bringsNeighboursTogether) {
     for (size_t first = 0; first + run <= m.triangles.size(); first += run) {
       glm::vec3 low(1e9f), high(-1e9f);
       for (size_t t = first; t < first + run; ++t)
-        for (uint32_t v : m.triangles[t]) low = glm::min(low, m.positions_mm[v]), high = glm::max(high, m.positions_mm[v]);
+        for (uint32_t v : m.triangles[t])
+          low = glm::min(low, m.positions_mm[v]), high = glm::max(high, m.positions_mm[v]);
       sum += glm::length(high - low) / (20 * std::sqrt(3.0)) / 100;
     }
     return sum;
@@ -220,7 +227,8 @@ TEST(MeshOrder, bringsNeighboursTogether) {
   EXPECT_LT(extent(ordered), 0.3);
   EXPECT_FALSE(needsOrder(ordered));
   EXPECT_EQ(ordered.positions_mm, mesh.positions_mm);
-  for (size_t t = 0; t < ordered.triangles.size(); ++t) ASSERT_EQ(ordered.corner_uv[t][0].x, static_cast<float>(ordered.triangles[t][1]));
+  for (size_t t = 0; t < ordered.triangles.size(); ++t)
+    ASSERT_EQ(ordered.corner_uv[t][0].x, static_cast<float>(ordered.triangles[t][1]));
   auto sorted = [](TriMesh m) {
     std::sort(m.triangles.begin(), m.triangles.end());
     return m.triangles;

@@ -1,4 +1,5 @@
-// Snapping: the grid still tiles its square, no triangle turned over, and the two sides of an edge name the same vertices.
+// Snapping: the grid still tiles its square, no triangle turned over, and the two sides of an edge name the same
+// vertices.
 #include <gtest/gtest.h>
 
 #include <set>
@@ -50,29 +51,34 @@ TEST(Snap, NoTriangleFlipsAndTheSquareIsTiledForAllCombinationsOfSides) {
     std::vector<std::array<int, 33>> snapped;
     for (const Sides& s : sides) {
       auto& row = snapped.emplace_back();
-      for (int i = 0; i <= size; ++i) row[static_cast<size_t>(i)] = static_cast<int>(snapOnSide(static_cast<uint32_t>(i), static_cast<uint32_t>(n), s));
+      for (int i = 0; i <= size; ++i)
+        row[static_cast<size_t>(i)] =
+            static_cast<int>(snapOnSide(static_cast<uint32_t>(i), static_cast<uint32_t>(n), s));
     }
     for (const auto& left : snapped)
       for (const auto& right : snapped)
         for (const auto& top : snapped)
           for (const auto& bottom : snapped) {
             Tiling t;
-            addBorderCells(n, [&](int i, int j) {
-              std::array<int, 2> v{i, j};
-              if (i == 0) v[1] = left[static_cast<size_t>(j)];
-              if (i == size) v[1] = right[static_cast<size_t>(j)];
-              if (j == 0) v[0] = top[static_cast<size_t>(i)];
-              if (j == size) v[0] = bottom[static_cast<size_t>(i)];
-              return v;
-            }, t);
+            addBorderCells(
+                n,
+                [&](int i, int j) {
+                  std::array<int, 2> v{i, j};
+                  if (i == 0) v[1] = left[static_cast<size_t>(j)];
+                  if (i == size) v[1] = right[static_cast<size_t>(j)];
+                  if (j == 0) v[0] = top[static_cast<size_t>(i)];
+                  if (j == size) v[0] = bottom[static_cast<size_t>(i)];
+                  return v;
+                },
+                t);
             ASSERT_EQ(t.flipped, 0u) << "n " << n;
             ASSERT_EQ(t.area2, border_area2) << "n " << n;
             all.triangles += t.triangles;
             ++combinations;
           }
   }
-  std::printf("[ figures  ] %llu combinations of sides, %llu triangles\n", static_cast<unsigned long long>(combinations),
-              static_cast<unsigned long long>(all.triangles));
+  std::printf("[ figures  ] %llu combinations of sides, %llu triangles\n",
+              static_cast<unsigned long long>(combinations), static_cast<unsigned long long>(all.triangles));
 }
 
 // The same through snapVertex, all cells: fewer combinations.
@@ -90,13 +96,14 @@ TEST(Snap, SnapVertexKeepsInnerVerticesAndCorners) {
           if (inner || corner) {
             ASSERT_EQ(v, (std::array<uint32_t, 2>{i, j}));
           }
-          ASSERT_TRUE((i != 0 || v[0] == 0) && (i != last || v[0] == last) && (j != 0 || v[1] == 0) && (j != last || v[1] == last));
+          ASSERT_TRUE((i != 0 || v[0] == 0) && (i != last || v[0] == last) && (j != 0 || v[1] == 0) &&
+                      (j != last || v[1] == last));
         }
     }
 }
 
-// The rule itself, as it reads: every vertex goes to the nearest of the edge, of two as near to the one nearer to the edge's middle. The middle of an edge of
-// one segment, for which both are alike, goes to the first end.
+// The rule itself, as it reads: every vertex goes to the nearest of the edge, of two as near to the one nearer to the
+// edge's middle. The middle of an edge of one segment, for which both are alike, goes to the first end.
 TEST(Snap, ToTheNearestAndOfTwoToTheOneNearerToTheMiddle) {
   for (uint32_t n = 1; n <= kMaxGridLevel; ++n)
     for (uint32_t m = 0; m <= n; ++m) {
@@ -104,24 +111,29 @@ TEST(Snap, ToTheNearestAndOfTwoToTheOneNearerToTheMiddle) {
       for (int i = 0; i <= size; ++i) {
         int best = 0;
         for (int v = step; v <= size; v += step) {
-          const int nearer = std::abs(v - i) - std::abs(best - i), to_middle = std::abs(2 * v - size) - std::abs(2 * best - size);
+          const int nearer = std::abs(v - i) - std::abs(best - i),
+                    to_middle = std::abs(2 * v - size) - std::abs(2 * best - size);
           if (nearer < 0 || (nearer == 0 && to_middle < 0)) best = v;
         }
-        ASSERT_EQ(snapToEdge(static_cast<uint32_t>(i), n, m), static_cast<uint32_t>(best)) << "vertex " << i << " of 2^" << n << " cells, 2^" << m << " segments";
+        ASSERT_EQ(snapToEdge(static_cast<uint32_t>(i), n, m), static_cast<uint32_t>(best))
+            << "vertex " << i << " of 2^" << n << " cells, 2^" << m << " segments";
       }
     }
 }
 
-// Negative control: rounding ties towards the far end (one formula for both halves, as one would first write) flips triangles
-// or, at least, is not what this checks for: a snap that swaps two vertices must be seen.
+// Negative control: rounding ties towards the far end (one formula for both halves, as one would first write) flips
+// triangles or, at least, is not what this checks for: a snap that swaps two vertices must be seen.
 TEST(Snap, NegativeControlSwappedVerticesAreSeen) {
   Tiling t;
-  addBorderCells(3, [](int i, int j) {
-    std::array<int, 2> v{i, j};
-    if (j == 0 && i == 3) v[0] = 4;
-    if (j == 0 && i == 4) v[0] = 3;
-    return v;
-  }, t);
+  addBorderCells(
+      3,
+      [](int i, int j) {
+        std::array<int, 2> v{i, j};
+        if (j == 0 && i == 3) v[0] = 4;
+        if (j == 0 && i == 4) v[0] = 3;
+        return v;
+      },
+      t);
   EXPECT_GT(t.flipped, 0u);
 }
 
@@ -135,7 +147,8 @@ TEST(Snap, BothSidesOfAnEdgeHaveTheSameVertices) {
   for (uint32_t m = 0; m <= kMaxGridLevel; ++m) {
     std::set<uint32_t> expected;
     for (uint32_t i = 0; i <= 1u << m; ++i) expected.insert(i << (kMaxGridLevel - m));
-    for (uint32_t n = std::max(1u, m); n <= kMaxGridLevel; ++n) EXPECT_EQ(whole(n, m), expected) << "n " << n << " m " << m;
+    for (uint32_t n = std::max(1u, m); n <= kMaxGridLevel; ++n)
+      EXPECT_EQ(whole(n, m), expected) << "n " << n << " m " << m;
   }
   // Two half edges against two finer whole edges; in steps of the coarser side's finest grid, twice as fine.
   for (uint32_t n = 1; n <= kMaxGridLevel; ++n)

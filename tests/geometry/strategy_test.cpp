@@ -76,7 +76,8 @@ TEST(Strategies, NobodyElseKnowsTheirNames) {
   EXPECT_EQ(own, static_cast<int>(lodStrategies().size()));
 }
 
-// No place twice, none left out: the nodes' areas in view add up to the artwork where all of it is in view, and do not overlap.
+// No place twice, none left out: the nodes' areas in view add up to the artwork where all of it is in view, and do not
+// overlap.
 TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
   for (auto [width, height] : {std::pair<uint64_t, uint64_t>{900, 700}, {2000, 310}, {300, 1500}}) {
     StrategyScene scene = madeUpScene(width, height);
@@ -96,10 +97,14 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
         EXPECT_EQ(chosen.instances, other.instances) << e.name;
         EXPECT_EQ(chosen.predicted_px, other.predicted_px) << e.name;
         EXPECT_EQ(chosen.instances, strategy->select(view).instances) << e.name << ": the same view again";
-        EXPECT_TRUE(std::is_sorted(chosen.instances.begin(), chosen.instances.end(), [](const auto& a, const auto& b) { return a.grid_level < b.grid_level; })) << e.name;
+        EXPECT_TRUE(std::is_sorted(chosen.instances.begin(), chosen.instances.end(), [](const auto& a, const auto& b) {
+          return a.grid_level < b.grid_level;
+        })) << e.name;
         std::set<NodeId> nodes;
         double area = 0;
-        auto inside = [](int64_t from, int64_t size, int64_t border) { return static_cast<double>(std::min(from + size, border) - from); };
+        auto inside = [](int64_t from, int64_t size, int64_t border) {
+          return static_cast<double>(std::min(from + size, border) - from);
+        };
         for (const PatchInstance& p : chosen.instances) {
           EXPECT_TRUE(scene.resident->count(p.relief_page)) << e.name;
           EXPECT_TRUE(nodes.insert(p.node).second) << e.name;
@@ -107,7 +112,8 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
           area += inside(p.x0, size, scene.field->widthUnits()) * inside(p.y0, size, scene.field->heightUnits());
         }
         for (const NodeId& n : nodes)
-          for (uint32_t level = 0; level < n.level; ++level) EXPECT_FALSE(nodes.count(n.ancestor(level))) << e.name << ": a node and its ancestor";
+          for (uint32_t level = 0; level < n.level; ++level)
+            EXPECT_FALSE(nodes.count(n.ancestor(level))) << e.name << ": a node and its ancestor";
         double whole = static_cast<double>(scene.field->widthUnits()) * static_cast<double>(scene.field->heightUnits());
         if (k == 0) {
           EXPECT_EQ(area, whole) << e.name;
@@ -161,7 +167,8 @@ TEST(Strategies, DrawLessForALargerBudget) {
   }
 }
 
-// The length metric's segments are as short as it says, wherever there are finer samples to cut them by; and not everywhere much shorter.
+// The length metric's segments are as short as it says, wherever there are finer samples to cut them by; and not
+// everywhere much shorter.
 TEST(Strategies, TheLengthMetricKeepsItsLengths) {
   StrategyScene scene = madeUpScene(1500, 1100);
   ReliefBounds3d bounds(scene);
@@ -174,7 +181,8 @@ TEST(Strategies, TheLengthMetricKeepsItsLengths) {
     for (const PatchInstance& p : strategy->select(view).instances) {
       int coarsest = p.grid_level;
       for (const auto& side : p.edges)
-        coarsest = std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
+        coarsest =
+            std::min<int>(coarsest, side[1] == PatchInstance::kWholeEdge ? side[0] : 1 + std::min(side[0], side[1]));
       int level = static_cast<int>(p.node.level) + coarsest;
       if (level >= bounds.finestLevel()) continue;
       // By the distance, which is never less than the depth.

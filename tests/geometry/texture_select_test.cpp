@@ -1,5 +1,5 @@
-// CPU page determination against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of the relief),
-// and its footprint is measured by rays beside it, in double precision.
+// CPU page determination against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of
+// the relief), and its footprint is measured by rays beside it, in double precision.
 #include "geometry/texture_select.h"
 
 #include <gtest/gtest.h>
@@ -42,13 +42,16 @@ std::set<NodeId> pixelsWant(const PlanarDomain& d, const TextureView& v, glm::dv
 
 struct Agreement {
   size_t wanted = 0, named = 0, missed = 0;
-  size_t needless = 0, inexplicable = 0;  // named, not wanted; neither within the slack that the determination allows itself
+  size_t needless = 0,
+         inexplicable = 0;  // named, not wanted; neither within the slack that the determination allows itself
   void operator+=(const Agreement& o) {
     wanted += o.wanted, named += o.named, missed += o.missed, needless += o.needless, inexplicable += o.inexplicable;
   }
   double recall() const { return wanted ? 1 - static_cast<double>(missed) / static_cast<double>(wanted) : 1; }
   double precision() const { return named ? 1 - static_cast<double>(needless) / static_cast<double>(named) : 1; }
-  double precisionWithSlack() const { return named ? 1 - static_cast<double>(inexplicable) / static_cast<double>(named) : 1; }
+  double precisionWithSlack() const {
+    return named ? 1 - static_cast<double>(inexplicable) / static_cast<double>(named) : 1;
+  }
 };
 Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureWant>& named) {
   Agreement a;
@@ -63,8 +66,9 @@ Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureWan
 
 std::string describe(const PlanarDomain& d, const Camera& c) {
   char text[200];
-  std::snprintf(text, sizeof text, "%llu x %llu, eye %.6g %.6g %.6g target %.6g %.6g fov %.4g", static_cast<unsigned long long>(d.width_px),
-                static_cast<unsigned long long>(d.height_px), c.eye.x, c.eye.y, c.eye.z, c.target.x, c.target.y, c.fov_y);
+  std::snprintf(text, sizeof text, "%llu x %llu, eye %.6g %.6g %.6g target %.6g %.6g fov %.4g",
+                static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px), c.eye.x,
+                c.eye.y, c.eye.z, c.target.x, c.target.y, c.fov_y);
   return text;
 }
 
@@ -102,13 +106,16 @@ Agreement flatAgreement(const Flat& f, bool report) {
     std::set<NodeId> within_slack = std::move(wanted);
     for (double x : {-kPixelSlack, 0.0, kPixelSlack}) {
       for (double y : {-kPixelSlack, 0.0, kPixelSlack}) {
-        if (!report || a.inexplicable == 0) continue;  // each place is as much work as all above, and explains, if anything, more
+        if (!report || a.inexplicable == 0)
+          continue;  // each place is as much work as all above, and explains, if anything, more
         within_slack.merge(pixelsWant(d, finer, {x, y}));
         a.inexplicable = agreement(within_slack, named).needless;
       }
     }
     total += a;
-    if (report && a.missed) ADD_FAILURE() << "view " << i << " of seed " << f.seed << " missed " << a.missed << " of " << a.wanted << ": " << describe(d, c);
+    if (report && a.missed)
+      ADD_FAILURE() << "view " << i << " of seed " << f.seed << " missed " << a.missed << " of " << a.wanted << ": "
+                    << describe(d, c);
   }
   return total;
 }
@@ -168,7 +175,8 @@ TEST(TextureSelect, FlatGrazing) {
   f.views = 60;
   f.camera = [](Camera& c, Random& random) {
     double distance = glm::length(c.eye - c.target), tilt = random.real(1.5, 1.5707), turn = random.real(0, 6.2832);
-    c.eye = c.target + distance * glm::dvec3(std::sin(tilt) * std::cos(turn), std::sin(tilt) * std::sin(turn), std::cos(tilt));
+    c.eye = c.target +
+            distance * glm::dvec3(std::sin(tilt) * std::cos(turn), std::sin(tilt) * std::sin(turn), std::cos(tilt));
   };
   Agreement a = flatAgreement(f, true);
   print("grazing", a);
@@ -234,11 +242,13 @@ struct Terrain {
   std::vector<double> heights;    // 0..1, a sample a cell's corner
   double height(int64_t i, int64_t j) const { return heights[static_cast<size_t>(j * (columns + 1) + i)]; }
   double spacing() const { return std::ldexp(1.0, domain.texture_depth - domain.relief_depth); }  // texels
-  double mm(int64_t i, int64_t j) const { return domain.relief_offset_mm + 65535 * domain.relief_scale_mm * height(i, j); }
+  double mm(int64_t i, int64_t j) const {
+    return domain.relief_offset_mm + 65535 * domain.relief_scale_mm * height(i, j);
+  }
   glm::dvec3 place(int64_t i, int64_t j, double exaggerate) const {
     double x = static_cast<double>(i) * spacing(), y = static_cast<double>(j) * spacing();
-    return {(x - 0.5 * static_cast<double>(domain.width_px)) * domain.mm_per_px, (0.5 * static_cast<double>(domain.height_px) - y) * domain.mm_per_px,
-            mm(i, j) * exaggerate};
+    return {(x - 0.5 * static_cast<double>(domain.width_px)) * domain.mm_per_px,
+            (0.5 * static_cast<double>(domain.height_px) - y) * domain.mm_per_px, mm(i, j) * exaggerate};
   }
 };
 class TerrainOracle final : public ReliefOracle {
@@ -254,8 +264,10 @@ class TerrainOracle final : public ReliefOracle {
   HeightBounds measure(const NodeId& page) const {
     const PlanarDomain& d = terrain_.domain;
     int64_t cells = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
-    auto x0 = static_cast<int64_t>(static_cast<double>(d.patchOriginX(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.x) * cells;
-    auto y0 = static_cast<int64_t>(static_cast<double>(d.patchOriginY(page.patch)) / terrain_.spacing()) + static_cast<int64_t>(page.y) * cells;
+    auto x0 = static_cast<int64_t>(static_cast<double>(d.patchOriginX(page.patch)) / terrain_.spacing()) +
+              static_cast<int64_t>(page.x) * cells;
+    auto y0 = static_cast<int64_t>(static_cast<double>(d.patchOriginY(page.patch)) / terrain_.spacing()) +
+              static_cast<int64_t>(page.y) * cells;
     const int64_t right = terrain_.columns, bottom = terrain_.rows;
     HeightBounds b{1e30f, -1e30f, 0};
     for (int64_t j = y0; j <= std::min(y0 + cells, bottom); ++j) {
@@ -279,9 +291,9 @@ Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
   t.rows = static_cast<int64_t>(static_cast<double>(t.domain.height_px) / t.spacing());
   for (int64_t j = 0; j <= t.rows; ++j)
     for (int64_t i = 0; i <= t.columns; ++i)
-      t.heights.push_back(kind == 0   ? static_cast<double>(noiseHeight(i, j)) / 65535                           // rough
-                          : kind == 1 ? 0.5 + 0.5 * std::sin(double(i) * 0.05) * std::cos(double(j) * 0.04)      // smooth
-                                      : ((i / 23 + j / 31) % 2 ? 1.0 : 0.0));                                    // walls
+      t.heights.push_back(kind == 0   ? static_cast<double>(noiseHeight(i, j)) / 65535                       // rough
+                          : kind == 1 ? 0.5 + 0.5 * std::sin(double(i) * 0.05) * std::cos(double(j) * 0.04)  // smooth
+                                      : ((i / 23 + j / 31) % 2 ? 1.0 : 0.0));                                // walls
   return t;
 }
 
@@ -298,7 +310,9 @@ std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
         glm::dvec3 middle = (a + b + c) / 3.0;
         glm::dvec4 clip = v.clip_from_world * glm::dvec4(middle, 1);
         double edge_x = 1 - 1.0 / v.width_px, edge_y = 1 - 1.0 / v.height_px;  // the outermost pixel centres
-        if (!(clip.w > 0) || std::abs(clip.x) > clip.w * edge_x || std::abs(clip.y) > clip.w * edge_y || std::abs(clip.z) > clip.w) continue;
+        if (!(clip.w > 0) || std::abs(clip.x) > clip.w * edge_x || std::abs(clip.y) > clip.w * edge_y ||
+            std::abs(clip.z) > clip.w)
+          continue;
         glm::dvec3 normal = glm::cross(b - a, c - a);
         if (normal.z < 0) normal = -normal;
         double x = (clip.x / clip.w + 1) * 0.5 * v.width_px, y = (1 - clip.y / clip.w) * 0.5 * v.height_px;
@@ -312,7 +326,8 @@ std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
   return wanted;
 }
 
-Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool report, double bias = -2, bool orthographic = false) {
+Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool report, double bias = -2,
+                          bool orthographic = false) {
   TerrainOracle oracle(t);
   Random random(kSeed);
   Agreement total;
@@ -326,7 +341,8 @@ Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool rep
     v.relief = !as_if_flat;
     Agreement a = agreement(wanted, selectTextureNodes(t.domain, oracle, v));
     total += a;
-    if (report && a.missed) ADD_FAILURE() << "view " << i << " missed " << a.missed << " of " << a.wanted << ": " << describe(t.domain, c);
+    if (report && a.missed)
+      ADD_FAILURE() << "view " << i << " missed " << a.missed << " of " << a.wanted << ": " << describe(t.domain, c);
   }
   return total;
 }
@@ -337,7 +353,8 @@ TEST(TextureSelect, ReliefNothingIsMissed) {
       for (int shift : {0, -1}) {
         Agreement a = reliefAgreement(makeTerrain(kind, range_mm, shift), kSanitized ? 3 : 12, false, true);
         char what[80];
-        std::snprintf(what, sizeof what, "terrain %d, range %.2f mm, a sample every %d texels", kind, range_mm, 1 << -shift);
+        std::snprintf(what, sizeof what, "terrain %d, range %.2f mm, a sample every %d texels", kind, range_mm,
+                      1 << -shift);
         print(what, a, false);
         EXPECT_EQ(a.missed, 0u);
         EXPECT_GT(a.wanted, kSanitized ? 5u : 50u);
@@ -348,11 +365,13 @@ TEST(TextureSelect, ReliefNothingIsMissed) {
 
 TEST(TextureSelect, ReliefOrthographic) {
   Agreement a;
-  for (int kind = 0; kind < 3; ++kind) a += reliefAgreement(makeTerrain(kind, 1.0, 0), kSanitized ? 4 : 16, false, true, -2, true);
+  for (int kind = 0; kind < 3; ++kind)
+    a += reliefAgreement(makeTerrain(kind, 1.0, 0), kSanitized ? 4 : 16, false, true, -2, true);
   print("orthographic, three terrains", a, false);
   EXPECT_EQ(a.missed, 0u);
   EXPECT_GT(a.wanted, kViewShare > 1 ? 30u : 150u);
-  EXPECT_GT(reliefAgreement(makeTerrain(2, 1.0, 0), 16, true, false, -1, true).missed, 5u) << "walls, taken for a plane";
+  EXPECT_GT(reliefAgreement(makeTerrain(2, 1.0, 0), 16, true, false, -1, true).missed, 5u)
+      << "walls, taken for a plane";
 }
 
 TEST(TextureSelect, ReliefNegativeControl) {
@@ -389,13 +408,22 @@ TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
   const TextureView good = textureView({}, 100, false);
   const double nan = std::nan(""), infinite = std::numeric_limits<double>::infinity();
   std::vector<std::function<void(TextureView&)>> bad = {
-      [&](TextureView& v) { v.clip_from_world[1][2] = nan; }, [&](TextureView& v) { v.clip_from_world[3][3] = infinite; },
+      [&](TextureView& v) { v.clip_from_world[1][2] = nan; },
+      [&](TextureView& v) { v.clip_from_world[3][3] = infinite; },
       [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); },
       [&](TextureView& v) { v.clip_from_world = glm::dmat4(1), v.clip_from_world[3][3] = 0; },  // no w
-      [&](TextureView& v) { v.clip_from_world = glm::dmat4({0, 0, 1, 0}, {0, 1, 0, 0}, {1, 0, 0, 0}, {0, 0, 0, 1}); },  // orthographic, along the plane
-      [&](TextureView& v) { v.eye_mm.x = nan; }, [&](TextureView& v) { v.near_mm = 0; }, [&](TextureView& v) { v.near_mm = nan; },
-      [&](TextureView& v) { v.width_px = 0; }, [&](TextureView& v) { v.height_px = -3; }, [&](TextureView& v) { v.lod_bias = nan; },
-      [&](TextureView& v) { v.exaggerate = infinite; }, [&](TextureView& v) { v.anisotropy = 0.5; }, [&](TextureView& v) { v.eye_mm.z = 0; }};
+      [&](TextureView& v) {
+        v.clip_from_world = glm::dmat4({0, 0, 1, 0}, {0, 1, 0, 0}, {1, 0, 0, 0}, {0, 0, 0, 1});
+      },  // orthographic, along the plane
+      [&](TextureView& v) { v.eye_mm.x = nan; },
+      [&](TextureView& v) { v.near_mm = 0; },
+      [&](TextureView& v) { v.near_mm = nan; },
+      [&](TextureView& v) { v.width_px = 0; },
+      [&](TextureView& v) { v.height_px = -3; },
+      [&](TextureView& v) { v.lod_bias = nan; },
+      [&](TextureView& v) { v.exaggerate = infinite; },
+      [&](TextureView& v) { v.anisotropy = 0.5; },
+      [&](TextureView& v) { v.eye_mm.z = 0; }};
   for (size_t i = 0; i < bad.size(); ++i) {
     TextureView v = good;
     bad[i](v);

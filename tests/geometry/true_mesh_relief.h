@@ -1,4 +1,5 @@
-// true_mesh_relief.h - reliefs over base meshes held in full, and the oracle of their true errors, for tests of what LODs promise.
+// true_mesh_relief.h - reliefs over base meshes held in full, and the oracle of their true errors, for tests of what
+// LODs promise.
 #pragma once
 
 #include <algorithm>
@@ -16,8 +17,14 @@ namespace relievo::test {
 class TrueMeshRelief final : public ReliefOracle {
  public:
   // height: a value 0..1 at a place of the base and its name; shared places get one value.
-  TrueMeshRelief(const BaseMesh& mesh, const MeshRelief& relief, const std::function<double(const glm::dvec3&, const Place&)>& height)
-      : mesh_(mesh), relief_(relief), side_(int64_t{1} << relief.unitLog2()), patches_(mesh.patches.size()), coarse_(mesh.patches.size()), coarse_blocks_(mesh.patches.size()),
+  TrueMeshRelief(const BaseMesh& mesh, const MeshRelief& relief,
+                 const std::function<double(const glm::dvec3&, const Place&)>& height)
+      : mesh_(mesh),
+        relief_(relief),
+        side_(int64_t{1} << relief.unitLog2()),
+        patches_(mesh.patches.size()),
+        coarse_(mesh.patches.size()),
+        coarse_blocks_(mesh.patches.size()),
         coarse_shapes_(mesh.patches.size()) {
     std::map<Place, uint16_t> shared;
     for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
@@ -54,7 +61,9 @@ class TrueMeshRelief final : public ReliefOracle {
     if (parts_ == Parts::kMirrored) std::copy(blocks.rbegin(), blocks.rend(), error_mm.begin());
     return parts_ != Parts::kNone;
   }
-  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override { return tellShapes(pages_.at(page).shapes, shapes); }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
+    return tellShapes(pages_.at(page).shapes, shapes);
+  }
   bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
     return parts_ == Parts::kTrue && tellShapes(coarse_shapes_[patch][static_cast<size_t>(cells_log2)], shapes);
   }
@@ -66,7 +75,9 @@ class TrueMeshRelief final : public ReliefOracle {
   void tell(Parts parts) { parts_ = parts; }
   const std::vector<CoarseErrors>& coarse() const { return coarse_; }
   int64_t side() const { return side_; }
-  uint16_t sample(uint32_t patch, int64_t x, int64_t y) const { return patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)]; }
+  uint16_t sample(uint32_t patch, int64_t x, int64_t y) const {
+    return patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)];
+  }
   glm::dvec3 point(uint32_t patch, int64_t x, int64_t y, double exaggerate) const {
     double u = double(x) / double(side_), v = double(y) / double(side_);
     double mm = relief_.offset_mm + relief_.scale_mm * patches_[patch][static_cast<size_t>(y * (side_ + 1) + x)];
@@ -99,18 +110,21 @@ class TrueMeshRelief final : public ReliefOracle {
       std::vector<Deviation> cell(static_cast<size_t>(cells * cells));
       for (int64_t cy = 0; cy < cells; ++cy)
         for (int64_t cx = 0; cx < cells; ++cx) {
-          const glm::dvec3 &c00 = at(cx * step, cy * step), &c10 = at((cx + 1) * step, cy * step), &c01 = at(cx * step, (cy + 1) * step),
-                           &c11 = at((cx + 1) * step, (cy + 1) * step);
+          const glm::dvec3 &c00 = at(cx * step, cy * step), &c10 = at((cx + 1) * step, cy * step),
+                           &c01 = at(cx * step, (cy + 1) * step), &c11 = at((cx + 1) * step, (cy + 1) * step);
           Deviation most;
           double low = 0, high = 0;
           glm::dvec3 box_low(0), box_high(0);
           for (int64_t j = 0; j <= step; ++j)
             for (int64_t i = 0; i <= step; ++i) {
               double u = double(i) / double(step), v = double(j) / double(step);
-              glm::dvec3 drawn = u >= v ? c00 + u * (c10 - c00) + v * (c11 - c10) : c00 + v * (c01 - c00) + u * (c11 - c01);
+              glm::dvec3 drawn =
+                  u >= v ? c00 + u * (c10 - c00) + v * (c11 - c10) : c00 + v * (c01 - c00) + u * (c11 - c01);
               const glm::dvec3 d = at(cx * step + i, cy * step + j) - drawn;
-              const glm::dvec3 n = mesh_.normal(p, double(cx * step + i) / double(side_), double(cy * step + j) / double(side_));
-              const double length = glm::length(n), along = length > 1e-6 ? glm::dot(d, n / length) : 0, across = length > 1e-6 ? glm::length(d - along * (n / length)) : glm::length(d);
+              const glm::dvec3 n =
+                  mesh_.normal(p, double(cx * step + i) / double(side_), double(cy * step + j) / double(side_));
+              const double length = glm::length(n), along = length > 1e-6 ? glm::dot(d, n / length) : 0,
+                           across = length > 1e-6 ? glm::length(d - along * (n / length)) : glm::length(d);
               most = joined(most, {glm::length(d), -along, along, across, 0, 0});
               low = std::min(low, along), high = std::max(high, along);
               box_low = glm::min(box_low, d), box_high = glm::max(box_high, d);
@@ -120,7 +134,8 @@ class TrueMeshRelief final : public ReliefOracle {
           e.between_mm = high - low;
           e.apart_mm = glm::length(box_high - box_low);
           if (!finer.empty())
-            for (int k = 0; k < 4; ++k) e = joined(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
+            for (int k = 0; k < 4; ++k)
+              e = joined(e, finer[static_cast<size_t>((2 * cy + (k >> 1)) * 2 * cells + 2 * cx + (k & 1))]);
         }
       auto up = [](double mm) { return mm > 0 ? std::nextafter(static_cast<float>(mm), 1e30f) : 0.0f; };
       // By blocks of so many cells a side.
@@ -186,9 +201,10 @@ class TrueMeshRelief final : public ReliefOracle {
   Parts parts_ = Parts::kTrue;
 };
 
-// The drawn triangles against every finest vertex: both are projected in double precision, the drawn point at the same (u, v).
-// Both points must lie in front of the near plane, else there is no picture, and one of them in the picture.
-inline Measured measureError(const TrueMeshRelief& relief, int unit_log2, const LodView& view, const Camera& camera, const std::vector<PatchInstance>& instances) {
+// The drawn triangles against every finest vertex: both are projected in double precision, the drawn point at the same
+// (u, v). Both points must lie in front of the near plane, else there is no picture, and one of them in the picture.
+inline Measured measureError(const TrueMeshRelief& relief, int unit_log2, const LodView& view, const Camera& camera,
+                             const std::vector<PatchInstance>& instances) {
   Measured m;
   const double exaggerate = view.relief ? view.exaggerate : 0;
   const bool orthographic = glm::length(glm::dvec3(glm::transpose(view.clip_from_world)[3])) == 0;
@@ -227,11 +243,13 @@ inline Measured measureError(const TrueMeshRelief& relief, int unit_log2, const 
       ASSERT_GT(area, 0);
       for (int64_t y = std::min({a.y, b.y, c.y}); y <= std::max({a.y, b.y, c.y}); ++y)
         for (int64_t x = std::min({a.x, b.x, c.x}); x <= std::max({a.x, b.x, c.x}); ++x) {
-          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x), wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
+          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x),
+                  wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
           if (wb < 0 || wc < 0 || wb + wc > area) continue;
           auto k = static_cast<size_t>((y - p.y0) * (width + 1) + x - p.x0);
           if (fine_in[k] < 0) continue;
-          glm::dvec3 drawn = a.at + (double(wb) / double(area)) * (b.at - a.at) + (double(wc) / double(area)) * (c.at - a.at);
+          glm::dvec3 drawn =
+              a.at + (double(wb) / double(area)) * (b.at - a.at) + (double(wc) / double(area)) * (c.at - a.at);
           glm::dvec2 px(0);
           int in = project(drawn, px);
           if (in < 0 || (!in && !fine_in[k])) continue;

@@ -1,4 +1,5 @@
-// true_relief.h - reliefs of flat artworks held in full, and the oracle of their true errors, for tests of what LODs promise.
+// true_relief.h - reliefs of flat artworks held in full, and the oracle of their true errors, for tests of what LODs
+// promise.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +19,8 @@ enum class Parts { kNone, kTrue, kMirrored };
 // A relief held in full, and the oracle of its true bounds.
 class TrueRelief final : public ReliefOracle {
  public:
-  TrueRelief(const PlanarDomain& domain, const HeightFunction& height, Parts parts = Parts::kTrue) : domain_(domain), parts_(parts) {
+  TrueRelief(const PlanarDomain& domain, const HeightFunction& height, Parts parts = Parts::kTrue)
+      : domain_(domain), parts_(parts) {
     spacing_log2_ = reliefSpacingLog2(domain, static_cast<uint32_t>(domain.relief_depth));
     width_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
     height_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
@@ -26,7 +28,8 @@ class TrueRelief final : public ReliefOracle {
     rows_ = ((static_cast<int64_t>(domain.patchRows()) * kPagePx) << domain.relief_depth) + 1;
     samples_.resize(static_cast<size_t>(columns_ * rows_));
     for (int64_t j = 0; j < rows_; ++j)
-      for (int64_t i = 0; i < columns_; ++i) samples_[static_cast<size_t>(j * columns_ + i)] = height(placeX(i), placeY(j));
+      for (int64_t i = 0; i < columns_; ++i)
+        samples_[static_cast<size_t>(j * columns_ + i)] = height(placeX(i), placeY(j));
     for (int level = domain.relief_depth; level >= 0; --level)
       for (uint32_t patch = 0; patch < domain.patchCount(); ++patch)
         for (uint32_t y = 0; y < 1u << level; ++y)
@@ -37,7 +40,8 @@ class TrueRelief final : public ReliefOracle {
   bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
     if (parts_ == Parts::kNone) return false;
     const auto& blocks = blocks_.at(page);
-    for (size_t k = 0; k < blocks.size(); ++k) error_mm[k] = up(blocks[parts_ == Parts::kTrue ? k : blocks.size() - 1 - k].mm);
+    for (size_t k = 0; k < blocks.size(); ++k)
+      error_mm[k] = up(blocks[parts_ == Parts::kTrue ? k : blocks.size() - 1 - k].mm);
     return true;
   }
   bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
@@ -62,11 +66,13 @@ class TrueRelief final : public ReliefOracle {
   const PlanarDomain& domain() const { return domain_; }
 
  private:
-  // The page's own samples, interpolated over the clamped triangles that the renderer draws, against all finest samples.
+  // The page's own samples, interpolated over the clamped triangles that the renderer draws, against all finest
+  // samples.
   HeightBounds measure(const NodeId& n) {
     int64_t step = int64_t{1} << (domain_.relief_depth - static_cast<int>(n.level)), side = step * kPagePx;
     int64_t patch_side = int64_t{kPagePx} << domain_.relief_depth;
-    int64_t i0 = (domain_.alongX() ? n.patch * patch_side : 0) + n.x * side, j0 = (domain_.alongX() ? 0 : n.patch * patch_side) + n.y * side;
+    int64_t i0 = (domain_.alongX() ? n.patch * patch_side : 0) + n.x * side,
+            j0 = (domain_.alongX() ? 0 : n.patch * patch_side) + n.y * side;
     double low = 1e30, high = -1e30, error = 0;
     auto& blocks = blocks_[n];
     blocks.fill({});
@@ -76,8 +82,11 @@ class TrueRelief final : public ReliefOracle {
         double z = mm(i, j);
         low = std::min(low, z);
         high = std::max(high, z);
-        int64_t a = i0 + (std::min(i, i0 + side - 1) - i0) / step * step, b = j0 + (std::min(j, j0 + side - 1) - j0) / step * step;
-        auto part = [](int64_t v, int64_t v0, int64_t v1) { return v1 > v0 ? static_cast<double>(v - v0) / static_cast<double>(v1 - v0) : 0.0; };
+        int64_t a = i0 + (std::min(i, i0 + side - 1) - i0) / step * step,
+                b = j0 + (std::min(j, j0 + side - 1) - j0) / step * step;
+        auto part = [](int64_t v, int64_t v0, int64_t v1) {
+          return v1 > v0 ? static_cast<double>(v - v0) / static_cast<double>(v1 - v0) : 0.0;
+        };
         double u = part(placeX(i), placeX(a), placeX(a + step)), v = part(placeY(j), placeY(b), placeY(b + step));
         double z00 = mm(a, b), z10 = mm(a + step, b), z01 = mm(a, b + step), z11 = mm(a + step, b + step);
         double drawn = u >= v ? z00 + u * (z10 - z00) + v * (z11 - z10) : z00 + v * (z01 - z00) + u * (z11 - z01);
@@ -87,7 +96,8 @@ class TrueRelief final : public ReliefOracle {
         // Of both parts where it lies on their border.
         int64_t width = side / 16;
         for (int64_t by = std::max<int64_t>(0, j - j0 - 1) / width; by <= std::min<int64_t>(15, (j - j0) / width); ++by)
-          for (int64_t bx = std::max<int64_t>(0, i - i0 - 1) / width; bx <= std::min<int64_t>(15, (i - i0) / width); ++bx) {
+          for (int64_t bx = std::max<int64_t>(0, i - i0 - 1) / width; bx <= std::min<int64_t>(15, (i - i0) / width);
+               ++bx) {
             Deviation& block = blocks[static_cast<size_t>(by * 16 + bx)];
             block = joined(block, {off, drawn - z, z - drawn, 0, 0, 0});
           }
@@ -130,15 +140,18 @@ inline uint16_t reliefHeight(int64_t x_units, int64_t y_units) {
   return static_cast<uint16_t>(65535 * std::clamp(z, 0.0, 1.0));
 }
 
-// The largest deviation over the samples in view. Both points must lie in front of the near plane, else there is no picture.
-inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relief, const LodView& view, const Camera& camera,
-                 const std::vector<PatchInstance>& instances, ReliefPages& pages) {
+// The largest deviation over the samples in view. Both points must lie in front of the near plane, else there is no
+// picture.
+inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relief, const LodView& view,
+                             const Camera& camera, const std::vector<PatchInstance>& instances, ReliefPages& pages) {
   Measured m;
   double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
-  double half_w = 0.5 * static_cast<double>(domain.width_px << kUnitsPerTexelLog2), half_h = 0.5 * static_cast<double>(domain.height_px << kUnitsPerTexelLog2);
+  double half_w = 0.5 * static_cast<double>(domain.width_px << kUnitsPerTexelLog2),
+         half_h = 0.5 * static_cast<double>(domain.height_px << kUnitsPerTexelLog2);
   const bool orthographic = glm::length(glm::dvec3(glm::transpose(view.clip_from_world)[3])) == 0;
   auto project = [&](double x, double y, double z, glm::dvec2& px) {
-    glm::dvec4 p = view.clip_from_world * glm::dvec4((x - half_w) * mm_per_unit, (half_h - y) * mm_per_unit, z * view.exaggerate, 1);
+    glm::dvec4 p = view.clip_from_world *
+                   glm::dvec4((x - half_w) * mm_per_unit, (half_h - y) * mm_per_unit, z * view.exaggerate, 1);
     if (!orthographic && p.w < camera.near_mm) return -1;
     px = {p.x / p.w * 0.5 * camera.viewport_height_px * camera.aspect, p.y / p.w * 0.5 * camera.viewport_height_px};
     return std::abs(p.x) <= p.w && std::abs(p.y) <= p.w ? 1 : 0;
@@ -152,19 +165,22 @@ inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relie
     auto triangle = [&](const PatchVertex& a, const PatchVertex& b, const PatchVertex& c) {
       int64_t area = static_cast<int64_t>(b.x - a.x) * (c.y - a.y) - static_cast<int64_t>(b.y - a.y) * (c.x - a.x);
       if (area <= 0) return;
-      int64_t x0 = std::min({a.x, b.x, c.x}), x1 = std::max({a.x, b.x, c.x}), y0 = std::min({a.y, b.y, c.y}), y1 = std::max({a.y, b.y, c.y});
+      int64_t x0 = std::min({a.x, b.x, c.x}), x1 = std::max({a.x, b.x, c.x}), y0 = std::min({a.y, b.y, c.y}),
+              y1 = std::max({a.y, b.y, c.y});
       int s = relief.spacingLog2();
       for (int64_t j = (y0 + (1 << s) - 1) >> s; j < relief.rows() && relief.placeY(j) <= y1; ++j) {
         int64_t y = relief.placeY(j);
         for (int64_t i = (x0 + (1 << s) - 1) >> s; i < relief.columns() && relief.placeX(i) <= x1; ++i) {
           int64_t x = relief.placeX(i);
-          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x), wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
+          int64_t wb = (x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x),
+                  wc = (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x);
           if (wb < 0 || wc < 0 || wb + wc > area) {
             if (x == relief.placeX(relief.columns() - 1)) break;
             continue;
           }
           double q = a.height_q8 + (static_cast<double>(wb) * (static_cast<double>(b.height_q8) - a.height_q8) +
-                                    static_cast<double>(wc) * (static_cast<double>(c.height_q8) - a.height_q8)) / static_cast<double>(area);
+                                    static_cast<double>(wc) * (static_cast<double>(c.height_q8) - a.height_q8)) /
+                                       static_cast<double>(area);
           double drawn = domain.relief_offset_mm + domain.relief_scale_mm * q / 256;
           glm::dvec2 at_true(0), at_drawn(0);
           int in_true = project(static_cast<double>(x), static_cast<double>(y), relief.mm(i, j), at_true);
@@ -180,8 +196,8 @@ inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relie
     };
     for (uint32_t j = 0; j < size; ++j)
       for (uint32_t i = 0; i < size; ++i) {
-        const PatchVertex &v00 = grid[j * (size + 1) + i], &v10 = grid[j * (size + 1) + i + 1], &v01 = grid[(j + 1) * (size + 1) + i],
-                          &v11 = grid[(j + 1) * (size + 1) + i + 1];
+        const PatchVertex &v00 = grid[j * (size + 1) + i], &v10 = grid[j * (size + 1) + i + 1],
+                          &v01 = grid[(j + 1) * (size + 1) + i], &v11 = grid[(j + 1) * (size + 1) + i + 1];
         triangle(v00, v10, v11);
         triangle(v00, v11, v01);
       }

@@ -1,5 +1,5 @@
-// Prints digests of what the dispatched loops make: packages of each encoding, and a scan's heights. tests/portable/run compares what
-// different machines print. FOLDER is for the packages.
+// Prints digests of what the dispatched loops make: packages of each encoding, and a scan's heights. tests/portable/run
+// compares what different machines print. FOLDER is for the packages.
 #include <cstdio>
 #include <string>
 
@@ -23,7 +23,8 @@ int main(int argc, char** argv) {
       options.coefficients = options.colour = *parseEncoding(encoding, 90);
       auto built = buildPackage(texture, &heights, options);
       auto digest = hashFile(path);
-      if (!built || !digest) return std::fprintf(stderr, "%s\n", (built ? digest.error() : built.error()).text().c_str()), 1;
+      if (!built || !digest)
+        return std::fprintf(stderr, "%s\n", (built ? digest.error() : built.error()).text().c_str()), 1;
       std::printf("package, basis %d, %s: %s\n", static_cast<int>(basis), encoding, digest->c_str());
     }
   }
@@ -33,7 +34,8 @@ int main(int argc, char** argv) {
   if (!base) return std::fprintf(stderr, "%s\n", base.error().text().c_str()), 1;
   auto baked = MeshBake::create(sphere, {}, *base, {});
   if (!baked) return std::fprintf(stderr, "%s\n", baked.error().text().c_str()), 1;
-  std::vector<uint16_t> heights(((size_t{kPagePx} << (*baked)->reliefDepth()) + 1) * ((size_t{kPagePx} << (*baked)->reliefDepth()) + 1));
+  std::vector<uint16_t> heights(((size_t{kPagePx} << (*baked)->reliefDepth()) + 1) *
+                                ((size_t{kPagePx} << (*baked)->reliefDepth()) + 1));
   uint64_t digest = 0;
   for (uint32_t patch = 0; patch < base->patches.size(); ++patch) {
     if (auto done = (*baked)->heights(patch, heights); !done) return 1;

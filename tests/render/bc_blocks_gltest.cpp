@@ -32,7 +32,8 @@ constexpr Format kRgtc2{0x8DBD, "GL_ARB_texture_compression_rgtc", "GL_EXT_textu
 constexpr Format kBptc{0x8E8C, "GL_ARB_texture_compression_bptc", "GL_EXT_texture_compression_bptc", 16};
 
 bool supported(const Format& f) {
-  return epoxy_has_gl_extension(gltest::api() == Api::kEs30 ? f.extension_es : f.extension_gl) || epoxy_has_gl_extension(f.extension_gl);
+  return epoxy_has_gl_extension(gltest::api() == Api::kEs30 ? f.extension_es : f.extension_gl) ||
+         epoxy_has_gl_extension(f.extension_gl);
 }
 
 // The driver's texels (RGBA8, rows in order), of a width x height image of blocks.
@@ -47,15 +48,19 @@ std::vector<uint8_t> driverTexels(const Format& format, int width, int height, c
   EXPECT_EQ(glCheckFramebufferStatus(GL_FRAMEBUFFER), GLenum{GL_FRAMEBUFFER_COMPLETE});
   glViewport(0, 0, width, height);
   glBindTexture(GL_TEXTURE_2D, source.id());
-  glCompressedTexImage2D(GL_TEXTURE_2D, 0, format.gl, width, height, 0, static_cast<GLsizei>(blocks.size()), blocks.data());
+  glCompressedTexImage2D(GL_TEXTURE_2D, 0, format.gl, width, height, 0, static_cast<GLsizei>(blocks.size()),
+                         blocks.data());
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  auto linked = Program::linkTexts(gltest::api(),
-                                   {"full_screen.vert", "void main() {\n  vec2 p = vec2(float((gl_VertexID & 1) << 2), float((gl_VertexID & 2) << 1)) - 1.0;\n"
-                                                        "  gl_Position = vec4(p, 0.0, 1.0);\n}\n"},
-                                   {"fetch.frag", "uniform sampler2D u_source;\nlayout(location = 0) out vec4 o;\n"
-                                                  "void main() { o = texelFetch(u_source, ivec2(gl_FragCoord.xy), 0); }\n"},
-                                   {});
+  auto linked = Program::linkTexts(
+      gltest::api(),
+      {"full_screen.vert",
+       "void main() {\n  vec2 p = vec2(float((gl_VertexID & 1) << 2), float((gl_VertexID & 2) << 1)) - 1.0;\n"
+       "  gl_Position = vec4(p, 0.0, 1.0);\n}\n"},
+      {"fetch.frag",
+       "uniform sampler2D u_source;\nlayout(location = 0) out vec4 o;\n"
+       "void main() { o = texelFetch(u_source, ivec2(gl_FragCoord.xy), 0); }\n"},
+      {});
   EXPECT_TRUE(linked.ok());
   std::vector<uint8_t> out(static_cast<size_t>(width) * static_cast<size_t>(height) * 4);
   if (!linked) return out;
@@ -111,9 +116,10 @@ TEST(BcBlocks, Bc7IsTheDriversOwn) {
   }
 }
 
-// BC1 and BC4 are real numbers, for which drivers take short cuts, where ours are the exact values rounded (bc_blocks_test.cpp): llvmpipe is off by
-// up to 2 of 255. NVIDIA's texture units take a third as 80/256 + 1/1024, off by 5 where a block's ends are far apart, and a seventh
-// with an error of up to 7. (A third off by as much as a fourth would be 21.)
+// BC1 and BC4 are real numbers, for which drivers take short cuts, where ours are the exact values rounded
+// (bc_blocks_test.cpp): llvmpipe is off by up to 2 of 255. NVIDIA's texture units take a third as 80/256 + 1/1024, off
+// by 5 where a block's ends are far apart, and a seventh with an error of up to 7. (A third off by as much as a fourth
+// would be 21.)
 int shortCuts() { return currentContextInfo().software ? 2 : 8; }
 
 TEST(BcBlocks, Bc1IsNearTheDriversOwn) {
@@ -136,11 +142,14 @@ TEST(BcBlocks, Bc4AndBc5AreNearTheDriversOwn) {
     auto blocks = randomBlocks(random, kCount * format.block_bytes);
     std::vector<uint8_t> ours(kCount * 64);
     for (size_t i = 0; i < kCount; ++i)
-      for (size_t c = 0; c < channels; ++c) decodeBc4(blocks.data() + format.block_bytes * i + 8 * c, ours.data() + firstByte(i) + c, 4, kRow);
+      for (size_t c = 0; c < channels; ++c)
+        decodeBc4(blocks.data() + format.block_bytes * i + 8 * c, ours.data() + firstByte(i) + c, 4, kRow);
     auto theirs = driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks);
     EXPECT_LE(worstDifference(ours, theirs, static_cast<int>(channels)), shortCuts()) << "seed " << kSeed;
     std::swap(blocks[0], blocks[1]);
-    EXPECT_GT(worstDifference(ours, driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks), static_cast<int>(channels)), shortCuts());
+    EXPECT_GT(worstDifference(ours, driverTexels(format, 4 * kBlocksWide, 4 * kBlocksHigh, blocks),
+                              static_cast<int>(channels)),
+              shortCuts());
   }
 }
 
@@ -155,7 +164,10 @@ TEST(BcBlocks, APageOfBlocksIsTheSlotsTexels) {
     page[i] = static_cast<uint8_t>(60 + x / 2 + (y / 9 % 2) * 40 + random() % 7);
   }
   int compared = 0;
-  for (auto [codec, format, channels] : {std::tuple{PageCodec::kBc7, kBptc, 3}, {PageCodec::kBc1, kS3tc, 3}, {PageCodec::kBc4, kRgtc1, 1}, {PageCodec::kBc5, kRgtc2, 2}}) {
+  for (auto [codec, format, channels] : {std::tuple{PageCodec::kBc7, kBptc, 3},
+                                         {PageCodec::kBc1, kS3tc, 3},
+                                         {PageCodec::kBc4, kRgtc1, 1},
+                                         {PageCodec::kBc5, kRgtc2, 2}}) {
     if (!supported(format)) continue;
     auto encoded = encoder.encodeTexture(page, {codec, 0});
     std::vector<uint8_t> bytes(encoded.begin(), encoded.end()), blocks(pageBlockBytes(codec));
@@ -164,8 +176,10 @@ TEST(BcBlocks, APageOfBlocksIsTheSlotsTexels) {
     blocks.resize(kPageBlocks * format.block_bytes);  // the first set
     auto theirs = driverTexels(format, kPageFullPx, kPageFullPx, blocks);
     EXPECT_LE(worstDifference(slot, theirs, channels), codec == PageCodec::kBc7 ? 0 : 2) << encodingName({codec, 0});
-    EXPECT_FALSE(decoder.decodeToBlocks(codec == PageCodec::kBc1 ? PageCodec::kBc7 : PageCodec::kBc1, bytes,
-                                        std::span(slot).first(pageBlockBytes(codec == PageCodec::kBc1 ? PageCodec::kBc7 : PageCodec::kBc1)))
+    EXPECT_FALSE(decoder
+                     .decodeToBlocks(codec == PageCodec::kBc1 ? PageCodec::kBc7 : PageCodec::kBc1, bytes,
+                                     std::span(slot).first(
+                                         pageBlockBytes(codec == PageCodec::kBc1 ? PageCodec::kBc7 : PageCodec::kBc1)))
                      .ok());
     ++compared;
   }

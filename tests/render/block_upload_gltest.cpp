@@ -1,6 +1,6 @@
-// Texture pages as blocks on the GPU: the picture is that of RGBA8 pages, for every codec and filter, while pages come and go, over
-// storage that fails, and when the scene changes its planes. How near: BC7 is exact; of BC1, BC4 and BC5 drivers may decode a texel
-// 2 of 255 beside ours (bc_blocks_gltest.cpp), and a colour as far.
+// Texture pages as blocks on the GPU: the picture is that of RGBA8 pages, for every codec and filter, while pages come
+// and go, over storage that fails, and when the scene changes its planes. How near: BC7 is exact; of BC1, BC4 and BC5
+// drivers may decode a texel 2 of 255 beside ours (bc_blocks_gltest.cpp), and a colour as far.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -34,12 +34,13 @@ constexpr std::array kCodecs{PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc5, 
 
 std::optional<std::string> missing(PageCodec codec) { return missingBlockExtension(codec, gltest::api()); }
 
-std::shared_ptr<const Package> blockPackage(const test::TemporaryFolder& folder, int64_t w, int64_t h, Basis basis, PageEncoding coefficients,
-                                            PageEncoding colour, double range_mm = 12) {
+std::shared_ptr<const Package> blockPackage(const test::TemporaryFolder& folder, int64_t w, int64_t h, Basis basis,
+                                            PageEncoding coefficients, PageEncoding colour, double range_mm = 12) {
   test::NoiseTexture texture(w, h, basis, 5);
   test::NoiseHeight heights(w, h, std::max(1.0, range_mm), 105);
   BuildOptions options;
-  options.output = folder.file(std::string(basisName(basis)) + "-" + encodingName(coefficients) + "-" + encodingName(colour) + ".relievo");
+  options.output = folder.file(std::string(basisName(basis)) + "-" + encodingName(coefficients) + "-" +
+                               encodingName(colour) + ".relievo");
   options.mm_per_px = 0.1;
   options.coefficients = coefficients;
   options.colour = colour;
@@ -138,10 +139,11 @@ TEST_F(BlockUpload, ThePictureIsThatOfRgba8) {
       EXPECT_EQ(rgba8->stats().upload, PageCodec::kLossless);
       EXPECT_EQ(blocks->stats().upload, codec);
       EXPECT_TRUE(blocks->stats().why_not_blocks.empty());
-      EXPECT_EQ(blocks->stats().streamer.bytes_uploaded[0], blocks->stats().streamer.pages_uploaded[0] * pageBlockBytes(codec));
+      EXPECT_EQ(blocks->stats().streamer.bytes_uploaded[0],
+                blocks->stats().streamer.pages_uploaded[0] * pageBlockBytes(codec));
     }
-    std::printf("[ blocks ] %s: %zu pixels, largest difference to RGBA8 %d of 255 (fast filter %d)\n", encodingName({codec, 0}).c_str(), pixels,
-                worst_exact, worst_fast);
+    std::printf("[ blocks ] %s: %zu pixels, largest difference to RGBA8 %d of 255 (fast filter %d)\n",
+                encodingName({codec, 0}).c_str(), pixels, worst_exact, worst_fast);
     EXPECT_GT(pixels, 150'000u);
     EXPECT_LE(worst_exact, codec == PageCodec::kBc7 ? 0 : kTexelTolerance);
     // The texture unit may filter RGBA8 in 8 bits and blocks in float.
@@ -165,11 +167,15 @@ TEST_F(BlockUpload, RelitPtmsAgree) {
     const auto light = normalizedLight(scene.light);
     const auto basis = ptmBasis(light[0], light[1]);
     double luminance = 0;
-    for (size_t k = 0; k < 6; ++k) luminance += kTexelTolerance * std::abs(package->manifest().texture.scale[k] * basis[k]);
-    const double bound = luminance + kTexelTolerance * (255 + luminance) / 255 + 1;  // luminance is 255 at most where a pixel is not clamped
+    for (size_t k = 0; k < 6; ++k)
+      luminance += kTexelTolerance * std::abs(package->manifest().texture.scale[k] * basis[k]);
+    const double bound = luminance + kTexelTolerance * (255 + luminance) / 255 +
+                         1;  // luminance is 255 at most where a pixel is not clamped
     int worst = 0;
-    for (const OrbitCamera& view : everyDistance()) worst = std::max(worst, differenceOf(settled(*rgba8, view), settled(*blocks, view)).max);
-    std::printf("[ blocks ] %s, LRGB relit: largest difference %d of 255, bound %.1f\n", encodingName({codec, 0}).c_str(), worst, bound);
+    for (const OrbitCamera& view : everyDistance())
+      worst = std::max(worst, differenceOf(settled(*rgba8, view), settled(*blocks, view)).max);
+    std::printf("[ blocks ] %s, LRGB relit: largest difference %d of 255, bound %.1f\n",
+                encodingName({codec, 0}).c_str(), worst, bound);
     EXPECT_LE(worst, codec == PageCodec::kBc7 ? 0 : bound);
     ++compared;
   }
@@ -185,7 +191,8 @@ TEST_F(BlockUpload, SixPlanesAgree) {
   scene.light = {0.2, 0.5, 0.8};
   auto rgba8 = makeEngine(package, Upload::kRgba8, scene), blocks = makeEngine(package, Upload::kBlocks, scene);
   ASSERT_TRUE(rgba8 && blocks);
-  for (const OrbitCamera& view : everyDistance()) EXPECT_EQ(differenceOf(settled(*rgba8, view), settled(*blocks, view)).max, 0);
+  for (const OrbitCamera& view : everyDistance())
+    EXPECT_EQ(differenceOf(settled(*rgba8, view), settled(*blocks, view)).max, 0);
 }
 
 // --- negative controls ---
@@ -193,7 +200,8 @@ TEST_F(BlockUpload, SixPlanesAgree) {
 // A page's blocks changed on their way.
 class ChangedBlocks final : public PageSource {
  public:
-  ChangedBlocks(std::shared_ptr<const PageSource> inner, PageCodec codec, std::function<void(std::vector<uint8_t>&)> change)
+  ChangedBlocks(std::shared_ptr<const PageSource> inner, PageCodec codec,
+                std::function<void(std::vector<uint8_t>&)> change)
       : inner_(std::move(inner)), codec_(codec), change_(std::move(change)) {}
   Result<EncodedPage> read(PageId id) const override {
     auto page = inner_->read(id);
@@ -223,16 +231,22 @@ TEST_F(BlockUpload, TheComparisonSeesWrongBlocks) {
     auto rgba8 = makeEngine(package, Upload::kRgba8, scene);
     const auto right = settled(*rgba8, view);
     auto worst = [&](std::function<void(std::vector<uint8_t>&)> change) {
-      auto e = makeEngine(package, Upload::kBlocks, scene, std::make_shared<ChangedBlocks>(package, codec, std::move(change)));
+      auto e = makeEngine(package, Upload::kBlocks, scene,
+                          std::make_shared<ChangedBlocks>(package, codec, std::move(change)));
       return differenceOf(right, settled(*e, view)).max;
     };
     const int tolerance = codec == PageCodec::kBc7 ? 0 : kTexelTolerance;
     EXPECT_LE(worst([](std::vector<uint8_t>&) {}), tolerance) << "raw blocks are blocks, too";
     // A row of blocks off: of the first set.
     const auto row = static_cast<std::ptrdiff_t>(blockFormats(codec)[0].block_bytes * kBlocksPerSide);
-    EXPECT_GT(worst([&](std::vector<uint8_t>& b) { std::rotate(b.begin(), b.begin() + row, b.begin() + row * kBlocksPerSide); }), 20);
+    EXPECT_GT(worst([&](std::vector<uint8_t>& b) {
+                std::rotate(b.begin(), b.begin() + row, b.begin() + row * kBlocksPerSide);
+              }),
+              20);
     if (codec == PageCodec::kBc4) {  // sets in another order: channels change places
-      EXPECT_GT(worst([&](std::vector<uint8_t>& b) { std::rotate(b.begin(), b.begin() + row * kBlocksPerSide, b.end()); }), 20);
+      EXPECT_GT(
+          worst([&](std::vector<uint8_t>& b) { std::rotate(b.begin(), b.begin() + row * kBlocksPerSide, b.end()); }),
+          20);
     }
     ++compared;
   }
@@ -245,10 +259,16 @@ TEST_F(BlockUpload, TheComparisonSeesWrongBlocks) {
 std::vector<uint8_t> middles(const PagePool& pool, int slots, const std::string& sampler) {
   PageTable table(16, 1);
   auto linked = gl::Program::linkTexts(
-      gltest::api(), {"middles.vert", "void main() {\n  vec2 p = vec2(float((gl_VertexID & 1) << 2), float((gl_VertexID & 2) << 1)) - 1.0;\n  gl_Position = vec4(p, 0.0, 1.0);\n}\n"},
-      {"middles.frag", "uniform sampler2DArray " + sampler + ";\nlayout(location = 0) out vec4 o;\n"
-                       "void main() {\n  int slot = int(gl_FragCoord.x) + 64 * int(gl_FragCoord.y);\n"
-                       "  o = texelFetch(" + sampler + ", ivec3((slot & 7) * 136 + 68, ((slot >> 3) & 7) * 136 + 68, slot >> 6), 0);\n}\n"},
+      gltest::api(),
+      {"middles.vert",
+       "void main() {\n  vec2 p = vec2(float((gl_VertexID & 1) << 2), float((gl_VertexID & 2) << 1)) - 1.0;\n  "
+       "gl_Position = vec4(p, 0.0, 1.0);\n}\n"},
+      {"middles.frag", "uniform sampler2DArray " + sampler +
+                           ";\nlayout(location = 0) out vec4 o;\n"
+                           "void main() {\n  int slot = int(gl_FragCoord.x) + 64 * int(gl_FragCoord.y);\n"
+                           "  o = texelFetch(" +
+                           sampler +
+                           ", ivec3((slot & 7) * 136 + 68, ((slot >> 3) & 7) * 136 + 68, slot >> 6), 0);\n}\n"},
       {});
   EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
   const int rows = (slots + 63) / 64;
@@ -313,25 +333,30 @@ TEST_F(BlockUpload, AGrowingPoolKeepsWhatIsThere) {
       std::vector<std::vector<uint8_t>> pages;
       std::vector<PageUpload> uploads;
       for (uint32_t slot = from; slot < to; ++slot) pages.push_back(uniformPage(codec, value(slot)));
-      for (uint32_t slot = from; slot < to; ++slot) uploads.push_back({slot, PageId(texturePlane(0), NodeId{0, 0, 0, 0}), pages[slot - from].data()});
+      for (uint32_t slot = from; slot < to; ++slot)
+        uploads.push_back({slot, PageId(texturePlane(0), NodeId{0, 0, 0, 0}), pages[slot - from].data()});
       pool.upload(uploads);
       from = to;
       if (sizes.empty() || sizes.back() != pool.textureBytes()) sizes.push_back(pool.textureBytes());
     }
     EXPECT_GT(pool.bytesUploaded(), UploadRing::kSegments * UploadRing::kSegmentBytes) << "the ring goes round";
     EXPECT_EQ(pool.bytesUploaded(), kSlots * pageBlockBytes(codec));
-    const bool copies = epoxy_has_gl_extension("GL_ARB_copy_image") || epoxy_has_gl_extension("GL_EXT_copy_image") || epoxy_has_gl_extension("GL_OES_copy_image");
+    const bool copies = epoxy_has_gl_extension("GL_ARB_copy_image") || epoxy_has_gl_extension("GL_EXT_copy_image") ||
+                        epoxy_has_gl_extension("GL_OES_copy_image");
     EXPECT_EQ(sizes.size() > 1, copies) << "it grows, or takes all at once";
-    EXPECT_EQ(sizes.back(), (kSlots + kSlotsPerLayer - 1) / kSlotsPerLayer * kSlotsPerLayer * pageBlockBytes(codec)) << "relief's come with relief";
+    EXPECT_EQ(sizes.back(), (kSlots + kSlotsPerLayer - 1) / kSlotsPerLayer * kSlotsPerLayer * pageBlockBytes(codec))
+        << "relief's come with relief";
     const auto found = middles(pool, kSlots, "u_blocks0");
     for (uint32_t slot = 0; slot < kSlots; ++slot)
-      ASSERT_NEAR(found[slot], value(slot), codec == PageCodec::kBc1 ? 6 : 2) << "slot " << slot << " of " << encodingName({codec, 0});
+      ASSERT_NEAR(found[slot], value(slot), codec == PageCodec::kBc1 ? 6 : 2)
+          << "slot " << slot << " of " << encodingName({codec, 0});
     ++compared;
   }
   if (compared == 0) GTEST_SKIP() << "this context samples no block formats";
 }
 
-// The same of RGBA8, by image copies or (where extensions are left out) layer by layer. The control: a page that another took the place of.
+// The same of RGBA8, by image copies or (where extensions are left out) layer by layer. The control: a page that
+// another took the place of.
 TEST_F(BlockUpload, AGrowingPoolKeepsItsTexels) {
   for (bool staged : {false, true}) {
     constexpr uint32_t kSlots = 1100;
@@ -348,7 +373,8 @@ TEST_F(BlockUpload, AGrowingPoolKeepsItsTexels) {
     }
     EXPECT_EQ(sizes, 3u) << "it grew twice";
     const auto found = middles(pool, kSlots, "u_pool");
-    for (uint32_t slot = 0; slot < kSlots; ++slot) ASSERT_EQ(found[slot], value(slot)) << "slot " << slot << (staged ? ", staged" : "");
+    for (uint32_t slot = 0; slot < kSlots; ++slot)
+      ASSERT_EQ(found[slot], value(slot)) << "slot " << slot << (staged ? ", staged" : "");
     const PageUpload another{3, PageId(texturePlane(0), NodeId{0, 0, 0, 0}), page.data()};
     pool.upload({&another, 1});
     EXPECT_NE(middles(pool, kSlots, "u_pool")[3], value(3));
@@ -357,7 +383,8 @@ TEST_F(BlockUpload, AGrowingPoolKeepsItsTexels) {
 
 // --- while pages come and go ---
 
-// A small cache and a camera that moves: never more than the budget, no holes; and what is left of it in the end is nothing.
+// A small cache and a camera that moves: never more than the budget, no holes; and what is left of it in the end is
+// nothing.
 TEST_F(BlockUpload, UnderPressureTheBudgetHoldsAndThePictureComesBack) {
   constexpr PageCodec kCodec = PageCodec::kBc1;
   if (missing(kCodec)) GTEST_SKIP() << *missing(kCodec);
@@ -402,7 +429,8 @@ TEST_F(BlockUpload, FaultsLeaveNoTraceOrShowAncestors) {
   const Scene scene;
   auto sound = makeEngine(package, Upload::kBlocks, scene);
   const auto right = settled(*sound, view);
-  auto failing = std::make_shared<FailingSource>(package, FailingSource::Rates{.fail = 0.05, .truncate = 0.05, .corrupt = 0.05}, kSeed);
+  auto failing = std::make_shared<FailingSource>(
+      package, FailingSource::Rates{.fail = 0.05, .truncate = 0.05, .corrupt = 0.05}, kSeed);
   auto e = makeEngine(package, Upload::kBlocks, scene, std::make_shared<CheckedSource>(failing, checksumsOf(package)));
   EXPECT_EQ(settled(*e, view), right) << "seed " << kSeed;
   EXPECT_EQ(e->stats().streamer.failed_pages, 0u) << "another seed, please";
@@ -485,7 +513,8 @@ TEST_F(BlockUpload, UnreadableRootsShowNeutralBlocks) {
       }
       EXPECT_GT(seen, 100u);
       EXPECT_LE(worst, codec == PageCodec::kBc1 ? 12 : 4) << encodingName({codec, 0}) << ", " << basisName(basis);
-      EXPECT_EQ(e->takeMessages().size(), static_cast<size_t>(package->manifest().texture.planes()) * package->manifest().domain.patchCount());
+      EXPECT_EQ(e->takeMessages().size(),
+                static_cast<size_t>(package->manifest().texture.planes()) * package->manifest().domain.patchCount());
     }
     ++compared;
   }
@@ -517,7 +546,8 @@ TEST_F(BlockUpload, AFixedLightIsRgba8AndBack) {
 }
 
 TEST_F(BlockUpload, PackagesWithoutBlocksFallBackAndSayWhy) {
-  for (auto [coefficients, colour] : {std::pair{PageEncoding{}, PageEncoding{}}, {PageEncoding{PageCodec::kBc4, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
+  for (auto [coefficients, colour] : {std::pair{PageEncoding{}, PageEncoding{}},
+                                      {PageEncoding{PageCodec::kBc4, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
     auto package = blockPackage(folder_, 200, 150, Basis::kPtmLrgb, coefficients, colour);
     ASSERT_TRUE(package);
     auto e = makeEngine(package, Upload::kBlocks, {});
@@ -552,7 +582,9 @@ TEST_F(BlockUpload, AContextWithoutBc7IsNamed) {
   const auto extension = missing(PageCodec::kBc7);
   // Mesa heeds it; were it not, this run would be the other one again.
   const char* without = std::getenv("MESA_EXTENSION_OVERRIDE");
-  if (without && std::strstr(without, "-GL_ARB_texture_compression_bptc") && gltest::context().info().software) { ASSERT_TRUE(extension); }
+  if (without && std::strstr(without, "-GL_ARB_texture_compression_bptc") && gltest::context().info().software) {
+    ASSERT_TRUE(extension);
+  }
   ASSERT_EQ(engine.ok(), !extension);
   if (!engine.ok()) {
     EXPECT_EQ(engine.error().kind, ErrorKind::kUnsupported);
@@ -560,7 +592,8 @@ TEST_F(BlockUpload, AContextWithoutBc7IsNamed) {
   }
   auto automatic = makeEngine(package, Upload::kAuto, {});
   ASSERT_TRUE(automatic);
-  EXPECT_EQ(automatic->stats().upload, extension || gltest::context().info().software ? PageCodec::kLossless : PageCodec::kBc7);
+  EXPECT_EQ(automatic->stats().upload,
+            extension || gltest::context().info().software ? PageCodec::kLossless : PageCodec::kBc7);
   EXPECT_EQ(automatic->stats().why_not_blocks.empty(), isBlockCodec(automatic->stats().upload));
 }
 

@@ -1,5 +1,5 @@
-// Cameras: nothing in view is cut by the near or far plane, the near plane is no nearer than it must be, and a fitted view
-// holds the whole artwork.
+// Cameras: nothing in view is cut by the near or far plane, the near plane is no nearer than it must be, and a fitted
+// view holds the whole artwork.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -38,10 +38,12 @@ Cut countCut(const OrbitCamera& camera, std::mt19937& random, double near_factor
   c.near_mm = v.near_mm * near_factor;
   if (!v.orthographic && v.eye_mm.z <= kHigh) return c;  // an eye within the heights: the near plane may cut
   // Nothing in view is nearer than the nearest point by more than the depths are deep.
-  if (v.orthographic) v.clip_from_world = glm::translate(glm::dmat4(1.0), glm::dvec3(0, 0, 1 - near_factor)) * v.clip_from_world;
+  if (v.orthographic)
+    v.clip_from_world = glm::translate(glm::dmat4(1.0), glm::dvec3(0, 0, 1 - near_factor)) * v.clip_from_world;
   auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
   for (int i = 0; i < 20000; ++i) {
-    glm::dvec4 p = v.clip_from_world * glm::dvec4(uniform(-150, 150), uniform(-85, 85), i % 2 ? kHigh : uniform(kLow, kHigh), 1);
+    glm::dvec4 p =
+        v.clip_from_world * glm::dvec4(uniform(-150, 150), uniform(-85, 85), i % 2 ? kHigh : uniform(kLow, kHigh), 1);
     if (p.w <= 0 || std::abs(p.x) > p.w || std::abs(p.y) > p.w) continue;
     ++c.seen;
     c.cut += (v.orthographic ? p.z < -p.w : p.w < c.near_mm) || p.z > p.w;
@@ -86,7 +88,8 @@ TEST(Camera, ANearPlaneTwiceAsFarWouldCut) {
   }
 }
 
-// Depth has as many steps as its range is deep: a close-up of a large panel at a slant must not count the panel's far ends.
+// Depth has as many steps as its range is deep: a close-up of a large panel at a slant must not count the panel's far
+// ends.
 TEST(Camera, OrthographicDepthsAreThoseOfWhatIsSeen) {
   OrbitCamera c;
   c.orthographic = true;
@@ -94,10 +97,12 @@ TEST(Camera, OrthographicDepthsAreThoseOfWhatIsSeen) {
   c.distance_mm = 5;
   const ViewTransform v = viewTransform(c, panel(), -0.1, 0.1, kWidth, kHeight);
   EXPECT_LT(v.far_mm - v.near_mm, 20);
-  EXPECT_GT(viewTransform(c, {{-150, -85, -0.1}, {150, 85, 0.1}, 0.1, false}, kWidth, kHeight).far_mm, 100) << "control: a body shows all of it";
+  EXPECT_GT(viewTransform(c, {{-150, -85, -0.1}, {150, 85, 0.1}, 0.1, false}, kWidth, kHeight).far_mm, 100)
+      << "control: a body shows all of it";
 }
 
-// A depth buffer's step grows with 1 / near: at an oblique close-up the near plane must not fall to a thousandth of the distance.
+// A depth buffer's step grows with 1 / near: at an oblique close-up the near plane must not fall to a thousandth of the
+// distance.
 TEST(Camera, TheNearPlaneIsCloseToWhatIsSeenInObliqueViews) {
   OrbitCamera c;
   c.azimuth_deg = -45;
@@ -147,7 +152,8 @@ TEST(Camera, AFittedViewHoldsWhatIsDisplaced) {
       const ViewTransform v = viewTransform(c, d, low, high, kWidth, kHeight);
       double largest = 0;
       for (int corner = 0; corner < 8; ++corner) {
-        const glm::dvec4 p = v.clip_from_world * glm::dvec4(corner & 1 ? 150 : -150, corner & 2 ? 85 : -85, corner & 4 ? high : low, 1);
+        const glm::dvec4 p =
+            v.clip_from_world * glm::dvec4(corner & 1 ? 150 : -150, corner & 2 ? 85 : -85, corner & 4 ? high : low, 1);
         ASSERT_GT(p.w, 0);
         largest = std::max({largest, std::abs(p.x) / p.w, std::abs(p.y) / p.w});
       }
@@ -201,8 +207,8 @@ TEST(Camera, PointUnderAPixelProjectsBackToIt) {
   }
 }
 
-// A pixel is the distance from the target along the picture's axes over the scale: whatever the depth, and however distance and field of view
-// make up the scale.
+// A pixel is the distance from the target along the picture's axes over the scale: whatever the depth, and however
+// distance and field of view make up the scale.
 TEST(Camera, OrthographicPixelsAreMillimetresOverTheScale) {
   std::mt19937 random(kSeed);
   auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
@@ -213,7 +219,8 @@ TEST(Camera, OrthographicPixelsAreMillimetresOverTheScale) {
     c.distance_mm = distanceForScale(c, mm_per_px, kHeight);
     EXPECT_NEAR(mmPerPx(c, kHeight), mm_per_px, 1e-12 * mm_per_px);
     const double az = glm::radians(c.azimuth_deg), el = glm::radians(c.elevation_deg);
-    const glm::dvec3 right{std::cos(az), 0, -std::sin(az)}, back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)}, up = glm::cross(back, right);
+    const glm::dvec3 right{std::cos(az), 0, -std::sin(az)},
+        back{std::sin(az) * std::cos(el), std::sin(el), std::cos(az) * std::cos(el)}, up = glm::cross(back, right);
     const glm::dvec2 mm{uniform(-600, 600) * mm_per_px, uniform(-350, 350) * mm_per_px};
     const glm::dvec2 truth{kWidth / 2.0 + mm.x / mm_per_px, kHeight / 2.0 - mm.y / mm_per_px};
     OrbitCamera other = c;
@@ -230,7 +237,9 @@ TEST(Camera, OrthographicPixelsAreMillimetresOverTheScale) {
       perspective.orthographic = false;
       const glm::dvec2 seen = pixelOf(viewTransform(perspective, panel(), -1, 1, kWidth, kHeight), p);
       // Who switches sees the plane through the target as it was.
-      if (depth == 0) { EXPECT_LT(glm::length(seen - truth), 1e-6); }
+      if (depth == 0) {
+        EXPECT_LT(glm::length(seen - truth), 1e-6);
+      }
       if (depth == 3.0) perspective_off = std::max(perspective_off, glm::length(seen - truth));
     }
   }

@@ -1,4 +1,5 @@
-// relievo compare as a whole, on a small flat artwork and on bodies: promises hold, seams are closed, negative controls fail, and two runs agree.
+// relievo compare as a whole, on a small flat artwork and on bodies: promises hold, seams are closed, negative controls
+// fail, and two runs agree.
 #include <gtest/gtest.h>
 
 #include <cstdio>
@@ -44,8 +45,12 @@ class Compare : public ::testing::Test {
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
     auto list = nlohmann::json::array();
     for (int k = 0; k < cameras; ++k) {
-      nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 70)}, {"orthographic", k == 4},
-                          {"distance_mm", std::exp(uniform(std::log(35.0), std::log(250.0)))}, {"target_mm", {uniform(-45, 45), uniform(-25, 25), 0}}};
+      nlohmann::json c = {{"azimuth_deg", uniform(-60, 60)},
+                          {"elevation_deg", uniform(-55, 55)},
+                          {"fov_deg", uniform(20, 70)},
+                          {"orthographic", k == 4},
+                          {"distance_mm", std::exp(uniform(std::log(35.0), std::log(250.0)))},
+                          {"target_mm", {uniform(-45, 45), uniform(-25, 25), 0}}};
       list.push_back(c);
     }
     std::ofstream(plan_.path) << nlohmann::json{{"cameras", list}};
@@ -70,7 +75,8 @@ class Compare : public ::testing::Test {
   ComparePlan plan_;
 };
 
-// Over a base mesh: a ball of turned and mirrored patches, corners of 3 and 4, smooth with a rough part; and an open sheet.
+// Over a base mesh: a ball of turned and mirrored patches, corners of 3 and 4, smooth with a rough part; and an open
+// sheet.
 class CompareBody : public Compare {
  protected:
   void open(BaseMesh mesh, int depth) {
@@ -95,7 +101,11 @@ class CompareBody : public Compare {
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
     auto list = nlohmann::json::array();
     for (int k = 0; k < 5; ++k)
-      list.push_back({{"azimuth_deg", uniform(-60, 60)}, {"elevation_deg", uniform(-55, 55)}, {"fov_deg", uniform(20, 60)}, {"orthographic", k == 4}, {"distance_mm", size * std::exp(uniform(-0.3, 0.8))},
+      list.push_back({{"azimuth_deg", uniform(-60, 60)},
+                      {"elevation_deg", uniform(-55, 55)},
+                      {"fov_deg", uniform(20, 60)},
+                      {"orthographic", k == 4},
+                      {"distance_mm", size * std::exp(uniform(-0.3, 0.8))},
                       {"target_mm", {uniform(-0.1, 0.1) * size, uniform(-0.1, 0.1) * size, 0}}});
     std::ofstream(plan_.path) << nlohmann::json{{"cameras", list}};
   }
@@ -150,7 +160,8 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
     if (!run.available) continue;
     ASSERT_EQ(run.frames.size(), frames_wanted);
     RunSummary s = summaryOf(run, all);
-    EXPECT_EQ(s.above_bound_frames, 0u) << run.strategy->name << " at " << run.budget_px << " px: max " << s.max_px << ", predicted " << s.predicted_px;
+    EXPECT_EQ(s.above_bound_frames, 0u) << run.strategy->name << " at " << run.budget_px << " px: max " << s.max_px
+                                        << ", predicted " << s.predicted_px;
     for (const FrameFigures& f : run.frames) {
       EXPECT_GT(f.error.pixels, 1000u);
       EXPECT_GT(f.triangles, 0u);
@@ -159,11 +170,15 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
       EXPECT_LE(f.error.max_px, f.predicted_px + measuringSlackPx(all)) << run.strategy->name;
       a_third_is_no_bound = a_third_is_no_bound || f.error.max_px > f.predicted_px / 3 + measuringSlackPx(all);
     }
-    EXPECT_LE(static_cast<double>(s.edge_on_pixels), 0.002 * static_cast<double>(s.pixels)) << run.strategy->name << ": too much is not measured";
-    std::printf("[ compare  ] %-13s %g px: predicted %6.3g, max %6.3g, p99 %6.3g, pop %6.3g px; %8.0f triangles, %llu crack pixels, %llu of %llu vertices differ, %llu of %llu pixels edge-on\n",
-                run.strategy->name.c_str(), run.budget_px, s.predicted_px, s.max_px, s.p99_px, s.pop_px, s.triangles, static_cast<unsigned long long>(s.crack_pixels),
-                static_cast<unsigned long long>(s.seams_mismatched), static_cast<unsigned long long>(s.seams_compared),
-                static_cast<unsigned long long>(s.edge_on_pixels), static_cast<unsigned long long>(s.pixels));
+    EXPECT_LE(static_cast<double>(s.edge_on_pixels), 0.002 * static_cast<double>(s.pixels))
+        << run.strategy->name << ": too much is not measured";
+    std::printf(
+        "[ compare  ] %-13s %g px: predicted %6.3g, max %6.3g, p99 %6.3g, pop %6.3g px; %8.0f triangles, %llu crack "
+        "pixels, %llu of %llu vertices differ, %llu of %llu pixels edge-on\n",
+        run.strategy->name.c_str(), run.budget_px, s.predicted_px, s.max_px, s.p99_px, s.pop_px, s.triangles,
+        static_cast<unsigned long long>(s.crack_pixels), static_cast<unsigned long long>(s.seams_mismatched),
+        static_cast<unsigned long long>(s.seams_compared), static_cast<unsigned long long>(s.edge_on_pixels),
+        static_cast<unsigned long long>(s.pixels));
     if (run.strategy->control) continue;
     EXPECT_EQ(s.crack_pixels, 0u) << run.strategy->name;
     if (!s.seams_known) continue;
@@ -175,7 +190,8 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
   // The controls: the same patches as edge-lod's, which shows none of it.
   uint64_t cracks = 0, mismatches = 0, skirt_cracks = 0, skirt_mismatches = 0;
   for (double budget : plan_.budgets_px) {
-    RunSummary control = summaryOf(of(all, "no-snapping", budget), all), skirts = summaryOf(of(all, "skirts", budget), all), good = summaryOf(of(all, "edge-lod", budget), all);
+    RunSummary control = summaryOf(of(all, "no-snapping", budget), all),
+               skirts = summaryOf(of(all, "skirts", budget), all), good = summaryOf(of(all, "edge-lod", budget), all);
     cracks += control.crack_pixels;
     mismatches += control.seams_mismatched;
     skirt_cracks += skirts.crack_pixels;
@@ -207,10 +223,13 @@ TEST_F(Compare, TwoRunsDifferInTimingsOnly) {
   for (const StrategyFigures& r : a.runs) available += r.available;
   EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), static_cast<std::ptrdiff_t>(1 + 2 * available));
   for (size_t from = 0; from < csv.size(); from = csv.find('\n', from) + 1)
-    EXPECT_EQ(std::count(csv.begin() + static_cast<std::ptrdiff_t>(from), csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n', from)), ','), columns - 1);
+    EXPECT_EQ(std::count(csv.begin() + static_cast<std::ptrdiff_t>(from),
+                         csv.begin() + static_cast<std::ptrdiff_t>(csv.find('\n', from)), ','),
+              columns - 1);
   auto pictures = reportPictures(plan_, a);
   EXPECT_EQ(pictures.size(), available);
-  for (const ReportPicture& p : pictures) EXPECT_GT(std::count_if(p.rgba.begin(), p.rgba.end(), [](uint8_t v) { return v != 0; }), 1000);
+  for (const ReportPicture& p : pictures)
+    EXPECT_GT(std::count_if(p.rgba.begin(), p.rgba.end(), [](uint8_t v) { return v != 0; }), 1000);
   std::string html = reportHtml(plan_, a, pictures);
   EXPECT_EQ(html.find("http://"), std::string::npos);
   EXPECT_EQ(html.find("https://"), std::string::npos);
@@ -218,7 +237,8 @@ TEST_F(Compare, TwoRunsDifferInTimingsOnly) {
   EXPECT_NE(html.find("</html>"), std::string::npos);
 }
 
-// Relief that is drawn higher than the truth it is measured against is off by what the heights say: the measuring sees it.
+// Relief that is drawn higher than the truth it is measured against is off by what the heights say: the measuring sees
+// it.
 TEST_F(Compare, AWrongSurfaceIsSeen) {
   plan_.strategies = {findStrategy("uniform")};
   plan_.budgets_px = {0.05};

@@ -240,34 +240,46 @@ Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDom
 
 namespace {
 
-// Slopes (to the right, downwards) of a cell of relief level r: of the bilinear surface through its corners, at its middle.
-glm::dvec2 denseCellSlope(const DenseRelief& relief, const PlanarDomain& d, int r, int64_t x, int64_t y, double exaggerate) {
+// Slopes (to the right, downwards) of a cell of relief level r: of the bilinear surface through its corners, at its
+// middle.
+glm::dvec2 denseCellSlope(const DenseRelief& relief, const PlanarDomain& d, int r, int64_t x, int64_t y,
+                          double exaggerate) {
   const int64_t apart = int64_t{1} << (d.relief_depth - r);
   const double side_px = std::ldexp(1.0, d.texture_depth - r);
   auto mm = [&](int64_t i, int64_t j) {
-    return exaggerate * relief.scale_mm * relief.samples[static_cast<size_t>(std::min(j * apart, relief.height - 1) * relief.width + std::min(i * apart, relief.width - 1))];
+    return exaggerate * relief.scale_mm *
+           relief.samples[static_cast<size_t>(std::min(j * apart, relief.height - 1) * relief.width +
+                                              std::min(i * apart, relief.width - 1))];
   };
-  auto placeMm = [&](int64_t i, uint64_t extent) { return d.mm_per_px * std::min(side_px * static_cast<double>(i), static_cast<double>(extent)); };
-  const double right = 0.5 * (mm(x + 1, y) - mm(x, y) + mm(x + 1, y + 1) - mm(x, y + 1)), down = 0.5 * (mm(x, y + 1) - mm(x, y) + mm(x + 1, y + 1) - mm(x + 1, y));
-  return {right / (placeMm(x + 1, d.width_px) - placeMm(x, d.width_px)), down / (placeMm(y + 1, d.height_px) - placeMm(y, d.height_px))};
+  auto placeMm = [&](int64_t i, uint64_t extent) {
+    return d.mm_per_px * std::min(side_px * static_cast<double>(i), static_cast<double>(extent));
+  };
+  const double right = 0.5 * (mm(x + 1, y) - mm(x, y) + mm(x + 1, y + 1) - mm(x, y + 1)),
+               down = 0.5 * (mm(x, y + 1) - mm(x, y) + mm(x + 1, y + 1) - mm(x + 1, y));
+  return {right / (placeMm(x + 1, d.width_px) - placeMm(x, d.width_px)),
+          down / (placeMm(y + 1, d.height_px) - placeMm(y, d.height_px))};
 }
 
 }  // namespace
 
-glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& d, int k, int64_t x, int64_t y, double exaggerate) {
+glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& d, int k, int64_t x, int64_t y,
+                       double exaggerate) {
   const int r = std::min(k, d.relief_depth);
   glm::dvec2 slope{0};
   if (r == k) {
     slope = denseCellSlope(relief, d, r, x, y, exaggerate);
   } else {
     // Bilinear between the middles of the finest cells; those beyond the artwork are its last ones.
-    const double texels = std::ldexp(1.0, k - r), px = (static_cast<double>(x) + 0.5) / texels - 0.5, py = (static_cast<double>(y) + 0.5) / texels - 0.5;
+    const double texels = std::ldexp(1.0, k - r), px = (static_cast<double>(x) + 0.5) / texels - 0.5,
+                 py = (static_cast<double>(y) + 0.5) / texels - 0.5;
     const auto cx = static_cast<int64_t>(std::floor(px)), cy = static_cast<int64_t>(std::floor(py));
     for (int64_t j = 0; j < 2; ++j) {
       for (int64_t i = 0; i < 2; ++i) {
-        const double wx = 1 - std::abs(px - static_cast<double>(cx + i)), wy = 1 - std::abs(py - static_cast<double>(cy + j));
-        slope += wx * wy * denseCellSlope(relief, d, r, std::clamp<int64_t>(cx + i, 0, static_cast<int64_t>(d.levelWidth(r)) - 1),
-                                          std::clamp<int64_t>(cy + j, 0, static_cast<int64_t>(d.levelHeight(r)) - 1), exaggerate);
+        const double wx = 1 - std::abs(px - static_cast<double>(cx + i)),
+                     wy = 1 - std::abs(py - static_cast<double>(cy + j));
+        slope += wx * wy *
+                 denseCellSlope(relief, d, r, std::clamp<int64_t>(cx + i, 0, static_cast<int64_t>(d.levelWidth(r)) - 1),
+                                std::clamp<int64_t>(cy + j, 0, static_cast<int64_t>(d.levelHeight(r)) - 1), exaggerate);
       }
     }
   }
@@ -584,8 +596,8 @@ Visible resolve(const std::vector<Triangle>& triangles, const FullCover& full, s
   return v;
 }
 
-// Raw channels at a texel position of the finest level, on level k (0 coarsest): bilinear, or the texel there. Texel centres at
-// +0.5, clamped.
+// Raw channels at a texel position of the finest level, on level k (0 coarsest): bilinear, or the texel there. Texel
+// centres at +0.5, clamped.
 void sampleLevel(const DenseTexture& t, int k, glm::dvec2 texel, const DenseView& view, double* out, int channels) {
   const DenseLevel& level = t.levels[k];
   const int shift = t.domain.texture_depth - k;
@@ -626,13 +638,17 @@ struct Taps {
   std::vector<Tap> taps;
 };
 
-Taps tapsOf(const DenseTexture& t, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view, double offset) {
+Taps tapsOf(const DenseTexture& t, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view,
+            double offset) {
   const double depth = t.domain.texture_depth;
   const double longer2 = std::max(glm::dot(dx, dx), glm::dot(dy, dy));
-  auto level = [&](double size) { return std::clamp(size > 0 ? std::log2(size) + view.lod_bias + offset : 0.0, 0.0, depth); };
-  if (view.sampling != DenseSampling::kAnisotropic || view.anisotropy == 1) return {level(std::sqrt(longer2)), {{texel, 1}}};
-  // The derivatives J take the unit circle to the ellipse. Half the angle of the double-angle vector of J J^T is the major
-  // axis' direction; the extents along it and across it are the singular values.
+  auto level = [&](double size) {
+    return std::clamp(size > 0 ? std::log2(size) + view.lod_bias + offset : 0.0, 0.0, depth);
+  };
+  if (view.sampling != DenseSampling::kAnisotropic || view.anisotropy == 1)
+    return {level(std::sqrt(longer2)), {{texel, 1}}};
+  // The derivatives J take the unit circle to the ellipse. Half the angle of the double-angle vector of J J^T is the
+  // major axis' direction; the extents along it and across it are the singular values.
   const double xx = dx.x * dx.x + dy.x * dy.x, yy = dx.y * dx.y + dy.y * dy.y, xy = dx.x * dx.y + dy.x * dy.y;
   const double angle = 0.5 * std::atan2(2 * xy, xx - yy);
   const glm::dvec2 along{std::cos(angle), std::sin(angle)}, across{-along.y, along.x};
@@ -713,8 +729,8 @@ bool coloursDiffer(glm::dvec3 a, glm::dvec3 b) {
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view) {
   return shadeTaps(texture, {lambda, {{texel, 1}}}, view);
 }
-glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view,
-                      double lambda_offset) {
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy,
+                      const DenseView& view, double lambda_offset) {
   return shadeTaps(texture, tapsOf(texture, texel, dx, dy, view, lambda_offset), view);
 }
 
@@ -839,7 +855,8 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
       if (nudge != 0) mayAlsoBe(shadeDense(texture, m.texel, pixel.lambda + nudge, view), kEdgeLevelTie);
     }
     if (view.snapped_px > 0) {
-      if (view.sampling == DenseSampling::kAnisotropic && centre.height_px < 16 * view.snapped_px) pixel.edge |= kEdgeOcclusion;
+      if (view.sampling == DenseSampling::kAnisotropic && centre.height_px < 16 * view.snapped_px)
+        pixel.edge |= kEdgeOcclusion;
       for (int k = 0; k < 25; ++k) {  // five by five, as the colour need not be largest at a corner of the square
         const double x_px = (k % 5 - 2) * 0.5 * view.snapped_px, y_px = (k / 5 - 2) * 0.5 * view.snapped_px;
         mayAlsoBe(shadeDense(texture, m.texel + m.dx * x_px + m.dy * y_px, m.dx, m.dy, view), kEdgePlace);

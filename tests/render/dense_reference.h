@@ -73,10 +73,12 @@ struct DenseRelief {
   std::vector<uint16_t> samples;
 };
 
-// Colour with the normals of its relief beside it (texturing/relief_normals.h), level by level: six channels, the normals as bytes.
+// Colour with the normals of its relief beside it (texturing/relief_normals.h), level by level: six channels, the
+// normals as bytes.
 DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& relief, double exaggerate);
 // Of a texel's middle, before it becomes bytes. k: the level, 0 the coarsest.
-glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& domain, int k, int64_t x, int64_t y, double exaggerate);
+glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& domain, int k, int64_t x, int64_t y,
+                       double exaggerate);
 
 Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain);
 
@@ -97,13 +99,14 @@ enum class DenseDerivatives {
 //   kNearest     the texel whose square holds the place, of the nearest level, floor(lambda + 0.5)
 //   kBilinear    bilinear on the nearest level
 //   kTrilinear   bilinear on the two levels around lambda, blended. To here lambda follows the longer derivative
-//   kAnisotropic the footprint's ellipse has half the singular values of the derivatives as its half axes, major >= minor. With
-//                N = anisotropy and size = max(minor, major / N, 1) texels, lambda is log2(size) and the colour's channels are the
-//                mean over a box of length major (N size at most) along the major axis, taken as trilinear taps one size apart,
-//                symmetric about the place: each counts as much as the part of its interval of one size that lies in the box.
-//                As many taps as N is even or odd; but with a ratio r = major / size <= 2 and an even N two, (r - 1) size apart.
-//                A tap beyond the artwork is moved to its border, coordinate by coordinate; each tap filters as kTrilinear does.
-//                N = 1 is kTrilinear.
+//   kAnisotropic the footprint's ellipse has half the singular values of the derivatives as its half axes, major >=
+//   minor. With
+//                N = anisotropy and size = max(minor, major / N, 1) texels, lambda is log2(size) and the colour's
+//                channels are the mean over a box of length major (N size at most) along the major axis, taken as
+//                trilinear taps one size apart, symmetric about the place: each counts as much as the part of its
+//                interval of one size that lies in the box. As many taps as N is even or odd; but with a ratio r =
+//                major / size <= 2 and an even N two, (r - 1) size apart. A tap beyond the artwork is moved to its
+//                border, coordinate by coordinate; each tap filters as kTrilinear does. N = 1 is kTrilinear.
 enum class DenseSampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
 
 struct DenseView {
@@ -117,7 +120,8 @@ struct DenseView {
   bool resolved =
       false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
   DenseDerivatives derivatives = DenseDerivatives::kExact;
-  double snapped_px = 0;  // how far to each side the GL may move a corner before it interpolates between them; 0: it does not
+  double snapped_px =
+      0;  // how far to each side the GL may move a corner before it interpolates between them; 0: it does not
 };
 
 // Why a pixel's value is not determined. GL snaps vertices to a fixed-point grid (here taken as 1/256 px; the standard
@@ -136,9 +140,10 @@ struct DenseView {
 // together.
 enum EdgeReason : uint8_t {
   kEdgeSilhouette = 1,  // the artwork's outline runs through the square
-  kEdgeOcclusion = 2,   // another triangle may show, and its texel position at the pixel's centre is more than half a
-                        // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork. Or, anisotropic, the triangle
-                        // is so thin beside DenseView::snapped_px that nothing is known of the footprint's direction
+  kEdgeOcclusion =
+      2,  // another triangle may show, and its texel position at the pixel's centre is more than half a
+          // pixel's footprint (0.5 * sqrt(rho2) texels) away: another part of the artwork. Or, anisotropic, the
+          // triangle is so thin beside DenseView::snapped_px that nothing is known of the footprint's direction
   kEdgeColour = 4,  // another triangle may show; the place is the same, but its level of detail gives another colour
                     // (by more than 0.5 of 255 in a channel)
   kEdgeThin = 8,    // of height h px: lambda may be off by log2(1 - sqrt(2) / 256 / h), and the colour by more than 0.5
@@ -179,8 +184,8 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
 // alone; kAnisotropic with a round footprint.
 glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, double lambda, const DenseView& view);
 // The same with a footprint, from its derivatives. lambda_offset: as lod_bias, on top of it.
-glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy, const DenseView& view,
-                      double lambda_offset = 0);
+glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 dx, glm::dvec2 dy,
+                      const DenseView& view, double lambda_offset = 0);
 
 // All nodes of one level as drawn nodes of 2^grid_level segments: a list that needs no LOD.
 std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level);
@@ -195,8 +200,8 @@ struct PixelPair {
 };
 
 // "Inside" is where the reference is covered and neither a silhouette nor an occlusion edge runs through the pixel.
-// Where only the level of detail or the place is undetermined (the reasons from kEdgeColour on) a difference is the distance to the range
-// low..high.
+// Where only the level of detail or the place is undetermined (the reasons from kEdgeColour on) a difference is the
+// distance to the range low..high.
 struct ImageDifference {
   std::array<int, 3> max_difference{};  // per channel, inside, of the rounded bytes
   double max_exact = 0;                 // the same over all channels, against the reference before rounding

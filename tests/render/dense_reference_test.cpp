@@ -363,7 +363,8 @@ TEST(DenseReference, AnisotropicTapsByHand) {
   // A pixel of 4 x 1 texels whose centre lies between two texels' centres: the mean of the four texels it covers.
   DenseView view = stretchedView(t.domain, 32, 16, {4, 1}, {40, 30});
   DenseImage four = renderDense(t, nullptr, instances, view);
-  // 3 x 1: the two nearest taps whole, half a texel of the next two; centres between texels' centres: 0.5 + 1 + 1 + 0.5.
+  // 3 x 1: the two nearest taps whole, half a texel of the next two; centres between texels' centres: 0.5 + 1 + 1 +
+  // 0.5.
   DenseImage three = renderDense(t, nullptr, instances, stretchedView(t.domain, 32, 16, {3, 1}, {40.5, 30}));
   // The same upright.
   DenseImage upright = renderDense(t, nullptr, instances, stretchedView(t.domain, 32, 16, {1, 4}, {40, 30}));

@@ -1,4 +1,5 @@
-// dense_subjects.h - artworks for the tests of "virtual equals dense": the oracle's own pages, at any size, without builder and file.
+// dense_subjects.h - artworks for the tests of "virtual equals dense": the oracle's own pages, at any size, without
+// builder and file.
 #pragma once
 
 #include "tests/render/test_artwork.h"

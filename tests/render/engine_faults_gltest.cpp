@@ -1,5 +1,6 @@
-// The engine over storage that is slow, damaged or dead: frames go on and show at least the ancestors, what failed is tried so many
-// times and named once, and a small cache ends still. Time is the frames' own; where a thread's turn is needed, a frame is followed by a short sleep.
+// The engine over storage that is slow, damaged or dead: frames go on and show at least the ancestors, what failed is
+// tried so many times and named once, and a small cache ends still. Time is the frames' own; where a thread's turn is
+// needed, a frame is followed by a short sleep.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -25,7 +26,8 @@ namespace {
 constexpr int kWidth = 320, kHeight = 180;
 constexpr uint32_t kSeed = 20261121;
 
-// Opens the gate when whoever needs it opened did not come back for a while: a blocked render thread fails instead of hanging.
+// Opens the gate when whoever needs it opened did not come back for a while: a blocked render thread fails instead of
+// hanging.
 class Rescue {
  public:
   Rescue(std::shared_ptr<const fake::GatedSource> gate, std::chrono::milliseconds after)
@@ -105,11 +107,13 @@ struct Defects {
   uint64_t inside = 0, background = 0, black = 0;
 };
 
-// A ray that crosses the planes of the highest and of the lowest height both within the artwork meets the surface between them:
-// such a pixel is artwork. The test artwork is nowhere black under a light from the front.
-Defects defectsOf(const std::vector<uint8_t>& pixels, int width, int height, const ViewTransform& view, const PlanarDomain& d, bool relief) {
+// A ray that crosses the planes of the highest and of the lowest height both within the artwork meets the surface
+// between them: such a pixel is artwork. The test artwork is nowhere black under a light from the front.
+Defects defectsOf(const std::vector<uint8_t>& pixels, int width, int height, const ViewTransform& view,
+                  const PlanarDomain& d, bool relief) {
   glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
-  double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px, half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
+  double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
+         half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
   double low = relief ? d.relief_offset_mm : 0, high = relief ? low + 65535 * d.relief_scale_mm : 0;
   Defects defects;
   if (view.eye_mm.z <= high) return defects;
@@ -122,7 +126,8 @@ Defects defectsOf(const std::vector<uint8_t>& pixels, int width, int height, con
       for (double z : {low, high}) {
         glm::dvec3 p = view.eye_mm + direction * ((z - view.eye_mm.z) / direction.z);
         // Two pixels' footprint away from the outline.
-        double margin = 2 * glm::length(p - view.eye_mm) / view.pixels_per_radian * glm::length(direction) / -direction.z;
+        double margin =
+            2 * glm::length(p - view.eye_mm) / view.pixels_per_radian * glm::length(direction) / -direction.z;
         in = in && std::abs(p.x) < half_w - margin && std::abs(p.y) < half_h - margin;
       }
       if (!in) continue;
@@ -142,7 +147,8 @@ class EngineFaults : public ::testing::Test {
     package_ = test::noisePackageOnce(2001, 1101, Basis::kPtmLrgb, 12, 5, &why);
     ASSERT_TRUE(package_) << why;
   }
-  std::unique_ptr<Engine> makeEngine(std::shared_ptr<const PageSource> source, EngineOptions options = {}, Scene scene = {}) {
+  std::unique_ptr<Engine> makeEngine(std::shared_ptr<const PageSource> source, EngineOptions options = {},
+                                     Scene scene = {}) {
     Artwork artwork = artworkFromPackage(package_);
     artwork.source = source;
     return test::makeEngine(artwork, scene, options, kWidth, kHeight);
@@ -197,8 +203,8 @@ class GatedOracle final : public ReliefOracle {
   mutable bool open_ = true;
 };
 
-// Each picture but the first is drawn with a list that was asked for before; how long is counted, frame by frame. A worker that is held up for 7 frames
-// makes it 1 to 7; one whose answer is waited for before each frame makes it 1.
+// Each picture but the first is drawn with a list that was asked for before; how long is counted, frame by frame. A
+// worker that is held up for 7 frames makes it 1 to 7; one whose answer is waited for before each frame makes it 1.
 TEST_F(EngineFaults, TheAgeOfPatchListsIsCounted) {
   Artwork artwork = artworkFromPackage(package_);
   auto gate = std::make_shared<GatedOracle>(artwork.oracle);
@@ -300,7 +306,8 @@ TEST_F(EngineFaults, WhatIsLateShowsItsAncestor) {
     std::shared_ptr<const PageSource> inner_;
   };
   auto gate = std::make_shared<fake::GatedSource>(package_, true);
-  auto late = makeEngine(gate), coarse = makeEngine(std::make_shared<RootsOnly>(package_)), whole = makeEngine(package_);
+  auto late = makeEngine(gate), coarse = makeEngine(std::make_shared<RootsOnly>(package_)),
+       whole = makeEngine(package_);
   gate->open(false);
   for (double turn : {0.3, 2.0, 4.4}) {
     for (Engine* e : {late.get(), coarse.get()}) {
@@ -341,7 +348,8 @@ TEST_F(EngineFaults, AnotherSetOfPlanesShowsOnceItsRootsAreThere) {
   EXPECT_EQ(e.readPixels(), before);
   EXPECT_FALSE(rescue.end());
   gate->open();
-  for (Scene scene : {fixed, Scene{.relief = false}, Scene{}, Scene{.light = {0.4, 0.2, 0.7}, .relief = false, .relight = false}}) {
+  for (Scene scene :
+       {fixed, Scene{.relief = false}, Scene{}, Scene{.light = {0.4, 0.2, 0.7}, .relief = false, .relight = false}}) {
     ASSERT_TRUE(e.setScene(scene).ok());
     ASSERT_TRUE(e.settle(60).ok());
     EXPECT_FALSE(e.stats().switching);
@@ -437,10 +445,13 @@ TEST_F(EngineFaults, FramesGoOnWhileReadsFailAndWhatFailedIsNamedOnce) {
   do {  // until everything has come or failed for good
     run(20, false);
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  } while (++still < 1000 && (e.stats().streamer.queued + e.stats().streamer.decoding > 0 || e.stats().missing_pages > e.stats().streamer.failed_pages));
+  } while (++still < 1000 && (e.stats().streamer.queued + e.stats().streamer.decoding > 0 ||
+                              e.stats().missing_pages > e.stats().streamer.failed_pages));
   const StreamerStats s = e.stats().streamer;
-  std::printf("[ faults ] seed %u: %d frames, %d while a read was 5 s late (%d such reads), %llu retries, %llu pages failed\n", kSeed, frames,
-              frames_with_late_reads, time.slept(), static_cast<unsigned long long>(s.retries), static_cast<unsigned long long>(s.failed_pages));
+  std::printf(
+      "[ faults ] seed %u: %d frames, %d while a read was 5 s late (%d such reads), %llu retries, %llu pages failed\n",
+      kSeed, frames, frames_with_late_reads, time.slept(), static_cast<unsigned long long>(s.retries),
+      static_cast<unsigned long long>(s.failed_pages));
   EXPECT_GT(frames_with_late_reads, 50);
   EXPECT_GT(inside, 1'000'000u);
   EXPECT_GT(checked->caught(), 20u);
@@ -456,12 +467,14 @@ TEST_F(EngineFaults, FramesGoOnWhileReadsFailAndWhatFailedIsNamedOnce) {
   time.set(0, true);
 }
 
-// Faults that pass leave no trace: the picture is that of sound storage. Without the checksum it is not (the negative control).
+// Faults that pass leave no trace: the picture is that of sound storage. Without the checksum it is not (the negative
+// control).
 TEST_F(EngineFaults, FaultsThatPassLeaveNoTrace) {
   const OrbitCamera view = camera(0.8);
   const auto sound = settledPicture({}, view);
   auto picture = [&](bool with_check) {
-    auto failing = std::make_shared<FailingSource>(package_, FailingSource::Rates{.fail = 0.04, .truncate = 0.03, .corrupt = 0.05}, kSeed);
+    auto failing = std::make_shared<FailingSource>(
+        package_, FailingSource::Rates{.fail = 0.04, .truncate = 0.03, .corrupt = 0.05}, kSeed);
     std::shared_ptr<const PageSource> source = failing;
     if (with_check) source = std::make_shared<CheckedSource>(source, checksumsOf(package_));
     auto e = makeEngine(source);
@@ -540,8 +553,10 @@ TEST_F(EngineFaults, ACacheOfAQuarterOfTheWorkingSetEndsStill) {
     if (frames >= 60) low = std::min(low, e.stats().detail_bias), high = std::max(high, e.stats().detail_bias);
   }
   expectSound(e);
-  std::printf("[ pressure ] working set %u pages, cache %u: last load in frame %d, bias %.2f, from frame 60 on within %.3f..%.3f\n", working_set,
-              e.stats().slots, last_load, e.stats().detail_bias, low, high);
+  std::printf(
+      "[ pressure ] working set %u pages, cache %u: last load in frame %d, bias %.2f, from frame 60 on within "
+      "%.3f..%.3f\n",
+      working_set, e.stats().slots, last_load, e.stats().detail_bias, low, high);
   EXPECT_GT(e.stats().detail_bias, 0.3) << "is there any pressure?";
   EXPECT_LT(last_load, 60);
   EXPECT_LE(high - low, 0.05 + 1e-9);

@@ -1,5 +1,6 @@
-// The feedback pass against an oracle that projects every pixel in double precision (tests/geometry/pixel_wants.h): which pixels it
-// samples, what it asks for in one pass and in scale^2 passes of a still view, and what broken gradients ask for.
+// The feedback pass against an oracle that projects every pixel in double precision (tests/geometry/pixel_wants.h):
+// which pixels it samples, what it asks for in one pass and in scale^2 passes of a still view, and what broken
+// gradients ask for.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -44,8 +45,9 @@ class FlatFeedback {
     const std::string look = "if (depth <= u_seen.x || depth >= u_seen.y) return;";
     EXPECT_NE(feedback.find(look), std::string::npos);
     if (!looks_at_depth) feedback.replace(feedback.find(look), look.size(), "");
-    auto linked = gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))}, {"feedback.frag", feedback},
-                                         {"", "", flatPlan(manifest_).defines(), {"a_corner"}, {}});
+    auto linked =
+        gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))},
+                               {"feedback.frag", feedback}, {"", "", flatPlan(manifest_).defines(), {"a_corner"}, {}});
     EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
     if (linked.ok()) program_ = std::move(*linked);
   }
@@ -138,9 +140,9 @@ View randomView(Random& random, int height_px, bool orthographic = false) {
 // What the pixels want, row by row from the top.
 struct Truth {
   std::vector<PixelWish> wishes;
-  std::set<NodeId> certain;      // some pixel wants it for sure; with ancestors
-  std::set<NodeId> possible;     // some pixel may want it
-  std::set<NodeId> large;        // 8 x 8 px and more want it for sure
+  std::set<NodeId> certain;   // some pixel wants it for sure; with ancestors
+  std::set<NodeId> possible;  // some pixel may want it
+  std::set<NodeId> large;     // 8 x 8 px and more want it for sure
 };
 Truth truthOf(const View& view) {
   const TextureView& v = view.texture;
@@ -191,7 +193,8 @@ TEST(FeedbackPass, APixelSamplesExactlyThatPixelOfThePicture) {
     Truth truth = truthOf(view);
     for (int scale : {1, 3, 8, 16}) {
       for (int turn = 0; turn < scale * scale; turn += std::max(1, scale * scale / 5)) {
-        FeedbackGrid grid = feedbackGrid(view.texture.width_px, view.texture.height_px, scale, static_cast<uint64_t>(turn));
+        FeedbackGrid grid =
+            feedbackGrid(view.texture.width_px, view.texture.height_px, scale, static_cast<uint64_t>(turn));
         FeedbackGrid fixed = grid;
         fixed.offset = {};
         Pixels pixels = feedback.draw(view.texture, grid), unjittered = feedback.draw(view.texture, fixed), biased;
@@ -208,7 +211,8 @@ TEST(FeedbackPass, APixelSamplesExactlyThatPixelOfThePicture) {
             if (!wish.certain) continue;
             auto agrees = [&](const std::array<uint32_t, 4>& p) {
               if (!wish.exact) return p[0] == 0;
-              return p == std::array<uint32_t, 4>{1u | wish.exact->level << 8, wish.exact->patch, wish.exact->x, wish.exact->y};
+              return p == std::array<uint32_t, 4>{1u | wish.exact->level << 8, wish.exact->patch, wish.exact->x,
+                                                  wish.exact->y};
             };
             ++(orthographic ? certain_orthographic : certain);
             if (!agrees(pixels[at])) {
@@ -254,7 +258,10 @@ TEST(FeedbackPass, OnePassFindsLargePagesAndAStillViewAll) {
         first_pass_missed += missing(truth.certain, nodesOf(wants));
       }
       seen = nodesOf(memory.add(wants, 1, 64));
-      if (turn % 16 == 0) fixed.merge(nodesOf(analyzer.analyze(feedback.draw(view.texture, feedbackGrid(view.texture.width_px, view.texture.height_px, 8, 0)), grid.width(), grid.height())));
+      if (turn % 16 == 0)
+        fixed.merge(nodesOf(analyzer.analyze(
+            feedback.draw(view.texture, feedbackGrid(view.texture.width_px, view.texture.height_px, 8, 0)),
+            grid.width(), grid.height())));
     }
     certain += truth.certain.size();
     size_t here = missing(truth.certain, seen);
@@ -265,10 +272,14 @@ TEST(FeedbackPass, OnePassFindsLargePagesAndAStillViewAll) {
     needless += missing(seen, truth.possible);
     strict_needless += missing(seen, truth.certain);
   }
-  std::printf("[ feedback ] seed %llu, 24 views: of %zu pages of 8x8 px and more one pass missed %zu; of %zu pages 64 passes missed %zu, "
-              "named %zu, needless %zu (%zu within the slack): precision %.2f %%; one pass missed %zu of %zu, 64 passes without jitter %zu\n",
-              static_cast<unsigned long long>(kSeed + 1), large, large_missed, certain, missed, named, needless, strict_needless - needless,
-              100 - 100.0 * static_cast<double>(strict_needless) / static_cast<double>(named), first_pass_missed, 4 * certain, unjittered_missed);
+  std::printf(
+      "[ feedback ] seed %llu, 24 views: of %zu pages of 8x8 px and more one pass missed %zu; of %zu pages 64 passes "
+      "missed %zu, "
+      "named %zu, needless %zu (%zu within the slack): precision %.2f %%; one pass missed %zu of %zu, 64 passes "
+      "without jitter %zu\n",
+      static_cast<unsigned long long>(kSeed + 1), large, large_missed, certain, missed, named, needless,
+      strict_needless - needless, 100 - 100.0 * static_cast<double>(strict_needless) / static_cast<double>(named),
+      first_pass_missed, 4 * certain, unjittered_missed);
   EXPECT_EQ(large_missed, 0u);
   EXPECT_GT(large, 500u);
   EXPECT_EQ(missed, 0u);
@@ -285,11 +296,12 @@ struct BrokenGradient {
   const char* uv;  // GLSL: of the corner p, 0..2
 };
 uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, bool* drawn) {
-  const std::string vertex = std::string("out vec2 v_uv;\nflat out uvec2 v_instance;\nuniform vec4 u_value;\n"
-                                         "void main() {\n"
-                                         "  vec2 p = vec2(float((gl_VertexID & 1) << 1), float(gl_VertexID & 2));\n"
-                                         "  v_instance = uvec2(1u | (1u << 28u), 0u);\n"
-                                         "  gl_Position = vec4(p * 2.0 - 1.0, 0.5, 1.0);\n  ") +
+  const std::string vertex = std::string(
+                                 "out vec2 v_uv;\nflat out uvec2 v_instance;\nuniform vec4 u_value;\n"
+                                 "void main() {\n"
+                                 "  vec2 p = vec2(float((gl_VertexID & 1) << 1), float(gl_VertexID & 2));\n"
+                                 "  v_instance = uvec2(1u | (1u << 28u), 0u);\n"
+                                 "  gl_Position = vec4(p * 2.0 - 1.0, 0.5, 1.0);\n  ") +
                              g.uv + "\n}\n";
   std::string gradient(shaderSource("gradient.glsl")), surface_shader(shaderSource("surface.frag"));
   std::string lookup(shaderSource("texture_lookup.glsl")), feedback_shader(shaderSource("feedback.frag"));
@@ -313,9 +325,10 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
   scene.relief = false;
   scene.sampling = anisotropic ? Sampling::kAnisotropic : Sampling::kTrilinear;
   const auto defines = planEffects(scene, manifest).defines();
-  auto surface_program = gl::Program::linkTexts(gltest::api(), {"broken.vert", vertex}, {"surface.frag", surface_shader}, {"", "", defines, {}, {}});
-  auto program = gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))}, {"feedback.frag", feedback_shader},
-                                        {"", "", defines, {"a_corner"}, {}});
+  auto surface_program = gl::Program::linkTexts(gltest::api(), {"broken.vert", vertex},
+                                                {"surface.frag", surface_shader}, {"", "", defines, {}, {}});
+  auto program = gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))},
+                                        {"feedback.frag", feedback_shader}, {"", "", defines, {"a_corner"}, {}});
   EXPECT_TRUE(surface_program.ok()) << (surface_program.ok() ? "" : surface_program.error().text());
   EXPECT_TRUE(program.ok()) << (program.ok() ? "" : program.error().text());
   if (!program.ok() || !surface_program.ok()) return 0;
@@ -325,7 +338,8 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
   surface.begin();
   surface_program->use();
   setShadingUniforms(*surface_program, {.format = &manifest.texture, .domain = &manifest.domain});
-  glUniform4f(surface_program->uniform("u_value"), 0.0f, 3e38f, std::numeric_limits<float>::infinity(), std::numeric_limits<float>::quiet_NaN());
+  glUniform4f(surface_program->uniform("u_value"), 0.0f, 3e38f, std::numeric_limits<float>::infinity(),
+              std::numeric_limits<float>::quiet_NaN());
   glBindVertexArray(none.id());
   glDrawArrays(GL_TRIANGLES, 0, 3);
   glBindVertexArray(0);
@@ -366,11 +380,13 @@ TEST(FeedbackPass, BrokenGradientsNeverAskForTheFinestLevel) {
   for (bool anisotropic : {false, true}) {
     for (const BrokenGradient& g : kBroken) {
       bool drawn = false;
-      EXPECT_EQ(askedLevel(g, true, anisotropic, &drawn), 0u) << g.name << (anisotropic ? ", anisotropic" : "") << " asks for the coarsest level";
+      EXPECT_EQ(askedLevel(g, true, anisotropic, &drawn), 0u)
+          << g.name << (anisotropic ? ", anisotropic" : "") << " asks for the coarsest level";
       EXPECT_TRUE(drawn) << g.name;
     }
     bool drawn = false;
-    EXPECT_EQ(askedLevel({"fine", "v_uv = p * 1e-5;"}, true, anisotropic, &drawn), 13u) << "a sound gradient may ask for the finest level";
+    EXPECT_EQ(askedLevel({"fine", "v_uv = p * 1e-5;"}, true, anisotropic, &drawn), 13u)
+        << "a sound gradient may ask for the finest level";
   }
 }
 
@@ -387,12 +403,13 @@ TEST(FeedbackPass, DegenerateViewsNameNothingThatIsNotThere) {
   FlatFeedback feedback(d);
   FeedbackAnalyzer analyzer;
   FeedbackGrid whole = feedbackGrid(good.texture.width_px, good.texture.height_px, 1, 0);
-  EXPECT_FALSE(analyzer.analyze(feedback.draw(good.texture, whole), whole.width(), whole.height()).empty()) << "does the sound view name any?";
+  EXPECT_FALSE(analyzer.analyze(feedback.draw(good.texture, whole), whole.width(), whole.height()).empty())
+      << "does the sound view name any?";
   const double nan = std::nan("");
   std::vector<std::function<void(TextureView&)>> bad = {
-      [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); },                             // w = 0 everywhere
-      [&](TextureView& v) { v.clip_from_world[3] = v.clip_from_world[2]; },                   // singular
-      [&](TextureView& v) { v.clip_from_world[0] = glm::dvec4(0); },                          // collapsed to a line
+      [&](TextureView& v) { v.clip_from_world = glm::dmat4(0); },            // w = 0 everywhere
+      [&](TextureView& v) { v.clip_from_world[3] = v.clip_from_world[2]; },  // singular
+      [&](TextureView& v) { v.clip_from_world[0] = glm::dvec4(0); },         // collapsed to a line
       [&](TextureView& v) { v.clip_from_world[1][3] = nan; },
       [&](TextureView& v) { v.clip_from_world *= 1e30; },
       [&](TextureView& v) { v.eye_mm.z = 0; },
@@ -401,7 +418,8 @@ TEST(FeedbackPass, DegenerateViewsNameNothingThatIsNotThere) {
     TextureView v = good.texture;
     bad[i](v);
     FeedbackGrid grid = feedbackGrid(v.width_px, v.height_px, 8, i);
-    for (const NodeWant& w : analyzer.analyze(feedback.draw(v, grid), grid.width(), grid.height())) EXPECT_TRUE(d.nodeExists(w.node)) << i;
+    for (const NodeWant& w : analyzer.analyze(feedback.draw(v, grid), grid.width(), grid.height()))
+      EXPECT_TRUE(d.nodeExists(w.node)) << i;
   }
 }
 
@@ -413,7 +431,9 @@ TEST(FeedbackPass, AsksForNothingWhereNothingIsSeen) {
   nothing.texture.clip_from_world = glm::dmat4(0);
   const int width_px = good.texture.width_px, height_px = good.texture.height_px;
   const FeedbackGrid whole = feedbackGrid(width_px, height_px, 1, 0);
-  auto count = [](const Pixels& pixels) { return std::count_if(pixels.begin(), pixels.end(), [](const auto& p) { return p[0] != 0; }); };
+  auto count = [](const Pixels& pixels) {
+    return std::count_if(pixels.begin(), pixels.end(), [](const auto& p) { return p[0] != 0; });
+  };
   auto asked = [&](FlatFeedback& feedback, const View& view) { return count(feedback.draw(view.texture, whole)); };
   for (bool reversed : {true, false}) {
     FlatFeedback feedback(good.domain, depthMode(reversed));
@@ -470,7 +490,8 @@ TEST(EngineDetermination, AStillCameraFindsWhatSettlingFinds) {
       camera.azimuth_deg = -80 + 65 * i;
       camera.elevation_deg = 20 * i - 30;
       camera.distance_mm *= 0.1 + 0.15 * i;
-      auto settled = engineFor(artwork, camera, Determination::kFeedback, relief), still = engineFor(artwork, camera, Determination::kFeedback, relief);
+      auto settled = engineFor(artwork, camera, Determination::kFeedback, relief),
+           still = engineFor(artwork, camera, Determination::kFeedback, relief);
       ASSERT_TRUE(settled && still);
       std::set<NodeId> wanted = settledWants(*settled), seen = stillWants(*still, 4);
       early += missing(wanted, seen);
@@ -481,17 +502,23 @@ TEST(EngineDetermination, AStillCameraFindsWhatSettlingFinds) {
       settled->frame(100);
       EXPECT_EQ(settled->stats().draw_calls, 1u) << "a settled view is shaded: neither geometry nor feedback";
       EXPECT_EQ(nodesOf(settled->textureWants()), wanted) << "nor forgets what it wants";
-      auto geometry = engineFor(artwork, camera, Determination::kGeometry, relief), both = engineFor(artwork, camera, Determination::kBoth, relief);
+      auto geometry = engineFor(artwork, camera, Determination::kGeometry, relief),
+           both = engineFor(artwork, camera, Determination::kBoth, relief);
       std::set<NodeId> named = settledWants(*geometry);
       EXPECT_EQ(missing(wanted, named), 0u) << "geometry never misses a page";
       EXPECT_EQ(settledWants(*both), named) << "a superset of the feedback's";
-      auto has = [](const Engine& e) { auto p = e.stats().passes; return std::count(p.begin(), p.end(), "feedback"); };
+      auto has = [](const Engine& e) {
+        auto p = e.stats().passes;
+        return std::count(p.begin(), p.end(), "feedback");
+      };
       EXPECT_EQ(has(*geometry), 0);
       EXPECT_EQ(has(*both), 1);
       EXPECT_TRUE(relief || static_cast<double>(missing(named, wanted)) <= 0.03 * static_cast<double>(named.size()));
     }
-    std::printf("[ feedback ] %s: of %zu pages that the full size wants, 64 frames at 1/8 miss %zu and name %zu more; the first frames miss %zu\n",
-                relief ? "relief" : "flat", full, missed, extra, early);
+    std::printf(
+        "[ feedback ] %s: of %zu pages that the full size wants, 64 frames at 1/8 miss %zu and name %zu more; the "
+        "first frames miss %zu\n",
+        relief ? "relief" : "flat", full, missed, extra, early);
     EXPECT_EQ(missed, 0u);
     EXPECT_EQ(extra, 0u);
   }

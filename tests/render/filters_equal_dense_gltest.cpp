@@ -1,7 +1,7 @@
-// Virtual equals dense with every way of sampling: at all sizes from one texel to 2^24 a side, at page edges and corners, in
-// extreme magnification and at grazing angles. The texture is rough: every texel differs from its neighbours by as much as the
-// snapping of vertices allows. Negative controls: pages without borders, taps that do not look up their own node, and an oracle
-// that is wrong by a little.
+// Virtual equals dense with every way of sampling: at all sizes from one texel to 2^24 a side, at page edges and
+// corners, in extreme magnification and at grazing angles. The texture is rough: every texel differs from its
+// neighbours by as much as the snapping of vertices allows. Negative controls: pages without borders, taps that do not
+// look up their own node, and an oracle that is wrong by a little.
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
@@ -91,7 +91,8 @@ TEST(FiltersEqualDense, JustOverAPowerOfTwo) {
     run.camera = [&, n = 0](std::mt19937& random) mutable {
       const PlanarDomain& d = subject.texture->domain;
       OrbitCamera c = nearCamera(random, d, 135, -2, 3);
-      if (n++ % 2 == 0) c.target_mm = pointAt(d, static_cast<double>(d.width_px) - 1, static_cast<double>(d.height_px) - 1);
+      if (n++ % 2 == 0)
+        c.target_mm = pointAt(d, static_cast<double>(d.width_px) - 1, static_cast<double>(d.height_px) - 1);
       return c;
     };
     everyMode(subject, std::to_string(w) + " x " + std::to_string(h), run);

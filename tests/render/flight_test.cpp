@@ -49,7 +49,8 @@ TEST(Flight, IsSmoothFiniteAndBeginsAndEndsAtRest) {
     EXPECT_LT(worstJerk(flight), 0.05) << flight.name;
     for (double t = -1; t < flight.duration_s() + 1; t += 0.01) {
       OrbitCamera c = cameraAt(flight, t);
-      ASSERT_TRUE(std::isfinite(c.distance_mm) && c.distance_mm > 0 && std::abs(c.elevation_deg) <= 89) << flight.name << " at " << t;
+      ASSERT_TRUE(std::isfinite(c.distance_mm) && c.distance_mm > 0 && std::abs(c.elevation_deg) <= 89)
+          << flight.name << " at " << t;
     }
     for (double end : {0.0, flight.duration_s() - 0.4}) {
       OrbitCamera a = cameraAt(flight, end), b = cameraAt(flight, end + 0.3);
@@ -78,7 +79,8 @@ TEST(Flight, PassesThroughItsKeysAndOvershootsNothing) {
       EXPECT_NEAR(cameraAt(flight, a.time_s).distance_mm / a.camera.distance_mm, 1, 1e-12);
       for (double s : {0.1, 0.35, 0.5, 0.8}) {
         OrbitCamera c = cameraAt(flight, a.time_s + s * (b.time_s - a.time_s));
-        double low = std::min(a.camera.target_mm.x, b.camera.target_mm.x), high = std::max(a.camera.target_mm.x, b.camera.target_mm.x);
+        double low = std::min(a.camera.target_mm.x, b.camera.target_mm.x),
+               high = std::max(a.camera.target_mm.x, b.camera.target_mm.x);
         EXPECT_GE(c.target_mm.x, low - 1e-9);
         EXPECT_LE(c.target_mm.x, high + 1e-9);
         EXPECT_GE(c.distance_mm, std::min(a.camera.distance_mm, b.camera.distance_mm) * (1 - 1e-12));
@@ -99,9 +101,11 @@ TEST(Flight, TheReaderComesAsNearAsAskedAndSeesTheWholeBefore) {
   EXPECT_NEAR(pixels_per_mm * d.mm_per_px, 2, 1e-6);
 }
 
-// --- prediction -------------------------------------------------------------------------------------------------------
+// --- prediction
+// -------------------------------------------------------------------------------------------------------
 
-CameraPredictor watching(const std::function<OrbitCamera(double)>& camera, double until_s, double dt = 1.0 / 60, PredictorOptions options = {}) {
+CameraPredictor watching(const std::function<OrbitCamera(double)>& camera, double until_s, double dt = 1.0 / 60,
+                         PredictorOptions options = {}) {
   CameraPredictor p(options);
   for (double t = until_s - 0.5; t <= until_s + 1e-9; t += dt) p.observe(camera(t), t);
   return p;
@@ -127,7 +131,8 @@ TEST(CameraPredictor, IsExactForSteadyMotion) {
 }
 
 TEST(CameraPredictor, FollowsAZoomOntoAPlace) {
-  // As a wheel over a place does: the distance shrinks by a factor over the time, and the target comes near in proportion.
+  // As a wheel over a place does: the distance shrinks by a factor over the time, and the target comes near in
+  // proportion.
   auto zoom = [](double t) {
     OrbitCamera c;
     c.distance_mm = 1000 * std::exp(-1.5 * t);
@@ -153,9 +158,21 @@ TEST(CameraPredictor, StillCamerasAskForNothing) {
   EXPECT_EQ(p.predict(0.5).target_mm, c.target_mm);
   EXPECT_FALSE(CameraPredictor().moves(720));
   // It stops within the window after the camera did.
-  p = watching([&](double t) { OrbitCamera m; m.azimuth_deg = 40 * std::min(t, 0.8); return m; }, 1.0);
+  p = watching(
+      [&](double t) {
+        OrbitCamera m;
+        m.azimuth_deg = 40 * std::min(t, 0.8);
+        return m;
+      },
+      1.0);
   EXPECT_FALSE(p.moves(720));
-  p = watching([&](double t) { OrbitCamera m; m.azimuth_deg = 40 * t; return m; }, 1.0);
+  p = watching(
+      [&](double t) {
+        OrbitCamera m;
+        m.azimuth_deg = 40 * t;
+        return m;
+      },
+      1.0);
   EXPECT_TRUE(p.moves(720));
   EXPECT_EQ(p.views(0.6).size(), 2u);
 }
@@ -172,7 +189,8 @@ TEST(CameraPredictor, StartsAnewAfterAGapAndWhenTimeRunsBackwards) {
   }
 }
 
-// Another projection is another picture: what it moves by is not known yet. Orthographic cameras are predicted as others are, and stay so.
+// Another projection is another picture: what it moves by is not known yet. Orthographic cameras are predicted as
+// others are, and stay so.
 TEST(CameraPredictor, KeepsTheProjectionAndStartsAnewWithAnother) {
   CameraPredictor predictor;
   OrbitCamera c;
@@ -191,11 +209,18 @@ TEST(Flight, TheProjectionIsThatOfTheKeyBefore) {
   Flight flight;
   for (int k = 0; k < 3; ++k) flight.keys.push_back({static_cast<double>(k), {}});
   flight.keys[1].camera.orthographic = true;
-  for (auto [time_s, orthographic] : {std::pair{-1.0, false}, {0.9, false}, {1.0, true}, {1.5, true}, {2.5, false}}) EXPECT_EQ(cameraAt(flight, time_s).orthographic, orthographic);
+  for (auto [time_s, orthographic] : {std::pair{-1.0, false}, {0.9, false}, {1.0, true}, {1.5, true}, {2.5, false}})
+    EXPECT_EQ(cameraAt(flight, time_s).orthographic, orthographic);
 }
 
 TEST(CameraPredictor, ElevationStaysBelowThePole) {
-  CameraPredictor p = watching([](double t) { OrbitCamera c; c.elevation_deg = 80 * t; return c; }, 1.0);
+  CameraPredictor p = watching(
+      [](double t) {
+        OrbitCamera c;
+        c.elevation_deg = 80 * t;
+        return c;
+      },
+      1.0);
   EXPECT_EQ(p.predict(5).elevation_deg, 89);
 }
 
@@ -227,7 +252,8 @@ TEST(PredictedWants, RemembersForAWhileBehindWhatIsPredictedNow) {
   EXPECT_TRUE(wants.finish().empty()) << "another clock";
 }
 
-// --- streaming on a virtual clock -------------------------------------------------------------------------------------
+// --- streaming on a virtual clock
+// -------------------------------------------------------------------------------------
 
 struct Streamed {
   NoRelief oracle;

@@ -229,12 +229,14 @@ TEST(Textures, IntegerTexelFetchIsExact) {
   for (uint32_t& t : texels) t = random();
   texels[0] = 0xFFFFFFFFu, texels[1] = 0x80000000u, texels[2] = 0x00FFFFFFu, texels[3] = 0x01000001u;
   EXPECT_EQ(fetchCopy(texels, size, true), texels);
-  // Negative controls: one bit is seen; and with linear filters an integer texture is incomplete, so that zeros (and alpha 1) arrive, where
-  // the driver keeps to that (NVIDIA's fetches the texels all the same).
+  // Negative controls: one bit is seen; and with linear filters an integer texture is incomplete, so that zeros (and
+  // alpha 1) arrive, where the driver keeps to that (NVIDIA's fetches the texels all the same).
   std::vector<uint32_t> other = texels;
   other[4321 % other.size()] ^= 1;
   EXPECT_NE(fetchCopy(other, size, true), texels);
-  if (currentContextInfo().software) { EXPECT_NE(fetchCopy(texels, size, false), texels); }
+  if (currentContextInfo().software) {
+    EXPECT_NE(fetchCopy(texels, size, false), texels);
+  }
 }
 
 TEST(Programs, SixteenBitUploadIsExact) {
@@ -308,7 +310,8 @@ TEST(Programs, ACompileErrorNamesFileAndLine) {
                              "void main() {\n"
                              "  o = no_such_function(1.0);\n"
                              "}\n"};
-  Result<Program> program = Program::linkTexts(gltest::api(), kFullScreen, broken, {.defines = {{"A", "1"}, {"B", "2"}}});
+  Result<Program> program =
+      Program::linkTexts(gltest::api(), kFullScreen, broken, {.defines = {{"A", "1"}, {"B", "2"}}});
   ASSERT_FALSE(program.ok());
   const std::string text = program.error().text();
   EXPECT_EQ(program.error().kind, ErrorKind::kRuntime);

@@ -1,7 +1,8 @@
-// Hard scans through the program: each of the shapes and views that geometry/hard_geometry_test.cpp names, written as a mesh file, built into a
-// package and drawn; or refused by name with exit code 3. Drawn: every vertex is a number, no pixel is black (surfaces have a little light
-// everywhere; what is no number has none), and no background shows where the lines of sight around a pixel all meet the scan.
-// Controls: pictures that were tampered with; the same views without snapping.
+// Hard scans through the program: each of the shapes and views that geometry/hard_geometry_test.cpp names, written as a
+// mesh file, built into a package and drawn; or refused by name with exit code 3. Drawn: every vertex is a number, no
+// pixel is black (surfaces have a little light everywhere; what is no number has none), and no background shows where
+// the lines of sight around a pixel all meet the scan. Controls: pictures that were tampered with; the same views
+// without snapping.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -26,8 +27,9 @@ constexpr int kMarginPx = 2;  // patches follow the scan to a fraction of this a
 // Binary doubles, so that what is far from the origin keeps its shape.
 std::string plyOf(const TriMesh& mesh, const glm::dvec3& offset) {
   std::ostringstream out;
-  out << "ply\nformat binary_little_endian 1.0\nelement vertex " << mesh.positions_mm.size() << "\nproperty double x\nproperty double y\nproperty double z\nelement face "
-      << mesh.triangles.size() << "\nproperty list uchar int vertex_indices\nend_header\n";
+  out << "ply\nformat binary_little_endian 1.0\nelement vertex " << mesh.positions_mm.size()
+      << "\nproperty double x\nproperty double y\nproperty double z\nelement face " << mesh.triangles.size()
+      << "\nproperty list uchar int vertex_indices\nend_header\n";
   for (const glm::vec3& p : mesh.positions_mm) {
     const glm::dvec3 at = glm::dvec3(p) + offset;
     out.write(reinterpret_cast<const char*>(&at.x), 24);
@@ -42,7 +44,7 @@ std::string plyOf(const TriMesh& mesh, const glm::dvec3& offset) {
 struct Scan {
   const char* item;
   TriMesh mesh;
-  std::string refused;       // what the refusal says; empty: it is built
+  std::string refused;  // what the refusal says; empty: it is built
   glm::dvec3 offset_mm{0};
   bool close_views = false;  // from on the surface, from within the bounds, along sides of patches
   int patches = 0;           // 0: as many as the builder likes
@@ -51,7 +53,10 @@ struct Scan {
 TriMesh sheetOf(int n, double width, double height, const std::function<double(double, double)>& z) {
   return gridMesh(n, n, false, false, [=](double u, double v) { return glm::dvec3(width * u, height * v, z(u, v)); });
 }
-double noise01(double u, double v) { return static_cast<double>(test::mix(static_cast<uint64_t>(1e6 * u) * 7919 + static_cast<uint64_t>(1e6 * v)) >> 11) * 0x1p-53; }
+double noise01(double u, double v) {
+  return static_cast<double>(test::mix(static_cast<uint64_t>(1e6 * u) * 7919 + static_cast<uint64_t>(1e6 * v)) >> 11) *
+         0x1p-53;
+}
 TriMesh cone(int sectors) {
   TriMesh mesh;
   mesh.positions_mm.push_back({0, 0, 30});
@@ -74,7 +79,9 @@ TriMesh withoutArea(TriMesh mesh) {
 
 std::vector<Scan> scans() {
   auto hills = [](double u, double v) { return 3 * std::sin(7 * u) * std::cos(5 * v); };
-  const TriMesh needles = gridMesh(1, 1000, false, false, [](double u, double v) { return glm::dvec3(100 * u, 10 * v, 2 * u + 0.3 * std::sin(9 * v)); });
+  const TriMesh needles = gridMesh(1, 1000, false, false, [](double u, double v) {
+    return glm::dvec3(100 * u, 10 * v, 2 * u + 0.3 * std::sin(9 * v));
+  });
   auto bumpy = [](double height_mm) {
     return cubeMesh(24, [=](const glm::dvec3& p) {
       const glm::dvec3 d = glm::normalize(p);
@@ -87,11 +94,23 @@ std::vector<Scan> scans() {
   all.push_back({"collapsed quads alone", boxMesh(2, 50, 0, 0), "degenerate triangles only", {}, false, 0});
   all.push_back({"edges at the eye, near, on, inside: a ball", bumpy(2), "", {}, true, 0});
   all.push_back({"the same: a sheet", sheetOf(40, 100, 80, hills), "", {}, true, 0});
-  all.push_back({"10 um relief on a 10 m panel", sheetOf(100, 10'000, 10'000, [](double u, double v) { return 0.005 * std::sin(40 * u) * std::cos(30 * v); }), "", {}, true, 0});
+  all.push_back(
+      {"10 um relief on a 10 m panel",
+       sheetOf(100, 10'000, 10'000, [](double u, double v) { return 0.005 * std::sin(40 * u) * std::cos(30 * v); }),
+       "",
+       {},
+       true,
+       0});
   all.push_back({"coordinates offset by 10^7 mm", bumpy(2), "", {1e7, -1e7, 1e7}, false, 0});
   all.push_back({"displacement larger than the patch", bumpy(25), "", {}, false, 200});
-  all.push_back({"all-flat relief (zero range)", sheetOf(20, 100, 80, [](double, double) { return 0.0; }), "", {}, false, 0});
-  all.push_back({"full 16-bit range", sheetOf(60, 100, 80, [](double u, double v) { return 2 * noise01(u, v); }), "", {}, false, 0});
+  all.push_back(
+      {"all-flat relief (zero range)", sheetOf(20, 100, 80, [](double, double) { return 0.0; }), "", {}, false, 0});
+  all.push_back({"full 16-bit range",
+                 sheetOf(60, 100, 80, [](double u, double v) { return 2 * noise01(u, v); }),
+                 "",
+                 {},
+                 false,
+                 0});
   all.push_back({"valence 3 corners", boxMesh(6, 40, 30, 20), "", {}, false, 0});
   all.push_back({"a corner of valence 20", cone(20), "", {}, false, 0});
   all.push_back({"Moebius strip", moebiusMesh(), "one side only", {}, false, 0});
@@ -104,14 +123,16 @@ struct Looked {
   uint64_t inside = 0, background = 0, black = 0;
 };
 // Pixels whose neighbours' lines of sight all meet the scan between the near and the far plane.
-Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, const RayScene& scan, const glm::dvec3& scan_from_world) {
+Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, const RayScene& scan,
+              const glm::dvec3& scan_from_world) {
   Looked looked;
   const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   std::vector<Line> lines;
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x) {
       auto at = [&](double depth) {
-        const glm::dvec4 p = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
+        const glm::dvec4 p =
+            world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
         return glm::dvec3(p) / p.w;
       };
       if (view.orthographic) {
@@ -122,7 +143,8 @@ Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, con
       const glm::dvec3 sight = at(0.5) - view.eye_mm;
       const glm::dvec3 a_mm_deep = sight / -(glm::transpose(view.world_from_camera) * sight).z;
       const double near_mm = 1.05 * view.near_mm, far_mm = 0.999 * view.far_mm;
-      lines.push_back({view.eye_mm + 0.5 * (near_mm + far_mm) * a_mm_deep + scan_from_world, a_mm_deep, 0.5 * (far_mm - near_mm)});
+      lines.push_back(
+          {view.eye_mm + 0.5 * (near_mm + far_mm) * a_mm_deep + scan_from_world, a_mm_deep, 0.5 * (far_mm - near_mm)});
     }
   std::vector<SurfacePoint> hits(lines.size());
   scan.nearestOnLines(lines, Facing::kAny, hits);
@@ -130,7 +152,8 @@ Looked lookAt(const std::vector<uint8_t>& pixels, const ViewTransform& view, con
     for (int x = kMarginPx; x < kWidth - kMarginPx; ++x) {
       bool all = true;
       for (int dy = -kMarginPx; dy <= kMarginPx && all; ++dy)
-        for (int dx = -kMarginPx; dx <= kMarginPx && all; ++dx) all = static_cast<bool>(hits[static_cast<size_t>((y + dy) * kWidth + x + dx)]);
+        for (int dx = -kMarginPx; dx <= kMarginPx && all; ++dx)
+          all = static_cast<bool>(hits[static_cast<size_t>((y + dy) * kWidth + x + dx)]);
       const size_t i = 4 * static_cast<size_t>(y * kWidth + x);
       const bool seen = pixels[i + 3] != 0;
       if (seen && pixels[i] + pixels[i + 1] + pixels[i + 2] == 0) ++looked.black;
@@ -154,7 +177,8 @@ OrbitCamera cameraFrom(const glm::dvec3& eye, const glm::dvec3& target, double f
 std::vector<OrbitCamera> camerasFor(const Scan& scan, const Manifest& manifest) {
   std::vector<OrbitCamera> all;
   const Extent extent = artworkExtent(manifest);
-  for (const auto& [azimuth, elevation, fov] : std::array<std::array<double, 3>, 3>{{{10, 15, 35}, {-50, 40, 1}, {150, -20, 100}}}) {
+  for (const auto& [azimuth, elevation, fov] :
+       std::array<std::array<double, 3>, 3>{{{10, 15, 35}, {-50, 40, 1}, {150, -20, 100}}}) {
     OrbitCamera c = fitCamera(extent, kWidth, kHeight, fov);
     c.azimuth_deg = azimuth, c.elevation_deg = elevation;
     c.distance_mm = fitDistance(c, extent, kWidth, kHeight);
@@ -166,13 +190,14 @@ std::vector<OrbitCamera> camerasFor(const Scan& scan, const Manifest& manifest) 
   const BaseMesh& base = *manifest.base;
   const double size = glm::length(extent.max_mm - extent.min_mm);
   const auto patch = static_cast<uint32_t>(base.patches.size() / 2);
-  const glm::dvec3 from(base.corners[base.patches[patch][0]].position_mm), to(base.corners[base.patches[patch][1]].position_mm), on = base.point(patch, 0.3, 0.6),
-      normal = glm::normalize(base.normal(patch, 0.3, 0.6));
-  all.push_back(cameraFrom(to + 0.7 * (to - from), from, 35));              // an edge points at the eye
-  all.push_back(cameraFrom(to, from, 60));                                  // and ends there
-  all.push_back(cameraFrom(on, on + normal * 0.01 * size, 90));             // on the surface, looking out
-  all.push_back(cameraFrom(on, on - normal * 0.2 * size, 90));              // and in
-  all.push_back(cameraFrom(on + 0.002 * size * normal, on, 170));           // close to it: the near plane goes through
+  const glm::dvec3 from(base.corners[base.patches[patch][0]].position_mm),
+      to(base.corners[base.patches[patch][1]].position_mm), on = base.point(patch, 0.3, 0.6),
+                                                            normal = glm::normalize(base.normal(patch, 0.3, 0.6));
+  all.push_back(cameraFrom(to + 0.7 * (to - from), from, 35));     // an edge points at the eye
+  all.push_back(cameraFrom(to, from, 60));                         // and ends there
+  all.push_back(cameraFrom(on, on + normal * 0.01 * size, 90));    // on the surface, looking out
+  all.push_back(cameraFrom(on, on - normal * 0.2 * size, 90));     // and in
+  all.push_back(cameraFrom(on + 0.002 * size * normal, on, 170));  // close to it: the near plane goes through
   all.push_back(cameraFrom(extent.centre() + 0.01 * size * normal, on, 120));  // from within the bounds
   return all;
 }
@@ -184,7 +209,9 @@ class HardScans : public testing_support::Cli {
     EXPECT_TRUE(opened.ok()) << (opened.ok() ? "" : opened.error().text());
     if (!opened.ok()) return nullptr;
     auto engine = test::makeEngine(artworkFromPackage(*opened), {}, {}, kWidth, kHeight);
-    if (engine && !snapping) { EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok()); }
+    if (engine && !snapping) {
+      EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok());
+    }
     return engine;
   }
 };
@@ -236,9 +263,12 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
       tampered.background += there.background, tampered.black += there.black;
     }
     EXPECT_GT(sum.inside, 0u) << scan.item;
-    std::printf("[ figures  ] %-42s %3zu views, %7llu pixels inside, %llu of them background, %llu black; %8llu numbers, %7llu triangles\n", scan.item, views,
-                static_cast<unsigned long long>(sum.inside), static_cast<unsigned long long>(sum.background), static_cast<unsigned long long>(sum.black),
-                static_cast<unsigned long long>(numbers), static_cast<unsigned long long>(triangles));
+    std::printf(
+        "[ figures  ] %-42s %3zu views, %7llu pixels inside, %llu of them background, %llu black; %8llu numbers, %7llu "
+        "triangles\n",
+        scan.item, views, static_cast<unsigned long long>(sum.inside), static_cast<unsigned long long>(sum.background),
+        static_cast<unsigned long long>(sum.black), static_cast<unsigned long long>(numbers),
+        static_cast<unsigned long long>(triangles));
     if ((scan.close_views || scan.patches) && unsnapped < 10) {
       auto broken = engineFor("scan.relievo", false);
       for (const OrbitCamera& camera : camerasFor(scan, broken->manifest())) {
@@ -248,8 +278,11 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
       }
     }
   }
-  std::printf("[ figures  ] background pixels: %llu without snapping; where pictures were tampered with %llu, and %llu black ones\n", static_cast<unsigned long long>(unsnapped),
-              static_cast<unsigned long long>(tampered.background), static_cast<unsigned long long>(tampered.black));
+  std::printf(
+      "[ figures  ] background pixels: %llu without snapping; where pictures were tampered with %llu, and %llu black "
+      "ones\n",
+      static_cast<unsigned long long>(unsnapped), static_cast<unsigned long long>(tampered.background),
+      static_cast<unsigned long long>(tampered.black));
   EXPECT_GT(tampered.background, 0u);
   EXPECT_GT(tampered.black, 0u);
   EXPECT_GT(unsnapped, 0u);

@@ -1,6 +1,7 @@
-// Pictures of closed bodies with and without the patches that are seen from behind (geometry/facing_cone.h) are equal, bit for bit. Those of a
-// third engine, which draws both sides of all triangles, differ from them in single pixels on outlines, where a front and a back have one depth;
-// no pixel is covered in one alone. Controls: heights steeper than the artwork says they are, whose patches are then missed.
+// Pictures of closed bodies with and without the patches that are seen from behind (geometry/facing_cone.h) are equal,
+// bit for bit. Those of a third engine, which draws both sides of all triangles, differ from them in single pixels on
+// outlines, where a front and a back have one depth; no pixel is covered in one alone. Controls: heights steeper than
+// the artwork says they are, whose patches are then missed.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -20,14 +21,17 @@ constexpr uint64_t kSeed = 20261121;
 // Bumps as a function of the place in space, deep enough to hide one another; every texel another colour.
 class BumpyPages final : public PageSource, public ReliefOracle {
  public:
-  BumpyPages(std::shared_ptr<const BaseMesh> base, int depth, double wave_mm, bool true_slopes) : base_(std::move(base)), depth_(depth), wave_mm_(wave_mm) {
+  BumpyPages(std::shared_ptr<const BaseMesh> base, int depth, double wave_mm, bool true_slopes)
+      : base_(std::move(base)), depth_(depth), wave_mm_(wave_mm) {
     const int n = kPagePx << depth;
     for (uint32_t p = 0; p < base_->patches.size(); ++p) {
       HeightSlopes s;
       for (int y = 0; y <= n && true_slopes; ++y)
         for (int x = 0; x <= n; ++x) {
           auto step = [&](int x1, int y1, float& least, float& most) {
-            const auto slope = static_cast<float>((sample(p, double(x1) / n, double(y1) / n) - sample(p, double(x) / n, double(y) / n)) * kReliefMm / 65535 * n);
+            const auto slope = static_cast<float>(
+                (sample(p, double(x1) / n, double(y1) / n) - sample(p, double(x) / n, double(y) / n)) * kReliefMm /
+                65535 * n);
             least = std::min(least, slope * 1.0001f - 1e-4f), most = std::max(most, slope * 1.0001f + 1e-4f);
           };
           if (x < n) step(x + 1, y, s.min_u, s.max_u);
@@ -38,12 +42,16 @@ class BumpyPages final : public PageSource, public ReliefOracle {
   }
   Result<EncodedPage> read(PageId id) const override {
     const NodeId n = id.node();
-    if (id.plane() == Plane::kRelief) return test::madeReliefPage(n, [&](double u, double v) { return sample(n.patch, u, v); });
+    if (id.plane() == Plane::kRelief)
+      return test::madeReliefPage(n, [&](double u, double v) { return sample(n.patch, u, v); });
     std::vector<uint8_t> channels(kTexturePageBytes);
-    for (size_t i = 0; i < channels.size(); ++i) channels[i] = static_cast<uint8_t>(test::mix(packNode(n) * 31 + i) % 251);
+    for (size_t i = 0; i < channels.size(); ++i)
+      channels[i] = static_cast<uint8_t>(test::mix(packNode(n) * 31 + i) % 251);
     return test::madeTexturePage(channels);
   }
-  HeightBounds bounds(const NodeId& page) const override { return {0, static_cast<float>(kReliefMm), static_cast<int>(page.level) < depth_ ? 0.02f : 0.0f}; }
+  HeightBounds bounds(const NodeId& page) const override {
+    return {0, static_cast<float>(kReliefMm), static_cast<int>(page.level) < depth_ ? 0.02f : 0.0f};
+  }
   bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
     slopes = slopes_[patch];
     return true;
@@ -52,7 +60,8 @@ class BumpyPages final : public PageSource, public ReliefOracle {
  private:
   uint16_t sample(uint32_t patch, double u, double v) const {
     const glm::dvec3 q = base_->point(patch, u, v) * (2 * std::numbers::pi / wave_mm_);
-    return static_cast<uint16_t>(std::lround(32767.5 * (1 + std::sin(q.x + 0.7 * std::sin(q.y)) * std::cos(1.3 * q.y + 0.4 * q.z) * std::cos(0.6 * q.z))));
+    return static_cast<uint16_t>(std::lround(
+        32767.5 * (1 + std::sin(q.x + 0.7 * std::sin(q.y)) * std::cos(1.3 * q.y + 0.4 * q.z) * std::cos(0.6 * q.z))));
   }
   std::shared_ptr<const BaseMesh> base_;
   int depth_;
@@ -68,7 +77,8 @@ class HiddenBacksPicture : public ::testing::Test {
     m = test::madeManifest(std::make_shared<const BaseMesh>(std::move(mesh)), 0, depth, kReliefMm);
     m.coarse_errors.resize(m.base->patches.size());
     for (CoarseErrors& e : m.coarse_errors)
-      for (int k = 0; k < 7; ++k) e[static_cast<size_t>(k)] = static_cast<float>(std::max(0.02, kReliefMm * std::ldexp(1.0, -2 * k)));
+      for (int k = 0; k < 7; ++k)
+        e[static_cast<size_t>(k)] = static_cast<float>(std::max(0.02, kReliefMm * std::ldexp(1.0, -2 * k)));
     auto pages = std::make_shared<BumpyPages>(m.base, depth, wave_mm, true_slopes);
     artwork.source = pages;
     artwork.oracle = pages;
@@ -100,7 +110,8 @@ class HiddenBacksPicture : public ::testing::Test {
       c.distance_mm = from_inside ? 5 + 20 * uniform(random) : 80 + 250 * uniform(random);
       c.fov_deg = 20 + 50 * uniform(random);
       c.orthographic = !from_inside && t.views % 4 == 3;
-      if (!from_inside) c.target_mm = glm::dvec3(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random) - 0.5) * 40.0;
+      if (!from_inside)
+        c.target_mm = glm::dvec3(uniform(random) - 0.5, uniform(random) - 0.5, uniform(random) - 0.5) * 40.0;
       std::array<std::vector<uint8_t>, 3> pixels;
       for (size_t k = 0; k < engines.size(); ++k) {
         engines[k]->setCamera(c);
@@ -122,15 +133,21 @@ class HiddenBacksPicture : public ::testing::Test {
 
 TEST_F(HiddenBacksPicture, AreNotMissed) {
   Totals all;
-  for (const Artwork& artwork : {bumpy(test::cubeSphere(5, 60), 0, 60, true), bumpy(test::torus(20, 10, 55, 22), 0, 60, true), bumpy(test::cubeSphere(2, 60), 2, 45, true)}) {
+  for (const Artwork& artwork :
+       {bumpy(test::cubeSphere(5, 60), 0, 60, true), bumpy(test::torus(20, 10, 55, 22), 0, 60, true),
+        bumpy(test::cubeSphere(2, 60), 2, 45, true)}) {
     const Totals t = compare(artwork, 16);
     EXPECT_EQ(t.different, 0u);
     EXPECT_EQ(t.uncovered, 0u);
-    all.ties += t.ties, all.views += t.views, all.seen += t.seen, all.with_backs += t.with_backs, all.without += t.without;
+    all.ties += t.ties, all.views += t.views, all.seen += t.seen, all.with_backs += t.with_backs,
+        all.without += t.without;
   }
   const Totals false_slopes = compare(bumpy(test::cubeSphere(5, 60), 0, 25, false), 10);
-  std::printf("[ picture  ] seed %llu: %d views, %llu pixels, none different, %llu from those of both sides; %llu of %llu instances drawn; slopes that are not true: %llu pixels different\n", (unsigned long long)kSeed,
-              all.views, (unsigned long long)all.seen, (unsigned long long)all.ties, (unsigned long long)all.without, (unsigned long long)all.with_backs, (unsigned long long)false_slopes.different);
+  std::printf(
+      "[ picture  ] seed %llu: %d views, %llu pixels, none different, %llu from those of both sides; %llu of %llu "
+      "instances drawn; slopes that are not true: %llu pixels different\n",
+      (unsigned long long)kSeed, all.views, (unsigned long long)all.seen, (unsigned long long)all.ties,
+      (unsigned long long)all.without, (unsigned long long)all.with_backs, (unsigned long long)false_slopes.different);
   EXPECT_GT(all.seen, 200'000u);
   EXPECT_LT(all.ties, all.seen / 50'000);
   EXPECT_LT(all.without, all.with_backs * 9 / 10);

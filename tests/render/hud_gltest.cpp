@@ -1,8 +1,8 @@
 // The head-up display: what it says, where it draws, and that it leaves the rest of the picture alone. And the viewer's
 // small helpers.
+#include <unistd.h>
 #include <array>
 #include <cstdint>
-#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
@@ -54,13 +54,16 @@ TEST(Hud, LineNamesTheFigures) {
   s.mm_per_px = 0.0416667;
   EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px   0.04167 mm a px");
   s.size_known = false;
-  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px   0.04167 px of the artwork a px");
+  EXPECT_EQ(hudLine(s),
+            "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 0.84 px   0.04167 px of the artwork a px");
   // What is promised is the bound that holds, not the budget.
   s.mm_per_px = 0;
   s.predicted_error_px = 8.6;
-  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 8.60 px so far (asked for 1.0)");
+  EXPECT_EQ(hudLine(s),
+            "31 fps  31.9 ms   pages 312 of 3628, 4 missing   error at most 8.60 px so far (asked for 1.0)");
   s.missing_pages = 0;
-  EXPECT_EQ(hudLine(s), "31 fps  31.9 ms   pages 312 of 3628, 0 missing   error at most 8.60 px in places (asked for 1.0)");
+  EXPECT_EQ(hudLine(s),
+            "31 fps  31.9 ms   pages 312 of 3628, 0 missing   error at most 8.60 px in places (asked for 1.0)");
 }
 
 TEST(Hud, DrawsInItsCornerAndNowhereElse) {
@@ -124,13 +127,16 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
   manifest.texture.basis = Basis::kPtmLrgb;
   HudFigures f = hudFigures(busyStats(), manifest);
   ASSERT_EQ(f.planes.size(), 5u);
-  EXPECT_EQ(f.planes[1], (std::vector<std::string>{"a0-a2", "10", "20", "30", "40", "50", "2.35 MB", "8.88 MB", "8.88 MB"}));
+  EXPECT_EQ(f.planes[1],
+            (std::vector<std::string>{"a0-a2", "10", "20", "30", "40", "50", "2.35 MB", "8.88 MB", "8.88 MB"}));
   EXPECT_EQ(f.planes[4][0], "relief");
   EXPECT_EQ(f.planes[4][1], "18");
   std::string lines;
   for (const auto& l : f.lines) lines += l + "\n";
-  for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1", "cancelled 9: 6 to read, 2 to decode, 1 decoded",
-                           "prefetched 20   used 15   wasted 2", "bias 0.25", "no room for 7", "patch list p99 2 frames old", "perspective (O)   0.042 mm a px at the target", "p50 18 ms (1 frames)", "p99 51 (3)"})
+  for (const char* part : {"hits 99.0 %", "misses 10", "evictions 5", "retries 3", "failed 1",
+                           "cancelled 9: 6 to read, 2 to decode, 1 decoded", "prefetched 20   used 15   wasted 2",
+                           "bias 0.25", "no room for 7", "patch list p99 2 frames old",
+                           "perspective (O)   0.042 mm a px at the target", "p50 18 ms (1 frames)", "p99 51 (3)"})
     EXPECT_NE(lines.find(part), std::string::npos) << part << " in\n" << lines;
   EngineStats parallel = busyStats();
   parallel.orthographic = true;
@@ -138,7 +144,8 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
   EngineStats blocks = busyStats();
   blocks.upload = PageCodec::kBc7;
   blocks.streamer.resident_bytes = 8'140'000, blocks.cache_bytes = 66'000'000, blocks.texture_bytes = 12'300'000;
-  EXPECT_EQ(hudFigures(blocks, manifest).lines[0], "upload bc7 blocks   resident 8.14 MB of 66.0 MB   GPU textures 12.3 MB");
+  EXPECT_EQ(hudFigures(blocks, manifest).lines[0],
+            "upload bc7 blocks   resident 8.14 MB of 66.0 MB   GPU textures 12.3 MB");
   blocks.upload = PageCodec::kLossless, blocks.why_not_blocks = "a reason";
   EXPECT_EQ(hudFigures(blocks, manifest).lines[0].substr(0, 12), "upload rgba8");
   EXPECT_EQ(hudFigures(blocks, manifest).lines[1], "no blocks: a reason");
@@ -148,9 +155,16 @@ TEST(HudFigures, NameEveryPlaneInUseAndEveryCounter) {
 }
 
 TEST(HudFigures, BytesHaveThreeDigits) {
-  for (auto [bytes, text] : std::initializer_list<std::pair<uint64_t, const char*>>{
-           {0, "0 B"}, {999, "999 B"}, {1000, "1.00 kB"}, {9994, "9.99 kB"}, {9996, "10.0 kB"}, {123456, "123 kB"}, {999499, "999 kB"},
-           {999600, "1.00 MB"}, {4060000000, "4.06 GB"}, {5000000000000000, "5000 TB"}})
+  for (auto [bytes, text] : std::initializer_list<std::pair<uint64_t, const char*>>{{0, "0 B"},
+                                                                                    {999, "999 B"},
+                                                                                    {1000, "1.00 kB"},
+                                                                                    {9994, "9.99 kB"},
+                                                                                    {9996, "10.0 kB"},
+                                                                                    {123456, "123 kB"},
+                                                                                    {999499, "999 kB"},
+                                                                                    {999600, "1.00 MB"},
+                                                                                    {4060000000, "4.06 GB"},
+                                                                                    {5000000000000000, "5000 TB"}})
     EXPECT_EQ(bytesText(bytes), text);
 }
 

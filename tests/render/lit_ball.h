@@ -1,4 +1,5 @@
-// lit_ball.h - a ball of one colour over a base mesh, its pages made when they are asked for, and what a picture of it must show: Lambert's law.
+// lit_ball.h - a ball of one colour over a base mesh, its pages made when they are asked for, and what a picture of it
+// must show: Lambert's law.
 #pragma once
 
 #include <cmath>
@@ -20,16 +21,21 @@ class BallPages final : public PageSource {
   Result<EncodedPage> read(PageId id) const override {
     const NodeId n = id.node();
     if (id.plane() == Plane::kRelief)
-      return madeReliefPage(n, [&](double u, double v) { return static_cast<uint16_t>(std::lround(height(n.patch, u, v) / kReliefMm * 65535)); });
+      return madeReliefPage(n, [&](double u, double v) {
+        return static_cast<uint16_t>(std::lround(height(n.patch, u, v) / kReliefMm * 65535));
+      });
     const double nodes = std::ldexp(1.0, static_cast<int>(n.level));
     std::vector<uint8_t> channels(kTexturePageBytes);
     constexpr size_t plane = size_t{kPageFullPx} * kPageFullPx;
     for (size_t j = 0; j < kPageFullPx; ++j) {
       for (size_t i = 0; i < kPageFullPx; ++i) {
-        const double u = (n.x + (static_cast<double>(i) + 0.5 - kPageBorderPx) / kPagePx) / nodes, v = (n.y + (static_cast<double>(j) + 0.5 - kPageBorderPx) / kPagePx) / nodes;
-        const glm::dvec3 d = glm::normalize(base_->point(n.patch, u, v) + base_->normal(n.patch, u, v) * height(n.patch, u, v));
+        const double u = (n.x + (static_cast<double>(i) + 0.5 - kPageBorderPx) / kPagePx) / nodes,
+                     v = (n.y + (static_cast<double>(j) + 0.5 - kPageBorderPx) / kPagePx) / nodes;
+        const glm::dvec3 d =
+            glm::normalize(base_->point(n.patch, u, v) + base_->normal(n.patch, u, v) * height(n.patch, u, v));
         for (size_t c = 0; c < 3; ++c)
-          channels[c * plane + j * kPageFullPx + i] = static_cast<uint8_t>(std::lround(id.plane() == texturePlane(0) ? kAlbedo[c] : 127.5 * (d[static_cast<int>(c)] + 1)));
+          channels[c * plane + j * kPageFullPx + i] = static_cast<uint8_t>(
+              std::lround(id.plane() == texturePlane(0) ? kAlbedo[c] : 127.5 * (d[static_cast<int>(c)] + 1)));
       }
     }
     return madeTexturePage(channels);
@@ -60,13 +66,15 @@ struct BallDifference {
   double largest = 0;  // of 255
 };
 // Pixels whose place and neighbourhood of a pixel are certain.
-inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view, const glm::dvec3& light, double radius) {
+inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const ViewTransform& view,
+                                      const glm::dvec3& light, double radius) {
   BallDifference d;
   const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       auto at = [&](double depth) {
-        const glm::dvec4 p = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
+        const glm::dvec4 p =
+            world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, depth, 1);
         return glm::dvec3(p) / p.w;
       };
       const glm::dvec3 from = view.orthographic ? at(-1) : view.eye_mm, ray = glm::normalize(at(0.5) - from);
@@ -83,7 +91,8 @@ inline BallDifference compareWithBall(const std::vector<uint8_t>& pixels, const 
         const double lit = std::max(glm::dot(n, light), 0.0);
         if (lit < 0.02) continue;  // near the terminator a normal's last bit is many grey levels
         for (int c = 0; c < 3; ++c)
-          d.largest = std::max(d.largest, std::abs(p[c] - kAlbedo[static_cast<size_t>(c)] * std::pow(0.04 + 0.96 * lit, 1 / 2.2)));
+          d.largest = std::max(d.largest,
+                               std::abs(p[c] - kAlbedo[static_cast<size_t>(c)] * std::pow(0.04 + 0.96 * lit, 1 / 2.2)));
       }
     }
   }

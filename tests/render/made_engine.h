@@ -10,7 +10,8 @@
 namespace relievo::test {
 
 // Null where there is none.
-inline std::unique_ptr<Engine> makeEngine(const Artwork& artwork, const Scene& scene, const EngineOptions& options, int width_px, int height_px) {
+inline std::unique_ptr<Engine> makeEngine(const Artwork& artwork, const Scene& scene, const EngineOptions& options,
+                                          int width_px, int height_px) {
   auto engine = Engine::create(artwork, scene, options);
   EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
   if (!engine.ok()) return nullptr;

@@ -1,4 +1,5 @@
-// made_pages.h - artworks over a base mesh whose pages are made when they are asked for, from functions of the place in a patch.
+// made_pages.h - artworks over a base mesh whose pages are made when they are asked for, from functions of the place in
+// a patch.
 #pragma once
 
 #include <cmath>
@@ -18,7 +19,8 @@ EncodedPage madeReliefPage(const NodeId& n, Sample&& sample) {
   std::vector<uint16_t> samples(kReliefPageSamples);
   for (size_t j = 0; j < kReliefSamples; ++j)
     for (size_t i = 0; i < kReliefSamples; ++i)
-      samples[j * kReliefSamples + i] = sample((n.x + static_cast<double>(i) / kPagePx) / nodes, (n.y + static_cast<double>(j) / kPagePx) / nodes);
+      samples[j * kReliefSamples + i] =
+          sample((n.x + static_cast<double>(i) / kPagePx) / nodes, (n.y + static_cast<double>(j) / kPagePx) / nodes);
   PageEncoder encoder(1);
   const auto bytes = encoder.encodeRelief(samples);
   return {{bytes.begin(), bytes.end()}};
@@ -30,7 +32,8 @@ inline EncodedPage madeTexturePage(const std::vector<uint8_t>& channels /* kText
 }
 
 // Albedo and normals, 0.15 mm a texel, heights from 0 to relief_mm.
-inline Manifest madeManifest(std::shared_ptr<const BaseMesh> base, int texture_depth, int relief_depth, double relief_mm) {
+inline Manifest madeManifest(std::shared_ptr<const BaseMesh> base, int texture_depth, int relief_depth,
+                             double relief_mm) {
   Manifest m;
   m.texture.basis = Basis::kAlbedoNormal;
   m.domain.texture_depth = texture_depth;

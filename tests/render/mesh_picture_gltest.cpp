@@ -1,6 +1,7 @@
-// What a body over a base mesh looks like, against analytic truth: a ball of one colour, lit by Lambert's law under a light that turns with the
-// camera. Geometry (which pixels), texture look-up (normals, over patches of any orientation) and shading all have to be right. Controls:
-// the same picture against a light that stays, and against a ball of another size.
+// What a body over a base mesh looks like, against analytic truth: a ball of one colour, lit by Lambert's law under a
+// light that turns with the camera. Geometry (which pixels), texture look-up (normals, over patches of any orientation)
+// and shading all have to be right. Controls: the same picture against a light that stays, and against a ball of
+// another size.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -61,10 +62,14 @@ TEST_F(MeshPicture, IsThatOfALitBall) {
     total.inside += d.inside, total.outside += d.outside, total.holes += d.holes, total.strays += d.strays;
     total.largest = std::max(total.largest, d.largest);
     still_light = std::max(still_light, compareWithBall(pixels, view_now, to_light, kRadius).largest);
-    other_size = std::max(other_size, compareWithBall(pixels, view_now, view_now.world_from_camera * to_light, 0.97 * kRadius).largest);
+    other_size = std::max(
+        other_size, compareWithBall(pixels, view_now, view_now.world_from_camera * to_light, 0.97 * kRadius).largest);
   }
-  std::printf("[ picture  ] seed %llu: %llu pixels inside, %llu outside; off by at most %.2f of 255 (%.0f with a light that stays, %.1f for a ball 3 %% smaller)\n",
-              (unsigned long long)kSeed, (unsigned long long)total.inside, (unsigned long long)total.outside, total.largest, still_light, other_size);
+  std::printf(
+      "[ picture  ] seed %llu: %llu pixels inside, %llu outside; off by at most %.2f of 255 (%.0f with a light that "
+      "stays, %.1f for a ball 3 %% smaller)\n",
+      (unsigned long long)kSeed, (unsigned long long)total.inside, (unsigned long long)total.outside, total.largest,
+      still_light, other_size);
   EXPECT_GT(total.inside, 50'000u);
   EXPECT_GT(total.outside, 50'000u);
   EXPECT_EQ(total.holes, 0u);

@@ -1,5 +1,6 @@
-// A PTM baked onto a mesh, through the program as its users run it: over a flat mesh whose texture coordinates cover it, it looks like the
-// flat artwork under the same light, from the front and aside. Controls: coefficients in another order, and a light in another frame.
+// A PTM baked onto a mesh, through the program as its users run it: over a flat mesh whose texture coordinates cover
+// it, it looks like the flat artwork under the same light, from the front and aside. Controls: coefficients in another
+// order, and a light in another frame.
 #include <fstream>
 #include <random>
 #include <sstream>
@@ -15,7 +16,8 @@ using namespace relievo::testing_support;
 
 constexpr int kWidth = 256, kHeight = 192;
 
-// Smooth coefficients, all of them of weight: what a light in another frame, or another order, shows is another picture.
+// Smooth coefficients, all of them of weight: what a light in another frame, or another order, shows is another
+// picture.
 class WavyPtm final : public TextureSource {
  public:
   WavyPtm(Basis basis, bool swapped) : swapped_(swapped) {
@@ -64,13 +66,15 @@ class MeshPtm : public Cli {
           const std::string k = std::to_string((y + j) * (kCells + 1) + x + i + 1);
           return uv ? k + "/" + k : k;
         };
-        out << "f " << at(0, 0) << " " << at(1, 0) << " " << at(1, 1) << "\nf " << at(0, 0) << " " << at(1, 1) << " " << at(0, 1) << "\n";
+        out << "f " << at(0, 0) << " " << at(1, 0) << " " << at(1, 1) << "\nf " << at(0, 0) << " " << at(1, 1) << " "
+            << at(0, 1) << "\n";
       }
     }
     write(name, out.str());
   }
   Image8 picture(const std::string& package, const std::string& light, const std::string& camera) const {
-    const Outcome drawn = relievo("render " + file(package) + " -o " + file("picture.png") + " --size 320x240 --settle --distance 300 --light " + light + " " + camera);
+    const Outcome drawn = relievo("render " + file(package) + " -o " + file("picture.png") +
+                                  " --size 320x240 --settle --distance 300 --light " + light + " " + camera);
     EXPECT_EQ(drawn.exit_code, 0) << drawn.output;
     auto read = readImage8(file("picture.png"));
     EXPECT_TRUE(read);
@@ -110,7 +114,8 @@ TEST_F(MeshPtm, overAPlaneItIsTheFlatArtworksPicture) {
     Outcome built = relievo("build --ptm " + file("right.ptm") + " --mm-per-pixel 0.5 -o " + file("flat.relievo"));
     ASSERT_EQ(built.exit_code, 0) << built.output;
     for (const char* name : {"right", "swapped"}) {
-      built = relievo("build --mesh " + file("plane.obj") + " --ptm " + file(std::string(name) + ".ptm") + " -o " + file(std::string(name) + ".relievo"));
+      built = relievo("build --mesh " + file("plane.obj") + " --ptm " + file(std::string(name) + ".ptm") + " -o " +
+                      file(std::string(name) + ".relievo"));
       ASSERT_EQ(built.exit_code, 0) << built.output;
     }
     const std::string info = relievo("info " + file("right.relievo")).output;
@@ -123,10 +128,13 @@ TEST_F(MeshPtm, overAPlaneItIsTheFlatArtworksPicture) {
       EXPECT_LE(same.mean, 1.0) << basisName(basis) << " " << light;
       if (light[0] == '0' && light[2] == '0') continue;
       EXPECT_GT(difference(flat, picture("swapped.relievo", light, "")).mean, 5) << light;
-      EXPECT_GT(difference(flat, picture("right.relievo", light[0] == '-' ? "-0.2,0.7,0.4" : "-0.6,0.1,0.5", "")).mean, 5) << light;
+      EXPECT_GT(difference(flat, picture("right.relievo", light[0] == '-' ? "-0.2,0.7,0.4" : "-0.6,0.1,0.5", "")).mean,
+                5)
+          << light;
     }
     // The camera 40 degrees to the right: a light from it is one from there in the frame of the photographs.
-    const Image8 flat = picture("flat.relievo", "0.64278761,0,0.76604444", "--azimuth 40"), mesh = picture("right.relievo", "0,0,1", "--azimuth 40");
+    const Image8 flat = picture("flat.relievo", "0.64278761,0,0.76604444", "--azimuth 40"),
+                 mesh = picture("right.relievo", "0,0,1", "--azimuth 40");
     EXPECT_LE(difference(flat, mesh).most, 6);
     EXPECT_GT(difference(flat, picture("right.relievo", "0.64278761,0,0.76604444", "--azimuth 40")).mean, 3);
   }
@@ -139,7 +147,8 @@ TEST_F(MeshPtm, whatDoesNotFitIsOneError) {
   Outcome r = relievo("build --mesh " + file("bare.obj") + " --ptm " + file("a.ptm") + " -o " + file("o.relievo"));
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("texture coordinates"), std::string::npos) << r.output;
-  r = relievo("build --mesh " + file("plane.obj") + " --ptm " + file("a.ptm") + " --texture " + file("a.png") + " -o " + file("o.relievo"));
+  r = relievo("build --mesh " + file("plane.obj") + " --ptm " + file("a.ptm") + " --texture " + file("a.png") + " -o " +
+              file("o.relievo"));
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("found both"), std::string::npos) << r.output;
   // The mesh names an image of other proportions: a square for its 4 : 3.
@@ -154,8 +163,13 @@ TEST_F(MeshPtm, whatDoesNotFitIsOneError) {
   EXPECT_NE(r.output.find("64 x 64"), std::string::npos) << r.output;
   EXPECT_NE(r.output.find("256 x 192"), std::string::npos) << r.output;
   EXPECT_EQ(filesNamed(".relievo"), 0);
-  EXPECT_EQ(relievo("build --mesh " + file("named.obj") + " --texture none --ptm " + file("a.ptm") + " -o " + file("o.relievo")).exit_code, 0);
-  EXPECT_EQ(relievo("build --mesh " + file("plane.obj") + " --ptm " + file("no.ptm") + " -o " + file("p.relievo")).exit_code, 2);
+  EXPECT_EQ(relievo("build --mesh " + file("named.obj") + " --texture none --ptm " + file("a.ptm") + " -o " +
+                    file("o.relievo"))
+                .exit_code,
+            0);
+  EXPECT_EQ(
+      relievo("build --mesh " + file("plane.obj") + " --ptm " + file("no.ptm") + " -o " + file("p.relievo")).exit_code,
+      2);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
-// Watertight over a base mesh: vertices that patches share have the same bits, whatever their levels, orientations, pages and arrival
-// order, and no background shows through a closed body. Negative controls: snapping off; sides interpolated in the patch's own direction.
+// Watertight over a base mesh: vertices that patches share have the same bits, whatever their levels, orientations,
+// pages and arrival order, and no background shows through a closed body. Negative controls: snapping off; sides
+// interpolated in the patch's own direction.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -35,11 +36,13 @@ class NoisePages final : public PageSource {
       const int step_log2 = unit_log2_ - 7 - static_cast<int>(n.level);
       for (uint32_t y = 0; y <= kPagePx; ++y)
         for (uint32_t x = 0; x <= kPagePx; ++x)
-          samples[y * kReliefSamples + x] = height_(n.patch, (n.x * kPagePx + x) << step_log2, (n.y * kPagePx + y) << step_log2);
+          samples[y * kReliefSamples + x] =
+              height_(n.patch, (n.x * kPagePx + x) << step_log2, (n.y * kPagePx + y) << step_log2);
       bytes = encoder.encodeRelief(samples);
     } else {
       std::vector<uint8_t> channels(kTexturePageBytes);
-      for (size_t i = 0; i < channels.size(); ++i) channels[i] = static_cast<uint8_t>(60 + (n.patch * 37 + i / (channels.size() / 3) * 91) % 150);
+      for (size_t i = 0; i < channels.size(); ++i)
+        channels[i] = static_cast<uint8_t>(60 + (n.patch * 37 + i / (channels.size() / 3) * 91) % 150);
       bytes = encoder.encodeTexture(channels);
     }
     return EncodedPage{{bytes.begin(), bytes.end()}};
@@ -54,21 +57,24 @@ struct Body {
   std::shared_ptr<const BaseMesh> mesh;
   Artwork artwork;
 };
-// Heights of which every (1 << up)-th sample is `fine`'s; between them, on the cells' triangles, rounded, as MeshBake::heights() has it. In
-// every third patch only along the sides. Patches of 2^7 cells.
+// Heights of which every (1 << up)-th sample is `fine`'s; between them, on the cells' triangles, rounded, as
+// MeshBake::heights() has it. In every third patch only along the sides. Patches of 2^7 cells.
 test::MeshHeight fewerCells(test::MeshHeight fine, int up) {
   return [fine, up](uint32_t patch, uint32_t x, uint32_t y) -> uint16_t {
     const bool on_side = x == 0 || y == 0 || x == kPagePx || y == kPagePx;
     if (patch % 3 == 0 && !on_side) return fine(patch, x, y);
-    const uint32_t cells = 1u << up, x0 = std::min(x & ~(cells - 1), kPagePx - cells), y0 = std::min(y & ~(cells - 1), kPagePx - cells);
+    const uint32_t cells = 1u << up, x0 = std::min(x & ~(cells - 1), kPagePx - cells),
+                   y0 = std::min(y & ~(cells - 1), kPagePx - cells);
     const uint32_t fx = x - x0, fy = y - y0;
     const auto at = [&](uint32_t i, uint32_t j) { return uint32_t{fine(patch, x0 + i * cells, y0 + j * cells)}; };
-    const uint32_t sum = fx >= fy ? at(0, 0) * (cells - fx) + at(1, 0) * (fx - fy) + at(1, 1) * fy : at(0, 0) * (cells - fy) + at(0, 1) * (fy - fx) + at(1, 1) * fx;
+    const uint32_t sum = fx >= fy ? at(0, 0) * (cells - fx) + at(1, 0) * (fx - fy) + at(1, 1) * fy
+                                  : at(0, 0) * (cells - fy) + at(0, 1) * (fy - fx) + at(1, 1) * fx;
     return static_cast<uint16_t>((sum + cells / 2) >> up);
   };
 }
 
-// `fine`'s upper ten bits, about the middle: pages of them fit their compact form. In every fourth patch only along the sides.
+// `fine`'s upper ten bits, about the middle: pages of them fit their compact form. In every fourth patch only along the
+// sides.
 test::MeshHeight gentle(test::MeshHeight fine, int unit_log2) {
   return [fine, side = 1u << unit_log2](uint32_t patch, uint32_t x, uint32_t y) -> uint16_t {
     const bool on_side = x == 0 || y == 0 || x == side || y == side;
@@ -104,7 +110,9 @@ Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0, bool 
 class MeshWatertight : public ::testing::Test {
  protected:
   // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
-  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false, bool geomorph = false, bool small_relief = true, bool compact_relief = true) {
+  static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false,
+                                            bool geomorph = false, bool small_relief = true,
+                                            bool compact_relief = true) {
     Scene scene;
     scene.geomorph = geomorph;
     scene.error_px = error_px;
@@ -113,7 +121,7 @@ class MeshWatertight : public ::testing::Test {
     options.most_pinned_patches = tails ? 0 : kMaxPatches;
     options.small_relief = small_relief;
     options.compact_relief = compact_relief;
-    options.uploads_per_frame = 6;                                                  // most frames see a mix of levels
+    options.uploads_per_frame = 6;  // most frames see a mix of levels
     return test::makeEngine(body.artwork, scene, options, kWidth, kHeight);
   }
   static OrbitCamera randomCamera(const BaseMesh& mesh, std::mt19937& random) {
@@ -158,8 +166,10 @@ void compareShared(Engine& engine, Comparison* total, test::SnapFunction snap = 
         any_nonzero = any_nonzero || floats[at + 3] != 0;
         if (i != 0 && j != 0 && i != last && j != last) continue;
         auto s = snap(i, j, p);
-        Shared v{test::placeOf(mesh, unit_log2, p.node.patch, static_cast<uint32_t>(p.x0) + (s[0] << p.step_log2), static_cast<uint32_t>(p.y0) + (s[1] << p.step_log2)),
-                 p.node.patch, {}};
+        Shared v{test::placeOf(mesh, unit_log2, p.node.patch, static_cast<uint32_t>(p.x0) + (s[0] << p.step_log2),
+                               static_cast<uint32_t>(p.y0) + (s[1] << p.step_log2)),
+                 p.node.patch,
+                 {}};
         for (size_t k = 0; k < 4; ++k) v.bits[k] = std::bit_cast<uint32_t>(floats[at + k] + 0.0f);  // -0 is 0
         shared.push_back(v);
       }
@@ -194,14 +204,15 @@ TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
     }
     EXPECT_EQ(total.different, 0u) << named.name;
   }
-  std::printf("[ watertight ] seed %llu: %llu comparisons over %d frames, %llu of them across patches, %llu differ\n", (unsigned long long)kSeed,
-              (unsigned long long)total.compared, frames, (unsigned long long)total.across_patches, (unsigned long long)total.different);
+  std::printf("[ watertight ] seed %llu: %llu comparisons over %d frames, %llu of them across patches, %llu differ\n",
+              (unsigned long long)kSeed, (unsigned long long)total.compared, frames,
+              (unsigned long long)total.across_patches, (unsigned long long)total.different);
   EXPECT_GE(total.compared, 2'000'000u);
   EXPECT_GE(total.across_patches, 100'000u);
 }
 
-// The same where most patches are drawn from their tails, some from pages: beside each other, and each in turn while pages come and go; some
-// bodies with geomorph.
+// The same where most patches are drawn from their tails, some from pages: beside each other, and each in turn while
+// pages come and go; some bodies with geomorph.
 TEST_F(MeshWatertight, TailsAndPagesHaveTheSameBits) {
   Comparison total;
   uint64_t of_tails = 0, of_pages = 0;
@@ -218,7 +229,8 @@ TEST_F(MeshWatertight, TailsAndPagesHaveTheSameBits) {
       if (frame < 6 && frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
       engine->frame(frame * 0.016);
       if (frame > 6) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-      const bool any_page = std::any_of(engine->instances().begin(), engine->instances().end(), [](const PatchInstance& p) { return p.relief_page.level != kTailLevel; });
+      const bool any_page = std::any_of(engine->instances().begin(), engine->instances().end(),
+                                        [](const PatchInstance& p) { return p.relief_page.level != kTailLevel; });
       if (frame >= 6 && !any_page) continue;
       compareShared(*engine, &total, geomorph ? test::ownVertex : snapVertex);
       if (HasFatalFailure()) return;
@@ -226,9 +238,10 @@ TEST_F(MeshWatertight, TailsAndPagesHaveTheSameBits) {
     }
     EXPECT_EQ(total.different, 0u) << named.name;
   }
-  std::printf("[ watertight ] %llu comparisons, %llu across patches, %llu differ; %llu instances from tails, %llu from pages\n",
-              (unsigned long long)total.compared, (unsigned long long)total.across_patches, (unsigned long long)total.different,
-              (unsigned long long)of_tails, (unsigned long long)of_pages);
+  std::printf(
+      "[ watertight ] %llu comparisons, %llu across patches, %llu differ; %llu instances from tails, %llu from pages\n",
+      (unsigned long long)total.compared, (unsigned long long)total.across_patches, (unsigned long long)total.different,
+      (unsigned long long)of_tails, (unsigned long long)of_pages);
   // How many depends on when pages come.
   EXPECT_GE(total.across_patches, 5'000u);
   EXPECT_GE(of_tails, 200u);
@@ -257,7 +270,8 @@ TEST_F(MeshWatertight, TailsOfOtherHeightsAreSeen) {
   EXPECT_GT(total.different, 0u) << "of " << total.compared;
 }
 
-// Pages of which every second or fourth sample is kept, beside whole ones, beside tails: as if all were whole, every vertex of every list.
+// Pages of which every second or fourth sample is kept, beside whole ones, beside tails: as if all were whole, every
+// vertex of every list.
 TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
   Comparison total;
   uint64_t vertices = 0, fine = 0;
@@ -267,7 +281,8 @@ TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
     test::turnPatches(mesh, turns);
     const Body body = makeBody(mesh, 0, 8, coarser);
     std::mt19937 random(static_cast<uint32_t>(kSeed));
-    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true), makeEngine(body, 0.25, true, false, false)};
+    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true),
+                                                   makeEngine(body, 0.25, true, false, false)};
     for (int view = 0; view < 2; ++view) {
       const OrbitCamera camera = randomCamera(mesh, random);
       std::array<std::vector<float>, 2> captured;
@@ -279,9 +294,11 @@ TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
       }
       ASSERT_EQ(engines[0]->instances(), engines[1]->instances());
       ASSERT_EQ(captured[0].size(), captured[1].size());
-      EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0) << "view " << view << ", 2^" << 7 - coarser << " cells";
+      EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0)
+          << "view " << view << ", 2^" << 7 - coarser << " cells";
       vertices += captured[0].size() / 4;
-      for (const PatchInstance& p : engines[0]->instances()) fine += p.step_log2 < coarser && p.relief_page.level != kTailLevel && p.node.patch % 3 != 0;
+      for (const PatchInstance& p : engines[0]->instances())
+        fine += p.step_log2 < coarser && p.relief_page.level != kTailLevel && p.node.patch % 3 != 0;
     }
     EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes);
     ASSERT_TRUE(engines[0]->sabotage({.one_sample_a_texel = true}).ok());
@@ -289,8 +306,11 @@ TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
     compareShared(*engines[0], &broken);
     EXPECT_GT(broken.different, 0u) << "of " << broken.compared << ", samples read from elsewhere";
   }
-  std::printf("[ watertight ] %llu vertices from small pages as from whole ones; %llu instances between their samples; %llu shared, %llu differ\n", (unsigned long long)vertices,
-              (unsigned long long)fine, (unsigned long long)total.compared, (unsigned long long)total.different);
+  std::printf(
+      "[ watertight ] %llu vertices from small pages as from whole ones; %llu instances between their samples; %llu "
+      "shared, %llu differ\n",
+      (unsigned long long)vertices, (unsigned long long)fine, (unsigned long long)total.compared,
+      (unsigned long long)total.different);
   EXPECT_EQ(total.different, 0u);
   EXPECT_GE(vertices, 100'000u);
   EXPECT_GE(fine, 50u);
@@ -306,7 +326,8 @@ TEST_F(MeshWatertight, CompactPagesHaveTheBitsOfPlainOnes) {
     test::turnPatches(mesh, turns);
     const Body body = makeBody(mesh, depth, 8, coarser, true);
     std::mt19937 random(static_cast<uint32_t>(kSeed));
-    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true, geomorph), makeEngine(body, 0.25, true, geomorph, true, false)};
+    std::array<std::unique_ptr<Engine>, 2> engines{makeEngine(body, 0.25, true, geomorph),
+                                                   makeEngine(body, 0.25, true, geomorph, true, false)};
     const std::string what = "2^" + std::to_string(7 - coarser) + " cells, depth " + std::to_string(depth);
     const OrbitCamera camera = randomCamera(mesh, random);
     std::array<std::vector<float>, 2> captured;
@@ -321,19 +342,22 @@ TEST_F(MeshWatertight, CompactPagesHaveTheBitsOfPlainOnes) {
     EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0) << what;
     vertices += captured[0].size() / 4;
     EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes) << what;
-    for (Engine::Sabotage broken : {Engine::Sabotage{.narrow_residuals = true}, Engine::Sabotage{.flat_blocks = true}}) {
+    for (Engine::Sabotage broken :
+         {Engine::Sabotage{.narrow_residuals = true}, Engine::Sabotage{.flat_blocks = true}}) {
       for (auto& engine : engines) ASSERT_TRUE(engine->sabotage(broken).ok());
-      EXPECT_NE(engines[0]->captureVertices(40'000'000), captured[0]) << what << (broken.flat_blocks ? ": slopes left out" : ": widths less one");
+      EXPECT_NE(engines[0]->captureVertices(40'000'000), captured[0])
+          << what << (broken.flat_blocks ? ": slopes left out" : ": widths less one");
       EXPECT_EQ(engines[1]->captureVertices(40'000'000), captured[1]) << "plain pages have neither";
     }
   }
-  std::printf("[ watertight ] %llu vertices from compact pages as from plain ones; %llu shared, %llu differ\n", (unsigned long long)vertices, (unsigned long long)total.compared,
-              (unsigned long long)total.different);
+  std::printf("[ watertight ] %llu vertices from compact pages as from plain ones; %llu shared, %llu differ\n",
+              (unsigned long long)vertices, (unsigned long long)total.compared, (unsigned long long)total.different);
   EXPECT_EQ(total.different, 0u);
   EXPECT_GE(vertices, 100'000u);
 }
 
-// Patches of one cell in a program of their own, beside finer ones: as if one program computed all, every vertex of every list.
+// Patches of one cell in a program of their own, beside finer ones: as if one program computed all, every vertex of
+// every list.
 TEST_F(MeshWatertight, RootCellsHaveTheBitsOfAllOthers) {
   Comparison total;
   uint64_t cells = 0, finer = 0;
@@ -361,23 +385,27 @@ TEST_F(MeshWatertight, RootCellsHaveTheBitsOfAllOthers) {
       const std::vector<float> general = engine->captureVertices(40'000'000);
       ASSERT_EQ(captured.size(), general.size());
       uint64_t different = 0;
-      for (size_t i = 0; i < captured.size(); ++i) different += std::bit_cast<uint32_t>(captured[i] + 0.0f) != std::bit_cast<uint32_t>(general[i] + 0.0f);
+      for (size_t i = 0; i < captured.size(); ++i)
+        different += std::bit_cast<uint32_t>(captured[i] + 0.0f) != std::bit_cast<uint32_t>(general[i] + 0.0f);
       EXPECT_EQ(different, 0u) << "view " << view;
       ASSERT_TRUE(engine->sabotage({.cells_without_heights = true}).ok());
       EXPECT_NE(engine->captureVertices(40'000'000), captured) << "view " << view << ": heights left out";
       ASSERT_TRUE(engine->sabotage({}).ok());
     }
   }
-  std::printf("[ watertight ] %llu patches of one cell beside %llu instances of more: %llu comparisons, %llu across patches, %llu differ\n", (unsigned long long)cells,
-              (unsigned long long)finer, (unsigned long long)total.compared, (unsigned long long)total.across_patches, (unsigned long long)total.different);
+  std::printf(
+      "[ watertight ] %llu patches of one cell beside %llu instances of more: %llu comparisons, %llu across patches, "
+      "%llu differ\n",
+      (unsigned long long)cells, (unsigned long long)finer, (unsigned long long)total.compared,
+      (unsigned long long)total.across_patches, (unsigned long long)total.different);
   EXPECT_EQ(total.different, 0u);
   EXPECT_GE(cells, 500u);
   EXPECT_GE(finer, 500u);
 }
 
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
-  for (Engine::Sabotage broken :
-       {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true}, Engine::Sabotage{.one_sample_a_texel = true}}) {
+  for (Engine::Sabotage broken : {Engine::Sabotage{.no_snapping = true}, Engine::Sabotage{.unordered_ends = true},
+                                  Engine::Sabotage{.one_sample_a_texel = true}}) {
     BaseMesh mesh = test::cubeSphere(3, 60);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
@@ -394,12 +422,15 @@ TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
       ASSERT_TRUE(engine->settle(60).ok());
       compareShared(*engine, &total);
     }
-    EXPECT_GT(total.different, 0u) << "of " << total.compared << (broken.no_snapping ? ", no snapping" : broken.unordered_ends ? ", unordered ends" : ", one sample a texel");
+    EXPECT_GT(total.different, 0u) << "of " << total.compared
+                                   << (broken.no_snapping      ? ", no snapping"
+                                       : broken.unordered_ends ? ", unordered ends"
+                                                               : ", one sample a texel");
   }
 }
 
-// Open bodies, so that a crack shows the background and not the other side. `inside`: must the surface be seen along a ray, whatever the
-// relief does?
+// Open bodies, so that a crack shows the background and not the other side. `inside`: must the surface be seen along a
+// ray, whatever the relief does?
 struct OpenBody {
   std::string name;
   BaseMesh mesh;
@@ -427,8 +458,9 @@ OpenBody halfBall() {
   return body;
 }
 
-// A sheet between two heights that hangs in its border: a ray that goes through from the one to the other and keeps clear of the border
-// must meet it, however it folds. The clear part: a circle around the middle, as wide as the border leaves it.
+// A sheet between two heights that hangs in its border: a ray that goes through from the one to the other and keeps
+// clear of the border must meet it, however it folds. The clear part: a circle around the middle, as wide as the border
+// leaves it.
 OpenBody sheet(std::string name, BaseMesh mesh) {
   OpenBody body{std::move(name), std::move(mesh), 8, {}};
   auto [low, high] = test::boxOf(body.mesh);
@@ -438,7 +470,11 @@ OpenBody sheet(std::string name, BaseMesh mesh) {
   for (uint32_t p = 0; p < body.mesh.patches.size(); ++p)
     for (size_t side = 0; side < 4; ++side) {
       if (neighbours[p][side].patch != PatchNeighbour::kNone) continue;
-      auto corner = [&](int end) { return glm::dvec2(body.mesh.corners[body.mesh.patches[p][static_cast<size_t>(kSideCorners[side][static_cast<size_t>(end)])]].position_mm); };
+      auto corner = [&](int end) {
+        return glm::dvec2(
+            body.mesh.corners[body.mesh.patches[p][static_cast<size_t>(kSideCorners[side][static_cast<size_t>(end)])]]
+                .position_mm);
+      };
       const glm::dvec2 a = corner(0), along = corner(1) - a;
       const double t = std::clamp(-glm::dot(a, along) / glm::dot(along, along), 0.0, 1.0);
       clear = std::min(clear, glm::length(a + t * along));
@@ -466,8 +502,8 @@ std::vector<OpenBody> openBodies() {
 class MeshBackground : public MeshWatertight {
  protected:
   static constexpr int kSmallWidth = 128, kSmallHeight = 72;
-  // Pixels inside and background ones among them over random views, from either side of a sheet; three frames a view, so that pages are still
-  // coming and going.
+  // Pixels inside and background ones among them over random views, from either side of a sheet; three frames a view,
+  // so that pages are still coming and going.
   std::pair<uint64_t, uint64_t> look(OpenBody open, int views, bool snapping) {
     test::Random turns(kSeed);
     test::turnPatches(open.mesh, turns);
@@ -503,7 +539,8 @@ class MeshBackground : public MeshWatertight {
     uint64_t count = 0;
     for (int y = 0; y < kSmallHeight; ++y) {
       for (int x = 0; x < kSmallWidth; ++x) {
-        glm::dvec4 far_point = world_from_clip * glm::dvec4((x + 0.5) / kSmallWidth * 2 - 1, 1 - (y + 0.5) / kSmallHeight * 2, 0.5, 1);
+        glm::dvec4 far_point =
+            world_from_clip * glm::dvec4((x + 0.5) / kSmallWidth * 2 - 1, 1 - (y + 0.5) / kSmallHeight * 2, 0.5, 1);
         if (!body.inside(view.eye_mm, glm::normalize(glm::dvec3(far_point) / far_point.w - view.eye_mm))) continue;
         ++*inside;
         count += pixels[static_cast<size_t>(y * kSmallWidth + x) * 4 + 3] == 0;
@@ -521,8 +558,8 @@ TEST_F(MeshBackground, NoneShowsThrough) {
     const int views = test::longTests() ? 1667 : 40;
     const std::string name = body.name;
     auto [inside, background] = look(std::move(body), views, true);
-    std::printf("[ watertight ] %s, seed %llu: %d views, %llu pixels inside, %llu of them background\n", name.c_str(), (unsigned long long)kSeed + 1, views,
-                (unsigned long long)inside, (unsigned long long)background);
+    std::printf("[ watertight ] %s, seed %llu: %d views, %llu pixels inside, %llu of them background\n", name.c_str(),
+                (unsigned long long)kSeed + 1, views, (unsigned long long)inside, (unsigned long long)background);
     EXPECT_EQ(background, 0u) << name;
     EXPECT_GT(inside, 300u * static_cast<uint64_t>(views)) << name;
     inside_all += inside;

@@ -1,6 +1,7 @@
-// What orthographic pictures promise: every place of the artwork is in the picture where its millimetres over the scale say, whatever its depth
-// and however near the eye is said to be; the error promised is kept; and the picture is the one that ever longer lenses come to. With both
-// kinds of depth buffers. (Equality with the dense reference: virtual_equals_dense_gltest.cpp; with an analytic ball: mesh_picture_gltest.cpp.)
+// What orthographic pictures promise: every place of the artwork is in the picture where its millimetres over the scale
+// say, whatever its depth and however near the eye is said to be; the error promised is kept; and the picture is the
+// one that ever longer lenses come to. With both kinds of depth buffers. (Equality with the dense reference:
+// virtual_equals_dense_gltest.cpp; with an analytic ball: mesh_picture_gltest.cpp.)
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -42,7 +43,8 @@ class GridSheet final : public TextureSource {
     size_t at = 0;
     for (int c = 0; c < 3; ++c)  // red: lines along y, at their x; green: along x; blue: all of it
       for (int64_t y = r.y; y < r.y + r.height; ++y)
-        for (int64_t x = r.x; x < r.x + r.width; ++x) out[at++] = c == 2 || (c == 0 ? x : y) % kEvery == kEvery / 2 ? 255 : 0;
+        for (int64_t x = r.x; x < r.x + r.width; ++x)
+          out[at++] = c == 2 || (c == 0 ? x : y) % kEvery == kEvery / 2 ? 255 : 0;
     return {};
   }
 };
@@ -51,12 +53,14 @@ struct Lines {
   int found = 0;
   double furthest_px = 0;  // from where they belong
 };
-// How far lines are beside their places, along the picture's axis on which they are told apart. A line's profile is a tent (bilinear between
-// texels); where it lies is the shift that fits its pixels best, by least squares. truth: pixels of a place on the sheet (mm), an affine function.
+// How far lines are beside their places, along the picture's axis on which they are told apart. A line's profile is a
+// tent (bilinear between texels); where it lies is the shift that fits its pixels best, by least squares. truth: pixels
+// of a place on the sheet (mm), an affine function.
 template <class Truth>
 Lines measure(const std::vector<uint8_t>& pixels, int axis, Truth&& truth) {
   Lines lines;
-  const glm::dvec2 origin = truth(glm::dvec2(0)), dx = truth(glm::dvec2(1, 0)) - origin, dy = truth(glm::dvec2(0, 1)) - origin;
+  const glm::dvec2 origin = truth(glm::dvec2(0)), dx = truth(glm::dvec2(1, 0)) - origin,
+                   dy = truth(glm::dvec2(0, 1)) - origin;
   const glm::dmat2 mm_from_px = glm::inverse(glm::dmat2(dx, dy));
   // The sheet's place, in texels, of a pixel's centre.
   auto texelOf = [&](double x, double y) {
@@ -78,7 +82,8 @@ Lines measure(const std::vector<uint8_t>& pixels, int axis, Truth&& truth) {
       const double off = texel - (static_cast<double>(line * kEvery) + kEvery / 2.0 + 0.5);
       if (!p[3] || line < 0 || line >= kSheet / kEvery || std::abs(off) > 2) continue;
       Fit& fit = fits[static_cast<size_t>(line)];
-      const double wanted = 255 * std::max(0.0, 1 - std::abs(off)), change = std::abs(off) < 1 ? 255 * slope * (off < 0 ? -1 : 1) : 0;  // for a shift to the right
+      const double wanted = 255 * std::max(0.0, 1 - std::abs(off)),
+                   change = std::abs(off) < 1 ? 255 * slope * (off < 0 ? -1 : 1) : 0;  // for a shift to the right
       fit.top += (p[axis] - wanted) * change;
       fit.bottom += change * change;
       fit.pixels += p[axis] > 0 || change != 0;
@@ -111,7 +116,8 @@ TEST(Orthographic, AGridIsWhereItsMillimetresSay) {
         if (round > 1) c.azimuth_deg = uniform(random, -40, 40), c.elevation_deg = uniform(random, -40, 40);
         c.target_mm = {uniform(random, -10, 10), uniform(random, -10, 10), round % 2 ? uniform(random, -50, 50) : 0};
         const double az = glm::radians(c.azimuth_deg), el = glm::radians(c.elevation_deg);
-        const glm::dvec3 right{std::cos(az), 0, -std::sin(az)}, up{-std::sin(az) * std::sin(el), std::cos(el), -std::cos(az) * std::sin(el)};
+        const glm::dvec3 right{std::cos(az), 0, -std::sin(az)},
+            up{-std::sin(az) * std::sin(el), std::cos(el), -std::cos(az) * std::sin(el)};
         auto at = [&](double scale) {
           return [&, scale](const glm::dvec2& mm) {
             const glm::dvec3 p = glm::dvec3(mm, 0) - c.target_mm;
@@ -136,8 +142,10 @@ TEST(Orthographic, AGridIsWhereItsMillimetresSay) {
         nearer = std::max(nearer, measure(engine->readPixels(), 0, at(mm_per_px)).furthest_px);
       }
     }
-    std::printf("[ picture  ] seed %u, %s depth: %d places of lines, at most %.4f px beside theirs; with a scale 0.1 %% off %.2f, in perspective, 0.2 mm nearer, %.2f\n", kSeed,
-                reversed ? "reversed" : "conventional", all.found, all.furthest_px, wrong_scale, nearer);
+    std::printf(
+        "[ picture  ] seed %u, %s depth: %d places of lines, at most %.4f px beside theirs; with a scale 0.1 %% off "
+        "%.2f, in perspective, 0.2 mm nearer, %.2f\n",
+        kSeed, reversed ? "reversed" : "conventional", all.found, all.furthest_px, wrong_scale, nearer);
     EXPECT_GT(all.found, 1000);
     EXPECT_LT(all.furthest_px, 0.01);
     EXPECT_GT(wrong_scale, 0.1) << "control";
@@ -199,13 +207,15 @@ TEST(Orthographic, VerticesOfAReliefAreWhereTheirMillimetresSay) {
   for (int view = 0; view < 12; ++view) {
     const OrbitCamera c = relief.camera(random);
     const double az = glm::radians(c.azimuth_deg), el = glm::radians(c.elevation_deg), scale = mmPerPx(c, kHeight);
-    const glm::dvec3 right{std::cos(az), 0, -std::sin(az)}, up{-std::sin(az) * std::sin(el), std::cos(el), -std::cos(az) * std::sin(el)};
+    const glm::dvec3 right{std::cos(az), 0, -std::sin(az)},
+        up{-std::sin(az) * std::sin(el), std::cos(el), -std::cos(az) * std::sin(el)};
     engine->setCamera(c);
     ASSERT_TRUE(engine->settle(60).ok());
     const auto captured = engine->captureVertices(10'000'000);
     ASSERT_FALSE(captured.empty());
     const double mm_per_unit = relief.domain.mm_per_px / (1 << kUnitsPerTexelLog2);
-    const glm::dvec2 half(static_cast<double>(relief.domain.width_px << kUnitsPerTexelLog2) / 2, static_cast<double>(relief.domain.height_px << kUnitsPerTexelLog2) / 2);
+    const glm::dvec2 half(static_cast<double>(relief.domain.width_px << kUnitsPerTexelLog2) / 2,
+                          static_cast<double>(relief.domain.height_px << kUnitsPerTexelLog2) / 2);
     size_t at = 0;
     for (const PatchInstance& p : engine->instances()) {
       const uint32_t last = 1u << p.grid_level;
@@ -213,19 +223,23 @@ TEST(Orthographic, VerticesOfAReliefAreWhereTheirMillimetresSay) {
         for (uint32_t i = 0; i <= last; ++i, at += 4) {
           const PatchVertex v = patchVertex(relief.domain, p, i, j, true, pages);
           const double z = relief.domain.relief_offset_mm + relief.domain.relief_scale_mm * v.height_q8 / 256;
-          const glm::dvec3 from_target = glm::dvec3((static_cast<double>(v.x) - half.x) * mm_per_unit, (half.y - static_cast<double>(v.y)) * mm_per_unit, z) - c.target_mm;
+          const glm::dvec3 from_target = glm::dvec3((static_cast<double>(v.x) - half.x) * mm_per_unit,
+                                                    (half.y - static_cast<double>(v.y)) * mm_per_unit, z) -
+                                         c.target_mm;
           const glm::dvec2 truth = glm::dvec2(glm::dot(from_target, right), glm::dot(from_target, up)) / scale;
-          const glm::dvec2 found = glm::dvec2(captured[at], captured[at + 1]) / static_cast<double>(captured[at + 3]) * glm::dvec2(kWidth, kHeight) / 2.0;
+          const glm::dvec2 found = glm::dvec2(captured[at], captured[at + 1]) / static_cast<double>(captured[at + 3]) *
+                                   glm::dvec2(kWidth, kHeight) / 2.0;
           ASSERT_EQ(captured[at + 3], 1.0f);
           if (std::abs(truth.x) > kWidth || std::abs(truth.y) > kHeight) continue;
           ++vertices;
           furthest = std::max(furthest, glm::length(found - truth));
-          without_heights = std::max(without_heights, glm::length(found - truth + glm::dvec2(right.z, up.z) * (z / scale)));
+          without_heights =
+              std::max(without_heights, glm::length(found - truth + glm::dvec2(right.z, up.z) * (z / scale)));
         }
     }
   }
-  std::printf("[ picture  ] seed %u: %llu vertices, at most %.5f px from their places; heights set aside %.1f\n", kSeed, static_cast<unsigned long long>(vertices), furthest,
-              without_heights);
+  std::printf("[ picture  ] seed %u: %llu vertices, at most %.5f px from their places; heights set aside %.1f\n", kSeed,
+              static_cast<unsigned long long>(vertices), furthest, without_heights);
   EXPECT_GT(vertices, 20'000u);
   EXPECT_LT(furthest, 0.01);
   EXPECT_GT(without_heights, 10) << "control";
@@ -245,8 +259,10 @@ struct Promises {
     if (promised > 0) tightest = std::max(tightest, m.max_px / promised);
   }
   void expectKept(const char* of, uint64_t least_samples) const {
-    std::printf("[ picture  ] seed %u, %s: %d views, %llu samples: errors of up to %.2f px, %d above its promise; %.2f of it at most\n", kSeed, of, views,
-                static_cast<unsigned long long>(samples), largest, above, tightest);
+    std::printf(
+        "[ picture  ] seed %u, %s: %d views, %llu samples: errors of up to %.2f px, %d above its promise; %.2f of it "
+        "at most\n",
+        kSeed, of, views, static_cast<unsigned long long>(samples), largest, above, tightest);
     EXPECT_GT(samples, least_samples);
     EXPECT_EQ(above, 0);
     EXPECT_GT(above_a_third, 0) << "control: a third of it is no promise";
@@ -311,7 +327,8 @@ TEST(Orthographic, ThePromisedErrorIsKeptOnABody) {
     ASSERT_TRUE(engine->setScene(scene).ok());
     ASSERT_TRUE(engine->settle(60).ok());
     const Camera picture{.aspect = static_cast<double>(kWidth) / kHeight, .viewport_height_px = kHeight};
-    const Measured m = measureError(truth, relief.unitLog2(), lodViewFrom(engine->view()), picture, engine->instances());
+    const Measured m =
+        measureError(truth, relief.unitLog2(), lodViewFrom(engine->view()), picture, engine->instances());
     promises.note(m, engine->stats().predicted_error_px);
   }
   promises.expectKept("a body", 50'000);
@@ -341,13 +358,15 @@ Difference difference(const std::vector<uint8_t>& a, const std::vector<uint8_t>&
   }
   d.mean /= static_cast<double>(std::max<uint64_t>(1, d.seen));
   for (uint64_t sum = 0; d.most_of_999 < 255; ++d.most_of_999)
-    if (sum += of[static_cast<size_t>(d.most_of_999)]; static_cast<double>(sum) >= 0.999 * static_cast<double>(d.seen)) break;
+    if (sum += of[static_cast<size_t>(d.most_of_999)]; static_cast<double>(sum) >= 0.999 * static_cast<double>(d.seen))
+      break;
   return d;
 }
 
-// What lies h before the plane through the target is drawn larger by h over the distance. From the front at one degree, with 2 mm of relief, 150 mm
-// of artwork and 7 m: by 0.03 px at the picture's border. At a slant the sheet itself comes nearer, by as much in the 20 px around the middle.
-// Colours a pixel apart differ by up to some 60 of 255: 3 in all but a thousandth of the pixels.
+// What lies h before the plane through the target is drawn larger by h over the distance. From the front at one degree,
+// with 2 mm of relief, 150 mm of artwork and 7 m: by 0.03 px at the picture's border. At a slant the sheet itself comes
+// nearer, by as much in the 20 px around the middle. Colours a pixel apart differ by up to some 60 of 255: 3 in all but
+// a thousandth of the pixels.
 TEST(Orthographic, IsWhatALongLensComesTo) {
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 2, 7);
   Scene scene;
@@ -375,9 +394,12 @@ TEST(Orthographic, IsWhatALongLensComesTo) {
     const auto wide = picture(c);
     const int reach_px = view ? 20 : kWidth;
     const Difference d = difference(parallel, lens, reach_px), control = difference(parallel, wide, reach_px);
-    std::printf("[ picture  ] seed %u: %llu pixels, 1 degree: mean %.3f, 99.9 %% within %d of 255, %llu at the border; 35 degrees: mean %.2f, %d, %llu\n", kSeed,
-                static_cast<unsigned long long>(d.seen), d.mean, d.most_of_999, static_cast<unsigned long long>(d.other_cover), control.mean, control.most_of_999,
-                static_cast<unsigned long long>(control.other_cover));
+    std::printf(
+        "[ picture  ] seed %u: %llu pixels, 1 degree: mean %.3f, 99.9 %% within %d of 255, %llu at the border; 35 "
+        "degrees: mean %.2f, %d, %llu\n",
+        kSeed, static_cast<unsigned long long>(d.seen), d.mean, d.most_of_999,
+        static_cast<unsigned long long>(d.other_cover), control.mean, control.most_of_999,
+        static_cast<unsigned long long>(control.other_cover));
     EXPECT_GT(d.seen, view ? 1'600u : 20'000u);
     EXPECT_LE(d.most_of_999, 3);
     EXPECT_LE(d.other_cover, 20u);

@@ -1,5 +1,6 @@
-// The page fade: a new page blends in from its ancestor over the set time, in step with the clock, and ends exactly at the page.
-// Every level has one value, so the blend is what a pixel shows. With a fade of 0 the shader has no trace of it.
+// The page fade: a new page blends in from its ancestor over the set time, in step with the clock, and ends exactly at
+// the page. Every level has one value, so the blend is what a pixel shows. With a fade of 0 the shader has no trace of
+// it.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -78,7 +79,8 @@ TEST(PageFade, BlendsInOverItsTimeAndEndsAtThePage) {
 TEST(PageFade, APageDoesNotFadeAgainWhenTheClockHasGoneRound) {
   auto engine = bornEngine(twoLevels(), kFade_s);
   EXPECT_LT(shownAt(*engine, kBorn_s + 0.25), kFine);
-  for (double later_s : {10.0, 500.0, 1024.0, 1024.25, 3072.25}) EXPECT_EQ(shownAt(*engine, kBorn_s + later_s), kFine) << later_s;
+  for (double later_s : {10.0, 500.0, 1024.0, 1024.25, 3072.25})
+    EXPECT_EQ(shownAt(*engine, kBorn_s + later_s), kFine) << later_s;
 }
 
 TEST(PageFade, ASettledPictureDoesNotFade) {

@@ -1,5 +1,6 @@
-// Scenes of many patches, drawn from their tails (texturing/patch_tails.h): the picture is that of pages and of analytic truth, no page is pinned, and
-// the smallest cache that is taken still draws everything. Bits of shared vertices: mesh_watertight_gltest.
+// Scenes of many patches, drawn from their tails (texturing/patch_tails.h): the picture is that of pages and of
+// analytic truth, no page is pinned, and the smallest cache that is taken still draws everything. Bits of shared
+// vertices: mesh_watertight_gltest.
 #include <gtest/gtest.h>
 
 #include <random>
@@ -26,11 +27,14 @@ class ManyPatches : public ::testing::Test {
     Artwork artwork = ballArtwork(base, 0, kSeed);
     // Chords of so many patches lie within this of the ball.
     CoarseErrors errors;
-    for (size_t k = 0; k < errors.size(); ++k) errors[k] = static_cast<float>(kRadius * std::ldexp(0.5 / (patches_a_side * patches_a_side), -2 * static_cast<int>(k)));
+    for (size_t k = 0; k < errors.size(); ++k)
+      errors[k] =
+          static_cast<float>(kRadius * std::ldexp(0.5 / (patches_a_side * patches_a_side), -2 * static_cast<int>(k)));
     artwork.manifest.coarse_errors.assign(base->patches.size(), errors);
     return artwork;
   }
-  static std::unique_ptr<Engine> engineOf(const Artwork& artwork, const Scene& scene, uint32_t most_pinned, double cache_mib) {
+  static std::unique_ptr<Engine> engineOf(const Artwork& artwork, const Scene& scene, uint32_t most_pinned,
+                                          double cache_mib) {
     EngineOptions options;
     options.most_pinned_patches = most_pinned;
     options.cache_mib = cache_mib;
@@ -48,9 +52,9 @@ class ManyPatches : public ::testing::Test {
 
 struct Shown {
   BallDifference of_ball;
-  int most_different = 0;     // of 255, between the two engines
+  int most_different = 0;  // of 255, between the two engines
   uint64_t covered_differently = 0;
-  uint32_t pages = 0;         // resident with tails
+  uint32_t pages = 0;  // resident with tails
 };
 
 Shown show(Engine& tails, Engine& pages, const OrbitCamera& camera) {
@@ -69,7 +73,8 @@ Shown show(Engine& tails, Engine& pages, const OrbitCamera& camera) {
       ++out.covered_differently;
       continue;
     }
-    for (size_t c = 0; c < 3; ++c) out.most_different = std::max(out.most_different, std::abs(picture[0][i + c] - picture[1][i + c]));
+    for (size_t c = 0; c < 3; ++c)
+      out.most_different = std::max(out.most_different, std::abs(picture[0][i + c] - picture[1][i + c]));
   }
   out.pages = tails.stats().resident;
   return out;
@@ -91,8 +96,10 @@ TEST_F(ManyPatches, TailsShowWhatPagesShow) {
   } views[] = {{16, 4, true}, {7, 4, true}, {3, 4, false}, {1.8, 4, false}, {1.05, 0, false}};
   for (const auto& v : views) {
     const Shown s = show(*tails, *pages, cameraAt(33, 21, v.radii));
-    std::printf("[ picture  ] at %.2f radii: off the ball by at most %.2f of 255, off the picture of pages by %d; %u pages resident\n", v.radii, s.of_ball.largest,
-                s.most_different, s.pages);
+    std::printf(
+        "[ picture  ] at %.2f radii: off the ball by at most %.2f of 255, off the picture of pages by %d; %u pages "
+        "resident\n",
+        v.radii, s.of_ball.largest, s.most_different, s.pages);
     EXPECT_EQ(s.covered_differently, 0u) << v.radii;
     EXPECT_LE(s.most_different, v.most) << v.radii;
     if (v.radii > 1.5) {
@@ -136,7 +143,8 @@ TEST_F(ManyPatches, GoesOverAndStaysTheBall) {
     tails->setCamera(cameraAt(120, -17, radii));
     ASSERT_TRUE(tails->settle(60).ok());
     const ViewTransform view = tails->view();
-    const BallDifference d = compareWithBall(tails->readPixels(), view, view.world_from_camera * glm::dvec3(0, 0, 1), kRadius);
+    const BallDifference d =
+        compareWithBall(tails->readPixels(), view, view.world_from_camera * glm::dvec3(0, 0, 1), kRadius);
     EXPECT_EQ(d.holes, 0u);
     worst = std::max(worst, d.largest);
     ++(tails->stats().wanted_nodes == 0 ? from_tails : from_pages);
@@ -149,7 +157,8 @@ TEST_F(ManyPatches, GoesOverAndStaysTheBall) {
 // 24,576 patches whose three roots each would take 5 GB.
 TEST_F(ManyPatches, TheSmallestCacheDrawsAll) {
   Artwork artwork = ball(64);
-  artwork.tails = [artwork](int, std::vector<std::string>*) {  // one colour; the chords themselves: 0.02 mm off the ball
+  artwork.tails = [artwork](int,
+                            std::vector<std::string>*) {  // one colour; the chords themselves: 0.02 mm off the ball
     PatchTails tails(artwork.manifest.domain.patchCount(), artwork.manifest.texture.channels());
     std::ranges::fill(tails.texels, uint8_t{200});
     return tails;
@@ -196,12 +205,15 @@ TEST(TailShaders, KnowTheSameNumbers) {
   size_t before = 0;
   for (int level = 0; level < kTailLevels; ++level) {
     EXPECT_EQ(kTailBlockAt[static_cast<size_t>(level)], before) << level;
-    EXPECT_TRUE(has(text, (level == kTailLevels - 1 ? ": " : "level == " + std::to_string(level) + " ? ") + std::to_string(before) + "u")) << level;
+    EXPECT_TRUE(has(text, (level == kTailLevels - 1 ? ": " : "level == " + std::to_string(level) + " ? ") +
+                              std::to_string(before) + "u"))
+        << level;
     before += tailBlockTexels(level);
   }
   EXPECT_EQ(kTailBlockAt[kTailLevels], before);
   EXPECT_TRUE(has(text, "(16 >> level) + 2u") || has(text, "uint(16 >> level) + 2u"));
-  EXPECT_TRUE(has(vertex, "a_node.z * " + std::to_string(kTailHeights) + "u + uint(s.y * " + std::to_string(kTailSamples) + " + s.x)"));
+  EXPECT_TRUE(has(vertex, "a_node.z * " + std::to_string(kTailHeights) + "u + uint(s.y * " +
+                              std::to_string(kTailSamples) + " + s.x)"));
   EXPECT_TRUE(has(vertex, "u_tail_patches * " + std::to_string(kTailBlockHeights - kTailHeights) + "u"));
   const std::string tables(shaderSource("texel_table.glsl"));
   static_assert(TexelTable::kRow == 2048 && TexelTable::kRows == 2048);

@@ -1,4 +1,5 @@
-// The engine's prefetch: a moving camera's next pages are read ahead, a still camera's are not, and the settled picture is the same.
+// The engine's prefetch: a moving camera's next pages are read ahead, a still camera's are not, and the settled picture
+// is the same.
 #include <gtest/gtest.h>
 
 #include <chrono>

@@ -1,5 +1,5 @@
-// test_artwork.h - a small procedural artwork for engine tests: cheap, seamless, with relief at every scale and a texture that
-// leaves no error unseen. Built into a package in a temporary folder.
+// test_artwork.h - a small procedural artwork for engine tests: cheap, seamless, with relief at every scale and a
+// texture that leaves no error unseen. Built into a package in a temporary folder.
 #pragma once
 
 #include <cmath>
@@ -27,7 +27,9 @@ inline float valueNoise(double x, double y, double cell, uint32_t seed) {
   double gx = x / cell, gy = y / cell;
   auto ix = static_cast<int64_t>(std::floor(gx)), iy = static_cast<int64_t>(std::floor(gy));
   double fx = gx - static_cast<double>(ix), fy = gy - static_cast<double>(iy);
-  auto at = [&](int64_t i, int64_t j) { return static_cast<double>(mixBits(static_cast<uint32_t>(i), static_cast<uint32_t>(j), seed) >> 8) / 16777216.0; };
+  auto at = [&](int64_t i, int64_t j) {
+    return static_cast<double>(mixBits(static_cast<uint32_t>(i), static_cast<uint32_t>(j), seed) >> 8) / 16777216.0;
+  };
   double a = at(ix, iy) * (1 - fx) + at(ix + 1, iy) * fx, b = at(ix, iy + 1) * (1 - fx) + at(ix + 1, iy + 1) * fx;
   return static_cast<float>(a * (1 - fy) + b * fy);
 }
@@ -79,7 +81,8 @@ class NoiseHeight final : public HeightSource {
         // Rough in places only, so that neighbouring nodes want different levels.
         float rough = valueNoise(double(x), double(y), 331, seed_ + 9);
         rough = rough > 0.55f ? (rough - 0.55f) * 2 : 0;
-        float v = 0.6f * valueNoise(double(x), double(y), 211, seed_) + 0.25f * rough * valueNoise(double(x), double(y), 19, seed_ + 1) +
+        float v = 0.6f * valueNoise(double(x), double(y), 211, seed_) +
+                  0.25f * rough * valueNoise(double(x), double(y), 19, seed_ + 1) +
                   0.15f * rough * valueNoise(double(x), double(y), 3, seed_ + 2);
         out[at++] = static_cast<float>((v - 0.5) * range_);
       }
@@ -106,8 +109,8 @@ class TemporaryFolder {
 };
 
 // mm_per_px is 0.1: a 2048 px artwork is some 205 mm wide.
-inline std::shared_ptr<const Package> noisePackage(const TemporaryFolder& folder, int64_t w, int64_t h, Basis basis, double range_mm,
-                                                   uint32_t seed, std::string* why) {
+inline std::shared_ptr<const Package> noisePackage(const TemporaryFolder& folder, int64_t w, int64_t h, Basis basis,
+                                                   double range_mm, uint32_t seed, std::string* why) {
   NoiseTexture texture(w, h, basis, seed);
   NoiseHeight heights(w, h, range_mm, seed + 100);
   BuildOptions options;
@@ -126,8 +129,10 @@ inline std::shared_ptr<const Package> noisePackage(const TemporaryFolder& folder
   return *package;
 }
 
-// The same, built once a program: it takes seconds, and most tests only read it. In a folder of its own, for as long as the program runs.
-inline std::shared_ptr<const Package> noisePackageOnce(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed, std::string* why) {
+// The same, built once a program: it takes seconds, and most tests only read it. In a folder of its own, for as long as
+// the program runs.
+inline std::shared_ptr<const Package> noisePackageOnce(int64_t w, int64_t h, Basis basis, double range_mm,
+                                                       uint32_t seed, std::string* why) {
   struct Built {
     TemporaryFolder folder;
     std::shared_ptr<const Package> package;

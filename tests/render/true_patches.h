@@ -1,4 +1,5 @@
-// true_patches.h - a relief over a base mesh held in full (tests/geometry/true_mesh_relief.h) as the source of a package, with its true errors.
+// true_patches.h - a relief over a base mesh held in full (tests/geometry/true_mesh_relief.h) as the source of a
+// package, with its true errors.
 #pragma once
 
 #include "tests/geometry/true_mesh_relief.h"
@@ -9,7 +10,8 @@ namespace relievo::test {
 class TruePatches final : public PatchSource {
  public:
   using Height = std::function<double(const glm::dvec3&, const Place&)>;
-  TruePatches(const BaseMesh& mesh, const MeshRelief& relief, const Height& height) : mesh_(mesh), relief_(relief), truth_(mesh_, relief_, height) {}
+  TruePatches(const BaseMesh& mesh, const MeshRelief& relief, const Height& height)
+      : mesh_(mesh), relief_(relief), truth_(mesh_, relief_, height) {}
   const BaseMesh& base() const override { return mesh_; }
   int textureDepth() const override { return 0; }
   int reliefDepth() const override { return relief_.depth; }
@@ -47,7 +49,9 @@ class TruePatches final : public PatchSource {
     return {};
   }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override { return truth_.coarse()[patch]; }
-  Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override { return truth_.coarseBlocks(patch, cells_log2, out_mm); }
+  Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
+    return truth_.coarseBlocks(patch, cells_log2, out_mm);
+  }
 
  private:
   BaseMesh mesh_;

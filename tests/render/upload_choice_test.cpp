@@ -26,8 +26,12 @@ TEST(UploadChoice, Names) {
 
 TEST(UploadChoice, BlocksNeedOneBlockCodecInAllPlanes) {
   using C = PageCodec;
-  for (C codec : {C::kBc1, C::kBc4, C::kBc5, C::kBc7}) EXPECT_EQ(commonBlockCodec(manifestOf({codec, codec, codec})), codec);
-  for (auto codecs : {std::array{C::kBc4, C::kBc4, C::kBc1}, {C::kLossless, C::kLossless, C::kLossless}, {C::kBc7, C::kLossless, C::kBc7}, {C::kJpeg, C::kJpeg, C::kJpeg}}) {
+  for (C codec : {C::kBc1, C::kBc4, C::kBc5, C::kBc7})
+    EXPECT_EQ(commonBlockCodec(manifestOf({codec, codec, codec})), codec);
+  for (auto codecs : {std::array{C::kBc4, C::kBc4, C::kBc1},
+                      {C::kLossless, C::kLossless, C::kLossless},
+                      {C::kBc7, C::kLossless, C::kBc7},
+                      {C::kJpeg, C::kJpeg, C::kJpeg}}) {
     EXPECT_FALSE(commonBlockCodec(manifestOf(codecs)));
     for (Upload wanted : {Upload::kAuto, Upload::kBlocks}) {
       auto choice = chooseUpload(wanted, manifestOf(codecs), false, kHasAll);
@@ -47,7 +51,8 @@ TEST(UploadChoice, AutoTakesBlocksWhereTheyAreSampledInHardware) {
   EXPECT_EQ(chooseUpload(Upload::kAuto, m, true, kHasAll)->codec, PageCodec::kLossless);
   EXPECT_NE(chooseUpload(Upload::kAuto, m, true, kHasAll)->why_not_blocks, "");
   EXPECT_EQ(chooseUpload(Upload::kAuto, m, false, kHasNone)->codec, PageCodec::kLossless);
-  EXPECT_NE(chooseUpload(Upload::kAuto, m, false, kHasNone)->why_not_blocks.find("GL_a_certain_extension"), std::string::npos);
+  EXPECT_NE(chooseUpload(Upload::kAuto, m, false, kHasNone)->why_not_blocks.find("GL_a_certain_extension"),
+            std::string::npos);
   EXPECT_EQ(chooseUpload(Upload::kRgba8, m, false, kHasAll)->codec, PageCodec::kLossless);
   EXPECT_EQ(chooseUpload(Upload::kBlocks, m, true, kHasAll)->codec, PageCodec::kBc7) << "asked for";
   auto refused = chooseUpload(Upload::kBlocks, m, false, kHasNone);

@@ -35,7 +35,9 @@ struct Hand {
     to(x, y);
     control.handle({.kind = EventKind::kMouseDown, .x = x, .y = y, .button = b, .shift = shift});
   }
-  void up(MouseButton b, double x, double y) { control.handle({.kind = EventKind::kMouseUp, .x = x, .y = y, .button = b}); }
+  void up(MouseButton b, double x, double y) {
+    control.handle({.kind = EventKind::kMouseUp, .x = x, .y = y, .button = b});
+  }
   void drag(MouseButton b, double x0, double y0, double x1, double y1) {
     down(b, x0, y0);
     for (int i = 1; i <= 10; ++i) to(x0 + (x1 - x0) * i / 10, y0 + (y1 - y0) * i / 10);
@@ -191,10 +193,12 @@ TEST(ViewControl, TheProjectionSwitchesAroundTheTarget) {
     hand.wheel(4);
     const OrbitCamera before = control.view().camera;
     auto pixelOf = [&](const glm::dvec3& p) {
-      const glm::dvec4 clip = viewTransform(control.view().camera, extent, kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
+      const glm::dvec4 clip =
+          viewTransform(control.view().camera, extent, kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
       return glm::dvec2(clip.x, clip.y) / clip.w * glm::dvec2(kWidth, kHeight) / 2.0;
     };
-    const glm::dvec3 left = pointAtTarget(before, kWidth, kHeight, 100, 200), right = pointAtTarget(before, kWidth, kHeight, 900, 650);
+    const glm::dvec3 left = pointAtTarget(before, kWidth, kHeight, 100, 200),
+                     right = pointAtTarget(before, kWidth, kHeight, 900, 650);
     const glm::dvec3 nearer = right + 0.2 * (eyePosition(before) - before.target_mm);
     const glm::dvec2 left_px = pixelOf(left), right_px = pixelOf(right), nearer_px = pixelOf(nearer);
     hand.press("O");
@@ -261,7 +265,8 @@ struct Ray {
   glm::dvec3 from, along;
 };
 Ray rayUnder(const OrbitCamera& c, double x, double y) {
-  const glm::dvec3 on_target = pointAtTarget(c, kWidth, kHeight, x, y), eye = eyePosition(c), forward = (c.target_mm - eye) / c.distance_mm;
+  const glm::dvec3 on_target = pointAtTarget(c, kWidth, kHeight, x, y), eye = eyePosition(c),
+                   forward = (c.target_mm - eye) / c.distance_mm;
   if (c.orthographic) return {on_target - forward * 2000.0, forward};
   return {eye, glm::normalize(on_target - eye)};
 }
@@ -321,12 +326,18 @@ struct Seen {
   const TestSurface& surface;
   ViewControl control;
   Seen(const TestSurface& of, bool guarded, ViewControl::View start)
-      : surface(of), control(of.extent(), start, kWidth, kHeight, guarded ? ViewControl::Surface{[this](double x, double y) { return under(x, y); }, &of} : ViewControl::Surface{}) {}
+      : surface(of),
+        control(of.extent(), start, kWidth, kHeight,
+                guarded ? ViewControl::Surface{[this](double x, double y) { return under(x, y); }, &of}
+                        : ViewControl::Surface{}) {}
   Seen(const TestSurface& of, bool guarded) : Seen(of, guarded, {fitCamera(of.extent(), kWidth, kHeight), {0, 0, 1}}) {}
-  std::optional<glm::dvec3> under(double x, double y) const { return surface.hit(rayUnder(control.view().camera, x, y)); }
+  std::optional<glm::dvec3> under(double x, double y) const {
+    return surface.hit(rayUnder(control.view().camera, x, y));
+  }
   double eyeOutside() const { return surface.outside(eyePosition(control.view().camera)); }
   glm::dvec2 pixelOf(const glm::dvec3& p) const {
-    const glm::dvec4 clip = viewTransform(control.view().camera, surface.extent(), kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
+    const glm::dvec4 clip =
+        viewTransform(control.view().camera, surface.extent(), kWidth, kHeight).clip_from_world * glm::dvec4(p, 1);
     return {(clip.x / clip.w + 1) * kWidth / 2, (1 - clip.y / clip.w) * kHeight / 2};
   }
 };
@@ -430,17 +441,27 @@ TEST(ViewControlSurface, NothingAHandDoesPutsTheEyeInside) {
         switch (random() % 8) {
           case 0:
           case 1:
-          case 2: hand.to(x(random), y(random)), hand.wheel(uniform(random) < 0.75 ? 1 + 5 * uniform(random) : -4 * uniform(random)); break;
+          case 2:
+            hand.to(x(random), y(random)),
+                hand.wheel(uniform(random) < 0.75 ? 1 + 5 * uniform(random) : -4 * uniform(random));
+            break;
           case 3:
-          case 4: hand.drag(MouseButton::kLeft, x(random), y(random), x(random), y(random)); break;
-          case 5: hand.drag(MouseButton::kMiddle, x(random), y(random), x(random), y(random)); break;
-          case 6: hand.press("O"); break;
+          case 4:
+            hand.drag(MouseButton::kLeft, x(random), y(random), x(random), y(random));
+            break;
+          case 5:
+            hand.drag(MouseButton::kMiddle, x(random), y(random), x(random), y(random));
+            break;
+          case 6:
+            hand.press("O");
+            break;
           case 7:
             if (random() % 8 == 0) hand.press("R");
             break;
         }
         const OrbitCamera& c = seen.control.view().camera;
-        ASSERT_TRUE(std::isfinite(c.distance_mm) && c.distance_mm > 0 && std::isfinite(c.target_mm.x + c.target_mm.y + c.target_mm.z));
+        ASSERT_TRUE(std::isfinite(c.distance_mm) && c.distance_mm > 0 &&
+                    std::isfinite(c.target_mm.x + c.target_mm.y + c.target_mm.z));
         inside += !c.orthographic && seen.eyeOutside() <= 0;
         moved += eyePosition(c) != before;
       }
@@ -450,7 +471,8 @@ TEST(ViewControlSurface, NothingAHandDoesPutsTheEyeInside) {
   }
 }
 
-// A start inside, as a file or an option may say, is moved out along the line of sight; and so is what reset goes back to.
+// A start inside, as a file or an option may say, is moved out along the line of sight; and so is what reset goes back
+// to.
 TEST(ViewControlSurface, AStartInsideIsMovedOut) {
   for (const TestSurface* surface : std::initializer_list<const TestSurface*>{&kBumps, &kBall}) {
     ViewControl::View start{fitCamera(surface->extent(), kWidth, kHeight), {0, 0, 1}};

@@ -100,8 +100,9 @@ inline double now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// GL moves corners to a grid of 2^-GL_SUBPIXEL_BITS px. GPUs interpolate between the moved ones; llvmpipe between the corners as they were. Half a
-// step for that, and as much for what interpolation adds (on an H100 no pixel of 40 million is off by more).
+// GL moves corners to a grid of 2^-GL_SUBPIXEL_BITS px. GPUs interpolate between the moved ones; llvmpipe between the
+// corners as they were. Half a step for that, and as much for what interpolation adds (on an H100 no pixel of 40
+// million is off by more).
 inline double snappedPx() {
   if (gl::currentContextInfo().software) return 0;
   GLint bits = 4;
@@ -156,8 +157,8 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
       with_normals = denseWithNormals(*subject.texture, *subject.relief, scene.exaggerate);
       of_exaggeration = scene.exaggerate;
     }
-    const DenseImage reference =
-        renderDense(by_relief ? with_normals : *subject.texture, e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);
+    const DenseImage reference = renderDense(by_relief ? with_normals : *subject.texture,
+                                             e.plan().relief ? subject.relief.get() : nullptr, e.instances(), v);
     const ImageDifference d = compareImages(reference, pixels, false);
     totals.engine_s += drawn - start;
     totals.oracle_s += now() - drawn;

@@ -13,7 +13,8 @@ TEST(VirtualEqualsDense, ReliefOfEveryBasis) {
     expectEqual(compare(noiseSubject(1501, 1103, basis, 12, 7), {}, {.views = 8}), basisName(basis));
 }
 
-// Colour lit by the normals of its relief, where the relief is as fine as the colour, finer and coarser, and where heights are multiplied.
+// Colour lit by the normals of its relief, where the relief is as fine as the colour, finer and coarser, and where
+// heights are multiplied.
 TEST(VirtualEqualsDense, ColourLitByItsRelief) {
   const Subject same = noiseSubject(1101, 600, Basis::kColour, 12, 21);
   NoiseHeight finer(2202, 1200, 12, 22), coarser(300, 164, 12, 23);
@@ -56,7 +57,8 @@ TEST(VirtualEqualsDense, FixedLightAndNearestLevel) {
 TEST(VirtualEqualsDense, LightsFromAllAround) {
   const Subject subject = noiseSubject(700, 500, Basis::kPtmLrgb, 5, 13);
   for (bool relight : {true, false}) {
-    for (const std::array<double, 3>& light : {std::array{0.1, 0.0, -1.0}, {0.0, 0.0, -1.0}, {-0.7, 0.5, -0.2}, {0.3, 1.0, 0.0}}) {
+    for (const std::array<double, 3>& light :
+         {std::array{0.1, 0.0, -1.0}, {0.0, 0.0, -1.0}, {-0.7, 0.5, -0.2}, {0.3, 1.0, 0.0}}) {
       Scene scene;
       scene.relight = relight;
       scene.light = light;
@@ -105,7 +107,8 @@ OrbitCamera parallel(OrbitCamera c) {
 }
 
 TEST(VirtualEqualsDense, Orthographic) {
-  const Subject relief = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7), flat = noiseSubject(3001, 700, Basis::kColour, 0, 8);
+  const Subject relief = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7),
+                flat = noiseSubject(3001, 700, Basis::kColour, 0, 8);
   for (const Subject* subject : {&relief, &flat}) {
     Views run{.views = 10};
     run.camera = [&](std::mt19937& random) { return parallel(randomCamera(random, subject->texture->domain, 180)); };

@@ -29,8 +29,8 @@ class Watertight : public ::testing::Test {
     scene.error_px = error_px;
     scene.sampling = Sampling::kNearest;  // nobody looks at colours
     EngineOptions options;
-    options.cache_mib = 24;          // small: pages come and go
-    options.uploads_per_frame = 6;   // slow: most frames see a mix of levels
+    options.cache_mib = 24;         // small: pages come and go
+    options.uploads_per_frame = 6;  // slow: most frames see a mix of levels
     auto engine = Engine::create(artworkFromPackage(package_), scene, options);
     EXPECT_TRUE(engine.ok()) << (engine.ok() ? "" : engine.error().text());
     (*engine)->resize(kWidth, kHeight);
@@ -51,7 +51,7 @@ class Watertight : public ::testing::Test {
 };
 
 struct SharedVertex {
-  uint64_t key;   // its global integer place
+  uint64_t key;  // its global integer place
   uint32_t bits[4];
 };
 
@@ -66,7 +66,8 @@ void compareShared(Engine& engine, Comparison* total) {
   if (instances.empty()) return;
   ASSERT_FALSE(floats.empty());
   const PlanarDomain& domain = engine.manifest().domain;
-  auto limit_x = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2, limit_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
+  auto limit_x = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2,
+       limit_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   std::vector<SharedVertex> shared;
   size_t at = 0;
   bool any_nonzero = false;
@@ -77,7 +78,8 @@ void compareShared(Engine& engine, Comparison* total) {
         any_nonzero = any_nonzero || floats[at + 3] != 0;
         if (i != 0 && j != 0 && i != last && j != last) continue;
         auto s = snapVertex(i, j, p);
-        int64_t x = std::min(p.x0 + (int64_t{s[0]} << p.step_log2), limit_x), y = std::min(p.y0 + (int64_t{s[1]} << p.step_log2), limit_y);
+        int64_t x = std::min(p.x0 + (int64_t{s[0]} << p.step_log2), limit_x),
+                y = std::min(p.y0 + (int64_t{s[1]} << p.step_log2), limit_y);
         SharedVertex v{static_cast<uint64_t>(x) << 32 | static_cast<uint64_t>(y), {}};
         std::memcpy(v.bits, &floats[at], 16);
         shared.push_back(v);
@@ -107,8 +109,8 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
     compareShared(*engine, &total);
     if (HasFatalFailure()) return;
   }
-  std::printf("[ watertight ] seed %u: %llu comparisons over %d frames, %llu differ\n", kSeed, (unsigned long long)total.compared, frames,
-              (unsigned long long)total.different);
+  std::printf("[ watertight ] seed %u: %llu comparisons over %d frames, %llu differ\n", kSeed,
+              (unsigned long long)total.compared, frames, (unsigned long long)total.different);
   EXPECT_GE(total.compared, kWanted);
   EXPECT_EQ(total.different, 0u);
 }
@@ -133,20 +135,23 @@ uint64_t holes(Engine& engine, uint64_t* inside) {
   ViewTransform view = engine.view();
   const PlanarDomain& d = engine.manifest().domain;
   glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
-  double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px, half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
+  double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
+         half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
   double low = d.relief_offset_mm, high = low + 65535 * d.relief_scale_mm;
   if (view.eye_mm.z <= high) return 0;  // the eye is inside the relief's slab: nothing is promised
   uint64_t count = 0;
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
-      glm::dvec4 far_point = world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 1, 1);
+      glm::dvec4 far_point =
+          world_from_clip * glm::dvec4((x + 0.5) / kWidth * 2 - 1, 1 - (y + 0.5) / kHeight * 2, 1, 1);
       glm::dvec3 direction = glm::dvec3(far_point) / far_point.w - view.eye_mm;
       if (direction.z >= -1e-12) continue;
       bool in = true;
       for (double z : {low, high}) {
         glm::dvec3 p = view.eye_mm + direction * ((z - view.eye_mm.z) / direction.z);
         // Half a pixel's footprint away from the outline.
-        double footprint = glm::length(p - view.eye_mm) / view.pixels_per_radian * glm::length(direction) / -direction.z;
+        double footprint =
+            glm::length(p - view.eye_mm) / view.pixels_per_radian * glm::length(direction) / -direction.z;
         in = in && std::abs(p.x) < half_w - footprint && std::abs(p.y) < half_h - footprint;
         glm::dvec4 clip = view.clip_from_world * glm::dvec4(p, 1);
         in = in && clip.w > 0 && clip.z > -clip.w && clip.z < clip.w;
@@ -171,8 +176,8 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
     engine->frame(view * 0.1 + 0.02);
     background += holes(*engine, &inside);
   }
-  std::printf("[ watertight ] seed %u: %d views, %llu pixels inside, %llu of them background\n", kSeed + 1, kViews, (unsigned long long)inside,
-              (unsigned long long)background);
+  std::printf("[ watertight ] seed %u: %d views, %llu pixels inside, %llu of them background\n", kSeed + 1, kViews,
+              (unsigned long long)inside, (unsigned long long)background);
   EXPECT_GT(inside, 10'000'000u);
   EXPECT_EQ(background, 0u);
 }

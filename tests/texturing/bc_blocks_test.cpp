@@ -1,5 +1,5 @@
-// Block decoders against the specification in double precision, written from its text and sharing nothing with them; encoders
-// against bounds that follow from the formats.
+// Block decoders against the specification in double precision, written from its text and sharing nothing with them;
+// encoders against bounds that follow from the formats.
 #include "texturing/bc_blocks.h"
 
 #include <gtest/gtest.h>
@@ -23,9 +23,12 @@ struct Colour {
 std::array<Colour, 16> specBc1(const uint8_t* block) {
   const int c0 = block[0] | block[1] << 8, c1 = block[2] | block[3] << 8;
   auto colour = [](int c) { return Colour{(c >> 11) / 31.0, (c >> 5 & 63) / 63.0, (c & 31) / 31.0}; };
-  auto mix = [](Colour a, Colour b, double w) { return Colour{(1 - w) * a.r + w * b.r, (1 - w) * a.g + w * b.g, (1 - w) * a.b + w * b.b}; };
+  auto mix = [](Colour a, Colour b, double w) {
+    return Colour{(1 - w) * a.r + w * b.r, (1 - w) * a.g + w * b.g, (1 - w) * a.b + w * b.b};
+  };
   Colour a = colour(c0), b = colour(c1);
-  Colour table[4] = {a, b, c0 > c1 ? mix(a, b, 1 / 3.0) : mix(a, b, 0.5), c0 > c1 ? mix(a, b, 2 / 3.0) : Colour{0, 0, 0}};
+  Colour table[4] = {a, b, c0 > c1 ? mix(a, b, 1 / 3.0) : mix(a, b, 0.5),
+                     c0 > c1 ? mix(a, b, 2 / 3.0) : Colour{0, 0, 0}};
   std::array<Colour, 16> out;
   for (int i = 0; i < 16; ++i) out[static_cast<size_t>(i)] = table[block[4 + i / 4] >> (2 * (i % 4)) & 3];
   return out;
@@ -49,7 +52,8 @@ std::array<double, 16> specBc4(const uint8_t* block) {
   return out;
 }
 
-// 20: BC7, the one mode with a single line and no partition: mode 6, in real numbers (weights as the fractions that they round).
+// 20: BC7, the one mode with a single line and no partition: mode 6, in real numbers (weights as the fractions that
+// they round).
 std::array<Colour, 16> specBc7Mode6(const uint8_t* block) {
   auto bits = [&](int from, int n) {
     int v = 0;
@@ -88,7 +92,8 @@ TEST(BcDecode, Bc1IsTheSpecificationRounded) {
     auto truth = specBc1(block.data());
     for (size_t i = 0; i < 16; ++i) {
       // A value within rounding errors of a half may go either way.
-      for (auto [v, t] : {std::pair{texels[4 * i], truth[i].r}, {texels[4 * i + 1], truth[i].g}, {texels[4 * i + 2], truth[i].b}})
+      for (auto [v, t] :
+           {std::pair{texels[4 * i], truth[i].r}, {texels[4 * i + 1], truth[i].g}, {texels[4 * i + 2], truth[i].b}})
         ASSERT_NEAR(v, t * 255, 0.5 + 1e-9) << "seed " << kSeed << " block " << n;
       ASSERT_EQ(texels[4 * i + 3], 255);
     }
@@ -149,7 +154,9 @@ TEST(BcDecode, SwappedEndsAreSeen) {
 std::array<uint8_t, 64> naturalBlock(std::mt19937& random, int noise) {
   std::array<uint8_t, 64> out{};
   double base[3], dx[3], dy[3];
-  for (int c = 0; c < 3; ++c) base[c] = 30 + random() % 190, dx[c] = static_cast<int>(random() % 17) - 8, dy[c] = static_cast<int>(random() % 17) - 8;
+  for (int c = 0; c < 3; ++c)
+    base[c] = 30 + random() % 190, dx[c] = static_cast<int>(random() % 17) - 8,
+    dy[c] = static_cast<int>(random() % 17) - 8;
   for (size_t i = 0; i < 16; ++i) {
     for (size_t c = 0; c < 3; ++c) {
       double v = base[c] + dx[c] * static_cast<double>(i % 4) + dy[c] * static_cast<double>(i / 4);
@@ -166,12 +173,15 @@ TEST(BcEncode, Bc4IsWithinAFourteenthOfTheBlocksRange) {
   std::mt19937 random(kSeed);
   for (int n = 0; n < 20000; ++n) {
     uint8_t values[16], block[8], out[16];
-    const int low = static_cast<int>(random() % 256), range = static_cast<int>(random() % static_cast<unsigned>(256 - low)) + 1;
+    const int low = static_cast<int>(random() % 256),
+              range = static_cast<int>(random() % static_cast<unsigned>(256 - low)) + 1;
     for (uint8_t& v : values) v = static_cast<uint8_t>(low + static_cast<int>(random() % static_cast<unsigned>(range)));
     encodeBc4(values, block);
     decodeBc4(block, out, 1, 4);
     const int found = *std::max_element(values, values + 16) - *std::min_element(values, values + 16);
-    for (int i = 0; i < 16; ++i) ASSERT_LE(std::abs(values[i] - out[i]), found / 14 + 1) << "seed " << kSeed << " block " << n << " range " << found;
+    for (int i = 0; i < 16; ++i)
+      ASSERT_LE(std::abs(values[i] - out[i]), found / 14 + 1)
+          << "seed " << kSeed << " block " << n << " range " << found;
   }
 }
 
@@ -185,7 +195,9 @@ double meanSquare(const uint8_t* a, const uint8_t* b) {
 TEST(BcEncode, OneColourComesBackAsWellAsTheFormatCan) {
   for (int v = 0; v < 256; ++v) {
     std::array<uint8_t, 64> in{}, out{};
-    for (size_t i = 0; i < 16; ++i) in[4 * i] = static_cast<uint8_t>(v), in[4 * i + 1] = static_cast<uint8_t>(255 - v), in[4 * i + 2] = static_cast<uint8_t>(v ^ 85);
+    for (size_t i = 0; i < 16; ++i)
+      in[4 * i] = static_cast<uint8_t>(v), in[4 * i + 1] = static_cast<uint8_t>(255 - v),
+             in[4 * i + 2] = static_cast<uint8_t>(v ^ 85);
     uint8_t block[16];
     encodeBc1(in.data(), block);
     decodeBc1(block, out.data(), 16);
@@ -258,8 +270,8 @@ TEST(BcEncode, AlphaIsIgnoredAndTheSameTexelsGiveTheSameBytes) {
   }
 }
 
-// What the encoder claims is what the decoder finds: no mode is written with its bits in the wrong place, which would show as
-// an error much larger than the best single line's.
+// What the encoder claims is what the decoder finds: no mode is written with its bits in the wrong place, which would
+// show as an error much larger than the best single line's.
 TEST(BcEncode, Bc7UsesItsModesAndEachPaysOff) {
   std::mt19937 random(kSeed);
   std::array<int, 9> used{};
@@ -269,7 +281,8 @@ TEST(BcEncode, Bc7UsesItsModesAndEachPaysOff) {
       for (size_t i = 0; i < 64; ++i)
         if (i % 16 >= 8 && i % 4 < 3) in[i] = static_cast<uint8_t>(255 - in[i]);
     if (n % 3 == 2)  // a channel of its own
-      for (size_t i = 0; i < 16; ++i) in[4 * i] = static_cast<uint8_t>(random()), in[4 * i + 1] = 40, in[4 * i + 2] = static_cast<uint8_t>(i * 9);
+      for (size_t i = 0; i < 16; ++i)
+        in[4 * i] = static_cast<uint8_t>(random()), in[4 * i + 1] = 40, in[4 * i + 2] = static_cast<uint8_t>(i * 9);
     uint8_t block[16];
     std::array<uint8_t, 64> out{};
     encodeBc7(in.data(), block);
@@ -283,7 +296,8 @@ TEST(BcEncode, Bc7UsesItsModesAndEachPaysOff) {
       for (size_t i = 0; i < 16; ++i) sum += (in[4 * i + c] - mean) * (in[4 * i + c] - mean);
       spread += sum / 48;
     }
-    ASSERT_LE(meanSquare(in.data(), out.data()), spread * 0.7 + 2) << "seed " << kSeed << " block " << n << " mode " << __builtin_ctz(block[0] | 256);
+    ASSERT_LE(meanSquare(in.data(), out.data()), spread * 0.7 + 2)
+        << "seed " << kSeed << " block " << n << " mode " << __builtin_ctz(block[0] | 256);
   }
   for (size_t mode : {1u, 3u, 6u}) EXPECT_GT(used[mode], 20) << mode;
   EXPECT_GT(used[4] + used[5], 20);

@@ -1,4 +1,5 @@
-// Builds that are stopped and go on: the same bytes as one that was not, or a build from the start, whatever became of the checkpoint.
+// Builds that are stopped and go on: the same bytes as one that was not, or a build from the start, whatever became of
+// the checkpoint.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -36,7 +37,8 @@ void restore(const std::string& folder, const Files& files) {
 // At its second read it waits until the first part is checkpointed, then stops the build or fails.
 class StoppingTexture final : public TextureSource {
  public:
-  StoppingTexture(const TextureSource& inner, std::string folder, std::atomic<bool>* stop) : inner_(inner), folder_(std::move(folder)), stop_(stop) {}
+  StoppingTexture(const TextureSource& inner, std::string folder, std::atomic<bool>* stop)
+      : inner_(inner), folder_(std::move(folder)), stop_(stop) {}
   int64_t width() const override { return inner_.width(); }
   int64_t height() const override { return inner_.height(); }
   TextureFormat format() const override { return inner_.format(); }
@@ -53,7 +55,8 @@ class StoppingTexture final : public TextureSource {
  private:
   bool checkpointed() const {
     int parts = 0;
-    for (const auto& e : fs::directory_iterator(folder_)) parts += e.path().string().find(".part-") != std::string::npos && fs::file_size(e.path()) > 0;
+    for (const auto& e : fs::directory_iterator(folder_))
+      parts += e.path().string().find(".part-") != std::string::npos && fs::file_size(e.path()) > 0;
     return parts == 2;
   }
   const TextureSource& inner_;
@@ -203,7 +206,9 @@ TEST_F(Checkpoint, OtherInputsOrOptionsStartFromTheBeginning) {
     if (change == 2) o.colour = {PageCodec::kQuantised, 6};
     if (change == 3) o.mm_per_px = 2;
     if (change == 4) o.tool_version = "another";
-    expectTheSamePackage(whole(o, texture_), o, "building from the start: the inputs, the options or the program are not those of the checkpoint");
+    expectTheSamePackage(
+        whole(o, texture_), o,
+        "building from the start: the inputs, the options or the program are not those of the checkpoint");
   }
 }
 
@@ -221,7 +226,8 @@ TEST_F(Checkpoint, ALivingBuildsFilesAreNotTaken) {
   EXPECT_TRUE(now == left);
 }
 
-// A stop in the last part, which the build mostly sees behind it, and a kill while the file is filled in: the work is not lost.
+// A stop in the last part, which the build mostly sees behind it, and a kill while the file is filled in: the work is
+// not lost.
 TEST_F(Checkpoint, ABuildThatIsStoppedAtItsEndGoesOn) {
   const std::string expected = whole(options(), texture_);
   restore(folder(), {});
@@ -248,8 +254,8 @@ TEST_F(Checkpoint, ABuildThatIsStoppedAtItsEndGoesOn) {
   expectTheSamePackage(expected, options(2), "going on from a checkpoint");
 }
 
-// Every byte of the journal's records is covered by a checksum, and every page by its own. A damaged checkpoint never makes another
-// package, and never a failure.
+// Every byte of the journal's records is covered by a checksum, and every page by its own. A damaged checkpoint never
+// makes another package, and never a failure.
 TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
   const std::string expected = whole(options(), texture_);
   const Files left = interruptedBuild();
@@ -267,8 +273,10 @@ TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
   ASSERT_LE(end, records.size());
   const size_t pages_end = bytesAt(checkpoint + kHead);
 
-  const std::string start = "building from the start: ", damaged = start + "the checkpoint is damaged", on = "going on from a checkpoint";
-  auto expectAfter = [&](const std::string& name, const std::string& bytes, const std::string& what, const std::string& note) {
+  const std::string start = "building from the start: ", damaged = start + "the checkpoint is damaged",
+                    on = "going on from a checkpoint";
+  auto expectAfter = [&](const std::string& name, const std::string& bytes, const std::string& what,
+                         const std::string& note) {
     SCOPED_TRACE((name == journal ? "journal, " : "pages, ") + what);
     Files files = left;
     files[name] = bytes;
@@ -281,13 +289,16 @@ TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
     std::map<size_t, std::string> flipped, cut;
     if (name == journal) {
       for (size_t at : {size_t{0}, size_t{5}, size_t{12}, kHead}) flipped[at] = start;
-      for (size_t at : {size_t{0}, size_t{4}, size_t{19}, kHead, kHead + 30, bytesAt(part + 4) / 2, kHead + bytesAt(part + 4) - 1}) flipped[part + at] = damaged;
+      for (size_t at :
+           {size_t{0}, size_t{4}, size_t{19}, kHead, kHead + 30, bytesAt(part + 4) / 2, kHead + bytesAt(part + 4) - 1})
+        flipped[part + at] = damaged;
       for (size_t at : {size_t{0}, size_t{4}, size_t{12}, kHead, kHead + 7}) flipped[checkpoint + at] = damaged;
       cut = {{0, start}, {3, start}, {part, damaged}, {checkpoint - 1, damaged}, {end - 1, damaged}, {end, on}};
     } else {
       const size_t first_page = bytes.find_first_not_of('\0');
       ASSERT_LT(first_page, pages_end);
-      for (size_t at : {first_page, first_page + 100, (first_page + pages_end) / 2, pages_end - 1}) flipped[at] = damaged;
+      for (size_t at : {first_page, first_page + 100, (first_page + pages_end) / 2, pages_end - 1})
+        flipped[at] = damaged;
       flipped[first_page / 2] = on;  // filled in again
       cut = {{0, damaged}, {first_page - 1, damaged}, {pages_end - 1, damaged}, {pages_end, on}};
     }
@@ -296,7 +307,8 @@ TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
       other[at] = static_cast<char>(other[at] ^ 0x20);
       expectAfter(name, other, "byte " + std::to_string(at), note);
     }
-    for (const auto& [size, note] : cut) expectAfter(name, bytes.substr(0, size), "cut at " + std::to_string(size), note);
+    for (const auto& [size, note] : cut)
+      expectAfter(name, bytes.substr(0, size), "cut at " + std::to_string(size), note);
   }
   restore(folder(), left);
   expectTheSamePackage(expected, options(2), on);

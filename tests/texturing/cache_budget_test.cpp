@@ -51,8 +51,10 @@ TEST(CacheBudget, NeverExceededAndRootsAlwaysFit) {
     ASSERT_TRUE(!blocks || full || budget - s.bytes() < 64 * slotBytes(n.upload, texturePlane(0))) << what;
     // The textures that hold the slots take no more than the budget, either, where it is for a layer of each.
     const auto layered = [](uint64_t slots) { return (slots + 63) / 64 * 64; };
-    const CacheSlots memory{s.upload, static_cast<uint32_t>(layered(s.texture)), static_cast<uint32_t>(layered(s.relief))};
-    const bool small = s.texture < 64 || (s.relief > 0 && s.relief < 64) || n.roots * static_cast<uint32_t>(n.texture_planes) + 16 > 64;
+    const CacheSlots memory{s.upload, static_cast<uint32_t>(layered(s.texture)),
+                            static_cast<uint32_t>(layered(s.relief))};
+    const bool small = s.texture < 64 || (s.relief > 0 && s.relief < 64) ||
+                       n.roots * static_cast<uint32_t>(n.texture_planes) + 16 > 64;
     if (blocks && !small) {
       ASSERT_LE(memory.bytes(), budget) << what;
       ++layers_checked;

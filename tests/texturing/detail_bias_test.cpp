@@ -53,7 +53,8 @@ struct View {
     history.push_back(bias.value());
     double jitter = 1 + noise * (2 * (static_cast<double>(random()) / 0xFFFFFFFFu) - 1);
     pages = std::max(1.0, std::round(demand(history.front()) * jitter));
-    bias.observe({pages, kRoom, pages > kRoom, std::exchange(moved, false) && tells_of_moves}, tells ? std::optional(history.front()) : std::nullopt);
+    bias.observe({pages, kRoom, pages > kRoom, std::exchange(moved, false) && tells_of_moves},
+                 tells ? std::optional(history.front()) : std::nullopt);
   }
 };
 

@@ -28,7 +28,8 @@ TEST(SlotPart, NamesArePlacesOfTheirOwnInTheSlot) {
       EXPECT_EQ(partOf(nameOf(p)).part, part);
       const PartPlace at = placeInSlot(p);
       for (int y = 0; y < partRows(level); ++y)
-        for (int x = 0; x < partColumns(level); ++x) ++covered[static_cast<size_t>((at.y + y) * kPageFullPx + at.x + x)];
+        for (int x = 0; x < partColumns(level); ++x)
+          ++covered[static_cast<size_t>((at.y + y) * kPageFullPx + at.x + x)];
       if (levelAbove(level) == 0) continue;
       const PartPlace around = placeInSlot({777, levelAbove(level), part / 4});  // lies in the part that it is of
       EXPECT_GE(at.x, around.x);
@@ -36,7 +37,8 @@ TEST(SlotPart, NamesArePlacesOfTheirOwnInTheSlot) {
       EXPECT_LE(at.x + partColumns(level), around.x + partColumns(level - 1));
       EXPECT_LE(at.y + partRows(level), around.y + partRows(level - 1));
     }
-    const auto once = std::count(covered.begin(), covered.end(), 1), never = std::count(covered.begin(), covered.end(), 0);
+    const auto once = std::count(covered.begin(), covered.end(), 1),
+               never = std::count(covered.begin(), covered.end(), 0);
     EXPECT_EQ(once + never, kPageFullPx * kPageFullPx) << "level " << level << ": one over another";
     EXPECT_LE(never, isThird(level) ? 4 * kPageFullPx : 0) << "level " << level;
   }
@@ -129,11 +131,13 @@ struct Model {
     if (p.slot != q.slot) return false;
     if (p.level > 0 && q.level > 0 && isThird(p.level) != isThird(q.level)) return true;
     if (p.level > q.level) std::swap(p, q);
-    return p.level == 0 || q.part / (kPartsOfSlot[static_cast<size_t>(q.level)] / kPartsOfSlot[static_cast<size_t>(p.level)]) == p.part;
+    return p.level == 0 ||
+           q.part / (kPartsOfSlot[static_cast<size_t>(q.level)] / kPartsOfSlot[static_cast<size_t>(p.level)]) == p.part;
   }
 };
 
-// Random operations; the first thing that is wrong, or nothing. careless: somebody in use is forgotten, for the control.
+// Random operations; the first thing that is wrong, or nothing. careless: somebody in use is forgotten, for the
+// control.
 std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evicted_pages) {
   std::mt19937_64 random(seed);
   auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
@@ -147,12 +151,15 @@ std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evi
     const uint32_t x = upTo(6 * slots + 1);
     const bool relief = upTo(3) > 0;
     const PageId id = relief ? reliefPage(x) : texturePage(x);
-    auto known = std::find_if(model.entries.begin(), model.entries.end(), [&](const auto& e) { return e.second.id == id; });
+    auto known =
+        std::find_if(model.entries.begin(), model.entries.end(), [&](const auto& e) { return e.second.id == id; });
     const std::string at = "seed " + std::to_string(seed) + ", step " + std::to_string(step) + ": ";
     if ((known == model.entries.end()) != (cache.find(id) == kNoSlot)) return at + "a page is there, or not";
     if (known != model.entries.end() && cache.find(id) != known->first) return at + "a page has moved";
     switch (upTo(8)) {
-      case 0: ++tick; break;
+      case 0:
+        ++tick;
+        break;
       case 1:
         if (known == model.entries.end()) break;
         cache.touch(known->first, tick);
@@ -224,7 +231,8 @@ std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evi
 TEST(DividedCache, NoTwoPagesInOnePlaceAndNothingInUseLeaves) {
   int evicted = 0;
   for (uint64_t seed = 1; seed <= 60; ++seed)
-    for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving}) ASSERT_EQ(randomRun(seed, policy, false, &evicted), "");
+    for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
+      ASSERT_EQ(randomRun(seed, policy, false, &evicted), "");
   EXPECT_GT(evicted, 10000);
 }
 
@@ -234,7 +242,8 @@ TEST(DividedCache, AModelThatForgetsUsesDiffers) {
   EXPECT_GT(seen, 30);
 }
 
-// A texture page and a relief page for each frame's new wishes, all slots needed: the half beside a page in use is found, whatever is older.
+// A texture page and a relief page for each frame's new wishes, all slots needed: the half beside a page in use is
+// found, whatever is older.
 TEST(DividedCache, IdleHalvesOfSlotsInUse) {
   DividedCache cache(3, Replacement::kLru);
   for (uint32_t i = 0; i < 4; ++i) cache.place(reliefPage(i), 1 + i / 2, 1, 1);  // slots 0 and 1

@@ -1,6 +1,6 @@
 // fake_sources.h - page sources for tests. They stack: a procedural source at the bottom, wrappers that fail, slow
-// down, record (page_sources.h) or block around it. Encoded pages are a few bytes that name their page; fakeDecode() turns them into
-// texels that name their page and place, so that a texel in the wrong slot shows.
+// down, record (page_sources.h) or block around it. Encoded pages are a few bytes that name their page; fakeDecode()
+// turns them into texels that name their page and place, so that a texel in the wrong slot shows.
 #pragma once
 
 #include <array>
@@ -44,8 +44,10 @@ inline std::vector<uint8_t> fakeEncode(PageId id) {
   return bytes;
 }
 
-// Refuses bytes that are short, corrupt or of another plane. upload: what is written is what goes to the GPU, slotBytes() of it.
-inline Result<void> fakeDecodeFor(PageCodec upload, Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+// Refuses bytes that are short, corrupt or of another plane. upload: what is written is what goes to the GPU,
+// slotBytes() of it.
+inline Result<void> fakeDecodeFor(PageCodec upload, Plane plane, std::span<const uint8_t> encoded,
+                                  std::span<uint8_t> texels) {
   Error error{ErrorKind::kInvalidData, "fake", "expected 24 bytes of a page, found something else", "", {}};
   PageId id;
   uint64_t check = 0;

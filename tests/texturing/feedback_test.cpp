@@ -120,7 +120,8 @@ TEST(Feedback, CentreIsNearAndCornersAreFar) {
   EXPECT_EQ(wants[0].pixels, 0u);
 }
 
-// As near to the centre as pixel centres get: half a pixel where the width is even, and of equal nodes the order of their names.
+// As near to the centre as pixel centres get: half a pixel where the width is even, and of equal nodes the order of
+// their names.
 TEST(Feedback, TheMiddleOfARunAndTheOrderOfEqualsAreExact) {
   FeedbackAnalyzer analyzer;
   const std::vector<Pixel> four(4, pixelOf({0, 0, 0, 0})), five(5, pixelOf({0, 0, 0, 0}));
@@ -200,7 +201,8 @@ TEST(FeedbackOffset, EveryPixelOfABlockOnceInScaleSquaredTurns) {
       ASSERT_TRUE(o.x >= 0 && o.y >= 0 && o.x < scale && o.y < scale);
       ASSERT_TRUE(seen.insert({o.x, o.y}).second) << "scale " << scale << " turn " << turn;
     }
-    FeedbackOffset again = feedbackOffset(scale, static_cast<uint64_t>(scale * scale)), first = feedbackOffset(scale, 0);
+    FeedbackOffset again = feedbackOffset(scale, static_cast<uint64_t>(scale * scale)),
+                   first = feedbackOffset(scale, 0);
     EXPECT_EQ(again.x, first.x);
     EXPECT_EQ(again.y, first.y);
     EXPECT_EQ(first.x, scale / 2);
@@ -214,7 +216,8 @@ double largestHole(int scale, int turns, bool in_rows) {
     for (int x = 0; x < scale; ++x) {
       double nearest = 1e9;
       for (int t = 0; t < turns; ++t) {
-        FeedbackOffset o = in_rows ? FeedbackOffset{t % scale, t / scale} : feedbackOffset(scale, static_cast<uint64_t>(t));
+        FeedbackOffset o =
+            in_rows ? FeedbackOffset{t % scale, t / scale} : feedbackOffset(scale, static_cast<uint64_t>(t));
         int dx = std::abs(o.x - x), dy = std::abs(o.y - y);
         nearest = std::min(nearest, std::hypot(std::min(dx, scale - dx), std::min(dy, scale - dy)));
       }
@@ -226,7 +229,8 @@ TEST(FeedbackOffset, EveryBeginningIsSpread) {
   for (int scale : {4, 8, 16}) {
     for (int turns : {2, 4, 8, 16}) {
       // Samples on a square grid would leave holes of scale / sqrt(2 turns).
-      EXPECT_LE(largestHole(scale, turns, false), 1.5 * scale / std::sqrt(2.0 * turns) + 0.01) << scale << ", " << turns;
+      EXPECT_LE(largestHole(scale, turns, false), 1.5 * scale / std::sqrt(2.0 * turns) + 0.01)
+          << scale << ", " << turns;
     }
     if (scale == 4) continue;
     EXPECT_GT(largestHole(scale, scale, true), 1.5 * scale / std::sqrt(2.0 * scale)) << "negative control: row by row";
@@ -236,7 +240,8 @@ TEST(FeedbackOffset, EveryBeginningIsSpread) {
 // ---- memory
 std::vector<NodeWant> chain(NodeId node, float distance) {
   std::vector<NodeWant> wants;
-  for (uint32_t level = 0; level <= node.level; ++level) wants.push_back({node.ancestor(level), level == node.level, distance});
+  for (uint32_t level = 0; level <= node.level; ++level)
+    wants.push_back({node.ancestor(level), level == node.level, distance});
   return wants;
 }
 bool has(std::span<const NodeWant> wants, const NodeId& node) {
@@ -275,7 +280,8 @@ TEST(WantMemory, AgreesWithTheUnionOfTheLastResults) {
     std::vector<Pixel> pixels(64);
     for (Pixel& p : pixels) {
       uint32_t level = random() % 6;
-      p = pixelOf({static_cast<uint32_t>(random() % 2), level, static_cast<uint32_t>(random()) & ((1u << level) - 1), static_cast<uint32_t>(random()) & ((1u << level) - 1)});
+      p = pixelOf({static_cast<uint32_t>(random() % 2), level, static_cast<uint32_t>(random()) & ((1u << level) - 1),
+                   static_cast<uint32_t>(random()) & ((1u << level) - 1)});
     }
     auto newest = analyzer.analyze(std::span(pixels).first(random() % 65 / 8 * 8), 8, 8);
     results.emplace_back(newest.begin(), newest.end());
@@ -286,10 +292,12 @@ TEST(WantMemory, AgreesWithTheUnionOfTheLastResults) {
     ASSERT_EQ(wants.size(), expected.size()) << k;
     for (size_t i = 0; i < wants.size(); ++i) {
       ASSERT_TRUE(expected.contains(wants[i].node));
-      ASSERT_TRUE(i == 0 || std::pair(wants[i - 1].node.level, wants[i - 1].centre_distance) <= std::pair(wants[i].node.level, wants[i].centre_distance));
+      ASSERT_TRUE(i == 0 || std::pair(wants[i - 1].node.level, wants[i - 1].centre_distance) <=
+                                std::pair(wants[i].node.level, wants[i].centre_distance));
       ASSERT_TRUE(wants[i].node.level == 0 || has(wants.first(i), wants[i].node.parent())) << "closed under parents";
     }
-    ASSERT_TRUE(results.size() <= kStill || k < 20 || wants.size() > newest.size()) << "negative control: the newest alone is less";
+    ASSERT_TRUE(results.size() <= kStill || k < 20 || wants.size() > newest.size())
+        << "negative control: the newest alone is less";
   }
 }
 
@@ -304,7 +312,8 @@ TEST(WantMemory, FloodsAreForgotten) {
   EXPECT_EQ(memory.add(chain({0, 3, 1, 1}, 0), 1, 64).size(), 4u);
 }
 
-// As large as feedback gets (every pixel of a screen), and again with the scratch memory of the call before, which was larger or smaller.
+// As large as feedback gets (every pixel of a screen), and again with the scratch memory of the call before, which was
+// larger or smaller.
 TEST(Feedback, AWholeScreenGivesTheNaiveAnswerWhateverWasAnalysedBefore) {
   FeedbackAnalyzer analyzer;
   std::map<int, size_t> nodes;

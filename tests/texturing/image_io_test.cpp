@@ -52,7 +52,9 @@ std::string save(const std::string& name, const Bytes& bytes) {
 }
 
 template <class T>
-OIIO::TypeDesc typeOf() { return OIIO::TypeDesc(OIIO::BaseTypeFromC<T>::value); }
+OIIO::TypeDesc typeOf() {
+  return OIIO::TypeDesc(OIIO::BaseTypeFromC<T>::value);
+}
 
 // What the tests read is written here by OpenImageIO itself, in layouts that our own writer does not have.
 template <class T>
@@ -74,7 +76,8 @@ template <class T>
 std::vector<T> noise(size_t count, uint32_t seed) {
   std::vector<T> out(count);
   std::mt19937 random(seed);
-  for (T& v : out) v = static_cast<T>(std::is_floating_point_v<T> ? std::uniform_real_distribution<>(-3, 9)(random) : random());
+  for (T& v : out)
+    v = static_cast<T>(std::is_floating_point_v<T> ? std::uniform_real_distribution<>(-3, 9)(random) : random());
   return out;
 }
 
@@ -87,8 +90,8 @@ Rect randomRect(std::mt19937& random, int64_t width, int64_t height) {
 
 // expected(x, y) in mm.
 template <class Expected>
-void expectHeights(const std::string& path, std::optional<std::pair<double, double>> range, int64_t width, int64_t height,
-                   Expected expected, uint64_t cache_bytes = uint64_t{256} << 20) {
+void expectHeights(const std::string& path, std::optional<std::pair<double, double>> range, int64_t width,
+                   int64_t height, Expected expected, uint64_t cache_bytes = uint64_t{256} << 20) {
   auto source = openHeightImage(path, range, {.cache_bytes = cache_bytes});
   ASSERT_TRUE(source) << source.error().text();
   ASSERT_EQ((*source)->width(), width);
@@ -102,7 +105,8 @@ void expectHeights(const std::string& path, std::optional<std::pair<double, doub
     for (int64_t y = 0; y < r.height; ++y)
       for (int64_t x = 0; x < r.width; ++x) {
         const float found = out[static_cast<size_t>(y * r.width + x)];
-        ASSERT_FLOAT_EQ(found, static_cast<float>(expected(r.x + x, r.y + y))) << path << " at " << r.x + x << ", " << r.y + y;
+        ASSERT_FLOAT_EQ(found, static_cast<float>(expected(r.x + x, r.y + y)))
+            << path << " at " << r.x + x << ", " << r.y + y;
         ASSERT_GE(found, (*source)->minMm());
         ASSERT_LE(found, (*source)->maxMm());
       }
@@ -114,8 +118,11 @@ TEST(HeightImage, IntegersMapToTheRange) {
   auto u16 = noise<uint16_t>(w * h, 1);
   u16[5] = 0, u16[6] = 65535;
   auto mm16 = [&](int64_t x, int64_t y) { return -2 + 7.0 * u16[static_cast<size_t>(y * w + x)] / 65535; };
-  for (auto [name, compression, tile] : {std::tuple{"a.tif", "none", 0}, {"b.tif", "zip", 0}, {"c.tif", "lzw", 16},
-                                         {"d.tif", "none", 32}, {"e.png", "none", 0}}) {
+  for (auto [name, compression, tile] : {std::tuple{"a.tif", "none", 0},
+                                         {"b.tif", "zip", 0},
+                                         {"c.tif", "lzw", 16},
+                                         {"d.tif", "none", 32},
+                                         {"e.png", "none", 0}}) {
     auto path = writeImage(name, w, h, 1, u16, OIIO::TypeUInt16, compression, tile);
     expectHeights(path, {{-2, 5}}, w, h, mm16);
     expectHeights(path, {{-2, 5}}, w, h, mm16, 8 * w * 8);  // a cache of a few rows: bands come and go
@@ -194,7 +201,8 @@ TEST(ColourImage, ReadsRegionsOfEveryLayout) {
   const int w = 133, h = 90;
   for (int channels : {1, 2, 3, 4}) {
     auto pixels = noise<uint8_t>(static_cast<size_t>(w * h * channels), 6);
-    for (auto [name, compression, tile] : {std::tuple{"a.tif", "none", 0}, {"b.tif", "zip", 0}, {"c.tif", "lzw", 16}, {"d.png", "none", 0}}) {
+    for (auto [name, compression, tile] :
+         {std::tuple{"a.tif", "none", 0}, {"b.tif", "zip", 0}, {"c.tif", "lzw", 16}, {"d.png", "none", 0}}) {
       auto path = writeImage(name, w, h, channels, pixels, OIIO::TypeUInt8, compression, tile);
       for (uint64_t cache_bytes : {uint64_t{1} << 28, uint64_t{3 * w * 40}}) {
         auto source = openColourImage(path, {.cache_bytes = cache_bytes});
@@ -209,7 +217,8 @@ TEST(ColourImage, ReadsRegionsOfEveryLayout) {
           for (int c = 0; c < 3; ++c)
             for (int64_t y = r.y; y < r.y + r.height; ++y)
               for (int64_t x = r.x; x < r.x + r.width; ++x) {
-                ASSERT_EQ(out[n++], pixels[static_cast<size_t>((y * w + x) * channels + (channels < 3 ? 0 : c))]) << path << " channels " << channels;
+                ASSERT_EQ(out[n++], pixels[static_cast<size_t>((y * w + x) * channels + (channels < 3 ? 0 : c))])
+                    << path << " channels " << channels;
               }
         }
       }
@@ -246,7 +255,8 @@ TEST(ColourImage, ManyThreadsReadTheSame) {
           if (!(*source)->read(r, out)) ++wrong;
           for (int64_t y = 0; y < r.height; ++y)
             for (int64_t x = 0; x < r.width; ++x)
-              wrong += out[static_cast<size_t>(y * r.width + x)] != pixels[static_cast<size_t>(((r.y + y) * w + r.x + x) * 3)];
+              wrong += out[static_cast<size_t>(y * r.width + x)] !=
+                       pixels[static_cast<size_t>(((r.y + y) * w + r.x + x) * 3)];
         }
       });
     }
@@ -263,8 +273,8 @@ TEST(ColourImage, ProvenanceNamesTheFileAndItsDigest) {
   EXPECT_EQ((*source)->provenance().xxh3, *hashFile(path));
 }
 
-// As OpenImageIO turns a whole image; but for 5 and 7, which its reorient() (2.4) takes for one another: of 5 the first row is the picture's left
-// side and the first column its top, of 7 its right side and its bottom (EXIF 2.3, 4.6.4).
+// As OpenImageIO turns a whole image; but for 5 and 7, which its reorient() (2.4) takes for one another: of 5 the first
+// row is the picture's left side and the first column its top, of 7 its right side and its bottom (EXIF 2.3, 4.6.4).
 OIIO::ImageBuf turnedWhole(const std::string& path, int orientation) {
   const OIIO::ImageBuf stored(path);
   if (orientation == 5) return OIIO::ImageBufAlgo::transpose(stored);
@@ -288,15 +298,18 @@ TEST(Orientation, OfExifIsAppliedToEveryRectangle) {
         EXPECT_TRUE(out && out->open(path, spec) && out->write_image(type, data) && out->close());
         return path;
       };
-      const std::string colour = save("turned", 3, OIIO::TypeUInt8, pixels.data()), relief = save("turned_height", 1, OIIO::TypeUInt16, heights.data());
+      const std::string colour = save("turned", 3, OIIO::TypeUInt8, pixels.data()),
+                        relief = save("turned_height", 1, OIIO::TypeUInt16, heights.data());
       const OIIO::ImageBuf turned = turnedWhole(colour, orientation), turned_relief = turnedWhole(relief, orientation);
       ASSERT_EQ(turned.spec().width, orientation >= 5 ? h : w);
       auto facts = readImageFacts(colour);
       ASSERT_TRUE(facts);
       EXPECT_EQ(facts->width_px, turned.spec().width);
       EXPECT_EQ(facts->height_px, turned.spec().height);
-      expectHeights(relief, {{0, 65535}}, turned_relief.spec().width, turned_relief.spec().height,
-                    [&](int64_t x, int64_t y) { return std::round(65535.0 * turned_relief.getchannel(static_cast<int>(x), static_cast<int>(y), 0, 0)); });
+      expectHeights(
+          relief, {{0, 65535}}, turned_relief.spec().width, turned_relief.spec().height, [&](int64_t x, int64_t y) {
+            return std::round(65535.0 * turned_relief.getchannel(static_cast<int>(x), static_cast<int>(y), 0, 0));
+          });
       for (bool orient : {true, false}) {
         const OIIO::ImageBuf stored(colour);
         const OIIO::ImageBuf& expected = orient ? turned : stored;
@@ -306,14 +319,16 @@ TEST(Orientation, OfExifIsAppliedToEveryRectangle) {
         ASSERT_EQ((*source)->height(), expected.spec().height);
         std::mt19937 random(5);
         for (int i = 0; i < 12; ++i) {
-          const Rect r = i ? randomRect(random, (*source)->width(), (*source)->height()) : Rect{0, 0, (*source)->width(), (*source)->height()};
+          const Rect r = i ? randomRect(random, (*source)->width(), (*source)->height())
+                           : Rect{0, 0, (*source)->width(), (*source)->height()};
           Bytes out(static_cast<size_t>(3 * r.width * r.height));
           ASSERT_TRUE((*source)->read(r, out));
           for (int c = 0; c < 3; ++c)
             for (int64_t y = 0; y < r.height; ++y)
               for (int64_t x = 0; x < r.width; ++x)
-                ASSERT_EQ(out[static_cast<size_t>((c * r.height + y) * r.width + x)],
-                          std::lround(255 * expected.getchannel(static_cast<int>(r.x + x), static_cast<int>(r.y + y), 0, c)))
+                ASSERT_EQ(
+                    out[static_cast<size_t>((c * r.height + y) * r.width + x)],
+                    std::lround(255 * expected.getchannel(static_cast<int>(r.x + x), static_cast<int>(r.y + y), 0, c)))
                     << "orientation " << orientation << " tile " << tile;
         }
       }
@@ -325,7 +340,8 @@ TEST(ImageFacts, TellAlphaAndTheResolutionTag) {
   auto facts = [&](const char* name, int channels, float x, float y, const char* unit) {
     const std::string path = folder() / name;
     OIIO::ImageSpec spec(8, 8, channels, OIIO::TypeUInt8);
-    if (x > 0) spec.attribute("XResolution", x), spec.attribute("YResolution", y), spec.attribute("ResolutionUnit", unit);
+    if (x > 0)
+      spec.attribute("XResolution", x), spec.attribute("YResolution", y), spec.attribute("ResolutionUnit", unit);
     if (x != y) spec.attribute("PixelAspectRatio", y / x);
     auto out = OIIO::ImageOutput::create(path);
     const Bytes pixels(static_cast<size_t>(64 * channels), 9);
@@ -342,10 +358,12 @@ TEST(ImageFacts, TellAlphaAndTheResolutionTag) {
   EXPECT_EQ(facts("oblong.tif", 3, 300, 150, "in").tag_mm_per_px, 0) << "pixels that are not square";
   EXPECT_EQ(facts("ratio.tif", 3, 300, 300, "none").tag_mm_per_px, 0);
   EXPECT_EQ(facts("untold.tif", 3, 0, 0, "").tag_mm_per_px, 0);
-  for (int channels : {1, 2, 3, 4}) EXPECT_EQ(facts("alpha.png", channels, 0, 0, "").alpha, channels % 2 == 0) << channels;
+  for (int channels : {1, 2, 3, 4})
+    EXPECT_EQ(facts("alpha.png", channels, 0, 0, "").alpha, channels % 2 == 0) << channels;
 }
 
-// What a header claims is refused by the limit's name before it is allocated; the same file is read where the limit allows it.
+// What a header claims is refused by the limit's name before it is allocated; the same file is read where the limit
+// allows it.
 TEST(ImageLimits, AreCheckedBeforeTheLibraryAllocates) {
   const uint64_t mib = uint64_t{1} << 20;
   auto expectBeyond = [](const auto& result, const char* option) {
@@ -358,7 +376,8 @@ TEST(ImageLimits, AreCheckedBeforeTheLibraryAllocates) {
   expectBeyond(openColourImage(tiled, {.memory_budget_bytes = 16 * mib}), "--max-tile-mib to 4,");
   EXPECT_TRUE(openColourImage(tiled, {.memory_budget_bytes = 16 * mib, .max_tile_bytes = 4 * mib}));
   EXPECT_TRUE(openColourImage(tiled, {.memory_budget_bytes = 24 * mib}));
-  const std::string height = writeImage("tile16.tif", 1024, 1024, 1, std::vector<uint16_t>(1 << 20), OIIO::TypeUInt16, "zip", 1024);
+  const std::string height =
+      writeImage("tile16.tif", 1024, 1024, 1, std::vector<uint16_t>(1 << 20), OIIO::TypeUInt16, "zip", 1024);
   expectBeyond(openHeightImage(height, {{0, 1}}, {.memory_budget_bytes = 8 * mib}), "--max-tile-mib");
   // Kept as a whole: a mesh's image.
   const std::string plain = writeImage("whole.tif", 1024, 1024, 3, Bytes(3 << 20), OIIO::TypeUInt8);
@@ -366,7 +385,8 @@ TEST(ImageLimits, AreCheckedBeforeTheLibraryAllocates) {
   EXPECT_TRUE(readImage8(plain, {.memory_budget_bytes = 9 * mib}));
   EXPECT_TRUE(readImage8(plain, {.memory_budget_bytes = 8 * mib, .max_decoded_bytes = 3 * mib}));
   // Decoded as a whole, by its header alone: nothing behind it is there to be read.
-  Bytes png{0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D', 'R', 0, 0, 0x40, 0, 0, 0, 0x40, 0, 8, 2, 0, 0, 1};
+  Bytes png{0x89, 'P', 'N', 'G',  '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D',
+            'R',  0,   0,   0x40, 0,    0,    0,    0x40, 0, 8, 2, 0,  0,   1};
   png.resize(60000);
   expectBeyond(openColourImage(save("interlaced.png", png)), "--max-image-mib to 769,");
   png[28] = 0;
@@ -409,11 +429,19 @@ TEST(WriteImage, PngTellsItsScale) {
     if (at == std::string::npos) return 0;
     EXPECT_EQ(bytes.at(at + 12), 1) << "metres";
     uint32_t x = 0, y = 0;
-    for (size_t k = 0; k < 4; ++k) x = x << 8 | static_cast<uint8_t>(bytes.at(at + 4 + k)), y = y << 8 | static_cast<uint8_t>(bytes.at(at + 8 + k));
+    for (size_t k = 0; k < 4; ++k)
+      x = x << 8 | static_cast<uint8_t>(bytes.at(at + 4 + k)), y = y << 8 | static_cast<uint8_t>(bytes.at(at + 8 + k));
     EXPECT_EQ(x, y);
     return x;
   };
-  for (auto [mm_per_px, px_per_m] : {std::pair{0.05, 20000u}, {0.0423333333, 23622u}, {0.3, 3333u}, {0.29296875, 3413u}, {1000.0, 1u}, {0.0, 0u}, {2001.0, 0u}, {1e-9, 0u}}) {
+  for (auto [mm_per_px, px_per_m] : {std::pair{0.05, 20000u},
+                                     {0.0423333333, 23622u},
+                                     {0.3, 3333u},
+                                     {0.29296875, 3413u},
+                                     {1000.0, 1u},
+                                     {0.0, 0u},
+                                     {2001.0, 0u},
+                                     {1e-9, 0u}}) {
     ASSERT_TRUE(writeImage(path, 8, 8, 3, pixels, mm_per_px));
     EXPECT_EQ(perMetre(), px_per_m) << mm_per_px;
     EXPECT_TRUE(readImage8(path)->pixels == pixels);
@@ -452,7 +480,8 @@ TEST(WriteImage, ExrIsLinearLight) {
     const int w = 256, h = 5;
     auto pixels = noise<uint8_t>(static_cast<size_t>(w * h * channels), 19);
     for (int x = 0; x < w; ++x)
-      for (int c = 0; c < channels; ++c) pixels[static_cast<size_t>(x * channels + c)] = c == 3 ? 255 : static_cast<uint8_t>(x);  // every code, opaque
+      for (int c = 0; c < channels; ++c)
+        pixels[static_cast<size_t>(x * channels + c)] = c == 3 ? 255 : static_cast<uint8_t>(x);  // every code, opaque
     const std::string path = folder() / "w.exr";
     ASSERT_TRUE(writeImage(path, w, h, channels, pixels));
     auto in = OIIO::ImageInput::open(path);
@@ -523,7 +552,8 @@ class LyingBytes final : public ImageBytes {
   uint64_t size() const override { return bytes.size(); }
 };
 
-// What the library does not notice is found all the same: a disk that is full wherever it may be, bytes that are lost or others.
+// What the library does not notice is found all the same: a disk that is full wherever it may be, bytes that are lost
+// or others.
 TEST(WriteImage, WhatIsNotOnTheDiskIsNotWritten) {
   auto module = imageIoModule();
   ASSERT_TRUE(module);
@@ -531,10 +561,14 @@ TEST(WriteImage, WhatIsNotOnTheDiskIsNotWritten) {
   const auto pixels = noise<uint8_t>(w * h * 6, 5);  // as many bytes as halves need
   for (const ImageFormat format : {ImageFormat::kPng, ImageFormat::kTiff, ImageFormat::kExr, ImageFormat::kJpeg}) {
     const auto encode = [&](LyingBytes& bytes, uint64_t flip) -> Result<void> {
-      auto encoder = (*module)->create_encoder({"picture", format, w, h, 3, format == ImageFormat::kExr ? SampleType::kHalf : SampleType::kUint8, 0}, bytes);
+      auto encoder = (*module)->create_encoder(
+          {"picture", format, w, h, 3, format == ImageFormat::kExr ? SampleType::kHalf : SampleType::kUint8, 0}, bytes);
       if (!encoder) return encoder.error();
       for (int y = 0; y < h; ++y)
-        if (auto done = (*encoder)->appendRows(1, pixels.data() + static_cast<size_t>(y) * w * (format == ImageFormat::kExr ? 6 : 3)); !done) return done;
+        if (auto done = (*encoder)->appendRows(
+                1, pixels.data() + static_cast<size_t>(y) * w * (format == ImageFormat::kExr ? 6 : 3));
+            !done)
+          return done;
       if (flip < bytes.bytes.size()) bytes.bytes[flip] ^= 0x10;
       return (*encoder)->finish();
     };
@@ -601,7 +635,9 @@ TEST(ImageWriter, JpegIsClose) {
   Bytes pixels(w * h * 3);
   for (int y = 0; y < h; ++y)
     for (int x = 0; x < w; ++x)
-      for (int c = 0; c < 3; ++c) pixels[static_cast<size_t>((y * w + x) * 3 + c)] = static_cast<uint8_t>(128 + 90 * std::sin(0.1 * x + c) * std::cos(0.13 * y));
+      for (int c = 0; c < 3; ++c)
+        pixels[static_cast<size_t>((y * w + x) * 3 + c)] =
+            static_cast<uint8_t>(128 + 90 * std::sin(0.1 * x + c) * std::cos(0.13 * y));
   const std::string path = folder() / "w.jpg";
   auto writer = ImageWriter::create(path, w, h, 3, SampleType::kUint8);
   ASSERT_TRUE(writer);
@@ -622,10 +658,12 @@ TEST(ImageWriter, LeavesNothingBehind) {
     auto writer = ImageWriter::create(path, 10, 10, 1, SampleType::kUint8);
     ASSERT_TRUE(writer);
     ASSERT_TRUE((*writer)->appendRows(5, Bytes(50).data()));
-    EXPECT_EQ(static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {})), before + 1) << "control: the part file";
+    EXPECT_EQ(static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {})), before + 1)
+        << "control: the part file";
   }
   EXPECT_EQ(static_cast<size_t>(std::distance(fs::directory_iterator(folder()), {})), before);
-  EXPECT_EQ(ImageWriter::create(folder() / "no" / "such.tif", 10, 10, 1, SampleType::kUint8).error().kind, ErrorKind::kIo);
+  EXPECT_EQ(ImageWriter::create(folder() / "no" / "such.tif", 10, 10, 1, SampleType::kUint8).error().kind,
+            ErrorKind::kIo);
   EXPECT_EQ(ImageWriter::create(folder() / "x.bmp2", 10, 10, 1, SampleType::kUint8).error().kind, ErrorKind::kUsage);
   EXPECT_EQ(ImageWriter::create(folder() / "x.jpg", 10, 10, 1, SampleType::kFloat).error().kind, ErrorKind::kUsage);
 }
@@ -636,9 +674,12 @@ std::vector<std::string> smallFiles() {
   std::vector<uint16_t> smooth(24 * 20);
   for (size_t i = 0; i < smooth.size(); ++i) smooth[i] = static_cast<uint16_t>(i * 130);
   auto colour = noise<uint8_t>(24 * 20 * 3, 3);
-  return {writeImage("s1.tif", 24, 20, 1, smooth, OIIO::TypeUInt16), writeImage("s2.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "zip"),
-          writeImage("s3.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "lzw", 16), writeImage("s4.png", 24, 20, 1, smooth, OIIO::TypeUInt16),
-          writeImage("s5.png", 24, 20, 3, colour, OIIO::TypeUInt8), writeImage("s6.jpg", 24, 20, 3, colour, OIIO::TypeUInt8, "jpeg:95"),
+  return {writeImage("s1.tif", 24, 20, 1, smooth, OIIO::TypeUInt16),
+          writeImage("s2.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "zip"),
+          writeImage("s3.tif", 24, 20, 1, smooth, OIIO::TypeUInt16, "lzw", 16),
+          writeImage("s4.png", 24, 20, 1, smooth, OIIO::TypeUInt16),
+          writeImage("s5.png", 24, 20, 3, colour, OIIO::TypeUInt8),
+          writeImage("s6.jpg", 24, 20, 3, colour, OIIO::TypeUInt8, "jpeg:95"),
           writeImage("s7.jpg", 24, 20, 1, smooth, OIIO::TypeUInt8, "jpeg:95")};
 }
 
@@ -674,7 +715,8 @@ TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
       ASSERT_EQ(0, ::truncate(path.c_str(), static_cast<off_t>(length)));
       auto cut = readAll(path);
       if (cut) {
-        ASSERT_TRUE(*cut == *whole) << whole_path << " cut to " << length << " of " << file.size() << " reads as something else";
+        ASSERT_TRUE(*cut == *whole) << whole_path << " cut to " << length << " of " << file.size()
+                                    << " reads as something else";
         ++still_whole;
       } else {
         EXPECT_EQ(cut.error().file, path);
@@ -687,7 +729,8 @@ TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
   }
 }
 
-// OpenEXR allocates what an attribute claims before it reads: 271 bytes took 1.8 GB. The claim is compared with the file's length first.
+// OpenEXR allocates what an attribute claims before it reads: 271 bytes took 1.8 GB. The claim is compared with the
+// file's length first.
 TEST(ImageDamage, AnExrAttributeLargerThanTheFileIsRefusedBeforeItIsAllocated) {
   const Bytes sound = load(writeImage("sound.exr", 6, 5, 1, noise<float>(30, 9), OIIO::TypeDesc::FLOAT, "zip"));
   EXPECT_TRUE(openHeightImage(save("same.exr", sound), {}));
@@ -721,7 +764,8 @@ TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
     Bytes bytes(sound.begin(), sound.begin() + 2);
     const size_t size = data.size() + 2;
     bytes.insert(bytes.end(), before.begin(), before.end());
-    for (const size_t b : {size_t{0xff}, size_t{marker}, size >> 8, size & 255}) bytes.push_back(static_cast<uint8_t>(b));
+    for (const size_t b : {size_t{0xff}, size_t{marker}, size >> 8, size & 255})
+      bytes.push_back(static_cast<uint8_t>(b));
     bytes.insert(bytes.end(), data.begin(), data.end());
     bytes.insert(bytes.end(), sound.begin() + 2, sound.end());
     return openColourImage(save("metadata.jpg", bytes), {});
@@ -733,8 +777,16 @@ TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
   EXPECT_TRUE(with(0xed, iptc + "\0\5\x1c\2\x50\0\0"s));
   EXPECT_TRUE(with(0xe2, ""));
   for (const std::string& before : {""s, "garbage\xff\0\xff"s}) {
-    for (const auto& [marker, data] : {std::pair{0xe1, ""s}, {0xe1, "Ex"s}, {0xe1, "Exif\0"s}, {0xe1, "Exif\0\0II*"s}, {0xe1, xmp.substr(0, 28)}, {0xed, ""s},
-                                       {0xed, "Photoshop 3"s}, {0xed, iptc.substr(0, 17)}, {0xed, iptc}, {0xed, iptc + "\0\6\x1c\2\x50\0\0"s}}) {
+    for (const auto& [marker, data] : {std::pair{0xe1, ""s},
+                                       {0xe1, "Ex"s},
+                                       {0xe1, "Exif\0"s},
+                                       {0xe1, "Exif\0\0II*"s},
+                                       {0xe1, xmp.substr(0, 28)},
+                                       {0xed, ""s},
+                                       {0xed, "Photoshop 3"s},
+                                       {0xed, iptc.substr(0, 17)},
+                                       {0xed, iptc},
+                                       {0xed, iptc + "\0\6\x1c\2\x50\0\0"s}}) {
       const auto image = with(static_cast<uint8_t>(marker), data, before);
       ASSERT_FALSE(image) << marker << " of " << data.size() << " bytes";
       EXPECT_EQ(image.error().kind, ErrorKind::kInvalidData);
@@ -753,7 +805,8 @@ TEST(ImageDamage, MutatedFilesNeverCrash) {
     int opened = 0;
     for (int i = 0; i < kFiles; ++i) {
       Bytes mutated = file;
-      for (int n = 1 + static_cast<int>(random() % 4); n > 0; --n) mutated[random() % mutated.size()] = static_cast<uint8_t>(random());
+      for (int n = 1 + static_cast<int>(random() % 4); n > 0; --n)
+        mutated[random() % mutated.size()] = static_cast<uint8_t>(random());
       if (random() % 8 == 0) mutated.resize(random() % mutated.size() + 1);
       auto path = save("m" + fs::path(whole_path).extension().string(), mutated);
       auto all = readAll(path);

@@ -70,7 +70,9 @@ TEST(Mip, aBorderRepeatsTheNearestTexel) {
     for (int y = 0; y < kHeight; ++y)
       for (int x = 0; x < kWidth; ++x) {
         const int from_x = std::clamp(x, kX0, kX1 - 1), from_y = std::clamp(y, kY0, kY1 - 1);
-        EXPECT_EQ(data[static_cast<size_t>((c * kHeight + y) * kWidth + x)], before[static_cast<size_t>((c * kHeight + from_y) * kWidth + from_x)]) << c << " " << x << " " << y;
+        EXPECT_EQ(data[static_cast<size_t>((c * kHeight + y) * kWidth + x)],
+                  before[static_cast<size_t>((c * kHeight + from_y) * kWidth + from_x)])
+            << c << " " << x << " " << y;
       }
 }
 
@@ -119,7 +121,9 @@ TEST(Mip, lrgbChromaWeightedByLuminanceKeepsTheProduct) {
       for (int i = 0; i < 4; ++i) {
         double l = 0;
         const double mean[6] = {1.0 / 3, 1.0 / 3, 0, 0, 0, 1};
-        for (int k = 0; k < 6; ++k) l += mean[k] * (in[static_cast<size_t>(4 * k + i)] / 256.0 - format.bias[static_cast<size_t>(k)]) * format.scale[static_cast<size_t>(k)];
+        for (int k = 0; k < 6; ++k)
+          l += mean[k] * (in[static_cast<size_t>(4 * k + i)] / 256.0 - format.bias[static_cast<size_t>(k)]) *
+               format.scale[static_cast<size_t>(k)];
         l = std::max(l, 0.25);
         truth += l * in[static_cast<size_t>(4 * c + i)] / 256.0 / 4;
         luminance += l / 4;

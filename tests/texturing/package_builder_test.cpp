@@ -26,8 +26,8 @@ std::string fileBytes(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-Result<BuildReport> build(const std::string& path, const TextureSource& t, const HeightSource* h = nullptr, int workers = 2,
-                          uint64_t budget = uint64_t{256} << 20) {
+Result<BuildReport> build(const std::string& path, const TextureSource& t, const HeightSource* h = nullptr,
+                          int workers = 2, uint64_t budget = uint64_t{256} << 20) {
   BuildOptions o;
   o.output = path;
   o.workers = workers;
@@ -67,7 +67,8 @@ TEST_P(EveryPage, equalsTheNaivePyramid) {
       auto page = (*package)->read(PageId(texturePlane(k), n));
       ASSERT_TRUE(page.ok()) << page.error().text();
       ASSERT_TRUE(decoder.decodeTexture(page->bytes, channels).ok());
-      ASSERT_EQ(channels, naivePage(levels, d, n, k)) << "level " << n.level << " x " << n.x << " y " << n.y << " plane " << k;
+      ASSERT_EQ(channels, naivePage(levels, d, n, k))
+          << "level " << n.level << " x " << n.x << " y " << n.y << " plane " << k;
       pages_that_need_borders += channels != naivePage(levels, d, n, k, false);
       ++pages;
     }
@@ -86,12 +87,13 @@ TEST_P(EveryPage, equalsTheNaivePyramid) {
 
 INSTANTIATE_TEST_SUITE_P(Lrgb, EveryPage,
                          ::testing::Combine(::testing::Values(Basis::kPtmLrgb),
-                                            ::testing::Values(Size{1, 1}, Size{1, 300}, Size{257, 1}, Size{127, 127}, Size{128, 128}, Size{129, 129},
-                                                              Size{130, 300}, Size{700, 300}, Size{300, 1300}, Size{1153, 1041})));
+                                            ::testing::Values(Size{1, 1}, Size{1, 300}, Size{257, 1}, Size{127, 127},
+                                                              Size{128, 128}, Size{129, 129}, Size{130, 300},
+                                                              Size{700, 300}, Size{300, 1300}, Size{1153, 1041})));
 INSTANTIATE_TEST_SUITE_P(Others, EveryPage,
                          ::testing::Combine(::testing::Values(Basis::kColour, Basis::kPtmRgb),
-                                            ::testing::Values(Size{1, 1}, Size{5, 3}, Size{129, 127}, Size{700, 300}, Size{1100, 520})));
-
+                                            ::testing::Values(Size{1, 1}, Size{5, 3}, Size{129, 127}, Size{700, 300},
+                                                              Size{1100, 520})));
 
 // ---- relief ----
 
@@ -115,7 +117,9 @@ std::map<NodeId, std::vector<uint16_t>> decodeRelief(const Package& package) {
   return out;
 }
 
-uint16_t sampleAt(const std::vector<uint16_t>& page, int i, int j) { return page[static_cast<size_t>(j * kReliefSamples + i)]; }
+uint16_t sampleAt(const std::vector<uint16_t>& page, int i, int j) {
+  return page[static_cast<size_t>(j * kReliefSamples + i)];
+}
 
 TEST_P(ReliefPages, areExactSharedAndBounded) {
   const ReliefCase c = GetParam();
@@ -141,13 +145,16 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     auto naive = naiveReliefPage(heights, map, d, n);
     int64_t stride = int64_t{1} << (d.relief_depth - static_cast<int>(n.level));
     int64_t patch_cells = int64_t{kPagePx} << d.relief_depth;
-    int64_t ox = static_cast<int64_t>(d.patchOriginX(n.patch) / d.patchPx()) * patch_cells, oy = static_cast<int64_t>(d.patchOriginY(n.patch) / d.patchPx()) * patch_cells;
+    int64_t ox = static_cast<int64_t>(d.patchOriginX(n.patch) / d.patchPx()) * patch_cells,
+            oy = static_cast<int64_t>(d.patchOriginY(n.patch) / d.patchPx()) * patch_cells;
     for (int j = 0; j <= kPagePx; ++j) {
       for (int i = 0; i <= kPagePx; ++i) {
         uint16_t q = sampleAt(page, i, j);
         // Rounded to the nearest step, at every level from the sample's own place.
-        ASSERT_NEAR(q, naive[static_cast<size_t>(j * kReliefSamples + i)], 0.5 + 1e-6) << "level " << n.level << " x " << n.x << " y " << n.y << " i " << i << " j " << j;
-        auto [it, fresh] = by_place.emplace(std::pair{ox + (int64_t{n.x} * kPagePx + i) * stride, oy + (int64_t{n.y} * kPagePx + j) * stride}, q);
+        ASSERT_NEAR(q, naive[static_cast<size_t>(j * kReliefSamples + i)], 0.5 + 1e-6)
+            << "level " << n.level << " x " << n.x << " y " << n.y << " i " << i << " j " << j;
+        auto [it, fresh] = by_place.emplace(
+            std::pair{ox + (int64_t{n.x} * kPagePx + i) * stride, oy + (int64_t{n.y} * kPagePx + j) * stride}, q);
         if (!fresh) {
           ++shared;
           ASSERT_EQ(it->second, q) << "a shared place has other bits";  // between pages of a level, levels and patches
@@ -165,7 +172,9 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
       int64_t stride = int64_t{1} << (d.relief_depth - static_cast<int>(n.level));
       for (int i = 0; i <= kPagePx; ++i) {
         uint16_t q = static_cast<uint16_t>((sampleAt(page, i, 0) - *low) * 65535ll / std::max(1, *high - *low));
-        auto [it, fresh] = own_range.emplace(std::pair{(int64_t{n.x} * kPagePx + i) * stride + (int64_t{n.patch} << 40), int64_t{n.y} * kPagePx * stride}, q);
+        auto [it, fresh] = own_range.emplace(std::pair{(int64_t{n.x} * kPagePx + i) * stride + (int64_t{n.patch} << 40),
+                                                       int64_t{n.y} * kPagePx * stride},
+                                             q);
         differing += !fresh && it->second != q;
       }
     }
@@ -184,11 +193,17 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     }
     int64_t stride = int64_t{1} << (d.relief_depth - static_cast<int>(n.level));
     int64_t patch_cells = int64_t{kPagePx} << d.relief_depth;
-    int64_t ox = static_cast<int64_t>(d.patchOriginX(n.patch) / d.patchPx()) * patch_cells + int64_t{n.x} * kPagePx * stride;
-    int64_t oy = static_cast<int64_t>(d.patchOriginY(n.patch) / d.patchPx()) * patch_cells + int64_t{n.y} * kPagePx * stride;
+    int64_t ox =
+        static_cast<int64_t>(d.patchOriginX(n.patch) / d.patchPx()) * patch_cells + int64_t{n.x} * kPagePx * stride;
+    int64_t oy =
+        static_cast<int64_t>(d.patchOriginY(n.patch) / d.patchPx()) * patch_cells + int64_t{n.y} * kPagePx * stride;
     double cell_px = static_cast<double>(d.patchPx()) / static_cast<double>(patch_cells);
-    auto clampedX = [&](int64_t g) { return std::min(static_cast<double>(g) * cell_px, static_cast<double>(d.width_px)); };
-    auto clampedY = [&](int64_t g) { return std::min(static_cast<double>(g) * cell_px, static_cast<double>(d.height_px)); };
+    auto clampedX = [&](int64_t g) {
+      return std::min(static_cast<double>(g) * cell_px, static_cast<double>(d.width_px));
+    };
+    auto clampedY = [&](int64_t g) {
+      return std::min(static_cast<double>(g) * cell_px, static_cast<double>(d.height_px));
+    };
     uint16_t low = 65535, high = 0;
     double worst = 0;
     std::array<double, 256> block_worst{};
@@ -200,11 +215,14 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
         if (it == by_place.end()) continue;  // beyond the artwork
         low = std::min(low, it->second), high = std::max(high, it->second);
         // This level's surface at the sample's true (clamped) place.
-        int i = static_cast<int>(std::min<int64_t>(gx / stride, kPagePx - 1)), j = static_cast<int>(std::min<int64_t>(gy / stride, kPagePx - 1));
-        double x0 = clampedX(ox + i * stride), x1 = clampedX(ox + (i + 1) * stride), y0 = clampedY(oy + j * stride), y1 = clampedY(oy + (j + 1) * stride);
+        int i = static_cast<int>(std::min<int64_t>(gx / stride, kPagePx - 1)),
+            j = static_cast<int>(std::min<int64_t>(gy / stride, kPagePx - 1));
+        double x0 = clampedX(ox + i * stride), x1 = clampedX(ox + (i + 1) * stride), y0 = clampedY(oy + j * stride),
+               y1 = clampedY(oy + (j + 1) * stride);
         if (x1 <= x0 || y1 <= y0) continue;
         double s = (clampedX(ox + gx) - x0) / (x1 - x0), t = (clampedY(oy + gy) - y0) / (y1 - y0);
-        double a = sampleAt(page, i, j), bb = sampleAt(page, i + 1, j), cc = sampleAt(page, i, j + 1), dd = sampleAt(page, i + 1, j + 1);
+        double a = sampleAt(page, i, j), bb = sampleAt(page, i + 1, j), cc = sampleAt(page, i, j + 1),
+               dd = sampleAt(page, i + 1, j + 1);
         double triangles = s >= t ? a + s * (bb - a) + t * (dd - bb) : a + t * (cc - a) + s * (dd - cc);
         double bilinear = (1 - t) * ((1 - s) * a + s * bb) + t * ((1 - s) * cc + s * dd);
         double off = std::max(std::abs(triangles - it->second), std::abs(bilinear - it->second));
@@ -222,11 +240,13 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
     ASSERT_TRUE(package.reliefErrors(n, block_errors));
     ASSERT_TRUE(package.reliefShapes(n, shapes));
     for (size_t k = 0; k < block_errors.size(); ++k) {
-      EXPECT_GE(block_errors[k], block_worst[k] * scale * (1 - 1e-9)) << "level " << n.level << " x " << n.x << " y " << n.y << " block " << k;
+      EXPECT_GE(block_errors[k], block_worst[k] * scale * (1 - 1e-9))
+          << "level " << n.level << " x " << n.x << " y " << n.y << " block " << k;
       block_tight += block_worst[k] > 0 && block_errors[k] / 2 < block_worst[k] * scale;  // half the bound is none
-      block_smaller += block_errors[k] < b.error_mm / 2;                                  // a part tells more than the whole
+      block_smaller += block_errors[k] < b.error_mm / 2;  // a part tells more than the whole
       const Deviation known = deviationOf(block_errors[k], shapes[k]);
-      const double between = apart.largest(static_cast<int64_t>(k % 16 * 8), static_cast<int64_t>(k / 16 * 8), 8) * scale;
+      const double between =
+          apart.largest(static_cast<int64_t>(k % 16 * 8), static_cast<int64_t>(k / 16 * 8), 8) * scale;
       EXPECT_GE(known.below_mm, sides[k][0] * scale * (1 - 1e-6)) << "level " << n.level << " block " << k;
       EXPECT_GE(known.above_mm, sides[k][1] * scale * (1 - 1e-6)) << "level " << n.level << " block " << k;
       EXPECT_GE(known.between_mm, between * (1 - 1e-6)) << "level " << n.level << " block " << k;
@@ -259,9 +279,10 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Sizes, ReliefPages,
-                         ::testing::Values(ReliefCase{{1, 1}, {1, 1}}, ReliefCase{{130, 1}, {130, 1}}, ReliefCase{{129, 300}, {129, 300}},
-                                           ReliefCase{{700, 300}, {700, 300}}, ReliefCase{{640, 600}, {321, 299}},
-                                           ReliefCase{{100, 90}, {400, 360}}, ReliefCase{{1100, 520}, {1100, 520}}));
+                         ::testing::Values(ReliefCase{{1, 1}, {1, 1}}, ReliefCase{{130, 1}, {130, 1}},
+                                           ReliefCase{{129, 300}, {129, 300}}, ReliefCase{{700, 300}, {700, 300}},
+                                           ReliefCase{{640, 600}, {321, 299}}, ReliefCase{{100, 90}, {400, 360}},
+                                           ReliefCase{{1100, 520}, {1100, 520}}));
 
 TEST(ReliefPages, flatReliefHasScaleZeroAndNoError) {
   class Flat final : public HeightSource {
@@ -329,7 +350,8 @@ TEST(Size, thatNobodyGaveIsSaidToBeUnknown) {
     ASSERT_TRUE(package.ok()) << package.error().text();
     EXPECT_EQ((*package)->manifest().size_known, known);
     EXPECT_EQ((*package)->manifest().domain.mm_per_px, known ? 0.25 : 1);
-    EXPECT_EQ((*package)->manifestJson().find("size_known") == std::string::npos, known) << "a member of packages without a size alone";
+    EXPECT_EQ((*package)->manifestJson().find("size_known") == std::string::npos, known)
+        << "a member of packages without a size alone";
     // What readers from before there was such a field take for padding.
     const std::string bytes = fileBytes(o.output);
     EXPECT_EQ(bytes.substr(140, 4), std::string(known ? "\0\0\0\0" : "\1\0\0\0", 4));
@@ -341,7 +363,13 @@ TEST(Proportions, ofAHeightMapAreTheTextures) {
   NoisyTexture texture(300, 200, Basis::kColour, 21);
   BuildOptions o;
   o.output = folder.file("a");
-  for (auto [width, height, good] : {std::tuple{300, 200, true}, {150, 100, true}, {31, 20, true}, {302, 200, true}, {305, 200, false}, {200, 300, false}, {600, 300, false}}) {
+  for (auto [width, height, good] : {std::tuple{300, 200, true},
+                                     {150, 100, true},
+                                     {31, 20, true},
+                                     {302, 200, true},
+                                     {305, 200, false},
+                                     {200, 300, false},
+                                     {600, 300, false}}) {
     NoisyHeights heights(width, height, 22);
     o.stretch_relief = false;
     auto built = buildPackage(texture, &heights, o);
@@ -350,14 +378,15 @@ TEST(Proportions, ofAHeightMapAreTheTextures) {
     EXPECT_TRUE(buildPackage(texture, &heights, o).ok()) << width << " x " << height;
     if (good) continue;
     EXPECT_EQ(built.error().kind, ErrorKind::kInvalidData);
-    for (const char* told : {"300 x 200", "within 1 %", "--stretch-relief"}) EXPECT_NE(built.error().text().find(told), std::string::npos) << built.error().text();
+    for (const char* told : {"300 x 200", "within 1 %", "--stretch-relief"})
+      EXPECT_NE(built.error().text().find(told), std::string::npos) << built.error().text();
   }
 }
 
 // ---- encodings ----
 
-Result<BuildReport> buildEncoded(const std::string& path, const TextureSource& t, const HeightSource* h, PageEncoding coefficients, PageEncoding colour,
-                                 int workers = 2) {
+Result<BuildReport> buildEncoded(const std::string& path, const TextureSource& t, const HeightSource* h,
+                                 PageEncoding coefficients, PageEncoding colour, int workers = 2) {
   BuildOptions o;
   o.output = path;
   o.workers = workers;
@@ -400,7 +429,8 @@ TEST(Encodings, everyPageIsTheExactOneEncoded) {
         auto expected = encoder.encodeTexture(channels, encodings[static_cast<size_t>(k)]);
         auto found = (*lossy)->read(id);
         ASSERT_TRUE(found.ok());
-        ASSERT_TRUE(std::equal(expected.begin(), expected.end(), found->bytes.begin(), found->bytes.end())) << name << ": " << describePage(id);
+        ASSERT_TRUE(std::equal(expected.begin(), expected.end(), found->bytes.begin(), found->bytes.end()))
+            << name << ": " << describePage(id);
         differ += found->bytes != page->bytes;
       }
     });
@@ -427,8 +457,9 @@ TEST(Encodings, everyPageIsTheExactOneEncoded) {
 TEST(Encodings, theSameBytesWithAnyWorkers) {
   ScratchFolder folder;
   NoisyTexture texture(kSanitized ? 300 : 1300, kSanitized ? 200 : 1100, Basis::kPtmLrgb, 41);
-  for (auto [coefficients, colour] : {std::pair{PageEncoding{PageCodec::kQuantised, 6}, PageEncoding{PageCodec::kJpeg, 85}},
-                                      {PageEncoding{PageCodec::kBc7, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
+  for (auto [coefficients, colour] :
+       {std::pair{PageEncoding{PageCodec::kQuantised, 6}, PageEncoding{PageCodec::kJpeg, 85}},
+        {PageEncoding{PageCodec::kBc7, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {
     ASSERT_TRUE(buildEncoded(folder.file("one"), texture, nullptr, coefficients, colour, 1).ok());
     ASSERT_TRUE(buildEncoded(folder.file("three"), texture, nullptr, coefficients, colour, 3).ok());
     EXPECT_TRUE(fileBytes(folder.file("one")) == fileBytes(folder.file("three"))) << encodingName(coefficients);

@@ -1,5 +1,5 @@
-// package_fixture.h - small artworks in memory and a naive reference of what their packages must hold: plain loops over whole
-// images, written from PACKAGE.md and sharing nothing with the builder.
+// package_fixture.h - small artworks in memory and a naive reference of what their packages must hold: plain loops over
+// whole images, written from PACKAGE.md and sharing nothing with the builder.
 #pragma once
 
 #include <unistd.h>
@@ -53,8 +53,10 @@ class NoisyTexture final : public TextureSource {
   uint8_t at(int c, int64_t x, int64_t y) const {
     uint64_t h = mixBits(seed_ * 1000003 + static_cast<uint64_t>(c) + static_cast<uint64_t>(x) * 0x9E3779B97F4A7C15ull +
                          static_cast<uint64_t>(y) * 0xC2B2AE3D27D4EB4Full);
-    int base = 128 + static_cast<int>(90 * std::sin(0.03 * static_cast<double>(x) + c) * std::cos(0.021 * static_cast<double>(y) - c));
-    return static_cast<uint8_t>(std::clamp(base + static_cast<int>(h % static_cast<uint64_t>(2 * noise_ + 1)) - noise_, 0, 255));
+    int base = 128 + static_cast<int>(90 * std::sin(0.03 * static_cast<double>(x) + c) *
+                                      std::cos(0.021 * static_cast<double>(y) - c));
+    return static_cast<uint8_t>(
+        std::clamp(base + static_cast<int>(h % static_cast<uint64_t>(2 * noise_ + 1)) - noise_, 0, 255));
   }
 
  private:
@@ -66,7 +68,8 @@ class NoisyTexture final : public TextureSource {
 
 class NoisyHeights final : public HeightSource {
  public:
-  NoisyHeights(int64_t width, int64_t height, uint64_t seed, double amplitude = 1.0) : width_(width), height_(height), seed_(seed), amplitude_(amplitude) {}
+  NoisyHeights(int64_t width, int64_t height, uint64_t seed, double amplitude = 1.0)
+      : width_(width), height_(height), seed_(seed), amplitude_(amplitude) {}
   int64_t width() const override { return width_; }
   int64_t height() const override { return height_; }
   double minMm() const override { return -1.5 * amplitude_ - 0.25; }
@@ -79,9 +82,11 @@ class NoisyHeights final : public HeightSource {
     return {};
   }
   float at(int64_t x, int64_t y) const {
-    uint64_t h = mixBits(seed_ * 7919 + static_cast<uint64_t>(x) * 0x9E3779B97F4A7C15ull + static_cast<uint64_t>(y) * 0xC2B2AE3D27D4EB4Full);
+    uint64_t h = mixBits(seed_ * 7919 + static_cast<uint64_t>(x) * 0x9E3779B97F4A7C15ull +
+                         static_cast<uint64_t>(y) * 0xC2B2AE3D27D4EB4Full);
     double noise = static_cast<double>(h % 1001) / 1000.0 - 0.5;
-    return static_cast<float>(amplitude_ * (std::sin(0.05 * static_cast<double>(x)) * std::cos(0.04 * static_cast<double>(y)) + noise));
+    return static_cast<float>(
+        amplitude_ * (std::sin(0.05 * static_cast<double>(x)) * std::cos(0.04 * static_cast<double>(y)) + noise));
   }
 
  private:
@@ -154,7 +159,9 @@ inline NaiveImage naiveCoarser(const NaiveImage& fine, const TextureFormat& form
           for (int dx = 0; dx < 2; ++dx, ++i) {
             v[i] = fine.at(static_cast<int>(c), 2 * x + dx, 2 * y + dy);
             // at() clamps: the border's texel is repeated
-            w[i] = format.basis == Basis::kPtmLrgb && c >= 6 ? weight(std::min(2 * x + dx, fine.width - 1), std::min(2 * y + dy, fine.height - 1)) : 1;
+            w[i] = format.basis == Basis::kPtmLrgb && c >= 6
+                       ? weight(std::min(2 * x + dx, fine.width - 1), std::min(2 * y + dy, fine.height - 1))
+                       : 1;
           }
         }
         int64_t r;
@@ -177,13 +184,15 @@ inline NaiveImage naiveCoarser(const NaiveImage& fine, const TextureFormat& form
 inline std::vector<NaiveImage> naivePyramid(const TextureSource& source, int depth) {
   std::vector<NaiveImage> levels(static_cast<size_t>(depth) + 1);
   levels[static_cast<size_t>(depth)] = naiveFinest(source);
-  for (int l = depth - 1; l >= 0; --l) levels[static_cast<size_t>(l)] = naiveCoarser(levels[static_cast<size_t>(l) + 1], source.format());
+  for (int l = depth - 1; l >= 0; --l)
+    levels[static_cast<size_t>(l)] = naiveCoarser(levels[static_cast<size_t>(l) + 1], source.format());
   return levels;
 }
 
-// The page's three channels; border: what lies beyond the page comes from its neighbours (false: the page's own edge, as a
-// builder without borders would have it - a negative control).
-inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, const PlanarDomain& d, const NodeId& node, int plane, bool border = true) {
+// The page's three channels; border: what lies beyond the page comes from its neighbours (false: the page's own edge,
+// as a builder without borders would have it - a negative control).
+inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, const PlanarDomain& d, const NodeId& node,
+                                      int plane, bool border = true) {
   const NaiveImage& image = levels[node.level];
   int shift = d.texture_depth - static_cast<int>(node.level);
   int64_t x0 = static_cast<int64_t>(d.patchOriginX(node.patch) >> shift) + int64_t{node.x} * kPagePx;
@@ -202,16 +211,20 @@ inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, con
 
 // ---- naive relief ----
 inline int naiveReliefDepth(const PlanarDomain& d, const HeightSource& h) {
-  double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(h.width()), static_cast<double>(d.height_px) / static_cast<double>(h.height()));
+  double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(h.width()),
+                          static_cast<double>(d.height_px) / static_cast<double>(h.height()));
   int depth = 0;
   while (static_cast<double>(d.patchPx()) / (128.0 * std::ldexp(1.0, depth)) > pixel * 1.01) ++depth;
   return depth;
 }
 
 // The height in 16-bit units at a texel position, from the whole map.
-inline double naiveHeightMm(const HeightSource& source, const std::vector<float>& map, const PlanarDomain& d, double tx, double ty) {
+inline double naiveHeightMm(const HeightSource& source, const std::vector<float>& map, const PlanarDomain& d, double tx,
+                            double ty) {
   auto place = [](double texel, uint64_t extent, int64_t pixels, int64_t* low, double* f) {
-    double at = std::clamp(std::min(texel, static_cast<double>(extent)) * static_cast<double>(pixels) / static_cast<double>(extent) - 0.5, 0.0, static_cast<double>(pixels - 1));
+    double at = std::clamp(
+        std::min(texel, static_cast<double>(extent)) * static_cast<double>(pixels) / static_cast<double>(extent) - 0.5,
+        0.0, static_cast<double>(pixels - 1));
     *low = static_cast<int64_t>(std::floor(at));
     *f = at - static_cast<double>(*low);
   };
@@ -220,20 +233,23 @@ inline double naiveHeightMm(const HeightSource& source, const std::vector<float>
   place(tx, d.width_px, source.width(), &x, &fx);
   place(ty, d.height_px, source.height(), &y, &fy);
   auto at = [&](int64_t i, int64_t j) {
-    return static_cast<double>(map[static_cast<size_t>(std::min(j, source.height() - 1) * source.width() + std::min(i, source.width() - 1))]);
+    return static_cast<double>(
+        map[static_cast<size_t>(std::min(j, source.height() - 1) * source.width() + std::min(i, source.width() - 1))]);
   };
   return (1 - fy) * ((1 - fx) * at(x, y) + fx * at(x + 1, y)) + fy * ((1 - fx) * at(x, y + 1) + fx * at(x + 1, y + 1));
 }
 
 // Heights in 16-bit units (unrounded) of a page's samples.
-inline std::vector<double> naiveReliefPage(const HeightSource& source, const std::vector<float>& map, const PlanarDomain& d, const NodeId& node) {
+inline std::vector<double> naiveReliefPage(const HeightSource& source, const std::vector<float>& map,
+                                           const PlanarDomain& d, const NodeId& node) {
   double scale = (source.maxMm() - source.minMm()) / 65535.0;
   double step = static_cast<double>(d.patchPx()) / (128.0 * std::ldexp(1.0, static_cast<int>(node.level)));
   std::vector<double> out;
   for (int j = 0; j <= 128; ++j)
     for (int i = 0; i <= 128; ++i) {
-      double mm = naiveHeightMm(source, map, d, static_cast<double>(d.patchOriginX(node.patch)) + (node.x * 128.0 + i) * step,
-                                static_cast<double>(d.patchOriginY(node.patch)) + (node.y * 128.0 + j) * step);
+      double mm =
+          naiveHeightMm(source, map, d, static_cast<double>(d.patchOriginX(node.patch)) + (node.x * 128.0 + i) * step,
+                        static_cast<double>(d.patchOriginY(node.patch)) + (node.y * 128.0 + j) * step);
       out.push_back(scale > 0 ? (mm - source.minMm()) / scale : 0.0);
     }
   return out;

@@ -131,7 +131,8 @@ TEST_F(SmallPackage, everyFlippedByteIsSeenOrHarmless) {
   std::vector<size_t> places;
   for (size_t i = 0; i < bytes_.size(); ++i) {
     bool in_pages = i >= header.pages_offset && i < header.pages_offset + header.pages_bytes;
-    bool in_zeros = (i >= 256 && i < kHeaderBytes - 8) || (i >= bytes_.size() - kHeaderBytes + 256 && i < bytes_.size() - 8);
+    bool in_zeros =
+        (i >= 256 && i < kHeaderBytes - 8) || (i >= bytes_.size() - kHeaderBytes + 256 && i < bytes_.size() - 8);
     if (!(in_pages || in_zeros) || i % 401 == 0) places.push_back(i);
   }
   std::fstream file;
@@ -224,12 +225,15 @@ TEST_F(SmallPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_FALSE(refused(withField(88, uint64_t{150})));
 }
 
-// What a newer tool wrote is unsupported, not damaged; what is known opens (and its pages say themselves how they are encoded).
+// What a newer tool wrote is unsupported, not damaged; what is known opens (and its pages say themselves how they are
+// encoded).
 TEST_F(SmallPackage, unknownEncodingsAreUnsupported) {
   auto kindOf = [&](const std::vector<uint8_t>& bytes) {
     writeAll(damaged_, bytes);
     auto package = Package::open(damaged_);
-    return package.ok() ? std::string("opens") : package.error().kind == ErrorKind::kUnsupported ? package.error().text() : "another error";
+    return package.ok()                                      ? std::string("opens")
+           : package.error().kind == ErrorKind::kUnsupported ? package.error().text()
+                                                             : "another error";
   };
   for (size_t plane : {0u, 2u, 7u}) {
     for (uint8_t codec : {4, 16, 18, 24, 255}) {
@@ -246,8 +250,12 @@ TEST_F(SmallPackage, unknownEncodingsAreUnsupported) {
 TEST_F(SmallPackage, hostileIndexEntriesAreRefused) {
   PackageHeader header = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
   uint8_t* block = bytes_.data() + header.index_offset;  // patch 0, one node: three entries and the checksum
-  for (auto [offset, size] : {std::pair{~uint64_t{0}, 1000u}, {uint64_t{0}, 1000u}, {header.pages_offset, ~0u}, {header.pages_offset, 0u},
-                              {header.pages_offset + header.pages_bytes - 1, 2u}, {header.pages_offset + header.pages_bytes + 1, 1u}}) {
+  for (auto [offset, size] : {std::pair{~uint64_t{0}, 1000u},
+                              {uint64_t{0}, 1000u},
+                              {header.pages_offset, ~0u},
+                              {header.pages_offset, 0u},
+                              {header.pages_offset + header.pages_bytes - 1, 2u},
+                              {header.pages_offset + header.pages_bytes + 1, 1u}}) {
     storeLittle(block, offset);
     storeLittle(block + 8, size);
     storeLittle(block + 60, static_cast<uint64_t>(XXH3_64bits(block, 60)));
@@ -280,7 +288,9 @@ TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
   };
   PackageHeader huge = sound;
   huge.domain.width_px = huge.domain.height_px = uint64_t{1} << 24;
-  EXPECT_NE(refusal(huge, true).find("the index lies outside the file: expected it within 12288 bytes"), std::string::npos) << refusal(huge, true);
+  EXPECT_NE(refusal(huge, true).find("the index lies outside the file: expected it within 12288 bytes"),
+            std::string::npos)
+      << refusal(huge, true);
   EXPECT_NE(refusal(huge, false).find("found a file of 12288 bytes"), std::string::npos) << refusal(huge, false);
   // So many that the sums overflow: found before they are made.
   huge.domain.width_px = uint64_t{1} << 44;
@@ -296,7 +306,8 @@ TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
   writeAll(damaged_, bytes);
   auto package = Package::open(damaged_);
   ASSERT_FALSE(package.ok());
-  EXPECT_NE(package.error().message.find("a byte for each of 8 pages, found 7"), std::string::npos) << package.error().text();
+  EXPECT_NE(package.error().message.find("a byte for each of 8 pages, found 7"), std::string::npos)
+      << package.error().text();
   // Negative control: the same header, of an artwork that the file holds.
   EXPECT_EQ(refusal(sound, false), "");
 }
@@ -323,7 +334,8 @@ TEST_F(SmallPackage, aDeepManifestIsNoProvenanceAndNothingWorse) {
   EXPECT_NE((*package)->warnings()[0].find("64 levels"), std::string::npos) << (*package)->warnings()[0];
   auto report = verifyPackage(**package, 1, nullptr);
   ASSERT_TRUE(report.ok());
-  EXPECT_TRUE(std::any_of(report->other.begin(), report->other.end(), [](const std::string& what) { return what.find("64 levels") != std::string::npos; }));
+  EXPECT_TRUE(std::any_of(report->other.begin(), report->other.end(),
+                          [](const std::string& what) { return what.find("64 levels") != std::string::npos; }));
 }
 
 // The damage of what is there twice, and of padding, is named by its place; repaired, the file has its old bytes.
@@ -338,13 +350,15 @@ TEST_F(SmallPackage, damagedCopiesAndPaddingAreNamedAndRepaired) {
     EXPECT_TRUE(report.ok() && report->damaged.empty());
     return report->other;
   };
-  for (auto [at, bytes, named] : {std::tuple<uint64_t, uint64_t, std::string>{20, 1, "the header at byte 0 is damaged; its copy at byte " + std::to_string(copy) + " is sound"},
-                                  {0, kHeaderBytes, "the header at byte 0 is damaged"},
-                                  {8, 1, "the header at byte 0 is damaged"},  // the version
-                                  {copy + 3000, 1, "the header at byte " + std::to_string(copy) + " is damaged; its copy at byte 0 is sound"},
-                                  {copy, kHeaderBytes, "the header at byte " + std::to_string(copy) + " is damaged"},
-                                  {padding, header.index_offset - padding, "the padding at byte " + std::to_string(padding)},
-                                  {header.index_offset - 1, 1, "found 1 other bytes"}}) {
+  for (auto [at, bytes, named] :
+       {std::tuple<uint64_t, uint64_t, std::string>{
+            20, 1, "the header at byte 0 is damaged; its copy at byte " + std::to_string(copy) + " is sound"},
+        {0, kHeaderBytes, "the header at byte 0 is damaged"},
+        {8, 1, "the header at byte 0 is damaged"},  // the version
+        {copy + 3000, 1, "the header at byte " + std::to_string(copy) + " is damaged; its copy at byte 0 is sound"},
+        {copy, kHeaderBytes, "the header at byte " + std::to_string(copy) + " is damaged"},
+        {padding, header.index_offset - padding, "the padding at byte " + std::to_string(padding)},
+        {header.index_offset - 1, 1, "found 1 other bytes"}}) {
     std::vector<uint8_t> broken = bytes_;
     for (uint64_t i = at; i < at + bytes; ++i) broken[i] ^= 0x5A;
     writeAll(damaged_, broken);
@@ -358,7 +372,8 @@ TEST_F(SmallPackage, damagedCopiesAndPaddingAreNamedAndRepaired) {
     EXPECT_EQ(repaired.error().kind, ErrorKind::kInterrupted);
     EXPECT_TRUE(readAll(damaged_) == broken);
     std::vector<uint8_t> half = broken;
-    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at), bytes / 2, half.begin() + static_cast<std::ptrdiff_t>(at));
+    std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(at), bytes / 2,
+                half.begin() + static_cast<std::ptrdiff_t>(at));
     writeAll(damaged_, half);
     uint64_t failed = 0;
     auto opened = Package::open(damaged_);
@@ -398,9 +413,13 @@ TEST_F(SmallPackage, damagedCopiesAndPaddingAreNamedAndRepaired) {
 TEST_F(SmallPackage, copiesThatCannotBeReadAreNoDamage) {
   const PackageHeader header = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
   const uint64_t copy = header.file_bytes - kHeaderBytes;
-  for (auto [from, to, faults_expected] : {std::tuple<uint64_t, uint64_t, size_t>{0, 1, 1}, {copy, copy + 1, 1}, {header.index_offset - 1, header.index_offset, 1}, {0, 0, 0}}) {
+  for (auto [from, to, faults_expected] : {std::tuple<uint64_t, uint64_t, size_t>{0, 1, 1},
+                                           {copy, copy + 1, 1},
+                                           {header.index_offset - 1, header.index_offset, 1},
+                                           {0, 0, 0}}) {
     const ReadBytes read = [&](uint64_t offset, std::span<uint8_t> out) -> Result<void> {
-      if (offset < to && from < offset + out.size()) return Error{ErrorKind::kIo, path_, "reading failed: Input/output error", "", {}};
+      if (offset < to && from < offset + out.size())
+        return Error{ErrorKind::kIo, path_, "reading failed: Input/output error", "", {}};
       std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     };
@@ -437,7 +456,8 @@ TEST_F(SmallPackage, bytesThatBelongToNothingAreNamed) {
   std::vector<uint8_t> bytes = bytes_;
   bytes.insert(bytes.end() - kHeaderBytes, 100, uint8_t{0});
   h.file_bytes += 100;
-  EXPECT_EQ(faultsOf(h, bytes), "100 bytes at byte " + std::to_string(h.pages_offset + h.pages_bytes) + " belong to nothing, between the pages and the header's copy\n");
+  EXPECT_EQ(faultsOf(h, bytes), "100 bytes at byte " + std::to_string(h.pages_offset + h.pages_bytes) +
+                                    " belong to nothing, between the pages and the header's copy\n");
   // Behind the last page, and called pages.
   h.pages_bytes += 100;
   EXPECT_NE(faultsOf(h, bytes).find(": 100 bytes belong to nothing"), std::string::npos) << faultsOf(h, bytes);
@@ -453,7 +473,8 @@ TEST_F(SmallPackage, bytesThatBelongToNothingAreNamed) {
   EXPECT_NE(report->other[0].find("the last 4 belong to nothing"), std::string::npos) << report->other[0];
 }
 
-// In the order of the index, whatever the workers; each handed out as it is found; what cannot be read is not called damaged.
+// In the order of the index, whatever the workers; each handed out as it is found; what cannot be read is not called
+// damaged.
 TEST_F(SmallPackage, problemsComeInOrderAndInputErrorsAreNoDamage) {
   const PackageHeader header = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
   for (uint64_t i = 0; i < header.pages_bytes; i += 16) bytes_[header.pages_offset + i] ^= 1;
@@ -468,7 +489,8 @@ TEST_F(SmallPackage, problemsComeInOrderAndInputErrorsAreNoDamage) {
     options.problem = [&](const VerifyProblem& problem) { problems.push_back(problem); };
     auto report = verifyPackage(package, options);
     EXPECT_TRUE(report.ok());
-    EXPECT_TRUE(report->damaged.empty() && report->other.empty() && report->unreadable.empty()) << "handed out, not kept";
+    EXPECT_TRUE(report->damaged.empty() && report->other.empty() && report->unreadable.empty())
+        << "handed out, not kept";
     EXPECT_EQ(report->pages, 8u);
     return problems;
   };
@@ -522,7 +544,8 @@ TEST_F(SmallPackage, aFileThatChangesWhileItIsOpenIsNoSurprise) {
   ASSERT_FALSE(page.ok());
   EXPECT_EQ(page.error().kind, ErrorKind::kInvalidData);
   EXPECT_EQ((*package)->readFailures().pages, 1u);
-  EXPECT_NE((*package)->readFailures().first.find("plane 0 patch 1"), std::string::npos) << (*package)->readFailures().first;
+  EXPECT_NE((*package)->readFailures().first.find("plane 0 patch 1"), std::string::npos)
+      << (*package)->readFailures().first;
 }
 
 // The index's arithmetic, against enumeration: every entry has its own place and nothing is left over.

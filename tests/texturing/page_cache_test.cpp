@@ -160,8 +160,9 @@ TEST(PageCache, TheComparisonSeesAForgottenTouch) {
   EXPECT_GE(seen, 10);  // with one or two slots the order says little
 }
 
-// What holds under every policy, against a plain record of uses and pins: who leaves was free to leave, nobody does while a
-// slot is free, and "no room" is true. `too_young` makes the record count pages of the last frame as used now: the control.
+// What holds under every policy, against a plain record of uses and pins: who leaves was free to leave, nobody does
+// while a slot is free, and "no room" is true. `too_young` makes the record count pages of the last frame as used now:
+// the control.
 std::string checkPolicy(Replacement policy, uint64_t seed, bool too_young) {
   std::mt19937_64 random(seed);
   auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
@@ -262,7 +263,8 @@ TEST(PageCache, HalvingLowersItsThresholdWithinAFrameOnly) {
   PageCache again(2, Replacement::kHalving);
   again.place(texturePage(0), 5);
   again.place(texturePage(1), 4);
-  EXPECT_EQ(again.place(texturePage(2), 6)->evicted, texturePage(0)) << "down to threshold 0, any page of an older frame";
+  EXPECT_EQ(again.place(texturePage(2), 6)->evicted, texturePage(0))
+      << "down to threshold 0, any page of an older frame";
   EXPECT_EQ(again.place(texturePage(3), 6)->evicted, texturePage(1));
   EXPECT_FALSE(again.place(texturePage(4), 6));
 }

@@ -23,8 +23,13 @@ std::vector<Content> contents() {
       {"zero", [](auto&, int, int, int) { return 0; }},
       {"constants", [](auto&, int c, int, int) { return 77 * c; }},
       {"one constant channel", [](auto& r, int c, int x, int) { return c == 1 ? 200 : x + static_cast<int>(r() % 3); }},
-      {"ramps", [](auto&, int c, int x, int y) { return c == 0 ? x : c == 1 ? 2 * y : x + 3 * y; }},
-      {"smooth and noisy", [](auto& r, int c, int x, int y) { return static_cast<int>(128 + 90 * std::sin(0.05 * x + c) * std::cos(0.04 * y)) + static_cast<int>(r() % 9); }},
+      {"ramps", [](auto&, int c, int x, int y) { return c == 0   ? x
+                                                        : c == 1 ? 2 * y
+                                                                 : x + 3 * y; }},
+      {"smooth and noisy",
+       [](auto& r, int c, int x, int y) {
+         return static_cast<int>(128 + 90 * std::sin(0.05 * x + c) * std::cos(0.04 * y)) + static_cast<int>(r() % 9);
+       }},
       {"noise", [](auto& r, int, int, int) { return static_cast<int>(r()); }},
       {"black and white", [](auto& r, int, int, int) { return r() % 2 ? 0 : 65535; }},
       {"checker", [](auto&, int, int x, int y) { return (x + y) % 2 ? 65535 : 0; }},
@@ -135,7 +140,8 @@ TEST(PageCodec, everyTruncationFails) {
     std::vector<uint8_t> whole(span.begin(), span.end());
     size_t step = std::max<size_t>(1, whole.size() / 3000);
     for (size_t n = 0; n < whole.size(); n += step) {
-      std::vector<uint8_t> cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(n));  // its own allocation: ASan sees an overrun
+      std::vector<uint8_t> cut(
+          whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(n));  // its own allocation: ASan sees an overrun
       EXPECT_FALSE(decoder.decodeTexture(cut, out).ok()) << n;
     }
     EXPECT_TRUE(decoder.decodeTexture(whole, out).ok());
@@ -166,7 +172,8 @@ TEST(PageCodec, anyBytesDecodeOrFailCleanly) {
   for (int i = 0; i < 4000; ++i) {
     std::vector<uint8_t> bytes = i % 2 ? good_texture : good_relief;
     int flips = 1 + static_cast<int>(random() % 8);
-    for (int f = 0; f < flips; ++f) bytes[random() % (random() % 4 ? bytes.size() : 24)] ^= static_cast<uint8_t>(1u << (random() % 8));
+    for (int f = 0; f < flips; ++f)
+      bytes[random() % (random() % 4 ? bytes.size() : 24)] ^= static_cast<uint8_t>(1u << (random() % 8));
     if (random() % 16 == 0) bytes.resize(random() % 64);
     decoded += decoder.decodeToSlot(i % 4 < 2 ? Plane::kTexture0 : Plane::kRelief, bytes, slot).ok();
   }

@@ -29,11 +29,13 @@ std::vector<uint8_t> naturalPage(int x0, int y0, int noise = 3) {
     for (int y = 0; y < kSide; ++y) {
       for (int x = 0; x < kSide; ++x) {
         const int gx = x0 + x, gy = y0 + y;
-        uint32_t h = (static_cast<uint32_t>(gx) * 2654435761u) ^ (static_cast<uint32_t>(gy) * 2246822519u) ^ (static_cast<uint32_t>(c) * 3266489917u);
+        uint32_t h = (static_cast<uint32_t>(gx) * 2654435761u) ^ (static_cast<uint32_t>(gy) * 2246822519u) ^
+                     (static_cast<uint32_t>(c) * 3266489917u);
         h = (h ^ (h >> 15)) * 2246822519u, h ^= h >> 13;
         double v = 120 + 60 * std::sin(0.06 * gx + c) * std::cos(0.045 * gy) + ((gx / 50 + gy / 70) % 2 ? 25 : 0);
         if (noise) v += static_cast<int>(h % static_cast<uint32_t>(2 * noise + 1)) - noise;
-        out[static_cast<size_t>(c) * kChannel + static_cast<size_t>(y * kSide + x)] = static_cast<uint8_t>(std::clamp(v, 0.0, 255.0));
+        out[static_cast<size_t>(c) * kChannel + static_cast<size_t>(y * kSide + x)] =
+            static_cast<uint8_t>(std::clamp(v, 0.0, 255.0));
       }
     }
   }
@@ -70,8 +72,10 @@ Error3 difference(const std::vector<uint8_t>& a, const std::vector<uint8_t>& b) 
 
 std::vector<PageEncoding> allEncodings() {
   std::vector<PageEncoding> out{{}};
-  for (uint8_t bits = kMinQuantisedBits; bits <= kMaxQuantisedBits; ++bits) out.push_back({PageCodec::kQuantised, bits});
-  for (uint8_t quality : {1, 50, 90, 100}) out.push_back({PageCodec::kJpeg, quality}), out.push_back({PageCodec::kJpegYcc, quality});
+  for (uint8_t bits = kMinQuantisedBits; bits <= kMaxQuantisedBits; ++bits)
+    out.push_back({PageCodec::kQuantised, bits});
+  for (uint8_t quality : {1, 50, 90, 100})
+    out.push_back({PageCodec::kJpeg, quality}), out.push_back({PageCodec::kJpegYcc, quality});
   for (PageCodec c : {PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc5, PageCodec::kBc7}) out.push_back({c, 0});
   return out;
 }
@@ -87,7 +91,8 @@ TEST(PageEncoding, namesComeBackAndOthersAreRefused) {
   }
   EXPECT_EQ(*parseEncoding("jpeg", 33), (PageEncoding{PageCodec::kJpeg, 33}));
   EXPECT_EQ(*parseEncoding("q8", 90), PageEncoding{});
-  for (const char* bad : {"", "q", "q3", "q9", "q66", "q-6", "jpeg0", "jpeg101", "jpegx", "bc2", "bc", "BC7", "lossless ", "q6 "}) {
+  for (const char* bad :
+       {"", "q", "q3", "q9", "q66", "q-6", "jpeg0", "jpeg101", "jpegx", "bc2", "bc", "BC7", "lossless ", "q6 "}) {
     auto parsed = parseEncoding(bad, 90);
     ASSERT_FALSE(parsed.ok()) << bad;
     EXPECT_EQ(parsed.error().kind, ErrorKind::kUsage);
@@ -168,7 +173,8 @@ TEST(Jpeg, betterWithQualityAndTheTransformIsOrthogonal) {
       EXPECT_GT(bytes.size(), size);
       psnr = e.psnr, size = bytes.size();
       if (codec == PageCodec::kJpeg) {
-        // Each of 64 orthonormal coefficients is off by at most half a step; then rounding. (No clamping occurs on this page.)
+        // Each of 64 orthonormal coefficients is off by at most half a step; then rounding. (No clamping occurs on this
+        // page.)
         EXPECT_GE(e.psnr, 10 * std::log10(255 * 255 / std::pow(jpegStep(quality) / 2.0 + 0.75, 2))) << int{quality};
         EXPECT_LE(e.max, 8 * jpegStep(quality) / 2 + 1);
       }
@@ -262,7 +268,9 @@ TEST(Jpeg, othersAreRefused) {
   };
   PageDecoder decoder;
   std::vector<uint8_t> slot(kSlotBytes);
-  auto accepted = [&](const std::vector<uint8_t>& page) { return decoder.decodeToSlot(Plane::kTexture0, page, slot).ok(); };
+  auto accepted = [&](const std::vector<uint8_t>& page) {
+    return decoder.decodeToSlot(Plane::kTexture0, page, slot).ok();
+  };
   EXPECT_TRUE(accepted(make(kSide, 3, false, false, 0)));  // the control: only what differs below is refused
   EXPECT_FALSE(accepted(make(kSide, 3, false, false, 1)));
   EXPECT_FALSE(accepted(make(kSide, 3, false, true, 0)));
@@ -283,14 +291,15 @@ TEST(Blocks, naturalPagesKeepTheirQuality) {
   EXPECT_GT(error(PageCodec::kBc4).psnr, 46);
   EXPECT_GT(error(PageCodec::kBc7).psnr, 41);
   // The same texels in another order of blocks.
-  EXPECT_EQ(decoded(decoder, encoded(encoder, page, {PageCodec::kBc4, 0})), decoded(decoder, encoded(encoder, page, {PageCodec::kBc5, 0})));
+  EXPECT_EQ(decoded(decoder, encoded(encoder, page, {PageCodec::kBc4, 0})),
+            decoded(decoder, encoded(encoder, page, {PageCodec::kBc5, 0})));
   EXPECT_NE(encoded(encoder, page, {PageCodec::kBc4, 0}), encoded(encoder, page, {PageCodec::kBc5, 0}));
   // Negative control: the bounds are not met by a page of other content.
   EXPECT_LT(difference(naturalPage(30, 0), decoded(decoder, encoded(encoder, page, {PageCodec::kBc7, 0}))).psnr, 30);
 }
 
-// Two neighbours hold the same texels in 8 columns, 4 of either's border: two columns of blocks, or one of JPEG's. Their blocks
-// begin at the same texels, as a page's side is a multiple of 8, so both decode to the same.
+// Two neighbours hold the same texels in 8 columns, 4 of either's border: two columns of blocks, or one of JPEG's.
+// Their blocks begin at the same texels, as a page's side is a multiple of 8, so both decode to the same.
 int seam(PageEncoding e, int apart, bool down) {
   PageEncoder encoder(1);
   PageDecoder decoder;
@@ -301,7 +310,8 @@ int seam(PageEncoding e, int apart, bool down) {
     for (int along = 0; along < kSide; ++along) {
       for (int across = 0; across < kSide - apart; ++across) {
         auto at = [&](int x, int y) { return static_cast<size_t>(c) * kChannel + static_cast<size_t>(y * kSide + x); };
-        const size_t a = down ? at(along, apart + across) : at(apart + across, along), b = down ? at(along, across) : at(across, along);
+        const size_t a = down ? at(along, apart + across) : at(apart + across, along),
+                     b = down ? at(along, across) : at(across, along);
         worst = std::max(worst, std::abs(first[a] - second[b]));
       }
     }
@@ -364,7 +374,8 @@ TEST(AnyEncoding, everyTruncationFails) {
     auto whole = encoded(encoder, page, e);
     const size_t step = std::max<size_t>(1, whole.size() / 1000);
     for (size_t n = 0; n < whole.size(); n += n < 700 ? 1 : step) {
-      std::vector<uint8_t> cut(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(n));  // its own allocation: ASan sees an overrun
+      std::vector<uint8_t> cut(
+          whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(n));  // its own allocation: ASan sees an overrun
       ASSERT_FALSE(decoder.decodeToSlot(Plane::kTexture0, cut, slot).ok()) << encodingName(e) << " " << n;
       ASSERT_FALSE(n % 16 == 0 && decoder.decodeTexture(cut, channels).ok());
     }
@@ -393,7 +404,9 @@ TEST(AnyEncoding, anyBytesDecodeOrFailCleanly) {
       auto bytes = good;
       int flips = 1 + static_cast<int>(random() % 6);
       // Half of them in the heads and tables.
-      for (int f = 0; f < flips; ++f) bytes[random() % (random() % 2 ? bytes.size() : std::min<size_t>(bytes.size(), 640))] ^= static_cast<uint8_t>(1u << (random() % 8));
+      for (int f = 0; f < flips; ++f)
+        bytes[random() % (random() % 2 ? bytes.size() : std::min<size_t>(bytes.size(), 640))] ^=
+            static_cast<uint8_t>(1u << (random() % 8));
       if (random() % 16 == 0) bytes.resize(random() % 64);
       ok += decoder.decodeToSlot(Plane::kTexture0, bytes, slot).ok();
     }

@@ -121,10 +121,11 @@ TEST(StreamerStates, TheCheckSeesAnIllegalChangeAndALostPage) {
 
 // --- order of service ---
 
-// --- room for relief --------------------------------------------------------------------------------------------------
+// --- room for relief
+// --------------------------------------------------------------------------------------------------
 
-// Relief of all forms, by the page's name: noise, which is plain; a little noise, which is compact; flat, which is compact in 32 cells. share: of a
-// hundred pages, the plain ones.
+// Relief of all forms, by the page's name: noise, which is plain; a little noise, which is compact; flat, which is
+// compact in 32 cells. share: of a hundred pages, the plain ones.
 SlotDecoder formsDecoder(uint32_t share) {
   return [share](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) -> Result<void> {
     if (auto done = fakeDecode(plane, encoded, texels); !done || plane != Plane::kRelief) return done;  // noise
@@ -146,7 +147,8 @@ StreamerOptions formsOptions(uint32_t slots) {
 }
 uint64_t inVain(const Simulation& sim) { return sim.streamer.stats().cancelled; }
 
-// Half a slot is counted for a page that is to come, and whatever form it then has, it is placed: nothing is read in vain.
+// Half a slot is counted for a page that is to come, and whatever form it then has, it is placed: nothing is read in
+// vain.
 TEST(StreamerRoom, ReliefOfEveryFormFindsWhatWasCountedForIt) {
   for (uint32_t share : {0u, 30u, 70u, 100u})
     for (uint32_t slots : {1u, 2u, 5u, 16u}) {
@@ -154,7 +156,8 @@ TEST(StreamerRoom, ReliefOfEveryFormFindsWhatWasCountedForIt) {
       Simulation sim(std::make_shared<ProceduralSource>(), formsOptions(slots), formsDecoder(share));
       sim.texels_matter = false;
       sim.in_flight = 5;
-      for (uint32_t i = 0; i < 2 * slots; ++i) sim.relief.push_back({{0, 10, i, 0}, 1, 0.1f * static_cast<float>(i % 7)});
+      for (uint32_t i = 0; i < 2 * slots; ++i)
+        sim.relief.push_back({{0, 10, i, 0}, 1, 0.1f * static_cast<float>(i % 7)});
       EXPECT_TRUE(sim.settle(600)) << what;
       ASSERT_FALSE(HasFatalFailure()) << what;
       EXPECT_EQ(sim.streamer.residentRelief().size(), 2 * slots) << what;
@@ -186,7 +189,8 @@ TEST(StreamerRoom, CompactPagesShareSlotsUnderPressure) {
   }
 }
 
-// Whatever was resident before: views that change, with texture, that fit or not. Each is read for what it has room for, and ends still.
+// Whatever was resident before: views that change, with texture, that fit or not. Each is read for what it has room
+// for, and ends still.
 TEST(StreamerRoom, ViewsOfReliefOfEveryFormEndStill) {
   uint64_t thirds = 0, halves = 0, deferred = 0;
   for (uint64_t seed = 1; seed <= 60; ++seed) {
@@ -209,7 +213,8 @@ TEST(StreamerRoom, ViewsOfReliefOfEveryFormEndStill) {
       EXPECT_EQ(inVain(sim), vain) << what << ": read, and no room for it";
       EXPECT_EQ(std::set(sim.taken.begin(), sim.taken.end()).size(), sim.taken.size()) << what << ": read twice";
       const DividedCache& cache = sim.streamer.cache(Plane::kRelief);
-      for (const NodeId& node : sim.streamer.residentRelief()) ++(isThird(partOf(cache.find(PageId(Plane::kRelief, node))).level) ? thirds : halves);
+      for (const NodeId& node : sim.streamer.residentRelief())
+        ++(isThird(partOf(cache.find(PageId(Plane::kRelief, node))).level) ? thirds : halves);
       deferred += sim.streamer.stats().deferred;
     }
   }

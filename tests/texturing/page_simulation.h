@@ -66,7 +66,8 @@ struct Simulation {
   PageStreamer streamer;
   std::vector<Plane> planes;
   PageCodec upload;
-  std::vector<PageId> pool, relief_pool;  // what was uploaded into each slot; relief_pool: where relief has slots of its own
+  std::vector<PageId> pool,
+      relief_pool;  // what was uploaded into each slot; relief_pool: where relief has slots of its own
   uint64_t frame = 0;
   double now_s = 0, frame_s = 1.0 / 60;
   uint32_t max_uploads = 64;
@@ -83,10 +84,12 @@ struct Simulation {
   // decoder: of texels that name their page, where none is given.
   Simulation(std::shared_ptr<const PageSource> s, StreamerOptions options, SlotDecoder decoder = {})
       : source(s),
-        streamer(s, options,
-                 decoder ? std::move(decoder) : [upload = options.upload](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
-                   return fakeDecodeFor(upload, plane, encoded, texels);
-                 }),
+        streamer(
+            s, options,
+            decoder ? std::move(decoder)
+                    : [upload = options.upload](
+                          Plane plane, std::span<const uint8_t> encoded,
+                          std::span<uint8_t> texels) { return fakeDecodeFor(upload, plane, encoded, texels); }),
         planes(options.texture_planes),
         upload(options.upload),
         pool(options.slot_count),
@@ -164,9 +167,12 @@ struct Simulation {
       ASSERT_TRUE(cache.checkInvariants(&why)) << why;
       ASSERT_LE(cache.residentCount(), cache.slotCount());
       if (isBlockCodec(upload))
-        cache.forEach([&](PageId id) { ASSERT_EQ(id.plane() == Plane::kRelief, plane == Plane::kRelief) << "in another's slot"; });
+        cache.forEach([&](PageId id) {
+          ASSERT_EQ(id.plane() == Plane::kRelief, plane == Plane::kRelief) << "in another's slot";
+        });
     }
-    ASSERT_LE(streamer.stats().resident_bytes, pool.size() * slotBytes(upload, texturePlane(0)) + relief_pool.size() * kSlotBytes);
+    ASSERT_LE(streamer.stats().resident_bytes,
+              pool.size() * slotBytes(upload, texturePlane(0)) + relief_pool.size() * kSlotBytes);
     ASSERT_EQ(censusError(streamer.stats()), "");
     for (auto& m : streamer.takeMessages()) messages.push_back(m);
     work();

@@ -150,7 +150,8 @@ TEST(MemorySource, LoadSaysWhenThePagesDoNotFit) {
 
 TEST(RateLimitedSource, AReadTakesItsBytesAndItsLatency) {
   LoneClock lone;
-  RateLimitedSource source(std::make_shared<SizedSource>(2000), {.bytes_per_s = 1e6, .latency_ms = 50}, 1, lone.clock());
+  RateLimitedSource source(std::make_shared<SizedSource>(2000), {.bytes_per_s = 1e6, .latency_ms = 50}, 1,
+                           lone.clock());
   for (int i = 1; i <= 10; ++i) {
     ASSERT_TRUE(source.read(page(static_cast<uint32_t>(i))));
     EXPECT_NEAR(*lone.now, 100 + i * 0.052, 1e-9);
@@ -158,7 +159,8 @@ TEST(RateLimitedSource, AReadTakesItsBytesAndItsLatency) {
 }
 
 // When reads that begin together end, latencies taken off, in order.
-std::vector<double> endsOfReadsTogether(const std::vector<const RateLimitedSource*>& sources, const SharedClock& shared) {
+std::vector<double> endsOfReadsTogether(const std::vector<const RateLimitedSource*>& sources,
+                                        const SharedClock& shared) {
   std::vector<std::thread> readers;
   for (size_t i = 0; i < sources.size(); ++i)
     readers.emplace_back([&, i] { EXPECT_TRUE(sources[i]->read(page(static_cast<uint32_t>(i)))); });
@@ -225,11 +227,11 @@ TEST(FailingSource, WhatGoesWrongFollowsFromSeedPageAndAttempt) {
         double before = *lone.now;
         auto read = source.read(page(i));
         auto sound = inner->read(page(i));
-        what[{i, attempt}] = !read                                   ? "fails"
-                             : read->bytes.size() < 64               ? "short"
-                             : read->bytes != sound->bytes           ? "corrupt"
-                             : *lone.now > before                    ? "late"
-                                                                     : "sound";
+        what[{i, attempt}] = !read                         ? "fails"
+                             : read->bytes.size() < 64     ? "short"
+                             : read->bytes != sound->bytes ? "corrupt"
+                             : *lone.now > before          ? "late"
+                                                           : "sound";
         EXPECT_TRUE(*lone.now == before || *lone.now == before + 5);
       }
       EXPECT_EQ(source.attempts(page(i)), 3);
@@ -305,8 +307,8 @@ TEST(CheckedSource, NoDamagePassesAsAPage) {
   FailingSource corrupt(real.source, {.corrupt = 1}, 3);
   auto tally = real.readAll(corrupt);
   EXPECT_GT(tally.wrong, 0) << "the decoder alone sees everything: is the check needed?";
-  std::printf("[ sources ] of 200 pages with one flipped bit the decoder alone refuses %d and shows %d wrong\n", tally.refused_by_decoder,
-              tally.wrong);
+  std::printf("[ sources ] of 200 pages with one flipped bit the decoder alone refuses %d and shows %d wrong\n",
+              tally.refused_by_decoder, tally.wrong);
 }
 
 TEST(CheckedSource, KnowsAPackagesPages) {
@@ -315,7 +317,8 @@ TEST(CheckedSource, KnowsAPackagesPages) {
   auto package = test::noisePackage(folder, 300, 200, Basis::kPtmLrgb, 5, 4, &why);
   ASSERT_TRUE(package) << why;
   auto checksums = checksumsOf(package);
-  PageId there(texturePlane(1), {0, 1, 0, 0}), relief(Plane::kRelief, {0, 0, 0, 0}), missing(texturePlane(0), {0, 9, 0, 0});
+  PageId there(texturePlane(1), {0, 1, 0, 0}), relief(Plane::kRelief, {0, 0, 0, 0}),
+      missing(texturePlane(0), {0, 9, 0, 0});
   for (PageId id : {there, relief}) {
     auto read = package->read(id);
     ASSERT_TRUE(read);
@@ -393,7 +396,8 @@ TEST(Trace, ComesBackFromItsFile) {
   std::vector<PageRead> reads;
   for (int i = 0; i < 500; ++i) {
     uint32_t level = random() % (kMaxNodeLevel + 1), mask = (1u << level) - 1;
-    NodeId node{static_cast<uint32_t>(random() % kMaxPatches), level, static_cast<uint32_t>(random()) & mask, static_cast<uint32_t>(random()) & mask};
+    NodeId node{static_cast<uint32_t>(random() % kMaxPatches), level, static_cast<uint32_t>(random()) & mask,
+                static_cast<uint32_t>(random()) & mask};
     reads.push_back({PageId(static_cast<Plane>(random() % 10), node), static_cast<uint32_t>(random())});
   }
   ASSERT_TRUE(writeTrace(folder.file("t"), reads));
@@ -414,8 +418,9 @@ TEST(Trace, BadFilesAreNamedWithTheirLine) {
   };
   const std::string head = "relievo-trace 1\n", good = "0 0 3 7 7 1234\n";
   ASSERT_TRUE(read(head + good));
-  for (const char* bad : {"0 0 3 7 7\n", "0 0 3 7 7 1 2\n", "0 0 3 8 7 1\n", "0 0 18 0 0 1\n", "10 0 0 0 0 1\n", "0 1048576 0 0 0 1\n",
-                          "-1 0 0 0 0 1\n", "0 0 0 0 0 4294967296\n", "x\n", "\n", "0  0 3 7 7 1\n", "0 0 3 7 7 1 \n"}) {
+  for (const char* bad :
+       {"0 0 3 7 7\n", "0 0 3 7 7 1 2\n", "0 0 3 8 7 1\n", "0 0 18 0 0 1\n", "10 0 0 0 0 1\n", "0 1048576 0 0 0 1\n",
+        "-1 0 0 0 0 1\n", "0 0 0 0 0 4294967296\n", "x\n", "\n", "0  0 3 7 7 1\n", "0 0 3 7 7 1 \n"}) {
     auto r = read(head + good + bad);
     ASSERT_FALSE(r) << bad;
     EXPECT_EQ(r.error().kind, ErrorKind::kInvalidData);

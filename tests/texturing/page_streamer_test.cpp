@@ -271,7 +271,8 @@ TEST(PageStreamer, DetailFallsUntilTheViewFitsAndComesBack) {
     rig.check_texels = false;
     rig.streamer.pinRoots({{kRoot}}, {});
     std::vector<double> biases(kLatency, 0.0);
-    // So many frames, and more while pages are on the way: threads get their turns late on a machine that does much else.
+    // So many frames, and more while pages are on the way: threads get their turns late on a machine that does much
+    // else.
     auto run = [&](uint32_t level, uint32_t size, int frames) {
       for (int i = 0; i < frames || (i < 100 * frames && !rig.streamer.settled()); ++i) {
         biases.push_back(rig.streamer.detailBias());
@@ -483,7 +484,8 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   EXPECT_EQ(streamer.takeMessages().size(), 8u);
   EXPECT_EQ(streamer.failures().pages, 8u);
   EXPECT_EQ(streamer.failures().unreadable, 8u) << "input/output errors";
-  EXPECT_NE(streamer.failures().first.find("plane 0 patch 0 level 0 x 0 y 0"), std::string::npos) << streamer.failures().first;
+  EXPECT_NE(streamer.failures().first.find("plane 0 patch 0 level 0 x 0 y 0"), std::string::npos)
+      << streamer.failures().first;
   streamer.beginFrame(1, 0);
   auto uploads = streamer.placeReady(1);
   ASSERT_EQ(uploads.size(), 8u) << "the roots come at once";

@@ -244,9 +244,12 @@ TEST(PageTable, RehashesKeepEverything) {
     for (int i = 0; i < kNodes; ++i) {
       nodes.push_back(randomNode(random, 1000));
       table.insert(nodes.back(), entryOf(seed * 100 + i));
-      // Whatever moved, what was uploaded is what the table has: a cell left over from before a rehash may be some node's other probe.
+      // Whatever moved, what was uploaded is what the table has: a cell left over from before a rehash may be some
+      // node's other probe.
       view.apply(table);
-      ASSERT_TRUE(std::ranges::equal(view.texels, table.texels()) && std::ranges::equal(view.extra, table.extraTexels())) << "seed " << seed << ", node " << i;
+      ASSERT_TRUE(std::ranges::equal(view.texels, table.texels()) &&
+                  std::ranges::equal(view.extra, table.extraTexels()))
+          << "seed " << seed << ", node " << i;
     }
     rehashes += table.seed() != first;
     for (int i = 0; i < kNodes; ++i) ASSERT_TRUE(same(view.find(nodes[i]), entryOf(seed * 100 + i))) << "seed " << seed;

@@ -122,14 +122,17 @@ class NoisyPatches : public PatchSource {
     return {};
   }
   float coarseBlock(uint32_t patch, int cells_log2, size_t block) const {
-    return coarseError(patch, static_cast<size_t>(cells_log2)) * static_cast<float>(hash(patch, 7, static_cast<uint64_t>(cells_log2), block) % 1000) / 1000;
+    return coarseError(patch, static_cast<size_t>(cells_log2)) *
+           static_cast<float>(hash(patch, 7, static_cast<uint64_t>(cells_log2), block) % 1000) / 1000;
   }
   Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
     for (size_t i = 0; i < out_mm.size(); ++i) out_mm[i] = coarseBlock(patch, cells_log2, i);
     return true;
   }
   DeviationShape shape(uint32_t patch, int cells_log2, size_t block) const {
-    auto byte = [&](uint64_t k) { return static_cast<uint8_t>(hash(patch, 8 + k, static_cast<uint64_t>(cells_log2), block)); };
+    auto byte = [&](uint64_t k) {
+      return static_cast<uint8_t>(hash(patch, 8 + k, static_cast<uint64_t>(cells_log2), block));
+    };
     return {byte(0), byte(1), byte(2), byte(3), byte(4)};
   }
   bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {

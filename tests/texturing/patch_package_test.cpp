@@ -309,7 +309,8 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
         narrow_shapes += kept.*part < 0.5 * kept.mm;
       }
       EXPECT_GE(kept.between_mm, all.between_mm);
-      EXPECT_LE(kept.between_mm, all.between_mm + 1.001 * (source.errorUnitMm() + (kept.below_mm + kept.above_mm) / 255));
+      EXPECT_LE(kept.between_mm,
+                all.between_mm + 1.001 * (source.errorUnitMm() + (kept.below_mm + kept.above_mm) / 255));
       EXPECT_GE(kept.apart_mm, all.apart_mm);
       EXPECT_LE(kept.apart_mm, all.apart_mm + 1.001 * (source.errorUnitMm() + kept.mm / 127));
       narrow_between += kept.between_mm < 0.5 * (kept.below_mm + kept.above_mm);
@@ -338,9 +339,14 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
     ASSERT_TRUE(source.heights(p, heights).ok());
     std::array<double, 4> steepest{1e300, -1e300, 1e300, -1e300};
     for (size_t i = 0; i < heights.size(); ++i) {
-      auto slope = [&](size_t to) { return (heights[to] - heights[i]) * source.reliefScaleMm() * static_cast<double>(cells); };
-      if (i % row < cells) steepest = {std::min(steepest[0], slope(i + 1)), std::max(steepest[1], slope(i + 1)), steepest[2], steepest[3]};
-      if (i / row < cells) steepest = {steepest[0], steepest[1], std::min(steepest[2], slope(i + row)), std::max(steepest[3], slope(i + row))};
+      auto slope = [&](size_t to) {
+        return (heights[to] - heights[i]) * source.reliefScaleMm() * static_cast<double>(cells);
+      };
+      if (i % row < cells)
+        steepest = {std::min(steepest[0], slope(i + 1)), std::max(steepest[1], slope(i + 1)), steepest[2], steepest[3]};
+      if (i / row < cells)
+        steepest = {steepest[0], steepest[1], std::min(steepest[2], slope(i + row)),
+                    std::max(steepest[3], slope(i + row))};
     }
     const HeightSlopes& known = package.manifest().height_slopes[p];
     EXPECT_LE(known.min_u, steepest[0]);
@@ -360,7 +366,8 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
       EXPECT_GE(is.apart_mm, was.apart_mm * (1 - 1e-6));
       EXPECT_LE(is.apart_mm, was.apart_mm + 1.001 * is.mm / 127);
     };
-    for (size_t k = 0; k < kFirstShapedBlock; ++k) expectKept(source.coarseError(p, k), source.shape(p, static_cast<int>(k), 0), e[k], coarse_shapes[k]);
+    for (size_t k = 0; k < kFirstShapedBlock; ++k)
+      expectKept(source.coarseError(p, k), source.shape(p, static_cast<int>(k), 0), e[k], coarse_shapes[k]);
     const CoarseBlocks& shares = package.manifest().coarse_blocks[p];
     std::vector<float> finer(256);
     ASSERT_TRUE(package.reliefErrors({p, 0, 0, 0}, finer));
@@ -379,7 +386,8 @@ TEST(PatchPackage, reliefPagesAreSubsamplesAndTheirBoundsHold) {
           largest = std::max(largest, inside);
         }
         EXPECT_GE(of_grid[i], source.coarseBlock(p, k, i));
-        expectKept(source.coarseBlock(p, k, i), source.shape(p, k, i), of_grid[i], coarse_shapes[kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)] + i]);
+        expectKept(source.coarseBlock(p, k, i), source.shape(p, k, i), of_grid[i],
+                   coarse_shapes[kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)] + i]);
         EXPECT_LE(of_grid[i], std::min(e[static_cast<size_t>(k)], largest + e[static_cast<size_t>(k)] / 200));
         below_whole += of_grid[i] < 0.9f * e[static_cast<size_t>(k)];
       }
@@ -640,7 +648,8 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
   setBase(patches + 36, uint32_t{5});
   expect(refusal(), "patch 2 names a corner twice");
   const size_t slopes = errors + (28 + 84) * 6;
-  for (float s : {NAN, INFINITY, 1e30f}) expect(withBase(slopes + 16 * 4, s), "the slopes of patch 4 are not ranges of numbers");
+  for (float s : {NAN, INFINITY, 1e30f})
+    expect(withBase(slopes + 16 * 4, s), "the slopes of patch 4 are not ranges of numbers");
   for (float e : {NAN, -1.0f, INFINITY}) expect(withBase(errors + 28 * 3, e), "the errors of patch 3");
   setBase(errors + 28 * 5, 1.0f);
   setBase(errors + 28 * 5 + 4, 2.0f);
@@ -649,8 +658,9 @@ TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {
 
 // As packages were before they knew shapes of errors, and before they knew slopes.
 TEST_F(BaseOfPackage, shapesAndSlopesMayBeMissing) {
-  const std::vector<uint8_t> good(bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
-                                  bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
+  const std::vector<uint8_t> good(
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset),
+      bytes_.begin() + static_cast<std::ptrdiff_t>(header_.base_offset + header_.base_bytes));
   auto whole = decodeBaseSection(good, 6);
   ASSERT_TRUE(whole.ok());
   EXPECT_EQ(whole->slopes.size(), 6u);
@@ -739,7 +749,8 @@ TEST_F(BaseOfPackage, aFlippedByteIsSeenOrHarmless) {
     bytes_[i] ^= static_cast<uint8_t>(1u << i % 8);
     auto package = Package::open(damaged_);
     if (!package.ok()) {
-      EXPECT_EQ(package.error().kind, ErrorKind::kUnsupported) << i << ": " << package.error().text();  // another version
+      EXPECT_EQ(package.error().kind, ErrorKind::kUnsupported)
+          << i << ": " << package.error().text();  // another version
       ++seen;
       continue;
     }
@@ -763,9 +774,11 @@ TEST_F(BaseOfPackage, aFlippedByteIsSeenOrHarmless) {
   EXPECT_EQ(harmless, 0u) << "the padding, the second header and the base mesh's copy included";
 }
 
-// Either copy of the base mesh is named by its place, and written anew from the other; with both gone nothing is touched.
+// Either copy of the base mesh is named by its place, and written anew from the other; with both gone nothing is
+// touched.
 TEST_F(BaseOfPackage, damagedCopiesAreNamedAndRepaired) {
-  const std::pair<uint64_t, uint64_t> copies[] = {{header_.base_offset, header_.base_copy_offset}, {header_.base_copy_offset, header_.base_offset}};
+  const std::pair<uint64_t, uint64_t> copies[] = {{header_.base_offset, header_.base_copy_offset},
+                                                  {header_.base_copy_offset, header_.base_offset}};
   for (auto [at, other] : copies) {
     std::vector<uint8_t> broken = bytes_;
     for (uint64_t i = 7; i < header_.base_bytes; i += 13) broken[at + i] ^= 0x21;
@@ -775,7 +788,8 @@ TEST_F(BaseOfPackage, damagedCopiesAreNamedAndRepaired) {
     auto report = verifyPackage(**package, 1, nullptr);
     ASSERT_TRUE(report.ok());
     ASSERT_EQ(report->other.size(), 1u);
-    EXPECT_EQ(report->other[0], "the base mesh at byte " + std::to_string(at) + " is damaged; its copy at byte " + std::to_string(other) + " is sound");
+    EXPECT_EQ(report->other[0], "the base mesh at byte " + std::to_string(at) + " is damaged; its copy at byte " +
+                                    std::to_string(other) + " is sound");
     auto repaired = repairPackage(damaged_);
     ASSERT_TRUE(repaired.ok()) << repaired.error().text();
     EXPECT_EQ(repaired->size(), 1u);

@@ -1,5 +1,5 @@
-// Tails of patches: what they hold, what a package says of them, and what happens to damaged ones. The oracle of texels and borders is written
-// from patch_tails.h and PACKAGE.md alone.
+// Tails of patches: what they hold, what a package says of them, and what happens to damaged ones. The oracle of texels
+// and borders is written from patch_tails.h and PACKAGE.md alone.
 #include <gtest/gtest.h>
 #include <xxhash.h>
 
@@ -27,7 +27,8 @@ std::vector<uint8_t> readAll(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 void writeAll(const std::string& path, std::span<const uint8_t> bytes) {
-  std::ofstream(path, std::ios::binary).write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
 }
 
 // Cheaper texels, for many patches.
@@ -71,14 +72,17 @@ TEST(PatchTails, texelsAreMeansOfTheRoot) {
     for (size_t c = 0; c < channels; ++c)
       for (size_t i = 0; i < side * side; ++i) {
         double sum = 0;
-        for (size_t k = 0; k < block * block; ++k) sum += root[(c * 128 + i / side * block + k / block) * 128 + i % side * block + k % block];
-        worst = std::max(worst, std::abs(one.level(0, level, static_cast<int>(c))[i] - sum / static_cast<double>(block * block)));
+        for (size_t k = 0; k < block * block; ++k)
+          sum += root[(c * 128 + i / side * block + k / block) * 128 + i % side * block + k % block];
+        worst = std::max(
+            worst, std::abs(one.level(0, level, static_cast<int>(c))[i] - sum / static_cast<double>(block * block)));
       }
   }
   EXPECT_LE(worst, 0.5 + 1.0 / 64);  // rounded to a byte, after at most six roundings to 1/256
 }
 
-// From its own tile alone, a patch shows along a side what its neighbour shows there; around a corner all patches show one mean.
+// From its own tile alone, a patch shows along a side what its neighbour shows there; around a corner all patches show
+// one mean.
 TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
   for (bool open : {false, true}) {
     const BaseMesh mesh = cubeSphere(3, 50, kSeed, open);
@@ -95,24 +99,29 @@ TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
     // From -1 to side.
     auto at = [&](uint32_t p, int plane, int level, int x, int y, int c) {
       const size_t texel = static_cast<size_t>(y + 1) * tailBlockSide(level) + static_cast<size_t>(x + 1);
-      return static_cast<uint8_t>(words[kTailLevels * p + static_cast<size_t>(level)][2 * texel + static_cast<size_t>(plane)] >> (8 * c));
+      return static_cast<uint8_t>(
+          words[kTailLevels * p + static_cast<size_t>(level)][2 * texel + static_cast<size_t>(plane)] >> (8 * c));
     };
     uint64_t compared = 0, differ = 0, control = 0;
-    std::map<std::array<int, 4>, std::vector<double>> around;  // corner, plane, level, channel: mean of four texels from each patch
+    std::map<std::array<int, 4>, std::vector<double>>
+        around;  // corner, plane, level, channel: mean of four texels from each patch
     for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
       for (int plane = 0; plane < 2; ++plane) {
         for (int level = 0; level < kTailLevels; ++level) {
           const int side = 16 >> level, last = side - 1;
-          auto on = [&](uint32_t patch, int s, int i, int depth, int c) {  // the i-th texel along side s, `depth` inwards
+          auto on = [&](uint32_t patch, int s, int i, int depth,
+                        int c) {  // the i-th texel along side s, `depth` inwards
             const int across = s == kLeft || s == kTop ? depth : last - depth;
-            return s == kLeft || s == kRight ? at(patch, plane, level, across, i, c) : at(patch, plane, level, i, across, c);
+            return s == kLeft || s == kRight ? at(patch, plane, level, across, i, c)
+                                             : at(patch, plane, level, i, across, c);
           };
           for (int s = 0; s < 4; ++s) {
             const PatchNeighbour& n = neighbours[p][static_cast<size_t>(s)];
             for (int i = 0; i < side; ++i)
               for (int c = 0; c < 3; ++c) {
                 const bool border = n.patch == PatchNeighbour::kNone;
-                const uint8_t expected = border ? on(p, s, i, 0, c) : on(n.patch, n.side, n.reversed ? last - i : i, 0, c);
+                const uint8_t expected =
+                    border ? on(p, s, i, 0, c) : on(n.patch, n.side, n.reversed ? last - i : i, 0, c);
                 ++compared;
                 differ += on(p, s, i, -1, c) != expected;
                 if (!border) control += on(p, s, i, -1, c) != on(n.patch, n.side, n.reversed ? i : last - i, 0, c);
@@ -124,7 +133,9 @@ TEST(PatchTails, tilesAgreeOnSidesAndCorners) {
               const uint8_t beyond = at(p, plane, level, x + dx, y + dy, c);
               if (beyond == 0 || beyond == 255) continue;  // the mean may be out of reach
               around[{static_cast<int>(mesh.patches[p][static_cast<size_t>(k)]), plane, level, c}].push_back(
-                  (at(p, plane, level, x, y, c) + at(p, plane, level, x + dx, y, c) + at(p, plane, level, x, y + dy, c) + beyond) / 4.0);
+                  (at(p, plane, level, x, y, c) + at(p, plane, level, x + dx, y, c) +
+                   at(p, plane, level, x, y + dy, c) + beyond) /
+                  4.0);
             }
         }
       }
@@ -176,7 +187,8 @@ TEST(PatchTails, resolvedTailsAreResolvedTexelByTexel) {
       for (int i = 0; i < PatchTails::side(level) * PatchTails::side(level); ++i) {
         double luminance = 0;
         for (int k = 0; k < 6; ++k)
-          luminance += (tails.level(p, level, k)[i] - format.bias[static_cast<size_t>(k)]) * format.scale[static_cast<size_t>(k)] * basis[static_cast<size_t>(k)];
+          luminance += (tails.level(p, level, k)[i] - format.bias[static_cast<size_t>(k)]) *
+                       format.scale[static_cast<size_t>(k)] * basis[static_cast<size_t>(k)];
         for (int c = 0; c < 3; ++c) {
           const double value = std::clamp(tails.level(p, level, 6 + c)[i] * luminance / 255, 0.0, 255.0);
           worst = std::max(worst, std::abs(value - resolved.level(p, level, c)[i]));
@@ -194,8 +206,10 @@ TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
     EXPECT_TRUE(std::ranges::equal(back.heightsOf(p), const_cast<PatchTails&>(tails).heightsOf(p)));
     EXPECT_TRUE(std::ranges::equal(back.texelsOf(p), const_cast<PatchTails&>(tails).texelsOf(p)));
   }
-  for (uint32_t p : {0u, 1u, 7u, 8u}) EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
-  for (size_t length = 0; length < bytes.size(); length += 1 + length / 64) EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, back).ok()) << length;
+  for (uint32_t p : {0u, 1u, 7u, 8u})
+    EXPECT_EQ(std::ranges::count(back.heightsOf(p), 0), std::ssize(back.heightsOf(p)));
+  for (size_t length = 0; length < bytes.size(); length += 1 + length / 64)
+    EXPECT_FALSE(decodeTailsChunk({bytes.data(), length}, 2, 5, back).ok()) << length;
   EXPECT_FALSE(decodeTailsChunk(bytes, 2, 4, back).ok());
   EXPECT_FALSE(decodeTailsChunk(bytes, 2, 6, back).ok());
   // The same chunk whatever patches it stands for.
@@ -281,8 +295,10 @@ TEST_F(TailsOfPackage, hostileHeaderFieldsAreRefusedByName) {
     size_t offset;
     uint64_t value;
     const char* says;
-  } cases[] = {{296, bytes_.size() - 8, "tails lie outside the file"}, {296, ~uint64_t{0}, "tails lie outside the file"},
-               {304, header_.tails_bytes + 20, "expected a directory of tails of"}, {304, 1, "expected a directory of tails of"}};
+  } cases[] = {{296, bytes_.size() - 8, "tails lie outside the file"},
+               {296, ~uint64_t{0}, "tails lie outside the file"},
+               {304, header_.tails_bytes + 20, "expected a directory of tails of"},
+               {304, 1, "expected a directory of tails of"}};
   for (const auto& c : cases) {
     auto broken = bytes_;
     setField(broken, c.offset, c.value);
@@ -303,15 +319,19 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
     std::function<void(std::vector<uint8_t>&)> damage;
     const char* says;
   } cases[] = {
-      {"a chunk's byte", [&](auto& b) { b[first_chunk + 100] ^= 1; }, "the tails of patches 0 to 255 are damaged: their checksum does not match"},
-      {"the directory's byte", [&](auto& b) { b[header_.tails_offset + 30] ^= 1; }, "directory's checksum does not match"},
+      {"a chunk's byte", [&](auto& b) { b[first_chunk + 100] ^= 1; },
+       "the tails of patches 0 to 255 are damaged: their checksum does not match"},
+      {"the directory's byte", [&](auto& b) { b[header_.tails_offset + 30] ^= 1; },
+       "directory's checksum does not match"},
       {"patches", [&](auto& b) { setDirectory(b, 0, uint32_t{5}); }, "patches, found 5"},
       {"cells", [&](auto& b) { setDirectory(b, 4, uint32_t{32}); }, "expected 16 cells a side, found 32"},
       {"texels", [&](auto& b) { setDirectory(b, 8, uint32_t{8}); }, "expected 16 texels a side, found 8"},
       {"channels", [&](auto& b) { setDirectory(b, 12, uint32_t{3}); }, "expected 6 channels, found 3"},
       {"patches a chunk", [&](auto& b) { setDirectory(b, 16, uint32_t{1}); }, "expected 256 patches a chunk, found 1"},
-      {"a chunk beyond the file", [&](auto& b) { setDirectory(b, 24, uint64_t{1} << 60); }, "the tails of patches 0 to 255 lie beyond the end of the file"},
-      {"a chunk's size", [&](auto& b) { setDirectory(b, 32, ~uint32_t{0}); }, "the tails of patches 0 to 255 lie beyond the end of the file"},
+      {"a chunk beyond the file", [&](auto& b) { setDirectory(b, 24, uint64_t{1} << 60); },
+       "the tails of patches 0 to 255 lie beyond the end of the file"},
+      {"a chunk's size", [&](auto& b) { setDirectory(b, 32, ~uint32_t{0}); },
+       "the tails of patches 0 to 255 lie beyond the end of the file"},
       {"another chunk in its place",
        [&](auto& b) {
          uint8_t entry[kTailsEntryBytes];

@@ -1,6 +1,6 @@
 // .ptm files: what is written is what is read, in every layout; whatever else is in a file costs one clear Error.
-#include "tests/shared_data.h"
 #include "texturing/ptm.h"
+#include "tests/shared_data.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -54,7 +54,8 @@ struct RemoveFolder : testing::Environment {
 std::string save(const std::string& name, const Bytes& bytes) {
   const std::string path = folder() / name;
   fs::remove(path);  // file systems flush a file that is rewritten in place, which takes its time
-  std::ofstream(path, std::ios::binary | std::ios::trunc).write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  std::ofstream(path, std::ios::binary | std::ios::trunc)
+      .write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
   return path;
 }
 Bytes load(const std::string& path) {
@@ -92,7 +93,8 @@ struct Layout {
 Bytes header(const Artwork& a, const char* version, const char* format, const Layout& l = {}) {
   Bytes out;
   const std::string end = std::string(l.trailing) + l.line_end;
-  append(out, version + end + format + end + std::to_string(a.width) + l.size_separator + std::to_string(a.height) + end);
+  append(out,
+         version + end + format + end + std::to_string(a.width) + l.size_separator + std::to_string(a.height) + end);
   for (int k = 0; k < 6; ++k) append(out, (k ? " " : "") + std::to_string(a.format.scale[k]));
   append(out, end);
   for (int k = 0; k < 6; ++k) append(out, (k ? " " : "") + std::to_string(static_cast<int>(a.format.bias[k])));
@@ -199,7 +201,8 @@ void expectReads(const std::string& path, const Artwork& a, uint32_t seed, int r
     Rect r{0, 0, a.width, a.height};
     if (i > 0) {
       r.x = static_cast<int64_t>(random() % a.width), r.y = static_cast<int64_t>(random() % a.height);
-      r.width = 1 + static_cast<int64_t>(random() % (a.width - r.x)), r.height = 1 + static_cast<int64_t>(random() % (a.height - r.y));
+      r.width = 1 + static_cast<int64_t>(random() % (a.width - r.x)),
+      r.height = 1 + static_cast<int64_t>(random() % (a.height - r.y));
       if (i % 3 == 0) r.x = 0, r.width = a.width;
     }
     Bytes out(static_cast<size_t>(channels * r.width * r.height)), expected(out.size());
@@ -220,7 +223,8 @@ TEST(Ptm, ReadsEveryUncompressedLayout) {
     for (const Layout& l : layouts) {
       const uint32_t seed = 100 + i++;
       SCOPED_TRACE("seed " + std::to_string(seed));
-      Artwork lrgb = randomArtwork(Basis::kPtmLrgb, width, 23, seed), rgb = randomArtwork(Basis::kPtmRgb, width, 23, seed);
+      Artwork lrgb = randomArtwork(Basis::kPtmLrgb, width, 23, seed),
+              rgb = randomArtwork(Basis::kPtmRgb, width, 23, seed);
       expectReads(save("a.ptm", fileLrgb12(lrgb, l)), lrgb, seed);
       expectReads(save("b.ptm", fileLrgb11(lrgb, l)), lrgb, seed);
       expectReads(save("c.ptm", fileRgb(rgb, l)), rgb, seed);
@@ -278,7 +282,8 @@ TEST(Ptm, LumBecomesRgbWithinHalfAStep) {
   for (int64_t y = 0; y < 30; ++y)
     for (int64_t x = 0; x < 40; ++x)
       for (int c = 0; c < 3; ++c) {
-        double expected = (a.at(5, x, y) - a.format.bias[5]) * a.format.scale[5] + kJpegMatrix[4 * c] * (a.at(6, x, y) - 128.0) +
+        double expected = (a.at(5, x, y) - a.format.bias[5]) * a.format.scale[5] +
+                          kJpegMatrix[4 * c] * (a.at(6, x, y) - 128.0) +
                           kJpegMatrix[4 * c + 2] * (a.at(7, x, y) - 128.0);
         double found = (out[((15 + c) * 30 + y) * 40 + x] - f.bias[5]) * f.scale[5];
         worst = std::max(worst, std::abs(expected - found));
@@ -355,7 +360,8 @@ TEST(Ptm, ReadsJpegVariants) {
     Artwork a = randomArtwork(lrgb ? Basis::kPtmLrgb : Basis::kPtmRgb, width, height, 1);
     for (int c = 0; c < a.format.channels(); ++c) {
       const Bytes& plane = expected[lrgb ? c : c % 3 * 6 + c / 3];  // RGB: the file has all of red first
-      for (int y = 0; y < height; ++y) std::memcpy(&a.raw[(c * height + y) * width], &plane[(height - 1 - y) * width], width);
+      for (int y = 0; y < height; ++y)
+        std::memcpy(&a.raw[(c * height + y) * width], &plane[(height - 1 - y) * width], width);
     }
     Bytes file = fileJpeg(a, lrgb ? "PTM_FORMAT_JPEG_LRGB" : "PTM_FORMAT_JPEG_RGB", planes);
     expectReads(save("jpeg.ptm", file), a, 5);
@@ -436,7 +442,8 @@ class RasterOf : public TextureSource {
     size_t n = 0;
     for (int c = 0; c < a.format.channels(); ++c)
       for (int64_t y = r.y; y < r.y + r.height; ++y, n += static_cast<size_t>(r.width)) {
-        std::memcpy(&out[n], &a.raw[static_cast<size_t>((c * a.height + y) * a.width + r.x)], static_cast<size_t>(r.width));
+        std::memcpy(&out[n], &a.raw[static_cast<size_t>((c * a.height + y) * a.width + r.x)],
+                    static_cast<size_t>(r.width));
       }
     return {};
   }
@@ -453,7 +460,8 @@ TEST(PtmWriter, RoundTripIsExact) {
     // The second takes several bands.
     for (auto [w, h] : {std::pair<int64_t, int64_t>{33, 7}, {2500, 900}, {1, 1}}) {
       Artwork a = randomArtwork(basis, w, h, 31);
-      for (double& s : a.format.scale) s = static_cast<float>(std::exp(std::uniform_real_distribution<>(-7, 7)(random)));
+      for (double& s : a.format.scale)
+        s = static_cast<float>(std::exp(std::uniform_real_distribution<>(-7, 7)(random)));
       a.format.scale[2] = 0.1;  // a double that is no float
       RasterOf source(a);
       const std::string path = folder() / "written.ptm";
@@ -562,7 +570,8 @@ TEST(PtmDamage, EveryTruncatedJpegIsAnError) {
 }
 
 TEST(PtmDamage, EveryWrongHeaderFieldIsAnErrorWithItsPlace) {
-  const char* numbers[] = {"", "-1", "0", "nan", "inf", "-inf", "1e400", "x", "99999999999999999999999", "0x10", "1,5", "-0"};
+  const char* numbers[] = {"",     "-1",  "0", "nan", "inf", "-inf", "1e400", "x", "99999999999999999999999",
+                           "0x10", "1,5", "-0"};
   for (auto& [name, file] : smallFiles()) {
     // The header's tokens: all text before the binary data; their count follows from the format.
     size_t tokens = 2 + 2 + 6 + 6;
@@ -598,10 +607,14 @@ TEST(PtmDamage, EveryWrongHeaderFieldIsAnErrorWithItsPlace) {
 }
 
 TEST(PtmDamage, AbsurdSizesAllocateNothing) {
-  const std::pair<const char*, const char*> sizes[] = {{"1099511627776", "1099511627776"}, {"1099511627776", "1"},
-                                                       {"3037000500", "3037000500"},       {"65500", "65500"},
-                                                       {"65501", "1"},                     {"9223372036854775807", "2"},
-                                                       {"4294967296", "4294967296"},       {"1", "65500"}};
+  const std::pair<const char*, const char*> sizes[] = {{"1099511627776", "1099511627776"},
+                                                       {"1099511627776", "1"},
+                                                       {"3037000500", "3037000500"},
+                                                       {"65500", "65500"},
+                                                       {"65501", "1"},
+                                                       {"9223372036854775807", "2"},
+                                                       {"4294967296", "4294967296"},
+                                                       {"1", "65500"}};
   for (auto& [name, file] : smallFiles()) {
     for (auto& [w, h] : sizes) {
       std::string text(file.begin(), file.end());
@@ -621,7 +634,8 @@ TEST(PtmDamage, AbsurdSizesAllocateNothing) {
 
 TEST(PtmDamage, UnsupportedVariantsAreRefusedByName) {
   Artwork a = randomArtwork(Basis::kPtmLrgb, 4, 4, 1);
-  for (const char* format : {"PTM_FORMAT_PTM_LUT", "PTM_FORMAT_PTM_C_LUT", "PTM_FORMAT_JPEGLS_RGB", "PTM_FORMAT_JPEGLS_LRGB"}) {
+  for (const char* format :
+       {"PTM_FORMAT_PTM_LUT", "PTM_FORMAT_PTM_C_LUT", "PTM_FORMAT_JPEGLS_RGB", "PTM_FORMAT_JPEGLS_LRGB"}) {
     auto source = open(save("u.ptm", header(a, "PTM_1.2", format)));
     ASSERT_FALSE(source);
     EXPECT_EQ(source.error().kind, ErrorKind::kUnsupported);
@@ -660,8 +674,26 @@ TEST(PtmDamage, MutatedFilesNeverCrash) {
   const uint32_t seed = 20260101;
   const int kFilesPerFormat = 3000;
   std::cout << "seed " << seed << ", " << kFilesPerFormat << " files a format\n";
-  const char* tokens[] = {"0", "-1", "1", "2", "7", "17", "255", "65500", "65536", "2147483647", "4294967296", "1e9", "nan",
-                          "9223372036854775807", " ", "\n", "\r\n", "PTM_1.1", "PTM_FORMAT_LUM", "PTM_FORMAT_JPEG_RGB"};
+  const char* tokens[] = {"0",
+                          "-1",
+                          "1",
+                          "2",
+                          "7",
+                          "17",
+                          "255",
+                          "65500",
+                          "65536",
+                          "2147483647",
+                          "4294967296",
+                          "1e9",
+                          "nan",
+                          "9223372036854775807",
+                          " ",
+                          "\n",
+                          "\r\n",
+                          "PTM_1.1",
+                          "PTM_FORMAT_LUM",
+                          "PTM_FORMAT_JPEG_RGB"};
   for (auto& [name, file] : smallFiles()) {
     std::mt19937 random(seed);
     int opened = 0;
@@ -674,10 +706,18 @@ TEST(PtmDamage, MutatedFilesNeverCrash) {
         const auto place = mutated.begin() + static_cast<ptrdiff_t>(at);
         switch (random() % 6) {
           case 0:
-          case 1: if (!mutated.empty()) *place = static_cast<uint8_t>(random()); break;
-          case 2: if (!mutated.empty()) *place ^= static_cast<uint8_t>(1u << random() % 8); break;
-          case 3: mutated.resize(at); break;
-          case 4: mutated.erase(place, place + static_cast<ptrdiff_t>(std::min<size_t>(random() % 9, mutated.size() - at))); break;
+          case 1:
+            if (!mutated.empty()) *place = static_cast<uint8_t>(random());
+            break;
+          case 2:
+            if (!mutated.empty()) *place ^= static_cast<uint8_t>(1u << random() % 8);
+            break;
+          case 3:
+            mutated.resize(at);
+            break;
+          case 4:
+            mutated.erase(place, place + static_cast<ptrdiff_t>(std::min<size_t>(random() % 9, mutated.size() - at)));
+            break;
           default: {
             std::string token = tokens[random() % std::size(tokens)];
             mutated.insert(place, token.begin(), token.end());

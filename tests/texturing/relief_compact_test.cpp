@@ -1,4 +1,5 @@
-// Relief pages in compact form: every sample comes back, whatever the page; what is in the texels, to the bit; which pages fit which part.
+// Relief pages in compact form: every sample comes back, whatever the page; what is in the texels, to the bit; which
+// pages fit which part.
 #include "texturing/relief_compact.h"
 
 #include <gtest/gtest.h>
@@ -56,7 +57,10 @@ struct Case {
   bool sixteen_bits = false;  // all residuals: of 128 cells more than headers can say the places of
 };
 std::vector<Case> cases() {
-  auto noise = [](int x, int y, int bits) { return static_cast<int>((static_cast<uint32_t>(x) * 73856093u ^ static_cast<uint32_t>(y) * 19349663u) * 2654435761u >> (32 - bits)); };
+  auto noise = [](int x, int y, int bits) {
+    return static_cast<int>(
+        (static_cast<uint32_t>(x) * 73856093u ^ static_cast<uint32_t>(y) * 19349663u) * 2654435761u >> (32 - bits));
+  };
   return {{"flat", [](int, int) { return 1234; }},
           {"all 0", [](int, int) { return 0; }},
           {"all 65535", [](int, int) { return 65535; }},
@@ -64,12 +68,14 @@ std::vector<Case> cases() {
           {"a ramp down along y", [](int, int y) { return 65535 - y * 511; }},
           {"steep, beyond what slopes can say", [](int x, int y) { return (x * 1900 + y * 1100) % 65536; }},
           {"saw teeth of the whole range", [](int x, int y) { return (x + y) % 2 * 65535; }, true},
-          {"a dip on a slope: the plane's base lies below 0", [](int x, int y) { return std::max(0, 100 + 400 * (x % 8) - (x % 8 == 7 ? 5000 : 0) + y); }},
+          {"a dip on a slope: the plane's base lies below 0",
+           [](int x, int y) { return std::max(0, 100 + 400 * (x % 8) - (x % 8 == 7 ? 5000 : 0) + y); }},
           {"noise of 3 bits on a slope", [=](int x, int y) { return 20000 + 37 * x - 90 * y + noise(x, y, 3); }},
           {"noise of 10 bits", [=](int x, int y) { return 30000 + noise(x, y, 10); }},
           {"noise of 13 bits", [=](int x, int y) { return noise(x, y, 13); }},
           {"noise of 15 bits", [=](int x, int y) { return noise(x, y, 15); }, true},
-          {"waves", [](int x, int y) { return static_cast<int>(32768 + 32000 * std::sin(0.021 * x) * std::cos(0.013 * y)); }},
+          {"waves",
+           [](int x, int y) { return static_cast<int>(32768 + 32000 * std::sin(0.021 * x) * std::cos(0.013 * y)); }},
           {"one sample apart", [](int x, int y) { return x == 9 && y == 15 ? 65535 : 0; }}};
 }
 
@@ -150,16 +156,18 @@ TEST(ReliefCompact, AWrongWidthOrSlopeIsSeen) {
 TEST(ReliefCompact, TexelsAreThoseOfTheFormat) {
   for (int cells : {128, 64, 32}) {
     const auto blocks = static_cast<uint32_t>(cells / kCompactBlock);
-    EXPECT_EQ(compactTexels(pageOf(cells, [](int x, int y) { return 16 * x + 24 * y; }), cells), blocks * blocks * 3 / 2);
+    EXPECT_EQ(compactTexels(pageOf(cells, [](int x, int y) { return 16 * x + 24 * y; }), cells),
+              blocks * blocks * 3 / 2);
     // Every block has two heights 1 apart: a bit a sample, 64, 72 or 81 of them, in pairs of texels.
-    EXPECT_EQ(compactTexels(pageOf(cells, [](int x, int y) { return 500 + (x + y) % 2; }), cells), blocks * blocks * 3 / 2 + 2 * blocks * blocks + 2 * (2 * blocks - 1));
+    EXPECT_EQ(compactTexels(pageOf(cells, [](int x, int y) { return 500 + (x + y) % 2; }), cells),
+              blocks * blocks * 3 / 2 + 2 * blocks * blocks + 2 * (2 * blocks - 1));
   }
   const auto out = packed(pageOf(32, [](int x, int y) { return 1000 + 16 * x - 24 * y; }), 32);
   EXPECT_EQ(out[0] | out[1] << 8, 1000);
-  EXPECT_EQ(out[2], 2);                        // 16 steps of height
-  EXPECT_EQ(out[3], 253);                      // -24
-  EXPECT_EQ(out[4] << 8 | out[5], 12 << 4);    // no bits, from the twelfth pair on: behind 16 headers
-  EXPECT_EQ(out[6] << 8 | out[7], 12 << 4);    // block 1's
+  EXPECT_EQ(out[2], 2);                      // 16 steps of height
+  EXPECT_EQ(out[3], 253);                    // -24
+  EXPECT_EQ(out[4] << 8 | out[5], 12 << 4);  // no bits, from the twelfth pair on: behind 16 headers
+  EXPECT_EQ(out[6] << 8 | out[7], 12 << 4);  // block 1's
   EXPECT_EQ(out[8] | out[9] << 8, 1000 + 128);
 }
 
@@ -173,9 +181,11 @@ TEST(ReliefCompact, WhatFitsAPartTakesIt) {
       for (int& h : q) h = static_cast<int>(random() >> (32 - bits));
       const int up = coarser;
       return pageOf(kPagePx, [&q, cells, up](int x, int y) {
-        const int x0 = std::min(x >> up, cells - 1), y0 = std::min(y >> up, cells - 1), fx = x - (x0 << up), fy = y - (y0 << up), n = 1 << up;
+        const int x0 = std::min(x >> up, cells - 1), y0 = std::min(y >> up, cells - 1), fx = x - (x0 << up),
+                  fy = y - (y0 << up), n = 1 << up;
         const int* c = q.data() + y0 * (cells + 1) + x0;
-        const int sum = fx >= fy ? c[0] * (n - fx) + c[1] * (fx - fy) + c[cells + 2] * fy : c[0] * (n - fy) + c[cells + 1] * (fy - fx) + c[cells + 2] * fx;
+        const int sum = fx >= fy ? c[0] * (n - fx) + c[1] * (fx - fy) + c[cells + 2] * fy
+                                 : c[0] * (n - fy) + c[cells + 1] * (fy - fx) + c[cells + 2] * fx;
         return (sum + n / 2) >> up;
       });
     };
@@ -202,7 +212,8 @@ TEST(ReliefCompact, WhatFitsAPartTakesIt) {
     }
   }
   // Every other sample is 0 or 65535: more bits than a part has, but no harm done.
-  EXPECT_EQ(reliefPartLevel(pageOf(kPagePx, [](int x, int y) { return (x + y) % 2 * 65535; }), ReliefParts::kCompact), kHalves);
+  EXPECT_EQ(reliefPartLevel(pageOf(kPagePx, [](int x, int y) { return (x + y) % 2 * 65535; }), ReliefParts::kCompact),
+            kHalves);
 }
 
 // compactPlace() of shaders/compact_relief.glsl divides by multiplying.
@@ -210,7 +221,8 @@ TEST(ReliefCompact, RowsOfTexelsAsTheShaderFindsThem) {
   for (int level = kThirds; level < kPartLevels; ++level) {
     const int coarser = reliefCoarser(level), columns = kPageFullPx >> coarser;
     ASSERT_EQ(partColumns(level), columns);
-    for (int i = 0; i <= partColumns(level) * partRows(level); ++i) ASSERT_EQ(((i << coarser) * 7711) >> 20, i / columns) << i;
+    for (int i = 0; i <= partColumns(level) * partRows(level); ++i)
+      ASSERT_EQ(((i << coarser) * 7711) >> 20, i / columns) << i;
   }
 }
 

@@ -1,4 +1,5 @@
-// Relief pages in parts of slots: which part is enough, and that every sample comes back bit for bit, as patch.vert reads it.
+// Relief pages in parts of slots: which part is enough, and that every sample comes back bit for bit, as patch.vert
+// reads it.
 #include "texturing/relief_parts.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +32,8 @@ int sampleIn(const std::vector<uint8_t>& part, int level, int x, int y, bool one
   return texel[0] * 256 + texel[1];
 }
 
-// heightQ8() of shaders/patch.vert over a base mesh, at a place of the whole page. rounded: false: as elsewhere, for the control.
+// heightQ8() of shaders/patch.vert over a base mesh, at a place of the whole page. rounded: false: as elsewhere, for
+// the control.
 int heightQ8(const std::vector<uint8_t>& part, int level, int x, int y, bool one_a_texel = false, bool rounded = true) {
   const int bits = level - kReliefPartLevel, mask = (1 << bits) - 1;
   const int sx = x >> bits, sy = y >> bits, fx = x & mask, fy = y & mask;
@@ -55,7 +57,9 @@ int differing(const Samples& samples, int level, bool one_a_texel = false, bool 
   packRelief(slotOf(samples), level, part);
   int count = 0;
   for (int y = 0; y < kReliefSamples; ++y)
-    for (int x = 0; x < kReliefSamples; ++x) count += heightQ8(part, level, x, y, one_a_texel, rounded) != samples[static_cast<size_t>(y * kReliefSamples + x)] << 8;
+    for (int x = 0; x < kReliefSamples; ++x)
+      count += heightQ8(part, level, x, y, one_a_texel, rounded) != samples[static_cast<size_t>(y * kReliefSamples + x)]
+                                                                        << 8;
   return count;
 }
 
@@ -68,7 +72,8 @@ Samples coarsePage(std::mt19937& random, int up) {
     for (int x = 0; x <= kPagePx; ++x) {
       const int cx = std::min(x >> up, n - 1), cy = std::min(y >> up, n - 1), fx = x - (cx << up), fy = y - (cy << up);
       const int* c = coarse.data() + cy * (n + 1) + cx;
-      const int sum = fx >= fy ? c[0] * (cells - fx) + c[1] * (fx - fy) + c[n + 2] * fy : c[0] * (cells - fy) + c[n + 1] * (fy - fx) + c[n + 2] * fx;
+      const int sum = fx >= fy ? c[0] * (cells - fx) + c[1] * (fx - fy) + c[n + 2] * fy
+                               : c[0] * (cells - fy) + c[n + 1] * (fy - fx) + c[n + 2] * fx;
       out[static_cast<size_t>(y * kReliefSamples + x)] = (sum + cells / 2) >> up;
     }
   return out;
@@ -97,7 +102,8 @@ TEST(ReliefParts, OneSampleThatDoesNotFollowKeepsTheWholePage) {
     const int up = 1 + i % 2;
     Samples samples = coarsePage(random, up);
     int x = 0, y = 0;
-    while (((x | y) & ((1 << up) - 1)) == 0) x = static_cast<int>(random() % kReliefSamples), y = static_cast<int>(random() % kReliefSamples);
+    while (((x | y) & ((1 << up) - 1)) == 0)
+      x = static_cast<int>(random() % kReliefSamples), y = static_cast<int>(random() % kReliefSamples);
     int& q = samples[static_cast<size_t>(y * kReliefSamples + x)];
     q += q < 32768 ? 1 : -1;
     const int level = reliefPartLevel(slotOf(samples), ReliefParts::kSmall);

@@ -43,7 +43,8 @@ PageTrace randomTrace(uint64_t seed, uint32_t slots, int frames) {
   return trace;
 }
 
-// The fewest misses of any choice of victims, by trying them all: a map from what may be resident to the fewest misses so far.
+// The fewest misses of any choice of victims, by trying them all: a map from what may be resident to the fewest misses
+// so far.
 uint64_t bruteForceMisses(const PageTrace& trace, size_t slots) {
   std::map<std::set<PageId>, uint64_t> states{{{}, 0}};
   for (const auto& frame : trace) {
@@ -54,7 +55,8 @@ uint64_t bruteForceMisses(const PageTrace& trace, size_t slots) {
       all.insert(resident.begin(), resident.end());
       std::vector<PageId> others;
       std::set_difference(resident.begin(), resident.end(), want.begin(), want.end(), std::back_inserter(others));
-      auto missed = static_cast<uint64_t>(std::count_if(want.begin(), want.end(), [&](PageId p) { return !resident.contains(p); }));
+      auto missed = static_cast<uint64_t>(
+          std::count_if(want.begin(), want.end(), [&](PageId p) { return !resident.contains(p); }));
       size_t must_leave = all.size() > slots ? all.size() - slots : 0;
       for (uint32_t choice = 0; choice < 1u << others.size(); ++choice) {
         if (static_cast<size_t>(std::popcount(choice)) != must_leave) continue;
@@ -101,7 +103,8 @@ TEST(Replacement, NoPolicyBeatsBelady) {
   }
 }
 
-// The control of the one above: when frames want more than the cache holds, the comparison is of another kind, and says so.
+// The control of the one above: when frames want more than the cache holds, the comparison is of another kind, and says
+// so.
 TEST(Replacement, FramesLargerThanTheCacheAreCounted) {
   PageTrace trace = traceOf({{0, 1, 2, 3}, {3, 2, 1, 0}});
   for (Replacement policy : kPolicies) {
@@ -122,7 +125,8 @@ TEST(Replacement, ALoopIsTheWorstForLruAndNotForBelady) {
   for (uint32_t f = 0; f < 400; ++f) trace.push_back({page(f % 5)});
   EXPECT_EQ(replay(trace, 4, Replacement::kLru).hits(), 0u);
   EXPECT_EQ(replayOptimum(trace, 4).misses, 5u + (400 - 5) / 4);
-  for (Replacement policy : kPolicies) EXPECT_EQ(replay(trace, 5, policy).misses, 5u) << "with room for all, first uses only";
+  for (Replacement policy : kPolicies)
+    EXPECT_EQ(replay(trace, 5, policy).misses, 5u) << "with room for all, first uses only";
 }
 
 TEST(Replacement, CountsByHand) {

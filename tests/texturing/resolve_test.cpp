@@ -16,13 +16,13 @@ namespace {
 constexpr size_t kTexels = kSlotBytes / 4;
 
 struct Comparison {
-  int worst = 0;        // bytes
+  int worst = 0;  // bytes
   size_t different = 0, channels = 0;
   size_t different_off_ties = 0;  // where the exact value is further than `ties` from a tie
 };
 
-Comparison compare(const TextureFormat& f, const std::array<double, 3>& light, std::mt19937& random, const TextureFormat& oracle_format,
-                   const std::array<double, 3>& oracle_light, double ties = 1e-4) {
+Comparison compare(const TextureFormat& f, const std::array<double, 3>& light, std::mt19937& random,
+                   const TextureFormat& oracle_format, const std::array<double, 3>& oracle_light, double ties = 1e-4) {
   std::vector<std::vector<uint8_t>> slots(static_cast<size_t>(f.planes()), std::vector<uint8_t>(kSlotBytes));
   std::vector<const uint8_t*> pointers;
   for (auto& slot : slots) {
@@ -34,7 +34,8 @@ Comparison compare(const TextureFormat& f, const std::array<double, 3>& light, s
   Comparison result;
   for (size_t i = 0; i < kTexels; ++i) {
     double raw[18] = {};
-    for (int c = 0; c < f.channels(); ++c) raw[c] = slots[static_cast<size_t>(c / 3)][4 * i + static_cast<size_t>(c % 3)];
+    for (int c = 0; c < f.channels(); ++c)
+      raw[c] = slots[static_cast<size_t>(c / 3)][4 * i + static_cast<size_t>(c % 3)];
     auto exact = evaluatePixel(oracle_format, raw, oracle_light);
     for (size_t c = 0; c < 3; ++c) {
       const int expected = static_cast<int>(std::floor(exact[c] + 0.5)), found = out[4 * i + c];
@@ -50,7 +51,8 @@ Comparison compare(const TextureFormat& f, const std::array<double, 3>& light, s
 }
 
 // A light in front of the artwork.
-Comparison compare(const TextureFormat& f, double u, double v, std::mt19937& random, const TextureFormat& oracle_format) {
+Comparison compare(const TextureFormat& f, double u, double v, std::mt19937& random,
+                   const TextureFormat& oracle_format) {
   const std::array<double, 3> light{u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))};
   return compare(f, light, random, oracle_format, light);
 }
@@ -74,16 +76,19 @@ TEST(Resolve, EqualsTheDoublePrecisionPixel) {
       const auto f = format(basis);
       auto r = compare(f, u, v, random, f);
       EXPECT_LE(r.worst, 1) << basisName(basis);
-      EXPECT_EQ(r.different_off_ties, 0u) << basisName(basis) << ": " << r.different << " of " << r.channels << " differ";
+      EXPECT_EQ(r.different_off_ties, 0u)
+          << basisName(basis) << ": " << r.different << " of " << r.channels << " differ";
     }
   }
 }
 
-// Scans are lit from every side. Single precision and a table of powers: 5e-4 of a byte's step from a tie counts as one.
+// Scans are lit from every side. Single precision and a table of powers: 5e-4 of a byte's step from a tie counts as
+// one.
 TEST(Resolve, AlbedoAndNormalUnderLightsFromAllAround) {
   std::mt19937 random(8);
   const auto f = format(Basis::kAlbedoNormal);
-  for (std::array<double, 3> light : {std::array{0.0, 0.0, 1.0}, {0.0, 0.0, -1.0}, {0.6, 0.0, -0.8}, {-0.48, 0.64, 0.6}, {1.0, 0.0, 0.0}}) {
+  for (std::array<double, 3> light :
+       {std::array{0.0, 0.0, 1.0}, {0.0, 0.0, -1.0}, {0.6, 0.0, -0.8}, {-0.48, 0.64, 0.6}, {1.0, 0.0, 0.0}}) {
     auto r = compare(f, light, random, f, light, 5e-4);
     EXPECT_LE(r.worst, 1);
     EXPECT_EQ(r.different_off_ties, 0u) << r.different << " of " << r.channels << " differ";
@@ -100,8 +105,9 @@ TEST(Resolve, AlbedoAndNormalUnderLightsFromAllAround) {
   EXPECT_DOUBLE_EQ(grey(0.5, 1), 255 * std::pow(0.52, 1 / 2.2));
 }
 
-// The polynomial by the definition in words (PACKAGE.md), from the light's azimuth: from the front (u, v) are x and y; from behind the light grazes
-// from the same side; straight from behind, where there is no side, the mean over all grazing lights, here over 720 of them.
+// The polynomial by the definition in words (PACKAGE.md), from the light's azimuth: from the front (u, v) are x and y;
+// from behind the light grazes from the same side; straight from behind, where there is no side, the mean over all
+// grazing lights, here over 720 of them.
 std::array<double, 6> basisInWords(const std::array<double, 3>& light) {
   auto terms = [](double u, double v) { return std::array<double, 6>{u * u, v * v, u * v, u, v, 1}; };
   if (light[2] >= 0) return terms(light[0], light[1]);
@@ -110,7 +116,8 @@ std::array<double, 6> basisInWords(const std::array<double, 3>& light) {
     const auto grazing = terms(std::cos(i * 3.14159265358979 / 360), std::sin(i * 3.14159265358979 / 360));
     for (size_t k = 0; k < 6; ++k) mean[k] += grazing[k] / 720;
   }
-  const double angle = std::atan2(light[1], light[0]), share = std::min(1.0, std::sqrt(light[0] * light[0] + light[1] * light[1]) / 0.02);
+  const double angle = std::atan2(light[1], light[0]),
+               share = std::min(1.0, std::sqrt(light[0] * light[0] + light[1] * light[1]) / 0.02);
   const auto side = terms(std::cos(angle), std::sin(angle));
   std::array<double, 6> out{};
   for (size_t k = 0; k < 6; ++k) out[k] = mean[k] * (1 - share) + side[k] * share;
@@ -119,7 +126,8 @@ std::array<double, 6> basisInWords(const std::array<double, 3>& light) {
 
 TEST(Resolve, PolynomialsUnderLightsOverTheWholeSphere) {
   std::mt19937 random(11);
-  std::vector<std::array<double, 3>> lights{{0, 0, 1}, {0, 0, -1}, {1, 0, 0}, {0, -1, 0}, {0.6, 0.8, 0}, {0.0995, 0, -0.995}, {1e-9, 0, -1}, {0.01, 0, -0.99995}};
+  std::vector<std::array<double, 3>> lights{{0, 0, 1},     {0, 0, -1},          {1, 0, 0},     {0, -1, 0},
+                                            {0.6, 0.8, 0}, {0.0995, 0, -0.995}, {1e-9, 0, -1}, {0.01, 0, -0.99995}};
   for (int i = 0; i < 24; ++i) {  // evenly over z, the golden angle around
     const double z = 1 - (2 * i + 1) / 24.0, r = std::sqrt(1 - z * z), angle = 2.39996 * i;
     lights.push_back({r * std::cos(angle), r * std::sin(angle), z});
@@ -136,7 +144,8 @@ TEST(Resolve, PolynomialsUnderLightsOverTheWholeSphere) {
         const auto pixel = evaluatePixel(f, raw, light);
         for (size_t c = 0; c < 3; ++c) {
           double sum = 0;
-          for (size_t k = 0; k < 6; ++k) sum += (raw[basis == Basis::kPtmLrgb ? k : 3 * k + c] - f.bias[k]) * f.scale[k] * terms[k];
+          for (size_t k = 0; k < 6; ++k)
+            sum += (raw[basis == Basis::kPtmLrgb ? k : 3 * k + c] - f.bias[k]) * f.scale[k] * terms[k];
           if (basis == Basis::kPtmLrgb) sum *= raw[6 + c] / 255;
           largest = std::max(largest, std::abs(pixel[c] - std::clamp(sum, 0.0, 255.0)));
         }
@@ -155,7 +164,8 @@ TEST(Resolve, PolynomialsUnderLightsOverTheWholeSphere) {
   double raw[18];
   for (double& r : raw) r = static_cast<double>(random() % 256);
   for (const auto& off : {std::array{1e-7, 0.0, -1.0}, {-1e-7, 0.0, -1.0}, {0.0, 1e-7, -1.0}}) {
-    const auto there = evaluatePixel(format(Basis::kPtmRgb), raw, {0, 0, -1}), beside = evaluatePixel(format(Basis::kPtmRgb), raw, off);
+    const auto there = evaluatePixel(format(Basis::kPtmRgb), raw, {0, 0, -1}),
+               beside = evaluatePixel(format(Basis::kPtmRgb), raw, off);
     for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(there[c], beside[c], 0.05);
   }
 }

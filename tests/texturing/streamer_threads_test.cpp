@@ -82,7 +82,8 @@ class CrowdedGate final : public PageSource {
   ProceduralSource inner_;
 };
 
-// While all threads wait for a slow source, more are added, as many as may read; a source that answers at once has the workers alone.
+// While all threads wait for a slow source, more are added, as many as may read; a source that answers at once has the
+// workers alone.
 TEST(StreamerThreads, ASlowSourceIsAskedForManyPagesAtATime) {
   struct Case {
     int max_reads;
@@ -96,14 +97,15 @@ TEST(StreamerThreads, ASlowSourceIsAskedForManyPagesAtATime) {
     options.workers = 2;
     options.max_reads = c.max_reads;
     std::atomic<int> decoding{0}, most_decoding{0};
-    auto streamer = std::make_unique<PageStreamer>(gate, options, [&](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
-      int now = ++decoding, before = most_decoding;
-      while (before < now && !most_decoding.compare_exchange_weak(before, now)) {
-      }
-      auto done = fakeDecode(plane, encoded, texels);
-      --decoding;
-      return done;
-    });
+    auto streamer = std::make_unique<PageStreamer>(
+        gate, options, [&](Plane plane, std::span<const uint8_t> encoded, std::span<uint8_t> texels) {
+          int now = ++decoding, before = most_decoding;
+          while (before < now && !most_decoding.compare_exchange_weak(before, now)) {
+          }
+          auto done = fakeDecode(plane, encoded, texels);
+          --decoding;
+          return done;
+        });
     uint64_t frame = 0;
     for (; frame < 40 || (gate->most < c.least && frame < 5000); ++frame) {
       streamer->beginFrame(frame + 1, static_cast<double>(frame) / 60);

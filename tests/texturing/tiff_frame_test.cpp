@@ -22,9 +22,12 @@ struct SparseTiff {
     const int fd = ::mkstemp(pattern.data());
     path = pattern;
     const std::vector<uint8_t> head = tiffHead(frame), tail = tiffTail(frame);
-    const uint64_t row = static_cast<uint64_t>(frame.width * frame.channels * frame.sample_bytes), data = row * static_cast<uint64_t>(frame.height);
+    const uint64_t row = static_cast<uint64_t>(frame.width * frame.channels * frame.sample_bytes),
+                   data = row * static_cast<uint64_t>(frame.height);
     const std::vector<uint8_t> last(row, 7);
-    const auto put = [&](const std::vector<uint8_t>& bytes, uint64_t at) { EXPECT_EQ(::pwrite(fd, bytes.data(), bytes.size(), static_cast<off_t>(at)), static_cast<ssize_t>(bytes.size())); };
+    const auto put = [&](const std::vector<uint8_t>& bytes, uint64_t at) {
+      EXPECT_EQ(::pwrite(fd, bytes.data(), bytes.size(), static_cast<off_t>(at)), static_cast<ssize_t>(bytes.size()));
+    };
     put(head, 0);
     put(last, head.size() + data - row);
     put(tail, head.size() + data);
@@ -35,7 +38,8 @@ struct SparseTiff {
 };
 
 void expectFrame(const TiffFrame& frame) {
-  SCOPED_TRACE(std::to_string(frame.width) + " x " + std::to_string(frame.height) + " x " + std::to_string(frame.channels) + " of " + std::to_string(frame.sample_bytes));
+  SCOPED_TRACE(std::to_string(frame.width) + " x " + std::to_string(frame.height) + " x " +
+               std::to_string(frame.channels) + " of " + std::to_string(frame.sample_bytes));
   const SparseTiff file(frame);
   OIIO::ImageSpec config;
   config.attribute("oiio:UnassociatedAlpha", 1);
@@ -48,10 +52,14 @@ void expectFrame(const TiffFrame& frame) {
   EXPECT_EQ(in->spec().format.is_floating_point(), frame.floats);
   const int last = static_cast<int>(frame.height) - 1;
   std::vector<uint8_t> row(in->spec().scanline_bytes(true));
-  ASSERT_TRUE(in->read_scanlines(0, 0, last, last + 1, 0, 0, frame.channels, OIIO::TypeDesc(OIIO::TypeDesc::UNKNOWN), row.data())) << in->geterror();
+  ASSERT_TRUE(in->read_scanlines(0, 0, last, last + 1, 0, 0, frame.channels, OIIO::TypeDesc(OIIO::TypeDesc::UNKNOWN),
+                                 row.data()))
+      << in->geterror();
   EXPECT_TRUE(row == std::vector<uint8_t>(row.size(), 7)) << "the last row is another";
   if (last == 0) return;
-  ASSERT_TRUE(in->read_scanlines(0, 0, last - 1, last, 0, 0, frame.channels, OIIO::TypeDesc(OIIO::TypeDesc::UNKNOWN), row.data())) << in->geterror();
+  ASSERT_TRUE(in->read_scanlines(0, 0, last - 1, last, 0, 0, frame.channels, OIIO::TypeDesc(OIIO::TypeDesc::UNKNOWN),
+                                 row.data()))
+      << in->geterror();
   EXPECT_TRUE(row == std::vector<uint8_t>(row.size(), 0)) << "the row before the last is another";
 }
 
@@ -59,7 +67,12 @@ TEST(TiffFrame, OfEveryKindOfSample) {
   for (const int channels : {1, 2, 3, 4}) {
     for (const int bytes : {1, 2, 4}) {
       for (const auto& [width, height] : {std::pair{1, 1}, {3, 5}, {1000, 700}, {1 << 20, 3}})
-        expectFrame({.width = width, .height = height, .channels = channels, .sample_bytes = bytes, .floats = bytes == 4, .px_per_cm = 200});
+        expectFrame({.width = width,
+                     .height = height,
+                     .channels = channels,
+                     .sample_bytes = bytes,
+                     .floats = bytes == 4,
+                     .px_per_cm = 200});
     }
   }
 }

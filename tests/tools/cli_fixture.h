@@ -30,19 +30,22 @@ inline Outcome run(const std::string& command) {
   return r;
 }
 
-// Did the program end because there is no GL here? A test that says so may skip, but not where GL is required (tools/check): there, and
-// where the exit code has another reason, this is a failure.
+// Did the program end because there is no GL here? A test that says so may skip, but not where GL is required
+// (tools/check): there, and where the exit code has another reason, this is a failure.
 inline bool noGl(const Outcome& r) {
   if (r.exit_code != 4) return false;
   const char* required = std::getenv("RELIEVO_REQUIRE_GL");
-  if (required && std::string(required) == "1") ADD_FAILURE() << "GL is required, and the program has none: " << r.output;
-  else if (r.output.find("no GL context") == std::string::npos) ADD_FAILURE() << "exit code 4, and not for want of GL: " << r.output;
+  if (required && std::string(required) == "1")
+    ADD_FAILURE() << "GL is required, and the program has none: " << r.output;
+  else if (r.output.find("no GL context") == std::string::npos)
+    ADD_FAILURE() << "exit code 4, and not for want of GL: " << r.output;
   return true;
 }
 
 // Interrupted as by Ctrl-C, a second after there is a file or folder of that name.
 inline Outcome runUntil(const std::string& there, const std::string& command) {
-  return run("( " + command + " & pid=$!; n=0; until [ -e " + there + " ] || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; sleep 1; kill -INT $pid; wait $pid )");
+  return run("( " + command + " & pid=$!; n=0; until [ -e " + there +
+             " ] || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; sleep 1; kill -INT $pid; wait $pid )");
 }
 
 class Cli : public ::testing::Test {

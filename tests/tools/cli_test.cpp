@@ -1,4 +1,5 @@
-// The program as its users run it: exit codes, messages that name the file and what to do, and files that appear whole or not at all.
+// The program as its users run it: exit codes, messages that name the file and what to do, and files that appear whole
+// or not at all.
 #include <gtest/gtest-spi.h>
 
 #include <algorithm>
@@ -50,22 +51,28 @@ TEST_F(Cli, InvalidDataIsExitCode3AndUnsupportedIs5) {
   EXPECT_EQ(r.exit_code, 5) << r.output;
   EXPECT_NE(r.output.find("LUT"), std::string::npos) << r.output;
   write("no.relievo", "this is no package");
-  for (const char* command : {"info ", "verify ", "render -o x.png "}) EXPECT_EQ(relievo(command + file("no.relievo")).exit_code, 3);
+  for (const char* command : {"info ", "verify ", "render -o x.png "})
+    EXPECT_EQ(relievo(command + file("no.relievo")).exit_code, 3);
   EXPECT_FALSE(fs::exists(file("a.relievo")));
   EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
 // Formats of this field that nobody here reads are said to be what they are, wherever they are given.
 TEST_F(Cli, ForeignFormatsAreUnsupportedByName) {
-  const std::string info = R"({ "width": 4, "height": 4, "format": "jpg", "type": "bilinear", "colorspace": "mrgb", "nplanes": 18, "materials": [{"scale": [1]}] })";
+  const std::string info =
+      R"({ "width": 4, "height": 4, "format": "jpg", "type": "bilinear", "colorspace": "mrgb", "nplanes": 18, "materials": [{"scale": [1]}] })";
   write("coin.rti", "#HSH1.2\n3\n4 4 3\n9 2 1\nnumbers");
   write("coin.hsh", "#made by a fitter\n" + std::string("\4\0\0\0\4\0\0\0\3\0\0\0\3\0\0\0", 16));
   write("dome.lp", "1\na.jpg 0 0 1\n");
   fs::create_directory(file("relight"));
   write("relight/info.json", info);
-  for (auto [name, named] : {std::pair{"coin.rti", ".rti file (HSH)"}, {"coin.hsh", ".hsh"}, {"dome.lp", "light directions"},
-                             {"relight", "relight folder (bilinear, mrgb)"}, {"relight/info.json", "relight folder (bilinear, mrgb)"}}) {
-    for (const char* command : {"info ", "verify ", "render -o x.png ", "build -o x.relievo --ptm ", "build -o x.relievo --image ", "build -o x.relievo --mesh "}) {
+  for (auto [name, named] : {std::pair{"coin.rti", ".rti file (HSH)"},
+                             {"coin.hsh", ".hsh"},
+                             {"dome.lp", "light directions"},
+                             {"relight", "relight folder (bilinear, mrgb)"},
+                             {"relight/info.json", "relight folder (bilinear, mrgb)"}}) {
+    for (const char* command : {"info ", "verify ", "render -o x.png ", "build -o x.relievo --ptm ",
+                                "build -o x.relievo --image ", "build -o x.relievo --mesh "}) {
       const Outcome r = relievo(command + file(name));
       EXPECT_EQ(r.exit_code, 5) << command << r.output;
       EXPECT_NE(r.output.find(named), std::string::npos) << command << r.output;
@@ -84,7 +91,8 @@ TEST_F(Cli, WhatIsExpectedIsHintedAt) {
   Outcome r = relievo("show x");
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("found 'show'"), std::string::npos) << r.output;
-  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench", "compare"}) EXPECT_NE(r.output.find(command), std::string::npos) << r.output;
+  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench", "compare"})
+    EXPECT_NE(r.output.find(command), std::string::npos) << r.output;
   r = relievo("render x.relievo -o x.png --background red");
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("for example R,G,B from 0 to 255: 24,24,26"), std::string::npos) << r.output;
@@ -99,17 +107,23 @@ TEST_F(Cli, UnknownMembersOfAStateAreRefused) {
   EXPECT_EQ(r.exit_code, 3) << r.output;
   EXPECT_NE(r.output.find("state.json: there is no 'elevation'"), std::string::npos) << r.output;
   EXPECT_NE(r.output.find("elevation_deg"), std::string::npos) << r.output;
-  write("state.json", R"({"azimuth_deg": 10, "elevation_deg": 20, "distance_mm": 5, "fov_deg": 30, "orthographic": false, "target_mm": [0, 0, 0], "light": [0, 0, 1]})");
-  EXPECT_EQ(relievo("render x.relievo -o x.png --state " + file("state.json")).exit_code, 2) << "only the package is missing";
+  write(
+      "state.json",
+      R"({"azimuth_deg": 10, "elevation_deg": 20, "distance_mm": 5, "fov_deg": 30, "orthographic": false, "target_mm": [0, 0, 0], "light": [0, 0, 1]})");
+  EXPECT_EQ(relievo("render x.relievo -o x.png --state " + file("state.json")).exit_code, 2)
+      << "only the package is missing";
 }
 
 // What a package says of itself reaches a terminal escaped.
 TEST_F(Cli, ControlCharactersFromFilesAreEscaped) {
-  const std::string evil = "a\x1b[2J\xc2\x9b" "5m.ptm";
+  const std::string evil =
+      "a\x1b[2J\xc2\x9b"
+      "5m.ptm";
   ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 64x48 --write ptm-lrgb").exit_code, 0);
   fs::rename(file("s/ptm_lrgb.ptm"), file(evil));
   ASSERT_EQ(relievo("build --mm-per-pixel 1 --ptm '" + file(evil) + "' -o " + file("a.relievo")).exit_code, 0);
-  for (const std::string& arguments : {"info " + file("a.relievo"), "info --json " + file("a.relievo"), "info '" + file("missing " + evil) + "'"}) {
+  for (const std::string& arguments :
+       {"info " + file("a.relievo"), "info --json " + file("a.relievo"), "info '" + file("missing " + evil) + "'"}) {
     const Outcome r = relievo(arguments);
     EXPECT_EQ(r.output.find('\x1b'), std::string::npos) << arguments;
     EXPECT_EQ(r.output.find("\xc2\x9b"), std::string::npos) << arguments;
@@ -163,28 +177,34 @@ TEST_F(Cli, AResolutionTagIsOfferedAndNotTaken) {
   const std::string build = "build --image " + file("scan.png") + " -o " + file("a.relievo");
   r = relievo(build);
   ASSERT_EQ(r.exit_code, 0) << r.output;
-  EXPECT_NE(r.output.find("add --mm-per-pixel 0.5 (or tag) if that is the size of the object"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("add --mm-per-pixel 0.5 (or tag) if that is the size of the object"), std::string::npos)
+      << r.output;
   EXPECT_TRUE(nlohmann::json::parse(relievo("info --json " + file("a.relievo")).output)["mm_per_px"].is_null());
   r = relievo(build + " --mm-per-pixel tag");
   ASSERT_EQ(r.exit_code, 0) << r.output;
-  EXPECT_NEAR(nlohmann::json::parse(relievo("info --json " + file("a.relievo")).output)["mm_per_px"].get<double>(), 0.5, 1e-4);
+  EXPECT_NEAR(nlohmann::json::parse(relievo("info --json " + file("a.relievo")).output)["mm_per_px"].get<double>(), 0.5,
+              1e-4);
   write("plain.ppm", std::string("P6\n2 1\n255\n") + "\xff\x10\x10\x10\x10\xff");
   r = relievo("build --image " + file("plain.ppm") + " -o " + file("a.relievo") + " --mm-per-pixel tag");
   EXPECT_EQ(r.exit_code, 1) << r.output;
   EXPECT_NE(r.output.find("expected a resolution tag"), std::string::npos) << r.output;
-  EXPECT_EQ(relievo("build --image " + file("plain.ppm") + " -o " + file("a.relievo") + " --mm-per-pixel -2").exit_code, 1);
+  EXPECT_EQ(relievo("build --image " + file("plain.ppm") + " -o " + file("a.relievo") + " --mm-per-pixel -2").exit_code,
+            1);
 }
 
 TEST_F(Cli, AReliefOfOtherProportionsIsRefused) {
   auto pgm = [&](const std::string& name, int w, int h) {
-    write(name, "P5\n" + std::to_string(w) + " " + std::to_string(h) + "\n255\n" + std::string(static_cast<size_t>(w * h), '\x40'));
+    write(name, "P5\n" + std::to_string(w) + " " + std::to_string(h) + "\n255\n" +
+                    std::string(static_cast<size_t>(w * h), '\x40'));
   };
   write("image.ppm", "P6\n300 200\n255\n" + std::string(300 * 200 * 3, '\x50'));
-  const std::string build = "build --image " + file("image.ppm") + " -o " + file("a.relievo") + " --mm-per-pixel 1 --relief-mm 0:5 --relief ";
+  const std::string build =
+      "build --image " + file("image.ppm") + " -o " + file("a.relievo") + " --mm-per-pixel 1 --relief-mm 0:5 --relief ";
   pgm("wide.pgm", 400, 200);
   Outcome r = relievo(build + file("wide.pgm"));
   EXPECT_EQ(r.exit_code, 3) << r.output;
-  for (const char* told : {"wide.pgm", "300 x 200", "400 x 200", "1 %", "--stretch-relief"}) EXPECT_NE(r.output.find(told), std::string::npos) << r.output;
+  for (const char* told : {"wide.pgm", "300 x 200", "400 x 200", "1 %", "--stretch-relief"})
+    EXPECT_NE(r.output.find(told), std::string::npos) << r.output;
   EXPECT_FALSE(fs::exists(file("a.relievo")));
   EXPECT_EQ(relievo(build + file("wide.pgm") + " --stretch-relief").exit_code, 0);
   for (auto [w, h] : {std::pair{600, 400}, {150, 100}, {31, 20}, {302, 200}}) {
@@ -194,7 +214,8 @@ TEST_F(Cli, AReliefOfOtherProportionsIsRefused) {
 }
 
 TEST_F(Cli, SampleBuildInfoVerifyRoundTrip) {
-  Outcome r = relievo("sample inscription -o " + file("s") + " --size 300x200 --write height,ptm-lrgb --package " + file("direct.relievo"));
+  Outcome r = relievo("sample inscription -o " + file("s") + " --size 300x200 --write height,ptm-lrgb --package " +
+                      file("direct.relievo"));
   ASSERT_EQ(r.exit_code, 0) << r.output;
   EXPECT_TRUE(fs::exists(file("s/truth.json")));
   r = relievo("info " + file("direct.relievo") + " --json");
@@ -223,7 +244,8 @@ TEST_F(Cli, EncodingsAreChosenPlaneByPlane) {
     EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
     std::string out;
     if (!info.is_discarded())
-      for (const auto& p : info["planes"]) out += p["encoding"].get<std::string>() + (p["bytes"].get<uint64_t>() > 0 ? " " : "? ");
+      for (const auto& p : info["planes"])
+        out += p["encoding"].get<std::string>() + (p["bytes"].get<uint64_t>() > 0 ? " " : "? ");
     return out;
   };
   EXPECT_EQ(planes(""), "lossless lossless lossless ");
@@ -232,7 +254,8 @@ TEST_F(Cli, EncodingsAreChosenPlaneByPlane) {
   EXPECT_EQ(planes("--encoding jpeg --quality 75"), "jpeg75 jpeg75 jpeg75-ycc ");
   EXPECT_EQ(planes("--encoding-coefficients q5 --encoding-colour jpeg"), "q5 q5 jpeg90-ycc ");
   EXPECT_EQ(planes("--encoding bc4 --encoding-colour bc1"), "bc4 bc4 bc1 ");
-  for (const char* wrong : {"--encoding q3", "--encoding webp", "--encoding-colour bc6", "--encoding jpeg --quality 0", "--quality 101"})
+  for (const char* wrong :
+       {"--encoding q3", "--encoding webp", "--encoding-colour bc6", "--encoding jpeg --quality 0", "--quality 101"})
     EXPECT_EQ(relievo(build + wrong).exit_code, 1) << wrong;
   Outcome r = relievo(build + "--encoding bc7");
   ASSERT_EQ(r.exit_code, 0) << r.output;
@@ -251,21 +274,22 @@ TEST_F(Cli, ATargetIsKeptWhenTheBuildFails) {
 
 TEST_F(Cli, AnInterruptedBuildLeavesNothingBehind) {
   // SIGINT after 1.5 s of a build that takes far longer.
-  Outcome r = run("timeout -s INT 1.5 " RELIEVO_PROGRAM " sample painting -o " + file("s") + " --size 32768x32768 --write height --package " +
-              file("big.relievo"));
+  Outcome r = run("timeout -s INT 1.5 " RELIEVO_PROGRAM " sample painting -o " + file("s") +
+                  " --size 32768x32768 --write height --package " + file("big.relievo"));
   EXPECT_NE(r.exit_code, 0) << r.output;
   EXPECT_FALSE(fs::exists(file("big.relievo")));
   EXPECT_EQ(filesNamed(".part-"), 0);
   int left = 0;
   if (fs::exists(file("s"))) {
-    for (const auto& e : fs::recursive_directory_iterator(file("s"))) left += e.path().string().find(".part-") != std::string::npos;
+    for (const auto& e : fs::recursive_directory_iterator(file("s")))
+      left += e.path().string().find(".part-") != std::string::npos;
   }
   EXPECT_EQ(left, 0);
 }
 
 TEST_F(Cli, AFullDiskIsOneErrorAndLeavesNothing) {
-  Outcome r = run("ulimit -f 64; " RELIEVO_PROGRAM " sample coin -o " + file("s") + " --size 512x512 --write height --package " +
-              file("big.relievo"));
+  Outcome r = run("ulimit -f 64; " RELIEVO_PROGRAM " sample coin -o " + file("s") +
+                  " --size 512x512 --write height --package " + file("big.relievo"));
   EXPECT_EQ(r.exit_code, 2) << r.output;
   EXPECT_FALSE(fs::exists(file("big.relievo")));
   EXPECT_EQ(filesNamed(".part-"), 0);
@@ -278,21 +302,25 @@ TEST_F(Cli, OutputsOverwriteNeitherInputsNorOneAnother) {
   write("m.ply", "precious");
   write("state.json", "{}");
   fs::create_hard_link(file("k.relievo"), file("again.relievo"));
-  const std::string k = file("k.relievo"), t = file("t.png"), m = file("m.ply"), n = file("new"), mesh = "build --mesh " + m + " -o ";
-  for (auto [command, one, other] : {std::array<std::string, 3>{"render " + k + " -o " + k, "-o", "FILE"},
-                                     {"render " + k + " -o " + file("again.relievo"), "-o", "FILE"},
-                                     {"render " + k + " -o " + n + " --stats " + k, "--stats", "FILE"},
-                                     {"render " + k + " -o " + n + " --stats " + folder_ + "/./new", "--stats", "-o"},
-                                     {"render " + k + " -o " + n + " --state " + file("state.json") + " --stats " + file("state.json"), "--stats", "--state"},
-                                     {"bench " + k + " --json " + k, "--json", "FILE"},
-                                     {mesh + m, "-o", "--mesh"},
-                                     {mesh + n + " --report " + m, "--report", "--mesh"},
-                                     {mesh + n + " --report " + n, "--report", "-o"},
-                                     {mesh + k + " --report " + n + " --json " + n, "--json", "--report"},
-                                     {mesh + n + " --texture " + t + " --report " + t, "--report", "--texture"},
-                                     {"build --image " + t + " -o " + n + " --json " + t, "--json", "--image"},
-                                     {"compare " + k + " -o " + folder_ + " --path " + file("report.json"), "-o", "--path"},
-                                     {"sample coin --size 16x16 --write height -o " + file("s") + " --package " + file("s/truth.json"), "--package", "-o"}}) {
+  const std::string k = file("k.relievo"), t = file("t.png"), m = file("m.ply"), n = file("new"),
+                    mesh = "build --mesh " + m + " -o ";
+  for (auto [command, one, other] :
+       {std::array<std::string, 3>{"render " + k + " -o " + k, "-o", "FILE"},
+        {"render " + k + " -o " + file("again.relievo"), "-o", "FILE"},
+        {"render " + k + " -o " + n + " --stats " + k, "--stats", "FILE"},
+        {"render " + k + " -o " + n + " --stats " + folder_ + "/./new", "--stats", "-o"},
+        {"render " + k + " -o " + n + " --state " + file("state.json") + " --stats " + file("state.json"), "--stats",
+         "--state"},
+        {"bench " + k + " --json " + k, "--json", "FILE"},
+        {mesh + m, "-o", "--mesh"},
+        {mesh + n + " --report " + m, "--report", "--mesh"},
+        {mesh + n + " --report " + n, "--report", "-o"},
+        {mesh + k + " --report " + n + " --json " + n, "--json", "--report"},
+        {mesh + n + " --texture " + t + " --report " + t, "--report", "--texture"},
+        {"build --image " + t + " -o " + n + " --json " + t, "--json", "--image"},
+        {"compare " + k + " -o " + folder_ + " --path " + file("report.json"), "-o", "--path"},
+        {"sample coin --size 16x16 --write height -o " + file("s") + " --package " + file("s/truth.json"), "--package",
+         "-o"}}) {
     if (command.find("compare") == 0) write("report.json", "precious");
     const Outcome r = relievo(command);
     EXPECT_EQ(r.exit_code, 1) << command << ": " << r.output;
@@ -311,8 +339,10 @@ TEST_F(Cli, OutputsOverwriteNeitherInputsNorOneAnother) {
 
 // Said at once, not after what takes long; nothing is made.
 TEST_F(Cli, AnOutputThatCannotBeWrittenIsExitCode2BeforeAnythingIsRead) {
-  for (const char* command : {"build --mesh nowhere.ply -o @ ", "build --mesh nowhere.ply -o x.relievo --report @", "build --image nowhere.png -o x.relievo --json @",
-                              "render nowhere.relievo -o @", "render nowhere.relievo -o x.png --stats @", "bench --json @", "sample coin --size 65536x65536 --package @"}) {
+  for (const char* command :
+       {"build --mesh nowhere.ply -o @ ", "build --mesh nowhere.ply -o x.relievo --report @",
+        "build --image nowhere.png -o x.relievo --json @", "render nowhere.relievo -o @",
+        "render nowhere.relievo -o x.png --stats @", "bench --json @", "sample coin --size 65536x65536 --package @"}) {
     const std::string target = file(command[0] == 'r' ? "." : "none/file");
     std::string all = command;
     all.replace(all.find('@'), 1, target);
@@ -324,7 +354,9 @@ TEST_F(Cli, AnOutputThatCannotBeWrittenIsExitCode2BeforeAnythingIsRead) {
 }
 
 TEST_F(Cli, ViewWithoutADisplayNamesRender) {
-  ASSERT_EQ(relievo("sample coin -o " + file("s") + " --size 64x64 --write height --package " + file("c.relievo")).exit_code, 0);
+  ASSERT_EQ(
+      relievo("sample coin -o " + file("s") + " --size 64x64 --write height --package " + file("c.relievo")).exit_code,
+      0);
   Outcome r = run("env -u DISPLAY -u WAYLAND_DISPLAY " RELIEVO_PROGRAM " view " + file("c.relievo"));
   EXPECT_EQ(r.exit_code, 4) << r.output;
   EXPECT_NE(r.output.find("relievo render"), std::string::npos) << r.output;
@@ -334,7 +366,8 @@ TEST_F(Cli, ViewWithoutADisplayNamesRender) {
 TEST(NoGl, IsAFailureWhereGlIsRequiredOrTheReasonIsAnother) {
   const char* before = std::getenv("RELIEVO_REQUIRE_GL");
   const std::string kept = before ? before : "";
-  const Outcome none{4, "relievo: error: no GL context without a window: OpenGL 3.3: no driver"}, other{4, "relievo: error: no thread can be started"}, fine{0, ""};
+  const Outcome none{4, "relievo: error: no GL context without a window: OpenGL 3.3: no driver"},
+      other{4, "relievo: error: no thread can be started"}, fine{0, ""};
   unsetenv("RELIEVO_REQUIRE_GL");
   EXPECT_TRUE(noGl(none));
   EXPECT_NONFATAL_FAILURE(noGl(other), "not for want of GL");
@@ -347,8 +380,12 @@ TEST(NoGl, IsAFailureWhereGlIsRequiredOrTheReasonIsAnother) {
 }
 
 TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
-  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 700x500 --write height --package " + file("i.relievo")).exit_code, 0);
-  std::string common = "render " + file("i.relievo") + " --size 320x180 --azimuth 30 --elevation 20 --light -0.7,0.2,0.5 --settle ";
+  ASSERT_EQ(
+      relievo("sample inscription -o " + file("s") + " --size 700x500 --write height --package " + file("i.relievo"))
+          .exit_code,
+      0);
+  std::string common =
+      "render " + file("i.relievo") + " --size 320x180 --azimuth 30 --elevation 20 --light -0.7,0.2,0.5 --settle ";
   Outcome first = relievo(common + "-o " + file("a.png") + " --stats " + file("a.json"));
   if (noGl(first)) GTEST_SKIP() << first.output;
   ASSERT_EQ(first.exit_code, 0) << first.output;
@@ -371,7 +408,10 @@ TEST_F(Cli, RenderIsDeterministicAndReadsOnlyWhatThePlanNames) {
 
 // One error each, that says what to do; no picture.
 TEST_F(Cli, CamerasThatAreNoneAreRefused) {
-  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 200x100 --write height --package " + file("i.relievo")).exit_code, 0);
+  ASSERT_EQ(
+      relievo("sample inscription -o " + file("s") + " --size 200x100 --write height --package " + file("i.relievo"))
+          .exit_code,
+      0);
   write("parallel.json", R"({"orthographic": true, "distance_mm": 300, "fov_deg": 35})");
   write("bad.json", R"({"orthographic": "yes"})");
   for (auto [arguments, named] : {std::pair<const char*, const char*>{"--orthographic --fov 30", "--fov"},
@@ -391,22 +431,29 @@ TEST_F(Cli, CamerasThatAreNoneAreRefused) {
                                   {"--orthographic --distance 0", "--distance"},
                                   {"--state parallel.json --fov 30", "--fov"}}) {
     std::string all = arguments;
-    if (const size_t at = all.find("parallel.json"); at != std::string::npos) all.replace(at, 13, file("parallel.json"));
+    if (const size_t at = all.find("parallel.json"); at != std::string::npos)
+      all.replace(at, 13, file("parallel.json"));
     const Outcome r = relievo("render " + file("i.relievo") + " -o " + file("x.png") + " " + all);
     EXPECT_EQ(r.exit_code, 1) << arguments << ": " << r.output;
     EXPECT_NE(r.output.find(named), std::string::npos) << arguments << ": " << r.output;
-    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1 + (r.output.find("--help") != std::string::npos)) << arguments << ": " << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1 + (r.output.find("--help") != std::string::npos))
+        << arguments << ": " << r.output;
     EXPECT_FALSE(fs::exists(file("x.png"))) << arguments;
   }
-  EXPECT_EQ(relievo("render " + file("i.relievo") + " -o " + file("x.png") + " --state " + file("bad.json")).exit_code, 3);
+  EXPECT_EQ(relievo("render " + file("i.relievo") + " -o " + file("x.png") + " --state " + file("bad.json")).exit_code,
+            3);
 }
 
 TEST_F(Cli, AnOrthographicPictureHasItsScale) {
-  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo")).exit_code, 0);
+  ASSERT_EQ(
+      relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo"))
+          .exit_code,
+      0);
   auto info = nlohmann::json::parse(relievo("info " + file("i.relievo") + " --json").output, nullptr, false);
   ASSERT_FALSE(info.is_discarded());
   auto render = [&](const std::string& arguments, const char* name) {
-    const Outcome r = relievo("render " + file("i.relievo") + " " + arguments + " -o " + file(std::string(name) + ".png") + " --stats " + file("stats.json"));
+    const Outcome r = relievo("render " + file("i.relievo") + " " + arguments + " -o " +
+                              file(std::string(name) + ".png") + " --stats " + file("stats.json"));
     if (noGl(r)) return nlohmann::json();
     EXPECT_EQ(r.exit_code, 0) << r.output;
     return nlohmann::json::parse(std::ifstream(file("stats.json")), nullptr, false);
@@ -429,8 +476,9 @@ TEST_F(Cli, AnOrthographicPictureHasItsScale) {
   EXPECT_NEAR(stats["mm_per_px"].get<double>(), 2, 1e-9);
   const double mm_per_texel = info["mm_per_px"].get<double>();
   // As large as all of the artwork takes, unless a size is given.
-  EXPECT_EQ(header("scaled"), (std::array<uint32_t, 3>{static_cast<uint32_t>(std::ceil(400 * mm_per_texel / 2 - 1e-6)),
-                                                         static_cast<uint32_t>(std::ceil(300 * mm_per_texel / 2 - 1e-6)), 500}));
+  EXPECT_EQ(header("scaled"),
+            (std::array<uint32_t, 3>{static_cast<uint32_t>(std::ceil(400 * mm_per_texel / 2 - 1e-6)),
+                                     static_cast<uint32_t>(std::ceil(300 * mm_per_texel / 2 - 1e-6)), 500}));
   char texel[40];
   std::snprintf(texel, sizeof texel, "--mm-per-px %.17g", mm_per_texel);
   render(texel, "texels");
@@ -454,8 +502,12 @@ TEST_F(Cli, AnOrthographicPictureHasItsScale) {
 }
 
 TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
-  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo")).exit_code, 0);
-  std::string common = "render " + file("i.relievo") + " --size 160x90 --workers 8 --timeout 60 --stats " + file("s.json") + " -o ";
+  ASSERT_EQ(
+      relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo"))
+          .exit_code,
+      0);
+  std::string common =
+      "render " + file("i.relievo") + " --size 160x90 --workers 8 --timeout 60 --stats " + file("s.json") + " -o ";
   Outcome sound = relievo(common + file("a.png"));
   if (noGl(sound)) GTEST_SKIP() << sound.output;
   ASSERT_EQ(sound.exit_code, 0) << sound.output;
@@ -475,13 +527,16 @@ TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
   const int failed = stats["failed_pages"].get<int>();
   EXPECT_GT(failed, 1);
   EXPECT_EQ(std::count(dead.output.begin(), dead.output.end(), '\n'), 1) << dead.output;
-  EXPECT_NE(dead.output.find("warning: " + file("i.relievo") + ": " + std::to_string(failed) + " of "), std::string::npos) << dead.output;
+  EXPECT_NE(dead.output.find("warning: " + file("i.relievo") + ": " + std::to_string(failed) + " of "),
+            std::string::npos)
+      << dead.output;
   for (const char* bad : {"--source-rate -1", "--source-latency x", "--source-fail 101", "--source-memory -3"}) {
     Outcome r = relievo(common + file("d.png") + " " + bad);
     EXPECT_EQ(r.exit_code, 1) << bad;
     EXPECT_NE(r.output.find(std::string(bad).substr(0, 12)), std::string::npos) << r.output;
   }
-  for (const char* command : {"render --help", "view --help"}) EXPECT_NE(relievo(command).output.find("Simulated storage"), std::string::npos);
+  for (const char* command : {"render --help", "view --help"})
+    EXPECT_NE(relievo(command).output.find("Simulated storage"), std::string::npos);
 }
 
 TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
@@ -500,7 +555,10 @@ TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
 }
 
 TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
-  ASSERT_EQ(relievo("sample inscription -o " + file("s") + " --size 300x200 --write ptm-lrgb --package " + file("a.relievo")).exit_code, 0);
+  ASSERT_EQ(
+      relievo("sample inscription -o " + file("s") + " --size 300x200 --write ptm-lrgb --package " + file("a.relievo"))
+          .exit_code,
+      0);
   const std::string compare = "compare " + file("a.relievo") + " -o " + file("report") + " ";
   EXPECT_EQ(relievo("compare " + file("a.relievo")).exit_code, 1);  // no -o
   EXPECT_EQ(relievo("compare -o " + file("report") + " " + file("nowhere.relievo")).exit_code, 2);
@@ -521,9 +579,11 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   ASSERT_EQ(relievo("build --ptm " + file("s/ptm_lrgb.ptm") + " -o " + file("flat.relievo")).exit_code, 0);
   EXPECT_EQ(relievo("compare " + file("flat.relievo") + " -o " + file("report")).exit_code, 5);
   EXPECT_FALSE(fs::exists(file("report/report.json")));
-  if (noGl(relievo("render " + file("a.relievo") + " -o " + file("a.png") + " --size 64x36"))) GTEST_SKIP() << "no GL context";
+  if (noGl(relievo("render " + file("a.relievo") + " -o " + file("a.png") + " --size 64x36")))
+    GTEST_SKIP() << "no GL context";
   // Longer than anybody waits, interrupted: nothing is written.
-  r = runUntil(file("stopped"), RELIEVO_PROGRAM " compare " + file("a.relievo") + " -o " + file("stopped") + " --frames 100000 --size 64x36");
+  r = runUntil(file("stopped"), RELIEVO_PROGRAM " compare " + file("a.relievo") + " -o " + file("stopped") +
+                                    " --frames 100000 --size 64x36");
   EXPECT_EQ(r.exit_code, 130) << r.output;
   EXPECT_NE(r.output.find("interrupted"), std::string::npos) << r.output;
   EXPECT_TRUE(fs::is_empty(file("stopped")));
@@ -534,7 +594,8 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   EXPECT_TRUE(fs::is_empty(file("report"))) << r.output;
   r = relievo(quick);
   ASSERT_EQ(r.exit_code, 0) << r.output;
-  for (const char* name : {"report.json", "report.html", "frames.csv"}) EXPECT_TRUE(fs::exists(file(std::string("report/") + name))) << name;
+  for (const char* name : {"report.json", "report.html", "frames.csv"})
+    EXPECT_TRUE(fs::exists(file(std::string("report/") + name))) << name;
   std::ifstream text(file("report/report.json"));
   auto report = nlohmann::json::parse(text, nullptr, false);
   ASSERT_FALSE(report.is_discarded());

@@ -30,7 +30,9 @@ PlanarDomain smallDomain() {
 ReliefField rampField(const PlanarDomain& d) {
   ReliefField field(d);
   for (int64_t j = 0; j < field.rows; ++j)
-    for (int64_t i = 0; i < field.columns; ++i) field.samples[static_cast<size_t>(j * field.columns + i)] = static_cast<uint16_t>(100 * i + 37 * j + ((i * j) % 7) * 50);
+    for (int64_t i = 0; i < field.columns; ++i)
+      field.samples[static_cast<size_t>(j * field.columns + i)] =
+          static_cast<uint16_t>(100 * i + 37 * j + ((i * j) % 7) * 50);
   return field;
 }
 
@@ -42,7 +44,8 @@ TEST(ReliefField, GoesThroughItsSamplesAndAlongTheDiagonal) {
   int64_t s = int64_t{1} << field.spacing_log2;
   for (int64_t j = 0; j < field.rows; j += 13)
     for (int64_t i = 0; i < field.columns; i += 17)
-      EXPECT_EQ(field.heightSteps(static_cast<double>(i * s), static_cast<double>(j * s)), field.at(i, j)) << i << " " << j;
+      EXPECT_EQ(field.heightSteps(static_cast<double>(i * s), static_cast<double>(j * s)), field.at(i, j))
+          << i << " " << j;
   double middle = field.heightSteps(10.5 * static_cast<double>(s), 20.5 * static_cast<double>(s));
   EXPECT_EQ(middle, 0.5 * (field.at(10, 20) + field.at(11, 21)));
 }
@@ -80,7 +83,8 @@ TEST(CompareMeasure, TheErrorIsTheDistanceToWhereThePlaceBelongs) {
       EXPECT_NEAR(e.x, px + 0.5 - at.x, 1e-4);
       EXPECT_NEAR(e.y, py + 0.5 - at.y, 1e-4);
       EXPECT_EQ(figuresOf(errors).pixels, 1u);
-      pixels[static_cast<size_t>(py * 160 + px)][3] = std::bit_cast<uint32_t>(65.0f / 32);  // edge-on: 65 of 32 cells a node
+      pixels[static_cast<size_t>(py * 160 + px)][3] =
+          std::bit_cast<uint32_t>(65.0f / 32);  // edge-on: 65 of 32 cells a node
       EXPECT_EQ(errorVectors(surface, instances, frame, pixels, errors), 1u);
       EXPECT_EQ(figuresOf(errors).pixels, 0u);
       ++checked;
@@ -109,7 +113,8 @@ TEST(CompareMeasure, HolesAreCracksOnlyInsideTheSilhouette) {
   constexpr int kSide = 40;
   std::vector<uint8_t> reference(kSide * kSide, 0);
   for (int y = 0; y < kSide; ++y)
-    for (int x = 10; x < kSide; ++x) reference[static_cast<size_t>(y * kSide + x)] = 1;  // its right, upper and lower ends lie beyond the picture
+    for (int x = 10; x < kSide; ++x)
+      reference[static_cast<size_t>(y * kSide + x)] = 1;  // its right, upper and lower ends lie beyond the picture
   auto with = [&](int x, int y, int margin) {
     std::vector<uint8_t> drawn = reference;
     drawn[static_cast<size_t>(y * kSide + x)] ^= 1;
@@ -122,7 +127,7 @@ TEST(CompareMeasure, HolesAreCracksOnlyInsideTheSilhouette) {
   EXPECT_EQ(with(11, 20, 1).crack_pixels, 1u);
   EXPECT_EQ(with(13, 20, 4).crack_pixels, 0u);
   EXPECT_EQ(with(14, 20, 4).crack_pixels, 1u);
-  EXPECT_EQ(with(5, 20, 1).crack_pixels, 0u);   // drawn where full resolution has nothing
+  EXPECT_EQ(with(5, 20, 1).crack_pixels, 0u);  // drawn where full resolution has nothing
   EXPECT_EQ(with(5, 20, 1).silhouette_pixels, 1u);
 }
 
@@ -157,7 +162,7 @@ TEST(CompareMeasure, SeamsAreComparedVertexByVertex) {
   EXPECT_EQ(compareSeams(d, instances, captured(true)).mismatched, 0u);
   EXPECT_EQ(compareSeams(d, instances, captured(false)).mismatched, 4u);
   std::vector<float> one_bit = captured(true);
-  one_bit[4 * 4 + 2] = std::bit_cast<float>(1u);  // of the left one's upper right vertex
+  one_bit[4 * 4 + 2] = std::bit_cast<float>(1u);                  // of the left one's upper right vertex
   EXPECT_EQ(compareSeams(d, instances, one_bit).mismatched, 2u);  // what either side has alone
 }
 
@@ -174,19 +179,23 @@ TEST(ComparePath, RecordedAndFromAFile) {
     std::ofstream(folder.file("path.json")) << text;
     return compareCameras(folder.file("path.json"), 0, d, 160, 90);
   };
-  auto two = write(R"({"cameras": [{"azimuth_deg": 20, "distance_mm": 90}, {"elevation_deg": -30, "fov_deg": 60, "target_mm": [1, 2, 3]}]})");
+  auto two = write(
+      R"({"cameras": [{"azimuth_deg": 20, "distance_mm": 90}, {"elevation_deg": -30, "fov_deg": 60, "target_mm": [1, 2, 3]}]})");
   ASSERT_TRUE(two.ok());
   ASSERT_EQ(two->size(), 2u);
   EXPECT_EQ((*two)[0].now.distance_mm, 90);
   EXPECT_EQ((*two)[1].before.azimuth_deg, 20);
   EXPECT_EQ((*two)[1].now.target_mm, glm::dvec3(1, 2, 3));
   EXPECT_FALSE((*two)[0].now.orthographic);
-  auto parallel = write(R"({"cameras": [{"orthographic": true}, {"orthographic": false, "fov_deg": 170}, {"fov_deg": 1}]})");
+  auto parallel =
+      write(R"({"cameras": [{"orthographic": true}, {"orthographic": false, "fov_deg": 170}, {"fov_deg": 1}]})");
   ASSERT_TRUE(parallel.ok());
   EXPECT_TRUE((*parallel)[0].now.orthographic);
   EXPECT_FALSE((*parallel)[1].now.orthographic);
   EXPECT_EQ((*parallel)[2].now.fov_deg, 1);
-  for (const char* bad : {"", "[]", R"({"cameras": [{"orthographic": 1}]})", R"({"cameras": [{"fov_deg": 0.5}]})", R"({"cameras": [{"fov_deg": 171}]})", "{}", R"({"cameras": []})", R"({"cameras": [7]})", R"({"cameras": [{"distance_mm": -1}]})", R"({"cameras": [{"elevation_deg": 90}]})",
+  for (const char* bad : {"", "[]", R"({"cameras": [{"orthographic": 1}]})", R"({"cameras": [{"fov_deg": 0.5}]})",
+                          R"({"cameras": [{"fov_deg": 171}]})", "{}", R"({"cameras": []})", R"({"cameras": [7]})",
+                          R"({"cameras": [{"distance_mm": -1}]})", R"({"cameras": [{"elevation_deg": 90}]})",
                           R"({"cameras": [{"fov_deg": "wide"}]})", R"({"cameras": [{"target_mm": [1, 2]}]})"}) {
     auto result = write(bad);
     ASSERT_FALSE(result.ok()) << bad;

@@ -134,11 +134,14 @@ TEST_F(MeshCli, WhatWasAskedForAndCannotBeIsSaid) {
   ASSERT_EQ(r.exit_code, 0) << r.output;
   EXPECT_NE(r.output.find(" patches where 1 was asked for: "), std::string::npos) << r.output;
   EXPECT_NE(r.output.find("e-06 mm were aimed at, and not reached: "), std::string::npos) << r.output;
-  EXPECT_NE(relievo("info " + file("a.relievo")).output.find(" mm were aimed at, and not reached: "), std::string::npos);
+  EXPECT_NE(relievo("info " + file("a.relievo")).output.find(" mm were aimed at, and not reached: "),
+            std::string::npos);
   std::filesystem::remove(file("a.relievo"));
   r = relievo(build("small.ply", "--patches 1025"));
   EXPECT_EQ(r.exit_code, 1) << r.output;
-  EXPECT_NE(r.output.find("small.ply: --patches asks for 1025, a scan of 720 triangles has at most 1024"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("small.ply: --patches asks for 1025, a scan of 720 triangles has at most 1024"),
+            std::string::npos)
+      << r.output;
   r = relievo(build("small.ply", "--tolerance -1"));
   EXPECT_EQ(r.exit_code, 1) << r.output;
   EXPECT_NE(r.output.find("expected a finite number from 0, found -1"), std::string::npos) << r.output;
@@ -198,7 +201,8 @@ TEST_F(MeshCli, WhatIsRepairedIsSaidAndKept) {
   for (const auto& f : info["mesh"]["findings"]) {
     EXPECT_GT(f["count"].get<int>(), 0);
     const std::string what = f["what"].get<std::string>();  // of one in the singular
-    EXPECT_NE(relievo("info " + file("a.relievo")).output.find(what.substr(0, what.size() - 4)), std::string::npos) << what;
+    EXPECT_NE(relievo("info " + file("a.relievo")).output.find(what.substr(0, what.size() - 4)), std::string::npos)
+        << what;
   }
 }
 
@@ -292,7 +296,9 @@ TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
 
 TEST_F(MeshCli, ImagesOutsideTheMeshsFolderAreRefusedByName) {
   std::filesystem::create_directory(file("inner"));
-  write("inner/a.obj", "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 10 0 0\nv 10 10 1\nv 0 10 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 4/4\n");
+  write("inner/a.obj",
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 10 0 0\nv 10 10 1\nv 0 10 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 2/2 3/3 "
+        "4/4\n");
   write("inner/a.mtl", "newmtl m\nmap_Kd ../secret.ppm\n");
   write("secret.ppm", std::string("P6\n2 1\n255\n") + "\xff\x10\x10\x10\x10\xff");
   const std::string build = "build --mesh " + file("inner/a.obj") + " -o " + file("a.relievo");
@@ -303,7 +309,8 @@ TEST_F(MeshCli, ImagesOutsideTheMeshsFolderAreRefusedByName) {
   EXPECT_FALSE(std::filesystem::exists(file("a.relievo")));
   EXPECT_EQ(relievo(build + " --allow-outside").exit_code, 0);
   EXPECT_EQ(relievo(build + " --texture none").exit_code, 0);
-  EXPECT_EQ(relievo(build + " --texture " + file("secret.ppm")).exit_code, 0) << "who names it on the command line means it";
+  EXPECT_EQ(relievo(build + " --texture " + file("secret.ppm")).exit_code, 0)
+      << "who names it on the command line means it";
 }
 
 TEST_F(MeshCli, AnInterruptedBuildLeavesWhatWasThere) {

@@ -155,7 +155,9 @@ TEST(MeshReport, textNamesFindingsAndPlaces) {
 
 TEST(MeshReport, textSaysWhatWasAskedForAndNotReached) {
   MeshDiagnosis diagnosis;
-  diagnosis.findings = {{"isolated pieces", 1, {}, ""}, {"vertices of no triangle", 1, {}, "dropped"}, {"triangles of materials without an image (material \"files\")", 1, {}, "x"},
+  diagnosis.findings = {{"isolated pieces", 1, {}, ""},
+                        {"vertices of no triangle", 1, {}, "dropped"},
+                        {"triangles of materials without an image (material \"files\")", 1, {}, "x"},
                         {"open borders", 11, {{1, 2, 3}, {4, 5, 6}}, ""}};
   BaseMesh base;
   base.patches.resize(10);
@@ -164,15 +166,18 @@ TEST(MeshReport, textSaysWhatWasAskedForAndNotReached) {
   bake.tolerance_mm = 0.5;
   bake.deviation_mm = 0.25;
   auto text = [&](uint32_t asked) { return meshText(meshJson("a.ply", "mm", diagnosis, base, bake, asked)); };
-  for (const char* words : {"found   1 isolated piece: left", "found   1 vertex of no triangle: dropped", "found   1 triangle of a material without an image (material \"files\"): x",
-                            "found   11 open borders: left as it is; at (1, 2, 3), (4, 5, 6) and 9 more\n", "64 x 64 cells of heights a patch"})
+  for (const char* words : {"found   1 isolated piece: left", "found   1 vertex of no triangle: dropped",
+                            "found   1 triangle of a material without an image (material \"files\"): x",
+                            "found   11 open borders: left as it is; at (1, 2, 3), (4, 5, 6) and 9 more\n",
+                            "64 x 64 cells of heights a patch"})
     EXPECT_NE(text(0).find(words), std::string::npos) << words << " in " << text(0);
   for (uint32_t asked : {0u, 10u}) {
     EXPECT_EQ(text(asked).find("asked for"), std::string::npos) << text(asked);
     EXPECT_EQ(text(asked).find("not reached"), std::string::npos) << text(asked);
   }
   EXPECT_NE(text(1).find("over 10 patches where 1 was asked for: its pieces"), std::string::npos) << text(1);
-  EXPECT_NE(text(11).find("over 10 patches where 11 were asked for: numbers are kept to about 30 %"), std::string::npos) << text(11);
+  EXPECT_NE(text(11).find("over 10 patches where 11 were asked for: numbers are kept to about 30 %"), std::string::npos)
+      << text(11);
   std::set<std::string> reasons;
   for (BakeLimit limit : {BakeLimit::kCells, BakeLimit::kSamples, BakeLimit::kShape}) {
     bake.limit = limit;

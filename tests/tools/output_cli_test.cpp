@@ -1,4 +1,5 @@
-// What the program writes, as its users see it: a full disk, standard output that cannot be written, names that say the format, signals.
+// What the program writes, as its users see it: a full disk, standard output that cannot be written, names that say the
+// format, signals.
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -31,7 +32,9 @@ class OutputCli : public Cli {
     std::ifstream in(path, std::ios::binary);
     return {std::istreambuf_iterator<char>(in), {}};
   }
-  std::string picture(const std::string& target) const { return "render " + coin() + " --size 320x180 --settle -o " + target; }
+  std::string picture(const std::string& target) const {
+    return "render " + coin() + " --size 320x180 --settle -o " + target;
+  }
   // Whether pictures are drawn on this machine at all.
   bool draws() const { return relievo(picture(file("try.png"))).exit_code != 4; }
   static ptrdiff_t lines(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
@@ -49,14 +52,18 @@ TEST_F(OutputCli, ADiskThatIsFullKeepsTheOldPicture) {
     ASSERT_GT(blocks, 3u);
     for (const size_t limit : {blocks / 2, blocks}) {
       write("a" + suffix, "precious");
-      const Outcome r = run("ulimit -f " + std::to_string(limit) + "; MESA_SHADER_CACHE_DISABLE=true " + kProgram + " " + picture(target));
+      const Outcome r = run("ulimit -f " + std::to_string(limit) + "; MESA_SHADER_CACHE_DISABLE=true " + kProgram +
+                            " " + picture(target));
       EXPECT_EQ(r.exit_code, 2) << suffix << " " << limit << ": " << r.output;
       EXPECT_EQ(lines(r.output), 1) << r.output;
       EXPECT_NE(r.output.find(target), std::string::npos) << r.output;
       EXPECT_EQ(get(target), "precious") << suffix << " " << limit;
       EXPECT_EQ(filesNamed(".part-"), 0);
     }
-    EXPECT_EQ(run("ulimit -f " + std::to_string(blocks + 1) + "; MESA_SHADER_CACHE_DISABLE=true " + kProgram + " " + picture(target)).exit_code, 0)
+    EXPECT_EQ(run("ulimit -f " + std::to_string(blocks + 1) + "; MESA_SHADER_CACHE_DISABLE=true " + kProgram + " " +
+                  picture(target))
+                  .exit_code,
+              0)
         << "the control: with room for all of it";
   }
 }
@@ -64,7 +71,8 @@ TEST_F(OutputCli, ADiskThatIsFullKeepsTheOldPicture) {
 TEST_F(OutputCli, AFileSystemThatIsFullKeepsTheOldPicture) {
   if (!draws()) GTEST_SKIP() << "no GL";
   fs::create_directory(file("small"));
-  if (run("mount -t tmpfs -o size=64k none " + file("small")).exit_code != 0) GTEST_SKIP() << "mounting a file system is not permitted; ulimit -f is tried above";
+  if (run("mount -t tmpfs -o size=64k none " + file("small")).exit_code != 0)
+    GTEST_SKIP() << "mounting a file system is not permitted; ulimit -f is tried above";
   for (const std::string suffix : kSuffixes) {
     const std::string target = file("small/a" + suffix);
     for (const int free_blocks : {0, 3}) {  // of 4 KiB
@@ -89,12 +97,20 @@ TEST_F(OutputCli, TheNameSaysTheFormat) {
     EXPECT_NE(r.output.find(".png"), std::string::npos) << r.output;
   }
   if (!draws()) GTEST_SKIP() << "no GL";
-  for (const auto& [name, magic] : {std::pair<std::string, std::string>{"a.png", "\x89PNG"}, {"a.PNG", "\x89PNG"}, {"a.tif", "II*"}, {"a.tiff", "II*"}, {"a.exr", "\x76\x2f\x31\x01"}, {"a.jpg", "\xff\xd8\xff"}, {"a.jpeg", "\xff\xd8\xff"}}) {
+  for (const auto& [name, magic] : {std::pair<std::string, std::string>{"a.png", "\x89PNG"},
+                                    {"a.PNG", "\x89PNG"},
+                                    {"a.tif", "II*"},
+                                    {"a.tiff", "II*"},
+                                    {"a.exr", "\x76\x2f\x31\x01"},
+                                    {"a.jpg", "\xff\xd8\xff"},
+                                    {"a.jpeg", "\xff\xd8\xff"}}) {
     const Outcome r = relievo(picture(file(name)));
     ASSERT_EQ(r.exit_code, 0) << name << ": " << r.output;
     EXPECT_EQ(get(file(name)).substr(0, magic.size()), magic) << name;
     // Once more: the same bytes, whatever the time is.
-    ASSERT_EQ(run("mv " + file(name) + " " + file("before") + "; sleep 1.1; " + kProgram + " " + picture(file(name))).exit_code, 0);
+    ASSERT_EQ(run("mv " + file(name) + " " + file("before") + "; sleep 1.1; " + kProgram + " " + picture(file(name)))
+                  .exit_code,
+              0);
     EXPECT_EQ(run("cmp " + file("before") + " " + file(name)).exit_code, 0) << name;
   }
   const auto png = readImage8(file("a.png")), tiff = readImage8(file("a.tif")), jpeg = readImage8(file("a.jpg"));
@@ -112,21 +128,23 @@ TEST_F(OutputCli, StandardOutputThatCannotBeWrittenIsExitCode2) {
   write("t.png", "");
   const std::string image = file("t.png");
   ASSERT_TRUE(writeImage(image, 8, 8, 3, std::vector<uint8_t>(192, 99)).ok());
-  std::vector<std::string> commands = {"info " + coin(),
-                                       "info --json " + coin(),
-                                       "verify " + coin(),
-                                       "verify --json " + coin(),
-                                       "--help",
-                                       "--help-all",
-                                       "--version",
-                                       "info --help",
-                                       "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo"),
-                                       "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo") + " --json -",
-                                       "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo") + " --json " + out(),
-                                       "sample coin --size 32x32 --write height -o " + file("s"),
-                                       "sample coin --size 32x32 --package " + file("c.relievo")};
+  std::vector<std::string> commands = {
+      "info " + coin(),
+      "info --json " + coin(),
+      "verify " + coin(),
+      "verify --json " + coin(),
+      "--help",
+      "--help-all",
+      "--version",
+      "info --help",
+      "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo"),
+      "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo") + " --json -",
+      "build --image " + image + " --mm-per-pixel 1 -o " + file("b.relievo") + " --json " + out(),
+      "sample coin --size 32x32 --write height -o " + file("s"),
+      "sample coin --size 32x32 --package " + file("c.relievo")};
   if (draws()) {
-    commands.insert(commands.end(), {picture("-"), picture(file("p.png")) + " --stats -", "bench " + coin() + " --quick --only page-table",
+    commands.insert(commands.end(), {picture("-"), picture(file("p.png")) + " --stats -",
+                                     "bench " + coin() + " --quick --only page-table",
                                      "bench " + coin() + " --quick --only page-table --json -"});
   }
   for (const std::string& command : commands) {
@@ -141,16 +159,20 @@ TEST_F(OutputCli, StandardOutputThatCannotBeWrittenIsExitCode2) {
     EXPECT_EQ(run(kProgram + " " + command + " >/dev/null").exit_code, 0) << "the control: " << command;
   }
   // A reader that has gone is an error like another one, and no signal that leaves files behind.
-  const Outcome gone = run("( { sleep 0.5; " + kProgram + " info " + coin() + "; echo $? >" + file("code") + "; } | true )");
+  const Outcome gone =
+      run("( { sleep 0.5; " + kProgram + " info " + coin() + "; echo $? >" + file("code") + "; } | true )");
   EXPECT_EQ(get(file("code")), "2\n") << gone.output;
 }
 
 // The next file opened would have standard output's number, and get what is printed.
 TEST_F(OutputCli, AClosedStandardOutputHarmsNoFile) {
   const std::string before = get(coin());
-  const auto closed = [](const std::string& arguments) { return run("( " + kProgram + " " + arguments + " )").exit_code; };
+  const auto closed = [](const std::string& arguments) {
+    return run("( " + kProgram + " " + arguments + " )").exit_code;
+  };
   EXPECT_EQ(closed("info " + coin() + " >&-"), 2);
-  EXPECT_EQ(closed("sample coin --size 300x300 --package " + file("again.relievo") + " >&-"), 2) << "its summary was not seen";
+  EXPECT_EQ(closed("sample coin --size 300x300 --package " + file("again.relievo") + " >&-"), 2)
+      << "its summary was not seen";
   EXPECT_TRUE(get(file("again.relievo")) == before) << "what is printed was written into the package";
   EXPECT_TRUE(get(coin()) == before);
   EXPECT_EQ(closed("sample coin --size 300x300 --package " + file("third.relievo") + " >/dev/null <&- 2>&-"), 0);
@@ -165,9 +187,11 @@ TEST_F(OutputCli, DashIsStandardOutputForOneTextOrPicture) {
   ASSERT_TRUE(writeImage(image, 8, 8, 3, std::vector<uint8_t>(192, 99)).ok());
   ASSERT_EQ(::mkfifo(file("pipe").c_str(), 0600), 0);
   // Packages and folders: refused, and nothing is made.
-  for (const std::string& command : {"build --image " + image + " -o -", "build --image " + image + " --mm-per-pixel 1 -o " + out(), "build --image " + image + " -o " + file("pipe"),
-                                     std::string("sample coin --size 16x16 --package -"), std::string("sample coin --size 16x16 -o -"), "compare " + coin() + " -o -",
-                                     "bench " + coin() + " --plots -", "render " + coin() + " -o - --stats -", "render " + coin() + " -o - --stats " + out()}) {
+  for (const std::string& command :
+       {"build --image " + image + " -o -", "build --image " + image + " --mm-per-pixel 1 -o " + out(),
+        "build --image " + image + " -o " + file("pipe"), std::string("sample coin --size 16x16 --package -"),
+        std::string("sample coin --size 16x16 -o -"), "compare " + coin() + " -o -", "bench " + coin() + " --plots -",
+        "render " + coin() + " -o - --stats -", "render " + coin() + " -o - --stats " + out()}) {
     const Outcome r = run("cd " + folder_ + " && " + kProgram + " " + command);
     EXPECT_EQ(r.exit_code, 1) << command << ": " << r.output;
     EXPECT_EQ(lines(r.output), 1) << command << ": " << r.output;
@@ -180,7 +204,9 @@ TEST_F(OutputCli, DashIsStandardOutputForOneTextOrPicture) {
     return nlohmann::json::parse(r.output, nullptr, false);
   };
   for (const std::string& name : {std::string("-"), out()}) {
-    EXPECT_TRUE(json("build --image " + image + " --mm-per-pixel 1 -o " + package + " --json " + name).contains("pages")) << name;
+    EXPECT_TRUE(
+        json("build --image " + image + " --mm-per-pixel 1 -o " + package + " --json " + name).contains("pages"))
+        << name;
     EXPECT_TRUE(fs::is_symlink(out()));
   }
   if (!draws()) GTEST_SKIP() << "no GL";
@@ -201,23 +227,27 @@ TEST_F(OutputCli, DashIsStandardOutputForOneTextOrPicture) {
 TEST_F(OutputCli, EverySignalThatEndsItLeavesNothing) {
   for (const char* signal : {"INT", "TERM", "HUP", "ALRM"}) {
     const std::string big = file("big.relievo");
-    const Outcome r = run("( " + kProgram + " sample painting --size 32768x32768 --package " + big + " & pid=$!; n=0; until ls " + big +
-                          ".part-* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; kill -" + signal + " $pid; wait $pid )");
+    const Outcome r =
+        run("( " + kProgram + " sample painting --size 32768x32768 --package " + big + " & pid=$!; n=0; until ls " +
+            big + ".part-* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; kill -" + signal +
+            " $pid; wait $pid )");
     EXPECT_EQ(r.exit_code, 130) << signal << ": " << r.output;
     EXPECT_EQ(filesNamed("big"), 0) << signal;
   }
   // What nohup started goes on.
   const std::string nohup = file("nohup.relievo");
-  const Outcome r = run("( trap '' HUP; " + kProgram + " sample painting --size 2048x2048 --package " + nohup + " & pid=$!; n=0; until ls " + nohup +
-                        "* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.05; done; kill -HUP $pid; wait $pid )");
+  const Outcome r =
+      run("( trap '' HUP; " + kProgram + " sample painting --size 2048x2048 --package " + nohup +
+          " & pid=$!; n=0; until ls " + nohup +
+          "* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.05; done; kill -HUP $pid; wait $pid )");
   EXPECT_EQ(r.exit_code, 0) << r.output;
   EXPECT_TRUE(fs::exists(nohup));
 }
 
 TEST_F(OutputCli, WhatAKilledBuildLeftGoesWithTheNextOne) {
   const std::string target = file("killed.relievo");
-  run("( " + kProgram + " sample painting --size 32768x32768 --package " + target + " & pid=$!; n=0; until ls " + target +
-      ".part-* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; kill -KILL $pid; wait $pid )");
+  run("( " + kProgram + " sample painting --size 32768x32768 --package " + target + " & pid=$!; n=0; until ls " +
+      target + ".part-* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.1; done; kill -KILL $pid; wait $pid )");
   ASSERT_EQ(filesNamed("killed.relievo.part-"), 1);
   ASSERT_EQ(relievo("sample coin --size 64x64 --package " + target).exit_code, 0);
   EXPECT_EQ(filesNamed("killed.relievo.part-"), 0);
@@ -239,13 +269,19 @@ TEST_F(OutputCli, TheModeAndALinkStay) {
 TEST_F(OutputCli, InputsThatAreNoFilesAreRefused) {
   const std::string pipe = file("pipe");
   ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
-  for (const auto& [from, to] : {std::pair{"pipe", "pipe.ply"}, {"pipe", "pipe.obj"}, {"pipe", "pipe.png"}, {"pipe", "pipe.mtl"}}) fs::create_symlink(from, file(to));
+  for (const auto& [from, to] :
+       {std::pair{"pipe", "pipe.ply"}, {"pipe", "pipe.obj"}, {"pipe", "pipe.png"}, {"pipe", "pipe.mtl"}})
+    fs::create_symlink(from, file(to));
   write("m.obj", "mtllib pipe.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n");
   write("k.mtl", "newmtl k\nmap_Kd pipe.png\n");
-  write("k.obj", "mtllib k.mtl\nusemtl k\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nf 1/1 2/2 3/3\nf 2/2 4/4 3/3\n");
+  write("k.obj",
+        "mtllib k.mtl\nusemtl k\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nf 1/1 2/2 3/3\nf "
+        "2/2 4/4 3/3\n");
   for (const std::string& input : {pipe, std::string("/dev/zero"), folder_}) {
-    for (const std::string& command : {"info " + input, "verify " + input, "render " + input + " -o " + file("x.png"), "build --ptm " + input + " -o " + file("x"),
-                                       "build --image " + input + " -o " + file("x"), "render " + coin() + " --state " + input + " -o " + file("x.png")}) {
+    for (const std::string& command :
+         {"info " + input, "verify " + input, "render " + input + " -o " + file("x.png"),
+          "build --ptm " + input + " -o " + file("x"), "build --image " + input + " -o " + file("x"),
+          "render " + coin() + " --state " + input + " -o " + file("x.png")}) {
       const Outcome r = run("timeout 20 " + kProgram + " " + command);
       EXPECT_EQ(r.exit_code, 2) << command << ": " << r.output;
       EXPECT_NE(r.output.find(input), std::string::npos) << r.output;

@@ -19,7 +19,8 @@ class PackageCli : public Cli {
  protected:
   void SetUp() override {
     Cli::SetUp();
-    const Outcome made = relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("a.relievo"));
+    const Outcome made =
+        relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("a.relievo"));
     ASSERT_EQ(made.exit_code, 0) << made.output;
     bytes_ = readAll("a.relievo");
     auto header = decodeHeader({reinterpret_cast<const uint8_t*>(bytes_.data()), kHeaderBytes}, "a.relievo");
@@ -36,7 +37,8 @@ class PackageCli : public Cli {
     encodeHeader(h, {p, kHeaderBytes});
     encodeHeader(h, {p + bytes.size() - kHeaderBytes, kHeaderBytes});
   }
-  // A file whose header has the artwork's size, and the index and pages that belong to it, behind the sound header's manifest.
+  // A file whose header has the artwork's size, and the index and pages that belong to it, behind the sound header's
+  // manifest.
   PackageHeader hugeHeader(uint64_t side_px) const {
     PackageHeader h = header_;
     h.domain.width_px = h.domain.height_px = side_px;
@@ -50,7 +52,9 @@ class PackageCli : public Cli {
     return h;
   }
   // Standard output goes to the file, the rest into the outcome.
-  Outcome runTo(const std::string& name, const std::string& command) const { return run("( " + command + " >" + file(name) + " )"); }
+  Outcome runTo(const std::string& name, const std::string& command) const {
+    return run("( " + command + " >" + file(name) + " )");
+  }
   static std::ptrdiff_t lines(const std::string& text) { return std::count(text.begin(), text.end(), '\n'); }
 
   std::string bytes_;
@@ -63,8 +67,9 @@ TEST_F(PackageCli, ClaimsThatTheFileCannotHoldAreRefusedByEveryCommand) {
   encodeHeader(hugeHeader(uint64_t{1} << 24), {reinterpret_cast<uint8_t*>(bytes.data()), kHeaderBytes});
   write("huge.relievo", bytes);
   const std::string huge = file("huge.relievo");
-  for (const std::string& command : {"info " + huge, "info --json " + huge, "verify " + huge, "verify --json " + huge, "verify --repair " + huge,
-                                     "render " + huge + " -o " + file("p.png"), "view " + huge, "bench " + huge, "compare " + huge + " -o " + file("report")}) {
+  for (const std::string& command : {"info " + huge, "info --json " + huge, "verify " + huge, "verify --json " + huge,
+                                     "verify --repair " + huge, "render " + huge + " -o " + file("p.png"),
+                                     "view " + huge, "bench " + huge, "compare " + huge + " -o " + file("report")}) {
 #ifdef __SANITIZE_ADDRESS__
     const char* limit = "";  // the sanitizer maps terabytes
 #else
@@ -89,7 +94,8 @@ TEST_F(PackageCli, WalksOverAFilesClaimsEndWhenInterrupted) {
   ASSERT_FALSE(bad) << "this file system has no room for holes: " << bad.message();
   for (const char* command : {"info ", "verify ", "verify --json "}) {
     for (const char* signal : {"INT", "TERM"}) {
-      const Outcome r = runTo("out", "timeout --foreground --preserve-status -k 60 -s " + std::string(signal) + " 1 " RELIEVO_PROGRAM " " + command + file("holes.relievo"));
+      const Outcome r = runTo("out", "timeout --foreground --preserve-status -k 60 -s " + std::string(signal) +
+                                         " 1 " RELIEVO_PROGRAM " " + command + file("holes.relievo"));
       EXPECT_EQ(r.exit_code, 130) << command << signal << ": " << r.output;
       EXPECT_NE(r.output.find("interrupted"), std::string::npos) << r.output;
     }
@@ -152,7 +158,8 @@ TEST_F(PackageCli, APictureOfADamagedPackageTakesNoGoodOnesPlace) {
     EXPECT_EQ(r.exit_code, 3) << r.output;
     EXPECT_EQ(lines(r.output), 1) << r.output;
     EXPECT_NE(r.output.find("relievo: error: " + file("b.relievo") + ": "), std::string::npos) << r.output;
-    for (const char* part : {" pages that the picture needs could not be read; the first: page plane ", "relievo verify", "--allow-damage"})
+    for (const char* part : {" pages that the picture needs could not be read; the first: page plane ",
+                             "relievo verify", "--allow-damage"})
       EXPECT_NE(r.output.find(part), std::string::npos) << part << " in " << r.output;
     EXPECT_TRUE(readAll("p.png") == good);
     r = relievo(render + " --allow-damage");
@@ -213,7 +220,8 @@ TEST_F(PackageCli, VerifyTellsInputErrorsFromDamage) {
   EXPECT_EQ(r.exit_code, 2) << r.output;
   EXPECT_EQ(r.output.find("damaged:"), std::string::npos) << r.output;
   EXPECT_NE(r.output.find("0 damaged pages"), std::string::npos) << r.output;
-  EXPECT_NE(r.output.find(std::to_string(header_.page_count) + " parts could not be read"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find(std::to_string(header_.page_count) + " parts could not be read"), std::string::npos)
+      << r.output;
   ASSERT_EQ(runTo("b.json", RELIEVO_PROGRAM " verify --json --source-fail 100 " + file("a.relievo")).exit_code, 2);
   auto json = nlohmann::json::parse(readAll("b.json"), nullptr, false);
   ASSERT_TRUE(json.is_object()) << readAll("b.json");

@@ -30,7 +30,8 @@ struct Layers {
 
 Layers readLayers(const SampleArtwork& a, const Rect& r) {
   const auto n = static_cast<size_t>(r.width * r.height);
-  Layers l{std::vector<float>(n), std::vector<uint8_t>(3 * n), std::vector<uint8_t>(9 * n), std::vector<uint8_t>(18 * n)};
+  Layers l{std::vector<float>(n), std::vector<uint8_t>(3 * n), std::vector<uint8_t>(9 * n),
+           std::vector<uint8_t>(18 * n)};
   a.heights(r, l.heights);
   a.albedo(r, l.albedo);
   EXPECT_TRUE(a.ptmSource(Basis::kPtmLrgb)->read(r, l.lrgb));
@@ -45,7 +46,9 @@ Layers cut(const Layers& whole, const Rect& of, const Rect& r) {
   auto plane = [&](auto& from, auto& to, size_t channels, size_t stride_channels, size_t planes) {
     for (size_t p = 0; p < planes; ++p)
       for (int64_t y = 0; y < r.height; ++y) {
-        auto begin = from.begin() + static_cast<std::ptrdiff_t>(p * area + stride_channels * static_cast<size_t>((r.y - of.y + y) * of.width + r.x - of.x));
+        auto begin = from.begin() +
+                     static_cast<std::ptrdiff_t>(
+                         p * area + stride_channels * static_cast<size_t>((r.y - of.y + y) * of.width + r.x - of.x));
         to.insert(to.end(), begin, begin + static_cast<std::ptrdiff_t>(channels * static_cast<size_t>(r.width)));
       }
   };
@@ -58,8 +61,9 @@ Layers cut(const Layers& whole, const Rect& of, const Rect& r) {
 
 // Bytes, so that a NaN or a sign of zero would show.
 bool sameBits(const Layers& a, const Layers& b) {
-  return a.heights.size() == b.heights.size() && std::memcmp(a.heights.data(), b.heights.data(), a.heights.size() * 4) == 0 &&
-         a.albedo == b.albedo && a.lrgb == b.lrgb && a.rgb == b.rgb;
+  return a.heights.size() == b.heights.size() &&
+         std::memcmp(a.heights.data(), b.heights.data(), a.heights.size() * 4) == 0 && a.albedo == b.albedo &&
+         a.lrgb == b.lrgb && a.rgb == b.rgb;
 }
 
 TEST(Sample, SamePixelSameBitsWhateverTheRectangle) {
@@ -105,7 +109,9 @@ TEST(Sample, SameBitsFromManyThreads) {
           for (int i = t; i < 16; i += 4) parts[static_cast<size_t>(i)] = readLayers(a, rectOf(i));
         });
     }
-    for (int i = 0; i < 16; ++i) EXPECT_TRUE(sameBits(parts[static_cast<size_t>(i)], cut(alone, whole, rectOf(i)))) << sampleKindName(kind) << " part " << i;
+    for (int i = 0; i < 16; ++i)
+      EXPECT_TRUE(sameBits(parts[static_cast<size_t>(i)], cut(alone, whole, rectOf(i))))
+          << sampleKindName(kind) << " part " << i;
   }
 }
 
@@ -144,12 +150,16 @@ TEST(Sample, NormalsAreCentralDifferences) {
     double worst = 0, flipped = 0;
     for (int64_t y = 0; y < h; ++y)
       for (int64_t x = 0; x < w; ++x) {
-        int64_t x0 = std::max<int64_t>(x - 1, 0), x1 = std::min(x + 1, w - 1), y0 = std::max<int64_t>(y - 1, 0), y1 = std::min(y + 1, h - 1);
-        double sx = (double{mm[static_cast<size_t>(y * w + x1)]} - mm[static_cast<size_t>(y * w + x0)]) / (static_cast<double>(x1 - x0) * a.mmPerPx());
-        double sy = (double{mm[static_cast<size_t>(y1 * w + x)]} - mm[static_cast<size_t>(y0 * w + x)]) / (static_cast<double>(y1 - y0) * a.mmPerPx());
+        int64_t x0 = std::max<int64_t>(x - 1, 0), x1 = std::min(x + 1, w - 1), y0 = std::max<int64_t>(y - 1, 0),
+                y1 = std::min(y + 1, h - 1);
+        double sx = (double{mm[static_cast<size_t>(y * w + x1)]} - mm[static_cast<size_t>(y * w + x0)]) /
+                    (static_cast<double>(x1 - x0) * a.mmPerPx());
+        double sy = (double{mm[static_cast<size_t>(y1 * w + x)]} - mm[static_cast<size_t>(y0 * w + x)]) /
+                    (static_cast<double>(y1 - y0) * a.mmPerPx());
         double len = std::sqrt(1 + sx * sx + sy * sy);
         const double want[3] = {-sx / len, sy / len, 1 / len};
-        for (int c = 0; c < 3; ++c) worst = std::max(worst, std::abs(want[c] - normals[static_cast<size_t>(3 * (y * w + x) + c)]));
+        for (int c = 0; c < 3; ++c)
+          worst = std::max(worst, std::abs(want[c] - normals[static_cast<size_t>(3 * (y * w + x) + c)]));
         flipped = std::max(flipped, std::abs(-want[1] - normals[static_cast<size_t>(3 * (y * w + x) + 1)]));
       }
     EXPECT_LT(worst, 1e-5) << sampleKindName(kind);
@@ -160,7 +170,9 @@ TEST(Sample, NormalsAreCentralDifferences) {
 TEST(Sample, OtherSeedsAreOtherArtworks) {
   for (SampleKind kind : kKinds) {
     const Rect r{0, 0, 300, 300};
-    auto of = [&](uint64_t seed) { return readLayers(SampleArtwork({.kind = kind, .width = 300, .height = 300, .seed = seed}), r); };
+    auto of = [&](uint64_t seed) {
+      return readLayers(SampleArtwork({.kind = kind, .width = 300, .height = 300, .seed = seed}), r);
+    };
     Layers one = of(1);
     EXPECT_TRUE(sameBits(one, of(1)));
     for (uint64_t seed : {uint64_t{2}, uint64_t{3}, uint64_t{1} << 40}) {
@@ -175,7 +187,8 @@ TEST(Sample, SmallAndLongArtworks) {
   for (SampleKind kind : kKinds)
     for (auto [w, h] : {std::pair<int64_t, int64_t>{1, 1}, {1, 7}, {7, 1}, {127, 129}, {1 << 20, 2}, {3, 1 << 20}}) {
       SampleArtwork a({.kind = kind, .width = w, .height = h, .seed = 1});
-      Rect r{std::max<int64_t>(0, w - 130), std::max<int64_t>(0, h - 130), std::min<int64_t>(w, 130), std::min<int64_t>(h, 130)};
+      Rect r{std::max<int64_t>(0, w - 130), std::max<int64_t>(0, h - 130), std::min<int64_t>(w, 130),
+             std::min<int64_t>(h, 130)};
       Layers l = readLayers(a, r);
       for (float v : l.heights) {
         ASSERT_GE(v, a.minMm()) << sampleKindName(kind) << " " << w << "x" << h;
@@ -243,7 +256,8 @@ PtmCheck checkPtm(SampleKind kind, Basis basis) {
     const bool white = basis == Basis::kPtmRgb && kind != SampleKind::kCoin;
     for (int c = 0; c < 3; ++c) {
       std::vector<double> truth;
-      for (const auto& l : lights) truth.push_back(shade(normal, l, albedo[3 * i + static_cast<size_t>(c)], cavity[i], sg, white));
+      for (const auto& l : lights)
+        truth.push_back(shade(normal, l, albedo[3 * i + static_cast<size_t>(c)], cavity[i], sg, white));
       const auto fit = sample::fitPtm(lights, truth);
       for (size_t k = 0; k < lights.size(); ++k) {
         auto basis_values = ptmBasis(lights[k][0], lights[k][1]);
@@ -265,7 +279,8 @@ TEST(Sample, PtmIsTheFitOfTheShadingAndNeverClips) {
   for (SampleKind kind : kKinds)
     for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
       PtmCheck c = checkPtm(kind, basis);
-      std::printf("  %s %s: %.1f dB to the fit, %.1f dB to the shading\n", sampleKindName(kind), basisName(basis), c.psnr_fit, c.psnr_shading);
+      std::printf("  %s %s: %.1f dB to the fit, %.1f dB to the shading\n", sampleKindName(kind), basisName(basis),
+                  c.psnr_fit, c.psnr_shading);
       EXPECT_EQ(c.at_rail, 0) << sampleKindName(kind) << " " << basisName(basis);
       EXPECT_GT(c.psnr_fit, 40.0) << sampleKindName(kind) << " " << basisName(basis);
       EXPECT_GT(c.psnr_shading, 27.0) << sampleKindName(kind) << " " << basisName(basis);
@@ -321,7 +336,8 @@ TEST(Sample, LightsAreUnitAndLieAbove) {
 }
 
 TEST(Sample, AWallCastsTheShadowThatGeometrySays) {
-  // A wall 5 mm high across a plane, 0.5 mm per px: under light at 45 degrees its shadow is 5 mm = 10 px long, on the far side.
+  // A wall 5 mm high across a plane, 0.5 mm per px: under light at 45 degrees its shadow is 5 mm = 10 px long, on the
+  // far side.
   for (int side = 0; side < 4; ++side) {
     const int64_t n = 96;
     std::vector<float> mm(static_cast<size_t>(n * n), 0.0f);
@@ -334,7 +350,9 @@ TEST(Sample, AWallCastsTheShadowThatGeometrySays) {
                                                     : std::array<double, 3>{0, -c, c};
     auto lit = castShadows(mm, n, n, 0.5, light);
     const int away = side == 0 || side == 3 ? -1 : 1;  // from the wall, away from the light, in pixels (y down)
-    auto at = [&](int64_t d) { return lit[static_cast<size_t>(upright ? 50 * n + 48 + away * d : (48 + away * d) * n + 50)]; };
+    auto at = [&](int64_t d) {
+      return lit[static_cast<size_t>(upright ? 50 * n + 48 + away * d : (48 + away * d) * n + 50)];
+    };
     EXPECT_EQ(at(5), 0) << side;
     EXPECT_EQ(at(8), 0) << side;
     EXPECT_EQ(at(12), 255) << side;
@@ -344,7 +362,8 @@ TEST(Sample, AWallCastsTheShadowThatGeometrySays) {
 
 class SampleFiles : public testing::Test {
  protected:
-  std::string folder = testing::TempDir() + "relievo_sample_" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) + "_" +
+  std::string folder = testing::TempDir() + "relievo_sample_" +
+                       std::to_string(::testing::UnitTest::GetInstance()->random_seed()) + "_" +
                        ::testing::UnitTest::GetInstance()->current_test_info()->name();
   void TearDown() override { std::filesystem::remove_all(folder); }
 };
@@ -352,7 +371,15 @@ class SampleFiles : public testing::Test {
 TEST_F(SampleFiles, AreWhatTheGeneratorSays) {
   const int64_t w = 150, h = 131;
   SampleArtwork a({.kind = SampleKind::kCoin, .width = w, .height = h, .seed = 4});
-  auto files = writeSample(a, {.folder = folder, .height = true, .albedo = true, .normals = true, .ptm_lrgb = true, .ptm_rgb = true, .photos = true, .mesh = true, .lights = 7});
+  auto files = writeSample(a, {.folder = folder,
+                               .height = true,
+                               .albedo = true,
+                               .normals = true,
+                               .ptm_lrgb = true,
+                               .ptm_rgb = true,
+                               .photos = true,
+                               .mesh = true,
+                               .lights = 7});
   ASSERT_TRUE(files) << files.error().text();
   for (const std::string& f : *files) EXPECT_TRUE(std::filesystem::exists(folder + "/" + f)) << f;
   const Rect all{0, 0, w, h};
@@ -375,7 +402,8 @@ TEST_F(SampleFiles, AreWhatTheGeneratorSays) {
   ASSERT_TRUE(albedo);
   EXPECT_EQ(albedo->pixels, truth.albedo);
 
-  for (auto [name, basis, want] : {std::tuple{"ptm_lrgb.ptm", Basis::kPtmLrgb, &truth.lrgb}, {"ptm_rgb.ptm", Basis::kPtmRgb, &truth.rgb}}) {
+  for (auto [name, basis, want] :
+       {std::tuple{"ptm_lrgb.ptm", Basis::kPtmLrgb, &truth.lrgb}, {"ptm_rgb.ptm", Basis::kPtmRgb, &truth.rgb}}) {
     auto ptm = openPtm(folder + "/" + name);
     ASSERT_TRUE(ptm) << ptm.error().text();
     EXPECT_EQ((*ptm)->format().basis, basis);
@@ -394,7 +422,9 @@ TEST_F(SampleFiles, AreWhatTheGeneratorSays) {
   auto list = readTextFile(folder + "/photos/lights.lp", 1 << 16);
   ASSERT_TRUE(list);
   EXPECT_EQ(list->substr(0, 2), "7\n");
-  EXPECT_EQ(std::filesystem::file_size(folder + "/mesh.ply") > static_cast<uintmax_t>(w * h * 15 + 2 * (w - 1) * (h - 1) * 13), true);
+  EXPECT_EQ(std::filesystem::file_size(folder + "/mesh.ply") >
+                static_cast<uintmax_t>(w * h * 15 + 2 * (w - 1) * (h - 1) * 13),
+            true);
 }
 
 TEST_F(SampleFiles, InterruptionStopsAndSaysSo) {

@@ -1,4 +1,5 @@
-// The program where the system gives few threads: the same bytes as with many, or exit code 4 and one sentence; it never hangs nor aborts.
+// The program where the system gives few threads: the same bytes as with many, or exit code 4 and one sentence; it
+// never hangs nor aborts.
 #include "tests/base/thread_limit.h"
 
 #include <iterator>
@@ -25,9 +26,10 @@ class ThreadLimit : public testing_support::Cli {
     for (int most : {0, 1, 2, 3, 6, 12, 24}) {
       if (!output.empty()) testing_support::fs::remove(file(output));
       // The sanitizers' libraries want to be first.
-      const Outcome r = testing_support::run("timeout -s KILL 300 env ASAN_OPTIONS=\"$ASAN_OPTIONS:verify_asan_link_order=0\" LD_PRELOAD=" RELIEVO_THREAD_LIMIT
-                                             " RELIEVO_MOST_THREADS=" + std::to_string(most) + " RELIEVO_THREADS_REFUSED=" + file("refused") +
-                                             " " RELIEVO_PROGRAM " " + arguments);
+      const Outcome r = testing_support::run(
+          "timeout -s KILL 300 env ASAN_OPTIONS=\"$ASAN_OPTIONS:verify_asan_link_order=0\" "
+          "LD_PRELOAD=" RELIEVO_THREAD_LIMIT " RELIEVO_MOST_THREADS=" +
+          std::to_string(most) + " RELIEVO_THREADS_REFUSED=" + file("refused") + " " RELIEVO_PROGRAM " " + arguments);
       SCOPED_TRACE("at most " + std::to_string(most) + " threads: " + arguments + "\n" + r.output);
       if (r.exit_code == 0) {
         if (!output.empty()) {
@@ -50,14 +52,17 @@ class ThreadLimit : public testing_support::Cli {
     }
   }
   void makePackage() {
-    const Outcome made = relievo("sample coin --size 300x200 --write height,ptm-lrgb,mesh -o " + file("s") + " --package " + file("coin.relievo"));
+    const Outcome made = relievo("sample coin --size 300x200 --write height,ptm-lrgb,mesh -o " + file("s") +
+                                 " --package " + file("coin.relievo"));
     ASSERT_EQ(made.exit_code, 0) << made.output;
   }
 };
 
 TEST_F(ThreadLimit, BuildOfAPtmAndHeights) {
   makePackage();
-  expectSameOrSentence("build --ptm " + file("s/ptm_lrgb.ptm") + " --relief " + file("s/height_float.tif") + " --mm-per-pixel 0.1 -o " + file("built.relievo"), "built.relievo");
+  expectSameOrSentence("build --ptm " + file("s/ptm_lrgb.ptm") + " --relief " + file("s/height_float.tif") +
+                           " --mm-per-pixel 0.1 -o " + file("built.relievo"),
+                       "built.relievo");
 }
 
 TEST_F(ThreadLimit, BuildOfAScan) {
@@ -65,7 +70,9 @@ TEST_F(ThreadLimit, BuildOfAScan) {
   expectSameOrSentence("build --mesh " + file("s/mesh.ply") + " -o " + file("built.relievo"), "built.relievo");
 }
 
-TEST_F(ThreadLimit, Sample) { expectSameOrSentence("sample inscription --size 1100x300 --package " + file("made.relievo"), "made.relievo"); }
+TEST_F(ThreadLimit, Sample) {
+  expectSameOrSentence("sample inscription --size 1100x300 --package " + file("made.relievo"), "made.relievo");
+}
 
 TEST_F(ThreadLimit, Verify) {
   makePackage();
@@ -74,7 +81,8 @@ TEST_F(ThreadLimit, Verify) {
 
 TEST_F(ThreadLimit, Render) {
   makePackage();
-  expectSameOrSentence("render " + file("coin.relievo") + " -o " + file("picture.png") + " --size 160x120", "picture.png");
+  expectSameOrSentence("render " + file("coin.relievo") + " -o " + file("picture.png") + " --size 160x120",
+                       "picture.png");
 }
 
 }  // namespace
