@@ -1,4 +1,4 @@
-// compare_triangles.vert - a vertex of a strategy's explicit triangles (geometry/lod_strategy.h); the same arithmetic as patch.vert, so
+// compare_triangles.vert - a vertex of a strategy's explicit triangles (geometry/strategies/lod_strategy.h); the same arithmetic as patch.vert, so
 // that a vertex at the same place and height has the same bits. MESH: over a base mesh.
 #ifdef MESH
 #include "common.glsl"

@@ -1,4 +1,4 @@
-// feedback.frag - which node of the texture each pixel wants (texturing/feedback.h).
+// feedback.frag - which node of the texture each pixel wants (texturing/stream/feedback.h).
 #include "texture_lookup.glsl"
 
 #ifdef ANISOTROPY

@@ -20,7 +20,7 @@ ivec4 a_origin;  // units from the eye's unit (MESH: the patch's corner) to the 
 ivec4 a_relief;  // units from the relief page's corner to the node's corner: x, y; where its samples are (TAILS: -1: the patch's tail); log2
                  // of their spacing in units
 uvec3 a_node;    // index in the list of instances, + 1; the node's level; its patch
-uint a_edges;    // per side a byte: a | b << 4 (geometry/planar_lod.h)
+uint a_edges;    // per side a byte: a | b << 4 (geometry/lod/planar_lod.h)
 int a_compact;   // of a relief page in compact form, 1 + how many times its cells a side are halved; else 0
 
 void loadInstance() {

@@ -1,4 +1,4 @@
-// page_table.h - compiles as C++ and as GLSL: the hash functions of the page table (texturing/page_table.h).
+// page_table.h - compiles as C++ and as GLSL: the hash functions of the page table (texturing/stream/page_table.h).
 // key_lo, key_hi: the 64-bit key packNode(node) + 1. mask: entries - 1 (a power of two, at least 2 entries).
 //
 // Only uint arithmetic, so that GLSL 3.30, GLSL ES 3.00 and C++ give the same bits.

@@ -1,4 +1,4 @@
-// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (C++ twin: texturing/basis.h).
+// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (C++ twin: src/artwork/basis.h).
 // TAILS_ONLY: no page is looked up. PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
 #include "texture_lookup.glsl"
 
@@ -225,7 +225,7 @@ vec3 shade(vec3 channels[PLANES]) {
   }
   return channels[2] * (luminance / 255.0);
 #elif BASIS == 3
-  // Albedo and normal (texturing/basis.h): Lambert's law, shown on a display of gamma 2.2.
+  // Albedo and normal (src/artwork/basis.h): Lambert's law, shown on a display of gamma 2.2.
   vec3 light = vec3(u_coefficients[0].z, u_coefficients[1].z, u_coefficients[2].z);
   float lit = max(dot(channels[1] / 127.5 - 1.0, light), 0.0);
   return channels[0] * pow(min(0.04 + 0.96 * lit, 1.0), 1.0 / 2.2);

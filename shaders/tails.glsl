@@ -1,4 +1,4 @@
-// tails.glsl - what of a patch is there without a page: texels of few levels (texturing/patch_tails.h, src/render/tail_textures.h). Constants are
+// tails.glsl - what of a patch is there without a page: texels of few levels (texturing/package/patch_tails.h, src/render/tail_textures.h). Constants are
 // compared with those by a test. A texel has the channels of a plane in the lowest three bytes of a word.
 #include "texel_table.glsl"
 

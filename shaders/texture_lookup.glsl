@@ -8,7 +8,7 @@
 #include "tails.glsl"
 #endif
 
-uniform usampler2D u_table;        // texturing/page_table.h
+uniform usampler2D u_table;        // texturing/stream/page_table.h
 uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
 uniform uvec4 u_table_shape;       // entries - 1; log2 of the width; seed; -
 uniform ivec4 u_artwork;           // finest texture level; 1: the patches' strip runs along x; width, height in texels
@@ -175,7 +175,7 @@ void toNodeAt(vec2 uv, inout Place place) {
 // software GL leaves a loop when all pixels are done, but runs through both sides of every branch.
 bool findResident(inout Place place, out uvec4 entry, out uint index) {
   for (bool second = false;; second = !second) {
-    // packNode(node) + 1 of src/base/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.
+    // packNode(node) + 1 of src/artwork/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.
     uint lo = (place.node.w | (place.node.z << 17u)) + 1u;
     uint hi = ((place.node.z >> 15u) | (place.node.x << 2u) | (place.node.y << 22u)) + (lo == 0u ? 1u : 0u);
     uint h = pageHash(lo, hi, u_table_shape.z);

@@ -19,8 +19,8 @@
 
 #include "src/base/file.h"
 #include "src/base/progress.h"
-#include "texturing/image_io.h"
-#include "texturing/ptm.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
 #include "tools/build_mesh.h"
 #include "tools/build_run.h"
 

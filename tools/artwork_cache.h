@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "src/base/result.h"
-#include "texturing/package.h"
+#include "texturing/package/package.h"
 
 namespace CLI {
 class App;

@@ -11,25 +11,25 @@
 #include <memory>
 #include <optional>
 
-#include "geometry/base_domain.h"
-#include "geometry/mesh_bake.h"
-#include "geometry/mesh_distance.h"
-#include "geometry/mesh_order.h"
-#include "geometry/mesh_read.h"
+#include "geometry/bake/mesh_bake.h"
+#include "geometry/bake/mesh_distance.h"
+#include "geometry/mesh/mesh_order.h"
+#include "geometry/remesh/base_domain.h"
+#include "geometry/scan/mesh_read.h"
 #include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/base/worker_threads.h"
-#include "texturing/file_provenance.h"
-#include "texturing/image_io.h"
-#include "texturing/package.h"
-#include "texturing/package_base.h"
-#include "texturing/patch_source.h"
-#include "texturing/ptm.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
+#include "texturing/package/file_provenance.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_base.h"
+#include "texturing/package/patch_source.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
-#include "tools/mesh_report.h"
 #include "tools/output_files.h"
+#include "tools/report/mesh_report.h"
 
 namespace relievo {
 namespace {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "src/base/result.h"
-#include "texturing/image_io.h"
-#include "texturing/package_builder.h"
+#include "texturing/import/image_io.h"
+#include "texturing/package/package_builder.h"
 
 namespace relievo {
 

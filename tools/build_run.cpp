@@ -4,7 +4,7 @@
 #include <cstdio>
 
 #include "src/base/progress.h"
-#include "texturing/patch_package_builder.h"
+#include "texturing/package/patch_package_builder.h"
 
 namespace relievo {
 namespace {

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "texturing/package_builder.h"
-#include "texturing/patch_source.h"
+#include "texturing/package/package_builder.h"
+#include "texturing/package/patch_source.h"
 
 namespace relievo {
 

@@ -13,12 +13,12 @@
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/gl/context.h"
-#include "texturing/package_builder.h"
-#include "tools/bench.h"
-#include "tools/bench_groups.h"
+#include "texturing/package/package_builder.h"
+#include "tools/bench/bench.h"
+#include "tools/bench/bench_groups.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
-#include "tools/sample_artwork.h"
+#include "tools/sample/sample_artwork.h"
 
 namespace relievo {
 namespace {

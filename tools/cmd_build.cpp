@@ -9,9 +9,9 @@
 
 #include "src/base/file.h"
 #include "src/base/standard_output.h"
-#include "texturing/image_io.h"
-#include "texturing/package_builder.h"
-#include "texturing/ptm.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
+#include "texturing/package/package_builder.h"
 #include "tools/build_mesh.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"

@@ -14,11 +14,11 @@
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/gl/context.h"
-#include "texturing/image_io.h"
+#include "texturing/import/image_io.h"
 #include "tools/commands.h"
-#include "tools/compare_path.h"
-#include "tools/compare_report.h"
-#include "tools/compare_run.h"
+#include "tools/compare/compare_path.h"
+#include "tools/compare/compare_report.h"
+#include "tools/compare/compare_run.h"
 #include "tools/output_files.h"
 
 namespace relievo {

@@ -7,12 +7,12 @@
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
-#include "src/effect_plan.h"
-#include "src/upload_choice.h"
-#include "texturing/cache_budget.h"
-#include "texturing/package.h"
+#include "src/engine/effect_plan.h"
+#include "src/engine/upload_choice.h"
+#include "texturing/package/package.h"
+#include "texturing/stream/cache_budget.h"
 #include "tools/commands.h"
-#include "tools/mesh_report.h"
+#include "tools/report/mesh_report.h"
 
 namespace relievo {
 namespace {

@@ -11,8 +11,8 @@
 #include "tools/build_run.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
-#include "tools/sample_artwork.h"
-#include "tools/sample_writer.h"
+#include "tools/sample/sample_artwork.h"
+#include "tools/sample/sample_writer.h"
 
 namespace relievo {
 namespace {

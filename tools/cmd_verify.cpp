@@ -8,8 +8,8 @@
 
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
-#include "texturing/package.h"
-#include "texturing/page_sources.h"
+#include "texturing/package/package.h"
+#include "texturing/stream/page_sources.h"
 #include "tools/commands.h"
 
 namespace relievo {

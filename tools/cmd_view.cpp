@@ -7,8 +7,8 @@
 
 #include <CLI/CLI.hpp>
 
-#include "src/viewer.h"
-#include "texturing/image_io.h"
+#include "src/viewer/viewer.h"
+#include "texturing/import/image_io.h"
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"

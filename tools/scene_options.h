@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "src/base/result.h"
-#include "src/camera.h"
-#include "src/effect_plan.h"
-#include "src/engine.h"
+#include "src/engine/effect_plan.h"
+#include "src/engine/engine.h"
+#include "src/render/camera.h"
 
 namespace CLI {
 class App;

@@ -1,8 +1,8 @@
 // source_options.h - the options with which render and view show a package on slow or damaged storage.
 #pragma once
 
-#include "src/engine.h"
-#include "texturing/page_sources.h"
+#include "src/engine/engine.h"
+#include "texturing/stream/page_sources.h"
 
 namespace CLI {
 class App;

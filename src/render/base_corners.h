@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "src/base/base_mesh.h"
+#include "src/artwork/base_mesh.h"
 #include "src/gl/program.h"
 #include "src/render/texel_table.h"
 

@@ -1,5 +1,5 @@
-// block_formats.h - which GL formats hold a page's blocks (texturing/page_block_codec.h), and which of them a context
-// samples.
+// block_formats.h - which GL formats hold a page's blocks (texturing/codec/page_block_codec.h), and which of them a
+// context samples.
 #pragma once
 
 #include <optional>
@@ -8,7 +8,7 @@
 
 #include "src/gl/context.h"
 #include "src/gl/objects.h"
-#include "texturing/page_encoding.h"
+#include "texturing/codec/page_encoding.h"
 
 namespace relievo {
 

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "src/gl/objects.h"
-#include "texturing/feedback.h"
+#include "texturing/stream/feedback.h"
 
 namespace relievo {
 

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <bit>
 
-#include "src/base/planar_domain.h"
+#include "src/artwork/planar_domain.h"
 #include "src/gl/context.h"
 #include "src/render/block_formats.h"
-#include "texturing/page_codec.h"
-#include "texturing/relief_parts.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/stream/relief_subslots.h"
 
 namespace relievo {
 namespace {

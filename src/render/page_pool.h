@@ -1,7 +1,7 @@
 // page_pool.h - the page cache's texels and the page table, as textures. Applies what texturing/ decided; decides
 // nothing. A slot is a square of kPageFullPx texels in a layer of kSlotsPerSide x kSlotsPerSide slots, RGBA8 whatever
 // it holds: a texture page, or relief pages beside one another, two samples a texel or in compact form
-// (relief_parts.h). Or texture pages have slots of their own, of blocks, in one to three compressed textures
+// (relief_subslots.h). Or texture pages have slots of their own, of blocks, in one to three compressed textures
 // (block_formats.h), and RGBA8 is relief's alone. Uploads come before the frame's draws: on software GL an upload to a
 // texture that a draw in flight samples stalls for that draw.
 #pragma once
@@ -14,8 +14,8 @@
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/upload_ring.h"
-#include "texturing/cache_budget.h"
-#include "texturing/page_streamer.h"
+#include "texturing/stream/cache_budget.h"
+#include "texturing/stream/page_streamer.h"
 
 namespace relievo {
 

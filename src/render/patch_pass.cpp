@@ -8,7 +8,7 @@
 #include <cstddef>
 #include <numeric>
 
-#include "src/base/base_mesh.h"
+#include "src/artwork/base_mesh.h"
 #include "src/render/page_pool.h"
 
 namespace relievo {

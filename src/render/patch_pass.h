@@ -7,13 +7,13 @@
 #include <span>
 #include <vector>
 
-#include "geometry/planar_lod.h"
-#include "src/camera.h"
+#include "geometry/lod/planar_lod.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
+#include "src/render/camera.h"
 #include "src/render/depth.h"
 #include "src/render/texel_table.h"
-#include "texturing/page_cache.h"
+#include "texturing/stream/page_cache.h"
 
 namespace relievo {
 
@@ -24,7 +24,7 @@ struct GpuPatchInstance {
   uint32_t levels;  // the node's level 5 bits | grid level 3 | log2 of the step 5 | log2 of the relief samples' spacing
                     // 5 | levels from the relief page to the node 5 | 0, or for relief in compact form 1 +
                     // ReliefPlace::coarser 2
-  uint32_t x, y;      // the node's
+  uint32_t x, y;    // the node's
   int32_t origin[2];  // units from the eye's unit (over a base mesh: from the patch's corner)
   uint32_t relief;    // ReliefPlace::texel; kReliefInTail: the patch's tail
   uint32_t edges;     // per side a byte
@@ -32,8 +32,8 @@ struct GpuPatchInstance {
 static_assert(sizeof(GpuPatchInstance) == 32);
 inline constexpr uint32_t kReliefInTail = ~0u;
 
-// And with geomorph: weights of geometry/morph.h, per side a byte, of whole edges or first halves; of second halves; of
-// the grid's inside.
+// And with geomorph: weights of geometry/lod/morph.h, per side a byte, of whole edges or first halves; of second
+// halves; of the grid's inside.
 struct GpuPatchMorph {
   uint32_t weights[3];
 };

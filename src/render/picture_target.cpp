@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "texturing/page_table.h"
+#include "texturing/stream/page_table.h"
 
 namespace relievo {
 

@@ -6,11 +6,11 @@
 #include <cstdint>
 #include <vector>
 
-#include "src/base/planar_domain.h"
+#include "src/artwork/basis.h"
+#include "src/artwork/planar_domain.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/depth.h"
-#include "texturing/basis.h"
 
 namespace relievo {
 

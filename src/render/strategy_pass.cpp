@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "texturing/relief_parts.h"
+#include "texturing/stream/relief_subslots.h"
 
 namespace relievo {
 namespace {

@@ -1,7 +1,7 @@
-// strategy_pass.h - draws what a LOD strategy chose (geometry/lod_strategy.h) into a buffer that says which place of
-// the artwork each pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index + 1 (0:
-// nothing), how far u or v goes to the next pixel. base: of an artwork over a base mesh; null: flat. Needs the context
-// current that it was made in, and a page of relief in its slot before anything is displaced from it.
+// strategy_pass.h - draws what a LOD strategy chose (geometry/strategies/lod_strategy.h) into a buffer that says which
+// place of the artwork each pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index +
+// 1 (0: nothing), how far u or v goes to the next pixel. base: of an artwork over a base mesh; null: flat. Needs the
+// context current that it was made in, and a page of relief in its slot before anything is displaced from it.
 #pragma once
 
 #include <array>
@@ -10,17 +10,17 @@
 #include <unordered_map>
 #include <vector>
 
-#include "geometry/lod_strategy.h"
-#include "src/camera.h"
+#include "geometry/strategies/lod_strategy.h"
 #include "src/gl/context.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/base_corners.h"
+#include "src/render/camera.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/surface_target.h"
 #include "src/render/tessellated_pass.h"
-#include "texturing/page_table.h"
+#include "texturing/stream/page_table.h"
 
 namespace relievo {
 

@@ -1,13 +1,13 @@
-// tail_textures.h - the tails of an artwork's patches (texturing/patch_tails.h) as tables: heights for patch.vert,
-// blocks of texels for shade.frag.
+// tail_textures.h - the tails of an artwork's patches (texturing/package/patch_tails.h) as tables: heights for
+// patch.vert, blocks of texels for shade.frag.
 #pragma once
 
 #include <cstdint>
 
-#include "src/base/base_mesh.h"
+#include "src/artwork/base_mesh.h"
 #include "src/gl/program.h"
 #include "src/render/texel_table.h"
-#include "texturing/patch_tails.h"
+#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 

@@ -1,5 +1,5 @@
 // tessellated_pass.h - patches cut by the hardware tessellator (GL 4), for comparison with grids. See
-// geometry/strategy_tessellation.cpp.
+// geometry/strategies/strategy_tessellation.cpp.
 #pragma once
 
 #include <cstdint>

@@ -20,13 +20,13 @@
 
 #include <nlohmann/json.hpp>
 
+#include "src/artwork/node_id.h"
+#include "src/artwork/planar_domain.h"
 #include "src/base/channel.h"
 #include "src/base/file.h"
 #include "src/base/heap.h"
 #include "src/base/json_parse.h"
 #include "src/base/mailbox.h"
-#include "src/base/node_id.h"
-#include "src/base/planar_domain.h"
 #include "src/base/printable.h"
 #include "src/base/result.h"
 

@@ -25,9 +25,9 @@ const std::vector<Rule> kRules = {
     {{"fopen("}, {"tools/build_mesh.cpp"}},  // of /proc/self, for peak memory
     {{"O_CREAT", "creat(", "rename("}, {"src/base/file.cpp"}},
     {{"O_TMPFILE", "mkstemp(", "mkstemps(", "mkostemp("},
-     {"src/base/file.cpp", "texturing/package_writer.cpp"}},  // files without a name
+     {"src/base/file.cpp", "texturing/package/package_writer.cpp"}},  // files without a name
     {{"printf(", "vprintf(", "puts(", "putchar(", "cout", "stdout"}, {}},
-    {{"ImageOutput::create("}, {"texturing/image_io_oiio.cpp"}},
+    {{"ImageOutput::create("}, {"texturing/import/image_io_oiio.cpp"}},
 };
 
 // Without comments and without what stands in quotes.

@@ -8,8 +8,8 @@
 
 #include "tests/fuzz/fuzz_file.h"
 #include "tests/texturing/patch_fixture.h"
-#include "texturing/package_builder.h"
-#include "texturing/patch_package_builder.h"
+#include "texturing/package/package_builder.h"
+#include "texturing/package/patch_package_builder.h"
 
 namespace relievo::fuzz {
 

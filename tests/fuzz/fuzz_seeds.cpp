@@ -12,9 +12,9 @@
 #include "src/base/file.h"
 #include "tests/fuzz/fuzz_packages.h"
 #include "tests/geometry/mesh_files.h"
-#include "texturing/image_io.h"
-#include "texturing/page_codec.h"
-#include "texturing/ptm.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
 
 namespace {
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "tests/fuzz/fuzz_file.h"
-#include "texturing/image_io.h"
+#include "texturing/import/image_io.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace relievo;

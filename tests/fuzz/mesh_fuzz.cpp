@@ -2,7 +2,7 @@
 // material file.
 #include <string_view>
 
-#include "geometry/mesh_read.h"
+#include "geometry/scan/mesh_read.h"
 #include "tests/fuzz/fuzz_file.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {

@@ -12,9 +12,9 @@
 
 #include "tests/fuzz/fuzz_file.h"
 #include "tests/fuzz/fuzz_packages.h"
-#include "texturing/package.h"
-#include "texturing/package_layout.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
 
 namespace relievo::fuzz {
 namespace {

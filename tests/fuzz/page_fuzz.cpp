@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "tests/fuzz/fuzz_file.h"
-#include "texturing/page_block_codec.h"
-#include "texturing/page_codec.h"
-#include "texturing/relief_compact.h"
+#include "texturing/codec/page_block_codec.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/codec/relief_compact.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace relievo;

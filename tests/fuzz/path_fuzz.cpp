@@ -1,6 +1,6 @@
 // A camera path as `compare --path` reads it.
 #include "tests/fuzz/fuzz_file.h"
-#include "tools/compare_path.h"
+#include "tools/compare/compare_path.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace relievo;

@@ -2,7 +2,7 @@
 #include <vector>
 
 #include "tests/fuzz/fuzz_file.h"
-#include "texturing/ptm.h"
+#include "texturing/import/ptm.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace relievo;

@@ -1,6 +1,6 @@
 // Base meshes of shapes whose topology, borders and surface are known: kept, followed, and reached by lines along the
 // normals.
-#include "geometry/base_domain.h"
+#include "geometry/remesh/base_domain.h"
 
 #include <gtest/gtest.h>
 
@@ -8,11 +8,11 @@
 #include <map>
 #include <random>
 
-#include "geometry/base_rails.h"
-#include "geometry/base_reduce.h"
-#include "geometry/base_runs.h"
-#include "geometry/base_sheet.h"
-#include "geometry/mesh_read.h"
+#include "geometry/remesh/base_reduce.h"
+#include "geometry/remesh/base_sheet.h"
+#include "geometry/remesh/chunk_reduce.h"
+#include "geometry/remesh/feature_curves.h"
+#include "geometry/scan/mesh_read.h"
 #include "tests/geometry/base_shapes.h"
 #include "tests/shared_data.h"
 #include "tests/view_share.h"

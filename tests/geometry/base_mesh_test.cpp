@@ -1,4 +1,4 @@
-#include "src/base/base_mesh.h"
+#include "src/artwork/base_mesh.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <utility>
 
-#include "geometry/tri_mesh.h"
+#include "geometry/mesh/tri_mesh.h"
 
 namespace relievo {
 

@@ -11,15 +11,15 @@
 #include <cstdio>
 #include <limits>
 
-#include "geometry/base_domain.h"
-#include "geometry/mesh_bake.h"
-#include "geometry/ray_scene.h"
-#include "geometry/strategy_field.h"
+#include "geometry/bake/mesh_bake.h"
+#include "geometry/mesh/ray_scene.h"
+#include "geometry/remesh/base_domain.h"
+#include "geometry/strategies/strategy_field.h"
 #include "tests/geometry/base_shapes.h"
 #include "tests/geometry/cell_ranges.h"
 #include "tests/geometry/true_mesh_relief.h"
 #include "tests/view_share.h"
-#include "tools/sample_artwork.h"
+#include "tools/sample/sample_artwork.h"
 
 namespace relievo::test {
 namespace {

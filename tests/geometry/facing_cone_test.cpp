@@ -1,7 +1,7 @@
 // Cones of normals against all triangles of all levels' grids, in doubles; which meshes are closed bodies; and lists
 // with and without what faces away: nothing else may differ. Controls: cones a few degrees too narrow, slopes that are
 // not true, eyes and near planes inside.
-#include "geometry/facing_cone.h"
+#include "geometry/lod/facing_cone.h"
 
 #include <gtest/gtest.h>
 

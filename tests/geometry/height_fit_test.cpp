@@ -1,6 +1,6 @@
 // Fitted heights: the cost has its minimum there, found by brute force; what theory says a fit wins; what is shared
 // stays.
-#include "geometry/height_fit.h"
+#include "geometry/bake/height_fit.h"
 
 #include <gtest/gtest.h>
 

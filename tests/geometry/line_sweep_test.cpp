@@ -1,6 +1,6 @@
 // All lines of a square at once: what is answered is what brute force over all triangles finds; what cannot be known is
 // not answered.
-#include "geometry/line_sweep.h"
+#include "geometry/bake/line_sweep.h"
 
 #include <gtest/gtest.h>
 
@@ -8,8 +8,8 @@
 #include <cmath>
 #include <random>
 
-#include "geometry/mesh_bake.h"
-#include "src/base/planar_domain.h"
+#include "geometry/bake/mesh_bake.h"
+#include "src/artwork/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"
 

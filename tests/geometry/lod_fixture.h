@@ -12,9 +12,9 @@
 
 #include <glm/gtc/matrix_transform.hpp>
 
-#include "geometry/morph.h"
-#include "geometry/patch_vertex.h"
-#include "geometry/planar_lod.h"
+#include "geometry/lod/morph.h"
+#include "geometry/lod/patch_vertex.h"
+#include "geometry/lod/planar_lod.h"
 #include "tests/view_share.h"
 
 namespace relievo::test {

@@ -3,7 +3,7 @@
 
 #include <thread>
 
-#include "geometry/lod_worker.h"
+#include "geometry/lod/lod_worker.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

@@ -1,5 +1,5 @@
 // Baking: heights, colours and errors against analytic surfaces; shared samples; certified errors against brute force.
-#include "geometry/mesh_bake.h"
+#include "geometry/bake/mesh_bake.h"
 
 #include <gtest/gtest.h>
 
@@ -8,10 +8,10 @@
 #include <functional>
 #include <random>
 
-#include "geometry/mesh_order.h"
-#include "geometry/ray_scene.h"
+#include "geometry/mesh/mesh_order.h"
+#include "geometry/mesh/ray_scene.h"
+#include "src/artwork/planar_domain.h"
 #include "src/base/parallel_for.h"
-#include "src/base/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"
 

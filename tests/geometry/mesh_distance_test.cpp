@@ -1,5 +1,5 @@
 // Distances between a scan and what was baked: surfaces a known way apart, either way, and a real scan.
-#include "geometry/mesh_distance.h"
+#include "geometry/bake/mesh_distance.h"
 
 #include <gtest/gtest.h>
 
@@ -8,9 +8,9 @@
 #include <iostream>
 #include <random>
 
-#include "geometry/base_domain.h"
-#include "geometry/mesh_read.h"
-#include "src/base/planar_domain.h"
+#include "geometry/remesh/base_domain.h"
+#include "geometry/scan/mesh_read.h"
+#include "src/artwork/planar_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/shared_data.h"
 

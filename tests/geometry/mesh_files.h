@@ -18,7 +18,7 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/tri_mesh.h"
+#include "geometry/mesh/tri_mesh.h"
 
 namespace relievo::test {
 

@@ -15,11 +15,11 @@
 #include <tuple>
 #include <vector>
 
-#include "geometry/mesh_lod.h"
-#include "geometry/mesh_vertex.h"
-#include "geometry/morph.h"
-#include "geometry/snap.h"
-#include "src/base/planar_domain.h"
+#include "geometry/lod/mesh_lod.h"
+#include "geometry/lod/mesh_vertex.h"
+#include "geometry/lod/morph.h"
+#include "geometry/lod/snap.h"
+#include "src/artwork/planar_domain.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

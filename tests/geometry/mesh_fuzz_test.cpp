@@ -8,7 +8,7 @@
 #include <iostream>
 #include <new>
 
-#include "geometry/mesh_read.h"
+#include "geometry/scan/mesh_read.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/view_share.h"
 

@@ -2,7 +2,7 @@
 // mesh_read.h says. Oracles: writers from the formats' descriptions, OpenMesh's readers, writers and half-edges,
 // analytic volumes and areas.
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"  // OpenMesh leaves new colours as they are
-#include "geometry/mesh_read.h"
+#include "geometry/scan/mesh_read.h"
 
 #include <gtest/gtest.h>
 
@@ -13,8 +13,8 @@
 #include <numeric>
 #include <set>
 
-#include "geometry/mesh_sheets.h"
-#include "geometry/triangle_blocks.h"
+#include "geometry/mesh/triangle_blocks.h"
+#include "geometry/scan/mesh_sheets.h"
 #include "tests/geometry/mesh_files.h"
 #include "tests/shared_data.h"
 

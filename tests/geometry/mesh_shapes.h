@@ -11,8 +11,8 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/tri_mesh.h"
-#include "src/base/base_mesh.h"
+#include "geometry/mesh/tri_mesh.h"
+#include "src/artwork/base_mesh.h"
 
 namespace relievo {
 

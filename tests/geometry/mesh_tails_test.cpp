@@ -1,5 +1,5 @@
-// LOD over base meshes whose patches have tails (src/base/base_mesh.h): roots come and go like other pages, heights of
-// coarse grids are always there. Whatever is resident, what is drawn has its samples, and where two nodes meet their
+// LOD over base meshes whose patches have tails (src/artwork/base_mesh.h): roots come and go like other pages, heights
+// of coarse grids are always there. Whatever is resident, what is drawn has its samples, and where two nodes meet their
 // vertices are the same, bit for bit.
 #include <gtest/gtest.h>
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/morph.h"
+#include "geometry/lod/morph.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

@@ -8,7 +8,7 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/texture_select.h"
+#include "geometry/lod/texture_select.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

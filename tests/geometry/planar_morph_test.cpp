@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <cstring>
 
-#include "geometry/bound_search.h"
+#include "geometry/lod/bound_search.h"
 #include "tests/geometry/morph_fixture.h"
 #include "tests/geometry/true_relief.h"
 

@@ -1,5 +1,5 @@
 // Images of many channels: between texels, between levels, and what lies finer than the places looked up.
-#include "geometry/plane_image.h"
+#include "geometry/bake/plane_image.h"
 
 #include <gtest/gtest.h>
 

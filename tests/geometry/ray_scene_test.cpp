@@ -1,5 +1,5 @@
 // Lines and closest points against triangles: analytic planes and spheres, and brute force over all triangles.
-#include "geometry/ray_scene.h"
+#include "geometry/mesh/ray_scene.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <random>
 #include <utility>
 
-#include "geometry/mesh_order.h"
+#include "geometry/mesh/mesh_order.h"
 #include "tests/geometry/mesh_shapes.h"
 
 namespace relievo {

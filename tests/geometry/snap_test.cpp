@@ -4,7 +4,7 @@
 
 #include <set>
 
-#include "geometry/snap.h"
+#include "geometry/lod/snap.h"
 
 namespace relievo {
 namespace {

@@ -8,8 +8,8 @@
 #include <set>
 #include <sstream>
 
-#include "geometry/lod_strategy.h"
-#include "geometry/strategy_bounds.h"
+#include "geometry/strategies/lod_strategy.h"
+#include "geometry/strategies/strategy_bounds.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

@@ -1,6 +1,6 @@
 // CPU page determination against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of
 // the relief), and its footprint is measured by rays beside it, in double precision.
-#include "geometry/texture_select.h"
+#include "geometry/lod/texture_select.h"
 
 #include <gtest/gtest.h>
 

@@ -3,12 +3,12 @@
 #include <cstdio>
 #include <string>
 
-#include "geometry/base_domain.h"
-#include "geometry/mesh_bake.h"
+#include "geometry/bake/mesh_bake.h"
+#include "geometry/remesh/base_domain.h"
 #include "src/base/file.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/texturing/package_fixture.h"
-#include "texturing/package_builder.h"
+#include "texturing/package/package_builder.h"
 
 using namespace relievo;
 

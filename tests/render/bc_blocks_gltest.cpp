@@ -11,9 +11,9 @@
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "tests/render/gl_fixture.h"
-#include "texturing/bc_blocks.h"
-#include "texturing/page_block_codec.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/bc_blocks.h"
+#include "texturing/codec/page_block_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo::gl {
 namespace {

@@ -13,16 +13,16 @@
 #include <set>
 #include <utility>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "src/gl/program.h"
 #include "src/render/block_formats.h"
 #include "src/render/page_pool.h"
 #include "tests/render/gl_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
-#include "texturing/bc_blocks.h"
-#include "texturing/page_block_codec.h"
-#include "texturing/page_sources.h"
+#include "texturing/codec/bc_blocks.h"
+#include "texturing/codec/page_block_codec.h"
+#include "texturing/stream/page_sources.h"
 
 namespace relievo {
 namespace {

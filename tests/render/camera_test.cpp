@@ -5,8 +5,8 @@
 #include <cmath>
 #include <random>
 
-#include "src/camera.h"
-#include "src/engine.h"
+#include "src/engine/engine.h"
+#include "src/render/camera.h"
 
 #include <glm/gtc/matrix_transform.hpp>
 

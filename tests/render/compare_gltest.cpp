@@ -12,9 +12,9 @@
 #include "tests/render/gl_fixture.h"
 #include "tests/render/test_artwork.h"
 #include "tests/render/true_patches.h"
-#include "texturing/patch_package_builder.h"
-#include "tools/compare_report.h"
-#include "tools/compare_run.h"
+#include "texturing/package/patch_package_builder.h"
+#include "tools/compare/compare_report.h"
+#include "tools/compare/compare_run.h"
 
 namespace relievo {
 namespace {

@@ -6,8 +6,8 @@
 
 #include "tests/render/dense_pages.h"
 #include "tests/render/dense_reference.h"
-#include "texturing/mip.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/mip.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {

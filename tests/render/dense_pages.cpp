@@ -4,8 +4,8 @@
 #include <cmath>
 #include <unordered_map>
 
-#include "texturing/page_codec.h"
-#include "texturing/page_id.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/codec/page_id.h"
 
 namespace relievo {
 namespace {

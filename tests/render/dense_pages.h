@@ -4,9 +4,9 @@
 
 #include <memory>
 
-#include "geometry/planar_lod.h"
+#include "geometry/lod/planar_lod.h"
 #include "tests/render/dense_reference.h"
-#include "texturing/page_source.h"
+#include "texturing/package/page_source.h"
 
 namespace relievo {
 

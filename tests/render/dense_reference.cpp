@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <limits>
 
-#include "geometry/snap.h"
+#include "geometry/lod/snap.h"
 
 namespace relievo {
 

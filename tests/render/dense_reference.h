@@ -1,6 +1,6 @@
 // dense_reference.h - the oracle of "virtual equals dense": the same frame from plain dense textures, in double
 // precision. It knows nothing of pages, caches, page tables or shaders. Of the engine it uses plain types only
-// (PlanarDomain, the raster sources, PatchInstance with its snapping) and texturing/basis.h's evaluatePixel. Slow,
+// (PlanarDomain, the raster sources, PatchInstance with its snapping) and src/artwork/basis.h's evaluatePixel. Slow,
 // simple, no GL, one thread.
 //
 // A frame needs a DenseTexture (the whole mip pyramid), perhaps a DenseRelief (all height samples), the list of drawn
@@ -23,10 +23,10 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/planar_lod.h"
-#include "src/base/planar_domain.h"
-#include "texturing/basis.h"
-#include "texturing/raster_source.h"
+#include "geometry/lod/planar_lod.h"
+#include "src/artwork/basis.h"
+#include "src/artwork/planar_domain.h"
+#include "texturing/package/raster_source.h"
 
 namespace relievo {
 
@@ -50,7 +50,8 @@ struct DenseTexture {
 // The domain of a source as a build lays it out; mm_per_px 1. relief may be null.
 PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px = 1.0);
 
-// The finest level is the source; a coarser one follows by the rule of texturing/mip.h, implemented here on its own.
+// The finest level is the source; a coarser one follows by the rule of texturing/codec/mip.h, implemented here on its
+// own.
 Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain);
 
 // An artwork of any size (2^24 texels a side) whose texels repeat. The period's width and height are powers of two that
@@ -73,8 +74,8 @@ struct DenseRelief {
   std::vector<uint16_t> samples;
 };
 
-// Colour with the normals of its relief beside it (texturing/relief_normals.h), level by level: six channels, the
-// normals as bytes.
+// Colour with the normals of its relief beside it (texturing/stream/relief_normals.h), level by level: six channels,
+// the normals as bytes.
 DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& relief, double exaggerate);
 // Of a texel's middle, before it becomes bytes. k: the level, 0 the coarsest.
 glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& domain, int k, int64_t x, int64_t y,

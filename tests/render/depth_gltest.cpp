@@ -9,13 +9,13 @@
 #include <cstdio>
 #include <random>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "src/render/depth.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/gl_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/made_pages.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {

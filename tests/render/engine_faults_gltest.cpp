@@ -12,13 +12,13 @@
 #include <set>
 #include <thread>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "src/gl/context.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
 #include "tests/texturing/fake_sources.h"
-#include "texturing/page_codec.h"
-#include "texturing/page_sources.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/stream/page_sources.h"
 
 namespace relievo {
 namespace {

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <random>
 
-#include "src/engine.h"
-#include "src/eye_guard.h"
-#include "src/view_control.h"
+#include "src/engine/engine.h"
+#include "src/engine/eye_guard.h"
+#include "src/viewer/view_control.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/test_artwork.h"
 

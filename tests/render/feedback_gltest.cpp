@@ -8,8 +8,8 @@
 #include <set>
 
 #include "shaders/embedded.h"
-#include "src/engine.h"
-#include "src/lod_views.h"
+#include "src/engine/engine.h"
+#include "src/engine/lod_views.h"
 #include "src/render/feedback_pass.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -18,7 +18,7 @@
 #include "tests/render/gl_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
-#include "texturing/want_memory.h"
+#include "texturing/stream/request_memory.h"
 
 namespace relievo::test {
 namespace {

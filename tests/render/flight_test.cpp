@@ -1,5 +1,5 @@
 // Flights, the prediction of cameras, and flights streamed on a virtual clock.
-#include "src/flight.h"
+#include "tools/bench/flight.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,8 @@
 #include <functional>
 #include <set>
 
-#include "src/flight_simulation.h"
-#include "src/prefetch.h"
+#include "src/engine/prefetch.h"
+#include "tools/bench/flight_simulation.h"
 
 namespace relievo {
 namespace {

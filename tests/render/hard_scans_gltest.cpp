@@ -10,8 +10,8 @@
 #include <fstream>
 #include <sstream>
 
-#include "geometry/ray_scene.h"
-#include "src/engine.h"
+#include "geometry/mesh/ray_scene.h"
+#include "src/engine/engine.h"
 #include "tests/geometry/base_shapes.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/gl_fixture.h"

@@ -1,13 +1,13 @@
-// Pictures of closed bodies with and without the patches that are seen from behind (geometry/facing_cone.h) are equal,
-// bit for bit. Those of a third engine, which draws both sides of all triangles, differ from them in single pixels on
-// outlines, where a front and a back have one depth; no pixel is covered in one alone. Controls: heights steeper than
-// the artwork says they are, whose patches are then missed.
+// Pictures of closed bodies with and without the patches that are seen from behind (geometry/lod/facing_cone.h) are
+// equal, bit for bit. Those of a third engine, which draws both sides of all triangles, differ from them in single
+// pixels on outlines, where a front and a back have one depth; no pixel is covered in one alone. Controls: heights
+// steeper than the artwork says they are, whose patches are then missed.
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <random>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_pages.h"
 

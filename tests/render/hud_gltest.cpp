@@ -11,9 +11,9 @@
 #include <gtest/gtest.h>
 
 #include "src/gl/objects.h"
-#include "src/hud.h"
 #include "src/render/overlay_pass.h"
-#include "src/viewer.h"
+#include "src/viewer/hud.h"
+#include "src/viewer/viewer.h"
 #include "tests/render/gl_fixture.h"
 
 namespace relievo {

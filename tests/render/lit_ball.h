@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_pages.h"
 

@@ -4,11 +4,11 @@
 
 #include <fstream>
 
-#include "src/hud.h"
+#include "src/viewer/hud.h"
 #include "tests/render/dense_subjects.h"
 #include "tests/render/made_engine.h"
 #include "tests/tools/cli_fixture.h"
-#include "texturing/page_sources.h"
+#include "texturing/stream/page_sources.h"
 
 namespace relievo {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <memory>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 
 namespace relievo::test {
 

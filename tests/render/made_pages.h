@@ -6,9 +6,9 @@
 #include <memory>
 #include <vector>
 
-#include "src/base/base_mesh.h"
-#include "texturing/package.h"
-#include "texturing/page_codec.h"
+#include "src/artwork/base_mesh.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package.h"
 
 namespace relievo::test {
 

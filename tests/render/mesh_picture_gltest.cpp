@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "tests/render/lit_ball.h"
 
 namespace relievo {

@@ -6,8 +6,8 @@
 #include <sstream>
 
 #include "tests/tools/cli_fixture.h"
-#include "texturing/image_io.h"
-#include "texturing/ptm.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
 
 namespace {
 

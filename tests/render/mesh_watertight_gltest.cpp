@@ -10,12 +10,12 @@
 #include <random>
 #include <thread>
 
-#include "geometry/snap.h"
-#include "src/engine.h"
+#include "geometry/lod/snap.h"
+#include "src/engine/engine.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/view_share.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {
@@ -109,7 +109,7 @@ Body makeBody(BaseMesh mesh, int depth, double relief_mm, int coarser = 0, bool 
 
 class MeshWatertight : public ::testing::Test {
  protected:
-  // tails: no root is pinned, patches' tails do for them (texturing/patch_tails.h).
+  // tails: no root is pinned, patches' tails do for them (texturing/package/patch_tails.h).
   static std::unique_ptr<Engine> makeEngine(const Body& body, double error_px, bool tails = false,
                                             bool geomorph = false, bool small_relief = true,
                                             bool compact_relief = true) {

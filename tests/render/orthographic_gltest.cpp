@@ -8,14 +8,14 @@
 #include <cstdio>
 #include <random>
 
-#include "geometry/patch_vertex.h"
-#include "src/lod_views.h"
+#include "geometry/lod/patch_vertex.h"
+#include "src/engine/lod_views.h"
 #include "tests/geometry/true_relief.h"
 #include "tests/render/dense_subjects.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/made_pages.h"
 #include "tests/render/true_patches.h"
-#include "texturing/patch_package_builder.h"
+#include "texturing/package/patch_package_builder.h"
 
 namespace relievo {
 namespace {

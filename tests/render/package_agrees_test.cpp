@@ -6,7 +6,7 @@
 
 #include "tests/render/dense_pages.h"
 #include "tests/render/test_artwork.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {

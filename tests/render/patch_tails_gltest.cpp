@@ -1,4 +1,4 @@
-// Scenes of many patches, drawn from their tails (texturing/patch_tails.h): the picture is that of pages and of
+// Scenes of many patches, drawn from their tails (texturing/package/patch_tails.h): the picture is that of pages and of
 // analytic truth, no page is pinned, and the smallest cache that is taken still draws everything. Bits of shared
 // vertices: mesh_watertight_gltest.
 #include <gtest/gtest.h>

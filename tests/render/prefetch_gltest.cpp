@@ -6,7 +6,7 @@
 #include <cmath>
 #include <thread>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "tests/render/test_artwork.h"
 
 namespace relievo {

@@ -2,8 +2,8 @@
 // against the oracle that reads the same sources. A hundred random views of each PTM basis.
 #include "tests/render/test_artwork.h"
 #include "tests/render/virtual_equals_dense.h"
-#include "texturing/package_builder.h"
-#include "tools/sample_artwork.h"
+#include "texturing/package/package_builder.h"
+#include "tools/sample/sample_artwork.h"
 
 namespace relievo {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <tuple>
 
-#include "texturing/package.h"
-#include "texturing/package_builder.h"
-#include "texturing/raster_source.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_builder.h"
+#include "texturing/package/raster_source.h"
 
 namespace relievo::test {
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "tests/geometry/true_mesh_relief.h"
-#include "texturing/patch_source.h"
+#include "texturing/package/patch_source.h"
 
 namespace relievo::test {
 

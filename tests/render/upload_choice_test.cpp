@@ -1,4 +1,4 @@
-#include "src/upload_choice.h"
+#include "src/engine/upload_choice.h"
 
 #include <gtest/gtest.h>
 

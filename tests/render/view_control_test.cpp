@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "src/view_control.h"
+#include "src/viewer/view_control.h"
 
 namespace relievo {
 namespace {

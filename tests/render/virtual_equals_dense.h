@@ -14,7 +14,7 @@
 
 #include <epoxy/gl.h>
 
-#include "src/engine.h"
+#include "src/engine/engine.h"
 #include "src/gl/context.h"
 #include "tests/render/dense_pages.h"
 #include "tests/render/dense_reference.h"

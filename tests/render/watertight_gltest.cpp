@@ -6,8 +6,8 @@
 #include <cstring>
 #include <random>
 
-#include "geometry/snap.h"
-#include "src/engine.h"
+#include "geometry/lod/snap.h"
+#include "src/engine/engine.h"
 #include "tests/render/test_artwork.h"
 
 namespace relievo {

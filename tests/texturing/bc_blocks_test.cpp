@@ -1,6 +1,6 @@
 // Block decoders against the specification in double precision, written from its text and sharing nothing with them;
 // encoders against bounds that follow from the formats.
-#include "texturing/bc_blocks.h"
+#include "texturing/codec/bc_blocks.h"
 
 #include <gtest/gtest.h>
 

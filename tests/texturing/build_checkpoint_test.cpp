@@ -11,7 +11,7 @@
 
 #include "package_fixture.h"
 #include "src/base/file.h"
-#include "texturing/package_builder.h"
+#include "texturing/package/package_builder.h"
 
 namespace relievo {
 namespace {

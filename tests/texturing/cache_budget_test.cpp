@@ -1,4 +1,4 @@
-#include "texturing/cache_budget.h"
+#include "texturing/stream/cache_budget.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // The bias under pressure, against models of a view: how many pages it wants at a bias, and how late its wishes follow.
-#include "texturing/detail_bias.h"
+#include "texturing/stream/detail_bias.h"
 
 #include <gtest/gtest.h>
 

@@ -18,10 +18,10 @@
 #include <utility>
 #include <vector>
 
-#include "texturing/cache_budget.h"
-#include "texturing/page_codec.h"
-#include "texturing/page_source.h"
-#include "texturing/page_sources.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/page_source.h"
+#include "texturing/stream/cache_budget.h"
+#include "texturing/stream/page_sources.h"
 
 namespace relievo::fake {
 

@@ -1,6 +1,6 @@
 // Feedback analysis: what the pixels want, in the order of request, against a naive count.
-#include "texturing/feedback.h"
-#include "texturing/want_memory.h"
+#include "texturing/stream/feedback.h"
+#include "texturing/stream/request_memory.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Images through OpenImageIO: regions of what was written, whatever the file's layout; damaged files cost one Error.
-#include "texturing/image_io.h"
-#include "texturing/image_io_module.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/image_io_module.h"
 
 #include <OpenImageIO/imagebuf.h>
 #include <OpenImageIO/imagebufalgo.h>

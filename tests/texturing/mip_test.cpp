@@ -1,5 +1,5 @@
 // The mip rule against a naive reading of its documentation, and against what it is for: light that adds up.
-#include "texturing/mip.h"
+#include "texturing/codec/mip.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Packages against a naive dense pyramid, page by page and byte by byte.
-#include "texturing/package_builder.h"
+#include "texturing/package/package_builder.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -12,8 +12,8 @@
 #include "package_fixture.h"
 #include "tests/geometry/cell_ranges.h"
 #include "tests/view_share.h"
-#include "texturing/package.h"
-#include "texturing/package_layout.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {

@@ -12,9 +12,9 @@
 #include <string>
 #include <vector>
 
-#include "src/base/planar_domain.h"
-#include "texturing/page_codec.h"
-#include "texturing/raster_source.h"
+#include "src/artwork/planar_domain.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/raster_source.h"
 
 namespace relievo::testing_support {
 

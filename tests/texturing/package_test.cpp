@@ -1,5 +1,5 @@
 // A package is opened as far as it is sound: every truncation, every byte damaged.
-#include "texturing/package.h"
+#include "texturing/package/package.h"
 
 #include <gtest/gtest.h>
 #include <xxhash.h>
@@ -13,10 +13,10 @@
 
 #include "package_fixture.h"
 #include "tests/view_share.h"
-#include "texturing/package_builder.h"
-#include "texturing/package_layout.h"
-#include "texturing/package_sections.h"
-#include "texturing/page_sources.h"
+#include "texturing/package/package_builder.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/package_sections.h"
+#include "texturing/stream/page_sources.h"
 
 namespace relievo {
 namespace {

@@ -1,5 +1,5 @@
 // One budget, one replacement policy: the cache against a naive model, and each plane against the others.
-#include "texturing/page_cache.h"
+#include "texturing/stream/page_cache.h"
 
 #include <gtest/gtest.h>
 

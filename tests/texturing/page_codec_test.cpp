@@ -1,5 +1,5 @@
 // Lossless on every kind of content; any bytes decode or fail cleanly.
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // Lossy page encodings: bounds that follow from each, every truncation, mutated bytes, seams.
-#include "texturing/page_encoding.h"
+#include "texturing/codec/page_encoding.h"
 
 #include <gtest/gtest.h>
 
@@ -11,9 +11,9 @@
 
 #include <jpeglib.h>
 
-#include "texturing/page_block_codec.h"
-#include "texturing/page_codec.h"
-#include "texturing/page_jpeg_codec.h"
+#include "texturing/codec/page_block_codec.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/codec/page_jpeg_codec.h"
 
 namespace relievo {
 namespace {

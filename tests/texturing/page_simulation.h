@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "tests/texturing/fake_sources.h"
-#include "texturing/page_streamer.h"
+#include "texturing/stream/page_streamer.h"
 
 namespace relievo::fake {
 

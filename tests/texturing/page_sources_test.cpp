@@ -1,5 +1,5 @@
 // Sources that stack. Time is a clock of the test's own: nothing here waits.
-#include "texturing/page_sources.h"
+#include "texturing/stream/page_sources.h"
 
 #include <gtest/gtest.h>
 
@@ -16,7 +16,7 @@
 
 #include "tests/render/test_artwork.h"
 #include "tests/texturing/fake_sources.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {

@@ -1,5 +1,5 @@
 // The life of a page: invariants that hold in every frame, whatever the threads do.
-#include "texturing/page_streamer.h"
+#include "texturing/stream/page_streamer.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <unordered_map>
 
 #include "tests/texturing/fake_sources.h"
-#include "texturing/resolve.h"
+#include "texturing/codec/resolve.h"
 
 namespace relievo {
 namespace {

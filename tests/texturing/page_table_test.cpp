@@ -1,5 +1,5 @@
 // The page table: what was entered is found by the shader's two probes, and nothing else is.
-#include "texturing/page_table.h"
+#include "texturing/stream/page_table.h"
 
 #include <gtest/gtest.h>
 

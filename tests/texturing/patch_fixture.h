@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "package_fixture.h"
-#include "texturing/patch_source.h"
+#include "texturing/package/patch_source.h"
 
 namespace relievo::testing_support {
 

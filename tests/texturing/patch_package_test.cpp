@@ -1,5 +1,5 @@
 // Packages over a base mesh, page by page against what PACKAGE.md says of them.
-#include "texturing/patch_package_builder.h"
+#include "texturing/package/patch_package_builder.h"
 
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -14,9 +14,9 @@
 
 #include "patch_fixture.h"
 #include "tests/view_share.h"
-#include "texturing/package.h"
-#include "texturing/package_base.h"
-#include "texturing/package_layout.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {

@@ -9,11 +9,11 @@
 #include <map>
 
 #include "patch_fixture.h"
-#include "texturing/package.h"
-#include "texturing/package_layout.h"
-#include "texturing/package_tails.h"
-#include "texturing/patch_package_builder.h"
-#include "texturing/patch_tails.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/package_tails.h"
+#include "texturing/package/patch_package_builder.h"
+#include "texturing/package/patch_tails.h"
 
 namespace relievo {
 namespace {

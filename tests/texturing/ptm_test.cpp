@@ -1,5 +1,5 @@
 // .ptm files: what is written is what is read, in every layout; whatever else is in a file costs one clear Error.
-#include "texturing/ptm.h"
+#include "texturing/import/ptm.h"
 #include "tests/shared_data.h"
 
 #include <gtest/gtest.h>
@@ -17,7 +17,7 @@
 #include <thread>
 
 #include "src/base/file.h"
-#include "texturing/image_io.h"
+#include "texturing/import/image_io.h"
 
 // The largest single allocation since it was last set to 0. (g++ 12 sees one half of the pair inlined and warns.)
 #pragma GCC diagnostic ignored "-Wmismatched-new-delete"

@@ -1,5 +1,5 @@
 // One byte a slot says the same as the whole frame number would.
-#include "texturing/recent_use.h"
+#include "texturing/stream/recent_use.h"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 // Relief pages in compact form: every sample comes back, whatever the page; what is in the texels, to the bit; which
 // pages fit which part.
-#include "texturing/relief_compact.h"
+#include "texturing/codec/relief_compact.h"
 
 #include <gtest/gtest.h>
 #include <sys/mman.h>
@@ -12,7 +12,7 @@
 #include <random>
 #include <vector>
 
-#include "texturing/relief_parts.h"
+#include "texturing/stream/relief_subslots.h"
 
 namespace relievo {
 namespace {

@@ -1,6 +1,6 @@
 // Pages of normals that are made of relief pages: against planes, whose normal is one everywhere, and against one
 // another where they overlap.
-#include "texturing/relief_normals.h"
+#include "texturing/stream/relief_normals.h"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include <set>
 #include <thread>
 
-#include "texturing/package_layout.h"
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package_layout.h"
 
 namespace relievo {
 namespace {

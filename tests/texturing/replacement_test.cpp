@@ -1,5 +1,5 @@
 // Replays of traces: Belady's optimum against brute force, and no policy beats it.
-#include "texturing/replacement.h"
+#include "tools/bench/replacement.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // resolvePage against basis.h in double precision.
-#include "texturing/resolve.h"
+#include "texturing/codec/resolve.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "texturing/page_codec.h"
+#include "texturing/codec/page_codec.h"
 
 namespace relievo {
 namespace {

@@ -1,5 +1,5 @@
 // What stands around the samples of an uncompressed TIFF, as another reader (libtiff, through OpenImageIO) sees it.
-#include "texturing/tiff_frame.h"
+#include "texturing/import/tiff_frame.h"
 
 #include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>

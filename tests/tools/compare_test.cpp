@@ -6,11 +6,11 @@
 #include <fstream>
 #include <limits>
 
-#include "geometry/strategy_bounds.h"
+#include "geometry/strategies/strategy_bounds.h"
 #include "tests/render/test_artwork.h"
-#include "tools/compare_measure.h"
-#include "tools/compare_path.h"
-#include "tools/compare_report.h"
+#include "tools/compare/compare_measure.h"
+#include "tools/compare/compare_path.h"
+#include "tools/compare/compare_report.h"
 
 namespace relievo {
 namespace {

@@ -1,5 +1,5 @@
 // What is told of a scan: the painted error against where it lies, and text of any JSON.
-#include "tools/mesh_report.h"
+#include "tools/report/mesh_report.h"
 
 #include <gtest/gtest.h>
 

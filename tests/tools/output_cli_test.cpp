@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "tests/tools/cli_fixture.h"
-#include "texturing/image_io.h"
+#include "texturing/import/image_io.h"
 
 namespace relievo::testing_support {
 namespace {

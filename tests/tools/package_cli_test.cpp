@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "cli_fixture.h"
-#include "texturing/package_layout.h"
+#include "texturing/package/package_layout.h"
 
 namespace {
 

@@ -1,5 +1,5 @@
 // Sample artworks: seamless whatever rectangle is asked for, bounded, true to their normals and to their shading.
-#include "tools/sample_artwork.h"
+#include "tools/sample/sample_artwork.h"
 
 #include <gtest/gtest.h>
 
@@ -12,10 +12,10 @@
 #include <thread>
 
 #include "src/base/file.h"
-#include "texturing/image_io.h"
-#include "texturing/ptm.h"
-#include "tools/sample_shading.h"
-#include "tools/sample_writer.h"
+#include "texturing/import/image_io.h"
+#include "texturing/import/ptm.h"
+#include "tools/sample/sample_shading.h"
+#include "tools/sample/sample_writer.h"
 
 namespace relievo {
 namespace {

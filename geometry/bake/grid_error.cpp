@@ -1,0 +1,195 @@
+#include "geometry/bake/grid_error.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "src/base/simd_dispatch.h"
+
+namespace relievo {
+namespace {
+
+// The same triangles with twice as many cells a side: new vertices lie halfway along edges, the cells' diagonals among
+// them.
+RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
+  const size_t n = coarse.row() - 1, row = coarse.row(), fine_row = fine.row();
+  for (size_t axis = 0; axis < 3; ++axis) {
+    const double* in = coarse.axes[axis].data();
+    double* out = fine.axes[axis].data();
+    for (size_t y = 0; y <= n; ++y) {
+      const double* a = in + y * row;
+      double* o = out + 2 * y * fine_row;
+      for (size_t x = 0; x < n; ++x) {
+        o[2 * x] = a[x];
+        o[2 * x + 1] = 0.5 * (a[x] + a[x + 1]);
+      }
+      o[2 * n] = a[n];
+      if (y == n) break;
+      const double* b = a + row;
+      o += fine_row;
+      for (size_t x = 0; x < n; ++x) {
+        o[2 * x] = 0.5 * (a[x] + b[x]);
+        o[2 * x + 1] = 0.5 * (a[x] + b[x + 1]);
+      }
+      o[2 * n] = 0.5 * (a[n] + b[n]);
+    }
+  }
+}
+
+// Of bilinear normals, at each vertex.
+RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row,
+                                     std::array<std::vector<double>, 3>& out) {
+  for (auto& axis : out) axis.resize(row * row);
+  const double step = 1.0 / static_cast<double>(row - 1);
+  for (size_t y = 0; y < row; ++y) {
+    const double v = static_cast<double>(y) * step;
+    const glm::dvec3 left = corners[0] * (1 - v) + corners[2] * v, right = corners[1] * (1 - v) + corners[3] * v;
+    double *nx = out[0].data() + y * row, *ny = out[1].data() + y * row, *nz = out[2].data() + y * row;
+    for (size_t x = 0; x < row; ++x) {
+      const double u = static_cast<double>(x) * step;
+      const double a = left.x * (1 - u) + right.x * u, b = left.y * (1 - u) + right.y * u,
+                   c = left.z * (1 - u) + right.z * u;
+      const double squared = a * a + b * b + c * c, scale = squared > 1e-12 ? 1 / std::sqrt(squared) : 0.0;
+      nx[x] = a * scale, ny[x] = b * scale, nz[x] = c * scale;
+    }
+  }
+}
+
+// The largest of each block's vertices, those between blocks counted for both: squared distance, along the normal one
+// way and the other, squared distance across it; and of its cells', what lies furthest apart along the normal, and the
+// squared diagonal of the box around all.
+struct Extremes {
+  double squared = 0, above = 0, below = 0, aside = 0, between = 0, apart = 0;
+};
+void widen(const std::vector<double>& by, std::vector<double>& high) {
+  const double* b = by.data();
+  double* h = high.data();
+  for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x];
+}
+void widen(const std::vector<double>& by, std::vector<double>& high, std::vector<double>& low) {
+  const double* b = by.data();
+  double *h = high.data(), *l = low.data();
+  for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x], l[x] = l[x] < b[x] ? l[x] : b[x];
+}
+double highest(const std::vector<double>& of, size_t first, size_t last) {
+  double most = 0;
+  for (size_t x = first; x <= last; ++x) most = std::max(most, of[x]);
+  return most;
+}
+double lowest(const std::vector<double>& of, size_t first, size_t last) {
+  double least = 0;
+  for (size_t x = first; x <= last; ++x) least = std::min(least, of[x]);
+  return least;
+}
+// step: vertices a cell's side.
+RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest,
+                                       const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
+                                       GridErrorScratch::Rows& rows, std::vector<Extremes>& out) {
+  const size_t row = coarse.row(), n = row - 1, size = n / blocks;
+  out.assign(blocks * blocks, {});
+  auto& [now, high, low, squared_now, aside_now, squared, aside] = rows;
+  for (auto* of : {&now, &high, &low})
+    for (auto& values : *of) values.assign(row, 0.0);
+  for (auto* values : {&squared_now, &aside_now, &squared, &aside}) values->assign(row, 0.0);
+  for (size_t y = 0; y <= n; ++y) {
+    const size_t at = y * row;
+    const double *ax = coarse.axes[0].data() + at, *ay = coarse.axes[1].data() + at, *az = coarse.axes[2].data() + at;
+    const double *bx = finest.axes[0].data() + at, *by = finest.axes[1].data() + at, *bz = finest.axes[2].data() + at;
+    const double *nx = normals[0].data() + at, *ny = normals[1].data() + at, *nz = normals[2].data() + at;
+    double *ox = now[0].data(), *oy = now[1].data(), *oz = now[2].data(), *along = now[3].data(),
+           *os = squared_now.data(), *oa = aside_now.data();
+    for (size_t x = 0; x < row; ++x) {
+      const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x];
+      const double s = dx * dx + dy * dy + dz * dz, a = dx * nx[x] + dy * ny[x] + dz * nz[x], across = s - a * a;
+      ox[x] = dx, oy[x] = dy, oz[x] = dz;
+      along[x] = a;
+      os[x] = s;
+      oa[x] = across > 0 ? across : 0;
+    }
+    for (size_t k = 0; k < now.size(); ++k) widen(now[k], high[k], low[k]);
+    widen(squared_now, squared);
+    widen(aside_now, aside);
+    if (y == 0) continue;
+    Extremes* of_blocks = out.data() + (y - 1) / size * blocks;
+    if (y % step == 0) {
+      for (size_t x = 0; x < n; x += step) {
+        Extremes& e = of_blocks[x / size];
+        double diagonal = 0;
+        for (size_t axis = 0; axis < 3; ++axis) {
+          const double width = highest(high[axis], x, x + step) - lowest(low[axis], x, x + step);
+          diagonal += width * width;
+        }
+        const double above = highest(high[3], x, x + step), below = -lowest(low[3], x, x + step);
+        e.above = std::max(e.above, above), e.below = std::max(e.below, below),
+        e.between = std::max(e.between, above + below);
+        e.apart = std::max(e.apart, diagonal);
+      }
+      high = now;
+      low = now;
+    }
+    if (y % size == 0) {
+      for (size_t i = 0; i < blocks; ++i) {
+        of_blocks[i].squared = highest(squared, i * size, (i + 1) * size);
+        of_blocks[i].aside = highest(aside, i * size, (i + 1) * size);
+      }
+      squared = squared_now, aside = aside_now;
+    }
+  }
+}
+
+}  // namespace
+
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
+                                   GridErrorScratch& scratch) {
+  // Both surfaces are linear on the finest grid's triangles, so they are furthest apart, in whatever direction, at its
+  // vertices.
+  const int top = finest.cells_log2;
+  std::vector<SurfaceGrid>& grids = scratch.grids;
+  std::vector<GridErrors> errors(static_cast<size_t>(top) + 1);
+  // Refined from the coarser, by cells_log2.
+  for (int log2 = static_cast<int>(grids.size()); log2 <= top; ++log2) grids.emplace_back(log2);
+  unitNormals(corner_normals, finest.row(), scratch.normals);
+  std::vector<Extremes> extremes;
+  std::vector<Deviation> own, finer;
+  for (int log2 = top; log2 >= 0; --log2) {
+    const auto blocks = static_cast<size_t>(errorBlocksASide(log2));
+    GridErrors& out = errors[static_cast<size_t>(log2)];
+    own.assign(blocks * blocks, {});
+    out.mm.assign(blocks * blocks, 0.0f);
+    out.shapes.assign(blocks * blocks, {0, 0, 0, 0, 0});
+    if (log2 < top) {
+      SurfaceGrid& coarse = grids[static_cast<size_t>(log2)];
+      const size_t row = coarse.row(), step = size_t{1} << (top - log2);
+      for (size_t axis = 0; axis < 3; ++axis)
+        for (size_t y = 0; y < row; ++y)
+          for (size_t x = 0; x < row; ++x)
+            coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
+      for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
+      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, scratch.rows, extremes);
+      const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
+      // Up a little: for the squares, and for what is drawn in single precision.
+      constexpr double kUp = 1 + 1e-6;
+      for (size_t j = 0; j < blocks; ++j) {
+        for (size_t i = 0; i < blocks; ++i) {
+          const Extremes& e = extremes[j * blocks + i];
+          Deviation& d = own[j * blocks + i];
+          d = {std::sqrt(e.squared) * kUp,
+               e.below * kUp,
+               e.above * kUp,
+               (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kUp,
+               e.between * kUp,
+               std::sqrt(e.apart) * kUp};
+          for (size_t y = 0; y < ratio; ++y)
+            for (size_t x = 0; x < ratio; ++x) d = joined(d, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
+          if (d.mm > 0)
+            out.mm[j * blocks + i] = std::nextafter(static_cast<float>(d.mm), std::numeric_limits<float>::infinity());
+          out.shapes[j * blocks + i] = shapeOf(d);
+        }
+      }
+    }
+    std::swap(own, finer);
+  }
+  return errors;
+}
+
+}  // namespace relievo

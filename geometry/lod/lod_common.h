@@ -1,0 +1,242 @@
+// lod_common.h - what the LOD selections of flat artworks and of base meshes share: a table of places, the view in
+// numbers, errors of a page's parts. Internal to geometry/.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/lod/planar_lod.h"
+
+namespace relievo {
+
+inline constexpr int kPageLog2 = 7;  // kPagePx cells a relief page's side
+static_assert(1 << kPageLog2 == kPagePx);
+inline constexpr size_t kMaxLodNodes = 20000;  // nodes below the roots
+inline constexpr double kMaxNodePx = 1024;     // keeps a node's varyings exact to a small part of a texel in fp32
+// LodView::min_cell_px where the error is so many times what was asked for: walls, which are few, may have narrower
+// cells, or their rims would look like combs.
+inline double leastCellPx(double min_cell_px, double error_over_budget) {
+  return error_over_budget > 16 ? 0.25 * min_cell_px : error_over_budget > 4 ? 0.5 * min_cell_px : min_cell_px;
+}
+
+inline constexpr int kMaxSplitLevel =
+    kMaxGridLevel - 1;                 // above it a node splits; the last level is for sides of half edges
+inline constexpr int kWantLadder = 3;  // wants keep every third page above the wanted one
+inline constexpr double kMinErrorPx = 1.0 / 64;
+inline constexpr double kMinSine =
+    1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
+
+// Open addressing, keys are below 2^64 - 1. Values are indices into a vector that the caller owns.
+class IndexTable {
+ public:
+  IndexTable() { resize(1u << 12); }
+  static constexpr uint32_t kNone = ~0u;
+
+  uint32_t find(uint64_t key) const {
+    for (size_t at = slot(key);; at = (at + 1) & mask_) {
+      if (keys_[at] == key + 1) return values_[at];
+      if (keys_[at] == 0) return kNone;
+    }
+  }
+  void insert(uint64_t key, uint32_t value) {
+    if (2 * (++size_) > keys_.size()) resize(2 * keys_.size());
+    place(key + 1, value);
+  }
+  void clear() {
+    if (size_ == 0) return;
+    std::fill(keys_.begin(), keys_.end(), 0);
+    size_ = 0;
+  }
+
+ private:
+  // The product's highest bits depend on all bits of the key; its lowest not on those that tell patches.
+  size_t slot(uint64_t key) const { return static_cast<size_t>(((key + 1) * 0x9E3779B97F4A7C15ull) >> shift_); }
+  void place(uint64_t stored, uint32_t value) {
+    size_t at = slot(stored - 1);
+    while (keys_[at] != 0) at = (at + 1) & mask_;
+    keys_[at] = stored;
+    values_[at] = value;
+  }
+  void resize(size_t count) {
+    std::vector<uint64_t> keys(count, 0);
+    std::vector<uint32_t> values(count, 0);
+    keys.swap(keys_);
+    values.swap(values_);
+    mask_ = count - 1;
+    shift_ = 64 - std::bit_width(mask_);
+    for (size_t i = 0; i < keys.size(); ++i)
+      if (keys[i] != 0) place(keys[i], values[i]);
+  }
+  std::vector<uint64_t> keys_;
+  std::vector<uint32_t> values_;
+  size_t mask_ = 0, size_ = 0;
+  int shift_ = 0;
+};
+
+// Of the parts of 2^depth a side in PartErrors.
+constexpr int firstPart(int depth) { return ((1 << (2 * depth)) - 4) / 3; }
+
+// One part of a page or of a patch's grid.
+struct PartError {
+  float mm = 0;
+  DeviationShape shape;
+  Deviation deviation() const { return deviationOf(mm, shape); }
+};
+// As an oracle tells it; whole_mm: what unknown, impossible and larger errors count for.
+inline PartError partError(float whole_mm, float mm, const DeviationShape& shape) {
+  if (mm >= 0 && mm <= whole_mm) return {mm, shape};
+  if (!(mm >= 0 && std::isfinite(mm))) return {whole_mm, {}};
+  Deviation d = deviationOf(mm, shape);
+  d.mm = whole_mm;
+  return {whole_mm, shapeOf(d)};
+}
+// Around four of them.
+inline PartError joined(const PartError& a, const PartError& b, const PartError& c, const PartError& d) {
+  const Deviation all = joined(joined(a.deviation(), b.deviation()), joined(c.deviation(), d.deviation()));
+  return {std::max({a.mm, b.mm, c.mm, d.mm}), shapeOf(all)};
+}
+
+// A page's errors by parts: level after level of ever smaller ones, the coarsest four first.
+class PartErrors {
+ public:
+  // whole_mm: of the page, what unknown and impossible parts count for.
+  void read(const ReliefOracle& oracle, const NodeId& page, float whole_mm) {
+    constexpr size_t kBlocks = size_t{1} << (2 * kErrorBlocksLog2);
+    std::array<float, kBlocks> mm;
+    std::array<DeviationShape, kBlocks> shapes;
+    const bool known = oracle.errorBlocks(page, mm), shaped = known && oracle.errorShapes(page, shapes);
+    PartError* finest = parts_.data() + firstPart(kErrorBlocksLog2);
+    for (size_t i = 0; i < kBlocks; ++i)
+      finest[i] = partError(whole_mm, known ? mm[i] : -1, shaped ? shapes[i] : DeviationShape{});
+    for (int depth = kErrorBlocksLog2 - 1; depth > 0; --depth) {
+      const PartError* finer = parts_.data() + firstPart(depth + 1);
+      PartError* at = parts_.data() + firstPart(depth);
+      const int side = 1 << depth;
+      for (int y = 0; y < side; ++y)
+        for (int x = 0; x < side; ++x) {
+          const PartError* q = finer + 4 * y * side + 2 * x;
+          at[y * side + x] = joined(q[0], q[1], q[2 * side], q[2 * side + 1]);
+        }
+    }
+  }
+  // Part (x, y) of 2^depth a side, 1 <= depth <= kErrorBlocksLog2.
+  const PartError& at(int depth, int64_t x, int64_t y) const {
+    return parts_[static_cast<size_t>(firstPart(depth) + (y << depth) + x)];
+  }
+
+ private:
+  std::array<PartError, firstPart(kErrorBlocksLog2 + 1)> parts_;
+};
+
+// A LodView in the numbers that selections work with.
+struct LodCamera {
+  static constexpr double kCullSlack =
+      1.0 / 512;  // of the screen: the GPU's fp32 may move what doubles put just outside
+  bool valid = false, orthographic = false;
+  glm::dvec3 eye{0};
+  double near_mm = 1, scale = 1;       // pixels per radian; orthographic: per mm
+  double max_secant = 1;               // of the angle off the axis, in the picture's corner
+  std::array<glm::dvec4, 7> planes{};  // value < 0: outside
+  std::array<glm::dvec4, 4> clip_rows{};
+  glm::dvec4 depth_row{0};       // perspective: mm ahead of the eye
+  glm::dvec3 forward{0, 0, -1};  // of length 1; orthographic: either way along it
+
+  LodCamera() = default;
+  explicit LodCamera(const LodView& view) {
+    eye = view.eye_mm;
+    near_mm = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
+    scale = view.pixels_per_radian;
+    glm::dmat4 rows = glm::transpose(view.clip_from_world);
+    valid = finite(rows) && std::isfinite(scale) && scale > 0 && std::isfinite(near_mm) && std::isfinite(eye.x) &&
+            std::isfinite(eye.y) && std::isfinite(eye.z);
+    if (!valid) return;
+    double w_length = glm::length(glm::dvec3(rows[3]));
+    orthographic = w_length <= 1e-12 * std::abs(rows[3].w);
+    planes = {rows[3] * (1 + kCullSlack) + rows[0],
+              rows[3] * (1 + kCullSlack) - rows[0],
+              rows[3] * (1 + kCullSlack) + rows[1],
+              rows[3] * (1 + kCullSlack) - rows[1],
+              rows[3] + rows[2],
+              rows[3] - rows[2],
+              rows[3]};
+    for (int i = 0; i < 4; ++i) clip_rows[i] = rows[i];
+    valid = orthographic ? rows[3].w > 0 : w_length > 0;
+    if (orthographic) {
+      const glm::dvec3 along = glm::cross(glm::dvec3(rows[0]), glm::dvec3(rows[1]));
+      if (const double length = glm::length(along); length > 0) forward = along / length;
+    }
+    if (orthographic || !valid) return;
+    depth_row = rows[3] / w_length;
+    forward = glm::dvec3(depth_row);
+    // The largest secant in the picture: its corner. An off-centre row is a side part and a forward part.
+    auto tangent = [&](const glm::dvec4& row) {
+      glm::dvec3 r = glm::dvec3(row) / w_length;
+      double ahead = glm::dot(r, forward), aside = glm::length(r - ahead * forward);
+      return aside > 1e-9 ? (1 + std::abs(ahead)) / aside : 1e9;
+    };
+    double tx = tangent(rows[0]), ty = tangent(rows[1]);
+    max_secant = std::sqrt(1 + tx * tx + ty * ty);
+  }
+  static double value(const glm::dvec4& row, const glm::dvec3& p) {
+    return row.x * p.x + row.y * p.y + row.z * p.z + row.w;
+  }
+  // 0 in the picture's middle, 1 in its corner and beyond.
+  float priority(const glm::dvec3& p) const {
+    double w = value(clip_rows[3], p);
+    if (!(w > 0)) return 1;
+    double x = value(clip_rows[0], p) / w, y = value(clip_rows[1], p) / w;
+    auto priority = static_cast<float>(std::min(1.0, std::sqrt(0.5 * (x * x + y * y))));
+    return priority >= 0 ? priority : 1;
+  }
+  static bool finite(const glm::dmat4& m) {
+    for (int c = 0; c < 4; ++c)
+      for (int r = 0; r < 4; ++r)
+        if (!std::isfinite(m[c][r])) return false;
+    return true;
+  }
+};
+
+// What a millimetre can be in the picture, anywhere in some part of the surface.
+struct PxPerMm {
+  double head_on = 0;  // across the line of sight, where the part is nearest
+  double any_way = 1;  // times that: moved in any direction, up to the secant of the angle off the axis
+  double along = 1;  // times that: moved along the base's normal of the part's middle; a height that points at the eye
+                     // counts for little
+  double turn = 0;   // how far other normals of the part lie from that one (MeshForest::NormalRange)
+
+  // How far a deviation is to be seen.
+  double of(const Deviation& d) const {
+    const double shaped = d.largestAlong() * (along + turn * any_way) + d.aside_mm * any_way;
+    return head_on * std::min(d.mm * any_way, shaped);
+  }
+  // How far two of the points that a deviation may lead to within a cell of the coarser surface are from one another.
+  double between(const Deviation& d) const {
+    // Along two normals, a and b of them: |a - b| along, and |a| + |b| turned, which is |a - b| where they lie on two
+    // sides.
+    const double turned = turn * any_way,
+                 shaped = std::max(d.between_mm * (along + turned), 2 * d.largestAlong() * turned) +
+                          2 * d.aside_mm * any_way;
+    return head_on * std::min(d.apart_mm * any_way, shaped);
+  }
+};
+
+// The order that the results' lists promise.
+inline void sortLists(PlanarLodResult& result) {
+  std::sort(result.instances.begin(), result.instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
+    return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
+  });
+  std::sort(result.wants.begin(), result.wants.end(), [](const ReliefWant& a, const ReliefWant& b) {
+    if (a.page.level != b.page.level) return a.page.level < b.page.level;
+    return a.priority != b.priority ? a.priority < b.priority : a.page < b.page;
+  });
+}
+
+}  // namespace relievo

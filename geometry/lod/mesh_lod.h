@@ -1,0 +1,42 @@
+// mesh_lod.h - planar_lod.h for artworks over a base mesh: which nodes of its patches to draw, and with how many
+// segments along each edge. The same rules: one level an edge, decided once; 2:1 across patches too; vertices snap to
+// the edge's coarser ones. Differences:
+//   places    units of a patch's finest relief cells, 0 .. 128 << relief_depth along u and v; PatchInstance::x0, y0
+//   count from the
+//             patch's corner (0, 0), and every vertex is a sample of the page it is displaced from: nothing is
+//             interpolated
+//   world     that of the base mesh's corners: mm from BaseMesh::origin_mm, for LodView too
+//   errors    distances in space (texturing/package/patch_source.h), against the finest surface at the same (u, v)
+//   grids     may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
+//   wants     with tails: any page; without: pages below the roots, those of level 0 are taken for resident, always
+//   edges     where patches meet, their sides may run either way (src/artwork/base_mesh.h)
+// Pure but for its scratch memory: not for several threads at once. Deterministic.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <vector>
+
+#include "geometry/lod/planar_lod.h"
+#include "src/artwork/base_mesh.h"
+
+namespace relievo {
+
+class MeshLod {
+ public:
+  // coarse: by patch; empty, or an entry of it not finite: the diagonal of the patch's displaced bounds. tails: grids
+  // of up to 2^kTailCellsLog2 cells a patch's side have their heights without a page, and instances drawn from them
+  // have a relief_page of kTailLevel.
+  MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double relief_offset_mm, double relief_scale_mm,
+          std::shared_ptr<const ReliefOracle> oracle, std::vector<CoarseErrors> coarse = {}, bool tails = false);
+  ~MeshLod();
+  // view.exaggerate multiplies heights; view.relief false: the base mesh itself, as fine as its bilinear patches ask
+  // for.
+  PlanarLodResult select(const LodView& view, const ReliefSet& resident);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace relievo

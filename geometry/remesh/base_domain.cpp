@@ -1,0 +1,362 @@
+#include "geometry/remesh/base_domain.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <string>
+
+#include "geometry/mesh/mesh_order.h"
+#include "geometry/mesh/ray_scene.h"
+#include "geometry/remesh/base_fit.h"
+#include "geometry/remesh/base_place.h"
+#include "geometry/remesh/base_quads.h"
+#include "geometry/remesh/base_reduce.h"
+#include "geometry/remesh/base_sheet.h"
+#include "geometry/remesh/base_simplify.h"
+#include "geometry/remesh/base_topology.h"
+#include "geometry/remesh/chunk_reduce.h"
+
+namespace relievo {
+
+namespace {
+
+// The scan in units of its bounding box's diagonal, about its centre.
+struct Frame {
+  glm::dvec3 centre{0};
+  double diagonal = 1;
+};
+
+template <class Triangles>
+Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) {
+  glm::vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo;
+  for (const auto& t : triangles) {
+    for (uint32_t v : t) {
+      if (v >= points.size()) return {};  // refused later
+      lo = glm::min(lo, points[v]);
+      hi = glm::max(hi, points[v]);
+    }
+  }
+  return {(glm::dvec3(lo) + glm::dvec3(hi)) / 2.0, glm::length(glm::dvec3(hi) - glm::dvec3(lo))};
+}
+
+// What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last
+// of the numbers keep too many pages pinned.
+constexpr double kLostEnough = 0.0015;
+constexpr double kWorthIt = 0.75;
+constexpr double kFlatSine = 0.2;
+constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
+// Of a scan along a sheet's patch: half as many as a bake of its own accord gives it cells (mesh_bake.cpp).
+constexpr double kVerticesAlong = 512;
+
+struct Candidate {
+  QuadMesh quads;
+  std::vector<glm::dvec3> normals;
+  std::vector<uint32_t> regions;  // cornerRegions
+  size_t folded = 0, flat = 0;    // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
+  double lost = 1;                // Fit
+  double stray = 0;               // borderStray
+  // A folded corner spoils a part of its quads; a flat one wastes samples.
+  double badness() const {
+    if (quads.quads.empty()) return 2;
+    return lost +
+           (0.3 * static_cast<double>(folded) + 0.015 * static_cast<double>(flat)) /
+               static_cast<double>(quads.points.size()) +
+           stray;
+  }
+};
+
+// How much farther than it must (by rail) the scan's border strays from the base's sides: strayFromSide.
+double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const Rail> rails,
+                   std::span<const double> must) {
+  double stray = 0;
+  auto side = [&](uint32_t rail, const RailEnd& a, const RailEnd& b) {
+    stray = std::max(stray, strayFromSide(rails[rail], a, b) - must[rail]);
+  };
+  std::vector<uint8_t> bare(rails.size());  // with no corner between their ends
+  for (size_t r = 0; r < rails.size(); ++r) bare[r] = rails[r].border;
+  for (uint32_t c = 0; c < m.points.size(); ++c) {
+    const RailPlace& at = m.place[c];
+    if (m.fixed[c] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex)
+      continue;
+    bare[at.rail] = 0;
+    const RailEnd here{m.points[c], normals[c], at.along};
+    side(at.rail, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
+    if (m.fixed[at.after]) side(at.rail, here, {m.points[at.after], normals[at.after], rails[at.rail].length()});
+  }
+  for (uint32_t r = 0; r < rails.size(); ++r) {
+    if (!bare[r]) continue;
+    RailEnd ends[2];
+    for (int k = 0; k < 2; ++k) {
+      const glm::dvec3 p = k ? rails[r].points.back() : rails[r].points.front();
+      const auto found = std::find(m.points.begin(), m.points.end(), p);
+      if (found != m.points.end()) ends[k] = {p, normals[found - m.points.begin()], k ? rails[r].length() : 0};
+    }
+    if (ends[0].normal != glm::dvec3(0) && ends[1].normal != glm::dvec3(0)) side(r, ends[0], ends[1]);
+  }
+  return stray;
+}
+
+// Borders without what heights bring back, as far as that is known: the heights of a relief over a plane.
+std::vector<Rail> flattened(std::vector<Rail> rails, const Outlook& outlook) {
+  if (!isRelief(outlook)) return rails;
+  for (Rail& rail : rails) {
+    for (size_t i = 0; i < rail.points.size(); ++i) {
+      rail.points[i] -= outlook.direction * glm::dot(rail.points[i], outlook.direction);
+      rail.at[i] = i ? rail.at[i - 1] + glm::length(rail.points[i] - rail.points[i - 1]) : 0;
+    }
+  }
+  return rails;
+}
+
+struct Maker {
+  const Surface& surface;
+  ScanLookup scan;
+  Rails rails;
+  Fans fans;
+  Outlook outlook;
+  size_t scan_vertices;
+  std::vector<Rail> flat_rails;
+  std::vector<double> must_stray;  // of a border rail, be there ever so many patches
+  const std::atomic<bool>* interrupted;
+
+  // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
+  Candidate sheet(uint32_t patches) const {
+    uint32_t times = 1;
+    if (const size_t few = sheetQuads(rails.rails, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
+      times = static_cast<uint32_t>(
+          std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
+    }
+    for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
+      Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches, times)};
+      if (c.quads.quads.empty()) break;
+      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      if (isRelief(outlook)) {
+        c.normals.assign(c.quads.points.size(), outlook.direction);
+      } else {
+        c.normals = cornerNormals(c.quads, surface, c.regions, scan);
+      }
+      c.stray = borderStray(c.quads, c.normals, rails.rails, must_stray);
+      if (c.stray <= 0) return c;
+      if (patches) break;
+    }
+    return {};
+  }
+
+  // Of each border rail by sides of so many squares; of creases: 1.
+  std::vector<double> strayFor(double squares, double within) const {
+    double area = 0;
+    for (const SurfacePiece& p : surface.pieces) area += p.area;
+    std::vector<double> stray(flat_rails.size(), 1.0);
+    for (size_t r = 0; r < stray.size(); ++r) {
+      if (flat_rails[r].border) stray[r] = strayForSides(flat_rails[r], std::sqrt(area / squares), within);
+    }
+    return stray;
+  }
+
+  // split: makeQuads. Empty without it where triangles find no partner.
+  Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
+    EditMesh coarse(surface, rails);
+    // Halved sides of a curve stray a quarter as far.
+    const std::vector<double> stray = strayFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderStray);
+    simplify(
+        coarse,
+        {.triangles = triangles, .weight = weight, .rails = rails.rails, .stray = stray, .interrupted = interrupted});
+    flipEdges(coarse);
+    Candidate c{.quads = makeQuads(coarse, rails.rails, split)};
+    if (c.quads.quads.empty()) return c;
+    updateNormals(c.quads);
+    for (int round = 0; round < 4; ++round) {
+      if (interrupted && interrupted->load(std::memory_order_relaxed)) return {};
+      if (round) relaxQuads(c.quads, rails.rails, scan, 8);
+      if (round == 3) settleBorders(c.quads, rails.rails, must_stray);
+      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      placeCorners(c.quads, surface, c.regions, scan);
+    }
+    c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions, scan);
+    untangleQuads(c.quads, rails.rails, scan);
+    return c;
+  }
+
+  Candidate make(uint32_t patches, const std::vector<float>& weight) const {
+    // Few are better had without the split: its quads are four from one.
+    for (uint32_t more = 0; patches < 32 && more < 3; ++more) {
+      Candidate c = make(2 * patches + 2 * more, false, weight);
+      if (c.quads.quads.empty() || 10 * c.quads.quads.size() > 13 * patches) continue;
+      const QuadStars stars(c.quads);
+      bool fair = true;
+      for (uint32_t v = 0; v < c.quads.points.size(); ++v) fair = fair && stars.leastSine(c.quads, v) > 0.2;
+      if (fair) return c;
+    }
+    return make(std::max(4u, patches / 2), true, weight);
+  }
+};
+
+// Patches near one another in space near one another in the list, and corners in the order of the patches: what bakes
+// and streams them finds what it needs together.
+void orderPatches(BaseMesh& base) {
+  glm::vec3 low(std::numeric_limits<float>::infinity()), high = -low;
+  for (const BaseCorner& c : base.corners) {
+    low = glm::min(low, c.position_mm);
+    high = glm::max(high, c.position_mm);
+  }
+  std::vector<std::pair<uint32_t, std::array<uint32_t, 4>>> keyed;
+  for (const auto& patch : base.patches) {
+    glm::vec3 centre(0);
+    for (uint32_t c : patch) centre += 0.25f * base.corners[c].position_mm;
+    keyed.emplace_back(placeOnCurve(centre, low, high), patch);
+  }
+  std::stable_sort(keyed.begin(), keyed.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<uint32_t> name(base.corners.size(), kNoIndex);
+  std::vector<BaseCorner> corners;
+  auto named = [&](uint32_t c) {
+    if (name[c] == kNoIndex) {
+      name[c] = static_cast<uint32_t>(corners.size());
+      corners.push_back(base.corners[c]);
+    }
+    return name[c];
+  };
+  for (size_t p = 0; p < keyed.size(); ++p)
+    for (size_t k = 0; k < 4; ++k) base.patches[p][k] = named(keyed[p].second[k]);
+  for (uint32_t c = 0; c < name.size(); ++c) named(c);
+  base.corners = std::move(corners);
+}
+
+Error interruptedError() { return {ErrorKind::kInterrupted, {}, "interrupted", {}, {}}; }
+
+}  // namespace
+
+Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
+  auto report = [&](double x) {
+    if (options.progress) options.progress(x);
+  };
+  auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
+  if (options.patches > kMaxPatches)
+    return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
+  report(0);
+  Frame frame;
+  // What is coarser than some 24 edges of a base made of these.
+  const size_t wanted = std::max<size_t>(24000, 3 * size_t{options.patches});
+  std::optional<Surface> scan;
+  if (mesh.triangles.size() >= kManyTriangles && mesh.triangles.size() >= 16 * wanted) {
+    frame = frameOf(mesh.positions_mm, mesh.triangles);
+    scan = thinnedByRuns(mesh, {.triangles = 4 * wanted,
+                                .centre = frame.centre,
+                                .diagonal = frame.diagonal,
+                                .workers = options.workers,
+                                .progress = [&](double done) { report(0.4 * done); },
+                                .interrupted = options.interrupted});
+    if (stopped()) return interruptedError();
+  }
+  if (!scan) {
+    auto whole = makeSurface(mesh.positions_mm, mesh.triangles);
+    if (!whole) return whole.error();
+    frame = frameOf(whole->points, whole->triangles);
+    for (glm::vec3& p : whole->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
+    for (SurfacePiece& p : whole->pieces) p.area /= frame.diagonal * frame.diagonal;
+    scan = std::move(*whole);
+  }
+  for (const SurfacePiece& p : scan->pieces) {
+    if (p.area > 1e-14) continue;
+    const glm::dvec3 at =
+        glm::dvec3(scan->points[scan->triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
+    return Error{ErrorKind::kInvalidData,
+                 {},
+                 "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
+                     ", " + std::to_string(at.y) + ", " + std::to_string(at.z) + ") mm",
+                 "remove it from the scan",
+                 {}};
+  }
+  // Each corner owns some of the surface's vertices: there must be enough of them.
+  while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
+  if (stopped()) return interruptedError();
+  report(0.4);
+  // Of the scan itself: the reduced one's walls lean over.
+  const Outlook outlook = scan->pieces.size() == 1
+                              ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted)
+                              : Outlook{};
+  if (stopped()) return interruptedError();
+  if (options.scan_done) options.scan_done();
+
+  const size_t scan_vertices = mesh.positions_mm.size();
+  std::vector<BorderLine> borders;
+  for (const auto& loop : scan->loops) {
+    borders.push_back({loop, {}});
+    for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
+  }
+  const Reduced reduced = reduceSurface(std::move(*scan), wanted, borderCorners(borders), options.interrupted);
+  if (stopped()) return interruptedError();
+  report(0.5);
+  const Surface& surface = reduced.surface;
+  TriMesh triangle_mesh;
+  triangle_mesh.positions_mm = surface.points;
+  triangle_mesh.triangles = surface.triangles;
+  auto scene = RayScene::create(triangle_mesh, options.interrupted);
+  if (!scene) return scene.error();
+  Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, scan_vertices, {},
+              {},      options.interrupted};
+  maker.flat_rails = flattened(maker.rails.rails, outlook);
+  maker.must_stray = maker.strayFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderStray);
+
+  // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
+  std::vector<uint32_t> numbers(3, options.patches);
+  if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
+  Candidate best;
+  int in_vain = 0;
+  std::vector<float> weight;
+  for (size_t i = 0; i < numbers.size(); ++i) {
+    if (stopped()) return interruptedError();
+    Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
+    if (!candidate.quads.quads.empty() &&
+        isRelief(outlook)) {  // whatever is lost of its walls is due to the fit's coarse grids
+      best = std::move(candidate);
+      break;
+    }
+    if (candidate.quads.quads.empty()) candidate = maker.make(numbers[i], weight);
+    if (stopped()) return interruptedError();
+    report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
+    if (candidate.quads.quads.empty()) continue;
+    const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
+    const Fit fit =
+        judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::max(static_cast<int>(cells), 4));
+    const std::vector<uint8_t> folded = foldedCorners(candidate.quads, candidate.normals);
+    candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
+    const QuadStars stars(candidate.quads);
+    for (uint32_t c = 0; c < candidate.quads.points.size(); ++c) {
+      const uint32_t rail = candidate.quads.place[c].rail;
+      candidate.flat +=
+          rail != kNoIndex && maker.rails.rails[rail].border && stars.leastSine(candidate.quads, c) < kFlatSine;
+    }
+    candidate.lost = fit.lost;
+    candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails, maker.must_stray);
+    const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
+    raiseWeights(fit, folded, candidate.regions, surface, weight);
+    // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
+    const double least_gain = options.patches || best.quads.quads.empty() ? 1 : kWorthIt;
+    const bool gain = candidate.badness() < least_gain * best.badness();
+    if (gain) best = std::move(candidate);
+    in_vain = gain ? 0 : in_vain + 1;
+    if (enough || (options.patches == 0 && in_vain == 2)) break;
+  }
+  if (best.quads.quads.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+  const QuadMesh& quads = best.quads;
+  const std::vector<glm::dvec3>& normals = best.normals;
+
+  BaseMesh base;
+  base.origin_mm = mesh.origin_mm;
+  for (size_t c = 0; c < quads.points.size(); ++c) {
+    base.corners.push_back(
+        {glm::vec3(quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(normals[c]))});
+  }
+  // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
+  for (const auto& q : quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
+  orderPatches(base);
+  if (std::string problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
+  report(1);
+  return base;
+}
+
+}  // namespace relievo

@@ -1,0 +1,134 @@
+#include "geometry/remesh/base_sheet.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+
+namespace {
+
+constexpr double kStraight = 0.03;  // how far a side may leave its chord, of its length
+
+bool straight(const Rail& rail) {
+  const glm::dvec3 a = rail.points.front(), side = rail.points.back() - a;
+  const double length = glm::length(side);
+  return length > 0 && std::all_of(rail.points.begin(), rail.points.end(), [&](const glm::dvec3& p) {
+           return glm::length(glm::cross(p - a, side)) <= kStraight * length * length;
+         });
+}
+
+}  // namespace
+
+Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers,
+                  const std::atomic<bool>* interrupted) {
+  auto area = [&](const Triangle& t) {
+    const glm::dvec3 a = points[t[0]];
+    return glm::cross(glm::dvec3(points[t[1]]) - a, glm::dvec3(points[t[2]]) - a);
+  };
+  // Sums of equal parts, in their order: the same for any number of workers.
+  constexpr size_t kPart = size_t{1} << 16;
+  struct Part {
+    glm::dvec3 sum{0};
+    double all = 0, hidden[2] = {0, 0};
+  };
+  std::vector<Part> parts((triangles.size() + kPart - 1) / kPart);
+  auto each = [&](auto&& take) {
+    parallelFor(parts.size(), workers, interrupted, [&](size_t i) {
+      Part part = parts[i];
+      for (size_t t = i * kPart; t < std::min(triangles.size(), (i + 1) * kPart); ++t) take(part, area(triangles[t]));
+      parts[i] = part;
+    });
+  };
+  each([](Part& part, const glm::dvec3& a) {
+    part.sum += a;
+    part.all += glm::length(a);
+  });
+  glm::dvec3 sum{0};
+  double all = 0;
+  for (const Part& part : parts) {
+    sum += part.sum;
+    all += part.all;
+  }
+  Outlook best;
+  if (!(glm::length(sum) > 0)) return best;
+  const glm::dvec3 size = glm::abs(sum);
+  const int k = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
+  glm::dvec3 axis{0};
+  axis[k] = sum[k] > 0 ? 1 : -1;
+  const glm::dvec3 directions[2] = {axis, glm::normalize(sum)};
+  if (!isRelief({directions[1], 0, glm::length(sum) / all})) return {directions[1], 1, glm::length(sum) / all};
+  each([&](Part& part, const glm::dvec3& a) {
+    for (int d = 0; d < 2; ++d) part.hidden[d] += glm::dot(a, directions[d]) > 0 ? 0 : glm::length(a);
+  });
+  double hidden[2] = {0, 0};
+  for (const Part& part : parts)
+    for (int d = 0; d < 2; ++d) hidden[d] += part.hidden[d];
+  const int d = hidden[0] <= hidden[1] ? 0 : 1;
+  return {directions[d], hidden[d] / all, glm::dot(sum, directions[d]) / all};
+}
+
+QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches,
+                    uint32_t times) {
+  QuadMesh m;
+  if (pieces != 1 || rails.size() != 4) return m;
+  for (size_t k = 0; k < 4; ++k) {
+    if (!rails[k].border || rails[k].points.back() != rails[(k + 1) % 4].points.front() || !straight(rails[k]))
+      return m;
+  }
+  const double width = (rails[0].length() + rails[2].length()) / 2,
+               height = (rails[1].length() + rails[3].length()) / 2;
+  uint32_t columns, rows;
+  if (patches) {
+    rows = std::max(1u, static_cast<uint32_t>(std::lround(std::sqrt(patches * height / width))));
+    columns = std::max(1u, static_cast<uint32_t>(std::lround(static_cast<double>(patches) / rows)));
+  } else {
+    const double unit = std::min(width, height);
+    columns = static_cast<uint32_t>(std::lround(std::min(width / unit, 256.0))) * times;
+    rows = static_cast<uint32_t>(std::lround(std::min(height / unit, 256.0))) * times;
+  }
+  // The border runs around the sheet: along its bottom, up its right side, back along the top and down on the left.
+  auto side = [&](size_t k, double t) { return rails[k].point((k < 2 ? t : 1 - t) * rails[k].length()); };
+  const glm::dvec3 corner[4] = {side(0, 0), side(0, 1), side(2, 0), side(2, 1)};  // bottom left, right; top left, right
+  const glm::dvec3 up = glm::cross(corner[3] - corner[0], corner[2] - corner[1]);
+  const double size = glm::length(up);
+  if (!(size > 0)) return m;
+  for (uint32_t j = 0; j <= rows; ++j) {
+    for (uint32_t i = 0; i <= columns; ++i) {
+      const double s = static_cast<double>(i) / columns, t = static_cast<double>(j) / rows;
+      // Between the four sides (Coons 1967).
+      const glm::dvec3 flat =
+          side(0, s) * (1 - t) + side(2, s) * t + side(3, t) * (1 - s) + side(1, t) * s -
+          ((corner[0] * (1 - s) + corner[1] * s) * (1 - t) + (corner[2] * (1 - s) + corner[3] * s) * t);
+      const bool border = i == 0 || j == 0 || i == columns || j == rows;
+      const bool fixed = (i == 0 || i == columns) && (j == 0 || j == rows);
+      glm::dvec3 p = flat;
+      if (!border) {
+        if (const SurfacePoint hit = scan.scene.nearestOnLine({flat, up / size, 0.5}, Facing::kAlong))
+          p = scan.point(hit);
+      }
+      RailPlace place;
+      if (border && !fixed) {
+        auto name = [&](uint32_t x, uint32_t y) { return y * (columns + 1) + x; };
+        const size_t k = j == 0 ? 0 : i == columns ? 1 : j == rows ? 2 : 3;
+        const double forwards = k == 0 || k == 2 ? s : t;
+        place = {static_cast<uint32_t>(k), (k < 2 ? forwards : 1 - forwards) * rails[k].length(), 0, 0};
+        place.before = k % 2 == 0 ? name(i - 1, j) : name(i, j - 1);
+        place.after = k % 2 == 0 ? name(i + 1, j) : name(i, j + 1);
+        if (k >= 2) std::swap(place.before, place.after);
+      }
+      m.points.push_back(p);
+      m.place.push_back(place);
+      m.fixed.push_back(fixed);
+      if (i < columns && j < rows) {
+        const uint32_t a = j * (columns + 1) + i, c = a + columns + 1;
+        m.quads.push_back({a, a + 1, c + 1, c});
+      }
+    }
+  }
+  updateNormals(m);
+  return m;
+}
+
+}  // namespace relievo

@@ -1,0 +1,255 @@
+#include "geometry/remesh/base_topology.h"
+
+#include <cassert>
+#include <cmath>
+#include <numeric>
+#include <string>
+
+namespace relievo {
+
+namespace {
+
+std::string placeText(const glm::vec3& p) {
+  auto number = [](float x) {
+    std::string s = std::to_string(x);
+    return s.substr(0, s.find('.') + 4);
+  };
+  return "(" + number(p.x) + ", " + number(p.y) + ", " + number(p.z) + ") mm";
+}
+
+Error invalid(const std::string& message, const std::string& hint = {}) {
+  return {ErrorKind::kInvalidData, {}, message, hint, {}};
+}
+
+uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
+uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
+
+// The other half edge of each half edge 3 t + k (corner k to corner k + 1), whichever way it runs.
+Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike) {
+  const size_t half_edges = 3 * s.triangles.size();
+  std::vector<uint32_t> begin(s.points.size() + 2, 0), sorted(half_edges), twin(half_edges, kNoIndex);
+  auto lower = [](const Triangle& t, size_t k) { return std::min(t[k], t[k == 2 ? 0 : k + 1]); };
+  for (const Triangle& t : s.triangles)
+    for (size_t k = 0; k < 3; ++k) ++begin[lower(t, k) + 2];
+  for (size_t i = 2; i < begin.size(); ++i) begin[i] += begin[i - 1];
+  uint32_t next = 0;
+  for (const Triangle& t : s.triangles)
+    for (size_t k = 0; k < 3; ++k) sorted[begin[lower(t, k) + 1]++] = next++;
+  wound_alike = true;
+  struct End {
+    uint32_t vertex;
+    bool leaves;  // the lower one, for it
+  };
+  std::vector<End> ends;  // the higher ones of a vertex's half edges
+  for (uint32_t v = 0; v < s.points.size(); ++v) {
+    ends.clear();
+    for (uint32_t i = begin[v]; i < begin[v + 1]; ++i) {
+      const uint32_t t = sorted[i] / 3, k = sorted[i] - 3 * t;
+      const uint32_t from = s.triangles[t][k], to = s.triangles[t][k == 2 ? 0 : k + 1];
+      ends.push_back({from == v ? to : from, from == v});
+    }
+    for (size_t i = 0; i < ends.size(); ++i) {
+      for (size_t j = i + 1; j < ends.size(); ++j) {
+        if (ends[i].vertex != ends[j].vertex) continue;
+        uint32_t &of_i = twin[sorted[begin[v] + i]], &of_j = twin[sorted[begin[v] + j]];
+        if (of_i != kNoIndex || of_j != kNoIndex) {
+          return invalid(
+              "three triangles share the edge at " + placeText(s.points[ends[i].leaves ? v : ends[i].vertex]),
+              "let the mesh be repaired as it is read");
+        }
+        of_i = sorted[begin[v] + j];
+        of_j = sorted[begin[v] + i];
+        if (ends[i].leaves == ends[j].leaves) wound_alike = false;
+      }
+    }
+  }
+  return twin;
+}
+
+// Winds each piece's triangles alike: as the larger part of its area already is.
+Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
+  std::vector<uint8_t> state(s.triangles.size(), 0);  // 0: not seen, 1: stays, 2: turned over
+  std::vector<uint32_t> piece;
+  auto sameWay = [&](uint32_t h, uint32_t g) { return s.triangles[h / 3][h % 3] == s.triangles[g / 3][g % 3]; };
+  for (uint32_t first = 0; first < s.triangles.size(); ++first) {
+    if (state[first]) continue;
+    piece.assign(1, first);
+    state[first] = 1;
+    double area[2] = {0, 0};
+    for (size_t i = 0; i < piece.size(); ++i) {
+      const Triangle& t = s.triangles[piece[i]];
+      area[state[piece[i]] - 1] +=
+          glm::length(glm::cross(s.points[t[1]] - s.points[t[0]], s.points[t[2]] - s.points[t[0]]));
+      for (uint32_t k = 0; k < 3; ++k) {
+        const uint32_t h = 3 * piece[i] + k, g = twin[h];
+        if (g == kNoIndex) continue;
+        const uint8_t wanted = sameWay(h, g) ? 3 - state[piece[i]] : state[piece[i]];
+        if (state[g / 3] == 0) {
+          state[g / 3] = wanted;
+          piece.push_back(g / 3);
+        } else if (state[g / 3] != wanted) {
+          return Error{ErrorKind::kInvalidData,
+                       {},
+                       "a piece of the surface has one side only, as a Moebius strip has; its strip closes at " +
+                           placeText(s.points[s.triangles[g / 3][g % 3]]),
+                       "cut it open there",
+                       {}};
+        }
+      }
+    }
+    const uint8_t turn = area[1] > area[0] ? 1 : 2;
+    for (uint32_t t : piece) {
+      if (state[t] == turn) std::swap(s.triangles[t][1], s.triangles[t][2]);
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
+  if (triangles.empty()) return invalid("the mesh has no triangle");
+  if (triangles.size() >= (uint64_t{1} << 32) / 3)
+    return invalid("the mesh has more than 1.4 thousand million triangles");
+  Surface s;
+  s.points.assign(points.begin(), points.end());
+  s.triangles.assign(triangles.begin(), triangles.end());
+  for (const glm::vec3& p : points) {
+    if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z))
+      return invalid("the mesh has a vertex without a finite position");
+  }
+  for (const Triangle& t : triangles) {
+    for (uint32_t v : t) {
+      if (v >= points.size())
+        return invalid("a triangle names vertex " + std::to_string(v) + " of " + std::to_string(points.size()));
+    }
+    if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) {
+      return invalid("a triangle names one vertex twice, at " + placeText(points[t[0]]),
+                     "let the mesh be repaired as it is read");
+    }
+  }
+  s.source.resize(points.size());
+  std::iota(s.source.begin(), s.source.end(), 0u);
+
+  bool wound_alike = true;
+  auto twins = pairHalfEdges(s, wound_alike);
+  if (!twins) return twins.error();
+  if (!wound_alike) {
+    if (auto wound = windAlike(s, *twins); !wound) return wound.error();
+    twins = pairHalfEdges(s, wound_alike);
+  }
+  const std::vector<uint32_t>& twin = *twins;
+
+  // One fan a vertex: a corner that no fan of its vertex has reached starts a copy.
+  std::vector<uint32_t> corner_vertex(3 * triangles.size(), kNoIndex);
+  std::vector<uint8_t> has_fan(points.size(), 0);
+  for (uint32_t h = 0; h < corner_vertex.size(); ++h) {
+    if (corner_vertex[h] != kNoIndex) continue;
+    uint32_t v = s.triangles[h / 3][h % 3];
+    if (has_fan[v]) {
+      s.points.push_back(points[v]);
+      s.source.push_back(v);
+      v = static_cast<uint32_t>(s.points.size() - 1);
+    } else {
+      has_fan[v] = 1;
+    }
+    uint32_t g = h;
+    do {  // against the clock, over the edge that ends in the vertex
+      corner_vertex[g] = v;
+      g = twin[previousOf(g)];
+    } while (g != kNoIndex && g != h);
+    if (g == kNoIndex) {
+      for (g = twin[h]; g != kNoIndex; g = twin[g]) {
+        g = nextOf(g);
+        corner_vertex[g] = v;
+      }
+    }
+  }
+  for (uint32_t h = 0; h < corner_vertex.size(); ++h) s.triangles[h / 3][h % 3] = corner_vertex[h];
+
+  // Pieces, in the order of their first triangles.
+  std::vector<uint32_t> parent(s.points.size());
+  std::iota(parent.begin(), parent.end(), 0u);
+  auto rootOf = [&](uint32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  for (const Triangle& t : s.triangles) {
+    uint32_t a = rootOf(t[0]);
+    for (int k = 1; k < 3; ++k) {
+      const uint32_t b = rootOf(t[k]);
+      if (a != b) parent[std::max(a, b)] = std::min(a, b);
+      a = std::min(a, b);
+    }
+  }
+  s.piece.assign(s.points.size(), kNoIndex);
+  std::vector<uint64_t> border_edges;
+  for (uint32_t i = 0; i < s.triangles.size(); ++i) {
+    const Triangle& t = s.triangles[i];
+    uint32_t& piece = s.piece[rootOf(t[0])];
+    if (piece == kNoIndex) {
+      piece = static_cast<uint32_t>(s.pieces.size());
+      s.pieces.push_back({.first_triangle = i});
+      border_edges.push_back(0);
+    }
+    SurfacePiece& p = s.pieces[piece];
+    ++p.triangles;
+    p.area += 0.5 * glm::length(glm::cross(glm::dvec3(s.points[t[1]]) - glm::dvec3(s.points[t[0]]),
+                                           glm::dvec3(s.points[t[2]]) - glm::dvec3(s.points[t[0]])));
+    for (uint32_t k = 0; k < 3; ++k) border_edges[piece] += twin[3 * i + k] == kNoIndex;
+  }
+  for (uint32_t v = 0; v < s.points.size(); ++v) {
+    s.piece[v] = s.piece[rootOf(v)];
+    if (s.piece[v] != kNoIndex) ++s.pieces[s.piece[v]].vertices;
+  }
+
+  std::vector<uint8_t> walked(3 * triangles.size(), 0);
+  for (uint32_t h = 0; h < walked.size(); ++h) {
+    if (twin[h] != kNoIndex || walked[h]) continue;
+    std::vector<uint32_t> loop;
+    for (uint32_t g = h; !walked[g];) {
+      walked[g] = 1;
+      loop.push_back(s.triangles[g / 3][g % 3]);
+      // The next border edge starts where this one ends: turn about that vertex.
+      g = nextOf(g);
+      while (twin[g] != kNoIndex) g = nextOf(twin[g]);
+    }
+    ++s.pieces[s.piece[loop[0]]].borders;
+    s.loops.push_back(std::move(loop));
+  }
+  for (size_t i = 0; i < s.pieces.size(); ++i) {
+    SurfacePiece& p = s.pieces[i];
+    p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) +
+              static_cast<int64_t>(p.triangles);
+  }
+  s.twin = std::move(*twins);
+  return s;
+}
+
+Surface subdivided(const Surface& s) {
+  std::vector<glm::vec3> points = s.points;
+  std::vector<Triangle> triangles;
+  triangles.reserve(4 * s.triangles.size());
+  std::vector<uint32_t> middle(s.twin.size());
+  for (uint32_t h = 0; h < middle.size(); ++h) {
+    if (s.twin[h] != kNoIndex && s.twin[h] < h) {
+      middle[h] = middle[s.twin[h]];
+      continue;
+    }
+    const Triangle& t = s.triangles[h / 3];
+    middle[h] = static_cast<uint32_t>(points.size());
+    points.push_back((s.points[t[h % 3]] + s.points[t[(h + 1) % 3]]) / 2.0f);
+  }
+  for (uint32_t t = 0; t < s.triangles.size(); ++t) {
+    const uint32_t a = middle[3 * t], b = middle[3 * t + 1], c = middle[3 * t + 2];
+    triangles.push_back({s.triangles[t][0], a, c});
+    triangles.push_back({a, s.triangles[t][1], b});
+    triangles.push_back({c, b, s.triangles[t][2]});
+    triangles.push_back({a, b, c});
+  }
+  auto finer = makeSurface(points, triangles);
+  assert(finer.ok());
+  return std::move(*finer);
+}
+
+}  // namespace relievo

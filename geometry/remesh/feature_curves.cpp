@@ -1,0 +1,314 @@
+#include "geometry/remesh/feature_curves.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace relievo {
+
+namespace {
+
+constexpr double kSharp = 50 * std::numbers::pi / 180;  // turns of a rail, and folds of the surface, that count
+constexpr double kShortest = 0.25;  // of a net of creases, for each of its ends, forks and sharp turns, in diagonals
+
+double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
+  const double length = glm::length(a) * glm::length(b);
+  return length > 0 ? std::acos(std::clamp(glm::dot(a, b) / length, -1.0, 1.0)) : 0;
+}
+
+// A line of vertices with their places; closed: the last one leads back to the first.
+struct Line {
+  std::vector<uint32_t> vertices;
+  std::vector<glm::dvec3> points;
+  bool closed = false, border = false;
+};
+
+// Indices into the line where it turns by more than kSharp within a window on either side, the sharpest of their
+// surroundings.
+std::vector<size_t> sharpTurns(const Line& line) {
+  const size_t n = line.points.size();
+  std::vector<double> at{0};
+  for (size_t i = 0; i + 1 < n + line.closed; ++i)
+    at.push_back(at.back() + glm::length(line.points[(i + 1) % n] - line.points[i]));
+  const double length = at.back(), window = std::max(length / 24, 0.01);
+  auto place = [&](double s) {
+    if (line.closed) s -= std::floor(s / length) * length;
+    s = std::clamp(s, 0.0, length);
+    size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
+    i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
+    const double t = at[i + 1] > at[i] ? (s - at[i]) / (at[i + 1] - at[i]) : 0;
+    return line.points[i] * (1 - t) + line.points[(i + 1) % n] * t;
+  };
+  std::vector<double> turn(n, 0.0);
+  for (size_t i = line.closed ? 0 : 1; i < n - !line.closed; ++i) {
+    turn[i] = angleOf(line.points[i] - place(at[i] - window), place(at[i] + window) - line.points[i]);
+  }
+  std::vector<size_t> sharp;
+  for (size_t i = 0; i < n; ++i) {
+    if (turn[i] < kSharp) continue;
+    bool largest = true;
+    for (int way : {1, -1}) {
+      double walked = 0;
+      for (size_t step = 1; step < n && largest; ++step) {
+        const size_t from = (i + n + way * (step - 1)) % n, j = (i + n + n + way * step) % n;
+        if (!line.closed && ((way > 0 && j < i) || (way < 0 && j > i))) break;
+        walked += glm::length(line.points[j] - line.points[from % n]);
+        if (walked > window) break;
+        largest = way > 0 ? turn[j] < turn[i] : turn[j] <= turn[i];
+      }
+    }
+    if (largest) sharp.push_back(i);
+  }
+  return sharp;
+}
+
+// A closed line's points, few enough that all lie within that distance of the polygon through them (Douglas and Peucker
+// 1973).
+std::vector<size_t> outline(const std::vector<glm::dvec3>& points, double within) {
+  const size_t n = points.size();
+  auto farthest = [&](size_t from) {
+    size_t best = from;
+    for (size_t i = 0; i < n; ++i) {
+      if (glm::length(points[i] - points[from]) > glm::length(points[best] - points[from])) best = i;
+    }
+    return best;
+  };
+  const size_t a = farthest(0), b = farthest(a);
+  std::vector<size_t> kept{a, b};
+  if (a == b) return {a};
+  std::vector<std::array<size_t, 2>> open{{a, b > a ? b : b + n}, {b, a > b ? a : a + n}};
+  while (!open.empty()) {
+    const auto [first, last] = open.back();
+    open.pop_back();
+    const glm::dvec3 p = points[first % n], side = points[last % n] - p;
+    size_t worst = first;
+    double off = within;
+    for (size_t i = first + 1; i < last; ++i) {
+      const glm::dvec3 d = points[i % n] - p;
+      const double t = std::clamp(glm::dot(d, side) / std::max(glm::dot(side, side), 1e-300), 0.0, 1.0),
+                   length = glm::length(d - t * side);
+      if (length > off) off = length, worst = i;
+    }
+    if (worst == first) continue;
+    kept.push_back(worst % n);
+    open.push_back({first, worst});
+    open.push_back({worst, last});
+  }
+  std::sort(kept.begin(), kept.end());
+  return kept;
+}
+
+// sharpTurns of a border, of its outline: small steps neither make corners nor hide them.
+std::vector<size_t> borderTurns(const std::vector<glm::dvec3>& points) {
+  double length = glm::length(points.front() - points.back());
+  for (size_t i = 1; i < points.size(); ++i) length += glm::length(points[i] - points[i - 1]);
+  // A 400th of a circle's length off it are sides of 20 degrees.
+  const std::vector<size_t> kept = outline(points, std::min(0.005, length / 400));
+  if (kept.size() < 3) return {};
+  Line line{.closed = true, .border = true};
+  for (size_t i : kept) line.points.push_back(points[i]);
+  std::vector<size_t> turns;
+  for (size_t i : sharpTurns(line)) turns.push_back(kept[i]);
+  return turns;
+}
+
+// Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names,
+// kNoIndex: gone.
+void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& out) {
+  const size_t n = line.points.size();
+  // Fixed vertices must still exist.
+  std::vector<size_t> cuts;
+  for (size_t i : line.border ? borderTurns(line.points) : sharpTurns(line)) {
+    if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
+  }
+  if (line.closed && cuts.empty()) {
+    for (size_t i = 0; i < n && cuts.empty(); ++i) {
+      if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
+    }
+    if (cuts.empty()) return;
+  }
+  if (!line.closed) {
+    cuts.insert(cuts.begin(), 0);
+    cuts.push_back(n - 1);
+    cuts.erase(std::unique(cuts.begin(), cuts.end()), cuts.end());
+  }
+  for (size_t c = 0; c + !line.closed < cuts.size(); ++c) {
+    const size_t first = cuts[c], last = c + 1 < cuts.size() ? cuts[c + 1] : cuts[0] + n;
+    Rail rail;
+    rail.border = line.border;
+    const auto name = static_cast<uint32_t>(out.rails.size());
+    uint32_t before = kNoIndex;
+    double before_along = 0;
+    for (size_t i = first; i <= last; ++i) {
+      const glm::dvec3 p = line.points[i % n];
+      const double along = i == first ? 0 : rail.at.back() + glm::length(p - rail.points.back());
+      rail.points.push_back(p);
+      rail.at.push_back(along);
+      const uint32_t v = vertex_of[line.vertices[i % n]];
+      if (v == kNoIndex) continue;
+      if (before != kNoIndex) {
+        out.steps[before].push_back({v, name, before_along});
+        out.steps[v].push_back({before, name, along});
+      }
+      if (i == first || i == last) out.fixed[v] = 1;
+      before = v;
+      before_along = along;
+    }
+    out.rails.push_back(std::move(rail));
+  }
+}
+
+// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and
+// forks.
+std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_border) {
+  auto normal = [&](uint32_t t) {
+    const Triangle& x = s.triangles[t];
+    const glm::dvec3 a = s.points[x[0]], n = glm::cross(glm::dvec3(s.points[x[1]]) - a, glm::dvec3(s.points[x[2]]) - a);
+    const double length = glm::length(n);
+    return length > 0 ? n / length : glm::dvec3(0);
+  };
+  std::vector<std::vector<uint32_t>> beside(s.points.size());
+  for (uint32_t h = 0; h < s.twin.size(); ++h) {
+    if (s.twin[h] == kNoIndex || s.twin[h] < h || glm::dot(normal(h / 3), normal(s.twin[h] / 3)) > std::cos(kSharp))
+      continue;
+    const uint32_t a = s.triangles[h / 3][h % 3], b = s.triangles[h / 3][(h + 1) % 3];
+    beside[a].push_back(b);
+    beside[b].push_back(a);
+  }
+  auto node = [&](uint32_t v) { return beside[v].size() != 2 || on_border[v]; };
+  std::vector<Line> lines;
+  std::vector<std::vector<uint8_t>> walked(s.points.size());
+  for (uint32_t v = 0; v < s.points.size(); ++v) walked[v].assign(beside[v].size(), 0);
+  auto walk = [&](uint32_t v, size_t k) {
+    Line line;
+    line.vertices.push_back(v);
+    for (uint32_t at = v;;) {
+      walked[at][k] = 1;
+      const uint32_t next = beside[at][k];
+      const size_t back = std::find(beside[next].begin(), beside[next].end(), at) - beside[next].begin();
+      walked[next][back] = 1;
+      if (next == v) {
+        line.closed = true;
+        break;
+      }
+      line.vertices.push_back(next);
+      if (node(next)) break;
+      k = 1 - back;
+      at = next;
+    }
+    for (uint32_t x : line.vertices) line.points.push_back(s.points[x]);
+    if (line.closed && node(v)) {  // back to a fork: it stays the end of both ways
+      line.closed = false;
+      line.vertices.push_back(v);
+      line.points.push_back(s.points[v]);
+    }
+    lines.push_back(std::move(line));
+  };
+  for (int pass = 0; pass < 2; ++pass) {  // from the nodes first; then what is left are circles
+    for (uint32_t v = 0; v < s.points.size(); ++v) {
+      if (pass == 0 && !node(v)) continue;
+      for (size_t k = 0; k < beside[v].size(); ++k) {
+        if (!walked[v][k]) walk(v, k);
+      }
+    }
+  }
+  // Nets that are too short for their fixed points are roughness.
+  std::vector<uint32_t> net(s.points.size());
+  std::iota(net.begin(), net.end(), 0u);
+  auto netOf = [&](uint32_t v) {
+    while (net[v] != v) v = net[v] = net[net[v]];
+    return v;
+  };
+  for (const Line& line : lines) {
+    const uint32_t a = netOf(line.vertices.front()), b = netOf(line.vertices.back());
+    net[std::max(a, b)] = std::min(a, b);
+  }
+  std::vector<double> length(s.points.size(), 0.0), fixed(s.points.size(), 0.0);
+  for (uint32_t v = 0; v < s.points.size(); ++v) fixed[netOf(v)] += !beside[v].empty() && node(v);
+  for (const Line& line : lines) {
+    const uint32_t n = netOf(line.vertices.front());
+    for (size_t i = 1; i < line.points.size(); ++i) length[n] += glm::length(line.points[i] - line.points[i - 1]);
+    fixed[n] += static_cast<double>(sharpTurns(line).size());
+  }
+  std::erase_if(lines, [&](const Line& line) {
+    const uint32_t n = netOf(line.vertices.front());
+    return length[n] < kShortest * std::max(fixed[n], 1.0);
+  });
+  return lines;
+}
+
+}  // namespace
+
+glm::dvec3 Rail::point(double s) const {
+  size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
+  i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
+  const double t = at[i + 1] > at[i] ? std::clamp((s - at[i]) / (at[i + 1] - at[i]), 0.0, 1.0) : 0;
+  return points[i] * (1 - t) + points[i + 1] * t;
+}
+
+double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
+  auto i = static_cast<size_t>(std::upper_bound(rail.at.begin(), rail.at.end(), std::min(a.along, b.along)) -
+                               rail.at.begin());
+  const double end = std::max(a.along, b.along);
+  const glm::dvec3 side = b.point - a.point;
+  double stray = 0;
+  for (; i < rail.at.size() && rail.at[i] < end; ++i) {
+    const glm::dvec3 p = rail.points[i] - a.point;
+    glm::dvec3 off{0};
+    for (double t = (rail.at[i] - a.along) / (b.along - a.along), round = 0; round < 3; ++round) {
+      const glm::dvec3 n = a.normal * (1 - t) + b.normal * t,
+                       across = side - n * (glm::dot(side, n) / std::max(glm::dot(n, n), 1e-300));
+      t = std::clamp(glm::dot(p, across) / std::max(glm::dot(across, across), 1e-300), 0.0, 1.0);
+      off = p - t * side;
+      off -= n * (glm::dot(off, n) / std::max(glm::dot(n, n), 1e-300));
+    }
+    stray = std::max(stray, glm::length(off));
+  }
+  return stray;
+}
+
+double strayForSides(const Rail& rail, double side, double within) {
+  const double sides = 1.5 * std::max(2.0, rail.length() / side);
+  while (within < 1 && static_cast<double>(outline(rail.points, within).size()) > sides + 1) within *= 2;
+  return within;
+}
+
+std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders) {
+  std::vector<uint32_t> corners;
+  for (const BorderLine& border : scan_borders) {
+    for (size_t i : borderTurns({border.points.begin(), border.points.end()})) corners.push_back(border.vertices[i]);
+  }
+  return corners;
+}
+
+Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {
+  const size_t n = reduced.surface.points.size();
+  Rails out;
+  out.steps.resize(n);
+  out.fixed.assign(n, 0);
+  uint32_t last = 0;
+  for (const BorderLine& border : scan_borders)
+    last = std::max(last, *std::max_element(border.vertices.begin(), border.vertices.end()));
+  std::vector<uint32_t> reduced_of(scan_borders.empty() ? 0 : last + 1, kNoIndex);
+  for (uint32_t v = 0; v < n; ++v) {
+    if (reduced.vertex[v] < reduced_of.size()) reduced_of[reduced.vertex[v]] = v;
+  }
+  std::vector<uint8_t> on_border(n, 0);
+  for (const BorderLine& border : scan_borders) {
+    addRails({border.vertices, {border.points.begin(), border.points.end()}, true, true}, reduced_of, out);
+    for (uint32_t v : border.vertices) {
+      if (reduced_of[v] != kNoIndex) on_border[reduced_of[v]] = 1;
+    }
+  }
+  std::vector<uint32_t> itself(n);
+  for (uint32_t v = 0; v < n; ++v) itself[v] = v;
+  for (const Line& line : creaseLines(reduced.surface, on_border)) addRails(line, itself, out);
+  for (uint32_t v = 0; v < n; ++v) {
+    if (on_border[v] && out.steps[v].size() > 2) out.fixed[v] = 1;
+  }
+  return out;
+}
+
+}  // namespace relievo

@@ -1,0 +1,229 @@
+// mesh_read.cpp - which reader a file takes, and from its coordinates to floats beside an origin.
+#include "geometry/scan/mesh_read.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "geometry/scan/mesh_file.h"
+#include "geometry/scan/mesh_repair.h"
+
+namespace relievo {
+namespace {
+
+using namespace mesh_file;
+
+// Beyond this, coordinates are no measures of things that anybody scans: a wrong unit, or damage. Products of three
+// lengths stay within floats.
+constexpr double kMaxCoordinateMm = 1e12;
+// Beyond the image by more than what programs round when they write: half a texel of 5,000.
+constexpr float kOutsideImage = 1e-4f;
+
+// About the box's centre, on a grid as coarse as the box: subtracting it from a float is exact in double, a mesh around
+// the coordinates' origin keeps its very floats, and what is left is at most twice the half diagonal: exact to 2^-23 of
+// it.
+glm::dvec3 originOf(const glm::dvec3& low, const glm::dvec3& high) {
+  double half = 0.5 * glm::length(high - low);
+  if (!(half > 0)) return low;
+  double grid = std::exp2(std::ceil(std::log2(half)));
+  glm::dvec3 centre = 0.5 * (low + high);
+  return {grid * std::round(centre.x / grid), grid * std::round(centre.y / grid), grid * std::round(centre.z / grid)};
+}
+
+Error invalid(const std::string& name, std::string message, std::string hint = "") {
+  return {ErrorKind::kInvalidData, name, std::move(message), std::move(hint), {}};
+}
+
+std::string finiteProblem(const glm::dvec3& p, uint64_t vertex, double mm_per_unit) {
+  for (int c = 0; c < 3; ++c)
+    if (!std::isfinite(p[c]) || std::abs(p[c] * mm_per_unit) > kMaxCoordinateMm)
+      return "vertex " + std::to_string(vertex) + " (from 0): expected " + "xyz"[c] + " to be " +
+             (std::isfinite(p[c]) ? "within 10^12 mm of 0" : "a finite number") + ", found " + numberText(p[c]);
+  return {};
+}
+
+Error badVertices(const std::vector<glm::dvec3>& positions, size_t first, const std::string& name, double mm_per_unit) {
+  std::string message = finiteProblem(positions[first], first, mm_per_unit);
+  uint64_t more = 0;
+  bool finite = true;
+  for (size_t i = first; i < positions.size(); ++i) {
+    const glm::dvec3& p = positions[i];
+    const bool numbers = std::isfinite(p.x) && std::isfinite(p.y) && std::isfinite(p.z);
+    finite = finite && numbers;
+    if (i > first && !finiteProblem(p, i, mm_per_unit).empty()) ++more;
+  }
+  if (more > 0)
+    message += "; " + std::to_string(more) + " more " + (more == 1 ? "vertex is" : "vertices are") + " like that";
+  return invalid(
+      name, std::move(message),
+      finite ? "remove such vertices and their faces, or set --unit" : "remove such vertices and their faces");
+}
+
+// Floats as colours: 0..1, or 0..255 if any says so.
+std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
+  float most = 0;
+  for (const glm::vec3& c : colours) most = std::max({most, c.x, c.y, c.z});
+  float scale = most > 1 ? 1 : 255;
+  std::vector<glm::u8vec3> out(colours.size());
+  for (size_t i = 0; i < out.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      float v = colours[i][c] * scale + 0.5f;
+      out[i][c] = v >= 255 ? 255 : v > 0 ? static_cast<uint8_t>(v) : 0;  // not a number: 0
+    }
+  return out;
+}
+
+Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
+  LoadedMesh out;
+  out.diagnosis.findings = std::move(raw.findings);
+  out.named_files = std::move(raw.named_files);
+  out.diagnosis.vertices_read = raw.vertices_read;
+  out.diagnosis.triangles_read = raw.triangles.size();
+  const double unit = options.mm_per_unit;
+  const Error interrupted{ErrorKind::kInterrupted, name, "interrupted", "", {}};
+  for (size_t i = 0; i < raw.positions.size(); ++i) {
+    if (stopAt(i, options.interrupted)) return interrupted;
+    const glm::dvec3& p = raw.positions[i];
+    if (!(std::abs(p.x * unit) <= kMaxCoordinateMm && std::abs(p.y * unit) <= kMaxCoordinateMm &&
+          std::abs(p.z * unit) <= kMaxCoordinateMm))
+      return badVertices(raw.positions, i, name, unit);
+  }
+  if (raw.triangles.empty())
+    return invalid(name, "expected a surface, found no triangle", "points must be meshed first");
+  glm::dvec3 low(raw.positions[raw.triangles[0][0]]),
+      high(low);  // of what is used: a stray point must not cost precision
+  for (size_t i = 0; i < raw.triangles.size(); ++i) {
+    if (stopAt(i, options.interrupted)) return interrupted;
+    for (uint32_t v : raw.triangles[i]) {
+      low = glm::min(low, raw.positions[v]);
+      high = glm::max(high, raw.positions[v]);
+    }
+  }
+  TriMesh& mesh = out.mesh;
+  mesh.origin_mm = originOf(low * unit, high * unit);
+  mesh.positions_mm.resize(raw.positions.size());
+  for (size_t i = 0; i < raw.positions.size(); ++i)
+    mesh.positions_mm[i] = glm::vec3(raw.positions[i] * unit - mesh.origin_mm);
+  std::vector<glm::dvec3>().swap(raw.positions);  // half of all memory so far
+  mesh.triangles = std::move(raw.triangles);
+  mesh.colours = raw.float_colours.empty() ? std::move(raw.colours) : bytesOf(raw.float_colours);
+  std::vector<glm::vec3>().swap(raw.float_colours);
+  mesh.corner_uv = std::move(raw.corner_uv);
+  if (!mesh.corner_uv.empty()) mesh.corner_uv.resize(mesh.triangles.size());
+  mesh.texture_repeats = raw.texture_repeats;
+  mesh.palette = std::move(raw.palette);
+  MeshFinding outside{"triangles with texture coordinates outside the image",
+                      0,
+                      {},
+                      mesh.texture_repeats ? "the image is repeated" : "the image's border goes on"};
+  for (size_t t = 0; t < mesh.corner_uv.size(); ++t) {
+    bool out_of = false;
+    for (const glm::vec2& uv : mesh.corner_uv[t]) {
+      if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
+        return invalid(name, "triangle " + std::to_string(t) +
+                                 " (from 0): expected finite texture coordinates, found " + numberText(uv.x) + " " +
+                                 numberText(uv.y));
+      out_of = out_of || std::abs(uv.x - 0.5f) > 0.5f + kOutsideImage || std::abs(uv.y - 0.5f) > 0.5f + kOutsideImage;
+    }
+    if (out_of && ++outside.count <= kMaxPlaces)
+      outside.places_mm.push_back(mesh.origin_mm + glm::dvec3(mesh.positions_mm[mesh.triangles[t][0]]));
+  }
+  if (outside.count > 0) out.diagnosis.findings.push_back(std::move(outside));
+  mesh.texture_path = std::move(raw.texture_path);
+  if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
+    out.diagnosis.findings.push_back(
+        {"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
+    mesh.texture_path.clear();
+  }
+  auto progress = [&](double done) {
+    if (options.progress) options.progress(0.6 + 0.4 * done);
+  };
+  if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers);
+      !repaired)
+    return repaired.error();
+  return out;
+}
+
+}  // namespace
+
+Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, const char* what) {
+  namespace fs = std::filesystem;
+  std::error_code unknown, ignored;
+  const fs::path beside = fs::path(mesh).parent_path();
+  const fs::path folder = fs::canonical(beside.empty() ? fs::path(".") : beside, unknown);
+  // Made absolute first: of a relative path of which nothing exists the library leaves all as it is.
+  const fs::path file = fs::weakly_canonical(fs::absolute(path, ignored), ignored);
+  // What is not there at all, within the folder or not, is not opened: the reader says so.
+  if (!unknown && std::mismatch(folder.begin(), folder.end(), file.begin(), file.end()).first == folder.end())
+    return {};
+  constexpr size_t kPrinted = 300;
+  const std::string named = path.size() > kPrinted ? inQuotes(path) : "\"" + path + "\"";
+  return Error{ErrorKind::kInvalidData,
+               mesh,
+               std::string("it names ") + what + " " + named + ", which lies outside its folder",
+               "put it beside the mesh, or give --allow-outside",
+               {}};
+}
+
+Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
+  std::string extension = lowerCase(std::filesystem::path(path).extension().string());
+  auto reader = extension == ".ply"   ? readPly
+                : extension == ".obj" ? readObj
+                : extension == ".stl" ? readStl
+                : extension == ".off" ? readOff
+                                      : nullptr;
+  if (!reader)
+    return Error{ErrorKind::kUnsupported,
+                 path,
+                 "expected a mesh file (.ply, .obj, .stl or .off), found the extension " + inQuotes(extension),
+                 "convert it to one of them",
+                 {}};
+  if (!(options.mm_per_unit > 0) || !std::isfinite(options.mm_per_unit))
+    return Error{ErrorKind::kUsage, path, "expected a unit of more than 0 mm", "", {}};
+  auto file = InputFile::open(path);
+  if (!file) return file.error();
+  auto raw = reader(*file, options);
+  if (!raw) return raw.error();
+  auto beside = [&](std::string& named) {
+    if (!named.empty() && std::filesystem::path(named).is_relative())
+      named = (std::filesystem::path(path).parent_path() / named).string();
+  };
+  beside(raw->texture_path);
+  for (std::string& named : raw->named_files) beside(named);
+  return finish(std::move(*raw), path, options);
+}
+
+Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers) {
+  LoadedMesh out;
+  out.mesh = std::move(mesh);
+  const TriMesh& m = out.mesh;
+  out.diagnosis.vertices_read = m.positions_mm.size();
+  out.diagnosis.triangles_read = m.triangles.size();
+  if (m.triangles.empty()) return invalid(name, "expected a surface, found no triangle");
+  if (m.triangles.size() > kMaxTriangles || m.positions_mm.size() > kMaxVertices)
+    return invalid(name, "expected at most " + std::to_string(kMaxTriangles) + " triangles, found " +
+                             std::to_string(m.triangles.size()));
+  if (!m.colours.empty() && m.colours.size() != m.positions_mm.size())
+    return invalid(name, "expected a colour a vertex (" + std::to_string(m.positions_mm.size()) + "), found " +
+                             std::to_string(m.colours.size()));
+  if (!m.corner_uv.empty() && m.corner_uv.size() != m.triangles.size())
+    return invalid(name, "expected texture coordinates of " + std::to_string(m.triangles.size()) +
+                             " triangles, found " + std::to_string(m.corner_uv.size()));
+  for (size_t i = 0; i < m.positions_mm.size(); ++i)
+    if (std::string problem = finiteProblem(glm::dvec3(m.positions_mm[i]) + m.origin_mm, i, 1); !problem.empty())
+      return invalid(name, problem);
+  for (size_t t = 0; t < m.triangles.size(); ++t)
+    for (uint32_t v : m.triangles[t])
+      if (v >= m.positions_mm.size())
+        return invalid(name, "triangle " + std::to_string(t) + " names vertex " + std::to_string(v) + ", there are " +
+                                 std::to_string(m.positions_mm.size()) + " (from 0)");
+  for (size_t t = 0; t < m.corner_uv.size(); ++t)
+    for (const glm::vec2& uv : m.corner_uv[t])
+      if (!std::isfinite(uv.x) || !std::isfinite(uv.y))
+        return invalid(name, "triangle " + std::to_string(t) + ": expected finite texture coordinates");
+  if (auto repaired = repairTriangles(out.mesh, out.diagnosis, name, {}, nullptr, workers); !repaired)
+    return repaired.error();
+  return out;
+}
+
+}  // namespace relievo

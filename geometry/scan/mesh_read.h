@@ -1,0 +1,72 @@
+// mesh_read.h - a scan's file into a triangle mesh, diagnosed and, where that is safe, repaired.
+// PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF. Safe for untrusted files: nothing is allocated
+// that the file's length does not allow for. Deterministic.
+//
+// Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
+// triangles, triangles that run against their piece, closed pieces inside out, edges of more than two triangles and
+// vertices of several fans (split; the pieces stay where they are), T-junctions (vertices of an open border within 1e-7
+// of the diagonal of another open edge), vertices of no triangle.
+// Reported only: open borders, isolated pieces, pieces that are not orientable.
+// Refused (kInvalidData): numbers that are not finite, coordinates beyond 10^12 mm, indices out of range, counts that
+// the file cannot hold.
+//
+// In a repaired mesh all triangles of an orientable piece run alike, closed pieces outwards, and the triangles around a
+// vertex form one fan.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "geometry/mesh/tri_mesh.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+struct MeshReadOptions {
+  double mm_per_unit = 1.0;
+  std::function<void(double /*0..1*/)> progress;
+  const std::atomic<bool>* interrupted = nullptr;
+  bool allow_outside =
+      false;  // material files beyond the mesh's folder are read, too; else one that is named there is kInvalidData
+  int workers = 0;  // threads; 0: one a core. The mesh and its diagnosis are the same for any number
+};
+
+// One kind of finding: how often, where (the first few places, mm in the scan's coordinates), and what was done about
+// it.
+struct MeshFinding {
+  std::string what;  // "non-manifold edges"
+  uint64_t count = 0;
+  std::vector<glm::dvec3> places_mm;  // at most 8
+  std::string done;                   // "split into sheets"; empty: left as it is (open borders)
+};
+struct MeshDiagnosis {
+  uint64_t vertices_read = 0, triangles_read = 0;  // polygons count as the triangles that they are cut into
+  uint64_t vertices = 0, triangles = 0;            // after repair
+  uint64_t pieces = 0, border_loops = 0;
+  glm::dvec3 min_mm{0}, max_mm{0};  // of the bounding box, in the scan's coordinates
+  std::vector<MeshFinding> findings;
+};
+
+struct LoadedMesh {
+  TriMesh mesh;
+  MeshDiagnosis diagnosis;
+  std::vector<std::string> named_files;  // images and material files that the mesh names, used or not, there or not
+};
+// Paths of the result: from the mesh file's folder if they are relative. texture_path: the material's; empty if no
+// corner has texture coordinates.
+Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});
+// A file that a mesh names must lie in the mesh's folder or below it, wherever links lead: whoever sends a mesh shall
+// not choose which of the receiver's files are opened. kInvalidData names it; `what` says what it is: "the material
+// file". path: as LoadedMesh has it.
+Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, const char* what);
+// The same for triangles from elsewhere (tests, generators): diagnosis and repair. name is what errors name.
+Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers = 0);
+
+// Which of TriMesh's promises a mesh breaks, or nothing; also vertices that no triangle names. For tests: sorts all
+// edges.
+std::string triMeshProblem(const TriMesh& mesh);
+
+}  // namespace relievo

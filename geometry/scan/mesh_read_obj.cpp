@@ -1,0 +1,370 @@
+// mesh_read_obj.cpp - Wavefront OBJ: v (with colours behind the coordinates, as MeshLab and ZBrush write them), vt, f
+// (negative indices count back from the line), mtllib and usemtl for the image that map_Kd names. Normals, groups and
+// free-form surfaces are read over.
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <set>
+
+#include "geometry/scan/mesh_file.h"
+
+namespace relievo::mesh_file {
+namespace {
+
+constexpr uint64_t kMaxMaterialBytes = uint64_t{16} << 20;
+constexpr size_t kMaxLibraries = 64;  // more, and the same one again, are read over
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && isBlank(text.front())) text.remove_prefix(1);
+  while (!text.empty() && isBlank(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+// The path behind map_Kd's options; it may hold blanks. clamped: the image does not repeat.
+std::string imagePath(std::string_view text, bool& clamped) {
+  for (;;) {
+    std::string_view rest = text, option = nextItem(rest);
+    int arguments = -1;
+    for (auto [name, n] : {std::pair{"-blendu", 1},
+                           {"-blendv", 1},
+                           {"-boost", 1},
+                           {"-bm", 1},
+                           {"-cc", 1},
+                           {"-clamp", 1},
+                           {"-imfchan", 1},
+                           {"-mm", 2},
+                           {"-texres", 1},
+                           {"-type", 1},
+                           {"-o", 3},
+                           {"-s", 3},
+                           {"-t", 3}})
+      if (option == name) arguments = n;
+    if (arguments < 0) break;
+    for (int k = 0; k < arguments; ++k) {
+      std::string_view before = rest, argument = nextItem(rest);
+      if (option == "-clamp") clamped = argument == "on";
+      double number = 0;
+      if (arguments == 3 && k > 0 && !parseNumber(argument, number)) {  // -o, -s and -t may have fewer than three
+        rest = before;
+        break;
+      }
+    }
+    text = rest;
+  }
+  std::string path(trimmed(text));
+  std::replace(path.begin(), path.end(), '\\', '/');
+  return path;
+}
+
+class ObjReader {
+ public:
+  ObjReader(const InputFile& file, const MeshReadOptions& options)
+      : allow_outside_(options.allow_outside), in_(file, options), cutter_(mesh_) {}
+
+  Result<RawMesh> read() {
+    std::string_view text;
+    while (in_.line(text)) {
+      if (text.size() > 0 && text.back() == '\r') text.remove_suffix(1);
+      if (text.size() > 0 && text.back() == '\\') text = joined(text);
+      std::string_view key = nextItem(text);
+      if (key == "v") vertex(text);
+      else if (key == "vt") textureVertex(text);
+      else if (key == "f" || key == "fo") face(text);
+      else if (key == "mtllib") materialFile(trimmed(text));
+      else if (key == "usemtl") useMaterial(trimmed(text));
+      if (in_.failed()) break;
+    }
+    if (in_.failed()) return in_.error();
+    mesh_.vertices_read = mesh_.positions.size();
+    if (mesh_.vertices_read == 0)
+      return Error{ErrorKind::kInvalidData,
+                   in_.file().path(),
+                   "expected vertices (lines \"v x y z\"), found none",
+                   "this is no OBJ file",
+                   {}};
+    if (highest_ >= mesh_.positions.size()) {
+      Error e{ErrorKind::kInvalidData,
+              in_.file().path(),
+              "",
+              "the file is damaged; get a whole copy, or write it anew",
+              {}};
+      e.message = "face " + std::to_string(highest_face_) + " names vertex " + std::to_string(highest_ + 1) +
+                  ", there are " + std::to_string(mesh_.positions.size()) + " (from 1)";
+      return e;
+    }
+    if (!mesh_.float_colours.empty()) mesh_.float_colours.resize(mesh_.positions.size(), glm::vec3(1));
+    if (cutter_.dropped() > 0)
+      mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
+    chooseImage();
+    useColours();
+    noteColoursLost();
+    return std::move(mesh_);
+  }
+
+ private:
+  void bad(const char* expected, std::string_view found) {
+    in_.note(std::string("expected ") + expected + ", found " + inQuotes(found) + " in line " +
+             std::to_string(in_.lineNumber()));
+  }
+  // A line that ends in a backslash goes on in the next.
+  std::string_view joined(std::string_view text) {
+    constexpr size_t kMaxJoinedBytes = size_t{64} << 20;
+    joined_.assign(text);
+    while (!joined_.empty() && joined_.back() == '\\' && joined_.size() <= kMaxJoinedBytes) {
+      joined_.back() = ' ';
+      std::string_view more;
+      if (!in_.line(more)) break;
+      if (!more.empty() && more.back() == '\r') more.remove_suffix(1);
+      joined_ += more;
+    }
+    return joined_;
+  }
+
+  void vertex(std::string_view text) {
+    double v[8];
+    size_t n = 0;
+    std::string_view whole = text;
+    for (; n < 8; ++n) {
+      std::string_view item = nextItem(text);
+      if (item.empty() || item.front() == '#') break;
+      if (!parseNumber(item, v[n])) return bad("a vertex's coordinate", item);
+    }
+    if (n < 3) return bad("three coordinates of a vertex", whole);
+    if (mesh_.positions.size() >= kMaxVertices)
+      return in_.note("expected at most " + std::to_string(kMaxVertices) + " vertices");
+    mesh_.positions.emplace_back(v[0], v[1], v[2]);
+    if (n >= 6) {
+      mesh_.float_colours.resize(mesh_.positions.size() - 1, glm::vec3(1));
+      mesh_.float_colours.emplace_back(v[3], v[4], v[5]);
+    }
+  }
+
+  void textureVertex(std::string_view text) {
+    glm::vec2 uv(0);
+    std::string_view u = nextItem(text), v = nextItem(text);
+    double x = 0, y = 0;
+    if (!parseNumber(u, x) || (!v.empty() && v.front() != '#' && !parseNumber(v, y)))
+      return bad("texture coordinates", u);
+    uv_.emplace_back(x, y);
+  }
+
+  // An index of the file (from 1, or back from the end: -1) among n, from 0; false: none of them.
+  static bool resolve(int64_t index, size_t n, uint64_t& out) {
+    if (index < 0) index += static_cast<int64_t>(n) + 1;
+    out = static_cast<uint64_t>(index - 1);
+    return index > 0;
+  }
+
+  void face(std::string_view text) {
+    ++faces_;
+    corners_.clear();
+    corner_uv_.clear();
+    bool has_uv = false;
+    for (std::string_view item = nextItem(text); !item.empty() && item.front() != '#'; item = nextItem(text)) {
+      std::string_view rest = item;
+      auto part = [&] {
+        size_t slash = rest.find('/');
+        std::string_view p = rest.substr(0, slash);
+        rest.remove_prefix(slash == std::string_view::npos ? rest.size() : slash + 1);
+        return p;
+      };
+      int64_t index = 0;
+      uint64_t v = 0, vt = 0;
+      if (!parseNumber(part(), index)) return bad("a corner of a face", item);
+      if (!resolve(index, mesh_.positions.size(), v) || v >= kMaxVertices)
+        return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
+                        ") names vertex " + std::to_string(index) + ", there are " +
+                        std::to_string(mesh_.positions.size()) + " before it (from 1)");
+      if (v >= mesh_.positions.size() && v >= highest_) {  // may still come
+        highest_ = v;
+        highest_face_ = faces_;
+      }
+      corners_.push_back(static_cast<uint32_t>(v));
+      glm::vec2 uv(0);
+      if (std::string_view t = part(); !t.empty()) {
+        if (!parseNumber(t, index)) return bad("a corner of a face", item);
+        if (!resolve(index, uv_.size(), vt) || vt >= uv_.size())
+          return in_.note("face " + std::to_string(faces_) + " (line " + std::to_string(in_.lineNumber()) +
+                          ") names texture coordinates " + std::to_string(index) + ", there are " +
+                          std::to_string(uv_.size()) + " before it (from 1)");
+        uv = uv_[vt];
+        has_uv = true;
+      }
+      corner_uv_.push_back(uv);
+    }
+    size_t before = mesh_.triangles.size();
+    cutter_.add(corners_, has_uv ? std::span<const glm::vec2>(corner_uv_) : std::span<const glm::vec2>());
+    if (mesh_.triangles.size() > kMaxTriangles)
+      return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles");
+    if (!use_) {
+      use_ = &triangles();
+      if (runs_.empty() || runs_.back().material != material_) runs_.push_back({before, material_});
+    }
+    *use_ += mesh_.triangles.size() - before;
+  }
+
+  void materialFile(std::string_view name) {
+    // Beside the OBJ; a file that is not there costs the image alone.
+    if (libraries_.size() == kMaxLibraries || !libraries_.insert(std::string(name)).second) return;
+    auto path = std::filesystem::path(in_.file().path()).parent_path() / std::string(name);
+    mesh_.named_files.emplace_back(name);
+    if (!allow_outside_) {
+      if (auto beside = checkBesideMesh(in_.file().path(), path.string(), "the material file"); !beside)
+        return in_.note(beside.error().message, beside.error().hint);
+    }
+    auto text = readTextFile(path.string(), kMaxMaterialBytes);
+    if (!text) {
+      if (++unread_libraries_ == 1) unread_library_ = name.substr(0, 100);
+      return;
+    }
+    std::string name_of;
+    for (std::string_view rest = *text; !rest.empty();) {
+      size_t end = rest.find('\n');
+      std::string_view line = rest.substr(0, end);
+      rest.remove_prefix(end == std::string_view::npos ? rest.size() : end + 1);
+      std::string_view key = nextItem(line);
+      if (key == "newmtl") {
+        name_of = trimmed(line);
+      } else if (lowerCase(key) == "map_kd") {
+        Material& m = materials_[name_of];
+        bool clamped = false;
+        m.image = imagePath(trimmed(line), clamped);
+        if (images_.emplace(m.image, clamped).second) mesh_.named_files.push_back(m.image);
+      } else if (lowerCase(key) == "kd") {
+        glm::dvec3 c(0);
+        if (parseNumber(nextItem(line), c.x) && parseNumber(nextItem(line), c.y) && parseNumber(nextItem(line), c.z) &&
+            std::isfinite(c.x + c.y + c.z))
+          materials_[name_of].colour = glm::u8vec3(glm::round(255.0 * glm::clamp(c, 0.0, 1.0)));
+      }
+    }
+  }
+
+  void useMaterial(std::string_view name) {
+    material_ = name;
+    use_ = nullptr;
+  }
+  // Of the material in use: its image's, or its own if it has none.
+  uint64_t& triangles() {
+    auto found = materials_.find(material_);
+    return found == materials_.end() || found->second.image.empty() ? without_image_[material_]
+                                                                    : triangles_of_[found->second.image];
+  }
+
+  // TriMesh has one image: the one that most triangles show.
+  void chooseImage() {
+    uint64_t most = 0, all = 0;
+    for (const auto& [image, triangles] : triangles_of_) {
+      all += triangles;
+      if (triangles <= most) continue;
+      most = triangles;
+      mesh_.texture_path = image;
+    }
+    mesh_.texture_repeats = most == 0 || !images_[mesh_.texture_path];
+    if (all > most)
+      mesh_.findings.push_back({"triangles of further images (one is used: " + mesh_.texture_path + ")",
+                                all - most,
+                                {},
+                                "painted from that one, too"});
+  }
+
+  // Where no image, no texture coordinate and no vertex has colours: those of the materials, if there is more than one,
+  // or no grey among them.
+  void useColours() {
+    if (!mesh_.texture_path.empty() || !mesh_.corner_uv.empty() || !mesh_.float_colours.empty()) return;
+    std::map<std::string, uint32_t> texel;
+    std::vector<glm::u8vec3> palette;
+    bool worth = false;
+    for (const Run& run : runs_) {
+      if (!texel.emplace(run.material, static_cast<uint32_t>(palette.size())).second) continue;
+      if (palette.size() == kMaxPalette) return;
+      auto found = materials_.find(run.material);
+      const glm::u8vec3 c = found == materials_.end() ? kPlain : found->second.colour;
+      worth = worth || c.r != c.g || c.g != c.b || (!palette.empty() && c != palette[0]);
+      palette.push_back(c);
+    }
+    if (!worth) return;
+    mesh_.corner_uv.resize(mesh_.triangles.size());
+    for (size_t i = 0; i < runs_.size(); ++i) {
+      const size_t end = i + 1 < runs_.size() ? runs_[i + 1].first : mesh_.triangles.size();
+      const glm::vec2 uv((static_cast<float>(texel[runs_[i].material]) + 0.5f) / static_cast<float>(palette.size()),
+                         0.5f);
+      for (size_t t = runs_[i].first; t < end; ++t) mesh_.corner_uv[t].fill(uv);
+    }
+    mesh_.palette = std::move(palette);
+    mesh_.texture_repeats = false;
+  }
+
+  void noteColoursLost() {
+    const bool image = !mesh_.texture_path.empty() && !mesh_.corner_uv.empty();
+    uint64_t lost = 0, most = 0, materials = 0;
+    std::string material;
+    for (const auto& [name, triangles] : without_image_) {
+      auto found = materials_.find(name);
+      // Beside an image all other triangles are lost; without any, those of a colour that is no grey.
+      const bool grey = found == materials_.end() || (found->second.colour.r == found->second.colour.g &&
+                                                      found->second.colour.g == found->second.colour.b);
+      if (triangles == 0 || (!image && (grey || !mesh_.palette.empty()))) continue;
+      lost += triangles;
+      ++materials;
+      if (triangles <= most) continue;
+      most = triangles;
+      material = name;
+    }
+    const std::string further = materials > 1 ? " and " + std::to_string(materials - 1) + " more" : "";
+    const std::string whose = (material.empty() ? "no material" : "material " + inQuotes(material)) + further;
+    if (lost > 0 && image)
+      mesh_.findings.push_back({"triangles of materials without an image (" + whose + ")",
+                                lost,
+                                {},
+                                "painted from the image of the others"});
+    if (lost > 0 && !image)
+      mesh_.findings.push_back({"triangles of materials with a colour alone (" + whose + ")",
+                                lost,
+                                {},
+                                "Kd is not used beside texture coordinates or colours of vertices"});
+    if (unread_libraries_ > 0)
+      mesh_.findings.push_back({"material files that cannot be read (" + unread_library_ + ")",
+                                unread_libraries_,
+                                {},
+                                image                          ? "their images are not used"
+                                : !mesh_.float_colours.empty() ? "colours of vertices are used"
+                                : mesh_.corner_uv.empty()
+                                    ? "the result has no colour"
+                                    : "the result has no colour, unless --texture names the image"});
+  }
+
+  bool allow_outside_;
+  FileReader in_;
+  RawMesh mesh_;
+  FaceCutter cutter_;
+  std::vector<glm::vec2> uv_, corner_uv_;
+  std::vector<uint32_t> corners_;
+  static constexpr glm::u8vec3 kPlain{204, 204, 204};  // of a material that says none
+  static constexpr size_t kMaxPalette = 16384;         // as wide as an image may be
+  struct Material {
+    std::string image;
+    glm::u8vec3 colour = kPlain;  // Kd
+  };
+  std::set<std::string> libraries_;
+  std::map<std::string, bool> images_;  // whether one is clamped
+  std::map<std::string, Material> materials_;
+  std::map<std::string, uint64_t> triangles_of_, without_image_;  // an image's; a material's
+  std::string material_, unread_library_;
+  struct Run {
+    size_t first = 0;  // triangle
+    std::string material;
+  };
+  std::vector<Run> runs_;
+  uint64_t unread_libraries_ = 0;
+  uint64_t* use_ = nullptr;
+  uint64_t faces_ = 0, highest_ = 0, highest_face_ = 0;
+  std::string joined_;
+};
+
+}  // namespace
+
+Result<RawMesh> readObj(const InputFile& file, const MeshReadOptions& options) {
+  return ObjReader(file, options).read();
+}
+
+}  // namespace relievo::mesh_file

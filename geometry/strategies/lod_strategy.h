@@ -1,0 +1,126 @@
+// lod_strategy.h - one interface for ways to choose geometry for a view, so that `relievo compare` can measure them
+// side by side. A strategy is one file, geometry/strategy_NAME.cpp, plus its line in strategy_registry.cpp; nothing
+// else knows its name. View in; out: instanced grids (planar_lod.h), explicit triangles, or both, and the error that
+// the strategy foresees. All draw from the same relief pages, every one of them resident: what is compared is geometry,
+// not streaming. What is drawn where (places, heights, projection) is not the strategy's business: over a base mesh as
+// on a flat artwork it names nodes and places in them, and errors are taken there. SceneLod and strategy_bounds.h know
+// which of both a scene is. Pure: no GL. A strategy is used by one thread; the same scene and views, in the same order,
+// give the same results.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "geometry/lod/mesh_lod.h"
+#include "geometry/lod/planar_lod.h"
+#include "geometry/strategies/strategy_body.h"
+#include "geometry/strategies/strategy_field.h"
+
+namespace relievo {
+
+// What strategies choose from.
+struct StrategyScene {
+  PlanarDomain domain;  // over a base mesh: a strip of its patches
+  std::shared_ptr<const ReliefOracle> oracle;
+  std::shared_ptr<const ReliefSet> resident;  // every relief page
+  // The finest relief, for strategies that emit triangles of their own: the one or the other.
+  std::shared_ptr<const ReliefField> field;  // of a flat artwork
+  std::shared_ptr<const BodyField> body;     // over a base mesh
+  std::vector<CoarseErrors> coarse;          // by patch, over a base mesh; or empty (mesh_lod.h)
+  // At a vertex of one of the instance's grids, steps of a sample's range.
+  double heightSteps(const PatchInstance& p, int64_t x, int64_t y) const {
+    return body ? body->at(p.node.patch, x, y) : field->heightSteps(static_cast<double>(x), static_cast<double>(y));
+  }
+};
+
+// planar_lod.h or mesh_lod.h, as the scene has it. oracle: what to believe, if not the scene's.
+class SceneLod {
+ public:
+  explicit SceneLod(const StrategyScene& scene, std::shared_ptr<const ReliefOracle> oracle = nullptr)
+      : scene_(scene), oracle_(oracle ? oracle : scene.oracle) {
+    const PlanarDomain& d = scene.domain;
+    // Another oracle knows nothing of the errors that the scene's was given with.
+    if (scene.body)
+      mesh_ = std::make_unique<MeshLod>(scene.body->base, d.relief_depth, d.relief_offset_mm, d.relief_scale_mm,
+                                        oracle_, oracle ? std::vector<CoarseErrors>{} : scene.coarse);
+  }
+  PlanarLodResult select(const LodView& view) {
+    return mesh_ ? mesh_->select(view, *scene_.resident)
+                 : selectPlanarLod(scene_.domain, *oracle_, view, *scene_.resident);
+  }
+
+ private:
+  StrategyScene scene_;
+  std::shared_ptr<const ReliefOracle> oracle_;
+  std::unique_ptr<MeshLod> mesh_;
+};
+
+// What a grid's vertices do (shaders/compare_*.vert, patch.vert).
+enum class GridRule : uint8_t {
+  kSnapped,      // those on edges snap to the edge's level (patch.vert as the engine draws it)
+  kUnsnapped,    // they stay; a negative control
+  kMorphed,      // they slide to the next coarser grid with the distance to the eye (StrategyResult::morph)
+  kTessellated,  // the instance is one patch of the hardware tessellator: edge levels are its outer factors, grid_level
+                 // the inner one
+  kGeomorph      // as kSnapped, on the way that the instances say (PatchInstance::morph)
+};
+
+// Vertices of explicit triangles; the error is taken at the place within the instance's node.
+struct StrategyVertex {
+  int32_t x = 0, y = 0;    // units (over a base mesh: in the instance's patch)
+  float height_steps = 0;  // of the 16-bit range (mm = offset + scale x steps), not exaggerated
+  uint32_t instance = 0;   // index into StrategyResult::instances
+};
+
+// Vertices of absolute level node.level + grid_level morph between these distances from the eye, mm.
+struct MorphRange {
+  float start_mm = 0, end_mm = 0;
+};
+inline constexpr int kMorphLevels = 32;
+
+struct StrategyResult {
+  std::vector<PatchInstance> instances;  // sorted by grid_level
+  GridRule rule = GridRule::kSnapped;
+  std::vector<StrategyVertex> triangles;  // three a triangle, drawn besides the grids
+  std::array<MorphRange, kMorphLevels> morph{};
+  glm::dvec3 morph_eye_mm{0};
+  double error_px = 0;  // the budget that the choice kept to (a node budget may have doubled the one asked for)
+  // An upper bound of how far the picture of a point of the finest relief lies from that of the drawn surface above the
+  // same place. Negative: the strategy promises nothing.
+  double predicted_px = -1;
+};
+
+// What selectPlanarLod answered, with the bound that it certifies.
+inline StrategyResult certifiedResult(PlanarLodResult lod) {
+  StrategyResult result;
+  result.instances = std::move(lod.instances);
+  result.error_px = lod.error_px;
+  result.predicted_px = lod.max_error_px;
+  return result;
+}
+
+class LodStrategy {
+ public:
+  virtual ~LodStrategy() = default;
+  // view.error_px: the budget. What a strategy makes of view.min_cell_px it says in its purpose.
+  virtual StrategyResult select(const LodView& view) = 0;
+};
+
+struct StrategyEntry {
+  std::string name, title, purpose;  // "edge-lod", "Edge LOD", one sentence for --help and the report
+  bool control = false;              // a negative control: expected to fail
+  bool keeps_budget = false;  // promises predicted_px <= 2 x the budget (2: where levels meet), wherever it is not
+                              // `error_px` itself that grew
+  bool needs_tessellation = false;  // GL 4
+  std::function<std::unique_ptr<LodStrategy>(const StrategyScene&)> make;
+};
+// In the order of reports.
+const std::vector<StrategyEntry>& lodStrategies();
+const StrategyEntry* findStrategy(const std::string& name);  // null: none of that name
+
+}  // namespace relievo

@@ -1,0 +1,18 @@
+// strategy_list.h - what each strategy's file offers to the registry.
+#pragma once
+
+#include "geometry/strategies/lod_strategy.h"
+
+namespace relievo {
+
+StrategyEntry uniformStrategy();
+StrategyEntry cdlodStrategy();
+StrategyEntry edgeLodStrategy();
+StrategyEntry edgeMorphStrategy();
+StrategyEntry edgeScreenStrategy();
+StrategyEntry edgeLengthStrategy();
+StrategyEntry tessellationStrategy();
+StrategyEntry noSnappingStrategy();
+StrategyEntry skirtsStrategy();
+
+}  // namespace relievo

@@ -1,0 +1,61 @@
+#include "src/artwork/base_mesh.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+namespace relievo {
+
+std::vector<PatchNeighbours> patchNeighbours(const BaseMesh& mesh) {
+  struct Use {
+    uint32_t patch;
+    Side side;
+  };
+  std::map<std::array<uint32_t, 2>, std::vector<Use>> sides;  // by the ends' corners, the smaller first
+  auto ends = [&](uint32_t patch, int side) {
+    const auto& c = mesh.patches[patch];
+    return std::array{c[kSideCorners[side][0]], c[kSideCorners[side][1]]};
+  };
+  for (uint32_t p = 0; p < mesh.patches.size(); ++p) {
+    for (int s = 0; s < 4; ++s) {
+      auto e = ends(p, s);
+      sides[{std::min(e[0], e[1]), std::max(e[0], e[1])}].push_back({p, static_cast<Side>(s)});
+    }
+  }
+  std::vector<PatchNeighbours> all(mesh.patches.size());
+  for (const auto& [key, uses] : sides) {
+    if (uses.size() != 2 || uses[0].patch == uses[1].patch) continue;
+    for (int k = 0; k < 2; ++k) {
+      const Use &here = uses[k], &there = uses[1 - k];
+      const bool reversed = ends(here.patch, here.side)[0] != ends(there.patch, there.side)[0];
+      all[here.patch][here.side] = {there.patch, there.side, reversed};
+    }
+  }
+  return all;
+}
+
+std::string baseMeshProblem(const BaseMesh& mesh) {
+  if (mesh.patches.empty()) return "there is no patch";
+  if (mesh.patches.size() > kMaxPatches) return "there are more than 2^20 patches";
+  auto finite = [](const auto& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); };
+  if (!finite(mesh.origin_mm)) return "the origin is not finite";
+  for (size_t i = 0; i < mesh.corners.size(); ++i) {
+    const BaseCorner& c = mesh.corners[i];
+    if (!finite(c.position_mm)) return "corner " + std::to_string(i) + " has no finite position";
+    if (!finite(c.normal) || std::abs(glm::length(c.normal) - 1.0f) > 1e-3f)
+      return "the normal of corner " + std::to_string(i) + " is not of length 1";
+  }
+  for (size_t p = 0; p < mesh.patches.size(); ++p) {
+    auto c = mesh.patches[p];
+    for (uint32_t corner : c) {
+      if (corner >= mesh.corners.size())
+        return "patch " + std::to_string(p) + " names corner " + std::to_string(corner) + ", which does not exist";
+    }
+    std::sort(c.begin(), c.end());
+    if (std::adjacent_find(c.begin(), c.end()) != c.end())
+      return "patch " + std::to_string(p) + " names a corner twice";
+  }
+  return {};
+}
+
+}  // namespace relievo

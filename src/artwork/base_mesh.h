@@ -1,0 +1,99 @@
+// base_mesh.h - the coarse quads of an artwork that is not flat (adaptive quad patches: Gobbetti et al. 2012). Patch p
+// of the base mesh is patch p of the forest of quadtrees; its surface is
+//   S(u, v) = P(u, v) + h(u, v) N(u, v),  (u, v) in [0, 1]^2,
+// P and N bilinear in the four corners' positions and normals, N not normalised (so that S is a polynomial where h is),
+// h the relief's height in mm. What is drawn and measured: the triangles of the finest grid of vertices of S, cut along
+// (0,0)-(1,1).
+//
+// Orientation: seen from outside, with u to the right, v points down, as x and y of a flat artwork's texels do: P_v x
+// P_u points outwards. Neighbours share corners by index; their sides need not run alike, and a patch may even meet a
+// neighbour upside down (a Moebius strip): only the direction along a side, by its corners' indices, is ever relied on.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "src/artwork/deviation.h"
+#include "src/artwork/node_id.h"
+
+namespace relievo {
+
+struct BaseCorner {
+  glm::vec3 position_mm{0};  // from BaseMesh::origin_mm
+  glm::vec3 normal{0};       // of length 1, outwards
+  friend bool operator==(const BaseCorner&, const BaseCorner&) = default;
+};
+
+struct BaseMesh {
+  glm::dvec3 origin_mm{0};  // of the corners' positions, in the coordinates of the scan
+  std::vector<BaseCorner> corners;
+  std::vector<std::array<uint32_t, 4>> patches;  // corners at (u, v) = (0,0), (1,0), (0,1), (1,1)
+
+  glm::dvec3 point(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::position_mm); }
+  glm::dvec3 normal(uint32_t patch, double u, double v) const { return bilinear(patch, u, v, &BaseCorner::normal); }
+  friend bool operator==(const BaseMesh&, const BaseMesh&) = default;
+
+ private:
+  glm::dvec3 bilinear(uint32_t patch, double u, double v, glm::vec3 BaseCorner::*field) const {
+    auto at = [&](int k) { return glm::dvec3(corners[patches[patch][k]].*field); };
+    return (at(0) * (1 - u) + at(1) * u) * (1 - v) + (at(2) * (1 - u) + at(3) * u) * v;
+  }
+};
+
+// The corner slots of a side's two ends, in the direction of growing u or v.
+inline constexpr std::array<std::array<int, 2>, 4> kSideCorners{{{0, 2}, {1, 3}, {0, 1}, {2, 3}}};  // by Side
+
+// How far in mm (a distance in space) a patch's grids of 2^k cells a side lie from the finest surface, k = 0..6.
+using CoarseErrors = std::array<float, 7>;
+// Of those of 16, 32 and 64 cells by blocks of 8 x 8 cells: 2, 4 and 8 blocks a side, one grid after the other, rows of
+// v from 0. As bytes: shares of the whole patch's error of that grid, rounded up.
+inline constexpr int kFirstBlockedGrid = 4, kBlockedGrids = 3;
+using CoarseBlocks = std::array<uint8_t, 4 + 16 + 64>;
+inline constexpr std::array<size_t, kBlockedGrids + 1> kFirstCoarseBlock{0, 4, 20, 84};
+// Which way these errors lie: of the grids of 1, 2, 4 and 8 cells as a whole, then as CoarseBlocks has them.
+inline constexpr size_t kFirstShapedBlock = 4;
+using CoarseShapes = std::array<DeviationShape, kFirstShapedBlock + 84>;
+inline float coarseBlockMm(float whole_mm, uint8_t share) {
+  if (share == 0) return 0;
+  if (share == 255) return whole_mm;
+  return std::nextafter(static_cast<float>(double{whole_mm} * share / 255), whole_mm);
+}
+
+// Ranges over a patch of the difference quotients of its heights between neighbouring finest samples along u and along
+// v: mm over a patch's side. They bound which way its surface can face (geometry/lod/facing_cone.h).
+struct HeightSlopes {
+  float min_u = 0, max_u = 0, min_v = 0, max_v = 0;
+  friend bool operator==(const HeightSlopes&, const HeightSlopes&) = default;
+};
+
+// A patch's tail, resident whenever the patch is: its heights at 2^kTailCellsLog2 cells a side and its texture's levels
+// of kTailTexels a side and fewer (texturing/package/patch_tails.h).
+inline constexpr int kTailCellsLog2 = 4;
+inline constexpr int kTailTexels = 16;
+// A level that no page has: the tail in a page's place.
+inline constexpr uint32_t kTailLevel = 31;
+
+// What lies across a patch's side.
+struct PatchNeighbour {
+  static constexpr uint32_t kNone = ~uint32_t{0};
+  uint32_t patch = kNone;  // kNone: the mesh's border
+  Side side = kLeft;       // the neighbour's side
+  bool reversed = false;   // its parameter runs the other way
+  friend bool operator==(const PatchNeighbour&, const PatchNeighbour&) = default;
+};
+using PatchNeighbours = std::array<PatchNeighbour, 4>;  // by Side
+
+// By patch. Sides that more than two patches share, or a patch with itself, are borders for all of them.
+std::vector<PatchNeighbours> patchNeighbours(const BaseMesh& mesh);
+
+// Is it fit for use: indices in range, all numbers finite, normals of length 1 (within 1e-3), no patch that names a
+// corner twice, at least one patch? Says what is wrong, or nothing.
+std::string baseMeshProblem(const BaseMesh& mesh);
+
+}  // namespace relievo

@@ -1,0 +1,101 @@
+#include "src/engine/effect_plan.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace relievo {
+
+EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
+  EffectPlan plan;
+  plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
+  plan.mesh = manifest.base != nullptr;
+  if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit)
+    plan.normals_exaggerate = scene.exaggerate;
+  plan.stored = manifest.texture.basis;
+  const TextureFormat format = plan.format(manifest);
+  const bool lit = format.basis != Basis::kColour && !scene.unlit;
+  plan.relight = scene.relight && lit;
+  plan.resolve = !scene.relight && lit;
+  plan.shade = plan.relight ? format.basis : Basis::kColour;
+  if (plan.resolve) {
+    plan.texture_planes = {Plane::kResolved};
+  } else {
+    const int planes = lit ? format.planes() : TextureFormat{}.planes();  // unlit: the colour alone
+    for (int k = 0; k < planes; ++k) plan.texture_planes.push_back(texturePlane(k));
+  }
+  plan.geomorph = scene.geomorph && (plan.mesh || plan.relief);
+  plan.sampling = scene.sampling;
+  if (scene.sampling == Sampling::kAnisotropic) plan.anisotropy = std::clamp(scene.anisotropy, 1, kMaxAnisotropy);
+  plan.fade = scene.page_fade_s > 0;
+  plan.filter = scene.filter;
+  plan.wireframe = scene.wireframe;
+  plan.show = scene.show;
+  return plan;
+}
+
+TextureFormat EffectPlan::format(const Manifest& manifest) const {
+  TextureFormat format = manifest.texture;
+  if (normals_exaggerate != 0) format.basis = Basis::kAlbedoNormal;
+  return format;
+}
+
+std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
+  if (scene.unlit && isPtm(manifest.texture.basis)) return "a polynomial texture map has no colour without a light";
+  return "";
+}
+
+gl::Defines EffectPlan::defines() const {
+  gl::Defines d;
+  d.emplace_back("PLANES", std::to_string(texture_planes.size()));
+  d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
+  if (mesh) d.emplace_back("MESH", "1");
+  if (relief) d.emplace_back("RELIEF", "1");
+  if (geomorph) d.emplace_back("MORPH", "1");
+  if (sampling == Sampling::kNearest) d.emplace_back("NEAREST", "1");
+  if (sampling >= Sampling::kTrilinear) d.emplace_back("TRILINEAR", "1");
+  if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));
+  if (fade) d.emplace_back("FADE", "1");
+  if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
+  if (show == Show::kPages) d.emplace_back("SHOW_PAGES", "1");
+  if (show == Show::kLod) d.emplace_back("SHOW_LOD", "1");
+  return d;
+}
+
+std::vector<std::string> EffectPlan::passes() const {
+  std::vector<std::string> names{"surface", "shade", "feedback"};
+  if (wireframe) names.insert(names.begin() + 2, "wireframe");
+  return names;
+}
+
+std::string planeName(Plane plane, Basis basis) {
+  if (plane == Plane::kRelief) return "relief";
+  if (plane == Plane::kResolved) return "resolved";
+  int k = static_cast<int>(plane);
+  if (basis == Basis::kColour) return plane == kNormalPlane ? "normal" : "colour";  // made of the relief
+  if (basis == Basis::kPtmLrgb) return k == 0 ? "a0-a2" : k == 1 ? "a3-a5" : "colour";
+  if (basis == Basis::kAlbedoNormal) return k == 0 ? "albedo" : "normal";
+  return "rgb-a" + std::to_string(k);
+}
+
+std::vector<std::string> EffectPlan::planesRead() const {
+  std::vector<std::string> names;
+  for (Plane p : texture_planes) {
+    if (normals_exaggerate != 0 && p == kNormalPlane) continue;  // made of the relief
+    names.push_back(planeName(p, stored));
+  }
+  if (relief) names.push_back("relief");
+  return names;
+}
+
+bool EffectPlan::samePages(const EffectPlan& other) const {
+  return texture_planes == other.texture_planes && relief == other.relief && resolve == other.resolve &&
+         normals_exaggerate == other.normals_exaggerate;
+}
+
+std::array<double, 3> normalizedLight(const std::array<double, 3>& light) {
+  double length = std::sqrt(light[0] * light[0] + light[1] * light[1] + light[2] * light[2]);
+  if (!(length > 0) || !std::isfinite(length)) return {0, 0, 1};
+  return {light[0] / length, light[1] / length, light[2] / length};
+}
+
+}  // namespace relievo

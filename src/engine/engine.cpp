@@ -1,0 +1,1189 @@
+#include "src/engine/engine.h"
+
+#include <algorithm>
+#include <cassert>
+#include <chrono>
+#include <cmath>
+#include <deque>
+#include <optional>
+#include <thread>
+#include <utility>
+
+#include <glm/gtc/type_ptr.hpp>
+#include <nlohmann/json.hpp>
+
+#include "geometry/lod/lod_worker.h"
+#include "geometry/lod/mesh_lod.h"
+#include "src/artwork/basis.h"
+#include "src/engine/lod_views.h"
+#include "src/engine/prefetch.h"
+#include "src/engine/stream_switch.h"
+#include "src/gl/program.h"
+#include "src/render/base_corners.h"
+#include "src/render/block_formats.h"
+#include "src/render/depth_probe.h"
+#include "src/render/feedback_pass.h"
+#include "src/render/page_pool.h"
+#include "src/render/patch_pass.h"
+#include "src/render/picture_target.h"
+#include "src/render/surface_target.h"
+#include "src/render/tail_textures.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/stream/request_memory.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kMaxReads = 64;    // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
+constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
+constexpr uint32_t kReadyLimit =
+    256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
+
+double steadySeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// The wishes of several feedbacks of one view as one list: each node once, in the order of FeedbackAnalyzer.
+std::vector<NodeWant> unionOfWants(std::vector<NodeWant> wants) {
+  std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+    return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
+  });
+  wants.erase(
+      std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; }),
+      wants.end());
+  std::stable_sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+    return a.node.level != b.node.level ? a.node.level < b.node.level : a.centre_distance < b.centre_distance;
+  });
+  return wants;
+}
+
+class PackageOracle final : public ReliefOracle {
+ public:
+  explicit PackageOracle(std::shared_ptr<const Package> package) : package_(std::move(package)) {
+    const PlanarDomain& d = package_->manifest().domain;
+    whole_.min_mm = static_cast<float>(d.relief_offset_mm);
+    whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
+    whole_.error_mm = whole_.max_mm - whole_.min_mm;
+    if (const auto& base = package_->manifest().base) {  // a distance in space: the base's own shape counts
+      const Extent extent =
+          extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
+      whole_.error_mm = static_cast<float>(glm::length(extent.max_mm - extent.min_mm)) * 1.0001f;
+    }
+  }
+  HeightBounds bounds(const NodeId& page) const override {
+    auto record = package_->record(PageId(Plane::kRelief, page));
+    if (!record || record->size == 0) return whole_;
+    return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
+  }
+  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
+    return package_->reliefErrors(page, error_mm);
+  }
+  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
+    return package_->reliefShapes(page, shapes);
+  }
+  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
+    const auto& known = package_->manifest().coarse_shapes;
+    if (patch >= known.size()) return false;
+    const int grid = cells_log2 - kFirstBlockedGrid;
+    const size_t first =
+        grid < 0 ? static_cast<size_t>(cells_log2) : kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)];
+    std::copy_n(known[patch].begin() + static_cast<std::ptrdiff_t>(first), shapes.size(), shapes.begin());
+    return true;
+  }
+  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
+    const Manifest& m = package_->manifest();
+    const int grid = cells_log2 - kFirstBlockedGrid;
+    if (patch >= m.coarse_blocks.size() || grid < 0 || grid >= kBlockedGrids) return false;
+    const float whole = m.coarse_errors[patch][static_cast<size_t>(cells_log2)];
+    const uint8_t* shares = m.coarse_blocks[patch].data() + kFirstCoarseBlock[static_cast<size_t>(grid)];
+    for (size_t i = 0; i < error_mm.size(); ++i) error_mm[i] = coarseBlockMm(whole, shares[i]);
+    return true;
+  }
+  bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
+    const auto& known = package_->manifest().height_slopes;
+    if (patch >= known.size()) return false;
+    slopes = known[patch];
+    return true;
+  }
+
+ private:
+  std::shared_ptr<const Package> package_;
+  HeightBounds whole_;
+};
+
+}  // namespace
+
+Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop) {
+  Artwork artwork;
+  artwork.manifest = package->manifest();
+  artwork.source = package;
+  artwork.oracle = std::make_shared<PackageOracle>(package);
+  if (package->hasTails())
+    artwork.tails = [package, stop](int workers, std::vector<std::string>* problems) {
+      return package->tails(workers, problems, stop);
+    };
+  return artwork;
+}
+
+Extent artworkExtent(const Manifest& manifest, double exaggerate) {
+  const PlanarDomain& d = manifest.domain;
+  double low = d.relief_offset_mm * exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * exaggerate;
+  if (d.relief_depth < 0) low = high = 0;
+  if (low > high) std::swap(low, high);
+  Extent extent = manifest.base ? extentOf(*manifest.base, low, high, d.mm_per_px) : extentOf(d, low, high);
+  extent.size_known = manifest.size_known;
+  return extent;
+}
+
+struct Engine::Impl {
+  Artwork artwork;
+  Scene scene;
+  EngineOptions options;
+  EffectPlan plan;
+  OrbitCamera camera;
+  int width = 640, height = 360;
+  gl::ContextInfo context;
+
+  std::unique_ptr<PageStreamer> streamer;
+  StreamSwitch stream_switch;
+  EffectPlan starting_plan;  // of the streamer that stream_switch makes ready
+  std::array<double, 3> starting_light{};
+  std::optional<Scene> wished;             // a scene of other planes: shown once their roots have come
+  std::vector<std::string> notices;        // for the user, but for pages that failed:
+  std::vector<std::string> page_messages;  // these, of streamers that ended
+  std::vector<std::string> tail_messages;  // and what the tails could not be made of
+  PageFailures failures;                   // of the tails, and of streamers that ended
+  std::unique_ptr<PagePool> pool;
+  std::unique_ptr<PatchPass> patches;
+  std::unique_ptr<BaseCorners> corners;  // over a base mesh
+  std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
+  std::unique_ptr<TailTextures> tail_textures;
+  mutable std::optional<std::pair<double, Extent>> mesh_extent;  // of the last exaggeration: a walk over all corners
+  std::unique_ptr<FeedbackPass> feedback;
+  std::unique_ptr<LodWorker> lod;
+  std::unique_ptr<ScreenPass> screen;
+  std::optional<DepthProbe> depth_probe;  // from the first question on
+  gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program,
+      capture_program, capture_roots_program;
+  SurfaceTarget surface{{}};
+  PictureTarget target{{}};
+  Sabotage broken;
+
+  FeedbackAnalyzer analyzer;
+  WantMemory want_memory;
+  uint64_t feedback_turn = 0;
+  // What a surface buffer shows.
+  struct DrawnSurface {
+    uint64_t list_number = 0;
+    glm::dmat4 clip_from_world{0.0};
+    double exaggerate = 1;
+    int width = 0, height = 0;
+    friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
+  };
+  DrawnSurface surface_drawn;
+  DrawnSurface streamed_view;  // what the last wish lists were for
+  // Results of the same view add up; any difference here makes it another one.
+  struct FeedbackView {
+    DrawnSurface surface;
+    double lod_bias = 0;
+    Sampling sampling = Sampling::kTrilinear;
+    int anisotropy = 1;
+    friend bool operator==(const FeedbackView&, const FeedbackView&) = default;
+  };
+  FeedbackView feedback_view;
+  uint64_t feedback_view_number = 0;
+  uint64_t feedback_passes = 0;                          // of this view
+  std::vector<NodeWant> feedback_wants, geometry_wants;  // by determination; their union is texture_wants
+  std::vector<NodeWant> texture_wants, relief_wants;
+  std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
+  uint64_t resident_generation = ~uint64_t{0};
+  std::vector<PatchInstance> instances;
+  bool backs_are_hidden = false;      // see PlanarLodResult
+  uint64_t list_number = 0;           // differs whenever `instances` does
+  std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
+  uint64_t frame = 0;
+  uint64_t adopted_frame = 0;  // of the LOD request whose answer is drawn
+  uint64_t lod_requests = 0;   // so far
+  LatencyHistogram lod_lag;
+  // A list is drawn with the view that it was made for, a frame late at most times: what that view culled is never
+  // looked at.
+  struct DrawnView {
+    uint64_t frame = 0;
+    ViewTransform view;
+    double exaggerate = 1;
+    uint64_t request = 0;  // counted from 1
+  };
+  DrawnView drawn;
+  std::deque<DrawnView> posted;  // requests whose answers are still to come
+  CameraPredictor predictor;
+  std::unique_ptr<Prefetcher> prefetcher;          // from the first move of the camera on
+  bool predicting = false;                         // the streamer has a list of predicted pages, or one is on the way
+  std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
+  double lod_bias = 0;
+  std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
+  double wants_bias = 0;                   // of feedback_wants
+  int tap_phase = 0;
+  bool fades_over = false;     // while settle() draws
+  bool settling = false;       // within settle(): nothing is known of the views before
+  bool all_pages_come = true;  // none that the settled list wants has failed
+  UploadChoice upload;
+  uint32_t pinned_nodes = 0;         // in each plane
+  CacheSlots slots, starting_slots;  // of the streamer, and of the one that stream_switch makes ready
+  EngineStats stats;
+
+  const PlanarDomain& domain() const { return artwork.manifest.domain; }
+  bool overMesh() const { return artwork.manifest.base != nullptr; }
+  // Over a base mesh the pass alone knows: a texture's density varies over its patches.
+  bool usesFeedback() const { return overMesh() || options.determination != Determination::kGeometry; }
+  bool usesGeometry() const { return !overMesh() && options.determination != Determination::kFeedback; }
+
+  ViewTransform currentView() const { return viewOf(camera); }
+  ViewTransform viewOf(const OrbitCamera& of) const {
+    double low = 0, high = 0;
+    if (plan.relief) {
+      low = domain().relief_offset_mm * scene.exaggerate;
+      high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
+      if (low > high) std::swap(low, high);
+    }
+    if (overMesh()) {
+      const double exaggerate = plan.relief ? scene.exaggerate : 0;
+      if (!mesh_extent || mesh_extent->first != exaggerate)
+        mesh_extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
+      return viewTransform(of, mesh_extent->second, width, height);
+    }
+    return viewTransform(of, domain(), low, high, width, height);
+  }
+
+  gl::Defines defines() const {
+    gl::Defines all = plan.defines();
+    if (tails) all.emplace_back("TAILS", "1");
+    if (tail_textures && tail_textures->inRows()) all.emplace_back("TAIL_ROWS", "1");
+    for (auto& define : PagePool::defines(slots.upload)) all.push_back(std::move(define));
+    return all;
+  }
+  // Texture levels beyond the root's over which roots give way to tails: as many as the tails' texels are good for, or
+  // fewer, so that the roots that a screen full of patches asks for fit the cache with room to spare.
+  double tailReach() const {
+    const double planes = static_cast<double>(plan.texture_planes.size());
+    const double pages_of_screen = static_cast<double>(width) * height / (kPagePx * kPagePx) * planes;
+    return std::clamp(0.5 * std::log2(0.6 * slots.texture / pages_of_screen), 0.25, kTailReach);
+  }
+  void setTailTexels(const EffectPlan& of, const std::array<double, 3>& light) {
+    if (!tails) return;
+    const TextureFormat& format = artwork.manifest.texture;
+    if (of.resolve) tail_textures->setTexels(resolvedTails(*tails, format, light), *artwork.manifest.base);
+    else if (!of.lit() && format.planes() > 1)
+      tail_textures->setTexels(resolvedTails(*tails, {}, light), *artwork.manifest.base);  // the colour alone
+    else tail_textures->setTexels(*tails, *artwork.manifest.base);
+  }
+
+  // What the plan's pages need. Pages that are resolved, or made, are RGBA8.
+  CacheNeeds cacheNeeds(const EffectPlan& of) const {
+    CacheNeeds needs{.upload = of.resolve || of.normals_exaggerate != 0 ? PageCodec::kLossless : upload.codec,
+                     .texture_planes = static_cast<int>(of.texture_planes.size()),
+                     .relief = of.relief,
+                     .roots = pinned_nodes,
+                     .texture_pages = 0,
+                     .relief_pages = 0,
+                     .most_slots = PagePool::maxSlots()};
+    for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
+      const NodeGrid grid = nodeGrid(domain(), level);
+      const uint64_t nodes = uint64_t{grid.columns} * grid.rows;
+      if (level <= domain().texture_depth) needs.texture_pages += nodes * of.texture_planes.size();
+      if (level <= domain().relief_depth) needs.relief_pages += nodes;
+    }
+    return needs;
+  }
+  std::string whyNotBlocks() const {
+    if (isBlockCodec(upload.codec) && plan.normals_exaggerate != 0)
+      return "the normals beside them are made of the relief (--unlit needs none)";
+    return upload.why_not_blocks;
+  }
+  uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
+
+  // For negative controls: those of what vertices are computed with.
+  void breakVertices(gl::Defines& defines) const {
+    if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
+    if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
+    if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
+    if (broken.cells_without_heights) defines.emplace_back("CELLS_WITHOUT_HEIGHTS", "1");
+    if (broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
+    if (broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
+  }
+
+  Result<void> linkPrograms() {
+    surface_drawn = {};
+    gl::Defines defines = this->defines();
+    breakVertices(defines);
+    if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
+    if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
+    auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
+      bool screen_wide = std::string_view(vertex) == "screen.vert";
+      auto linked = gl::Program::link(
+          context.api,
+          {vertex, fragment, defines, screen_wide ? std::vector<std::string>{"a_corner"} : patchAttributes(), {}});
+      if (!linked) return linked.error();
+      program = std::move(*linked);
+      return {};
+    };
+    if (auto r = link(surface_program, "patch.vert", "surface.frag"); !r) return r;
+    if (auto r = link(shade_program, "screen.vert", "shade.frag"); !r) return r;
+    root_cells_program = {};
+    if (tails) {
+      defines.emplace_back("ROOT_CELLS", "1");
+      if (auto r = link(root_cells_program, "patch.vert", "surface.frag"); !r) return r;
+      defines.back() = {"TAILS_ONLY", "1"};
+      if (auto r = link(tails_program, "screen.vert", "shade.frag"); !r) return r;
+      defines.pop_back();
+    }
+    if (usesFeedback()) {
+      if (auto r = link(feedback_program, "screen.vert", "feedback.frag"); !r) return r;
+    }
+    capture_program = {};
+    capture_roots_program = {};
+    wire_program = {};
+    if (plan.wireframe) {
+      defines.emplace_back("WIREFRAME", "1");
+      if (auto r = link(wire_program, "patch.vert", "lines.frag"); !r) return r;
+    }
+    return {};
+  }
+
+  void makeTails() {
+    const Manifest& m = artwork.manifest;
+    if (artwork.tails) {
+      tails = artwork.tails(options.workers, &tail_messages);
+    } else {
+      tails.emplace(m.domain.patchCount(), m.texture.channels());
+      tailsFromPages(*artwork.source, m.texture, m.domain.relief_depth >= 0, 0, tails->patches, options.workers, *tails,
+                     &tail_messages, options.interrupted);
+    }
+    failures.add(tails->failures);
+    tail_textures = std::make_unique<TailTextures>(*tails);
+  }
+
+  // Begins a new streamer, for other planes than those of the present one.
+  void startStreaming(const EffectPlan& for_plan, const Scene& for_scene) {
+    StreamerOptions so;
+    starting_slots = cacheSlots(cacheNeeds(for_plan), cacheBudget());
+    so.slot_count = starting_slots.texture;
+    so.relief_slot_count = starting_slots.relief;
+    so.relief_parts = !overMesh() || !options.small_relief ? ReliefParts::kOnlyHalves
+                      : options.compact_relief             ? ReliefParts::kCompact
+                                                           : ReliefParts::kSmall;
+    so.upload = starting_slots.upload;
+    so.replacement = options.replacement;
+    so.workers = options.workers;
+    so.max_reads = kMaxReads;
+    so.ready_limit = kReadyLimit;
+    so.texture_planes = for_plan.texture_planes;
+    so.format = for_plan.format(artwork.manifest);
+    if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain(), for_plan.normals_exaggerate};
+    starting_plan = for_plan;
+    starting_light = normalizedLight(for_scene.light);
+    so.light = starting_light;
+    std::vector<NodeId> roots;
+    for (uint32_t p = 0; p < domain().patchCount() && !tails; ++p) roots.push_back({p, 0, 0, 0});
+    stream_switch.start(artwork.source, so, roots, for_plan.relief ? roots : std::vector<NodeId>());
+  }
+
+  // What is resident for other planes is dropped.
+  void adoptStreamer(std::unique_ptr<PageStreamer> next) {
+    if (streamer) {
+      for (std::string& text : streamer->takeMessages()) page_messages.push_back(std::move(text));
+      failures.add(streamer->failures());
+      stream_switch.retire(std::move(streamer));
+    }
+    streamer = std::move(next);
+    if (slots != starting_slots) pool->reshape(starting_slots);
+    slots = starting_slots;
+    setTailTexels(starting_plan, starting_light);
+    predictor.reset();
+    predicting = false;
+    pool->forgetTable();
+    want_memory.clear();
+    feedback_view = {};
+    feedback_wants.clear();
+    geometry_wants.clear();
+    texture_wants.clear();
+    relief_wants.clear();
+    instances.clear();
+    pinned_relief.clear();
+    resident_generation = ~uint64_t{0};
+    adopted_frame = 0;
+    posted.clear();
+  }
+
+  // Goes over to the wished scene once the roots of its planes are there.
+  Result<void> switchPlanes() {
+    if (!wished) return {};
+    EffectPlan wanted = planEffects(*wished, artwork.manifest);
+    if (stream_switch.busy()) {
+      auto next = stream_switch.tryTake();
+      if (!next) return {};
+      if (starting_plan.samePages(wanted)) {
+        adoptStreamer(std::move(next));
+        scene = *std::exchange(wished, std::nullopt);
+        plan = wanted;
+        auto light = normalizedLight(scene.light);
+        if (plan.resolve && light != starting_light) {
+          streamer->setLight(light);
+          setTailTexels(plan, light);
+        }
+        return linkPrograms();
+      }
+      stream_switch.retire(std::move(next));  // the scene changed once more meanwhile
+    }
+    startStreaming(wanted, *wished);
+    return {};
+  }
+
+  LodView lodView(const ViewTransform& view) const {
+    LodView v = lodViewFrom(view);
+    v.error_px = scene.error_px * std::exp2(lod_bias);  // under pressure geometry gives way as texture does
+    v.min_cell_px = scene.least_cell *
+                    v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
+    v.exaggerate = scene.exaggerate;
+    v.relief = plan.relief;
+    v.hide_backs = options.hide_backs;
+    v.morph = plan.geomorph;
+    v.hysteresis = settling ? 0 : scene.hysteresis;
+    v.as_if_resident = settling && all_pages_come;
+    return v;
+  }
+
+  TextureView textureView(const ViewTransform& view) const {
+    TextureView v = textureViewFrom(view, width, height);
+    v.lod_bias = lod_bias;
+    v.trilinear = plan.sampling >= Sampling::kTrilinear;
+    v.anisotropy = plan.anisotropy;
+    v.relief = plan.relief;
+    v.exaggerate = scene.exaggerate;
+    v.error_px = scene.error_px * std::exp2(lod_bias);
+    return v;
+  }
+
+  void postLod(const ViewTransform& view) {
+    if (streamer->reliefGeneration() != resident_generation) {
+      resident_generation = streamer->reliefGeneration();
+      auto nodes = streamer->residentRelief();
+      resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
+    }
+    lod->post(
+        {frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
+    posted.push_back({frame, view, scene.exaggerate, ++lod_requests});
+  }
+
+  // The list becomes the drawn one if every relief page that it displaces from is still there; those are pinned while
+  // it is.
+  void adopt(LodAnswer answer) {
+    stats.lod_ms = answer.evaluate_ms;
+    while (!posted.empty() && posted.front().frame < answer.frame) posted.pop_front();
+    if (posted.empty() || posted.front().frame != answer.frame) return;  // asked for before streaming was restarted
+    relief_wants.clear();
+    for (const ReliefWant& w : answer.lod.wants) relief_wants.push_back({w.page, 1, w.priority});
+    if (answer.texture) {
+      stats.determine_ms = answer.determine_ms;
+      geometry_wants.clear();
+      for (const TextureWant& w : *answer.texture) geometry_wants.push_back({w.node, 1, w.priority});
+      uniteWants();
+    }
+    std::vector<NodeId> pages;
+    if (plan.relief) {
+      pages.reserve(answer.lod.instances.size());
+      for (const PatchInstance& p : answer.lod.instances)
+        if (p.relief_page.level != kTailLevel) pages.push_back(p.relief_page);
+      std::sort(pages.begin(), pages.end());
+      pages.erase(std::unique(pages.begin(), pages.end()), pages.end());
+      for (const NodeId& page : pages) {
+        if (streamer->findRelief(page) == kNoSlot) return;  // evicted meanwhile: the next answer will know
+      }
+      for (const NodeId& page : pages) streamer->pinRelief(page);
+      for (const NodeId& page : pinned_relief) streamer->unpinRelief(page);
+    }
+    pinned_relief = std::move(pages);
+    list_number += answer.lod.instances != instances || answer.lod.backs_are_hidden != backs_are_hidden;
+    backs_are_hidden = answer.lod.backs_are_hidden;
+    instances = std::move(answer.lod.instances);
+    stats.predicted_error_px = answer.lod.max_error_px;
+    stats.edges_limited = answer.lod.limited_by_residency;
+    adopted_frame = answer.frame;
+    drawn = posted.front();
+  }
+
+  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0}) const {
+    if (tail_textures) tail_textures->bind(program, tailReach());
+    glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
+    if (overMesh()) light = drawn.view.world_from_camera * light;
+    const TextureFormat format = plan.format(artwork.manifest);
+    setShadingUniforms(program, {.format = &format,
+                                 .domain = &domain(),
+                                 .lod_bias = lod_bias,
+                                 .sample = sample,
+                                 .tap_phase = tap_phase,
+                                 .light = {light[0], light[1], light[2]},
+                                 .now_s = now_s,
+                                 .page_fade_s = scene.page_fade_s,
+                                 .fades_over = fades_over});
+  }
+
+  DrawnSurface surfaceNow() const { return {list_number, drawn.view.clip_from_world, drawn.exaggerate, width, height}; }
+  // What is seen at each pixel: the only pass over the geometry, and only when it shows something else than the last.
+  void updateSurface() {
+    if (surface_drawn == surfaceNow()) return;
+    surface_drawn = surfaceNow();
+    surface.resize(width, height, plan.anisotropy > 1);
+    target.resize(width, height, surface.depth());
+    surface.begin();
+    auto prepare = [&](const gl::Program& program) {
+      program.use();
+      pool->bind(program, streamer->table());
+      setUniforms(program, 0);
+    };
+    prepare(surface_program);
+    const EyeFrame eye = prepareInstances(surface_program);
+    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &root_cells_program : nullptr;
+    if (root_cells) {
+      prepare(*root_cells);
+      corners->bind(*root_cells, kCornersUnit);
+    }
+    surface_program.use();
+    const PatchPass::Mesh mesh =
+        backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye)
+                                            : patches->draw(surface_program, eye, mesh, 0, root_cells);
+  }
+
+  void bindSurface(const gl::Program& program) const {
+    patches->bindInstances(program, 3);
+    surface.bind(program, 4);
+  }
+
+  void shadeSurface(double now_s) {
+    target.begin();
+    // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
+    const gl::Program& program =
+        tails && (texture_wants.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
+    program.use();
+    pool->bind(program, streamer->table());
+    bindSurface(program);
+    setUniforms(program, now_s);
+    screen->draw(true);
+    ++stats.draw_calls;
+    if (plan.wireframe) {
+      wire_program.use();
+      pool->bind(wire_program, streamer->table());
+      const EyeFrame eye = prepareInstances(wire_program);
+      stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
+    }
+  }
+
+  // Any difference to the last feedback makes another view.
+  void followView() {
+    FeedbackView seen{surfaceNow(), lod_bias, plan.sampling, plan.anisotropy};
+    if (seen == feedback_view) return;
+    feedback_view = seen;
+    feedback_passes = 0;
+    ++feedback_view_number;
+    feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
+  }
+  // Results until every pixel of a still view was seen, by every tap.
+  uint64_t stillPasses() const {
+    auto scale = static_cast<uint64_t>(options.feedback_scale);
+    return std::max<uint64_t>(scale * scale * static_cast<uint64_t>(plan.feedbackPhases()), kMovingResults);
+  }
+  // Until every pixel of a still view was seen; then nothing is new, and no more passes are drawn.
+  void feedbackStep() {
+    followView();
+    if (feedback_passes >= stillPasses()) return;
+    auto scale = static_cast<uint64_t>(options.feedback_scale);
+    tap_phase = static_cast<int>(feedback_turn / (scale * scale) % static_cast<uint64_t>(plan.feedbackPhases()));
+    if (!issueFeedback(options.feedback_scale)) return;
+    ++feedback_turn;
+    ++feedback_passes;
+  }
+
+  // One pixel of each block of scale^2, from the surface buffer.
+  bool issueFeedback(int scale) {
+    FeedbackGrid grid = feedbackGrid(width, height, scale, feedback_turn);
+    return feedback->issue(grid, feedback_view_number, [&] {
+      feedback_program.use();
+      bindSurface(feedback_program);
+      setUniforms(feedback_program, 0, {grid.scale, grid.offset.x, grid.offset.y});
+      screen->draw(false);
+      ++stats.draw_calls;
+    });
+  }
+
+  void uniteWants() {
+    if (!usesGeometry()) {
+      texture_wants = feedback_wants;
+    } else if (!usesFeedback()) {
+      texture_wants = geometry_wants;
+    } else {
+      std::vector<NodeWant> both = feedback_wants;
+      both.insert(both.end(), geometry_wants.begin(), geometry_wants.end());
+      texture_wants = unionOfWants(std::move(both));
+    }
+  }
+
+  // All results that are finished: none is lost, so that a still view has seen every pixel after scale^2 of them.
+  void takeFeedback() {
+    bool any = false;
+    for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
+      auto results = static_cast<uint32_t>(stillPasses() + 1);
+      double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
+      if (bias != wants_bias) want_memory.clear();  // else the streamer would judge a bias by what another one wanted
+      wants_bias = bias;
+      auto wants =
+          want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
+      feedback_wants.assign(wants.begin(), wants.end());
+      any = true;
+    }
+    if (any) uniteWants();
+  }
+
+  // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
+  // what of it counts.
+  void expectPages() {
+    if (overMesh() || usesGeometry() || lod_bias > 0) return;
+    TextureView view = textureView(drawn.view);
+    view.relief = false;  // like the feedback, not the finest level that a slope might want
+    auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
+    if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
+    texture_wants.clear();
+    for (const TextureWant& w : expected) texture_wants.push_back({w.node, 1, w.priority});
+    ++frame;
+    stream(steadySeconds(), slots.total());
+  }
+
+  // What every pixel of the drawn list wants, at once: waits for it.
+  void takeFullFeedback() {
+    expectPages();
+    updateSurface();
+    uint32_t picture_calls = stats.draw_calls;
+    std::vector<NodeWant> wants;
+    followView();
+    constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
+    feedback->wait();          // all targets are free
+    for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
+      for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
+        if (!issueFeedback(kBlock)) continue;
+        auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
+        wants.insert(wants.end(), found.begin(), found.end());
+      }
+    }
+    stats.draw_calls = picture_calls;
+    feedback_wants = unionOfWants(std::move(wants));
+    want_memory.clear();
+    want_memory.add(feedback_wants, feedback_view_number, 1);
+    feedback_passes = stillPasses();  // frames of this view have nothing to add
+    wants_bias = lod_bias;
+    uniteWants();
+  }
+
+  void stream(double now_s, uint32_t max_uploads) {
+    streamer->beginFrame(frame, now_s);
+    const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
+    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias), seen != streamed_view);
+    streamed_view = seen;
+    streamer->wantTexture(texture_wants);
+    if (plan.relief) streamer->wantRelief(relief_wants);
+    pool->upload(streamer->placeReady(max_uploads));
+    pool->uploadTable(streamer->table());
+  }
+
+  void stopPrefetch() {
+    predictor.reset();
+    if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+  }
+
+  // Nothing to do while the camera stands still; else a prediction, and a request that another thread answers.
+  void prefetch(double now_s) {
+    if (!options.prefetch || overMesh()) return;
+    predictor.observe(camera, now_s);
+    if (!predictor.moves(height) || lod_bias > 0) {
+      if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+      return;
+    }
+    if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain(), artwork.oracle);
+    if (auto answer = prefetcher->tryTake(); answer && predicting) {
+      streamer->wantPrefetch(answer->texture,
+                             plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
+      stats.predict_ms = answer->determine_ms;
+    }
+    auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
+    Prefetcher::Request request;
+    request.now_s = now_s;
+    for (const OrbitCamera& ahead : views) {
+      request.texture.push_back(textureView(viewOf(ahead)));
+      request.texture.back().relief = false;  // like the feedback, not the finest level that a slope might want
+    }
+    constexpr uint64_t kReliefEvery = 4;  // frames: its cost is that of a frame's patch list
+    if (plan.relief && frame % kReliefEvery == 0) {
+      request.relief = lodView(viewOf(views.back()));
+      request.resident = resident_relief;
+    }
+    prefetcher->post(std::move(request));
+    predicting = true;
+  }
+
+  // For the program in use.
+  EyeFrame prepareInstances(const gl::Program& program) {
+    EyeFrame eye = overMesh() ? meshEyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode())
+                              : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    if (corners) {
+      corners->setEye(drawn.view.eye_mm);
+      corners->bind(program, kCornersUnit);
+    }
+    if (tail_textures) tail_textures->bind(program, tailReach());
+    patches->setInstances(instances, eye, plan.relief, [&](const NodeId& page) { return streamer->findRelief(page); });
+    return eye;
+  }
+
+  void frameOnce(double now_s) {
+    ++frame;
+    ++stats.frames;
+    if (auto switched = switchPlanes(); !switched) notices.push_back(switched.error().text());
+    takeFeedback();
+    prefetch(now_s);
+    stream(now_s, options.uploads_per_frame);
+    ViewTransform view = currentView();
+    if (adopted_frame == 0) {  // a new streamer's first frame has nothing to draw yet: it waits for its list
+      postLod(view);
+      adopt(lod->waitFor(frame));
+    } else {
+      if (auto answer = lod->tryTake()) adopt(std::move(*answer));
+      lod_lag.add(1 + lod_requests - drawn.request);
+      postLod(view);
+    }
+    lod_bias = streamer->detailBias();
+    stats.draw_calls = 0;
+    updateSurface();  // a still camera: light, new pages and fades change the shading only
+    // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
+    // for its target which is read.
+    if (usesFeedback()) feedbackStep();
+    shadeSurface(now_s);
+    submitFrame();
+  }
+
+  bool allArrived(std::span<const NodeWant> wants, std::span<const Plane> planes) const {
+    for (const NodeWant& w : wants) {
+      bool whole = true, failed = false;
+      for (Plane p : planes) {
+        PageState state = streamer->state(PageId(p, w.node));
+        whole = whole && state == PageState::kResident;
+        failed = failed || state == PageState::kFailed;  // then the other planes are asked for no more
+      }
+      if (!whole && !failed) return false;
+    }
+    return true;
+  }
+
+  // One step of streaming and LOD without a picture; true when the list is final: all its relief is there, and was when
+  // it was made.
+  bool settleGeometry() {
+    ++frame;
+    stream(steadySeconds(), slots.total());
+    if (settled_geometry == std::pair(streamer->reliefGeneration(), streamer->detailBias()))
+      return true;  // nothing new to know
+    settled_geometry = {};
+    lod_bias = streamer->detailBias();
+    postLod(currentView());
+    uint64_t generation = resident_generation;
+    adopt(lod->waitFor(frame));
+    static constexpr Plane kReliefPlane[] = {Plane::kRelief};
+    if (adopted_frame != frame) {
+      // A page has failed: then what its absence leads to.
+      if (all_pages_come && allArrived(relief_wants, kReliefPlane)) all_pages_come = false;
+      return false;
+    }
+    bool final_list =
+        !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
+    if (final_list) settled_geometry = {generation, lod_bias};
+    return final_list;
+  }
+};
+
+Engine::Engine(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Engine::~Engine() = default;
+
+Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& scene, const EngineOptions& options) {
+  if (const std::string problem = sceneProblem(scene, artwork.manifest); !problem.empty())
+    return Error{ErrorKind::kUsage, "", problem, "leave out --unlit", {}};
+  auto impl = std::make_unique<Impl>();
+  impl->artwork = std::move(artwork);
+  impl->scene = scene;
+  impl->options = options;
+  impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
+  impl->context = gl::currentContextInfo();
+  impl->plan = planEffects(scene, impl->artwork.manifest);
+  const Manifest& manifest = impl->artwork.manifest;
+  const bool with_tails = manifest.base && manifest.domain.patchCount() > options.most_pinned_patches;
+  if (with_tails)
+    impl->stats.tail_bytes =
+        tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
+  const uint32_t roots = with_tails ? 1 : impl->domain().patchCount();
+  auto upload = chooseUpload(options.upload, manifest, impl->context.software,
+                             [&](PageCodec codec) { return missingBlockExtension(codec, impl->context.api); });
+  if (!upload) return upload.error();
+  impl->upload = *upload;
+  if (const std::string why = impl->whyNotBlocks(); options.upload == Upload::kBlocks && !why.empty())
+    impl->notices.push_back("texture pages are uploaded as rgba8, not as blocks: " + why);
+  impl->pinned_nodes = roots;
+  // Roots of every plane (or tails), and a little room to look at anything beside them; also when the light is fixed
+  // later.
+  EffectPlan fixed = impl->plan;
+  if (!fixed.resolve && fixed.lit()) {
+    Scene fixed_scene = scene;
+    fixed_scene.relight = false;
+    fixed = planEffects(fixed_scene, manifest);
+  }
+  const uint64_t least = impl->stats.tail_bytes + std::max(leastCacheBytes(impl->cacheNeeds(impl->plan)),
+                                                           leastCacheBytes(impl->cacheNeeds(fixed)));
+  if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
+    return Error{ErrorKind::kUsage,
+                 "",
+                 "the page cache of " + std::to_string(options.cache_mib) + " MiB is too small for this artwork",
+                 "give it at least " + std::to_string(least / (1024 * 1024) + 1) + " MiB (--cache-mib)",
+                 {}};
+  }
+  if (with_tails) {
+    if (const uint64_t most = TailTextures::maxPatches(manifest.texture.planes());
+        manifest.domain.patchCount() > most) {
+      return Error{ErrorKind::kUnsupported,
+                   "",
+                   "this GL context has room for the tails of " + std::to_string(most) + " patches, the artwork has " +
+                       std::to_string(manifest.domain.patchCount()),
+                   "build it with fewer patches (--patches)",
+                   {}};
+    }
+    impl->makeTails();
+    if (options.interrupted && options.interrupted->load())
+      return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  }
+  impl->slots = cacheSlots(impl->cacheNeeds(impl->plan), impl->cacheBudget());
+  impl->camera = fitCamera(artworkExtent(impl->artwork.manifest), impl->width, impl->height);
+  impl->pool = std::make_unique<PagePool>(impl->slots);
+  impl->patches = std::make_unique<PatchPass>(impl->context.software);
+  const DepthMode depth = depthMode(options.reversed_depth);
+  impl->stats.reversed_depth = depth.reversed;
+  impl->surface = SurfaceTarget(depth);
+  impl->target = PictureTarget(depth);
+  impl->screen = std::make_unique<ScreenPass>(depth);
+  impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
+  if (const Manifest& m = impl->artwork.manifest; m.base) {
+    impl->corners = std::make_unique<BaseCorners>(m.base);
+    auto lod =
+        std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm,
+                                  impl->artwork.oracle, m.coarse_errors, impl->tails.has_value());
+    impl->lod = std::make_unique<LodWorker>(
+        [lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
+  } else {
+    impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
+  }
+  if (auto linked = impl->linkPrograms(); !linked) return linked.error();
+  impl->startStreaming(impl->plan, impl->scene);
+  impl->adoptStreamer(impl->stream_switch.take());
+  return std::unique_ptr<Engine>(new Engine(std::move(impl)));
+}
+
+void Engine::resize(int width_px, int height_px) {
+  impl_->width = std::max(1, width_px);
+  impl_->height = std::max(1, height_px);
+}
+int Engine::width() const { return impl_->width; }
+int Engine::height() const { return impl_->height; }
+void Engine::setCamera(const OrbitCamera& camera) { impl_->camera = camera; }
+const OrbitCamera& Engine::camera() const { return impl_->camera; }
+const Scene& Engine::scene() const { return impl_->wished ? *impl_->wished : impl_->scene; }
+const EffectPlan& Engine::plan() const { return impl_->plan; }
+const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
+const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
+const std::vector<NodeWant>& Engine::textureWants() const { return impl_->texture_wants; }
+ViewTransform Engine::view() const { return impl_->drawn.view; }
+
+Result<void> Engine::setScene(const Scene& scene) {
+  Impl& e = *impl_;
+  if (const std::string problem = sceneProblem(scene, e.artwork.manifest); !problem.empty())
+    return Error{ErrorKind::kUsage, "", problem, "", {}};
+  EffectPlan before = e.plan;
+  auto light_before = normalizedLight(e.scene.light);
+  Scene now = scene;
+  e.wished.reset();
+  if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
+    // What decides on the planes stays until theirs have come; everything else changes at once.
+    e.wished = scene;
+    now.relief = e.scene.relief;
+    now.relight = e.scene.relight;
+    now.unlit = e.scene.unlit;
+    now.exaggerate = e.scene.exaggerate;
+  }
+  e.scene = now;
+  e.plan = planEffects(now, e.artwork.manifest);
+  assert(e.plan.samePages(before));
+  if (auto light = normalizedLight(now.light); e.plan.resolve && light != light_before) {
+    e.streamer->setLight(light);
+    e.setTailTexels(e.plan, light);
+  }
+  if (e.plan != before) {
+    if (auto linked = e.linkPrograms(); !linked) return linked;
+  }
+  return e.switchPlanes();
+}
+
+Result<void> Engine::sabotage(const Sabotage& what) {
+  impl_->broken = what;
+  return impl_->linkPrograms();
+}
+
+void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
+
+Result<void> Engine::settle(double timeout_s) {
+  // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and
+  // patch list first, then one full-size feedback, then its pages, then one picture. Pressure on the cache starts it
+  // over, with less detail.
+  Impl& e = *impl_;
+  e.stopPrefetch();
+  double start = steadySeconds();
+  auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
+  auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
+  auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
+  while (e.wished && !timedOut()) {
+    if (auto switched = e.switchPlanes(); !switched) return switched;
+    if (e.wished) pause();
+  }
+  e.settling = e.all_pages_come = true;
+  struct Settled {
+    bool& settling;
+    ~Settled() { settling = false; }
+  } settled{e.settling};
+  e.settled_geometry = {};
+  e.stats.draw_calls = 0;
+  double bias = 0;
+  bool done = false;
+  while (!done && !timedOut()) {
+    while (!e.settleGeometry() && !timedOut()) pause();
+    bias = e.lod_bias;
+    if (e.usesFeedback()) e.takeFullFeedback();
+    for (int step = 0; !timedOut(); ++step) {
+      // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
+      bool geometry = e.settleGeometry();
+      if (geometry && e.streamer->settled() && e.lod_bias == bias &&
+          e.allArrived(e.texture_wants, e.plan.texture_planes)) {
+        done = true;
+        break;
+      }
+      if (e.lod_bias != bias && step >= 16) break;
+      if (e.streamer->stats().queued + e.streamer->stats().decoding > 0) pause();
+    }
+  }
+  if (interrupted()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
+  if (!done) {
+    const StreamerStats& s = e.streamer->stats();
+    return Error{ErrorKind::kRuntime,
+                 "",
+                 "the view did not settle within " + std::to_string(static_cast<int>(timeout_s)) +
+                     " s: " + std::to_string(s.queued + s.decoding) + " pages under way, " +
+                     std::to_string(s.deferred) + " without a place in the cache",
+                 "raise --cache-mib or --timeout",
+                 {}};
+  }
+  ++e.stats.frames;
+  e.updateSurface();
+  e.fades_over = true;
+  e.shadeSurface(steadySeconds());
+  e.fades_over = false;
+  finishFrame();
+  return {};
+}
+
+std::vector<uint8_t> Engine::readPixels() { return impl_->target.readPixels(); }
+
+void Engine::present(int window_width_px, int window_height_px) {
+  impl_->target.present(window_width_px, window_height_px);
+}
+
+std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
+  Impl& e = *impl_;
+  const Impl::DrawnSurface& shown = e.surface_drawn;
+  if (shown.width == 0 || !(x_px >= 0 && y_px >= 0 && x_px < shown.width && y_px < shown.height)) return std::nullopt;
+  if (!e.depth_probe) {
+    auto probe = DepthProbe::create(e.context.api);
+    if (!probe) {
+      e.notices.push_back(probe.error().text());
+      return std::nullopt;
+    }
+    e.depth_probe = std::move(*probe);
+  }
+  const int x = static_cast<int>(x_px), y = shown.height - 1 - static_cast<int>(y_px);
+  const auto z = e.depth_probe->read(e.surface, *e.screen, x, y);
+  if (!z) return std::nullopt;
+  const glm::dvec4 clip((x + 0.5) / shown.width * 2 - 1, (y + 0.5) / shown.height * 2 - 1, *z, 1);
+  const glm::dvec4 world = glm::inverse(shown.clip_from_world) * clip;
+  const glm::dvec3 place = glm::dvec3(world) / world.w;
+  return std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z) ? std::optional(place)
+                                                                                    : std::nullopt;
+}
+
+EngineStats Engine::stats() const {
+  const Impl& e = *impl_;
+  EngineStats s = e.stats;
+  s.streamer = e.streamer->stats();
+  s.lod_lag_frames = summarize(e.lod_lag, 1);
+  s.instances = e.patches->instanceCount();
+  s.triangles = e.patches->triangles();
+  s.wanted_nodes = static_cast<uint32_t>(e.texture_wants.size());
+  for (const NodeWant& w : e.texture_wants) {
+    for (Plane p : e.plan.texture_planes)
+      s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
+  }
+  if (e.plan.relief) {
+    for (const NodeWant& w : e.relief_wants)
+      s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
+  }
+  s.orthographic = e.camera.orthographic;
+  s.mm_per_px = mmPerPx(e.camera, e.height);
+  s.size_known = e.artwork.manifest.size_known;
+  s.slots = e.slots.total();
+  s.resident = static_cast<uint32_t>(s.streamer.resident);
+  s.upload = e.slots.upload;
+  s.why_not_blocks = e.whyNotBlocks();
+  s.cache_bytes = e.slots.bytes();
+  s.texture_bytes = e.pool->textureBytes();
+  s.detail_bias = e.lod_bias;
+  s.switching = e.wished.has_value();
+  s.passes = e.plan.passes();
+  if (!e.usesFeedback()) std::erase(s.passes, "feedback");
+  if (e.plan.resolve) {
+    for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k)
+      s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
+    if (e.plan.relief) s.planes_read.push_back("relief");
+  } else {
+    s.planes_read = e.plan.planesRead();
+  }
+  return s;
+}
+
+std::vector<std::string> Engine::takeMessages() {
+  std::vector<std::string> all = std::exchange(impl_->notices, {});
+  for (auto texts : {std::exchange(impl_->tail_messages, {}), std::exchange(impl_->page_messages, {}),
+                     impl_->streamer->takeMessages()})
+    for (std::string& text : texts) all.push_back(std::move(text));
+  return all;
+}
+
+PageFailures Engine::failures() const {
+  PageFailures all = impl_->failures;
+  all.add(impl_->streamer->failures());
+  return all;
+}
+
+std::vector<std::string> Engine::takeNotices() {
+  std::vector<std::string> all = std::exchange(impl_->notices, {});
+  // Tails are made of root pages where they are damaged: the same picture, unless those failed.
+  if (const auto tails = std::exchange(impl_->tail_messages, {}); !tails.empty() && impl_->failures.pages == 0) {
+    all.push_back(tails.front() +
+                  (tails.size() > 1 ? ", and " + std::to_string(tails.size() - 1) + " more like it" : ""));
+  }
+  impl_->page_messages.clear();
+  (void)impl_->streamer->takeMessages();
+  return all;
+}
+
+std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
+  Impl& e = *impl_;
+  if (e.capture_program.id() == 0) {
+    gl::Defines defines = e.defines();
+    e.breakVertices(defines);
+    defines.emplace_back("CAPTURE", "1");
+    for (gl::Program* program : {&e.capture_program, &e.capture_roots_program}) {
+      if (program == &e.capture_roots_program && !e.tails) continue;
+      if (program == &e.capture_roots_program) defines.emplace_back("ROOT_CELLS", "1");
+      auto linked =
+          gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
+      if (!linked) return {};
+      *program = std::move(*linked);
+    }
+  }
+  e.surface_drawn = {};
+  e.surface.resize(e.width, e.height, false);
+  e.target.resize(e.width, e.height, e.surface.depth());
+  e.target.bind();  // transform feedback answers zeros without one
+  e.capture_program.use();
+  EyeFrame eye = e.prepareInstances(e.capture_program);
+  e.pool->bind(e.capture_program, e.streamer->table());
+  if (!e.tails || e.broken.call_a_patch) return e.patches->capture(e.capture_program, eye, max_vertices);
+  e.capture_roots_program.use();
+  e.corners->bind(e.capture_roots_program, kCornersUnit);
+  e.tail_textures->bind(e.capture_roots_program, e.tailReach());
+  return e.patches->capture(e.capture_program, eye, max_vertices, &e.capture_roots_program);
+}
+
+std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
+  nlohmann::ordered_json planes = nlohmann::ordered_json::object();
+  for (int p = 0; p < 16; ++p) {
+    if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
+    auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
+    plane = {{"pages_read", s.streamer.pages_read[p]},         {"bytes_read", s.streamer.bytes_read[p]},
+             {"pages_decoded", s.streamer.pages_decoded[p]},   {"bytes_decoded", s.streamer.bytes_decoded[p]},
+             {"pages_uploaded", s.streamer.pages_uploaded[p]}, {"bytes_uploaded", s.streamer.bytes_uploaded[p]}};
+    for (size_t state = 1; state < kPageStates; ++state)
+      plane["states"][std::string(kPageStateNames[state])] = s.streamer.pages[state][p];
+  }
+  auto latencyJson = [](const LatencySummary& l) {
+    return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
+  };
+  auto mib = [](uint64_t bytes) { return static_cast<double>(bytes) / (1024 * 1024); };
+  uint64_t resident_pages = 0;
+  for (uint64_t of_plane : s.streamer.pages[static_cast<size_t>(PageState::kResident)]) resident_pages += of_plane;
+  nlohmann::ordered_json j = {
+      {"planes_read", s.planes_read},
+      {"passes", s.passes},
+      {"planes", planes},
+      {"draw_calls", s.draw_calls},
+      {"instances", s.instances},
+      {"triangles", s.triangles},
+      {"frames", s.frames},
+      {"wanted_nodes", s.wanted_nodes},
+      {"missing_pages", s.missing_pages},
+      {"slots", s.slots},
+      {"resident_pages", resident_pages},
+      {"upload", uploadFormatName(s.upload)},
+      {"depth", depthName(s.reversed_depth)},
+      {"projection", s.orthographic ? "orthographic" : "perspective"},
+      {std::string(s.size_known ? "mm_per_px" : "artwork_px_per_px") + (s.orthographic ? "" : "_at_target"),
+       s.mm_per_px},
+      {"resident_mib", mib(s.streamer.resident_bytes)},
+      {"relief_mib", mib(s.streamer.relief_bytes)},
+      {"cache_mib", mib(s.cache_bytes)},
+      {"texture_mib", mib(s.texture_bytes)},
+      {"tails_mib", mib(s.tail_bytes)},
+      {"evictions", s.streamer.evictions},
+      {"hits", s.streamer.hits},
+      {"misses", s.streamer.misses},
+      {"cancelled", s.streamer.cancelled},
+      {"cancelled_before_read", s.streamer.cancelled_before_read},
+      {"cancelled_before_decode", s.streamer.cancelled_before_decode},
+      {"cancelled_after_decode", s.streamer.cancelled_after_decode},
+      {"predict_ms", s.predict_ms},
+      {"prefetched", s.streamer.prefetched},
+      {"prefetch_used", s.streamer.prefetch_used},
+      {"prefetch_wasted", s.streamer.prefetch_wasted},
+      {"latency_ms", latencyJson(s.streamer.latency_ms)},
+      {"latency_frames", latencyJson(s.streamer.latency_frames)},
+      {"failed_pages", s.streamer.failed_pages},
+      {"retries", s.streamer.retries},
+      {"predicted_error_px", s.predicted_error_px},
+      {"detail_bias_levels", s.detail_bias},
+      {"edges_limited_by_residency", s.edges_limited},
+      {"lod_ms", s.lod_ms},
+      {"lod_lag_frames", latencyJson(s.lod_lag_frames)},
+      {"determine_ms", s.determine_ms},
+  };
+  if (!s.why_not_blocks.empty()) j["why_not_blocks"] = s.why_not_blocks;
+  return j.dump(2);
+}
+
+}  // namespace relievo

@@ -1,0 +1,33 @@
+// upload_choice.h - in which format texture pages go to the GPU: RGBA8, decoded by the workers whatever a package
+// holds; or the blocks that it holds, 2.7 to 8 times smaller, where all of its texture planes have one block codec and
+// the context samples it. Pure.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+
+#include "src/base/result.h"
+#include "texturing/package/package.h"
+
+namespace relievo {
+
+// kAuto: blocks where they can be, but on drivers in software, which take 1.5 to 57 times as long to sample them.
+enum class Upload { kAuto, kRgba8, kBlocks };
+const char* uploadName(Upload upload);  // "auto", "rgba8", "blocks"
+std::optional<Upload> uploadFromName(const std::string& name);
+
+// The block codec that all texture planes have.
+std::optional<PageCodec> commonBlockCodec(const Manifest& manifest);
+std::string uploadFormatName(PageCodec upload);  // "rgba8", "bc7 blocks"
+
+struct UploadChoice {
+  PageCodec codec = PageCodec::kLossless;  // a block codec, or any other for RGBA8
+  std::string why_not_blocks;              // empty: they are, or were not asked for
+};
+// missing: the GL extension that a codec lacks. An Error (kUnsupported) where blocks are asked for and only the context
+// stands against them; packages without blocks fall back to RGBA8.
+Result<UploadChoice> chooseUpload(Upload wanted, const Manifest& manifest, bool software,
+                                  const std::function<std::optional<std::string>(PageCodec)>& missing);
+
+}  // namespace relievo

@@ -1,0 +1,79 @@
+// camera.h - an orbit camera around a point on the artwork, and the transforms that follow from it, in double
+// precision. World: x right, y up, z towards the viewer, mm. Flat artworks: origin at the artwork's centre on the plane
+// of height 0. Others: the base mesh's origin. Azimuth turns the eye to the right, elevation lifts it; at 0, 0 the eye
+// looks along -z. Orthographic: all lines of sight are parallel, a millimetre is as many pixels everywhere. The picture
+// is as high and wide as what perspective shows of the plane through the target: whoever switches sees the target at
+// the same size, and the distance zooms in both. Functions of a domain are those of its extent, for flat artworks.
+#pragma once
+
+#include <string>
+
+#include <glm/glm.hpp>
+
+#include "src/artwork/base_mesh.h"
+#include "src/artwork/planar_domain.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+struct OrbitCamera {
+  double azimuth_deg = 0, elevation_deg = 0;  // elevation within -89..89
+  double distance_mm = 1000;                  // from the target to the eye
+  double fov_deg = 35;                        // vertical
+  glm::dvec3 target_mm{0};
+  bool orthographic = false;
+  friend bool operator==(const OrbitCamera&, const OrbitCamera&) = default;
+};
+inline constexpr double kMinFovDeg = 1, kMaxFovDeg = 170;
+
+// Of the plane through the target that faces the eye; orthographic: of everything, across the lines of sight.
+double mmPerPx(const OrbitCamera& camera, int height_px);
+// The distance at which it is that.
+double distanceForScale(const OrbitCamera& camera, double mm_per_px, int height_px);
+
+// What there is to see.
+struct Extent {
+  glm::dvec3 min_mm{0}, max_mm{0};  // a box around it
+  double texel_mm = 1;
+  bool flat = true;        // a plane of heights, seen from the front; else a body, seen from everywhere
+  bool size_known = true;  // else what is said in mm counts the artwork's pixels
+  glm::dvec3 centre() const { return (min_mm + max_mm) / 2.0; }
+};
+Extent extentOf(const PlanarDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
+Extent extentOf(const BaseMesh& base, double min_height_mm, double max_height_mm, double texel_mm);
+
+struct ViewTransform {
+  glm::dmat4 clip_from_world{1.0};  // GL clip space, -w <= z <= w
+  glm::dvec3 eye_mm{0};
+  double near_mm = 1, far_mm = 1000;  // from the eye; orthographic: from eye_mm, which is the target, so that near lies
+                                      // behind it (below 0) mostly
+  double pixels_per_radian = 1000;    // viewport height / (2 tan(fov / 2)); orthographic: pixels per mm
+  glm::dmat3 world_from_camera{1.0};  // camera: x right, y up, z towards the viewer
+  bool orthographic = false;
+};
+
+glm::dvec3 eyePosition(const OrbitCamera& camera);
+glm::dmat3 worldFromCamera(const OrbitCamera& camera);  // camera axes: x right, y up, z towards the viewer
+// Near and far are chosen around the extent (of the exaggerated heights: min_z_mm, max_z_mm).
+ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
+ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
+                            int width_px, int height_px);
+// The smallest distance from which all of the extent is in view in the camera's direction and projection, mm: with a
+// little margin; of a flat one its plane with the margin and its displaced box within it. The plane is that of height
+// 0, or of the height nearest to it that there is.
+double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
+double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px);
+// Looks straight at the extent's centre (of a flat one: of its plane) from where all of it is in view.
+OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg = 35);
+OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg = 35);
+// How wide and high, in mm, the orthographic picture around the camera's target must be to hold all of the extent; no
+// margin.
+glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent);
+
+// The point under a pixel (origin top left) of the plane through the target that faces the eye.
+glm::dvec3 pointAtTarget(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px);
+// The point of the plane z = 0 under a pixel (origin top left); false when the ray misses it.
+bool pointOnPlane(const OrbitCamera& camera, int width_px, int height_px, double x_px, double y_px,
+                  glm::dvec3* point_mm);
+
+}  // namespace relievo

@@ -1,0 +1,92 @@
+// view_control.h - what the mouse and the keys do to camera, light and display; no window, no GL.
+//   left drag             orbit about the point of the surface under the mouse, which stays there; over the background
+//   about the target middle drag, shift+left   pan: the point that was grabbed stays under the mouse wheel zoom: the
+//   point under the mouse stays there right drag, L + move  light O                     perspective or orthographic:
+//   what is at the target keeps its size and place W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot,
+//   help, figures, quit
+// Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the
+// distance within bounds. A perspective eye stays outside of the surface (eye_guard.h): what would lead into it stops
+// before; turning and panning go farther away where that lets them go on. Whoever turns or zooms about a point of the
+// surface gets it as far away as the target is, so that zooming in ends at the surface.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <optional>
+#include <utility>
+
+#include "src/engine/eye_guard.h"
+#include "src/gl/window.h"
+#include "src/render/camera.h"
+
+namespace relievo {
+
+class ViewControl {
+ public:
+  struct View {
+    OrbitCamera camera;
+    std::array<double, 3> light{0, 0, 1};  // unit, z > 0
+  };
+  static constexpr double kMaxTiltDeg = 85;
+  static constexpr double kWheelFactor = 0.85;  // of the distance, a step
+
+  // Without a surface: the artwork's plane, or of a body the plane through the target, and no guard.
+  struct Surface {
+    // The point of it that a pixel (origin top left) of the picture on the screen shows; nothing over the background.
+    std::function<std::optional<glm::dvec3>(double x_px, double y_px)> under;
+    const EyeGuard* guard;  // outlives the control; may be null
+  };
+
+  ViewControl(const Extent& extent, const View& start, int width_px, int height_px, Surface surface = {});
+
+  // True when it changed what is shown.
+  bool handle(const gl::Event& event);
+  // From now on this one guards the eye, which is moved outside of its surface if it is not there. True when that
+  // changed what is shown.
+  bool setGuard(const EyeGuard* guard);
+
+  const View& view() const { return view_; }
+  bool draggingLight() const { return mode_ == Mode::kLight; }
+  bool wireframe = false, show_pages = false, help = false, figures = false;
+  bool quit = false;
+  bool takeSnapshotWish() { return std::exchange(snapshot_wished_, false); }
+
+ private:
+  enum class Mode { kNone, kOrbit, kPan, kLight };
+  void beginDrag(Mode mode);
+  void drag(double x, double y);
+  void turn(double azimuth_deg, double elevation_deg);
+  void pan(double x, double y);
+  OrbitCamera panned(const OrbitCamera& from, double x, double y);
+  void zoom(double steps);
+  void keepAngles(OrbitCamera& camera) const;
+  void keepTarget(OrbitCamera& camera, const glm::dvec3& before_mm) const;
+
+  // ---- the surface
+  // Puts the target where the line of sight is as far away as the point; a perspective picture stays the same, an
+  // orthographic one, too.
+  void anchor(const glm::dvec3& point_mm);
+  // To a camera of the same direction and projection, as far as its eye stays outside. False: not all of the way.
+  bool moveTo(const OrbitCamera& wanted);
+  bool wayIsFree(const OrbitCamera& from, const OrbitCamera& to) const;
+  bool isOutside(const OrbitCamera& camera) const;
+  void placeOutside(OrbitCamera& camera) const;
+  void keepNearPlane();
+
+  // The point under a pixel: of the plane of a flat artwork's height z_mm, else of the plane through the target that
+  // faces the eye.
+  bool pointUnder(const OrbitCamera& camera, double x, double y, double z_mm, glm::dvec3* point_mm) const;
+
+  Extent extent_;
+  View start_, view_;
+  int width_px_, height_px_;
+  double min_distance_mm_, max_distance_mm_, clear_mm_ = 0;
+  Surface surface_;
+  Mode mode_ = Mode::kNone;
+  bool light_key_ = false, grabbed_ = false, snapshot_wished_ = false;
+  double x_ = 0, y_ = 0;                // the mouse
+  glm::dvec3 grabbed_mm_{0};            // the point that pan holds
+  std::optional<glm::dvec3> pivot_mm_;  // the point that a drag turns about; none: the target
+};
+
+}  // namespace relievo

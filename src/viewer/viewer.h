@@ -1,0 +1,43 @@
+// viewer.h - an artwork in a window: the engine, the controls (view_control.h) and the head-up display (hud.h).
+// Redraws while something changes or loads; otherwise sleeps until the next event.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "src/base/result.h"
+#include "src/engine/engine.h"
+#include "src/render/camera.h"
+
+namespace relievo {
+
+struct ViewerOptions {
+  std::string title = "Relievo";
+  std::string snapshot_stem = "snapshot";  // S writes STEM-0001.png, the first free number, into the current folder
+  int width_px = 1280, height_px = 800;
+  std::array<uint8_t, 3> background{24, 24, 26};
+  Scene scene;
+  EngineOptions engine;
+  // The view to start with, for the size that the window got.
+  std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
+  // A camera that stands still is drawn with Scene::least_cell 0. auto: not with software OpenGL, whose next motion
+  // would begin with a slow frame, nor with `frames`.
+  enum class ExactStill { kAuto, kOn, kOff };
+  ExactStill exact_still = ExactStill::kAuto;
+  // For tests: after so many frames (0: never), snapshot_file is written (if named) and the viewer ends.
+  int64_t frames = 0;
+  std::string snapshot_file;
+  bool print_view = false;  // on leaving, camera and light as JSON on standard output
+};
+
+// Returns when the window is closed.
+Result<void> runViewer(Artwork artwork, const ViewerOptions& options);
+
+// The picture over the background colour, without alpha: 3 bytes a pixel.
+std::vector<uint8_t> overBackground(std::span<const uint8_t> rgba, const std::array<uint8_t, 3>& background);
+// FOLDER/STEM-0001.png, or the first number that is free; empty when there is none below 10,000.
+std::string freeSnapshotName(const std::string& folder, const std::string& stem);
+
+}  // namespace relievo

@@ -1,0 +1,182 @@
+// The rules, on texels in 8.8 fixed point (v = 256 * byte at the finest level); a b / c d is the 2 x 2 square:
+//   number  (a + b + c + d + 2) >> 2
+//   linear  with lin(v) = round(65535 * f(v / 65280)), f the sRGB decoding curve (IEC 61966-2-1), and
+//           enc(n) = round(65280 * f^-1(n / 65535)):  enc((lin(a) + lin(b) + lin(c) + lin(d) + 2) >> 2)
+//   LRGB    a texel's weight, from its coefficients 0, 1 and 5, with t_k = v_k >> 4:
+//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 14, 1, 4095)          (in quarters of a unit of display
+//             intensity) M_k = round(4096 f_k scale_k / 2^s), f = 1/3, 1/3, 1; s >= 0 the smallest with all |M_k| <=
+//             65536 C = clamp(-sum M_k round(16 bias_k), +-8e8)
+//           colour (wa a + wb b + wc c + wd d + floor(W / 2)) / W, rounded down, W = wa + wb + wc + wd
+// Weights stay below 2^12 so that the sums fit 32 bits: 4 * 4095 * 65280 < 2^31.
+#include "texturing/codec/mip.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <cstring>
+
+#include "src/base/simd_dispatch.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kMaxLevelValue = 255 * 256;
+constexpr int kMaxWeight = 4095;
+
+struct TransferTables {
+  std::vector<uint16_t> linear_from_level, level_from_linear;
+  TransferTables() : linear_from_level(kMaxLevelValue + 1), level_from_linear(65536) {
+    for (int v = 0; v <= kMaxLevelValue; ++v) {
+      double s = v / double{kMaxLevelValue};
+      double l = s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4);
+      linear_from_level[v] = static_cast<uint16_t>(std::lround(65535 * l));
+    }
+    for (int n = 0; n <= 65535; ++n) {
+      double l = n / 65535.0;
+      double s = l <= 0.0031308 ? 12.92 * l : 1.055 * std::pow(l, 1 / 2.4) - 0.055;
+      level_from_linear[n] = static_cast<uint16_t>(std::lround(std::clamp(s, 0.0, 1.0) * kMaxLevelValue));
+    }
+  }
+};
+
+const TransferTables& transferTables() {
+  static const TransferTables tables;
+  return tables;
+}
+
+inline int levelValue(uint8_t b) { return b << 8; }
+inline int levelValue(uint16_t v) { return v; }
+
+void averageNumbers(const uint8_t* __restrict top, const uint8_t* __restrict bottom, int out_width,
+                    uint16_t* __restrict out) {
+  // (256 (a + b + c + d) + 2) >> 2 = 64 (a + b + c + d)
+  for (int x = 0; x < out_width; ++x)
+    out[x] = static_cast<uint16_t>((top[2 * x] + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1]) << 6);
+}
+
+void averageNumbers(const uint16_t* __restrict top, const uint16_t* __restrict bottom, int out_width,
+                    uint16_t* __restrict out) {
+  for (int x = 0; x < out_width; ++x)
+    out[x] =
+        static_cast<uint16_t>((uint32_t{top[2 * x]} + top[2 * x + 1] + bottom[2 * x] + bottom[2 * x + 1] + 2u) >> 2);
+}
+
+template <class T>
+void averageLinear(const T* top, const T* bottom, int out_width, uint16_t* out) {
+  const uint16_t* lin = transferTables().linear_from_level.data();
+  const uint16_t* enc = transferTables().level_from_linear.data();
+  auto l = [&](T v) -> uint32_t { return lin[levelValue(v)]; };
+  for (int x = 0; x < out_width; ++x)
+    out[x] = enc[(l(top[2 * x]) + l(top[2 * x + 1]) + l(bottom[2 * x]) + l(bottom[2 * x + 1]) + 2) >> 2];
+}
+
+// Weighted texels of one output row; the quotient by doubles is exact: N / W lies at least 1 / W >= 2^-14 below the
+// next integer, and below 2^16 doubles are spaced 2^-37.
+template <class T>
+void averageWeighted(const T* __restrict top, const T* __restrict bottom, const int32_t* __restrict top_w,
+                     const int32_t* __restrict bottom_w, int out_width, uint16_t* __restrict out) {
+  for (int x = 0; x < out_width; ++x) {
+    int32_t wa = top_w[2 * x], wb = top_w[2 * x + 1], wc = bottom_w[2 * x], wd = bottom_w[2 * x + 1];
+    int32_t w = wa + wb + wc + wd;
+    int32_t n = wa * levelValue(top[2 * x]) + wb * levelValue(top[2 * x + 1]) + wc * levelValue(bottom[2 * x]) +
+                wd * levelValue(bottom[2 * x + 1]) + (w >> 1);
+    out[x] = static_cast<uint16_t>(static_cast<int32_t>(static_cast<double>(n) / static_cast<double>(w)));
+  }
+}
+
+template <class T>
+void repeatBorderAny(T* data, int width, int height, int channels, int x0, int y0, int x1, int y1) {
+  assert(0 <= x0 && x0 < x1 && x1 <= width && 0 <= y0 && y0 < y1 && y1 <= height);
+  for (int c = 0; c < channels; ++c) {
+    T* plane = data + static_cast<size_t>(c) * width * height;
+    if (x0 > 0 || x1 < width) {
+      for (int y = y0; y < y1; ++y) {
+        T* row = plane + static_cast<size_t>(y) * width;
+        std::fill(row, row + x0, row[x0]);
+        std::fill(row + x1, row + width, row[x1 - 1]);
+      }
+    }
+    auto copyRow = [&](int from, int to) {
+      std::memcpy(plane + static_cast<size_t>(to) * width, plane + static_cast<size_t>(from) * width,
+                  width * sizeof(T));
+    };
+    for (int y = 0; y < y0; ++y) copyRow(y0, y);
+    for (int y = y1; y < height; ++y) copyRow(y1 - 1, y);
+  }
+}
+
+}  // namespace
+
+MipFilter::MipFilter(const TextureFormat& format) : format_(format) {
+  if (format.basis != Basis::kPtmLrgb) return;
+  constexpr int kTerms[3] = {0, 1, 5};
+  constexpr double kMeans[3] = {1.0 / 3, 1.0 / 3, 1.0};
+  double largest = 0;
+  for (int i = 0; i < 3; ++i) largest = std::max(largest, std::abs(format.scale[kTerms[i]] * kMeans[i] * 4096));
+  double shrink = 1;
+  while (largest / shrink > 65536 && shrink < 1e300) shrink *= 2;
+  double offset = 0;
+  for (int i = 0; i < 3; ++i) {
+    double factor = std::clamp(format.scale[kTerms[i]] * kMeans[i] * 4096 / shrink, -65536.0, 65536.0);
+    weight_factor_[i] = static_cast<int32_t>(std::lround(factor));
+    offset -= weight_factor_[i] * std::round(16 * format.bias[kTerms[i]]);
+  }
+  weight_offset_ = static_cast<int32_t>(std::clamp(offset, -8e8, 8e8));
+}
+
+template <class T>
+RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out) const {
+  assert(width % 2 == 0 && height % 2 == 0);
+  const int out_width = width / 2, out_height = height / 2;
+  const size_t plane = static_cast<size_t>(width) * height, out_plane = plane / 4;
+  const bool first_is_colour = format_.basis == Basis::kColour || format_.basis == Basis::kAlbedoNormal;
+  const int channels = format_.channels();
+  for (int c = first_is_colour ? 3 : 0; c < (format_.basis == Basis::kPtmLrgb ? 6 : channels); ++c) {
+    for (int y = 0; y < out_height; ++y) {
+      const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;
+      averageNumbers(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
+    }
+  }
+  if (first_is_colour) {
+    for (int c = 0; c < 3; ++c) {
+      for (int y = 0; y < out_height; ++y) {
+        const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;
+        averageLinear(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
+      }
+    }
+  } else if (format_.basis == Basis::kPtmLrgb) {
+    std::vector<int32_t> weights(static_cast<size_t>(width) * 2);
+    const int32_t m0 = weight_factor_[0], m1 = weight_factor_[1], m5 = weight_factor_[2], offset = weight_offset_;
+    for (int y = 0; y < out_height; ++y) {
+      const T* base = in + static_cast<size_t>(2 * y) * width;  // two rows lie one after the other
+      const T *a0 = base, *a1 = base + plane, *a5 = base + 5 * plane;
+      int32_t* w = weights.data();
+      for (int x = 0; x < 2 * width; ++x) {
+        int32_t sum =
+            m0 * (levelValue(a0[x]) >> 4) + m1 * (levelValue(a1[x]) >> 4) + m5 * (levelValue(a5[x]) >> 4) + offset;
+        w[x] = std::clamp(sum >> 14, 1, kMaxWeight);
+      }
+      for (int c = 6; c < 9; ++c) {
+        const T* top = base + c * plane;
+        averageWeighted(top, top + width, w, w + width, out_width,
+                        out + c * out_plane + static_cast<size_t>(y) * out_width);
+      }
+    }
+  }
+}
+
+void MipFilter::downsample(const uint16_t* in, int width, int height, uint16_t* out) const {
+  downsampleAny(in, width, height, out);
+}
+void MipFilter::downsample(const uint8_t* in, int width, int height, uint16_t* out) const {
+  downsampleAny(in, width, height, out);
+}
+
+void repeatBorder(uint8_t* data, int width, int height, int channels, int x0, int y0, int x1, int y1) {
+  repeatBorderAny(data, width, height, channels, x0, y0, x1, y1);
+}
+void repeatBorder(uint16_t* data, int width, int height, int channels, int x0, int y0, int x1, int y1) {
+  repeatBorderAny(data, width, height, channels, x0, y0, x1, y1);
+}
+
+}  // namespace relievo

@@ -1,0 +1,168 @@
+#include "texturing/codec/page_jpeg_codec.h"
+
+#include <algorithm>
+#include <csetjmp>
+#include <cstddef>
+#include <cstdio>  // jpeglib.h needs FILE and size_t
+
+#include <jpeglib.h>
+
+#include "src/artwork/planar_domain.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kSide = kPageFullPx;
+constexpr int kBasicStep = 20;  // at quality 50: about the mean of JPEG's example tables
+
+// libjpeg knows no way out of an error but a jump: the functions that call setjmp hold nothing that would need a
+// destructor.
+struct JumpingErrors {
+  jpeg_error_mgr base;
+  std::jmp_buf jump;
+};
+[[noreturn]] void leave(j_common_ptr info) { std::longjmp(reinterpret_cast<JumpingErrors*>(info->err)->jump, 1); }
+// Level -1 are warnings: damaged data, which libjpeg would paper over with grey.
+void onMessage(j_common_ptr info, int level) {
+  if (level < 0) leave(info);
+}
+void ignoreText(j_common_ptr) {}
+
+jpeg_error_mgr* jumpingErrors(JumpingErrors* errors) {
+  jpeg_std_error(&errors->base);
+  errors->base.error_exit = leave;
+  errors->base.emit_message = onMessage;
+  errors->base.output_message = ignoreText;
+  return &errors->base;
+}
+
+void nothing(j_compress_ptr) {}
+void nothing(j_decompress_ptr) {}
+boolean noMoreRoom(j_compress_ptr info) { leave(reinterpret_cast<j_common_ptr>(info)); }
+boolean noMoreBytes(j_decompress_ptr info) { leave(reinterpret_cast<j_common_ptr>(info)); }
+void skipBytes(j_decompress_ptr info, long n) {
+  if (n <= 0) return;
+  if (static_cast<size_t>(n) > info->src->bytes_in_buffer) leave(reinterpret_cast<j_common_ptr>(info));
+  info->src->next_input_byte += n;
+  info->src->bytes_in_buffer -= static_cast<size_t>(n);
+}
+
+}  // namespace
+
+int jpegStep(int quality) {
+  const int percent = quality < 50 ? 5000 / quality : 200 - 2 * quality;  // as libjpeg scales its tables
+  return std::clamp((kBasicStep * percent + 50) / 100, 1, 255);
+}
+
+struct JpegPageEncoder::Impl {
+  jpeg_compress_struct info;
+  JumpingErrors errors;
+  jpeg_destination_mgr destination;
+};
+
+JpegPageEncoder::JpegPageEncoder() : impl_(new Impl) {
+  impl_->info.err = jumpingErrors(&impl_->errors);
+  jpeg_create_compress(&impl_->info);
+  impl_->destination.init_destination = nothing;
+  impl_->destination.empty_output_buffer = noMoreRoom;
+  impl_->destination.term_destination = nothing;
+  impl_->info.dest = &impl_->destination;
+}
+
+JpegPageEncoder::~JpegPageEncoder() {
+  jpeg_destroy_compress(&impl_->info);
+  delete impl_;
+}
+
+size_t JpegPageEncoder::encode(const uint8_t* texels, int quality, bool ycc, std::span<uint8_t> out) {
+  jpeg_compress_struct& c = impl_->info;
+  impl_->destination.next_output_byte = out.data();
+  impl_->destination.free_in_buffer = out.size();
+  if (setjmp(impl_->errors.jump)) {
+    jpeg_abort_compress(&c);
+    return 0;
+  }
+  c.image_width = c.image_height = kSide;
+  c.input_components = 4;
+  c.in_color_space = JCS_EXT_RGBX;
+  jpeg_set_defaults(&c);
+  jpeg_set_colorspace(&c, ycc ? JCS_YCbCr : JCS_RGB);
+  unsigned steps[DCTSIZE2];
+  for (unsigned& s : steps) s = static_cast<unsigned>(jpegStep(quality));
+  jpeg_add_quant_table(&c, 0, steps, 100, TRUE);
+  for (int k = 0; k < 3; ++k) {
+    c.comp_info[k].h_samp_factor = c.comp_info[k].v_samp_factor = 1;
+    c.comp_info[k].quant_tbl_no = 0;
+  }
+  c.optimize_coding = TRUE;
+  c.dct_method = JDCT_ISLOW;  // the same bits with and without SIMD
+  jpeg_start_compress(&c, TRUE);
+  while (c.next_scanline < c.image_height) {
+    JSAMPROW row = const_cast<JSAMPROW>(texels + size_t{4} * kSide * c.next_scanline);
+    jpeg_write_scanlines(&c, &row, 1);
+  }
+  jpeg_finish_compress(&c);
+  return out.size() - impl_->destination.free_in_buffer;
+}
+
+struct JpegPageDecoder::Impl {
+  jpeg_decompress_struct info;
+  JumpingErrors errors;
+  jpeg_source_mgr source;
+
+  // Null, or what is wrong.
+  const char* decode(const uint8_t* jpeg, size_t size, uint8_t* texels) {
+    source.next_input_byte = jpeg;
+    source.bytes_in_buffer = size;
+    if (setjmp(errors.jump)) {
+      jpeg_abort_decompress(&info);
+      return "an encoded page holds a damaged JPEG";
+    }
+    jpeg_read_header(&info, TRUE);
+    bool ours = info.image_width == kSide && info.image_height == kSide && info.num_components == 3 &&
+                info.data_precision == 8 && !info.progressive_mode && !info.arith_code &&
+                !jpeg_has_multiple_scans(&info) &&
+                (info.jpeg_color_space == JCS_RGB || info.jpeg_color_space == JCS_YCbCr);
+    for (int k = 0; ours && k < 3; ++k)
+      ours = info.comp_info[k].h_samp_factor == 1 && info.comp_info[k].v_samp_factor == 1;
+    if (!ours) {
+      jpeg_abort_decompress(&info);
+      return "an encoded page holds a JPEG of another size or kind";
+    }
+    info.out_color_space = JCS_EXT_RGBA;
+    info.dct_method = JDCT_ISLOW;
+    jpeg_start_decompress(&info);
+    while (info.output_scanline < info.output_height) {
+      JSAMPROW rows[8];
+      for (unsigned i = 0; i < 8; ++i)
+        rows[i] = texels + size_t{4} * kSide * std::min<unsigned>(info.output_scanline + i, kSide - 1);
+      jpeg_read_scanlines(&info, rows, std::min<unsigned>(8, info.output_height - info.output_scanline));
+    }
+    jpeg_finish_decompress(&info);
+    return source.bytes_in_buffer == 0 ? nullptr : "an encoded page goes on behind its JPEG";
+  }
+};
+
+JpegPageDecoder::JpegPageDecoder() : impl_(new Impl) {
+  impl_->info.err = jumpingErrors(&impl_->errors);
+  jpeg_create_decompress(&impl_->info);
+  impl_->source.init_source = nothing;
+  impl_->source.fill_input_buffer = noMoreBytes;
+  impl_->source.skip_input_data = skipBytes;
+  impl_->source.resync_to_restart = jpeg_resync_to_restart;
+  impl_->source.term_source = nothing;
+  impl_->info.src = &impl_->source;
+}
+
+JpegPageDecoder::~JpegPageDecoder() {
+  jpeg_destroy_decompress(&impl_->info);
+  delete impl_;
+}
+
+Result<void> JpegPageDecoder::decode(std::span<const uint8_t> jpeg, uint8_t* texels) {
+  if (const char* wrong = impl_->decode(jpeg.data(), jpeg.size(), texels))
+    return Error{ErrorKind::kInvalidData, "", wrong, "rebuild the package, or get a whole copy", {}};
+  return {};
+}
+
+}  // namespace relievo

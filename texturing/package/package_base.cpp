@@ -1,0 +1,117 @@
+#include "texturing/package/package_base.h"
+
+#include <cmath>
+
+#include "texturing/package/package_layout.h"
+
+namespace relievo {
+
+std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
+  const BaseMesh& mesh = section.mesh;
+  std::vector<uint8_t> out(baseSectionBytes(mesh.corners.size(), mesh.patches.size(),
+                                            !section.shapes.empty()   ? BaseSectionEnd::kShapes
+                                            : !section.slopes.empty() ? BaseSectionEnd::kSlopes
+                                                                      : BaseSectionEnd::kBlocks));
+  uint8_t* p = out.data();
+  auto put = [&](auto v) {
+    storeLittle(p, v);
+    p += sizeof v;
+  };
+  put(static_cast<uint32_t>(mesh.corners.size()));
+  put(static_cast<uint32_t>(mesh.patches.size()));
+  for (int k = 0; k < 3; ++k) put(mesh.origin_mm[k]);
+  put(section.error_unit_mm);
+  for (const BaseCorner& c : mesh.corners) {
+    for (int k = 0; k < 3; ++k) put(c.position_mm[k]);
+    for (int k = 0; k < 3; ++k) put(c.normal[k]);
+  }
+  for (const auto& patch : mesh.patches)
+    for (uint32_t corner : patch) put(corner);
+  for (const CoarseErrors& errors : section.coarse_errors)
+    for (float e : errors) put(e);
+  for (const CoarseBlocks& blocks : section.coarse_blocks)
+    for (uint8_t share : blocks) put(share);
+  for (const HeightSlopes& s : section.slopes)
+    for (float f : {s.min_u, s.max_u, s.min_v, s.max_v}) put(f);
+  for (const CoarseShapes& shapes : section.shapes)
+    for (const DeviationShape& s : shapes) put(s);
+  return out;
+}
+
+Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches) {
+  auto invalid = [](uint64_t offset, std::string message) {
+    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
+                 "rebuild the package, or get a whole copy", offset};
+  };
+  if (bytes.size() < kBaseHeadBytes)
+    return invalid(0, "expected at least 40 bytes, found " + std::to_string(bytes.size()));
+  const uint8_t* p = bytes.data();
+  auto take = [&]<class T>(T& v) {
+    v = loadLittle<T>(p);
+    p += sizeof v;
+  };
+  uint32_t corner_count = 0, patch_count = 0;
+  take(corner_count);
+  take(patch_count);
+  if (patch_count != patches)
+    return invalid(4, "expected " + std::to_string(patches) + " patches, found " + std::to_string(patch_count));
+  const bool has_shapes = bytes.size() == baseSectionBytes(corner_count, patch_count);
+  const bool has_slopes =
+      has_shapes || bytes.size() == baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kSlopes);
+  const uint64_t behind_blocks =
+      patch_count * ((has_slopes ? kBaseSlopesBytes : 0) + (has_shapes ? kBaseShapesBytes : 0));
+  if (const uint64_t expected = baseSectionBytes(corner_count, patch_count, BaseSectionEnd::kBlocks);
+      expected != bytes.size() && !has_slopes) {
+    return invalid(0, std::to_string(corner_count) + " corners and " + std::to_string(patch_count) + " patches take " +
+                          std::to_string(expected) + " bytes, or " +
+                          std::to_string(expected + patch_count * kBaseSlopesBytes) + " with slopes, " +
+                          std::to_string(expected + patch_count * (kBaseSlopesBytes + kBaseShapesBytes)) +
+                          " with shapes of errors, found " + std::to_string(bytes.size()));
+  }
+  BaseSection out;
+  for (int k = 0; k < 3; ++k) take(out.mesh.origin_mm[k]);
+  take(out.error_unit_mm);
+  if (!std::isfinite(out.error_unit_mm) || out.error_unit_mm < 0)
+    return invalid(32, "the unit of errors is not a number of mm");
+  out.mesh.corners.resize(corner_count);
+  for (BaseCorner& c : out.mesh.corners) {
+    for (int k = 0; k < 3; ++k) take(c.position_mm[k]);
+    for (int k = 0; k < 3; ++k) take(c.normal[k]);
+  }
+  out.mesh.patches.resize(patch_count);
+  for (auto& patch : out.mesh.patches)
+    for (uint32_t& corner : patch) take(corner);
+  if (std::string problem = baseMeshProblem(out.mesh); !problem.empty()) return invalid(kBaseHeadBytes, problem);
+  out.coarse_errors.resize(patch_count);
+  for (size_t i = 0; i < out.coarse_errors.size(); ++i) {
+    CoarseErrors& errors = out.coarse_errors[i];
+    for (float& e : errors) take(e);
+    for (size_t k = 0; k < errors.size(); ++k) {
+      if (!std::isfinite(errors[k]) || errors[k] < 0 || (k > 0 && errors[k] > errors[k - 1]))
+        return invalid(bytes.size() - behind_blocks - out.coarse_errors.size() * sizeof(CoarseBlocks) -
+                           (out.coarse_errors.size() - i) * sizeof(CoarseErrors),
+                       "the errors of patch " + std::to_string(i) + " are not bounds that fall from level to level");
+    }
+  }
+  out.coarse_blocks.resize(patch_count);
+  for (CoarseBlocks& blocks : out.coarse_blocks)
+    for (uint8_t& share : blocks) take(share);
+  if (!has_slopes) return out;
+  out.slopes.resize(patch_count);
+  for (size_t i = 0; i < out.slopes.size(); ++i) {
+    HeightSlopes& s = out.slopes[i];
+    for (float* f : {&s.min_u, &s.max_u, &s.min_v, &s.max_v}) take(*f);
+    if (!std::isfinite(s.min_u) || !std::isfinite(s.max_u) || !std::isfinite(s.min_v) || !std::isfinite(s.max_v) ||
+        s.min_u > s.max_u || s.min_v > s.max_v)
+      return invalid(
+          bytes.size() - (has_shapes ? patch_count * kBaseShapesBytes : 0) - (out.slopes.size() - i) * kBaseSlopesBytes,
+          "the slopes of patch " + std::to_string(i) + " are not ranges of numbers");
+  }
+  if (!has_shapes) return out;
+  out.shapes.resize(patch_count);
+  for (CoarseShapes& shapes : out.shapes)
+    for (DeviationShape& s : shapes) take(s);
+  return out;
+}
+
+}  // namespace relievo

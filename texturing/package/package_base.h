@@ -1,0 +1,39 @@
+// package_base.h - the section of a package that holds its base mesh (texturing/PACKAGE.md, "Base mesh").
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/artwork/base_mesh.h"
+#include "src/base/result.h"
+#include "texturing/package/patch_source.h"
+
+namespace relievo {
+
+struct BaseSection {
+  BaseMesh mesh;
+  std::vector<CoarseErrors> coarse_errors;  // a patch
+  std::vector<CoarseBlocks> coarse_blocks;  // a patch
+  std::vector<HeightSlopes> slopes;         // a patch; empty: not known
+  std::vector<CoarseShapes> shapes;         // a patch; empty: not known. Only where there are slopes
+  double error_unit_mm = 0;
+};
+
+inline constexpr uint64_t kBaseHeadBytes = 40, kBaseCornerBytes = 24, kBasePatchBytes = 16 + 28 + 84,
+                          kBaseSlopesBytes = 16, kBaseShapesBytes = sizeof(CoarseShapes);
+// What a section ends with; each has what those before it have.
+enum class BaseSectionEnd { kBlocks, kSlopes, kShapes };
+constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSectionEnd end = BaseSectionEnd::kShapes) {
+  return kBaseHeadBytes + corners * kBaseCornerBytes +
+         patches * (kBasePatchBytes + (end >= BaseSectionEnd::kSlopes ? kBaseSlopesBytes : 0) +
+                    (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
+}
+
+std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
+// Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there
+// must be. The error names what is wrong, and its offset counts from the section's start; its file is empty.
+Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches);
+
+}  // namespace relievo

@@ -1,0 +1,55 @@
+// package_builder.h - from raster sources to a package file, streamed: regions in, pages out, memory bounded.
+// Written beside the target (TARGET.part-PID) and renamed when whole; on failure or interruption nothing is left
+// behind. The same bytes with any number of workers.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "src/base/result.h"
+#include "texturing/codec/page_encoding.h"
+#include "texturing/package/raster_source.h"
+
+namespace relievo {
+
+struct BuildProgress {
+  uint64_t pages_done = 0, pages_total = 0;
+  uint64_t texels_done = 0, texels_total = 0;  // level-0 texels of the texture
+  double seconds = 0;
+};
+
+inline constexpr double kCheckpointSeconds = 10;  // what a kill costs at most, beside the parts in work
+
+struct BuildOptions {
+  std::string output;
+  double mm_per_px = 1.0;
+  bool size_known = true;       // else mm_per_px is 1, heights are in pixels of the texture, and the package says so
+  bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
+  int workers = 0;              // 0: one per core
+  int zstd_level = 1;
+  PageEncoding coefficients,
+      colour;  // of the planes of either kind; mip levels are computed from exact values all the same
+  uint64_t memory_budget_bytes = uint64_t{768} << 20;
+  uint64_t kept_bytes = ~uint64_t{
+      0};  // of the budget, for what waits for its neighbours: more of it lies in files; buildPatchPackage only
+  std::string tool_version;
+  std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
+  std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second
+  const std::atomic<bool>* interrupted = nullptr;      // polled; set: stop, remove the part file, kInterrupted
+  // Checkpoints: what a build that was killed leaves, to go on from (build_checkpoint.h). buildPackage only.
+  double checkpoint_s = -1;  // seconds between them; 0: after each part; negative: none
+  bool resume = false;       // go on from the last one, if there is one; and what stops this build leaves one
+  std::function<void(const std::string&)> note;  // one sentence for the user, about checkpoints
+};
+
+struct BuildReport {
+  uint64_t pages = 0, package_bytes = 0;
+  double seconds = 0;
+};
+
+// relief may be null. Its range becomes the artwork's.
+Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief, const BuildOptions& options);
+
+}  // namespace relievo

@@ -1,0 +1,341 @@
+#include "texturing/package/package_layout.h"
+
+#include "texturing/package/package_base.h"
+#include "texturing/package/package_tails.h"
+
+#include <xxhash.h>
+
+#include <bit>
+#include <cassert>
+#include <cmath>
+#include <cstdio>
+
+namespace relievo {
+
+static_assert(std::endian::native == std::endian::little, "package files are read and written in place, little-endian");
+
+namespace {
+
+uint64_t blocks(uint64_t nodes) { return (nodes + kIndexBlockNodes - 1) / kIndexBlockNodes; }
+
+// Nodes of a level that meet [0, extent) texels: ceil(extent * 2^level / patch_px).
+uint64_t nodesAlong(const PlanarDomain& domain, uint64_t extent, int level) {
+  return ((extent << level) + domain.patchPx() - 1) / domain.patchPx();
+}
+
+// The index entries of the finest levels alone.
+double leastIndexBytes(const PlanarDomain& d, uint32_t detail_bytes) {
+  auto nodes = [&](int level) {
+    const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
+    return std::max(1.0, static_cast<double>(d.width_px) * finer) *
+           std::max(1.0, static_cast<double>(d.height_px) * finer);
+  };
+  double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
+  if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + detail_bytes);
+  return bytes;
+}
+
+struct HeaderField {
+  uint8_t* out;
+  template <class T>
+  void put(size_t offset, T v) {
+    storeLittle(out + offset, v);
+  }
+};
+
+}  // namespace
+
+NodeGrid nodeGrid(const PlanarDomain& domain, int level) {
+  return {nodesAlong(domain, domain.width_px, level), nodesAlong(domain, domain.height_px, level)};
+}
+
+NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row) {
+  uint64_t mask = (uint64_t{1} << level) - 1;
+  uint64_t along = domain.alongX() ? column : row;
+  return {static_cast<uint32_t>(along >> level), static_cast<uint32_t>(level), static_cast<uint32_t>(column & mask),
+          static_cast<uint32_t>(row & mask)};
+}
+
+std::string domainProblem(const PlanarDomain& d) {
+  constexpr uint64_t kMaxExtent = uint64_t{1} << 44;  // kMaxPatches patches of 2^24 texels
+  if (d.width_px < 1 || d.height_px < 1) return "the artwork is empty";
+  if (d.width_px > kMaxExtent || d.height_px > kMaxExtent) return "a side exceeds 2^44 texels";
+  uint64_t shorter = std::min(d.width_px, d.height_px);
+  if (shorter > (uint64_t{kPagePx} << kMaxNodeLevel)) return "the shorter side exceeds 2^24 texels";
+  if (d.texture_depth != PlanarDomain::depthFor(d.width_px, d.height_px))
+    return "the texture depth does not fit the size";
+  if (std::max(d.width_px, d.height_px) > d.patchPx() * kMaxPatches) return "the strip has more than 2^20 patches";
+  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel))
+    return "the relief depth is out of range";
+  if (!std::isfinite(d.mm_per_px) || d.mm_per_px <= 0) return "the size of a pixel in mm is not a positive number";
+  if (!std::isfinite(d.relief_offset_mm) || !std::isfinite(d.relief_scale_mm) || d.relief_scale_mm < 0)
+    return "the relief's range is not a number";
+  return {};
+}
+
+IndexLayout::IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_bytes, uint64_t base)
+    : patch_count_(domain.patchCount()), node_bytes_(node_bytes), base_(base) {
+  auto layOut = [&](uint32_t patch) {
+    Patch p;
+    uint64_t width = std::min(domain.patchPx(), domain.width_px - domain.patchOriginX(patch));
+    uint64_t height = std::min(domain.patchPx(), domain.height_px - domain.patchOriginY(patch));
+    for (int l = 0; l <= depth; ++l) {
+      Level level;
+      level.base = p.bytes;
+      level.columns = static_cast<uint32_t>(nodesAlong(domain, width, l));
+      level.rows = static_cast<uint32_t>(nodesAlong(domain, height, l));
+      uint64_t nodes = uint64_t{level.columns} * level.rows;
+      p.nodes += nodes;
+      p.bytes += nodes * node_bytes_ + 8 * blocks(level.columns) * blocks(level.rows);
+      p.levels.push_back(level);
+    }
+    return p;
+  };
+  full_ = layOut(0);
+  last_ = layOut(patch_count_ - 1);
+  bytes_ = full_.bytes * (patch_count_ - 1) + last_.bytes;
+  nodes_ = full_.nodes * (patch_count_ - 1) + last_.nodes;
+}
+
+bool IndexLayout::contains(const NodeId& n) const {
+  if (n.patch >= patch_count_) return false;
+  const Patch& p = patchOf(n.patch);
+  return n.level < p.levels.size() && n.x < p.levels[n.level].columns && n.y < p.levels[n.level].rows;
+}
+
+IndexLayout::Place IndexLayout::find(const NodeId& n) const {
+  assert(contains(n));
+  const Level& level = patchOf(n.patch).levels[n.level];
+  uint32_t bx = n.x / kIndexBlockNodes, by = n.y / kIndexBlockNodes;
+  uint32_t columns = std::min(kIndexBlockNodes, level.columns - bx * kIndexBlockNodes);
+  uint32_t rows = std::min(kIndexBlockNodes, level.rows - by * kIndexBlockNodes);
+  uint64_t nodes_before = uint64_t{by} * kIndexBlockNodes * level.columns + uint64_t{bx} * kIndexBlockNodes * rows;
+  uint64_t blocks_before = by * blocks(level.columns) + bx;
+  Place place;
+  place.block_offset = base_ + n.patch * full_.bytes + level.base + nodes_before * node_bytes_ + blocks_before * 8;
+  place.block_bytes = columns * rows * node_bytes_ + 8;
+  place.node_offset = ((n.y % kIndexBlockNodes) * columns + n.x % kIndexBlockNodes) * node_bytes_;
+  return place;
+}
+
+uint8_t byteFromError(uint32_t steps) {
+  if (steps < 32) return static_cast<uint8_t>(steps);
+  int e = std::bit_width(steps) - 4;  // steps >> (e - 1) is 16..31
+  uint32_t m = (steps + (1u << (e - 1)) - 1) >> (e - 1);
+  return static_cast<uint8_t>(16 * e + static_cast<int>(m) - 16);  // m of 32 is the next e's first
+}
+
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+                            uint32_t detail_bytes) {
+  PackageLayout layout;
+  const uint32_t planes = static_cast<uint32_t>(format.planes());
+  layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
+  layout.index_bytes = layout.texture.bytes();
+  layout.page_count = layout.texture.nodeCount() * planes;
+  if (domain.relief_depth >= 0) {
+    layout.relief = IndexLayout(domain, domain.relief_depth, kReliefEntryBytes, index_offset + layout.index_bytes);
+    layout.index_bytes += layout.relief.bytes();
+    layout.page_count += layout.relief.nodeCount();
+    if (detail_bytes > 0) {
+      layout.relief_detail = IndexLayout(domain, domain.relief_depth, detail_bytes, index_offset + layout.index_bytes);
+      layout.index_bytes += layout.relief_detail.bytes();
+    }
+  }
+  return layout;
+}
+
+void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
+  assert(out.size() == kHeaderBytes);
+  std::fill(out.begin(), out.end(), uint8_t{0});
+  std::copy(kPackageMagic.begin(), kPackageMagic.end(), out.begin());
+  HeaderField f{out.data()};
+  f.put(8, packageVersion(h));
+  f.put(12, kHeaderBytes);
+  f.put(16, h.file_bytes);
+  f.put(24, h.manifest_offset);
+  f.put(32, h.manifest_bytes);
+  f.put(40, h.manifest_hash);
+  f.put(48, h.index_offset);
+  f.put(56, h.index_bytes);
+  f.put(64, h.pages_offset);
+  f.put(72, h.pages_bytes);
+  f.put(80, h.page_count);
+  f.put(88, h.domain.width_px);
+  f.put(96, h.domain.height_px);
+  f.put(104, h.domain.mm_per_px);
+  f.put(112, h.domain.relief_offset_mm);
+  f.put(120, h.domain.relief_scale_mm);
+  f.put(128, static_cast<int32_t>(h.domain.texture_depth));
+  f.put(132, static_cast<int32_t>(h.domain.relief_depth));
+  f.put(136, static_cast<uint32_t>(h.texture.basis));
+  f.put(140, h.size_known ? 0u : 1u);
+  for (int k = 0; k < 6; ++k) {
+    f.put(144 + 8 * k, h.texture.scale[k]);
+    f.put(192 + 8 * k, h.texture.bias[k]);
+  }
+  for (int k = 0; k < kMaxTexturePlanes; ++k) {
+    f.put(240 + k, static_cast<uint8_t>(h.encodings[k].codec));
+    f.put(248 + k, h.encodings[k].parameter);
+  }
+  f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
+  f.put(260, h.relief_shapes ? 1u : 0u);
+  f.put(264, h.base_offset);
+  f.put(272, h.base_bytes);
+  f.put(280, h.base_hash);
+  f.put(288, h.base_copy_offset);
+  f.put(296, h.tails_offset);
+  f.put(304, h.tails_bytes);
+  f.put(312, h.tails_hash);
+  f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
+}
+
+Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::string& path) {
+  assert(bytes.size() == kHeaderBytes);
+  const uint8_t* p = bytes.data();
+  auto invalid = [&](uint64_t offset, std::string message) {
+    return Error{ErrorKind::kInvalidData, path, std::move(message), "rebuild the package, or get a whole copy", offset};
+  };
+  if (!std::equal(kPackageMagic.begin(), kPackageMagic.end(), p)) {
+    return Error{ErrorKind::kInvalidData, path, "not a Relievo package: its first bytes are not the signature",
+                 "make one with `relievo build`", 0};
+  }
+  const uint32_t version = loadLittle<uint32_t>(p + 8);
+  if (version != 1 && version != 2) {
+    return Error{ErrorKind::kUnsupported, path, "expected package version 1 or 2, found " + std::to_string(version),
+                 "use a newer relievo, or rebuild the package", 8};
+  }
+  if (loadLittle<uint64_t>(p + kHeaderBytes - 8) != XXH3_64bits(p, kHeaderBytes - 8))
+    return invalid(kHeaderBytes - 8, "the header is damaged: its checksum does not match");
+  PackageHeader h;
+  h.file_bytes = loadLittle<uint64_t>(p + 16);
+  h.manifest_offset = loadLittle<uint64_t>(p + 24);
+  h.manifest_bytes = loadLittle<uint64_t>(p + 32);
+  h.manifest_hash = loadLittle<uint64_t>(p + 40);
+  h.index_offset = loadLittle<uint64_t>(p + 48);
+  h.index_bytes = loadLittle<uint64_t>(p + 56);
+  h.pages_offset = loadLittle<uint64_t>(p + 64);
+  h.pages_bytes = loadLittle<uint64_t>(p + 72);
+  h.page_count = loadLittle<uint64_t>(p + 80);
+  h.domain.width_px = loadLittle<uint64_t>(p + 88);
+  h.domain.height_px = loadLittle<uint64_t>(p + 96);
+  h.domain.mm_per_px = loadLittle<double>(p + 104);
+  h.domain.relief_offset_mm = loadLittle<double>(p + 112);
+  h.domain.relief_scale_mm = loadLittle<double>(p + 120);
+  h.domain.texture_depth = loadLittle<int32_t>(p + 128);
+  h.domain.relief_depth = loadLittle<int32_t>(p + 132);
+  uint32_t basis = loadLittle<uint32_t>(p + 136);
+  if (basis > (version == 1 ? 2 : 3))
+    return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " +
+                            std::to_string(basis));
+  h.texture.basis = static_cast<Basis>(basis);
+  // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
+  h.size_known = loadLittle<uint32_t>(p + 140) == 0;
+  for (int k = 0; k < 6; ++k) {
+    h.texture.scale[k] = loadLittle<double>(p + 144 + 8 * k);
+    h.texture.bias[k] = loadLittle<double>(p + 192 + 8 * k);
+    if (!std::isfinite(h.texture.scale[k]) || !std::isfinite(h.texture.bias[k]))
+      return invalid(144 + 8 * k, "a coefficient's scale or bias is not a number");
+  }
+  for (int k = 0; k < kMaxTexturePlanes; ++k) {
+    auto encoding = encodingFromBytes(p[240 + k], p[248 + k]);
+    if (!encoding) {
+      Error error = encoding.error();
+      error.file = path;
+      error.message = "plane " + std::to_string(k) + ": " + error.message;
+      error.offset = static_cast<uint64_t>(240 + k);
+      return error;
+    }
+    h.encodings[k] = *encoding;
+  }
+  if (uint32_t blocks = loadLittle<uint32_t>(p + 256); blocks != 0 && blocks != kErrorBlocks) {
+    Error error =
+        invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
+    error.kind = ErrorKind::kUnsupported;
+    return error;
+  } else {
+    h.relief_detail = blocks != 0;
+  }
+  if (uint32_t shapes = loadLittle<uint32_t>(p + 260); shapes > 1 || (shapes == 1 && !h.relief_detail)) {
+    Error error = invalid(
+        260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " + std::to_string(shapes));
+    error.kind = ErrorKind::kUnsupported;
+    return error;
+  } else {
+    h.relief_shapes = shapes == 1;
+  }
+  if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
+  if (constexpr uint64_t kMost = uint64_t{1} << 62; h.file_bytes > kMost)
+    return invalid(
+        16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h.file_bytes));
+  // Written so that no sum can overflow.
+  auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
+  if (loadLittle<uint32_t>(p + 12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
+  auto outside = [&](uint64_t field, const char* what, uint64_t offset, uint64_t size) {
+    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h.file_bytes) +
+                              " bytes, found " + std::to_string(size) + " bytes from byte " + std::to_string(offset));
+  };
+  if (!inside(h.manifest_offset, h.manifest_bytes))
+    return outside(24, "the manifest lies", h.manifest_offset, h.manifest_bytes);
+  if (h.manifest_bytes > kMaxManifestBytes)
+    return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " +
+                           std::to_string(h.manifest_bytes));
+  if (!inside(h.index_offset, h.index_bytes)) return outside(48, "the index lies", h.index_offset, h.index_bytes);
+  if (!inside(h.pages_offset, h.pages_bytes)) return outside(64, "the pages lie", h.pages_offset, h.pages_bytes);
+  if (version == 2) {
+    h.base_offset = loadLittle<uint64_t>(p + 264);
+    h.base_bytes = loadLittle<uint64_t>(p + 272);
+    h.base_hash = loadLittle<uint64_t>(p + 280);
+    h.base_copy_offset = loadLittle<uint64_t>(p + 288);
+    h.tails_offset = loadLittle<uint64_t>(p + 296);
+    h.tails_bytes = loadLittle<uint64_t>(p + 304);
+    h.tails_hash = loadLittle<uint64_t>(p + 312);
+    if (!inside(h.tails_offset, h.tails_bytes))
+      return outside(296, "the patches' tails lie", h.tails_offset, h.tails_bytes);
+    if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount());
+        h.tails_bytes != 0 && h.tails_bytes != expected)
+      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
+                              std::to_string(h.tails_bytes));
+    if (!inside(h.base_offset, h.base_bytes)) return outside(264, "the base mesh lies", h.base_offset, h.base_bytes);
+    if (!inside(h.base_copy_offset, h.base_bytes))
+      return outside(288, "the base mesh's copy lies", h.base_copy_offset, h.base_bytes);
+    if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
+      return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
+    if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
+    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), BaseSectionEnd::kBlocks),
+        most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
+        h.base_bytes < least || h.base_bytes > most) {
+      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
+                              " bytes, found " + std::to_string(h.base_bytes));
+    }
+  }
+  // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
+  if (const double least = leastIndexBytes(h.domain, h.detailBytes()); least > static_cast<double>(h.file_bytes)) {
+    char text[40];
+    std::snprintf(text, sizeof text, "%.3g", least);
+    return invalid(88, "expected a file of at least " + std::string(text) +
+                           " bytes for the index of so many pages, found " + std::to_string(h.file_bytes));
+  }
+  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  if (layout.index_bytes != h.index_bytes) {
+    return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
+                           std::to_string(h.index_bytes));
+  }
+  if (layout.page_count != h.page_count) {
+    return invalid(80,
+                   "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
+  }
+  if (h.pages_bytes < h.page_count) {
+    return invalid(72, "expected at least a byte for each of " + std::to_string(h.page_count) + " pages, found " +
+                           std::to_string(h.pages_bytes) + " bytes of pages");
+  }
+  return h;
+}
+
+std::string describePage(PageId id) {
+  NodeId n = id.node();
+  std::string plane = id.plane() == Plane::kRelief ? "relief" : std::to_string(static_cast<int>(id.plane()));
+  return "plane " + plane + " patch " + std::to_string(n.patch) + " level " + std::to_string(n.level) + " x " +
+         std::to_string(n.x) + " y " + std::to_string(n.y);
+}
+
+}  // namespace relievo

@@ -1,0 +1,160 @@
+// package_layout.h - where things lie in a .relievo file; shared by the reader and the builder. Documented in
+// PACKAGE.md. Pure arithmetic: no input or output. All numbers in the file are little-endian.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "src/artwork/basis.h"
+#include "src/artwork/planar_domain.h"
+#include "src/base/result.h"
+#include "texturing/codec/page_encoding.h"
+#include "texturing/codec/page_id.h"
+
+namespace relievo {
+
+inline constexpr std::array<uint8_t, 8> kPackageMagic{0x89, 'R', 'L', 'V', '\r', '\n', 0x1A, '\n'};
+inline constexpr uint32_t kHeaderBytes = 4096;      // at the file's start, and once more at its end
+inline constexpr uint32_t kIndexBlockNodes = 16;    // a block holds up to 16 x 16 nodes of one patch and level
+inline constexpr uint32_t kTextureEntryBytes = 20;  // u64 offset, u32 size, u64 checksum
+inline constexpr uint32_t kReliefEntryBytes = 26;   // the same, then u16 min, max, error
+// What a relief page's surface leaves out of the finest one, by blocks of 8 x 8 cells: 16 x 16 bytes, rows top first.
+// As a byte 16 e + m: m for e = 0, else (16 + m) << (e - 1) steps of the height's 16 bits, rounded up.
+inline constexpr int kErrorBlocks = 16;
+inline constexpr uint32_t kReliefDetailBytes = kErrorBlocks * kErrorBlocks;
+inline constexpr uint32_t errorFromByte(uint8_t b) { return b < 32 ? b : (16u + (b & 15u)) << ((b >> 4) - 1); }
+uint8_t byteFromError(uint32_t steps /* at most 65,535 */);
+// Behind them their shapes (src/artwork/deviation.h), 5 bytes each, where PackageHeader::relief_shapes says so.
+inline constexpr uint32_t kReliefShapesBytes = 5 * kReliefDetailBytes;
+inline constexpr uint64_t kMaxManifestBytes = uint64_t{16} << 20;
+
+struct PackageHeader {
+  uint64_t file_bytes = 0;
+  uint64_t manifest_offset = kHeaderBytes, manifest_bytes = 0, manifest_hash = 0;
+  uint64_t index_offset = 0, index_bytes = 0;
+  uint64_t pages_offset = 0, pages_bytes = 0, page_count = 0;
+  PlanarDomain domain;
+  TextureFormat texture;
+  PlaneEncodings encodings;
+  bool size_known = true;      // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
+  bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
+  bool relief_shapes = false;  // and kReliefShapesBytes
+  uint32_t detailBytes() const {
+    return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
+  }
+  // The base mesh, twice (0 bytes: a flat artwork): package_base.h.
+  uint64_t base_offset = 0, base_bytes = 0, base_hash = 0, base_copy_offset = 0;
+  // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
+  uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
+};
+// 1, or 2 with a base mesh.
+inline uint32_t packageVersion(const PackageHeader& h) { return h.base_bytes == 0 ? 1 : 2; }
+void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
+// Checks magic, version, hash and every field; the error names the field.
+Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes /* kHeaderBytes */, const std::string& path);
+
+// Nodes of a tree's level over the whole strip (both directions).
+struct NodeGrid {
+  uint64_t columns = 0, rows = 0;
+};
+NodeGrid nodeGrid(const PlanarDomain& domain, int level);
+// The node at a column and row of that grid.
+NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row);
+
+// The index of one quadtree forest: the texture's (an entry a plane) or the relief's. Patch after patch, in a patch
+// level after level (coarsest first), in a level blocks of 16 x 16 nodes in rows, clipped where the artwork ends; in a
+// block nodes in rows; at a block's end the xxh3-64 of its entries.
+class IndexLayout {
+ public:
+  IndexLayout() = default;  // an empty tree
+  IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_bytes, uint64_t base);
+  uint64_t bytes() const { return bytes_; }
+  uint64_t nodeCount() const { return nodes_; }
+
+  struct Place {
+    uint64_t block_offset = 0;  // in the file
+    uint32_t block_bytes = 0;   // checksum included
+    uint32_t node_offset = 0;   // in the block
+  };
+  bool contains(const NodeId& node) const;
+  Place find(const NodeId& node) const;  // contained nodes only
+
+  struct Block {
+    uint64_t offset = 0;
+    uint32_t bytes = 0;
+    NodeId first;  // upper left node
+    uint32_t columns = 0, rows = 0;
+  };
+  // Calls f(block) for every block, in the file's order, until it returns false.
+  template <class F>
+  void forEachBlock(F&& f) const;
+
+ private:
+  struct Level {
+    uint64_t base = 0;  // from the patch's first byte
+    uint32_t columns = 0, rows = 0;
+  };
+  struct Patch {
+    std::vector<Level> levels;
+    uint64_t bytes = 0, nodes = 0;
+  };
+  Patch patchLayout(const PlanarDomain& domain, uint32_t patch) const;
+  const Patch& patchOf(uint32_t patch) const { return patch + 1 == patch_count_ ? last_ : full_; }
+
+  Patch full_, last_;  // all patches but the last are alike
+  uint32_t patch_count_ = 0, node_bytes_ = 0;
+  uint64_t base_ = 0, bytes_ = 0, nodes_ = 0;
+};
+
+struct PackageLayout {
+  IndexLayout texture, relief, relief_detail;
+  uint64_t index_bytes = 0, page_count = 0;
+};
+PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+                            uint32_t detail_bytes /* a relief page */);
+// Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
+std::string domainProblem(const PlanarDomain& domain);
+
+// "plane 1 patch 0 level 3 x 4 y 5"
+std::string describePage(PageId id);
+
+template <class T>
+T loadLittle(const uint8_t* p) {
+  T v;
+  std::memcpy(&v, p, sizeof v);
+  return v;
+}
+template <class T>
+void storeLittle(uint8_t* p, T v) {
+  std::memcpy(p, &v, sizeof v);
+}
+
+template <class F>
+void IndexLayout::forEachBlock(F&& f) const {
+  uint64_t patch_base = base_;
+  for (uint32_t patch = 0; patch < patch_count_; ++patch) {
+    const Patch& p = patchOf(patch);
+    for (size_t l = 0; l < p.levels.size(); ++l) {
+      uint64_t offset = patch_base + p.levels[l].base;
+      for (uint32_t y = 0; y < p.levels[l].rows; y += kIndexBlockNodes) {
+        for (uint32_t x = 0; x < p.levels[l].columns; x += kIndexBlockNodes) {
+          Block block;
+          block.offset = offset;
+          block.first = {patch, static_cast<uint32_t>(l), x, y};
+          block.columns = std::min(kIndexBlockNodes, p.levels[l].columns - x);
+          block.rows = std::min(kIndexBlockNodes, p.levels[l].rows - y);
+          block.bytes = block.columns * block.rows * node_bytes_ + 8;
+          offset += block.bytes;
+          if (!f(block)) return;
+        }
+      }
+    }
+    patch_base += p.bytes;
+  }
+}
+
+}  // namespace relievo

@@ -1,0 +1,462 @@
+#include <xxhash.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cassert>
+#include <cmath>
+#include <deque>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <unordered_map>
+
+#include "src/base/file.h"
+#include "src/base/json_parse.h"
+#include "src/base/parallel_for.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package.h"
+#include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/package_tails.h"
+
+namespace relievo {
+namespace {
+
+constexpr uint64_t kIndexCacheBytes = uint64_t{32} << 20;
+using Block = std::shared_ptr<const std::vector<uint8_t>>;
+
+}  // namespace
+
+struct Package::Impl {
+  InputFile file;
+  PackageHeader header;
+  PackageLayout layout;
+  Manifest manifest;
+  std::string manifest_json;
+  std::optional<Error> manifest_problem;
+  std::vector<std::string> warnings;
+
+  // Index blocks by their offset in the file, dropped in the order of their arrival beyond kIndexCacheBytes.
+  mutable std::mutex mutex;
+  mutable std::unordered_map<uint64_t, Block> blocks;
+  mutable std::deque<uint64_t> arrivals;
+  mutable uint64_t cached_bytes = 0;
+  mutable PageFailures read_failures;
+
+  explicit Impl(InputFile f) : file(std::move(f)) {}
+
+  Result<Block> block(const IndexLayout::Place& place) const {
+    {
+      std::lock_guard lock(mutex);
+      if (auto found = blocks.find(place.block_offset); found != blocks.end()) return found->second;
+    }
+    auto bytes = std::make_shared<std::vector<uint8_t>>(place.block_bytes);
+    if (auto read = file.read(place.block_offset, *bytes); !read) return read.error();
+    size_t entries = bytes->size() - 8;
+    if (loadLittle<uint64_t>(bytes->data() + entries) != XXH3_64bits(bytes->data(), entries)) {
+      return Error{ErrorKind::kInvalidData, file.path(), "an index block is damaged: its checksum does not match",
+                   "rebuild the package, or get a whole copy", place.block_offset};
+    }
+    std::lock_guard lock(mutex);
+    if (blocks.emplace(place.block_offset, bytes).second) {
+      arrivals.push_back(place.block_offset);
+      cached_bytes += bytes->size();
+      while (cached_bytes > kIndexCacheBytes) {
+        auto oldest = blocks.find(arrivals.front());
+        cached_bytes -= oldest->second->size();
+        blocks.erase(oldest);
+        arrivals.pop_front();
+      }
+    }
+    return Block(std::move(bytes));
+  }
+
+  Result<EncodedPage> readPage(const Package& package, PageId id) const;
+
+  // Nothing can be drawn without it, so it is there twice.
+  Result<void> readBase() {
+    auto readAt = [&](uint64_t offset) -> Result<BaseSection> {
+      // Checked before the allocation: the file may be truncated.
+      if (offset > file.size() || header.base_bytes > file.size() - offset)
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh lies beyond the end of the file",
+                     "get a whole copy", offset};
+      std::vector<uint8_t> bytes(header.base_bytes);
+      if (auto read = file.read(offset, bytes); !read) return read.error();
+      if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
+        return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
+                     "rebuild the package, or get a whole copy", offset};
+      auto section = decodeBaseSection(bytes, header.domain.patchCount());
+      if (section) return section;
+      Error error = section.error();
+      error.file = file.path();
+      error.offset = offset + error.offset.value_or(0);
+      return error;
+    };
+    auto section = readAt(header.base_offset);
+    if (!section) {
+      const Error first = section.error();
+      section = readAt(header.base_copy_offset);
+      if (!section) return first;
+      warnings.push_back("the base mesh at byte " + std::to_string(header.base_offset) +
+                         (first.kind == ErrorKind::kIo ? " cannot be read: " + first.message : " is damaged") +
+                         "; its copy is used");
+    }
+    manifest.base = std::make_shared<const BaseMesh>(std::move(section->mesh));
+    manifest.coarse_errors = std::move(section->coarse_errors);
+    manifest.coarse_blocks = std::move(section->coarse_blocks);
+    manifest.height_slopes = std::move(section->slopes);
+    manifest.coarse_shapes = std::move(section->shapes);
+    manifest.error_unit_mm = section->error_unit_mm;
+    return {};
+  }
+
+  Result<std::vector<TailsChunk>> tailsDirectory() const {
+    std::vector<uint8_t> bytes(header.tails_bytes);
+    if (auto read = file.read(header.tails_offset, bytes); !read) return read.error();
+    auto at = [&](Error error) {
+      error.file = file.path();
+      error.offset = header.tails_offset + error.offset.value_or(0);
+      return error;
+    };
+    if (XXH3_64bits(bytes.data(), bytes.size()) != header.tails_hash) {
+      return at({ErrorKind::kInvalidData, "",
+                 "the patches' tails are damaged: their directory's checksum does not match",
+                 "rebuild the package, or get a whole copy", 0});
+    }
+    auto chunks = decodeTailsDirectory(bytes, header.domain.patchCount(), header.texture.channels());
+    if (!chunks) return at(chunks.error());
+    return chunks;
+  }
+  // The chunk of patches first .. first + count, as those from `into` on.
+  Result<void> readTails(const TailsChunk& chunk, uint32_t first, uint32_t count, PatchTails& tails,
+                         uint32_t into) const {
+    auto at = [&](std::string message) {
+      return Error{ErrorKind::kInvalidData, file.path(), std::move(message), "rebuild the package, or get a whole copy",
+                   chunk.offset};
+    };
+    const std::string who =
+        "the tails of patches " + std::to_string(first) + " to " + std::to_string(first + count - 1);
+    // Checked before the allocation.
+    if (chunk.offset > file.size() || chunk.size > file.size() - chunk.offset)
+      return at(who + " lie beyond the end of the file");
+    std::vector<uint8_t> bytes(chunk.size);
+    if (auto read = file.read(chunk.offset, bytes); !read) return read;
+    if (XXH3_64bits(bytes.data(), bytes.size()) != chunk.hash)
+      return at(who + " are damaged: their checksum does not match");
+    auto decoded = decodeTailsChunk(bytes, into, count, tails);
+    return decoded ? decoded : at(who + " are damaged: " + decoded.error().message);
+  }
+
+  // What the header does not hold: where the data came from.
+  Result<void> readManifest() {
+    auto invalid = [&](std::string what) {
+      return Error{ErrorKind::kInvalidData, file.path(), std::move(what), "", header.manifest_offset};
+    };
+    // A truncated file can be shorter than what the header promises.
+    if (header.manifest_offset > file.size() || header.manifest_bytes > file.size() - header.manifest_offset)
+      return invalid("the manifest lies beyond the end of the file");
+    std::string bytes(header.manifest_bytes, '\0');
+    auto read = file.read(header.manifest_offset, {reinterpret_cast<uint8_t*>(bytes.data()), bytes.size()});
+    if (!read) {
+      Error error = read.error();
+      error.message = "the manifest cannot be read: " + error.message;
+      return error;
+    }
+    const std::string where = "the manifest at byte " + std::to_string(header.manifest_offset);
+    if (XXH3_64bits(bytes.data(), bytes.size()) != header.manifest_hash)
+      return invalid(where + " is damaged: its checksum does not match; provenance is unknown");
+    auto json = parseJson(bytes, file.path());
+    if (!json) return invalid(where + " is damaged: " + json.error().message + "; provenance is unknown");
+    if (!json->is_object()) return invalid(where + " is damaged: expected a JSON object; provenance is unknown");
+    manifest_json = std::move(bytes);
+    auto text = [](const nlohmann::ordered_json& object, const char* key) {
+      auto it = object.find(key);
+      return it != object.end() && it->is_string() ? it->get<std::string>() : std::string();
+    };
+    manifest.tool_version = text(*json, "tool_version");
+    if (auto sources = json->find("sources"); sources != json->end() && sources->is_array()) {
+      for (const auto& s : *sources)
+        if (s.is_object()) manifest.sources.push_back({text(s, "name"), text(s, "xxh3"), text(s, "generator")});
+    }
+    return {};
+  }
+};
+
+Package::Package(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Package::~Package() = default;
+
+Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
+  auto file = InputFile::open(path);
+  if (!file) return file.error();
+  if (file->size() < kHeaderBytes) {
+    return Error{ErrorKind::kInvalidData, path,
+                 "expected a header of 4096 bytes, found a file of " + std::to_string(file->size()),
+                 "not a Relievo package, or a truncated one", 0};
+  }
+  auto impl = std::make_unique<Impl>(std::move(*file));
+  std::vector<uint8_t> bytes(kHeaderBytes);
+  if (auto read = impl->file.read(0, bytes); !read) return read.error();
+  auto header = decodeHeader(bytes, path);
+  if (!header) {
+    // The same bytes stand at the end of the file. (A newer version has that version there, too.)
+    if (auto read = impl->file.read(impl->file.size() - kHeaderBytes, bytes); !read) return read.error();
+    auto copy = decodeHeader(bytes, path);
+    if (!copy || copy->file_bytes != impl->file.size()) return header.error();
+    impl->warnings.push_back("the header is damaged; its copy at the end of the file is used");
+    header = std::move(copy);
+  }
+  impl->header = *header;
+  const PackageHeader& h = impl->header;
+  // Pages lie behind the index: who ends within it has none. Whatever is walked from here on is bounded by the file's
+  // own length.
+  if (h.index_offset > impl->file.size() || h.index_bytes > impl->file.size() - h.index_offset) {
+    return Error{ErrorKind::kInvalidData, path,
+                 "expected an index of " + std::to_string(h.index_bytes) + " bytes from byte " +
+                     std::to_string(h.index_offset) + ", found a file of " + std::to_string(impl->file.size()) +
+                     " bytes: it holds no page",
+                 "it is truncated or forged; get a whole copy", 56};
+  }
+  if (impl->file.size() < h.file_bytes) {
+    impl->warnings.push_back("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " +
+                             std::to_string(impl->file.size()) + ": pages are missing");
+  } else if (impl->file.size() > h.file_bytes) {
+    impl->warnings.push_back("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " +
+                             std::to_string(impl->file.size()) + ": the rest belongs to nothing");
+  }
+  if (auto read = impl->readManifest(); !read) {
+    impl->warnings.push_back(read.error().message);
+    impl->manifest_problem = read.error();
+  }
+  if (h.base_bytes > 0) {
+    if (auto read = impl->readBase(); !read) return read.error();
+  }
+  impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  impl->manifest.domain = h.domain;
+  impl->manifest.texture = h.texture;
+  impl->manifest.encodings = h.encodings;
+  impl->manifest.size_known = h.size_known;
+  impl->manifest.page_count = h.page_count;
+  if (!impl->manifest.base) impl->manifest.error_unit_mm = h.domain.relief_scale_mm;
+  return std::shared_ptr<Package>(new Package(std::move(impl)));
+}
+
+const std::string& Package::path() const { return impl_->file.path(); }
+uint64_t Package::fileBytes() const { return impl_->file.size(); }
+const Manifest& Package::manifest() const { return impl_->manifest; }
+const std::string& Package::manifestJson() const { return impl_->manifest_json; }
+const std::optional<Error>& Package::manifestProblem() const { return impl_->manifest_problem; }
+const PackageHeader& Package::header() const { return impl_->header; }
+const std::vector<std::string>& Package::warnings() const { return impl_->warnings; }
+Result<void> Package::readBytes(uint64_t offset, std::span<uint8_t> out) const { return impl_->file.read(offset, out); }
+
+Result<void> Package::checkIndex(PageId id) const {
+  const IndexLayout& tree = id.plane() == Plane::kRelief ? impl_->layout.relief : impl_->layout.texture;
+  if (!tree.contains(id.node()))
+    return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
+  auto block = impl_->block(tree.find(id.node()));
+  if (!block) return block.error();
+  return {};
+}
+
+Result<void> Package::checkReliefDetail(const NodeId& node) const {
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_detail || !tree.contains(node)) return {};
+  auto block = impl_->block(tree.find(node));
+  if (!block) return block.error();
+  return {};
+}
+
+bool Package::hasTails() const { return impl_->header.tails_bytes > 0; }
+
+PatchTails Package::tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop) const {
+  const Manifest& m = manifest();
+  PatchTails out(m.domain.patchCount(), m.texture.channels());
+  std::mutex mutex;
+  auto instead = [&](uint32_t first, uint32_t count, const Error& error) {
+    std::lock_guard lock(mutex);
+    if (problems) problems->push_back(error.text() + " (made of the root pages)");
+    tailsFromPages(*this, m.texture, true, first, count, 1, out, problems, stop);
+  };
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) {
+    instead(0, out.patches, chunks.error());
+    return out;
+  }
+  parallelFor(chunks->size(), std::max(workers, 1), stop, [&](size_t i) {
+    const auto first = static_cast<uint32_t>(i) * kTailsChunkPatches,
+               count = std::min(kTailsChunkPatches, out.patches - first);
+    if (auto read = impl_->readTails((*chunks)[i], first, count, out, first); !read)
+      instead(first, count, read.error());
+  });
+  return out;
+}
+
+void Package::checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop) const {
+  if (!hasTails()) return;
+  auto chunks = impl_->tailsDirectory();
+  if (!chunks) return problem(chunks.error());
+  const Manifest& m = manifest();
+  const PackageHeader& h = impl_->header;
+  // One after the other, from the pages' end to the directory.
+  uint64_t expected = h.pages_offset + h.pages_bytes;
+  for (uint32_t i = 0; i < chunks->size() && !(stop && stop->load()); ++i) {
+    const TailsChunk& chunk = (*chunks)[i];
+    const uint32_t count = std::min(kTailsChunkPatches, m.domain.patchCount() - i * kTailsChunkPatches);
+    PatchTails part(count, m.texture.channels());
+    auto read = impl_->readTails(chunk, i * kTailsChunkPatches, count, part, 0);
+    if (!read) {
+      problem(read.error());
+    } else if (chunk.offset != expected) {
+      problem({ErrorKind::kInvalidData, path(),
+               "expected the tails of patches from " + std::to_string(i * kTailsChunkPatches) + " on at byte " +
+                   std::to_string(expected) + ", found them at byte " + std::to_string(chunk.offset),
+               "rebuild the package, or get a whole copy", h.tails_offset});
+    }
+    expected = chunk.offset + chunk.size;
+  }
+  if (expected != h.tails_offset && !(stop && stop->load())) {
+    problem({ErrorKind::kInvalidData, path(),
+             "expected the patches' tails to end at byte " + std::to_string(h.tails_offset) +
+                 ", found their end at byte " + std::to_string(expected),
+             "rebuild the package, or get a whole copy", h.tails_offset});
+  }
+}
+
+std::vector<std::string> Package::tailProblems() const {
+  std::vector<std::string> out;
+  checkTails([&](const Error& error) { out.push_back(error.text()); });
+  return out;
+}
+
+bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const {
+  assert(error_mm.size() == kReliefDetailBytes);
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_detail || !tree.contains(node)) return false;
+  IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) return false;  // the page's own error holds
+  const uint8_t* bytes = (*block)->data() + place.node_offset;
+  for (size_t i = 0; i < error_mm.size(); ++i) {
+    double mm = errorFromByte(bytes[i]) * impl_->manifest.error_unit_mm;
+    error_mm[i] = std::nextafter(static_cast<float>(mm), INFINITY);
+    if (bytes[i] == 0) error_mm[i] = 0;
+  }
+  return true;
+}
+
+bool Package::reliefShapes(const NodeId& node, std::span<DeviationShape> shapes) const {
+  assert(shapes.size() == kReliefDetailBytes);
+  const IndexLayout& tree = impl_->layout.relief_detail;
+  if (!impl_->header.relief_shapes || !tree.contains(node)) return false;
+  const IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) return false;
+  std::memcpy(shapes.data(), (*block)->data() + place.node_offset + kReliefDetailBytes, kReliefShapesBytes);
+  return true;
+}
+
+Result<PageRecord> Package::record(PageId id) const {
+  const NodeId node = id.node();
+  const bool relief = id.plane() == Plane::kRelief;
+  const IndexLayout& tree = relief ? impl_->layout.relief : impl_->layout.texture;
+  const int plane = static_cast<int>(id.plane());
+  if ((!relief && plane >= impl_->manifest.texture.planes()) || !tree.contains(node)) {
+    return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
+  }
+  IndexLayout::Place place = tree.find(node);
+  auto block = impl_->block(place);
+  if (!block) {
+    Error error = block.error();
+    error.message = "page " + describePage(id) + ": " + error.message;
+    return error;
+  }
+  const uint8_t* entry = (*block)->data() + place.node_offset + (relief ? 0 : plane * kTextureEntryBytes);
+  PageRecord record;
+  record.offset = loadLittle<uint64_t>(entry);
+  record.size = loadLittle<uint32_t>(entry + 8);
+  record.checksum = loadLittle<uint64_t>(entry + 12);
+  const PackageHeader& h = impl_->header;
+  if (record.size == 0 || record.size > kMaxEncodedPageBytes || record.offset < h.pages_offset ||
+      record.offset - h.pages_offset > h.pages_bytes ||
+      record.size > h.pages_bytes - (record.offset - h.pages_offset)) {
+    return Error{ErrorKind::kInvalidData, path(),
+                 "page " + describePage(id) + ": its index entry points outside the pages",
+                 "rebuild the package, or get a whole copy", place.block_offset + place.node_offset};
+  }
+  if (relief) {
+    // Outwards, so that the floats stay bounds.
+    auto mm = [&](int i) {
+      return h.domain.relief_offset_mm + loadLittle<uint16_t>(entry + 20 + 2 * i) * h.domain.relief_scale_mm;
+    };
+    auto below = [](double v) {
+      float f = static_cast<float>(v);
+      return static_cast<double>(f) > v ? std::nextafter(f, -INFINITY) : f;
+    };
+    auto above = [](double v) {
+      float f = static_cast<float>(v);
+      return static_cast<double>(f) < v ? std::nextafter(f, INFINITY) : f;
+    };
+    record.relief.min_mm = below(mm(0));
+    record.relief.max_mm = above(mm(1));
+    record.relief.error_mm = above(loadLittle<uint16_t>(entry + 24) * impl_->manifest.error_unit_mm);
+  }
+  return record;
+}
+
+Result<EncodedPage> Package::read(PageId id) const {
+  auto page = impl_->readPage(*this, id);
+  if (!page && page.error().offset) {  // else there is no such page
+    std::lock_guard lock(impl_->mutex);
+    impl_->read_failures.add(id, page.error());
+  }
+  return page;
+}
+
+PageFailures Package::readFailures() const {
+  std::lock_guard lock(impl_->mutex);
+  return impl_->read_failures;
+}
+
+Result<EncodedPage> Package::Impl::readPage(const Package& package, PageId id) const {
+  auto found = package.record(id);
+  if (!found) return found.error();
+  auto failed = [&](std::string what, ErrorKind kind) {
+    return Error{kind, file.path(), "page " + describePage(id) + ": " + what,
+                 kind == ErrorKind::kIo ? "check the disk, or copy the package to another one"
+                                        : "rebuild the package, or get a whole copy",
+                 found->offset};
+  };
+  // Checked before the allocation: the file may be truncated.
+  if (found->offset > file.size() || found->size > file.size() - found->offset)
+    return failed("it lies beyond the end of the file", ErrorKind::kInvalidData);
+  EncodedPage page;
+  page.bytes.resize(found->size);
+  if (auto read = file.read(found->offset, page.bytes); !read) return failed(read.error().message, read.error().kind);
+  if (XXH3_64bits(page.bytes.data(), page.bytes.size()) != found->checksum)
+    return failed("its checksum does not match", ErrorKind::kInvalidData);
+  return page;
+}
+
+Result<PlaneUsage> planeUsage(const Package& package, Plane plane, const std::atomic<bool>* stop) {
+  const Manifest& m = package.manifest();
+  PackageLayout layout = packageLayout(m.domain, m.texture, 0, 0);
+  PlaneUsage usage;
+  std::optional<Error> unreadable;
+  (plane == Plane::kRelief ? layout.relief : layout.texture).forEachBlock([&](const IndexLayout::Block& block) {
+    for (uint32_t i = 0; i < block.columns * block.rows; ++i) {
+      NodeId node = block.first;
+      node.x += i % block.columns;
+      node.y += i / block.columns;
+      auto record = package.record(PageId(plane, node));
+      ++usage.pages;
+      usage.unknown_pages += !record;
+      if (record) usage.bytes += record->size;
+      else if (record.error().kind == ErrorKind::kIo) unreadable = record.error();
+    }
+    return !unreadable && !(stop && stop->load());
+  });
+  if (stop && stop->load()) return Error{ErrorKind::kInterrupted, package.path(), "interrupted", "", {}};
+  if (unreadable) return *unreadable;
+  return usage;
+}
+
+}  // namespace relievo

@@ -1,0 +1,287 @@
+#include "texturing/package/package_writer.h"
+
+#include <fcntl.h>
+#include <stdlib.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include <algorithm>
+#include <cassert>
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+namespace relievo {
+
+Result<std::unique_ptr<SpillStore>> SpillStore::create(uint64_t size, bool in_memory, const std::string& beside) {
+  auto store = std::unique_ptr<SpillStore>(new SpillStore);
+  store->path_ = beside;
+  store->size_ = size;
+  if (in_memory) {
+    store->memory_ = std::make_unique_for_overwrite<uint8_t[]>(std::max<uint64_t>(size, 1));
+    return store;
+  }
+  std::string folder = beside.substr(0, beside.find_last_of('/') + 1);
+  if (folder.empty()) folder = "./";
+  store->fd_ = ::open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+  if (store->fd_ < 0) {
+    std::string name = folder + ".relievo-XXXXXX";
+    store->fd_ = ::mkostemp(name.data(), O_CLOEXEC);
+    if (store->fd_ >= 0) ::unlink(name.c_str());
+  }
+  if (store->fd_ < 0) return store->failed("creating a temporary file beside it", errno);
+  return store;
+}
+
+SpillStore::~SpillStore() {
+  if (fd_ >= 0) ::close(fd_);
+}
+
+// Offsets may come from a checkpoint, which is a file.
+Result<void> SpillStore::holds(uint64_t offset, size_t size) const {
+  if (offset <= size_ && size <= size_ - offset) return {};
+  return Error{
+      ErrorKind::kRuntime, path_, "a part of the build lies outside its place", "build again without --resume", {}};
+}
+
+Result<void> SpillStore::write(uint64_t offset, const void* bytes, size_t size) {
+  if (auto held = holds(offset, size); !held) return held;
+  if (memory_) {
+    std::memcpy(memory_.get() + offset, bytes, size);
+    return {};
+  }
+  const uint8_t* p = static_cast<const uint8_t*>(bytes);
+  while (size > 0) {
+    ssize_t n = ::pwrite(fd_, p, size, static_cast<off_t>(offset));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return failed("writing a temporary file beside it", n < 0 ? errno : ENOSPC);
+    p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
+  }
+  return {};
+}
+
+Result<void> SpillStore::read(uint64_t offset, void* bytes, size_t size) const {
+  if (memory_) {
+    std::memcpy(bytes, memory_.get() + offset, size);
+    return {};
+  }
+  uint8_t* p = static_cast<uint8_t*>(bytes);
+  while (size > 0) {
+    ssize_t n = ::pread(fd_, p, size, static_cast<off_t>(offset));
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return failed("reading a temporary file beside it", n < 0 ? errno : EIO);
+    p += n, offset += static_cast<uint64_t>(n), size -= static_cast<size_t>(n);
+  }
+  return {};
+}
+
+Error SpillStore::failed(const char* doing, int error_number) const {
+  return {ErrorKind::kIo,
+          path_,
+          std::string(doing) + " failed: " + std::strerror(error_number),
+          error_number == ENOSPC ? "free some disk space, or write to another disk" : "check the folder's permissions",
+          {}};
+}
+
+uint64_t encodedHash(std::span<const uint8_t> encoded) { return XXH3_64bits(encoded.data(), encoded.size()); }
+
+Error usage(std::string message, std::string hint) {
+  return {ErrorKind::kUsage, "", std::move(message), std::move(hint), {}};
+}
+
+nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& tool_version) {
+  const PlanarDomain& d = h.domain;
+  nlohmann::ordered_json json;
+  json["format"] = "relievo-package";
+  json["version"] = packageVersion(h);
+  json["tool_version"] = tool_version;
+  json["width_px"] = d.width_px;
+  json["height_px"] = d.height_px;
+  json["mm_per_px"] = d.mm_per_px;
+  if (!h.size_known) json["size_known"] = false;
+  json["page_px"] = kPagePx;
+  json["page_border_px"] = kPageBorderPx;
+  json["texture_depth"] = d.texture_depth;
+  json["patches"] = d.patchCount();
+  json["basis"] = basisName(h.texture.basis);
+  json["texture_planes"] = h.texture.planes();
+  for (int k = 0; k < h.texture.planes(); ++k)
+    json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
+  if (isPtm(h.texture.basis)) {
+    json["scale"] = h.texture.scale;
+    json["bias"] = h.texture.bias;
+  }
+  if (d.relief_depth >= 0) {
+    json["relief"] = {{"depth", d.relief_depth}, {"offset_mm", d.relief_offset_mm}, {"scale_mm", d.relief_scale_mm}};
+  }
+  json["pages"] = h.page_count;
+  return json;
+}
+
+Result<void> addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role) {
+  if (p.failure) return *p.failure;
+  nlohmann::ordered_json s;
+  s["role"] = role;
+  s["name"] = p.name;
+  if (!p.xxh3.empty()) s["xxh3"] = p.xxh3;
+  if (!p.generator.empty()) s["generator"] = p.generator;
+  manifest["sources"].push_back(s);
+  return {};
+}
+
+std::string manifestText(const nlohmann::ordered_json& manifest) {
+  return manifest.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
+Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::span<const uint8_t> base) {
+  if (manifest.size() > kMaxManifestBytes) return usage("the sources' names are too long");
+  auto aligned = [](uint64_t offset) { return (offset + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes; };
+  h.manifest_bytes = manifest.size();
+  h.manifest_hash = XXH3_64bits(manifest.data(), manifest.size());
+  h.index_offset = aligned(h.manifest_offset + h.manifest_bytes);
+  if (!base.empty()) {
+    h.base_offset = h.index_offset;
+    h.base_bytes = base.size();
+    h.index_offset = aligned(h.base_offset + h.base_bytes);
+  }
+  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  h.page_count = layout.page_count;
+  h.index_bytes = layout.index_bytes;
+  h.pages_offset = h.index_offset + h.index_bytes;
+  return {};
+}
+
+Result<std::unique_ptr<PackageWriter>> PackageWriter::create(const std::string& output, const PackageHeader& header,
+                                                             std::string manifest, std::vector<uint8_t> base,
+                                                             SpillBudget& spills) {
+  auto file = OutputFile::create(output);
+  if (!file) return file.error();
+  auto made = resume(std::move(*file), header, std::move(manifest), spills);
+  if (!made) return made.error();
+  std::unique_ptr<PackageWriter> writer = std::move(*made);
+  writer->base_ = std::move(base);
+  // What stands before the pages is filled in at the end.
+  std::vector<uint8_t> zeros(size_t{1} << 20);
+  for (uint64_t left = header.pages_offset; left > 0;) {
+    size_t n = static_cast<size_t>(std::min<uint64_t>(left, zeros.size()));
+    if (auto appended = writer->file_.append({zeros.data(), n}); !appended) return appended.error();
+    left -= n;
+  }
+  return writer;
+}
+
+Result<std::unique_ptr<PackageWriter>> PackageWriter::resume(OutputFile file, const PackageHeader& header,
+                                                             std::string manifest, SpillBudget& spills) {
+  auto index = spills.create(header.index_bytes);
+  if (!index) return index.error();
+  auto writer = std::unique_ptr<PackageWriter>(new PackageWriter(std::move(file)));
+  writer->header_ = header;
+  writer->manifest_ = std::move(manifest);
+  writer->index_ = std::move(*index);
+  writer->offset_ = header.pages_offset;
+  return writer;
+}
+
+Result<void> PackageWriter::append(const BuildPart& part) {
+  if (auto appended = file_.append(part.bytes); !appended) return appended;
+  return place(part);
+}
+
+Result<void> PackageWriter::place(const BuildPart& part) {
+  for (const Placed& p : part.pages) {
+    uint8_t entry[kReliefEntryBytes];
+    storeLittle(entry, offset_);
+    storeLittle(entry + 8, p.size);
+    storeLittle(entry + 12, p.checksum);
+    storeLittle(entry + 20, p.range.min);
+    storeLittle(entry + 22, p.range.max);
+    storeLittle(entry + 24, p.range.error);
+    auto written =
+        index_->write(p.index_offset - header_.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
+    if (!written) return written;
+    if (p.relief) {
+      uint8_t detail[kReliefDetailBytes + kReliefShapesBytes];
+      for (size_t i = 0; i < kReliefDetailBytes; ++i) {
+        const BlockError& b = p.range.blocks[i];
+        detail[i] = byteFromError(b.error);
+        const DeviationShape shape = shapeOf({double(errorFromByte(detail[i])), double(b.below), double(b.above),
+                                              double(b.aside), double(b.between), double(b.apart)});
+        std::memcpy(detail + kReliefDetailBytes + sizeof shape * i, &shape, sizeof shape);
+      }
+      if (written = index_->write(p.detail_offset - header_.index_offset, detail, header_.detailBytes()); !written)
+        return written;
+    }
+    offset_ += p.size;
+  }
+  return {};
+}
+
+Result<void> PackageWriter::appendTails(std::span<const uint8_t> chunk) {
+  tails_.push_back({offset_, static_cast<uint32_t>(chunk.size()), encodedHash(chunk)});
+  offset_ += chunk.size();
+  return file_.append(chunk);
+}
+
+void PackageWriter::setBase(std::vector<uint8_t> base) {
+  assert(base.size() == base_.size());
+  base_ = std::move(base);
+}
+
+Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
+  PackageHeader& h = header_;
+  h.pages_bytes = (tails_.empty() ? offset_ : tails_.front().offset) - h.pages_offset;
+  if (!tails_.empty()) {
+    const std::vector<uint8_t> directory = encodeTailsDirectory(h.domain.patchCount(), h.texture.channels(), tails_);
+    h.tails_offset = offset_;
+    h.tails_bytes = directory.size();
+    h.tails_hash = encodedHash(directory);
+    if (auto appended = file_.append(directory); !appended) return appended.error();
+    offset_ += directory.size();
+  }
+  if (!base_.empty()) {
+    h.base_copy_offset = offset_;
+    h.base_hash = XXH3_64bits(base_.data(), base_.size());
+    if (auto appended = file_.append(base_); !appended) return appended.error();
+  }
+  h.file_bytes = offset_ + base_.size() + kHeaderBytes;
+  std::vector<uint8_t> head(kHeaderBytes);
+  encodeHeader(h, head);
+  if (auto appended = file_.append(head); !appended) return appended.error();
+
+  // The index, block after block with its checksum, in pieces of a few MiB.
+  Result<void> status;
+  std::vector<uint8_t> piece;
+  uint64_t piece_offset = h.index_offset;
+  auto flush = [&] {
+    status = file_.writeAt(piece_offset, piece);
+    piece_offset += piece.size();
+    piece.clear();
+  };
+  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
+    tree->forEachBlock([&](const IndexLayout::Block& block) {
+      size_t at = piece.size();
+      piece.resize(at + block.bytes);
+      status = index_->read(block.offset - h.index_offset, piece.data() + at, block.bytes - 8);
+      storeLittle(piece.data() + at + block.bytes - 8,
+                  static_cast<uint64_t>(XXH3_64bits(piece.data() + at, block.bytes - 8)));
+      if (status.ok() && piece.size() >= (size_t{4} << 20)) flush();
+      return status.ok();
+    });
+    if (!status.ok()) return status.error();
+  }
+  flush();
+  if (!status.ok()) return status.error();
+  if (!base_.empty())
+    if (auto w = file_.writeAt(h.base_offset, base_); !w) return w.error();
+  if (auto w = file_.writeAt(h.manifest_offset, {reinterpret_cast<const uint8_t*>(manifest_.data()), manifest_.size()});
+      !w)
+    return w.error();
+  if (auto w = file_.writeAt(0, head); !w) return w.error();
+  if (interrupted && interrupted->load())
+    return Error{ErrorKind::kInterrupted, file_.path(), "interrupted", "nothing was written", {}};
+  if (auto committed = file_.commit(); !committed) return committed.error();
+  return h.file_bytes;
+}
+
+}  // namespace relievo

@@ -1,0 +1,719 @@
+// How a build runs: twice over the patches, which are independent in either pass (texturing/package/package_writer.h).
+//
+//   1  asks the source for the patch; writes its relief pages, which need nobody else; keeps its texels of all levels,
+//   as bytes, and
+//      of each level and side the strip of 4 texels that the neighbour's pages have as their border
+//   2  writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
+//
+// Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may,
+// so what stands there is what makes the mean of the four texels around the corner the same from all patches: that of
+// all their corner texels.
+//
+// So the source is asked for each patch once, and no page waits for a neighbour's.
+#include "texturing/package/patch_package_builder.h"
+
+#include <xxhash.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "texturing/codec/mip.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/package_writer.h"
+#include "texturing/package/patch_tails.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kStripPx = kPageBorderPx;
+
+// Where a patch's levels and strips lie in what is kept of it, in bytes.
+struct PatchStore {
+  int channels, depth;
+  static uint64_t side(int level) { return uint64_t{kPagePx} << level; }
+  uint64_t levelOffset(int level) const {
+    uint64_t texels = 0;
+    for (int l = 0; l < level; ++l) texels += side(l) * side(l);
+    return texels * static_cast<uint64_t>(channels);
+  }
+  uint64_t levelBytes() const { return levelOffset(depth + 1); }
+  uint64_t stripBytes(int level) const { return static_cast<uint64_t>(channels) * kStripPx * side(level); }
+  uint64_t stripOffset(int level, int s) const {
+    uint64_t bytes = 0;
+    for (int l = 0; l < level; ++l) bytes += 4 * stripBytes(l);
+    return bytes + static_cast<uint64_t>(s) * stripBytes(level);
+  }
+  uint64_t stripsBytes() const { return stripOffset(depth + 1, 0); }
+};
+
+struct Context {
+  const PatchSource& source;
+  const PackageHeader& header;
+  PackageLayout layout;
+  MipFilter mip;
+  PatchStore store;
+  std::vector<PatchNeighbours> neighbours;
+  std::unique_ptr<SpillStore> levels, strips, tails;
+  // Of each patch, written by whoever works on it.
+  std::vector<CoarseErrors> coarse_errors;
+  std::vector<CoarseBlocks> coarse_blocks;
+  std::vector<CoarseShapes> coarse_shapes;
+  std::vector<HeightSlopes> slopes;
+  std::vector<std::array<uint64_t, 4>> side_hash;  // of the heights along a side, from the corner of the lower index on
+  std::vector<std::array<uint16_t, 4>> corner_height;
+  std::vector<uint8_t> corner_texels;  // by patch, level, corner and channel
+  // The corners of patches that meet at corner c of the mesh: at[first[c]] .. at[first[c + 1]], as patch * 4 + corner.
+  std::vector<uint32_t> first, at;
+
+  // A patch's tail: heights, then texels.
+  size_t tailBytes() const { return 2 * kTailHeights + static_cast<size_t>(store.channels) * kTailPatchTexels; }
+  size_t cornerPlace(uint32_t patch, int level, size_t corner) const {
+    const size_t depths = static_cast<size_t>(store.depth) + 1, channels = static_cast<size_t>(store.channels);
+    return ((patch * depths + static_cast<size_t>(level)) * 4 + corner) * channels;
+  }
+};
+
+void listCorners(Context& c) {
+  const BaseMesh& base = c.source.base();
+  c.first.assign(base.corners.size() + 1, 0);
+  c.at.resize(base.patches.size() * 4);
+  for (const auto& patch : base.patches)
+    for (uint32_t corner : patch) ++c.first[corner + 1];
+  for (size_t i = 1; i < c.first.size(); ++i) c.first[i] += c.first[i - 1];
+  std::vector<uint32_t> next(c.first.begin(), c.first.end() - 1);
+  for (uint32_t i = 0; i < c.at.size(); ++i) c.at[next[base.patches[i / 4][i % 4]]++] = i;
+}
+
+Error invalid(uint32_t patch, const std::string& what) {
+  return {ErrorKind::kInvalidData, "", "patch " + std::to_string(patch) + ": " + what, "", {}};
+}
+
+// ---- the first pass ----
+class PatchReader {
+ public:
+  PatchReader(Context& context, int zstd_level) : c_(context), encoder_(zstd_level) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    out.status = keepTexels(patch);
+    if (out.status.ok()) out.status = relief(patch, out);
+    out.texels = PatchStore::side(c_.store.depth) * PatchStore::side(c_.store.depth);
+    return out;
+  }
+
+ private:
+  Result<void> keepTexels(uint32_t patch) {
+    const PatchStore& store = c_.store;
+    const uint64_t channels = static_cast<uint64_t>(store.channels);
+    int side = static_cast<int>(PatchStore::side(store.depth));
+    texels_.resize(channels * PatchStore::side(store.depth) * PatchStore::side(store.depth));
+    if (auto made = c_.source.texels(patch, texels_); !made) return made;
+    for (int level = store.depth;; --level, side /= 2) {
+      const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+      if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
+      if (auto kept = keepStrips(patch, level, side); !kept) return kept;
+      keepCorners(patch, level, static_cast<size_t>(side));
+      if (level == 0) return keepTail(patch);
+      coarser_.resize(texels_.size() / 4);
+      if (level == store.depth) {
+        c_.mip.downsample(texels_.data(), side, side, coarser_.data());
+      } else {
+        c_.mip.downsample(level_.data(), side, side, coarser_.data());
+      }
+      level_.swap(coarser_);
+      texels_.resize(level_.size());
+      for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
+    }
+  }
+
+  Result<void> keepTail(uint32_t patch) {
+    tail_.resize(c_.tailBytes() - 2 * kTailHeights);
+    tailTexels(c_.mip, texels_, tail_);
+    return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
+  }
+
+  void keepCorners(uint32_t patch, int level, size_t side) {
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
+      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
+        c_.corner_texels[place + c] = texels_[(c * side + y) * side + x];
+    }
+  }
+
+  // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
+  Result<void> keepStrips(uint32_t patch, int level, int side) {
+    strip_.resize(c_.store.stripBytes(level));
+    for (int s = 0; s < 4; ++s) {
+      uint8_t* out = strip_.data();
+      for (int channel = 0; channel < c_.store.channels; ++channel) {
+        const uint8_t* in = texels_.data() + static_cast<size_t>(channel) * side * side;
+        for (int d = 0; d < kStripPx; ++d, out += side) {
+          const int at = s == kLeft || s == kTop ? d : side - 1 - d;
+          if (s == kTop || s == kBottom) {
+            std::memcpy(out, in + static_cast<size_t>(at) * side, static_cast<size_t>(side));
+          } else {
+            for (int i = 0; i < side; ++i) out[i] = in[static_cast<size_t>(i) * side + at];
+          }
+        }
+      }
+      if (auto kept = c_.strips->write(patch * c_.store.stripsBytes() + c_.store.stripOffset(level, s), strip_.data(),
+                                       strip_.size());
+          !kept)
+        return kept;
+    }
+    return {};
+  }
+
+  Result<void> relief(uint32_t patch, BuildPart& out) {
+    const int depth = c_.header.domain.relief_depth;
+    const size_t cells = size_t{kPagePx} << depth, side = cells + 1;
+    heights_.resize(side * side);
+    if (auto made = c_.source.heights(patch, heights_); !made) return made;
+    noteBorder(patch, cells);
+    noteSlopes(patch, cells);
+    if (auto read = readErrors(patch, depth); !read) return read;
+    ranges_.resize(static_cast<size_t>(depth) + 1);
+    for (int level = depth; level >= 0; --level) {
+      const uint32_t nodes = 1u << level;
+      ranges_[static_cast<size_t>(level)].resize(size_t{nodes} * nodes);
+      for (uint32_t y = 0; y < nodes; ++y)
+        for (uint32_t x = 0; x < nodes; ++x)
+          ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x] = rangeOf(level, x, y);
+    }
+    for (int level = 0; level <= depth; ++level) {
+      const uint32_t nodes = 1u << level;
+      const size_t step = size_t{1} << (depth - level);
+      for (uint32_t y = 0; y < nodes; ++y) {
+        for (uint32_t x = 0; x < nodes; ++x) {
+          for (size_t j = 0; j < kReliefSamples; ++j) {
+            const uint16_t* row = heights_.data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
+            for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
+          }
+          if (level == 0) {
+            std::array<uint16_t, kTailHeights> tail;
+            tailHeights(samples_, tail);
+            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail.data(), sizeof tail); !kept) return kept;
+          }
+          const NodeId node{patch, static_cast<uint32_t>(level), x, y};
+          const auto at = c_.layout.relief.find(node), detail = c_.layout.relief_detail.find(node);
+          out.place({.index_offset = at.block_offset + at.node_offset,
+                     .relief = true,
+                     .detail_offset = detail.block_offset + detail.node_offset,
+                     .range = ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x]},
+                    encoder_.encodeRelief(samples_));
+        }
+      }
+    }
+    auto coarse = c_.source.coarseErrors(patch);
+    if (!coarse) return coarse.error();
+    CoarseShapes& shapes = c_.coarse_shapes[patch];
+    // Of the whole patch: never below what is finer, as the page's own error was rounded up.
+    const double page_mm = ranges_[0][0].error * c_.source.errorUnitMm();
+    float least = page_mm > 0 ? std::nextafter(static_cast<float>(page_mm), INFINITY) : 0.0f;
+    for (size_t k = coarse->size(); k-- > 0;) {
+      float& e = (*coarse)[k];
+      if (!std::isfinite(e) || e < 0)
+        return invalid(patch, "its error at " + std::to_string(1 << k) + " cells a side is not a number of mm");
+      const float mm = std::exchange(e, std::max(e, least));
+      least = e;
+      if (k >= kFirstShapedBlock) continue;
+      if (!c_.source.errorShapes(patch, static_cast<int>(k), std::span(shapes).subspan(k, 1))) shapes[k] = {};
+      shapes[k] = reshaped(mm, shapes[k], e);
+    }
+    c_.coarse_errors[patch] = *coarse;
+    return readCoarseBlocks(patch);
+  }
+
+  // What was a shape of an error of mm, of a larger one.
+  static DeviationShape reshaped(double mm, const DeviationShape& shape, double larger_mm) {
+    Deviation d = deviationOf(mm, shape);
+    d.mm = larger_mm;
+    return shapeOf(d);
+  }
+  // No block's error is below those of the finer blocks inside it, as they come back from the package.
+  Result<void> readCoarseBlocks(uint32_t patch) {
+    const size_t root = kErrorBlocks;
+    std::vector<float> finer(root * root), mm;
+    for (size_t i = 0; i < finer.size(); ++i)
+      finer[i] = static_cast<float>(ranges_[0][0].blocks[i].error * c_.source.errorUnitMm()) * (1 + 1e-6f);
+    CoarseBlocks& shares = c_.coarse_blocks[patch];
+    for (int grid = kBlockedGrids - 1; grid >= 0; --grid) {
+      const int cells_log2 = kFirstBlockedGrid + grid;
+      const float whole = c_.coarse_errors[patch][static_cast<size_t>(cells_log2)];
+      const size_t blocks = size_t{1} << (cells_log2 - 3);
+      mm.assign(blocks * blocks, whole);
+      if (auto known = c_.source.coarseBlocks(patch, cells_log2, mm); !known) {
+        return known.error();
+      } else if (!*known) {
+        mm.assign(blocks * blocks, whole);
+      }
+      const size_t first = kFirstCoarseBlock[static_cast<size_t>(grid)];
+      const std::span<DeviationShape> shapes =
+          std::span(c_.coarse_shapes[patch]).subspan(kFirstShapedBlock + first, blocks * blocks);
+      if (!c_.source.errorShapes(patch, cells_log2, shapes)) std::fill(shapes.begin(), shapes.end(), DeviationShape{});
+      for (size_t y = 0; y < blocks; ++y) {
+        for (size_t x = 0; x < blocks; ++x) {
+          float& e = mm[y * blocks + x];
+          if (!std::isfinite(e) || e < 0)
+            return invalid(patch, "its error by blocks at " + std::to_string(1 << cells_log2) +
+                                      " cells a side is not a number of mm");
+          const float own = e;
+          const float* inside = finer.data() + 2 * y * 2 * blocks + 2 * x;
+          e = std::min(whole, std::max({e, inside[0], inside[1], inside[2 * blocks], inside[2 * blocks + 1]}));
+          uint8_t share = whole > 0 ? static_cast<uint8_t>(std::min(255.0, std::ceil(255.0 * e / whole))) : 0;
+          while (share < 255 && coarseBlockMm(whole, share) < e) ++share;
+          shares[first + y * blocks + x] = share;
+          e = coarseBlockMm(whole, share);
+          DeviationShape& shape = shapes[y * blocks + x];
+          shape = own <= e ? reshaped(own, shape, e) : DeviationShape{};
+        }
+      }
+      finer = mm;
+    }
+    return {};
+  }
+
+  void noteSlopes(uint32_t patch, size_t cells) {
+    const size_t side = cells + 1;
+    std::array<int, 4> q{65535, -65535, 65535, -65535};  // least and largest step along u, and along v
+    for (size_t y = 0; y < side; ++y) {
+      const uint16_t* row = heights_.data() + y * side;
+      for (size_t x = 0; x < cells; ++x) {
+        const int step = row[x + 1] - row[x];
+        q[0] = std::min(q[0], step), q[1] = std::max(q[1], step);
+      }
+      for (size_t x = 0; y < cells && x < side; ++x) {
+        const int step = row[x + side] - row[x];
+        q[2] = std::min(q[2], step), q[3] = std::max(q[3], step);
+      }
+    }
+    auto least = [](double a, double b) { return std::nextafter(static_cast<float>(std::min(a, b)), -INFINITY); };
+    auto largest = [](double a, double b) { return std::nextafter(static_cast<float>(std::max(a, b)), INFINITY); };
+    const double mm = c_.source.reliefScaleMm() * static_cast<double>(cells);
+    c_.slopes[patch] = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm),
+                        largest(q[2] * mm, q[3] * mm)};
+  }
+
+  void noteBorder(uint32_t patch, size_t cells) {
+    const size_t side = cells + 1, last = cells * side;
+    const std::array<size_t, 4> corner{0, cells, last, last + cells};
+    const auto& index = c_.source.base().patches[patch];
+    for (size_t k = 0; k < 4; ++k) c_.corner_height[patch][k] = heights_[corner[k]];
+    std::vector<uint16_t> along(side);
+    for (size_t s = 0; s < 4; ++s) {
+      const size_t a = static_cast<size_t>(kSideCorners[s][0]), b = static_cast<size_t>(kSideCorners[s][1]),
+                   step = (corner[b] - corner[a]) / cells;
+      for (size_t i = 0; i < side; ++i) along[i] = heights_[corner[a] + i * step];
+      if (index[a] > index[b]) std::reverse(along.begin(), along.end());
+      c_.side_hash[patch][s] = XXH3_64bits(along.data(), along.size() * 2);
+    }
+  }
+
+  // In units of the package, rounded up; a block's never below those of finer blocks inside.
+  Result<void> readErrors(uint32_t patch, int depth) {
+    const double unit = c_.source.errorUnitMm();
+    errors_.resize(static_cast<size_t>(depth) + 1);
+    for (int level = depth; level >= 0; --level) {
+      const size_t blocks = size_t{kErrorBlocks} << level;
+      error_mm_.resize(blocks * blocks);
+      shapes_.assign(blocks * blocks, {});
+      if (auto read = c_.source.errors(patch, level, error_mm_); !read) return read;
+      if (!c_.source.errorShapes(patch, std::countr_zero(unsigned{kPagePx}) + level, shapes_))
+        shapes_.assign(blocks * blocks, {});
+      auto& out = errors_[static_cast<size_t>(level)];
+      out.resize(blocks * blocks);
+      for (size_t i = 0; i < out.size(); ++i) {
+        auto stepsOf = [&](double mm) {
+          const double steps = mm == 0 ? 0 : std::ceil(mm / unit);
+          return steps * unit < mm ? steps + 1 : steps;
+        };
+        const double mm = error_mm_[i];
+        if (!(mm >= 0) || !(stepsOf(mm) <= 65535)) {
+          return invalid(patch, "its error of " + std::to_string(mm) + " mm at level " + std::to_string(level) +
+                                    " is not within 0 and 65535 times " + std::to_string(unit) + " mm");
+        }
+        const Deviation d = deviationOf(mm, shapes_[i]);
+        auto steps = [&](double part_mm) { return static_cast<uint16_t>(std::min(65535.0, stepsOf(part_mm))); };
+        out[i] = {steps(d.mm),
+                  steps(d.below_mm),
+                  steps(d.above_mm),
+                  steps(d.aside_mm),
+                  static_cast<uint32_t>(stepsOf(d.between_mm)),
+                  static_cast<uint32_t>(stepsOf(d.apart_mm))};
+        if (level == depth) continue;
+        const BlockError* finer =
+            errors_[static_cast<size_t>(level) + 1].data() + 2 * (i / blocks) * 2 * blocks + 2 * (i % blocks);
+        out[i] = joined(out[i], joined(joined(finer[0], finer[1]), joined(finer[2 * blocks], finer[2 * blocks + 1])));
+      }
+    }
+    return {};
+  }
+
+  NodeRange rangeOf(int level, uint32_t x, uint32_t y) const {
+    const int depth = c_.header.domain.relief_depth;
+    NodeRange r;
+    if (level == depth) {
+      const size_t side = (size_t{kPagePx} << depth) + 1;
+      for (size_t j = 0; j < kReliefSamples; ++j) {
+        const uint16_t* row = heights_.data() + (y * kPagePx + j) * side + x * kPagePx;
+        const auto [low, high] = std::minmax_element(row, row + kReliefSamples);
+        r.min = std::min(r.min, *low), r.max = std::max(r.max, *high);
+      }
+    } else {
+      for (size_t child = 0; child < 4; ++child) {
+        const NodeRange& c =
+            ranges_[static_cast<size_t>(level) + 1][((2 * y + child / 2) << (level + 1)) + 2 * x + child % 2];
+        r.min = std::min(r.min, c.min), r.max = std::max(r.max, c.max);
+      }
+    }
+    const size_t blocks = size_t{kErrorBlocks} << level;
+    for (size_t i = 0; i < r.blocks.size(); ++i) {
+      r.blocks[i] = errors_[static_cast<size_t>(level)]
+                           [(y * kErrorBlocks + i / kErrorBlocks) * blocks + x * kErrorBlocks + i % kErrorBlocks];
+      r.error = std::max(r.error, r.blocks[i].error);
+    }
+    return r;
+  }
+
+  Context& c_;
+  PageEncoder encoder_;
+  std::vector<uint8_t> texels_, strip_, tail_;
+  std::vector<uint16_t> level_, coarser_, heights_;
+  std::vector<float> error_mm_;
+  std::vector<DeviationShape> shapes_;
+  std::vector<std::vector<BlockError>> errors_;  // by level and block
+  std::vector<std::vector<NodeRange>> ranges_;   // by level and node
+  std::array<uint16_t, kReliefPageSamples> samples_;
+};
+
+// ---- the second pass ----
+class TextureWriter {
+ public:
+  TextureWriter(const Context& context, int zstd_level) : c_(context), encoder_(zstd_level) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    for (int level = 0; level <= c_.store.depth && out.status.ok(); ++level) {
+      out.status = load(patch, level);
+      if (out.status.ok()) cut(patch, level, out);
+    }
+    return out;
+  }
+
+ private:
+  size_t stride() const { return side_ + 2 * kPageBorderPx; }
+
+  // The level with its border, channel after channel.
+  Result<void> load(uint32_t patch, int level) {
+    const PatchStore& store = c_.store;
+    side_ = PatchStore::side(level);
+    const size_t channels = static_cast<size_t>(store.channels), plane = stride() * stride();
+    bordered_.resize(channels * plane);
+    inside_.resize(channels * side_ * side_);
+    if (auto read =
+            c_.levels->read(patch * store.levelBytes() + store.levelOffset(level), inside_.data(), inside_.size());
+        !read)
+      return read;
+    for (size_t c = 0; c < channels; ++c)
+      for (size_t y = 0; y < side_; ++y)
+        std::memcpy(bordered_.data() + c * plane + (y + kPageBorderPx) * stride() + kPageBorderPx,
+                    inside_.data() + (c * side_ + y) * side_, side_);
+    const int begin = kPageBorderPx, end = begin + static_cast<int>(side_), width = static_cast<int>(stride());
+    repeatBorder(bordered_.data(), width, width, store.channels, begin, begin, end, end);
+    strip_.resize(store.stripBytes(level));
+    for (int s = 0; s < 4; ++s) {
+      const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
+      if (n.patch == PatchNeighbour::kNone) continue;
+      if (auto read = c_.strips->read(n.patch * store.stripsBytes() + store.stripOffset(level, n.side), strip_.data(),
+                                      strip_.size());
+          !read)
+        return read;
+      const uint8_t* in = strip_.data();
+      for (size_t c = 0; c < channels; ++c) {
+        for (size_t d = 0; d < kStripPx; ++d, in += side_) {
+          // Texel i along the side, d + 1 texels beyond it.
+          const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
+          const bool upright = s == kLeft || s == kRight;
+          uint8_t* out = bordered_.data() + c * plane +
+                         (upright ? kPageBorderPx * stride() + across : across * stride() + kPageBorderPx);
+          const size_t step = upright ? stride() : 1;
+          for (size_t i = 0; i < side_; ++i) out[i * step] = in[n.reversed ? side_ - 1 - i : i];
+        }
+      }
+    }
+    for (size_t k = 0; k < 4; ++k) fillCorner(patch, level, k);
+    return {};
+  }
+
+  // The square of the border beyond corner k.
+  void fillCorner(uint32_t patch, int level, size_t k) {
+    const uint32_t corner = c_.source.base().patches[patch][k];
+    const size_t meet = c_.first[corner + 1] - c_.first[corner];
+    const size_t x_in = kPageBorderPx + (k % 2 ? side_ - 1 : 0), y_in = kPageBorderPx + (k / 2 ? side_ - 1 : 0);
+    const size_t x_out = k % 2 ? x_in + 1 : x_in - 1, y_out = k / 2 ? y_in + 1 : y_in - 1;
+    for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c) {
+      uint8_t* plane = bordered_.data() + c * stride() * stride();
+      auto at = [&](size_t x, size_t y) -> uint8_t& { return plane[y * stride() + x]; };
+      size_t sum = 0;
+      for (uint32_t i = c_.first[corner]; i < c_.first[corner + 1]; ++i)
+        sum += c_.corner_texels[c_.cornerPlace(c_.at[i] / 4, level, c_.at[i] % 4) + c];
+      const int four_means = static_cast<int>((8 * sum + meet) / (2 * meet));
+      const int beyond = std::clamp(four_means - at(x_in, y_in) - at(x_out, y_in) - at(x_in, y_out), 0, 255);
+      for (size_t j = 0; j < kPageBorderPx; ++j)
+        for (size_t i = 0; i < kPageBorderPx; ++i)
+          at(k % 2 ? x_out + i : x_out - i, k / 2 ? y_out + j : y_out - j) = static_cast<uint8_t>(beyond);
+    }
+  }
+
+  void cut(uint32_t patch, int level, BuildPart& out) {
+    const size_t plane_texels = stride() * stride();
+    for (uint32_t y = 0; y < 1u << level; ++y) {
+      for (uint32_t x = 0; x < 1u << level; ++x) {
+        const auto at = c_.layout.texture.find({patch, static_cast<uint32_t>(level), x, y});
+        for (size_t plane = 0; plane < static_cast<size_t>(c_.header.texture.planes()); ++plane) {
+          uint8_t* to = page_.data();
+          for (size_t c = 3 * plane; c < 3 * plane + 3; ++c) {
+            const uint8_t* from = bordered_.data() + c * plane_texels + y * kPagePx * stride() + x * kPagePx;
+            for (int row = 0; row < kPageFullPx; ++row, to += kPageFullPx, from += stride())
+              std::memcpy(to, from, kPageFullPx);
+          }
+          out.place({.index_offset = at.block_offset + at.node_offset + plane * kTextureEntryBytes},
+                    encoder_.encodeTexture(page_, c_.header.encodings[plane]));
+        }
+      }
+    }
+  }
+
+  const Context& c_;
+  PageEncoder encoder_;
+  size_t side_ = 0;
+  std::vector<uint8_t> inside_, bordered_, strip_;
+  std::array<uint8_t, kTexturePageBytes> page_;
+};
+
+// ---- around both ----
+double meanSideMm(const BaseMesh& base) {
+  double sum = 0;
+  for (const auto& p : base.patches)
+    for (const auto& side : kSideCorners)
+      sum += glm::length(glm::dvec3(base.corners[p[static_cast<size_t>(side[0])]].position_mm) -
+                         glm::dvec3(base.corners[p[static_cast<size_t>(side[1])]].position_mm));
+  return sum / (4.0 * static_cast<double>(base.patches.size()));
+}
+
+Result<PlanarDomain> planDomain(const PatchSource& source) {
+  if (std::string problem = baseMeshProblem(source.base()); !problem.empty()) return usage("the base mesh: " + problem);
+  if (source.base().corners.size() > 4 * source.base().patches.size())
+    return usage("the base mesh: there are more corners than its patches can name");
+  PlanarDomain d;
+  d.texture_depth = source.textureDepth();
+  d.relief_depth = source.reliefDepth();
+  const int deepest = static_cast<int>(kMaxNodeLevel);
+  if (d.texture_depth < 0 || d.texture_depth > deepest || d.relief_depth < 0)
+    return usage("the patches' depth is out of range");
+  d.height_px = d.patchPx();
+  d.width_px = source.base().patches.size() * d.patchPx();
+  d.mm_per_px = std::max(meanSideMm(source.base()) / static_cast<double>(d.patchPx()), 1e-12);
+  d.relief_offset_mm = source.reliefOffsetMm();
+  d.relief_scale_mm = source.reliefScaleMm();
+  if (std::string problem = domainProblem(d); !problem.empty()) return usage("cannot build this: " + problem);
+  if (!std::isfinite(source.errorUnitMm()) || source.errorUnitMm() < 0)
+    return usage("the unit of errors is not a number of mm");
+  return d;
+}
+
+Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source, const BuildOptions& options) {
+  nlohmann::ordered_json json = manifestJson(h, options.tool_version);
+  const BaseMesh& base = source.base();
+  json["base"] = {{"corners", base.corners.size()},
+                  {"patches", base.patches.size()},
+                  {"origin_mm", {base.origin_mm.x, base.origin_mm.y, base.origin_mm.z}},
+                  {"error_unit_mm", source.errorUnitMm()}};
+  auto extra =
+      nlohmann::ordered_json::parse(options.manifest_extra.empty() ? "{}" : options.manifest_extra, nullptr, false);
+  if (extra.is_object()) json.update(extra);
+  const char* role = "mesh";
+  for (const Provenance& p : source.provenance()) {
+    if (auto added = addSource(json, p, role); !added) return added.error();
+    role = "texture";
+  }
+  return manifestText(json);
+}
+
+Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWriter& writer) {
+  const auto patches = static_cast<uint32_t>(c.source.base().patches.size());
+  std::vector<uint8_t> bytes(c.tailBytes());
+  for (uint32_t first = 0; first < patches; first += kTailsChunkPatches) {
+    const uint32_t count = std::min(kTailsChunkPatches, patches - first);
+    PatchTails tails(count, c.store.channels);
+    for (uint32_t i = 0; i < count; ++i) {
+      if (auto read = c.tails->read((first + i) * c.tailBytes(), bytes.data(), bytes.size()); !read) return read;
+      std::memcpy(tails.heightsOf(i).data(), bytes.data(), 2 * kTailHeights);
+      std::copy(bytes.begin() + 2 * kTailHeights, bytes.end(), tails.texelsOf(i).begin());
+    }
+    if (auto written = writer.appendTails(encodeTailsChunk(tails, 0, count, options.zstd_level)); !written)
+      return written;
+  }
+  return {};
+}
+
+// Samples on shared sides and corners are the same from all sides, or the surface has a crack.
+Result<void> checkBorders(const Context& c) {
+  const BaseMesh& base = c.source.base();
+  auto differ = [](uint32_t a, uint32_t b, const std::string& where) {
+    return Error{ErrorKind::kInvalidData,
+                 "",
+                 "the heights of patches " + std::to_string(a) + " and " + std::to_string(b) + " differ " + where,
+                 "",
+                 {}};
+  };
+  std::vector<uint32_t> first(base.corners.size(), PatchNeighbour::kNone);
+  std::vector<uint16_t> height(base.corners.size());
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    for (size_t s = 0; s < 4; ++s) {
+      const PatchNeighbour& n = c.neighbours[p][s];
+      if (n.patch != PatchNeighbour::kNone && c.side_hash[p][s] != c.side_hash[n.patch][n.side])
+        return differ(p, n.patch, "along the side that they share");
+    }
+    for (size_t k = 0; k < 4; ++k) {
+      const uint32_t corner = base.patches[p][k];
+      if (first[corner] == PatchNeighbour::kNone) first[corner] = p, height[corner] = c.corner_height[p][k];
+      if (height[corner] != c.corner_height[p][k])
+        return differ(first[corner], p, "at corner " + std::to_string(corner));
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+  auto planned = planDomain(source);
+  if (!planned) return planned.error();
+
+  PackageHeader header;
+  header.domain = *planned;
+  header.texture = source.format();
+  header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
+  header.relief_detail = header.relief_shapes = true;
+  const PlanarDomain& d = header.domain;
+  const uint32_t patches = d.patchCount();
+  header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
+  BaseSection base{source.base(),
+                   std::vector<CoarseErrors>(patches),
+                   std::vector<CoarseBlocks>(patches),
+                   std::vector<HeightSlopes>(patches),
+                   std::vector<CoarseShapes>(patches),
+                   source.errorUnitMm()};
+  header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
+  const auto described = manifestOf(header, source, options);
+  if (!described) return described.error();
+  const std::string& manifest = *described;
+  if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
+
+  Context context{source,
+                  header,
+                  packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
+                  MipFilter(header.texture),
+                  {header.texture.channels(), d.texture_depth},
+                  patchNeighbours(source.base()),
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {},
+                  {}};
+  context.coarse_errors.resize(patches);
+  context.slopes.resize(patches);
+  context.coarse_blocks.resize(patches);
+  context.coarse_shapes.resize(patches);
+  context.side_hash.resize(patches);
+  context.corner_height.resize(patches);
+  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
+                               static_cast<size_t>(context.store.channels));
+  listCorners(context);
+
+  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
+  // finished parts.
+  const PatchStore& store = context.store;
+  const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
+  const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
+  const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
+  int workers = workerCount(options.workers);
+  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
+                                                  std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
+  const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
+  SpillBudget spills{options.memory_budget_bytes > working
+                         ? std::min((options.memory_budget_bytes - working) / 4 * 3, options.kept_bytes)
+                         : 0,
+                     options.output};
+  for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
+                             {&context.strips, store.stripsBytes()},
+                             {&context.levels, store.levelBytes()}}) {
+    auto made = spills.create(bytes * patches);
+    if (!made) return made.error();
+    *kept = std::move(*made);
+  }
+  auto writer = PackageWriter::create(options.output, header, manifest, encodeBaseSection(base), spills);
+  if (!writer) return writer.error();
+
+  BuildProgress progress;
+  progress.pages_total = header.page_count;
+  progress.texels_total = d.width_px * d.height_px;
+  double last_report = -1;
+  auto report = [&](bool last) {
+    progress.seconds = seconds();
+    if (!options.progress || (!last && progress.seconds - last_report < 0.2)) return;
+    last_report = progress.seconds;
+    options.progress(progress);
+  };
+  auto pass = [&](auto make_worker) {
+    uint32_t next = 0;
+    OrderedWorkers<uint32_t> runner(
+        workers, kPartsAhead, options.interrupted,
+        [&](uint32_t* patch) {
+          if (next == patches) return false;
+          *patch = next++;
+          return true;
+        },
+        [&] {
+          auto worker = make_worker();
+          return [worker](const uint32_t& patch) { return worker->run(patch); };
+        });
+    return writeParts(runner, patches, **writer, options, [&](const BuildPart* part) {
+      if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
+      report(false);
+    });
+  };
+  if (auto ran = pass([&] { return std::make_shared<PatchReader>(context, options.zstd_level); }); !ran)
+    return ran.error();
+  if (auto sound = checkBorders(context); !sound) return sound.error();
+  if (auto ran = pass([&] { return std::make_shared<TextureWriter>(context, options.zstd_level); }); !ran)
+    return ran.error();
+
+  if (auto written = writeTails(context, options, **writer); !written) return written.error();
+  base.coarse_errors = std::move(context.coarse_errors);
+  base.coarse_blocks = std::move(context.coarse_blocks);
+  base.shapes = std::move(context.coarse_shapes);
+  base.slopes = std::move(context.slopes);
+  (*writer)->setBase(encodeBaseSection(base));
+  auto file_bytes = (*writer)->finish(options.interrupted);
+  if (!file_bytes) return file_bytes.error();
+  report(true);
+  return BuildReport{header.page_count, *file_bytes, seconds()};
+}
+
+}  // namespace relievo

@@ -1,0 +1,59 @@
+// patch_source.h - texels and heights of an artwork made of patches over a base mesh, patch by patch; what a mesh was
+// baked into (geometry/bake/mesh_bake.h), or a procedural one. The package that it becomes is that of a strip of whole
+// patches (src/artwork/planar_domain.h), each 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side,
+// beside the base mesh.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "src/artwork/base_mesh.h"
+#include "src/artwork/basis.h"
+#include "src/artwork/deviation.h"
+#include "src/artwork/planar_domain.h"
+#include "src/base/result.h"
+#include "texturing/package/raster_source.h"
+
+namespace relievo {
+
+class PatchSource {
+ public:
+  virtual ~PatchSource() = default;
+  virtual const BaseMesh& base() const = 0;
+  virtual int textureDepth() const = 0;
+  virtual int reliefDepth() const = 0;
+  virtual TextureFormat format() const = 0;
+  virtual double reliefOffsetMm() const = 0;  // height in mm = offset + q * scale, one range for the artwork
+  virtual double reliefScaleMm() const = 0;
+  virtual double errorUnitMm() const = 0;  // of the errors kept in the package: no error exceeds 65,535 of it
+  virtual std::vector<Provenance> provenance() const = 0;
+
+  // The following are const and thread-safe.
+  // Channel-major, rows of v from 0: out[(c * P + y) * P + x], P = 128 << textureDepth(), texel centres at (x + 1/2, y
+  // + 1/2) / P.
+  virtual Result<void> texels(uint32_t patch, std::span<uint8_t> out) const = 0;
+  // Rows of v from 0: out[y * (R + 1) + x], R = 128 << reliefDepth(), samples at (x, y) / R. Samples on a side that two
+  // patches share are the same from both; those at a shared corner are the same from all.
+  virtual Result<void> heights(uint32_t patch, std::span<uint16_t> out) const = 0;
+  // How far in mm (a distance in space) the triangles through every 2^(reliefDepth - level)-th vertex of S lie from
+  // those of the finest, at the same (u, v): an upper bound by blocks of 8 x 8 cells of that level, out[y * B + x], B =
+  // 16 << level. 0 at level reliefDepth; a block's error is not below those of the blocks of finer levels inside it.
+  virtual Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const = 0;
+  // The same for whole patches of fewer cells than a page has: element k is that of 2^k cells a side, never below those
+  // behind it.
+  virtual Result<CoarseErrors> coarseErrors(uint32_t patch) const = 0;
+  // Of one of the grids of 2^cells_log2 cells, 4 .. 6, by blocks of 8 x 8 cells: out[y * B + x], B = 2^(cells_log2 -
+  // 3). False: not known, the whole patch's holds for all of them.
+  virtual Result<bool> coarseBlocks(uint32_t /*patch*/, int /*cells_log2*/, std::span<float> /*out_mm*/) const {
+    return false;
+  }
+  // Which way those errors lie: of the grid of 2^cells_log2 cells, 0 .. 7 + reliefDepth(), block by block as errors()
+  // and coarseBlocks() have them, or one of the whole patch below 16 cells; shares of what these say. False: not known.
+  virtual bool errorShapes(uint32_t /*patch*/, int /*cells_log2*/, std::span<DeviationShape> /*out*/) const {
+    return false;
+  }
+};
+
+}  // namespace relievo

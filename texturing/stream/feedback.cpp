@@ -1,0 +1,149 @@
+#include "texturing/stream/feedback.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdlib>
+
+namespace relievo {
+
+namespace {
+constexpr uint32_t kNoParent = 0xFFFFFFFFu;
+
+bool isNode(const std::array<uint32_t, 4>& p) {
+  uint32_t level = (p[0] >> 8) & 0xFFu;
+  return (p[0] & 0xFFu) == 1 && (p[0] >> 17) == 0 && level <= kMaxNodeLevel && p[1] < kMaxPatches &&
+         (p[2] >> level) == 0 && (p[3] >> level) == 0;
+}
+
+std::vector<FeedbackOffset> offsetsOf(int scale) {
+  auto distance2 = [scale](const FeedbackOffset& a, const FeedbackOffset& b) {
+    int dx = std::abs(a.x - b.x), dy = std::abs(a.y - b.y);
+    dx = std::min(dx, scale - dx);
+    dy = std::min(dy, scale - dy);
+    return dx * dx + dy * dy;
+  };
+  std::vector<FeedbackOffset> left, order;
+  for (int y = 0; y < scale; ++y)
+    for (int x = 0; x < scale; ++x) left.push_back({x, y});
+  std::vector<int> nearest(left.size(), 4 * scale * scale);
+  size_t next = static_cast<size_t>(scale / 2 * scale + scale / 2);
+  while (!left.empty()) {
+    FeedbackOffset chosen = left[next];
+    order.push_back(chosen);
+    left.erase(left.begin() + static_cast<std::ptrdiff_t>(next));
+    nearest.erase(nearest.begin() + static_cast<std::ptrdiff_t>(next));
+    next = 0;
+    for (size_t i = 0; i < left.size(); ++i) {
+      nearest[i] = std::min(nearest[i], distance2(left[i], chosen));
+      if (nearest[i] > nearest[next]) next = i;
+    }
+  }
+  return order;
+}
+}  // namespace
+
+FeedbackOffset feedbackOffset(int scale, uint64_t turn) {
+  static const auto kOrders = [] {
+    std::array<std::vector<FeedbackOffset>, kMaxFeedbackScale + 1> orders;
+    for (int s = 1; s <= kMaxFeedbackScale; ++s) orders[static_cast<size_t>(s)] = offsetsOf(s);
+    return orders;
+  }();
+  const auto& order = kOrders[static_cast<size_t>(std::clamp(scale, 1, kMaxFeedbackScale))];
+  return order[turn % order.size()];
+}
+
+std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px,
+                                                    int height_px) {
+  wants_.clear();
+  keys_.clear();
+  parent_.clear();
+  ordered_.clear();
+  if (width_px <= 0 || height_px <= 0) return {};
+  if (table_.empty()) table_.resize(1024);
+  std::fill(table_.begin(), table_.end(), 0u);
+
+  // Twice the distance from the centre in pixels, so that pixel centres are integers; squared: floats only at the end.
+  auto width = static_cast<int64_t>(width_px), height = static_cast<int64_t>(height_px);
+  height = std::min<int64_t>(height, static_cast<int64_t>(pixels.size()) / width);
+  auto nearer = [&](uint32_t i, int64_t d2) {
+    wants_[i].centre_distance = std::min(wants_[i].centre_distance, float(d2));
+  };
+  for (int64_t y = 0; y < height; ++y) {
+    const auto* row = pixels.data() + y * width;
+    int64_t dy = 2 * y + 1 - height_px;
+    for (int64_t x = 0; x < width;) {
+      // Neighbours mostly want the same node: one look-up for a run of equal pixels.
+      int64_t end = x + 1;
+      while (end < width && row[end] == row[x]) ++end;
+      const auto& p = row[x];
+      if (isNode(p)) {
+        uint32_t level = p[0] >> 8 & 0xFFu;
+        if (wants_.size() + level < kMaxWants) {
+          uint32_t i = findOrAdd(packNode({p[1], level, p[2], p[3]}));
+          auto run = static_cast<uint32_t>(end - x);
+          wants_[i].pixels += run;
+          if ((p[0] >> 16 & 1u) && parent_[i] != kNoParent) wants_[parent_[i]].pixels += run;
+          // The run's pixel nearest to the middle column.
+          int64_t first = 2 * x + 1 - width_px, last = 2 * end - 1 - width_px;
+          int64_t dx = first > 0 ? first : last < 0 ? last : (first & 1);
+          nearer(i, dx * dx + dy * dy);
+        }
+      }
+      x = end;
+    }
+  }
+  // Parents stand before their children.
+  for (size_t i = wants_.size(); i-- > 0;)
+    if (parent_[i] != kNoParent)
+      wants_[parent_[i]].centre_distance = std::min(wants_[parent_[i]].centre_distance, wants_[i].centre_distance);
+
+  double corner2 = double(width_px) * width_px + double(height_px) * height_px;
+  sort_keys_.clear();
+  for (uint32_t i = 0; i < wants_.size(); ++i) {
+    auto d = static_cast<float>(std::sqrt(wants_[i].centre_distance / corner2));
+    wants_[i].centre_distance = d;
+    sort_keys_.emplace_back(uint64_t{wants_[i].node.level} << 32 | std::bit_cast<uint32_t>(d), i);
+  }
+  std::sort(sort_keys_.begin(), sort_keys_.end(), [&](const auto& a, const auto& b) {
+    return a.first != b.first ? a.first < b.first : keys_[a.second] < keys_[b.second];
+  });
+  ordered_.reserve(wants_.size());
+  for (const auto& [key, i] : sort_keys_) ordered_.push_back(wants_[i]);
+  return ordered_;
+}
+
+uint32_t FeedbackAnalyzer::findOrAdd(uint64_t key) {
+  if (2 * (wants_.size() + 1) > table_.size()) grow();
+  size_t mask = table_.size() - 1;
+  auto slotOf = [&](uint64_t k) { return (k * 0x9E3779B97F4A7C15ull >> 32) & mask; };
+  size_t s = slotOf(key);
+  for (; table_[s] != 0; s = (s + 1) & mask)
+    if (keys_[table_[s] - 1] == key) return table_[s] - 1;
+  NodeId node = unpackNode(key);
+  uint32_t parent = kNoParent;
+  if (node.level > 0) {
+    parent = findOrAdd(packNode(node.parent()));
+    mask = table_.size() - 1;
+    for (s = slotOf(key); table_[s] != 0;) s = (s + 1) & mask;  // ancestors may have taken the cell, or grown the table
+  }
+  auto index = static_cast<uint32_t>(wants_.size());
+  wants_.push_back({node, 0, 3.0e38f});
+  keys_.push_back(key);
+  parent_.push_back(parent);
+  table_[s] = index + 1;
+  return index;
+}
+
+void FeedbackAnalyzer::grow() {
+  std::fill(table_.begin(), table_.end(), 0u);
+  table_.resize(table_.size() * 2);
+  size_t mask = table_.size() - 1;
+  for (uint32_t i = 0; i < keys_.size(); ++i) {
+    size_t s = (keys_[i] * 0x9E3779B97F4A7C15ull >> 32) & mask;
+    while (table_[s] != 0) s = (s + 1) & mask;
+    table_[s] = i + 1;
+  }
+}
+
+}  // namespace relievo

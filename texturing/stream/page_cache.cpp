@@ -1,0 +1,327 @@
+#include "texturing/stream/page_cache.h"
+
+#include <algorithm>
+#include <cassert>
+
+namespace relievo {
+
+const char* replacementName(Replacement policy) {
+  switch (policy) {
+    case Replacement::kLru:
+      return "lru";
+    case Replacement::kClock:
+      return "clock";
+    case Replacement::kHalving:
+      return "halving";
+  }
+  return "";
+}
+
+std::optional<Replacement> replacementFromName(const std::string& name) {
+  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
+    if (name == replacementName(policy)) return policy;
+  return std::nullopt;
+}
+
+PageCache::PageCache(uint32_t slot_count, Replacement policy) : policy_(policy) {
+  slot_count = std::min(slot_count, kMaxSlots);
+  PageId nothing;
+  nothing.bits = kFreeBits;
+  pages_.assign(slot_count, nothing);
+  uses_.resize(slot_count);
+  pins_.resize(slot_count);
+  index_.assign(slot_count + slot_count / 2 + 1, kNone);
+  for (uint32_t s = slot_count; s-- > 0;) linkFree(s);  // the lowest slot is taken first
+}
+
+void PageCache::addClosed(uint32_t count) {
+  const size_t slots = pages_.size() + count;
+  assert(slots <= kMaxSlots);
+  PageId nothing;
+  nothing.bits = kFreeBits;
+  pages_.resize(slots, nothing);
+  uses_.resize(slots);
+  pins_.resize(slots);
+  closed_ += count;
+  index_.assign(slots + slots / 2 + 1, kNone);
+  for (SlotIndex s = 0; s < pages_.size(); ++s)
+    if (pages_[s].bits != kFreeBits) index_[locate(pages_[s])] = static_cast<Link>(s);
+}
+
+void PageCache::open(SlotIndex slot) {
+  assert(pages_[slot].bits == kFreeBits && closed_ > 0);
+  --closed_;
+  linkFree(slot);
+}
+
+void PageCache::close(SlotIndex slot) {
+  assert(pages_[slot].bits == kFreeBits);
+  ++closed_;
+  unlinkFree(slot);
+}
+
+uint32_t PageCache::slotCount() const { return static_cast<uint32_t>(pages_.size()); }
+uint32_t PageCache::residentCount() const { return resident_; }
+uint32_t PageCache::pinnedCount() const { return pinned_; }
+
+SlotIndex PageCache::find(PageId id) const {
+  Link slot = index_[locate(id)];
+  return slot == kNone ? kNoSlot : slot;
+}
+
+PageId PageCache::pageIn(SlotIndex slot) const {
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits);
+  return pages_[slot];
+}
+
+bool PageCache::isPinned(SlotIndex slot) const { return pinned(slot); }
+
+void PageCache::advance(uint64_t tick) {
+  if (tick <= last_tick_) return;
+  last_tick_ = tick;
+  used_now_ = 0;
+  threshold_ = kFirstThreshold;
+  hopeless_age_ = ~0u;
+}
+
+// The page is not pinned and not in the list.
+void PageCache::markUsed(SlotIndex s) {
+  uses_[s].tick = static_cast<uint32_t>(last_tick_);
+  pins_[s] |= kMark;
+  ++used_now_;
+  linkNewest(s);
+}
+
+void PageCache::touch(SlotIndex slot, uint64_t tick) {
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits);
+  advance(tick);
+  if (pinned(slot)) return;
+  if (age(slot) == 0) --used_now_;
+  unlink(slot);
+  markUsed(slot);
+}
+
+void PageCache::pin(SlotIndex slot) {
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits && (pins_[slot] & ~kMark) != (kMark - 1));
+  if ((pins_[slot]++ & ~kMark) > 0) return;
+  if (age(slot) == 0) --used_now_;
+  unlink(slot);
+  ++pinned_;
+}
+
+void PageCache::unpin(SlotIndex slot) {
+  assert(slot < pages_.size() && pinned(slot));
+  --pins_[slot];
+  if (pinned(slot)) return;
+  --pinned_;
+  markUsed(slot);
+}
+
+std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick, uint32_t min_age) {
+  advance(tick);
+  Placement placement{find(id), std::nullopt};
+  if (placement.slot != kNoSlot) {
+    touch(placement.slot, tick);
+    return placement;
+  }
+  const SlotIndex slot = free_ != kNone ? free_ : victim(std::max(1u, min_age));
+  if (slot == kNoSlot) return std::nullopt;
+  return placeAt(slot, id, tick);
+}
+
+PageCache::Placement PageCache::placeAt(SlotIndex slot, PageId id, uint64_t tick) {
+  assert(!pinned(slot) && find(id) == kNoSlot);
+  advance(tick);
+  Placement placement{slot, std::nullopt};
+  if (holdsPage(slot)) {
+    placement.evicted = pages_[slot];
+    if (age(slot) == 0) --used_now_;
+    forget(*placement.evicted);
+    unlink(slot);
+  } else {
+    unlinkFree(slot);
+    ++resident_;
+  }
+  pages_[slot] = id;
+  index_[locate(id)] = static_cast<Link>(slot);
+  markUsed(slot);
+  return placement;
+}
+
+void PageCache::remove(PageId id) {
+  SlotIndex slot = find(id);
+  if (slot == kNoSlot) return;
+  assert(!pinned(slot));
+  if (age(slot) == 0) --used_now_;
+  unlink(slot);
+  forget(id);
+  pages_[slot].bits = kFreeBits;
+  pins_[slot] = 0;
+  linkFree(slot);
+  --resident_;
+}
+
+// --- who leaves
+// -------------------------------------------------------------------------------------------------------
+
+uint32_t PageCache::oldestAge(uint64_t tick) {
+  advance(tick);
+  return oldest_ == kNone ? 0 : age(oldest_);
+}
+
+SlotIndex PageCache::victim(uint32_t min_age) {
+  if (policy_ == Replacement::kLru) {
+    // Ticks grow along the list, so its oldest end alone says whether anything can be had.
+    return oldest_ != kNone && age(oldest_) >= min_age ? oldest_ : kNoSlot;
+  }
+  // What the hand cannot find, it shall not look for again and again: within a frame pages only grow younger.
+  if (min_age >= hopeless_age_ || used_now_ + pinned_ >= resident_) return kNoSlot;
+  SlotIndex found = policy_ == Replacement::kClock ? clockVictim(min_age) : halvingVictim(min_age);
+  if (found == kNoSlot) hopeless_age_ = min_age;
+  return found;
+}
+
+SlotIndex PageCache::step() {
+  SlotIndex s = hand_;
+  hand_ = hand_ + 1 == pages_.size() ? 0 : hand_ + 1;
+  return s;
+}
+
+SlotIndex PageCache::clockVictim(uint32_t min_age) {
+  for (size_t n = 2 * pages_.size(); n > 0; --n) {  // the first round may find nothing but marks to clear
+    SlotIndex s = step();
+    if (!mayLeave(s, min_age)) continue;
+    if (!(pins_[s] & kMark)) return s;
+    pins_[s] &= static_cast<uint16_t>(~kMark);
+  }
+  return kNoSlot;
+}
+
+SlotIndex PageCache::halvingVictim(uint32_t min_age) {
+  for (;;) {
+    for (size_t n = pages_.size(); n > 0; --n) {
+      SlotIndex s = step();
+      if (mayLeave(s, std::max(min_age, threshold_ + 1))) return s;
+    }
+    if (threshold_ < min_age) return kNoSlot;
+    threshold_ /= 2;
+  }
+}
+
+// --- page -> slot
+// -----------------------------------------------------------------------------------------------------
+
+size_t PageCache::home(PageId id) const {
+  uint64_t h = id.bits * 0x9E3779B97F4A7C15ull;
+  h = (h ^ (h >> 32)) * 0xD6E8FEB86659FD93ull;
+  return static_cast<size_t>(((h >> 32) * index_.size()) >> 32);
+}
+
+size_t PageCache::locate(PageId id) const {
+  size_t at = home(id);
+  while (index_[at] != kNone && pages_[index_[at]] != id) at = at + 1 == index_.size() ? 0 : at + 1;
+  return at;
+}
+
+// Moves what follows into the gap where its probes would stop short of it (Knuth, The Art of Computer Programming 3,
+// algorithm 6.4 R): no tombstones, so that probes do not lengthen as pages come and go.
+void PageCache::forget(PageId id) {
+  size_t gap = locate(id), size = index_.size();
+  for (size_t at = gap;;) {
+    at = at + 1 == size ? 0 : at + 1;
+    if (index_[at] == kNone) break;
+    size_t from = home(pages_[index_[at]]);
+    bool stays = gap < at ? gap < from && from <= at : gap < from || from <= at;
+    if (stays) continue;
+    index_[gap] = index_[at];
+    gap = at;
+  }
+  index_[gap] = kNone;
+}
+
+// --- list of uses
+// -----------------------------------------------------------------------------------------------------
+
+void PageCache::unlink(SlotIndex s) {
+  Use& use = uses_[s];
+  (use.newer == kNone ? newest_ : uses_[use.newer].older) = use.older;
+  (use.older == kNone ? oldest_ : uses_[use.older].newer) = use.newer;
+  use.newer = use.older = kNone;
+}
+
+void PageCache::linkNewest(SlotIndex s) {
+  uses_[s].older = newest_;
+  uses_[s].newer = kNone;
+  (newest_ == kNone ? oldest_ : uses_[newest_].newer) = static_cast<Link>(s);
+  newest_ = static_cast<Link>(s);
+}
+
+// --- list of free slots
+// -----------------------------------------------------------------------------------------------
+
+void PageCache::linkFree(SlotIndex s) {
+  uses_[s].newer = free_;
+  uses_[s].older = kNone;
+  if (free_ != kNone) uses_[free_].older = static_cast<Link>(s);
+  free_ = static_cast<Link>(s);
+}
+
+void PageCache::unlinkFree(SlotIndex s) {
+  const Use use = uses_[s];
+  (use.older == kNone ? free_ : uses_[use.older].newer) = use.newer;
+  if (use.newer != kNone) uses_[use.newer].older = use.older;
+}
+
+// --- accounts and tests
+// -----------------------------------------------------------------------------------------------
+
+size_t PageCache::metadataBytes() const {
+  return sizeof *this + pages_.capacity() * sizeof(PageId) + uses_.capacity() * sizeof(Use) +
+         pins_.capacity() * sizeof(uint16_t) + index_.capacity() * sizeof(Link);
+}
+
+std::vector<PageId> PageCache::lruOrder() const {
+  std::vector<PageId> order;
+  for (Link s = oldest_; s != kNone; s = uses_[s].newer) order.push_back(pages_[s]);
+  return order;
+}
+
+bool PageCache::checkInvariants(std::string* why) const {
+  auto fail = [&](const std::string& text) {
+    if (why) *why = text;
+    return false;
+  };
+  size_t used = 0, pinned_pages = 0, indexed = 0, used_now = 0;
+  for (SlotIndex s = 0; s < pages_.size(); ++s) {
+    if (pages_[s].bits == kFreeBits) continue;
+    ++used;
+    pinned_pages += pinned(s);
+    used_now += !pinned(s) && age(s) == 0;
+    if (find(pages_[s]) != s) return fail("slot " + std::to_string(s) + " holds a page that is not its own");
+  }
+  for (Link s : index_) indexed += s != kNone;
+  if (used != indexed || used != resident_) return fail("a page is in two slots, or in none");
+  if (pinned_pages != pinned_) return fail("the number of pinned pages is wrong");
+  if (used_now != used_now_) return fail("the number of pages used in this frame is wrong");
+  size_t free = 0;
+  for (Link s = free_; s != kNone; s = uses_[s].newer) {
+    if (++free > pages_.size()) return fail("the list of free slots has a loop");
+    if (pages_[s].bits != kFreeBits) return fail("slot " + std::to_string(s) + " is free and used");
+  }
+  if (used + free + closed_ != pages_.size()) return fail("free, used and closed slots do not add up");
+  size_t linked = 0;
+  uint32_t oldest_age = ~0u;
+  Link older = kNone;
+  for (Link s = oldest_; s != kNone; older = s, s = uses_[s].newer) {
+    if (++linked > used) return fail("the list of uses has a loop");
+    if (pages_[s].bits == kFreeBits || pinned(s)) return fail("a free or pinned slot is in the list of uses");
+    if (uses_[s].older != older) return fail("the list of uses is not doubly linked");
+    if (age(s) > oldest_age) return fail("ticks run backwards along the list of uses");
+    oldest_age = age(s);
+  }
+  if (newest_ != older) return fail("the newest end of the list of uses is wrong");
+  if (linked + pinned_pages != used) return fail("an unpinned page is not in the list of uses");
+  return true;
+}
+
+}  // namespace relievo

@@ -1,0 +1,149 @@
+#include "texturing/stream/page_loader.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "texturing/codec/resolve.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/page_failures.h"
+#include "texturing/stream/cache_budget.h"
+
+namespace relievo {
+
+PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
+                       PageCodec upload, ReliefParts relief_parts, LoadGate* gate, const ReliefNormals* normals)
+    : source_(source),
+      format_(format),
+      decoder_(decoder),
+      upload_(upload),
+      relief_parts_(relief_parts),
+      gate_(gate),
+      normals_(normals) {
+  if (!decoder_) own_.emplace();
+}
+
+void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted,
+                      uint8_t* texels, LoadOutcome& outcome) {
+  if (id.plane() != Plane::kResolved) {
+    if (!loadPlane(id, wanted, texels, outcome) || id.plane() != Plane::kRelief) return;
+    outcome.part_level = reliefPartLevel({texels, kSlotBytes}, relief_parts_);
+    return;
+  }
+  std::vector<const uint8_t*> slots;
+  for (int k = 0; k < format_.planes(); ++k) {
+    if (scratch_.size() <= size_t(k)) scratch_.push_back(makeTexels());
+    if (!loadPlane(PageId(texturePlane(k), id.node()), wanted, scratch_[k].get(), outcome)) return;
+    slots.push_back(scratch_[k].get());
+  }
+  resolvePage(format_, light, slots, texels);
+}
+
+bool PageLoader::loadPlane(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
+  if (!normals_ || id.plane() != kNormalPlane) return loadOne(id, wanted, texels, outcome);
+  auto readRelief = [&](const NodeId& node, std::span<uint16_t> samples) {
+    if (!relief_scratch_) relief_scratch_ = makeTexels();
+    if (!loadOne(PageId(Plane::kRelief, node), wanted, relief_scratch_.get(), outcome)) return false;
+    reliefSamples({relief_scratch_.get(), kSlotBytes}, samples);
+    return true;
+  };
+  if (!normals_->make(id.node(), readRelief, texels)) return false;
+  outcome.end = LoadOutcome::End::kLoaded;
+  return true;
+}
+
+namespace {
+// Left whatever is thrown meanwhile, so that no other thread waits for one that ended.
+class GatePass {
+ public:
+  using Step = void (LoadGate::*)();
+  GatePass(LoadGate* gate, Step begin, Step end) : gate_(gate), end_(end) {
+    if (gate_) (gate_->*begin)();
+  }
+  GatePass(const GatePass&) = delete;
+  GatePass& operator=(const GatePass&) = delete;
+  ~GatePass() {
+    if (gate_) (gate_->*end_)();
+  }
+
+ private:
+  LoadGate* gate_;
+  Step end_;
+};
+}  // namespace
+
+bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
+  auto end = [&](LoadOutcome::End how) {
+    outcome.end = how;
+    return how == LoadOutcome::End::kLoaded;
+  };
+  if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeRead);
+  Result<EncodedPage> page = [&] {
+    const GatePass reading(gate_, &LoadGate::beginReading, &LoadGate::endReading);
+    return source_.read(id);
+  }();
+  if (!page) {
+    outcome.permanent = page.error().kind == ErrorKind::kInvalidData && !page.error().offset;
+    outcome.error = page.error();
+    return end(LoadOutcome::End::kFailed);
+  }
+  outcome.costs.push_back({id.plane(), page->bytes.size(), false});
+  if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeDecode);
+  std::span<uint8_t> out(texels, slotBytes(upload_, id.plane()));
+  const bool blocks = isBlockCodec(upload_) && isTexturePlane(id.plane());
+  Result<void> decoded = [&] {
+    const GatePass decoding(gate_, &LoadGate::beginDecoding, &LoadGate::endDecoding);
+    return !own_    ? decoder_(id.plane(), page->bytes, out)
+           : blocks ? own_->decodeToBlocks(upload_, page->bytes, out)
+                    : own_->decodeToSlot(id.plane(), page->bytes, out);
+  }();
+  if (!decoded) {
+    outcome.error = decoded.error();
+    return end(LoadOutcome::End::kFailed);
+  }
+  outcome.costs.back().decoded = true;
+  return end(LoadOutcome::End::kLoaded);
+}
+
+void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels) {
+  std::array<uint8_t, 4> texel{128, 128, 128, 255};
+  auto raw = [&](int k, double value) {
+    double scale = format.scale[k] != 0 ? format.scale[k] : 1;
+    return static_cast<uint8_t>(std::clamp(std::round(value / scale + format.bias[k]), 0.0, 255.0));
+  };
+  int k = static_cast<int>(plane);
+  if (plane == Plane::kRelief) {
+    texel = {};
+  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmLrgb && k < 2) {
+    for (int c = 0; c < 3; ++c) texel[c] = raw(3 * k + c, 3 * k + c == 5 ? 255 : 0);
+  } else if (isTexturePlane(plane) && format.basis == Basis::kPtmRgb && k < 6) {
+    for (int c = 0; c < 3; ++c) texel[c] = raw(k, k == 5 ? 128 : 0);
+  } else if (isTexturePlane(plane) && format.basis == Basis::kAlbedoNormal && k == 1) {
+    texel = {128, 128, 255,
+             255};  // towards +z: nothing suits every side of a body, and no normal at all is nearly black
+  }
+  for (size_t i = 0; i < kSlotBytes; ++i) texels[i] = texel[i & 3];
+  if (!isBlockCodec(upload) || !isTexturePlane(plane)) return;
+  const std::vector<uint8_t> page(texels, texels + kSlotBytes);
+  encodePageBlocks(upload, page.data(), {texels, pageBlockBytes(upload)});
+}
+
+void PageFailures::add(PageId id, const Error& error) {
+  unreadable += error.kind == ErrorKind::kIo;
+  if (pages++ > 0) return;
+  first = error.message;
+  if (first.find(describePage(id)) == std::string::npos) first = "page " + describePage(id) + ": " + first;
+  if (error.offset) first += " (byte " + std::to_string(*error.offset) + ")";
+}
+
+std::string pageWords(PageId id) {
+  NodeId n = id.node();
+  std::string plane = id.plane() == Plane::kRelief ? "relief"
+                      : id.plane() == Plane::kResolved
+                          ? "texture"
+                          : "texture plane " + std::to_string(static_cast<int>(id.plane()));
+  return plane + " page of patch " + std::to_string(n.patch) + ", level " + std::to_string(n.level) + ", column " +
+         std::to_string(n.x) + ", row " + std::to_string(n.y);
+}
+
+}  // namespace relievo

@@ -1,0 +1,30 @@
+// page_rank.h - the order of service: what is wanted now, then what a predicted view will want, then what the wish list
+// before the newest wanted (Neuroglancer's tiers). Within a tier coarse before fine, then near the view's centre
+// (Rudelle 2015), then whole nodes.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+
+#include "texturing/codec/page_id.h"
+
+namespace relievo {
+
+enum class Tier : uint8_t { kVisible, kPrefetch, kRecent, kNone };
+
+struct PageRank {
+  uint64_t key = 0;
+  PageId id;
+  PageRank() = default;
+  // The bits of a float that is not negative are ordered as it is.
+  PageRank(Tier tier, float centre, PageId page)
+      : key(uint64_t(tier) << 48 | uint64_t{page.node().level} << 32 | std::bit_cast<uint32_t>(centre)), id(page) {}
+  Tier tier() const { return static_cast<Tier>(key >> 48); }
+  friend bool operator<(const PageRank& a, const PageRank& b) {
+    if (a.key != b.key) return a.key < b.key;
+    uint64_t node_a = packNode(a.id.node()), node_b = packNode(b.id.node());
+    return node_a != node_b ? node_a < node_b : a.id < b.id;
+  }
+};
+
+}  // namespace relievo

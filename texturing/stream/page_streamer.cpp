@@ -1,0 +1,1008 @@
+#include "texturing/stream/page_streamer.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <deque>
+#include <optional>
+#include <tuple>
+#include <unordered_map>
+#include <utility>
+
+#include "src/base/parallel_for.h"
+#include "texturing/codec/page_codec.h"
+#include "texturing/stream/cache_budget.h"
+#include "texturing/stream/relief_subslots.h"
+
+namespace relievo {
+
+namespace {
+
+constexpr double kFirstBackOff_s = 0.1;
+constexpr double kBackOffFactor = 4;
+constexpr double kFaded_s = 256;             // no fade lasts so long; its clock goes round in 1,024
+constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessages; the rest is counted only
+constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
+constexpr std::ptrdiff_t kMaxOffers = 1024;  // jobs a frame: more than workers can take until the next
+constexpr uint64_t kNever = ~uint64_t{0};
+constexpr uint64_t kAlways = kNever - 1;  // as a wish list's number: wanted whatever the lists say
+
+// A node has a slot for each of its planes.
+uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
+
+// A page that is neither Absent nor merely Resident.
+struct Page {
+  PageState state = PageState::kAbsent;
+  bool permanent = false;    // kFailed for good
+  bool speculative = false;  // prefetched, and not wanted since
+  int attempts = 0;
+  uint64_t ticket = 0;
+  uint64_t list = kNever;     // the last wish list of its kind that wanted it
+  uint64_t prefetch = 0;      // the last plan that prefetched it
+  uint64_t plan = 0;          // the last plan that counted it
+  uint64_t offered = 0;       // the last plan that offered it to the workers
+  uint64_t wanted_frame = 0;  // since when it is wanted; 0: it is not
+  double wanted_s = 0;
+  double retry_at_s = 0;
+  float centre = 0;
+  int part_level = 0;
+  Texels texels;  // kReady
+};
+
+struct Wish {
+  NodeId node;
+  float centre = 0;
+  bool relief = false;
+  friend bool operator<(const Wish& a, const Wish& b) {
+    auto key = [](const Wish& w) { return std::tuple(w.node.level, w.centre, !w.relief, packNode(w.node)); };
+    return key(a) < key(b);
+  }
+};
+
+// 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
+class Slot {
+ public:
+  bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
+  bool count(uint64_t plan) {  // true: for the first time in this plan
+    bool first = !counted(plan);
+    bits_ = markOf(plan) | (bits_ & 1u);
+    return first;
+  }
+  void setPrefetched(bool prefetched) { bits_ = (bits_ & ~1u) | static_cast<uint32_t>(prefetched); }
+  bool takePrefetched() {
+    bool prefetched = bits_ & 1u;
+    setPrefetched(false);
+    return prefetched;
+  }
+
+ private:
+  static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
+  uint32_t bits_ = 0;
+};
+// Slots of one size.
+struct Pool {
+  DividedCache cache;
+  std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
+  RecentUse recent;
+  uint32_t roots = 0;
+  // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are
+  // not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
+  // come was given, and may take still; halves that are free, idle or in such slots, and not spoken for.
+  uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
+  int64_t spare_halves = 0;
+  struct Idle {
+    std::vector<SlotIndex> parts;
+    bool known = false;
+  };
+  Idle idle_halves, idle_thirds;  // that relief to come may take, once known
+  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) {
+    follow();
+  }
+  // Slots for the cache's new parts.
+  void follow() {
+    for (size_t level = 0; level < kPartLevels; ++level)
+      if (slots[level].size() < cache.indexCount(static_cast<int>(level)))
+        slots[level].resize(cache.indexCount(static_cast<int>(level)));
+  }
+  Slot& slotOf(SlotIndex name) {
+    const auto level = static_cast<size_t>(partOf(name).level);
+    return slots[level][level == 0 ? name : cache.indices(name)[level]];
+  }
+  void beginPlan() {
+    room_used = cache.pinnedCount();
+    halves_left = 2 * uint64_t{cache.pinnedInTwo()} - cache.pinnedHalves();
+    deferred = deferred_relief = opened = 0;
+    idle_halves.known = idle_thirds.known = false;
+  }
+  // Of a page that is counted for the first time. spare_recent: what was used recently has its room already.
+  void needRoom(SlotIndex name, uint64_t plan, bool spare_recent = false) {
+    const SlotPart part = partOf(name);
+    const auto needsSlot = [&] { return !cache.isPinned(part.slot) && !(spare_recent && recent.isRecent(part.slot)); };
+    if (part.level == 0) {
+      room_used += needsSlot();
+      return;
+    }
+    if (slots[0][part.slot].count(plan) && !cache.isPinned(part.slot)) {
+      room_used += needsSlot();
+      if (!isThird(part.level)) halves_left += 2;
+    }
+    if (isThird(part.level)) return;  // what is left in such a slot is not for every page
+    const bool first = part.level == kHalves || slots[kHalves][cache.indices(name)[kHalves]].count(plan);
+    const uint32_t half = part.part / (kPartsOfSlot[static_cast<size_t>(part.level)] / 2);
+    if (first && !cache.isPinned(nameOf({part.slot, kHalves, half}))) --halves_left;
+  }
+  // For pages of a node that are to come; of relief for as much as it may turn out to need, which is half a slot.
+  bool takeRoom(bool relief, uint64_t pages) {
+    if (relief && halves_left > 0) {
+      --halves_left;
+      return true;
+    }
+    if (room_used + pages > cache.slotCount()) return false;
+    room_used += pages;
+    halves_left += relief;
+    opened += relief;
+    return true;
+  }
+  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to
+  // others. counted: by the plan, with half a slot. more: whether another compact page that it counted comes next.
+  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
+                                                     bool counted, bool more) {
+    if (isThird(level)) {
+      if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
+      level = plainLevel(level);
+    }
+    auto placed = placePlain(id, frame, min_age, level);
+    if (placed) spare_halves -= !counted;
+    return placed;
+  }
+  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a
+  // half is to spare. Two pages have it in their own right, and what a third one was counted with is left for others.
+  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
+                                                      bool counted, bool more) {
+    const int64_t slot_takes = counted ? 1 : 2;
+    std::optional<DividedCache::Placement> placed;
+    if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes))
+      placed = cache.place(id, frame, min_age, level);
+    if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
+    if (!placed && openings > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
+    if (!placed) return std::nullopt;
+    spare_halves += placed->took_slot ? -slot_takes : counted;
+    if (!placed->took_slot) return placed;
+    openings -= openings > 0;
+    if (idle_thirds.known)
+      for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k)
+        idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
+    return placed;
+  }
+  std::optional<DividedCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
+    if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
+      auto placed = cache.place(id, frame, min_age, level);
+      openings -= placed && placed->took_slot && openings > 0;
+      return placed;
+    }
+    return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);
+  }
+  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
+                                                     uint32_t min_age, int level) {
+    if (!std::exchange(idle.known, true)) cache.idleParts(part_level, frame, idle.parts);
+    auto next = std::find_if(idle.parts.begin(), idle.parts.end(),
+                             [&](SlotIndex part) { return cache.isIdle(part, frame, min_age); });
+    if (next == idle.parts.end()) return std::nullopt;
+    const SlotIndex part = *next;
+    idle.parts.erase(next);
+    return cache.placeInPart(part, id, frame, level);
+  }
+};
+
+}  // namespace
+
+struct PageStreamer::Impl {
+  Impl(std::shared_ptr<const PageSource> source_in, StreamerOptions options_in, SlotDecoder decoder_in)
+      : source(std::move(source_in)),
+        options(std::move(options_in)),
+        decoder(std::move(decoder_in)),
+        table(nodesAtMost(std::min(options.slot_count, kMaxSlots), options.texture_planes.size()),
+              static_cast<int>(options.texture_planes.size())) {
+    const bool blocks = isBlockCodec(options.upload);
+    assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) ==
+                          options.texture_planes.end());
+    pools.emplace_back(options.slot_count, options.replacement);
+    if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
+    options.workers = std::max(0, options.workers);
+    options.ready_limit = std::max(1u, options.ready_limit);
+    if (options.normals_of) normals.emplace(*options.normals_of);
+    jobs.emplace(*source, options.format, decoder, options.upload, options.relief_parts, options.workers,
+                 options.max_reads, size_t(options.workers) + options.ready_limit, normals ? &*normals : nullptr);
+    jobs->setLight(
+        options.light, [](const PageJob&) { return true; }, started);
+  }
+
+  // --- states -------------------------------------------------------------------------------------------------------
+
+  uint64_t count(PageState s) const { return census.count(s); }
+  void setState(PageId id, Page& page, PageState s) {
+    census.move(static_cast<size_t>(id.plane()), page.state, s);
+    page.state = s;
+  }
+  using PageMap = std::unordered_map<PageId, Page>;
+  PageMap::iterator forget(PageMap::iterator it) {
+    Page& page = it->second;
+    if (page.state != PageState::kAbsent) setState(it->first, page, PageState::kAbsent);
+    return erase(it);
+  }
+  PageMap::iterator erase(PageMap::iterator it) {
+    if (it->second.texels) returned.push_back(std::move(it->second.texels));
+    return pages.erase(it);
+  }
+  bool isRelief(PageId id) const { return id.plane() == Plane::kRelief; }
+  // One pool for all, or the texture's and the relief's.
+  size_t poolIndex(bool relief) const { return relief && pools.size() > 1 ? 1 : 0; }
+  Pool& poolOf(PageId id) { return pools[poolIndex(isRelief(id))]; }
+  const Pool& poolOf(PageId id) const { return pools[poolIndex(isRelief(id))]; }
+  SlotIndex find(PageId id) const { return poolOf(id).cache.find(id); }
+  Tier tierOf(PageId id, const Page& page) const {
+    uint64_t newest = list[isRelief(id)];
+    if (page.list == kAlways || page.list == newest) return Tier::kVisible;
+    if (page.prefetch == plan_number) return Tier::kPrefetch;
+    return page.list + 1 == newest ? Tier::kRecent : Tier::kNone;
+  }
+  PageRank rankOf(PageId id, const Page& page) const { return {tierOf(id, page), page.centre, id}; }
+
+  void say(std::string text) {
+    if (messages.size() < kMaxMessages) messages.push_back(std::move(text));
+  }
+
+  // Wants a page that has (or will have) room.
+  void request(PageId id, float centre, uint64_t in_list) {
+    Page& page = pages[id];
+    page.list = in_list;
+    page.plan = plan_number;
+    page.centre = centre;
+    if (page.wanted_frame == 0) {
+      page.wanted_frame = frame;
+      page.wanted_s = now_s;
+    }
+    if (page.speculative) {
+      page.speculative = false;
+      stats.prefetch_used += page.state != PageState::kQueued;
+    }
+    bool retry = page.state == PageState::kFailed && !page.permanent && now_s >= page.retry_at_s;
+    if (page.state == PageState::kAbsent || retry) enqueue(id, page);
+    stats.retries += retry;
+  }
+  void prefetch(PageId id, float centre) {
+    Page& page = pages[id];
+    page.prefetch = plan_number;
+    if (page.state != PageState::kAbsent) return;
+    page.speculative = true;
+    page.centre = centre;
+    enqueue(id, page);
+  }
+  void enqueue(PageId id, Page& page) {
+    if (auto known = dropped_attempts.extract(id)) page.attempts = known.mapped();
+    page.ticket = ++last_ticket;
+    setState(id, page, PageState::kQueued);
+    queued.push_back(id);
+  }
+
+  void fail(PageId id, Page& page, const Error& error, bool permanent) {
+    setState(id, page, PageState::kFailed);
+    ++page.attempts;
+    stats.prefetch_wasted += std::exchange(page.speculative, false);
+    page.permanent = permanent || page.attempts >= kMaxAttempts;
+    page.retry_at_s = now_s + kFirstBackOff_s * std::pow(kBackOffFactor, page.attempts - 1);
+    if (!page.permanent) return;
+    ++stats.failed_pages;
+    failures.add(id, error);
+    std::erase(refresh, id);
+    say(pageWords(id) + " cannot be shown: " + error.text());
+  }
+
+  void account(const std::vector<LoadCost>& costs) {
+    for (const LoadCost& c : costs) {
+      auto p = static_cast<size_t>(c.plane);
+      ++stats.pages_read[p];
+      stats.bytes_read[p] += c.bytes;
+      stats.pages_decoded[p] += c.decoded;
+    }
+  }
+
+  // --- workers ------------------------------------------------------------------------------------------------------
+
+  PageMap::iterator findLive(PageId id, uint64_t ticket, PageState state) {
+    auto it = pages.find(id);
+    return it != pages.end() && it->second.ticket == ticket && it->second.state == state ? it : pages.end();
+  }
+
+  void noteStarted(const std::vector<PageJob>& started_jobs) {
+    for (const PageJob& job : started_jobs) {
+      auto it = findLive(job.id, job.ticket, PageState::kQueued);
+      if (it == pages.end()) continue;
+      setState(job.id, it->second, PageState::kDecoding);
+      stats.prefetched += it->second.speculative;
+    }
+  }
+
+  void takeResults() {
+    jobs->collect(report, returned);
+    noteStarted(report.started);
+    for (LoadOutcome& o : report.done) {
+      account(o.costs);
+      auto it = findLive(o.id, o.ticket, PageState::kDecoding);
+      switch (o.end) {
+        case LoadOutcome::End::kCancelledBeforeRead:
+        case LoadOutcome::End::kCancelledBeforeDecode:
+          ++(o.end == LoadOutcome::End::kCancelledBeforeRead ? stats.cancelled_before_read
+                                                             : stats.cancelled_before_decode);
+          if (it != pages.end()) drop(it);
+          break;
+        case LoadOutcome::End::kFailed:
+          if (it != pages.end()) {
+            fail(o.id, it->second, *o.error, o.permanent);
+          } else {
+            ++stats.cancelled_after_decode;
+            auto again = pages.find(o.id);
+            ++(again == pages.end() ? dropped_attempts[o.id] : again->second.attempts);
+          }
+          break;
+        case LoadOutcome::End::kLoaded:
+          if (it == pages.end()) {
+            ++stats.cancelled_after_decode;
+            returned.push_back(std::move(o.texels));
+            break;
+          }
+          it->second.texels = std::move(o.texels);
+          it->second.part_level = o.part_level;
+          setState(o.id, it->second, PageState::kReady);
+          ready.push_back(o.id);
+      }
+    }
+  }
+
+  // Forgets a page that is on its way; what was prefetched was so in vain.
+  PageMap::iterator drop(PageMap::iterator it) {
+    stats.prefetch_wasted += it->second.speculative && it->second.state != PageState::kQueued;
+    if (it->second.attempts > 0) dropped_attempts[it->first] = it->second.attempts;
+    return forget(it);
+  }
+
+  // --- wishes -------------------------------------------------------------------------------------------------------
+
+  void toWishes(bool relief, std::span<const NodeWant> wants, std::vector<Wish>& out) {
+    out.clear();
+    out.reserve(wants.size());
+    for (const NodeWant& w : wants)
+      out.push_back({w.node, w.centre_distance >= 0 ? std::min(w.centre_distance + 0.0f, 2.0f) : 2.0f, relief});
+    if (!std::is_sorted(out.begin(), out.end())) std::sort(out.begin(), out.end());
+  }
+  static void merge(const std::array<std::vector<Wish>, 2>& lists, std::vector<Wish>& out) {
+    out.clear();
+    std::merge(lists[0].begin(), lists[0].end(), lists[1].begin(), lists[1].end(), std::back_inserter(out));
+  }
+  void want(bool relief, std::span<const NodeWant> wants) {
+    ++list[relief];
+    is_new[relief] = true;
+    toWishes(relief, wants, wishes[relief]);
+    merge(wishes, merged);
+    planned_frame = kNever;
+  }
+
+  std::span<const Plane> planesOf(const Wish& w) const {
+    static constexpr Plane kReliefOnly[] = {Plane::kRelief};
+    return w.relief ? std::span<const Plane>(kReliefOnly) : std::span<const Plane>(options.texture_planes);
+  }
+
+  // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
+  void use(Pool& pool, SlotIndex slot, bool new_list) {
+    pool.cache.touch(slot, frame);
+    Slot& s = pool.slotOf(slot);
+    if (!s.count(plan_number)) return;
+    pool.recent.use(partOf(slot).slot);
+    stats.hits += new_list;
+    stats.prefetch_used += s.takePrefetched();
+    ++wanted_pages;
+    pool.needRoom(slot, plan_number);
+  }
+
+  // Which pages of a node are still to come; nothing when one of them never will.
+  std::optional<uint32_t> absentPages(const Wish& w) const {
+    uint32_t absent = 0;
+    for (Plane p : planesOf(w)) {
+      PageId id(p, w.node);
+      if (find(id) != kNoSlot) continue;
+      ++absent;
+      auto it = pages.find(id);
+      if (it != pages.end() && it->second.permanent) return {};
+    }
+    return absent;
+  }
+
+  // From the wish lists: touches what is resident, gives the room that is left to what is missing, and what is then
+  // left to what may be wanted soon; cancels what is no longer wanted, and hands the workers their new order of
+  // service.
+  void plan() {
+    if (planned_touches != frame) {  // as if used in the last frame: before what is, behind what will be in this one
+      planned_touches = frame;
+      for (const auto& [slot, id] : predicted)
+        if (find(id) == slot) poolOf(id).cache.touch(slot, frame - 1);
+    }
+    ++plan_number;
+    planned_frame = frame;
+    wanted_pages = 0;
+    for (Pool& pool : pools) pool.beginPlan();
+    missing.clear();
+    for (const Wish& w : merged) {
+      auto planes = planesOf(w);
+      if (!w.relief) {
+        if (auto entry = table.find(w.node)) {
+          for (size_t i = 0; i < planes.size(); ++i) use(pools[0], entry->slots[i], is_new[0]);
+          continue;
+        }
+      }
+      auto absent = absentPages(w);
+      if (!absent) continue;  // it will never show: what is there of it need not stay
+      for (Plane p : planes)
+        if (SlotIndex slot = find(PageId(p, w.node)); slot != kNoSlot)
+          use(pools[poolIndex(w.relief)], slot, is_new[w.relief]);
+      if (*absent > 0) missing.emplace_back(&w, *absent);
+    }
+
+    for (const PageId& id : refresh) request(id, 0, kAlways);
+    for (const auto& [wish, absent] : missing) {
+      // A node named twice: counted once.
+      auto planes = planesOf(*wish);
+      auto twin = pages.find(PageId(planes.back(), wish->node));
+      if (twin != pages.end() && twin->second.plan == plan_number) continue;
+      wanted_pages += absent;
+      if (is_new[wish->relief]) stats.misses += absent;
+      Pool& pool = pools[poolIndex(wish->relief)];
+      if (!pool.takeRoom(wish->relief, absent)) {
+        pool.deferred += absent;
+        pool.deferred_relief += wish->relief;
+        continue;
+      }
+      for (Plane p : planes) {
+        PageId id(p, wish->node);
+        if (find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
+      }
+    }
+    stats.deferred = 0;
+    for (Pool& pool : pools) {
+      pool.demand = pool.room_used + pool.deferred - pool.deferred_relief / 2;
+      stats.deferred += pool.deferred;
+    }
+    stats.wanted = wanted_pages;
+    is_new = {};
+    for (Pool& pool : pools)
+      pool.spare_halves = static_cast<int64_t>(
+          pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
+    planPrefetch();
+    for (Pool& pool : pools)
+      pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
+    publish();
+    if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
+    if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
+  }
+
+  void planPrefetch() {
+    predicted.clear();
+    if (stats.deferred > 0 || bias.value() > 0) return;
+    for (Pool& pool : pools) {
+      pool.room_used += pool.recent.idleCount();
+      pool.halves_left = 0;  // what is beside what is in use may have been used recently
+    }
+    for (const Wish& w : predictions) {
+      Pool& pool = pools[poolIndex(w.relief)];
+      auto entry = w.relief ? std::nullopt : table.find(w.node);
+      if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
+      auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
+      if (!absent || (pool.room_used + *absent > pool.cache.slotCount() && !(w.relief && pool.halves_left > 0)))
+        continue;
+      for (Plane p : planesOf(w)) {
+        PageId id(p, w.node);
+        SlotIndex slot = pool.cache.find(id);
+        if (slot == kNoSlot) {
+          auto it = pages.find(id);
+          bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
+          if (!counted) pool.takeRoom(w.relief, 1);
+          prefetch(id, w.centre);
+        } else if (pool.slotOf(slot).count(plan_number)) {
+          const uint64_t halves = pool.halves_left;
+          pool.needRoom(slot, plan_number, true);
+          pool.halves_left = halves;
+          predicted.emplace_back(slot, id);
+        }
+      }
+    }
+  }
+
+  void publish() {
+    if (queued.empty() && !published && count(PageState::kDecoding) == 0) return;
+    offers.clear();
+    unwanted.clear();
+    size_t kept = 0;
+    for (const PageId& id : queued) {
+      auto it = pages.find(id);
+      if (it == pages.end() || it->second.state != PageState::kQueued) continue;
+      if (std::exchange(it->second.offered, plan_number) == plan_number) continue;
+      PageRank rank = rankOf(id, it->second);
+      if (rank.tier() == Tier::kNone) {
+        unwanted.push_back(id);
+        continue;
+      }
+      queued[kept++] = id;
+      offers.push_back({rank, it->second.ticket});
+    }
+    queued.resize(kept);
+    auto last = [](const RankedJob& a, const RankedJob& b) { return b.rank < a.rank; };
+    if (std::ssize(offers) > kMaxOffers) {
+      std::nth_element(offers.begin(), offers.end() - kMaxOffers, offers.end(), last);
+      offers.erase(offers.begin(), offers.end() - kMaxOffers);
+    }
+    std::sort(offers.begin(), offers.end(), last);
+    published = !offers.empty();
+    jobs->publish(offers, started, [&](const PageJob& job) {
+      auto it = pages.find(job.id);
+      return it != pages.end() && it->second.ticket == job.ticket && tierOf(job.id, it->second) != Tier::kNone;
+    });
+    noteStarted(started);
+    for (const PageId& id : unwanted) {
+      auto it = pages.find(id);
+      if (it->second.state != PageState::kQueued) continue;  // taken meanwhile: cancelled by whoever took it
+      ++stats.cancelled_before_read;
+      drop(it);
+    }
+  }
+
+  void forgetFailures() {
+    for (auto it = pages.begin(); it != pages.end();) {
+      bool old = it->second.state == PageState::kFailed && tierOf(it->first, it->second) == Tier::kNone;
+      it = old ? forget(it) : std::next(it);
+    }
+  }
+
+  // --- slots --------------------------------------------------------------------------------------------------------
+
+  void enter(PageId id) {
+    if (isRelief(id)) {
+      ++relief_generation;
+      return;
+    }
+    PageTableEntry entry;
+    for (size_t i = 0; i < options.texture_planes.size(); ++i) {
+      SlotIndex slot = find(PageId(options.texture_planes[i], id.node()));
+      if (slot == kNoSlot) return;
+      entry.slots[i] = static_cast<uint16_t>(slot);
+    }
+    entry.birth = fadeClock(now_s);
+    table.insert(id.node(), entry);
+    born.push_back({now_s, id.node()});
+  }
+  // Before the fade's clock has gone round, or they would fade once more.
+  void forgetBirths() {
+    for (; !born.empty() && born.front().at_s < now_s - kFaded_s; born.pop_front()) {
+      auto entry = table.find(born.front().node);
+      if (!entry || entry->birth != fadeClock(born.front().at_s)) continue;  // gone, or born again
+      entry->birth = 0;
+      table.insert(born.front().node, *entry);
+    }
+  }
+  void leave(PageId id) {
+    if (isRelief(id)) {
+      ++relief_generation;
+    } else {
+      table.erase(id.node());
+    }
+  }
+
+  // The page's texels leave their place, or no longer count. mark: what was known of it.
+  void vacate(Slot& mark, PageId id) {
+    census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+    stats.prefetch_wasted += mark.takePrefetched();
+    leave(id);
+  }
+  void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
+    uploads.push_back({slot, id, texels});
+    ++stats.pages_uploaded[static_cast<size_t>(id.plane())];
+    stats.bytes_uploaded[static_cast<size_t>(id.plane())] +=
+        isRelief(id) ? partBytes(partOf(slot).level) : slotBytes(options.upload, id.plane());
+  }
+
+  void placeReady(uint32_t max_uploads) {
+    takeResults();
+    if (planned_frame != frame) plan();
+    uploads.clear();
+    for (auto& [id, texels] : root_uploads) {
+      upload(find(id), id, texels.get());
+      uploaded_roots.push_back(std::move(texels));
+    }
+    root_uploads.clear();
+
+    ranked.clear();
+    for (const PageId& id : ready) {
+      auto it = pages.find(id);
+      if (it != pages.end() && it->second.state == PageState::kReady) ranked.push_back(rankOf(id, it->second));
+    }
+    std::sort(ranked.begin(), ranked.end());
+    ready.clear();
+    uint32_t placed = 0;
+    const auto compactCounted = [&](const Page& page) { return page.plan == plan_number && isThird(page.part_level); };
+    size_t compact_left = 0;  // that are sure to be placed in this frame
+    for (size_t i = 0; i < std::min<size_t>(ranked.size(), max_uploads); ++i)
+      compact_left += compactCounted(pages.at(ranked[i].id));
+    for (const PageRank& r : ranked) {
+      auto it = pages.find(r.id);
+      if (compact_left > 0 && compactCounted(it->second)) --compact_left;
+      Pool& pool = poolOf(r.id);
+      SlotIndex before = pool.cache.find(r.id);
+      std::optional<DividedCache::Placement> placement;
+      // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
+      bool room_for_one = placed < max_uploads;
+      const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
+      if (room_for_one)
+        placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level,
+                                                      it->second.plan == plan_number, compact_left > 0)
+                                   : pool.cache.place(r.id, frame, min_age);
+      if (!placement) {
+        if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
+          ++stats.cancelled_after_decode;
+          drop(it);
+        } else {
+          stats.deferred += room_for_one && r.tier() == Tier::kVisible;
+          ready.push_back(r.id);
+        }
+        continue;
+      }
+      ++placed;
+      pool.follow();
+      for (const auto& out : placement->evicted) {
+        ++stats.evictions;
+        vacate(pool.slots[static_cast<size_t>(out.level)][out.index], out.page);
+      }
+      const uint32_t whole = partOf(placement->slot).slot;
+      if (placement->emptied) pool.recent.forget(whole);
+      Page& page = it->second;
+      pool.slotOf(placement->slot).setPrefetched(page.speculative);
+      if (!page.speculative) pool.recent.use(whole);
+      if (page.wanted_frame > 0) {
+        latency_frames.add(frame - page.wanted_frame);
+        latency_us.add(static_cast<uint64_t>(std::llround(std::max(0.0, now_s - page.wanted_s) * 1e6)));
+      }
+      upload(placement->slot, r.id, page.texels.get());
+      uploaded.push_back(std::move(page.texels));
+      setState(r.id, page, PageState::kResident);
+      erase(it);
+      if (before != kNoSlot) {
+        std::erase(refresh, r.id);
+      } else {
+        enter(r.id);
+      }
+    }
+    updateBias();
+  }
+
+  // --- detail -------------------------------------------------------------------------------------------------------
+
+  void updateBias() {
+    if (bias_list == list[0] + list[1]) return;  // no new wish list
+    bias_list = list[0] + list[1];
+    // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it
+    // changes.
+    DetailDemand demand{
+        .pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
+    for (const Pool& pool : pools) {
+      const double wanted = static_cast<double>(pool.demand) - pool.roots;
+      const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
+      if (&pool == &pools[0]) {
+        demand.pages = wanted;
+        demand.room = room;
+      } else {
+        demand.pages = std::max(demand.pages, wanted * (std::max(1.0, demand.room) / std::max(1.0, room)));
+      }
+    }
+    bias.observe(demand, wish_bias);
+  }
+
+  std::shared_ptr<const PageSource> source;
+  StreamerOptions options;
+  SlotDecoder decoder;
+  std::vector<Pool> pools;
+  PageTable table;
+
+  uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
+  struct Birth {
+    double at_s;
+    NodeId node;
+  };
+  std::deque<Birth> born;  // in the page table, in the order of their times
+  double now_s = 0;
+  PageMap pages;
+  PageCensus census;
+  std::unordered_map<PageId, int> dropped_attempts;  // of pages that failed and were cancelled when tried again
+  std::vector<PageId> queued, ready;                 // may name pages that are no longer so
+  bool published = false;                            // the workers may still hold jobs of the last publish()
+  std::vector<PageId> refresh;                       // pinned pages whose texels are out of date
+
+  std::array<uint64_t, 2> list{};  // number of the newest wish list: texture, relief
+  std::array<bool, 2> is_new{};    // no plan has seen it yet
+  std::array<std::vector<Wish>, 2> wishes;
+  std::vector<Wish> merged;       // coarse before fine, then near the centre
+  std::vector<Wish> predictions;  // the same, of the prefetch lists
+  uint64_t wanted_pages = 0;
+  std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be wanted
+
+  std::vector<PageUpload> uploads;
+  std::vector<Texels> uploaded, uploaded_roots, returned;
+  std::vector<std::pair<PageId, Texels>> root_uploads;
+  uint64_t relief_generation = 1;
+
+  DetailBias bias;
+  uint64_t bias_list = 0;
+  std::optional<double> wish_bias;
+  bool view_moved = false;  // since the last list was judged
+
+  StreamerStats stats;
+  LatencyHistogram latency_us, latency_frames;
+  PageFailures failures;
+  std::vector<std::string> messages;
+
+  // Scratch, kept between calls.
+  std::array<std::vector<Wish>, 2> next_predictions;
+  std::vector<std::pair<const Wish*, uint32_t>> missing;
+  std::vector<RankedJob> offers;
+  std::vector<PageJob> started;
+  std::vector<PageId> unwanted;
+  std::vector<PageRank> ranked;
+  PageJobs::Report report;
+
+  std::optional<ReliefNormals> normals;
+  std::optional<PageJobs> jobs;  // last: its threads end before what they use does
+};
+
+PageStreamer::PageStreamer(std::shared_ptr<const PageSource> source, StreamerOptions options, SlotDecoder decoder)
+    : impl_(std::make_unique<Impl>(std::move(source), std::move(options), std::move(decoder))) {}
+
+PageStreamer::~PageStreamer() = default;
+
+void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<const NodeId> relief_roots) {
+  Impl& m = *impl_;
+  std::vector<LoadOutcome> roots;
+  auto add = [&](Plane plane, const NodeId& node) {
+    PageId id(plane, node);
+    if (SlotIndex slot = m.find(id); slot != kNoSlot) {
+      m.poolOf(id).cache.pin(slot);
+      return;
+    }
+    roots.emplace_back();
+    roots.back().id = id;
+  };
+  for (const NodeId& node : texture_roots)
+    for (Plane p : m.options.texture_planes) add(p, node);
+  for (const NodeId& node : relief_roots) add(Plane::kRelief, node);
+  for (const Pool& pool : m.pools) {
+    const size_t room = pool.cache.slotCount() - pool.cache.residentCount();
+    size_t needed = 0;
+    std::erase_if(roots, [&](const LoadOutcome& root) { return &m.poolOf(root.id) == &pool && ++needed > room; });
+    if (needed <= room) continue;
+    m.say("the cache has " + std::to_string(pool.cache.slotCount()) +
+          " slots, the artwork's coarsest pages alone need " + std::to_string(needed) + " (raise the cache's budget)");
+  }
+
+  auto makeLoader = [&] {
+    return std::make_unique<PageLoader>(*m.source, m.options.format, m.decoder, m.options.upload,
+                                        m.options.relief_parts, nullptr, m.normals ? &*m.normals : nullptr);
+  };
+  parallelForWith(roots.size(), std::max(m.options.workers, 1), nullptr, makeLoader,
+                  [&](std::unique_ptr<PageLoader>& loader, size_t i) {
+                    LoadOutcome& root = roots[i];
+                    root.texels = makeTexels();
+                    for (int attempt = 0; attempt < kMaxAttempts && !root.permanent; ++attempt) {
+                      root.error.reset();
+                      loader->load(
+                          root.id, m.options.light, [] { return true; }, root.texels.get(), root);
+                      if (!root.error) break;
+                    }
+                    if (root.error) neutralPage(root.id.plane(), m.options.format, m.options.upload, root.texels.get());
+                    if (root.id.plane() == Plane::kRelief && root.part_level == 0) root.part_level = kReliefPartLevel;
+                  });
+
+  for (LoadOutcome& root : roots) {
+    m.account(root.costs);
+    Pool& pool = m.poolOf(root.id);
+    auto placement = pool.cache.place(root.id, m.frame, 1, root.part_level);
+    if (!placement) continue;
+    pool.follow();
+    pool.cache.pin(placement->slot);
+    pool.roots = pool.cache.pinnedCount();
+    Page& page = m.pages[root.id];
+    for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
+    if (root.error) {  // remembered, so that it is not tried (and named) again
+      m.setState(root.id, page, PageState::kFailed);
+      page.permanent = true;
+      page.list = kAlways;
+      ++m.stats.failed_pages;
+      m.failures.add(root.id, *root.error);
+      m.say("the coarsest " + pageWords(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
+    } else {
+      for (PageState s : {PageState::kReady, PageState::kResident}) m.setState(root.id, page, s);
+      m.pages.erase(root.id);
+    }
+    m.root_uploads.emplace_back(root.id, std::move(root.texels));
+    m.enter(root.id);
+  }
+}
+
+void PageStreamer::beginFrame(uint64_t frame, double now_s) {
+  Impl& m = *impl_;
+  m.frame = frame;
+  m.now_s = now_s;
+  for (Pool& pool : m.pools) pool.recent.beginFrame(frame);
+  for (Texels& t : m.uploaded) m.returned.push_back(std::move(t));
+  m.uploaded.clear();
+  m.uploaded_roots.clear();
+  m.uploads.clear();
+  m.forgetBirths();
+  m.takeResults();
+}
+
+void PageStreamer::wantTexture(std::span<const NodeWant> wants) {
+  if (!impl_->options.texture_planes.empty()) impl_->want(false, wants);
+}
+void PageStreamer::wantRelief(std::span<const NodeWant> wants) { impl_->want(true, wants); }
+
+void PageStreamer::wantPrefetch(std::span<const NodeWant> texture, std::span<const NodeWant> relief) {
+  Impl& m = *impl_;
+  if (m.options.texture_planes.empty()) texture = {};
+  m.toWishes(false, texture, m.next_predictions[0]);
+  m.toWishes(true, relief, m.next_predictions[1]);
+  Impl::merge(m.next_predictions, m.predictions);
+  m.planned_frame = kNever;
+}
+
+std::optional<PageJob> PageStreamer::takeJob() { return impl_->jobs->take(); }
+void PageStreamer::finishJob(const PageJob& job) { impl_->jobs->finish(job); }
+bool PageStreamer::jobWanted(const PageJob& job) const { return impl_->jobs->wanted(job); }
+
+std::span<const PageUpload> PageStreamer::placeReady(uint32_t max_uploads) {
+  impl_->placeReady(max_uploads);
+  return impl_->uploads;
+}
+
+SlotIndex PageStreamer::findRelief(const NodeId& node) const { return impl_->find(PageId(Plane::kRelief, node)); }
+
+bool PageStreamer::pinRelief(const NodeId& node) {
+  SlotIndex slot = findRelief(node);
+  if (slot == kNoSlot) return false;
+  impl_->pools[impl_->poolIndex(true)].cache.pin(slot);
+  return true;
+}
+
+void PageStreamer::unpinRelief(const NodeId& node) {
+  SlotIndex slot = findRelief(node);
+  assert(slot != kNoSlot);
+  if (slot != kNoSlot) impl_->pools[impl_->poolIndex(true)].cache.unpin(slot);
+}
+
+std::vector<NodeId> PageStreamer::residentRelief() const {
+  std::vector<NodeId> nodes;
+  cache(Plane::kRelief).forEach([&](PageId id) {
+    if (id.plane() == Plane::kRelief) nodes.push_back(id.node());
+  });
+  std::sort(nodes.begin(), nodes.end());
+  return nodes;
+}
+
+uint64_t PageStreamer::reliefGeneration() const { return impl_->relief_generation; }
+
+void PageStreamer::setLight(const std::array<double, 3>& light) {
+  Impl& m = *impl_;
+  m.options.light = light;
+  m.jobs->setLight(
+      light, [](const PageJob& job) { return job.id.plane() != Plane::kResolved; }, m.started);
+  m.noteStarted(m.started);
+  for (auto it = m.pages.begin(); it != m.pages.end();) {
+    bool is_ready = it->second.state == PageState::kReady;
+    bool old = it->first.plane() == Plane::kResolved && (it->second.state == PageState::kDecoding || is_ready);
+    m.stats.cancelled_after_decode += old && is_ready;
+    it = old ? m.drop(it) : std::next(it);
+  }
+  std::vector<PageId> resolved;
+  DividedCache& cache = m.pools[0].cache;
+  cache.forEach([&](PageId id) {
+    if (id.plane() == Plane::kResolved) resolved.push_back(id);
+  });
+  for (PageId id : resolved) {
+    SlotIndex slot = cache.find(id);
+    if (cache.isPinned(slot)) {
+      auto it = m.pages.find(id);
+      bool damaged = it != m.pages.end() && it->second.permanent;
+      if (damaged || std::find(m.refresh.begin(), m.refresh.end(), id) != m.refresh.end()) continue;
+      m.census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+      m.refresh.push_back(id);
+    } else {
+      m.vacate(m.pools[0].slotOf(slot), id);
+      m.pools[0].recent.forget(slot);
+      cache.remove(id);
+    }
+  }
+  m.planned_frame = kNever;
+}
+
+double PageStreamer::detailBias() const { return impl_->bias.value(); }
+
+void PageStreamer::setWishBias(std::optional<double> bias, bool moved) {
+  impl_->wish_bias = bias;
+  impl_->view_moved = impl_->view_moved || moved;
+}
+
+bool PageStreamer::settled() const {
+  Impl& m = *impl_;
+  if (m.count(PageState::kQueued) + m.count(PageState::kDecoding) + m.count(PageState::kReady) > 0) return false;
+  if (!m.refresh.empty() || !m.root_uploads.empty() || m.planned_frame == kNever) return false;
+  if (m.stats.deferred > 0 && m.bias.value() < kMaxDetailBias) return false;
+  if (!m.bias.isStill()) return false;
+  for (const auto& [id, page] : m.pages)
+    if (page.state == PageState::kFailed && !page.permanent && m.tierOf(id, page) == Tier::kVisible) return false;
+  return true;
+}
+
+PageState PageStreamer::state(PageId id) const {
+  if (impl_->find(id) != kNoSlot) return PageState::kResident;
+  auto it = impl_->pages.find(id);
+  return it == impl_->pages.end() ? PageState::kAbsent : it->second.state;
+}
+
+const StreamerStats& PageStreamer::stats() const {
+  Impl& m = *impl_;
+  m.stats.queued = m.count(PageState::kQueued);
+  m.stats.decoding = m.count(PageState::kDecoding);
+  m.stats.ready = m.count(PageState::kReady);
+  m.stats.resident = m.stats.resident_bytes = m.stats.relief_bytes = 0;
+  for (const Pool& pool : m.pools) {
+    const Plane plane = &pool == &m.pools[0] ? texturePlane(0) : Plane::kRelief;
+    m.stats.resident += pool.cache.residentCount();
+    m.stats.relief_bytes += pool.cache.dividedCount() * kSlotBytes;
+    m.stats.resident_bytes += pool.cache.residentCount() * slotBytes(m.options.upload, plane);
+  }
+  m.stats.pages = m.census.pages;
+  m.stats.moves = m.census.moves;
+  m.stats.cancelled = m.stats.cancelled_before_read + m.stats.cancelled_before_decode + m.stats.cancelled_after_decode;
+  for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
+    const size_t bytes = slotBytes(m.options.upload, static_cast<Plane>(p));
+    m.stats.bytes_decoded[p] = m.stats.pages_decoded[p] * bytes;
+  }
+  m.stats.detail_bias = m.bias.value();
+  m.stats.latency_ms = summarize(m.latency_us, 1e-3);
+  m.stats.latency_frames = summarize(m.latency_frames, 1);
+  return m.stats;
+}
+
+PageTable& PageStreamer::table() { return impl_->table; }
+const DividedCache& PageStreamer::cache(Plane plane) const {
+  return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache;
+}
+
+uint64_t PageStreamer::metadataBytes() const {
+  const Impl& m = *impl_;
+  uint64_t bytes = m.table.metadataBytes();
+  for (const Pool& pool : m.pools) {
+    bytes += pool.cache.metadataBytes() + pool.recent.bytes();
+    for (const auto& slots : pool.slots) bytes += slots.capacity() * sizeof(slots[0]);
+  }
+  return bytes;
+}
+
+uint64_t PageStreamer::bufferBytes() const {
+  const Impl& m = *impl_;
+  bool resolve = std::find(m.options.texture_planes.begin(), m.options.texture_planes.end(), Plane::kResolved) !=
+                 m.options.texture_planes.end();
+  uint64_t scratch =
+      resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
+  if (m.normals) scratch += uint64_t(std::max({1, m.options.workers, m.options.max_reads}));
+  return (m.jobs->maxBuffers() + scratch) * kSlotBytes + (m.normals ? ReliefNormals::kKeptBytes : 0);
+}
+
+const PageFailures& PageStreamer::failures() const { return impl_->failures; }
+std::vector<std::string> PageStreamer::takeMessages() { return std::exchange(impl_->messages, {}); }
+
+}  // namespace relievo

@@ -1,0 +1,159 @@
+#include "texturing/stream/page_table.h"
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <numeric>
+#include <utility>
+
+#include "shaders/page_table.h"
+
+namespace relievo {
+
+namespace {
+constexpr uint32_t kNowhere = 0xFFFFFFFFu;
+constexpr uint32_t kMaxRow = 1024;
+// An insertion that walks longer than this is taken to loop. At a load of 0.4 the walk is 1.3 steps long on average,
+// and walks of more than a few log2(n) steps practically always end in a loop.
+constexpr int kMaxKicks = 64;
+
+uint64_t keyOf(const NodeId& node) { return packNode(node) + 1; }
+uint64_t keyIn(const std::array<uint32_t, 4>& texel) { return uint64_t{texel[1]} << 32 | texel[0]; }
+}  // namespace
+
+PageTable::PageTable(uint32_t max_nodes, int planes) : max_nodes_(max_nodes) {
+  // 2.5 entries for each node: load <= 0.4, below the 0.5 where two-choice cuckoo hashing with one cell a bucket breaks
+  // down (Pagh, Rodler 2004).
+  uint32_t entries = std::bit_ceil(std::max<uint32_t>(16, max_nodes * 5 / 2 + 1));
+  width_ = std::min(entries, kMaxRow);
+  height_ = entries / width_;
+  mask_ = entries - 1;
+  texels_.resize(entries);
+  if (planes > kPlanesPerTexel) extra_.resize(entries);
+  dirty_.resize((entries + 63) / 64);
+}
+
+uint32_t PageTable::width() const { return width_; }
+uint32_t PageTable::height() const { return height_; }
+uint32_t PageTable::seed() const { return seed_; }
+uint32_t PageTable::size() const { return size_; }
+std::span<const std::array<uint32_t, 4>> PageTable::texels() const { return texels_; }
+std::span<const std::array<uint32_t, 4>> PageTable::extraTexels() const { return extra_; }
+
+void PageTable::insert(const NodeId& node, const PageTableEntry& entry) {
+  auto pair = [&](int a, int b) { return uint32_t{entry.slots[a]} | uint32_t{entry.slots[b]} << 16; };
+  uint64_t key = keyOf(node);
+  Item item;
+  item.texel = {static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32), pair(0, 1),
+                uint32_t{entry.slots[2]} | uint32_t{entry.birth} << 16};
+  item.extra = {pair(3, 4), pair(5, 6), entry.slots[7], 0};
+  uint32_t index = locate(key);
+  if (index != kNowhere) return put(index, item);
+  assert(size_ < max_nodes_);
+  if (size_ >= max_nodes_) return;
+  ++size_;
+  if (!place(item)) rehash(item);
+}
+
+void PageTable::erase(const NodeId& node) {
+  uint32_t index = locate(keyOf(node));
+  if (index == kNowhere) return;
+  put(index, {});
+  --size_;
+}
+
+std::optional<PageTableEntry> PageTable::find(const NodeId& node) const {
+  uint32_t index = locate(keyOf(node));
+  if (index == kNowhere) return std::nullopt;
+  const auto [t, e] = itemAt(index);
+  auto low = [](uint32_t v) { return static_cast<uint16_t>(v & 0xFFFFu); };
+  auto high = [](uint32_t v) { return static_cast<uint16_t>(v >> 16); };
+  PageTableEntry entry;
+  entry.slots = {low(t[2]), high(t[2]), low(t[3]), low(e[0]), high(e[0]), low(e[1]), high(e[1]), low(e[2])};
+  entry.birth = high(t[3]);
+  return entry;
+}
+
+std::vector<uint32_t> PageTable::takeDirty() {
+  std::vector<uint32_t> dirty;
+  if (all_dirty_) {
+    dirty.resize(texels_.size());
+    std::iota(dirty.begin(), dirty.end(), 0u);
+    std::fill(dirty_.begin(), dirty_.end(), uint64_t{0});
+  } else if (dirty_count_ > 0) {
+    dirty.reserve(dirty_count_);
+    for (size_t w = 0; w < dirty_.size(); ++w) {
+      for (uint64_t bits = std::exchange(dirty_[w], 0); bits != 0; bits &= bits - 1)
+        dirty.push_back(static_cast<uint32_t>(w * 64 + static_cast<size_t>(std::countr_zero(bits))));
+    }
+  }
+  dirty_count_ = 0;
+  all_dirty_ = false;
+  return dirty;
+}
+
+size_t PageTable::metadataBytes() const {
+  return sizeof *this + (texels_.capacity() + extra_.capacity()) * sizeof(texels_[0]) +
+         dirty_.capacity() * sizeof(uint64_t);
+}
+
+PageTable::Item PageTable::itemAt(uint32_t index) const {
+  return {texels_[index], extra_.empty() ? std::array<uint32_t, 4>{} : extra_[index]};
+}
+
+std::array<uint32_t, 2> PageTable::probes(const std::array<uint32_t, 4>& texel) const {
+  uint32_t h = shader::pageHash(texel[0], texel[1], seed_);
+  return {shader::pageProbe0(h, mask_), shader::pageProbe1(h, mask_)};
+}
+
+uint32_t PageTable::locate(uint64_t key) const {
+  for (uint32_t index : probes({static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32)}))
+    if (keyIn(texels_[index]) == key) return index;
+  return kNowhere;
+}
+
+bool PageTable::place(Item& item) {
+  uint32_t avoid = kNowhere;  // the cell that the item was just pushed out of
+  for (int kick = 0; kick < kMaxKicks; ++kick) {
+    auto p = probes(item.texel);
+    for (uint32_t index : p) {
+      if (keyIn(texels_[index]) != 0) continue;
+      put(index, item);
+      return true;
+    }
+    uint32_t index = p[0] == avoid ? p[1] : p[0];
+    Item pushed = itemAt(index);
+    put(index, item);
+    item = pushed;
+    avoid = index;
+  }
+  return false;
+}
+
+void PageTable::put(uint32_t index, const Item& item) {
+  texels_[index] = item.texel;
+  if (!extra_.empty()) extra_[index] = item.extra;
+  uint64_t bit = uint64_t{1} << (index & 63);
+  dirty_count_ += !(dirty_[index / 64] & bit);
+  dirty_[index / 64] |= bit;
+}
+
+void PageTable::rehash(const Item& homeless) {
+  std::vector<Item> items{homeless};
+  for (uint32_t i = 0; i < texels_.size(); ++i)
+    if (keyIn(texels_[i]) != 0) items.push_back(itemAt(i));
+  all_dirty_ = true;
+  // Each seed is an independent trial that succeeds with probability 1 - O(1/n), so this ends.
+  for (bool whole = false; !whole;) {
+    seed_ = seed_ * 0x9E3779B1u + 0x7F4A7C15u;
+    std::fill(texels_.begin(), texels_.end(), std::array<uint32_t, 4>{});
+    std::fill(extra_.begin(), extra_.end(), std::array<uint32_t, 4>{});
+    whole = true;
+    for (size_t i = 0; i < items.size() && whole; ++i) {
+      Item item = items[i];
+      whole = place(item);
+    }
+  }
+}
+
+}  // namespace relievo

@@ -1,0 +1,81 @@
+// page_table.h - the page table that shaders read: a hash table in a texture, whose cost follows the number of
+// *resident* nodes, never the virtual size. Two-choice cuckoo hashing, so that a look-up costs two probes at most.
+//
+// Entry: one RGBA32UI texel. x = low, y = high 32 bits of (packNode(node) + 1), 0 = empty; z = slot of plane 0 | slot
+// of plane 1 << 16; w = slot of plane 2 | birth << 16 (for the page fade). Artworks of
+// more than three planes keep planes 3.. in a second texture of the same shape: x = slot 3 | slot 4 << 16, y = slot 5 |
+// slot 6 << 16, z = slot 7. Only whole nodes are entered: every plane that the effect plan streams is resident. Slots
+// are 16-bit (65,535 x 72 KiB = 4.5 GiB). The hash functions and constants stand in shaders/page_table.h, which
+// compiles as C++ and GLSL. CPU side only: emits the texels that changed; src/render applies them.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "src/artwork/node_id.h"
+#include "texturing/codec/page_id.h"
+
+namespace relievo {
+
+struct PageTableEntry {
+  std::array<uint16_t, kMaxTexturePlanes> slots{};
+  uint16_t birth = 0;  // frame time in 1/64 s, modulo 2^16; 0: long ago (fadeClock())
+};
+
+// PageTableEntry::birth of a page that is new.
+inline uint16_t fadeClock(double now_s) {
+  const auto ticks = static_cast<uint16_t>(static_cast<uint64_t>(std::max(0.0, now_s) * 64) & 0xFFFFu);
+  return std::max<uint16_t>(ticks, 1);
+}
+
+inline constexpr int kPlanesPerTexel = 3;
+
+class PageTable {
+ public:
+  // Room for max_nodes resident nodes (at most 65,536) at a load of at most 0.4. Width is a power of two <= 1024 texels
+  // a row; width * height is a power of two, and its value - 1 is the mask of the probes.
+  // planes: how many slots an entry has. Up to kPlanesPerTexel there is no second texture; find() answers 0 for the
+  // others.
+  explicit PageTable(uint32_t max_nodes, int planes = kMaxTexturePlanes);
+
+  uint32_t width() const;  // texels
+  uint32_t height() const;
+  uint32_t seed() const;  // a uniform of the look-up; changes when the table had to be rehashed
+  // Replaces. A new node beyond max_nodes is not entered (a caller's bug); a look-up then ends at its ancestor.
+  void insert(const NodeId& node, const PageTableEntry& entry);
+  void erase(const NodeId& node);                                // absent: nothing happens
+  std::optional<PageTableEntry> find(const NodeId& node) const;  // by the same probes as the shader
+  uint32_t size() const;
+
+  std::span<const std::array<uint32_t, 4>> texels() const;       // width * height
+  std::span<const std::array<uint32_t, 4>> extraTexels() const;  // planes 3..7; empty when there are none
+  // Indices of texels that changed since the last call (each once, ascending); all of them after a rehash.
+  std::vector<uint32_t> takeDirty();
+  size_t metadataBytes()
+      const;  // all that this object has allocated, itself included; the textures have texelBytes() more
+  size_t texelBytes() const { return (texels_.size() + extra_.size()) * sizeof(texels_[0]); }
+
+ private:
+  struct Item {
+    std::array<uint32_t, 4> texel{}, extra{};
+  };
+  uint32_t locate(uint64_t key) const;  // kNowhere when absent
+  bool place(Item& item);               // false: `item` holds the one that is left without a cell
+  void put(uint32_t index, const Item& item);
+  void rehash(const Item& homeless);
+  std::array<uint32_t, 2> probes(const std::array<uint32_t, 4>& texel) const;
+
+  Item itemAt(uint32_t index) const;
+
+  uint32_t width_ = 0, height_ = 0, mask_ = 0, seed_ = 1, size_ = 0, max_nodes_ = 0;
+  std::vector<std::array<uint32_t, 4>> texels_, extra_;
+  std::vector<uint64_t> dirty_;  // a bit for each texel
+  uint32_t dirty_count_ = 0;
+  bool all_dirty_ = true;
+};
+
+}  // namespace relievo

@@ -1,0 +1,50 @@
+// mesh_report.h - what is told of a scan and of how it was built: the manifest's member "mesh", lines for a terminal,
+// and a page of HTML.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "geometry/bake/mesh_bake.h"
+#include "geometry/bake/mesh_distance.h"
+#include "geometry/scan/mesh_read.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+// The manifest's member "mesh". Deterministic: no times. patches_asked: 0 if no number was asked for.
+nlohmann::ordered_json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& diagnosis,
+                                const BaseMesh& base, const BakeReport& bake, uint32_t patches_asked = 0);
+// The same as indented lines; of any JSON, as it may come from a file that somebody else wrote. Empty if it is none of
+// ours.
+std::string meshText(const nlohmann::ordered_json& mesh);
+
+struct StageCost {
+  std::string name;
+  double seconds = 0;
+  uint64_t peak_bytes = 0;  // resident, while it ran; 0: not known
+};
+struct MeshBuildResult {
+  std::string package;
+  nlohmann::ordered_json mesh;  // as above
+  MeshDistance distance;
+  std::vector<StageCost> stages;
+  uint64_t pages = 0, package_bytes = 0, relief_bytes = 0;  // the latter: relief pages of all levels and the base mesh
+  uint64_t triangles_read = 0, vertices = 0;
+};
+nlohmann::ordered_json reportJson(const MeshBuildResult& result);
+// One file, with its pictures: the error painted on the scan, from four sides.
+Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const MeshBuildResult& result);
+
+// The picture alone, RGB, rows top first: four views side by side, orthographic, y upwards; from violet, low_mm and
+// less, by decades to yellow, high_mm and more.
+struct ErrorPicture {
+  int width = 0, height = 0;
+  std::vector<uint8_t> rgb;
+};
+ErrorPicture paintError(const TriMesh& scan, const std::vector<float>& vertex_mm, double low_mm, double high_mm,
+                        int view_px);
+
+}  // namespace relievo
