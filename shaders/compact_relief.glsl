@@ -1,4 +1,4 @@
-// compact_relief.glsl - a sample of a relief page of either form: plain, or compact (C++ twin: compactSample() of texturing/codec/relief_compact.h).
+// compact_relief.glsl - a sample of a relief page of either form: plain, or compact (CPU reference: compactSample() of texturing/codec/relief_compact.h).
 // origin: the part's first texel. form: 0: plain; else 1 + n of a compact page of 128 >> n cells a side, whose part has 136 >> n texels a row.
 ivec3 compactPlace(ivec3 origin, int coarser, int i) {
   int row = ((i << coarser) * 7711) >> 20;  // i / (136 >> coarser), for all texels of a part

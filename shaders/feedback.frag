@@ -10,10 +10,10 @@ uniform ivec4 u_sample;  // pixel (i, j) of the pass is pixel (i, j) * x + (y, z
 uniform sampler2D u_depth;  // of the surface buffer
 uniform vec2 u_seen;         // something is seen where depth lies between these two
 
-out uvec4 o_want;
+out uvec4 o_request;
 
 void main() {
-  o_want = uvec4(0u);
+  o_request = uvec4(0u);
   ivec2 pixel = ivec2(gl_FragCoord.xy) * u_sample.x + u_sample.yz;
   float depth = texelFetch(u_depth, pixel, 0).r;
   if (depth <= u_seen.x || depth >= u_seen.y) return;
@@ -55,5 +55,5 @@ void main() {
   vec2 local;
   uvec4 node = nodeAtLevel(level, local);
 #endif
-  o_want = uvec4(1u | (node.y << 8u), node.x, node.z, node.w);
+  o_request = uvec4(1u | (node.y << 8u), node.x, node.z, node.w);
 }

@@ -1,7 +1,7 @@
 // patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and its
 // 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots
-// (C++ twin: geometry/lod/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
-// the order of their indices, and its place between them (C++ twin: geometry/lod/mesh_vertex.h). ROOT_CELLS: only patches that are drawn as one cell, with
+// (CPU reference: geometry/lod/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
+// the order of their indices, and its place between them (CPU reference: geometry/lod/mesh_vertex.h). ROOT_CELLS: only patches that are drawn as one cell, with
 // heights from their tails: the same vertices, in a program of its own since software GL runs through every branch and, once, through every loop.
 #include "common.glsl"
 #include "instance.glsl"
@@ -131,7 +131,7 @@ Vertex vertexAt(ivec2 g) {
 }
 
 #ifdef MORPH
-// C++ twin: geometry/lod/morph.h, as is all of what follows.
+// CPU reference: geometry/lod/morph.h, as is all of what follows.
 struct GridVertex {
   ivec2 own, from, to;  // grid steps
   float weight;         // below 1: drawn between the middle of from and to, often one place, and own

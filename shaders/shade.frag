@@ -1,4 +1,4 @@
-// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (C++ twin: src/artwork/basis.h).
+// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (CPU reference: src/artwork/basis.h).
 // TAILS_ONLY: no page is looked up. PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
 #include "texture_lookup.glsl"
 

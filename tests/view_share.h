@@ -23,8 +23,8 @@ constexpr int share(int n) { return std::max(1, n / kViewShare); }
 
 // RELIEVO_LONG_TESTS=1, and nothing else: what tests do then is named where they ask.
 inline bool longTests() {
-  const char* wish = std::getenv("RELIEVO_LONG_TESTS");
-  return wish && std::string_view(wish) == "1";
+  const char* node = std::getenv("RELIEVO_LONG_TESTS");
+  return node && std::string_view(node) == "1";
 }
 
 }  // namespace relievo::test

@@ -144,7 +144,7 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
       ->check(CLI::IsMember({"pages", "lod", "none"}))
       ->capture_default_str();
-  c.add_option("--determination", determination,
+  c.add_option("--determination", request_source,
                "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
                "the view on the CPU, no pass) or both; of scans always by feedback")
       ->check(CLI::IsMember({"feedback", "geometry", "both"}))
@@ -298,9 +298,9 @@ EngineOptions SceneOptions::engineOptions() const {
   o.cache_mib = cache_mib;
   o.workers = workers;
   o.feedback_scale = feedback_scale;
-  o.determination = determination == "geometry" ? Determination::kGeometry
-                    : determination == "both"   ? Determination::kBoth
-                                                : Determination::kFeedback;
+  o.request_source = request_source == "geometry" ? RequestSource::kGeometry
+                     : request_source == "both"   ? RequestSource::kBoth
+                                                  : RequestSource::kFeedback;
   o.replacement = *replacementFromName(replacement);
   o.upload = *uploadFromName(upload);
   o.reversed_depth = depth == "auto";

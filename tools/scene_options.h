@@ -27,7 +27,7 @@ struct SceneOptions {
   double hysteresis_percent = 0;
   int workers = 2, anisotropy = kMaxAnisotropy;
 
-  std::string determination = "feedback";
+  std::string request_source = "feedback";
   int feedback_scale = 8;
   std::string replacement = "lru", upload = "auto", depth = "auto";
   bool prefetch = true;

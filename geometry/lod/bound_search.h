@@ -13,7 +13,7 @@
 
 namespace relievo {
 
-// Levels (wishes) of a drawn node's sides, by side: of a whole one, then kWholeSide; or of its two halves.
+// Levels (desired levels) of a drawn node's sides, by side: of a whole one, then kWholeSide; or of its two halves.
 using SideLevels = std::array<std::array<int, 2>, 4>;
 inline constexpr int kWholeSide = -1;
 inline int coarsestOf(const std::array<int, 2>& side) {

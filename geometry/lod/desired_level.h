@@ -18,21 +18,23 @@
 namespace relievo {
 
 inline constexpr int kOneLevel = 256;
-inline int wholeLevels(int wish) { return (wish + kOneLevel - 1) / kOneLevel; }  // the grid that draws it
+inline int wholeLevels(int desired) { return (desired + kOneLevel - 1) / kOneLevel; }  // the grid that draws it
 // PatchInstance::morph of it.
-inline uint8_t morphOf(int wish) { return static_cast<uint8_t>(wish - (wholeLevels(wish) - 1) * kOneLevel - 1); }
+inline uint8_t morphOf(int desired) {
+  return static_cast<uint8_t>(desired - (wholeLevels(desired) - 1) * kOneLevel - 1);
+}
 
 // PatchInstance::edge_morph: how far a segment's vertices have slid (morph.h), rounded up, so that the segment is no
 // further from the finer one.
-inline uint8_t slideOf(int wish) {
-  const int weight = morphOf(wish) + 1, whole = kOneLevel + weight;
+inline uint8_t slideOf(int desired) {
+  const int weight = morphOf(desired) + 1, whole = kOneLevel + weight;
   return static_cast<uint8_t>((2 * kOneLevel * weight + whole - 1) / whole - 1);
 }
 
 // Of the surface on the way from a level's to the next finer one's.
 template <class Coarser>
-Deviation betweenLevels(int wish, Coarser&& coarser, const Deviation& finer) {
-  const double weight = (morphOf(wish) + 1) / double{kOneLevel};
+Deviation betweenLevels(int desired, Coarser&& coarser, const Deviation& finer) {
+  const double weight = (morphOf(desired) + 1) / double{kOneLevel};
   return weight < 1 ? (1 - weight) * coarser() + weight * finer : finer;
 }
 // Of an edge's finer level, while its vertices slide: triangles then reach over two of its cells, in one of the coarser
@@ -49,19 +51,20 @@ inline constexpr double kPlateau = 1.0625;
 // Over what part of a doubling of cells, where their width is what holds a level back, vertices reach their places.
 inline constexpr double kCellRamp = 0.75;
 
-struct WishView {
+struct DesiredLevelView {
   double budget_px = 1, min_cell_px = 0;
   double hysteresis = 0;  // of the budget
   bool morph = false;
 };
-struct WishRange {
+struct LevelRange {
   int low = 0, high = 0;  // what the budget asks for; what it would with the hysteresis taken off it
 };
 
 // A square of a level, as one cell so many px wide, of the widest that may be drawn as one node. error_px(level) falls
 // or stays, finest >= level.
 template <class ErrorPx>
-WishRange levelWish(int level, int finest, double cell_px, double of_widest, const WishView& view, ErrorPx&& error_px) {
+LevelRange desiredLevel(int level, int finest, double cell_px, double of_widest, const DesiredLevelView& view,
+                        ErrorPx&& error_px) {
   std::array<double, 2 * kPageLog2 + 2> px;
   const size_t last = std::min<size_t>(static_cast<size_t>(finest - level), px.size() - 1);
   size_t count = 0;
@@ -75,7 +78,7 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
           return level + static_cast<int>(k);
       }
     };
-    WishRange range;
+    LevelRange range;
     range.low = range.high = coarsest(view.budget_px) * kOneLevel;
     if (view.hysteresis > 0) range.high = coarsest(view.budget_px / (1 + view.hysteresis)) * kOneLevel;
     return range;
@@ -98,7 +101,7 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
     if (px[count - 1] * beyond <= least_budget || byCells(count - 1, least_budget) == 0) break;
   }
   for (size_t k = count - 1; k-- > 0;) px[k] = std::max(px[k], kPlateau * px[k + 1]);
-  auto wish = [&](double budget) {
+  auto desired = [&](double budget) {
     int at = level * kOneLevel;
     for (size_t k = 0; k + 1 < count && px[k] > budget; ++k) {
       const double by_error = px[k + 1] >= budget    ? 1.0
@@ -112,7 +115,7 @@ WishRange levelWish(int level, int finest, double cell_px, double of_widest, con
     const double wide = std::clamp(2 * of_widest - 1, 0.0, 1.0);
     return std::max(at, level * kOneLevel + static_cast<int>(std::ceil(wide * kOneLevel)));
   };
-  return {wish(view.budget_px), view.hysteresis > 0 ? wish(least_budget) : wish(view.budget_px)};
+  return {desired(view.budget_px), view.hysteresis > 0 ? desired(least_budget) : desired(view.budget_px)};
 }
 
 // ---- a square's children
@@ -136,7 +139,7 @@ inline constexpr int kMostBeyondNeighbour = (kMaxSplitLevel - 1) * kOneLevel;
 // ---- from view to view
 // Hysteresis: a square keeps its level while it lies within the range that it may have. Without any, what was is
 // forgotten.
-class WishMemory {
+class DesiredLevelMemory {
  public:
   void nextView(double hysteresis) {
     remembers_ = hysteresis > 0;
@@ -146,22 +149,23 @@ class WishMemory {
   }
   // The same view once more.
   void again() { now_.clear(); }
-  int held(uint64_t square, const WishRange& range) {
+  int held(uint64_t square, const LevelRange& range) {
     if (!remembers_) return range.low;
     const uint32_t found = before_.index.find(square);
-    const int wish = found == IndexTable::kNone ? range.low : std::clamp(before_.wishes[found], range.low, range.high);
-    now_.index.insert(square, static_cast<uint32_t>(now_.wishes.size()));
-    now_.wishes.push_back(wish);
-    return wish;
+    const int desired =
+        found == IndexTable::kNone ? range.low : std::clamp(before_.levels[found], range.low, range.high);
+    now_.index.insert(square, static_cast<uint32_t>(now_.levels.size()));
+    now_.levels.push_back(desired);
+    return desired;
   }
 
  private:
   struct Table {
     IndexTable index;
-    std::vector<int> wishes;
+    std::vector<int> levels;
     void clear() {
       index.clear();
-      wishes.clear();
+      levels.clear();
     }
   };
   Table before_, now_;

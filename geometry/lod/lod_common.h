@@ -28,8 +28,8 @@ inline double leastCellPx(double min_cell_px, double error_over_budget) {
 }
 
 inline constexpr int kMaxSplitLevel =
-    kMaxGridLevel - 1;                 // above it a node splits; the last level is for sides of half edges
-inline constexpr int kWantLadder = 3;  // wants keep every third page above the wanted one
+    kMaxGridLevel - 1;                            // above it a node splits; the last level is for sides of half edges
+inline constexpr int kRequestAncestorStride = 3;  // wants keep every third page above the wanted one
 inline constexpr double kMinErrorPx = 1.0 / 64;
 inline constexpr double kMinSine =
     1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
@@ -233,7 +233,7 @@ inline void sortLists(PlanarLodResult& result) {
   std::sort(result.instances.begin(), result.instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
     return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
   });
-  std::sort(result.wants.begin(), result.wants.end(), [](const ReliefWant& a, const ReliefWant& b) {
+  std::sort(result.requests.begin(), result.requests.end(), [](const ReliefRequest& a, const ReliefRequest& b) {
     if (a.page.level != b.page.level) return a.page.level < b.page.level;
     return a.priority != b.priority ? a.priority < b.priority : a.page < b.page;
   });

@@ -13,7 +13,7 @@
 namespace relievo {
 
 struct LodWorker::Impl {
-  using TextureStrategy = std::function<std::vector<TextureWant>(const TextureView&)>;
+  using TextureStrategy = std::function<std::vector<TextureRequest>(const TextureView&)>;
   Impl(LodStrategy select, TextureStrategy textures)
       : select_lod(std::move(select)), select_texture(std::move(textures)) {
     thread.startAtLeastOne(1, [this] {

@@ -24,9 +24,9 @@ struct LodAnswer {
   uint64_t frame = 0;  // of the request
   LodView view;
   PlanarLodResult lod;
-  std::optional<std::vector<TextureWant>> texture;  // when they were asked for
-  double evaluate_ms = 0;                           // of both
-  double determine_ms = 0;                          // of the texture nodes
+  std::optional<std::vector<TextureRequest>> texture;  // when they were asked for
+  double evaluate_ms = 0;                              // of both
+  double determine_ms = 0;                             // of the texture nodes
 };
 
 // View and resident relief pages to what is drawn; called on the worker's thread alone.

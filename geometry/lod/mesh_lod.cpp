@@ -53,8 +53,8 @@ class Selection {
     min_cell_px_ = view.min_cell_px > 0 ? view.min_cell_px : 0;
     hide_backs_ = view.hide_backs;
     limited_ = 0;
-    wants_.clear();
-    want_index_.clear();
+    requests_.clear();
+    request_index_.clear();
     error_px_ = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
     morph_ = view.morph;
     hysteresis_ = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
@@ -74,7 +74,7 @@ class Selection {
  private:
   enum class State : uint8_t { kLeaf, kSplit };
   // What a square alone determines. Culled: no error shows; nothing is wanted but with geomorph, where what comes into
-  // view is as it will be. Levels here and in nodes are wishes: kOneLevel a level (desired_level.h).
+  // view is as it will be. Levels here and in nodes are desired levels: kOneLevel a level (desired_level.h).
   static constexpr int kUnknown = -1;
   struct Info {
     PxPerMm px;
@@ -213,10 +213,10 @@ class Selection {
         longest = std::max(longest, glm::length(hull[a + i] - hull[a + j]));
     in.cell_px = longest * seen.px.head_on;
     const int finest = std::min(s.level + kPageLog2, forest_.unitLog2());
-    const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
+    const DesiredLevelView desired{error_px_, min_cell_px_, hysteresis_, morph_};
     in.wanted = memory_.held(forest_.key(s),
-                             levelWish(s.level, finest, in.cell_px, in.cell_px / max_node_px_, wish,
-                                       [&](int level) { return in.px.of(deviation(s, level, in.diameter_mm)); }));
+                             desiredLevel(s.level, finest, in.cell_px, in.cell_px / max_node_px_, desired,
+                                          [&](int level) { return in.px.of(deviation(s, level, in.diameter_mm)); }));
     return in;
   }
   // Nothing of a square lies further from anything of it.
@@ -224,7 +224,7 @@ class Selection {
     return forest_.deviation(s, level, exaggerate_).atMost(diameter_mm);
   }
   // ---- levels with geomorph: continuous functions of the view, of squares alone, so that it does not matter which of
-  // them are nodes. A square's own wish, and what is left of its parent's.
+  // them are nodes. A square's own desired level, and what is left of its parent's.
   int flooredLevel(const Square& s) {
     const uint32_t at = infoIndex(s);
     if (infos_[at].floored != kUnknown) return infos_[at].floored;
@@ -357,7 +357,7 @@ class Selection {
       if (const uint32_t coarser = coarserAcross(n.square, side); coarser != kNone && !canSplit(coarser)) return false;
     return true;
   }
-  bool wantsSplit(uint32_t index) {
+  bool requestsSplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
     const int limit = s.level + kMaxSplitLevel;
     Node& n = tree_.nodes[index];
@@ -392,8 +392,8 @@ class Selection {
   }
   // A node's grid is everywhere as fine as the finest of its sides asks for, and as its roughest part. Would its
   // children take so many triangles fewer that three more instances pay? All is drawn as finely as it is asked for
-  // either way. No page is asked for for that alone. Not where a square's own wish must tell when it splits: with
-  // geomorph, and where lists hold still under a camera that trembles.
+  // either way. No page is asked for for that alone. Not where a square's own desired level must tell when it splits:
+  // with geomorph, and where lists hold still under a camera that trembles.
   bool savesBySplit(uint32_t index) {
     const Square s = tree_.nodes[index].square;
     if (tree_.nodes[index].rough) return false;  // waits for pages
@@ -472,7 +472,7 @@ class Selection {
     if (!whole_levels_) addRootsOneByOne(codes);
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
       if (tree_.nodes.size() - tree_.roots > kMaxLodNodes) return anyway;
-      if (tree_.nodes[i].state == State::kLeaf && wantsSplit(i)) split(i);
+      if (tree_.nodes[i].state == State::kLeaf && requestsSplit(i)) split(i);
     }
     for (uint32_t i = 0; i < tree_.nodes.size() && whole_levels_ && tree_.nodes.size() - tree_.roots < kMaxLodNodes;
          ++i)
@@ -535,16 +535,16 @@ class Selection {
     n.grid_level = wholeLevels(n.drawn) - s.level;
   }
   // The surface that is drawn at a level: between those of two whole ones, in one proportion everywhere.
-  Deviation deviationAt(const Square& s, int wish, double diameter_mm) {
-    const int level = wholeLevels(wish);
+  Deviation deviationAt(const Square& s, int desired, double diameter_mm) {
+    const int level = wholeLevels(desired);
     return betweenLevels(
-        wish, [&] { return deviation(s, level - 1, diameter_mm); }, deviation(s, level, diameter_mm));
+        desired, [&] { return deviation(s, level - 1, diameter_mm); }, deviation(s, level, diameter_mm));
   }
-  Deviation deviationOnEdge(const Square& s, int wish, int inside, double diameter_mm) {
-    const int level = wholeLevels(wish);
+  Deviation deviationOnEdge(const Square& s, int desired, int inside, double diameter_mm) {
+    const int level = wholeLevels(desired);
     return betweenLevels(
-        wish, [&] { return deviation(s, level - 1, diameter_mm); },
-        slidAlong(wish, inside, deviation(s, level, diameter_mm)));
+        desired, [&] { return deviation(s, level - 1, diameter_mm); },
+        slidAlong(desired, inside, deviation(s, level, diameter_mm)));
   }
   // ---- what is promised: by parts of what is drawn, those with the largest bound alone divided until they are out of
   // view or single cells (bound_search.h).
@@ -598,9 +598,9 @@ class Selection {
     assert(isResident(n.square.ancestor(level)));
     return n.square.ancestor(level);
   }
-  // The page that a node would like, the one it uses, and a ladder above: see planar_lod.cpp. Roots, or what does for
-  // them, are always there.
-  void addWants(const Node& n, int wanted_level, int used_level) {
+  // The page that a node would like, the one it uses, and a ancestor stride above: see planar_lod.cpp. Roots, or what
+  // does for them, are always there.
+  void addRequests(const Node& n, int wanted_level, int used_level) {
     const Square& s = n.square;
     const int level = std::clamp(wanted_level - kPageLog2, 0, std::min(s.level, forest_.depth()));
     const int tail = static_cast<int>(kTailLevel);
@@ -609,24 +609,24 @@ class Selection {
       // Roots that MeshRoots sufficed for have no centre as yet.
       const SquareHull hull = forest_.hull(s, exaggerate_);
       const float priority = camera_.priority(0.5 * (hull[0] + hull[7]));
-      if (used_level != tail && used_level != level) addWant(s.ancestor(used_level), priority);
-      for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
-      addWant(s.ancestor(0), priority);
+      if (used_level != tail && used_level != level) addRequest(s.ancestor(used_level), priority);
+      for (int at = level; at > 0; at -= kRequestAncestorStride) addRequest(s.ancestor(at), priority);
+      addRequest(s.ancestor(0), priority);
       return;
     }
     if (level == 0 && used_level == 0) return;
     const float priority = camera_.priority(infos_[n.info].centre);
-    for (int at = level; at > 0; at -= kWantLadder) addWant(s.ancestor(at), priority);
-    if (used_level != level && used_level > 0) addWant(s.ancestor(used_level), priority);
+    for (int at = level; at > 0; at -= kRequestAncestorStride) addRequest(s.ancestor(at), priority);
+    if (used_level != level && used_level > 0) addRequest(s.ancestor(used_level), priority);
   }
-  void addWant(const Square& page, float priority) {
+  void addRequest(const Square& page, float priority) {
     const uint64_t k = forest_.key(page);
-    if (uint32_t found = want_index_.find(k); found != kNone) {
-      wants_[found].priority = std::min(wants_[found].priority, priority);
+    if (uint32_t found = request_index_.find(k); found != kNone) {
+      requests_[found].priority = std::min(requests_[found].priority, priority);
       return;
     }
-    want_index_.insert(k, static_cast<uint32_t>(wants_.size()));
-    wants_.push_back({page.id(), priority});
+    request_index_.insert(k, static_cast<uint32_t>(requests_.size()));
+    requests_.push_back({page.id(), priority});
   }
 
   // Roots of one grid level: what they have in common is copied, what differs is written into a batch that stays in the
@@ -688,7 +688,7 @@ class Selection {
     drawn.clear();
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i) {
       const Node& n = tree_.nodes[i];
-      if (n.barren && !flat_) addWants(n, n.needs_level, forest_.hasTails() ? static_cast<int>(kTailLevel) : 0);
+      if (n.barren && !flat_) addRequests(n, n.needs_level, forest_.hasTails() ? static_cast<int>(kTailLevel) : 0);
       if (n.state != State::kLeaf) continue;
       const bool hidden = (roots_.codes()[n.square.patch] & MeshRoots::kHidden) != 0;
       PatchInstance p;
@@ -704,15 +704,15 @@ class Selection {
       if (!flat_) {
         Square page = reliefPage(n);
         p.relief_page = page.id();
-        addWants(n, std::max({n.square.level + n.grid_level, n.needs_level, wholeLevels(n.wanted)}), page.level);
+        addRequests(n, std::max({n.square.level + n.grid_level, n.needs_level, wholeLevels(n.wanted)}), page.level);
       }
       if (!hidden) drawn.push_back(p);
     }
     result.max_error_px = promisedPx();
-    of_nodes_.wants.swap(wants_);
+    of_nodes_.requests.swap(requests_);
     sortLists(of_nodes_);
-    result.wants = of_nodes_.wants;
-    of_nodes_.wants.swap(wants_);
+    result.requests = of_nodes_.requests;
+    of_nodes_.requests.swap(requests_);
     result.backs_are_hidden = roots_.backsAreHidden();
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
@@ -742,13 +742,13 @@ class Selection {
   bool hide_backs_ = true;
   double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0, hysteresis_ = 0;
   bool morph_ = false, whole_levels_ = true;
-  WishMemory memory_;
+  DesiredLevelMemory memory_;
   Tree tree_, other_tree_;
   std::vector<Info> infos_;
   std::vector<Part> parts_;
-  std::vector<ReliefWant> wants_;
+  std::vector<ReliefRequest> requests_;
   PlanarLodResult of_nodes_;
-  IndexTable info_index_, want_index_;
+  IndexTable info_index_, request_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
   uint32_t limited_ = 0;

@@ -1,4 +1,4 @@
-// mesh_vertex.h - the C++ twin of the vertex shader's geometry for artworks over a base mesh (shaders/patch.vert,
+// mesh_vertex.h - the CPU reference of the vertex shader's geometry for artworks over a base mesh (shaders/patch.vert,
 // MESH). Shared vertices get the same bits from every patch, node and level, also on a GPU that contracts a * b + c to
 // fma wherever it likes, as long as it does so alike for all vertices of a program:
 //   inside a patch   the same patch, (u, v) and height: the same operations on the same numbers

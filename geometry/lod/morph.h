@@ -1,12 +1,12 @@
-// morph.h - where a grid's vertices lie while their level comes or goes (the C++ twin of shaders/patch.vert, MORPH). A
-// vertex that is not one of the next coarser level is on the way to its own place. Inside the grid it comes from the
-// middle of its two neighbours of that level, along its row, its column or the diagonal that cells are cut by: so at
-// weight 0 the surface is that of the coarser grid, triangle by triangle, and at weight w it is (1 - w) times that one
-// plus w times the finer one. A grid beside a segment may be finer than it. If the vertices that it has too many went
-// elsewhere when a level of the segment begins, as to the nearest (snap.h), the triangles beside the segment would be
-// cut another way at once. So they snap to the segment's vertex next to them on the side of its nearer end, and a new
-// one slides out of that neighbour: those that follow it were there before it came. s of the way, the segment lies as
-// s / (2 - s) of the way up would have it, or nearer to the finer one: s = 2 w / (1 + w) (slideOf() in
+// morph.h - where a grid's vertices lie while their level comes or goes (the CPU reference of shaders/patch.vert,
+// MORPH). A vertex that is not one of the next coarser level is on the way to its own place. Inside the grid it comes
+// from the middle of its two neighbours of that level, along its row, its column or the diagonal that cells are cut by:
+// so at weight 0 the surface is that of the coarser grid, triangle by triangle, and at weight w it is (1 - w) times
+// that one plus w times the finer one. A grid beside a segment may be finer than it. If the vertices that it has too
+// many went elsewhere when a level of the segment begins, as to the nearest (snap.h), the triangles beside the segment
+// would be cut another way at once. So they snap to the segment's vertex next to them on the side of its nearer end,
+// and a new one slides out of that neighbour: those that follow it were there before it came. s of the way, the segment
+// lies as s / (2 - s) of the way up would have it, or nearer to the finer one: s = 2 w / (1 + w) (slideOf() in
 // desired_level.h). Only the segment's middle, which has no nearer end, comes from the middle of both. Segment, weight
 // and ends are known to both nodes, and nothing asks which way a side runs.
 #pragma once

@@ -1,4 +1,4 @@
-// patch_vertex.h - the C++ twin of the vertex shader's geometry (shaders/patch.vert): instance and grid vertex in,
+// patch_vertex.h - the CPU reference of the vertex shader's geometry (shaders/patch.vert): instance and grid vertex in,
 // absolute place and height out, all in integers, so that two nodes that share a vertex get the same bits whatever
 // their levels and pages are.
 //

@@ -39,7 +39,7 @@ struct Box {
 class Selection {
  public:
   Selection(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view, const ReliefSet& resident,
-            WishMemory& memory)
+            DesiredLevelMemory& memory)
       : domain_(domain), oracle_(oracle), resident_(resident), camera_(view), memory_(memory) {
     unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
     width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
@@ -74,8 +74,8 @@ class Selection {
     uint8_t resident_level = 0;  // vertices up to this absolute level have samples
     int8_t needs_level = 0;      // absolute level that must stay (or become) resident, whatever its edges want
     uint8_t grid_level = 1;
-    int drawn =
-        0;  // absolute, of the grid's inside; levels here and in edges are wishes: kOneLevel a level (desired_level.h)
+    int drawn = 0;  // absolute, of the grid's inside; levels here and in edges are desired levels: kOneLevel a level
+                    // (desired_level.h)
     std::array<std::array<uint32_t, 2>, 4> edge{};  // indices into edges_
     SideLevels levels{};                            // absolute, of edges as drawn
   };
@@ -249,11 +249,11 @@ class Selection {
       int shift = unit_log2_ - s.level;
       Box box = boxOf(first.x << shift, first.y << shift, (last.x + 1) << shift, (last.y + 1) << shift, z0, z1);
       e.px_per_mm = pxPerMm(box);
-      const WishView wish{error_px_, min_cell_px_, hysteresis_, morph_};
+      const DesiredLevelView desired{error_px_, min_cell_px_, hysteresis_, morph_};
       double widest = 0;
       if (morph_) widest = std::max(e.has_low ? ofWidest(e.low) : 0, e.has_high ? ofWidest(e.high) : 0);
-      e.wanted = memory_.held(k, levelWish(s.level, s.level + kPageLog2, cellPx(box, s.level), widest, wish,
-                                           [&](int level) { return errorPx(e, level); }));
+      e.wanted = memory_.held(k, desiredLevel(s.level, s.level + kPageLog2, cellPx(box, s.level), widest, desired,
+                                              [&](int level) { return errorPx(e, level); }));
     } else {
       e.wanted = s.level * kOneLevel;
     }
@@ -365,7 +365,7 @@ class Selection {
     }
     return all;
   }
-  bool wantsSplit(uint32_t index) {
+  bool requestsSplit(uint32_t index) {
     const Node n = nodes_[index];
     if (ofWidest(n.square) > 1) return true;
     if (flat_) return false;
@@ -441,7 +441,7 @@ class Selection {
     if (!camera_.valid) return true;
     for (uint32_t i = 0; i < nodes_.size(); ++i) {
       if (nodes_.size() > limit) return anyway;
-      if (nodes_[i].state == State::kLeaf && wantsSplit(i)) split(i);
+      if (nodes_[i].state == State::kLeaf && requestsSplit(i)) split(i);
     }
     return true;
   }
@@ -535,16 +535,16 @@ class Selection {
     return d;
   }
   // Of the one that is drawn: between those of two levels, in one proportion everywhere.
-  Deviation deviationAt(const Square& s, int wish, double range_mm) {
-    const int level = wholeLevels(wish);
+  Deviation deviationAt(const Square& s, int desired, double range_mm) {
+    const int level = wholeLevels(desired);
     return betweenLevels(
-        wish, [&] { return deviationOf(s, level - 1, range_mm); }, deviationOf(s, level, range_mm));
+        desired, [&] { return deviationOf(s, level - 1, range_mm); }, deviationOf(s, level, range_mm));
   }
-  Deviation deviationOnEdge(const Square& s, int wish, int inside, double range_mm) {
-    const int level = wholeLevels(wish);
+  Deviation deviationOnEdge(const Square& s, int desired, int inside, double range_mm) {
+    const int level = wholeLevels(desired);
     return betweenLevels(
-        wish, [&] { return deviationOf(s, level - 1, range_mm); },
-        slidAlong(wish, inside, deviationOf(s, level, range_mm)));
+        desired, [&] { return deviationOf(s, level - 1, range_mm); },
+        slidAlong(desired, inside, deviationOf(s, level, range_mm)));
   }
   // ---- what is promised, by parts (bound_search.h)
   struct Part {
@@ -589,24 +589,25 @@ class Selection {
     assert(isResident(n.square.ancestor(level)));
     return nodeId(n.square.ancestor(level));
   }
-  // The page that a node would like, the one it uses, and a ladder above: descending needs a resident page at least
-  // every few levels, and the ladder is what a missing page falls back to (1.6 % more pages).
-  void addWants(const Node& n, int wanted_level, const NodeId& used) {
+  // The page that a node would like, the one it uses, and a ancestor stride above: descending needs a resident page at
+  // least every few levels, and the ancestor stride is what a missing page falls back to (1.6 % more pages).
+  void addRequests(const Node& n, int wanted_level, const NodeId& used) {
     const Square& s = n.square;
     float priority = camera_.priority(boxOf(s).centre);
     int finest = std::min(s.level, domain_.relief_depth);
     int level = std::clamp(wanted_level - kPageLog2, 0, finest);
-    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kWantLadder) : -1) addWant(s.ancestor(at), priority);
-    if (static_cast<int>(used.level) != level) addWant(s.ancestor(static_cast<int>(used.level)), priority);
+    for (int at = level; at >= 0; at = at > 0 ? std::max(0, at - kRequestAncestorStride) : -1)
+      addRequest(s.ancestor(at), priority);
+    if (static_cast<int>(used.level) != level) addRequest(s.ancestor(static_cast<int>(used.level)), priority);
   }
-  void addWant(const Square& page, float priority) {
+  void addRequest(const Square& page, float priority) {
     uint64_t k = key(page);
-    uint32_t found = want_index_.find(k);
+    uint32_t found = request_index_.find(k);
     if (found == IndexTable::kNone) {
-      want_index_.insert(k, static_cast<uint32_t>(wants_.size()));
-      wants_.push_back({nodeId(page), priority});
+      request_index_.insert(k, static_cast<uint32_t>(requests_.size()));
+      requests_.push_back({nodeId(page), priority});
     } else {
-      wants_[found].priority = std::min(wants_[found].priority, priority);
+      requests_[found].priority = std::min(requests_[found].priority, priority);
     }
   }
 
@@ -616,7 +617,7 @@ class Selection {
       if (n.state == State::kLeaf) levelSides(n), levelInside(n);
     for (uint32_t i = 0; i < nodes_.size(); ++i) {
       const Node& n = nodes_[i];
-      if (n.barren && !flat_ && camera_.valid) addWants(n, n.needs_level, nodeId(n.square.ancestor(0)));
+      if (n.barren && !flat_ && camera_.valid) addRequests(n, n.needs_level, nodeId(n.square.ancestor(0)));
       if (n.state != State::kLeaf) continue;
       PatchInstance p;
       p.node = nodeId(n.square);
@@ -638,12 +639,12 @@ class Selection {
           }
         }
         search_.push_back(partOf(i, n.square));
-        if (camera_.valid) addWants(n, wanted, p.relief_page);
+        if (camera_.valid) addRequests(n, wanted, p.relief_page);
       }
       result.instances.push_back(p);
     }
     if (camera_.valid) result.max_error_px = promisedPx();
-    result.wants = std::move(wants_);
+    result.requests = std::move(requests_);
     sortLists(result);
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
@@ -657,7 +658,7 @@ class Selection {
   int64_t width_units_ = 0, height_units_ = 0;
   double mm_per_unit_ = 1;
   const LodCamera camera_;
-  WishMemory& memory_;
+  DesiredLevelMemory& memory_;
   bool flat_ = false, morph_ = false;
   double exaggerate_ = 1, error_px_ = 1, max_node_px_ = kMaxNodePx, min_cell_px_ = 0, hysteresis_ = 0;
   // The tree, and what was looked up for it.
@@ -665,9 +666,9 @@ class Selection {
   std::vector<Edge> edges_;
   std::vector<HeightBounds> bounds_;
   std::vector<PartErrors> parts_;
-  std::vector<ReliefWant> wants_;
+  std::vector<ReliefRequest> requests_;
   std::vector<Part> search_;
-  IndexTable node_index_, edge_index_, bounds_index_, parts_index_, want_index_, inner_index_;
+  IndexTable node_index_, edge_index_, bounds_index_, parts_index_, request_index_, inner_index_;
   std::vector<int> inner_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool limited_tree_ = false;     // a split did not happen for want of pages
@@ -678,14 +679,14 @@ class Selection {
 
 PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
                                 const ReliefSet& resident) {
-  WishMemory memory;
+  DesiredLevelMemory memory;
   return Selection(domain, oracle, view, resident, memory).run();
 }
 
 struct PlanarLod::Impl {
   PlanarDomain domain;
   std::shared_ptr<const ReliefOracle> oracle;
-  WishMemory memory;
+  DesiredLevelMemory memory;
 };
 PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(new Impl{domain, std::move(oracle), {}}) {}

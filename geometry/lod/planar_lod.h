@@ -110,14 +110,14 @@ struct PatchInstance {
   friend bool operator==(const PatchInstance&, const PatchInstance&) = default;
 };
 
-struct ReliefWant {
+struct ReliefRequest {
   NodeId page;
   float priority = 0;  // distance from the view's centre, 0..1
 };
 
 struct PlanarLodResult {
   std::vector<PatchInstance> instances;  // sorted by grid_level, then by node
-  std::vector<ReliefWant> wants;         // relief pages, resident or not: coarse before fine
+  std::vector<ReliefRequest> requests;   // relief pages, resident or not: coarse before fine
   uint32_t limited_by_residency = 0;     // edges coarser than wanted because pages are missing
   double error_px = 0;                   // as asked for, or twice that, four times... where the node budget ran out
   // The largest predicted error of what is drawn: an upper bound of how far the picture of a point of the finest relief

@@ -1,4 +1,4 @@
-// snap.h - the C++ twin of the vertex shader's snapping (shaders/patch.vert).
+// snap.h - the CPU reference of the vertex shader's snapping (shaders/patch.vert).
 #pragma once
 
 #include <array>

@@ -66,23 +66,23 @@ class TextureSelection {
     valid_ = setView();
   }
 
-  std::vector<TextureWant> run() {
+  std::vector<TextureRequest> run() {
     if (!valid_) {
-      for (uint32_t p = 0; p < std::min<size_t>(domain_.patchCount(), kMaxTextureWants); ++p)
-        wants_.push_back({{p, 0, 0, 0}, 1});
-      return std::move(wants_);
+      for (uint32_t p = 0; p < std::min<size_t>(domain_.patchCount(), kMaxTextureRequests); ++p)
+        requests_.push_back({{p, 0, 0, 0}, 1});
+      return std::move(requests_);
     }
-    std::vector<TextureWant> level, next;
+    std::vector<TextureRequest> level, next;
     addRoots(0, domain_.patchCount(), level);
     for (int l = 0; !level.empty(); ++l) {
-      std::sort(level.begin(), level.end(), [](const TextureWant& a, const TextureWant& b) {
+      std::sort(level.begin(), level.end(), [](const TextureRequest& a, const TextureRequest& b) {
         return a.priority != b.priority ? a.priority < b.priority : a.node < b.node;
       });
-      level.resize(std::min(level.size(), kMaxTextureWants - wants_.size()));
-      wants_.insert(wants_.end(), level.begin(), level.end());
+      level.resize(std::min(level.size(), kMaxTextureRequests - requests_.size()));
+      requests_.insert(requests_.end(), level.begin(), level.end());
       next.clear();
       if (l < domain_.texture_depth) {
-        for (const TextureWant& w : level) {
+        for (const TextureRequest& w : level) {
           for (uint32_t cy = 0; cy < 2; ++cy)
             for (uint32_t cx = 0; cx < 2; ++cx)
               if (NodeId c = w.node.child(cx, cy); domain_.nodeExists(c)) addIfWanted(c, next);
@@ -90,7 +90,7 @@ class TextureSelection {
       }
       level.swap(next);
     }
-    return std::move(wants_);
+    return std::move(requests_);
   }
 
  private:
@@ -199,7 +199,7 @@ class TextureSelection {
     if (r.z0 > r.z1) std::swap(r.z0, r.z1);
   }
 
-  void addRoots(uint32_t first, uint32_t last, std::vector<TextureWant>& out) {
+  void addRoots(uint32_t first, uint32_t last, std::vector<TextureRequest>& out) {
     if (last - first > 1) {  // the strip as a binary tree of ranges
       uint32_t end = last - 1;
       auto side = static_cast<double>(domain_.patchPx());
@@ -216,7 +216,7 @@ class TextureSelection {
     }
     addIfWanted({first, 0, 0, 0}, out);
   }
-  void addIfWanted(const NodeId& node, std::vector<TextureWant>& out) {
+  void addIfWanted(const NodeId& node, std::vector<TextureRequest>& out) {
     Region r = regionOf(node);
     setHeights(node, r);
     double threshold = thresholdMm(static_cast<int>(node.level));
@@ -484,13 +484,13 @@ class TextureSelection {
   glm::dvec2 screen_x_{0}, screen_y_{0}, screen_w_{0};
   std::array<glm::dvec4, 6> planes_{};
   double near_w_ = 1, px_per_mm_ = 0, corner_px_ = 1;
-  std::vector<TextureWant> wants_;
+  std::vector<TextureRequest> requests_;
 };
 
 }  // namespace
 
-std::vector<TextureWant> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle,
-                                            const TextureView& view) {
+std::vector<TextureRequest> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle,
+                                               const TextureView& view) {
   return TextureSelection(domain, oracle, view).run();
 }
 

@@ -56,126 +56,129 @@ struct Candidate {
   std::vector<uint32_t> regions;  // cornerRegions
   size_t folded = 0, flat = 0;    // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
   double lost = 1;                // Fit
-  double stray = 0;               // borderStray
+  double deviation = 0;           // borderDeviation
   // A folded corner spoils a part of its quads; a flat one wastes samples.
   double badness() const {
     if (quads.quads.empty()) return 2;
     return lost +
            (0.3 * static_cast<double>(folded) + 0.015 * static_cast<double>(flat)) /
                static_cast<double>(quads.points.size()) +
-           stray;
+           deviation;
   }
 };
 
-// How much farther than it must (by rail) the scan's border strays from the base's sides: strayFromSide.
-double borderStray(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const Rail> rails,
-                   std::span<const double> must) {
-  double stray = 0;
-  auto side = [&](uint32_t rail, const RailEnd& a, const RailEnd& b) {
-    stray = std::max(stray, strayFromSide(rails[rail], a, b) - must[rail]);
+// How much farther than it must (by feature curve) the scan's border strays from the base's sides: deviationFromSide.
+double borderDeviation(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const FeatureCurve> curves,
+                       std::span<const double> must) {
+  double deviation = 0;
+  auto side = [&](uint32_t curve, const CurveEnd& a, const CurveEnd& b) {
+    deviation = std::max(deviation, deviationFromSide(curves[curve], a, b) - must[curve]);
   };
-  std::vector<uint8_t> bare(rails.size());  // with no corner between their ends
-  for (size_t r = 0; r < rails.size(); ++r) bare[r] = rails[r].border;
+  std::vector<uint8_t> bare(curves.size());  // with no corner between their ends
+  for (size_t r = 0; r < curves.size(); ++r) bare[r] = curves[r].border;
   for (uint32_t c = 0; c < m.points.size(); ++c) {
-    const RailPlace& at = m.place[c];
-    if (m.fixed[c] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex)
+    const CurvePlace& at = m.place[c];
+    if (m.fixed[c] || at.curve == kNoIndex || !curves[at.curve].border || at.before == kNoIndex || at.after == kNoIndex)
       continue;
-    bare[at.rail] = 0;
-    const RailEnd here{m.points[c], normals[c], at.along};
-    side(at.rail, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
-    if (m.fixed[at.after]) side(at.rail, here, {m.points[at.after], normals[at.after], rails[at.rail].length()});
+    bare[at.curve] = 0;
+    const CurveEnd here{m.points[c], normals[c], at.along};
+    side(at.curve, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
+    if (m.fixed[at.after]) side(at.curve, here, {m.points[at.after], normals[at.after], curves[at.curve].length()});
   }
-  for (uint32_t r = 0; r < rails.size(); ++r) {
+  for (uint32_t r = 0; r < curves.size(); ++r) {
     if (!bare[r]) continue;
-    RailEnd ends[2];
+    CurveEnd ends[2];
     for (int k = 0; k < 2; ++k) {
-      const glm::dvec3 p = k ? rails[r].points.back() : rails[r].points.front();
+      const glm::dvec3 p = k ? curves[r].points.back() : curves[r].points.front();
       const auto found = std::find(m.points.begin(), m.points.end(), p);
-      if (found != m.points.end()) ends[k] = {p, normals[found - m.points.begin()], k ? rails[r].length() : 0};
+      if (found != m.points.end()) ends[k] = {p, normals[found - m.points.begin()], k ? curves[r].length() : 0};
     }
     if (ends[0].normal != glm::dvec3(0) && ends[1].normal != glm::dvec3(0)) side(r, ends[0], ends[1]);
   }
-  return stray;
+  return deviation;
 }
 
 // Borders without what heights bring back, as far as that is known: the heights of a relief over a plane.
-std::vector<Rail> flattened(std::vector<Rail> rails, const Outlook& outlook) {
-  if (!isRelief(outlook)) return rails;
-  for (Rail& rail : rails) {
-    for (size_t i = 0; i < rail.points.size(); ++i) {
-      rail.points[i] -= outlook.direction * glm::dot(rail.points[i], outlook.direction);
-      rail.at[i] = i ? rail.at[i - 1] + glm::length(rail.points[i] - rail.points[i - 1]) : 0;
+std::vector<FeatureCurve> flattened(std::vector<FeatureCurve> curves, const ViewDirection& view_direction) {
+  if (!isRelief(view_direction)) return curves;
+  for (FeatureCurve& curve : curves) {
+    for (size_t i = 0; i < curve.points.size(); ++i) {
+      curve.points[i] -= view_direction.direction * glm::dot(curve.points[i], view_direction.direction);
+      curve.at[i] = i ? curve.at[i - 1] + glm::length(curve.points[i] - curve.points[i - 1]) : 0;
     }
   }
-  return rails;
+  return curves;
 }
 
 struct Maker {
   const Surface& surface;
   ScanLookup scan;
-  Rails rails;
+  FeatureCurves curves;
   Fans fans;
-  Outlook outlook;
+  ViewDirection view_direction;
   size_t scan_vertices;
-  std::vector<Rail> flat_rails;
-  std::vector<double> must_stray;  // of a border rail, be there ever so many patches
+  std::vector<FeatureCurve> flat_curves;
+  std::vector<double> allowed_deviation;  // of a border feature curve, be there ever so many patches
   const std::atomic<bool>* interrupted;
 
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
   Candidate sheet(uint32_t patches) const {
     uint32_t times = 1;
-    if (const size_t few = sheetQuads(rails.rails, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
+    if (const size_t few = sheetQuads(curves.curves, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
       times = static_cast<uint32_t>(
           std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
     }
     for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
-      Candidate c{.quads = sheetQuads(rails.rails, surface.pieces.size(), scan, patches, times)};
+      Candidate c{.quads = sheetQuads(curves.curves, surface.pieces.size(), scan, patches, times)};
       if (c.quads.quads.empty()) break;
       c.regions = cornerRegions(c.quads, surface, fans, scan);
-      if (isRelief(outlook)) {
-        c.normals.assign(c.quads.points.size(), outlook.direction);
+      if (isRelief(view_direction)) {
+        c.normals.assign(c.quads.points.size(), view_direction.direction);
       } else {
         c.normals = cornerNormals(c.quads, surface, c.regions, scan);
       }
-      c.stray = borderStray(c.quads, c.normals, rails.rails, must_stray);
-      if (c.stray <= 0) return c;
+      c.deviation = borderDeviation(c.quads, c.normals, curves.curves, allowed_deviation);
+      if (c.deviation <= 0) return c;
       if (patches) break;
     }
     return {};
   }
 
-  // Of each border rail by sides of so many squares; of creases: 1.
-  std::vector<double> strayFor(double squares, double within) const {
+  // Of each border feature curve by sides of so many squares; of creases: 1.
+  std::vector<double> deviationFor(double squares, double within) const {
     double area = 0;
     for (const SurfacePiece& p : surface.pieces) area += p.area;
-    std::vector<double> stray(flat_rails.size(), 1.0);
-    for (size_t r = 0; r < stray.size(); ++r) {
-      if (flat_rails[r].border) stray[r] = strayForSides(flat_rails[r], std::sqrt(area / squares), within);
+    std::vector<double> deviation(flat_curves.size(), 1.0);
+    for (size_t r = 0; r < deviation.size(); ++r) {
+      if (flat_curves[r].border) deviation[r] = deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
     }
-    return stray;
+    return deviation;
   }
 
   // split: makeQuads. Empty without it where triangles find no partner.
   Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
-    EditMesh coarse(surface, rails);
+    EditMesh coarse(surface, curves);
     // Halved sides of a curve stray a quarter as far.
-    const std::vector<double> stray = strayFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderStray);
-    simplify(
-        coarse,
-        {.triangles = triangles, .weight = weight, .rails = rails.rails, .stray = stray, .interrupted = interrupted});
+    const std::vector<double> deviation =
+        deviationFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderDeviation);
+    simplify(coarse, {.triangles = triangles,
+                      .weight = weight,
+                      .curves = curves.curves,
+                      .deviation = deviation,
+                      .interrupted = interrupted});
     flipEdges(coarse);
-    Candidate c{.quads = makeQuads(coarse, rails.rails, split)};
+    Candidate c{.quads = makeQuads(coarse, curves.curves, split)};
     if (c.quads.quads.empty()) return c;
     updateNormals(c.quads);
     for (int round = 0; round < 4; ++round) {
       if (interrupted && interrupted->load(std::memory_order_relaxed)) return {};
-      if (round) relaxQuads(c.quads, rails.rails, scan, 8);
-      if (round == 3) settleBorders(c.quads, rails.rails, must_stray);
+      if (round) relaxQuads(c.quads, curves.curves, scan, 8);
+      if (round == 3) settleBorders(c.quads, curves.curves, allowed_deviation);
       c.regions = cornerRegions(c.quads, surface, fans, scan);
       placeCorners(c.quads, surface, c.regions, scan);
     }
     c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions, scan);
-    untangleQuads(c.quads, rails.rails, scan);
+    untangleQuads(c.quads, curves.curves, scan);
     return c;
   }
 
@@ -273,9 +276,9 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   if (stopped()) return interruptedError();
   report(0.4);
   // Of the scan itself: the reduced one's walls lean over.
-  const Outlook outlook = scan->pieces.size() == 1
-                              ? outlookOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted)
-                              : Outlook{};
+  const ViewDirection view_direction = scan->pieces.size() == 1 ? viewDirectionOf(mesh.positions_mm, mesh.triangles,
+                                                                                  options.workers, options.interrupted)
+                                                                : ViewDirection{};
   if (stopped()) return interruptedError();
   if (options.scan_done) options.scan_done();
 
@@ -294,10 +297,17 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  Maker maker{surface, {triangle_mesh, **scene}, findRails(borders, reduced), Fans(surface), outlook, scan_vertices, {},
-              {},      options.interrupted};
-  maker.flat_rails = flattened(maker.rails.rails, outlook);
-  maker.must_stray = maker.strayFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderStray);
+  Maker maker{surface,
+              {triangle_mesh, **scene},
+              findFeatureCurves(borders, reduced),
+              Fans(surface),
+              view_direction,
+              scan_vertices,
+              {},
+              {},
+              options.interrupted};
+  maker.flat_curves = flattened(maker.curves.curves, view_direction);
+  maker.allowed_deviation = maker.deviationFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderDeviation);
 
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
@@ -309,7 +319,7 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     if (stopped()) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
     if (!candidate.quads.quads.empty() &&
-        isRelief(outlook)) {  // whatever is lost of its walls is due to the fit's coarse grids
+        isRelief(view_direction)) {  // whatever is lost of its walls is due to the fit's coarse grids
       best = std::move(candidate);
       break;
     }
@@ -324,12 +334,13 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
     const QuadStars stars(candidate.quads);
     for (uint32_t c = 0; c < candidate.quads.points.size(); ++c) {
-      const uint32_t rail = candidate.quads.place[c].rail;
+      const uint32_t curve = candidate.quads.place[c].curve;
       candidate.flat +=
-          rail != kNoIndex && maker.rails.rails[rail].border && stars.leastSine(candidate.quads, c) < kFlatSine;
+          curve != kNoIndex && maker.curves.curves[curve].border && stars.leastSine(candidate.quads, c) < kFlatSine;
     }
     candidate.lost = fit.lost;
-    candidate.stray = borderStray(candidate.quads, candidate.normals, maker.rails.rails, maker.must_stray);
+    candidate.deviation =
+        borderDeviation(candidate.quads, candidate.normals, maker.curves.curves, maker.allowed_deviation);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     raiseWeights(fit, folded, candidate.regions, surface, weight);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.

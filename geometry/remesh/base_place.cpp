@@ -105,7 +105,7 @@ void placeCorners(QuadMesh& quads, const Surface& s, const std::vector<uint32_t>
   quads.slide.resize(quads.points.size(), glm::dmat3(1));
   for (uint32_t c = 0; c < all.size(); ++c) {
     const Region& r = all[c];
-    if (quads.place[c].rail != kNoIndex || quads.fixed[c] || !(r.area > 0) || quads.slide[c] == glm::dmat3(0))
+    if (quads.place[c].curve != kNoIndex || quads.fixed[c] || !(r.area > 0) || quads.slide[c] == glm::dmat3(0))
       continue;  // where creases meet: for good
     quads.slide[c] = glm::dmat3(1);
     glm::dvec3 spread;

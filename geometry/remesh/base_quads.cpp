@@ -195,7 +195,7 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
 
 }  // namespace
 
-QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
+QuadMesh makeQuads(const EditMesh& m, std::span<const FeatureCurve> curves, bool split) {
   QuadMesh out;
   const std::vector<uint32_t> partner = pairTriangles(m, !split);
   if (!split) {
@@ -203,7 +203,7 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
       if (m.triangles[t][0] != kNoIndex && partner[t] == kNoIndex) return out;
     }
   }
-  auto add = [&](const glm::dvec3& p, bool fixed, const RailPlace& place) {
+  auto add = [&](const glm::dvec3& p, bool fixed, const CurvePlace& place) {
     out.points.push_back(p);
     out.fixed.push_back(fixed);
     out.place.push_back(place);
@@ -214,9 +214,9 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
     if (m.fans[v].empty()) continue;
     const bool sliding = m.steps[v].size() == 2 && !m.fixed[v];
     corner[v] = add(m.points[v], !sliding && (m.fixed[v] || m.border[v] || !m.steps[v].empty()), {});
-    if (sliding) out.place.back() = {m.steps[v][0].rail, m.steps[v][0].along, kNoIndex, kNoIndex};
+    if (sliding) out.place.back() = {m.steps[v][0].curve, m.steps[v][0].along, kNoIndex, kNoIndex};
   }
-  // Two points that follow one another on a rail, from the smaller place to the larger.
+  // Two points that follow one another on a feature curve, from the smaller place to the larger.
   auto follow = [&](uint32_t a, uint32_t b) {
     out.place[a].after = b;
     out.place[b].before = a;
@@ -225,11 +225,11 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
   auto middle = [&](uint32_t a, uint32_t b) {
     auto [it, fresh] = middles.try_emplace({std::min(a, b), std::max(a, b)}, 0);
     if (!fresh) return it->second;
-    const RailStep *there = m.step(a, b), *back = m.step(b, a);
+    const CurveStep *there = m.step(a, b), *back = m.step(b, a);
     if (!there) return it->second = add((m.points[a] + m.points[b]) / 2.0, false, {});
     const double along = (there->along + back->along) / 2;
     const uint32_t c = it->second =
-        add(rails[there->rail].point(along), false, {there->rail, along, kNoIndex, kNoIndex});
+        add(curves[there->curve].point(along), false, {there->curve, along, kNoIndex, kNoIndex});
     const bool forwards = there->along < back->along;
     follow(corner[forwards ? a : b], c);
     follow(c, corner[forwards ? b : a]);
@@ -237,7 +237,7 @@ QuadMesh makeQuads(const EditMesh& m, std::span<const Rail> rails, bool split) {
   };
   if (!split) {
     for (uint32_t v = 0; v < m.points.size(); ++v) {
-      for (const RailStep& s : m.steps[v]) {
+      for (const CurveStep& s : m.steps[v]) {
         if (m.step(s.to, v)->along > s.along) follow(corner[v], corner[s.to]);
       }
     }
@@ -314,7 +314,7 @@ void updateNormals(QuadMesh& m) {
   for (glm::dvec3& n : m.normals) n = unit(n);
 }
 
-void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan, int rounds) {
+void relaxQuads(QuadMesh& m, std::span<const FeatureCurve> curves, const ScanLookup& scan, int rounds) {
   const size_t n = m.points.size();
   const QuadStars stars(m);
   std::vector<glm::dvec3> target(n);
@@ -349,16 +349,16 @@ void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan
     for (uint32_t v = 0; v < n; ++v) {
       if (m.fixed[v] || weight[v] <= 0) continue;
       const glm::dvec3 to = target[v] / weight[v];
-      if (RailPlace& at = m.place[v]; at.rail != kNoIndex) {
-        const Rail& rail = rails[at.rail];
+      if (CurvePlace& at = m.place[v]; at.curve != kNoIndex) {
+        const FeatureCurve& curve = curves[at.curve];
         if (at.before == kNoIndex || at.after == kNoIndex) continue;
         const double start = m.fixed[at.before] ? 0 : m.place[at.before].along,
-                     end = m.fixed[at.after] ? rail.length() : m.place[at.after].along;
-        // Along the rail as far as the wish points that way, and towards the middle.
+                     end = m.fixed[at.after] ? curve.length() : m.place[at.after].along;
+        // Along the feature curve as far as the desired level points that way, and towards the middle.
         const glm::dvec3 tangent = unit(m.points[at.after] - m.points[at.before]);
         const double s = 0.7 * (at.along + 0.5 * glm::dot(to - m.points[v], tangent)) + 0.3 * (start + end) / 2;
         at.along = std::clamp(s, 0.75 * start + 0.25 * end, 0.25 * start + 0.75 * end);
-        m.points[v] = rail.point(at.along);
+        m.points[v] = curve.point(at.along);
         continue;
       }
       glm::dvec3 step = 0.6 * (to - m.points[v]);
@@ -373,40 +373,41 @@ void relaxQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan
   }
 }
 
-void settleBorders(QuadMesh& m, std::span<const Rail> rails, std::span<const double> must) {
+void settleBorders(QuadMesh& m, std::span<const FeatureCurve> curves, std::span<const double> must) {
   const QuadStars stars(m);
   for (int round = 0; round < 4; ++round) {
     for (uint32_t v = 0; v < m.points.size(); ++v) {
-      RailPlace& at = m.place[v];
-      if (m.fixed[v] || at.rail == kNoIndex || !rails[at.rail].border || at.before == kNoIndex || at.after == kNoIndex)
+      CurvePlace& at = m.place[v];
+      if (m.fixed[v] || at.curve == kNoIndex || !curves[at.curve].border || at.before == kNoIndex ||
+          at.after == kNoIndex)
         continue;
-      const Rail& rail = rails[at.rail];
-      const RailEnd before{m.points[at.before], m.normals[at.before],
-                           m.fixed[at.before] ? 0 : m.place[at.before].along};
-      const RailEnd after{m.points[at.after], m.normals[at.after],
-                          m.fixed[at.after] ? rail.length() : m.place[at.after].along};
-      auto stray = [&](double along) {
-        const RailEnd here{rail.point(along), m.normals[v], along};
-        return std::max(strayFromSide(rail, before, here), strayFromSide(rail, here, after));
+      const FeatureCurve& curve = curves[at.curve];
+      const CurveEnd before{m.points[at.before], m.normals[at.before],
+                            m.fixed[at.before] ? 0 : m.place[at.before].along};
+      const CurveEnd after{m.points[at.after], m.normals[at.after],
+                           m.fixed[at.after] ? curve.length() : m.place[at.after].along};
+      auto deviation = [&](double along) {
+        const CurveEnd here{curve.point(along), m.normals[v], along};
+        return std::max(deviationFromSide(curve, before, here), deviationFromSide(curve, here, after));
       };
-      double best = at.along, least = stray(best);
-      if (least <= must[at.rail] / 2) continue;
+      double best = at.along, least = deviation(best);
+      if (least <= must[at.curve] / 2) continue;
       const double sine = std::min(stars.leastSine(m, v), 0.3);
       for (int k = 0; k <= 16; ++k) {
-        const double along = before.along + (after.along - before.along) * (0.25 + 0.5 * k / 16), s = stray(along);
+        const double along = before.along + (after.along - before.along) * (0.25 + 0.5 * k / 16), s = deviation(along);
         if (s >= 0.95 * least) continue;
         const glm::dvec3 was = m.points[v];
-        m.points[v] = rail.point(along);
+        m.points[v] = curve.point(along);
         if (stars.leastSine(m, v) >= sine) best = along, least = s;
         m.points[v] = was;
       }
       at.along = best;
-      m.points[v] = rail.point(best);
+      m.points[v] = curve.point(best);
     }
   }
 }
 
-void untangleQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& scan) {
+void untangleQuads(QuadMesh& m, std::span<const FeatureCurve> curves, const ScanLookup& scan) {
   constexpr double kEnough = 0.3;  // of a sine: 17 degrees from folding
   const QuadStars stars(m);
   for (int round = 0; round < 20; ++round) {
@@ -414,9 +415,9 @@ void untangleQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& s
     for (uint32_t v = 0; v < m.points.size(); ++v) {
       if (m.fixed[v] || stars.leastSine(m, v) >= kEnough) continue;
       const glm::dvec3 was = m.points[v];
-      const RailPlace place = m.place[v];
-      if (place.rail != kNoIndex && (place.before == kNoIndex || place.after == kNoIndex)) continue;
-      // Towards the middle of the neighbours; of a rail's two neighbours.
+      const CurvePlace place = m.place[v];
+      if (place.curve != kNoIndex && (place.before == kNoIndex || place.after == kNoIndex)) continue;
+      // Towards the middle of the neighbours; of a feature curve's two neighbours.
       glm::dvec3 middle{0};
       double reach = 0;
       for (uint32_t i = stars.begin[v]; i < stars.begin[v + 1]; ++i) {
@@ -430,12 +431,12 @@ void untangleQuads(QuadMesh& m, std::span<const Rail> rails, const ScanLookup& s
       glm::dvec3 best = was;
       double best_sine = stars.leastSine(m, v), best_along = place.along;
       for (double t : {1.0, 0.5, 0.25, 0.1}) {
-        if (place.rail != kNoIndex) {
-          const Rail& rail = rails[place.rail];
+        if (place.curve != kNoIndex) {
+          const FeatureCurve& curve = curves[place.curve];
           const double start = m.fixed[place.before] ? 0 : m.place[place.before].along;
-          const double end = m.fixed[place.after] ? rail.length() : m.place[place.after].along;
+          const double end = m.fixed[place.after] ? curve.length() : m.place[place.after].along;
           m.place[v].along = place.along + t * ((start + end) / 2 - place.along);
-          m.points[v] = rail.point(m.place[v].along);
+          m.points[v] = curve.point(m.place[v].along);
         } else {
           const SurfacePoint hit = scan.project(was + t * (middle - was), m.normals[v], reach);
           if (!hit) continue;

@@ -15,10 +15,10 @@
 
 namespace relievo {
 
-// Where on a rail a point is that is not fixed, and the next points on it; a rail's fixed ends are at 0 and at its
-// length.
-struct RailPlace {
-  uint32_t rail = kNoIndex;  // kNoIndex: on none
+// Where on a feature curve a point is that is not fixed, and the next points on it; a feature curve's fixed ends are at
+// 0 and at its length.
+struct CurvePlace {
+  uint32_t curve = kNoIndex;  // kNoIndex: on none
   double along = 0;
   uint32_t before = kNoIndex, after = kNoIndex;
 };
@@ -28,7 +28,7 @@ struct QuadMesh {
   std::vector<glm::dvec3> normals;             // of the surface near the point, for projections
   std::vector<std::array<uint32_t, 4>> quads;  // against the clock seen from outside
   std::vector<uint8_t> fixed;                  // points that stay
-  std::vector<RailPlace> place;
+  std::vector<CurvePlace> place;
   std::vector<glm::dmat3> slide;  // the directions that a point may move in, those across a crease taken out; or empty
 };
 
@@ -56,15 +56,15 @@ struct ScanLookup {
 
 // split: every quad into four and every triangle into three (Catmull and Clark 1978); else the pairs alone, if all
 // triangles find one: an empty mesh if not.
-QuadMesh makeQuads(const EditMesh& mesh, std::span<const Rail> rails, bool split);
+QuadMesh makeQuads(const EditMesh& mesh, std::span<const FeatureCurve> curves, bool split);
 void updateNormals(QuadMesh& mesh);  // of the quads around each corner, by area
-void relaxQuads(QuadMesh& mesh, std::span<const Rail> rails, const ScanLookup& scan, int rounds);
+void relaxQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan, int rounds);
 
-// Slides corners along borders to where the sides on either side of them stray least from the rail (strayFromSide),
-// where that is more than half of what it must (by rail).
-void settleBorders(QuadMesh& mesh, std::span<const Rail> rails, std::span<const double> must);
+// Slides corners along borders to where the sides on either side of them stray least from the feature curve
+// (deviationFromSide), where that is more than half of what it must (by feature curve).
+void settleBorders(QuadMesh& mesh, std::span<const FeatureCurve> curves, std::span<const double> must);
 
 // Moves corners whose quads fold over or come close to it, seen along mesh.normals, until they do not or no move helps.
-void untangleQuads(QuadMesh& mesh, std::span<const Rail> rails, const ScanLookup& scan);
+void untangleQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan);
 
 }  // namespace relievo

@@ -11,18 +11,18 @@ namespace {
 
 constexpr double kStraight = 0.03;  // how far a side may leave its chord, of its length
 
-bool straight(const Rail& rail) {
-  const glm::dvec3 a = rail.points.front(), side = rail.points.back() - a;
+bool straight(const FeatureCurve& curve) {
+  const glm::dvec3 a = curve.points.front(), side = curve.points.back() - a;
   const double length = glm::length(side);
-  return length > 0 && std::all_of(rail.points.begin(), rail.points.end(), [&](const glm::dvec3& p) {
+  return length > 0 && std::all_of(curve.points.begin(), curve.points.end(), [&](const glm::dvec3& p) {
            return glm::length(glm::cross(p - a, side)) <= kStraight * length * length;
          });
 }
 
 }  // namespace
 
-Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers,
-                  const std::atomic<bool>* interrupted) {
+ViewDirection viewDirectionOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers,
+                              const std::atomic<bool>* interrupted) {
   auto area = [&](const Triangle& t) {
     const glm::dvec3 a = points[t[0]];
     return glm::cross(glm::dvec3(points[t[1]]) - a, glm::dvec3(points[t[2]]) - a);
@@ -51,7 +51,7 @@ Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> t
     sum += part.sum;
     all += part.all;
   }
-  Outlook best;
+  ViewDirection best;
   if (!(glm::length(sum) > 0)) return best;
   const glm::dvec3 size = glm::abs(sum);
   const int k = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);
@@ -69,16 +69,16 @@ Outlook outlookOf(std::span<const glm::vec3> points, std::span<const Triangle> t
   return {directions[d], hidden[d] / all, glm::dot(sum, directions[d]) / all};
 }
 
-QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup& scan, uint32_t patches,
+QuadMesh sheetQuads(std::span<const FeatureCurve> curves, size_t pieces, const ScanLookup& scan, uint32_t patches,
                     uint32_t times) {
   QuadMesh m;
-  if (pieces != 1 || rails.size() != 4) return m;
+  if (pieces != 1 || curves.size() != 4) return m;
   for (size_t k = 0; k < 4; ++k) {
-    if (!rails[k].border || rails[k].points.back() != rails[(k + 1) % 4].points.front() || !straight(rails[k]))
+    if (!curves[k].border || curves[k].points.back() != curves[(k + 1) % 4].points.front() || !straight(curves[k]))
       return m;
   }
-  const double width = (rails[0].length() + rails[2].length()) / 2,
-               height = (rails[1].length() + rails[3].length()) / 2;
+  const double width = (curves[0].length() + curves[2].length()) / 2,
+               height = (curves[1].length() + curves[3].length()) / 2;
   uint32_t columns, rows;
   if (patches) {
     rows = std::max(1u, static_cast<uint32_t>(std::lround(std::sqrt(patches * height / width))));
@@ -89,7 +89,7 @@ QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup
     rows = static_cast<uint32_t>(std::lround(std::min(height / unit, 256.0))) * times;
   }
   // The border runs around the sheet: along its bottom, up its right side, back along the top and down on the left.
-  auto side = [&](size_t k, double t) { return rails[k].point((k < 2 ? t : 1 - t) * rails[k].length()); };
+  auto side = [&](size_t k, double t) { return curves[k].point((k < 2 ? t : 1 - t) * curves[k].length()); };
   const glm::dvec3 corner[4] = {side(0, 0), side(0, 1), side(2, 0), side(2, 1)};  // bottom left, right; top left, right
   const glm::dvec3 up = glm::cross(corner[3] - corner[0], corner[2] - corner[1]);
   const double size = glm::length(up);
@@ -108,12 +108,12 @@ QuadMesh sheetQuads(std::span<const Rail> rails, size_t pieces, const ScanLookup
         if (const SurfacePoint hit = scan.scene.nearestOnLine({flat, up / size, 0.5}, Facing::kAlong))
           p = scan.point(hit);
       }
-      RailPlace place;
+      CurvePlace place;
       if (border && !fixed) {
         auto name = [&](uint32_t x, uint32_t y) { return y * (columns + 1) + x; };
         const size_t k = j == 0 ? 0 : i == columns ? 1 : j == rows ? 2 : 3;
         const double forwards = k == 0 || k == 2 ? s : t;
-        place = {static_cast<uint32_t>(k), (k < 2 ? forwards : 1 - forwards) * rails[k].length(), 0, 0};
+        place = {static_cast<uint32_t>(k), (k < 2 ? forwards : 1 - forwards) * curves[k].length(), 0, 0};
         place.before = k % 2 == 0 ? name(i - 1, j) : name(i, j - 1);
         place.after = k % 2 == 0 ? name(i + 1, j) : name(i, j + 1);
         if (k >= 2) std::swap(place.before, place.after);

@@ -81,7 +81,7 @@ struct Simplifier {
   // How much worse than their surroundings collapses may leave triangles; relaxed when nothing else is left to do.
   double least_turn = 0.3, least_shape = 0.15;
   size_t largest_fan = 9;
-  double stray_factor = 1;
+  double deviation_factor = 1;
   std::vector<uint32_t> around_a, around_b;
 
   Simplifier(EditMesh& mesh, const SimplifyOptions& opts)
@@ -164,16 +164,16 @@ struct Simplifier {
     return length > 0 ? sum / length : glm::dvec3(0);
   }
 
-  // Does the border follow its rail still, without the vertex that goes?
+  // Does the border follow its feature curve still, without the vertex that goes?
   bool follows(uint32_t kept, uint32_t gone) const {
-    const RailStep* joint = m.step(kept, gone);
-    if (!joint || joint->rail >= options.stray.size() || !options.rails[joint->rail].border) return true;
-    for (const RailStep& s : m.steps[gone]) {
-      const RailStep* back = m.step(s.to, gone);
-      if (s.to == kept || s.rail != joint->rail || !back) continue;
+    const CurveStep* joint = m.step(kept, gone);
+    if (!joint || joint->curve >= options.deviation.size() || !options.curves[joint->curve].border) return true;
+    for (const CurveStep& s : m.steps[gone]) {
+      const CurveStep* back = m.step(s.to, gone);
+      if (s.to == kept || s.curve != joint->curve || !back) continue;
       const glm::dvec3 n = normalAround(kept, gone);
-      if (strayFromSide(options.rails[s.rail], {m.points[kept], n, joint->along}, {m.points[s.to], n, back->along}) >
-          stray_factor * options.stray[s.rail])
+      if (deviationFromSide(options.curves[s.curve], {m.points[kept], n, joint->along},
+                            {m.points[s.to], n, back->along}) > deviation_factor * options.deviation[s.curve])
         return false;
     }
     return true;
@@ -212,7 +212,7 @@ struct Simplifier {
         if (x == y) return false;
       }
     }
-    // The vertex across keeps three triangles (one at a border); and two rails do not become one.
+    // The vertex across keeps three triangles (one at a border); and two feature curves do not become one.
     for (uint32_t k = 0; k < sides; ++k) {
       for (uint32_t w : m.triangles[found[k]]) {
         if (w == a || w == b) continue;
@@ -233,19 +233,19 @@ struct Simplifier {
     return true;
   }
 
-  // b goes; a takes its place on their rail.
-  void joinRails(uint32_t a, uint32_t b) {
-    const RailStep* joint = m.step(a, b);
+  // b goes; a takes its place on their feature curve.
+  void joinCurves(uint32_t a, uint32_t b) {
+    const CurveStep* joint = m.step(a, b);
     if (joint) {
-      const RailStep was = *joint;
-      for (const RailStep& s : m.steps[b]) {
+      const CurveStep was = *joint;
+      for (const CurveStep& s : m.steps[b]) {
         if (s.to == a) continue;
-        m.steps[a].push_back({s.to, s.rail, was.along});
-        for (RailStep& back : m.steps[s.to]) {
-          if (back.to == b && back.rail == s.rail) back.to = a;
+        m.steps[a].push_back({s.to, s.curve, was.along});
+        for (CurveStep& back : m.steps[s.to]) {
+          if (back.to == b && back.curve == s.curve) back.to = a;
         }
       }
-      std::erase_if(m.steps[a], [&](const RailStep& s) { return s.to == b; });
+      std::erase_if(m.steps[a], [&](const CurveStep& s) { return s.to == b; });
     }
     m.steps[b].clear();
   }
@@ -264,7 +264,7 @@ struct Simplifier {
       m.fans[a].push_back(t);
     }
     m.fans[b].clear();
-    joinRails(a, b);
+    joinCurves(a, b);
     m.points[a] = to;
     m.border[a] |= m.border[b];
     quadrics[a].add(quadrics[b]);
@@ -291,27 +291,27 @@ struct Simplifier {
         double cost;
         if (!evaluate(c.a, c.b, to, cost)) continue;
         uint32_t kept = c.a, gone = c.b;
-        if (held(c.b) && to == m.points[c.b]) std::swap(kept, gone);  // a place on a rail keeps its vertex
+        if (held(c.b) && to == m.points[c.b]) std::swap(kept, gone);  // a place on a feature curve keeps its vertex
         if (follows(kept, gone) && allowed(c.a, c.b, to)) collapse(kept, gone, to);
       }
       queue = {};
       least_turn = std::max(0.02, least_turn - 0.14);
       least_shape = round < 2 ? least_shape / 4 : 0;
       largest_fan += 6;
-      stray_factor = round < 2 ? 2 * stray_factor : 1e3;
+      deviation_factor = round < 2 ? 2 * deviation_factor : 1e3;
     }
   }
 };
 
 }  // namespace
 
-EditMesh::EditMesh(const Surface& s, const Rails& rails)
+EditMesh::EditMesh(const Surface& s, const FeatureCurves& curves)
     : points(s.points.begin(), s.points.end()),
       triangles(s.triangles),
       fans(s.points.size()),
       border(s.points.size(), 0),
-      fixed(rails.fixed),
-      steps(rails.steps),
+      fixed(curves.fixed),
+      steps(curves.steps),
       live(static_cast<uint32_t>(s.triangles.size())) {
   for (uint32_t t = 0; t < triangles.size(); ++t) {
     for (uint32_t v : triangles[t]) fans[v].push_back(t);
@@ -321,8 +321,8 @@ EditMesh::EditMesh(const Surface& s, const Rails& rails)
   }
 }
 
-const RailStep* EditMesh::step(uint32_t a, uint32_t b) const {
-  for (const RailStep& s : steps[a]) {
+const CurveStep* EditMesh::step(uint32_t a, uint32_t b) const {
+  for (const CurveStep& s : steps[a]) {
     if (s.to == b) return &s;
   }
   return nullptr;

@@ -21,12 +21,12 @@ struct EditMesh {
   std::vector<glm::dvec3> points;
   std::vector<Triangle> triangles;
   std::vector<std::vector<uint32_t>> fans;
-  std::vector<uint8_t> border, fixed;        // of a vertex
-  std::vector<std::vector<RailStep>> steps;  // of a vertex: along the rails that it is on
-  uint32_t live = 0;                         // triangles
+  std::vector<uint8_t> border, fixed;         // of a vertex
+  std::vector<std::vector<CurveStep>> steps;  // of a vertex: along the feature curves that it is on
+  uint32_t live = 0;                          // triangles
 
-  EditMesh(const Surface& s, const Rails& rails);
-  const RailStep* step(uint32_t a, uint32_t b) const;  // of the rail from a to b; null: their edge is on none
+  EditMesh(const Surface& s, const FeatureCurves& curves);
+  const CurveStep* step(uint32_t a, uint32_t b) const;  // of the feature curve from a to b; null: their edge is on none
   uint32_t sharing(uint32_t a, uint32_t b, std::array<uint32_t, 2>& found) const;  // triangles at the edge: 0, 1 or 2
 };
 
@@ -35,15 +35,15 @@ struct SimplifyOptions {
   double uncertainty = 0.2;  // of a plane's direction, in radians: what bends less over a triangle counts as flat
   std::span<const float>
       weight;  // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
-  // How far a border's rail may stray from the edges along it (strayFromSide): by rail, or empty: anywhere. Where too
-  // many triangles remain, ever further.
-  std::span<const Rail> rails;
-  std::span<const double> stray;
+  // How far a border's feature curve may stray from the edges along it (deviationFromSide): by feature curve, or empty:
+  // anywhere. Where too many triangles remain, ever further.
+  std::span<const FeatureCurve> curves;
+  std::span<const double> deviation;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// Vertices on rails stay where they are or go, along their rail; fixed ones stay; others move.
+// Vertices on feature curves stay where they are or go, along their feature curve; fixed ones stay; others move.
 void simplify(EditMesh& mesh, const SimplifyOptions& options);
 // Turns edges over where that makes valences more even and the surface no rougher.
-void flipEdges(EditMesh& mesh);  // none of a rail
+void flipEdges(EditMesh& mesh);  // none of a feature curve
 
 }  // namespace relievo

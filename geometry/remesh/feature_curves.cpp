@@ -10,7 +10,8 @@ namespace relievo {
 
 namespace {
 
-constexpr double kSharp = 50 * std::numbers::pi / 180;  // turns of a rail, and folds of the surface, that count
+constexpr double kSharp =
+    50 * std::numbers::pi / 180;    // turns of a feature curve, and folds of the surface, that count
 constexpr double kShortest = 0.25;  // of a net of creases, for each of its ends, forks and sharp turns, in diagonals
 
 double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
@@ -114,9 +115,9 @@ std::vector<size_t> borderTurns(const std::vector<glm::dvec3>& points) {
   return turns;
 }
 
-// Cuts a line at its sharp turns (a closed one at least once) into rails. vertex_of: the reduced surface's names,
-// kNoIndex: gone.
-void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& out) {
+// Cuts a line at its sharp turns (a closed one at least once) into feature curves. vertex_of: the reduced surface's
+// names, kNoIndex: gone.
+void addCurves(const Line& line, const std::vector<uint32_t>& vertex_of, FeatureCurves& out) {
   const size_t n = line.points.size();
   // Fixed vertices must still exist.
   std::vector<size_t> cuts;
@@ -136,16 +137,16 @@ void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& o
   }
   for (size_t c = 0; c + !line.closed < cuts.size(); ++c) {
     const size_t first = cuts[c], last = c + 1 < cuts.size() ? cuts[c + 1] : cuts[0] + n;
-    Rail rail;
-    rail.border = line.border;
-    const auto name = static_cast<uint32_t>(out.rails.size());
+    FeatureCurve curve;
+    curve.border = line.border;
+    const auto name = static_cast<uint32_t>(out.curves.size());
     uint32_t before = kNoIndex;
     double before_along = 0;
     for (size_t i = first; i <= last; ++i) {
       const glm::dvec3 p = line.points[i % n];
-      const double along = i == first ? 0 : rail.at.back() + glm::length(p - rail.points.back());
-      rail.points.push_back(p);
-      rail.at.push_back(along);
+      const double along = i == first ? 0 : curve.at.back() + glm::length(p - curve.points.back());
+      curve.points.push_back(p);
+      curve.at.push_back(along);
       const uint32_t v = vertex_of[line.vertices[i % n]];
       if (v == kNoIndex) continue;
       if (before != kNoIndex) {
@@ -156,7 +157,7 @@ void addRails(const Line& line, const std::vector<uint32_t>& vertex_of, Rails& o
       before = v;
       before_along = along;
     }
-    out.rails.push_back(std::move(rail));
+    out.curves.push_back(std::move(curve));
   }
 }
 
@@ -241,37 +242,37 @@ std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_b
 
 }  // namespace
 
-glm::dvec3 Rail::point(double s) const {
+glm::dvec3 FeatureCurve::point(double s) const {
   size_t i = std::upper_bound(at.begin(), at.end(), s) - at.begin();
   i = std::min(i == 0 ? 0 : i - 1, at.size() - 2);
   const double t = at[i + 1] > at[i] ? std::clamp((s - at[i]) / (at[i + 1] - at[i]), 0.0, 1.0) : 0;
   return points[i] * (1 - t) + points[i + 1] * t;
 }
 
-double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b) {
-  auto i = static_cast<size_t>(std::upper_bound(rail.at.begin(), rail.at.end(), std::min(a.along, b.along)) -
-                               rail.at.begin());
+double deviationFromSide(const FeatureCurve& curve, const CurveEnd& a, const CurveEnd& b) {
+  auto i = static_cast<size_t>(std::upper_bound(curve.at.begin(), curve.at.end(), std::min(a.along, b.along)) -
+                               curve.at.begin());
   const double end = std::max(a.along, b.along);
   const glm::dvec3 side = b.point - a.point;
-  double stray = 0;
-  for (; i < rail.at.size() && rail.at[i] < end; ++i) {
-    const glm::dvec3 p = rail.points[i] - a.point;
+  double deviation = 0;
+  for (; i < curve.at.size() && curve.at[i] < end; ++i) {
+    const glm::dvec3 p = curve.points[i] - a.point;
     glm::dvec3 off{0};
-    for (double t = (rail.at[i] - a.along) / (b.along - a.along), round = 0; round < 3; ++round) {
+    for (double t = (curve.at[i] - a.along) / (b.along - a.along), round = 0; round < 3; ++round) {
       const glm::dvec3 n = a.normal * (1 - t) + b.normal * t,
                        across = side - n * (glm::dot(side, n) / std::max(glm::dot(n, n), 1e-300));
       t = std::clamp(glm::dot(p, across) / std::max(glm::dot(across, across), 1e-300), 0.0, 1.0);
       off = p - t * side;
       off -= n * (glm::dot(off, n) / std::max(glm::dot(n, n), 1e-300));
     }
-    stray = std::max(stray, glm::length(off));
+    deviation = std::max(deviation, glm::length(off));
   }
-  return stray;
+  return deviation;
 }
 
-double strayForSides(const Rail& rail, double side, double within) {
-  const double sides = 1.5 * std::max(2.0, rail.length() / side);
-  while (within < 1 && static_cast<double>(outline(rail.points, within).size()) > sides + 1) within *= 2;
+double deviationForSides(const FeatureCurve& curve, double side, double within) {
+  const double sides = 1.5 * std::max(2.0, curve.length() / side);
+  while (within < 1 && static_cast<double>(outline(curve.points, within).size()) > sides + 1) within *= 2;
   return within;
 }
 
@@ -283,9 +284,9 @@ std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders)
   return corners;
 }
 
-Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {
+FeatureCurves findFeatureCurves(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {
   const size_t n = reduced.surface.points.size();
-  Rails out;
+  FeatureCurves out;
   out.steps.resize(n);
   out.fixed.assign(n, 0);
   uint32_t last = 0;
@@ -297,14 +298,14 @@ Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& redu
   }
   std::vector<uint8_t> on_border(n, 0);
   for (const BorderLine& border : scan_borders) {
-    addRails({border.vertices, {border.points.begin(), border.points.end()}, true, true}, reduced_of, out);
+    addCurves({border.vertices, {border.points.begin(), border.points.end()}, true, true}, reduced_of, out);
     for (uint32_t v : border.vertices) {
       if (reduced_of[v] != kNoIndex) on_border[reduced_of[v]] = 1;
     }
   }
   std::vector<uint32_t> itself(n);
   for (uint32_t v = 0; v < n; ++v) itself[v] = v;
-  for (const Line& line : creaseLines(reduced.surface, on_border)) addRails(line, itself, out);
+  for (const Line& line : creaseLines(reduced.surface, on_border)) addCurves(line, itself, out);
   for (uint32_t v = 0; v < n; ++v) {
     if (on_border[v] && out.steps[v].size() > 2) out.fixed[v] = 1;
   }

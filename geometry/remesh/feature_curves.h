@@ -1,5 +1,5 @@
 // feature_curves.h - lines on a scan that the sides of its base mesh follow: its borders, and long creases (edges of a
-// slab, of a plinth). Every rail runs from one fixed vertex to another, or back to the same.
+// slab, of a plinth). Every feature curve runs from one fixed vertex to another, or back to the same.
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@
 
 namespace relievo {
 
-struct Rail {
+struct FeatureCurve {
   std::vector<glm::dvec3> points;
   std::vector<double> at;  // of each point: the length up to it
   bool border = false;
@@ -20,20 +20,20 @@ struct Rail {
   glm::dvec3 point(double along) const;
 };
 
-// How far a border side's scan lies from it where heights do not reach: how far the rail's points between two places
-// lie from the strip that the normals sweep along the straight line from a to b.
-struct RailEnd {
+// How far a border side's scan lies from it where heights do not reach: how far the feature curve's points between two
+// places lie from the strip that the normals sweep along the straight line from a to b.
+struct CurveEnd {
   glm::dvec3 point{0}, normal{0};
   double along = 0;
 };
-double strayFromSide(const Rail& rail, const RailEnd& a, const RailEnd& b);
+double deviationFromSide(const FeatureCurve& curve, const CurveEnd& a, const CurveEnd& b);
 // In diagonals: what borders of bases keep to where the number of patches is free and the scan's borders are no
 // rougher.
-inline constexpr double kBorderStray = 2e-3;
+inline constexpr double kBorderDeviation = 2e-3;
 
-// How far a rail must be let stray where it is rougher than sides of that length: the smallest of within, 2 within, 4
-// within, ... that takes no more than half as many sides again.
-double strayForSides(const Rail& rail, double side, double within);
+// How far a feature curve must be let stray where it is rougher than sides of that length: the smallest of within, 2
+// within, 4 within, ... that takes no more than half as many sides again.
+double deviationForSides(const FeatureCurve& curve, double side, double within);
 
 // A border loop of the scan: its vertices (of the scan's surface) and their places.
 struct BorderLine {
@@ -41,17 +41,17 @@ struct BorderLine {
   std::vector<glm::vec3> points;
 };
 
-// A step along a rail from a vertex to the next.
-struct RailStep {
+// A step along a feature curve from a vertex to the next.
+struct CurveStep {
   uint32_t to = kNoIndex;  // vertex
-  uint32_t rail = kNoIndex;
+  uint32_t curve = kNoIndex;
   double along = 0;  // of the vertex that the step leaves
 };
 
-struct Rails {
-  std::vector<Rail> rails;
-  std::vector<std::vector<RailStep>> steps;  // of a vertex of the reduced surface; two, but at fixed vertices
-  std::vector<uint8_t> fixed;                // where rails meet, end, or turn sharply
+struct FeatureCurves {
+  std::vector<FeatureCurve> curves;
+  std::vector<std::vector<CurveStep>> steps;  // of a vertex of the reduced surface; two, but at fixed vertices
+  std::vector<uint8_t> fixed;                 // where feature curves meet, end, or turn sharply
 };
 
 // The vertices at which borders turn sharply at the scale of patches, whatever their roughness: the reduced surface
@@ -60,6 +60,6 @@ std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders)
 
 // The borders in full detail, as the scan has them; the creases of the reduced surface. Where a surface is rough all
 // over, it has no creases.
-Rails findRails(const std::vector<BorderLine>& scan_borders, const Reduced& reduced);
+FeatureCurves findFeatureCurves(const std::vector<BorderLine>& scan_borders, const Reduced& reduced);
 
 }  // namespace relievo

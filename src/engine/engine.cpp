@@ -44,18 +44,18 @@ double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// The wishes of several feedbacks of one view as one list: each node once, in the order of FeedbackAnalyzer.
-std::vector<NodeWant> unionOfWants(std::vector<NodeWant> wants) {
-  std::sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+// The requests of several feedbacks of one view as one list: each node once, in the order of FeedbackAnalyzer.
+std::vector<NodeRequest> unionOfRequests(std::vector<NodeRequest> requests) {
+  std::sort(requests.begin(), requests.end(), [](const NodeRequest& a, const NodeRequest& b) {
     return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
   });
-  wants.erase(
-      std::unique(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) { return a.node == b.node; }),
-      wants.end());
-  std::stable_sort(wants.begin(), wants.end(), [](const NodeWant& a, const NodeWant& b) {
+  requests.erase(std::unique(requests.begin(), requests.end(),
+                             [](const NodeRequest& a, const NodeRequest& b) { return a.node == b.node; }),
+                 requests.end());
+  std::stable_sort(requests.begin(), requests.end(), [](const NodeRequest& a, const NodeRequest& b) {
     return a.node.level != b.node.level ? a.node.level < b.node.level : a.centre_distance < b.centre_distance;
   });
-  return wants;
+  return requests;
 }
 
 class PackageOracle final : public ReliefOracle {
@@ -149,7 +149,7 @@ struct Engine::Impl {
   StreamSwitch stream_switch;
   EffectPlan starting_plan;  // of the streamer that stream_switch makes ready
   std::array<double, 3> starting_light{};
-  std::optional<Scene> wished;             // a scene of other planes: shown once their roots have come
+  std::optional<Scene> pending_scene;      // a scene of other planes: shown once their roots have come
   std::vector<std::string> notices;        // for the user, but for pages that failed:
   std::vector<std::string> page_messages;  // these, of streamers that ended
   std::vector<std::string> tail_messages;  // and what the tails could not be made of
@@ -168,10 +168,10 @@ struct Engine::Impl {
       capture_program, capture_roots_program;
   SurfaceTarget surface{{}};
   PictureTarget target{{}};
-  Sabotage broken;
+  FaultInjection broken;
 
   FeedbackAnalyzer analyzer;
-  WantMemory want_memory;
+  RequestMemory request_memory;
   uint64_t feedback_turn = 0;
   // What a surface buffer shows.
   struct DrawnSurface {
@@ -182,7 +182,7 @@ struct Engine::Impl {
     friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
   };
   DrawnSurface surface_drawn;
-  DrawnSurface streamed_view;  // what the last wish lists were for
+  DrawnSurface streamed_view;  // what the last request lists were for
   // Results of the same view add up; any difference here makes it another one.
   struct FeedbackView {
     DrawnSurface surface;
@@ -193,9 +193,9 @@ struct Engine::Impl {
   };
   FeedbackView feedback_view;
   uint64_t feedback_view_number = 0;
-  uint64_t feedback_passes = 0;                          // of this view
-  std::vector<NodeWant> feedback_wants, geometry_wants;  // by determination; their union is texture_wants
-  std::vector<NodeWant> texture_wants, relief_wants;
+  uint64_t feedback_passes = 0;                                   // of this view
+  std::vector<NodeRequest> feedback_requests, geometry_requests;  // by request source; their union is texture_requests
+  std::vector<NodeRequest> texture_requests, relief_requests;
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
@@ -222,7 +222,7 @@ struct Engine::Impl {
   std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
   double lod_bias = 0;
   std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
-  double wants_bias = 0;                   // of feedback_wants
+  double requests_bias = 0;                // of feedback_requests
   int tap_phase = 0;
   bool fades_over = false;     // while settle() draws
   bool settling = false;       // within settle(): nothing is known of the views before
@@ -235,8 +235,8 @@ struct Engine::Impl {
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
   bool overMesh() const { return artwork.manifest.base != nullptr; }
   // Over a base mesh the pass alone knows: a texture's density varies over its patches.
-  bool usesFeedback() const { return overMesh() || options.determination != Determination::kGeometry; }
-  bool usesGeometry() const { return !overMesh() && options.determination != Determination::kFeedback; }
+  bool usesFeedback() const { return overMesh() || options.request_source != RequestSource::kGeometry; }
+  bool usesGeometry() const { return !overMesh() && options.request_source != RequestSource::kFeedback; }
 
   ViewTransform currentView() const { return viewOf(camera); }
   ViewTransform viewOf(const OrbitCamera& of) const {
@@ -402,12 +402,12 @@ struct Engine::Impl {
     predictor.reset();
     predicting = false;
     pool->forgetTable();
-    want_memory.clear();
+    request_memory.clear();
     feedback_view = {};
-    feedback_wants.clear();
-    geometry_wants.clear();
-    texture_wants.clear();
-    relief_wants.clear();
+    feedback_requests.clear();
+    geometry_requests.clear();
+    texture_requests.clear();
+    relief_requests.clear();
     instances.clear();
     pinned_relief.clear();
     resident_generation = ~uint64_t{0};
@@ -417,14 +417,14 @@ struct Engine::Impl {
 
   // Goes over to the wished scene once the roots of its planes are there.
   Result<void> switchPlanes() {
-    if (!wished) return {};
-    EffectPlan wanted = planEffects(*wished, artwork.manifest);
+    if (!pending_scene) return {};
+    EffectPlan wanted = planEffects(*pending_scene, artwork.manifest);
     if (stream_switch.busy()) {
       auto next = stream_switch.tryTake();
       if (!next) return {};
       if (starting_plan.samePages(wanted)) {
         adoptStreamer(std::move(next));
-        scene = *std::exchange(wished, std::nullopt);
+        scene = *std::exchange(pending_scene, std::nullopt);
         plan = wanted;
         auto light = normalizedLight(scene.light);
         if (plan.resolve && light != starting_light) {
@@ -435,7 +435,7 @@ struct Engine::Impl {
       }
       stream_switch.retire(std::move(next));  // the scene changed once more meanwhile
     }
-    startStreaming(wanted, *wished);
+    startStreaming(wanted, *pending_scene);
     return {};
   }
 
@@ -481,13 +481,13 @@ struct Engine::Impl {
     stats.lod_ms = answer.evaluate_ms;
     while (!posted.empty() && posted.front().frame < answer.frame) posted.pop_front();
     if (posted.empty() || posted.front().frame != answer.frame) return;  // asked for before streaming was restarted
-    relief_wants.clear();
-    for (const ReliefWant& w : answer.lod.wants) relief_wants.push_back({w.page, 1, w.priority});
+    relief_requests.clear();
+    for (const ReliefRequest& w : answer.lod.requests) relief_requests.push_back({w.page, 1, w.priority});
     if (answer.texture) {
       stats.determine_ms = answer.determine_ms;
-      geometry_wants.clear();
-      for (const TextureWant& w : *answer.texture) geometry_wants.push_back({w.node, 1, w.priority});
-      uniteWants();
+      geometry_requests.clear();
+      for (const TextureRequest& w : *answer.texture) geometry_requests.push_back({w.node, 1, w.priority});
+      uniteRequests();
     }
     std::vector<NodeId> pages;
     if (plan.relief) {
@@ -564,7 +564,7 @@ struct Engine::Impl {
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     const gl::Program& program =
-        tails && (texture_wants.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
+        tails && (texture_requests.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
     program.use();
     pool->bind(program, streamer->table());
     bindSurface(program);
@@ -616,15 +616,15 @@ struct Engine::Impl {
     });
   }
 
-  void uniteWants() {
+  void uniteRequests() {
     if (!usesGeometry()) {
-      texture_wants = feedback_wants;
+      texture_requests = feedback_requests;
     } else if (!usesFeedback()) {
-      texture_wants = geometry_wants;
+      texture_requests = geometry_requests;
     } else {
-      std::vector<NodeWant> both = feedback_wants;
-      both.insert(both.end(), geometry_wants.begin(), geometry_wants.end());
-      texture_wants = unionOfWants(std::move(both));
+      std::vector<NodeRequest> both = feedback_requests;
+      both.insert(both.end(), geometry_requests.begin(), geometry_requests.end());
+      texture_requests = unionOfRequests(std::move(both));
     }
   }
 
@@ -634,14 +634,15 @@ struct Engine::Impl {
     for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
       auto results = static_cast<uint32_t>(stillPasses() + 1);
       double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
-      if (bias != wants_bias) want_memory.clear();  // else the streamer would judge a bias by what another one wanted
-      wants_bias = bias;
-      auto wants =
-          want_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
-      feedback_wants.assign(wants.begin(), wants.end());
+      if (bias != requests_bias)
+        request_memory.clear();  // else the streamer would judge a bias by what another one wanted
+      requests_bias = bias;
+      auto requests =
+          request_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
+      feedback_requests.assign(requests.begin(), requests.end());
       any = true;
     }
-    if (any) uniteWants();
+    if (any) uniteRequests();
   }
 
   // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
@@ -652,8 +653,8 @@ struct Engine::Impl {
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
     if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
-    texture_wants.clear();
-    for (const TextureWant& w : expected) texture_wants.push_back({w.node, 1, w.priority});
+    texture_requests.clear();
+    for (const TextureRequest& w : expected) texture_requests.push_back({w.node, 1, w.priority});
     ++frame;
     stream(steadySeconds(), slots.total());
   }
@@ -663,7 +664,7 @@ struct Engine::Impl {
     expectPages();
     updateSurface();
     uint32_t picture_calls = stats.draw_calls;
-    std::vector<NodeWant> wants;
+    std::vector<NodeRequest> requests;
     followView();
     constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
     feedback->wait();          // all targets are free
@@ -671,32 +672,33 @@ struct Engine::Impl {
       for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
         if (!issueFeedback(kBlock)) continue;
         auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
-        wants.insert(wants.end(), found.begin(), found.end());
+        requests.insert(requests.end(), found.begin(), found.end());
       }
     }
     stats.draw_calls = picture_calls;
-    feedback_wants = unionOfWants(std::move(wants));
-    want_memory.clear();
-    want_memory.add(feedback_wants, feedback_view_number, 1);
+    feedback_requests = unionOfRequests(std::move(requests));
+    request_memory.clear();
+    request_memory.add(feedback_requests, feedback_view_number, 1);
     feedback_passes = stillPasses();  // frames of this view have nothing to add
-    wants_bias = lod_bias;
-    uniteWants();
+    requests_bias = lod_bias;
+    uniteRequests();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
     const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
-    streamer->setWishBias(usesGeometry() ? std::nullopt : std::optional<double>(wants_bias), seen != streamed_view);
+    streamer->setRequestBias(usesGeometry() ? std::nullopt : std::optional<double>(requests_bias),
+                             seen != streamed_view);
     streamed_view = seen;
-    streamer->wantTexture(texture_wants);
-    if (plan.relief) streamer->wantRelief(relief_wants);
+    streamer->requestTexture(texture_requests);
+    if (plan.relief) streamer->requestRelief(relief_requests);
     pool->upload(streamer->placeReady(max_uploads));
     pool->uploadTable(streamer->table());
   }
 
   void stopPrefetch() {
     predictor.reset();
-    if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+    if (std::exchange(predicting, false)) streamer->requestPrefetch({}, {});
   }
 
   // Nothing to do while the camera stands still; else a prediction, and a request that another thread answers.
@@ -704,13 +706,13 @@ struct Engine::Impl {
     if (!options.prefetch || overMesh()) return;
     predictor.observe(camera, now_s);
     if (!predictor.moves(height) || lod_bias > 0) {
-      if (std::exchange(predicting, false)) streamer->wantPrefetch({}, {});
+      if (std::exchange(predicting, false)) streamer->requestPrefetch({}, {});
       return;
     }
     if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain(), artwork.oracle);
     if (auto answer = prefetcher->tryTake(); answer && predicting) {
-      streamer->wantPrefetch(answer->texture,
-                             plan.relief ? std::span<const NodeWant>(answer->relief) : std::span<const NodeWant>());
+      streamer->requestPrefetch(
+          answer->texture, plan.relief ? std::span<const NodeRequest>(answer->relief) : std::span<const NodeRequest>());
       stats.predict_ms = answer->determine_ms;
     }
     auto views = predictor.views(prefetchHorizon(streamer->stats().latency_ms.p90 / 1000, predictor.options()));
@@ -768,8 +770,8 @@ struct Engine::Impl {
     submitFrame();
   }
 
-  bool allArrived(std::span<const NodeWant> wants, std::span<const Plane> planes) const {
-    for (const NodeWant& w : wants) {
+  bool allArrived(std::span<const NodeRequest> requests, std::span<const Plane> planes) const {
+    for (const NodeRequest& w : requests) {
       bool whole = true, failed = false;
       for (Plane p : planes) {
         PageState state = streamer->state(PageId(p, w.node));
@@ -796,11 +798,11 @@ struct Engine::Impl {
     static constexpr Plane kReliefPlane[] = {Plane::kRelief};
     if (adopted_frame != frame) {
       // A page has failed: then what its absence leads to.
-      if (all_pages_come && allArrived(relief_wants, kReliefPlane)) all_pages_come = false;
+      if (all_pages_come && allArrived(relief_requests, kReliefPlane)) all_pages_come = false;
       return false;
     }
     bool final_list =
-        !plan.relief || (allArrived(relief_wants, kReliefPlane) && generation == streamer->reliefGeneration());
+        !plan.relief || (allArrived(relief_requests, kReliefPlane) && generation == streamer->reliefGeneration());
     if (final_list) settled_geometry = {generation, lod_bias};
     return final_list;
   }
@@ -897,11 +899,11 @@ int Engine::width() const { return impl_->width; }
 int Engine::height() const { return impl_->height; }
 void Engine::setCamera(const OrbitCamera& camera) { impl_->camera = camera; }
 const OrbitCamera& Engine::camera() const { return impl_->camera; }
-const Scene& Engine::scene() const { return impl_->wished ? *impl_->wished : impl_->scene; }
+const Scene& Engine::scene() const { return impl_->pending_scene ? *impl_->pending_scene : impl_->scene; }
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
-const std::vector<NodeWant>& Engine::textureWants() const { return impl_->texture_wants; }
+const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->texture_requests; }
 ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
@@ -911,10 +913,10 @@ Result<void> Engine::setScene(const Scene& scene) {
   EffectPlan before = e.plan;
   auto light_before = normalizedLight(e.scene.light);
   Scene now = scene;
-  e.wished.reset();
+  e.pending_scene.reset();
   if (!planEffects(scene, e.artwork.manifest).samePages(before)) {
     // What decides on the planes stays until theirs have come; everything else changes at once.
-    e.wished = scene;
+    e.pending_scene = scene;
     now.relief = e.scene.relief;
     now.relight = e.scene.relight;
     now.unlit = e.scene.unlit;
@@ -933,7 +935,7 @@ Result<void> Engine::setScene(const Scene& scene) {
   return e.switchPlanes();
 }
 
-Result<void> Engine::sabotage(const Sabotage& what) {
+Result<void> Engine::injectFaults(const FaultInjection& what) {
   impl_->broken = what;
   return impl_->linkPrograms();
 }
@@ -950,9 +952,9 @@ Result<void> Engine::settle(double timeout_s) {
   auto interrupted = [&] { return e.options.interrupted && e.options.interrupted->load(); };
   auto timedOut = [&] { return steadySeconds() - start > timeout_s || interrupted(); };
   auto pause = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
-  while (e.wished && !timedOut()) {
+  while (e.pending_scene && !timedOut()) {
     if (auto switched = e.switchPlanes(); !switched) return switched;
-    if (e.wished) pause();
+    if (e.pending_scene) pause();
   }
   e.settling = e.all_pages_come = true;
   struct Settled {
@@ -971,7 +973,7 @@ Result<void> Engine::settle(double timeout_s) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
       bool geometry = e.settleGeometry();
       if (geometry && e.streamer->settled() && e.lod_bias == bias &&
-          e.allArrived(e.texture_wants, e.plan.texture_planes)) {
+          e.allArrived(e.texture_requests, e.plan.texture_planes)) {
         done = true;
         break;
       }
@@ -1034,13 +1036,13 @@ EngineStats Engine::stats() const {
   s.lod_lag_frames = summarize(e.lod_lag, 1);
   s.instances = e.patches->instanceCount();
   s.triangles = e.patches->triangles();
-  s.wanted_nodes = static_cast<uint32_t>(e.texture_wants.size());
-  for (const NodeWant& w : e.texture_wants) {
+  s.wanted_nodes = static_cast<uint32_t>(e.texture_requests.size());
+  for (const NodeRequest& w : e.texture_requests) {
     for (Plane p : e.plan.texture_planes)
       s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
   }
   if (e.plan.relief) {
-    for (const NodeWant& w : e.relief_wants)
+    for (const NodeRequest& w : e.relief_requests)
       s.missing_pages += e.streamer->state(PageId(Plane::kRelief, w.node)) != PageState::kResident;
   }
   s.orthographic = e.camera.orthographic;
@@ -1053,7 +1055,7 @@ EngineStats Engine::stats() const {
   s.cache_bytes = e.slots.bytes();
   s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
-  s.switching = e.wished.has_value();
+  s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();
   if (!e.usesFeedback()) std::erase(s.passes, "feedback");
   if (e.plan.resolve) {

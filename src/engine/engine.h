@@ -3,7 +3,7 @@
 // but for the patch list where there is none to draw yet: the first frame, and the first one after a scene's other
 // planes were gone over to.
 //
-// A frame: take the finished feedback; hand over wishes; place decoded pages and upload them within the budget; take
+// A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
 // the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; shade it; issue the next
 // feedback.
 #pragma once
@@ -43,11 +43,11 @@ Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::at
 // Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
 Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 
-// How the texture pages that a view wants are found. kFeedback: a small picture of wishes, read back
+// How the texture pages that a view wants are found. kFeedback: a small picture of requests, read back
 // (src/render/feedback_pass.h). kGeometry: from the view and the heights' bounds on the LOD worker, without a pass
 // (geometry/lod/texture_select.h); exact for flat artworks, too fine at a slant with relief. kBoth: the union. Over a
 // base mesh it is kFeedback, whatever is asked for.
-enum class Determination { kFeedback, kGeometry, kBoth };
+enum class RequestSource { kFeedback, kGeometry, kBoth };
 
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
@@ -61,12 +61,12 @@ struct EngineOptions {
       true;  // and their compact form where that takes less (texturing/codec/relief_compact.h); with small_relief
   int workers = 2;
   int feedback_scale = 8;  // 1..16: the feedback pass has 1/8 of the view's width and height
-  Determination determination = Determination::kFeedback;
+  RequestSource request_source = RequestSource::kFeedback;
   Replacement replacement = Replacement::kLru;
   Upload upload = Upload::kAuto;
   bool hide_backs = true;  // patches of closed bodies that are seen from behind are left out
                            // (geometry/lod/facing_cone.h); the picture is the same
-  bool prefetch = true;  // asks for what a moving camera is about to want (src/engine/prefetch.h); of flat artworks
+  bool prefetch = true;    // asks for what a moving camera is about to want (src/engine/prefetch.h); of flat artworks
   bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
   const std::atomic<bool>* interrupted =
@@ -77,7 +77,7 @@ struct EngineStats {
   StreamerStats streamer;
   uint64_t frames = 0;
   uint32_t instances = 0, triangles = 0, draw_calls = 0;  // of the last frame
-  uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last wish lists
+  uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last request lists
   uint32_t slots = 0, resident = 0;
   PageCodec upload = PageCodec::kLossless;      // texture pages on the GPU now: a block codec, or any other for RGBA8
   std::string why_not_blocks;                   // empty: they are blocks, were not asked for, or the light is fixed
@@ -139,14 +139,14 @@ class Engine {
   std::vector<std::string> takeNotices();
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
-  const std::vector<NodeWant>& textureWants() const;  // the newest wish list
+  const std::vector<NodeRequest>& textureRequests() const;  // the newest request list
   ViewTransform view() const;  // that the last picture was drawn with: a frame behind setCamera at most times
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the
   // watertight test.
   std::vector<float> captureVertices(uint32_t max_vertices);
 
   // For negative controls in tests: breaks one thing on purpose.
-  struct Sabotage {
+  struct FaultInjection {
     bool no_borders = false;  // samples are clamped to the page's payload
     bool no_snapping = false;
     bool unordered_ends = false;         // over a base mesh: a side's points are interpolated in the patch's direction
@@ -158,7 +158,7 @@ class Engine {
          flat_blocks = false;   // of relief in compact form: a bit less than there is; slopes left out
     bool call_a_patch = false;  // each instance by a draw call of its own, for comparison
   };
-  Result<void> sabotage(const Sabotage& what);
+  Result<void> injectFaults(const FaultInjection& what);
 
  private:
   struct Impl;

@@ -93,22 +93,22 @@ std::vector<OrbitCamera> CameraPredictor::views(double horizon_s) const {
   return result;
 }
 
-void PredictedWants::begin(double now_s) {
+void PredictedRequests::begin(double now_s) {
   if (now_s < now_s_) known_.clear();
   now_s_ = now_s;
 }
 
-void PredictedWants::add(const NodeId& node, float centre_distance) {
+void PredictedRequests::add(const NodeId& node, float centre_distance) {
   auto [it, is_new] = known_.try_emplace(node, Known{now_s_, centre_distance});
   if (!is_new && it->second.last_s == now_s_) centre_distance = std::min(centre_distance, it->second.centre_distance);
   it->second = {now_s_, centre_distance};
 }
 
-const std::vector<NodeWant>& PredictedWants::finish() {
+const std::vector<NodeRequest>& PredictedRequests::finish() {
   std::erase_if(known_, [&](const auto& k) { return k.second.last_s + kRemember_s < now_s_; });
-  wants_.clear();
-  for (const auto& [node, k] : known_) wants_.push_back({node, 1, k.last_s == now_s_ ? k.centre_distance : 2.0f});
-  return wants_;
+  requests_.clear();
+  for (const auto& [node, k] : known_) requests_.push_back({node, 1, k.last_s == now_s_ ? k.centre_distance : 2.0f});
+  return requests_;
 }
 
 struct Prefetcher::Impl {
@@ -123,18 +123,18 @@ struct Prefetcher::Impl {
 
   void work() {
     static const ReliefSet kNothing;
-    PredictedWants texture, relief;
+    PredictedRequests texture, relief;
     while (std::optional<Request> request = requests.take()) {
       auto start = std::chrono::steady_clock::now();
       Answer answer;
       texture.begin(request->now_s);
       for (const TextureView& view : request->texture)
-        for (const TextureWant& w : selectTextureNodes(domain, *oracle, view)) texture.add(w.node, w.priority);
+        for (const TextureRequest& w : selectTextureNodes(domain, *oracle, view)) texture.add(w.node, w.priority);
       answer.texture = texture.finish();
       relief.begin(request->now_s);
       if (request->relief) {
         const ReliefSet& resident = request->resident ? *request->resident : kNothing;
-        for (const ReliefWant& w : selectPlanarLod(domain, *oracle, *request->relief, resident).wants)
+        for (const ReliefRequest& w : selectPlanarLod(domain, *oracle, *request->relief, resident).requests)
           relief.add(w.page, w.priority);
       }
       answer.relief = relief.finish();

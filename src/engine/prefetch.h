@@ -65,14 +65,14 @@ class CameraPredictor {
 // What was predicted lately. Predictions tremble; a page that is on its way and drops out of the list for some frames
 // would be cancelled and read again. So a node stays listed until it was not predicted for kRemember_s, behind what is
 // predicted now.
-class PredictedWants {
+class PredictedRequests {
  public:
   static constexpr double kRemember_s = 0.25;
 
   // The views predicted now, by their nodes: each node once, as urgent as where it is nearest to the centre.
   void begin(double now_s);
   void add(const NodeId& node, float centre_distance);
-  const std::vector<NodeWant>& finish();
+  const std::vector<NodeRequest>& finish();
 
  private:
   struct Known {
@@ -81,7 +81,7 @@ class PredictedWants {
   };
   double now_s_ = 0;
   std::unordered_map<NodeId, Known> known_;
-  std::vector<NodeWant> wants_;
+  std::vector<NodeRequest> requests_;
 };
 
 // Newest request in, newest answer out; used from one thread, which never waits (but for the destructor). Where no
@@ -95,7 +95,7 @@ class Prefetcher {
     double now_s = 0;
   };
   struct Answer {
-    std::vector<NodeWant> texture, relief;
+    std::vector<NodeRequest> texture, relief;
     double determine_ms = 0;
   };
 

@@ -4,11 +4,11 @@
 
 namespace relievo {
 
-DepthMode depthMode(bool want_reversed) {
+DepthMode depthMode(bool request_reversed) {
   DepthMode mode;
   mode.clip_control = epoxy_is_desktop_gl() ? epoxy_gl_version() >= 45 || epoxy_has_gl_extension("GL_ARB_clip_control")
                                             : epoxy_has_gl_extension("GL_EXT_clip_control");
-  mode.reversed = want_reversed && mode.clip_control;
+  mode.reversed = request_reversed && mode.clip_control;
   return mode;
 }
 

@@ -27,7 +27,7 @@ struct DepthMode {
 };
 
 // Reversed where it is wanted and the context has clip control (GL 4.5, GL_ARB_clip_control, GL_EXT_clip_control).
-DepthMode depthMode(bool want_reversed = true);
+DepthMode depthMode(bool request_reversed = true);
 const char* depthName(bool reversed);  // for people: "reversed, 32-bit float" or "conventional, 24-bit"
 
 // Depth test on, nearer or equal passes, clip space as the mode has it. What draws without a depth test may do so in

@@ -49,7 +49,7 @@ class FeedbackPass {
  private:
   struct Target {
     int width = 0, height = 0;
-    gl::Texture wants;
+    gl::Texture requests;
     gl::Framebuffer framebuffer;
     gl::Buffer pixels;
     GLsync fence = nullptr;

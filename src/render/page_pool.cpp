@@ -210,13 +210,13 @@ void PagePool::uploadRelief(const PageUpload& u) {
 
 void PagePool::uploadTable(PageTable& table) {
   auto dirty = table.takeDirty();
-  bool has_extra = table_extra_.id() != 0, wants_extra = !table.extraTexels().empty();
-  if (table.width() != table_width_ || table.height() != table_height_ || has_extra != wants_extra) {
+  bool has_extra = table_extra_.id() != 0, requests_extra = !table.extraTexels().empty();
+  if (table.width() != table_width_ || table.height() != table_height_ || has_extra != requests_extra) {
     table_width_ = table.width();
     table_height_ = table.height();
     table_ = makeTable("page table", table_width_, table_height_);
     table_extra_ = {};
-    if (wants_extra) table_extra_ = makeTable("page table, planes 3..", table_width_, table_height_);
+    if (requests_extra) table_extra_ = makeTable("page table, planes 3..", table_width_, table_height_);
     dirty.resize(table.texels().size());
     for (uint32_t i = 0; i < dirty.size(); ++i) dirty[i] = i;
   }

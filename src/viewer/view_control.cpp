@@ -350,7 +350,7 @@ bool ViewControl::handle(const gl::Event& e) {
     grabbed_ = false;
     pivot_mm_.reset();
   } else if (e.key == "S") {
-    snapshot_wished_ = true;
+    snapshot_requested_ = true;
   } else if (e.key == "F1") {
     help = !help;
   } else if (e.key == "F2") {

@@ -49,7 +49,7 @@ class ViewControl {
   bool draggingLight() const { return mode_ == Mode::kLight; }
   bool wireframe = false, show_pages = false, help = false, figures = false;
   bool quit = false;
-  bool takeSnapshotWish() { return std::exchange(snapshot_wished_, false); }
+  bool takeSnapshotRequest() { return std::exchange(snapshot_requested_, false); }
 
  private:
   enum class Mode { kNone, kOrbit, kPan, kLight };
@@ -83,7 +83,7 @@ class ViewControl {
   double min_distance_mm_, max_distance_mm_, clear_mm_ = 0;
   Surface surface_;
   Mode mode_ = Mode::kNone;
-  bool light_key_ = false, grabbed_ = false, snapshot_wished_ = false;
+  bool light_key_ = false, grabbed_ = false, snapshot_requested_ = false;
   double x_ = 0, y_ = 0;                // the mouse
   glm::dvec3 grabbed_mm_{0};            // the point that pan holds
   std::optional<glm::dvec3> pivot_mm_;  // the point that a drag turns about; none: the target

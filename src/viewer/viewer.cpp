@@ -199,7 +199,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
       message = text;
       message_until = now + kMessageS;
     }
-    if (control.takeSnapshotWish()) {
+    if (control.takeSnapshotRequest()) {
       const std::string name = freeSnapshotName(".", options.snapshot_stem);
       Result<void> written = name.empty()
                                  ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}

@@ -8,3 +8,5 @@ target_compile_definitions(one_writer_test PRIVATE RELIEVO_SOURCES="${CMAKE_SOUR
 add_library(relievo_thread_limit SHARED base/thread_limit.cpp)
 target_link_libraries(relievo_thread_limit PRIVATE Threads::Threads ${CMAKE_DL_LIBS})
 relievo_test(worker_threads_test LIBS relievo_base relievo_thread_limit SOURCES base/worker_threads_test.cpp)
+relievo_test(rooms_test LIBS relievo_base SOURCES base/rooms_test.cpp)
+target_compile_definitions(rooms_test PRIVATE RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")

@@ -219,10 +219,10 @@ BorderFit borderFit(const TriMesh& m, const BaseMesh& base) {
 
 // Likewise, but only as far as no height brings it back: across the normals that are interpolated along a border's
 // sides.
-struct BorderStray {
+struct BorderDeviation {
   double scan = 0, base = 0;  // of the scan's border from the base's, and of the base's from the scan's
 };
-BorderStray borderStray(const TriMesh& m, const BaseMesh& base) {
+BorderDeviation borderDeviation(const TriMesh& m, const BaseMesh& base) {
   auto surface = makeSurface(m.positions_mm, m.triangles);
   EXPECT_TRUE(surface.ok());
   struct End {
@@ -244,7 +244,7 @@ BorderStray borderStray(const TriMesh& m, const BaseMesh& base) {
     const glm::dvec3 d = p - (s[0].p * (1 - t) + s[1].p * t), n = glm::normalize(s[0].n * (1 - t) + s[1].n * t);
     return std::abs(glm::dot(d, n)) > reach ? 1e300 : glm::length(flat(d, n));
   };
-  BorderStray stray;
+  BorderDeviation deviation;
   for (const auto& loop : surface->loops) {
     for (uint32_t v : loop) {
       const glm::dvec3 p = m.positions_mm[v];
@@ -259,7 +259,7 @@ BorderStray borderStray(const TriMesh& m, const BaseMesh& base) {
         }
         least = std::min({least, fromLine(p, s, best), fromLine(p, s, (lo + hi) / 2)});
       }
-      stray.scan = std::max(stray.scan, least);
+      deviation.scan = std::max(deviation.scan, least);
     }
   }
   for (const auto& s : sides) {
@@ -275,10 +275,10 @@ BorderStray borderStray(const TriMesh& m, const BaseMesh& base) {
             least = std::min(least, distanceToSegment(glm::dvec3(0), flat(a, n), flat(b, n)));
         }
       }
-      stray.base = std::max(stray.base, least);
+      deviation.base = std::max(deviation.base, least);
     }
   }
-  return stray;
+  return deviation;
 }
 
 struct Case {
@@ -484,13 +484,13 @@ TEST(BaseDomain, RoughBordersKeepTheirCorners) {
     for (uint32_t patches : {0u, 100u}) {
       if (kSanitized && patches != 0) continue;
       const BaseMesh base = baseOf(c.scan, patches);
-      const BorderStray stray = borderStray(c.scan, base);
+      const BorderDeviation deviation = borderDeviation(c.scan, base);
       printf("%s: %zu patches, corners within %.5f, borders within %.5f and %.5f of the diagonal\n", c.name,
-             base.patches.size(), farthestCorner(base, c.corners) / diagonal, stray.scan / diagonal,
-             stray.base / diagonal);
+             base.patches.size(), farthestCorner(base, c.corners) / diagonal, deviation.scan / diagonal,
+             deviation.base / diagonal);
       EXPECT_LT(farthestCorner(base, c.corners), 1e-3 * diagonal);
-      EXPECT_LT(stray.scan, 2e-3 * diagonal);
-      EXPECT_LT(stray.base, 2e-3 * diagonal);
+      EXPECT_LT(deviation.scan, 2e-3 * diagonal);
+      EXPECT_LT(deviation.base, 2e-3 * diagonal);
       EXPECT_TRUE(!c.panel || patches != 0 || base.patches.size() <= 4);
 
       // Without one of the corners the checks fail.
@@ -502,7 +502,7 @@ TEST(BaseDomain, RoughBordersKeepTheirCorners) {
           });
       nearest->position_mm += 0.02f * (glm::vec3(50, 50, 0) - nearest->position_mm);
       EXPECT_GT(farthestCorner(cut, c.corners), 1e-3 * diagonal);
-      EXPECT_GT(borderStray(c.scan, cut).scan, 2e-3 * diagonal);
+      EXPECT_GT(borderDeviation(c.scan, cut).scan, 2e-3 * diagonal);
     }
   }
 }
@@ -533,39 +533,39 @@ TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   EXPECT_TRUE(std::any_of(turned.corners.begin(), turned.corners.end(),
                           [&](const BaseCorner& c) { return c.normal != turned.corners[0].normal; }));
 
-  auto outlook = [](const TriMesh& m) { return outlookOf(m.positions_mm, m.triangles); };
-  EXPECT_TRUE(isRelief(outlook(square.scan)));
-  EXPECT_EQ(outlook(square.scan).direction, glm::dvec3(0, 0, 1));
-  EXPECT_FALSE(isRelief(outlook(leaning)));
-  EXPECT_FALSE(isRelief(outlook(sphereMesh(8))));
-  EXPECT_NEAR(outlook(boxMesh(4, 10, 10, 10)).flat, 0, 1e-6);
+  auto view_direction = [](const TriMesh& m) { return viewDirectionOf(m.positions_mm, m.triangles); };
+  EXPECT_TRUE(isRelief(view_direction(square.scan)));
+  EXPECT_EQ(view_direction(square.scan).direction, glm::dvec3(0, 0, 1));
+  EXPECT_FALSE(isRelief(view_direction(leaning)));
+  EXPECT_FALSE(isRelief(view_direction(sphereMesh(8))));
+  EXPECT_NEAR(view_direction(boxMesh(4, 10, 10, 10)).flat, 0, 1e-6);
 }
 
-TEST(BaseRails, StrayFromASideIsThatAcrossTheNormals) {
+TEST(FeatureCurves, StrayFromASideIsThatAcrossTheNormals) {
   // A quarter of a circle of radius 1: the chord's height is 1 - cos 45 degrees; and a wave along the normals costs
   // nothing.
-  Rail arc{.points = {}, .at = {0}, .border = true};
+  FeatureCurve arc{.points = {}, .at = {0}, .border = true};
   for (int i = 0; i <= 200; ++i) {
     const double a = 90 * kDegrees * i / 200;
     arc.points.push_back({std::cos(a), std::sin(a), 0.3 * std::sin(20 * a)});
     if (i) arc.at.push_back(arc.at.back() + glm::length(arc.points[i] - arc.points[i - 1]));
   }
-  const RailEnd first{arc.points.front(), {0, 0, 1}, 0}, last{arc.points.back(), {0, 0, 1}, arc.length()};
-  EXPECT_NEAR(strayFromSide(arc, first, last), 1 - std::cos(45 * kDegrees), 1e-4);
-  EXPECT_DOUBLE_EQ(strayFromSide(arc, last, first), strayFromSide(arc, first, last));
-  const RailEnd tilted_first{first.point, {0, 1, 0}, 0}, tilted_last{last.point, {0, 1, 0}, arc.length()};
-  EXPECT_GT(strayFromSide(arc, tilted_first, tilted_last), 0.25);  // the wave
+  const CurveEnd first{arc.points.front(), {0, 0, 1}, 0}, last{arc.points.back(), {0, 0, 1}, arc.length()};
+  EXPECT_NEAR(deviationFromSide(arc, first, last), 1 - std::cos(45 * kDegrees), 1e-4);
+  EXPECT_DOUBLE_EQ(deviationFromSide(arc, last, first), deviationFromSide(arc, first, last));
+  const CurveEnd tilted_first{first.point, {0, 1, 0}, 0}, tilted_last{last.point, {0, 1, 0}, arc.length()};
+  EXPECT_GT(deviationFromSide(arc, tilted_first, tilted_last), 0.25);  // the wave
   // Of a circle of 0.35 sides of 0.05 stray by 0.0009; a few long ones may not.
-  Rail circle{.points = {}, .at = {0}, .border = true};
+  FeatureCurve circle{.points = {}, .at = {0}, .border = true};
   for (int i = 0; i <= 400; ++i) {
     circle.points.push_back({0.35 * std::cos(i * 0.9 * kDegrees), 0.35 * std::sin(i * 0.9 * kDegrees), 0});
     if (i) circle.at.push_back(circle.at.back() + glm::length(circle.points[i] - circle.points[i - 1]));
   }
-  EXPECT_EQ(strayForSides(circle, 0.05, 0.002), 0.002);
-  EXPECT_GT(strayForSides(circle, 0.8, 0.002), 0.02);
+  EXPECT_EQ(deviationForSides(circle, 0.05, 0.002), 0.002);
+  EXPECT_GT(deviationForSides(circle, 0.8, 0.002), 0.02);
 }
 
-TEST(BaseRails, CornersOfRoughBorders) {
+TEST(FeatureCurves, CornersOfRoughBorders) {
   const unsigned seed = 4;
   printf("seed %u\n", seed);
   std::mt19937 random(seed);
@@ -909,10 +909,10 @@ TEST(BaseDomain, ARealScan) {
     const BorderFit fit = borderFit(mesh, base);
     EXPECT_LT(fit.corners, 1e-5 * diagonalOf(mesh));
     EXPECT_LT(fit.sides, 0.03 * diagonalOf(mesh));
-    const BorderStray stray = borderStray(mesh, base);
-    EXPECT_LT(stray.scan, (patches ? 0.01 : 2e-3) * diagonalOf(mesh));
-    printf("borders within %.5f and %.5f of the diagonal, across the normals\n", stray.scan / diagonalOf(mesh),
-           stray.base / diagonalOf(mesh));
+    const BorderDeviation deviation = borderDeviation(mesh, base);
+    EXPECT_LT(deviation.scan, (patches ? 0.01 : 2e-3) * diagonalOf(mesh));
+    printf("borders within %.5f and %.5f of the diagonal, across the normals\n", deviation.scan / diagonalOf(mesh),
+           deviation.base / diagonalOf(mesh));
     const double single = singleValued(mesh, base, 2);
     EXPECT_GE(single, 0.97);
     printf(

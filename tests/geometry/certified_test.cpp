@@ -260,8 +260,8 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     ReliefSet resident;
     const double granted = random.chance(0.7) ? 1 : random.real(0.3, 0.9);
     for (int round = 0; round < 6; ++round)
-      for (const ReliefWant& want : artwork.select(view, resident).wants)
-        if (random.chance(granted)) resident.insert(want.page);
+      for (const ReliefRequest& request : artwork.select(view, resident).requests)
+        if (random.chance(granted)) resident.insert(request.page);
     const PlanarLodResult lod = artwork.select(view, resident);
     Drawn drawn(artwork, lod.instances);
     const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);

@@ -235,7 +235,7 @@ Lists compareLists(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes, i
     ++lists.views;
     lists.hiding_views += some.backs_are_hidden;
     EXPECT_LE(some.max_error_px, all.max_error_px);
-    EXPECT_EQ(some.wants.size(), all.wants.size());
+    EXPECT_EQ(some.requests.size(), all.requests.size());
     size_t k = 0;
     for (const PatchInstance& p : all.instances) {
       if (k < some.instances.size() && some.instances[k] == p) {

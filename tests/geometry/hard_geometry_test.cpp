@@ -273,13 +273,13 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
   ReliefSet resident;
   const int rounds = random.integer(0, 5);
   for (int round = 0; round < rounds; ++round)
-    for (const ReliefWant& w : s.select(c.view, resident).wants)
+    for (const ReliefRequest& w : s.select(c.view, resident).requests)
       if (rounds > 3 || random.chance(0.7)) resident.insert(w.page);
   const PlanarLodResult lod = s.select(c.view, resident);
   ++t.views;
   t.nodes += lod.instances.size();
   EXPECT_TRUE(std::isfinite(lod.max_error_px) && lod.max_error_px >= 0) << what;
-  for (const ReliefWant& w : lod.wants) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1) << what;
+  for (const ReliefRequest& w : lod.requests) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1) << what;
   Numbers numbers;
   s.numbers(c.view, lod.instances, numbers);
   EXPECT_EQ(numbers.not_finite, 0u) << what;
@@ -300,7 +300,7 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
   s.cracks(c.view, lod.instances, false, t.unsnapped);
   std::vector<PatchInstance> list = lod.instances;
   ReliefSet more = resident;
-  for (const ReliefWant& w : lod.wants) more.insert(w.page);
+  for (const ReliefRequest& w : lod.requests) more.insert(w.page);
   std::map<std::array<uint32_t, 4>, PatchInstance> rich;
   auto name = [](const PatchInstance& p) {
     return std::array<uint32_t, 4>{p.node.patch, p.node.level, p.node.x, p.node.y};

@@ -48,7 +48,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
     ReliefSet resident;
     int rounds = random.integer(0, 7);
     for (int round = 0; round < rounds; ++round)
-      for (const ReliefWant& w : selectPlanarLod(domain, relief, view, resident).wants)
+      for (const ReliefRequest& w : selectPlanarLod(domain, relief, view, resident).requests)
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
     PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
     Measured m = measureError(domain, relief, view, camera, lod.instances, pages);

@@ -185,8 +185,8 @@ inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle&
   int rounds = random.integer(0, 5);
   double granted = random.real(0.3, 1), lost = random.chance(0.5) ? 0 : random.real(0, 0.3);
   for (int round = 0; round < rounds; ++round) {
-    for (const ReliefWant& want : selectPlanarLod(domain, oracle, view, resident).wants)
-      if (random.chance(granted)) resident.insert(want.page);
+    for (const ReliefRequest& request : selectPlanarLod(domain, oracle, view, resident).requests)
+      if (random.chance(granted)) resident.insert(request.page);
     std::erase_if(resident, [&](const NodeId& n) {
       return random.engine() % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0;
     });

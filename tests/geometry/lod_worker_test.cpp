@@ -87,7 +87,7 @@ TEST(LodWorker, NamesTextureNodesWhenAsked) {
   worker.post(request);
   LodAnswer answer = worker.waitFor(2);
   ASSERT_TRUE(answer.texture.has_value());
-  std::vector<TextureWant> direct = selectTextureNodes(s.domain, *s.oracle, view);
+  std::vector<TextureRequest> direct = selectTextureNodes(s.domain, *s.oracle, view);
   ASSERT_EQ(answer.texture->size(), direct.size());
   for (size_t i = 0; i < direct.size(); ++i) EXPECT_EQ((*answer.texture)[i].node, direct[i].node);
 }

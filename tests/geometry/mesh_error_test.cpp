@@ -59,7 +59,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
     ReliefSet resident;
     int rounds = random.integer(0, 7);
     for (int round = 0; round < rounds; ++round)
-      for (const ReliefWant& w : selection.select(view, resident).wants)
+      for (const ReliefRequest& w : selection.select(view, resident).requests)
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
     PlanarLodResult lod = selection.select(view, resident);
     ASSERT_TRUE(std::isfinite(lod.max_error_px));

@@ -288,8 +288,8 @@ inline ReliefSet randomMeshResidency(MeshLod& lod, const LodView& view, Random& 
   int rounds = random.integer(0, 5);
   double granted = random.real(0.3, 1), lost = random.chance(0.5) ? 0 : random.real(0, 0.3);
   for (int round = 0; round < rounds; ++round) {
-    for (const ReliefWant& want : lod.select(view, resident).wants)
-      if (random.chance(granted)) resident.insert(want.page);
+    for (const ReliefRequest& request : lod.select(view, resident).requests)
+      if (random.chance(granted)) resident.insert(request.page);
     std::erase_if(resident, [&](const NodeId& n) {
       return mix(packNode(n) ^ static_cast<uint64_t>(round)) % 1000 < static_cast<uint64_t>(lost * 1000) && n.level > 0;
     });
@@ -442,10 +442,10 @@ MeshVertexFunction twinOf(const BaseMesh& mesh, const MeshRelief& relief, const 
 }
 // With geomorph. between: as betweenVertices, for what is broken on purpose.
 template <class Ops>
-MeshGridFunction morphTwinOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height,
-                             const LodView& view,
-                             std::function<glm::vec3(const glm::vec3&, const glm::vec3&, const glm::vec3&, float)>
-                                 between = betweenVertices<Ops>) {
+MeshGridFunction morphReferenceOf(const BaseMesh& mesh, const MeshRelief& relief, const MeshHeight& height,
+                                  const LodView& view,
+                                  std::function<glm::vec3(const glm::vec3&, const glm::vec3&, const glm::vec3&, float)>
+                                      between = betweenVertices<Ops>) {
   return [point = pointsOf<Ops>(mesh, relief, height, view), between](const PatchInstance& p, uint32_t i, uint32_t j) {
     auto at = [&](uint32_t x, uint32_t y) {
       return point(p, static_cast<uint32_t>(p.x0) + (x << p.step_log2),

@@ -116,18 +116,18 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
       for (uint32_t coarser = 0; coarser < p.relief_page.level; ++coarser)
         ASSERT_FALSE(hasSamples(coarser) && isResident(p.node.ancestor(coarser))) << describe(c, seed);
     }
-    for (size_t k = 0; k < lod.wants.size(); ++k) {
-      const ReliefWant& b = lod.wants[k];
+    for (size_t k = 0; k < lod.requests.size(); ++k) {
+      const ReliefRequest& b = lod.requests[k];
       ASSERT_TRUE(b.priority >= 0 && b.priority <= 1);
       ASSERT_TRUE(b.page.patch < c.named.mesh.patches.size() && static_cast<int>(b.page.level) <= c.relief.depth &&
                   b.page.x >> b.page.level == 0 && b.page.y >> b.page.level == 0);
       if (k == 0) continue;
-      const ReliefWant& a = lod.wants[k - 1];
+      const ReliefRequest& a = lod.requests[k - 1];
       ASSERT_TRUE(a.page.level < b.page.level || (a.page.level == b.page.level && a.priority <= b.priority));
       ASSERT_FALSE(a.page == b.page);
     }
     if (!c.view.relief) {
-      ASSERT_TRUE(lod.wants.empty());
+      ASSERT_TRUE(lod.requests.empty());
     }
   }
   std::printf("[ figures  ] %llu nodes, %llu with the finest cells\n", static_cast<unsigned long long>(nodes),
@@ -137,10 +137,12 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
 }
 
 bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
-  auto sameWant = [](const ReliefWant& p, const ReliefWant& q) { return p.page == q.page && p.priority == q.priority; };
+  auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
+    return p.page == q.page && p.priority == q.priority;
+  };
   return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
          a.error_px == b.error_px && a.instances == b.instances &&
-         std::equal(a.wants.begin(), a.wants.end(), b.wants.begin(), b.wants.end(), sameWant);
+         std::equal(a.requests.begin(), a.requests.end(), b.requests.begin(), b.requests.end(), sameRequest);
 }
 
 // What a selection keeps from earlier views changes nothing.
@@ -170,10 +172,10 @@ TEST(MeshLod, SameInputSameList) {
 }
 
 // Grant what is asked for: after a few rounds nothing is missing, the wants are stable, and only they are needed.
-TEST(MeshLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
+TEST(MeshLod, SettlesWhenRequestsAreGrantedAndKeepsNothingElse) {
   const auto meshes = allMeshes();
   int most_rounds = 0, over_budget = 0, cases = 0;
-  size_t most_nodes = 0, most_wants = 0;
+  size_t most_nodes = 0, most_requests = 0;
   for (uint64_t seed = kSeed; seed < kSeed + share(200); ++seed, ++cases) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     ReliefSet resident;
@@ -182,7 +184,7 @@ TEST(MeshLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     for (; rounds < 30; ++rounds) {
       lod = c.lod->select(c.view, resident);
       ReliefSet wanted;
-      for (const ReliefWant& w : lod.wants) wanted.insert(w.page);
+      for (const ReliefRequest& w : lod.requests) wanted.insert(w.page);
       if (wanted == resident) break;
       resident = std::move(wanted);  // a cache of exactly what is wanted: everything else is evicted at once
     }
@@ -194,10 +196,10 @@ TEST(MeshLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     }
     most_rounds = std::max(most_rounds, rounds);
     most_nodes = std::max(most_nodes, lod.instances.size());
-    most_wants = std::max(most_wants, lod.wants.size());
+    most_requests = std::max(most_requests, lod.requests.size());
   }
   std::printf("[ figures  ] %d cases: at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", cases,
-              most_rounds, most_nodes, most_wants, over_budget);
+              most_rounds, most_nodes, most_requests, over_budget);
   EXPECT_LT(over_budget, cases / 2);
 }
 
@@ -211,12 +213,12 @@ void expectSane(const NamedMesh& named, const MeshRelief& relief, const LodView&
   PlanarLodResult lod;
   for (int round = 0; round < 3; ++round) {
     lod = selection.select(view, resident);
-    for (const ReliefWant& w : lod.wants) resident.insert(w.page);
+    for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
   }
   EXPECT_TRUE(std::isfinite(lod.max_error_px)) << lod.max_error_px;
   EXPECT_GE(lod.max_error_px, 0);
   EXPECT_LT(lod.instances.size(), 30000u);
-  for (const ReliefWant& w : lod.wants) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
+  for (const ReliefRequest& w : lod.requests) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
   MeshHeight height = noiseOver(named.mesh, relief.unitLog2(), 3);
   MeshSeams seams = compareMeshSeams(named.mesh, relief.unitLog2(), lod.instances,
                                      twinOf<PlainOps>(named.mesh, relief, height, view));
@@ -284,7 +286,7 @@ TEST(MeshLod, ViewsThatAreNoneDrawTheRoots) {
   for (const LodView& view : views) {
     PlanarLodResult lod = selection.select(view, {});
     ASSERT_EQ(lod.instances.size(), named.mesh.patches.size());
-    EXPECT_TRUE(lod.wants.empty());
+    EXPECT_TRUE(lod.requests.empty());
     EXPECT_EQ(lod.max_error_px, 0);
     for (uint32_t p = 0; p < lod.instances.size(); ++p) {
       EXPECT_EQ(lod.instances[p].node, (NodeId{p, 0, 0, 0}));
@@ -293,7 +295,7 @@ TEST(MeshLod, ViewsThatAreNoneDrawTheRoots) {
         EXPECT_EQ(side, (std::array<uint8_t, 2>{0, PatchInstance::kWholeEdge}));
     }
   }
-  // What is no number among the wishes is the default, or nothing.
+  // What is no number among the requests is the default, or nothing.
   LodView view = makeView(c);
   view.error_px = nan, view.exaggerate = inf, view.near_mm = -1, view.min_cell_px = nan;
   EXPECT_TRUE(std::isfinite(selection.select(view, {}).max_error_px));
@@ -333,7 +335,7 @@ TEST(MeshLod, OraclesThatLieAreTakenForKnowingNothing) {
     PlanarLodResult lod;
     for (int round = 0; round < 6; ++round) {
       lod = selection.select(makeView(c), resident);
-      for (const ReliefWant& w : lod.wants) resident.insert(w.page);
+      for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
     }
     EXPECT_TRUE(std::isfinite(lod.max_error_px));
     EXPECT_GT(lod.instances.size(), 9u);  // down to the finest samples, as far as the budget of nodes goes

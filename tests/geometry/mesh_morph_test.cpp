@@ -66,9 +66,9 @@ TEST(MeshMorph, SharedVerticesAreTheSameBitForBit) {
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
-    for (const MeshGridFunction& twin :
-         {morphTwinOf<PlainOps>(mesh, c.relief, height, c.view), morphTwinOf<FmaFirst>(mesh, c.relief, height, c.view),
-          morphTwinOf<FmaSecond>(mesh, c.relief, height, c.view)}) {
+    for (const MeshGridFunction& twin : {morphReferenceOf<PlainOps>(mesh, c.relief, height, c.view),
+                                         morphReferenceOf<FmaFirst>(mesh, c.relief, height, c.view),
+                                         morphReferenceOf<FmaSecond>(mesh, c.relief, height, c.view)}) {
       MeshSeams seams = compareMeshSeams(mesh, c.relief.unitLog2(), lod.instances, {}, true, twin);
       ASSERT_EQ(seams.mismatches, 0u) << describe(c, seed);
       ASSERT_EQ(seams.unbalanced, 0u) << describe(c, seed);
@@ -97,7 +97,7 @@ TEST(MeshMorph, NegativeControlsOfWatertightness) {
     const BaseMesh& mesh = c.named.mesh;
     PlanarLodResult lod = c.lod->select(c.view, c.resident);
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
-    const MeshGridFunction twin = morphTwinOf<PlainOps>(mesh, c.relief, height, c.view);
+    const MeshGridFunction twin = morphReferenceOf<PlainOps>(mesh, c.relief, height, c.view);
     auto mismatches = [&](const std::vector<PatchInstance>& list, const MeshGridFunction& vertex) {
       return compareMeshSeams(mesh, c.relief.unitLog2(), list, {}, true, vertex).mismatches;
     };
@@ -109,10 +109,10 @@ TEST(MeshMorph, NegativeControlsOfWatertightness) {
       for (auto& side : p.edge_morph) std::swap(side[0], side[1]);
     swapped_halves += mismatches(swapped, twin);
     // The middle of two as one of them and half the way to the other.
-    sloped +=
-        mismatches(lod.instances, morphTwinOf<PlainOps>(mesh, c.relief, height, c.view,
-                                                        [](const glm::vec3& a, const glm::vec3& b, const glm::vec3& v,
-                                                           float w) { return lerpOrdered(a + 0.5f * (b - a), v, w); }));
+    sloped += mismatches(lod.instances,
+                         morphReferenceOf<PlainOps>(mesh, c.relief, height, c.view,
+                                                    [](const glm::vec3& a, const glm::vec3& b, const glm::vec3& v,
+                                                       float w) { return lerpOrdered(a + 0.5f * (b - a), v, w); }));
   }
   std::printf(
       "[ figures  ] mismatches: %llu with weights per node, %llu with halves exchanged, %llu with middles from one "

@@ -95,7 +95,7 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
       ASSERT_TRUE(!c.view.relief || p.relief_page.level == kTailLevel) << describe(c, seed);
     for (int round = 0; round < 20; ++round) {
       const size_t before = resident.size();
-      for (const ReliefWant& want : lod.wants) resident.insert(want.page);
+      for (const ReliefRequest& request : lod.requests) resident.insert(request.page);
       if (resident.size() == before) break;
       lod = c.lod->select(c.view, resident);
     }
@@ -135,7 +135,7 @@ TEST(MeshTails, WhatPagesLeadToDoesNotDependOnTheirOrder) {
     ahead.as_if_resident = true;
     const PlanarLodResult expected = c.lod->select(ahead, {});
     ReliefSet resident;
-    for (const ReliefWant& want : expected.wants) resident.insert(want.page);
+    for (const ReliefRequest& request : expected.requests) resident.insert(request.page);
     for (const PatchInstance& p : expected.instances) {
       ASSERT_TRUE(p.relief_page.level == kTailLevel || resident.contains(p.relief_page)) << describe(c, seed);
       of_pages += p.relief_page.level != kTailLevel;
@@ -148,8 +148,8 @@ TEST(MeshTails, WhatPagesLeadToDoesNotDependOnTheirOrder) {
     for (int round = 0; round < 200; ++round) {
       std::vector<NodeId> missing;
       const PlanarLodResult lod = c.lod->select(c.view, growing);
-      for (const ReliefWant& want : lod.wants)
-        if (!growing.contains(want.page)) missing.push_back(want.page);
+      for (const ReliefRequest& request : lod.requests)
+        if (!growing.contains(request.page)) missing.push_back(request.page);
       if (missing.empty()) {
         others += lod.instances != expected.instances;
         ++cases;

@@ -109,7 +109,7 @@ TEST(MeshWatertight, NegativeControls) {
               }).mismatches;
     // Every other node takes the edges that it would have if more pages were resident.
     ReliefSet more = c.resident;
-    for (const ReliefWant& want : lod.wants) more.insert(want.page);
+    for (const ReliefRequest& request : lod.requests) more.insert(request.page);
     std::map<NodeId, PatchInstance> rich;
     for (const PatchInstance& p : c.lod->select(c.view, more).instances) rich[p.node] = p;
     std::vector<PatchInstance> trap = lod.instances;

@@ -100,7 +100,7 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
     // Every other node takes the edges that it would have if all pages were resident on the other side: from a run with
     // twice the pages, where the node is the same.
     ReliefSet more = c.resident;
-    for (const ReliefWant& want : lod.wants) more.insert(want.page);
+    for (const ReliefRequest& request : lod.requests) more.insert(request.page);
     PlanarLodResult rich = selectPlanarLod(c.domain, *c.oracle, c.view, more);
     std::map<NodeId, const PatchInstance*> by_node;
     for (const PatchInstance& p : rich.instances) by_node[p.node] = &p;
@@ -291,12 +291,12 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
         for (int up = 2; up <= place[0]; ++up)
           ASSERT_EQ(index.at(static_cast<int>(place[0]) - up, x >> up, y >> up), nullptr) << describe(c, seed);
       }
-    for (size_t k = 1; k < lod.wants.size(); ++k) {
-      const ReliefWant &a = lod.wants[k - 1], &b = lod.wants[k];
+    for (size_t k = 1; k < lod.requests.size(); ++k) {
+      const ReliefRequest &a = lod.requests[k - 1], &b = lod.requests[k];
       ASSERT_TRUE(a.page.level < b.page.level || (a.page.level == b.page.level && a.priority <= b.priority));
       ASSERT_FALSE(a.page == b.page);
     }
-    for (const ReliefWant& w : lod.wants) {
+    for (const ReliefRequest& w : lod.requests) {
       ASSERT_TRUE(c.domain.nodeExists(w.page) && static_cast<int>(w.page.level) <= c.domain.relief_depth);
       ASSERT_TRUE(w.priority >= 0 && w.priority <= 1);
     }
@@ -309,10 +309,12 @@ bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
     return p.node == q.node && p.x0 == q.x0 && p.y0 == q.y0 && p.step_log2 == q.step_log2 &&
            p.grid_level == q.grid_level && p.edges == q.edges && p.relief_page == q.relief_page;
   };
-  auto sameWant = [](const ReliefWant& p, const ReliefWant& q) { return p.page == q.page && p.priority == q.priority; };
+  auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
+    return p.page == q.page && p.priority == q.priority;
+  };
   return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
          std::equal(a.instances.begin(), a.instances.end(), b.instances.begin(), b.instances.end(), same) &&
-         std::equal(a.wants.begin(), a.wants.end(), b.wants.begin(), b.wants.end(), sameWant);
+         std::equal(a.requests.begin(), a.requests.end(), b.requests.begin(), b.requests.end(), sameRequest);
 }
 
 TEST(PlanarLod, SameInputSameList) {
@@ -333,9 +335,9 @@ TEST(PlanarLod, SameInputSameList) {
 }
 
 // Grant what is asked for: after a few rounds nothing is missing, the wants are stable, and only they are needed.
-TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
+TEST(PlanarLod, SettlesWhenRequestsAreGrantedAndKeepsNothingElse) {
   int most_rounds = 0, over_budget = 0;
-  size_t most_nodes = 0, most_wants = 0;
+  size_t most_nodes = 0, most_requests = 0;
   for (uint64_t seed = kSeed; seed < kSeed + share(250); ++seed) {
     Case c = randomCase(seed);
     ReliefSet resident;
@@ -344,7 +346,7 @@ TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     for (; rounds < 30; ++rounds) {
       lod = selectPlanarLod(c.domain, *c.oracle, c.view, resident);
       ReliefSet wanted;
-      for (const ReliefWant& w : lod.wants) wanted.insert(w.page);
+      for (const ReliefRequest& w : lod.requests) wanted.insert(w.page);
       if (wanted == resident) break;
       resident = std::move(wanted);  // a cache of exactly what is wanted: everything else is evicted at once
     }
@@ -354,10 +356,10 @@ TEST(PlanarLod, SettlesWhenWantsAreGrantedAndKeepsNothingElse) {
     ASSERT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9)) << describe(c, seed);
     most_rounds = std::max(most_rounds, rounds);
     most_nodes = std::max(most_nodes, lod.instances.size());
-    most_wants = std::max(most_wants, lod.wants.size());
+    most_requests = std::max(most_requests, lod.requests.size());
   }
   std::printf("[ figures  ] at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", most_rounds,
-              most_nodes, most_wants, over_budget);
+              most_nodes, most_requests, over_budget);
   EXPECT_LT(over_budget, share(250) / 2);
 }
 
@@ -368,18 +370,18 @@ void expectSane(const PlanarDomain& domain, const LodView& view, const char* wha
   PlanarLodResult lod;
   for (int round = 0; round < (settle ? kSanitized ? 2 : 8 : 1); ++round) {
     lod = selectPlanarLod(domain, oracle, view, resident);
-    for (const ReliefWant& w : lod.wants) resident.insert(w.page);
+    for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
   }
   SCOPED_TRACE(what);
   EXPECT_TRUE(std::isfinite(lod.max_error_px));
   EXPECT_GE(lod.max_error_px, 0);
   EXPECT_LT(lod.instances.size(), 30000u);
-  for (const ReliefWant& w : lod.wants) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
+  for (const ReliefRequest& w : lod.requests) EXPECT_TRUE(w.priority >= 0 && w.priority <= 1);
   ReliefPages pages(domain, noiseHeight);
   SeamReport seams = compareSeams(domain, lod.instances, twin(domain, pages, view.relief));
   EXPECT_EQ(seams.mismatches, 0u);
-  std::printf("[ figures  ] %-34s %6zu nodes %6zu wants  error %.3g px\n", what, lod.instances.size(), lod.wants.size(),
-              lod.max_error_px);
+  std::printf("[ figures  ] %-34s %6zu nodes %6zu wants  error %.3g px\n", what, lod.instances.size(),
+              lod.requests.size(), lod.max_error_px);
 }
 
 TEST(PlanarLod, HardViews) {
@@ -442,7 +444,7 @@ TEST(PlanarLod, HardViews) {
   none.relief_depth = -1;
   view = makeView(c);
   PlanarLodResult lod = selectPlanarLod(none, MadeUpOracle(none, 1), view, {});
-  EXPECT_TRUE(lod.wants.empty());
+  EXPECT_TRUE(lod.requests.empty());
   EXPECT_FALSE(lod.instances.empty());
   PlanarDomain strip = makeDomain(1u << 26, 100, 0);
   c.eye = {0, 0, 1e6}, c.near_mm = 1, c.far_mm = 1e8;

@@ -25,7 +25,7 @@ PatchVertex namedBits(const glm::dvec3& v) {
   };
   return {static_cast<int32_t>(bits(v.x)), static_cast<int32_t>(bits(v.y)), static_cast<uint32_t>(bits(v.z))};
 }
-VertexFunction morphTwin(const PlanarDomain& domain, ReliefPages& pages, bool relief) {
+VertexFunction morphReference(const PlanarDomain& domain, ReliefPages& pages, bool relief) {
   return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) {
     return namedBits(morphedPatchVertex(domain, p, i, j, relief, pages));
   };
@@ -45,7 +45,7 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
     const ReliefSet resident = randomResidency(domain, oracle, view, random);
     PlanarLodResult lod = selectPlanarLod(domain, oracle, view, resident);
     ReliefPages pages(domain, noiseHeight);
-    const VertexFunction twin = morphTwin(domain, pages, view.relief);
+    const VertexFunction twin = morphReference(domain, pages, view.relief);
     SeamReport report = compareSeams(domain, lod.instances, twin, ownVertex);
     ASSERT_EQ(report.mismatches, 0u) << "seed " << seed;
     total += report;
@@ -89,11 +89,11 @@ Places placesOf(const PatchInstance& p) {
   return all;
 }
 // Sides' levels up to that of the inside, in 256ths of a level; of halves, or of the whole side and kWholeSide.
-void setSide(PatchInstance& p, size_t side, std::array<int, 2> wishes) {
-  const bool whole = wishes[1] == kWholeSide;
+void setSide(PatchInstance& p, size_t side, std::array<int, 2> requested) {
+  const bool whole = requested[1] == kWholeSide;
   for (size_t half = 0; half < (whole ? 1 : 2); ++half) {
-    p.edges[side][half] = static_cast<uint8_t>(wholeLevels(wishes[half]));
-    p.edge_morph[side][half] = slideOf(wishes[half]);
+    p.edges[side][half] = static_cast<uint8_t>(wholeLevels(requested[half]));
+    p.edge_morph[side][half] = slideOf(requested[half]);
   }
   if (whole) p.edges[side][1] = PatchInstance::kWholeEdge;
 }
@@ -122,15 +122,15 @@ TEST(PlanarMorph, GridsTileTheirSquareWhileVerticesSlide) {
     const int inside = random.integer(1, kMaxGridLevel * kOneLevel);
     p.grid_level = static_cast<uint8_t>(wholeLevels(inside));
     p.morph = morphOf(inside);
-    auto wish = [&](int most) {
+    auto node = [&](int most) {
       return std::max(
           0, most - (random.chance(0.3) ? random.integer(0, 3) * kOneLevel : random.integer(0, 3 * kOneLevel)));
     };
     for (size_t side = 0; side < 4; ++side) {
       const bool halves = inside > kOneLevel && random.chance(0.4);
       setSide(p, side,
-              halves ? std::array{wish(inside - kOneLevel), wish(inside - kOneLevel)}
-                     : std::array{wish(inside), kWholeSide});
+              halves ? std::array{node(inside - kOneLevel), node(inside - kOneLevel)}
+                     : std::array{node(inside), kWholeSide});
       sliding += p.edge_morph[side][0] != PatchInstance::kInPlace;
     }
     Places at = placesOf(p);
@@ -261,7 +261,7 @@ TEST(PlanarMorph, PredictedIsAnUpperBoundOfMeasured) {
       ReliefSet resident;
       const int rounds = random.integer(0, 7);
       for (int round = 0; round < rounds; ++round)
-        for (const ReliefWant& w : a.lod->select(view, resident).wants)
+        for (const ReliefRequest& w : a.lod->select(view, resident).requests)
           if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
       PlanarLodResult lod = a.lod->select(view, resident);
       uint64_t flipped = 0;

@@ -1,4 +1,4 @@
-// CPU page determination against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of
+// CPU page requests against oracles that know nothing of nodes: every pixel's ray meets the plane (or a facet of
 // the relief), and its footprint is measured by rays beside it, in double precision.
 #include "geometry/lod/texture_select.h"
 
@@ -9,7 +9,7 @@
 #include <set>
 
 #include "tests/geometry/lod_fixture.h"
-#include "tests/geometry/pixel_wants.h"
+#include "tests/geometry/pixel_requests.h"
 
 namespace relievo::test {
 namespace {
@@ -17,7 +17,7 @@ namespace {
 constexpr uint64_t kSeed = 20261121;
 
 // What all pixels of a flat artwork want; sampled off their centres, where a rasteriser may sample too.
-std::set<NodeId> pixelsWant(const PlanarDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
+std::set<NodeId> pixelsRequest(const PlanarDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
   Rays rays(v);
   std::set<NodeId> wanted;
   NodeId last{~0u, 0, 0, 0};
@@ -43,7 +43,7 @@ std::set<NodeId> pixelsWant(const PlanarDomain& d, const TextureView& v, glm::dv
 struct Agreement {
   size_t wanted = 0, named = 0, missed = 0;
   size_t needless = 0,
-         inexplicable = 0;  // named, not wanted; neither within the slack that the determination allows itself
+         inexplicable = 0;  // named, not wanted; neither within the slack that the request source allows itself
   void operator+=(const Agreement& o) {
     wanted += o.wanted, named += o.named, missed += o.missed, needless += o.needless, inexplicable += o.inexplicable;
   }
@@ -53,10 +53,10 @@ struct Agreement {
     return named ? 1 - static_cast<double>(inexplicable) / static_cast<double>(named) : 1;
   }
 };
-Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureWant>& named) {
+Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureRequest>& named) {
   Agreement a;
   std::set<NodeId> set;
-  for (const TextureWant& w : named) set.insert(w.node);
+  for (const TextureRequest& w : named) set.insert(w.node);
   a.wanted = wanted.size();
   a.named = named.size();
   for (const NodeId& n : wanted) a.missed += !set.contains(n);
@@ -77,8 +77,8 @@ struct Flat {
   bool orthographic = false;
   uint64_t seed = kSeed;
   std::function<void(Camera&, Random&)> camera;
-  std::function<void(TextureView&)> settings, broken;  // broken: what the determination sees, but not the oracle
-  std::function<void(std::vector<TextureWant>&)> lose;
+  std::function<void(TextureView&)> settings, broken;  // broken: what the request source sees, but not the oracle
+  std::function<void(std::vector<TextureRequest>&)> lose;
   std::vector<std::set<NodeId>>* known = nullptr;  // what the pixels of these views want, kept from run to run
 };
 Agreement flatAgreement(const Flat& f, bool report) {
@@ -94,12 +94,12 @@ Agreement flatAgreement(const Flat& f, bool report) {
     v.lod_bias = -3;  // as many pages as eight times the size would have
     if (f.settings) f.settings(v);
     const bool is_known = f.known && static_cast<size_t>(i) < f.known->size();
-    std::set<NodeId> wanted = is_known ? (*f.known)[static_cast<size_t>(i)] : pixelsWant(d, v);
+    std::set<NodeId> wanted = is_known ? (*f.known)[static_cast<size_t>(i)] : pixelsRequest(d, v);
     if (f.known && !is_known) f.known->push_back(wanted);
     TextureView finer = v;
     finer.lod_bias -= kLodSlack;
     if (f.broken) f.broken(v);
-    std::vector<TextureWant> named = selectTextureNodes(d, oracle, v);
+    std::vector<TextureRequest> named = selectTextureNodes(d, oracle, v);
     if (f.lose) f.lose(named);
     Agreement a = agreement(wanted, named);
     a.inexplicable = a.needless;
@@ -108,7 +108,7 @@ Agreement flatAgreement(const Flat& f, bool report) {
       for (double y : {-kPixelSlack, 0.0, kPixelSlack}) {
         if (!report || a.inexplicable == 0)
           continue;  // each place is as much work as all above, and explains, if anything, more
-        within_slack.merge(pixelsWant(d, finer, {x, y}));
+        within_slack.merge(pixelsRequest(d, finer, {x, y}));
         a.inexplicable = agreement(within_slack, named).needless;
       }
     }
@@ -218,7 +218,7 @@ TEST(TextureSelect, FlatNegativeControls) {
   Flat f;
   f.known = &known;
   f.views = 40;
-  f.lose = [](std::vector<TextureWant>& named) {
+  f.lose = [](std::vector<TextureRequest>& named) {
     if (!named.empty()) named.pop_back();
   };
   EXPECT_GT(flatAgreement(f, false).missed, 10u) << "a page lost";
@@ -298,7 +298,7 @@ Terrain makeTerrain(int kind, double range_mm, int relief_shift) {
 }
 
 // What pixels want of every facet in view that faces the eye, whether or not something hides it.
-std::set<NodeId> facetsWant(const Terrain& t, const TextureView& v) {
+std::set<NodeId> facetsRequest(const Terrain& t, const TextureView& v) {
   Rays rays(v);
   std::set<NodeId> wanted;
   const int64_t right = t.columns, bottom = t.rows;
@@ -337,7 +337,7 @@ Agreement reliefAgreement(const Terrain& t, int views, bool as_if_flat, bool rep
     TextureView v = textureView(c, 200, true, orthographic);
     v.exaggerate = random.chance(0.3) ? -1.5 : 1;
     v.lod_bias = bias;
-    std::set<NodeId> wanted = facetsWant(t, v);
+    std::set<NodeId> wanted = facetsRequest(t, v);
     v.relief = !as_if_flat;
     Agreement a = agreement(wanted, selectTextureNodes(t.domain, oracle, v));
     total += a;
@@ -385,19 +385,19 @@ TEST(TextureSelect, CoarseBeforeFineThenTheCentreEachOnceAfterItsParent) {
     PlanarDomain d = randomDomain(random);
     MadeUpOracle oracle(d, 3, true);
     TextureView v = textureView(randomCamera(d, random), 180, random.chance(0.5));
-    std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
-    ASSERT_LE(wants.size(), kMaxTextureWants);
+    std::vector<TextureRequest> requests = selectTextureNodes(d, oracle, v);
+    ASSERT_LE(requests.size(), kMaxTextureRequests);
     std::set<NodeId> seen;
-    for (size_t k = 0; k < wants.size(); ++k) {
-      const TextureWant& w = wants[k];
+    for (size_t k = 0; k < requests.size(); ++k) {
+      const TextureRequest& w = requests[k];
       ASSERT_TRUE(d.nodeExists(w.node));
       ASSERT_LE(static_cast<int>(w.node.level), d.texture_depth);
       ASSERT_TRUE(seen.insert(w.node).second);
       ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
       ASSERT_TRUE(w.priority >= 0 && w.priority <= 1);
       if (k == 0) continue;
-      ASSERT_LE(wants[k - 1].node.level, w.node.level);
-      ASSERT_TRUE(wants[k - 1].node.level < w.node.level || wants[k - 1].priority <= w.priority);
+      ASSERT_LE(requests[k - 1].node.level, w.node.level);
+      ASSERT_TRUE(requests[k - 1].node.level < w.node.level || requests[k - 1].priority <= w.priority);
     }
   }
 }
@@ -427,9 +427,9 @@ TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
   for (size_t i = 0; i < bad.size(); ++i) {
     TextureView v = good;
     bad[i](v);
-    std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
-    ASSERT_EQ(wants.size(), d.patchCount()) << i;
-    for (const TextureWant& w : wants) EXPECT_EQ(w.node.level, 0u);
+    std::vector<TextureRequest> requests = selectTextureNodes(d, oracle, v);
+    ASSERT_EQ(requests.size(), d.patchCount()) << i;
+    for (const TextureRequest& w : requests) EXPECT_EQ(w.node.level, 0u);
   }
 }
 
@@ -440,10 +440,10 @@ TEST(TextureSelect, NeverMoreThanSlots) {
   c.eye = {0, 0, static_cast<double>(d.width_px) * d.mm_per_px * 0.8};
   TextureView v = textureView(c, 720, false);
   v.lod_bias = -9;  // texels of a five-hundredth of a pixel
-  std::vector<TextureWant> wants = selectTextureNodes(d, oracle, v);
-  EXPECT_EQ(wants.size(), kMaxTextureWants);
+  std::vector<TextureRequest> requests = selectTextureNodes(d, oracle, v);
+  EXPECT_EQ(requests.size(), kMaxTextureRequests);
   std::set<NodeId> seen;
-  for (const TextureWant& w : wants) {
+  for (const TextureRequest& w : requests) {
     ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
     seen.insert(w.node);
   }

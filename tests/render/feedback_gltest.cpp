@@ -1,4 +1,4 @@
-// The feedback pass against an oracle that projects every pixel in double precision (tests/geometry/pixel_wants.h):
+// The feedback pass against an oracle that projects every pixel in double precision (tests/geometry/pixel_requests.h):
 // which pixels it samples, what it asks for in one pass and in scale^2 passes of a still view, and what broken
 // gradients ask for.
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/surface_target.h"
-#include "tests/geometry/pixel_wants.h"
+#include "tests/geometry/pixel_requests.h"
 #include "tests/render/gl_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/test_artwork.h"
@@ -139,7 +139,7 @@ View randomView(Random& random, int height_px, bool orthographic = false) {
 
 // What the pixels want, row by row from the top.
 struct Truth {
-  std::vector<PixelWish> wishes;
+  std::vector<PixelLevel> requested;
   std::set<NodeId> certain;   // some pixel wants it for sure; with ancestors
   std::set<NodeId> possible;  // some pixel may want it
   std::set<NodeId> large;     // 8 x 8 px and more want it for sure
@@ -152,29 +152,29 @@ Truth truthOf(const View& view) {
   for (int y = 0; y < v.height_px; ++y) {
     square.swap(above);
     for (int x = 0; x < v.width_px; ++x) {
-      PixelWish wish = pixelWish(view.domain, v, rays, x, y);
-      for (const NodeId& n : wish.alternatives) addWithAncestors(n, t.possible);
+      PixelLevel node = pixelLevel(view.domain, v, rays, x, y);
+      for (const NodeId& n : node.alternatives) addWithAncestors(n, t.possible);
       auto column = static_cast<size_t>(x);
       square[column] = 0;
-      if (wish.exact && wish.certain) {
-        addWithAncestors(*wish.exact, t.certain);
+      if (node.exact && node.certain) {
+        addWithAncestors(*node.exact, t.certain);
         // The largest square of pixels that ends here and wants the same node.
-        auto same = [&](size_t at) { return t.wishes[at].certain && t.wishes[at].exact == wish.exact; };
-        size_t here = t.wishes.size(), width = static_cast<size_t>(v.width_px);
+        auto same = [&](size_t at) { return t.requested[at].certain && t.requested[at].exact == node.exact; };
+        size_t here = t.requested.size(), width = static_cast<size_t>(v.width_px);
         square[column] = 1;
         if (x > 0 && y > 0 && same(here - 1) && same(here - width) && same(here - width - 1))
           square[column] = 1 + std::min({square[column - 1], above[column], above[column - 1]});
-        if (square[column] >= 8) addWithAncestors(*wish.exact, t.large);
+        if (square[column] >= 8) addWithAncestors(*node.exact, t.large);
       }
-      t.wishes.push_back(std::move(wish));
+      t.requested.push_back(std::move(node));
     }
   }
   return t;
 }
 
-std::set<NodeId> nodesOf(std::span<const NodeWant> wants) {
+std::set<NodeId> nodesOf(std::span<const NodeRequest> requests) {
   std::set<NodeId> nodes;
-  for (const NodeWant& w : wants) nodes.insert(w.node);
+  for (const NodeRequest& w : requests) nodes.insert(w.node);
   return nodes;
 }
 size_t missing(const std::set<NodeId>& wanted, const std::set<NodeId>& named) {
@@ -207,12 +207,12 @@ TEST(FeedbackPass, APixelSamplesExactlyThatPixelOfThePicture) {
               outside += pixels[at][0] != 0;
               continue;
             }
-            const PixelWish& wish = truth.wishes[static_cast<size_t>(y * view.texture.width_px + x)];
-            if (!wish.certain) continue;
+            const PixelLevel& node = truth.requested[static_cast<size_t>(y * view.texture.width_px + x)];
+            if (!node.certain) continue;
             auto agrees = [&](const std::array<uint32_t, 4>& p) {
-              if (!wish.exact) return p[0] == 0;
-              return p == std::array<uint32_t, 4>{1u | wish.exact->level << 8, wish.exact->patch, wish.exact->x,
-                                                  wish.exact->y};
+              if (!node.exact) return p[0] == 0;
+              return p == std::array<uint32_t, 4>{1u | node.exact->level << 8, node.exact->patch, node.exact->x,
+                                                  node.exact->y};
             };
             ++(orthographic ? certain_orthographic : certain);
             if (!agrees(pixels[at])) {
@@ -247,17 +247,17 @@ TEST(FeedbackPass, OnePassFindsLargePagesAndAStillViewAll) {
     FlatFeedback feedback(view.domain);
     Truth truth = truthOf(view);
     FeedbackAnalyzer analyzer;
-    WantMemory memory, fixed_memory;
+    RequestMemory memory, fixed_memory;
     std::set<NodeId> seen, fixed;
     for (uint64_t turn = 0; turn < 64; ++turn) {
       FeedbackGrid grid = feedbackGrid(view.texture.width_px, view.texture.height_px, 8, turn);
-      auto wants = analyzer.analyze(feedback.draw(view.texture, grid), grid.width(), grid.height());
+      auto requests = analyzer.analyze(feedback.draw(view.texture, grid), grid.width(), grid.height());
       if (turn % 21 == 0) {  // any one pass
         large += truth.large.size();
-        large_missed += missing(truth.large, nodesOf(wants));
-        first_pass_missed += missing(truth.certain, nodesOf(wants));
+        large_missed += missing(truth.large, nodesOf(requests));
+        first_pass_missed += missing(truth.certain, nodesOf(requests));
       }
-      seen = nodesOf(memory.add(wants, 1, 64));
+      seen = nodesOf(memory.add(requests, 1, 64));
       if (turn % 16 == 0)
         fixed.merge(nodesOf(analyzer.analyze(
             feedback.draw(view.texture, feedbackGrid(view.texture.width_px, view.texture.height_px, 8, 0)),
@@ -418,7 +418,7 @@ TEST(FeedbackPass, DegenerateViewsNameNothingThatIsNotThere) {
     TextureView v = good.texture;
     bad[i](v);
     FeedbackGrid grid = feedbackGrid(v.width_px, v.height_px, 8, i);
-    for (const NodeWant& w : analyzer.analyze(feedback.draw(v, grid), grid.width(), grid.height()))
+    for (const NodeRequest& w : analyzer.analyze(feedback.draw(v, grid), grid.width(), grid.height()))
       EXPECT_TRUE(d.nodeExists(w.node)) << i;
   }
 }
@@ -450,22 +450,22 @@ TEST(FeedbackPass, AsksForNothingWhereNothingIsSeen) {
 }
 
 // ---- the engine
-std::unique_ptr<Engine> engineFor(const Artwork& artwork, const OrbitCamera& camera, Determination how, bool relief) {
+std::unique_ptr<Engine> engineFor(const Artwork& artwork, const OrbitCamera& camera, RequestSource how, bool relief) {
   Scene scene;
   scene.relief = relief;
   EngineOptions options;
-  options.determination = how;
+  options.request_source = how;
   options.cache_mib = 64;
   auto engine = test::makeEngine(artwork, scene, options, 240, 135);
   if (engine) engine->setCamera(camera);
   return engine;
 }
-std::set<NodeId> settledWants(Engine& e) {
+std::set<NodeId> settledRequests(Engine& e) {
   EXPECT_TRUE(e.settle(60).ok());
-  return nodesOf(e.textureWants());
+  return nodesOf(e.textureRequests());
 }
 // Frames until all relief has come and `frames` more were seen.
-std::set<NodeId> stillWants(Engine& e, int frames) {
+std::set<NodeId> stillRequests(Engine& e, int frames) {
   int k = 0;
   auto frame = [&] {
     e.frame(++k * 0.016);
@@ -474,10 +474,10 @@ std::set<NodeId> stillWants(Engine& e, int frames) {
   do frame();
   while (k < 2000 && e.stats().missing_pages > 0);
   for (int i = 0; i < frames; ++i) frame();
-  return nodesOf(e.textureWants());
+  return nodesOf(e.textureRequests());
 }
 
-TEST(EngineDetermination, AStillCameraFindsWhatSettlingFinds) {
+TEST(EngineRequestSource, AStillCameraFindsWhatSettlingFinds) {
   TemporaryFolder folder;
   std::string why;
   auto package = noisePackage(folder, 3000, 2000, Basis::kColour, 8, 5, &why);
@@ -490,23 +490,23 @@ TEST(EngineDetermination, AStillCameraFindsWhatSettlingFinds) {
       camera.azimuth_deg = -80 + 65 * i;
       camera.elevation_deg = 20 * i - 30;
       camera.distance_mm *= 0.1 + 0.15 * i;
-      auto settled = engineFor(artwork, camera, Determination::kFeedback, relief),
-           still = engineFor(artwork, camera, Determination::kFeedback, relief);
+      auto settled = engineFor(artwork, camera, RequestSource::kFeedback, relief),
+           still = engineFor(artwork, camera, RequestSource::kFeedback, relief);
       ASSERT_TRUE(settled && still);
-      std::set<NodeId> wanted = settledWants(*settled), seen = stillWants(*still, 4);
+      std::set<NodeId> wanted = settledRequests(*settled), seen = stillRequests(*still, 4);
       early += missing(wanted, seen);
-      seen = stillWants(*still, 64 + 4);  // the first is not known to be still, the last three are under way
+      seen = stillRequests(*still, 64 + 4);  // the first is not known to be still, the last three are under way
       full += wanted.size();
       missed += missing(wanted, seen);
       extra += missing(seen, wanted);
       settled->frame(100);
       EXPECT_EQ(settled->stats().draw_calls, 1u) << "a settled view is shaded: neither geometry nor feedback";
-      EXPECT_EQ(nodesOf(settled->textureWants()), wanted) << "nor forgets what it wants";
-      auto geometry = engineFor(artwork, camera, Determination::kGeometry, relief),
-           both = engineFor(artwork, camera, Determination::kBoth, relief);
-      std::set<NodeId> named = settledWants(*geometry);
+      EXPECT_EQ(nodesOf(settled->textureRequests()), wanted) << "nor forgets what it wants";
+      auto geometry = engineFor(artwork, camera, RequestSource::kGeometry, relief),
+           both = engineFor(artwork, camera, RequestSource::kBoth, relief);
+      std::set<NodeId> named = settledRequests(*geometry);
       EXPECT_EQ(missing(wanted, named), 0u) << "geometry never misses a page";
-      EXPECT_EQ(settledWants(*both), named) << "a superset of the feedback's";
+      EXPECT_EQ(settledRequests(*both), named) << "a superset of the feedback's";
       auto has = [](const Engine& e) {
         auto p = e.stats().passes;
         return std::count(p.begin(), p.end(), "feedback");
@@ -524,7 +524,7 @@ TEST(EngineDetermination, AStillCameraFindsWhatSettlingFinds) {
   }
 }
 
-TEST(EngineDetermination, PicturesAreTheSameWhateverTheMethod) {
+TEST(EngineRequestSource, PicturesAreTheSameWhateverTheMethod) {
   TemporaryFolder folder;
   std::string why;
   auto package = noisePackage(folder, 1500, 1000, Basis::kColour, 8, 6, &why);
@@ -534,9 +534,9 @@ TEST(EngineDetermination, PicturesAreTheSameWhateverTheMethod) {
   camera.azimuth_deg = 60;
   camera.distance_mm *= 0.5;
   std::vector<uint8_t> first;
-  for (Determination how : {Determination::kFeedback, Determination::kGeometry, Determination::kBoth}) {
+  for (RequestSource how : {RequestSource::kFeedback, RequestSource::kGeometry, RequestSource::kBoth}) {
     EngineOptions options;
-    options.determination = how;
+    options.request_source = how;
     options.cache_mib = 64;
     auto engine = Engine::create(artwork, {}, options);
     ASSERT_TRUE(engine.ok());

@@ -195,8 +195,8 @@ TEST(FiltersEqualDense, NegativeControls) {
     EXPECT_GT(t.above_1, 100u) << what;
   };
   Views borders{.views = 6}, lookup{.views = 30};  // few pixels have taps that far from their page
-  borders.sabotage.no_borders = true;
-  lookup.sabotage.one_lookup = true;
+  borders.injectFaults.no_borders = true;
+  lookup.injectFaults.one_lookup = true;
   for (const auto& [name, sampling] : kModes) {
     Views level{.views = 6};
     level.wrong_oracle = [](DenseView& v) { v.lod_bias = 1; };

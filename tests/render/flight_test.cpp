@@ -232,24 +232,24 @@ TEST(PrefetchHorizon, FollowsTheLatencyWithinBounds) {
   EXPECT_EQ(prefetchHorizon(10, {.horizon_s = 0.1}), 0.1);
 }
 
-TEST(PredictedWants, RemembersForAWhileBehindWhatIsPredictedNow) {
+TEST(PredictedRequests, RemembersForAWhileBehindWhatIsPredictedNow) {
   NodeId a{0, 3, 1, 1}, b{0, 3, 2, 1};
-  PredictedWants wants;
-  wants.begin(1.0);
-  wants.add(a, 0.7f);
-  wants.add(a, 0.2f);
-  wants.add(a, 0.9f);
-  ASSERT_EQ(wants.finish().size(), 1u);
-  EXPECT_EQ(wants.finish()[0].centre_distance, 0.2f) << "as urgent as where it is nearest";
-  wants.begin(1.0 + 0.8 * PredictedWants::kRemember_s);
-  wants.add(b, 0.5f);
-  ASSERT_EQ(wants.finish().size(), 2u);
-  for (const NodeWant& w : wants.finish()) EXPECT_EQ(w.centre_distance, w.node == b ? 0.5f : 2.0f);
-  wants.begin(1.0 + 1.1 * PredictedWants::kRemember_s);
-  ASSERT_EQ(wants.finish().size(), 1u);
-  EXPECT_EQ(wants.finish()[0].node, b);
-  wants.begin(0.5);
-  EXPECT_TRUE(wants.finish().empty()) << "another clock";
+  PredictedRequests requests;
+  requests.begin(1.0);
+  requests.add(a, 0.7f);
+  requests.add(a, 0.2f);
+  requests.add(a, 0.9f);
+  ASSERT_EQ(requests.finish().size(), 1u);
+  EXPECT_EQ(requests.finish()[0].centre_distance, 0.2f) << "as urgent as where it is nearest";
+  requests.begin(1.0 + 0.8 * PredictedRequests::kRemember_s);
+  requests.add(b, 0.5f);
+  ASSERT_EQ(requests.finish().size(), 2u);
+  for (const NodeRequest& w : requests.finish()) EXPECT_EQ(w.centre_distance, w.node == b ? 0.5f : 2.0f);
+  requests.begin(1.0 + 1.1 * PredictedRequests::kRemember_s);
+  ASSERT_EQ(requests.finish().size(), 1u);
+  EXPECT_EQ(requests.finish()[0].node, b);
+  requests.begin(0.5);
+  EXPECT_TRUE(requests.finish().empty()) << "another clock";
 }
 
 // --- streaming on a virtual clock
@@ -280,7 +280,7 @@ TEST(StreamedFlight, AnInfiniteLinkShowsWhatIsWantedButForTheFramesThatWishesTak
   s.how.link = {.bytes_per_s = 1e15, .latency_s = 0, .in_flight = 1000};
   Flight flight = wanderFlight(s.scene.domain, 320, 180, {.speed = 0.2});
   auto fast = streamFlight(s.scene, flight, s.how, {std::nullopt});
-  // A wish is a frame late and its page comes with the next: at 30 Hz a slow flight shows little of that.
+  // A request is a frame late and its page comes with the next: at 30 Hz a slow flight shows little of that.
   EXPECT_LT(fast[0].coarseShare(), 0.002);
   EXPECT_GT(fast[0].pages, 20u);
   EXPECT_EQ(fast[0].bytes, fast[0].pages * 20000);
@@ -324,7 +324,7 @@ TEST(StreamedFlight, IsDeterministic) {
   }
 }
 
-TEST(RecordFlight, NamesWhatTheViewsWantAncestorsIncluded) {
+TEST(RecordFlight, NamesWhatTheViewsRequestAncestorsIncluded) {
   Streamed s;
   PageTrace trace = recordFlight(s.scene, readingFlight(s.scene.domain, 320, 180, {.speed = 4}));
   ASSERT_GT(trace.size(), 60u);

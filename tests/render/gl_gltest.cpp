@@ -329,10 +329,10 @@ TEST(Programs, ACompileErrorNamesFileAndLine) {
 TEST(Programs, ALinkErrorNamesBothFiles) {
   const ShaderText gives = {"gives.vert",
                             "out vec2 v_mismatch;\nvoid main() { v_mismatch = vec2(1.0); gl_Position = vec4(0.0); }\n"};
-  const ShaderText wants = {"wants.frag",
-                            "in vec3 v_mismatch;\nlayout(location = 0) out vec4 o;\n"
-                            "void main() { o = vec4(v_mismatch, 1.0); }\n"};
-  Result<Program> program = Program::linkTexts(gltest::api(), gives, wants, {});
+  const ShaderText requests = {"wants.frag",
+                               "in vec3 v_mismatch;\nlayout(location = 0) out vec4 o;\n"
+                               "void main() { o = vec4(v_mismatch, 1.0); }\n"};
+  Result<Program> program = Program::linkTexts(gltest::api(), gives, requests, {});
   ASSERT_FALSE(program.ok());
   EXPECT_NE(program.error().text().find("gives.vert + wants.frag"), std::string::npos) << program.error().text();
   EXPECT_NE(program.error().text().find("v_mismatch"), std::string::npos) << program.error().text();

@@ -210,7 +210,7 @@ class HardScans : public testing_support::Cli {
     if (!opened.ok()) return nullptr;
     auto engine = test::makeEngine(artworkFromPackage(*opened), {}, {}, kWidth, kHeight);
     if (engine && !snapping) {
-      EXPECT_TRUE(engine->sabotage({.no_snapping = true}).ok());
+      EXPECT_TRUE(engine->injectFaults({.no_snapping = true}).ok());
     }
     return engine;
   }

@@ -100,7 +100,7 @@ class HiddenBacksPicture : public ::testing::Test {
       EXPECT_TRUE(made.ok()) << made.error().text();
       engines[k] = std::move(*made);
       engines[k]->resize(kWidth, kHeight);
-      EXPECT_TRUE(engines[k]->sabotage({.draw_backs = k == 2}).ok());
+      EXPECT_TRUE(engines[k]->injectFaults({.draw_backs = k == 2}).ok());
     }
     Totals t;
     for (; t.views < views; ++t.views) {

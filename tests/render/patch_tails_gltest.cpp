@@ -188,11 +188,11 @@ TEST_F(ManyPatches, TheSmallestCacheDrawsAll) {
       const auto as_one = engine->readPixels();
       const uint32_t instances = engine->stats().instances;
       EXPECT_GT(instances, 2000u);
-      ASSERT_TRUE(engine->sabotage({.call_a_patch = true}).ok());
+      ASSERT_TRUE(engine->injectFaults({.call_a_patch = true}).ok());
       engine->frame(0.1);
       EXPECT_GE(engine->stats().draw_calls, instances);
       EXPECT_TRUE(engine->readPixels() == as_one);
-      ASSERT_TRUE(engine->sabotage({}).ok());
+      ASSERT_TRUE(engine->injectFaults({}).ok());
     }
   }
 }

@@ -243,8 +243,8 @@ TEST(ViewControl, KeysToggleResetAndQuit) {
   for (const char* key : {"W", "P", "F1", "F2"}) hand.press(key);
   EXPECT_FALSE(control.wireframe || control.show_pages || control.help || control.figures);
   hand.press("S");
-  EXPECT_TRUE(control.takeSnapshotWish());
-  EXPECT_FALSE(control.takeSnapshotWish());
+  EXPECT_TRUE(control.takeSnapshotRequest());
+  EXPECT_FALSE(control.takeSnapshotRequest());
   hand.drag(MouseButton::kLeft, 0, 0, 100, 100);
   hand.drag(MouseButton::kRight, 0, 0, 100, 100);
   hand.wheel(3);

@@ -90,7 +90,7 @@ struct Views {
   int width = 320, height = 180;
   uint32_t seed = kSeed;
   bool random_light = true;
-  Engine::Sabotage sabotage;
+  Engine::FaultInjection injectFaults;
   std::function<void(DenseView&)> wrong_oracle;  // for negative controls
   std::function<OrbitCamera(std::mt19937&)> camera;
   int limit = 1;  // views above it are reported
@@ -120,9 +120,9 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
   if (!engine.ok()) return totals;
   Engine& e = **engine;
   e.resize(run.width, run.height);
-  const bool sabotaged = run.sabotage.no_borders || run.sabotage.one_lookup;
-  if (sabotaged) {
-    EXPECT_TRUE(e.sabotage(run.sabotage).ok());
+  const bool with_faults = run.injectFaults.no_borders || run.injectFaults.one_lookup;
+  if (with_faults) {
+    EXPECT_TRUE(e.injectFaults(run.injectFaults).ok());
   }
   std::mt19937 random(run.seed);
   DenseTexture with_normals;  // of the exaggeration
@@ -173,7 +173,7 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     totals.edges += d.edge_pixels;
     totals.holes += d.holes;
     totals.extras += d.extras;
-    if (!run.wrong_oracle && !sabotaged && !d.within(run.limit)) {
+    if (!run.wrong_oracle && !with_faults && !d.within(run.limit)) {
       std::printf("  view %d of seed %u: azimuth %.3f elevation %.3f distance %.3f fov %.3f target %.3f %.3f: %s", view,
                   run.seed, camera.azimuth_deg, camera.elevation_deg, camera.distance_mm, camera.fov_deg,
                   camera.target_mm.x, camera.target_mm.y, d.text().c_str());

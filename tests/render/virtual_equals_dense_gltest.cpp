@@ -154,7 +154,7 @@ TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
 TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
   Views run{.views = 12};
-  run.sabotage.no_borders = true;
+  run.injectFaults.no_borders = true;
   const Totals t = compare(subject, {}, run);
   t.print("without borders");
   EXPECT_GT(t.max_difference, 1);

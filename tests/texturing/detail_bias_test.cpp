@@ -1,4 +1,5 @@
-// The bias under pressure, against models of a view: how many pages it wants at a bias, and how late its wishes follow.
+// The bias under pressure, against models of a view: how many pages it wants at a bias, and how late its requests
+// follow.
 #include "texturing/stream/detail_bias.h"
 
 #include <gtest/gtest.h>
@@ -46,7 +47,7 @@ struct View {
   std::mt19937 random{7};
   double pages = 0;
 
-  explicit View(int lists_late, DetailBias::Sabotage broken = {})
+  explicit View(int lists_late, DetailBias::FaultInjection broken = {})
       : bias(broken), latency(lists_late), history(static_cast<size_t>(lists_late) + 1, 0.0) {}
   void step(const std::function<double(double)>& demand) {
     history.pop_front();

@@ -45,12 +45,12 @@ std::map<NodeId, Expected> naive(const std::vector<Pixel>& pixels, int width, in
   return nodes;
 }
 
-std::string compare(std::span<const NodeWant> wants, const std::map<NodeId, Expected>& expected) {
-  if (wants.size() != expected.size())
-    return std::to_string(wants.size()) + " nodes, expected " + std::to_string(expected.size());
+std::string compare(std::span<const NodeRequest> requests, const std::map<NodeId, Expected>& expected) {
+  if (requests.size() != expected.size())
+    return std::to_string(requests.size()) + " nodes, expected " + std::to_string(expected.size());
   std::set<NodeId> seen;
-  for (size_t i = 0; i < wants.size(); ++i) {
-    const NodeWant& w = wants[i];
+  for (size_t i = 0; i < requests.size(); ++i) {
+    const NodeRequest& w = requests[i];
     if (!seen.insert(w.node).second) return "a node is named twice";
     auto it = expected.find(w.node);
     if (it == expected.end()) return "a node that no pixel wants";
@@ -58,7 +58,7 @@ std::string compare(std::span<const NodeWant> wants, const std::map<NodeId, Expe
     if (std::abs(w.centre_distance - it->second.distance) > 1e-6) return "wrong distance";
     if (w.node.level > 0 && !seen.contains(w.node.parent())) return "a node before its parent";
     if (i == 0) continue;
-    const NodeWant& v = wants[i - 1];
+    const NodeRequest& v = requests[i - 1];
     if (v.node.level > w.node.level || (v.node.level == w.node.level && v.centre_distance > w.centre_distance))
       return "not in the order of request";
   }
@@ -92,14 +92,14 @@ TEST(Feedback, AnInclinedViewAgreesWithANaiveCount) {
 TEST(Feedback, TheComparisonSeesErrors) {
   FeedbackAnalyzer analyzer;
   auto pixels = inclinedView(160, 90, 9);
-  auto wants = analyzer.analyze(pixels, 160, 90);
+  auto requests = analyzer.analyze(pixels, 160, 90);
   auto expected = naive(pixels, 160, 90);
-  std::vector<NodeWant> broken(wants.begin(), wants.end() - 1);
+  std::vector<NodeRequest> broken(requests.begin(), requests.end() - 1);
   EXPECT_NE(compare(broken, expected), "") << "a node lost";
-  broken.assign(wants.begin(), wants.end());
+  broken.assign(requests.begin(), requests.end());
   std::swap(broken.front(), broken.back());
   EXPECT_NE(compare(broken, expected), "") << "order";
-  broken.assign(wants.begin(), wants.end());
+  broken.assign(requests.begin(), requests.end());
   broken[3].pixels += 1;
   EXPECT_NE(compare(broken, expected), "") << "count";
 }
@@ -109,15 +109,15 @@ TEST(Feedback, CentreIsNearAndCornersAreFar) {
   std::vector<Pixel> pixels(101 * 51, kBackground);
   pixels[25 * 101 + 50] = pixelOf({0, 3, 1, 1});
   pixels[0] = pixelOf({0, 3, 7, 7});
-  auto wants = analyzer.analyze(pixels, 101, 51);
-  ASSERT_EQ(wants.size(), 7u);  // the root is common
-  EXPECT_EQ(wants[5].node, (NodeId{0, 3, 1, 1}));
-  EXPECT_EQ(wants[5].centre_distance, 0.0f);
-  EXPECT_EQ(wants[6].node, (NodeId{0, 3, 7, 7}));
-  EXPECT_GT(wants[6].centre_distance, 0.98f);
-  EXPECT_LE(wants[6].centre_distance, 1.0f);
-  EXPECT_EQ(wants[0].centre_distance, 0.0f) << "an ancestor is as near as the nearest that wants it";
-  EXPECT_EQ(wants[0].pixels, 0u);
+  auto requests = analyzer.analyze(pixels, 101, 51);
+  ASSERT_EQ(requests.size(), 7u);  // the root is common
+  EXPECT_EQ(requests[5].node, (NodeId{0, 3, 1, 1}));
+  EXPECT_EQ(requests[5].centre_distance, 0.0f);
+  EXPECT_EQ(requests[6].node, (NodeId{0, 3, 7, 7}));
+  EXPECT_GT(requests[6].centre_distance, 0.98f);
+  EXPECT_LE(requests[6].centre_distance, 1.0f);
+  EXPECT_EQ(requests[0].centre_distance, 0.0f) << "an ancestor is as near as the nearest that wants it";
+  EXPECT_EQ(requests[0].pixels, 0u);
 }
 
 // As near to the centre as pixel centres get: half a pixel where the width is even, and of equal nodes the order of
@@ -132,10 +132,10 @@ TEST(Feedback, TheMiddleOfARunAndTheOrderOfEqualsAreExact) {
   for (const bool swapped : {false, true}) {
     std::vector<Pixel> pixels(4, kBackground);
     pixels[swapped ? 3 : 0] = pixelOf(low), pixels[swapped ? 0 : 3] = pixelOf(high);
-    const auto wants = analyzer.analyze(pixels, 4, 1);
-    ASSERT_EQ(wants.size(), 3u);
-    EXPECT_EQ(wants[1].node, low) << swapped;
-    EXPECT_EQ(wants[2].node, high) << swapped;
+    const auto requests = analyzer.analyze(pixels, 4, 1);
+    ASSERT_EQ(requests.size(), 3u);
+    EXPECT_EQ(requests[1].node, low) << swapped;
+    EXPECT_EQ(requests[2].node, high) << swapped;
   }
 }
 
@@ -179,11 +179,11 @@ TEST(Feedback, GarbageNeitherCrashesNorFloods) {
         p = pixelOf({p[1] & 0xFFFFFu, level, p[2] & ((1u << level) - 1), p[3] & ((1u << level) - 1)}, p[0] & 1);
       }
     }
-    auto wants = analyzer.analyze(pixels, 640, 360);
-    EXPECT_LE(wants.size(), kMaxWants);
-    EXPECT_TRUE(round % 2 == 1 || wants.size() > kMaxWants - 32);
+    auto requests = analyzer.analyze(pixels, 640, 360);
+    EXPECT_LE(requests.size(), kMaxRequests);
+    EXPECT_TRUE(round % 2 == 1 || requests.size() > kMaxRequests - 32);
     std::set<NodeId> seen;
-    for (const NodeWant& w : wants) {
+    for (const NodeRequest& w : requests) {
       ASSERT_TRUE(w.node.level == 0 || seen.contains(w.node.parent()));
       ASSERT_TRUE(seen.insert(w.node).second);
     }
@@ -238,18 +238,18 @@ TEST(FeedbackOffset, EveryBeginningIsSpread) {
 }
 
 // ---- memory
-std::vector<NodeWant> chain(NodeId node, float distance) {
-  std::vector<NodeWant> wants;
+std::vector<NodeRequest> chain(NodeId node, float distance) {
+  std::vector<NodeRequest> requests;
   for (uint32_t level = 0; level <= node.level; ++level)
-    wants.push_back({node.ancestor(level), level == node.level, distance});
-  return wants;
+    requests.push_back({node.ancestor(level), level == node.level, distance});
+  return requests;
 }
-bool has(std::span<const NodeWant> wants, const NodeId& node) {
-  return std::any_of(wants.begin(), wants.end(), [&](const NodeWant& w) { return w.node == node; });
+bool has(std::span<const NodeRequest> requests, const NodeId& node) {
+  return std::any_of(requests.begin(), requests.end(), [&](const NodeRequest& w) { return w.node == node; });
 }
 
-TEST(WantMemory, AStillViewRemembersUntilEveryPixelWasSeenAgain) {
-  WantMemory memory;
+TEST(RequestMemory, AStillViewRemembersUntilEveryPixelWasSeenAgain) {
+  RequestMemory memory;
   const NodeId thin{0, 5, 3, 7}, wide{0, 5, 20, 7};
   memory.add(chain(thin, 0.5f), 1, 64);
   for (int k = 1; k < 64; ++k) ASSERT_TRUE(has(memory.add(chain(wide, 0.2f), 1, 64), thin)) << k;
@@ -258,8 +258,8 @@ TEST(WantMemory, AStillViewRemembersUntilEveryPixelWasSeenAgain) {
   EXPECT_EQ(after.size(), 6u);
 }
 
-TEST(WantMemory, AMovedViewRemembersAFewResults) {
-  WantMemory memory;
+TEST(RequestMemory, AMovedViewRemembersAFewResults) {
+  RequestMemory memory;
   const NodeId old{0, 5, 3, 7}, now{0, 5, 20, 7};
   for (int k = 0; k < 10; ++k) memory.add(chain(old, 0.5f), 1, 64);
   uint64_t view = 1;
@@ -270,11 +270,11 @@ TEST(WantMemory, AMovedViewRemembersAFewResults) {
   EXPECT_TRUE(has(memory.add(chain(old, 0.5f), view, 64), now));
 }
 
-TEST(WantMemory, AgreesWithTheUnionOfTheLastResults) {
+TEST(RequestMemory, AgreesWithTheUnionOfTheLastResults) {
   std::mt19937_64 random(12);
   FeedbackAnalyzer analyzer;
-  WantMemory memory;
-  std::vector<std::vector<NodeWant>> results;
+  RequestMemory memory;
+  std::vector<std::vector<NodeRequest>> results;
   constexpr uint32_t kStill = 9;
   for (int k = 0; k < 200; ++k) {
     std::vector<Pixel> pixels(64);
@@ -285,28 +285,29 @@ TEST(WantMemory, AgreesWithTheUnionOfTheLastResults) {
     }
     auto newest = analyzer.analyze(std::span(pixels).first(random() % 65 / 8 * 8), 8, 8);
     results.emplace_back(newest.begin(), newest.end());
-    auto wants = memory.add(newest, 77, kStill);
+    auto requests = memory.add(newest, 77, kStill);
     std::map<NodeId, float> expected;
     for (size_t r = results.size() - std::min<size_t>(results.size(), kStill); r < results.size(); ++r)
-      for (const NodeWant& w : results[r]) expected.emplace(w.node, 2.0f);
-    ASSERT_EQ(wants.size(), expected.size()) << k;
-    for (size_t i = 0; i < wants.size(); ++i) {
-      ASSERT_TRUE(expected.contains(wants[i].node));
-      ASSERT_TRUE(i == 0 || std::pair(wants[i - 1].node.level, wants[i - 1].centre_distance) <=
-                                std::pair(wants[i].node.level, wants[i].centre_distance));
-      ASSERT_TRUE(wants[i].node.level == 0 || has(wants.first(i), wants[i].node.parent())) << "closed under parents";
+      for (const NodeRequest& w : results[r]) expected.emplace(w.node, 2.0f);
+    ASSERT_EQ(requests.size(), expected.size()) << k;
+    for (size_t i = 0; i < requests.size(); ++i) {
+      ASSERT_TRUE(expected.contains(requests[i].node));
+      ASSERT_TRUE(i == 0 || std::pair(requests[i - 1].node.level, requests[i - 1].centre_distance) <=
+                                std::pair(requests[i].node.level, requests[i].centre_distance));
+      ASSERT_TRUE(requests[i].node.level == 0 || has(requests.first(i), requests[i].node.parent()))
+          << "closed under parents";
     }
-    ASSERT_TRUE(results.size() <= kStill || k < 20 || wants.size() > newest.size())
+    ASSERT_TRUE(results.size() <= kStill || k < 20 || requests.size() > newest.size())
         << "negative control: the newest alone is less";
   }
 }
 
-TEST(WantMemory, FloodsAreForgotten) {
-  WantMemory memory;
+TEST(RequestMemory, FloodsAreForgotten) {
+  RequestMemory memory;
   for (uint32_t k = 0; k < 40; ++k) {
-    std::vector<NodeWant> flood;
+    std::vector<NodeRequest> flood;
     for (uint32_t i = 0; i < 5000; ++i) flood.push_back({{k, 13, i, k}, 1, 0.5f});
-    EXPECT_LE(memory.add(flood, 1, 64).size(), kMaxWants);
+    EXPECT_LE(memory.add(flood, 1, 64).size(), kMaxRequests);
   }
   memory.clear();
   EXPECT_EQ(memory.add(chain({0, 3, 1, 1}, 0), 1, 64).size(), 4u);
@@ -319,9 +320,9 @@ TEST(Feedback, AWholeScreenGivesTheNaiveAnswerWhateverWasAnalysedBefore) {
   std::map<int, size_t> nodes;
   for (auto [w, h] : {std::pair{160, 90}, {1280, 720}, {160, 90}, {1280, 720}}) {
     const auto pixels = inclinedView(w, h, w == 160 ? 5 : 8);  // of a screen: pages of some 128 of its pixels
-    const auto wants = analyzer.analyze(pixels, w, h);
-    EXPECT_EQ(compare(wants, naive(pixels, w, h)), "") << w << " x " << h;
-    EXPECT_TRUE(nodes.emplace(w, wants.size()).first->second == wants.size()) << w << " x " << h;
+    const auto requests = analyzer.analyze(pixels, w, h);
+    EXPECT_EQ(compare(requests, naive(pixels, w, h)), "") << w << " x " << h;
+    EXPECT_TRUE(nodes.emplace(w, requests.size()).first->second == requests.size()) << w << " x " << h;
   }
   EXPECT_GT(nodes[160], 5u);
   EXPECT_GT(nodes[1280], 2 * nodes[160]);

@@ -27,7 +27,7 @@ TEST(StreamerFaults, FailingShortCorruptAndLateReads) {
     for (uint32_t i = 0; i < 120 && !HasFatalFailure(); ++i) {  // a camera that drifts
       sim.texture = square(5, i / 8, 3, 5);
       sim.step();
-      for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node)) << "a look-up must end somewhere";
+      for (const NodeRequest& w : sim.texture) ASSERT_TRUE(sim.shown(w.node)) << "a look-up must end somewhere";
       late += static_cast<int>(std::count_if(sim.flights.begin(), sim.flights.end(),
                                              [&](const auto& f) { return f.finish_s > sim.now_s + 1; }));
     }
@@ -38,7 +38,7 @@ TEST(StreamerFaults, FailingShortCorruptAndLateReads) {
     do {
       sim.step();
       ASSERT_FALSE(HasFatalFailure());
-      for (const NodeWant& w : sim.texture) {
+      for (const NodeRequest& w : sim.texture) {
         uint32_t level = sim.shown(w.node)->level;
         uint32_t& before = shown[PageId(texturePlane(0), w.node)];
         ASSERT_GE(level, before) << "an ancestor went";
@@ -68,7 +68,7 @@ TEST(StreamerFaults, ASourceThatNeverAnswersStopsNothing) {
     sim.predicted = square(5, (i + 7) % 20, i % 17, 4);
     if (i % 50 == 0) sim.streamer.setLight(frontLight(0.01 * i, 0));
     sim.step();
-    for (const NodeWant& w : sim.texture) ASSERT_EQ(sim.shown(w.node), kRoot);
+    for (const NodeRequest& w : sim.texture) ASSERT_EQ(sim.shown(w.node), kRoot);
     EXPECT_FALSE(sim.streamer.settled());
   }
   EXPECT_EQ(sim.taken.size(), 12u) << "bounded by the buffers";
@@ -83,7 +83,7 @@ struct TiltedView {
   uint32_t level = 6, strips = 8;
   double scale = 1;  // of the view's size
   std::vector<double> biases = std::vector<double>(4, 0.0);
-  std::vector<NodeWant> wishes(double bias) {
+  std::vector<NodeRequest> requested(double bias) {
     biases.push_back(bias);
     double seen = biases[biases.size() - 4];
     std::vector<NodeId> nodes;
@@ -103,7 +103,7 @@ TEST(StreamerPressure, AQuarterOfTheWorkingSetEndsStillWithin60FramesAndRecovers
   for (double share : {0.9, 0.5, 0.25, 0.1, 0.06}) {
     SCOPED_TRACE("a cache of " + std::to_string(share) + " of the working set");
     TiltedView view;
-    size_t working_set = 3 * view.wishes(0).size();
+    size_t working_set = 3 * view.requested(0).size();
     Simulation sim(std::make_shared<ProceduralSource>(),
                    Simulation::options(static_cast<uint32_t>(share * static_cast<double>(working_set))));
     sim.texels_matter = false;
@@ -115,10 +115,10 @@ TEST(StreamerPressure, AQuarterOfTheWorkingSetEndsStillWithin60FramesAndRecovers
     auto run = [&](int frames, int from) {
       low = 1e9, high = 0, loads = 0;
       for (int i = 0; i < frames && !HasFatalFailure(); ++i) {
-        sim.texture = view.wishes(sim.streamer.detailBias());
+        sim.texture = view.requested(sim.streamer.detailBias());
         size_t before = sim.taken.size();
         sim.step();
-        for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
+        for (const NodeRequest& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
         if (i < from) continue;
         loads += sim.taken.size() - before;
         low = std::min(low, sim.streamer.detailBias());
@@ -164,15 +164,15 @@ TEST(StreamerPressure, TheSmallestCacheStillDraws) {
     sim.delay_s = [](PageId) { return 0.0; };
     sim.streamer.pinRoots({{kRoot}}, {{kRoot}});
     for (int i = 0; i < 300 && !HasFatalFailure(); ++i) {
-      sim.texture = view.wishes(sim.streamer.detailBias());
+      sim.texture = view.requested(sim.streamer.detailBias());
       sim.relief = square(4, 0, 0, 3);
       sim.step();
-      for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
+      for (const NodeRequest& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
       EXPECT_NE(sim.streamer.findRelief(kRoot), kNoSlot);
     }
     size_t loads = sim.taken.size();
     for (int i = 0; i < 50; ++i) {
-      sim.texture = view.wishes(sim.streamer.detailBias());
+      sim.texture = view.requested(sim.streamer.detailBias());
       sim.step();
     }
     EXPECT_EQ(sim.taken.size(), loads) << "still";
@@ -191,15 +191,15 @@ TEST(StreamerPressure, EachOfTwoPoolsLowersTheDetail) {
     double highest = 0;
     for (int i = 0; i < 200 && !::testing::Test::HasFatalFailure(); ++i) {
       const double bias = sim.streamer.detailBias();
-      sim.texture = view.wishes(bias);
+      sim.texture = view.requested(bias);
       sim.relief = sim.texture;
       sim.step();
       highest = std::max(highest, bias);
-      for (const NodeWant& w : sim.texture) EXPECT_TRUE(sim.shown(w.node));
+      for (const NodeRequest& w : sim.texture) EXPECT_TRUE(sim.shown(w.node));
     }
     size_t loads = sim.taken.size();
     for (int i = 0; i < 50; ++i) {
-      sim.texture = sim.relief = view.wishes(sim.streamer.detailBias());
+      sim.texture = sim.relief = view.requested(sim.streamer.detailBias());
       sim.step();
     }
     EXPECT_EQ(sim.taken.size(), loads) << "still";
@@ -274,7 +274,7 @@ void holdUnderRandomOperations(bool blocks) {
       ASSERT_NE(sim.streamer.findRelief(kRoot), kNoSlot);
       for (const auto& [n, count] : pins) ASSERT_NE(sim.streamer.findRelief(n), kNoSlot);
       std::set<SlotIndex> used;
-      for (const NodeWant& w : sim.texture) {
+      for (const NodeRequest& w : sim.texture) {
         auto node = sim.shown(w.node);
         ASSERT_TRUE(node);
         auto entry = sim.streamer.table().find(*node);

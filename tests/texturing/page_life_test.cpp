@@ -95,7 +95,7 @@ TEST(StreamerStates, FailuresAreForgottenBeyondABound) {
     sim.texture.clear();
     for (int i = 0; i < 4000; ++i) sim.texture.push_back({{patch++, 0, 0, 0}, 1, 0.f});
     sim.streamer.beginFrame(++sim.frame, 0);
-    sim.streamer.wantTexture(sim.texture);
+    sim.streamer.requestTexture(sim.texture);
     sim.streamer.placeReady(0);
     sim.work();
     most = std::max(most, failed());
@@ -258,7 +258,8 @@ TEST(StreamerTiers, PrefetchingLeavesHalfOfTheBuffersToWhatIsWanted) {
   EXPECT_EQ(sim.taken.size(), 10u);
   for (size_t i = 5; i < 10; ++i) {
     NodeId node = sim.taken[i].node();
-    EXPECT_TRUE(std::any_of(sim.texture.begin(), sim.texture.end(), [&](const NodeWant& w) { return w.node == node; }));
+    EXPECT_TRUE(
+        std::any_of(sim.texture.begin(), sim.texture.end(), [&](const NodeRequest& w) { return w.node == node; }));
   }
 }
 
@@ -278,7 +279,7 @@ TEST(StreamerPrefetch, WhatBecomesWantedIsNotReadAgainAndWhatDoesNotIsCounted) {
   const StreamerStats& s = sim.streamer.stats();
   EXPECT_EQ(s.prefetched, fresh);
   EXPECT_EQ(s.prefetch_used, 0u);
-  for (const NodeWant& w : sim.predicted) EXPECT_TRUE(sim.streamer.table().find(w.node)) << "ready to be shown";
+  for (const NodeRequest& w : sim.predicted) EXPECT_TRUE(sim.streamer.table().find(w.node)) << "ready to be shown";
   uint64_t hits = s.hits, misses = s.misses;
   sim.texture = sim.predicted;
   sim.predicted.clear();
@@ -330,7 +331,7 @@ TEST(StreamerPrefetch, WhatIsNoLongerPredictedIsCancelledBeforeItIsRead) {
 
 // A camera that drifts in a small cache, with predictions that are often wrong. A page that a prefetched one drives out
 // must not have been wanted in the last kSparedFrames frames.
-int recentEvictions(bool as_wishes) {
+int recentEvictions(bool as_requests) {
   int recent = 0;
   std::mt19937_64 random(5);
   Simulation sim(std::make_shared<ProceduralSource>(), Simulation::options(120, {texturePlane(0)}));
@@ -345,8 +346,8 @@ int recentEvictions(bool as_wishes) {
     auto guess = square(6, static_cast<uint32_t>(random() % 60), static_cast<uint32_t>(random() % 60), 3);
     sim.texture = view;
     std::set<PageId> wanted;
-    for (const NodeWant& w : view) last_wanted[page0(w.node)] = sim.frame + 1, wanted.insert(page0(w.node));
-    if (as_wishes) {
+    for (const NodeRequest& w : view) last_wanted[page0(w.node)] = sim.frame + 1, wanted.insert(page0(w.node));
+    if (as_requests) {
       sim.texture.insert(sim.texture.end(), guess.begin(), guess.end());
     } else {
       sim.predicted = guess;
@@ -365,7 +366,7 @@ int recentEvictions(bool as_wishes) {
   }
   const StreamerStats& s = sim.streamer.stats();
   EXPECT_GT(s.evictions, 500u);
-  if (!as_wishes) {
+  if (!as_requests) {
     EXPECT_GT(s.prefetched, 500u);
     EXPECT_GE(s.prefetched, s.prefetch_used + s.prefetch_wasted);
     EXPECT_LE(s.prefetched, s.prefetch_used + s.prefetch_wasted + 120 + 64) << "the rest is there or under way";
@@ -492,10 +493,10 @@ TEST(StreamerCancellation, WantedAgainInTimeIsNotCancelled) {
   sim.texture = {{node, 1, 0.f}};
   sim.step();
   PageJob job = *sim.streamer.takeJob();
-  auto wish = std::exchange(sim.texture, {});
+  auto node = std::exchange(sim.texture, {});
   sim.run(3);
   EXPECT_FALSE(sim.streamer.jobWanted(job));
-  sim.texture = wish;
+  sim.texture = node;
   sim.step();
   EXPECT_TRUE(sim.streamer.jobWanted(job));
   sim.streamer.finishJob(job);

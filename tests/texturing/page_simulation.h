@@ -23,17 +23,17 @@ inline const std::vector<Plane> kThreePlanes{texturePlane(0), texturePlane(1), t
 inline const NodeId kRoot{0, 0, 0, 0};
 
 // With all ancestors, coarse before fine, and nearest to (0, 0) of its level first.
-inline std::vector<NodeWant> withAncestors(const std::vector<NodeId>& nodes) {
+inline std::vector<NodeRequest> withAncestors(const std::vector<NodeId>& nodes) {
   std::set<NodeId> all;
   for (NodeId n : nodes)
     for (uint32_t l = 0; l <= n.level; ++l) all.insert(n.ancestor(l));
-  std::vector<NodeWant> wants;
-  for (const NodeId& n : all) wants.push_back({n, 1, static_cast<float>(n.x + n.y) / (2 << n.level)});
-  std::stable_sort(wants.begin(), wants.end(),
-                   [](const NodeWant& a, const NodeWant& b) { return a.node.level < b.node.level; });
-  return wants;
+  std::vector<NodeRequest> requests;
+  for (const NodeId& n : all) requests.push_back({n, 1, static_cast<float>(n.x + n.y) / (2 << n.level)});
+  std::stable_sort(requests.begin(), requests.end(),
+                   [](const NodeRequest& a, const NodeRequest& b) { return a.node.level < b.node.level; });
+  return requests;
 }
-inline std::vector<NodeWant> square(uint32_t level, uint32_t x, uint32_t y, uint32_t size) {
+inline std::vector<NodeRequest> square(uint32_t level, uint32_t x, uint32_t y, uint32_t size) {
   std::vector<NodeId> nodes;
   for (uint32_t j = 0; j < size; ++j)
     for (uint32_t i = 0; i < size; ++i) nodes.push_back({0, level, x + i, y + j});
@@ -74,8 +74,8 @@ struct Simulation {
   size_t in_flight = 8;
   std::function<double(PageId)> delay_s = [](PageId) { return 0.02; };
   std::vector<Flight> flights;
-  std::vector<NodeWant> texture, relief;
-  std::vector<NodeWant> predicted;
+  std::vector<NodeRequest> texture, relief;
+  std::vector<NodeRequest> predicted;
   std::vector<std::string> messages;
   std::vector<PageId> taken;     // in order
   std::vector<PageId> uploaded;  // in the last frame
@@ -132,22 +132,22 @@ struct Simulation {
   // Of nodes that can be shown whole: what is there of others need not stay.
   std::vector<PageId> wantedResident() const {
     std::vector<PageId> pages;
-    for (const NodeWant& w : texture) {
+    for (const NodeRequest& w : texture) {
       bool failed = std::any_of(planes.begin(), planes.end(),
                                 [&](Plane p) { return streamer.state(PageId(p, w.node)) == PageState::kFailed; });
       for (Plane p : planes)
         if (!failed && resident(PageId(p, w.node))) pages.push_back(PageId(p, w.node));
     }
-    for (const NodeWant& w : relief)
+    for (const NodeRequest& w : relief)
       if (resident(PageId(Plane::kRelief, w.node))) pages.push_back(PageId(Plane::kRelief, w.node));
     return pages;
   }
   // A frame with all checks.
   void step() {
     streamer.beginFrame(++frame, now_s += frame_s);
-    streamer.wantTexture(texture);
-    streamer.wantRelief(relief);
-    streamer.wantPrefetch(predicted, {});
+    streamer.requestTexture(texture);
+    streamer.requestRelief(relief);
+    streamer.requestPrefetch(predicted, {});
     auto before = wantedResident();
     uploaded.clear();
     for (const PageUpload& u : streamer.placeReady(max_uploads)) {
@@ -199,7 +199,7 @@ struct Simulation {
 // Settled on storage that fails: each wanted page is there or has failed for good, and each that has is named once.
 inline void expectFinal(Simulation& sim, const FailingSource& source) {
   uint64_t failed = 0;
-  for (const NodeWant& w : sim.texture) {
+  for (const NodeRequest& w : sim.texture) {
     bool whole = true, any_failed = false;
     for (Plane p : sim.planes) {
       PageState state = sim.streamer.state(PageId(p, w.node));

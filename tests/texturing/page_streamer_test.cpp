@@ -19,18 +19,18 @@ using namespace fake;
 const std::vector<Plane> kThreePlanes{texturePlane(0), texturePlane(1), texturePlane(2)};
 const NodeId kRoot{0, 0, 0, 0};
 
-std::vector<NodeWant> withAncestors(const std::vector<NodeId>& nodes) {
+std::vector<NodeRequest> withAncestors(const std::vector<NodeId>& nodes) {
   std::vector<NodeId> all;
   for (NodeId n : nodes)
     for (uint32_t l = 0; l <= n.level; ++l) all.push_back(n.ancestor(l));
   std::sort(all.begin(), all.end());
   all.erase(std::unique(all.begin(), all.end()), all.end());
   std::stable_sort(all.begin(), all.end(), [](const NodeId& a, const NodeId& b) { return a.level < b.level; });
-  std::vector<NodeWant> wants;
-  for (const NodeId& n : all) wants.push_back({n, 1, 0.5f});
-  return wants;
+  std::vector<NodeRequest> requests;
+  for (const NodeId& n : all) requests.push_back({n, 1, 0.5f});
+  return requests;
 }
-std::vector<NodeWant> square(uint32_t level, uint32_t x, uint32_t y, uint32_t size) {
+std::vector<NodeRequest> square(uint32_t level, uint32_t x, uint32_t y, uint32_t size) {
   std::vector<NodeId> nodes;
   for (uint32_t j = 0; j < size; ++j)
     for (uint32_t i = 0; i < size; ++i) nodes.push_back({0, level, x + i, y + j});
@@ -48,7 +48,7 @@ struct Rig {
   double frame_s = 1.0 / 60;
   uint32_t max_uploads = 16;
   bool check_texels = true;
-  std::vector<NodeWant> texture, relief;
+  std::vector<NodeRequest> texture, relief;
   std::vector<std::string> messages;
 
   Rig(std::shared_ptr<const PageSource> s, StreamerOptions options, SlotDecoder decoder = fakeDecode)
@@ -66,13 +66,13 @@ struct Rig {
   }
   void step() {
     streamer.beginFrame(++frame, now_s += frame_s);
-    streamer.wantTexture(texture);
-    if (!relief.empty()) streamer.wantRelief(relief);
+    streamer.requestTexture(texture);
+    if (!relief.empty()) streamer.requestRelief(relief);
     std::vector<PageId> before;
-    for (const NodeWant& w : texture)
+    for (const NodeRequest& w : texture)
       for (Plane p : planes)
         if (streamer.state(PageId(p, w.node)) == PageState::kResident) before.push_back(PageId(p, w.node));
-    for (const NodeWant& w : relief)
+    for (const NodeRequest& w : relief)
       if (streamer.findRelief(w.node) != kNoSlot) before.push_back(PageId(Plane::kRelief, w.node));
     auto uploads = streamer.placeReady(max_uploads);
     upload(uploads);
@@ -82,8 +82,8 @@ struct Rig {
     for (auto& m : streamer.takeMessages()) messages.push_back(m);
   }
   // What a shader would read is what was uploaded: the first difference, or nothing.
-  std::string tableError(const std::vector<NodeWant>& nodes, const std::vector<Plane>& of) {
-    for (const NodeWant& w : nodes) {
+  std::string tableError(const std::vector<NodeRequest>& nodes, const std::vector<Plane>& of) {
+    for (const NodeRequest& w : nodes) {
       bool whole = true;
       for (Plane p : of) whole = whole && streamer.cache().find(PageId(p, w.node)) != kNoSlot;
       auto entry = streamer.table().find(w.node);
@@ -127,7 +127,7 @@ TEST(PageStreamer, LoadsWhatIsWantedAndEntersWholeNodesOnly) {
     ASSERT_EQ(rig.tableError(rig.texture, kThreePlanes), "");
     ASSERT_TRUE(rig.streamer.table().find(kRoot)) << "a look-up must end somewhere";
   }
-  for (const NodeWant& w : rig.texture) EXPECT_TRUE(rig.streamer.table().find(w.node));
+  for (const NodeRequest& w : rig.texture) EXPECT_TRUE(rig.streamer.table().find(w.node));
   const StreamerStats& s = rig.streamer.stats();
   for (int p = 0; p < 3; ++p) {
     EXPECT_EQ(s.pages_read[p], rig.texture.size());
@@ -178,7 +178,7 @@ TEST(PageStreamer, NewestListFirstThenCoarseBeforeFineThenNearTheCentre) {
   EXPECT_EQ(order, expected);
 }
 
-TEST(PageStreamer, WhatTheNewestTwoListsDoNotWantIsNeverRead) {
+TEST(PageStreamer, WhatTheNewestTwoListsDoNotRequestIsNeverRead) {
   auto gate = std::make_shared<GatedSource>(std::make_shared<ProceduralSource>());
   auto record = std::make_shared<RecordingSource>(gate);
   Rig rig(record, threePlanes(256, 1));
@@ -224,7 +224,7 @@ TEST(PageStreamer, DecodedPagesInFlightAreBounded) {
   size_t uploads = 0;
   while (!rig.streamer.settled()) {
     rig.streamer.beginFrame(++rig.frame, 1);
-    rig.streamer.wantTexture(rig.texture);
+    rig.streamer.requestTexture(rig.texture);
     auto list = rig.streamer.placeReady(3);
     EXPECT_LE(list.size(), 3u);
     uploads += list.size();
@@ -234,7 +234,7 @@ TEST(PageStreamer, DecodedPagesInFlightAreBounded) {
 
 // A view that follows the detail bias: `size` pages a side at bias 0, at a uniform level (the hardest case: a level's
 // step changes the demand fourfold at once).
-std::vector<NodeWant> uniformView(double bias, uint32_t level, uint32_t size) {
+std::vector<NodeRequest> uniformView(double bias, uint32_t level, uint32_t size) {
   auto coarser = static_cast<uint32_t>(std::floor(bias));
   coarser = std::min(coarser, level);
   return square(level - coarser, 0, 0, std::max(1u, size >> coarser));
@@ -264,7 +264,7 @@ TEST(PageStreamer, AWorkingSetLargerThanTheCacheEndsStill) {
 }
 
 TEST(PageStreamer, DetailFallsUntilTheViewFitsAndComesBack) {
-  constexpr int kLatency = 3;  // frames between a bias and the wishes that follow it
+  constexpr int kLatency = 3;  // frames between a bias and the requests that follow it
   for (uint32_t slots : {30u, 100u, 200u, 400u}) {
     auto record = std::make_shared<RecordingSource>(std::make_shared<ProceduralSource>());
     Rig rig(record, threePlanes(slots));
@@ -313,7 +313,7 @@ TEST(PageStreamer, TextureAndReliefEvictEachOther) {
   rig.relief = {{kRoot, 1, 0.f}};
   rig.texture = square(3, 0, 0, 2);  // 4 + 1 + 1 + 1 nodes of 3 planes
   rig.settle();
-  for (const NodeWant& w : rig.texture) EXPECT_TRUE(rig.streamer.table().find(w.node));
+  for (const NodeRequest& w : rig.texture) EXPECT_TRUE(rig.streamer.table().find(w.node));
   EXPECT_LE(rig.streamer.residentRelief().size(), 2 * (27u - 21u));
   EXPECT_GT(rig.streamer.reliefGeneration(), full);
   EXPECT_NE(rig.streamer.findRelief(kRoot), kNoSlot);
@@ -324,7 +324,7 @@ TEST(PageStreamer, TextureAndReliefEvictEachOther) {
   rig.settle();
   EXPECT_EQ(rig.tableError(texture, kThreePlanes), "") << "evicting one plane takes the node out of the table";
   EXPECT_LT(rig.streamer.table().size(), texture.size());
-  for (const NodeWant& w : rig.relief) EXPECT_NE(rig.streamer.findRelief(w.node), kNoSlot);
+  for (const NodeRequest& w : rig.relief) EXPECT_NE(rig.streamer.findRelief(w.node), kNoSlot);
   EXPECT_GT(rig.streamer.stats().evictions, 0u);
 }
 
@@ -339,7 +339,7 @@ TEST(PageStreamer, PinnedReliefStaysUntilReleased) {
   rig.streamer.unpinRelief(held);
   rig.relief.clear();
   rig.streamer.beginFrame(++rig.frame, rig.now_s);
-  rig.streamer.wantRelief({});
+  rig.streamer.requestRelief({});
   for (uint32_t i = 0; i < 10; ++i) {
     rig.texture = {{{i, 2, 0, 0}, 1, 0.f}, {{i, 2, 1, 0}, 1, 0.f}, {{i, 2, 1, 1}, 1, 0.f}};
     rig.settle();
@@ -380,14 +380,14 @@ TEST(PageStreamer, FaultsEndResidentOrFailedAndAreNamedOnce) {
       EXPECT_TRUE(state != PageState::kFailed || sibling_failed || failing->attempts(id) == kMaxAttempts);
       EXPECT_TRUE(state == PageState::kResident || !is_root);
     };
-    for (const NodeWant& w : rig.texture) {
+    for (const NodeRequest& w : rig.texture) {
       bool any_failed = false;
       for (Plane p : kThreePlanes)
         any_failed = any_failed || rig.streamer.state(PageId(p, w.node)) == PageState::kFailed;
       for (Plane p : kThreePlanes) check(PageId(p, w.node), any_failed);
       EXPECT_EQ(rig.streamer.table().find(w.node).has_value(), !any_failed);
     }
-    for (const NodeWant& w : rig.relief) check(PageId(Plane::kRelief, w.node), false);
+    for (const NodeRequest& w : rig.relief) check(PageId(Plane::kRelief, w.node), false);
     EXPECT_GT(failed, 10u);
     EXPECT_GT(loaded, 150u);
     EXPECT_LE(failing->mostAttempts(), kMaxAttempts);
@@ -447,7 +447,7 @@ TEST(PageStreamer, NodesThatDoNotExistFailAtOnce) {
   EXPECT_EQ(rig.streamer.stats().retries, 0u);
   std::map<PageId, int> reads;
   for (PageId id : record->reads()) EXPECT_EQ(++reads[id], 1);
-  for (const NodeWant& w : rig.texture) EXPECT_EQ(rig.streamer.table().find(w.node).has_value(), w.node.level < 3);
+  for (const NodeRequest& w : rig.texture) EXPECT_EQ(rig.streamer.table().find(w.node).has_value(), w.node.level < 3);
   EXPECT_FALSE(rig.messages.empty());
 }
 
@@ -502,9 +502,9 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   // Neither tried nor named again.
   for (uint64_t frame = 2; frame < 300; ++frame) {
     streamer.beginFrame(frame, 0.1 * frame);
-    std::vector<NodeWant> wants{{roots[0], 1, 0.f}, {roots[1], 1, 0.f}};
-    streamer.wantTexture(wants);
-    streamer.wantRelief(wants);
+    std::vector<NodeRequest> requests{{roots[0], 1, 0.f}, {roots[1], 1, 0.f}};
+    streamer.requestTexture(requests);
+    streamer.requestRelief(requests);
     streamer.placeReady(8);
   }
   EXPECT_TRUE(streamer.settled());
@@ -541,7 +541,7 @@ struct ResolvedRig {
   void settle() {
     do {
       rig.streamer.beginFrame(++rig.frame, rig.now_s += rig.frame_s);
-      rig.streamer.wantTexture(rig.texture);
+      rig.streamer.requestTexture(rig.texture);
       for (const PageUpload& up : rig.streamer.placeReady(8)) shown[up.id].assign(up.texels, up.texels + kSlotBytes);
       std::this_thread::sleep_for(std::chrono::microseconds(50));
     } while (!rig.streamer.settled());
@@ -549,7 +549,7 @@ struct ResolvedRig {
   // The largest difference from the formula in double precision, over every wanted node.
   double worst(double light_u, double light_v) {
     double worst = 0;
-    for (const NodeWant& w : rig.texture) {
+    for (const NodeRequest& w : rig.texture) {
       const auto& texels = shown[PageId(Plane::kResolved, w.node)];
       if (texels.empty()) return 1e9;
       for (size_t i = 0; i < kSlotBytes / 4; i += 37) {
@@ -607,7 +607,7 @@ TEST(PageStreamer, PagesUnderWayWhenTheLightMovesAreDropped) {
   for (int i = 0; i <= 60; ++i) {
     r.rig.streamer.setLight(frontLight(0.01 * i, 0.2));
     r.rig.streamer.beginFrame(++r.rig.frame, r.rig.now_s);
-    r.rig.streamer.wantTexture(r.rig.texture);
+    r.rig.streamer.requestTexture(r.rig.texture);
     for (const PageUpload& up : r.rig.streamer.placeReady(2)) r.shown[up.id].assign(up.texels, up.texels + kSlotBytes);
   }
   r.settle();
@@ -621,9 +621,9 @@ TEST(PageStreamer, RealPagesArriveUnchanged) {
   PageEncoder encoder(1);
   std::map<PageId, std::vector<uint8_t>> channels;
   std::map<PageId, std::vector<uint16_t>> samples;
-  auto wants = square(2, 0, 0, 2);
+  auto requests = square(2, 0, 0, 2);
   std::mt19937 random(7);
-  for (const NodeWant& w : wants) {
+  for (const NodeRequest& w : requests) {
     for (Plane p : kThreePlanes) {
       auto& c = channels[PageId(p, w.node)];
       c.resize(kTexturePageBytes);
@@ -641,8 +641,8 @@ TEST(PageStreamer, RealPagesArriveUnchanged) {
   std::map<PageId, std::vector<uint8_t>> shown;
   for (uint64_t frame = 1; frame == 1 || !streamer.settled(); ++frame) {
     streamer.beginFrame(frame, frame / 60.0);
-    streamer.wantTexture(wants);
-    streamer.wantRelief(wants);
+    streamer.requestTexture(requests);
+    streamer.requestRelief(requests);
     for (const PageUpload& u : streamer.placeReady(8)) shown[u.id].assign(u.texels, u.texels + kSlotBytes);
     std::this_thread::sleep_for(std::chrono::microseconds(50));
   }
@@ -699,9 +699,9 @@ std::set<PageId> wander(uint64_t seed, int workers, int frames) {
   rig.settle();
   EXPECT_EQ(rig.tableError(rig.texture, kThreePlanes), "");
   std::set<PageId> shown;
-  for (const NodeWant& w : rig.texture)
+  for (const NodeRequest& w : rig.texture)
     if (rig.streamer.table().find(w.node)) shown.insert(PageId(texturePlane(0), w.node));
-  for (const NodeWant& w : rig.relief)
+  for (const NodeRequest& w : rig.relief)
     if (rig.streamer.findRelief(w.node) != kNoSlot) shown.insert(PageId(Plane::kRelief, w.node));
   return shown;
 }

@@ -306,11 +306,13 @@ TEST(Ptm, GreyLumIsExact) {
 
 TEST(Ptm, LumWithUnequalLuminanceIsRefused) {
   Artwork a = randomArtwork(Basis::kPtmLrgb, 9, 8, 12);
-  auto matrix = kJpegMatrix;
-  matrix[5] = 0.9;
-  auto source = open(save("lum.ptm", fileLum(a, matrix)));
-  ASSERT_FALSE(source);
-  EXPECT_EQ(source.error().kind, ErrorKind::kUnsupported);
+  for (const size_t colour : {1u, 5u, 9u}) {
+    auto matrix = kJpegMatrix;
+    matrix[colour] = 0.9;
+    auto source = open(save("lum.ptm", fileLum(a, matrix)));
+    ASSERT_FALSE(source) << "entry " << colour;
+    EXPECT_EQ(source.error().kind, ErrorKind::kUnsupported);
+  }
 }
 
 // Planes with references of both kinds, motion and side information; the expectation is computed here from what another
@@ -603,6 +605,30 @@ TEST(PtmDamage, EveryWrongHeaderFieldIsAnErrorWithItsPlace) {
       }
       at = end;
     }
+  }
+}
+
+TEST(PtmDamage, JpegPlanesThatContradictThemselvesAreRefused) {
+  std::vector<Bytes> expected;
+  const Artwork a = randomArtwork(Basis::kPtmLrgb, 19, 17, 6);
+  const auto sound = jpegPlanes(19, 17, 9, expected);
+  EXPECT_TRUE(open(save("planes.ptm", fileJpeg(a, "PTM_FORMAT_JPEG_LRGB", sound))));
+  auto refused = [&](const std::vector<JpegPlaneSpec>& planes, const char* because) {
+    const auto path = save("planes.ptm", fileJpeg(a, "PTM_FORMAT_JPEG_LRGB", planes));
+    const auto source = open(path);
+    ASSERT_FALSE(source) << because;
+    expectGoodError(source.error(), path);
+    EXPECT_NE(source.error().message.find(because), std::string::npos) << source.error().text();
+  };
+  for (const size_t bytes : {1u, 4u, 6u}) {
+    auto planes = sound;
+    planes[4].side.assign(bytes, 0);
+    refused(planes, "records of 5 bytes");
+  }
+  for (const int reference : {4, 0}) {  // itself, and one that is decoded later
+    auto planes = sound;
+    planes[4].reference = reference;
+    refused(planes, "decoded earlier");
   }
 }
 

@@ -33,10 +33,11 @@ PageTrace randomTrace(uint64_t seed, uint32_t slots, int frames) {
   uint32_t at = 0, range = 2 * slots + upTo(4 * slots + 1);
   for (int f = 0; f < frames; ++f) {
     if (upTo(4) == 0) at = upTo(10) == 0 ? upTo(range) : at + upTo(3);
-    std::set<uint32_t> want;
-    for (uint32_t n = upTo(slots + 1); n > 0; --n) want.insert((upTo(5) == 0 ? upTo(range) : at + upTo(slots)) % range);
+    std::set<uint32_t> request;
+    for (uint32_t n = upTo(slots + 1); n > 0; --n)
+      request.insert((upTo(5) == 0 ? upTo(range) : at + upTo(slots)) % range);
     trace.emplace_back();
-    for (uint32_t x : want) trace.back().push_back(page(x));
+    for (uint32_t x : request) trace.back().push_back(page(x));
     std::shuffle(trace.back().begin(), trace.back().end(), random);
     if (!trace.back().empty() && upTo(3) == 0) trace.back().push_back(trace.back().front());  // named twice
   }
@@ -48,15 +49,15 @@ PageTrace randomTrace(uint64_t seed, uint32_t slots, int frames) {
 uint64_t bruteForceMisses(const PageTrace& trace, size_t slots) {
   std::map<std::set<PageId>, uint64_t> states{{{}, 0}};
   for (const auto& frame : trace) {
-    std::set<PageId> want(frame.begin(), frame.end());
+    std::set<PageId> request(frame.begin(), frame.end());
     std::map<std::set<PageId>, uint64_t> after;
     for (const auto& [resident, misses] : states) {
-      std::set<PageId> all = want;
+      std::set<PageId> all = request;
       all.insert(resident.begin(), resident.end());
       std::vector<PageId> others;
-      std::set_difference(resident.begin(), resident.end(), want.begin(), want.end(), std::back_inserter(others));
+      std::set_difference(resident.begin(), resident.end(), request.begin(), request.end(), std::back_inserter(others));
       auto missed = static_cast<uint64_t>(
-          std::count_if(want.begin(), want.end(), [&](PageId p) { return !resident.contains(p); }));
+          std::count_if(request.begin(), request.end(), [&](PageId p) { return !resident.contains(p); }));
       size_t must_leave = all.size() > slots ? all.size() - slots : 0;
       for (uint32_t choice = 0; choice < 1u << others.size(); ++choice) {
         if (static_cast<size_t>(std::popcount(choice)) != must_leave) continue;

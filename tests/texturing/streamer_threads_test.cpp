@@ -26,7 +26,7 @@ void failingShortCorruptAndLateReads(StreamerOptions options) {
   do {
     sim.step();
     ASSERT_FALSE(::testing::Test::HasFatalFailure());
-    for (const NodeWant& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
+    for (const NodeRequest& w : sim.texture) ASSERT_TRUE(sim.shown(w.node));
     std::this_thread::sleep_for(std::chrono::microseconds(500));
     ++frames;
   } while (!sim.streamer.settled());
@@ -48,7 +48,7 @@ TEST(StreamerThreads, TheDestructorWaitsForTheReadsUnderWayAndForNothingElse) {
         return fakeDecode(plane, encoded, texels);
       });
   streamer->beginFrame(1, 0);
-  streamer->wantTexture(square(4, 0, 0, 8));
+  streamer->requestTexture(square(4, 0, 0, 8));
   streamer->placeReady(8);
   gate->waitForReaders(2);
   std::atomic<bool> gone{false};
@@ -109,7 +109,7 @@ TEST(StreamerThreads, ASlowSourceIsAskedForManyPagesAtATime) {
     uint64_t frame = 0;
     for (; frame < 40 || (gate->most < c.least && frame < 5000); ++frame) {
       streamer->beginFrame(frame + 1, static_cast<double>(frame) / 60);
-      streamer->wantTexture(square(5, 3, 3, 8));
+      streamer->requestTexture(square(5, 3, 3, 8));
       streamer->placeReady(64);
       std::this_thread::sleep_for(std::chrono::milliseconds(c.open ? 5 : 1));
     }
@@ -168,7 +168,7 @@ TEST(StreamerThreads, WorkersOfItsOwnAndCallersShareTheJobs) {
       sim.step();
       std::this_thread::sleep_for(std::chrono::microseconds(100));
     } while (!HasFatalFailure() && !sim.streamer.settled());
-    for (const NodeWant& w : sim.texture) EXPECT_TRUE(sim.shown(w.node));
+    for (const NodeRequest& w : sim.texture) EXPECT_TRUE(sim.shown(w.node));
   }
 }
 

@@ -242,7 +242,7 @@ TEST(DividedCache, AModelThatForgetsUsesDiffers) {
   EXPECT_GT(seen, 30);
 }
 
-// A texture page and a relief page for each frame's new wishes, all slots needed: the half beside a page in use is
+// A texture page and a relief page for each frame's new requests, all slots needed: the half beside a page in use is
 // found, whatever is older.
 TEST(DividedCache, IdleHalvesOfSlotsInUse) {
   DividedCache cache(3, Replacement::kLru);

@@ -157,10 +157,10 @@ TEST(Sample, NormalsAreCentralDifferences) {
         double sy = (double{mm[static_cast<size_t>(y1 * w + x)]} - mm[static_cast<size_t>(y0 * w + x)]) /
                     (static_cast<double>(y1 - y0) * a.mmPerPx());
         double len = std::sqrt(1 + sx * sx + sy * sy);
-        const double want[3] = {-sx / len, sy / len, 1 / len};
+        const double request[3] = {-sx / len, sy / len, 1 / len};
         for (int c = 0; c < 3; ++c)
-          worst = std::max(worst, std::abs(want[c] - normals[static_cast<size_t>(3 * (y * w + x) + c)]));
-        flipped = std::max(flipped, std::abs(-want[1] - normals[static_cast<size_t>(3 * (y * w + x) + 1)]));
+          worst = std::max(worst, std::abs(request[c] - normals[static_cast<size_t>(3 * (y * w + x) + c)]));
+        flipped = std::max(flipped, std::abs(-request[1] - normals[static_cast<size_t>(3 * (y * w + x) + 1)]));
       }
     EXPECT_LT(worst, 1e-5) << sampleKindName(kind);
     EXPECT_GT(flipped, 0.01) << "the check would not see y pointing down";
@@ -222,7 +222,7 @@ double shade(const sample::Vec3& n, const sample::Vec3& l, double albedo, double
 struct PtmCheck {
   double psnr_fit = 0;      // against the least-squares fit itself: table and quantisation
   double psnr_shading = 0;  // against the shading: what a PTM can't say comes on top
-  int at_rail = 0;
+  int at_curve = 0;
 };
 
 PtmCheck checkPtm(SampleKind kind, Basis basis) {
@@ -249,7 +249,7 @@ PtmCheck checkPtm(SampleKind kind, Basis basis) {
       const bool coefficient = basis == Basis::kPtmRgb || c < 6;
       const size_t k = basis == Basis::kPtmRgb ? c / 3 : c;
       // What was asked of the byte must lie within it; 0 and 255 are reached without clipping only by the extremes.
-      if (coefficient && ((raw[c * n + i] == 0 && f.bias[k] != 0) || raw[c * n + i] == 255)) ++check.at_rail;
+      if (coefficient && ((raw[c * n + i] == 0 && f.bias[k] != 0) || raw[c * n + i] == 255)) ++check.at_curve;
     }
     sample::Vec3 normal{normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]};
     const double sg = a.glossStrength() * gloss[i];
@@ -281,7 +281,7 @@ TEST(Sample, PtmIsTheFitOfTheShadingAndNeverClips) {
       PtmCheck c = checkPtm(kind, basis);
       std::printf("  %s %s: %.1f dB to the fit, %.1f dB to the shading\n", sampleKindName(kind), basisName(basis),
                   c.psnr_fit, c.psnr_shading);
-      EXPECT_EQ(c.at_rail, 0) << sampleKindName(kind) << " " << basisName(basis);
+      EXPECT_EQ(c.at_curve, 0) << sampleKindName(kind) << " " << basisName(basis);
       EXPECT_GT(c.psnr_fit, 40.0) << sampleKindName(kind) << " " << basisName(basis);
       EXPECT_GT(c.psnr_shading, 27.0) << sampleKindName(kind) << " " << basisName(basis);
     }
@@ -402,14 +402,14 @@ TEST_F(SampleFiles, AreWhatTheGeneratorSays) {
   ASSERT_TRUE(albedo);
   EXPECT_EQ(albedo->pixels, truth.albedo);
 
-  for (auto [name, basis, want] :
+  for (auto [name, basis, request] :
        {std::tuple{"ptm_lrgb.ptm", Basis::kPtmLrgb, &truth.lrgb}, {"ptm_rgb.ptm", Basis::kPtmRgb, &truth.rgb}}) {
     auto ptm = openPtm(folder + "/" + name);
     ASSERT_TRUE(ptm) << ptm.error().text();
     EXPECT_EQ((*ptm)->format().basis, basis);
-    std::vector<uint8_t> raw(want->size());
+    std::vector<uint8_t> raw(request->size());
     ASSERT_TRUE((*ptm)->read(all, raw));
-    EXPECT_EQ(raw, *want) << name;
+    EXPECT_EQ(raw, *request) << name;
     for (size_t k = 0; k < 6; ++k) {
       EXPECT_NEAR((*ptm)->format().scale[k], a.ptmSource(basis)->format().scale[k], 1e-9) << name;
       EXPECT_EQ((*ptm)->format().bias[k], a.ptmSource(basis)->format().bias[k]) << name;

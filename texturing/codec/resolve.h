@@ -1,5 +1,5 @@
 // resolve.h - one page under a fixed light: coefficient planes in, display colour out; once per page instead of once
-// per pixel and frame. The single-precision twin of basis.h, per texel.
+// per pixel and frame. The single-precision counterpart of basis.h, per texel.
 #pragma once
 
 #include <array>

@@ -32,7 +32,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kStripPx = kPageBorderPx;
+constexpr int kGutterPx = kPageBorderPx;
 
 // Where a patch's levels and strips lie in what is kept of it, in bytes.
 struct PatchStore {
@@ -44,13 +44,13 @@ struct PatchStore {
     return texels * static_cast<uint64_t>(channels);
   }
   uint64_t levelBytes() const { return levelOffset(depth + 1); }
-  uint64_t stripBytes(int level) const { return static_cast<uint64_t>(channels) * kStripPx * side(level); }
-  uint64_t stripOffset(int level, int s) const {
+  uint64_t gutterBytes(int level) const { return static_cast<uint64_t>(channels) * kGutterPx * side(level); }
+  uint64_t gutterOffset(int level, int s) const {
     uint64_t bytes = 0;
-    for (int l = 0; l < level; ++l) bytes += 4 * stripBytes(l);
-    return bytes + static_cast<uint64_t>(s) * stripBytes(level);
+    for (int l = 0; l < level; ++l) bytes += 4 * gutterBytes(l);
+    return bytes + static_cast<uint64_t>(s) * gutterBytes(level);
   }
-  uint64_t stripsBytes() const { return stripOffset(depth + 1, 0); }
+  uint64_t guttersBytes() const { return gutterOffset(depth + 1, 0); }
 };
 
 struct Context {
@@ -118,7 +118,7 @@ class PatchReader {
     for (int level = store.depth;; --level, side /= 2) {
       const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
       if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
-      if (auto kept = keepStrips(patch, level, side); !kept) return kept;
+      if (auto kept = keepGutters(patch, level, side); !kept) return kept;
       keepCorners(patch, level, static_cast<size_t>(side));
       if (level == 0) return keepTail(patch);
       coarser_.resize(texels_.size() / 4);
@@ -148,13 +148,13 @@ class PatchReader {
   }
 
   // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
-  Result<void> keepStrips(uint32_t patch, int level, int side) {
-    strip_.resize(c_.store.stripBytes(level));
+  Result<void> keepGutters(uint32_t patch, int level, int side) {
+    strip_.resize(c_.store.gutterBytes(level));
     for (int s = 0; s < 4; ++s) {
       uint8_t* out = strip_.data();
       for (int channel = 0; channel < c_.store.channels; ++channel) {
         const uint8_t* in = texels_.data() + static_cast<size_t>(channel) * side * side;
-        for (int d = 0; d < kStripPx; ++d, out += side) {
+        for (int d = 0; d < kGutterPx; ++d, out += side) {
           const int at = s == kLeft || s == kTop ? d : side - 1 - d;
           if (s == kTop || s == kBottom) {
             std::memcpy(out, in + static_cast<size_t>(at) * side, static_cast<size_t>(side));
@@ -163,7 +163,7 @@ class PatchReader {
           }
         }
       }
-      if (auto kept = c_.strips->write(patch * c_.store.stripsBytes() + c_.store.stripOffset(level, s), strip_.data(),
+      if (auto kept = c_.strips->write(patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s), strip_.data(),
                                        strip_.size());
           !kept)
         return kept;
@@ -427,17 +427,17 @@ class TextureWriter {
                     inside_.data() + (c * side_ + y) * side_, side_);
     const int begin = kPageBorderPx, end = begin + static_cast<int>(side_), width = static_cast<int>(stride());
     repeatBorder(bordered_.data(), width, width, store.channels, begin, begin, end, end);
-    strip_.resize(store.stripBytes(level));
+    strip_.resize(store.gutterBytes(level));
     for (int s = 0; s < 4; ++s) {
       const PatchNeighbour& n = c_.neighbours[patch][static_cast<size_t>(s)];
       if (n.patch == PatchNeighbour::kNone) continue;
-      if (auto read = c_.strips->read(n.patch * store.stripsBytes() + store.stripOffset(level, n.side), strip_.data(),
+      if (auto read = c_.strips->read(n.patch * store.guttersBytes() + store.gutterOffset(level, n.side), strip_.data(),
                                       strip_.size());
           !read)
         return read;
       const uint8_t* in = strip_.data();
       for (size_t c = 0; c < channels; ++c) {
-        for (size_t d = 0; d < kStripPx; ++d, in += side_) {
+        for (size_t d = 0; d < kGutterPx; ++d, in += side_) {
           // Texel i along the side, d + 1 texels beyond it.
           const size_t across = s == kLeft || s == kTop ? kPageBorderPx - 1 - d : kPageBorderPx + side_ + d;
           const bool upright = s == kLeft || s == kRight;
@@ -661,7 +661,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                          : 0,
                      options.output};
   for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
-                             {&context.strips, store.stripsBytes()},
+                             {&context.strips, store.guttersBytes()},
                              {&context.levels, store.levelBytes()}}) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();

@@ -6,6 +6,7 @@
 #include <mutex>
 
 #include "src/base/parallel_for.h"
+#include "texturing/codec/neutral_page.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/codec/resolve.h"
 #include "texturing/package/package_layout.h"

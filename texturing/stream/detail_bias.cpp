@@ -15,9 +15,9 @@ constexpr int kCloseEnough = 5;     // steps between a bias that fits and a fine
 constexpr double kMargin = 0.95;    // of the room that a finer view may be expected to need
 constexpr double kOtherView = 0.1;  // more or less demand at the same bias
 constexpr int kSettlingWindows =
-    4;  // after a move, in which relief and what is remembered of older wishes still follow it
+    4;  // after a move, in which relief and what is remembered of older requests still follow it
 constexpr int kListsOfOldView =
-    12;  // after the view moved: wishes follow it late, and some of what was wanted before is remembered
+    12;  // after the view moved: requests follow it late, and some of what was wanted before is remembered
 // One level finer has at most four nodes for each, and their parents.
 constexpr double kMostAtOnce = 5;
 constexpr int kLevel = 20;  // steps

@@ -1,9 +1,9 @@
-// detail_bias.h - how many levels coarser a view should ask so that its wishes fit the cache. Pure: numbers in, a bias
-// out.
+// detail_bias.h - how many levels coarser a view should ask so that its requests fit the cache. Pure: numbers in, a
+// bias out.
 //
 // Demand is taken to fall with the bias, and as a rule by a factor of 4 a level (a level is twice the size in each
-// direction; ancestors are a third more at every level and cancel out). From one judged wish list the bias that fits is
-// then log4(demand / room) away, where the bias moves at kBiasSlew a list: proportional control. What the model gets
+// direction; ancestors are a third more at every level and cancel out). From one judged request list the bias that fits
+// is then log4(demand / room) away, where the bias moves at kBiasSlew a list: proportional control. What the model gets
 // wrong (demand by whole levels, or by less than 4) the next judgements mend: the bias is the root of a monotone
 // function, known to lie between the finest bias that did fit and the coarsest that did not, and is looked for by that
 // bracket. So it ends after a bounded number of moves at a bias that fits and is within 0.3 levels of the finest, and
@@ -26,7 +26,7 @@ inline constexpr double kBiasStep = 0.05;  // levels
 inline constexpr int kMaxBiasSteps = 120;
 inline constexpr double kMaxDetailBias = kMaxBiasSteps * kBiasStep;
 inline constexpr int kBiasSlew = 4;      // steps a list at most: a level takes five frames
-inline constexpr int kLatencyLists = 4;  // between a bias and the wishes that follow it, at most
+inline constexpr int kLatencyLists = 4;  // between a bias and the requests that follow it, at most
 
 struct DetailDemand {
   double pages = 0;       // that the view wants, without those that never leave
@@ -38,14 +38,14 @@ struct DetailDemand {
 class DetailBias {
  public:
   // For negative controls in tests: each makes the controller worse in its own way.
-  struct Sabotage {
+  struct FaultInjection {
     bool no_dead_band = false;  // a view that fits exactly is tried one step finer, and what failed is forgotten
     bool no_latency = false;    // lists are judged as if made with the current bias
   };
   DetailBias() = default;
-  explicit DetailBias(Sabotage sabotage) : broken_(sabotage) {}
+  explicit DetailBias(FaultInjection injectFaults) : broken_(injectFaults) {}
 
-  // Once a frame with a new wish list. made_at: the bias that the list was made with; nothing: not known.
+  // Once a frame with a new request list. made_at: the bias that the list was made with; nothing: not known.
   void observe(const DetailDemand& demand, std::optional<double> made_at);
   double value() const { return steps_ * kBiasStep; }  // 0..kMaxDetailBias
   // The last lists gave no reason to move, and are of the view as it is.
@@ -55,7 +55,7 @@ class DetailBias {
   void judge(double room);
   void moveTo(int steps);
 
-  Sabotage broken_;
+  FaultInjection broken_;
   int steps_ = 0, target_ = 0;
   bool still_ = true;
   int stale_lists_ = 0;  // still to come

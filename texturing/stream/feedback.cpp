@@ -53,9 +53,9 @@ FeedbackOffset feedbackOffset(int scale, uint64_t turn) {
   return order[turn % order.size()];
 }
 
-std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px,
-                                                    int height_px) {
-  wants_.clear();
+std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px,
+                                                       int height_px) {
+  requests_.clear();
   keys_.clear();
   parent_.clear();
   ordered_.clear();
@@ -67,7 +67,7 @@ std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<u
   auto width = static_cast<int64_t>(width_px), height = static_cast<int64_t>(height_px);
   height = std::min<int64_t>(height, static_cast<int64_t>(pixels.size()) / width);
   auto nearer = [&](uint32_t i, int64_t d2) {
-    wants_[i].centre_distance = std::min(wants_[i].centre_distance, float(d2));
+    requests_[i].centre_distance = std::min(requests_[i].centre_distance, float(d2));
   };
   for (int64_t y = 0; y < height; ++y) {
     const auto* row = pixels.data() + y * width;
@@ -79,11 +79,11 @@ std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<u
       const auto& p = row[x];
       if (isNode(p)) {
         uint32_t level = p[0] >> 8 & 0xFFu;
-        if (wants_.size() + level < kMaxWants) {
+        if (requests_.size() + level < kMaxRequests) {
           uint32_t i = findOrAdd(packNode({p[1], level, p[2], p[3]}));
           auto run = static_cast<uint32_t>(end - x);
-          wants_[i].pixels += run;
-          if ((p[0] >> 16 & 1u) && parent_[i] != kNoParent) wants_[parent_[i]].pixels += run;
+          requests_[i].pixels += run;
+          if ((p[0] >> 16 & 1u) && parent_[i] != kNoParent) requests_[parent_[i]].pixels += run;
           // The run's pixel nearest to the middle column.
           int64_t first = 2 * x + 1 - width_px, last = 2 * end - 1 - width_px;
           int64_t dx = first > 0 ? first : last < 0 ? last : (first & 1);
@@ -94,27 +94,28 @@ std::span<const NodeWant> FeedbackAnalyzer::analyze(std::span<const std::array<u
     }
   }
   // Parents stand before their children.
-  for (size_t i = wants_.size(); i-- > 0;)
+  for (size_t i = requests_.size(); i-- > 0;)
     if (parent_[i] != kNoParent)
-      wants_[parent_[i]].centre_distance = std::min(wants_[parent_[i]].centre_distance, wants_[i].centre_distance);
+      requests_[parent_[i]].centre_distance =
+          std::min(requests_[parent_[i]].centre_distance, requests_[i].centre_distance);
 
   double corner2 = double(width_px) * width_px + double(height_px) * height_px;
   sort_keys_.clear();
-  for (uint32_t i = 0; i < wants_.size(); ++i) {
-    auto d = static_cast<float>(std::sqrt(wants_[i].centre_distance / corner2));
-    wants_[i].centre_distance = d;
-    sort_keys_.emplace_back(uint64_t{wants_[i].node.level} << 32 | std::bit_cast<uint32_t>(d), i);
+  for (uint32_t i = 0; i < requests_.size(); ++i) {
+    auto d = static_cast<float>(std::sqrt(requests_[i].centre_distance / corner2));
+    requests_[i].centre_distance = d;
+    sort_keys_.emplace_back(uint64_t{requests_[i].node.level} << 32 | std::bit_cast<uint32_t>(d), i);
   }
   std::sort(sort_keys_.begin(), sort_keys_.end(), [&](const auto& a, const auto& b) {
     return a.first != b.first ? a.first < b.first : keys_[a.second] < keys_[b.second];
   });
-  ordered_.reserve(wants_.size());
-  for (const auto& [key, i] : sort_keys_) ordered_.push_back(wants_[i]);
+  ordered_.reserve(requests_.size());
+  for (const auto& [key, i] : sort_keys_) ordered_.push_back(requests_[i]);
   return ordered_;
 }
 
 uint32_t FeedbackAnalyzer::findOrAdd(uint64_t key) {
-  if (2 * (wants_.size() + 1) > table_.size()) grow();
+  if (2 * (requests_.size() + 1) > table_.size()) grow();
   size_t mask = table_.size() - 1;
   auto slotOf = [&](uint64_t k) { return (k * 0x9E3779B97F4A7C15ull >> 32) & mask; };
   size_t s = slotOf(key);
@@ -127,8 +128,8 @@ uint32_t FeedbackAnalyzer::findOrAdd(uint64_t key) {
     mask = table_.size() - 1;
     for (s = slotOf(key); table_[s] != 0;) s = (s + 1) & mask;  // ancestors may have taken the cell, or grown the table
   }
-  auto index = static_cast<uint32_t>(wants_.size());
-  wants_.push_back({node, 0, 3.0e38f});
+  auto index = static_cast<uint32_t>(requests_.size());
+  requests_.push_back({node, 0, 3.0e38f});
   keys_.push_back(key);
   parent_.push_back(parent);
   table_[s] = index + 1;

@@ -14,7 +14,7 @@
 
 namespace relievo {
 
-struct NodeWant {
+struct NodeRequest {
   NodeId node;
   uint32_t pixels = 0;        // feedback pixels that want it (0: it is an ancestor of one that is wanted)
   float centre_distance = 0;  // smallest distance from the view's centre, 0..1 (1: a corner)
@@ -31,7 +31,7 @@ struct FeedbackOffset {
 FeedbackOffset feedbackOffset(int scale, uint64_t turn);
 
 // No more nodes than slots can exist (slots are 16-bit): pixels that would exceed this are dropped.
-inline constexpr size_t kMaxWants = 65536;
+inline constexpr size_t kMaxRequests = 65536;
 
 // Unique nodes, ordered as they should be requested: coarse before fine, then near to the view's centre. The parent of
 // every wanted node is wanted too, up to the root (trilinear reads the parent; the others are what shows while it is
@@ -40,17 +40,17 @@ inline constexpr size_t kMaxWants = 65536;
 // scratch memory between calls. The result is valid until the next call and depends on the pixels alone.
 class FeedbackAnalyzer {
  public:
-  std::span<const NodeWant> analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px, int height_px);
+  std::span<const NodeRequest> analyze(std::span<const std::array<uint32_t, 4>> pixels, int width_px, int height_px);
 
  private:
-  uint32_t findOrAdd(uint64_t key);  // index into wants_
+  uint32_t findOrAdd(uint64_t key);  // index into requests_
   void grow();
 
-  std::vector<NodeWant> wants_;
-  std::vector<uint64_t> keys_;    // packNode of wants_[i]
-  std::vector<uint32_t> parent_;  // index of wants_[i]'s parent, always smaller than i
+  std::vector<NodeRequest> requests_;
+  std::vector<uint64_t> keys_;    // packNode of requests_[i]
+  std::vector<uint32_t> parent_;  // index of requests_[i]'s parent, always smaller than i
   std::vector<uint32_t> table_;   // open addressing: index + 1, 0 = empty
-  std::vector<NodeWant> ordered_;
+  std::vector<NodeRequest> ordered_;
   std::vector<std::pair<uint64_t, uint32_t>> sort_keys_;
 };
 

@@ -91,9 +91,6 @@ class PageLoader {
   Texels relief_scratch_;
 };
 
-// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As
-// blocks: as near to that as the codec comes.
-void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels);
 // For messages: "relief page of patch 0, level 3, column 1, row 2".
 std::string pageWords(PageId id);
 

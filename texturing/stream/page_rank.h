@@ -1,5 +1,5 @@
-// page_rank.h - the order of service: what is wanted now, then what a predicted view will want, then what the wish list
-// before the newest wanted (Neuroglancer's tiers). Within a tier coarse before fine, then near the view's centre
+// page_rank.h - the order of service: what is wanted now, then what a predicted view will want, then what the request
+// list before the newest wanted (Neuroglancer's tiers). Within a tier coarse before fine, then near the view's centre
 // (Rudelle 2015), then whole nodes.
 #pragma once
 

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "src/base/parallel_for.h"
+#include "texturing/codec/neutral_page.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/stream/cache_budget.h"
 #include "texturing/stream/relief_subslots.h"
@@ -25,7 +26,7 @@ constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessage
 constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
 constexpr std::ptrdiff_t kMaxOffers = 1024;  // jobs a frame: more than workers can take until the next
 constexpr uint64_t kNever = ~uint64_t{0};
-constexpr uint64_t kAlways = kNever - 1;  // as a wish list's number: wanted whatever the lists say
+constexpr uint64_t kAlways = kNever - 1;  // as a request list's number: wanted whatever the lists say
 
 // A node has a slot for each of its planes.
 uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
@@ -37,7 +38,7 @@ struct Page {
   bool speculative = false;  // prefetched, and not wanted since
   int attempts = 0;
   uint64_t ticket = 0;
-  uint64_t list = kNever;     // the last wish list of its kind that wanted it
+  uint64_t list = kNever;     // the last request list of its kind that wanted it
   uint64_t prefetch = 0;      // the last plan that prefetched it
   uint64_t plan = 0;          // the last plan that counted it
   uint64_t offered = 0;       // the last plan that offered it to the workers
@@ -49,12 +50,12 @@ struct Page {
   Texels texels;  // kReady
 };
 
-struct Wish {
+struct RequestedNode {
   NodeId node;
   float centre = 0;
   bool relief = false;
-  friend bool operator<(const Wish& a, const Wish& b) {
-    auto key = [](const Wish& w) { return std::tuple(w.node.level, w.centre, !w.relief, packNode(w.node)); };
+  friend bool operator<(const RequestedNode& a, const RequestedNode& b) {
+    auto key = [](const RequestedNode& w) { return std::tuple(w.node.level, w.centre, !w.relief, packNode(w.node)); };
     return key(a) < key(b);
   }
 };
@@ -85,8 +86,8 @@ struct Pool {
   std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
   RecentUse recent;
   uint32_t roots = 0;
-  // Of the last plan: slots that the wish lists need, with those that hold something pinned; in these, halves that are
-  // not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
+  // Of the last plan: slots that the request lists need, with those that hold something pinned; in these, halves that
+  // are not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
   // come was given, and may take still; halves that are free, idle or in such slots, and not spoken for.
   uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
   int64_t spare_halves = 0;
@@ -252,7 +253,7 @@ struct PageStreamer::Impl {
     if (messages.size() < kMaxMessages) messages.push_back(std::move(text));
   }
 
-  // Wants a page that has (or will have) room.
+  // Requests a page that has (or will have) room.
   void request(PageId id, float centre, uint64_t in_list) {
     Page& page = pages[id];
     page.list = in_list;
@@ -366,28 +367,29 @@ struct PageStreamer::Impl {
     return forget(it);
   }
 
-  // --- wishes -------------------------------------------------------------------------------------------------------
+  // --- requests
+  // -------------------------------------------------------------------------------------------------------
 
-  void toWishes(bool relief, std::span<const NodeWant> wants, std::vector<Wish>& out) {
+  void toRequested(bool relief, std::span<const NodeRequest> requests, std::vector<RequestedNode>& out) {
     out.clear();
-    out.reserve(wants.size());
-    for (const NodeWant& w : wants)
+    out.reserve(requests.size());
+    for (const NodeRequest& w : requests)
       out.push_back({w.node, w.centre_distance >= 0 ? std::min(w.centre_distance + 0.0f, 2.0f) : 2.0f, relief});
     if (!std::is_sorted(out.begin(), out.end())) std::sort(out.begin(), out.end());
   }
-  static void merge(const std::array<std::vector<Wish>, 2>& lists, std::vector<Wish>& out) {
+  static void merge(const std::array<std::vector<RequestedNode>, 2>& lists, std::vector<RequestedNode>& out) {
     out.clear();
     std::merge(lists[0].begin(), lists[0].end(), lists[1].begin(), lists[1].end(), std::back_inserter(out));
   }
-  void want(bool relief, std::span<const NodeWant> wants) {
+  void request(bool relief, std::span<const NodeRequest> requests) {
     ++list[relief];
     is_new[relief] = true;
-    toWishes(relief, wants, wishes[relief]);
-    merge(wishes, merged);
+    toRequested(relief, requests, requested[relief]);
+    merge(requested, merged);
     planned_frame = kNever;
   }
 
-  std::span<const Plane> planesOf(const Wish& w) const {
+  std::span<const Plane> planesOf(const RequestedNode& w) const {
     static constexpr Plane kReliefOnly[] = {Plane::kRelief};
     return w.relief ? std::span<const Plane>(kReliefOnly) : std::span<const Plane>(options.texture_planes);
   }
@@ -405,7 +407,7 @@ struct PageStreamer::Impl {
   }
 
   // Which pages of a node are still to come; nothing when one of them never will.
-  std::optional<uint32_t> absentPages(const Wish& w) const {
+  std::optional<uint32_t> absentPages(const RequestedNode& w) const {
     uint32_t absent = 0;
     for (Plane p : planesOf(w)) {
       PageId id(p, w.node);
@@ -417,7 +419,7 @@ struct PageStreamer::Impl {
     return absent;
   }
 
-  // From the wish lists: touches what is resident, gives the room that is left to what is missing, and what is then
+  // From the request lists: touches what is resident, gives the room that is left to what is missing, and what is then
   // left to what may be wanted soon; cancels what is no longer wanted, and hands the workers their new order of
   // service.
   void plan() {
@@ -431,7 +433,7 @@ struct PageStreamer::Impl {
     wanted_pages = 0;
     for (Pool& pool : pools) pool.beginPlan();
     missing.clear();
-    for (const Wish& w : merged) {
+    for (const RequestedNode& w : merged) {
       auto planes = planesOf(w);
       if (!w.relief) {
         if (auto entry = table.find(w.node)) {
@@ -448,22 +450,22 @@ struct PageStreamer::Impl {
     }
 
     for (const PageId& id : refresh) request(id, 0, kAlways);
-    for (const auto& [wish, absent] : missing) {
+    for (const auto& [node, absent] : missing) {
       // A node named twice: counted once.
-      auto planes = planesOf(*wish);
-      auto twin = pages.find(PageId(planes.back(), wish->node));
+      auto planes = planesOf(*node);
+      auto twin = pages.find(PageId(planes.back(), node->node));
       if (twin != pages.end() && twin->second.plan == plan_number) continue;
       wanted_pages += absent;
-      if (is_new[wish->relief]) stats.misses += absent;
-      Pool& pool = pools[poolIndex(wish->relief)];
-      if (!pool.takeRoom(wish->relief, absent)) {
+      if (is_new[node->relief]) stats.misses += absent;
+      Pool& pool = pools[poolIndex(node->relief)];
+      if (!pool.takeRoom(node->relief, absent)) {
         pool.deferred += absent;
-        pool.deferred_relief += wish->relief;
+        pool.deferred_relief += node->relief;
         continue;
       }
       for (Plane p : planes) {
-        PageId id(p, wish->node);
-        if (find(id) == kNoSlot) request(id, wish->centre, list[wish->relief]);
+        PageId id(p, node->node);
+        if (find(id) == kNoSlot) request(id, node->centre, list[node->relief]);
       }
     }
     stats.deferred = 0;
@@ -491,7 +493,7 @@ struct PageStreamer::Impl {
       pool.room_used += pool.recent.idleCount();
       pool.halves_left = 0;  // what is beside what is in use may have been used recently
     }
-    for (const Wish& w : predictions) {
+    for (const RequestedNode& w : predictions) {
       Pool& pool = pools[poolIndex(w.relief)];
       auto entry = w.relief ? std::nullopt : table.find(w.node);
       if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
@@ -684,7 +686,7 @@ struct PageStreamer::Impl {
   // --- detail -------------------------------------------------------------------------------------------------------
 
   void updateBias() {
-    if (bias_list == list[0] + list[1]) return;  // no new wish list
+    if (bias_list == list[0] + list[1]) return;  // no new request list
     bias_list = list[0] + list[1];
     // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it
     // changes.
@@ -700,7 +702,7 @@ struct PageStreamer::Impl {
         demand.pages = std::max(demand.pages, wanted * (std::max(1.0, demand.room) / std::max(1.0, room)));
       }
     }
-    bias.observe(demand, wish_bias);
+    bias.observe(demand, request_bias);
   }
 
   std::shared_ptr<const PageSource> source;
@@ -723,11 +725,11 @@ struct PageStreamer::Impl {
   bool published = false;                            // the workers may still hold jobs of the last publish()
   std::vector<PageId> refresh;                       // pinned pages whose texels are out of date
 
-  std::array<uint64_t, 2> list{};  // number of the newest wish list: texture, relief
+  std::array<uint64_t, 2> list{};  // number of the newest request list: texture, relief
   std::array<bool, 2> is_new{};    // no plan has seen it yet
-  std::array<std::vector<Wish>, 2> wishes;
-  std::vector<Wish> merged;       // coarse before fine, then near the centre
-  std::vector<Wish> predictions;  // the same, of the prefetch lists
+  std::array<std::vector<RequestedNode>, 2> requested;
+  std::vector<RequestedNode> merged;       // coarse before fine, then near the centre
+  std::vector<RequestedNode> predictions;  // the same, of the prefetch lists
   uint64_t wanted_pages = 0;
   std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be wanted
 
@@ -738,7 +740,7 @@ struct PageStreamer::Impl {
 
   DetailBias bias;
   uint64_t bias_list = 0;
-  std::optional<double> wish_bias;
+  std::optional<double> request_bias;
   bool view_moved = false;  // since the last list was judged
 
   StreamerStats stats;
@@ -747,8 +749,8 @@ struct PageStreamer::Impl {
   std::vector<std::string> messages;
 
   // Scratch, kept between calls.
-  std::array<std::vector<Wish>, 2> next_predictions;
-  std::vector<std::pair<const Wish*, uint32_t>> missing;
+  std::array<std::vector<RequestedNode>, 2> next_predictions;
+  std::vector<std::pair<const RequestedNode*, uint32_t>> missing;
   std::vector<RankedJob> offers;
   std::vector<PageJob> started;
   std::vector<PageId> unwanted;
@@ -845,16 +847,16 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   m.takeResults();
 }
 
-void PageStreamer::wantTexture(std::span<const NodeWant> wants) {
-  if (!impl_->options.texture_planes.empty()) impl_->want(false, wants);
+void PageStreamer::requestTexture(std::span<const NodeRequest> requests) {
+  if (!impl_->options.texture_planes.empty()) impl_->request(false, requests);
 }
-void PageStreamer::wantRelief(std::span<const NodeWant> wants) { impl_->want(true, wants); }
+void PageStreamer::requestRelief(std::span<const NodeRequest> requests) { impl_->request(true, requests); }
 
-void PageStreamer::wantPrefetch(std::span<const NodeWant> texture, std::span<const NodeWant> relief) {
+void PageStreamer::requestPrefetch(std::span<const NodeRequest> texture, std::span<const NodeRequest> relief) {
   Impl& m = *impl_;
   if (m.options.texture_planes.empty()) texture = {};
-  m.toWishes(false, texture, m.next_predictions[0]);
-  m.toWishes(true, relief, m.next_predictions[1]);
+  m.toRequested(false, texture, m.next_predictions[0]);
+  m.toRequested(true, relief, m.next_predictions[1]);
   Impl::merge(m.next_predictions, m.predictions);
   m.planned_frame = kNever;
 }
@@ -930,8 +932,8 @@ void PageStreamer::setLight(const std::array<double, 3>& light) {
 
 double PageStreamer::detailBias() const { return impl_->bias.value(); }
 
-void PageStreamer::setWishBias(std::optional<double> bias, bool moved) {
-  impl_->wish_bias = bias;
+void PageStreamer::setRequestBias(std::optional<double> bias, bool moved) {
+  impl_->request_bias = bias;
   impl_->view_moved = impl_->view_moved || moved;
 }
 

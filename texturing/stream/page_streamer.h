@@ -1,4 +1,4 @@
-// page_streamer.h - the life of a page, from a wish to texels in a slot of the cache. Owned by the render thread;
+// page_streamer.h - the life of a page, from a request to texels in a slot of the cache. Owned by the render thread;
 // reading and decoding happen on worker threads. Nothing here waits for them, except pinRoots (start-up) and the
 // destructor.
 //
@@ -85,7 +85,7 @@ struct StreamerStats {
   uint64_t queued = 0, decoding = 0, ready = 0;                        // now
   uint64_t resident = 0, resident_bytes = 0;                           // slots in use now, and what they hold
   uint64_t relief_bytes = 0;      // of those, slots that are divided for relief: whole, however full
-  uint64_t hits = 0, misses = 0;  // pages that a new wish list names: resident when it came, or not
+  uint64_t hits = 0, misses = 0;  // pages that a new request list names: resident when it came, or not
   uint64_t evictions = 0, failed_pages = 0, retries = 0;  // which pages failed: PageStreamer::failures()
   // No longer wanted when it was still to be read; when it had been read; when it had been decoded. And their sum.
   uint64_t cancelled_before_read = 0, cancelled_before_decode = 0, cancelled_after_decode = 0, cancelled = 0;
@@ -93,10 +93,10 @@ struct StreamerStats {
   // wanted. What is missing in the sum is still there or under way.
   uint64_t prefetched = 0, prefetch_used = 0, prefetch_wasted = 0;
   uint64_t deferred = 0;   // pages that found no slot in the last frame: the working set exceeds the cache
-  uint64_t wanted = 0;     // pages that the last wish lists name, without those that failed for good
+  uint64_t wanted = 0;     // pages that the last request lists name, without those that failed for good
   double detail_bias = 0;  // now
-  // From the frame whose wish list first wanted a page (and had room for it) to the frame in which it is placed, and so
-  // shown; by the clock of beginFrame.
+  // From the frame whose request list first wanted a page (and had room for it) to the frame in which it is placed, and
+  // so shown; by the clock of beginFrame.
   LatencySummary latency_ms, latency_frames;
 };
 
@@ -113,14 +113,14 @@ class PageStreamer {
 
   // A frame, in this order. now_s drives back-off and the page fade.
   void beginFrame(uint64_t frame, double now_s);  // frame > 0, growing
-  // The newest wish lists; each replaces the previous of its kind. A list that is not replaced in a frame still holds.
-  // centre_distance may be any urgency from 0 (first) to 2; what is negative or not a number counts as 2.
-  void wantTexture(std::span<const NodeWant> wants);
-  void wantRelief(std::span<const NodeWant> wants);
+  // The newest request lists; each replaces the previous of its kind. A list that is not replaced in a frame still
+  // holds. centre_distance may be any urgency from 0 (first) to 2; what is negative or not a number counts as 2.
+  void requestTexture(std::span<const NodeRequest> requests);
+  void requestRelief(std::span<const NodeRequest> requests);
   // Pages that a predicted view will want; replaces the previous such lists. They come after all that is wanted now,
   // evict nothing that was used in the last kSparedFrames frames, have no room while detailBias() is above 0, and are
   // cancelled when no longer listed. One that becomes wanted is not read again.
-  void wantPrefetch(std::span<const NodeWant> texture, std::span<const NodeWant> relief);
+  void requestPrefetch(std::span<const NodeRequest> texture, std::span<const NodeRequest> relief);
   // Touches what is resident of both lists and queues what is not; then places decoded pages (at most max_uploads) and
   // returns what to upload; updates the page table.
   std::span<const PageUpload> placeReady(uint32_t max_uploads);
@@ -144,14 +144,14 @@ class PageStreamer {
   // again.
   void setLight(const std::array<double, 3>& light);
 
-  // How many texture levels coarser the view should ask (add to its LOD bias) so that its wishes fit the cache
-  // (detail_bias.h); 0..kMaxDetailBias. Follows the wish lists with each placeReady.
+  // How many texture levels coarser the view should ask (add to its LOD bias) so that its requests fit the cache
+  // (detail_bias.h); 0..kMaxDetailBias. Follows the request lists with each placeReady.
   double detailBias() const;
-  // The detail bias that the wish lists from now on were made with; nothing (as at first): not known, they follow it by
-  // kLatencyLists at most. moved: the view is another one than that of the lists before.
-  void setWishBias(std::optional<double> bias, bool moved = false);
+  // The detail bias that the request lists from now on were made with; nothing (as at first): not known, they follow it
+  // by kLatencyLists at most. moved: the view is another one than that of the lists before.
+  void setRequestBias(std::optional<double> bias, bool moved = false);
 
-  // Everything that the last wish lists ask for is resident (or has failed for good, or has no room at the largest
+  // Everything that the last request lists ask for is resident (or has failed for good, or has no room at the largest
   // detail bias), nothing is under way, and the detail bias holds still.
   bool settled() const;
   PageState state(PageId id) const;

@@ -6,8 +6,8 @@
 // L of the texture takes level L of the relief, whose cells are its texels. Where the relief is coarser than the
 // texture, the slopes of the relief's finest cells are interpolated bilinearly. A normal is n = (-dh/dx, -dh/dy, 1)
 // made of length 1 (x right, y up), a byte b for b / 127.5 - 1, as in the normals of scans (basis.h). The border holds
-// the neighbours' normals, so a page is made of up to nine relief pages: the last ones are kept. The dense twin, in
-// double precision: tests/render/dense_reference.h.
+// the neighbours' normals, so a page is made of up to nine relief pages: the last ones are kept. The dense reference,
+// in double precision: tests/render/dense_reference.h.
 #pragma once
 
 #include <cstdint>

@@ -15,21 +15,21 @@ namespace relievo {
 
 // Under slow movement thin pages would come and go with the offsets: with the newest result alone 0.9 % of the pages
 // that stay wanted drop out of the list from one frame to the next, with four results 0.3 % (relievo bench --only
-// determination).
+// request source).
 inline constexpr uint32_t kMovingResults = 4;
 
-class WantMemory {
+class RequestMemory {
  public:
   // newest: a result, parents included (FeedbackAnalyzer). view: differs between views, the same for results of a still
   // one. still_results: results until a still view has seen everything. The union, ordered as FeedbackAnalyzer orders;
   // valid until the next call. Closed under parents, since an ancestor is named whenever its descendant is. At most
-  // kMaxWants: above it only the newest result counts.
-  std::span<const NodeWant> add(std::span<const NodeWant> newest, uint64_t view, uint32_t still_results);
+  // kMaxRequests: above it only the newest result counts.
+  std::span<const NodeRequest> add(std::span<const NodeRequest> newest, uint64_t view, uint32_t still_results);
   void clear();
 
  private:
   struct Entry {
-    NodeWant want;
+    NodeRequest request;
     uint64_t key = 0;     // packNode
     uint64_t result = 0;  // the last that named it
   };
@@ -39,7 +39,7 @@ class WantMemory {
 
   std::vector<Entry> entries_;
   std::vector<uint32_t> table_;  // open addressing: index + 1, 0 = empty
-  std::vector<NodeWant> ordered_;
+  std::vector<NodeRequest> ordered_;
   std::vector<std::pair<uint64_t, uint32_t>> sort_keys_;
   uint64_t result_ = 0, still_since_ = 0, view_ = 0;
 };

@@ -117,8 +117,8 @@ std::vector<NamedCamera> cameras(const PlanarDomain& domain) {
 }
 
 // As one would write it first: ordered containers, every pixel and all its ancestors.
-std::vector<NodeWant> plainAnalysis(std::span<const std::array<uint32_t, 4>> pixels, int width, int height) {
-  std::unordered_map<NodeId, NodeWant> nodes;
+std::vector<NodeRequest> plainAnalysis(std::span<const std::array<uint32_t, 4>> pixels, int width, int height) {
+  std::unordered_map<NodeId, NodeRequest> nodes;
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
       const auto& p = pixels[static_cast<size_t>(y * width + x)];
@@ -127,7 +127,7 @@ std::vector<NodeWant> plainAnalysis(std::span<const std::array<uint32_t, 4>> pix
       auto d = static_cast<float>(std::hypot(x + 0.5 - width / 2.0, y + 0.5 - height / 2.0) /
                                   std::hypot(width / 2.0, height / 2.0));
       for (bool first = true;; first = false) {
-        NodeWant& w = nodes.try_emplace(node, NodeWant{node, 0, 1.0f}).first->second;
+        NodeRequest& w = nodes.try_emplace(node, NodeRequest{node, 0, 1.0f}).first->second;
         w.pixels += first;
         w.centre_distance = std::min(w.centre_distance, d);
         if (node.level == 0) break;
@@ -135,17 +135,17 @@ std::vector<NodeWant> plainAnalysis(std::span<const std::array<uint32_t, 4>> pix
       }
     }
   }
-  auto before = [](const NodeWant& a, const NodeWant& b) {
+  auto before = [](const NodeRequest& a, const NodeRequest& b) {
     return std::tuple(a.node.level, a.centre_distance, a.node) < std::tuple(b.node.level, b.centre_distance, b.node);
   };
-  std::set<NodeWant, decltype(before)> ordered(before);
-  for (const auto& [node, want] : nodes) ordered.insert(want);
+  std::set<NodeRequest, decltype(before)> ordered(before);
+  for (const auto& [node, request] : nodes) ordered.insert(request);
   return {ordered.begin(), ordered.end()};
 }
 
-std::set<NodeId> nodesOf(std::span<const NodeWant> wants) {
+std::set<NodeId> nodesOf(std::span<const NodeRequest> requests) {
   std::set<NodeId> nodes;
-  for (const NodeWant& w : wants) nodes.insert(w.node);
+  for (const NodeRequest& w : requests) nodes.insert(w.node);
   return nodes;
 }
 // Of `of`, in per cent, what `in` has.
@@ -172,7 +172,7 @@ Result<void> feedbackBench(BenchContext& context) {
   size_t most = 0;
   for (const NamedCamera& c : cameras(context.package->manifest().domain)) {
     FeedbackAnalyzer analyzer;
-    WantMemory memory;
+    RequestMemory memory;
     feedback.setCamera(c.camera);
     for (int k = -3; k < rounds && !context.stopped(); ++k) {  // the first rounds compile shaders
       FeedbackGrid grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k + 3));
@@ -188,9 +188,9 @@ Result<void> feedbackBench(BenchContext& context) {
       double t2 = threadMs(), w2 = benchSeconds();
       auto pixels = feedback.pass().poll();
       double t3 = threadMs();
-      auto wants = analyzer.analyze(pixels, grid.width(), grid.height());
+      auto requests = analyzer.analyze(pixels, grid.width(), grid.height());
       double t4 = threadMs();
-      most = std::max(most, memory.add(wants, 1, kScale * kScale).size());
+      most = std::max(most, memory.add(requests, 1, kScale * kScale).size());
       double t5 = threadMs(), w3 = benchSeconds();
       if (k < 0) continue;
       issue.push_back(t1 - t0 - drawing);
@@ -232,7 +232,7 @@ Result<void> feedbackBench(BenchContext& context) {
   return {};
 }
 
-Result<void> determinationBench(BenchContext& context) {
+Result<void> requestSourceBench(BenchContext& context) {
   const Artwork artwork = artworkFromPackage(context.package);
   const PlanarDomain& domain = artwork.manifest.domain;
   auto made = FlatFeedback::create(artwork.manifest);
@@ -278,7 +278,7 @@ Result<void> determinationBench(BenchContext& context) {
     const int frames = context.quick ? 20 : 60;
     OrbitCamera camera = cameras(domain)[2].camera;
     FeedbackAnalyzer analyzer;
-    WantMemory memory;
+    RequestMemory memory;
     std::set<NodeId> truth_before;
     std::array<std::set<NodeId>, 2> before;
     for (int k = 0; k < frames && !context.stopped(); ++k) {
@@ -318,7 +318,7 @@ Result<void> determinationBench(BenchContext& context) {
     std::array<std::unique_ptr<Engine>, 2> engines;
     for (size_t i = 0; i < 2; ++i) {
       EngineOptions options;
-      options.determination = i ? Determination::kGeometry : Determination::kFeedback;
+      options.request_source = i ? RequestSource::kGeometry : RequestSource::kFeedback;
       auto engine = Engine::create(artwork, scene, options);
       if (!engine) return engine.error();
       engines[i] = std::move(*engine);
@@ -330,7 +330,8 @@ Result<void> determinationBench(BenchContext& context) {
         e->setCamera(c.camera);
         if (auto settled = e->settle(60); !settled) return settled;
       }
-      std::set<NodeId> truth = nodesOf(engines[0]->textureWants()), geometry = nodesOf(engines[1]->textureWants());
+      std::set<NodeId> truth = nodesOf(engines[0]->textureRequests()),
+                       geometry = nodesOf(engines[1]->textureRequests());
       OrbitCamera moving = c.camera;
       for (int k = 0; k < 8; ++k) {  // all but still
         moving.target_mm.x += 1e-6;
@@ -338,7 +339,7 @@ Result<void> determinationBench(BenchContext& context) {
         engines[0]->frame(k * 0.016);
         engines[0]->readPixels();
       }
-      std::set<NodeId> eighth = nodesOf(engines[0]->textureWants());
+      std::set<NodeId> eighth = nodesOf(engines[0]->textureRequests());
       std::string name = std::string(relief ? "relief, " : "flat, ") + c.name;
       char note[160];
       std::snprintf(note, sizeof note, "of %zu pages; 1/8 while moving, %u results", truth.size(), kMovingResults);

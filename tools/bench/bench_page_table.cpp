@@ -197,12 +197,12 @@ Metadata metadataOf(uint32_t slots, int planes, bool fill) {
   PageStreamer streamer(std::make_shared<NoBytes>(), so,
                         [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
   uint32_t pages = slots / static_cast<uint32_t>(planes) * static_cast<uint32_t>(planes);
-  std::vector<NodeWant> wants;
+  std::vector<NodeRequest> requests;
   for (uint32_t i = 0; fill && i < pages / static_cast<uint32_t>(planes); ++i)
-    wants.push_back({{0, 10, i & 1023, i >> 10}, 1, 0});
+    requests.push_back({{0, 10, i & 1023, i >> 10}, 1, 0});
   for (uint64_t frame = 1; fill && frame < 1000 && streamer.cache().residentCount() < pages; ++frame) {
     streamer.beginFrame(frame, static_cast<double>(frame) / 60);
-    streamer.wantTexture(wants);
+    streamer.requestTexture(requests);
     streamer.placeReady(256);
     while (auto job = streamer.takeJob()) streamer.finishJob(*job);
   }

@@ -123,8 +123,8 @@ Result<void> pageLatencyBench(BenchContext& context) {
       e.frame(start);
       finishFrame();
       frame_ms.push_back((benchSeconds() - start) * 1000);
-      const auto& wants = e.textureWants();
-      bool named = std::any_of(wants.begin(), wants.end(), [&](const NodeWant& w) { return w.node == n; });
+      const auto& requests = e.textureRequests();
+      bool named = std::any_of(requests.begin(), requests.end(), [&](const NodeRequest& w) { return w.node == n; });
       bool there = named && e.stats().missing_pages == 0;
       if (there && calm == 0) {
         frames_to_picture.push_back(frames + 1);
@@ -234,19 +234,19 @@ Result<void> decodeBench(BenchContext& context) {
         slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
     uint64_t frame = 0;
     double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = cpuSeconds();
-    std::vector<NodeWant> wants;
+    std::vector<NodeRequest> requests;
     for (size_t first = 0; benchSeconds() - start < limit_s && !context.stopped(); first += batch / 4) {
-      wants.clear();
+      requests.clear();
       for (size_t i = 0; i < batch; ++i) {
         size_t node = (first + i) % (pages.size() / static_cast<size_t>(planes));
-        wants.push_back({pages[node * static_cast<size_t>(planes)].node(), 1, 0.5f});
+        requests.push_back({pages[node * static_cast<size_t>(planes)].node(), 1, 0.5f});
       }
-      std::sort(wants.begin(), wants.end(),
-                [](const NodeWant& a, const NodeWant& b) { return a.node.level < b.node.level; });
+      std::sort(requests.begin(), requests.end(),
+                [](const NodeRequest& a, const NodeRequest& b) { return a.node.level < b.node.level; });
       // The window moves on before the workers run dry.
       do {
         streamer.beginFrame(++frame, benchSeconds());
-        streamer.wantTexture(wants);
+        streamer.requestTexture(requests);
         pool.upload(streamer.placeReady(64));
         pool.uploadTable(streamer.table());
         submitFrame();

@@ -286,7 +286,7 @@ Result<void> patchesBench(BenchContext& context) {
   std::vector<double> frame_ms, submit_ms, one_by_one_ms, one_by_one_submit_ms;
   turn(context.quick ? 15 : 60, frame_ms, submit_ms);
   const EngineStats stats = (*engine)->stats();
-  if (auto broken = (*engine)->sabotage({.call_a_patch = true}); !broken) return broken;
+  if (auto broken = (*engine)->injectFaults({.call_a_patch = true}); !broken) return broken;
   turn(context.quick ? 3 : 10, one_by_one_ms, one_by_one_submit_ms);
   const EngineStats slow = (*engine)->stats();
   if (context.stopped()) return {};

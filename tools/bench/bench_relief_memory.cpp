@@ -15,31 +15,31 @@
 namespace relievo {
 
 Result<void> reliefMemoryBench(BenchContext& context) {
-  constexpr int kLadder = 3;  // levels between pages that a view wants one above the other
+  constexpr int kAncestorStride = 3;  // levels between pages that a view wants one above the other
   const PlanarDomain& domain = context.package->manifest().domain;
   if (domain.relief_depth < 0) return Error{ErrorKind::kUnsupported, "", "the artwork has no relief", "", {}};
   const bool over_mesh = context.package->manifest().base != nullptr;
   const bool with_tails = over_mesh && domain.patchCount() > EngineOptions{}.most_pinned_patches;
 
-  std::vector<NodeWant> wants;
-  for (int level = domain.relief_depth; level >= 0; level = level == 0 ? -1 : std::max(level - kLadder, 0))
+  std::vector<NodeRequest> requests;
+  for (int level = domain.relief_depth; level >= 0; level = level == 0 ? -1 : std::max(level - kAncestorStride, 0))
     for (uint32_t patch = 0; patch < domain.patchCount(); ++patch)
       for (uint32_t y = 0; y < 1u << level; ++y)
         for (uint32_t x = 0; x < 1u << level; ++x) {
           const NodeId node{patch, static_cast<uint32_t>(level), x, y};
-          if (domain.nodeExists(node)) wants.push_back({node, 1, 0});
+          if (domain.nodeExists(node)) requests.push_back({node, 1, 0});
         }
-  if (wants.size() > kMaxSlots)
+  if (requests.size() > kMaxSlots)
     return Error{
         ErrorKind::kUnsupported, "", "its relief has more pages than a cache holds", "measure a smaller artwork", {}};
   StreamerOptions so;
-  so.slot_count = static_cast<uint32_t>(wants.size());
+  so.slot_count = static_cast<uint32_t>(requests.size());
   so.relief_parts = over_mesh ? ReliefParts::kCompact : ReliefParts::kOnlyHalves;
   PageStreamer streamer(context.package, so);
-  for (uint64_t frame = 1; !streamer.settled() || streamer.residentRelief().size() < wants.size(); ++frame) {
+  for (uint64_t frame = 1; !streamer.settled() || streamer.residentRelief().size() < requests.size(); ++frame) {
     if (context.stopped()) return {};
     streamer.beginFrame(frame, benchSeconds());
-    streamer.wantRelief(wants);
+    streamer.requestRelief(requests);
     streamer.placeReady(256);
     if (streamer.stats().failed_pages > 0)
       return Error{ErrorKind::kInvalidData, "", "a relief page is damaged", "relievo verify names it", {}};
@@ -51,7 +51,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
   double triangles = 0;
   std::array<uint32_t, 3> of_cells{};  // 128, 64, 32 a side
   uint32_t compact = 0;
-  for (const NodeWant& w : wants) {
+  for (const NodeRequest& w : requests) {
     const int level = partOf(streamer.findRelief(w.node)).level;
     ++of_cells[static_cast<size_t>(reliefCoarser(level))];
     compact += isThird(level);
@@ -70,7 +70,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
                .unit = "B",
                .goal = 1,
                .baseline_name = "a slot a page",
-               .baseline = static_cast<double>(wants.size() * kSlotBytes) / triangles,
+               .baseline = static_cast<double>(requests.size() * kSlotBytes) / triangles,
                .note = note});
   return {};
 }

@@ -45,10 +45,11 @@ PageTrace recordFlight(const FlightScene& scene, const Flight& flight) {
   for (size_t f = 0; f < frames; ++f) {
     OrbitCamera camera = cameraAt(flight, static_cast<double>(f) / scene.frames_per_s);
     auto& pages = trace.emplace_back();
-    for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
+    for (const TextureRequest& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
       for (Plane plane : scene.texture_planes) pages.emplace_back(plane, w.node);
     if (!scene.relief) continue;
-    for (const ReliefWant& w : selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).wants) {
+    for (const ReliefRequest& w :
+         selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).requests) {
       pages.emplace_back(Plane::kRelief, w.page);
       known.insert(w.page);
     }
@@ -102,8 +103,8 @@ class Link {
   uint64_t bytes_ = 0, pages_ = 0;
 };
 
-struct Wants {
-  std::vector<NodeWant> texture, relief;
+struct Requests {
+  std::vector<NodeRequest> texture, relief;
 };
 
 // The node of the finest level that trilinear filtering reads at a pixel; nothing beside the artwork.
@@ -141,7 +142,7 @@ struct Run {
   std::optional<CameraPredictor> predictor;
   std::unique_ptr<PageStreamer> streamer;
   std::unique_ptr<Link> link;
-  PredictedWants texture, relief;
+  PredictedRequests texture, relief;
   StreamedFlight result;
   uint64_t bytes_before = 0, pages_before = 0;
 };
@@ -170,13 +171,14 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
   }
 
   ReliefSet known(roots.begin(), roots.end());  // relief pages are determined as if all that was wanted were there
-  auto texture = [&](const OrbitCamera& camera, std::vector<NodeWant>& wants) {
-    for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
-      wants.push_back({w.node, 1, w.priority});
+  auto texture = [&](const OrbitCamera& camera, std::vector<NodeRequest>& requests) {
+    for (const TextureRequest& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
+      requests.push_back({w.node, 1, w.priority});
   };
   auto reliefOf = [&](const OrbitCamera& camera) {
-    std::vector<NodeWant> result;
-    for (const ReliefWant& w : selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).wants)
+    std::vector<NodeRequest> result;
+    for (const ReliefRequest& w :
+         selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).requests)
       result.push_back({w.page, 1, w.priority});
     return result;
   };
@@ -184,7 +186,7 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
   double dt = 1 / scene.frames_per_s;
   uint64_t frame = 0;
   double now_s = 0;
-  Wants wants, next;
+  Requests requests, next;
   auto step = [&](const OrbitCamera& camera, double flight_s, bool flying) {
     ++frame;
     now_s += dt;
@@ -193,8 +195,8 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
       PageStreamer& streamer = *run.streamer;
       run.link->deliver(streamer, now_s);
       streamer.beginFrame(frame, now_s);
-      streamer.wantTexture(wants.texture);
-      if (scene.relief) streamer.wantRelief(wants.relief);
+      streamer.requestTexture(requests.texture);
+      if (scene.relief) streamer.requestRelief(requests.relief);
       if (run.predictor) {
         run.predictor->observe(camera, flight_s);
         std::vector<OrbitCamera> views;
@@ -204,14 +206,14 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
         run.texture.begin(now_s);
         run.relief.begin(now_s);
         for (const OrbitCamera& view : views)
-          for (const TextureWant& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)))
+          for (const TextureRequest& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)))
             run.texture.add(w.node, w.priority);
         if (relief_turn && !views.empty())
-          for (const NodeWant& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
+          for (const NodeRequest& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
         if (views.empty()) {
-          streamer.wantPrefetch({}, {});
+          streamer.requestPrefetch({}, {});
         } else {
-          streamer.wantPrefetch(run.texture.finish(), run.relief.finish());
+          streamer.requestPrefetch(run.texture.finish(), run.relief.finish());
         }
       }
       streamer.placeReady(64);
@@ -219,12 +221,12 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
     }
     next.texture.clear();
     texture(camera, next.texture);
-    next.relief = wants.relief;
+    next.relief = requests.relief;
     if (relief_turn) {
       next.relief = reliefOf(camera);
-      for (const NodeWant& w : next.relief) known.insert(w.node);
+      for (const NodeRequest& w : next.relief) known.insert(w.node);
     }
-    std::swap(wants, next);
+    std::swap(requests, next);
     if (!flying) return;
     for (int j = 0; j < how.grid_rows; ++j) {
       for (int i = 0; i < how.grid_columns; ++i) {

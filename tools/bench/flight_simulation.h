@@ -61,7 +61,7 @@ struct FlightStreaming {
 };
 
 // Flies once, with the real PageStreamer, and for each of `predictors` with a streamer, link and cache of its own; the
-// first is nothing for no prefetching. Wishes are a frame late, as the feedback's are. The flight starts settled. A
+// first is nothing for no prefetching. Requests are a frame late, as the feedback's are. The flight starts settled. A
 // point's wanted level follows from the ray through it (flat artwork); what shows is its finest resident ancestor.
 // Deterministic.
 std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight& flight, const FlightStreaming& how,

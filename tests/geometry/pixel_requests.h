@@ -1,5 +1,5 @@
-// pixel_wants.h - what the pixels of a picture want of the texture, by rays in double precision: knows nothing of
-// nodes, tiles or matrices but the view's. The oracle of page determination, on the CPU and by feedback.
+// pixel_requests.h - what the pixels of a picture want of the texture, by rays in double precision: knows nothing of
+// nodes, tiles or matrices but the view's. The oracle of page requests, on the CPU and by feedback.
 #pragma once
 
 #include <cmath>
@@ -31,7 +31,7 @@ inline TextureView textureView(const Camera& c, int height_px, bool relief, bool
   return v;
 }
 
-// ---- a pixel's wish
+// ---- a pixel's request
 struct Footprint {
   glm::dvec2 texel{0};  // of the finest level, from the artwork's top left corner
   glm::dvec2 dx{0}, dy{0};
@@ -124,13 +124,13 @@ inline void addWithAncestors(NodeId node, std::set<NodeId>& out) {
 
 // What one pixel of a flat artwork wants: the node, and those that it may want instead, sampled up to kPixelSlack
 // beside its centre and with levels off by kLodSlack, as a rasteriser and fp32 do.
-struct PixelWish {
+struct PixelLevel {
   std::optional<NodeId> exact;
   std::vector<NodeId> alternatives;
   bool certain = true;
 };
-inline PixelWish pixelWish(const PlanarDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
-  PixelWish wish;
+inline PixelLevel pixelLevel(const PlanarDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
+  PixelLevel node;
   bool first = true;
   // The corners may lie off the artwork where places nearer to the centre do not.
   for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1),
@@ -142,14 +142,14 @@ inline PixelWish pixelWish(const PlanarDomain& d, const TextureView& v, const Ra
       TextureView shifted = v;
       shifted.lod_bias += slack;
       std::optional<NodeId> node = f ? nodeAt(d, f->texel, levelOf(d, shifted, *f)) : std::nullopt;
-      if (first) wish.exact = node;
+      if (first) node.exact = node;
       first = false;
-      if (node != wish.exact) wish.certain = false;
-      if (node && node != last) wish.alternatives.push_back(*node);
+      if (node != node.exact) node.certain = false;
+      if (node && node != last) node.alternatives.push_back(*node);
       last = node;
     }
   }
-  return wish;
+  return node;
 }
 
 }  // namespace relievo::test

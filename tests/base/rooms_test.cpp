@@ -1,0 +1,107 @@
+// Which folder may include which (README.md of each): a later one the earlier ones, never the other way round, and
+// geometry and texturing never each other. A circle between files, too, would show here as one between folders.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// Earlier ones may be included by later ones.
+constexpr std::array<std::string_view, 22> kOrder{"src/base",         "src/artwork",
+                                                  "geometry/mesh",    "geometry/scan",
+                                                  "geometry/remesh",  "geometry/bake",
+                                                  "geometry/lod",     "geometry/strategies",
+                                                  "texturing/codec",  "texturing/package",
+                                                  "texturing/import", "texturing/stream",
+                                                  "shaders",          "src/gl",
+                                                  "src/render",       "src/engine",
+                                                  "src/viewer",       "tools/report",
+                                                  "tools/sample",     "tools/bench",
+                                                  "tools/compare",    "tools"};
+// Pairs whose order above means nothing: neither includes the other.
+constexpr std::array<std::array<std::string_view, 2>, 4> kStrangers{{{"geometry/", "texturing/"},
+                                                                     {"texturing/import", "texturing/stream"},
+                                                                     {"geometry/bake", "geometry/lod"},
+                                                                     {"geometry/scan", "geometry/lod"}}};
+
+std::string roomOf(const std::string& path) { return path.substr(0, path.rfind('/')); }
+
+// Empty: it may. from, to: files, from the project's root.
+std::string whyNot(const std::string& from, const std::string& to) {
+  const std::string a = roomOf(from), b = roomOf(to);
+  if (a == b) return {};
+  // shaders/*.h are compiled by C++ and GLSL alike: anybody may include them.
+  if (b == "shaders") return {};
+  const auto place_a = std::find(kOrder.begin(), kOrder.end(), a), place_b = std::find(kOrder.begin(), kOrder.end(), b);
+  if (place_a == kOrder.end()) return a + " has no place in the order of folders";
+  if (place_b == kOrder.end()) return b + " has no place in the order of folders";
+  if (place_b > place_a) return a + " comes before " + b;
+  for (const auto& [x, y] : kStrangers)
+    if ((a.starts_with(x) && b.starts_with(y)) || (a.starts_with(y) && b.starts_with(x)))
+      return a + " and " + b + " are independent";
+  return {};
+}
+
+std::vector<std::string> wrongIncludes(const fs::path& root, size_t& includes) {
+  std::vector<std::string> wrong;
+  for (const char* folder : {"src", "geometry", "texturing", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      const std::string extension = entry.path().extension().string();
+      if (extension != ".h" && extension != ".cpp") continue;
+      const std::string from = fs::relative(entry.path(), root).generic_string();
+      std::ifstream file(entry.path());
+      constexpr std::string_view kInclude = "#include \"";
+      for (std::string line; std::getline(file, line);) {
+        if (!line.starts_with(kInclude)) continue;
+        const std::string to = line.substr(kInclude.size(), line.find('"', kInclude.size()) - kInclude.size());
+        ++includes;
+        if (!fs::is_regular_file(root / to))
+          wrong.push_back(from + " includes " + to + ", which is not named from the project's root");
+        else if (const std::string why = whyNot(from, to); !why.empty())
+          wrong.push_back(from + " includes " + to + ": " + why);
+      }
+    }
+  return wrong;
+}
+
+TEST(Rooms, IncludeOnlyWhatComesBeforeThem) {
+  size_t includes = 0;
+  const auto wrong = wrongIncludes(RELIEVO_SOURCE_DIR, includes);
+  std::ostringstream all;
+  for (const std::string& w : wrong) all << w << "\n";
+  EXPECT_TRUE(wrong.empty()) << all.str();
+  EXPECT_GT(includes, 1000u) << "the files were not found";
+}
+
+TEST(Rooms, TheCheckSeesAnIncludeAgainstTheOrder) {
+  EXPECT_NE(whyNot("src/base/file.h", "src/artwork/node_id.h"), "");
+  EXPECT_NE(whyNot("texturing/stream/page_table.h", "geometry/lod/snap.h"), "");
+  EXPECT_NE(whyNot("geometry/lod/snap.h", "texturing/codec/mip.h"), "");
+  EXPECT_NE(whyNot("src/render/page_pool.h", "src/engine/engine.h"), "");
+  EXPECT_NE(whyNot("src/viewer/hud.h", "tools/bench/bench.h"), "");
+  EXPECT_NE(whyNot("src/new/a.h", "src/base/file.h"), "");
+  EXPECT_EQ(whyNot("src/engine/engine.h", "src/render/page_pool.h"), "");
+  EXPECT_EQ(whyNot("tools/cmd_bench.cpp", "tools/bench/bench.h"), "");
+
+  const fs::path root = fs::path(testing::TempDir()) / "rooms";
+  fs::remove_all(root);
+  for (const char* folder : {"src/base", "src/engine", "geometry", "texturing", "tools"})
+    fs::create_directories(root / folder);
+  std::ofstream(root / "src/engine/engine.h") << "#include \"src/base/file.h\"\n";
+  std::ofstream(root / "src/base/file.h") << "#include \"src/engine/engine.h\"\n#include \"file.h\"\n";
+  size_t includes = 0;
+  EXPECT_EQ(wrongIncludes(root, includes).size(), 2u);
+  EXPECT_EQ(includes, 3u);
+  fs::remove_all(root);
+}
+
+}  // namespace
