@@ -373,7 +373,6 @@ struct Engine::Impl {
                       : options.compact_relief             ? ReliefParts::kCompact
                                                            : ReliefParts::kSmall;
     so.upload = starting_slots.upload;
-    so.replacement = options.replacement;
     so.workers = options.workers;
     so.max_reads = kMaxReads;
     so.ready_limit = kReadyLimit;
@@ -415,7 +414,7 @@ struct Engine::Impl {
     posted.clear();
   }
 
-  // Goes over to the wished scene once the roots of its planes are there.
+  // Goes over to the pending scene once the roots of its planes are there.
   Result<void> switchPlanes() {
     if (!pending_scene) return {};
     EffectPlan wanted = planEffects(*pending_scene, artwork.manifest);

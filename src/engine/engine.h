@@ -62,7 +62,6 @@ struct EngineOptions {
   int workers = 2;
   int feedback_scale = 8;  // 1..16: the feedback pass has 1/8 of the view's width and height
   RequestSource request_source = RequestSource::kFeedback;
-  Replacement replacement = Replacement::kLru;
   Upload upload = Upload::kAuto;
   bool hide_backs = true;  // patches of closed bodies that are seen from behind are left out
                            // (geometry/lod/facing_cone.h); the picture is the same
