@@ -27,7 +27,7 @@ const std::vector<Rule> kRules = {
     {{"O_TMPFILE", "mkstemp(", "mkstemps(", "mkostemp("},
      {"src/base/file.cpp", "texturing/package/package_writer.cpp"}},  // files without a name
     {{"printf(", "vprintf(", "puts(", "putchar(", "cout", "stdout"}, {}},
-    {{"ImageOutput::create("}, {"texturing/import/image_io_oiio.cpp"}},
+    {{"ImageOutput::create("}, {"texturing/import/image_encode_oiio.cpp"}},
 };
 
 // Without comments and without what stands in quotes.
