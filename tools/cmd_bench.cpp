@@ -82,6 +82,7 @@ BenchRun describeRun(const std::string& renderer, const Package& package, bool q
   run.artwork = std::to_string(m.domain.width_px) + " x " + std::to_string(m.domain.height_px) + " px, " +
                 basisName(m.texture.basis) + (m.domain.relief_depth >= 0 ? " with relief" : "");
   run.started = std::time(nullptr);
+  if (double load = 0; getloadavg(&load, 1) == 1) run.load = load;
   run.quick = quick;
   return run;
 }
@@ -171,12 +172,13 @@ void addBenchCommand(CLI::App& app, CommandContext& context) {
     groups += "  " + std::string(g.name) + ": " + g.purpose + "\n";
     names.emplace_back(g.name);
   }
-  c->footer("Groups:\n" + groups +
-            "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n"
-            "--markdown writes the processor, cores, GL renderer, artwork, version and date (UTC), then one table per\n"
-            "group that ran: figure, value, unit, goal, verdict, baseline. A group that did not run is left out.\n\n"
-            "Example:\n  relievo bench --only feedback page-table --json bench.json\n"
-            "  relievo bench --quick --only page-table decode --markdown figures.md");
+  c->footer(
+      "Groups:\n" + groups +
+      "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n"
+      "--markdown writes processor, cores, GL renderer, load, artwork, version and date (UTC), then one table per\n"
+      "group that ran: figure, value, unit, goal, verdict, baseline. A group that did not run is left out.\n\n"
+      "Example:\n  relievo bench --only feedback page-table --json bench.json\n"
+      "  relievo bench --quick --only page-table decode --markdown figures.md");
   c->add_option("FILE", o->file, "Package to measure with [an inscription of 4096x4096 px made for the run]");
   c->add_option("--only", o->only, "Groups to run [all]")->check(CLI::IsMember(names));
   c->add_flag("--quick", o->quick, "Fewer repetitions, a smaller artwork: about a minute");

@@ -34,6 +34,7 @@ BenchRun madeUpRun() {
   run.version = "relievo 9.9";
   run.artwork = "8 x 8 px";
   run.started = 1000000000;
+  run.load = 1.5;
   run.groups = {{"one", "what one measures", {fast, slow}}, {"two", "what two measures", {bare}}, {"none", "no", {}}};
   return run;
 }
@@ -49,6 +50,7 @@ Written by `relievo bench --markdown`. Times are medians. A verdict compares the
 | processor | A processor |
 | cores | 2 |
 | GL renderer | A renderer |
+| load average before the run | 1.50 |
 | artwork | 8 x 8 px |
 | repetitions | all |
 | version | relievo 9.9 |

@@ -113,9 +113,10 @@ std::string benchMarkdown(const BenchRun& run) {
       "was measured in the same run.\n\n";
   page += markdownRow({"machine", ""}) + "|---|---|\n";
   page += markdownRow({"processor", run.processor}) + markdownRow({"cores", std::to_string(run.cores)}) +
-          markdownRow({"GL renderer", run.renderer}) + markdownRow({"artwork", run.artwork}) +
-          markdownRow({"repetitions", run.quick ? "fewer (--quick)" : "all"}) + markdownRow({"version", run.version}) +
-          markdownRow({"date", utc(run.started)});
+          markdownRow({"GL renderer", run.renderer}) +
+          markdownRow({"load average before the run", run.load < 0 ? "unknown" : figureText(run.load)}) +
+          markdownRow({"artwork", run.artwork}) + markdownRow({"repetitions", run.quick ? "fewer (--quick)" : "all"}) +
+          markdownRow({"version", run.version}) + markdownRow({"date", utc(run.started)});
   for (const BenchGroupRows& group : run.groups) {
     page += "\n## " + group.name + "\n\n" + sentence(group.purpose) + "\n\n";
     if (group.rows.empty()) {

@@ -22,6 +22,7 @@ struct BenchRun {
   std::string version;    // of the program, "relievo 0.1.0"
   std::string artwork;    // "4096 x 4096 px, ptm-lrgb with relief"
   std::time_t started = 0;
+  double load = -1;  // average number of threads that wanted a core in the minute before the run; negative: not known
   bool quick = false;
   std::vector<BenchGroupRows> groups;  // those that ran, in their order
 };
