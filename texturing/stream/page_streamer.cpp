@@ -82,7 +82,7 @@ class Slot {
 };
 // Slots of one size.
 struct Pool {
-  DividedCache cache;
+  SubslotCache cache;
   std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
   RecentUse recent;
   uint32_t roots = 0;
@@ -96,9 +96,7 @@ struct Pool {
     bool known = false;
   };
   Idle idle_halves, idle_thirds;  // that relief to come may take, once known
-  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) {
-    follow();
-  }
+  explicit Pool(uint32_t slot_count) : cache(slot_count), recent(cache.slotCount()) { follow(); }
   // Slots for the cache's new parts.
   void follow() {
     for (size_t level = 0; level < kPartLevels; ++level)
@@ -146,7 +144,7 @@ struct Pool {
   }
   // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to
   // others. counted: by the plan, with half a slot. more: whether another compact page that it counted comes next.
-  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
+  std::optional<SubslotCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
                                                      bool counted, bool more) {
     if (isThird(level)) {
       if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
@@ -158,10 +156,10 @@ struct Pool {
   }
   // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a
   // half is to spare. Two pages have it in their own right, and what a third one was counted with is left for others.
-  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
+  std::optional<SubslotCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
                                                       bool counted, bool more) {
     const int64_t slot_takes = counted ? 1 : 2;
-    std::optional<DividedCache::Placement> placed;
+    std::optional<SubslotCache::Placement> placed;
     if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes))
       placed = cache.place(id, frame, min_age, level);
     if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
@@ -175,7 +173,7 @@ struct Pool {
         idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
     return placed;
   }
-  std::optional<DividedCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
+  std::optional<SubslotCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
     if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
       auto placed = cache.place(id, frame, min_age, level);
       openings -= placed && placed->took_slot && openings > 0;
@@ -183,7 +181,7 @@ struct Pool {
     }
     return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);
   }
-  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
+  std::optional<SubslotCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
                                                      uint32_t min_age, int level) {
     if (!std::exchange(idle.known, true)) cache.idleParts(part_level, frame, idle.parts);
     auto next = std::find_if(idle.parts.begin(), idle.parts.end(),
@@ -207,8 +205,8 @@ struct PageStreamer::Impl {
     const bool blocks = isBlockCodec(options.upload);
     assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) ==
                           options.texture_planes.end());
-    pools.emplace_back(options.slot_count, options.replacement);
-    if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
+    pools.emplace_back(options.slot_count);
+    if (blocks) pools.emplace_back(options.relief_slot_count);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
     if (options.normals_of) normals.emplace(*options.normals_of);
@@ -367,8 +365,7 @@ struct PageStreamer::Impl {
     return forget(it);
   }
 
-  // --- requests
-  // -------------------------------------------------------------------------------------------------------
+  // --- requests ---
 
   void toRequested(bool relief, std::span<const NodeRequest> requests, std::vector<RequestedNode>& out) {
     out.clear();
@@ -637,7 +634,7 @@ struct PageStreamer::Impl {
       if (compact_left > 0 && compactCounted(it->second)) --compact_left;
       Pool& pool = poolOf(r.id);
       SlotIndex before = pool.cache.find(r.id);
-      std::optional<DividedCache::Placement> placement;
+      std::optional<SubslotCache::Placement> placement;
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
       const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
@@ -909,7 +906,7 @@ void PageStreamer::setLight(const std::array<double, 3>& light) {
     it = old ? m.drop(it) : std::next(it);
   }
   std::vector<PageId> resolved;
-  DividedCache& cache = m.pools[0].cache;
+  SubslotCache& cache = m.pools[0].cache;
   cache.forEach([&](PageId id) {
     if (id.plane() == Plane::kResolved) resolved.push_back(id);
   });
@@ -980,7 +977,7 @@ const StreamerStats& PageStreamer::stats() const {
 }
 
 PageTable& PageStreamer::table() { return impl_->table; }
-const DividedCache& PageStreamer::cache(Plane plane) const {
+const SubslotCache& PageStreamer::cache(Plane plane) const {
   return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache;
 }
 
