@@ -14,6 +14,7 @@ relievo_test(mesh_cli_test LIBS nlohmann_json::nlohmann_json SOURCES tools/mesh_
 target_compile_definitions(mesh_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(mesh_cli_test relievo)
 relievo_test(sample_test LIBS relievo_sample relievo_image relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES tools/sample_test.cpp)
+relievo_test(bench_report_test LIBS relievo_bench_report nlohmann_json::nlohmann_json SOURCES tools/bench_report_test.cpp)
 relievo_test(compare_test LIBS relievo_compare SOURCES tools/compare_test.cpp)
 relievo_test(output_cli_test LIBS relievo_image nlohmann_json::nlohmann_json SOURCES tools/output_cli_test.cpp)
 target_compile_definitions(output_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
