@@ -709,10 +709,9 @@ class Selection {
       if (!hidden) drawn.push_back(p);
     }
     result.max_error_px = promisedPx();
-    of_nodes_.requests.swap(requests_);
-    sortLists(of_nodes_);
-    result.requests = of_nodes_.requests;
-    of_nodes_.requests.swap(requests_);
+    sortInstances(drawn);
+    sortRequests(requests_);
+    result.requests = requests_;
     result.backs_are_hidden = roots_.backsAreHidden();
     result.limited_by_residency = limited_;
     result.error_px = error_px_;
