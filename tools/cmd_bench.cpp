@@ -1,13 +1,12 @@
 // relievo bench: what the engine's parts cost, each beside a baseline of the same run.
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 #include <thread>
 
 #include <CLI/CLI.hpp>
-#include <nlohmann/json.hpp>
 
 #include "src/base/file.h"
 #include "src/base/progress.h"
@@ -16,6 +15,7 @@
 #include "texturing/package/package_builder.h"
 #include "tools/bench/bench.h"
 #include "tools/bench/bench_groups.h"
+#include "tools/bench/bench_report.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/sample/sample_artwork.h"
@@ -24,7 +24,7 @@ namespace relievo {
 namespace {
 
 struct BenchOptions {
-  std::string file, json_file, plots;
+  std::string file, json_file, markdown_file, plots;
   std::vector<std::string> only;
   bool quick = false;
 };
@@ -41,27 +41,6 @@ struct ScratchFolder {
     if (!path.empty()) std::filesystem::remove_all(path, ignored);
   }
 };
-
-std::string number(double v) {
-  char text[40];
-  double size = std::abs(v);
-  std::snprintf(text, sizeof text, size >= 1000 ? "%.0f" : size >= 10 ? "%.1f" : size >= 0.1 ? "%.2f" : "%.4f", v);
-  return text;
-}
-
-bool meets(const BenchRow& row) { return row.at_most ? row.measured <= *row.goal : row.measured >= *row.goal; }
-
-void print(const BenchRow& row) {
-  std::string goal = row.goal ? (row.at_most ? "<= " : ">= ") + number(*row.goal) : "";
-  std::string baseline = row.baseline ? number(*row.baseline) + " " + row.baseline_name : "";
-  printOutf("  %-58s %10s %-9s %-10s %-4s  %s%s%s\n", row.what.c_str(), number(row.measured).c_str(), row.unit.c_str(),
-            goal.c_str(),
-            !row.goal    ? ""
-            : meets(row) ? "ok"
-                         : "MISS",
-            baseline.c_str(), row.note.empty() || baseline.empty() ? "" : "; ", row.note.c_str());
-  (void)flushOut();
-}
 
 Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const std::string& folder) {
   std::string path = o.file;
@@ -93,8 +72,29 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
   return std::shared_ptr<const Package>(*package);
 }
 
+BenchRun describeRun(const std::string& renderer, const Package& package, bool quick) {
+  const Manifest& m = package.manifest();
+  BenchRun run;
+  run.processor = processorName();
+  run.cores = std::thread::hardware_concurrency();
+  run.renderer = renderer;
+  run.version = "relievo " RELIEVO_VERSION;
+  run.artwork = std::to_string(m.domain.width_px) + " x " + std::to_string(m.domain.height_px) + " px, " +
+                basisName(m.texture.basis) + (m.domain.relief_depth >= 0 ? " with relief" : "");
+  run.started = std::time(nullptr);
+  if (double load = 0; getloadavg(&load, 1) == 1) run.load = load;
+  run.quick = quick;
+  return run;
+}
+
+Result<void> writeReport(const std::string& path, const std::string& text) {
+  if (path.empty()) return {};
+  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
 Result<void> bench(const BenchOptions& o) {
-  if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}}); !good) return good;
+  if (auto good = checkOutputs({{"--json", o.json_file}, {"--markdown", o.markdown_file}}, {{"FILE", o.file}}); !good)
+    return good;
   if (auto good = checkFolder("--plots", o.plots); !good) return good;
   ScratchFolder scratch;
   if (scratch.path.empty())
@@ -109,15 +109,8 @@ Result<void> bench(const BenchOptions& o) {
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
 
-  const Manifest& m = (*package)->manifest();
-  printOutf("%s, %u threads; %llu x %llu px, %s%s\n", (*context)->info().renderer.c_str(),
-            std::thread::hardware_concurrency(), static_cast<unsigned long long>(m.domain.width_px),
-            static_cast<unsigned long long>(m.domain.height_px), basisName(m.texture.basis),
-            m.domain.relief_depth >= 0 ? " with relief" : "");
-  nlohmann::ordered_json json = {
-      {"renderer", (*context)->info().renderer}, {"tool_version", "relievo " RELIEVO_VERSION}, {"quick", o.quick}};
-  auto rows = nlohmann::ordered_json::array();
-  const char* group_name = "";
+  BenchRun run = describeRun((*context)->info().renderer, **package, o.quick);
+  printOutf("%s, %u threads; %s\n", run.renderer.c_str(), run.cores, run.artwork.c_str());
   BenchContext bc;
   bc.package = *package;
   bc.folder = scratch.path;
@@ -125,26 +118,15 @@ Result<void> bench(const BenchOptions& o) {
   bc.quick = o.quick;
   bc.interrupted = &interruptedFlag();
   bc.row = [&](const BenchRow& row) {
-    print(row);
-    nlohmann::ordered_json j = {
-        {"group", group_name}, {"what", row.what}, {"measured", row.measured}, {"unit", row.unit}};
-    if (row.goal) {
-      j["goal"] = *row.goal;
-      j["goal_is"] = row.at_most ? "at most" : "at least";
-      j["met"] = meets(row);
-    }
-    if (row.baseline) {
-      j["baseline"] = *row.baseline;
-      j["baseline_name"] = row.baseline_name;
-    }
-    if (!row.note.empty()) j["note"] = row.note;
-    rows.push_back(std::move(j));
+    (void)printOut(benchLine(row));
+    (void)flushOut();
+    run.groups.back().rows.push_back(row);
   };
   for (const BenchGroup& group : benchGroups()) {
     if (!o.only.empty() && std::find(o.only.begin(), o.only.end(), group.name) == o.only.end()) continue;
     printOutf("%s: %s\n", group.name, group.purpose);
     (void)flushOut();
-    group_name = group.name;
+    run.groups.push_back({group.name, group.purpose, {}});
     auto done = group.run(bc);
     if (interruptedFlag()) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
     if (const PageFailures failures = (*package)->readFailures(); failures.pages > 0) {
@@ -158,10 +140,8 @@ Result<void> bench(const BenchOptions& o) {
     }
     if (!done) return done;
   }
-  if (o.json_file.empty()) return {};
-  json["rows"] = std::move(rows);
-  std::string text = json.dump(2) + "\n";
-  return writeFile(o.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  if (auto written = writeReport(o.json_file, benchJson(run)); !written) return written;
+  return writeReport(o.markdown_file, benchMarkdown(run));
 }
 
 }  // namespace
@@ -192,14 +172,20 @@ void addBenchCommand(CLI::App& app, CommandContext& context) {
     groups += "  " + std::string(g.name) + ": " + g.purpose + "\n";
     names.emplace_back(g.name);
   }
-  c->footer("Groups:\n" + groups +
-            "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n\n"
-            "Example:\n  relievo bench --only feedback page-table --json bench.json");
+  c->footer(
+      "Groups:\n" + groups +
+      "\nTimes are medians. MISS: a goal that this machine does not reach; the exit code stays 0.\n"
+      "--markdown writes processor, cores, GL renderer, load, artwork, version and date (UTC), then one table per\n"
+      "group that ran: figure, value, unit, goal, verdict, baseline. A group that did not run is left out.\n\n"
+      "Example:\n  relievo bench --only feedback page-table --json bench.json\n"
+      "  relievo bench --quick --only page-table decode --markdown figures.md");
   c->add_option("FILE", o->file, "Package to measure with [an inscription of 4096x4096 px made for the run]");
   c->add_option("--only", o->only, "Groups to run [all]")->check(CLI::IsMember(names));
   c->add_flag("--quick", o->quick, "Fewer repetitions, a smaller artwork: about a minute");
   c->add_option("--plots", o->plots, "Write plots (SVG) into this folder");
-  c->add_option("--json", o->json_file, "Write the rows to this JSON file");
+  c->add_option("--json", o->json_file, "Write the rows to this JSON file; - for standard output");
+  c->add_option("--markdown", o->markdown_file,
+                "Write the machine and one table per group that ran to this Markdown file; - for standard output");
   c->callback([o, &context] {
     if (auto done = bench(*o); !done) context.fail(done.error());
   });

@@ -73,6 +73,18 @@ Result<bool> takeTriple(const nlohmann::ordered_json& state, const char* key, co
 }  // namespace
 
 void SceneOptions::addTo(CLI::App& c) {
+  const std::string before = c.option_defaults()->get_group();
+  addCamera(c);
+  addLight(c);
+  addAccuracy(c);
+  addAppearance(c);
+  addStorage(c);
+  addDiagnostics(c);
+  c.option_defaults()->group(before);
+}
+
+void SceneOptions::addCamera(CLI::App& c) {
+  c.option_defaults()->group("Camera");
   c.add_option("--azimuth", azimuth, "Eye to the right of straight ahead, degrees [0]");
   c.add_option("--elevation", elevation, "Eye above straight ahead, degrees, -89 to 89 [0]");
   c.add_option("--distance", distance, "Eye to target, mm [so that all is in view]");
@@ -91,10 +103,22 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--state", state_file,
                "JSON file with azimuth_deg, elevation_deg, distance_mm, fov_deg, orthographic, target_mm, light; "
                "options given beside it win");
+}
+
+void SceneOptions::addLight(CLI::App& c) {
+  c.option_defaults()->group("Light");
   c.add_option("--light", light,
                "X,Y,Z towards the light: right, up, to the viewer; of a scan it turns with the camera, but for "
                "--no-relight [0,0,1]");
-  c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
+  c.add_flag("--no-relight", no_relight,
+             "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--unlit", unlit,
+             "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
+             "and of a scan");
+}
+
+void SceneOptions::addAccuracy(CLI::App& c) {
+  c.option_defaults()->group("Accuracy");
   c.add_option("--error-px", error_px,
                "Geometric error to aim at on screen, px. Where levels meet it may be twice that, at steps and cracks "
                "more (--least-cell); what it is at "
@@ -119,12 +143,6 @@ void SceneOptions::addTo(CLI::App& c) {
                "changes nothing; 0 is off; pictures that are rendered or saved know no other view and use none")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
-  c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
-  c.add_flag("--no-relight", no_relight,
-             "Fixed light: coefficients are resolved once per page, not per pixel and frame");
-  c.add_flag("--unlit", unlit,
-             "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
-             "and of a scan");
   c.add_option("--sampling", sampling,
                "Texels and levels a pixel reads: nearest (one texel), bilinear (four of the nearest level), trilinear "
                "(two levels) or anisotropic (several trilinear taps: sharp at grazing angles)")
@@ -133,10 +151,15 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")
       ->check(CLI::Range(1, kMaxAnisotropy))
       ->capture_default_str();
-  c.add_flag("--no-trilinear", no_trilinear, "The same as --sampling bilinear");
   c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
       ->check(CLI::IsMember({"exact", "fast"}))
       ->capture_default_str();
+}
+
+void SceneOptions::addAppearance(CLI::App& c) {
+  c.option_defaults()->group("Appearance");
+  c.add_option("--exaggerate", exaggerate, "Multiply heights by this")->capture_default_str();
+  c.add_flag("--no-relief", no_relief, "Flat geometry: no relief page is read");
   c.add_option("--page-fade", page_fade_ms, "Blend new pages in over this time, ms; 0 is off")
       ->check(CLI::Range(0.0, 60000.0))
       ->capture_default_str();
@@ -144,24 +167,13 @@ void SceneOptions::addTo(CLI::App& c) {
   c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
       ->check(CLI::IsMember({"pages", "lod", "none"}))
       ->capture_default_str();
-  c.add_option("--determination", request_source,
-               "How wanted texture pages are found: feedback (a small picture of wishes), geometry (from "
-               "the view on the CPU, no pass) or both; of scans always by feedback")
-      ->check(CLI::IsMember({"feedback", "geometry", "both"}))
-      ->capture_default_str();
-  c.add_option("--feedback-scale", feedback_scale,
-               "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
-               "every pixel once in the square of that many frames")
-      ->check(CLI::Range(1, kMaxFeedbackScale))
-      ->capture_default_str();
+}
+
+void SceneOptions::addStorage(CLI::App& c) {
+  c.option_defaults()->group("Storage");
   c.add_option("--cache-mib", cache_mib,
                "Page cache for all planes together, and the tails of a scan of many patches, MiB")
       ->check(CLI::Range(0.1, 65536.0))
-      ->capture_default_str();
-  c.add_option(
-       "--replacement", replacement,
-       "Which page leaves the cache: lru (least recently used), clock (second chance) or halving (age threshold)")
-      ->check(CLI::IsMember({"lru", "clock", "halving"}))
       ->capture_default_str();
   c.add_option("--upload", upload,
                "Texture pages on the GPU: rgba8 (decoded), blocks (as packages of --encoding bc1, bc4, bc5 or bc7 hold "
@@ -170,15 +182,30 @@ void SceneOptions::addTo(CLI::App& c) {
                "software OpenGL)")
       ->check(CLI::IsMember({"auto", "rgba8", "blocks"}))
       ->capture_default_str();
-  c.add_option("--depth", depth,
-               "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), "
-               "to compare")
-      ->check(CLI::IsMember({"auto", "conventional"}))
-      ->capture_default_str();
   c.add_flag("!--no-prefetch,--prefetch", prefetch,
              "Read what a moving camera is about to want, after what it wants now; of flat artworks [on]");
   c.add_option("--workers", workers, "Threads that decode pages; while a source is slow, up to 64 reads are under way")
       ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+}
+
+void SceneOptions::addDiagnostics(CLI::App& c) {
+  c.option_defaults()->group("Diagnostics (advanced)");
+  c.add_option(
+       "--request-source", request_source,
+       "How the texture pages that a view needs are found: feedback (a small picture of requests), geometry (from "
+       "the view on the CPU, no pass) or both; of scans always by feedback")
+      ->check(CLI::IsMember({"feedback", "geometry", "both"}))
+      ->capture_default_str();
+  c.add_option("--feedback-scale", feedback_scale,
+               "Width and height of the picture over those of the feedback pass, 1 to 16; the pass sees "
+               "every pixel once in the square of that many frames")
+      ->check(CLI::Range(1, kMaxFeedbackScale))
+      ->capture_default_str();
+  c.add_option("--depth", depth,
+               "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), "
+               "to compare")
+      ->check(CLI::IsMember({"auto", "conventional"}))
       ->capture_default_str();
 }
 
@@ -200,10 +227,10 @@ Result<Scene> SceneOptions::scene() const {
   s.relief = !no_relief;
   s.relight = !no_relight;
   s.unlit = unlit;
-  s.sampling = no_trilinear || sampling == "bilinear" ? Sampling::kBilinear
-               : sampling == "nearest"                ? Sampling::kNearest
-               : sampling == "anisotropic"            ? Sampling::kAnisotropic
-                                                      : Sampling::kTrilinear;
+  s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
+               : sampling == "nearest"     ? Sampling::kNearest
+               : sampling == "anisotropic" ? Sampling::kAnisotropic
+                                           : Sampling::kTrilinear;
   s.anisotropy = anisotropy;
   s.filter = filter == "fast" ? Filter::kFast : Filter::kExact;
   s.page_fade_s = page_fade_ms / 1000;
@@ -301,7 +328,6 @@ EngineOptions SceneOptions::engineOptions() const {
   o.request_source = request_source == "geometry" ? RequestSource::kGeometry
                      : request_source == "both"   ? RequestSource::kBoth
                                                   : RequestSource::kFeedback;
-  o.replacement = *replacementFromName(replacement);
   o.upload = *uploadFromName(upload);
   o.reversed_depth = depth == "auto";
   o.prefetch = prefetch;

@@ -20,7 +20,7 @@ struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
   std::string target, light, state_file, show = "none", filter = "exact", sampling = "trilinear";
-  bool no_relief = false, no_relight = false, unlit = false, no_trilinear = false, wireframe = false;
+  bool no_relief = false, no_relight = false, unlit = false, wireframe = false;
   double exaggerate = 1, error_px = 1, least_cell = 2, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";
@@ -29,9 +29,10 @@ struct SceneOptions {
 
   std::string request_source = "feedback";
   int feedback_scale = 8;
-  std::string replacement = "lru", upload = "auto", depth = "auto";
+  std::string upload = "auto", depth = "auto";
   bool prefetch = true;
 
+  // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
   Result<Scene> scene() const;
   Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
@@ -40,6 +41,12 @@ struct SceneOptions {
   EngineOptions engineOptions() const;
 
  private:
+  void addCamera(CLI::App& command);
+  void addLight(CLI::App& command);
+  void addAccuracy(CLI::App& command);
+  void addAppearance(CLI::App& command);
+  void addStorage(CLI::App& command);
+  void addDiagnostics(CLI::App& command);
   Result<void> checkProjection() const;
 };
 

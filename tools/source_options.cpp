@@ -7,7 +7,7 @@
 namespace relievo {
 
 void SourceOptions::addTo(CLI::App& c) {
-  const char* group = "Simulated storage";
+  const char* group = "Simulated storage (advanced)";
   c.add_option("--source-rate", storage.rate_mb_per_s, "Read pages at this rate at most, MB/s; 0 is unlimited")
       ->check(CLI::Range(0.0, 1e6))
       ->capture_default_str()

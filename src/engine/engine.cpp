@@ -10,19 +10,20 @@
 #include <utility>
 
 #include <glm/gtc/type_ptr.hpp>
-#include <nlohmann/json.hpp>
 
 #include "geometry/lod/lod_worker.h"
 #include "geometry/lod/mesh_lod.h"
 #include "src/artwork/basis.h"
+#include "src/engine/fault_injection.h"
 #include "src/engine/lod_views.h"
 #include "src/engine/prefetch.h"
+#include "src/engine/shading_programs.h"
 #include "src/engine/stream_switch.h"
+#include "src/engine/texture_demand.h"
 #include "src/gl/program.h"
 #include "src/render/base_corners.h"
 #include "src/render/block_formats.h"
 #include "src/render/depth_probe.h"
-#include "src/render/feedback_pass.h"
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
@@ -30,7 +31,6 @@
 #include "src/render/tail_textures.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package_layout.h"
-#include "texturing/stream/request_memory.h"
 
 namespace relievo {
 namespace {
@@ -44,97 +44,7 @@ double steadySeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// The requests of several feedbacks of one view as one list: each node once, in the order of FeedbackAnalyzer.
-std::vector<NodeRequest> unionOfRequests(std::vector<NodeRequest> requests) {
-  std::sort(requests.begin(), requests.end(), [](const NodeRequest& a, const NodeRequest& b) {
-    return a.node != b.node ? a.node < b.node : a.centre_distance < b.centre_distance;
-  });
-  requests.erase(std::unique(requests.begin(), requests.end(),
-                             [](const NodeRequest& a, const NodeRequest& b) { return a.node == b.node; }),
-                 requests.end());
-  std::stable_sort(requests.begin(), requests.end(), [](const NodeRequest& a, const NodeRequest& b) {
-    return a.node.level != b.node.level ? a.node.level < b.node.level : a.centre_distance < b.centre_distance;
-  });
-  return requests;
-}
-
-class PackageOracle final : public ReliefOracle {
- public:
-  explicit PackageOracle(std::shared_ptr<const Package> package) : package_(std::move(package)) {
-    const PlanarDomain& d = package_->manifest().domain;
-    whole_.min_mm = static_cast<float>(d.relief_offset_mm);
-    whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
-    whole_.error_mm = whole_.max_mm - whole_.min_mm;
-    if (const auto& base = package_->manifest().base) {  // a distance in space: the base's own shape counts
-      const Extent extent =
-          extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
-      whole_.error_mm = static_cast<float>(glm::length(extent.max_mm - extent.min_mm)) * 1.0001f;
-    }
-  }
-  HeightBounds bounds(const NodeId& page) const override {
-    auto record = package_->record(PageId(Plane::kRelief, page));
-    if (!record || record->size == 0) return whole_;
-    return {record->relief.min_mm, record->relief.max_mm, record->relief.error_mm};
-  }
-  bool errorBlocks(const NodeId& page, std::span<float> error_mm) const override {
-    return package_->reliefErrors(page, error_mm);
-  }
-  bool errorShapes(const NodeId& page, std::span<DeviationShape> shapes) const override {
-    return package_->reliefShapes(page, shapes);
-  }
-  bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> shapes) const override {
-    const auto& known = package_->manifest().coarse_shapes;
-    if (patch >= known.size()) return false;
-    const int grid = cells_log2 - kFirstBlockedGrid;
-    const size_t first =
-        grid < 0 ? static_cast<size_t>(cells_log2) : kFirstShapedBlock + kFirstCoarseBlock[static_cast<size_t>(grid)];
-    std::copy_n(known[patch].begin() + static_cast<std::ptrdiff_t>(first), shapes.size(), shapes.begin());
-    return true;
-  }
-  bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> error_mm) const override {
-    const Manifest& m = package_->manifest();
-    const int grid = cells_log2 - kFirstBlockedGrid;
-    if (patch >= m.coarse_blocks.size() || grid < 0 || grid >= kBlockedGrids) return false;
-    const float whole = m.coarse_errors[patch][static_cast<size_t>(cells_log2)];
-    const uint8_t* shares = m.coarse_blocks[patch].data() + kFirstCoarseBlock[static_cast<size_t>(grid)];
-    for (size_t i = 0; i < error_mm.size(); ++i) error_mm[i] = coarseBlockMm(whole, shares[i]);
-    return true;
-  }
-  bool heightSlopes(uint32_t patch, HeightSlopes& slopes) const override {
-    const auto& known = package_->manifest().height_slopes;
-    if (patch >= known.size()) return false;
-    slopes = known[patch];
-    return true;
-  }
-
- private:
-  std::shared_ptr<const Package> package_;
-  HeightBounds whole_;
-};
-
 }  // namespace
-
-Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop) {
-  Artwork artwork;
-  artwork.manifest = package->manifest();
-  artwork.source = package;
-  artwork.oracle = std::make_shared<PackageOracle>(package);
-  if (package->hasTails())
-    artwork.tails = [package, stop](int workers, std::vector<std::string>* problems) {
-      return package->tails(workers, problems, stop);
-    };
-  return artwork;
-}
-
-Extent artworkExtent(const Manifest& manifest, double exaggerate) {
-  const PlanarDomain& d = manifest.domain;
-  double low = d.relief_offset_mm * exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * exaggerate;
-  if (d.relief_depth < 0) low = high = 0;
-  if (low > high) std::swap(low, high);
-  Extent extent = manifest.base ? extentOf(*manifest.base, low, high, d.mm_per_px) : extentOf(d, low, high);
-  extent.size_known = manifest.size_known;
-  return extent;
-}
 
 struct Engine::Impl {
   Artwork artwork;
@@ -160,42 +70,18 @@ struct Engine::Impl {
   std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
   std::unique_ptr<TailTextures> tail_textures;
   mutable std::optional<std::pair<double, Extent>> mesh_extent;  // of the last exaggeration: a walk over all corners
-  std::unique_ptr<FeedbackPass> feedback;
+  std::unique_ptr<TextureDemand> demand;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
   std::optional<DepthProbe> depth_probe;  // from the first question on
-  gl::Program surface_program, root_cells_program, shade_program, tails_program, feedback_program, wire_program,
-      capture_program, capture_roots_program;
+  ShadingPrograms programs;
   SurfaceTarget surface{{}};
   PictureTarget target{{}};
-  FaultInjection broken;
+  FaultInjection faults;
 
-  FeedbackAnalyzer analyzer;
-  RequestMemory request_memory;
-  uint64_t feedback_turn = 0;
-  // What a surface buffer shows.
-  struct DrawnSurface {
-    uint64_t list_number = 0;
-    glm::dmat4 clip_from_world{0.0};
-    double exaggerate = 1;
-    int width = 0, height = 0;
-    friend bool operator==(const DrawnSurface&, const DrawnSurface&) = default;
-  };
   DrawnSurface surface_drawn;
   DrawnSurface streamed_view;  // what the last request lists were for
-  // Results of the same view add up; any difference here makes it another one.
-  struct FeedbackView {
-    DrawnSurface surface;
-    double lod_bias = 0;
-    Sampling sampling = Sampling::kTrilinear;
-    int anisotropy = 1;
-    friend bool operator==(const FeedbackView&, const FeedbackView&) = default;
-  };
-  FeedbackView feedback_view;
-  uint64_t feedback_view_number = 0;
-  uint64_t feedback_passes = 0;                                   // of this view
-  std::vector<NodeRequest> feedback_requests, geometry_requests;  // by request source; their union is texture_requests
-  std::vector<NodeRequest> texture_requests, relief_requests;
+  std::vector<NodeRequest> relief_requests;
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
@@ -221,9 +107,6 @@ struct Engine::Impl {
   bool predicting = false;                         // the streamer has a list of predicted pages, or one is on the way
   std::pair<uint64_t, double> settled_geometry{};  // relief generation and detail bias that a final list was made for
   double lod_bias = 0;
-  std::array<double, 64> feedback_bias{};  // by view number: what the last ones were drawn with
-  double requests_bias = 0;                // of feedback_requests
-  int tap_phase = 0;
   bool fades_over = false;     // while settle() draws
   bool settling = false;       // within settle(): nothing is known of the views before
   bool all_pages_come = true;  // none that the settled list wants has failed
@@ -234,9 +117,6 @@ struct Engine::Impl {
 
   const PlanarDomain& domain() const { return artwork.manifest.domain; }
   bool overMesh() const { return artwork.manifest.base != nullptr; }
-  // Over a base mesh the pass alone knows: a texture's density varies over its patches.
-  bool usesFeedback() const { return overMesh() || options.request_source != RequestSource::kGeometry; }
-  bool usesGeometry() const { return !overMesh() && options.request_source != RequestSource::kFeedback; }
 
   ViewTransform currentView() const { return viewOf(camera); }
   ViewTransform viewOf(const OrbitCamera& of) const {
@@ -302,52 +182,12 @@ struct Engine::Impl {
   }
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
-  // For negative controls: those of what vertices are computed with.
-  void breakVertices(gl::Defines& defines) const {
-    if (broken.no_snapping) defines.emplace_back("NO_SNAPPING", "1");
-    if (broken.unordered_ends) defines.emplace_back("UNORDERED_ENDS", "1");
-    if (broken.one_sample_a_texel) defines.emplace_back("ONE_SAMPLE_A_TEXEL", "1");
-    if (broken.cells_without_heights) defines.emplace_back("CELLS_WITHOUT_HEIGHTS", "1");
-    if (broken.narrow_residuals) defines.emplace_back("NARROW_RESIDUALS", "1");
-    if (broken.flat_blocks) defines.emplace_back("FLAT_BLOCKS", "1");
+  ShadingPrograms::Variant programVariant() const {
+    return {defines(), tails.has_value(), demand->usesFeedback(), plan.wireframe, faults};
   }
-
   Result<void> linkPrograms() {
     surface_drawn = {};
-    gl::Defines defines = this->defines();
-    breakVertices(defines);
-    if (broken.no_borders) defines.emplace_back("NO_BORDERS", "1");
-    if (broken.one_lookup) defines.emplace_back("ONE_LOOKUP", "1");
-    auto link = [&](gl::Program& program, const char* vertex, const char* fragment) -> Result<void> {
-      bool screen_wide = std::string_view(vertex) == "screen.vert";
-      auto linked = gl::Program::link(
-          context.api,
-          {vertex, fragment, defines, screen_wide ? std::vector<std::string>{"a_corner"} : patchAttributes(), {}});
-      if (!linked) return linked.error();
-      program = std::move(*linked);
-      return {};
-    };
-    if (auto r = link(surface_program, "patch.vert", "surface.frag"); !r) return r;
-    if (auto r = link(shade_program, "screen.vert", "shade.frag"); !r) return r;
-    root_cells_program = {};
-    if (tails) {
-      defines.emplace_back("ROOT_CELLS", "1");
-      if (auto r = link(root_cells_program, "patch.vert", "surface.frag"); !r) return r;
-      defines.back() = {"TAILS_ONLY", "1"};
-      if (auto r = link(tails_program, "screen.vert", "shade.frag"); !r) return r;
-      defines.pop_back();
-    }
-    if (usesFeedback()) {
-      if (auto r = link(feedback_program, "screen.vert", "feedback.frag"); !r) return r;
-    }
-    capture_program = {};
-    capture_roots_program = {};
-    wire_program = {};
-    if (plan.wireframe) {
-      defines.emplace_back("WIREFRAME", "1");
-      if (auto r = link(wire_program, "patch.vert", "lines.frag"); !r) return r;
-    }
-    return {};
+    return programs.link(context.api, programVariant());
   }
 
   void makeTails() {
@@ -373,7 +213,6 @@ struct Engine::Impl {
                       : options.compact_relief             ? ReliefParts::kCompact
                                                            : ReliefParts::kSmall;
     so.upload = starting_slots.upload;
-    so.replacement = options.replacement;
     so.workers = options.workers;
     so.max_reads = kMaxReads;
     so.ready_limit = kReadyLimit;
@@ -402,11 +241,7 @@ struct Engine::Impl {
     predictor.reset();
     predicting = false;
     pool->forgetTable();
-    request_memory.clear();
-    feedback_view = {};
-    feedback_requests.clear();
-    geometry_requests.clear();
-    texture_requests.clear();
+    demand->reset();
     relief_requests.clear();
     instances.clear();
     pinned_relief.clear();
@@ -415,7 +250,7 @@ struct Engine::Impl {
     posted.clear();
   }
 
-  // Goes over to the wished scene once the roots of its planes are there.
+  // Goes over to the pending scene once the roots of its planes are there.
   Result<void> switchPlanes() {
     if (!pending_scene) return {};
     EffectPlan wanted = planEffects(*pending_scene, artwork.manifest);
@@ -471,8 +306,8 @@ struct Engine::Impl {
       auto nodes = streamer->residentRelief();
       resident_relief = std::make_shared<ReliefSet>(nodes.begin(), nodes.end());
     }
-    lod->post(
-        {frame, lodView(view), resident_relief, usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
+    lod->post({frame, lodView(view), resident_relief,
+               demand->usesGeometry() ? std::optional(textureView(view)) : std::nullopt});
     posted.push_back({frame, view, scene.exaggerate, ++lod_requests});
   }
 
@@ -486,9 +321,7 @@ struct Engine::Impl {
     for (const ReliefRequest& w : answer.lod.requests) relief_requests.push_back({w.page, 1, w.priority});
     if (answer.texture) {
       stats.determine_ms = answer.determine_ms;
-      geometry_requests.clear();
-      for (const TextureRequest& w : *answer.texture) geometry_requests.push_back({w.node, 1, w.priority});
-      uniteRequests();
+      demand->takeGeometry(*answer.texture);
     }
     std::vector<NodeId> pages;
     if (plan.relief) {
@@ -513,7 +346,8 @@ struct Engine::Impl {
     drawn = posted.front();
   }
 
-  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0}) const {
+  void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0},
+                   int tap_phase = 0) const {
     if (tail_textures) tail_textures->bind(program, tailReach());
     glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
     if (overMesh()) light = drawn.view.world_from_camera * light;
@@ -542,18 +376,18 @@ struct Engine::Impl {
       pool->bind(program, streamer->table());
       setUniforms(program, 0);
     };
-    prepare(surface_program);
-    const EyeFrame eye = prepareInstances(surface_program);
-    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &root_cells_program : nullptr;
+    prepare(programs.surface);
+    const EyeFrame eye = prepareInstances(programs.surface);
+    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.root_cells : nullptr;
     if (root_cells) {
       prepare(*root_cells);
       corners->bind(*root_cells, kCornersUnit);
     }
-    surface_program.use();
+    programs.surface.use();
     const PatchPass::Mesh mesh =
-        backs_are_hidden && !broken.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
-    stats.draw_calls += broken.call_a_patch ? patches->drawOneByOne(surface_program, eye)
-                                            : patches->draw(surface_program, eye, mesh, 0, root_cells);
+        backs_are_hidden && !faults.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
+    stats.draw_calls += faults.call_a_patch ? patches->drawOneByOne(programs.surface, eye)
+                                            : patches->draw(programs.surface, eye, mesh, 0, root_cells);
   }
 
   void bindSurface(const gl::Program& program) const {
@@ -565,7 +399,7 @@ struct Engine::Impl {
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     const gl::Program& program =
-        tails && (texture_requests.empty() || streamer->table().size() == 0) ? tails_program : shade_program;
+        tails && (demand->requests().empty() || streamer->table().size() == 0) ? programs.tails : programs.shade;
     program.use();
     pool->bind(program, streamer->table());
     bindSurface(program);
@@ -573,89 +407,35 @@ struct Engine::Impl {
     screen->draw(true);
     ++stats.draw_calls;
     if (plan.wireframe) {
-      wire_program.use();
-      pool->bind(wire_program, streamer->table());
-      const EyeFrame eye = prepareInstances(wire_program);
-      stats.draw_calls += patches->draw(wire_program, eye, PatchPass::Mesh::kLines, 2e-5f);
+      programs.wire.use();
+      pool->bind(programs.wire, streamer->table());
+      const EyeFrame eye = prepareInstances(programs.wire);
+      stats.draw_calls += patches->draw(programs.wire, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
   }
 
-  // Any difference to the last feedback makes another view.
-  void followView() {
-    FeedbackView seen{surfaceNow(), lod_bias, plan.sampling, plan.anisotropy};
-    if (seen == feedback_view) return;
-    feedback_view = seen;
-    feedback_passes = 0;
-    ++feedback_view_number;
-    feedback_bias[feedback_view_number % feedback_bias.size()] = lod_bias;
+  TextureDemand::View demandView() const { return {surfaceNow(), lod_bias, plan.sampling, plan.anisotropy}; }
+  // Draws what the pixels of the grid ask for, from the surface buffer.
+  void drawFeedback(const FeedbackGrid& grid, int tap_phase) {
+    programs.feedback.use();
+    bindSurface(programs.feedback);
+    setUniforms(programs.feedback, 0, {grid.scale, grid.offset.x, grid.offset.y}, tap_phase);
+    screen->draw(false);
+    ++stats.draw_calls;
   }
-  // Results until every pixel of a still view was seen, by every tap.
-  uint64_t stillPasses() const {
-    auto scale = static_cast<uint64_t>(options.feedback_scale);
-    return std::max<uint64_t>(scale * scale * static_cast<uint64_t>(plan.feedbackPhases()), kMovingResults);
-  }
-  // Until every pixel of a still view was seen; then nothing is new, and no more passes are drawn.
-  void feedbackStep() {
-    followView();
-    if (feedback_passes >= stillPasses()) return;
-    auto scale = static_cast<uint64_t>(options.feedback_scale);
-    tap_phase = static_cast<int>(feedback_turn / (scale * scale) % static_cast<uint64_t>(plan.feedbackPhases()));
-    if (!issueFeedback(options.feedback_scale)) return;
-    ++feedback_turn;
-    ++feedback_passes;
-  }
-
-  // One pixel of each block of scale^2, from the surface buffer.
-  bool issueFeedback(int scale) {
-    FeedbackGrid grid = feedbackGrid(width, height, scale, feedback_turn);
-    return feedback->issue(grid, feedback_view_number, [&] {
-      feedback_program.use();
-      bindSurface(feedback_program);
-      setUniforms(feedback_program, 0, {grid.scale, grid.offset.x, grid.offset.y});
-      screen->draw(false);
-      ++stats.draw_calls;
-    });
-  }
-
-  void uniteRequests() {
-    if (!usesGeometry()) {
-      texture_requests = feedback_requests;
-    } else if (!usesFeedback()) {
-      texture_requests = geometry_requests;
-    } else {
-      std::vector<NodeRequest> both = feedback_requests;
-      both.insert(both.end(), geometry_requests.begin(), geometry_requests.end());
-      texture_requests = unionOfRequests(std::move(both));
-    }
-  }
-
-  // All results that are finished: none is lost, so that a still view has seen every pixel after scale^2 of them.
-  void takeFeedback() {
-    bool any = false;
-    for (auto pixels = feedback->poll(); !pixels.empty(); pixels = feedback->poll()) {
-      auto results = static_cast<uint32_t>(stillPasses() + 1);
-      double bias = feedback_bias[feedback->tag() % feedback_bias.size()];
-      if (bias != requests_bias)
-        request_memory.clear();  // else the streamer would judge a bias by what another one wanted
-      requests_bias = bias;
-      auto requests =
-          request_memory.add(analyzer.analyze(pixels, feedback->width(), feedback->height()), feedback->tag(), results);
-      feedback_requests.assign(requests.begin(), requests.end());
-      any = true;
-    }
-    if (any) uniteRequests();
+  auto feedbackDrawing() {
+    return [this](const FeedbackGrid& grid, int tap_phase) { drawFeedback(grid, tap_phase); };
   }
 
   // Settling: while the surface is drawn the workers read what the view's geometry suggests; the feedback then tells
   // what of it counts.
   void expectPages() {
-    if (overMesh() || usesGeometry() || lod_bias > 0) return;
+    if (overMesh() || demand->usesGeometry() || lod_bias > 0) return;
     TextureView view = textureView(drawn.view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
     auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
     if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
-    texture_requests.clear();
-    for (const TextureRequest& w : expected) texture_requests.push_back({w.node, 1, w.priority});
+    demand->expect(expected);
     ++frame;
     stream(steadySeconds(), slots.total());
   }
@@ -664,34 +444,18 @@ struct Engine::Impl {
   void takeFullFeedback() {
     expectPages();
     updateSurface();
-    uint32_t picture_calls = stats.draw_calls;
-    std::vector<NodeRequest> requests;
-    followView();
-    constexpr int kBlock = 2;  // in four quarters: smaller buffers stay in the processor's caches
-    feedback->wait();          // all targets are free
-    for (tap_phase = 0; tap_phase < plan.feedbackPhases(); ++tap_phase) {
-      for (feedback_turn = 0; feedback_turn < kBlock * kBlock; ++feedback_turn) {
-        if (!issueFeedback(kBlock)) continue;
-        auto found = analyzer.analyze(feedback->wait(), feedback->width(), feedback->height());
-        requests.insert(requests.end(), found.begin(), found.end());
-      }
-    }
+    const uint32_t picture_calls = stats.draw_calls;
+    demand->takeAll(demandView(), plan.feedbackPhases(), feedbackDrawing());
     stats.draw_calls = picture_calls;
-    feedback_requests = unionOfRequests(std::move(requests));
-    request_memory.clear();
-    request_memory.add(feedback_requests, feedback_view_number, 1);
-    feedback_passes = stillPasses();  // frames of this view have nothing to add
-    requests_bias = lod_bias;
-    uniteRequests();
   }
 
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
     const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
-    streamer->setRequestBias(usesGeometry() ? std::nullopt : std::optional<double>(requests_bias),
+    streamer->setRequestBias(demand->usesGeometry() ? std::nullopt : std::optional<double>(demand->bias()),
                              seen != streamed_view);
     streamed_view = seen;
-    streamer->requestTexture(texture_requests);
+    streamer->requestTexture(demand->requests());
     if (plan.relief) streamer->requestRelief(relief_requests);
     pool->upload(streamer->placeReady(max_uploads));
     pool->uploadTable(streamer->table());
@@ -749,7 +513,7 @@ struct Engine::Impl {
     ++frame;
     ++stats.frames;
     if (auto switched = switchPlanes(); !switched) notices.push_back(switched.error().text());
-    takeFeedback();
+    demand->takeFinished(plan.feedbackPhases());
     prefetch(now_s);
     stream(now_s, options.uploads_per_frame);
     ViewTransform view = currentView();
@@ -766,7 +530,7 @@ struct Engine::Impl {
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
     // for its target which is read.
-    if (usesFeedback()) feedbackStep();
+    if (demand->usesFeedback()) demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     shadeSurface(now_s);
     submitFrame();
   }
@@ -875,7 +639,9 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->surface = SurfaceTarget(depth);
   impl->target = PictureTarget(depth);
   impl->screen = std::make_unique<ScreenPass>(depth);
-  impl->feedback = std::make_unique<FeedbackPass>(impl->context.software);
+  // Over a base mesh the pass alone knows: a texture's density varies over its patches.
+  impl->demand = std::make_unique<TextureDemand>(impl->overMesh() ? RequestSource::kFeedback : options.request_source,
+                                                 impl->options.feedback_scale, impl->context.software);
   if (const Manifest& m = impl->artwork.manifest; m.base) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
     auto lod =
@@ -904,7 +670,7 @@ const Scene& Engine::scene() const { return impl_->pending_scene ? *impl_->pendi
 const EffectPlan& Engine::plan() const { return impl_->plan; }
 const Manifest& Engine::manifest() const { return impl_->artwork.manifest; }
 const std::vector<PatchInstance>& Engine::instances() const { return impl_->instances; }
-const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->texture_requests; }
+const std::vector<NodeRequest>& Engine::textureRequests() const { return impl_->demand->requests(); }
 ViewTransform Engine::view() const { return impl_->drawn.view; }
 
 Result<void> Engine::setScene(const Scene& scene) {
@@ -936,9 +702,9 @@ Result<void> Engine::setScene(const Scene& scene) {
   return e.switchPlanes();
 }
 
-Result<void> Engine::injectFaults(const FaultInjection& what) {
-  impl_->broken = what;
-  return impl_->linkPrograms();
+Result<void> injectFaults(Engine& engine, const FaultInjection& what) {
+  engine.impl_->faults = what;
+  return engine.impl_->linkPrograms();
 }
 
 void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
@@ -969,12 +735,12 @@ Result<void> Engine::settle(double timeout_s) {
   while (!done && !timedOut()) {
     while (!e.settleGeometry() && !timedOut()) pause();
     bias = e.lod_bias;
-    if (e.usesFeedback()) e.takeFullFeedback();
+    if (e.demand->usesFeedback()) e.takeFullFeedback();
     for (int step = 0; !timedOut(); ++step) {
       // Relief takes part, so that it is not evicted meanwhile; the list stays the same unless it is.
       bool geometry = e.settleGeometry();
       if (geometry && e.streamer->settled() && e.lod_bias == bias &&
-          e.allArrived(e.texture_requests, e.plan.texture_planes)) {
+          e.allArrived(e.demand->requests(), e.plan.texture_planes)) {
         done = true;
         break;
       }
@@ -1010,7 +776,7 @@ void Engine::present(int window_width_px, int window_height_px) {
 
 std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
   Impl& e = *impl_;
-  const Impl::DrawnSurface& shown = e.surface_drawn;
+  const DrawnSurface& shown = e.surface_drawn;
   if (shown.width == 0 || !(x_px >= 0 && y_px >= 0 && x_px < shown.width && y_px < shown.height)) return std::nullopt;
   if (!e.depth_probe) {
     auto probe = DepthProbe::create(e.context.api);
@@ -1037,8 +803,8 @@ EngineStats Engine::stats() const {
   s.lod_lag_frames = summarize(e.lod_lag, 1);
   s.instances = e.patches->instanceCount();
   s.triangles = e.patches->triangles();
-  s.wanted_nodes = static_cast<uint32_t>(e.texture_requests.size());
-  for (const NodeRequest& w : e.texture_requests) {
+  s.wanted_nodes = static_cast<uint32_t>(e.demand->requests().size());
+  for (const NodeRequest& w : e.demand->requests()) {
     for (Plane p : e.plan.texture_planes)
       s.missing_pages += e.streamer->state(PageId(p, w.node)) != PageState::kResident;
   }
@@ -1058,7 +824,7 @@ EngineStats Engine::stats() const {
   s.detail_bias = e.lod_bias;
   s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();
-  if (!e.usesFeedback()) std::erase(s.passes, "feedback");
+  if (!e.demand->usesFeedback()) std::erase(s.passes, "feedback");
   if (e.plan.resolve) {
     for (int k = 0; k < e.artwork.manifest.texture.planes(); ++k)
       s.planes_read.push_back(planeName(texturePlane(k), e.artwork.manifest.texture.basis));
@@ -1097,96 +863,19 @@ std::vector<std::string> Engine::takeNotices() {
 
 std::vector<float> Engine::captureVertices(uint32_t max_vertices) {
   Impl& e = *impl_;
-  if (e.capture_program.id() == 0) {
-    gl::Defines defines = e.defines();
-    e.breakVertices(defines);
-    defines.emplace_back("CAPTURE", "1");
-    for (gl::Program* program : {&e.capture_program, &e.capture_roots_program}) {
-      if (program == &e.capture_roots_program && !e.tails) continue;
-      if (program == &e.capture_roots_program) defines.emplace_back("ROOT_CELLS", "1");
-      auto linked =
-          gl::Program::link(e.context.api, {"patch.vert", "lines.frag", defines, patchAttributes(), {"v_clip"}});
-      if (!linked) return {};
-      *program = std::move(*linked);
-    }
-  }
+  if (e.programs.capture.id() == 0 && !e.programs.linkCapture(e.context.api, e.programVariant())) return {};
   e.surface_drawn = {};
   e.surface.resize(e.width, e.height, false);
   e.target.resize(e.width, e.height, e.surface.depth());
   e.target.bind();  // transform feedback answers zeros without one
-  e.capture_program.use();
-  EyeFrame eye = e.prepareInstances(e.capture_program);
-  e.pool->bind(e.capture_program, e.streamer->table());
-  if (!e.tails || e.broken.call_a_patch) return e.patches->capture(e.capture_program, eye, max_vertices);
-  e.capture_roots_program.use();
-  e.corners->bind(e.capture_roots_program, kCornersUnit);
-  e.tail_textures->bind(e.capture_roots_program, e.tailReach());
-  return e.patches->capture(e.capture_program, eye, max_vertices, &e.capture_roots_program);
-}
-
-std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
-  nlohmann::ordered_json planes = nlohmann::ordered_json::object();
-  for (int p = 0; p < 16; ++p) {
-    if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
-    auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
-    plane = {{"pages_read", s.streamer.pages_read[p]},         {"bytes_read", s.streamer.bytes_read[p]},
-             {"pages_decoded", s.streamer.pages_decoded[p]},   {"bytes_decoded", s.streamer.bytes_decoded[p]},
-             {"pages_uploaded", s.streamer.pages_uploaded[p]}, {"bytes_uploaded", s.streamer.bytes_uploaded[p]}};
-    for (size_t state = 1; state < kPageStates; ++state)
-      plane["states"][std::string(kPageStateNames[state])] = s.streamer.pages[state][p];
-  }
-  auto latencyJson = [](const LatencySummary& l) {
-    return nlohmann::ordered_json{{"count", l.count}, {"p50", l.p50}, {"p90", l.p90}, {"p99", l.p99}, {"max", l.max}};
-  };
-  auto mib = [](uint64_t bytes) { return static_cast<double>(bytes) / (1024 * 1024); };
-  uint64_t resident_pages = 0;
-  for (uint64_t of_plane : s.streamer.pages[static_cast<size_t>(PageState::kResident)]) resident_pages += of_plane;
-  nlohmann::ordered_json j = {
-      {"planes_read", s.planes_read},
-      {"passes", s.passes},
-      {"planes", planes},
-      {"draw_calls", s.draw_calls},
-      {"instances", s.instances},
-      {"triangles", s.triangles},
-      {"frames", s.frames},
-      {"wanted_nodes", s.wanted_nodes},
-      {"missing_pages", s.missing_pages},
-      {"slots", s.slots},
-      {"resident_pages", resident_pages},
-      {"upload", uploadFormatName(s.upload)},
-      {"depth", depthName(s.reversed_depth)},
-      {"projection", s.orthographic ? "orthographic" : "perspective"},
-      {std::string(s.size_known ? "mm_per_px" : "artwork_px_per_px") + (s.orthographic ? "" : "_at_target"),
-       s.mm_per_px},
-      {"resident_mib", mib(s.streamer.resident_bytes)},
-      {"relief_mib", mib(s.streamer.relief_bytes)},
-      {"cache_mib", mib(s.cache_bytes)},
-      {"texture_mib", mib(s.texture_bytes)},
-      {"tails_mib", mib(s.tail_bytes)},
-      {"evictions", s.streamer.evictions},
-      {"hits", s.streamer.hits},
-      {"misses", s.streamer.misses},
-      {"cancelled", s.streamer.cancelled},
-      {"cancelled_before_read", s.streamer.cancelled_before_read},
-      {"cancelled_before_decode", s.streamer.cancelled_before_decode},
-      {"cancelled_after_decode", s.streamer.cancelled_after_decode},
-      {"predict_ms", s.predict_ms},
-      {"prefetched", s.streamer.prefetched},
-      {"prefetch_used", s.streamer.prefetch_used},
-      {"prefetch_wasted", s.streamer.prefetch_wasted},
-      {"latency_ms", latencyJson(s.streamer.latency_ms)},
-      {"latency_frames", latencyJson(s.streamer.latency_frames)},
-      {"failed_pages", s.streamer.failed_pages},
-      {"retries", s.streamer.retries},
-      {"predicted_error_px", s.predicted_error_px},
-      {"detail_bias_levels", s.detail_bias},
-      {"edges_limited_by_residency", s.edges_limited},
-      {"lod_ms", s.lod_ms},
-      {"lod_lag_frames", latencyJson(s.lod_lag_frames)},
-      {"determine_ms", s.determine_ms},
-  };
-  if (!s.why_not_blocks.empty()) j["why_not_blocks"] = s.why_not_blocks;
-  return j.dump(2);
+  e.programs.capture.use();
+  EyeFrame eye = e.prepareInstances(e.programs.capture);
+  e.pool->bind(e.programs.capture, e.streamer->table());
+  if (!e.tails || e.faults.call_a_patch) return e.patches->capture(e.programs.capture, eye, max_vertices);
+  e.programs.capture_roots.use();
+  e.corners->bind(e.programs.capture_roots, kCornersUnit);
+  e.tail_textures->bind(e.programs.capture_roots, e.tailReach());
+  return e.patches->capture(e.programs.capture, eye, max_vertices, &e.programs.capture_roots);
 }
 
 }  // namespace relievo

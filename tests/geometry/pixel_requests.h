@@ -130,7 +130,7 @@ struct PixelLevel {
   bool certain = true;
 };
 inline PixelLevel pixelLevel(const PlanarDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
-  PixelLevel node;
+  PixelLevel level;
   bool first = true;
   // The corners may lie off the artwork where places nearer to the centre do not.
   for (glm::dvec2 off : {glm::dvec2(0, 0), glm::dvec2(-1, -1), glm::dvec2(1, -1), glm::dvec2(-1, 1), glm::dvec2(1, 1),
@@ -142,14 +142,14 @@ inline PixelLevel pixelLevel(const PlanarDomain& d, const TextureView& v, const 
       TextureView shifted = v;
       shifted.lod_bias += slack;
       std::optional<NodeId> node = f ? nodeAt(d, f->texel, levelOf(d, shifted, *f)) : std::nullopt;
-      if (first) node.exact = node;
+      if (first) level.exact = node;
       first = false;
-      if (node != node.exact) node.certain = false;
-      if (node && node != last) node.alternatives.push_back(*node);
+      if (node != level.exact) level.certain = false;
+      if (node && node != last) level.alternatives.push_back(*node);
       last = node;
     }
   }
-  return node;
+  return level;
 }
 
 }  // namespace relievo::test

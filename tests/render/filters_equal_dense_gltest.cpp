@@ -2,6 +2,7 @@
 // corners, in extreme magnification and at grazing angles. The texture is rough: every texel differs from its
 // neighbours by as much as the snapping of vertices allows. Negative controls: pages without borders, taps that do not
 // look up their own node, and an oracle that is wrong by a little.
+#include "src/engine/fault_injection.h"
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
@@ -195,8 +196,8 @@ TEST(FiltersEqualDense, NegativeControls) {
     EXPECT_GT(t.above_1, 100u) << what;
   };
   Views borders{.views = 6}, lookup{.views = 30};  // few pixels have taps that far from their page
-  borders.injectFaults.no_borders = true;
-  lookup.injectFaults.one_lookup = true;
+  borders.faults.no_borders = true;
+  lookup.faults.one_lookup = true;
   for (const auto& [name, sampling] : kModes) {
     Views level{.views = 6};
     level.wrong_oracle = [](DenseView& v) { v.lod_bias = 1; };

@@ -12,6 +12,7 @@
 
 #include "geometry/mesh/ray_scene.h"
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "tests/geometry/base_shapes.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/gl_fixture.h"
@@ -210,7 +211,7 @@ class HardScans : public testing_support::Cli {
     if (!opened.ok()) return nullptr;
     auto engine = test::makeEngine(artworkFromPackage(*opened), {}, {}, kWidth, kHeight);
     if (engine && !snapping) {
-      EXPECT_TRUE(engine->injectFaults({.no_snapping = true}).ok());
+      EXPECT_TRUE(injectFaults(*engine, {.no_snapping = true}).ok());
     }
     return engine;
   }

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_pages.h"
 
@@ -100,7 +101,7 @@ class HiddenBacksPicture : public ::testing::Test {
       EXPECT_TRUE(made.ok()) << made.error().text();
       engines[k] = std::move(*made);
       engines[k]->resize(kWidth, kHeight);
-      EXPECT_TRUE(engines[k]->injectFaults({.draw_backs = k == 2}).ok());
+      EXPECT_TRUE(injectFaults(*engines[k], {.draw_backs = k == 2}).ok());
     }
     Totals t;
     for (; t.views < views; ++t.views) {

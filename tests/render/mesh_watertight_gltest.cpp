@@ -12,6 +12,7 @@
 
 #include "geometry/lod/snap.h"
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "tests/geometry/mesh_fixture.h"
 #include "tests/render/made_engine.h"
 #include "tests/view_share.h"
@@ -301,7 +302,7 @@ TEST_F(MeshWatertight, SmallPagesHaveTheBitsOfWholeOnes) {
         fine += p.step_log2 < coarser && p.relief_page.level != kTailLevel && p.node.patch % 3 != 0;
     }
     EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes);
-    ASSERT_TRUE(engines[0]->injectFaults({.one_sample_a_texel = true}).ok());
+    ASSERT_TRUE(injectFaults(*engines[0], {.one_sample_a_texel = true}).ok());
     Comparison broken;
     compareShared(*engines[0], &broken);
     EXPECT_GT(broken.different, 0u) << "of " << broken.compared << ", samples read from elsewhere";
@@ -342,9 +343,8 @@ TEST_F(MeshWatertight, CompactPagesHaveTheBitsOfPlainOnes) {
     EXPECT_EQ(std::memcmp(captured[0].data(), captured[1].data(), captured[0].size() * sizeof(float)), 0) << what;
     vertices += captured[0].size() / 4;
     EXPECT_LT(engines[0]->stats().streamer.relief_bytes, engines[1]->stats().streamer.relief_bytes) << what;
-    for (Engine::FaultInjection broken :
-         {Engine::FaultInjection{.narrow_residuals = true}, Engine::FaultInjection{.flat_blocks = true}}) {
-      for (auto& engine : engines) ASSERT_TRUE(engine->injectFaults(broken).ok());
+    for (FaultInjection broken : {FaultInjection{.narrow_residuals = true}, FaultInjection{.flat_blocks = true}}) {
+      for (auto& engine : engines) ASSERT_TRUE(injectFaults(*engine, broken).ok());
       EXPECT_NE(engines[0]->captureVertices(40'000'000), captured[0])
           << what << (broken.flat_blocks ? ": slopes left out" : ": widths less one");
       EXPECT_EQ(engines[1]->captureVertices(40'000'000), captured[1]) << "plain pages have neither";
@@ -381,16 +381,16 @@ TEST_F(MeshWatertight, RootCellsHaveTheBitsOfAllOthers) {
       finer += engine->instances().size() - of_view;
       compareShared(*engine, &total, geomorph ? test::ownVertex : snapVertex);
       const std::vector<float> captured = engine->captureVertices(40'000'000);
-      ASSERT_TRUE(engine->injectFaults({.call_a_patch = true}).ok());
+      ASSERT_TRUE(injectFaults(*engine, {.call_a_patch = true}).ok());
       const std::vector<float> general = engine->captureVertices(40'000'000);
       ASSERT_EQ(captured.size(), general.size());
       uint64_t different = 0;
       for (size_t i = 0; i < captured.size(); ++i)
         different += std::bit_cast<uint32_t>(captured[i] + 0.0f) != std::bit_cast<uint32_t>(general[i] + 0.0f);
       EXPECT_EQ(different, 0u) << "view " << view;
-      ASSERT_TRUE(engine->injectFaults({.cells_without_heights = true}).ok());
+      ASSERT_TRUE(injectFaults(*engine, {.cells_without_heights = true}).ok());
       EXPECT_NE(engine->captureVertices(40'000'000), captured) << "view " << view << ": heights left out";
-      ASSERT_TRUE(engine->injectFaults({}).ok());
+      ASSERT_TRUE(injectFaults(*engine, {}).ok());
     }
   }
   std::printf(
@@ -404,14 +404,13 @@ TEST_F(MeshWatertight, RootCellsHaveTheBitsOfAllOthers) {
 }
 
 TEST_F(MeshWatertight, WhatIsBrokenOnPurposeIsSeen) {
-  for (Engine::FaultInjection broken :
-       {Engine::FaultInjection{.no_snapping = true}, Engine::FaultInjection{.unordered_ends = true},
-        Engine::FaultInjection{.one_sample_a_texel = true}}) {
+  for (FaultInjection broken : {FaultInjection{.no_snapping = true}, FaultInjection{.unordered_ends = true},
+                                FaultInjection{.one_sample_a_texel = true}}) {
     BaseMesh mesh = test::cubeSphere(3, 60);
     test::Random turns(kSeed);
     test::turnPatches(mesh, turns);
     auto engine = makeEngine(makeBody(mesh, 2, 8), 0.25);
-    ASSERT_TRUE(engine->injectFaults(broken).ok());
+    ASSERT_TRUE(injectFaults(*engine, broken).ok());
     std::mt19937 random(static_cast<uint32_t>(kSeed));
     Comparison total;
     for (int frame = 0; frame < 15; ++frame) {
@@ -511,7 +510,7 @@ class MeshBackground : public MeshWatertight {
     auto engine = makeEngine(makeBody(open.mesh, 2, open.relief_mm), 1);
     engine->resize(kSmallWidth, kSmallHeight);
     if (!snapping) {
-      EXPECT_TRUE(engine->injectFaults({.no_snapping = true}).ok());
+      EXPECT_TRUE(injectFaults(*engine, {.no_snapping = true}).ok());
     }
     std::mt19937 random(static_cast<uint32_t>(kSeed + 1));
     std::uniform_real_distribution<double> uniform(0, 1);

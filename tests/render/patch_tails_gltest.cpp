@@ -6,6 +6,7 @@
 #include <random>
 
 #include "shaders/embedded.h"
+#include "src/engine/fault_injection.h"
 #include "src/render/texel_table.h"
 #include "tests/render/lit_ball.h"
 #include "tests/render/made_engine.h"
@@ -188,11 +189,11 @@ TEST_F(ManyPatches, TheSmallestCacheDrawsAll) {
       const auto as_one = engine->readPixels();
       const uint32_t instances = engine->stats().instances;
       EXPECT_GT(instances, 2000u);
-      ASSERT_TRUE(engine->injectFaults({.call_a_patch = true}).ok());
+      ASSERT_TRUE(injectFaults(*engine, {.call_a_patch = true}).ok());
       engine->frame(0.1);
       EXPECT_GE(engine->stats().draw_calls, instances);
       EXPECT_TRUE(engine->readPixels() == as_one);
-      ASSERT_TRUE(engine->injectFaults({}).ok());
+      ASSERT_TRUE(injectFaults(*engine, {}).ok());
     }
   }
 }

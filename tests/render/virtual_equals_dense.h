@@ -15,6 +15,7 @@
 #include <epoxy/gl.h>
 
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "src/gl/context.h"
 #include "tests/render/dense_pages.h"
 #include "tests/render/dense_reference.h"
@@ -90,7 +91,7 @@ struct Views {
   int width = 320, height = 180;
   uint32_t seed = kSeed;
   bool random_light = true;
-  Engine::FaultInjection injectFaults;
+  FaultInjection faults;
   std::function<void(DenseView&)> wrong_oracle;  // for negative controls
   std::function<OrbitCamera(std::mt19937&)> camera;
   int limit = 1;  // views above it are reported
@@ -120,9 +121,9 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
   if (!engine.ok()) return totals;
   Engine& e = **engine;
   e.resize(run.width, run.height);
-  const bool with_faults = run.injectFaults.no_borders || run.injectFaults.one_lookup;
+  const bool with_faults = run.faults.no_borders || run.faults.one_lookup;
   if (with_faults) {
-    EXPECT_TRUE(e.injectFaults(run.injectFaults).ok());
+    EXPECT_TRUE(injectFaults(e, run.faults).ok());
   }
   std::mt19937 random(run.seed);
   DenseTexture with_normals;  // of the exaggeration

@@ -1,6 +1,7 @@
 // Virtual equals dense: with everything resident, the engine's frame equals the frame that the oracle
 // (dense_reference.h) draws from plain dense textures in double precision, within 1/255, inside the silhouette. Random
 // views, seeds printed. Negative controls: pages without borders, and an oracle that is wrong by a little.
+#include "src/engine/fault_injection.h"
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
@@ -154,7 +155,7 @@ TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
 TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
   Views run{.views = 12};
-  run.injectFaults.no_borders = true;
+  run.faults.no_borders = true;
   const Totals t = compare(subject, {}, run);
   t.print("without borders");
   EXPECT_GT(t.max_difference, 1);

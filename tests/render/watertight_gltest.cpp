@@ -8,6 +8,7 @@
 
 #include "geometry/lod/snap.h"
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "tests/render/test_artwork.h"
 
 namespace relievo {
@@ -117,7 +118,7 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
 
 TEST_F(Watertight, SnappingOffBreaksTheBits) {
   auto engine = makeEngine(0.125);
-  ASSERT_TRUE(engine->injectFaults({.no_snapping = true}).ok());
+  ASSERT_TRUE(injectFaults(*engine, {.no_snapping = true}).ok());
   std::mt19937 random(kSeed);
   Comparison total;
   for (int frames = 0; frames < 30; ++frames) {
@@ -184,7 +185,7 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
 
 TEST_F(Watertight, SnappingOffLetsTheBackgroundThrough) {
   auto engine = makeEngine(1.0);
-  ASSERT_TRUE(engine->injectFaults({.no_snapping = true}).ok());
+  ASSERT_TRUE(injectFaults(*engine, {.no_snapping = true}).ok());
   std::mt19937 random(kSeed + 1);
   uint64_t inside = 0, background = 0;
   for (int view = 0; view < 300 && background == 0; ++view) {

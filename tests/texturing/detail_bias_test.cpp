@@ -179,7 +179,7 @@ TEST(DetailBias, AViewThatMovedAtAnyTimeGetsItsDetail) {
   EXPECT_GT(untold, 0) << "the control";
 }
 
-TEST(DetailBias, JitterOfTheWishesMovesNothing) {
+TEST(DetailBias, JitterOfTheRequestsMovesNothing) {
   for (const Shape& shape : shapes()) {
     for (double pressure : kPressures) {
       SCOPED_TRACE(shape.name + ", " + std::to_string(pressure) + " times the room");

@@ -223,7 +223,6 @@ void holdUnderRandomOperations(bool blocks) {
     bool fixed_light = seed % 3 == 0 && !blocks;
     auto options = Simulation::options(30 + dice_of(200), fixed_light ? std::vector{Plane::kResolved} : kThreePlanes);
     options.ready_limit = 1 + dice_of(30);
-    options.replacement = static_cast<Replacement>(seed % 3);
     if (blocks) {
       options.upload = std::array{PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc7}[seed % 3];
       options.relief_slot_count = 12 + dice_of(60);

@@ -121,8 +121,7 @@ TEST(StreamerStates, TheCheckSeesAnIllegalChangeAndALostPage) {
 
 // --- order of service ---
 
-// --- room for relief
-// --------------------------------------------------------------------------------------------------
+// --- room for relief ---
 
 // Relief of all forms, by the page's name: noise, which is plain; a little noise, which is compact; flat, which is
 // compact in 32 cells. share: of a hundred pages, the plain ones.
@@ -212,7 +211,7 @@ TEST(StreamerRoom, ViewsOfReliefOfEveryFormEndStill) {
       ASSERT_FALSE(HasFatalFailure()) << what;
       EXPECT_EQ(inVain(sim), vain) << what << ": read, and no room for it";
       EXPECT_EQ(std::set(sim.taken.begin(), sim.taken.end()).size(), sim.taken.size()) << what << ": read twice";
-      const DividedCache& cache = sim.streamer.cache(Plane::kRelief);
+      const SubslotCache& cache = sim.streamer.cache(Plane::kRelief);
       for (const NodeId& node : sim.streamer.residentRelief())
         ++(isThird(partOf(cache.find(PageId(Plane::kRelief, node))).level) ? thirds : halves);
       deferred += sim.streamer.stats().deferred;
@@ -375,7 +374,7 @@ int recentEvictions(bool as_requests) {
   return recent;
 }
 TEST(StreamerPrefetch, NeverEvictsWhatWasWantedInTheLastFrames) { EXPECT_EQ(recentEvictions(false), 0); }
-TEST(StreamerPrefetch, TheCheckSeesPredictionsThatPoseAsWishes) { EXPECT_GT(recentEvictions(true), 0); }
+TEST(StreamerPrefetch, TheCheckSeesPredictionsThatPoseAsRequests) { EXPECT_GT(recentEvictions(true), 0); }
 
 // What is wanted arrives as it would without prefetching.
 TEST(StreamerPrefetch, DoesNotDisplaceWhatIsWanted) {
@@ -493,10 +492,10 @@ TEST(StreamerCancellation, WantedAgainInTimeIsNotCancelled) {
   sim.texture = {{node, 1, 0.f}};
   sim.step();
   PageJob job = *sim.streamer.takeJob();
-  auto node = std::exchange(sim.texture, {});
+  auto requested = std::exchange(sim.texture, {});
   sim.run(3);
   EXPECT_FALSE(sim.streamer.jobWanted(job));
-  sim.texture = node;
+  sim.texture = requested;
   sim.step();
   EXPECT_TRUE(sim.streamer.jobWanted(job));
   sim.streamer.finishJob(job);

@@ -163,7 +163,7 @@ struct Simulation {
     for (PageId id : before) ASSERT_TRUE(resident(id)) << "wanted now, yet evicted";
     std::string why;
     for (Plane plane : {texturePlane(0), Plane::kRelief}) {
-      const DividedCache& cache = streamer.cache(plane);
+      const SubslotCache& cache = streamer.cache(plane);
       ASSERT_TRUE(cache.checkInvariants(&why)) << why;
       ASSERT_LE(cache.residentCount(), cache.slotCount());
       if (isBlockCodec(upload))

@@ -45,8 +45,8 @@ TEST(SlotPart, NamesArePlacesOfTheirOwnInTheSlot) {
   EXPECT_EQ(nameOf({12345, 0, 0}), 12345u);
 }
 
-TEST(DividedCache, ReliefPagesShareSlots) {
-  DividedCache cache(4, Replacement::kLru);
+TEST(SubslotCache, ReliefPagesShareSlots) {
+  SubslotCache cache(4);
   for (uint32_t i = 0; i < 2; ++i) ASSERT_TRUE(cache.place(reliefPage(i), 1, 1, 1));
   EXPECT_EQ(cache.residentCount(), 1u);
   for (uint32_t i = 2; i < 10; ++i) ASSERT_TRUE(cache.place(reliefPage(i), 1, 1, 2));
@@ -77,8 +77,8 @@ TEST(DividedCache, ReliefPagesShareSlots) {
   EXPECT_TRUE(cache.checkInvariants(&why)) << why;
 }
 
-TEST(DividedCache, SlotsInThreeAndInTwo) {
-  DividedCache cache(4, Replacement::kLru);
+TEST(SubslotCache, SlotsInThreeAndInTwo) {
+  SubslotCache cache(4);
   ASSERT_TRUE(cache.place(reliefPage(0), 1, 1, kHalves));
   for (uint32_t i = 1; i < 4; ++i) ASSERT_TRUE(cache.place(reliefPage(i), 1, 1, kThirds));
   EXPECT_EQ(cache.residentCount(), 2u) << "three in a slot of their own";
@@ -138,11 +138,11 @@ struct Model {
 
 // Random operations; the first thing that is wrong, or nothing. careless: somebody in use is forgotten, for the
 // control.
-std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evicted_pages) {
+std::string randomRun(uint64_t seed, bool careless, int* evicted_pages) {
   std::mt19937_64 random(seed);
   auto upTo = [&](uint32_t n) { return static_cast<uint32_t>(random() % n); };
   const uint32_t slots = 1 + upTo(12);
-  DividedCache cache(slots, policy);
+  SubslotCache cache(slots);
   Model model;
   std::map<uint32_t, int> level_of;
   uint64_t tick = 1;
@@ -183,7 +183,7 @@ std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evi
         const uint32_t min_age = 1 + upTo(3);
         std::vector<SlotIndex> idle;
         if (relief && upTo(4) == 0) cache.idleParts(isThird(level) ? kThirds : kHalves, tick, idle);
-        DividedCache::Placement placed;
+        SubslotCache::Placement placed;
         if (!idle.empty()) {
           if (!cache.isIdle(idle.front(), tick, 1)) return at + "a part is idle, and is not";
           placed = cache.placeInPart(idle.front(), id, tick, level);
@@ -228,24 +228,22 @@ std::string randomRun(uint64_t seed, Replacement policy, bool careless, int* evi
   return "";
 }
 
-TEST(DividedCache, NoTwoPagesInOnePlaceAndNothingInUseLeaves) {
+TEST(SubslotCache, NoTwoPagesInOnePlaceAndNothingInUseLeaves) {
   int evicted = 0;
-  for (uint64_t seed = 1; seed <= 60; ++seed)
-    for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
-      ASSERT_EQ(randomRun(seed, policy, false, &evicted), "");
+  for (uint64_t seed = 1; seed <= 60; ++seed) ASSERT_EQ(randomRun(seed, false, &evicted), "");
   EXPECT_GT(evicted, 10000);
 }
 
-TEST(DividedCache, AModelThatForgetsUsesDiffers) {
+TEST(SubslotCache, AModelThatForgetsUsesDiffers) {
   int evicted = 0, seen = 0;
-  for (uint64_t seed = 1; seed <= 60; ++seed) seen += randomRun(seed, Replacement::kLru, true, &evicted) != "";
+  for (uint64_t seed = 1; seed <= 60; ++seed) seen += randomRun(seed, true, &evicted) != "";
   EXPECT_GT(seen, 30);
 }
 
 // A texture page and a relief page for each frame's new requests, all slots needed: the half beside a page in use is
 // found, whatever is older.
-TEST(DividedCache, IdleHalvesOfSlotsInUse) {
-  DividedCache cache(3, Replacement::kLru);
+TEST(SubslotCache, IdleHalvesOfSlotsInUse) {
+  SubslotCache cache(3);
   for (uint32_t i = 0; i < 4; ++i) cache.place(reliefPage(i), 1 + i / 2, 1, 1);  // slots 0 and 1
   cache.place(texturePage(0), 3);
   cache.touch(cache.find(reliefPage(2)), 4);

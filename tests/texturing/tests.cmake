@@ -7,7 +7,6 @@ relievo_test(relief_subslots_test LIBS relievo_stream relievo_import SOURCES tex
 relievo_test(relief_compact_test LIBS relievo_stream relievo_import SOURCES texturing/relief_compact_test.cpp)
 relievo_test(cache_budget_test LIBS relievo_stream relievo_import SOURCES texturing/cache_budget_test.cpp)
 relievo_test(recent_use_test LIBS relievo_stream relievo_import SOURCES texturing/recent_use_test.cpp)
-relievo_test(replacement_test LIBS relievo_flights SOURCES texturing/replacement_test.cpp)
 relievo_test(page_table_test LIBS relievo_stream relievo_import SOURCES texturing/page_table_test.cpp)
 relievo_test(feedback_test LIBS relievo_stream relievo_import SOURCES texturing/feedback_test.cpp)
 relievo_test(page_streamer_test LIBS relievo_stream relievo_import SOURCES texturing/page_streamer_test.cpp)

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
 
 #include "cli_fixture.h"
@@ -312,6 +313,8 @@ TEST_F(Cli, OutputsOverwriteNeitherInputsNorOneAnother) {
         {"render " + k + " -o " + n + " --state " + file("state.json") + " --stats " + file("state.json"), "--stats",
          "--state"},
         {"bench " + k + " --json " + k, "--json", "FILE"},
+        {"bench " + k + " --markdown " + k, "--markdown", "FILE"},
+        {"bench " + k + " --json " + n + " --markdown " + n, "--markdown", "--json"},
         {mesh + m, "-o", "--mesh"},
         {mesh + n + " --report " + m, "--report", "--mesh"},
         {mesh + n + " --report " + n, "--report", "-o"},
@@ -339,10 +342,10 @@ TEST_F(Cli, OutputsOverwriteNeitherInputsNorOneAnother) {
 
 // Said at once, not after what takes long; nothing is made.
 TEST_F(Cli, AnOutputThatCannotBeWrittenIsExitCode2BeforeAnythingIsRead) {
-  for (const char* command :
-       {"build --mesh nowhere.ply -o @ ", "build --mesh nowhere.ply -o x.relievo --report @",
-        "build --image nowhere.png -o x.relievo --json @", "render nowhere.relievo -o @",
-        "render nowhere.relievo -o x.png --stats @", "bench --json @", "sample coin --size 65536x65536 --package @"}) {
+  for (const char* command : {"build --mesh nowhere.ply -o @ ", "build --mesh nowhere.ply -o x.relievo --report @",
+                              "build --image nowhere.png -o x.relievo --json @", "render nowhere.relievo -o @",
+                              "render nowhere.relievo -o x.png --stats @", "bench --json @", "bench --markdown @",
+                              "sample coin --size 65536x65536 --package @"}) {
     const std::string target = file(command[0] == 'r' ? "." : "none/file");
     std::string all = command;
     all.replace(all.find('@'), 1, target);
@@ -552,6 +555,29 @@ TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
     EXPECT_GT(row["baseline"].get<double>(), 0) << "nothing to compare with";
   }
   EXPECT_EQ(relievo("bench --only nonsense").exit_code, 1);
+}
+
+// Every row of the JSON file is a row of the page; groups that did not run are not in it.
+TEST_F(Cli, BenchWritesAPageOfTheGroupsThatRan) {
+  Outcome r = relievo("bench --quick --only page-table --json " + file("b.json") + " --markdown " + file("b.md"));
+  if (noGl(r)) GTEST_SKIP() << r.output;
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  auto json = nlohmann::json::parse(std::ifstream(file("b.json")), nullptr, false);
+  ASSERT_FALSE(json.is_discarded());
+  std::stringstream text;
+  text << std::ifstream(file("b.md")).rdbuf();
+  const std::string page = text.str();
+  for (const char* line : {"| processor | ", "| cores | ", "| GL renderer | ", "| artwork | ", "| version | relievo ",
+                           "| date | 20", "## page-table\n"})
+    EXPECT_NE(page.find(std::string("\n") + line), std::string::npos) << line;
+  EXPECT_EQ(page.find("\n## "), page.rfind("\n## ")) << "one group ran";
+  ASSERT_FALSE(json["rows"].empty());
+  for (const auto& row : json["rows"]) {
+    const std::string start = "\n| " + row["what"].get<std::string>() + " | ";
+    EXPECT_NE(page.find(start), std::string::npos) << start;
+  }
+  // Both on standard output would be two texts in one.
+  EXPECT_EQ(relievo("bench --only page-table --json - --markdown -").exit_code, 1);
 }
 
 TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {

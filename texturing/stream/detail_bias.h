@@ -43,7 +43,7 @@ class DetailBias {
     bool no_latency = false;    // lists are judged as if made with the current bias
   };
   DetailBias() = default;
-  explicit DetailBias(FaultInjection injectFaults) : broken_(injectFaults) {}
+  explicit DetailBias(FaultInjection faults) : broken_(faults) {}
 
   // Once a frame with a new request list. made_at: the bias that the list was made with; nothing: not known.
   void observe(const DetailDemand& demand, std::optional<double> made_at);

@@ -5,25 +5,7 @@
 
 namespace relievo {
 
-const char* replacementName(Replacement policy) {
-  switch (policy) {
-    case Replacement::kLru:
-      return "lru";
-    case Replacement::kClock:
-      return "clock";
-    case Replacement::kHalving:
-      return "halving";
-  }
-  return "";
-}
-
-std::optional<Replacement> replacementFromName(const std::string& name) {
-  for (Replacement policy : {Replacement::kLru, Replacement::kClock, Replacement::kHalving})
-    if (name == replacementName(policy)) return policy;
-  return std::nullopt;
-}
-
-PageCache::PageCache(uint32_t slot_count, Replacement policy) : policy_(policy) {
+PageCache::PageCache(uint32_t slot_count) {
   slot_count = std::min(slot_count, kMaxSlots);
   PageId nothing;
   nothing.bits = kFreeBits;
@@ -76,19 +58,11 @@ PageId PageCache::pageIn(SlotIndex slot) const {
 
 bool PageCache::isPinned(SlotIndex slot) const { return pinned(slot); }
 
-void PageCache::advance(uint64_t tick) {
-  if (tick <= last_tick_) return;
-  last_tick_ = tick;
-  used_now_ = 0;
-  threshold_ = kFirstThreshold;
-  hopeless_age_ = ~0u;
-}
+void PageCache::advance(uint64_t tick) { last_tick_ = std::max(last_tick_, tick); }
 
 // The page is not pinned and not in the list.
 void PageCache::markUsed(SlotIndex s) {
   uses_[s].tick = static_cast<uint32_t>(last_tick_);
-  pins_[s] |= kMark;
-  ++used_now_;
   linkNewest(s);
 }
 
@@ -96,15 +70,13 @@ void PageCache::touch(SlotIndex slot, uint64_t tick) {
   assert(slot < pages_.size() && pages_[slot].bits != kFreeBits);
   advance(tick);
   if (pinned(slot)) return;
-  if (age(slot) == 0) --used_now_;
   unlink(slot);
   markUsed(slot);
 }
 
 void PageCache::pin(SlotIndex slot) {
-  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits && (pins_[slot] & ~kMark) != (kMark - 1));
-  if ((pins_[slot]++ & ~kMark) > 0) return;
-  if (age(slot) == 0) --used_now_;
+  assert(slot < pages_.size() && pages_[slot].bits != kFreeBits && pins_[slot] != 0xFFFF);
+  if (pins_[slot]++ > 0) return;
   unlink(slot);
   ++pinned_;
 }
@@ -124,9 +96,10 @@ std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick, u
     touch(placement.slot, tick);
     return placement;
   }
-  const SlotIndex slot = free_ != kNone ? free_ : victim(std::max(1u, min_age));
-  if (slot == kNoSlot) return std::nullopt;
-  return placeAt(slot, id, tick);
+  if (free_ != kNone) return placeAt(free_, id, tick);
+  // Ticks grow along the list of uses, so its oldest end alone says whether anything can be had.
+  if (oldest_ == kNone || age(oldest_) < std::max(1u, min_age)) return std::nullopt;
+  return placeAt(oldest_, id, tick);
 }
 
 PageCache::Placement PageCache::placeAt(SlotIndex slot, PageId id, uint64_t tick) {
@@ -135,7 +108,6 @@ PageCache::Placement PageCache::placeAt(SlotIndex slot, PageId id, uint64_t tick
   Placement placement{slot, std::nullopt};
   if (holdsPage(slot)) {
     placement.evicted = pages_[slot];
-    if (age(slot) == 0) --used_now_;
     forget(*placement.evicted);
     unlink(slot);
   } else {
@@ -152,7 +124,6 @@ void PageCache::remove(PageId id) {
   SlotIndex slot = find(id);
   if (slot == kNoSlot) return;
   assert(!pinned(slot));
-  if (age(slot) == 0) --used_now_;
   unlink(slot);
   forget(id);
   pages_[slot].bits = kFreeBits;
@@ -161,55 +132,12 @@ void PageCache::remove(PageId id) {
   --resident_;
 }
 
-// --- who leaves
-// -------------------------------------------------------------------------------------------------------
-
 uint32_t PageCache::oldestAge(uint64_t tick) {
   advance(tick);
   return oldest_ == kNone ? 0 : age(oldest_);
 }
 
-SlotIndex PageCache::victim(uint32_t min_age) {
-  if (policy_ == Replacement::kLru) {
-    // Ticks grow along the list, so its oldest end alone says whether anything can be had.
-    return oldest_ != kNone && age(oldest_) >= min_age ? oldest_ : kNoSlot;
-  }
-  // What the hand cannot find, it shall not look for again and again: within a frame pages only grow younger.
-  if (min_age >= hopeless_age_ || used_now_ + pinned_ >= resident_) return kNoSlot;
-  SlotIndex found = policy_ == Replacement::kClock ? clockVictim(min_age) : halvingVictim(min_age);
-  if (found == kNoSlot) hopeless_age_ = min_age;
-  return found;
-}
-
-SlotIndex PageCache::step() {
-  SlotIndex s = hand_;
-  hand_ = hand_ + 1 == pages_.size() ? 0 : hand_ + 1;
-  return s;
-}
-
-SlotIndex PageCache::clockVictim(uint32_t min_age) {
-  for (size_t n = 2 * pages_.size(); n > 0; --n) {  // the first round may find nothing but marks to clear
-    SlotIndex s = step();
-    if (!mayLeave(s, min_age)) continue;
-    if (!(pins_[s] & kMark)) return s;
-    pins_[s] &= static_cast<uint16_t>(~kMark);
-  }
-  return kNoSlot;
-}
-
-SlotIndex PageCache::halvingVictim(uint32_t min_age) {
-  for (;;) {
-    for (size_t n = pages_.size(); n > 0; --n) {
-      SlotIndex s = step();
-      if (mayLeave(s, std::max(min_age, threshold_ + 1))) return s;
-    }
-    if (threshold_ < min_age) return kNoSlot;
-    threshold_ /= 2;
-  }
-}
-
-// --- page -> slot
-// -----------------------------------------------------------------------------------------------------
+// --- page -> slot ---
 
 size_t PageCache::home(PageId id) const {
   uint64_t h = id.bits * 0x9E3779B97F4A7C15ull;
@@ -239,8 +167,7 @@ void PageCache::forget(PageId id) {
   index_[gap] = kNone;
 }
 
-// --- list of uses
-// -----------------------------------------------------------------------------------------------------
+// --- list of uses ---
 
 void PageCache::unlink(SlotIndex s) {
   Use& use = uses_[s];
@@ -256,8 +183,7 @@ void PageCache::linkNewest(SlotIndex s) {
   newest_ = static_cast<Link>(s);
 }
 
-// --- list of free slots
-// -----------------------------------------------------------------------------------------------
+// --- list of free slots ---
 
 void PageCache::linkFree(SlotIndex s) {
   uses_[s].newer = free_;
@@ -272,8 +198,7 @@ void PageCache::unlinkFree(SlotIndex s) {
   if (use.newer != kNone) uses_[use.newer].older = use.older;
 }
 
-// --- accounts and tests
-// -----------------------------------------------------------------------------------------------
+// --- accounts and tests ---
 
 size_t PageCache::metadataBytes() const {
   return sizeof *this + pages_.capacity() * sizeof(PageId) + uses_.capacity() * sizeof(Use) +
@@ -291,18 +216,16 @@ bool PageCache::checkInvariants(std::string* why) const {
     if (why) *why = text;
     return false;
   };
-  size_t used = 0, pinned_pages = 0, indexed = 0, used_now = 0;
+  size_t used = 0, pinned_pages = 0, indexed = 0;
   for (SlotIndex s = 0; s < pages_.size(); ++s) {
     if (pages_[s].bits == kFreeBits) continue;
     ++used;
     pinned_pages += pinned(s);
-    used_now += !pinned(s) && age(s) == 0;
     if (find(pages_[s]) != s) return fail("slot " + std::to_string(s) + " holds a page that is not its own");
   }
   for (Link s : index_) indexed += s != kNone;
   if (used != indexed || used != resident_) return fail("a page is in two slots, or in none");
   if (pinned_pages != pinned_) return fail("the number of pinned pages is wrong");
-  if (used_now != used_now_) return fail("the number of pages used in this frame is wrong");
   size_t free = 0;
   for (Link s = free_; s != kNone; s = uses_[s].newer) {
     if (++free > pages_.size()) return fail("the list of free slots has a loop");

@@ -1,4 +1,5 @@
-// page_cache.h - which page sits in which slot, all of one size. One budget, one replacement policy for every plane.
+// page_cache.h - which page sits in which slot, all of one size. One budget for every plane; the least recently used
+// page leaves.
 // (Slots that are divided among smaller pages: subslot_cache.h.) Pure bookkeeping, owned by the render thread: no GL,
 // no threads. Memory: 21 bytes a slot.
 #pragma once
@@ -17,29 +18,11 @@ using SlotIndex = uint32_t;
 inline constexpr SlotIndex kNoSlot = 0xFFFFFFFFu;
 inline constexpr uint32_t kMaxSlots = 65535;  // slots have 16-bit names, here and in the page table
 
-// Who leaves when a slot is needed, of the pages that may. What placing costs:
-//   kLru      the least recently used: O(1).
-//   kClock    second chance: a hand goes round the slots, takes the first page that was not used since it last came by.
-//   Amortised
-//             O(1): a step clears a mark that a use had set, or passes a page used in this frame, or (twice a frame at
-//             most) a pinned one.
-//   kHalving  Rudelle 2015, section 4.3: a hand goes round the slots, takes the first page not used for more than a
-//   threshold of
-//             frames; after a round without success the threshold is halved (rounded down), until the next frame starts
-//             anew. He does not give the first threshold; here it is kFirstThreshold. O(slots) a frame at worst, for
-//             each halving.
-enum class Replacement : uint8_t { kLru, kClock, kHalving };
-const char* replacementName(Replacement policy);  // "lru", "clock", "halving"
-std::optional<Replacement> replacementFromName(const std::string& name);
-
 class PageCache {
  public:
-  static constexpr uint32_t kFirstThreshold = 64;  // frames: about a second
-
   // At most kMaxSlots; what is beyond is left out.
-  explicit PageCache(uint32_t slot_count, Replacement policy = Replacement::kLru);
+  explicit PageCache(uint32_t slot_count);
 
-  Replacement policy() const { return policy_; }
   uint32_t slotCount() const;
   uint32_t residentCount() const;
   uint32_t pinnedCount() const;     // pages with at least one pin
@@ -55,7 +38,7 @@ class PageCache {
   // evicted. Ticks do not run backwards: one smaller than the largest seen so far counts as that one. (The low 32 bits
   // are kept: a page that nobody used for 2^32 frames would count as fresh, once.)
   void touch(SlotIndex slot, uint64_t tick);
-  // Pinned pages (counted, up to 32,767 times) stay until unpinned as often as pinned. The last unpin counts as a use:
+  // Pinned pages (counted, up to 65,535 times) stay until unpinned as often as pinned. The last unpin counts as a use:
   // what was held until now is the most recently used.
   void pin(SlotIndex slot);
   void unpin(SlotIndex slot);
@@ -64,7 +47,7 @@ class PageCache {
     SlotIndex slot = kNoSlot;
     std::optional<PageId> evicted;
   };
-  // Takes a free slot or that of a page, chosen by the policy, that is neither pinned nor was used in the last min_age
+  // Takes a free slot or that of the least recently used page that is neither pinned nor was used in the last min_age
   // frames (1: in frame `tick`; 0 counts as 1); the page counts as used in that frame. Nothing when no slot can be had:
   // the cache is too small for what this frame uses. A page that is resident already keeps its slot and is touched.
   std::optional<Placement> place(PageId id, uint64_t tick, uint32_t min_age = 1);
@@ -91,7 +74,7 @@ class PageCache {
   }
 
   size_t metadataBytes() const;  // all that this object has allocated, itself included
-  // Unpinned pages, least recently used first; for tests. (Every policy keeps the order, only kLru evicts by it.)
+  // Unpinned pages, least recently used first; for tests.
   std::vector<PageId> lruOrder() const;
   bool checkInvariants(std::string* why) const;
 
@@ -99,7 +82,6 @@ class PageCache {
   using Link = uint16_t;
   static constexpr Link kNone = 0xFFFF;
   static constexpr uint64_t kFreeBits = ~uint64_t{0};  // no page's name: levels end at 17
-  static constexpr uint16_t kMark = 0x8000;            // in pins_: used since the clock's hand came by
   struct Use {
     uint32_t tick = 0;
     Link newer = kNone, older = kNone;  // list of uses; of free slots, list of those: `newer` is the next one
@@ -107,14 +89,7 @@ class PageCache {
 
   void advance(uint64_t tick);
   uint32_t age(SlotIndex s) const { return static_cast<uint32_t>(last_tick_) - uses_[s].tick; }
-  bool pinned(SlotIndex s) const { return (pins_[s] & ~kMark) != 0; }
-  bool mayLeave(SlotIndex s, uint32_t min_age) const {
-    return pages_[s].bits != kFreeBits && !pinned(s) && age(s) >= min_age;
-  }
-  SlotIndex victim(uint32_t min_age);
-  SlotIndex clockVictim(uint32_t min_age);
-  SlotIndex halvingVictim(uint32_t min_age);
-  SlotIndex step();
+  bool pinned(SlotIndex s) const { return pins_[s] != 0; }
   void markUsed(SlotIndex s);
   void unlink(SlotIndex s);
   void linkNewest(SlotIndex s);
@@ -124,18 +99,13 @@ class PageCache {
   size_t locate(PageId id) const;  // place in index_ of the page, or of the gap where it belongs
   void forget(PageId id);
 
-  Replacement policy_;
   std::vector<PageId> pages_;   // by slot
   std::vector<Use> uses_;       // by slot
   std::vector<uint16_t> pins_;  // by slot
   std::vector<Link> index_;     // page -> slot: linear probing at a load of at most 2/3
   Link free_ = kNone, newest_ = kNone, oldest_ = kNone;
   uint32_t resident_ = 0, pinned_ = 0, closed_ = 0;
-  uint32_t used_now_ = 0;  // unpinned pages used in the current frame
   uint64_t last_tick_ = 0;
-  SlotIndex hand_ = 0;
-  uint32_t threshold_ = kFirstThreshold;
-  uint32_t hopeless_age_ = ~0u;  // no page as old as this (or older) can be had in the current frame
 };
 
 }  // namespace relievo

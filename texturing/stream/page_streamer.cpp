@@ -14,6 +14,7 @@
 #include "texturing/codec/page_codec.h"
 #include "texturing/stream/cache_budget.h"
 #include "texturing/stream/relief_subslots.h"
+#include "texturing/stream/slot_pool.h"
 
 namespace relievo {
 
@@ -60,141 +61,6 @@ struct RequestedNode {
   }
 };
 
-// 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
-class Slot {
- public:
-  bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
-  bool count(uint64_t plan) {  // true: for the first time in this plan
-    bool first = !counted(plan);
-    bits_ = markOf(plan) | (bits_ & 1u);
-    return first;
-  }
-  void setPrefetched(bool prefetched) { bits_ = (bits_ & ~1u) | static_cast<uint32_t>(prefetched); }
-  bool takePrefetched() {
-    bool prefetched = bits_ & 1u;
-    setPrefetched(false);
-    return prefetched;
-  }
-
- private:
-  static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
-  uint32_t bits_ = 0;
-};
-// Slots of one size.
-struct Pool {
-  DividedCache cache;
-  std::array<std::vector<Slot>, kPartLevels> slots;  // by level, and the cache's indices
-  RecentUse recent;
-  uint32_t roots = 0;
-  // Of the last plan: slots that the request lists need, with those that hold something pinned; in these, halves that
-  // are not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
-  // come was given, and may take still; halves that are free, idle or in such slots, and not spoken for.
-  uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
-  int64_t spare_halves = 0;
-  struct Idle {
-    std::vector<SlotIndex> parts;
-    bool known = false;
-  };
-  Idle idle_halves, idle_thirds;  // that relief to come may take, once known
-  Pool(uint32_t slot_count, Replacement replacement) : cache(slot_count, replacement), recent(cache.slotCount()) {
-    follow();
-  }
-  // Slots for the cache's new parts.
-  void follow() {
-    for (size_t level = 0; level < kPartLevels; ++level)
-      if (slots[level].size() < cache.indexCount(static_cast<int>(level)))
-        slots[level].resize(cache.indexCount(static_cast<int>(level)));
-  }
-  Slot& slotOf(SlotIndex name) {
-    const auto level = static_cast<size_t>(partOf(name).level);
-    return slots[level][level == 0 ? name : cache.indices(name)[level]];
-  }
-  void beginPlan() {
-    room_used = cache.pinnedCount();
-    halves_left = 2 * uint64_t{cache.pinnedInTwo()} - cache.pinnedHalves();
-    deferred = deferred_relief = opened = 0;
-    idle_halves.known = idle_thirds.known = false;
-  }
-  // Of a page that is counted for the first time. spare_recent: what was used recently has its room already.
-  void needRoom(SlotIndex name, uint64_t plan, bool spare_recent = false) {
-    const SlotPart part = partOf(name);
-    const auto needsSlot = [&] { return !cache.isPinned(part.slot) && !(spare_recent && recent.isRecent(part.slot)); };
-    if (part.level == 0) {
-      room_used += needsSlot();
-      return;
-    }
-    if (slots[0][part.slot].count(plan) && !cache.isPinned(part.slot)) {
-      room_used += needsSlot();
-      if (!isThird(part.level)) halves_left += 2;
-    }
-    if (isThird(part.level)) return;  // what is left in such a slot is not for every page
-    const bool first = part.level == kHalves || slots[kHalves][cache.indices(name)[kHalves]].count(plan);
-    const uint32_t half = part.part / (kPartsOfSlot[static_cast<size_t>(part.level)] / 2);
-    if (first && !cache.isPinned(nameOf({part.slot, kHalves, half}))) --halves_left;
-  }
-  // For pages of a node that are to come; of relief for as much as it may turn out to need, which is half a slot.
-  bool takeRoom(bool relief, uint64_t pages) {
-    if (relief && halves_left > 0) {
-      --halves_left;
-      return true;
-    }
-    if (room_used + pages > cache.slotCount()) return false;
-    room_used += pages;
-    halves_left += relief;
-    opened += relief;
-    return true;
-  }
-  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to
-  // others. counted: by the plan, with half a slot. more: whether another compact page that it counted comes next.
-  std::optional<DividedCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
-                                                     bool counted, bool more) {
-    if (isThird(level)) {
-      if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
-      level = plainLevel(level);
-    }
-    auto placed = placePlain(id, frame, min_age, level);
-    if (placed) spare_halves -= !counted;
-    return placed;
-  }
-  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a
-  // half is to spare. Two pages have it in their own right, and what a third one was counted with is left for others.
-  std::optional<DividedCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
-                                                      bool counted, bool more) {
-    const int64_t slot_takes = counted ? 1 : 2;
-    std::optional<DividedCache::Placement> placed;
-    if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes))
-      placed = cache.place(id, frame, min_age, level);
-    if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
-    if (!placed && openings > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
-    if (!placed) return std::nullopt;
-    spare_halves += placed->took_slot ? -slot_takes : counted;
-    if (!placed->took_slot) return placed;
-    openings -= openings > 0;
-    if (idle_thirds.known)
-      for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k)
-        idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
-    return placed;
-  }
-  std::optional<DividedCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
-    if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
-      auto placed = cache.place(id, frame, min_age, level);
-      openings -= placed && placed->took_slot && openings > 0;
-      return placed;
-    }
-    return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);
-  }
-  std::optional<DividedCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
-                                                     uint32_t min_age, int level) {
-    if (!std::exchange(idle.known, true)) cache.idleParts(part_level, frame, idle.parts);
-    auto next = std::find_if(idle.parts.begin(), idle.parts.end(),
-                             [&](SlotIndex part) { return cache.isIdle(part, frame, min_age); });
-    if (next == idle.parts.end()) return std::nullopt;
-    const SlotIndex part = *next;
-    idle.parts.erase(next);
-    return cache.placeInPart(part, id, frame, level);
-  }
-};
-
 }  // namespace
 
 struct PageStreamer::Impl {
@@ -207,8 +73,8 @@ struct PageStreamer::Impl {
     const bool blocks = isBlockCodec(options.upload);
     assert(!blocks || std::find(options.texture_planes.begin(), options.texture_planes.end(), Plane::kResolved) ==
                           options.texture_planes.end());
-    pools.emplace_back(options.slot_count, options.replacement);
-    if (blocks) pools.emplace_back(options.relief_slot_count, options.replacement);
+    pools.emplace_back(options.slot_count);
+    if (blocks) pools.emplace_back(options.relief_slot_count);
     options.workers = std::max(0, options.workers);
     options.ready_limit = std::max(1u, options.ready_limit);
     if (options.normals_of) normals.emplace(*options.normals_of);
@@ -238,8 +104,8 @@ struct PageStreamer::Impl {
   bool isRelief(PageId id) const { return id.plane() == Plane::kRelief; }
   // One pool for all, or the texture's and the relief's.
   size_t poolIndex(bool relief) const { return relief && pools.size() > 1 ? 1 : 0; }
-  Pool& poolOf(PageId id) { return pools[poolIndex(isRelief(id))]; }
-  const Pool& poolOf(PageId id) const { return pools[poolIndex(isRelief(id))]; }
+  SlotPool& poolOf(PageId id) { return pools[poolIndex(isRelief(id))]; }
+  const SlotPool& poolOf(PageId id) const { return pools[poolIndex(isRelief(id))]; }
   SlotIndex find(PageId id) const { return poolOf(id).cache.find(id); }
   Tier tierOf(PageId id, const Page& page) const {
     uint64_t newest = list[isRelief(id)];
@@ -367,8 +233,7 @@ struct PageStreamer::Impl {
     return forget(it);
   }
 
-  // --- requests
-  // -------------------------------------------------------------------------------------------------------
+  // --- requests ---
 
   void toRequested(bool relief, std::span<const NodeRequest> requests, std::vector<RequestedNode>& out) {
     out.clear();
@@ -395,9 +260,9 @@ struct PageStreamer::Impl {
   }
 
   // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
-  void use(Pool& pool, SlotIndex slot, bool new_list) {
+  void use(SlotPool& pool, SlotIndex slot, bool new_list) {
     pool.cache.touch(slot, frame);
-    Slot& s = pool.slotOf(slot);
+    SlotUse& s = pool.slotOf(slot);
     if (!s.count(plan_number)) return;
     pool.recent.use(partOf(slot).slot);
     stats.hits += new_list;
@@ -431,7 +296,7 @@ struct PageStreamer::Impl {
     ++plan_number;
     planned_frame = frame;
     wanted_pages = 0;
-    for (Pool& pool : pools) pool.beginPlan();
+    for (SlotPool& pool : pools) pool.beginPlan();
     missing.clear();
     for (const RequestedNode& w : merged) {
       auto planes = planesOf(w);
@@ -457,7 +322,7 @@ struct PageStreamer::Impl {
       if (twin != pages.end() && twin->second.plan == plan_number) continue;
       wanted_pages += absent;
       if (is_new[node->relief]) stats.misses += absent;
-      Pool& pool = pools[poolIndex(node->relief)];
+      SlotPool& pool = pools[poolIndex(node->relief)];
       if (!pool.takeRoom(node->relief, absent)) {
         pool.deferred += absent;
         pool.deferred_relief += node->relief;
@@ -469,17 +334,17 @@ struct PageStreamer::Impl {
       }
     }
     stats.deferred = 0;
-    for (Pool& pool : pools) {
+    for (SlotPool& pool : pools) {
       pool.demand = pool.room_used + pool.deferred - pool.deferred_relief / 2;
       stats.deferred += pool.deferred;
     }
     stats.wanted = wanted_pages;
     is_new = {};
-    for (Pool& pool : pools)
+    for (SlotPool& pool : pools)
       pool.spare_halves = static_cast<int64_t>(
           pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
     planPrefetch();
-    for (Pool& pool : pools)
+    for (SlotPool& pool : pools)
       pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
     publish();
     if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
@@ -489,12 +354,12 @@ struct PageStreamer::Impl {
   void planPrefetch() {
     predicted.clear();
     if (stats.deferred > 0 || bias.value() > 0) return;
-    for (Pool& pool : pools) {
+    for (SlotPool& pool : pools) {
       pool.room_used += pool.recent.idleCount();
       pool.halves_left = 0;  // what is beside what is in use may have been used recently
     }
     for (const RequestedNode& w : predictions) {
-      Pool& pool = pools[poolIndex(w.relief)];
+      SlotPool& pool = pools[poolIndex(w.relief)];
       auto entry = w.relief ? std::nullopt : table.find(w.node);
       if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
@@ -598,7 +463,7 @@ struct PageStreamer::Impl {
   }
 
   // The page's texels leave their place, or no longer count. mark: what was known of it.
-  void vacate(Slot& mark, PageId id) {
+  void vacate(SlotUse& mark, PageId id) {
     census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
     stats.prefetch_wasted += mark.takePrefetched();
     leave(id);
@@ -635,9 +500,9 @@ struct PageStreamer::Impl {
     for (const PageRank& r : ranked) {
       auto it = pages.find(r.id);
       if (compact_left > 0 && compactCounted(it->second)) --compact_left;
-      Pool& pool = poolOf(r.id);
+      SlotPool& pool = poolOf(r.id);
       SlotIndex before = pool.cache.find(r.id);
-      std::optional<DividedCache::Placement> placement;
+      std::optional<SubslotCache::Placement> placement;
       // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
       bool room_for_one = placed < max_uploads;
       const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
@@ -692,7 +557,7 @@ struct PageStreamer::Impl {
     // changes.
     DetailDemand demand{
         .pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
-    for (const Pool& pool : pools) {
+    for (const SlotPool& pool : pools) {
       const double wanted = static_cast<double>(pool.demand) - pool.roots;
       const double room = pool.cache.slotCount() - static_cast<double>(pool.roots);
       if (&pool == &pools[0]) {
@@ -708,7 +573,7 @@ struct PageStreamer::Impl {
   std::shared_ptr<const PageSource> source;
   StreamerOptions options;
   SlotDecoder decoder;
-  std::vector<Pool> pools;
+  std::vector<SlotPool> pools;
   PageTable table;
 
   uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
@@ -781,7 +646,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
   for (const NodeId& node : texture_roots)
     for (Plane p : m.options.texture_planes) add(p, node);
   for (const NodeId& node : relief_roots) add(Plane::kRelief, node);
-  for (const Pool& pool : m.pools) {
+  for (const SlotPool& pool : m.pools) {
     const size_t room = pool.cache.slotCount() - pool.cache.residentCount();
     size_t needed = 0;
     std::erase_if(roots, [&](const LoadOutcome& root) { return &m.poolOf(root.id) == &pool && ++needed > room; });
@@ -810,7 +675,7 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
 
   for (LoadOutcome& root : roots) {
     m.account(root.costs);
-    Pool& pool = m.poolOf(root.id);
+    SlotPool& pool = m.poolOf(root.id);
     auto placement = pool.cache.place(root.id, m.frame, 1, root.part_level);
     if (!placement) continue;
     pool.follow();
@@ -838,7 +703,7 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   Impl& m = *impl_;
   m.frame = frame;
   m.now_s = now_s;
-  for (Pool& pool : m.pools) pool.recent.beginFrame(frame);
+  for (SlotPool& pool : m.pools) pool.recent.beginFrame(frame);
   for (Texels& t : m.uploaded) m.returned.push_back(std::move(t));
   m.uploaded.clear();
   m.uploaded_roots.clear();
@@ -909,7 +774,7 @@ void PageStreamer::setLight(const std::array<double, 3>& light) {
     it = old ? m.drop(it) : std::next(it);
   }
   std::vector<PageId> resolved;
-  DividedCache& cache = m.pools[0].cache;
+  SubslotCache& cache = m.pools[0].cache;
   cache.forEach([&](PageId id) {
     if (id.plane() == Plane::kResolved) resolved.push_back(id);
   });
@@ -960,7 +825,7 @@ const StreamerStats& PageStreamer::stats() const {
   m.stats.decoding = m.count(PageState::kDecoding);
   m.stats.ready = m.count(PageState::kReady);
   m.stats.resident = m.stats.resident_bytes = m.stats.relief_bytes = 0;
-  for (const Pool& pool : m.pools) {
+  for (const SlotPool& pool : m.pools) {
     const Plane plane = &pool == &m.pools[0] ? texturePlane(0) : Plane::kRelief;
     m.stats.resident += pool.cache.residentCount();
     m.stats.relief_bytes += pool.cache.dividedCount() * kSlotBytes;
@@ -980,14 +845,14 @@ const StreamerStats& PageStreamer::stats() const {
 }
 
 PageTable& PageStreamer::table() { return impl_->table; }
-const DividedCache& PageStreamer::cache(Plane plane) const {
+const SubslotCache& PageStreamer::cache(Plane plane) const {
   return impl_->pools[impl_->poolIndex(plane == Plane::kRelief)].cache;
 }
 
 uint64_t PageStreamer::metadataBytes() const {
   const Impl& m = *impl_;
   uint64_t bytes = m.table.metadataBytes();
-  for (const Pool& pool : m.pools) {
+  for (const SlotPool& pool : m.pools) {
     bytes += pool.cache.metadataBytes() + pool.recent.bytes();
     for (const auto& slots : pool.slots) bytes += slots.capacity() * sizeof(slots[0]);
   }

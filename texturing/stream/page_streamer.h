@@ -51,7 +51,6 @@ struct StreamerOptions {
   uint32_t relief_slot_count = 0;
   // Relief pages take half a slot; over a base mesh less where little is in them, or where their compact form does.
   ReliefParts relief_parts = ReliefParts::kOnlyHalves;
-  Replacement replacement = Replacement::kLru;
   int workers = 2;  // 0: nobody works but who calls takeJob and finishJob (simulations, deterministic tests)
   // Texture planes that the effect plan streams, in order; plane i goes to PageTableEntry::slots[i]. {kResolved} for a
   // fixed light: the worker then reads the stored planes of `format` and evaluates them under `light` per texel.
@@ -158,7 +157,7 @@ class PageStreamer {
   const StreamerStats& stats() const;
   const PageFailures& failures() const;  // for good, since the start
   PageTable& table();
-  const DividedCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
+  const SubslotCache& cache(Plane plane = texturePlane(0)) const;  // where its pages sit
   // Cache, page table (without its texture) and what is known of each slot; not the pages that are on their way.
   uint64_t metadataBytes() const;
   uint64_t bufferBytes() const;  // upper bound of what decoded pages and scratch memory take

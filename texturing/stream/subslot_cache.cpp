@@ -10,30 +10,29 @@ constexpr uint32_t partsOf(int level) { return kPartsOfSlot[static_cast<size_t>(
 
 }  // namespace
 
-DividedCache::DividedCache(uint32_t slot_count, Replacement policy) {
+SubslotCache::SubslotCache(uint32_t slot_count) {
   for (int level = 0; level < kPartLevels; ++level) {
-    levels_.emplace_back(PageCache(level == 0 ? slot_count : 0, policy));
+    levels_.emplace_back(PageCache(level == 0 ? slot_count : 0));
     if (level > 0) at(level).parts = partsOf(level) / partsOf(levelAbove(level));
   }
 }
 
-uint32_t DividedCache::pageCount() const {
+uint32_t SubslotCache::pageCount() const {
   uint32_t count = 0;
   for (int level = 0; level < kPartLevels; ++level) count += pageCount(level);
   return count;
 }
 
-uint32_t DividedCache::pageCount(int level) const {
+uint32_t SubslotCache::pageCount(int level) const {
   uint32_t count = at(level).pages.residentCount();
   for (int below = level + 1; below < kPartLevels; ++below)
     if (levelAbove(below) == level) count -= at(below).bundles();
   return count;
 }
 
-// --- names
-// ------------------------------------------------------------------------------------------------------------
+// --- names ---
 
-SlotIndex DividedCache::nameAt(int level, uint32_t index) const {
+SlotIndex SubslotCache::nameAt(int level, uint32_t index) const {
   SlotPart p{.slot = 0, .level = level, .part = 0};
   for (uint32_t parts = 1; level > 0; parts *= at(level).parts, level = levelAbove(level)) {
     p.part += index % at(level).parts * parts;
@@ -43,7 +42,7 @@ SlotIndex DividedCache::nameAt(int level, uint32_t index) const {
   return nameOf(p);
 }
 
-std::array<uint32_t, kPartLevels> DividedCache::indices(SlotIndex name) const {
+std::array<uint32_t, kPartLevels> SubslotCache::indices(SlotIndex name) const {
   const SlotPart p = partOf(name);
   std::array<uint32_t, kPartLevels> out{p.slot};
   for (int level = p.level == 0 ? 1 : isThird(p.level) ? kThirds : kHalves; level <= p.level; ++level) {
@@ -56,7 +55,7 @@ std::array<uint32_t, kPartLevels> DividedCache::indices(SlotIndex name) const {
   return out;
 }
 
-SlotIndex DividedCache::find(PageId id) const {
+SlotIndex SubslotCache::find(PageId id) const {
   if (id.plane() != Plane::kRelief) return at(0).pages.find(id);
   for (int level = 1; level < kPartLevels; ++level) {
     if (at(level).pages.residentCount() == 0) continue;
@@ -65,27 +64,26 @@ SlotIndex DividedCache::find(PageId id) const {
   return kNoSlot;
 }
 
-PageId DividedCache::pageIn(SlotIndex name) const {
+PageId SubslotCache::pageIn(SlotIndex name) const {
   const int level = partOf(name).level;
   return at(level).pages.pageIn(indices(name)[static_cast<size_t>(level)]);
 }
 
-bool DividedCache::isPinned(SlotIndex name) const {
+bool SubslotCache::isPinned(SlotIndex name) const {
   const int level = partOf(name).level;
   return at(level).pages.isPinned(indices(name)[static_cast<size_t>(level)]);
 }
 
-// --- use
-// --------------------------------------------------------------------------------------------------------------
+// --- use ---
 
-void DividedCache::touch(SlotIndex name, uint64_t tick) {
+void SubslotCache::touch(SlotIndex name, uint64_t tick) {
   const auto index = indices(name);
   for (int level = partOf(name).level; level > 0; level = levelAbove(level))
     at(level).pages.touch(index[static_cast<size_t>(level)], tick);
   at(0).pages.touch(index[0], tick);
 }
 
-void DividedCache::pin(SlotIndex name) {
+void SubslotCache::pin(SlotIndex name) {
   const auto index = indices(name);
   const int last = partOf(name).level;
   pinned_in_two_ += last > 0 && !isThird(last) && !at(0).pages.isPinned(index[0]);
@@ -93,7 +91,7 @@ void DividedCache::pin(SlotIndex name) {
   at(0).pages.pin(index[0]);
 }
 
-void DividedCache::unpin(SlotIndex name) {
+void SubslotCache::unpin(SlotIndex name) {
   const auto index = indices(name);
   const int last = partOf(name).level;
   for (int level = last; level > 0; level = levelAbove(level)) at(level).pages.unpin(index[static_cast<size_t>(level)]);
@@ -101,20 +99,19 @@ void DividedCache::unpin(SlotIndex name) {
   pinned_in_two_ -= last > 0 && !isThird(last) && !at(0).pages.isPinned(index[0]);
 }
 
-void DividedCache::remove(PageId id) {
+void SubslotCache::remove(PageId id) {
   assert(id.plane() != Plane::kRelief);
   at(0).pages.remove(id);
 }
 
-// --- who leaves
-// -------------------------------------------------------------------------------------------------------
+// --- who leaves ---
 
 // Links are of 16 bits.
-bool DividedCache::mayDivideInto(int level) const {
+bool SubslotCache::mayDivideInto(int level) const {
   return !at(level).vacant.empty() || at(level).pages.slotCount() + at(level).parts <= kMaxSlots;
 }
 
-uint32_t DividedCache::newBundle(int level) {
+uint32_t SubslotCache::newBundle(int level) {
   Level& l = at(level);
   if (l.vacant.empty()) {  // a quarter more at a time: the index is made anew each time
     const auto now = static_cast<uint32_t>(l.around.size());
@@ -129,7 +126,7 @@ uint32_t DividedCache::newBundle(int level) {
 }
 
 // A bundle has left its place, or is about to: so has all that is in it.
-void DividedCache::release(int level, uint32_t bundle, Placement& out) {
+void SubslotCache::release(int level, uint32_t bundle, Placement& out) {
   Level& l = at(level);
   for (uint32_t index = bundle * l.parts; index < (bundle + 1) * l.parts; ++index) {
     if (l.pages.holdsPage(index)) {
@@ -143,23 +140,22 @@ void DividedCache::release(int level, uint32_t bundle, Placement& out) {
   l.vacant.push_back(static_cast<uint16_t>(bundle));
 }
 
-// --- places
-// -----------------------------------------------------------------------------------------------------------
+// --- places ---
 
-uint32_t DividedCache::noteEvicted(int level, const PageCache::Placement& placed, Placement& out) {
+uint32_t SubslotCache::noteEvicted(int level, const PageCache::Placement& placed, Placement& out) {
   if (placed.evicted && placed.evicted->plane() == kBundle)
     release(static_cast<int>(placed.evicted->node().level), placed.evicted->node().patch, out);
   else if (placed.evicted) out.evicted.push_back({level, placed.slot, *placed.evicted});
   return placed.slot;
 }
 
-bool DividedCache::usedNow(uint32_t slot, uint64_t tick) const {
+bool SubslotCache::usedNow(uint32_t slot, uint64_t tick) const {
   const PageCache& slots = at(0).pages;
   return slots.holdsPage(slot) && (slots.isPinned(slot) || slots.lastUse(slot) == static_cast<uint32_t>(tick));
 }
 
 // From the level `from`, in which there is a place (`part`, if given), down to the page's own.
-DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_t> part, PageId id, uint64_t tick,
+SubslotCache::Placement SubslotCache::placeBelow(int from, std::optional<uint32_t> part, PageId id, uint64_t tick,
                                                  uint32_t min_age, int level) {
   Placement out;
   out.emptied = out.took_slot = from == 0;
@@ -186,7 +182,7 @@ DividedCache::Placement DividedCache::placeBelow(int from, std::optional<uint32_
   return out;
 }
 
-std::optional<DividedCache::Placement> DividedCache::place(PageId id, uint64_t tick, uint32_t min_age, int level) {
+std::optional<SubslotCache::Placement> SubslotCache::place(PageId id, uint64_t tick, uint32_t min_age, int level) {
   assert((level > 0) == (id.plane() == Plane::kRelief));
   min_age = std::max(1u, min_age);
   if (const SlotIndex slot = find(id); slot != kNoSlot) {
@@ -210,14 +206,14 @@ std::optional<DividedCache::Placement> DividedCache::place(PageId id, uint64_t t
 }
 
 // The deepest free place that a page of that level can have: in its level or one above. Level -1: there is none.
-std::pair<int, SlotIndex> DividedCache::freePlace(int level) const {
+std::pair<int, SlotIndex> SubslotCache::freePlace(int level) const {
   for (int l = level;; l = levelAbove(l)) {
     if (const SlotIndex free = at(l).pages.firstFree(); free != kNoSlot) return {l, free};
     if (l == 0 || !mayDivideInto(l)) return {-1, kNoSlot};
   }
 }
 
-DividedCache::Placement DividedCache::placeInPart(SlotIndex part, PageId id, uint64_t tick, int level) {
+SubslotCache::Placement SubslotCache::placeInPart(SlotIndex part, PageId id, uint64_t tick, int level) {
   const int from = partOf(part).level;
   assert((from == kHalves || from == kThirds) && isThird(from) == isThird(level) && find(id) == kNoSlot);
   for (int l = from + 1; l <= level; ++l)
@@ -225,12 +221,12 @@ DividedCache::Placement DividedCache::placeInPart(SlotIndex part, PageId id, uin
   return placeBelow(from, indices(part)[static_cast<size_t>(from)], id, tick, 1, level);
 }
 
-bool DividedCache::hasPartToFill(uint64_t tick, int level) const {
+bool SubslotCache::hasPartToFill(uint64_t tick, int level) const {
   const auto [l, free] = freePlace(level);
   return l > 0 && usedNow(partOf(nameAt(l, free)).slot, tick);
 }
 
-bool DividedCache::isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const {
+bool SubslotCache::isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const {
   const auto level = static_cast<size_t>(partOf(part).level);
   const PageCache& parts = levels_[level].pages;
   const uint32_t index = indices(part)[level];
@@ -238,7 +234,7 @@ bool DividedCache::isIdle(SlotIndex part, uint64_t tick, uint32_t min_age) const
          (!parts.isPinned(index) && static_cast<uint32_t>(tick) - parts.lastUse(index) >= min_age);
 }
 
-void DividedCache::idleParts(int level, uint64_t tick, std::vector<SlotIndex>& out) const {
+void SubslotCache::idleParts(int level, uint64_t tick, std::vector<SlotIndex>& out) const {
   std::vector<std::pair<uint32_t, SlotIndex>> found;
   const Level& l = at(level);
   at(0).pages.forEach([&](PageId id) {
@@ -258,10 +254,9 @@ void DividedCache::idleParts(int level, uint64_t tick, std::vector<SlotIndex>& o
   for (const auto& [age, part] : found) out.push_back(part);
 }
 
-// --- accounts and tests
-// -----------------------------------------------------------------------------------------------
+// --- accounts and tests ---
 
-size_t DividedCache::metadataBytes() const {
+size_t SubslotCache::metadataBytes() const {
   size_t bytes = sizeof *this + (levels_.capacity() - levels_.size()) * sizeof(Level);
   for (const Level& l : levels_)
     bytes += l.pages.metadataBytes() + sizeof(Level) - sizeof(PageCache) +
@@ -269,7 +264,7 @@ size_t DividedCache::metadataBytes() const {
   return bytes;
 }
 
-bool DividedCache::checkInvariants(std::string* why) const {
+bool SubslotCache::checkInvariants(std::string* why) const {
   auto fail = [&](const std::string& text) {
     if (why) *why = text;
     return false;

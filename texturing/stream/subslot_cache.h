@@ -13,10 +13,10 @@
 // was used whenever one of its parts was and is pinned while one of them is. So each level is a PageCache. A page takes
 // the deepest free place that can be had, of its own level and those above it; else somebody leaves: the least recently
 // used page of its level, or a page or bundle of a level above with all that is in it, whichever was not used for
-// longer (the same: the smaller). The policy then chooses in that level. Room: whatever else is resident, a relief page
-// takes no more than a free or idle half of a slot, of one that is divided in two. What is idle of a slot in three is
-// for pages that fit a third alone: who counts on halves opens such a slot only where one is to spare, or for two pages
-// (page_streamer.cpp).
+// longer (the same: the smaller). The least recently used of that level leaves. Room: whatever else is resident, a
+// relief page takes no more than a free or idle half of a slot, of one that is divided in two. What is idle of a slot
+// in three is for pages that fit a third alone: who counts on halves opens such a slot only where one is to spare, or
+// for two pages (page_streamer.cpp).
 #pragma once
 
 #include <array>
@@ -53,9 +53,9 @@ inline constexpr SlotPart partOf(SlotIndex name) {
   return {name & 0xFFFFu, static_cast<int>(name >> 24 & 7u), name >> 16 & 63u};
 }
 
-class DividedCache {
+class SubslotCache {
  public:
-  DividedCache(uint32_t slot_count, Replacement policy);
+  explicit SubslotCache(uint32_t slot_count);
 
   uint32_t slotCount() const { return levels_[0].pages.slotCount(); }
   uint32_t residentCount() const { return levels_[0].pages.residentCount(); }  // slots that hold something

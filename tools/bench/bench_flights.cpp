@@ -54,7 +54,7 @@ Result<void> replacementBench(BenchContext& context) {
           distinct, slots);
       BenchRow row;
       row.what = flight.name + ": hit rate, " + replacementName(policy);
-      if (policy == StreamerOptions{}.replacement) row.what += " (default)";
+      if (policy == Replacement::kLru) row.what += " (default)";
       row.measured = 100 * r.hitRate();
       row.unit = "%";
       row.goal = 98 * best.hitRate();

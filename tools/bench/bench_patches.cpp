@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "src/engine/engine.h"
+#include "src/engine/fault_injection.h"
 #include "src/render/camera.h"
 #include "tools/bench/bench_groups.h"
 
@@ -286,7 +287,7 @@ Result<void> patchesBench(BenchContext& context) {
   std::vector<double> frame_ms, submit_ms, one_by_one_ms, one_by_one_submit_ms;
   turn(context.quick ? 15 : 60, frame_ms, submit_ms);
   const EngineStats stats = (*engine)->stats();
-  if (auto broken = (*engine)->injectFaults({.call_a_patch = true}); !broken) return broken;
+  if (auto broken = injectFaults(**engine, {.call_a_patch = true}); !broken) return broken;
   turn(context.quick ? 3 : 10, one_by_one_ms, one_by_one_submit_ms);
   const EngineStats slow = (*engine)->stats();
   if (context.stopped()) return {};

@@ -47,7 +47,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
 
   // Triangles of each page's samples, where no finer page lies over it; what of a flat artwork's pages lies beyond its
   // border counts as theirs.
-  const DividedCache& cache = streamer.cache(Plane::kRelief);
+  const SubslotCache& cache = streamer.cache(Plane::kRelief);
   double triangles = 0;
   std::array<uint32_t, 3> of_cells{};  // 128, 64, 32 a side
   uint32_t compact = 0;

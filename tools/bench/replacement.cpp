@@ -1,10 +1,13 @@
 #include "tools/bench/replacement.h"
 
 #include <algorithm>
+#include <cassert>
 #include <queue>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
+
+#include "texturing/stream/page_cache.h"
 
 namespace relievo {
 namespace {
@@ -23,11 +26,28 @@ PageTrace unique(const PageTrace& trace) {
   return result;
 }
 
-}  // namespace
+// What replays ask of a cache: PageCache's way of saying it.
+class LruCache {
+ public:
+  explicit LruCache(uint32_t slots) : cache_(slots) {}
+  bool touch(PageId id, uint64_t tick) {
+    const SlotIndex slot = cache_.find(id);
+    if (slot == kNoSlot) return false;
+    cache_.touch(slot, tick);
+    return true;
+  }
+  HandCache::Placement place(PageId id, uint64_t tick) {
+    const auto placement = cache_.place(id, tick);
+    return placement ? HandCache::Placement{true, placement->evicted} : HandCache::Placement{};
+  }
 
-ReplayResult replay(const PageTrace& trace, uint32_t slots, Replacement policy) {
+ private:
+  PageCache cache_;
+};
+
+template <class Cache>
+ReplayResult replayThrough(const PageTrace& trace, Cache cache) {
   ReplayResult result;
-  PageCache cache(slots, policy);
   std::unordered_set<PageId> known;
   std::vector<PageId> missing;
   uint64_t tick = 0;
@@ -36,22 +56,88 @@ ReplayResult replay(const PageTrace& trace, uint32_t slots, Replacement policy) 
     missing.clear();
     for (PageId id : frame) {
       ++result.wanted;
-      SlotIndex slot = cache.find(id);
-      if (slot != kNoSlot) {
-        cache.touch(slot, tick);
-      } else {
-        missing.push_back(id);
-      }
+      if (!cache.touch(id, tick)) missing.push_back(id);
     }
     for (PageId id : missing) {
       ++result.misses;
       result.first_uses += known.insert(id).second;
-      auto placement = cache.place(id, tick);
-      result.unplaced += !placement;
-      result.evictions += placement && placement->evicted;
+      const auto placement = cache.place(id, tick);
+      result.unplaced += !placement.placed;
+      result.evictions += placement.evicted.has_value();
     }
   }
   return result;
+}
+
+}  // namespace
+
+const char* replacementName(Replacement policy) {
+  switch (policy) {
+    case Replacement::kLru:
+      return "lru";
+    case Replacement::kClock:
+      return "clock";
+    case Replacement::kHalving:
+      return "halving";
+  }
+  return "";
+}
+
+HandCache::HandCache(uint32_t slots, Replacement policy) : policy_(policy), slot_count_(slots) {
+  assert(policy != Replacement::kLru);
+}
+
+bool HandCache::touch(PageId id, uint64_t tick) {
+  const auto found = index_.find(id);
+  if (found == index_.end()) return false;
+  slots_[found->second].tick = tick;
+  slots_[found->second].marked = true;
+  return true;
+}
+
+HandCache::Placement HandCache::place(PageId id, uint64_t tick) {
+  assert(!index_.contains(id));
+  if (tick != last_tick_) threshold_ = kFirstThreshold;
+  last_tick_ = tick;
+  if (slots_.size() < slot_count_) {
+    index_[id] = slots_.size();
+    slots_.push_back({id, tick, true});
+    return {true, std::nullopt};
+  }
+  const auto slot = victim(tick);
+  if (!slot) return {};
+  const PageId evicted = slots_[*slot].page;
+  index_.erase(evicted);
+  index_[id] = *slot;
+  slots_[*slot] = {id, tick, true};
+  return {true, evicted};
+}
+
+size_t HandCache::step() {
+  const size_t s = hand_;
+  hand_ = hand_ + 1 == slots_.size() ? 0 : hand_ + 1;
+  return s;
+}
+
+std::optional<size_t> HandCache::victim(uint64_t tick) {
+  if (policy_ == Replacement::kClock) {
+    for (size_t n = 2 * slots_.size(); n > 0; --n) {  // the first round may find nothing but marks to clear
+      const size_t s = step();
+      if (slots_[s].tick == tick) continue;
+      if (!std::exchange(slots_[s].marked, false)) return s;
+    }
+    return std::nullopt;
+  }
+  for (;; threshold_ /= 2) {
+    for (size_t n = slots_.size(); n > 0; --n)
+      if (const size_t s = step(); tick - slots_[s].tick > threshold_) return s;
+    if (threshold_ == 0) return std::nullopt;
+  }
+}
+
+ReplayResult replay(const PageTrace& trace, uint32_t slots, Replacement policy) {
+  return policy == Replacement::kLru ? replayThrough(trace, LruCache(slots))
+                                     : replayThrough(trace, HandCache(slots, policy));
 }
 
 ReplayResult replayOptimum(const PageTrace& trace, uint32_t slots) {

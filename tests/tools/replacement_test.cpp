@@ -146,5 +146,37 @@ TEST(Replacement, CountsByHand) {
   EXPECT_EQ(replay({}, 3, Replacement::kLru).hitRate(), 1.0);
 }
 
+TEST(HandCache, ClockGivesASecondChance) {
+  HandCache cache(4, Replacement::kClock);
+  for (uint32_t i = 0; i < 4; ++i) cache.place(page(i), 1);
+  // All are marked: the hand clears every mark, comes back to slot 0 and takes it.
+  EXPECT_EQ(cache.place(page(10), 2).evicted, page(0));
+  cache.touch(page(1), 2);
+  // Slot 1 was used since: it is passed (in a later frame, too) and slot 2 leaves.
+  EXPECT_EQ(cache.place(page(11), 3).evicted, page(2));
+  EXPECT_EQ(cache.place(page(12), 3).evicted, page(3));
+  // 10 has its mark since it was placed, 1 lost its own: 1 leaves, though 10 was used no later than it.
+  EXPECT_EQ(cache.place(page(13), 4).evicted, page(1));
+}
+
+TEST(HandCache, HalvingLowersItsThresholdWithinAFrameOnly) {
+  constexpr uint32_t kFirst = kFirstThreshold;
+  HandCache cache(3, Replacement::kHalving);
+  cache.place(page(0), 1);
+  cache.place(page(1), 1 + kFirst / 4);
+  cache.place(page(2), 2);
+  uint64_t now = 1 + kFirst;  // ages: kFirst, 3/4 kFirst, kFirst - 1; none is above kFirst, all are above kFirst / 2
+  EXPECT_EQ(cache.place(page(3), now).evicted, page(0)) << "first slot of the round after the halving";
+  EXPECT_EQ(cache.place(page(4), now).evicted, page(1)) << "the hand goes on, the threshold stays";
+  // A new frame: the threshold is back, and only page 2 is older than it.
+  EXPECT_EQ(cache.place(page(5), 3 + kFirst).evicted, page(2));
+  HandCache again(2, Replacement::kHalving);
+  again.place(page(0), 5);
+  again.place(page(1), 4);
+  EXPECT_EQ(again.place(page(2), 6).evicted, page(0)) << "down to threshold 0, any page of an older frame";
+  EXPECT_EQ(again.place(page(3), 6).evicted, page(1));
+  EXPECT_FALSE(again.place(page(4), 6).placed);
+}
+
 }  // namespace
 }  // namespace relievo

@@ -101,8 +101,7 @@ TEST(Flight, TheReaderComesAsNearAsAskedAndSeesTheWholeBefore) {
   EXPECT_NEAR(pixels_per_mm * d.mm_per_px, 2, 1e-6);
 }
 
-// --- prediction
-// -------------------------------------------------------------------------------------------------------
+// --- prediction ---
 
 CameraPredictor watching(const std::function<OrbitCamera(double)>& camera, double until_s, double dt = 1.0 / 60,
                          PredictorOptions options = {}) {
@@ -252,8 +251,7 @@ TEST(PredictedRequests, RemembersForAWhileBehindWhatIsPredictedNow) {
   EXPECT_TRUE(requests.finish().empty()) << "another clock";
 }
 
-// --- streaming on a virtual clock
-// -------------------------------------------------------------------------------------
+// --- streaming on a virtual clock ---
 
 struct Streamed {
   NoRelief oracle;
@@ -275,7 +273,7 @@ struct Streamed {
   }
 };
 
-TEST(StreamedFlight, AnInfiniteLinkShowsWhatIsWantedButForTheFramesThatWishesTake) {
+TEST(StreamedFlight, AnInfiniteLinkShowsWhatIsWantedButForTheFramesThatRequestsTake) {
   Streamed s;
   s.how.link = {.bytes_per_s = 1e15, .latency_s = 0, .in_flight = 1000};
   Flight flight = wanderFlight(s.scene.domain, 320, 180, {.speed = 0.2});

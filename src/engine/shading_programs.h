@@ -1,0 +1,33 @@
+// shading_programs.h - the shader programs of one effect plan, linked together when the plan changes.
+#pragma once
+
+#include "src/base/result.h"
+#include "src/engine/fault_injection.h"
+#include "src/gl/context.h"
+#include "src/gl/program.h"
+
+namespace relievo {
+
+// Programs that a plan does not need are empty (id 0). `root_cells` and `tails` need an artwork whose patches have
+// tails (texturing/package/patch_tails.h).
+class ShadingPrograms {
+ public:
+  gl::Program surface;                 // the geometry into the surface buffer
+  gl::Program root_cells;              // the same of patches that are drawn as one cell
+  gl::Program shade;                   // the surface buffer into the picture
+  gl::Program tails;                   // the same where no page is needed
+  gl::Program feedback;                // the surface buffer into page requests
+  gl::Program wire;                    // the triangles' edges
+  gl::Program capture, capture_roots;  // vertices by transform feedback; linkCapture()
+
+  struct Variant {
+    gl::Defines defines;  // of the plan, the page pool and the tails
+    bool tails = false, feedback = false, wireframe = false;
+    FaultInjection faults;
+  };
+  // Everything but capture, which is emptied. On failure some are the new ones, some the old ones.
+  Result<void> link(gl::Api api, const Variant& variant);
+  Result<void> linkCapture(gl::Api api, const Variant& variant);
+};
+
+}  // namespace relievo
