@@ -40,43 +40,70 @@ struct DrawnNode {
   uint32_t info = 0;  // of its square
 };
 
-// What the selection asks of a forest. Squares passed in exist, unless said otherwise; `info` stands for what the
-// forest keeps of a square within a try. All of it is a function of the view and of squares, never of the tree: that is
-// why the two nodes at an edge agree, and a list does not depend on the order in which its nodes were made.
+// What the selection asks of a forest. Every answer is a function of the view and of squares, never of the tree. So the
+// two nodes at an edge agree, and a list does not depend on the order in which its nodes were made.
+//
+// Places. Squares that are passed in exist. exists() is asked of children, which the artwork's border may cut off.
+//   key()              names a square of any level; below 2^64 - 1
+//   neighbour()        the square of the same level across a side; false where there is none
+//   hasUnitsToSplit()  the children's grids of level 1 have whole units
+//   originUnits()      PatchInstance::x0, y0
+//   kLeastGrid         the least PatchInstance::grid_level
+//   kPlane             without relief the surface is a plane, and has no error
+// Heights.
+//   reliefDepth()      the level of the finest pages; below 0 without relief
+//   hasTails()         grids of 2^kTailCellsLog2 cells a patch's side have heights without a page
+//   asksForRoots()     pages of level 0 are among the requests
+//   kNeedsAddUp        the pages that a split rests on include those that its parent's split rests on
+// The view. A try is one tree for one error: beginTry(error_px, max_node_px) forgets the levels of the last one.
+//   beginView()        comes first; where the camera is not valid nothing else of the view is asked for
+//   addRoots(add)      calls add(root) for every tree; the answer is true where the root became a node by that call
+//   addAround(p, add)  the same for all roots that children of patch p's root may meet
+//   infoOf()           a handle of what the forest keeps of a square within a try
+//   isCulled()         nothing of the square is in view: it is no node
+//   isWide()           the square must be split, whatever its error
+//   centre()           a point of the square, for the priority of its requests
+//   isHidden()         the patch is selected as others are, but not drawn
+//   backsAreHidden()   PlanarLodResult
+// Levels. They are desired levels (desired_level.h).
+//   sideLevel()        of a whole side; the square across says the same of its own side there
+//   levelWithin()      what the square asks for beside its sides
+//   childLevels()      see ForestView
+// Errors.
+//   boundPx()          an upper bound of the error within a square that is part of a drawn node, in pixels; 0 if culled
 template <class F>
 concept LodForest = requires(F& f, const F& c, const Square& s, Square& other, uint32_t patch, uint32_t info, int side,
                              double px, const LodSettings& settings, const DrawnNode& drawn, bool (*add)(Square)) {
-  // ---- places
   { c.patchCount() } -> std::same_as<uint32_t>;
-  { c.unitLog2() } -> std::same_as<int>;                         // U
-  { c.key(s) } -> std::same_as<uint64_t>;                        // below 2^64 - 1, of any level
-  { c.exists(s) } -> std::same_as<bool>;                         // of a square's children: a border may cut them off
-  { c.neighbour(s, side, other) } -> std::same_as<bool>;         // of the same level; false: none exists
-  { c.hasUnitsToSplit(s) } -> std::same_as<bool>;                // children have grids of level 1 at least
-  { c.originUnits(s) } -> std::same_as<std::array<int32_t, 2>>;  // PatchInstance::x0, y0
-  { F::kLeastGrid } -> std::convertible_to<int>;                 // of PatchInstance::grid_level
-  { F::kPlane } -> std::convertible_to<bool>;                    // without relief there is nothing to refine
-  { F::kNeedsAddUp } -> std::convertible_to<bool>;               // what a split rests on rests on what its parent's did
-  // ---- heights
-  { c.reliefDepth() } -> std::same_as<int>;    // the finest pages' level; below 0: no relief
-  { c.hasTails() } -> std::same_as<bool>;      // grids of 2^kTailCellsLog2 cells a patch's side need no page
-  { c.asksForRoots() } -> std::same_as<bool>;  // pages of level 0 are among the requests
-  // ---- the view; the camera is valid
+  { c.unitLog2() } -> std::same_as<int>;
+  { c.key(s) } -> std::same_as<uint64_t>;
+  { c.exists(s) } -> std::same_as<bool>;
+  { c.neighbour(s, side, other) } -> std::same_as<bool>;
+  { c.hasUnitsToSplit(s) } -> std::same_as<bool>;
+  { c.originUnits(s) } -> std::same_as<std::array<int32_t, 2>>;
+  { F::kLeastGrid } -> std::convertible_to<int>;
+  { F::kPlane } -> std::convertible_to<bool>;
+
+  { c.reliefDepth() } -> std::same_as<int>;
+  { c.hasTails() } -> std::same_as<bool>;
+  { c.asksForRoots() } -> std::same_as<bool>;
+  { F::kNeedsAddUp } -> std::convertible_to<bool>;
+
   f.beginView(settings);
-  f.beginTry(px, px);       // error_px, max_node_px: forgets levels of the last try
-  f.addRoots(add);          // calls add(root) where a tree begins; true: it is a node now
-  f.addAround(patch, add);  // before a root is split: roots that it can meet
+  f.beginTry(px, px);
+  f.addRoots(add);
+  f.addAround(patch, add);
   { f.infoOf(s) } -> std::same_as<uint32_t>;
   { c.isCulled(info) } -> std::same_as<bool>;
-  { c.isWide(info) } -> std::same_as<bool>;           // must be split whatever its error
-  { f.centre(s, info) } -> std::same_as<glm::dvec3>;  // for priorities
-  { c.isHidden(patch) } -> std::same_as<bool>;        // selected as the others, but not drawn
-  { c.backsAreHidden() } -> std::same_as<bool>;       // PlanarLodResult
-  // ---- desired levels
-  { f.sideLevel(s, side) } -> std::same_as<int>;             // the same for the square across, which asks for its side
-  { f.levelWithin(s) } -> std::same_as<int>;                 // what it wants beside its sides
-  { f.childLevels(s) } -> std::same_as<std::array<int, 4>>;  // see ForestView
-  // ---- an upper bound of the error within a square, or within a part of a drawn node, in pixels; 0 where culled
+  { c.isWide(info) } -> std::same_as<bool>;
+  { f.centre(s, info) } -> std::same_as<glm::dvec3>;
+  { c.isHidden(patch) } -> std::same_as<bool>;
+  { c.backsAreHidden() } -> std::same_as<bool>;
+
+  { f.sideLevel(s, side) } -> std::same_as<int>;
+  { f.levelWithin(s) } -> std::same_as<int>;
+  { f.childLevels(s) } -> std::same_as<std::array<int, 4>>;
+
   { f.boundPx(s, drawn) } -> std::same_as<double>;
 };
 
@@ -88,8 +115,8 @@ concept DrawsRest = requires(F& f, uint32_t patch, const std::vector<PatchInstan
   { f.withRest(sorted) } -> std::same_as<std::vector<PatchInstance>>;  // all of them, sorted
 };
 
-// An object is used for one view after the other, so that its vectors keep their capacity; beside that it remembers
-// what hysteresis needs, and what the oracle said. Not for several threads at once.
+// An object is used for one view after the other, so that its vectors keep their capacity. Hysteresis remembers levels
+// from view to view, and a forest what the oracle said; nothing else lasts. Not for several threads at once.
 template <LodForest Forest>
 class QuadtreeLod {
  public:
