@@ -87,18 +87,25 @@ HandCache::HandCache(uint32_t slots, Replacement policy) : policy_(policy), slot
   assert(policy != Replacement::kLru);
 }
 
+uint64_t HandCache::advance(uint64_t tick) {
+  if (tick > last_tick_) {
+    last_tick_ = tick;
+    threshold_ = kFirstThreshold;
+  }
+  return last_tick_;
+}
+
 bool HandCache::touch(PageId id, uint64_t tick) {
   const auto found = index_.find(id);
   if (found == index_.end()) return false;
-  slots_[found->second].tick = tick;
+  slots_[found->second].tick = advance(tick);
   slots_[found->second].marked = true;
   return true;
 }
 
 HandCache::Placement HandCache::place(PageId id, uint64_t tick) {
   assert(!index_.contains(id));
-  if (tick != last_tick_) threshold_ = kFirstThreshold;
-  last_tick_ = tick;
+  tick = advance(tick);
   if (slots_.size() < slot_count_) {
     index_[id] = slots_.size();
     slots_.push_back({id, tick, true});

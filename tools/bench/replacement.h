@@ -28,7 +28,8 @@ enum class Replacement : uint8_t { kLru, kClock, kHalving };
 const char* replacementName(Replacement policy);  // "lru", "clock", "halving"
 inline constexpr uint32_t kFirstThreshold = 64;   // frames: about a second
 
-// A cache of equal slots under the two other policies. Ticks are frames and do not run backwards.
+// A cache of equal slots under the two other policies. Ticks are frames and do not run backwards: one smaller than the
+// largest seen so far counts as that one.
 class HandCache {
  public:
   HandCache(uint32_t slots, Replacement policy);
@@ -40,6 +41,7 @@ class HandCache {
   Placement place(PageId id, uint64_t tick);  // of a page that is not resident
 
  private:
+  uint64_t advance(uint64_t tick);
   struct Slot {
     PageId page;
     uint64_t tick = 0;
