@@ -44,6 +44,21 @@ inline Deviation slidAlong(int edge, int inside, const Deviation& finer) {
   return wholeLevels(edge) < wholeLevels(inside) ? finer.overCells() : finer.fromNone();
 }
 
+// Of what is drawn at a desired level, inside a node and along an edge of one that is drawn `inside`: of(level) is that
+// of the surface through the vertices of a whole level.
+template <class OfLevel>
+Deviation deviationInside(int desired, OfLevel&& of) {
+  const int level = wholeLevels(desired);
+  return betweenLevels(
+      desired, [&] { return of(level - 1); }, of(level));
+}
+template <class OfLevel>
+Deviation deviationOnEdge(int desired, int inside, OfLevel&& of) {
+  const int level = wholeLevels(desired);
+  return betweenLevels(
+      desired, [&] { return of(level - 1); }, slidAlong(desired, inside, of(level)));
+}
+
 // Steps and cracks keep their error over many levels. So that these come one after the other, a level counts for at
 // least so many times the next finer one's error: 6 per cent of a zoom each. Less would make them come faster, more
 // refines what needs no refinement.

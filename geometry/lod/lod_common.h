@@ -204,6 +204,29 @@ struct LodCamera {
   }
 };
 
+// A LodView as selections work with it: what is not finite, or below its least, counts for its default.
+struct LodSettings {
+  LodCamera camera;
+  bool flat = true;  // no relief, or none asked for
+  bool morph = false, hide_backs = true;
+  double exaggerate = 0;  // 0 where flat
+  double min_cell_px = 0, hysteresis = 0;
+  double error_px = 1, max_node_px = kMaxNodePx;  // larger where the budget of nodes ran out
+
+  LodSettings() = default;
+  // plane: without relief the surface is a plane, where nothing can be on its way.
+  LodSettings(const LodView& view, bool has_relief, bool plane)
+      : camera(view), flat(!view.relief || !has_relief), hide_backs(view.hide_backs) {
+    morph = view.morph && camera.valid && !(flat && plane);
+    exaggerate = flat ? 0 : std::isfinite(view.exaggerate) ? view.exaggerate : 1.0;
+    min_cell_px = view.min_cell_px > 0 ? view.min_cell_px : 0;
+    hysteresis = view.hysteresis > 0 && std::isfinite(view.hysteresis) ? view.hysteresis : 0;
+    error_px = view.error_px > kMinErrorPx ? view.error_px : kMinErrorPx;
+  }
+  // Levels are whole, and of this view alone.
+  bool wholeLevels() const { return !morph && hysteresis == 0; }
+};
+
 // What a millimetre can be in the picture, anywhere in some part of the surface.
 struct PxPerMm {
   double head_on = 0;  // across the line of sight, where the part is nearest
@@ -229,11 +252,13 @@ struct PxPerMm {
 };
 
 // The order that the results' lists promise.
-inline void sortLists(PlanarLodResult& result) {
-  std::sort(result.instances.begin(), result.instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
+inline void sortInstances(std::vector<PatchInstance>& instances) {
+  std::sort(instances.begin(), instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
     return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
   });
-  std::sort(result.requests.begin(), result.requests.end(), [](const ReliefRequest& a, const ReliefRequest& b) {
+}
+inline void sortRequests(std::vector<ReliefRequest>& requests) {
+  std::sort(requests.begin(), requests.end(), [](const ReliefRequest& a, const ReliefRequest& b) {
     if (a.page.level != b.page.level) return a.page.level < b.page.level;
     return a.priority != b.priority ? a.priority < b.priority : a.page < b.page;
   });

@@ -12,26 +12,14 @@
 
 #include "geometry/lod/facing_cone.h"
 #include "geometry/lod/lod_common.h"
+#include "geometry/lod/page_facts.h"
+#include "geometry/lod/square.h"
 #include "src/artwork/base_mesh.h"
 
 namespace relievo {
 
 // 1 / 2^times, up to 1,022 times.
 inline double halved(int times) { return std::bit_cast<double>(static_cast<uint64_t>(1023 - times) << 52); }
-
-// A square of a patch: of level l there are 2^l x 2^l.
-struct Square {
-  uint32_t patch = 0;
-  int level = 0;
-  uint32_t x = 0, y = 0;
-  Square ancestor(int coarser) const { return {patch, coarser, x >> (level - coarser), y >> (level - coarser)}; }
-  Square child(uint32_t k) const { return {patch, level + 1, 2 * x + (k & 1), 2 * y + (k >> 1)}; }
-  // The child at a half of a side, the first half towards smaller coordinates.
-  Square childAt(int side, uint32_t half) const {
-    return child(side == kLeft || side == kRight ? (side == kRight) + 2 * half : half + 2 * (side == kBottom));
-  }
-  NodeId id() const { return {patch, static_cast<uint32_t>(level), x, y}; }
-};
 
 // Corners of a square at its lowest and at its highest height: the displaced square lies in their hull (see
 // mesh_lod.cpp).
@@ -214,25 +202,16 @@ class MeshForest {
   }
   double error(const Square& s, int level, double exaggerate) { return deviation(s, level, exaggerate).mm; }
   // Between two views.
-  void forgetSome() {
-    if (parts_.size() <= kMaxParts) return;
-    parts_.clear();
-    parts_index_.clear();
-  }
+  void forgetSome() { facts_.forgetSome(); }
 
  private:
-  static constexpr size_t kMaxParts = 8192;  // of pages, 2.7 KB each, kept from view to view
-
   const HeightBounds& pageBounds(const Square& page) {
     if (page.level == 0) {
       HeightBounds& b = root_bounds_[page.patch];
       if (!(b.min_mm <= b.max_mm)) b = askBounds(page);
       return b;
     }
-    const uint64_t k = key(page);
-    if (uint32_t found = bounds_index_.find(k); found != IndexTable::kNone) return bounds_[found];
-    bounds_index_.insert(k, static_cast<uint32_t>(bounds_.size()));
-    return bounds_.emplace_back(askBounds(page));
+    return facts_.bounds(key(page), [&] { return askBounds(page); });
   }
   HeightBounds askBounds(const Square& page) const {
     HeightBounds b = oracle_->bounds(page.id());
@@ -286,18 +265,7 @@ class MeshForest {
       return depth_ == 0 ? d : joined(d, bakedDeviation(s, kPageLog2));
     }
     const Square page = s.ancestor(std::min(page_level, s.level));
-    const double whole = pageBounds(page).error_mm;
-    const int part_depth = std::min(s.level - page.level, kErrorBlocksLog2);
-    if (part_depth == 0 || whole == 0) return Deviation::anyDirection(whole);
-    const uint64_t k = key(page);
-    uint32_t found = parts_index_.find(k);
-    if (found == IndexTable::kNone) {
-      found = static_cast<uint32_t>(parts_.size());
-      parts_index_.insert(k, found);
-      parts_.emplace_back().read(*oracle_, page.id(), static_cast<float>(whole));
-    }
-    const Square part = s.ancestor(page.level + part_depth);
-    return parts_[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth)).deviation();
+    return facts_.within(s, page, key(page), *oracle_, Deviation::anyDirection(pageBounds(page).error_mm));
   }
 
   std::shared_ptr<const BaseMesh> base_;
@@ -308,8 +276,8 @@ class MeshForest {
   int depth_ = 0, place_bits_ = 0;
   bool has_relief_ = false, tails_ = false;
   HeightBounds whole_range_;
-  std::vector<HeightBounds> root_bounds_, bounds_;  // the former by patch; min above max: not asked for yet
-  std::vector<PartErrors> parts_;
+  std::vector<HeightBounds> root_bounds_;  // by patch; min above max: not asked for yet
+  PageFacts facts_;                        // of the other pages, and of all pages' parts
   struct WholeShapes {
     std::array<DeviationShape, std::tuple_size_v<CoarseErrors>> of;
     uint8_t known = 0;  // a bit each
@@ -317,7 +285,6 @@ class MeshForest {
   std::vector<WholeShapes> whole_shapes_;  // by patch
   std::vector<uint32_t> coarse_index_;     // by patch, in the following; none: not asked for yet
   std::vector<CoarseParts> coarse_parts_;
-  IndexTable bounds_index_, parts_index_;
 };
 
 }  // namespace relievo

@@ -56,7 +56,12 @@ struct LodView {
   // Patches of closed bodies that the eye, outside, sees from behind alone are left out (over a base mesh); no other
   // patch changes.
   bool hide_backs = true;
-  // Over a base mesh: as if every relief page were resident. The list that pages lead to once all that it wants are
+  // A flat artwork's nodes, too, are divided where their quarters take fewer triangles, as those of a base mesh always
+  // are. All that is drawn stays as fine as it is asked for, and max_error_px a bound; the quarters' edges are known
+  // better than the whole ones, so that it may exceed 2 error_px a little where heights are large beside their
+  // distance.
+  bool divide_flat = false;
+  // As if every relief page were resident. The list that pages lead to once all that it wants are
   // there, whatever came first: what is wanted of a list that grows with them depends on their order, since neighbours
   // that are known better want less at a shared edge.
   bool as_if_resident = false;

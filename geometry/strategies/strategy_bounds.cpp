@@ -280,10 +280,4 @@ bool ReliefBounds3d::neighbour(const NodeId& node, int side, NodeId* out) const 
   return d.nodeExists(*out);
 }
 
-void sortInstances(std::vector<PatchInstance>& instances) {
-  std::sort(instances.begin(), instances.end(), [](const PatchInstance& a, const PatchInstance& b) {
-    return a.grid_level != b.grid_level ? a.grid_level < b.grid_level : a.node < b.node;
-  });
-}
-
 }  // namespace relievo

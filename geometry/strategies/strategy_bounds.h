@@ -11,6 +11,7 @@
 
 #include <glm/glm.hpp>
 
+#include "geometry/lod/lod_common.h"
 #include "geometry/lod/mesh_forest.h"
 #include "geometry/strategies/lod_strategy.h"
 
@@ -91,7 +92,5 @@ class ReliefBounds3d {
   std::unordered_map<NodeId, PartErrors> parts_;
   std::vector<double> typical_;
 };
-
-void sortInstances(std::vector<PatchInstance>& instances);
 
 }  // namespace relievo

@@ -23,7 +23,7 @@ struct Figures {
   double worst = 0;
 };
 Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
-              bool orthographic = false, double fov_deg = 0) {
+              bool orthographic = false, double fov_deg = 0, bool divide = false) {
   Figures f;
   ReliefPages pages(domain, reliefHeight);
   for (int k = 0; k < views; ++k) {
@@ -45,6 +45,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
       view = orthographicView(camera, 2 * distance * std::tan(camera.fov_y / 2), view.error_px);
       view.exaggerate = exaggerate;
     }
+    view.divide_flat = divide;
     ReliefSet resident;
     int rounds = random.integer(0, 7);
     for (int round = 0; round < rounds; ++round)
@@ -101,6 +102,9 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
     constexpr int kViews = kSanitized ? 20 : 80;
     Figures f = study(domain, relief, kViews, kSeed, 1);
     EXPECT_EQ(f.above, 0) << a.width << " x " << a.height;
+    const Figures divided = study(domain, relief, kViews / 2, kSeed, 1, false, 0, true);
+    EXPECT_EQ(divided.above, 0) << a.width << " x " << a.height << ", divided for fewer triangles";
+    EXPECT_LE(divided.worst, 2);
     EXPECT_LE(f.worst, 2);  // with all pages it also keeps what was asked for, but for the factor where levels meet
     // Negative control: a third of the prediction is not a bound (where the prediction is more than the range of
     // heights).

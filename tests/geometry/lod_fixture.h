@@ -194,6 +194,43 @@ inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle&
   return resident;
 }
 
+// ---- random cases
+struct PlanarCase {
+  PlanarDomain domain;
+  std::shared_ptr<MadeUpOracle> oracle;
+  Camera camera;
+  LodView view;
+  ReliefSet resident;
+};
+// narrowing: see MadeUpOracle; a claim about heights that the noise of the pages does not keep.
+inline PlanarCase randomPlanarCase(uint64_t seed, bool narrowing = true) {
+  Random random(seed);
+  PlanarCase c;
+  c.domain = randomDomain(random);
+  c.oracle = std::make_shared<MadeUpOracle>(c.domain, random.engine(), narrowing);
+  c.camera = randomCamera(c.domain, random);
+  c.view = makeView(c.camera, random.real(0.7, 4));
+  c.view.exaggerate = random.chance(0.3) ? random.real(0, 5) : 1;
+  c.view.relief = !random.chance(0.05);
+  c.resident = randomResidency(c.domain, *c.oracle, c.view, random);
+  return c;
+}
+inline std::string describe(const PlanarCase& c, uint64_t seed) {
+  return "seed " + std::to_string(seed) + ", " + std::to_string(c.domain.width_px) + " x " +
+         std::to_string(c.domain.height_px) + ", relief depth " + std::to_string(c.domain.relief_depth) + " of " +
+         std::to_string(c.domain.texture_depth) + ", " + std::to_string(c.resident.size()) + " pages resident";
+}
+
+// Lists and what they promise, in every particular.
+inline bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
+  auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
+    return p.page == q.page && p.priority == q.priority;
+  };
+  return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
+         a.error_px == b.error_px && a.instances == b.instances &&
+         std::equal(a.requests.begin(), a.requests.end(), b.requests.begin(), b.requests.end(), sameRequest);
+}
+
 // ---- a drawn list as places
 struct Placed {
   const PatchInstance* instance = nullptr;

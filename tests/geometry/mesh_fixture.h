@@ -489,6 +489,20 @@ inline MeshCase randomMeshCase(uint64_t seed, NamedMesh named) {
   c.resident = randomMeshResidency(*c.lod, c.view, random);
   return c;
 }
+// The same with tails, often from further away, where patches are small.
+struct MeshTailCase : MeshCase {
+  explicit MeshTailCase(uint64_t seed, const NamedMesh& mesh) : MeshCase(randomMeshCase(seed, mesh)) {
+    Random random(seed ^ 0x7A11);
+    lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm,
+                                    relief.scale_mm, oracle, oracle->coarse(named.mesh.patches.size()), true);
+    view.hide_backs = false;
+    if (random.chance(0.6)) view.error_px *= std::exp(random.real(0, 5));
+    resident = randomMeshResidency(*lod, view, random);
+    const double lost = random.chance(0.5) ? 0.5 : 0;
+    if (random.chance(0.1)) resident.clear();
+    std::erase_if(resident, [&](const NodeId& n) { return n.level == 0 && random.chance(lost); });
+  }
+};
 inline std::string describe(const MeshCase& c, uint64_t seed) {
   return "seed " + std::to_string(seed) + ", " + c.named.name + ", relief depth " + std::to_string(c.relief.depth) +
          ", " + std::to_string(c.resident.size()) + " pages resident";

@@ -1,12 +1,11 @@
-// The LOD over base meshes: what is drawn tiles what is in view, levels are balanced and have samples, lists are
-// deterministic and settle, hard geometry and hard views end well.
+// The LOD over base meshes: what is drawn tiles what is in view, levels are balanced and have samples, hard geometry
+// and hard views end well. What holds for flat artworks, too, is tested in quadtree_lod_test.cpp.
 #include <gtest/gtest.h>
 
 #include <cstdio>
 #include <limits>
 
 #include "tests/geometry/mesh_fixture.h"
-#include "tests/geometry/true_mesh_relief.h"
 
 namespace relievo::test {
 namespace {
@@ -136,73 +135,6 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
   EXPECT_GT(single_cells, 0u);
 }
 
-bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
-  auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
-    return p.page == q.page && p.priority == q.priority;
-  };
-  return a.limited_by_residency == b.limited_by_residency && a.max_error_px == b.max_error_px &&
-         a.error_px == b.error_px && a.instances == b.instances &&
-         std::equal(a.requests.begin(), a.requests.end(), b.requests.begin(), b.requests.end(), sameRequest);
-}
-
-// What a selection keeps from earlier views changes nothing.
-TEST(MeshLod, SameInputSameList) {
-  const auto meshes = allMeshes();
-  uint64_t different = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
-    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]),
-             fresh = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    PlanarLodResult first = c.lod->select(c.view, c.resident);
-    Random random(seed);
-    for (int k = 0; k < 3; ++k) {
-      LodView other = makeView(randomMeshCamera(c.named.mesh, c.relief.unitLog2(), random), 1);
-      c.lod->select(other, {});
-    }
-    // The same pages, inserted the other way round into a table of another size.
-    std::vector<NodeId> pages(c.resident.begin(), c.resident.end());
-    ReliefSet other(4 * pages.size() + 100);
-    for (size_t i = pages.size(); i-- > 0;) other.insert(pages[i]);
-    EXPECT_TRUE(sameList(first, c.lod->select(c.view, other))) << describe(c, seed);
-    EXPECT_TRUE(sameList(first, fresh.lod->select(c.view, c.resident))) << describe(c, seed);
-    LodView moved = c.view;
-    moved.error_px *= 3;
-    different += !sameList(first, c.lod->select(moved, c.resident));
-  }
-  EXPECT_GT(different, 10u / kViewShare);  // the control: the comparison sees a change
-}
-
-// Grant what is asked for: after a few rounds nothing is missing, the wants are stable, and only they are needed.
-TEST(MeshLod, SettlesWhenRequestsAreGrantedAndKeepsNothingElse) {
-  const auto meshes = allMeshes();
-  int most_rounds = 0, over_budget = 0, cases = 0;
-  size_t most_nodes = 0, most_requests = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + share(200); ++seed, ++cases) {
-    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    ReliefSet resident;
-    PlanarLodResult lod;
-    int rounds = 0;
-    for (; rounds < 30; ++rounds) {
-      lod = c.lod->select(c.view, resident);
-      ReliefSet wanted;
-      for (const ReliefRequest& w : lod.requests) wanted.insert(w.page);
-      if (wanted == resident) break;
-      resident = std::move(wanted);  // a cache of exactly what is wanted: everything else is evicted at once
-    }
-    over_budget += lod.error_px > c.view.error_px;
-    ASSERT_LT(rounds, 30) << describe(c, seed);
-    ASSERT_EQ(lod.limited_by_residency, 0u) << describe(c, seed);
-    if (c.view.min_cell_px == 0) {
-      ASSERT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9)) << describe(c, seed);
-    }
-    most_rounds = std::max(most_rounds, rounds);
-    most_nodes = std::max(most_nodes, lod.instances.size());
-    most_requests = std::max(most_requests, lod.requests.size());
-  }
-  std::printf("[ figures  ] %d cases: at most %d rounds, %zu nodes, %zu pages; %d cases over the node budget\n", cases,
-              most_rounds, most_nodes, most_requests, over_budget);
-  EXPECT_LT(over_budget, cases / 2);
-}
-
 // ---- hard views of hard meshes
 void expectSane(const NamedMesh& named, const MeshRelief& relief, const LodView& view, const char* what) {
   SCOPED_TRACE(named.name + ", " + what);
@@ -266,148 +198,6 @@ TEST(MeshLod, HardViewsOfHardMeshes) {
       look(named, relief, view, "negative exaggeration");
     }
   }
-}
-
-TEST(MeshLod, ViewsThatAreNoneDrawTheRoots) {
-  NamedMesh named{"torus", torus(9, 5, 80, 25), true};
-  MeshRelief relief{2, -1, 3.0 / 65535};
-  const double nan = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
-  Camera c;
-  c.eye = {0, 0, 300};
-  std::vector<LodView> views(6, makeView(c));
-  views[0].clip_from_world[1][2] = nan;
-  views[1].clip_from_world = glm::dmat4(0.0);
-  views[2].eye_mm.x = inf;
-  views[3].pixels_per_radian = nan;
-  views[4].pixels_per_radian = 0;
-  views[5].clip_from_world[2][3] = -inf;
-  auto oracle = std::make_shared<MadeUpMeshOracle>(relief, 7, 0.3);
-  MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm, oracle);
-  for (const LodView& view : views) {
-    PlanarLodResult lod = selection.select(view, {});
-    ASSERT_EQ(lod.instances.size(), named.mesh.patches.size());
-    EXPECT_TRUE(lod.requests.empty());
-    EXPECT_EQ(lod.max_error_px, 0);
-    for (uint32_t p = 0; p < lod.instances.size(); ++p) {
-      EXPECT_EQ(lod.instances[p].node, (NodeId{p, 0, 0, 0}));
-      EXPECT_EQ(lod.instances[p].grid_level, 0);
-      for (const auto& side : lod.instances[p].edges)
-        EXPECT_EQ(side, (std::array<uint8_t, 2>{0, PatchInstance::kWholeEdge}));
-    }
-  }
-  // What is no number among the requests is the default, or nothing.
-  LodView view = makeView(c);
-  view.error_px = nan, view.exaggerate = inf, view.near_mm = -1, view.min_cell_px = nan;
-  EXPECT_TRUE(std::isfinite(selection.select(view, {}).max_error_px));
-}
-
-// An oracle that knows nothing, or says what cannot be.
-class LyingOracle final : public ReliefOracle {
- public:
-  explicit LyingOracle(int kind) : kind_(kind) {}
-  HeightBounds bounds(const NodeId&) const override {
-    const float nan = std::numeric_limits<float>::quiet_NaN(), inf = std::numeric_limits<float>::infinity();
-    return kind_ == 0   ? HeightBounds{nan, nan, nan}
-           : kind_ == 1 ? HeightBounds{5, -5, -1}
-                        : HeightBounds{-inf, inf, inf};
-  }
-  bool errorBlocks(const NodeId&, std::span<float> error_mm) const override {
-    for (float& e : error_mm) e = kind_ == 1 ? -1 : std::numeric_limits<float>::quiet_NaN();
-    return true;
-  }
-
- private:
-  int kind_;
-};
-TEST(MeshLod, OraclesThatLieAreTakenForKnowingNothing) {
-  NamedMesh named{"sheet", openSheet(3, 3, 20)};
-  Camera c;
-  c.eye = {0, 0, 60};
-  for (int kind : {0, 1, 2}) {
-    std::vector<CoarseErrors> coarse(9);
-    for (auto& e : coarse)
-      e.fill(kind == 0   ? std::numeric_limits<float>::quiet_NaN()
-             : kind == 1 ? -1.0f
-                         : std::numeric_limits<float>::infinity());
-    MeshLod selection(std::make_shared<BaseMesh>(named.mesh), 2, -1, 2.0 / 65535, std::make_shared<LyingOracle>(kind),
-                      coarse);
-    ReliefSet resident;
-    PlanarLodResult lod;
-    for (int round = 0; round < 6; ++round) {
-      lod = selection.select(makeView(c), resident);
-      for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
-    }
-    EXPECT_TRUE(std::isfinite(lod.max_error_px));
-    EXPECT_GT(lod.instances.size(), 9u);  // down to the finest samples, as far as the budget of nodes goes
-    EXPECT_EQ(lod.limited_by_residency, 0u);
-  }
-}
-
-// Levels are a function of the error asked for: a smaller one never asks for anything coarser. A node that would save
-// less than 32 cells by being divided stays whole, and is drawn finer than asked for by no more than that.
-TEST(MeshLod, SmallerErrorsNeverDrawCoarser) {
-  const auto meshes = wellShapedMeshes();
-  uint64_t all_fine = 0, all_coarse = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
-    MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    struct Drawn {
-      bool as_asked = false;
-      uint64_t cells = 0, spare = 0;
-    };
-    auto draw = [&](double error_px) {
-      LodView view = c.view;
-      view.error_px = error_px;
-      PlanarLodResult lod = c.lod->select(view, c.resident);
-      Drawn drawn{lod.error_px <= error_px};
-      for (const PatchInstance& p : lod.instances) {
-        const uint64_t cells = uint64_t{1} << (2 * p.grid_level);
-        drawn.cells += cells;
-        drawn.spare += std::min<uint64_t>(cells, 32);
-      }
-      return drawn;
-    };
-    const Drawn fine = draw(c.view.error_px), coarse = draw(3 * c.view.error_px);
-    if (!fine.as_asked) continue;
-    EXPECT_GE(fine.cells + coarse.spare, coarse.cells) << describe(c, seed);
-    all_fine += fine.cells, all_coarse += coarse.cells;
-  }
-  std::printf("[ figures  ] %llu cells, %llu for three times the error\n", static_cast<unsigned long long>(all_fine),
-              static_cast<unsigned long long>(all_coarse));
-  if (!kSanitized) {
-    EXPECT_GT(all_fine, all_coarse + all_coarse / 4);
-  }  // few views may lack pages for more
-}
-
-// Where a part of a node asks for more than the rest, the rest is drawn without: all of it would take many more
-// triangles, for the same promise.
-TEST(MeshLod, NodesAreDividedWhereThatSavesTriangles) {
-  // One bump in the middle of a quarter of the only patch.
-  BaseMesh mesh = openSheet(1, 1, 100, 0);
-  MeshRelief relief{1, -2, 4.0 / 65535};
-  TrueMeshRelief truth(mesh, relief, [](const glm::dvec3& p, const Place&) {
-    return 0.5 + 0.4 * std::exp(-0.02 * glm::dot(p - glm::dvec3(25, 25, 0), p - glm::dvec3(25, 25, 0)));
-  });
-  MeshLod lod(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm,
-              std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
-  Camera c;
-  c.eye = {0, 30, 150};
-  LodView view = makeView(c, 0.25);
-  view.as_if_resident = true;
-  auto count = [](const PlanarLodResult& result) {
-    uint64_t cells = 0;
-    for (const PatchInstance& p : result.instances) cells += uint64_t{1} << (2 * p.grid_level);
-    return cells;
-  };
-  const PlanarLodResult divided = lod.select(view, {});
-  int finest = 0;
-  for (const PatchInstance& p : divided.instances)
-    finest = std::max(finest, static_cast<int>(p.node.level) + p.grid_level);
-  const uint64_t cells = count(divided), as_one = uint64_t{1} << (2 * finest);
-  std::printf("[ figures  ] %zu nodes, %llu cells, %llu if all were as fine; %.2f px promised\n",
-              divided.instances.size(), static_cast<unsigned long long>(cells), static_cast<unsigned long long>(as_one),
-              divided.max_error_px);
-  EXPECT_LE(divided.max_error_px, 0.5 * (1 + 1e-9));
-  EXPECT_LT(3 * cells, as_one);
 }
 
 }  // namespace

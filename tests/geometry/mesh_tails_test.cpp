@@ -14,21 +14,7 @@ namespace relievo::test {
 namespace {
 
 constexpr uint64_t kSeed = 20261121;
-
-struct TailCase : MeshCase {
-  explicit TailCase(uint64_t seed, const NamedMesh& mesh) : MeshCase(randomMeshCase(seed, mesh)) {
-    Random random(seed ^ 0x7A11);
-    lod = std::make_unique<MeshLod>(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm,
-                                    relief.scale_mm, oracle, oracle->coarse(named.mesh.patches.size()), true);
-    view.hide_backs = false;
-    // Often from further away, where patches are small.
-    if (random.chance(0.6)) view.error_px *= std::exp(random.real(0, 5));
-    resident = randomMeshResidency(*lod, view, random);
-    const double lost = random.chance(0.5) ? 0.5 : 0;
-    if (random.chance(0.1)) resident.clear();
-    std::erase_if(resident, [&](const NodeId& n) { return n.level == 0 && random.chance(lost); });
-  }
-};
+using TailCase = MeshTailCase;
 
 TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
   const std::vector<NamedMesh> meshes = allMeshes();
@@ -120,49 +106,6 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
   }
   EXPECT_GT(of_pages, 1000 / kViewShare);
   EXPECT_GT(of_tails, 200 / kViewShare);
-}
-
-// The list that a view ends with, once all its pages are there, is known before; and is what they give then. The
-// control: pages that come a few at a time, in any order, end in other lists, too, each of which asks for no more.
-TEST(MeshTails, WhatPagesLeadToDoesNotDependOnTheirOrder) {
-  const std::vector<NamedMesh> meshes = wellShapedMeshes();
-  int of_pages = 0, others = 0, cases = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + 12 + share(48); ++seed) {
-    TailCase c(seed, meshes[seed % meshes.size()]);
-    if (!c.view.relief) continue;
-    c.view.hysteresis = 0;
-    LodView ahead = c.view;
-    ahead.as_if_resident = true;
-    const PlanarLodResult expected = c.lod->select(ahead, {});
-    ReliefSet resident;
-    for (const ReliefRequest& request : expected.requests) resident.insert(request.page);
-    for (const PatchInstance& p : expected.instances) {
-      ASSERT_TRUE(p.relief_page.level == kTailLevel || resident.contains(p.relief_page)) << describe(c, seed);
-      of_pages += p.relief_page.level != kTailLevel;
-    }
-    const PlanarLodResult there = c.lod->select(c.view, resident);
-    EXPECT_EQ(there.instances, expected.instances) << describe(c, seed);
-    EXPECT_EQ(there.limited_by_residency, 0u) << describe(c, seed);
-    Random random(seed);
-    ReliefSet growing;
-    for (int round = 0; round < 200; ++round) {
-      std::vector<NodeId> missing;
-      const PlanarLodResult lod = c.lod->select(c.view, growing);
-      for (const ReliefRequest& request : lod.requests)
-        if (!growing.contains(request.page)) missing.push_back(request.page);
-      if (missing.empty()) {
-        others += lod.instances != expected.instances;
-        ++cases;
-        break;
-      }
-      std::shuffle(missing.begin(), missing.end(), random.engine);
-      growing.insert(missing.begin(), missing.begin() + static_cast<std::ptrdiff_t>((missing.size() + 1) / 2));
-    }
-  }
-  std::printf("[ figures  ] %d of %d orders of arrival end in another list\n", others, cases);
-  EXPECT_GT(of_pages, 1000 / kViewShare);
-  EXPECT_GE(others, 3 / kViewShare) << "the control";
-  EXPECT_GE(cases, 6);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 # relievo_test(...) lines of tests/geometry
 relievo_test(snap_test LIBS relievo_lod SOURCES geometry/snap_test.cpp)
+relievo_test(quadtree_lod_test LIBS relievo_lod SOURCES geometry/quadtree_lod_test.cpp)
 relievo_test(planar_lod_test LIBS relievo_lod SOURCES geometry/planar_lod_test.cpp)
 relievo_test(lod_error_test LIBS relievo_lod SOURCES geometry/lod_error_test.cpp)
 relievo_test(lod_worker_test LIBS relievo_lod SOURCES geometry/lod_worker_test.cpp)
