@@ -33,7 +33,7 @@ if(TARGET gl_gltest)
 endif()
 # The oracle of "virtual equals dense": links nothing of the engine but plain types.
 add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
-target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
+target_link_libraries(relievo_dense_reference PUBLIC relievo_artwork glm::glm)
 relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)
 
 relievo_gltest(bc_blocks_gltest LIBS relievo_gl relievo_stream relievo_import SOURCES render/bc_blocks_gltest.cpp)
