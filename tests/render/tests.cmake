@@ -45,6 +45,7 @@ relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agr
 relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package_agrees_test.cpp)
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
+relievo_gltest(other_bases_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/other_bases_gltest.cpp)
 relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
