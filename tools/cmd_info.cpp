@@ -109,9 +109,10 @@ void addMeaning(nlohmann::ordered_json& json, const Contents& c) {
   json["texture_levels"] = d.texture_depth + 1;
   json["relief_levels"] = d.relief_depth + 1;
   json["patches"] = d.patchCount();
-  if (isPtm(m.texture.basis)) {
-    json["scale"] = m.texture.scale;
-    json["bias"] = m.texture.bias;
+  if (m.texture.coefficients() > 0) {
+    const auto scales = m.texture.scales(), biases = m.texture.biases();
+    json["scale"] = std::vector(scales.begin(), scales.end());
+    json["bias"] = std::vector(biases.begin(), biases.end());
   }
   if (d.relief_depth >= 0) {
     json[std::string("relief_min_") + c.unit()] = d.relief_offset_mm;
@@ -172,11 +173,11 @@ void printMeaning(const Contents& c) {
   const PlanarDomain& d = m.domain;
   printOutf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
             m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
-  if (isPtm(m.texture.basis)) {
+  if (m.texture.coefficients() > 0) {
     printOutf("  scale    ");
-    for (double v : m.texture.scale) printOutf(" %.6g", v);
+    for (double v : m.texture.scales()) printOutf(" %.6g", v);
     printOutf("\n  bias     ");
-    for (double v : m.texture.bias) printOutf(" %.6g", v);
+    for (double v : m.texture.biases()) printOutf(" %.6g", v);
     printOutf("\n");
   }
   if (d.relief_depth >= 0) {

@@ -54,7 +54,7 @@ OrbitCamera above(const PlanarDomain& d, double x_px, double y_px, double zoom) 
   return c;
 }
 
-uint64_t sum(const std::array<uint64_t, 16>& counts) {
+uint64_t sum(const StreamerStats::ByPlane& counts) {
   uint64_t total = 0;
   for (uint64_t n : counts) total += n;
   return total;
