@@ -284,7 +284,8 @@ struct Engine::Impl {
     v.hide_backs = options.hide_backs;
     v.morph = plan.geomorph;
     v.hysteresis = settling ? 0 : scene.hysteresis;
-    // Over a base mesh alone: a flat artwork settles on the list that its pages lead to in the order in which they come.
+    // Over a base mesh alone: a flat artwork settles on the list that its pages lead to in the order in which they
+    // come.
     v.as_if_resident = settling && all_pages_come && artwork.manifest.base;
     return v;
   }
