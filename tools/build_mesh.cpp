@@ -103,8 +103,6 @@ struct Memory {
 // What a build takes beside a scan, however little memory is left: for looking up where lines meet the scan, and for
 // pages.
 constexpr uint64_t kLeastRayBytes = uint64_t{256} << 20, kLeastPackageBytes = uint64_t{64} << 20;
-// From so many on a scan is worked through in parts.
-constexpr size_t kManyTriangles = 400'000;
 
 // Runs a stage with its line of progress, and notes what it cost.
 class Stages {
