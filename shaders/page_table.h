@@ -17,6 +17,11 @@ using uint = uint32_t;
 #define RV_FUNC
 #endif
 
+// An entry has the slots of three planes (texturing/stream/page_table.h); each texel of the second texture has those of
+// eight more, two in each component, the first in the lower half.
+#define RV_PLANES_IN_ENTRY 3
+#define RV_PLANES_IN_EXTRA 8
+
 RV_FUNC uint pageMix(uint h) {
   h = (h ^ (h >> 16u)) * 0x7FEB352Du;
   h = (h ^ (h >> 15u)) * 0x846CA68Bu;

@@ -1,15 +1,22 @@
 // shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (CPU reference: src/artwork/basis.h).
-// TAILS_ONLY: no page is looked up. PLANES: texture planes read; BASIS: 0 colour, 1 LRGB PTM, 2 RGB PTM.
+// TAILS_ONLY: no page is looked up. PLANES: texture planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of
+// src/render/picture_target.h) COEFFICIENTS is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that
+// holds one; COLOUR, of a luminance, is CHANNEL(plane, channel) of red, green and blue.
+#include "shading.h"
 #include "texture_lookup.glsl"
 
-uniform vec4 u_coefficients[6];  // x: scale, y: bias of coefficient k; z: basis function k under the light
+#ifdef COEFFICIENTS
+uniform vec4 u_coefficients[COEFFICIENTS];  // x: scale, y: bias of coefficient k; z: its function under the light
+#endif
+uniform vec3 u_light;            // the unit vector towards it, in the artwork's space
 uniform vec3 u_fade;             // frame time as in PageTableEntry::birth; 1 / (fade time in 1/64 s); 1: fades are over
 
 out vec4 o_colour;
 
 int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
-  uint pair = plane < 2 ? entry.z : plane == 2 ? entry.w : plane < 5 ? extra.x : plane < 7 ? extra.y : extra.z;
-  bool high = plane == 1 || plane == 4 || plane == 6;
+  int beyond = plane - RV_PLANES_IN_ENTRY;
+  uint pair = plane < 2 ? entry.z : plane == 2 ? entry.w : extra[max(beyond, 0) % RV_PLANES_IN_EXTRA / 2];
+  bool high = plane == 1 || (beyond > 0 && (beyond & 1) == 1);
   return int(high ? pair >> 16u : pair & 0xFFFFu);
 }
 
@@ -80,10 +87,20 @@ void filterNode(uvec4 entry, uint index, vec2 local, out vec3 channels[PLANES]) 
   p = clamp(p, vec2(float(kPageBorderPx) + 0.5), vec2(float(kPageBorderPx + kPagePx) - 0.5));
 #endif
   uvec4 extra = uvec4(0u);
-#if PLANES > 3
-  extra = texelFetch(u_table_extra, ivec2(index & ((1u << u_table_shape.y) - 1u), index >> u_table_shape.y), 0);
+#if PLANES > RV_PLANES_IN_ENTRY
+  ivec2 at = ivec2(index & ((1u << u_table_shape.y) - 1u), index >> u_table_shape.y);
+  extra = texelFetch(u_table_extra, at, 0);
 #endif
-  for (int k = 0; k < PLANES; ++k) channels[k] = filterPage(slotOfPlane(k, entry, extra), p);
+  for (int k = 0; k < PLANES; ++k) {
+#if PLANES > RV_PLANES_IN_ENTRY + RV_PLANES_IN_EXTRA
+    // The slots of further planes are in texels below, as many rows as the table has.
+    if (k > RV_PLANES_IN_ENTRY && (k - RV_PLANES_IN_ENTRY) % RV_PLANES_IN_EXTRA == 0) {
+      at.y += int((u_table_shape.x + 1u) >> u_table_shape.y);
+      extra = texelFetch(u_table_extra, at, 0);
+    }
+#endif
+    channels[k] = filterPage(slotOfPlane(k, entry, extra), p);
+  }
 }
 
 // The channels at uv, from the resident node of `place`; a new page blends in.
@@ -215,24 +232,23 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 #endif
 
 vec3 shade(vec3 channels[PLANES]) {
-#if BASIS == 0
+#define CHANNEL(plane, channel) channels[plane][channel]
+#if SHADING == RV_SHADING_COLOUR
   return channels[0];
-#elif BASIS == 1
+#elif SHADING == RV_SHADING_LUMINANCE
+#define TERM(plane, channel, k, colour) luminance += (CHANNEL(plane, channel) - u_coefficients[k].y) * u_coefficients[k].x * u_coefficients[k].z;
   float luminance = 0.0;
-  for (int k = 0; k < 3; ++k) {
-    luminance += (channels[0][k] - u_coefficients[k].y) * u_coefficients[k].x * u_coefficients[k].z;
-    luminance += (channels[1][k] - u_coefficients[k + 3].y) * u_coefficients[k + 3].x * u_coefficients[k + 3].z;
-  }
-  return channels[2] * (luminance / 255.0);
-#elif BASIS == 3
-  // Albedo and normal (src/artwork/basis.h): Lambert's law, shown on a display of gamma 2.2.
-  vec3 light = vec3(u_coefficients[0].z, u_coefficients[1].z, u_coefficients[2].z);
-  float lit = max(dot(channels[1] / 127.5 - 1.0, light), 0.0);
-  return channels[0] * pow(min(0.04 + 0.96 * lit, 1.0), 1.0 / 2.2);
-#else
+  TERMS
+  return vec3(COLOUR) * (luminance / 255.0);
+#elif SHADING == RV_SHADING_COLOURS
+#define TERM(plane, channel, k, colour) sum[colour] += (CHANNEL(plane, channel) - u_coefficients[k].y) * (u_coefficients[k].x * u_coefficients[k].z);
   vec3 sum = vec3(0.0);
-  for (int k = 0; k < 6; ++k) sum += (channels[k] - u_coefficients[k].y) * (u_coefficients[k].x * u_coefficients[k].z);
+  TERMS
   return sum;
+#elif SHADING == RV_SHADING_ALBEDO_NORMAL
+  // Lambert's law, shown on a display.
+  float lit = max(dot(channels[1] / kNormalUnit - 1.0, u_light), 0.0);
+  return channels[0] * pow(min(kAmbientShare + (1.0 - kAmbientShare) * lit, 1.0), 1.0 / kDisplayGamma);
 #endif
 }
 

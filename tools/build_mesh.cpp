@@ -257,6 +257,219 @@ std::string millimetres(double mm) {
   return text;
 }
 
+// A scan's way into a package, stage by stage; each begins with what those before it left.
+class MeshBuild {
+ public:
+  explicit MeshBuild(const MeshBuildArguments& a) : a_(a), mesh_file_(a.mesh, true) {}
+
+  Result<void> run() {
+    if (auto done = read(); !done) return done;
+    if (auto done = checkArguments(); !done) return done;
+    auto textured = readSurface(a_, loaded_.mesh);
+    if (!textured) return textured.error();
+    textured_ = std::move(*textured);
+    if (interruptedFlag()) return interrupted(a_);
+    if (auto done = makeBase(); !done) return done;
+    if (auto done = bake(); !done) return done;
+    if (auto done = pack(); !done) return done;
+    if (measured())
+      if (auto done = measure(); !done) return done;
+    result_.stages = stages_.costs;
+    return writeReports();
+  }
+  void printSummary() const;
+
+ private:
+  Result<void> read();
+  // What only the scan itself tells to be impossible.
+  Result<void> checkArguments() const;
+  // Beside it begins what the bake looks up.
+  Result<void> makeBase();
+  Result<void> bake();
+  Result<void> pack();
+  bool measured() const { return !a_.report.empty() || !a_.json_file.empty(); }
+  Result<void> measure();
+  Result<void> writeReports() const;
+
+  const MeshBuildArguments& a_;
+  Stages stages_;
+  FileProvenance mesh_file_;
+  LoadedMesh loaded_;
+  Surface textured_;
+  std::optional<BackgroundTask<Result<BakeScene>>> bake_scene_;
+  BaseMesh base_;
+  std::unique_ptr<MeshBake> bake_;
+  MeshBuildResult result_;
+};
+
+Result<void> MeshBuild::read() {
+  MeshReadOptions read_options;
+  read_options.mm_per_unit = mmPerUnit(a_.unit);
+  read_options.workers = a_.package.workers;
+  read_options.allow_outside = a_.allow_outside;
+  auto loaded = stages_.run("read", read_options, [&] {
+    auto mesh = readMesh(a_.mesh, read_options);
+    if (mesh.ok()) mesh_file_.start();
+    if (mesh.ok() && needsOrder(mesh->mesh)) orderTriangles(mesh->mesh, a_.package.workers, &interruptedFlag());
+    return mesh;
+  });
+  if (!loaded) return loaded.error();
+  loaded_ = std::move(*loaded);
+  if (a_.named_files) *a_.named_files = loaded_.named_files;
+  // Nothing of what follows can give the scan's own memory back.
+  if (const uint64_t held = Memory::now(); held > a_.package.memory_budget_bytes) {
+    warn(a_.mesh + ": the scan alone takes " + std::to_string(held >> 20) + " MiB of memory, --memory-mib allows " +
+         std::to_string(a_.package.memory_budget_bytes >> 20) + ", about " +
+         std::to_string((held + kLeastRayBytes + kLeastPackageBytes) >> 20) + " MiB are needed");
+  }
+  return {};
+}
+
+Result<void> MeshBuild::checkArguments() const {
+  std::vector<NamedFile> named;
+  for (const std::string& path : loaded_.named_files) named.push_back({path + ", which the mesh names", path});
+  if (auto good = checkApart({{"-o", a_.package.output}, {"--report", a_.report}, {"--json", a_.json_file}}, named);
+      !good)
+    return good;
+  // Each patch has cells of its own: more of them than the scan has detail for take minutes, and space, for nothing.
+  constexpr size_t kAlwaysPatches = 1024;
+  if (const size_t most = std::max(kAlwaysPatches, loaded_.mesh.triangles.size() / 2); a_.patches > most)
+    return Error{ErrorKind::kUsage,
+                 a_.mesh,
+                 "--patches asks for " + std::to_string(a_.patches) + ", a scan of " +
+                     std::to_string(loaded_.mesh.triangles.size()) + " triangles has at most " + std::to_string(most),
+                 "ask for fewer, or leave --patches out",
+                 {}};
+  return {};
+}
+
+Result<void> MeshBuild::makeBase() {
+  const TriMesh& scan = loaded_.mesh;
+  BaseDomainOptions base_options;
+  base_options.patches = a_.patches;
+  base_options.workers = a_.package.workers;
+  // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
+  // does not need.
+  constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
+  base_options.scan_done = [&] {
+    const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
+    const uint64_t left = a_.package.memory_budget_bytes > held ? a_.package.memory_budget_bytes - held : 0;
+    BakeSceneOptions options{
+        .ray_bytes = std::max(left, kLeastRayBytes), .workers = a_.package.workers, .interrupted = &interruptedFlag()};
+    bake_scene_.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
+  };
+  auto base = stages_.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
+  if (!base) {
+    Error error = base.error();
+    if (error.kind == ErrorKind::kInvalidData) error.file = a_.mesh;
+    return error;
+  }
+  base_ = std::move(*base);
+  return {};
+}
+
+Result<void> MeshBuild::bake() {
+  const TriMesh& scan = loaded_.mesh;
+  const Image8& image = textured_.image;
+  BakeOptions bake_options;
+  bake_options.tolerance_mm = a_.tolerance_mm;
+  bake_options.workers = a_.package.workers;
+  auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
+    Result<BakeScene>& scene = bake_scene_->get();
+    if (!scene) return scene.error();
+    return MeshBake::create(
+        scan,
+        {image.width, image.height, image.pixels, std::max(image.channels, 3), !a_.ptm.empty(), scan.texture_repeats},
+        base_, bake_options, std::move(*scene));
+  });
+  if (!bake) return bake.error();
+  bake_ = std::move(*bake);
+  return {};
+}
+
+Result<void> MeshBuild::pack() {
+  std::vector<Provenance> sources{mesh_file_.get()};
+  if (textured_.source) sources.push_back(*textured_.source);
+  result_.package = a_.package.output;
+  result_.mesh = meshJson(sources[0].name, a_.unit, loaded_.diagnosis, bake_->base(), bake_->report(), a_.patches);
+  BuildOptions package = a_.package;
+  package.manifest_extra =
+      nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
+  // package's.
+  constexpr uint64_t kKeptBytes = uint64_t{16} << 20;
+  const uint64_t held = Memory::now();
+  package.kept_bytes = kKeptBytes;
+  package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
+  auto built = stages_.run(
+      "package", [&] { return buildPatchesWithProgress(BakedPatches(*bake_, sources, textured_.format), package); });
+  if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
+  result_.pages = built->pages;
+  result_.package_bytes = built->package_bytes;
+  result_.triangles_read = loaded_.diagnosis.triangles_read;
+  result_.vertices = loaded_.diagnosis.vertices;
+  {
+    auto opened = Package::open(a_.package.output);
+    if (!opened) return opened.error();
+    auto relief = planeUsage(**opened, Plane::kRelief);
+    if (!relief) return relief.error();
+    result_.relief_bytes = relief->bytes + baseSectionBytes(base_.corners.size(), base_.patches.size());
+  }
+  return {};
+}
+
+Result<void> MeshBuild::measure() {
+  DistanceRun distance_run;
+  distance_run.workers = a_.package.workers;
+  // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
+  const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a_.package.memory_budget_bytes ? 64u : 16u} << 20;
+  distance_run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
+  auto distance =
+      stages_.run("distance", distance_run, [&] { return measureDistance(loaded_.mesh, *bake_, 3, distance_run); });
+  if (!distance) {
+    Error error = distance.error();
+    if (error.kind == ErrorKind::kInterrupted)
+      error.hint = a_.package.output + " is whole; its distances were not measured, no report was written";
+    return error;
+  }
+  result_.distance = std::move(*distance);
+  return {};
+}
+
+Result<void> MeshBuild::writeReports() const {
+  if (!a_.report.empty())
+    if (auto written = writeMeshReport(a_.report, loaded_.mesh, result_); !written) return written;
+  if (!a_.json_file.empty()) {
+    const std::string text = reportJson(result_).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+    if (auto written = writeFile(a_.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+        !written || a_.json_file == "-")
+      return written;
+  }
+  return {};
+}
+
+void MeshBuild::printSummary() const {
+  double seconds = 0;
+  uint64_t peak = 0;
+  std::string each;
+  for (const StageCost& s : stages_.costs) {
+    char text[64];
+    std::snprintf(text, sizeof text, "%s%s %.1f s", each.empty() ? "" : ", ", s.name.c_str(), s.seconds);
+    each += text;
+    seconds += s.seconds;
+    peak = std::max(peak, s.peak_bytes);
+  }
+  printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a_.package.output.c_str(),
+            static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
+            seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
+  if (measured()) {
+    const MeshDistance& d = result_.distance;
+    printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
+              millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
+              millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
+  }
+}
+
 }  // namespace
 
 double mmPerUnit(const std::string& unit) {
@@ -264,155 +477,9 @@ double mmPerUnit(const std::string& unit) {
 }
 
 Result<void> buildFromMesh(const MeshBuildArguments& a) {
-  Stages stages;
-  FileProvenance mesh_file(a.mesh, true);
-  MeshReadOptions read_options;
-  read_options.mm_per_unit = mmPerUnit(a.unit);
-  read_options.workers = a.package.workers;
-  read_options.allow_outside = a.allow_outside;
-  auto loaded = stages.run("read", read_options, [&] {
-    auto mesh = readMesh(a.mesh, read_options);
-    if (mesh.ok()) mesh_file.start();
-    if (mesh.ok() && needsOrder(mesh->mesh)) orderTriangles(mesh->mesh, a.package.workers, &interruptedFlag());
-    return mesh;
-  });
-  if (!loaded) return loaded.error();
-  if (a.named_files) *a.named_files = loaded->named_files;
-  // Nothing of what follows can give the scan's own memory back.
-  if (const uint64_t held = Memory::now(); held > a.package.memory_budget_bytes) {
-    warn(a.mesh + ": the scan alone takes " + std::to_string(held >> 20) + " MiB of memory, --memory-mib allows " +
-         std::to_string(a.package.memory_budget_bytes >> 20) + ", about " +
-         std::to_string((held + kLeastRayBytes + kLeastPackageBytes) >> 20) + " MiB are needed");
-  }
-  std::vector<NamedFile> named;
-  for (const std::string& path : loaded->named_files) named.push_back({path + ", which the mesh names", path});
-  if (auto good = checkApart({{"-o", a.package.output}, {"--report", a.report}, {"--json", a.json_file}}, named); !good)
-    return good;
-  const TriMesh& scan = loaded->mesh;
-  // Each patch has cells of its own: more of them than the scan has detail for take minutes, and space, for nothing.
-  constexpr size_t kAlwaysPatches = 1024;
-  if (const size_t most = std::max(kAlwaysPatches, scan.triangles.size() / 2); a.patches > most)
-    return Error{ErrorKind::kUsage,
-                 a.mesh,
-                 "--patches asks for " + std::to_string(a.patches) + ", a scan of " +
-                     std::to_string(scan.triangles.size()) + " triangles has at most " + std::to_string(most),
-                 "ask for fewer, or leave --patches out",
-                 {}};
-  auto textured = readSurface(a, scan);
-  if (!textured) return textured.error();
-  const Image8& image = textured->image;
-  if (interruptedFlag()) return interrupted(a);
-
-  BaseDomainOptions base_options;
-  base_options.patches = a.patches;
-  base_options.workers = a.package.workers;
-  // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
-  // does not need.
-  constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
-  std::optional<BackgroundTask<Result<BakeScene>>> bake_scene;
-  base_options.scan_done = [&] {
-    const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
-    const uint64_t left = a.package.memory_budget_bytes > held ? a.package.memory_budget_bytes - held : 0;
-    BakeSceneOptions options{
-        .ray_bytes = std::max(left, kLeastRayBytes), .workers = a.package.workers, .interrupted = &interruptedFlag()};
-    bake_scene.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
-  };
-  auto base = stages.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
-  if (!base) {
-    Error error = base.error();
-    if (error.kind == ErrorKind::kInvalidData) error.file = a.mesh;
-    return error;
-  }
-
-  BakeOptions bake_options;
-  bake_options.tolerance_mm = a.tolerance_mm;
-  bake_options.workers = a.package.workers;
-  auto bake = stages.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
-    Result<BakeScene>& scene = bake_scene->get();
-    if (!scene) return scene.error();
-    return MeshBake::create(
-        scan,
-        {image.width, image.height, image.pixels, std::max(image.channels, 3), !a.ptm.empty(), scan.texture_repeats},
-        *base, bake_options, std::move(*scene));
-  });
-  if (!bake) return bake.error();
-
-  std::vector<Provenance> sources{mesh_file.get()};
-  if (textured->source) sources.push_back(*textured->source);
-  MeshBuildResult result;
-  result.package = a.package.output;
-  result.mesh = meshJson(sources[0].name, a.unit, loaded->diagnosis, (*bake)->base(), (*bake)->report(), a.patches);
-  BuildOptions package = a.package;
-  package.manifest_extra =
-      nlohmann::ordered_json{{"mesh", result.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
-  // package's.
-  constexpr uint64_t kKeptBytes = uint64_t{16} << 20;
-  const uint64_t held = Memory::now();
-  package.kept_bytes = kKeptBytes;
-  package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
-  auto built = stages.run(
-      "package", [&] { return buildPatchesWithProgress(BakedPatches(**bake, sources, textured->format), package); });
-  if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a) : built.error();
-  result.pages = built->pages;
-  result.package_bytes = built->package_bytes;
-  result.triangles_read = loaded->diagnosis.triangles_read;
-  result.vertices = loaded->diagnosis.vertices;
-  {
-    auto opened = Package::open(a.package.output);
-    if (!opened) return opened.error();
-    auto relief = planeUsage(**opened, Plane::kRelief);
-    if (!relief) return relief.error();
-    result.relief_bytes = relief->bytes + baseSectionBytes(base->corners.size(), base->patches.size());
-  }
-
-  const bool measure = !a.report.empty() || !a.json_file.empty();
-  if (measure) {
-    DistanceRun distance_run;
-    distance_run.workers = a.package.workers;
-    // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
-    const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a.package.memory_budget_bytes ? 64u : 16u} << 20;
-    distance_run.memory_bytes = std::max(a.package.memory_budget_bytes, in_use + least) - in_use;
-    auto distance =
-        stages.run("distance", distance_run, [&] { return measureDistance(scan, **bake, 3, distance_run); });
-    if (!distance) {
-      Error error = distance.error();
-      if (error.kind == ErrorKind::kInterrupted)
-        error.hint = a.package.output + " is whole; its distances were not measured, no report was written";
-      return error;
-    }
-    result.distance = std::move(*distance);
-  }
-  result.stages = stages.costs;
-  if (!a.report.empty())
-    if (auto written = writeMeshReport(a.report, scan, result); !written) return written;
-  if (!a.json_file.empty()) {
-    const std::string text = reportJson(result).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
-    if (auto written = writeFile(a.json_file, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
-        !written || a.json_file == "-")
-      return written;
-  }
-
-  if (a.quiet) return {};
-  double seconds = 0;
-  uint64_t peak = 0;
-  std::string each;
-  for (const StageCost& s : stages.costs) {
-    char text[64];
-    std::snprintf(text, sizeof text, "%s%s %.1f s", each.empty() ? "" : ", ", s.name.c_str(), s.seconds);
-    each += text;
-    seconds += s.seconds;
-    peak = std::max(peak, s.peak_bytes);
-  }
-  printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a.package.output.c_str(),
-            static_cast<unsigned long long>(built->pages), static_cast<double>(built->package_bytes) / (1 << 20),
-            seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result.mesh).c_str());
-  if (measure) {
-    const MeshDistance& d = result.distance;
-    printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
-              millimetres(d.to_baked.max_mm).c_str(), millimetres(d.to_scan.max_mm).c_str(),
-              millimetres(d.to_baked.rms_mm).c_str(), millimetres(d.to_scan.rms_mm).c_str(), d.psnr_db);
-  }
+  MeshBuild build(a);
+  if (auto done = build.run(); !done) return done;
+  if (!a.quiet && a.json_file != "-") build.printSummary();
   return {};
 }
 

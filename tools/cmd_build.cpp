@@ -208,118 +208,138 @@ Result<void> build(const BuildArguments& o) {
   return {};
 }
 
+constexpr const char* kFooter =
+    "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
+    "      --relief heights.tif --relief-mm -1.5:2.5\n"
+    "  relievo build -o bust.relievo --mesh bust.ply --unit m --tolerance 0.05 --report bust.html\n"
+    "  relievo build -o coin.relievo --mesh coin.obj --ptm coin.ptm\n\n"
+    "A mesh is diagnosed first (what is repaired is said, and kept: `relievo info`; what cannot be is an error that "
+    "names places),\n"
+    "then laid over quadrilateral patches: heights along their normals, colours and normals on them.\n"
+    "With --ptm its texture coordinates say which pixel of the PTM lies where, and the PTM's coefficients lie on the "
+    "patches. The mesh's\n"
+    "axes must be those of the photographs: x right, y up, z to the camera; light is turned into them however the "
+    "object is seen, and\n"
+    "light from behind is taken as grazing light from its side.\n\n"
+    "Encodings of texture pages (relief is always exact):\n"
+    "  lossless  exact; q8 is another name for it\n"
+    "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
+    "  jpeg      smallest; --quality chooses. Slow to decode\n"
+    "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three "
+    "channels\n"
+    "What each costs is measured in texturing/ENCODINGS.md, and for your artwork by `relievo bench FILE --only "
+    "encodings`.\n\n"
+    "The package is written beside and renamed when whole; an interrupted build leaves nothing behind. One that is "
+    "killed leaves files\n"
+    "named OUTPUT.part-...: the next build of that output removes them, or goes on from them with --resume (every 10 "
+    "s there is a\n"
+    "checkpoint; if inputs, options or program differ, or the files are damaged, it starts anew). No output takes "
+    "the place of an\n"
+    "input, of a file that the mesh names, or of another output.\n"
+    "The same inputs give the same bytes, with any number of workers.";
+
+// Each group of options in the order in which --help lists them. Answers --mesh, which others need or exclude.
+CLI::Option* addInputOptions(CLI::App& c, BuildArguments& o) {
+  c.add_option("-o,--output", o.output, "Package to write")->required();
+  c.add_option("--ptm", o.ptm,
+               "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB); of a mesh with texture coordinates, too");
+  c.add_option("--image", o.image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
+  auto* mesh = c.add_option("--mesh", o.mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
+  c.add_option("--texture", o.texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")
+      ->needs(mesh);
+  c.add_option("--unit", o.unit, "Of the mesh's coordinates: mm, cm, m or in")
+      ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
+      ->needs(mesh)
+      ->capture_default_str();
+  c.add_option("--patches", o.patches,
+               "About how many patches, at most half of the triangles (or 1024); 0: as the shape asks for. How many "
+               "there are is said")
+      ->check(CLI::Range(0u, 1u << 20))
+      ->needs(mesh)
+      ->capture_default_str();
+  c.add_option(
+       "--tolerance", o.tolerance_mm,
+       "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal. If it is not reached, that is said, and why")
+      ->check(notNegative)
+      ->needs(mesh)
+      ->capture_default_str();
+  c.add_option("--report", o.report, "Write this HTML file: diagnosis, distances with a picture, time and memory")
+      ->needs(mesh);
+  return mesh;
+}
+
+void addReliefOptions(CLI::App& c, BuildArguments& o, CLI::Option* mesh) {
+  c.add_option("--relief", o.relief,
+               "Height map, one channel, of the texture's proportions: 8 or 16 bit (with --relief-mm), or float in mm")
+      ->excludes(mesh);
+  c.add_option("--relief-mm", o.relief_mm,
+               "MIN:MAX, the heights of the map's 0 and its largest value (of floats: of 0 and 1), mm");
+  c.add_option("--relief-px", o.relief_px,
+               "MIN:MAX, the same in pixels of the texture, where its size in mm is not known");
+  c.add_flag("--stretch-relief", o.stretch_relief,
+             "Stretch a height map of other proportions than the texture's over it");
+  c.add_option(
+       "--mm-per-pixel", o.mm_per_px,
+       "Size of a texture pixel, mm; tag: what the image's resolution tag says [not known: the package counts px]")
+      ->check(positiveOrTag)
+      ->excludes(mesh);
+}
+
+void addPackageOptions(CLI::App& c, BuildArguments& o) {
+  c.add_option("--workers", o.workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
+  c.add_option("--zstd-level", o.zstd_level, "Compression, -7 (fast) to 19 (small)")
+      ->check(CLI::Range(-7, 19))
+      ->capture_default_str();
+  c.add_option("--encoding", o.encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")
+      ->capture_default_str();
+  c.add_option("--encoding-coefficients", o.coefficients, "Of coefficient planes alone [as --encoding]");
+  c.add_option("--encoding-colour", o.colour, "Of colour planes alone [as --encoding]");
+  c.add_option("--quality", o.quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
+  c.add_option("--memory-mib", o.memory_mib,
+               "Memory to stay within, MiB (a mesh may take more: 36 bytes a triangle as it is read; less than 90 "
+               "makes it slower)")
+      ->check(CLI::Range(64, 1 << 20))
+      ->capture_default_str();
+  c.add_flag("--resume", o.resume,
+             "Go on from the last checkpoint of the same build that was killed or interrupted, or start anew; and "
+             "keep one where this build stops. Not with --mesh");
+  c.add_option("--checkpoint-every", o.checkpoint_s, "Seconds; 0: after each part; negative: none")
+      ->group("")
+      ->capture_default_str();
+}
+
+void addLimitOptions(CLI::App& c, BuildArguments& o, CLI::Option* mesh) {
+  const char* limits = "Limits";
+  c.add_flag("--allow-outside", o.allow_outside,
+             "Open material files and images that the mesh names outside its folder, too")
+      ->needs(mesh)
+      ->group(limits);
+  c.add_option("--max-tile-mib", o.max_tile_mib, "Largest tile of an image, decoded, MiB [an eighth of --memory-mib]")
+      ->check(CLI::Range(0, 1 << 20))
+      ->group(limits);
+  c.add_option(
+       "--max-image-mib", o.max_image_mib,
+       "Largest image that is decoded as a whole (interlaced, progressive, a mesh's), MiB [a third of --memory-mib]")
+      ->check(CLI::Range(0, 1 << 20))
+      ->group(limits);
+  c.add_option("--max-packing", o.max_packing,
+               "An image that claims more bytes of pixels than this times its file's is taken for damaged")
+      ->check(CLI::Range(1, 1 << 30))
+      ->capture_default_str()
+      ->group(limits);
+}
+
 }  // namespace
 
 void addBuildCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<BuildArguments>();
   auto* c = app.add_subcommand(
       "build", "Make a streamable package from a PTM or an image, and a height map; or from a scanned mesh");
-  c->footer(
-      "Example:\n  relievo build -o tablet.relievo --ptm tablet.ptm --mm-per-pixel 0.05 \\\n"
-      "      --relief heights.tif --relief-mm -1.5:2.5\n"
-      "  relievo build -o bust.relievo --mesh bust.ply --unit m --tolerance 0.05 --report bust.html\n"
-      "  relievo build -o coin.relievo --mesh coin.obj --ptm coin.ptm\n\n"
-      "A mesh is diagnosed first (what is repaired is said, and kept: `relievo info`; what cannot be is an error that "
-      "names places),\n"
-      "then laid over quadrilateral patches: heights along their normals, colours and normals on them.\n"
-      "With --ptm its texture coordinates say which pixel of the PTM lies where, and the PTM's coefficients lie on the "
-      "patches. The mesh's\n"
-      "axes must be those of the photographs: x right, y up, z to the camera; light is turned into them however the "
-      "object is seen, and\n"
-      "light from behind is taken as grazing light from its side.\n\n"
-      "Encodings of texture pages (relief is always exact):\n"
-      "  lossless  exact; q8 is another name for it\n"
-      "  q7 ... q4 values rounded to 2^7 ... 2^4 levels: an error of at most 1, 2, 4 or 8 of 255, no seams\n"
-      "  jpeg      smallest; --quality chooses. Slow to decode\n"
-      "  bc1 bc4 bc5 bc7  blocks that a GPU can sample: 0.5, 1.5, 1.5 and 1 byte per texel and plane of three "
-      "channels\n"
-      "What each costs is measured in texturing/ENCODINGS.md, and for your artwork by `relievo bench FILE --only "
-      "encodings`.\n\n"
-      "The package is written beside and renamed when whole; an interrupted build leaves nothing behind. One that is "
-      "killed leaves files\n"
-      "named OUTPUT.part-...: the next build of that output removes them, or goes on from them with --resume (every 10 "
-      "s there is a\n"
-      "checkpoint; if inputs, options or program differ, or the files are damaged, it starts anew). No output takes "
-      "the place of an\n"
-      "input, of a file that the mesh names, or of another output.\n"
-      "The same inputs give the same bytes, with any number of workers.");
-  c->add_option("-o,--output", o->output, "Package to write")->required();
-  c->add_option("--ptm", o->ptm,
-                "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB); of a mesh with texture coordinates, too");
-  c->add_option("--image", o->image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
-  auto* mesh = c->add_option("--mesh", o->mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
-  c->add_option("--texture", o->texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")
-      ->needs(mesh);
-  c->add_option("--unit", o->unit, "Of the mesh's coordinates: mm, cm, m or in")
-      ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
-      ->needs(mesh)
-      ->capture_default_str();
-  c->add_option("--patches", o->patches,
-                "About how many patches, at most half of the triangles (or 1024); 0: as the shape asks for. How many "
-                "there are is said")
-      ->check(CLI::Range(0u, 1u << 20))
-      ->needs(mesh)
-      ->capture_default_str();
-  c->add_option(
-       "--tolerance", o->tolerance_mm,
-       "Distance from the scan to aim at, mm; 0: 1e-4 of its diagonal. If it is not reached, that is said, and why")
-      ->check(notNegative)
-      ->needs(mesh)
-      ->capture_default_str();
-  c->add_option("--report", o->report, "Write this HTML file: diagnosis, distances with a picture, time and memory")
-      ->needs(mesh);
-  c->add_option("--relief", o->relief,
-                "Height map, one channel, of the texture's proportions: 8 or 16 bit (with --relief-mm), or float in mm")
-      ->excludes(mesh);
-  c->add_option("--relief-mm", o->relief_mm,
-                "MIN:MAX, the heights of the map's 0 and its largest value (of floats: of 0 and 1), mm");
-  c->add_option("--relief-px", o->relief_px,
-                "MIN:MAX, the same in pixels of the texture, where its size in mm is not known");
-  c->add_flag("--stretch-relief", o->stretch_relief,
-              "Stretch a height map of other proportions than the texture's over it");
-  c->add_option(
-       "--mm-per-pixel", o->mm_per_px,
-       "Size of a texture pixel, mm; tag: what the image's resolution tag says [not known: the package counts px]")
-      ->check(positiveOrTag)
-      ->excludes(mesh);
-  c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
-  c->add_option("--zstd-level", o->zstd_level, "Compression, -7 (fast) to 19 (small)")
-      ->check(CLI::Range(-7, 19))
-      ->capture_default_str();
-  c->add_option("--encoding", o->encoding, "Of texture pages: lossless, q8 to q4, jpeg, bc1, bc4, bc5, bc7 (see below)")
-      ->capture_default_str();
-  c->add_option("--encoding-coefficients", o->coefficients, "Of coefficient planes alone [as --encoding]");
-  c->add_option("--encoding-colour", o->colour, "Of colour planes alone [as --encoding]");
-  c->add_option("--quality", o->quality, "Of jpeg, 1 to 100")->check(CLI::Range(1, 100))->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib,
-                "Memory to stay within, MiB (a mesh may take more: 36 bytes a triangle as it is read; less than 90 "
-                "makes it slower)")
-      ->check(CLI::Range(64, 1 << 20))
-      ->capture_default_str();
-  c->add_flag("--resume", o->resume,
-              "Go on from the last checkpoint of the same build that was killed or interrupted, or start anew; and "
-              "keep one where this build stops. Not with --mesh");
-  c->add_option("--checkpoint-every", o->checkpoint_s, "Seconds; 0: after each part; negative: none")
-      ->group("")
-      ->capture_default_str();
-  const char* limits = "Limits";
-  c->add_flag("--allow-outside", o->allow_outside,
-              "Open material files and images that the mesh names outside its folder, too")
-      ->needs(mesh)
-      ->group(limits);
-  c->add_option("--max-tile-mib", o->max_tile_mib, "Largest tile of an image, decoded, MiB [an eighth of --memory-mib]")
-      ->check(CLI::Range(0, 1 << 20))
-      ->group(limits);
-  c->add_option(
-       "--max-image-mib", o->max_image_mib,
-       "Largest image that is decoded as a whole (interlaced, progressive, a mesh's), MiB [a third of --memory-mib]")
-      ->check(CLI::Range(0, 1 << 20))
-      ->group(limits);
-  c->add_option("--max-packing", o->max_packing,
-                "An image that claims more bytes of pixels than this times its file's is taken for damaged")
-      ->check(CLI::Range(1, 1 << 30))
-      ->capture_default_str()
-      ->group(limits);
+  c->footer(kFooter);
+  CLI::Option* mesh = addInputOptions(*c, *o);
+  addReliefOptions(*c, *o, mesh);
+  addPackageOptions(*c, *o);
+  addLimitOptions(*c, *o, mesh);
   c->add_option("--json", o->json_file,
                 "Write a report to this JSON file; - for standard output. Of a mesh: with distances");
   c->callback([o, &context] {

@@ -65,84 +65,98 @@ struct InfoArguments {
   bool json = false;
 };
 
-Result<void> info(const InfoArguments& o) {
-  auto opened = Package::open(o.file);
-  if (!opened) return opened.error();
-  const Package& package = **opened;
-  // Damage is told of in what follows. What the disk does not give is no property of the package.
-  if (const auto& problem = package.manifestProblem(); problem && problem->kind == ErrorKind::kIo) return *problem;
-  const Manifest& m = package.manifest();
-  const PlanarDomain& d = m.domain;
-  const double pixels = static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
-  const double bytes_per_px = static_cast<double>(package.fileBytes()) / pixels;
-  for (const std::string& warning : package.warnings()) warn(o.file + ": " + warning);
-  const auto planes_read = planeLines(package);
-  if (!planes_read) return planes_read.error();
-  const auto& planes = *planes_read;
-  const char* unit = m.size_known ? "mm" : "px";
-  if (o.json) {
-    nlohmann::ordered_json json;
-    json["file"] = o.file;
-    json["file_bytes"] = package.fileBytes();
-    json["width_px"] = d.width_px;
-    json["height_px"] = d.height_px;
-    if (m.size_known) json["mm_per_px"] = d.mm_per_px;
-    else json["mm_per_px"] = nullptr;
-    if (m.base) {
-      const auto [low, high] = extentMm(*m.base);
-      json["base"] = {{"corners", m.base->corners.size()},
-                      {"patches", m.base->patches.size()},
-                      {"min_mm", {low.x, low.y, low.z}},
-                      {"max_mm", {high.x, high.y, high.z}},
-                      {"error_unit_mm", m.error_unit_mm}};
-      if (auto mesh = meshOf(package); !mesh.is_null()) json["mesh"] = mesh;
-    } else if (m.size_known) {
-      json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
-      json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
-    }
-    json["basis"] = basisName(m.texture.basis);
-    json["texture_planes"] = m.texture.planes();
-    json["texture_levels"] = d.texture_depth + 1;
-    json["relief_levels"] = d.relief_depth + 1;
-    json["patches"] = d.patchCount();
-    if (isPtm(m.texture.basis)) {
-      json["scale"] = m.texture.scale;
-      json["bias"] = m.texture.bias;
-    }
-    if (d.relief_depth >= 0) {
-      json[std::string("relief_min_") + unit] = d.relief_offset_mm;
-      json[std::string("relief_max_") + unit] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
-      json[std::string("relief_step_") + unit] = d.relief_scale_mm;
-    }
-    json["planes"] = nlohmann::ordered_json::array();
-    for (const PlaneLine& p : planes) {
-      json["planes"].push_back({{"name", p.name},
-                                {"encoding", p.encoding},
-                                {"pages", p.usage.pages},
-                                {"bytes", p.usage.bytes},
-                                {"bytes_per_px", static_cast<double>(p.usage.bytes) / pixels},
-                                {"unknown_pages", p.usage.unknown_pages}});
-    }
-    json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
-    if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
-    json["pages"] = m.page_count;
-    if (m.base) json["tails"] = package.hasTails();
-    json["bytes_per_px"] = bytes_per_px;
-    json["tool_version"] = m.tool_version;
-    json["sources"] = nlohmann::ordered_json::array();
-    for (const Provenance& p : m.sources)
-      json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
-    json["warnings"] = package.warnings();
-    printOutf("%s\n",
-              json.dump(2, ' ', /*ensure_ascii=*/true, nlohmann::ordered_json::error_handler_t::replace).c_str());
-    return {};
+// What is told of a package, in either form.
+struct Contents {
+  const std::string& file;
+  const Package& package;
+  std::vector<PlaneLine> planes;
+  double pixels() const {
+    const PlanarDomain& d = package.manifest().domain;
+    return static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
   }
-  printOutf("%s\n", printable(o.file).c_str());
+  double bytesPerPx() const { return static_cast<double>(package.fileBytes()) / pixels(); }
+  const char* unit() const { return package.manifest().size_known ? "mm" : "px"; }
+};
+
+void addSize(nlohmann::ordered_json& json, const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  const PlanarDomain& d = m.domain;
+  json["file"] = c.file;
+  json["file_bytes"] = c.package.fileBytes();
+  json["width_px"] = d.width_px;
+  json["height_px"] = d.height_px;
+  if (m.size_known) json["mm_per_px"] = d.mm_per_px;
+  else json["mm_per_px"] = nullptr;
+  if (m.base) {
+    const auto [low, high] = extentMm(*m.base);
+    json["base"] = {{"corners", m.base->corners.size()},
+                    {"patches", m.base->patches.size()},
+                    {"min_mm", {low.x, low.y, low.z}},
+                    {"max_mm", {high.x, high.y, high.z}},
+                    {"error_unit_mm", m.error_unit_mm}};
+    if (auto mesh = meshOf(c.package); !mesh.is_null()) json["mesh"] = mesh;
+  } else if (m.size_known) {
+    json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
+    json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
+  }
+}
+
+void addMeaning(nlohmann::ordered_json& json, const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  const PlanarDomain& d = m.domain;
+  json["basis"] = basisName(m.texture.basis);
+  json["texture_planes"] = m.texture.planes();
+  json["texture_levels"] = d.texture_depth + 1;
+  json["relief_levels"] = d.relief_depth + 1;
+  json["patches"] = d.patchCount();
+  if (m.texture.coefficients() > 0) {
+    const auto scales = m.texture.scales(), biases = m.texture.biases();
+    json["scale"] = std::vector(scales.begin(), scales.end());
+    json["bias"] = std::vector(biases.begin(), biases.end());
+  }
+  if (d.relief_depth >= 0) {
+    json[std::string("relief_min_") + c.unit()] = d.relief_offset_mm;
+    json[std::string("relief_max_") + c.unit()] = d.relief_offset_mm + 65535 * d.relief_scale_mm;
+    json[std::string("relief_step_") + c.unit()] = d.relief_scale_mm;
+  }
+}
+
+nlohmann::ordered_json jsonOf(const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  nlohmann::ordered_json json;
+  addSize(json, c);
+  addMeaning(json, c);
+  json["planes"] = nlohmann::ordered_json::array();
+  for (const PlaneLine& p : c.planes) {
+    json["planes"].push_back({{"name", p.name},
+                              {"encoding", p.encoding},
+                              {"pages", p.usage.pages},
+                              {"bytes", p.usage.bytes},
+                              {"bytes_per_px", static_cast<double>(p.usage.bytes) / c.pixels()},
+                              {"unknown_pages", p.usage.unknown_pages}});
+  }
+  json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
+  if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
+  json["pages"] = m.page_count;
+  if (m.base) json["tails"] = c.package.hasTails();
+  json["bytes_per_px"] = c.bytesPerPx();
+  json["tool_version"] = m.tool_version;
+  json["sources"] = nlohmann::ordered_json::array();
+  for (const Provenance& p : m.sources)
+    json["sources"].push_back({{"name", p.name}, {"xxh3", p.xxh3}, {"generator", p.generator}});
+  json["warnings"] = c.package.warnings();
+  return json;
+}
+
+void printSize(const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  const PlanarDomain& d = m.domain;
+  printOutf("%s\n", printable(c.file).c_str());
   if (m.base) {
     const auto [low, high] = extentMm(*m.base);
     printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x,
               high.y - low.y, high.z - low.z, d.mm_per_px);
-    printOutf("%s", meshText(meshOf(package)).c_str());
+    printOutf("%s", meshText(meshOf(c.package)).c_str());
   } else if (!m.size_known) {
     printOutf("  size      %llu x %llu px, not known in mm\n", static_cast<unsigned long long>(d.width_px),
               static_cast<unsigned long long>(d.height_px));
@@ -152,36 +166,46 @@ Result<void> info(const InfoArguments& o) {
               static_cast<double>(d.width_px) * d.mm_per_px, static_cast<double>(d.height_px) * d.mm_per_px,
               d.mm_per_px);
   }
+}
+
+void printMeaning(const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  const PlanarDomain& d = m.domain;
   printOutf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
             m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
-  if (isPtm(m.texture.basis)) {
+  if (m.texture.coefficients() > 0) {
     printOutf("  scale    ");
-    for (double v : m.texture.scale) printOutf(" %.6g", v);
+    for (double v : m.texture.scales()) printOutf(" %.6g", v);
     printOutf("\n  bias     ");
-    for (double v : m.texture.bias) printOutf(" %.6g", v);
+    for (double v : m.texture.biases()) printOutf(" %.6g", v);
     printOutf("\n");
   }
   if (d.relief_depth >= 0) {
     printOutf("  relief    %.6g to %.6g %s in steps of %.3g %s, %d level%s, a vertex every %.6g px\n",
-              d.relief_offset_mm, d.relief_offset_mm + 65535 * d.relief_scale_mm, unit, d.relief_scale_mm, unit,
+              d.relief_offset_mm, d.relief_offset_mm + 65535 * d.relief_scale_mm, c.unit(), d.relief_scale_mm, c.unit(),
               d.relief_depth + 1, d.relief_depth == 0 ? "" : "s",
               static_cast<double>(d.patchPx()) / (128.0 * static_cast<double>(uint64_t{1} << d.relief_depth)));
   } else {
     printOutf("  relief    none\n");
   }
+}
+
+void printPages(const Contents& c) {
+  const Manifest& m = c.package.manifest();
+  const PlanarDomain& d = m.domain;
   printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(),
             static_cast<unsigned long long>(d.patchPx()));
   printOutf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),
-            static_cast<double>(package.fileBytes()) / (1 << 20), bytes_per_px);
-  for (const PlaneLine& p : planes) {
+            static_cast<double>(c.package.fileBytes()) / (1 << 20), c.bytesPerPx());
+  for (const PlaneLine& p : c.planes) {
     printOutf("    %-12s %-11s %8.1f MiB (%.3f bytes per pixel)", p.name.c_str(), p.encoding.c_str(),
-              static_cast<double>(p.usage.bytes) / (1 << 20), static_cast<double>(p.usage.bytes) / pixels);
+              static_cast<double>(p.usage.bytes) / (1 << 20), static_cast<double>(p.usage.bytes) / c.pixels());
     if (p.usage.unknown_pages)
       printOutf(", without %llu pages whose index entries are damaged",
                 static_cast<unsigned long long>(p.usage.unknown_pages));
     printOutf("\n");
   }
-  if (package.hasTails()) {
+  if (c.package.hasTails()) {
     printOutf("  tails     resident whatever is seen, if there are many patches: %.1f MiB\n",
               static_cast<double>(tailGpuBytes(d.patchCount(), static_cast<uint64_t>(m.texture.planes()))) / (1 << 20));
   }
@@ -189,10 +213,36 @@ Result<void> info(const InfoArguments& o) {
   if (auto codec = commonBlockCodec(m))
     printOutf(", %.3g as %s (--upload)", residentBytesPerTexel(m, *codec), uploadFormatName(*codec).c_str());
   printOutf("\n");
+}
+
+void printText(const Contents& c) {
+  printSize(c);
+  printMeaning(c);
+  printPages(c);
+  const Manifest& m = c.package.manifest();
   if (!m.tool_version.empty()) printOutf("  made by   %s\n", printable(m.tool_version).c_str());
   for (const Provenance& p : m.sources) {
     printOutf("  source    %s%s%s%s%s\n", printable(p.name).c_str(), p.xxh3.empty() ? "" : "  xxh3 ",
               printable(p.xxh3).c_str(), p.generator.empty() ? "" : "  generator ", printable(p.generator).c_str());
+  }
+}
+
+Result<void> info(const InfoArguments& o) {
+  auto opened = Package::open(o.file);
+  if (!opened) return opened.error();
+  const Package& package = **opened;
+  // Damage is told of in what follows. What the disk does not give is no property of the package.
+  if (const auto& problem = package.manifestProblem(); problem && problem->kind == ErrorKind::kIo) return *problem;
+  for (const std::string& warning : package.warnings()) warn(o.file + ": " + warning);
+  auto planes = planeLines(package);
+  if (!planes) return planes.error();
+  const Contents contents{o.file, package, std::move(*planes)};
+  if (o.json) {
+    const auto json = jsonOf(contents);
+    printOutf("%s\n",
+              json.dump(2, ' ', /*ensure_ascii=*/true, nlohmann::ordered_json::error_handler_t::replace).c_str());
+  } else {
+    printText(contents);
   }
   return {};
 }

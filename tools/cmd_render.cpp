@@ -1,8 +1,10 @@
 // relievo render: a picture of an artwork, without a window.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <memory>
+#include <span>
 #include <tuple>
 #include <vector>
 
@@ -58,6 +60,71 @@ Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const
           {}};
 }
 
+// A camera that moves has its geometry drawn, a still one is only shaded.
+struct FrameTimes {
+  std::vector<double> moving, still;  // ms
+};
+FrameTimes timeFrames(Engine& engine, OrbitCamera camera, int frames) {
+  auto timedFrame = [&] {
+    double t = nowSeconds();
+    engine.frame(nowSeconds());
+    engine.readPixels();  // waits for the picture
+    return (nowSeconds() - t) * 1000;
+  };
+  FrameTimes ms;
+  for (int i = 0; i < frames && !interruptedFlag(); ++i) {
+    camera.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
+    engine.setCamera(camera);
+    ms.moving.push_back(timedFrame());
+  }
+  for (int i = 0; i < 3 && frames > 0; ++i) timedFrame();  // the last move's list arrives
+  for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrame());
+  return ms;
+}
+
+std::vector<uint8_t> onBackground(std::span<const uint8_t> rgba, const std::array<double, 3>& background) {
+  std::vector<uint8_t> rgb(rgba.size() / 4 * 3);
+  for (size_t i = 0; i < rgb.size() / 3; ++i) {
+    for (size_t c = 0; c < 3; ++c) {
+      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp(background[c], 0.0, 255.0));
+    }
+  }
+  return rgb;
+}
+
+// The size of the picture, px, and the camera that it is seen with.
+struct Sight {
+  int width = 0, height = 0;
+  OrbitCamera camera;
+};
+Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<int64_t, int64_t> size) {
+  Sight sight{static_cast<int>(size.first), static_cast<int>(size.second), {}};
+  if (o.scene.mm_per_px && o.size.empty()) {
+    auto all = o.scene.sizeAtScale(extent, extent, static_cast<int>(kMaxSidePx));
+    if (!all) return all.error();
+    std::tie(sight.width, sight.height) = *all;
+  }
+  auto camera = o.scene.camera(extent, sight.width, sight.height);
+  if (!camera) return camera.error();
+  sight.camera = *camera;
+  return sight;
+}
+
+// Artwork and outputs, none of which may take another's place.
+Result<OpenedArtwork> openApart(const RenderOptions& o) {
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
+                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
+      !good)
+    return good.error();
+  if (auto format = imageFormatOf(o.output); !format) return format.error();
+  auto artwork = openArtwork(o.file, o.cache);
+  if (!artwork) return artwork.error();
+  std::vector<NamedFile> named;
+  for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
+  if (auto good = checkApart({{"-o", o.output}, {"--stats", o.stats_file}}, named); !good) return good.error();
+  return artwork;
+}
+
 Result<void> render(const RenderOptions& o) {
   double start = nowSeconds();
   HeapWarmer heap(kFirstPictureBytes);
@@ -66,30 +133,17 @@ Result<void> render(const RenderOptions& o) {
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
     return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   }
-  int width = static_cast<int>(size->first), height = static_cast<int>(size->second);
   auto background = parseTriple(o.background, "--background", "R,G,B from 0 to 255: 24,24,26");
   if (!background) return background.error();
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
-                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
-      !good)
-    return good;
-  if (auto format = imageFormatOf(o.output); !format) return format.error();
-  auto artwork = openArtwork(o.file, o.cache);
+  auto artwork = openApart(o);
   if (!artwork) return artwork.error();
-  std::vector<NamedFile> named;
-  for (const std::string& path : artwork->named_files) named.push_back({path + ", which FILE names", path});
-  if (auto good = checkApart({{"-o", o.output}, {"--stats", o.stats_file}}, named); !good) return good;
   const std::shared_ptr<const Package>& package = artwork->package;
   const Extent extent = artworkExtent(package->manifest(), scene->relief ? scene->exaggerate : 0);
-  if (o.scene.mm_per_px && o.size.empty()) {
-    auto all = o.scene.sizeAtScale(extent, extent, static_cast<int>(kMaxSidePx));
-    if (!all) return all.error();
-    std::tie(width, height) = *all;
-  }
-  auto camera = o.scene.camera(extent, width, height);
-  if (!camera) return camera.error();
+  auto sight = sightOf(o, extent, *size);
+  if (!sight) return sight.error();
+  const auto& [width, height, camera] = *sight;
 
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
@@ -99,37 +153,15 @@ Result<void> render(const RenderOptions& o) {
   if (!engine) return engine.error();
   Engine& e = **engine;
   e.resize(width, height);
-  e.setCamera(*camera);
+  e.setCamera(camera);
   if (o.settle) {
     if (auto settled = e.settle(o.timeout_s); !settled) return settled;
   } else {
     e.frame(nowSeconds());
   }
   double settled_s = nowSeconds() - start;
-  auto rgba = e.readPixels();
-  auto timedFrame = [&] {
-    double t = nowSeconds();
-    e.frame(nowSeconds());
-    e.readPixels();  // waits for the picture
-    return (nowSeconds() - t) * 1000;
-  };
-  // A camera that moves has its geometry drawn, a still one is only shaded.
-  std::vector<double> frame_ms, still_ms;
-  OrbitCamera moving = *camera;
-  for (int i = 0; i < o.frames && !interruptedFlag(); ++i) {
-    moving.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
-    e.setCamera(moving);
-    frame_ms.push_back(timedFrame());
-  }
-  for (int i = 0; i < 3 && o.frames > 0; ++i) timedFrame();  // the last move's list arrives
-  for (int i = 0; i < o.frames && !interruptedFlag(); ++i) still_ms.push_back(timedFrame());
-  std::vector<uint8_t> rgb(static_cast<size_t>(width) * static_cast<size_t>(height) * 3);
-  for (size_t i = 0; i < rgb.size() / 3; ++i) {
-    for (size_t c = 0; c < 3; ++c) {
-      rgb[3 * i + c] =
-          rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp((*background)[c], 0.0, 255.0));
-    }
-  }
+  const std::vector<uint8_t> rgb = onBackground(e.readPixels(), *background);
+  const FrameTimes ms = timeFrames(e, camera, o.frames);
   if (const PageFailures failures = e.failures(); failures.pages > 0) {
     const Error error = drawnWithout(failures, e.stats(), o.file);
     if (!o.allow_damage) return error;
@@ -137,7 +169,7 @@ Result<void> render(const RenderOptions& o) {
   }
   for (const std::string& notice : e.takeNotices()) warn(notice);
   if (auto written = writeImage(o.output, width, height, 3, rgb,
-                                camera->orthographic && extent.size_known ? mmPerPx(*camera, height) : 0);
+                                camera.orthographic && extent.size_known ? mmPerPx(camera, height) : 0);
       !written)
     return written;
   if (!o.scene.light.empty() && !scene->unlit && !e.plan().lit())
@@ -150,10 +182,10 @@ Result<void> render(const RenderOptions& o) {
     stats["context_ms"] = context_s * 1000;
     stats["settled_ms"] = settled_s * 1000;
     stats["settled_at_s"] = start + settled_s;  // of the steady clock, for who started the program
-    if (!frame_ms.empty()) {
-      stats["frame_ms_median"] = median(frame_ms);
-      stats["still_frame_ms_median"] = median(still_ms);
-      stats["frame_ms_max"] = *std::max_element(frame_ms.begin(), frame_ms.end());
+    if (!ms.moving.empty()) {
+      stats["frame_ms_median"] = median(ms.moving);
+      stats["still_frame_ms_median"] = median(ms.still);
+      stats["frame_ms_max"] = *std::max_element(ms.moving.begin(), ms.moving.end());
     }
     stats["renderer"] = (*context)->info().renderer;
     std::string text = stats.dump(2) + "\n";

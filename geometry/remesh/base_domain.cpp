@@ -110,6 +110,8 @@ std::vector<FeatureCurve> flattened(std::vector<FeatureCurve> curves, const View
   return curves;
 }
 
+bool isSet(const std::atomic<bool>* interrupted) { return interrupted && interrupted->load(std::memory_order_relaxed); }
+
 struct Maker {
   const Surface& surface;
   ScanLookup scan;
@@ -171,7 +173,7 @@ struct Maker {
     if (c.quads.quads.empty()) return c;
     updateNormals(c.quads);
     for (int round = 0; round < 4; ++round) {
-      if (interrupted && interrupted->load(std::memory_order_relaxed)) return {};
+      if (isSet(interrupted)) return {};
       if (round) relaxQuads(c.quads, curves.curves, scan, 8);
       if (round == 3) settleBorders(c.quads, curves.curves, allowed_deviation);
       c.regions = cornerRegions(c.quads, surface, fans, scan);
@@ -193,6 +195,22 @@ struct Maker {
       if (fair) return c;
     }
     return make(std::max(4u, patches / 2), true, weight);
+  }
+
+  // How badly the candidate lies. Where it lost the surface, the next one gets smaller patches: weight.
+  void judge(Candidate& c, std::vector<float>& weight) const {
+    const double cells = std::sqrt(40000.0 / static_cast<double>(c.quads.quads.size()));
+    const Fit fit = judgeFit(c.quads, c.normals, surface, scan, std::max(static_cast<int>(cells), 4));
+    const std::vector<uint8_t> folded = foldedCorners(c.quads, c.normals);
+    c.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
+    const QuadStars stars(c.quads);
+    for (uint32_t k = 0; k < c.quads.points.size(); ++k) {
+      const uint32_t curve = c.quads.place[k].curve;
+      c.flat += curve != kNoIndex && curves.curves[curve].border && stars.leastSine(c.quads, k) < kFlatSine;
+    }
+    c.lost = fit.lost;
+    c.deviation = borderDeviation(c.quads, c.normals, curves.curves, allowed_deviation);
+    raiseWeights(fit, folded, c.regions, surface, weight);
   }
 };
 
@@ -228,42 +246,35 @@ void orderPatches(BaseMesh& base) {
 
 Error interruptedError() { return {ErrorKind::kInterrupted, {}, "interrupted", {}, {}}; }
 
-}  // namespace
+void report(const BaseDomainOptions& options, double done) {
+  if (options.progress) options.progress(done);
+}
 
-Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
-  auto report = [&](double x) {
-    if (options.progress) options.progress(x);
-  };
-  auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
-  if (options.patches > kMaxPatches)
-    return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
-  report(0);
-  Frame frame;
-  // What is coarser than some 24 edges of a base made of these.
-  const size_t wanted = std::max<size_t>(24000, 3 * size_t{options.patches});
-  std::optional<Surface> scan;
+// The whole scan in its frame; of a dense one what some `wanted` triangles are reduced from.
+Result<Surface> surfaceOf(const TriMesh& mesh, const BaseDomainOptions& options, size_t wanted, Frame& frame) {
   if (mesh.triangles.size() >= kManyTriangles && mesh.triangles.size() >= 16 * wanted) {
     frame = frameOf(mesh.positions_mm, mesh.triangles);
-    scan = thinnedByRuns(mesh, {.triangles = 4 * wanted,
-                                .centre = frame.centre,
-                                .diagonal = frame.diagonal,
-                                .workers = options.workers,
-                                .progress = [&](double done) { report(0.4 * done); },
-                                .interrupted = options.interrupted});
-    if (stopped()) return interruptedError();
+    auto thinned = thinnedByRuns(mesh, {.triangles = 4 * wanted,
+                                        .centre = frame.centre,
+                                        .diagonal = frame.diagonal,
+                                        .workers = options.workers,
+                                        .progress = [&](double done) { report(options, 0.4 * done); },
+                                        .interrupted = options.interrupted});
+    if (isSet(options.interrupted)) return interruptedError();
+    if (thinned) return std::move(*thinned);
   }
-  if (!scan) {
-    auto whole = makeSurface(mesh.positions_mm, mesh.triangles);
-    if (!whole) return whole.error();
-    frame = frameOf(whole->points, whole->triangles);
-    for (glm::vec3& p : whole->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
-    for (SurfacePiece& p : whole->pieces) p.area /= frame.diagonal * frame.diagonal;
-    scan = std::move(*whole);
-  }
-  for (const SurfacePiece& p : scan->pieces) {
+  auto whole = makeSurface(mesh.positions_mm, mesh.triangles);
+  if (!whole) return whole.error();
+  frame = frameOf(whole->points, whole->triangles);
+  for (glm::vec3& p : whole->points) p = glm::vec3((glm::dvec3(p) - frame.centre) / frame.diagonal);
+  for (SurfacePiece& p : whole->pieces) p.area /= frame.diagonal * frame.diagonal;
+  return whole;
+}
+
+Result<void> checkAreas(const Surface& scan, const Frame& frame) {
+  for (const SurfacePiece& p : scan.pieces) {
     if (p.area > 1e-14) continue;
-    const glm::dvec3 at =
-        glm::dvec3(scan->points[scan->triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
+    const glm::dvec3 at = glm::dvec3(scan.points[scan.triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
     return Error{ErrorKind::kInvalidData,
                  {},
                  "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
@@ -271,44 +282,20 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
                  "remove it from the scan",
                  {}};
   }
-  // Each corner owns some of the surface's vertices: there must be enough of them.
-  while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
-  if (stopped()) return interruptedError();
-  report(0.4);
-  // Of the scan itself: the reduced one's walls lean over.
-  const ViewDirection view_direction = scan->pieces.size() == 1 ? viewDirectionOf(mesh.positions_mm, mesh.triangles,
-                                                                                  options.workers, options.interrupted)
-                                                                : ViewDirection{};
-  if (stopped()) return interruptedError();
-  if (options.scan_done) options.scan_done();
+  return {};
+}
 
-  const size_t scan_vertices = mesh.positions_mm.size();
+std::vector<BorderLine> bordersOf(const Surface& scan) {
   std::vector<BorderLine> borders;
-  for (const auto& loop : scan->loops) {
+  for (const auto& loop : scan.loops) {
     borders.push_back({loop, {}});
-    for (uint32_t v : loop) borders.back().points.push_back(scan->points[v]);
+    for (uint32_t v : loop) borders.back().points.push_back(scan.points[v]);
   }
-  const Reduced reduced = reduceSurface(std::move(*scan), wanted, borderCorners(borders), options.interrupted);
-  if (stopped()) return interruptedError();
-  report(0.5);
-  const Surface& surface = reduced.surface;
-  TriMesh triangle_mesh;
-  triangle_mesh.positions_mm = surface.points;
-  triangle_mesh.triangles = surface.triangles;
-  auto scene = RayScene::create(triangle_mesh, options.interrupted);
-  if (!scene) return scene.error();
-  Maker maker{surface,
-              {triangle_mesh, **scene},
-              findFeatureCurves(borders, reduced),
-              Fans(surface),
-              view_direction,
-              scan_vertices,
-              {},
-              {},
-              options.interrupted};
-  maker.flat_curves = flattened(maker.curves.curves, view_direction);
-  maker.allowed_deviation = maker.deviationFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderDeviation);
+  return borders;
+}
 
+// The least bad of several numbers of patches; empty where none was found.
+Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options) {
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
   if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
@@ -316,33 +303,16 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   int in_vain = 0;
   std::vector<float> weight;
   for (size_t i = 0; i < numbers.size(); ++i) {
-    if (stopped()) return interruptedError();
+    if (isSet(options.interrupted)) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
-    if (!candidate.quads.quads.empty() &&
-        isRelief(view_direction)) {  // whatever is lost of its walls is due to the fit's coarse grids
-      best = std::move(candidate);
-      break;
-    }
+    // Whatever is lost of a relief's walls is due to the fit's coarse grids.
+    if (!candidate.quads.quads.empty() && isRelief(maker.view_direction)) return candidate;
     if (candidate.quads.quads.empty()) candidate = maker.make(numbers[i], weight);
-    if (stopped()) return interruptedError();
-    report(0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
+    if (isSet(options.interrupted)) return interruptedError();
+    report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.quads.quads.empty()) continue;
-    const double cells = std::sqrt(40000.0 / static_cast<double>(candidate.quads.quads.size()));
-    const Fit fit =
-        judgeFit(candidate.quads, candidate.normals, surface, maker.scan, std::max(static_cast<int>(cells), 4));
-    const std::vector<uint8_t> folded = foldedCorners(candidate.quads, candidate.normals);
-    candidate.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
-    const QuadStars stars(candidate.quads);
-    for (uint32_t c = 0; c < candidate.quads.points.size(); ++c) {
-      const uint32_t curve = candidate.quads.place[c].curve;
-      candidate.flat +=
-          curve != kNoIndex && maker.curves.curves[curve].border && stars.leastSine(candidate.quads, c) < kFlatSine;
-    }
-    candidate.lost = fit.lost;
-    candidate.deviation =
-        borderDeviation(candidate.quads, candidate.normals, maker.curves.curves, maker.allowed_deviation);
+    maker.judge(candidate, weight);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
-    raiseWeights(fit, folded, candidate.regions, surface, weight);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
     const double least_gain = options.patches || best.quads.quads.empty() ? 1 : kWorthIt;
     const bool gain = candidate.badness() < least_gain * best.badness();
@@ -350,23 +320,75 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
     in_vain = gain ? 0 : in_vain + 1;
     if (enough || (options.patches == 0 && in_vain == 2)) break;
   }
-  if (best.quads.quads.empty())
-    return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-  const QuadMesh& quads = best.quads;
-  const std::vector<glm::dvec3>& normals = best.normals;
+  return best;
+}
 
+BaseMesh baseMeshOf(const Candidate& best, const Frame& frame, const glm::dvec3& origin_mm) {
   BaseMesh base;
-  base.origin_mm = mesh.origin_mm;
-  for (size_t c = 0; c < quads.points.size(); ++c) {
+  base.origin_mm = origin_mm;
+  for (size_t c = 0; c < best.quads.points.size(); ++c) {
     base.corners.push_back(
-        {glm::vec3(quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(normals[c]))});
+        {glm::vec3(best.quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(best.normals[c]))});
   }
   // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
-  for (const auto& q : quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
+  for (const auto& q : best.quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
   orderPatches(base);
+  return base;
+}
+
+}  // namespace
+
+Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
+  auto stopped = [&] { return isSet(options.interrupted); };
+  if (options.patches > kMaxPatches)
+    return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
+  report(options, 0);
+  // What is coarser than some 24 edges of a base made of these.
+  const size_t wanted = std::max<size_t>(24000, 3 * size_t{options.patches});
+  Frame frame;
+  auto scan = surfaceOf(mesh, options, wanted, frame);
+  if (!scan) return scan.error();
+  if (auto sound = checkAreas(*scan, frame); !sound) return sound.error();
+  // Each corner owns some of the surface's vertices: there must be enough of them.
+  while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
+  if (stopped()) return interruptedError();
+  report(options, 0.4);
+  // Of the scan itself: the reduced one's walls lean over.
+  const ViewDirection view_direction = scan->pieces.size() == 1 ? viewDirectionOf(mesh.positions_mm, mesh.triangles,
+                                                                                  options.workers, options.interrupted)
+                                                                : ViewDirection{};
+  if (stopped()) return interruptedError();
+  if (options.scan_done) options.scan_done();
+
+  const std::vector<BorderLine> borders = bordersOf(*scan);
+  const Reduced reduced = reduceSurface(std::move(*scan), wanted, borderCorners(borders), options.interrupted);
+  if (stopped()) return interruptedError();
+  report(options, 0.5);
+  TriMesh triangle_mesh;
+  triangle_mesh.positions_mm = reduced.surface.points;
+  triangle_mesh.triangles = reduced.surface.triangles;
+  auto scene = RayScene::create(triangle_mesh, options.interrupted);
+  if (!scene) return scene.error();
+  Maker maker{reduced.surface,
+              {triangle_mesh, **scene},
+              findFeatureCurves(borders, reduced),
+              Fans(reduced.surface),
+              view_direction,
+              mesh.positions_mm.size(),
+              {},
+              {},
+              options.interrupted};
+  maker.flat_curves = flattened(maker.curves.curves, view_direction);
+  maker.allowed_deviation = maker.deviationFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderDeviation);
+
+  auto best = bestOf(maker, options);
+  if (!best) return best.error();
+  if (best->quads.quads.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+  BaseMesh base = baseMeshOf(*best, frame, mesh.origin_mm);
   if (std::string problem = baseMeshProblem(base); !problem.empty())
     return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
-  report(1);
+  report(options, 1);
   return base;
 }
 

@@ -29,30 +29,107 @@ struct Pair {
   uint32_t a, b;  // triangles
 };
 
-// For each triangle its partner or kNoIndex: greedily by quality, then longer by alternating paths, then better by
-// exchanges.
-std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
+// Triangles in pairs: the best first, then better by what augment() and exchange() find. A vertex inside keeps three
+// edges, or corners would lie on a straight line.
+class TrianglePairs {
+ public:
+  TrianglePairs(const EditMesh& mesh, bool all_wanted)
+      : mesh_(mesh),
+        across_(mesh.triangles.size()),
+        partner_(mesh.triangles.size(), kNoIndex),
+        edges_(mesh.points.size()) {
+    for (size_t v = 0; v < edges_.size(); ++v) edges_[v] = static_cast<int>(mesh_.fans[v].size());
+    for (const Pair& p : candidates(all_wanted)) {
+      if (partner_[p.a] == kNoIndex && partner_[p.b] == kNoIndex && roomFor(p.a, p.b)) join(p.a, p.b);
+    }
+  }
+
+  // A free triangle takes another's partner, and so on to the next free one; short paths first. Those odd cycles that a
+  // search by triangles cannot pass are found from the other end, or not at all. False: none was found.
+  bool augment();
+  // Two pairs that lie side by side exchange partners where that is better. False: none did.
+  bool exchange();
+
+  std::vector<uint32_t> takePartners() { return std::move(partner_); }  // of each triangle; kNoIndex: none
+
+ private:
+  std::vector<Pair> candidates(bool all_wanted);  // best first; fills across_
+
+  std::array<uint32_t, 2> sharedEdge(uint32_t a, uint32_t b) const {
+    std::array<uint32_t, 2> e{kNoIndex, kNoIndex};
+    int n = 0;
+    for (uint32_t v : mesh_.triangles[a]) {
+      const Triangle& y = mesh_.triangles[b];
+      if (n < 2 && (y[0] == v || y[1] == v || y[2] == v)) e[n++] = v;
+    }
+    return e;
+  }
+  void change(uint32_t a, uint32_t b, int by) {
+    for (uint32_t v : sharedEdge(a, b)) edges_[v] += by;
+  }
+  bool roomFor(uint32_t a, uint32_t b) const {
+    for (uint32_t v : sharedEdge(a, b)) {
+      if (!mesh_.border[v] && edges_[v] <= 3) return false;
+    }
+    return true;
+  }
+  void join(uint32_t a, uint32_t b) {
+    partner_[a] = b;
+    partner_[b] = a;
+    change(a, b, -1);
+  }
+  void part(uint32_t a) {
+    const uint32_t b = partner_[a];
+    partner_[a] = partner_[b] = kNoIndex;
+    change(a, b, 1);
+  }
+  double qualityOf(uint32_t a, uint32_t b) const {
+    for (auto [o, q] : across_[a]) {
+      if (o == b) return q;
+    }
+    return 0.0;
+  }
+
+  // A breadth-first search of alternating paths: for each triangle reached, the one that it was reached from.
+  struct Search {
+    std::vector<uint32_t> from, seen;
+    uint32_t number = 0;  // what `seen` holds for triangles of this search
+  };
+  bool searchFrom(uint32_t start, Search& search);
+  // The path start ... t, end: each triangle joins the one that it was reached through. False, and nothing is changed,
+  // where a vertex has no room.
+  bool turnOver(uint32_t start, uint32_t t, uint32_t end, const Search& search);
+
+  const EditMesh& mesh_;
+  std::vector<std::vector<std::pair<uint32_t, double>>> across_;  // partners and qualities
+  std::vector<uint32_t> partner_;
+  std::vector<int> edges_;  // left at a vertex
+};
+
+std::vector<Pair> TrianglePairs::candidates(bool all_wanted) {
   std::vector<Pair> pairs;
-  std::vector<std::vector<std::pair<uint32_t, double>>> across(m.triangles.size());  // partners and qualities
-  for (uint32_t t = 0; t < m.triangles.size(); ++t) {
-    const Triangle& x = m.triangles[t];
+  for (uint32_t t = 0; t < mesh_.triangles.size(); ++t) {
+    const Triangle& x = mesh_.triangles[t];
     if (x[0] == kNoIndex) continue;
-    const glm::dvec3 nt = unit(glm::cross(m.points[x[1]] - m.points[x[0]], m.points[x[2]] - m.points[x[0]]));
+    const glm::dvec3 nt =
+        unit(glm::cross(mesh_.points[x[1]] - mesh_.points[x[0]], mesh_.points[x[2]] - mesh_.points[x[0]]));
     for (int k = 0; k < 3; ++k) {
       const uint32_t a = x[k], b = x[(k + 1) % 3], c = x[(k + 2) % 3];
       std::array<uint32_t, 2> found;
-      if (m.sharing(a, b, found) != 2 || m.step(a, b)) continue;
+      if (mesh_.sharing(a, b, found) != 2 || mesh_.step(a, b)) continue;
       const uint32_t other = found[0] == t ? found[1] : found[0];
       uint32_t d = kNoIndex;
-      for (uint32_t w : m.triangles[other]) {
+      for (uint32_t w : mesh_.triangles[other]) {
         if (w != a && w != b) d = w;
       }
       if (d == c || d == kNoIndex) continue;
-      const Triangle& y = m.triangles[other];
-      const glm::dvec3 no = unit(glm::cross(m.points[y[1]] - m.points[y[0]], m.points[y[2]] - m.points[y[0]]));
-      const double quality = quadQuality({m.points[a], m.points[d], m.points[b], m.points[c]}, glm::dot(nt, no));
+      const Triangle& y = mesh_.triangles[other];
+      const glm::dvec3 no =
+          unit(glm::cross(mesh_.points[y[1]] - mesh_.points[y[0]], mesh_.points[y[2]] - mesh_.points[y[0]]));
+      const double quality =
+          quadQuality({mesh_.points[a], mesh_.points[d], mesh_.points[b], mesh_.points[c]}, glm::dot(nt, no));
       if (quality < 0.05 && !all_wanted) continue;
-      across[t].push_back({other, quality});
+      across_[t].push_back({other, quality});
       if (t < other) pairs.push_back({quality, t, other});
     }
   }
@@ -60,137 +137,101 @@ std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
     if (x.quality != y.quality) return x.quality > y.quality;
     return x.a != y.a ? x.a < y.a : x.b < y.b;
   });
-  std::vector<uint32_t> partner(m.triangles.size(), kNoIndex);
-  // Edges left at a vertex; a vertex inside keeps three, or corners would lie on a straight line.
-  std::vector<int> edges(m.points.size());
-  for (size_t v = 0; v < edges.size(); ++v) edges[v] = static_cast<int>(m.fans[v].size());
-  auto sharedEdge = [&](uint32_t a, uint32_t b) {
-    std::array<uint32_t, 2> e{kNoIndex, kNoIndex};
-    int n = 0;
-    for (uint32_t v : m.triangles[a]) {
-      const Triangle& y = m.triangles[b];
-      if (n < 2 && (y[0] == v || y[1] == v || y[2] == v)) e[n++] = v;
-    }
-    return e;
-  };
-  auto change = [&](uint32_t a, uint32_t b, int by) {
-    for (uint32_t v : sharedEdge(a, b)) edges[v] += by;
-  };
-  auto roomFor = [&](uint32_t a, uint32_t b) {
-    for (uint32_t v : sharedEdge(a, b)) {
-      if (!m.border[v] && edges[v] <= 3) return false;
-    }
-    return true;
-  };
-  auto join = [&](uint32_t a, uint32_t b) {
-    partner[a] = b;
-    partner[b] = a;
-    change(a, b, -1);
-  };
-  auto part = [&](uint32_t a) {
-    const uint32_t b = partner[a];
-    partner[a] = partner[b] = kNoIndex;
-    change(a, b, 1);
-  };
-  for (const Pair& p : pairs) {
-    if (partner[p.a] == kNoIndex && partner[p.b] == kNoIndex && roomFor(p.a, p.b)) join(p.a, p.b);
+  return pairs;
+}
+
+bool TrianglePairs::turnOver(uint32_t start, uint32_t t, uint32_t end, const Search& search) {
+  std::vector<std::array<uint32_t, 2>> joins, parts;
+  for (uint32_t at = t;;) {
+    joins.push_back({at, end});
+    if (at == start) break;
+    end = partner_[at];
+    parts.push_back({at, end});
+    at = search.from[at];
   }
-  auto qualityOf = [&](uint32_t a, uint32_t b) {
-    for (auto [o, q] : across[a]) {
-      if (o == b) return q;
-    }
-    return 0.0;
-  };
-  // A free triangle takes another's partner, and so on to the next free one; short paths first. Those odd cycles that a
-  // search by triangles cannot pass are found from the other end, or not at all.
-  auto augment = [&] {
-    std::vector<uint32_t> from(m.triangles.size()), seen(m.triangles.size(), 0);
-    uint32_t search = 0;
-    bool any = false;
-    for (uint32_t start = 0; start < m.triangles.size(); ++start) {
-      if (m.triangles[start][0] == kNoIndex || partner[start] != kNoIndex) continue;
-      ++search;
-      std::vector<uint32_t> queue{start};
-      seen[start] = search;
-      from[start] = kNoIndex;
-      for (size_t i = 0; i < queue.size() && queue.size() < 400; ++i) {
-        const uint32_t t = queue[i];
-        bool done = false;
-        for (auto [o, q] : across[t]) {
-          if (seen[o] == search || o == partner[t]) continue;
-          if (partner[o] == kNoIndex) {
-            // Back along the path: each triangle joins the one that it was reached through.
-            std::vector<std::array<uint32_t, 2>> joins, parts;
-            uint32_t end = o, at = t;
-            for (;;) {
-              joins.push_back({at, end});
-              if (at == start) break;
-              end = partner[at];
-              parts.push_back({at, end});
-              at = from[at];
-            }
-            for (auto& x : parts) part(x[0]);
-            bool room = true;
-            size_t joined = 0;
-            for (; joined < joins.size() && room; ++joined) {
-              room = roomFor(joins[joined][0], joins[joined][1]);
-              if (room) join(joins[joined][0], joins[joined][1]);
-              else break;
-            }
-            if (room) {
-              any = done = true;
-              break;
-            }
-            for (size_t j = 0; j < joined; ++j) part(joins[j][0]);
-            for (auto& x : parts) join(x[0], x[1]);
-            continue;
-          }
-          const uint32_t next = partner[o];
-          if (seen[next] == search) continue;
-          seen[o] = seen[next] = search;
-          from[next] = t;
-          queue.push_back(next);
-        }
-        if (done) break;
+  for (auto& x : parts) part(x[0]);
+  size_t joined = 0;
+  for (; joined < joins.size() && roomFor(joins[joined][0], joins[joined][1]); ++joined)
+    join(joins[joined][0], joins[joined][1]);
+  if (joined == joins.size()) return true;
+  for (size_t j = 0; j < joined; ++j) part(joins[j][0]);
+  for (auto& x : parts) join(x[0], x[1]);
+  return false;
+}
+
+bool TrianglePairs::searchFrom(uint32_t start, Search& search) {
+  constexpr size_t kMostTriangles = 400;
+  const uint32_t number = ++search.number;
+  std::vector<uint32_t> queue{start};
+  search.seen[start] = number;
+  search.from[start] = kNoIndex;
+  for (size_t i = 0; i < queue.size() && queue.size() < kMostTriangles; ++i) {
+    const uint32_t t = queue[i];
+    for (auto [o, q] : across_[t]) {
+      if (search.seen[o] == number || o == partner_[t]) continue;
+      if (partner_[o] == kNoIndex) {
+        if (turnOver(start, t, o, search)) return true;
+        continue;
       }
+      const uint32_t next = partner_[o];
+      if (search.seen[next] == number) continue;
+      search.seen[o] = search.seen[next] = number;
+      search.from[next] = t;
+      queue.push_back(next);
     }
-    return any;
-  };
-  // Two pairs that lie side by side exchange partners where that is better.
-  auto exchange = [&] {
-    bool any = false;
-    for (uint32_t a = 0; a < m.triangles.size(); ++a) {
-      if (m.triangles[a][0] == kNoIndex || partner[a] == kNoIndex) continue;
-      for (auto [c, q] : across[a]) {
-        const uint32_t b = partner[a], d = partner[c];
-        if (b == kNoIndex || d == kNoIndex || c == b) continue;
-        const double other = qualityOf(b, d);
-        if (other <= 0 || q + other <= qualityOf(a, b) + qualityOf(c, d) + 1e-6) continue;
-        part(a);
-        part(c);
-        bool room = roomFor(a, c);
-        if (room) {
-          join(a, c);
-          room = roomFor(b, d);
-          if (!room) part(a);
-        }
-        if (room) {
-          join(b, d);
-          any = true;
-        } else {
-          join(a, b);
-          join(c, d);
-        }
-        break;
+  }
+  return false;
+}
+
+bool TrianglePairs::augment() {
+  Search search{std::vector<uint32_t>(mesh_.triangles.size()), std::vector<uint32_t>(mesh_.triangles.size(), 0)};
+  bool any = false;
+  for (uint32_t start = 0; start < mesh_.triangles.size(); ++start) {
+    if (mesh_.triangles[start][0] == kNoIndex || partner_[start] != kNoIndex) continue;
+    any |= searchFrom(start, search);
+  }
+  return any;
+}
+
+bool TrianglePairs::exchange() {
+  bool any = false;
+  for (uint32_t a = 0; a < mesh_.triangles.size(); ++a) {
+    if (mesh_.triangles[a][0] == kNoIndex || partner_[a] == kNoIndex) continue;
+    for (auto [c, q] : across_[a]) {
+      const uint32_t b = partner_[a], d = partner_[c];
+      if (b == kNoIndex || d == kNoIndex || c == b) continue;
+      const double other = qualityOf(b, d);
+      if (other <= 0 || q + other <= qualityOf(a, b) + qualityOf(c, d) + 1e-6) continue;
+      part(a);
+      part(c);
+      bool room = roomFor(a, c);
+      if (room) {
+        join(a, c);
+        room = roomFor(b, d);
+        if (!room) part(a);
       }
+      if (room) {
+        join(b, d);
+        any = true;
+      } else {
+        join(a, b);
+        join(c, d);
+      }
+      break;
     }
-    return any;
-  };
+  }
+  return any;
+}
+
+// For each triangle its partner or kNoIndex: greedily by quality, then longer by alternating paths, then better by
+// exchanges.
+std::vector<uint32_t> pairTriangles(const EditMesh& m, bool all_wanted) {
+  TrianglePairs pairs(m, all_wanted);
   for (int round = 0; round < 4; ++round) {
-    const bool longer = augment(), better = exchange();
+    const bool longer = pairs.augment(), better = pairs.exchange();
     if (!longer && !better) break;
   }
-  return partner;
+  return pairs.takePartners();
 }
 
 }  // namespace

@@ -105,15 +105,11 @@ Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
   return {};
 }
 
-}  // namespace
-
-Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
+// What makeSurface() refuses of each vertex and triangle alone.
+Result<void> checkInput(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
   if (triangles.empty()) return invalid("the mesh has no triangle");
   if (triangles.size() >= (uint64_t{1} << 32) / 3)
     return invalid("the mesh has more than 1.4 thousand million triangles");
-  Surface s;
-  s.points.assign(points.begin(), points.end());
-  s.triangles.assign(triangles.begin(), triangles.end());
   for (const glm::vec3& p : points) {
     if (!std::isfinite(p.x) || !std::isfinite(p.y) || !std::isfinite(p.z))
       return invalid("the mesh has a vertex without a finite position");
@@ -128,26 +124,18 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
                      "let the mesh be repaired as it is read");
     }
   }
-  s.source.resize(points.size());
-  std::iota(s.source.begin(), s.source.end(), 0u);
+  return {};
+}
 
-  bool wound_alike = true;
-  auto twins = pairHalfEdges(s, wound_alike);
-  if (!twins) return twins.error();
-  if (!wound_alike) {
-    if (auto wound = windAlike(s, *twins); !wound) return wound.error();
-    twins = pairHalfEdges(s, wound_alike);
-  }
-  const std::vector<uint32_t>& twin = *twins;
-
-  // One fan a vertex: a corner that no fan of its vertex has reached starts a copy.
-  std::vector<uint32_t> corner_vertex(3 * triangles.size(), kNoIndex);
-  std::vector<uint8_t> has_fan(points.size(), 0);
+// One fan a vertex: a corner that no fan of its vertex has reached starts a copy.
+void separateFans(Surface& s) {
+  std::vector<uint32_t> corner_vertex(3 * s.triangles.size(), kNoIndex);
+  std::vector<uint8_t> has_fan(s.points.size(), 0);
   for (uint32_t h = 0; h < corner_vertex.size(); ++h) {
     if (corner_vertex[h] != kNoIndex) continue;
     uint32_t v = s.triangles[h / 3][h % 3];
     if (has_fan[v]) {
-      s.points.push_back(points[v]);
+      s.points.push_back(s.points[v]);
       s.source.push_back(v);
       v = static_cast<uint32_t>(s.points.size() - 1);
     } else {
@@ -156,18 +144,20 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
     uint32_t g = h;
     do {  // against the clock, over the edge that ends in the vertex
       corner_vertex[g] = v;
-      g = twin[previousOf(g)];
+      g = s.twin[previousOf(g)];
     } while (g != kNoIndex && g != h);
     if (g == kNoIndex) {
-      for (g = twin[h]; g != kNoIndex; g = twin[g]) {
+      for (g = s.twin[h]; g != kNoIndex; g = s.twin[g]) {
         g = nextOf(g);
         corner_vertex[g] = v;
       }
     }
   }
   for (uint32_t h = 0; h < corner_vertex.size(); ++h) s.triangles[h / 3][h % 3] = corner_vertex[h];
+}
 
-  // Pieces, in the order of their first triangles.
+// Of each vertex the smallest one that triangles connect it with.
+std::vector<uint32_t> pieceRoots(const Surface& s) {
   std::vector<uint32_t> parent(s.points.size());
   std::iota(parent.begin(), parent.end(), 0u);
   auto rootOf = [&](uint32_t v) {
@@ -182,11 +172,18 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
       a = std::min(a, b);
     }
   }
+  for (uint32_t v = 0; v < parent.size(); ++v) parent[v] = rootOf(v);
+  return parent;
+}
+
+// Pieces, in the order of their first triangles, without their loops. Answers each piece's number of border edges.
+std::vector<uint64_t> numberPieces(Surface& s) {
   s.piece.assign(s.points.size(), kNoIndex);
+  const std::vector<uint32_t> root = pieceRoots(s);
   std::vector<uint64_t> border_edges;
   for (uint32_t i = 0; i < s.triangles.size(); ++i) {
     const Triangle& t = s.triangles[i];
-    uint32_t& piece = s.piece[rootOf(t[0])];
+    uint32_t& piece = s.piece[root[t[0]]];
     if (piece == kNoIndex) {
       piece = static_cast<uint32_t>(s.pieces.size());
       s.pieces.push_back({.first_triangle = i});
@@ -196,33 +193,59 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
     ++p.triangles;
     p.area += 0.5 * glm::length(glm::cross(glm::dvec3(s.points[t[1]]) - glm::dvec3(s.points[t[0]]),
                                            glm::dvec3(s.points[t[2]]) - glm::dvec3(s.points[t[0]])));
-    for (uint32_t k = 0; k < 3; ++k) border_edges[piece] += twin[3 * i + k] == kNoIndex;
+    for (uint32_t k = 0; k < 3; ++k) border_edges[piece] += s.twin[3 * i + k] == kNoIndex;
   }
   for (uint32_t v = 0; v < s.points.size(); ++v) {
-    s.piece[v] = s.piece[rootOf(v)];
+    s.piece[v] = s.piece[root[v]];
     if (s.piece[v] != kNoIndex) ++s.pieces[s.piece[v]].vertices;
   }
+  return border_edges;
+}
 
-  std::vector<uint8_t> walked(3 * triangles.size(), 0);
+void walkBorders(Surface& s) {
+  std::vector<uint8_t> walked(3 * s.triangles.size(), 0);
   for (uint32_t h = 0; h < walked.size(); ++h) {
-    if (twin[h] != kNoIndex || walked[h]) continue;
+    if (s.twin[h] != kNoIndex || walked[h]) continue;
     std::vector<uint32_t> loop;
     for (uint32_t g = h; !walked[g];) {
       walked[g] = 1;
       loop.push_back(s.triangles[g / 3][g % 3]);
       // The next border edge starts where this one ends: turn about that vertex.
       g = nextOf(g);
-      while (twin[g] != kNoIndex) g = nextOf(twin[g]);
+      while (s.twin[g] != kNoIndex) g = nextOf(s.twin[g]);
     }
     ++s.pieces[s.piece[loop[0]]].borders;
     s.loops.push_back(std::move(loop));
   }
+}
+
+}  // namespace
+
+Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
+  if (auto sound = checkInput(points, triangles); !sound) return sound.error();
+  Surface s;
+  s.points.assign(points.begin(), points.end());
+  s.triangles.assign(triangles.begin(), triangles.end());
+  s.source.resize(points.size());
+  std::iota(s.source.begin(), s.source.end(), 0u);
+
+  bool wound_alike = true;
+  auto twins = pairHalfEdges(s, wound_alike);
+  if (!twins) return twins.error();
+  if (!wound_alike) {
+    if (auto wound = windAlike(s, *twins); !wound) return wound.error();
+    twins = pairHalfEdges(s, wound_alike);
+  }
+  s.twin = std::move(*twins);
+
+  separateFans(s);
+  const std::vector<uint64_t> border_edges = numberPieces(s);
+  walkBorders(s);
   for (size_t i = 0; i < s.pieces.size(); ++i) {
     SurfacePiece& p = s.pieces[i];
     p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) +
               static_cast<int64_t>(p.triangles);
   }
-  s.twin = std::move(*twins);
   return s;
 }
 

@@ -1,120 +1,139 @@
-// basis.h - what the channels of an artwork's texture planes mean, and their evaluation in double precision.
-// Coefficient = (raw - bias) * scale, in 0..255 units of display intensity. With (u, v) = (x, y) of the unit vector
-// towards the light, L = a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v + a5 (Malzbender, Gelb, Wolters 2001, eq. 4).
-// LRGB: pixel = RGB * L / 255. RGB: pixel_c = L_c. Pixels are clamped to 0..255.
-// Albedo and normal (of scans): sRGB albedo, and the surface's normal n in the artwork's space, a byte b for b / 127.5
-// - 1; filtered normals stay short, so that what is rough darkens as the mean of its parts does. With l the unit vector
-// towards the light: pixel = RGB * L^(1/2.2), L = 0.04 + 0.96 max(0, n . l), 0.04 the ambient share.
+// basis.h - what the channels of an artwork's texture planes mean, and their evaluation in double precision. Package,
+// resolver, shader and neutral pages read the description of a basis; no other file knows one of them by name, but for
+// what imports it.
+//
+// A linear basis is N coefficients times N functions of the light, f_k(l), l the unit vector towards the light in the
+// artwork's space: L = sum over k of (raw_k - bias_k) scale_k f_k(l), in 0..255 units of display intensity.
+//   Shading::kLuminance  one such sum, times a colour: pixel = R G B * L / 255
+//   Shading::kColours    such a sum for each colour: pixel_c = L_c
+// Pixels are clamped to 0..255. A channel of a plane holds one coefficient of one colour (or of the luminance), or one
+// component of the colour, in any order. The functions are evaluated on the CPU, once a frame or page.
+//
+// Two bases are not linear. Colour is shown as it is. Albedo and normal (of scans): sRGB albedo, and the surface's
+// normal n in the artwork's space, a byte b for b / 127.5 - 1; filtered normals stay short, so that what is rough
+// darkens as the mean of its parts does. pixel = RGB * L^(1/2.2), L = 0.04 + 0.96 max(0, n . l), 0.04 the ambient
+// share.
+//
+// A new linear basis is a file in src/artwork/bases/ that defines its description, and a line in registry.cpp there.
 #pragma once
 
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <span>
 #include <string>
+#include <string_view>
+
+#include "shaders/shading.h"
+#include "src/base/result.h"
 
 namespace relievo {
 
-enum class Basis { kColour, kPtmLrgb, kPtmRgb, kAlbedoNormal };
+// What a PageId's five bits leave beside the relief, resolved colour, and the slots that relief pages share
+// (texturing/codec/page_id.h). GL sets no limit: pages of all planes lie in the slots of one texture.
+inline constexpr int kMaxTexturePlanes = 29;
+// Of a luminance, with one plane for its colour. Uniforms have room for 224 (ES 3.0).
+inline constexpr int kMaxCoefficients = 3 * (kMaxTexturePlanes - 1);
 
-// Do its planes hold coefficients with scale and bias?
-inline bool isPtm(Basis b) { return b == Basis::kPtmLrgb || b == Basis::kPtmRgb; }
+// A place in the registry. Those that code refers to have names; others are found by theirs (findBasis).
+enum class Basis : int { kColour, kPtmLrgb, kPtmRgb, kAlbedoNormal };
 
-inline constexpr double kAmbientShare = 0.04;
-inline constexpr double kDisplayGamma = 2.2;  // of L above; the albedo itself is sRGB
+enum class Shading : int {
+  kColour = RV_SHADING_COLOUR,
+  kLuminance = RV_SHADING_LUMINANCE,
+  kColours = RV_SHADING_COLOURS,
+  kAlbedoNormal = RV_SHADING_ALBEDO_NORMAL
+};
+
+struct BasisChannel {
+  enum class Holds : uint8_t { kNothing, kCoefficient, kColour, kNormal };
+  static constexpr uint8_t kLuminance = 3;
+  Holds holds = Holds::kNothing;
+  uint8_t of = 0;           // 0 red, 1 green, 2 blue, or kLuminance; of a normal 0 x, 1 y, 2 z
+  uint8_t coefficient = 0;  // which one
+};
+using BasisChannels = std::array<BasisChannel, 3 * kMaxTexturePlanes>;  // channel 3 p + c is channel c of plane p
+
+struct BasisDescription {
+  std::string_view name;   // in packages, manifests and reports: lower case, digits and '-', at most 31 bytes
+  std::string_view title;  // in sentences: "a polynomial texture map"
+  Shading shading = Shading::kColour;
+  int planes = 0;
+  BasisChannels channels{};
+  // Of linear bases only:
+  int coefficients = 0;  // N
+  // Writes the N functions of the unit vector towards a light anywhere around the object. Pure; called from any thread.
+  void (*functions)(const std::array<double, 3>& light, std::span<double> out) = nullptr;
+  // The functions' means over the lights of the upper hemisphere. They weigh colours at coarser levels (mip.h).
+  std::array<double, kMaxCoefficients> diffuse{};
+  // Coefficients whose sum is 1 under every light, or as near to that as the functions come. They show what is missing.
+  std::array<double, kMaxCoefficients> one{};
+};
+
+// The usual packing: coefficient k of the luminance in channel k % 3 of plane k / 3, and the colour in the plane
+// behind.
+constexpr int luminancePlanes(int coefficients) { return (coefficients + 2) / 3 + 1; }
+constexpr BasisChannels luminanceChannels(int coefficients) {
+  BasisChannels out{};
+  for (int k = 0; k < coefficients; ++k)
+    out[static_cast<size_t>(k)] = {BasisChannel::Holds::kCoefficient, BasisChannel::kLuminance,
+                                   static_cast<uint8_t>(k)};
+  for (int c = 0; c < 3; ++c)
+    out[static_cast<size_t>(3 * (luminancePlanes(coefficients) - 1) + c)] = {BasisChannel::Holds::kColour,
+                                                                             static_cast<uint8_t>(c), 0};
+  return out;
+}
+// Plane k holds coefficient k of red, green and blue.
+constexpr BasisChannels colourChannels(int coefficients) {
+  BasisChannels out{};
+  for (int i = 0; i < 3 * coefficients; ++i)
+    out[static_cast<size_t>(i)] = {BasisChannel::Holds::kCoefficient, static_cast<uint8_t>(i % 3),
+                                   static_cast<uint8_t>(i / 3)};
+  return out;
+}
+
+// ---- the registry (src/artwork/bases/registry.cpp) ----
+const BasisDescription& describe(Basis basis);
+std::optional<Basis> findBasis(std::string_view name);
+// Adds a basis to those that the program is built with. The description stays where it is until the program ends. Not
+// while other threads use bases. Error: kUsage, with what is wrong with the description, or that its name is taken.
+Result<Basis> registerBasis(const BasisDescription& description);
+inline const char* basisName(Basis b) { return describe(b).name.data(); }
+// Of texture plane k, by what its channels hold: "a0-a2", "rgb-a3", "colour", "albedo", "normal".
+std::string textureName(Basis basis, int plane);
+
+// ---- an artwork's texture ----
+// A number a coefficient. What a list leaves out has the default, so that equal formats compare equal.
+template <int kDefault>
+struct PerCoefficient : std::array<double, kMaxCoefficients> {
+  constexpr PerCoefficient() { this->fill(kDefault); }
+  constexpr PerCoefficient(std::initializer_list<double> first) : PerCoefficient() {
+    std::copy(first.begin(), first.end(), this->begin());
+  }
+};
 
 struct TextureFormat {
   Basis basis = Basis::kColour;
-  std::array<double, 6> scale{1, 1, 1, 1, 1, 1};
-  std::array<double, 6> bias{};
+  PerCoefficient<1> scale;
+  PerCoefficient<0> bias;
 
-  int planes() const {
-    switch (basis) {
-      case Basis::kColour:
-        return 1;
-      case Basis::kAlbedoNormal:
-        return 2;
-      case Basis::kPtmLrgb:
-        return 3;
-      case Basis::kPtmRgb:
-        return 6;
-    }
-    return 0;
-  }
+  int planes() const { return describe(basis).planes; }
   int channels() const { return 3 * planes(); }
+  int coefficients() const { return describe(basis).coefficients; }
+  // Of the coefficients that there are.
+  std::span<const double> scales() const { return std::span(scale).first(static_cast<size_t>(coefficients())); }
+  std::span<const double> biases() const { return std::span(bias).first(static_cast<size_t>(coefficients())); }
 };
 
-inline const char* basisName(Basis b) {
-  switch (b) {
-    case Basis::kColour:
-      return "colour";
-    case Basis::kPtmLrgb:
-      return "ptm-lrgb";
-    case Basis::kPtmRgb:
-      return "ptm-rgb";
-    case Basis::kAlbedoNormal:
-      return "albedo-normal";
-  }
-  return "";
-}
-
-// (u, v) of a light anywhere around a PTM's object, by the unit vector towards it in the frame of its photographs: x
-// right, y up, z to the camera. They were lit from the front only: light from behind counts as grazing light from the
-// same side.
-inline std::array<double, 2> ptmDirection(double x, double y, double z) {
-  const double sideways = std::hypot(x, y);
-  return z >= 0 || !(sideways > 0) ? std::array<double, 2>{x, y} : std::array<double, 2>{x / sideways, y / sideways};
-}
-
-// The six basis functions, in .ptm's order.
-inline std::array<double, 6> ptmBasis(double u, double v) { return {u * u, v * v, u * v, u, v, 1.0}; }
-
+// ---- evaluation ----
 // The unit vector towards a light in front of the artwork, by its x and y.
-inline std::array<double, 3> frontLight(double u, double v) {
-  return {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))};
-}
-
-// The basis functions under the unit vector towards a light anywhere around the object: the one definition that shader,
-// resolver and reference share. A light straight from behind has no side. There the functions take their mean over all
-// grazing lights, and they go over to it within kBehind of straight behind, so that a rounding error of the direction
-// cannot choose a side.
-inline constexpr double kBehind = 0.02;  // sine of the angle between the light and straight behind: 1.1 degrees
-inline std::array<double, 6> ptmBasis(const std::array<double, 3>& light) {
-  const auto [u, v] = ptmDirection(light[0], light[1], light[2]);
-  auto basis = ptmBasis(u, v);
-  if (light[2] >= 0) return basis;
-  constexpr std::array<double, 6> kGrazingMean{0.5, 0.5, 0, 0, 0, 1};
-  const double share = std::min(1.0, std::hypot(light[0], light[1]) / kBehind);
-  for (size_t k = 0; k < basis.size(); ++k)
-    basis[k] = share < 1 ? kGrazingMean[k] + (basis[k] - kGrazingMean[k]) * share : basis[k];
-  return basis;
-}
+std::array<double, 3> frontLight(double u, double v);
 
 // One pixel in 0..255 units from its raw channels (channels() of them; they may be filtered, hence double).
-// LRGB: raw[0..5] coefficients, raw[6..8] colour. RGB: raw[3 k + c] is coefficient k of colour c. Albedo and normal:
-// raw[0..2], raw[3..5]. light: the unit vector towards the light, in the artwork's space.
-inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw,
-                                           const std::array<double, 3>& light) {
-  std::array<double, 3> rgb{};
-  if (f.basis == Basis::kColour) return {raw[0], raw[1], raw[2]};
-  if (f.basis == Basis::kAlbedoNormal) {
-    double cosine = 0;
-    for (int c = 0; c < 3; ++c) cosine += (raw[3 + c] / 127.5 - 1) * light[c];
-    const double gain = std::pow(kAmbientShare + (1 - kAmbientShare) * std::max(0.0, cosine), 1 / kDisplayGamma);
-    for (int c = 0; c < 3; ++c) rgb[c] = std::clamp(raw[c] * gain, 0.0, 255.0);
-    return rgb;
-  }
-  const auto basis = ptmBasis(light);
-  if (f.basis == Basis::kPtmLrgb) {
-    double lum = 0;
-    for (int k = 0; k < 6; ++k) lum += (raw[k] - f.bias[k]) * f.scale[k] * basis[k];
-    for (int c = 0; c < 3; ++c) rgb[c] = raw[6 + c] * lum / 255.0;
-  } else {
-    for (int c = 0; c < 3; ++c)
-      for (int k = 0; k < 6; ++k) rgb[c] += (raw[3 * k + c] - f.bias[k]) * f.scale[k] * basis[k];
-  }
-  for (double& x : rgb) x = std::clamp(x, 0.0, 255.0);
-  return rgb;
-}
+// light: the unit vector towards the light, in the artwork's space. The one definition that shader and resolver share.
+std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light);
 // The same for a light in front of the artwork, (u, v) the x and y of the vector towards it.
 inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, double u, double v) {
   return evaluatePixel(f, raw, frontLight(u, v));

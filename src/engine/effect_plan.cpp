@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "src/render/picture_target.h"
+
 namespace relievo {
 
 EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
@@ -40,14 +42,14 @@ TextureFormat EffectPlan::format(const Manifest& manifest) const {
 }
 
 std::string sceneProblem(const Scene& scene, const Manifest& manifest) {
-  if (scene.unlit && isPtm(manifest.texture.basis)) return "a polynomial texture map has no colour without a light";
-  return "";
+  const BasisDescription& basis = describe(manifest.texture.basis);
+  return scene.unlit && basis.coefficients > 0 ? std::string(basis.title) + " has no colour without a light" : "";
 }
 
 gl::Defines EffectPlan::defines() const {
   gl::Defines d;
   d.emplace_back("PLANES", std::to_string(texture_planes.size()));
-  d.emplace_back("BASIS", std::to_string(static_cast<int>(shade)));
+  for (auto& define : shadingDefines(shade)) d.push_back(std::move(define));
   if (mesh) d.emplace_back("MESH", "1");
   if (relief) d.emplace_back("RELIEF", "1");
   if (geomorph) d.emplace_back("MORPH", "1");
@@ -70,11 +72,8 @@ std::vector<std::string> EffectPlan::passes() const {
 std::string planeName(Plane plane, Basis basis) {
   if (plane == Plane::kRelief) return "relief";
   if (plane == Plane::kResolved) return "resolved";
-  int k = static_cast<int>(plane);
   if (basis == Basis::kColour) return plane == kNormalPlane ? "normal" : "colour";  // made of the relief
-  if (basis == Basis::kPtmLrgb) return k == 0 ? "a0-a2" : k == 1 ? "a3-a5" : "colour";
-  if (basis == Basis::kAlbedoNormal) return k == 0 ? "albedo" : "normal";
-  return "rgb-a" + std::to_string(k);
+  return textureName(basis, texturePlaneIndex(plane));
 }
 
 std::vector<std::string> EffectPlan::planesRead() const {

@@ -10,7 +10,7 @@ namespace relievo {
 
 std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   nlohmann::ordered_json planes = nlohmann::ordered_json::object();
-  for (int p = 0; p < 16; ++p) {
+  for (size_t p = 0; p < s.streamer.pages_read.size(); ++p) {
     if (s.streamer.pages_read[p] == 0 && s.streamer.pages_uploaded[p] == 0) continue;
     auto& plane = planes[planeName(static_cast<Plane>(p), manifest.texture.basis)];
     plane = {{"pages_read", s.streamer.pages_read[p]},         {"bytes_read", s.streamer.bytes_read[p]},

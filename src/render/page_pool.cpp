@@ -33,13 +33,14 @@ gl::Texture makeTable(const char* label, uint32_t width, uint32_t height) {
 
 // Runs of neighbouring dirty texels within a row become one upload.
 void uploadRuns(GLuint texture, std::span<const uint32_t> dirty, std::span<const std::array<uint32_t, 4>> texels,
-                uint32_t width) {
+                uint32_t width, uint32_t first_row = 0) {
   glBindTexture(GL_TEXTURE_2D, texture);
   for (size_t i = 0; i < dirty.size();) {
     size_t end = i + 1;
     while (end < dirty.size() && dirty[end] == dirty[end - 1] + 1 && dirty[end] % width != 0) ++end;
-    glTexSubImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(dirty[i] % width), static_cast<GLint>(dirty[i] / width),
-                    static_cast<GLsizei>(end - i), 1, GL_RGBA_INTEGER, GL_UNSIGNED_INT, &texels[dirty[i]]);
+    glTexSubImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(dirty[i] % width),
+                    static_cast<GLint>(first_row + dirty[i] / width), static_cast<GLsizei>(end - i), 1, GL_RGBA_INTEGER,
+                    GL_UNSIGNED_INT, &texels[dirty[i]]);
     i = end;
   }
 }
@@ -210,19 +211,23 @@ void PagePool::uploadRelief(const PageUpload& u) {
 
 void PagePool::uploadTable(PageTable& table) {
   auto dirty = table.takeDirty();
-  bool has_extra = table_extra_.id() != 0, requests_extra = !table.extraTexels().empty();
-  if (table.width() != table_width_ || table.height() != table_height_ || has_extra != requests_extra) {
+  if (table.width() != table_width_ || table.height() != table_height_ || table.extraLayers() != table_layers_) {
     table_width_ = table.width();
     table_height_ = table.height();
     table_ = makeTable("page table", table_width_, table_height_);
+    table_layers_ = table.extraLayers();
     table_extra_ = {};
-    if (requests_extra) table_extra_ = makeTable("page table, planes 3..", table_width_, table_height_);
+    if (table_layers_ > 0)
+      table_extra_ = makeTable("page table, planes 3..", table_width_, table_layers_ * table_height_);
     dirty.resize(table.texels().size());
     for (uint32_t i = 0; i < dirty.size(); ++i) dirty[i] = i;
   }
   if (dirty.empty()) return;
   uploadRuns(table_.id(), dirty, table.texels(), table_width_);
-  if (table_extra_.id() != 0) uploadRuns(table_extra_.id(), dirty, table.extraTexels(), table_width_);
+  const size_t entries = table.texels().size();
+  for (uint32_t layer = 0; layer < table_layers_; ++layer)
+    uploadRuns(table_extra_.id(), dirty, table.extraTexels().subspan(layer * entries, entries), table_width_,
+               layer * table_height_);
 }
 
 void PagePool::bind(const gl::Program& program, const PageTable& table) const {

@@ -48,7 +48,7 @@ class PagePool {
   // The page table's changed texels; its textures are made anew when its shape changes.
   void uploadTable(PageTable& table);
   void forgetTable() {
-    table_width_ = table_height_ = 0;
+    table_width_ = table_height_ = table_layers_ = 0;
   }  // the next one is another table: nothing of the old one holds
   // Of programs that sample texture pages: how the shader finds them (shade.frag).
   static gl::Defines defines(PageCodec upload);
@@ -75,7 +75,7 @@ class PagePool {
   CacheSlots slots_;
   Layers texels_, blocks_;
   gl::Texture table_, table_extra_;
-  uint32_t table_width_ = 0, table_height_ = 0;
+  uint32_t table_width_ = 0, table_height_ = 0, table_layers_ = 0;
   uint64_t bytes_uploaded_ = 0;
   UploadRing ring_;
   std::vector<uint8_t> packed_;  // kept for its memory

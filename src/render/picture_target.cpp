@@ -55,6 +55,46 @@ void PictureTarget::present(int window_width_px, int window_height_px) const {
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
 }
 
+gl::Defines shadingDefines(Basis basis) {
+  const BasisDescription& d = describe(basis);
+  gl::Defines defines{{"SHADING", std::to_string(static_cast<int>(d.shading))}};
+  if (d.coefficients == 0) return defines;
+  // Terms are added up channel by channel, plane by plane. The order decides the sums' last bits.
+  std::string terms;
+  std::array<std::string, 3> colour;
+  for (int c = 0; c < 3; ++c)
+    for (int plane = 0; plane < d.planes; ++plane) {
+      const BasisChannel& channel = d.channels[static_cast<size_t>(3 * plane + c)];
+      const std::string place = std::to_string(plane) + ", " + std::to_string(c);
+      if (channel.holds == BasisChannel::Holds::kCoefficient)
+        terms +=
+            " TERM(" + place + ", " + std::to_string(channel.coefficient) + ", " + std::to_string(channel.of) + ")";
+      else if (channel.holds == BasisChannel::Holds::kColour) colour[channel.of] = "CHANNEL(" + place + ")";
+    }
+  defines.emplace_back("COEFFICIENTS", std::to_string(d.coefficients));
+  defines.emplace_back("TERMS", terms);
+  if (d.shading == Shading::kLuminance) defines.emplace_back("COLOUR", colour[0] + ", " + colour[1] + ", " + colour[2]);
+  return defines;
+}
+
+namespace {
+
+void setCoefficients(const gl::Program& program, const TextureFormat& format, const std::array<double, 3>& light) {
+  const size_t n = static_cast<size_t>(format.coefficients());
+  if (n == 0) return;
+  std::array<double, kMaxCoefficients> functions;
+  describe(format.basis).functions(light, std::span(functions).first(n));
+  std::array<float, 4 * kMaxCoefficients> coefficients{};
+  for (size_t k = 0; k < n; ++k) {
+    coefficients[4 * k] = static_cast<float>(format.scale[k]);
+    coefficients[4 * k + 1] = static_cast<float>(format.bias[k]);
+    coefficients[4 * k + 2] = static_cast<float>(functions[k]);
+  }
+  glUniform4fv(program.uniform("u_coefficients"), static_cast<GLsizei>(n), coefficients.data());
+}
+
+}  // namespace
+
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) {
   const PlanarDomain& d = *p.domain;
   glUniform4i(program.uniform("u_artwork"), d.texture_depth, d.alongX() ? 1 : 0, static_cast<GLint>(d.width_px),
@@ -62,15 +102,9 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   glUniform4i(program.uniform("u_sample"), p.sample[0], p.sample[1], p.sample[2], 0);
   glUniform1i(program.uniform("u_tap_phase"), p.tap_phase);
   glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));
-  auto basis = ptmBasis(p.light);
-  if (p.format->basis == Basis::kAlbedoNormal) basis = {p.light[0], p.light[1], p.light[2], 0, 0, 0};
-  float coefficients[24] = {};
-  for (int k = 0; k < 6; ++k) {
-    coefficients[4 * k] = static_cast<float>(p.format->scale[k]);
-    coefficients[4 * k + 1] = static_cast<float>(p.format->bias[k]);
-    coefficients[4 * k + 2] = static_cast<float>(basis[k]);
-  }
-  glUniform4fv(program.uniform("u_coefficients"), 6, coefficients);
+  glUniform3f(program.uniform("u_light"), static_cast<float>(p.light[0]), static_cast<float>(p.light[1]),
+              static_cast<float>(p.light[2]));
+  setCoefficients(program, *p.format, p.light);
   if (p.page_fade_s > 0) {
     glUniform3f(program.uniform("u_fade"), static_cast<float>(fadeClock(p.now_s)),
                 static_cast<float>(1.0 / std::max(p.page_fade_s * 64, 1e-3)), p.fades_over ? 1.0f : 0.0f);

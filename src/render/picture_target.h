@@ -46,6 +46,8 @@ struct ShadingParameters {
   double now_s = 0, page_fade_s = 0;     // page_fade_s 0: no fade
   bool fades_over = false;               // every page shows whole, whatever its age: a settled picture
 };
+// Of a program that shades this basis (shaders/shade.frag): which channel holds which coefficient is compiled into it.
+gl::Defines shadingDefines(Basis basis);
 // Of the program in use.
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);
 

@@ -96,6 +96,180 @@ std::string freeSnapshotName(const std::string& folder, const std::string& stem)
   return {};
 }
 
+namespace {
+
+using GuardTask = BackgroundTask<std::unique_ptr<const EyeGuard>>;
+
+// The window's life: events are handled, and a frame is drawn where something changed or is still on its way.
+class ViewLoop {
+ public:
+  ViewLoop(gl::Window& window, Engine& engine, Hud& hud, ViewControl& control, GuardTask& guard,
+           const ViewerOptions& options)
+      : window_(window), engine_(engine), hud_(hud), control_(control), guard_(guard), options_(options) {}
+  Result<void> run();
+
+ private:
+  // Frames follow one another; else events are waited for.
+  bool busy(double now) const {
+    return options_.frames > 0 || calm_frames_ < kCalmFrames ||
+           now < changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
+  }
+  bool takeEvents(bool busy);
+  // Is there anything to draw? Notes what the head-up display shows of it.
+  bool toDraw(double now, bool busy, bool changed);
+  Scene sceneAt(double now);
+  Result<EngineStats> drawScene(double now);
+  void noteProgress(const EngineStats& stats, double now);
+  void say(std::string message, double now) {
+    message_ = std::move(message);
+    message_until_ = now + kMessageS;
+  }
+  void takeSnapshot(double now);
+  void drawHud(const EngineStats& stats);
+  void meterFrame() {
+    const double end = nowSeconds();
+    if (last_frame_ > 0) meter_.add(end - last_frame_);
+    last_frame_ = drawn_at_ = end;
+  }
+
+  gl::Window& window_;
+  Engine& engine_;
+  Hud& hud_;
+  ViewControl& control_;
+  GuardTask& guard_;
+  const ViewerOptions& options_;
+  const bool exact_still_ = options_.exact_still == ViewerOptions::ExactStill::kAuto
+                                ? !gl::currentContextInfo().software && options_.frames == 0
+                                : options_.exact_still == ViewerOptions::ExactStill::kOn;
+
+  std::string message_ = "F1 shows the controls";
+  // When, in seconds of nowSeconds().
+  double message_until_ = nowSeconds() + kMessageS, light_until_ = 0, last_frame_ = 0, drawn_at_ = 0;
+  double changed_at_ = nowSeconds(), moved_at_ = 0;
+  int calm_frames_ = 0;
+  bool guarded_ = false, switching_ = false;
+  std::array<uint64_t, 6> progress_{};
+  OrbitCamera camera_;  // of the last frame
+  FrameMeter meter_;
+  HudState shown_;
+};
+
+bool ViewLoop::takeEvents(bool busy) {
+  bool changed = false;
+  if (!guarded_ && guard_.ready()) {
+    changed = control_.setGuard(guard_.get().get());
+    guarded_ = true;
+  }
+  for (const gl::Event& e : busy ? window_.pollEvents() : window_.waitEvents(kIdleWaitS)) changed |= control_.handle(e);
+  return changed;
+}
+
+bool ViewLoop::toDraw(double now, bool busy, bool changed) {
+  if (control_.draggingLight()) light_until_ = now + kLightGaugeS;
+  if (changed) changed_at_ = now;
+  const bool show_light = now < light_until_ || control_.help;
+  const bool message_over = now >= message_until_ && !shown_.message.empty();
+  if (!busy && !changed && show_light == shown_.show_light && !message_over && now < drawn_at_ + kIdleRedrawS)
+    return false;
+  if (!busy) last_frame_ = 0;  // the pause is no frame's time
+  shown_.show_light = show_light;
+  shown_.message = now < message_until_ ? message_ : std::string();
+  shown_.help = control_.help;
+  if (control_.figures != shown_.figures.has_value()) changed_at_ = now;
+  shown_.light = control_.view().light;
+  return true;
+}
+
+Scene ViewLoop::sceneAt(double now) {
+  if (const OrbitCamera& now_at = control_.view().camera; now_at != camera_) {
+    camera_ = now_at;
+    moved_at_ = now;
+  }
+  const Show show = options_.scene.show;
+  Scene wanted = options_.scene;
+  if (exact_still_ && now >= moved_at_ + kStillS) wanted.least_cell = 0;
+  wanted.light = control_.view().light;
+  wanted.wireframe = control_.wireframe;
+  wanted.show = control_.show_pages ? Show::kPages : show == Show::kPages ? Show::kNone : show;
+  return wanted;
+}
+
+Result<EngineStats> ViewLoop::drawScene(double now) {
+  if (Result<void> set = engine_.setScene(sceneAt(now)); !set) return set.error();
+  engine_.resize(window_.width(), window_.height());
+  engine_.setCamera(control_.view().camera);
+  engine_.frame(now);
+  return engine_.stats();
+}
+
+void ViewLoop::noteProgress(const EngineStats& stats, double now) {
+  if (std::exchange(switching_, stats.switching) != stats.switching) changed_at_ = now;
+  const std::array<uint64_t, 6> progress = {stats.resident,
+                                            stats.missing_pages,
+                                            stats.wanted_nodes,
+                                            stats.triangles,
+                                            stats.streamer.decoding + stats.streamer.ready,
+                                            stats.streamer.queued};
+  if (progress != std::exchange(progress_, progress)) changed_at_ = now;
+  calm_frames_ = changed_at_ == now ? 0 : calm_frames_ + 1;
+}
+
+void ViewLoop::takeSnapshot(double now) {
+  const std::string name = freeSnapshotName(".", options_.snapshot_stem);
+  Result<void> written = name.empty()
+                             ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
+                             : writeSnapshot(engine_, name, options_);
+  say(written ? "written: " + std::filesystem::absolute(name).lexically_normal().string()
+              : "the snapshot failed: " + written.error().text(),
+      now);
+  shown_.message = message_;
+}
+
+void ViewLoop::drawHud(const EngineStats& stats) {
+  shown_.unlit = !engine_.plan().lit();
+  shown_.fps = meter_.meanSeconds() > 0 ? 1 / meter_.meanSeconds() : 0;
+  shown_.frame_ms = meter_.meanSeconds() * 1000;
+  shown_.resident_pages = stats.resident;
+  shown_.slots = stats.slots;
+  shown_.missing_pages = stats.missing_pages;
+  shown_.error_px = options_.scene.error_px;
+  shown_.predicted_error_px = stats.predicted_error_px;
+  shown_.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
+  shown_.size_known = stats.size_known;
+  shown_.figures.reset();
+  if (control_.figures) shown_.figures = hudFigures(stats, engine_.manifest());
+  engine_.present(window_.width(), window_.height());
+  hud_.draw(shown_, window_.width(), window_.height());
+  window_.swap();
+}
+
+Result<void> ViewLoop::run() {
+  for (int64_t frames = 0; !control_.quit;) {
+    if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
+    const bool busy_now = busy(nowSeconds()), changed = takeEvents(busy_now);
+    if (window_.width() < 1 || window_.height() < 1) {  // minimised
+      window_.waitEvents(kIdleWaitS);
+      continue;
+    }
+    const double now = nowSeconds();
+    if (!toDraw(now, busy_now, changed)) continue;
+    auto stats = drawScene(now);
+    if (!stats) return stats.error();
+    noteProgress(*stats, now);
+    for (const std::string& text : engine_.takeMessages()) say(text, now);
+    if (control_.takeSnapshotRequest()) takeSnapshot(now);
+    drawHud(*stats);
+    meterFrame();
+    if (++frames == options_.frames) {
+      if (!options_.snapshot_file.empty()) return writeSnapshot(engine_, options_.snapshot_file, options_);
+      break;
+    }
+  }
+  return {};
+}
+
+}  // namespace
+
 Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   HeapWarmer heap(kFirstPictureBytes);
   Result<std::unique_ptr<gl::Window>> made_window =
@@ -107,134 +281,28 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   const Extent extent = artworkExtent(artwork.manifest, exaggerate);
   // What keeps the eye outside: at once for a flat artwork; over a base mesh on a thread of its own, some tenths of a
   // second, during which the window draws and moves already.
-  BackgroundTask<std::unique_ptr<const EyeGuard>> guard(
+  GuardTask guard(
       "relievo-guard",
       [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
       artwork.manifest.base != nullptr);
-  bool guarded = false;
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();
   Engine& engine = **made_engine;
   Result<std::unique_ptr<Hud>> hud = Hud::create(gl::currentContextInfo().api, window.contentScale());
   if (!hud) return hud.error();
 
-  Scene scene = options.scene;
   ViewControl::View start;
-  start.light = scene.light;
+  start.light = options.scene.light;
   Result<OrbitCamera> camera = options.camera ? options.camera(extent, window.width(), window.height())
                                               : fitCamera(extent, window.width(), window.height());
   if (!camera) return camera.error();
   start.camera = *camera;
   ViewControl control(extent, start, window.width(), window.height(),
                       {[&](double x, double y) { return engine.surfacePoint(x, y); }});
-  control.wireframe = scene.wireframe;
-  control.show_pages = scene.show == Show::kPages;
+  control.wireframe = options.scene.wireframe;
+  control.show_pages = options.scene.show == Show::kPages;
 
-  std::string message = "F1 shows the controls";
-  double message_until = nowSeconds() + kMessageS, light_until = 0, last_frame = 0, drawn_at = 0;
-  double changed_at = nowSeconds();
-  int calm_frames = 0;
-  bool switching = false;
-  std::array<uint64_t, 6> progress_before{};
-  FrameMeter meter;
-  const bool exact_still = options.exact_still == ViewerOptions::ExactStill::kAuto
-                               ? !gl::currentContextInfo().software && options.frames == 0
-                               : options.exact_still == ViewerOptions::ExactStill::kOn;
-  OrbitCamera camera_before;
-  double moved_at = 0;
-  int64_t frames = 0;
-  HudState shown;
-  while (!control.quit) {
-    if (interruptedFlag()) return Error{.kind = ErrorKind::kInterrupted, .message = "interrupted"};
-    double now = nowSeconds();
-    const bool busy = options.frames > 0 || calm_frames < kCalmFrames ||
-                      now < changed_at + (shown.missing_pages > 0 || switching ? kCalmMissingS : kCalmS);
-    bool changed = false;
-    if (!guarded && guard.ready()) {
-      changed = control.setGuard(guard.get().get());
-      guarded = true;
-    }
-    for (const gl::Event& e : busy ? window.pollEvents() : window.waitEvents(kIdleWaitS)) changed |= control.handle(e);
-    if (window.width() < 1 || window.height() < 1) {  // minimised
-      window.waitEvents(kIdleWaitS);
-      continue;
-    }
-    now = nowSeconds();
-    if (control.draggingLight()) light_until = now + kLightGaugeS;
-    if (changed) changed_at = now;
-    const bool show_light = now < light_until || control.help;
-    const bool message_over = now >= message_until && !shown.message.empty();
-    if (!busy && !changed && show_light == shown.show_light && !message_over && now < drawn_at + kIdleRedrawS) continue;
-    if (!busy) last_frame = 0;  // the pause is no frame's time
-    shown.show_light = show_light;
-    shown.message = now < message_until ? message : std::string();
-    shown.help = control.help;
-    if (control.figures != shown.figures.has_value()) changed_at = now;
-    shown.light = control.view().light;
-
-    if (const OrbitCamera& now_at = control.view().camera; now_at != camera_before) {
-      camera_before = now_at;
-      moved_at = now;
-    }
-    Scene wanted = scene;
-    if (exact_still && now >= moved_at + kStillS) wanted.least_cell = 0;
-    wanted.light = control.view().light;
-    wanted.wireframe = control.wireframe;
-    wanted.show = control.show_pages ? Show::kPages : scene.show == Show::kPages ? Show::kNone : scene.show;
-    if (Result<void> set = engine.setScene(wanted); !set) return set;
-    engine.resize(window.width(), window.height());
-    engine.setCamera(control.view().camera);
-    engine.frame(now);
-    const EngineStats stats = engine.stats();
-    if (std::exchange(switching, stats.switching) != stats.switching) changed_at = now;
-    const std::array<uint64_t, 6> progress = {stats.resident,
-                                              stats.missing_pages,
-                                              stats.wanted_nodes,
-                                              stats.triangles,
-                                              stats.streamer.decoding + stats.streamer.ready,
-                                              stats.streamer.queued};
-    if (progress != std::exchange(progress_before, progress)) changed_at = now;
-    calm_frames = changed_at == now ? 0 : calm_frames + 1;
-    for (const std::string& text : engine.takeMessages()) {
-      message = text;
-      message_until = now + kMessageS;
-    }
-    if (control.takeSnapshotRequest()) {
-      const std::string name = freeSnapshotName(".", options.snapshot_stem);
-      Result<void> written = name.empty()
-                                 ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
-                                 : writeSnapshot(engine, name, options);
-      message = written ? "written: " + std::filesystem::absolute(name).lexically_normal().string()
-                        : "the snapshot failed: " + written.error().text();
-      message_until = now + kMessageS;
-      shown.message = message;
-    }
-
-    shown.unlit = !engine.plan().lit();
-    shown.fps = meter.meanSeconds() > 0 ? 1 / meter.meanSeconds() : 0;
-    shown.frame_ms = meter.meanSeconds() * 1000;
-    shown.resident_pages = stats.resident;
-    shown.slots = stats.slots;
-    shown.missing_pages = stats.missing_pages;
-    shown.error_px = scene.error_px;
-    shown.predicted_error_px = stats.predicted_error_px;
-    shown.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
-    shown.size_known = stats.size_known;
-    shown.figures.reset();
-    if (control.figures) shown.figures = hudFigures(stats, engine.manifest());
-    engine.present(window.width(), window.height());
-    (*hud)->draw(shown, window.width(), window.height());
-    window.swap();
-
-    const double end = nowSeconds();
-    if (last_frame > 0) meter.add(end - last_frame);
-    last_frame = drawn_at = end;
-    if (++frames == options.frames) {
-      if (!options.snapshot_file.empty())
-        if (Result<void> written = writeSnapshot(engine, options.snapshot_file, options); !written) return written;
-      break;
-    }
-  }
+  if (Result<void> ended = ViewLoop(window, engine, **hud, control, guard, options).run(); !ended) return ended;
   if (options.print_view) printOutf("%s\n", viewJson(control.view()).c_str());
   return {};
 }

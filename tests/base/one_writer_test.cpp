@@ -1,4 +1,4 @@
-// One writer of files (src/base/file) and one of standard output (src/base/standard_output): nothing else in the
+// One writer of files (src/base/output_file) and one of standard output (src/base/standard_output): nothing else in the
 // program opens a file to write or prints, so that no error of writing is overlooked.
 #include <gtest/gtest.h>
 
@@ -23,11 +23,11 @@ struct Rule {
 const std::vector<Rule> kRules = {
     {{"ofstream", "std::fstream"}, {}},
     {{"fopen("}, {"tools/build_mesh.cpp"}},  // of /proc/self, for peak memory
-    {{"O_CREAT", "creat(", "rename("}, {"src/base/file.cpp"}},
+    {{"O_CREAT", "creat(", "rename("}, {"src/base/output_file.cpp"}},
     {{"O_TMPFILE", "mkstemp(", "mkstemps(", "mkostemp("},
-     {"src/base/file.cpp", "texturing/package/package_writer.cpp"}},  // files without a name
+     {"src/base/output_file.cpp", "texturing/package/package_writer.cpp"}},  // files without a name
     {{"printf(", "vprintf(", "puts(", "putchar(", "cout", "stdout"}, {}},
-    {{"ImageOutput::create("}, {"texturing/import/image_io_oiio.cpp"}},
+    {{"ImageOutput::create("}, {"texturing/import/image_encode_oiio.cpp"}},
 };
 
 // Without comments and without what stands in quotes.

@@ -13,6 +13,7 @@
 #include <set>
 #include <utility>
 
+#include "src/artwork/bases/ptm.h"
 #include "src/engine/engine.h"
 #include "src/gl/program.h"
 #include "src/render/block_formats.h"

@@ -4,6 +4,7 @@
 #include <iostream>
 #include <random>
 
+#include "tests/other_bases.h"
 #include "tests/render/dense_pages.h"
 #include "tests/render/dense_reference.h"
 #include "texturing/codec/mip.h"
@@ -33,6 +34,7 @@ std::vector<TextureFormat> formats(std::mt19937& random) {
     }
     out.push_back(f);
   }
+  for (Basis basis : test::otherBases()) out.push_back(test::otherFormat(basis));
   return out;
 }
 

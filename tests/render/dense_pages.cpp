@@ -31,8 +31,8 @@ class DensePages final : public PageSource {
     const PlanarDomain& d = texture_->domain;
     const bool relief = id.plane() == Plane::kRelief;
     const int depth = relief ? d.relief_depth : d.texture_depth;
-    const int plane = static_cast<int>(id.plane());
-    const bool known = relief ? relief_ != nullptr : plane < texture_->format.planes();
+    const int plane = texturePlaneIndex(id.plane());
+    const bool known = relief ? relief_ != nullptr : isTexturePlane(id.plane()) && plane < texture_->format.planes();
     if (!known || static_cast<int>(node.level) > depth || !d.nodeExists(node))
       return Error{ErrorKind::kInvalidData, "dense pages", "no such page", "", {}};
     PageEncoder encoder(1);

@@ -21,7 +21,7 @@ constexpr double kSnapPx = 1.41421356 / 256.0;
 constexpr double kDepthSlack = 0x1p-21;
 // Twice what snapping moves a place by, and what is left for single precision.
 constexpr double kTexelTiePx = 1.0 / 128.0;
-constexpr int kMaxChannels = 18;
+constexpr int kMaxChannels = 3 * kMaxTexturePlanes;
 
 }  // namespace
 
@@ -60,29 +60,56 @@ std::vector<int64_t> tabulate(int64_t (*function)(int64_t), int64_t count) {
   return table;
 }
 
-// The weight of an LRGB texel's colour: its luminance under diffuse light, (a0 + a1) / 3 + a5, in quarters.
+// The weight of the colour that a luminance multiplies: the luminance under diffuse light, in quarters. Of an LRGB PTM
+// it is (a0 + a1) / 3 + a5.
 struct LuminanceWeight {
-  static constexpr std::array<int, 3> kTerms{0, 1, 5};
-  std::array<int64_t, 3> m{};
+  struct Term {
+    int channel = 0;
+    size_t coefficient = 0;
+    double mean = 0;
+    int64_t m = 0;
+  };
+  std::vector<Term> terms;
   int64_t c = 0;
 
   explicit LuminanceWeight(const TextureFormat& f) {
-    const std::array<double, 3> exact{4096.0 / 3 * f.scale[0], 4096.0 / 3 * f.scale[1], 4096.0 * f.scale[5]};
-    double divisor = 1;
-    while (std::max({std::abs(exact[0]), std::abs(exact[1]), std::abs(exact[2])}) / divisor > 65536) divisor *= 2;
-    double constant = 0;
-    for (int i = 0; i < 3; ++i) {
-      m[i] = std::llround(exact[i] / divisor);
-      constant -= static_cast<double>(m[i]) * std::round(16 * f.bias[kTerms[i]]);
+    if (f.basis == Basis::kPtmLrgb) {
+      terms = {{0, 0, 1.0 / 3}, {1, 1, 1.0 / 3}, {5, 5, 1}};
+    } else {
+      const BasisDescription& d = describe(f.basis);
+      for (int i = 0; i < 3 * d.planes; ++i) {
+        const BasisChannel& channel = d.channels[static_cast<size_t>(i)];
+        if (channel.holds == BasisChannel::Holds::kCoefficient && d.diffuse[channel.coefficient] != 0)
+          terms.push_back({i, channel.coefficient, d.diffuse[channel.coefficient]});
+      }
+    }
+    auto exact = [&](const Term& t) { return 4096.0 * t.mean * f.scale[t.coefficient]; };
+    const double most = terms.size() <= 3 ? 65536 : std::floor(196608.0 / static_cast<double>(terms.size()));
+    double divisor = 1, constant = 0;
+    for (bool fits = false; !fits; divisor *= fits ? 1 : 2)
+      fits =
+          std::all_of(terms.begin(), terms.end(), [&](const Term& t) { return std::abs(exact(t)) / divisor <= most; });
+    for (Term& t : terms) {
+      t.m = std::llround(exact(t) / divisor);
+      constant -= static_cast<double>(t.m) * std::round(16 * f.bias[t.coefficient]);
     }
     c = static_cast<int64_t>(std::clamp(constant, -8e8, 8e8));
   }
   int64_t operator()(const uint16_t* texel) const {
     int64_t sum = c;
-    for (int i = 0; i < 3; ++i) sum += m[i] * (texel[kTerms[i]] >> 4);
+    for (const Term& t : terms) sum += t.m * (texel[t.channel] >> 4);
     return std::clamp<int64_t>(sum >> 14, 1, 4095);
   }
 };
+
+enum class Mean { kNumbers, kLinearLight, kWeighted };
+Mean meanOf(const TextureFormat& f, int channel) {
+  if (f.basis == Basis::kColour) return Mean::kLinearLight;
+  if (f.basis == Basis::kPtmLrgb) return channel < 6 ? Mean::kNumbers : Mean::kWeighted;
+  const BasisDescription& d = describe(f.basis);
+  return d.channels[static_cast<size_t>(channel)].holds == BasisChannel::Holds::kColour ? Mean::kWeighted
+                                                                                        : Mean::kNumbers;
+}
 
 }  // namespace
 
@@ -92,7 +119,6 @@ std::vector<uint16_t> denseDownsample(const TextureFormat& format, const std::ve
   static const std::vector<int64_t> from_linear = tabulate(levelFromLinear, 65536);
   const LuminanceWeight weight(format);
   const int channels = format.channels();
-  const int numbers = format.basis == Basis::kColour ? 0 : format.basis == Basis::kPtmLrgb ? 6 : 18;
   const int64_t out_width = (width + 1) / 2, out_height = (height + 1) / 2;
   std::vector<uint16_t> out(static_cast<size_t>(out_width * out_height * channels));
   for (int64_t y = 0; y < out_height; ++y) {
@@ -101,25 +127,16 @@ std::vector<uint16_t> denseDownsample(const TextureFormat& format, const std::ve
       const uint16_t* texel[4] = {&in[(2 * y * width + 2 * x) * channels], &in[(2 * y * width + x1) * channels],
                                   &in[(y1 * width + 2 * x) * channels], &in[(y1 * width + x1) * channels]};
       uint16_t* to = &out[(y * out_width + x) * channels];
-      for (int c = 0; c < numbers; ++c) {
-        int64_t sum = 2;
-        for (const uint16_t* t : texel) sum += t[c];
-        to[c] = static_cast<uint16_t>(sum >> 2);
-      }
-      if (format.basis == Basis::kColour) {
-        for (int c = 0; c < 3; ++c) {
-          int64_t sum = 2;
-          for (const uint16_t* t : texel) sum += to_linear[t[c]];
-          to[c] = static_cast<uint16_t>(from_linear[sum >> 2]);
-        }
-      } else if (format.basis == Basis::kPtmLrgb) {
-        int64_t total = 0;
-        for (const uint16_t* t : texel) total += weight(t);
-        for (int c = 6; c < 9; ++c) {
-          int64_t sum = total / 2;
-          for (const uint16_t* t : texel) sum += weight(t) * t[c];
-          to[c] = static_cast<uint16_t>(sum / total);
-        }
+      int64_t total = 0;
+      for (const uint16_t* t : texel) total += weight(t);
+      for (int c = 0; c < channels; ++c) {
+        const Mean mean = meanOf(format, c);
+        int64_t sum = mean == Mean::kWeighted ? total / 2 : 2;
+        for (const uint16_t* t : texel)
+          sum += mean == Mean::kNumbers ? t[c] : mean == Mean::kLinearLight ? to_linear[t[c]] : weight(t) * t[c];
+        to[c] = static_cast<uint16_t>(mean == Mean::kNumbers       ? sum >> 2
+                                      : mean == Mean::kLinearLight ? from_linear[sum >> 2]
+                                                                   : sum / total);
       }
     }
   }

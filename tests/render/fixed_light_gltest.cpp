@@ -3,7 +3,9 @@
 // evaluation is one; the control takes the light's z away.
 #include <gtest/gtest.h>
 
+#include "src/artwork/bases/ptm.h"
 #include "tests/geometry/mesh_fixture.h"
+#include "tests/other_bases.h"
 #include "tests/render/dense_subjects.h"
 #include "tests/render/made_engine.h"
 #include "tests/render/made_pages.h"
@@ -18,6 +20,7 @@ constexpr std::array<uint8_t, 18> kRaw{150, 110, 140, 170, 90,  118, 220, 160, 9
                                        190, 60,  130, 100, 140, 120, 80,  110, 140};
 
 TextureFormat formatOf(Basis basis) {
+  if (basis > Basis::kAlbedoNormal) return otherFormat(basis);
   TextureFormat f{.basis = basis};
   if (isPtm(basis)) {
     f.scale = {1, 1, 1, 1, 1, 1};
@@ -35,7 +38,7 @@ class PlainTexture final : public TextureSource {
   Provenance provenance() const override { return {}; }
   Result<void> read(const Rect& r, std::span<uint8_t> out) const override {
     const auto texels = static_cast<size_t>(r.width * r.height);
-    for (size_t i = 0; i < out.size(); ++i) out[i] = kRaw[i / texels];
+    for (size_t i = 0; i < out.size(); ++i) out[i] = kRaw[i / texels % kRaw.size()];
     return {};
   }
 
@@ -50,7 +53,9 @@ class PlainPatches final : public PageSource {
     std::vector<uint8_t> channels(kTexturePageBytes);
     constexpr size_t plane = size_t{kPageFullPx} * kPageFullPx;
     for (size_t i = 0; i < channels.size(); ++i)
-      channels[i] = static_cast<uint8_t>(kRaw[3 * static_cast<size_t>(id.plane()) + i / plane] + id.node().patch % 5);
+      channels[i] = static_cast<uint8_t>(
+          kRaw[(3 * static_cast<size_t>(texturePlaneIndex(id.plane())) + i / plane) % kRaw.size()] +
+          id.node().patch % 5);
     return madeTexturePage(channels);
   }
 };
@@ -113,14 +118,14 @@ void expectSame(const Artwork& artwork, const std::string& what, uint32_t most_p
 }
 
 TEST(FixedLight, OfAFlatArtworkIsTheLiveOne) {
-  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb})
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, otherBases()[0], otherBases()[1]})
     expectSame(denseSubject(PlainTexture(basis), nullptr).artwork, basisName(basis));
 }
 
 TEST(FixedLight, OverPatchesIsTheLiveOneSeenFromTheFront) {
-  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kAlbedoNormal}) {
+  for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb, Basis::kAlbedoNormal, otherBases()[0], otherBases()[1]}) {
     expectSame(patches(basis), basisName(basis));
-    expectSame(patches(basis), std::string(basisName(basis)) + ", tails", 4, isPtm(basis) ? 1 : 4);
+    expectSame(patches(basis), std::string(basisName(basis)) + ", tails", 4, basis == Basis::kAlbedoNormal ? 4 : 1);
   }
 }
 

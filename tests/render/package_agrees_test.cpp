@@ -4,6 +4,7 @@
 
 #include <cstring>
 
+#include "tests/other_bases.h"
 #include "tests/render/dense_pages.h"
 #include "tests/render/test_artwork.h"
 #include "texturing/codec/page_codec.h"
@@ -88,6 +89,7 @@ TEST(PackageAgrees, EveryPageIsTheOracles) {
   for (Basis basis : {Basis::kColour, Basis::kPtmLrgb, Basis::kPtmRgb})
     for (auto [w, h] : {std::pair<int64_t, int64_t>{1, 1}, {129, 257}, {600, 333}})
       compareAll(w, h, basis, true, 0, &counts);
+  for (Basis basis : test::otherBases()) compareAll(129, 257, basis, true, 0, &counts);
   compareAll(1100, 300, Basis::kPtmLrgb, false, 0, &counts);
   std::printf("%zu pages, %zu differ, %zu height samples a step off\n", counts.pages, counts.different,
               counts.relief_steps);

@@ -33,7 +33,7 @@ if(TARGET gl_gltest)
 endif()
 # The oracle of "virtual equals dense": links nothing of the engine but plain types.
 add_library(relievo_dense_reference STATIC render/dense_reference.cpp)
-target_link_libraries(relievo_dense_reference PUBLIC relievo_base glm::glm)
+target_link_libraries(relievo_dense_reference PUBLIC relievo_artwork glm::glm)
 relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/dense_reference_test.cpp)
 
 relievo_gltest(bc_blocks_gltest LIBS relievo_gl relievo_stream relievo_import SOURCES render/bc_blocks_gltest.cpp)
@@ -45,6 +45,7 @@ relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agr
 relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package_agrees_test.cpp)
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
+relievo_gltest(other_bases_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/other_bases_gltest.cpp)
 relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)

@@ -12,6 +12,7 @@
 #include <string>
 #include <vector>
 
+#include "src/artwork/bases/ptm.h"
 #include "src/artwork/planar_domain.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/raster_source.h"

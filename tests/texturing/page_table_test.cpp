@@ -18,17 +18,17 @@ using Texel = std::array<uint32_t, 4>;
 
 // The look-up as the shader does it, from uploaded texels only: written apart from PageTable::find.
 struct ShaderView {
-  std::vector<Texel> texels, extra;
+  std::vector<Texel> texels, extra;  // extra: planes 3..10 of all entries, then 11..18, and so on
   uint32_t seed = 0;
 
   // What a renderer does after a frame; the number of texels that it uploads.
   size_t apply(PageTable& table) {
     auto dirty = table.takeDirty();
     texels.resize(table.texels().size());
-    extra.resize(texels.size());
+    extra.resize(table.extraTexels().size());
     for (uint32_t i : dirty) {
       texels[i] = table.texels()[i];
-      extra[i] = table.extraTexels()[i];
+      for (size_t at = i; at < extra.size(); at += texels.size()) extra[at] = table.extraTexels()[at];
     }
     seed = table.seed();
     return dirty.size();
@@ -40,13 +40,16 @@ struct ShaderView {
     if (lo == 0) hi += 1;
     uint32_t h = shader::pageHash(lo, hi, seed);
     for (uint32_t i : {shader::pageProbe0(h, mask), shader::pageProbe1(h, mask)}) {
-      const Texel &t = texels[i], &e = extra[i];
+      const Texel& t = texels[i];
       if (t[0] != lo || t[1] != hi) continue;
       PageTableEntry entry;
       entry.birth = static_cast<uint16_t>(t[3] >> 16);
-      entry.slots = {static_cast<uint16_t>(t[2]),       static_cast<uint16_t>(t[2] >> 16), static_cast<uint16_t>(t[3]),
-                     static_cast<uint16_t>(e[0]),       static_cast<uint16_t>(e[0] >> 16), static_cast<uint16_t>(e[1]),
-                     static_cast<uint16_t>(e[1] >> 16), static_cast<uint16_t>(e[2])};
+      entry.slots = {static_cast<uint16_t>(t[2]), static_cast<uint16_t>(t[2] >> 16), static_cast<uint16_t>(t[3])};
+      for (size_t plane = 3; plane < entry.slots.size(); ++plane) {
+        const size_t half = plane - 3;  // of a component: sixteen bits
+        entry.slots[plane] =
+            static_cast<uint16_t>(extra[i + half / 8 * texels.size()][half % 8 / 2] >> (half % 2 == 0 ? 0 : 16));
+      }
       return entry;
     }
     return std::nullopt;
@@ -81,7 +84,7 @@ TEST(PageTable, ShapeIsAPowerOfTwoAtALoadOfAtMostTwoFifths) {
     EXPECT_LE(nodes, 0.4 * entries);
     EXPECT_LE(entries, std::max<uint64_t>(16, 5 * uint64_t{nodes} + 5)) << "and not larger than needed";
     EXPECT_EQ(table.texels().size(), entries);
-    EXPECT_EQ(table.extraTexels().size(), entries);
+    EXPECT_EQ(table.extraTexels().size(), table.extraLayers() * entries);
   }
 }
 
@@ -145,7 +148,8 @@ TEST(PageTable, TheComparisonSeesALostUpdate) { EXPECT_NE(compareWithMap(5, 300,
 TEST(PageTable, UpToThreePlanesNeedNoSecondTexture) {
   for (int planes = 1; planes <= kMaxTexturePlanes; ++planes) {
     PageTable table(50, planes);
-    EXPECT_EQ(table.extraTexels().size(), planes > 3 ? table.texels().size() : 0u);
+    const size_t layers = planes <= 3 ? 0 : planes <= 11 ? 1 : planes <= 19 ? 2 : planes <= 27 ? 3 : 4;
+    EXPECT_EQ(table.extraTexels().size(), layers * table.texels().size());
     EXPECT_EQ(table.texelBytes(), (table.texels().size() + table.extraTexels().size()) * 16);
     std::mt19937_64 random(planes);
     std::vector<NodeId> nodes;

@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "patch_fixture.h"
+#include "tests/other_bases.h"
 #include "tests/view_share.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_base.h"
@@ -233,7 +234,7 @@ TEST(PatchPackage, patchesAgreeOnWhatTheirSidesAndCornersShow) {
 }
 
 TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
-  for (Basis basis : {Basis::kColour, Basis::kPtmLrgb}) {
+  for (Basis basis : {Basis::kColour, Basis::kPtmLrgb, test::otherBases()[1], test::otherBases()[3]}) {
     BaseMesh one;
     for (int k = 0; k < 4; ++k) one.corners.push_back({{float(k % 2), float(k / 2), 0}, {0, 0, 1}});
     one.patches.push_back({2, 0, 3, 1});
@@ -242,6 +243,8 @@ TEST(PatchPackage, otherBasesDeepTreesAndMeshesOfOnePatch) {
     ASSERT_TRUE(build(folder.file("a.relievo"), source).ok());
     auto package = Package::open(folder.file("a.relievo"));
     ASSERT_TRUE(package.ok());
+    EXPECT_EQ(packageVersion((*package)->header()), basis > Basis::kAlbedoNormal ? 3u : 2u);
+    EXPECT_EQ((*package)->manifest().base->patches, one.patches);
     auto counts = comparePages(**package, source, levelsOf(source), Borders::kNeighbours);
     EXPECT_EQ(counts.texture, 21u * static_cast<unsigned>(source.format().planes()));
     EXPECT_EQ(counts.wrong, 0u);
@@ -622,9 +625,10 @@ TEST_F(BaseOfPackage, hostileHeaderFieldsAreRefused) {
   EXPECT_NE(refusal(), "");
   setField(96, uint64_t{127});
   EXPECT_NE(refusal(), "");
-  // Version 1 knows no albedo and normal, version 3 is yet to come.
+  // Version 1 knows no albedo and normal, version 3 no basis by its number, and version 4 is yet to come.
   EXPECT_NE(withField(8, uint32_t{1}).find("expected basis 0, 1 or 2, found 3"), std::string::npos);
-  EXPECT_NE(withField(8, uint32_t{3}).find("version 1 or 2, found 3"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{3}).find("expected no number of a basis in version 3, found 3"), std::string::npos);
+  EXPECT_NE(withField(8, uint32_t{4}).find("version 1, 2 or 3, found 4"), std::string::npos);
 }
 
 TEST_F(BaseOfPackage, hostileSectionsAreRefusedByName) {

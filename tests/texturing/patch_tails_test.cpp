@@ -9,6 +9,7 @@
 #include <map>
 
 #include "patch_fixture.h"
+#include "src/artwork/bases/ptm.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_tails.h"

@@ -8,6 +8,8 @@
 #include <random>
 #include <vector>
 
+#include "src/artwork/bases/ptm.h"
+#include "tests/other_bases.h"
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
@@ -33,7 +35,7 @@ Comparison compare(const TextureFormat& f, const std::array<double, 3>& light, s
   resolvePage(f, light, pointers, out.data());
   Comparison result;
   for (size_t i = 0; i < kTexels; ++i) {
-    double raw[18] = {};
+    double raw[3 * kMaxTexturePlanes] = {};
     for (int c = 0; c < f.channels(); ++c)
       raw[c] = slots[static_cast<size_t>(c / 3)][4 * i + static_cast<size_t>(c % 3)];
     auto exact = evaluatePixel(oracle_format, raw, oracle_light);
@@ -79,6 +81,23 @@ TEST(Resolve, EqualsTheDoublePrecisionPixel) {
       EXPECT_EQ(r.different_off_ties, 0u)
           << basisName(basis) << ": " << r.different << " of " << r.channels << " differ";
     }
+  }
+}
+
+// Bases that the program is not built with. The reference shares the functions of the light alone.
+TEST(Resolve, EqualsTheDoublePrecisionPixelOfOtherBases) {
+  std::mt19937 random(6);
+  for (Basis basis : test::otherBases()) {
+    const TextureFormat f = test::otherFormat(basis);
+    for (auto [u, v] : {std::pair{0.0, 0.0}, {0.3, -0.4}, {-0.99, 0.05}, {-0.2, -0.77}}) {
+      const auto r = compare(f, u, v, random, f);
+      EXPECT_LE(r.worst, 1) << basisName(basis);
+      EXPECT_EQ(r.different_off_ties, 0u)
+          << basisName(basis) << ": " << r.different << " of " << r.channels << " differ";
+    }
+    TextureFormat wrong = f;
+    wrong.bias[3] += 1;
+    EXPECT_GT(compare(f, 0.3, -0.4, random, wrong).different_off_ties, 1000u) << "control: a bias off by one";
   }
 }
 

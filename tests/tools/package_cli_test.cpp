@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "cli_fixture.h"
+#include "tests/other_bases.h"
 #include "texturing/package/package_layout.h"
 
 namespace {
@@ -81,6 +82,23 @@ TEST_F(PackageCli, ClaimsThatTheFileCannotHoldAreRefusedByEveryCommand) {
     EXPECT_NE(r.output.find("found a file of 12288 bytes"), std::string::npos) << r.output;
   }
   EXPECT_FALSE(fs::exists(file("p.png")));
+}
+
+// A package of a basis that the program is not built with: nothing draws or describes it by mistake.
+TEST_F(PackageCli, ABasisThatIsNotKnownIsUnsupported) {
+  PackageHeader h = header_;
+  h.texture.basis = test::otherBases()[0];
+  std::string bytes = bytes_;
+  setHeader(bytes, h);
+  write("other.relievo", bytes);
+  for (const char* command : {"info ", "info --json ", "verify ", "view "}) {
+    const Outcome r = relievo(command + file("other.relievo"));
+    EXPECT_EQ(r.exit_code, 5) << command << ": " << r.output;
+    EXPECT_EQ(lines(r.output), 1) << r.output;
+    EXPECT_NE(r.output.find("the texture's basis 'test-hsh4-lrgb' is not known to this program"), std::string::npos)
+        << r.output;
+  }
+  EXPECT_EQ(relievo("info " + file("a.relievo")).exit_code, 0) << "control";
 }
 
 // A file that is as long as it claims, of holes: the walk over its index takes minutes, and ends when it is told to.

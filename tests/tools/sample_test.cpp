@@ -11,6 +11,7 @@
 #include <random>
 #include <thread>
 
+#include "src/artwork/bases/ptm.h"
 #include "src/base/file.h"
 #include "texturing/import/image_io.h"
 #include "texturing/import/ptm.h"

@@ -2,12 +2,15 @@
 //   number  (a + b + c + d + 2) >> 2
 //   linear  with lin(v) = round(65535 * f(v / 65280)), f the sRGB decoding curve (IEC 61966-2-1), and
 //           enc(n) = round(65280 * f^-1(n / 65535)):  enc((lin(a) + lin(b) + lin(c) + lin(d) + 2) >> 2)
-//   LRGB    a texel's weight, from its coefficients 0, 1 and 5, with t_k = v_k >> 4:
-//             w = clamp((M0 t0 + M1 t1 + M5 t5 + C) >> 14, 1, 4095)          (in quarters of a unit of display
-//             intensity) M_k = round(4096 f_k scale_k / 2^s), f = 1/3, 1/3, 1; s >= 0 the smallest with all |M_k| <=
-//             65536 C = clamp(-sum M_k round(16 bias_k), +-8e8)
+//   colour that a luminance multiplies: a texel's weight, from those n coefficients of the luminance whose function
+//           has a mean f_k over diffuse light that is not 0, with t_k = v_k >> 4:
+//             w = clamp((sum M_k t_k + C) >> 14, 1, 4095)          (in quarters of a unit of display intensity)
+//             M_k = round(4096 f_k scale_k / 2^s); s >= 0 the smallest with all |M_k| <= min(65536, 3 * 65536 / n)
+//             C = clamp(-sum M_k round(16 bias_k), +-8e8)
+//           (LRGB PTM: k = 0, 1 and 5, f = 1/3, 1/3, 1)
 //           colour (wa a + wb b + wc c + wd d + floor(W / 2)) / W, rounded down, W = wa + wb + wc + wd
-// Weights stay below 2^12 so that the sums fit 32 bits: 4 * 4095 * 65280 < 2^31.
+// Weights stay below 2^12 so that the sums fit 32 bits: 4 * 4095 * 65280 < 2^31; and so do those of the weights,
+// 3 * 65536 * 4080 + 8e8 < 2^31.
 #include "texturing/codec/mip.h"
 
 #include <algorithm>
@@ -107,21 +110,44 @@ void repeatBorderAny(T* data, int width, int height, int channels, int x0, int y
 
 }  // namespace
 
-MipFilter::MipFilter(const TextureFormat& format) : format_(format) {
-  if (format.basis != Basis::kPtmLrgb) return;
-  constexpr int kTerms[3] = {0, 1, 5};
-  constexpr double kMeans[3] = {1.0 / 3, 1.0 / 3, 1.0};
+MipFilter::MipFilter(const TextureFormat& format) {
+  const BasisDescription& basis = describe(format.basis);
+  for (int i = 0; i < 3 * basis.planes; ++i) {
+    const BasisChannel& c = basis.channels[static_cast<size_t>(i)];
+    if (c.holds != BasisChannel::Holds::kColour) numbers_.push_back(i);
+    else if (basis.shading == Shading::kLuminance) weighted_.push_back(i);
+    else linear_.push_back(i);
+    if (c.holds == BasisChannel::Holds::kCoefficient && c.of == BasisChannel::kLuminance &&
+        basis.diffuse[c.coefficient] != 0)
+      weights_.push_back({i, 0});
+  }
+  if (weighted_.empty()) return;
+  auto exact = [&](const Weight& w) {
+    const size_t k = basis.channels[static_cast<size_t>(w.channel)].coefficient;
+    return format.scale[k] * basis.diffuse[k] * 4096;
+  };
+  const double most = std::floor(std::min(65536.0, 3 * 65536.0 / static_cast<double>(weights_.size())));
   double largest = 0;
-  for (int i = 0; i < 3; ++i) largest = std::max(largest, std::abs(format.scale[kTerms[i]] * kMeans[i] * 4096));
+  for (const Weight& w : weights_) largest = std::max(largest, std::abs(exact(w)));
   double shrink = 1;
-  while (largest / shrink > 65536 && shrink < 1e300) shrink *= 2;
+  while (largest / shrink > most && shrink < 1e300) shrink *= 2;
   double offset = 0;
-  for (int i = 0; i < 3; ++i) {
-    double factor = std::clamp(format.scale[kTerms[i]] * kMeans[i] * 4096 / shrink, -65536.0, 65536.0);
-    weight_factor_[i] = static_cast<int32_t>(std::lround(factor));
-    offset -= weight_factor_[i] * std::round(16 * format.bias[kTerms[i]]);
+  for (Weight& w : weights_) {
+    w.factor = static_cast<int32_t>(std::lround(std::clamp(exact(w) / shrink, -most, most)));
+    offset -= w.factor * std::round(16 * format.bias[basis.channels[static_cast<size_t>(w.channel)].coefficient]);
   }
   weight_offset_ = static_cast<int32_t>(std::clamp(offset, -8e8, 8e8));
+}
+
+// Two rows one after the other, each `width` texels.
+template <class T>
+void MipFilter::weightsOf(const T* rows, size_t plane, int width, int32_t* out) const {
+  std::fill(out, out + 2 * width, weight_offset_);
+  for (const Weight& w : weights_) {
+    const T* in = rows + static_cast<size_t>(w.channel) * plane;
+    for (int x = 0; x < 2 * width; ++x) out[x] += w.factor * (levelValue(in[x]) >> 4);
+  }
+  for (int x = 0; x < 2 * width; ++x) out[x] = std::clamp(out[x] >> 14, 1, kMaxWeight);
 }
 
 template <class T>
@@ -129,38 +155,25 @@ RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int he
   assert(width % 2 == 0 && height % 2 == 0);
   const int out_width = width / 2, out_height = height / 2;
   const size_t plane = static_cast<size_t>(width) * height, out_plane = plane / 4;
-  const bool first_is_colour = format_.basis == Basis::kColour || format_.basis == Basis::kAlbedoNormal;
-  const int channels = format_.channels();
-  for (int c = first_is_colour ? 3 : 0; c < (format_.basis == Basis::kPtmLrgb ? 6 : channels); ++c) {
+  auto forRows = [&](int channel, auto&& average) {
+    const size_t c = static_cast<size_t>(channel);
     for (int y = 0; y < out_height; ++y) {
       const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;
-      averageNumbers(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
+      average(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
     }
-  }
-  if (first_is_colour) {
-    for (int c = 0; c < 3; ++c) {
-      for (int y = 0; y < out_height; ++y) {
-        const T* top = in + c * plane + static_cast<size_t>(2 * y) * width;
-        averageLinear(top, top + width, out_width, out + c * out_plane + static_cast<size_t>(y) * out_width);
-      }
-    }
-  } else if (format_.basis == Basis::kPtmLrgb) {
-    std::vector<int32_t> weights(static_cast<size_t>(width) * 2);
-    const int32_t m0 = weight_factor_[0], m1 = weight_factor_[1], m5 = weight_factor_[2], offset = weight_offset_;
-    for (int y = 0; y < out_height; ++y) {
-      const T* base = in + static_cast<size_t>(2 * y) * width;  // two rows lie one after the other
-      const T *a0 = base, *a1 = base + plane, *a5 = base + 5 * plane;
-      int32_t* w = weights.data();
-      for (int x = 0; x < 2 * width; ++x) {
-        int32_t sum =
-            m0 * (levelValue(a0[x]) >> 4) + m1 * (levelValue(a1[x]) >> 4) + m5 * (levelValue(a5[x]) >> 4) + offset;
-        w[x] = std::clamp(sum >> 14, 1, kMaxWeight);
-      }
-      for (int c = 6; c < 9; ++c) {
-        const T* top = base + c * plane;
-        averageWeighted(top, top + width, w, w + width, out_width,
-                        out + c * out_plane + static_cast<size_t>(y) * out_width);
-      }
+  };
+  for (int c : numbers_) forRows(c, [](auto... row) { averageNumbers(row...); });
+  for (int c : linear_) forRows(c, [](auto... row) { averageLinear(row...); });
+  if (weighted_.empty()) return;
+  std::vector<int32_t> weights(static_cast<size_t>(width) * 2);
+  for (int y = 0; y < out_height; ++y) {
+    const T* rows = in + static_cast<size_t>(2 * y) * width;
+    weightsOf(rows, plane, width, weights.data());
+    for (int channel : weighted_) {
+      const size_t c = static_cast<size_t>(channel);
+      const T* top = rows + c * plane;
+      averageWeighted(top, top + width, weights.data(), weights.data() + width, out_width,
+                      out + c * out_plane + static_cast<size_t>(y) * out_width);
     }
   }
 }

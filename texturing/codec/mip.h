@@ -4,15 +4,14 @@
 // up; a page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or column is
 // repeated.
 //   coefficients  (a + b + c + d + 2) >> 2: averaged as numbers
-//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear), bases kColour and
-//   kAlbedoNormal normals       averaged as numbers, and not made longer again (basis.h says why) LRGB colour averaged
-//   with weights: a texel's luminance under diffuse light from the upper hemisphere,
-//                 w = (a0 + a1) / 3 + a5 (u^2 and v^2 average 1/3 there, the odd terms 0), at least a small positive
+//   normals       averaged as numbers, and not made longer again (basis.h says why)
+//   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear)
+//   colour that a luminance multiplies: averaged with weights, a texel's luminance under diffuse light from the upper
+//                 hemisphere (BasisDescription::diffuse; of an LRGB PTM (a0 + a1) / 3 + a5), at least a small positive
 //                 number, so that the product colour x luminance stays close to the average of the products
 // The exact integer rules stand in mip.cpp's head and are repeated in texturing/PACKAGE.md.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -39,9 +38,15 @@ class MipFilter {
  private:
   template <class T>
   void downsampleAny(const T* in, int width, int height, uint16_t* out) const;
+  template <class T>
+  void weightsOf(const T* rows, size_t plane, int width, int32_t* out) const;
 
-  TextureFormat format_;
-  std::array<int32_t, 3> weight_factor_{};  // of a0, a1, a5
+  struct Weight {
+    int channel = 0;
+    int32_t factor = 0;
+  };
+  std::vector<int> numbers_, linear_, weighted_;  // channels, by how they are averaged
+  std::vector<Weight> weights_;
   int32_t weight_offset_ = 0;
 };
 

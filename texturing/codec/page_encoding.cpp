@@ -1,5 +1,6 @@
 #include "texturing/codec/page_encoding.h"
 
+#include <algorithm>
 #include <charconv>
 
 namespace relievo {
@@ -99,16 +100,31 @@ Result<PageEncoding> encodingFromBytes(uint8_t codec, uint8_t parameter) {
 }
 
 bool isColourPlane(const TextureFormat& format, int plane) {
-  return format.basis == Basis::kColour || (format.basis == Basis::kPtmLrgb && plane == 2) ||
-         (format.basis == Basis::kAlbedoNormal && plane == 0);
+  const BasisChannel* of_plane = describe(format.basis).channels.data() + 3 * plane;
+  return std::all_of(of_plane, of_plane + 3,
+                     [](const BasisChannel& c) { return c.holds == BasisChannel::Holds::kColour; });
 }
+
+namespace {
+
+// Do its channels belong to red, green and blue?
+bool isRgbPlane(const TextureFormat& format, int plane) {
+  const BasisChannel* of_plane = describe(format.basis).channels.data() + 3 * plane;
+  for (int c = 0; c < 3; ++c) {
+    const bool of_colour =
+        of_plane[c].holds == BasisChannel::Holds::kColour || of_plane[c].holds == BasisChannel::Holds::kCoefficient;
+    if (!of_colour || of_plane[c].of != c) return false;
+  }
+  return true;
+}
+
+}  // namespace
 
 PlaneEncodings planeEncodings(const TextureFormat& format, PageEncoding coefficients, PageEncoding colour) {
   PlaneEncodings out;
   for (int k = 0; k < format.planes(); ++k) {
     PageEncoding e = isColourPlane(format, k) ? colour : coefficients;
-    const bool rgb = isColourPlane(format, k) || format.basis == Basis::kPtmRgb;
-    if (e.codec == PageCodec::kJpeg && rgb) e.codec = PageCodec::kJpegYcc;
+    if (e.codec == PageCodec::kJpeg && isRgbPlane(format, k)) e.codec = PageCodec::kJpegYcc;
     out[static_cast<size_t>(k)] = e;
   }
   return out;

@@ -46,8 +46,8 @@ Result<PageEncoding> parseEncoding(const std::string& name, int jpeg_quality);
 // Of a header's bytes: an Error of kind kUnsupported when the codec or its parameter is unknown.
 Result<PageEncoding> encodingFromBytes(uint8_t codec, uint8_t parameter);
 
-// Do the plane's three channels hold a colour? (Plane 0 of colour and of albedo and normal, plane 2 of LRGB; no plane
-// of RGB: those are coefficients. Normals count as coefficients.)
+// Do the plane's three channels hold a colour? (No coefficients, and no normals, which are encoded as coefficients
+// are.)
 bool isColourPlane(const TextureFormat& format, int plane);
 // A build's choice, plane by plane. JPEG of planes whose channels belong to R, G and B goes through Y Cb Cr, which
 // decorrelates them; three different coefficients stay as they are.

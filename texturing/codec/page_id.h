@@ -6,23 +6,32 @@
 #include <cstdint>
 #include <functional>
 
+#include "src/artwork/basis.h"
 #include "src/artwork/node_id.h"
 
 namespace relievo {
 
-// Texture planes hold three 8-bit channels each. What the channels mean depends on the artwork's basis (basis.h):
-// colour: plane 0 = R G B. Albedo and normal: 0 = R G B, 1 = x y z of the normal. LRGB PTM: 0 = a0 a1 a2, 1 = a3 a4 a5,
-// 2 = R G B. RGB PTM: plane k = a_k of R, G and B.
+// Texture planes hold three 8-bit channels each. What the channels mean depends on the artwork's basis (basis.h).
+// Numbers stand in traces and reports, and two of them among the texture planes': 0..7 are texture planes 0..7, and
+// 10..30 are texture planes 8..28.
 enum class Plane : uint8_t {
-  kTexture0 = 0,  // ... kTexture0 + 7
+  kTexture0 = 0,
   kRelief = 8,    // 16-bit displacement, vertex-centred
-  kResolved = 9   // R G B under a fixed light, computed once per page from the texture planes; never stored
+  kResolved = 9,  // R G B under a fixed light, computed once per page from the texture planes; never stored
+  kShared = 31    // a slot that relief pages share (subslot_cache.h); no page's plane
 };
-inline constexpr int kMaxTexturePlanes = 8;
-inline constexpr Plane kNormalPlane = static_cast<Plane>(
-    1);  // of albedo and normal; of colour that is lit by its relief it is made, not stored (relief_normals.h)
-inline constexpr Plane texturePlane(int k) { return static_cast<Plane>(k); }
-inline constexpr bool isTexturePlane(Plane p) { return static_cast<uint8_t>(p) < kMaxTexturePlanes; }
+inline constexpr int kPlaneNumbers = 32;  // five bits of a PageId
+inline constexpr Plane texturePlane(int k) {
+  return static_cast<Plane>(k < static_cast<int>(Plane::kRelief) ? k : k + 2);
+}
+static_assert(texturePlane(kMaxTexturePlanes) == Plane::kShared);
+inline constexpr bool isTexturePlane(Plane p) {
+  return p < Plane::kRelief || (p > Plane::kResolved && p < Plane::kShared);
+}
+// The k of texturePlane(k).
+inline constexpr int texturePlaneIndex(Plane p) { return static_cast<int>(p) - (p < Plane::kRelief ? 0 : 2); }
+// Of albedo and normal; of colour that is lit by its relief it is made, not stored (relief_normals.h).
+inline constexpr Plane kNormalPlane = texturePlane(1);
 
 struct PageId {
   uint64_t bits = 0;  // plane << 59 | packNode(node)

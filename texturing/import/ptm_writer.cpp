@@ -11,6 +11,7 @@
 #include <optional>
 #include <vector>
 
+#include "src/artwork/bases/ptm.h"
 #include "src/base/file.h"
 #include "src/base/parallel_for.h"
 #include "texturing/import/ptm.h"

@@ -657,7 +657,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   header.size_known = options.size_known;
   header.texture = texture.format();
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
-  for (int k = 0; k < 6; ++k)
+  for (size_t k = 0; k < header.texture.scale.size(); ++k)
     if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
       return usage("a coefficient's scale or bias is not a number");
   const PlanarDomain& d = header.domain;

@@ -5,6 +5,7 @@
 
 #include <xxhash.h>
 
+#include <algorithm>
 #include <bit>
 #include <cassert>
 #include <cmath>
@@ -42,6 +43,120 @@ struct HeaderField {
     storeLittle(out + offset, v);
   }
 };
+
+// ---- the basis: by its number in versions 1 and 2, described behind all else in version 3 ----
+constexpr int kOldPlanes = 8;
+constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldCodecs = 240, kOldParameters = 248;
+constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
+constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
+static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
+static_assert(kBasisScales + 16 * kMaxCoefficients <= kHeaderBytes - 8);
+
+void putOldBasis(HeaderField f, const PackageHeader& h) {
+  f.put(136, static_cast<uint32_t>(h.texture.basis));
+  for (size_t k = 0; k < kOldCoefficients; ++k) {
+    f.put(kOldScales + 8 * k, h.texture.scale[k]);
+    f.put(kOldBiases + 8 * k, h.texture.bias[k]);
+  }
+  for (size_t k = 0; k < kOldPlanes; ++k) {
+    f.put(kOldCodecs + k, static_cast<uint8_t>(h.encodings[k].codec));
+    f.put(kOldParameters + k, h.encodings[k].parameter);
+  }
+}
+
+void putBasis(HeaderField f, const PackageHeader& h) {
+  const BasisDescription& basis = describe(h.texture.basis);
+  const size_t n = static_cast<size_t>(basis.coefficients);
+  f.put(136, kDescribedBasis);
+  basis.name.copy(reinterpret_cast<char*>(f.out + kBasisName), kBasisNameBytes - 1);
+  f.put(kBasisCounts, static_cast<uint32_t>(basis.shading));
+  f.put(kBasisCounts + 4, static_cast<uint32_t>(basis.planes));
+  f.put(kBasisCounts + 8, static_cast<uint32_t>(n));   // coefficients
+  f.put(kBasisCounts + 12, static_cast<uint32_t>(n));  // scales and biases
+  for (size_t k = 0; k < static_cast<size_t>(basis.planes); ++k) {
+    f.put(kBasisEncodings + 2 * k, static_cast<uint8_t>(h.encodings[k].codec));
+    f.put(kBasisEncodings + 2 * k + 1, h.encodings[k].parameter);
+  }
+  for (size_t k = 0; k < n; ++k) {
+    f.put(kBasisScales + 8 * k, h.texture.scale[k]);
+    f.put(kBasisScales + 8 * (n + k), h.texture.bias[k]);
+  }
+}
+
+// What of a header cannot be read; the file's name is added by who knows it.
+Error fieldError(ErrorKind kind, uint64_t offset, std::string message) {
+  return {kind, "", std::move(message),
+          kind == ErrorKind::kUnsupported ? "use a newer relievo, or rebuild the package"
+                                          : "rebuild the package, or get a whole copy",
+          offset};
+}
+
+Result<PageEncoding> readEncoding(const uint8_t* p, size_t codec, size_t parameter, size_t plane) {
+  auto encoding = encodingFromBytes(p[codec], p[parameter]);
+  if (encoding) return encoding;
+  Error error = encoding.error();
+  error.message = "plane " + std::to_string(plane) + ": " + error.message;
+  error.offset = codec;
+  return error;
+}
+
+Result<void> readNumbers(const uint8_t* p, size_t scales, size_t biases, size_t n, TextureFormat& texture) {
+  for (size_t k = 0; k < n; ++k) {
+    texture.scale[k] = loadLittle<double>(p + scales + 8 * k);
+    texture.bias[k] = loadLittle<double>(p + biases + 8 * k);
+    if (!std::isfinite(texture.scale[k]) || !std::isfinite(texture.bias[k]))
+      return fieldError(ErrorKind::kInvalidData, scales + 8 * k, "a coefficient's scale or bias is not a number");
+  }
+  return {};
+}
+
+Result<void> readOldBasis(const uint8_t* p, uint32_t version, PackageHeader& h) {
+  const uint32_t basis = loadLittle<uint32_t>(p + 136);
+  if (basis > (version == 1 ? 2 : 3))
+    return fieldError(
+        ErrorKind::kInvalidData, 136,
+        std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " + std::to_string(basis));
+  h.texture.basis = static_cast<Basis>(basis);
+  if (auto read = readNumbers(p, kOldScales, kOldBiases, kOldCoefficients, h.texture); !read) return read;
+  for (size_t k = 0; k < kOldPlanes; ++k) {
+    auto encoding = readEncoding(p, kOldCodecs + k, kOldParameters + k, k);
+    if (!encoding) return encoding.error();
+    h.encodings[k] = *encoding;
+  }
+  return {};
+}
+
+Result<void> readBasis(const uint8_t* p, PackageHeader& h) {
+  if (const uint32_t number = loadLittle<uint32_t>(p + 136); number != kDescribedBasis)
+    return fieldError(ErrorKind::kInvalidData, 136,
+                      "expected no number of a basis in version 3, found " + std::to_string(number));
+  const char* name = reinterpret_cast<const char*>(p + kBasisName);
+  const std::string_view found(name, std::find(name, name + kBasisNameBytes, '\0') - name);
+  const auto basis = findBasis(found);
+  if (!basis)
+    return fieldError(ErrorKind::kUnsupported, kBasisName,
+                      "the texture's basis '" + std::string(found) + "' is not known to this program");
+  h.texture.basis = *basis;
+  if (packageVersion(h) != 3)
+    return fieldError(ErrorKind::kInvalidData, kBasisName,
+                      "expected a basis of version 3, found '" + std::string(found) + "'");
+  const BasisDescription& known = describe(*basis);
+  const size_t n = static_cast<size_t>(known.coefficients);
+  const std::array<uint32_t, 4> expected{static_cast<uint32_t>(known.shading), static_cast<uint32_t>(known.planes),
+                                         static_cast<uint32_t>(n), static_cast<uint32_t>(n)};
+  constexpr std::array<const char*, 4> kWhat{"shading", "planes", "coefficients", "scales and biases"};
+  for (size_t i = 0; i < expected.size(); ++i)
+    if (const uint32_t value = loadLittle<uint32_t>(p + kBasisCounts + 4 * i); value != expected[i])
+      return fieldError(ErrorKind::kUnsupported, kBasisCounts + 4 * i,
+                        "the texture's basis '" + std::string(found) + "': expected " + kWhat[i] + " " +
+                            std::to_string(expected[i]) + ", found " + std::to_string(value));
+  for (size_t k = 0; k < static_cast<size_t>(known.planes); ++k) {
+    auto encoding = readEncoding(p, kBasisEncodings + 2 * k, kBasisEncodings + 2 * k + 1, k);
+    if (!encoding) return encoding.error();
+    h.encodings[k] = *encoding;
+  }
+  return readNumbers(p, kBasisScales, kBasisScales + 8 * n, n, h.texture);
+}
 
 }  // namespace
 
@@ -167,16 +282,9 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(120, h.domain.relief_scale_mm);
   f.put(128, static_cast<int32_t>(h.domain.texture_depth));
   f.put(132, static_cast<int32_t>(h.domain.relief_depth));
-  f.put(136, static_cast<uint32_t>(h.texture.basis));
   f.put(140, h.size_known ? 0u : 1u);
-  for (int k = 0; k < 6; ++k) {
-    f.put(144 + 8 * k, h.texture.scale[k]);
-    f.put(192 + 8 * k, h.texture.bias[k]);
-  }
-  for (int k = 0; k < kMaxTexturePlanes; ++k) {
-    f.put(240 + k, static_cast<uint8_t>(h.encodings[k].codec));
-    f.put(248 + k, h.encodings[k].parameter);
-  }
+  if (packageVersion(h) == 3) putBasis(f, h);
+  else putOldBasis(f, h);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -200,8 +308,8 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
                  "make one with `relievo build`", 0};
   }
   const uint32_t version = loadLittle<uint32_t>(p + 8);
-  if (version != 1 && version != 2) {
-    return Error{ErrorKind::kUnsupported, path, "expected package version 1 or 2, found " + std::to_string(version),
+  if (version < 1 || version > 3) {
+    return Error{ErrorKind::kUnsupported, path, "expected package version 1, 2 or 3, found " + std::to_string(version),
                  "use a newer relievo, or rebuild the package", 8};
   }
   if (loadLittle<uint64_t>(p + kHeaderBytes - 8) != XXH3_64bits(p, kHeaderBytes - 8))
@@ -223,30 +331,13 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
   h.domain.relief_scale_mm = loadLittle<double>(p + 120);
   h.domain.texture_depth = loadLittle<int32_t>(p + 128);
   h.domain.relief_depth = loadLittle<int32_t>(p + 132);
-  uint32_t basis = loadLittle<uint32_t>(p + 136);
-  if (basis > (version == 1 ? 2 : 3))
-    return invalid(136, std::string("expected basis 0, 1 or 2") + (version == 1 ? "" : " or 3") + ", found " +
-                            std::to_string(basis));
-  h.texture.basis = static_cast<Basis>(basis);
+  if (auto read = version == 3 ? readBasis(p, h) : readOldBasis(p, version, h); !read) {
+    Error error = read.error();
+    error.file = path;
+    return error;
+  }
   // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
   h.size_known = loadLittle<uint32_t>(p + 140) == 0;
-  for (int k = 0; k < 6; ++k) {
-    h.texture.scale[k] = loadLittle<double>(p + 144 + 8 * k);
-    h.texture.bias[k] = loadLittle<double>(p + 192 + 8 * k);
-    if (!std::isfinite(h.texture.scale[k]) || !std::isfinite(h.texture.bias[k]))
-      return invalid(144 + 8 * k, "a coefficient's scale or bias is not a number");
-  }
-  for (int k = 0; k < kMaxTexturePlanes; ++k) {
-    auto encoding = encodingFromBytes(p[240 + k], p[248 + k]);
-    if (!encoding) {
-      Error error = encoding.error();
-      error.file = path;
-      error.message = "plane " + std::to_string(k) + ": " + error.message;
-      error.offset = static_cast<uint64_t>(240 + k);
-      return error;
-    }
-    h.encodings[k] = *encoding;
-  }
   if (uint32_t blocks = loadLittle<uint32_t>(p + 256); blocks != 0 && blocks != kErrorBlocks) {
     Error error =
         invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
@@ -281,7 +372,7 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
                            std::to_string(h.manifest_bytes));
   if (!inside(h.index_offset, h.index_bytes)) return outside(48, "the index lies", h.index_offset, h.index_bytes);
   if (!inside(h.pages_offset, h.pages_bytes)) return outside(64, "the pages lie", h.pages_offset, h.pages_bytes);
-  if (version == 2) {
+  if (version == 2 || (version == 3 && loadLittle<uint64_t>(p + 272) != 0)) {
     h.base_offset = loadLittle<uint64_t>(p + 264);
     h.base_bytes = loadLittle<uint64_t>(p + 272);
     h.base_hash = loadLittle<uint64_t>(p + 280);
@@ -333,7 +424,8 @@ Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::st
 
 std::string describePage(PageId id) {
   NodeId n = id.node();
-  std::string plane = id.plane() == Plane::kRelief ? "relief" : std::to_string(static_cast<int>(id.plane()));
+  const int number = isTexturePlane(id.plane()) ? texturePlaneIndex(id.plane()) : static_cast<int>(id.plane());
+  std::string plane = id.plane() == Plane::kRelief ? "relief" : std::to_string(number);
   return "plane " + plane + " patch " + std::to_string(n.patch) + " level " + std::to_string(n.level) + " x " +
          std::to_string(n.x) + " y " + std::to_string(n.y);
 }

@@ -51,10 +51,13 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 1, or 2 with a base mesh.
-inline uint32_t packageVersion(const PackageHeader& h) { return h.base_bytes == 0 ? 1 : 2; }
+// 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of those bases stay what they were.
+inline uint32_t packageVersion(const PackageHeader& h) {
+  return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
+}
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
-// Checks magic, version, hash and every field; the error names the field.
+// Checks magic, version, hash and every field; the error names the field. kUnsupported: what a newer program may know,
+// such as another basis.
 Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes /* kHeaderBytes */, const std::string& path);
 
 // Nodes of a tree's level over the whole strip (both directions).

@@ -358,8 +358,8 @@ Result<PageRecord> Package::record(PageId id) const {
   const NodeId node = id.node();
   const bool relief = id.plane() == Plane::kRelief;
   const IndexLayout& tree = relief ? impl_->layout.relief : impl_->layout.texture;
-  const int plane = static_cast<int>(id.plane());
-  if ((!relief && plane >= impl_->manifest.texture.planes()) || !tree.contains(node)) {
+  const int plane = texturePlaneIndex(id.plane());
+  if ((!relief && (!isTexturePlane(id.plane()) || plane >= impl_->manifest.texture.planes())) || !tree.contains(node)) {
     return Error{ErrorKind::kInvalidData, path(), "there is no page " + describePage(id), "", {}};
   }
   IndexLayout::Place place = tree.find(node);

@@ -107,9 +107,10 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
   json["texture_planes"] = h.texture.planes();
   for (int k = 0; k < h.texture.planes(); ++k)
     json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
-  if (isPtm(h.texture.basis)) {
-    json["scale"] = h.texture.scale;
-    json["bias"] = h.texture.bias;
+  if (h.texture.coefficients() > 0) {
+    const auto scales = h.texture.scales(), biases = h.texture.biases();
+    json["scale"] = std::vector(scales.begin(), scales.end());
+    json["bias"] = std::vector(biases.begin(), biases.end());
   }
   if (d.relief_depth >= 0) {
     json["relief"] = {{"depth", d.relief_depth}, {"offset_mm", d.relief_offset_mm}, {"scale_mm", d.relief_scale_mm}};

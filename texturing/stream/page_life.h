@@ -8,6 +8,8 @@
 #include <cstdint>
 #include <string_view>
 
+#include "texturing/codec/page_id.h"
+
 namespace relievo {
 
 enum class PageState : uint8_t { kAbsent, kQueued, kDecoding, kReady, kResident, kFailed };
@@ -41,8 +43,8 @@ constexpr bool isLegal(PageState from, PageState to) {
 
 // How many pages are in each state now, by plane number, and how often each change of state was made.
 struct PageCensus {
-  std::array<std::array<uint64_t, 16>, kPageStates> pages{};           // [state][plane]; kAbsent is not counted
-  std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // [from][to]
+  std::array<std::array<uint64_t, kPlaneNumbers>, kPageStates> pages{};  // [state][plane]; kAbsent is not counted
+  std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};    // [from][to]
 
   void move(size_t plane, PageState from, PageState to) {
     assert(isLegal(from, to));

@@ -110,7 +110,7 @@ std::string pageWords(PageId id) {
   std::string plane = id.plane() == Plane::kRelief ? "relief"
                       : id.plane() == Plane::kResolved
                           ? "texture"
-                          : "texture plane " + std::to_string(static_cast<int>(id.plane()));
+                          : "texture plane " + std::to_string(texturePlaneIndex(id.plane()));
   return plane + " page of patch " + std::to_string(n.patch) + ", level " + std::to_string(n.level) + ", column " +
          std::to_string(n.x) + ", row " + std::to_string(n.y);
 }

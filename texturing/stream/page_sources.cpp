@@ -270,7 +270,7 @@ Result<std::vector<PageRead>> readTrace(const std::string& path) {
       }
       if (!six || next != last) return wrong("plane patch level x y bytes");
       NodeId node{v[1], v[2], v[3], v[4]};
-      bool can_exist = v[0] <= static_cast<uint32_t>(Plane::kResolved) && node.patch < kMaxPatches &&
+      bool can_exist = v[0] < static_cast<uint32_t>(Plane::kShared) && node.patch < kMaxPatches &&
                        node.level <= kMaxNodeLevel && node.x >> node.level == 0 && node.y >> node.level == 0;
       if (!can_exist) return wrong("a page that can exist");
       reads.push_back({PageId(static_cast<Plane>(v[0]), node), v[5]});

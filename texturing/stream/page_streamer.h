@@ -75,11 +75,12 @@ struct PageUpload {
 // Reading and decoding are counted under the planes that are stored, uploads under the planes that are streamed: they
 // differ for kResolved. Since the start, unless it says "now".
 struct StreamerStats {
-  std::array<uint64_t, 16> pages_read{}, bytes_read{}, pages_decoded{}, pages_uploaded{};  // by plane number
-  std::array<uint64_t, 16> bytes_decoded{}, bytes_uploaded{};                              // texels
+  using ByPlane = std::array<uint64_t, kPlaneNumbers>;  // by plane number
+  ByPlane pages_read{}, bytes_read{}, pages_decoded{}, pages_uploaded{};
+  ByPlane bytes_decoded{}, bytes_uploaded{};  // texels
   // Now, by state and plane number; pinned roots that show a stand-in (damaged, or another light) are not Resident
   // here.
-  std::array<std::array<uint64_t, 16>, kPageStates> pages{};
+  std::array<ByPlane, kPageStates> pages{};
   std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};  // changes of state, [from][to]
   uint64_t queued = 0, decoding = 0, ready = 0;                        // now
   uint64_t resident = 0, resident_bytes = 0;                           // slots in use now, and what they hold

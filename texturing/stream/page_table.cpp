@@ -6,8 +6,6 @@
 #include <numeric>
 #include <utility>
 
-#include "shaders/page_table.h"
-
 namespace relievo {
 
 namespace {
@@ -29,7 +27,9 @@ PageTable::PageTable(uint32_t max_nodes, int planes) : max_nodes_(max_nodes) {
   height_ = entries / width_;
   mask_ = entries - 1;
   texels_.resize(entries);
-  if (planes > kPlanesPerTexel) extra_.resize(entries);
+  layers_ =
+      static_cast<uint32_t>(std::max(0, planes - RV_PLANES_IN_ENTRY) + RV_PLANES_IN_EXTRA - 1) / RV_PLANES_IN_EXTRA;
+  extra_.resize(size_t{layers_} * entries);
   dirty_.resize((entries + 63) / 64);
 }
 
@@ -41,12 +41,14 @@ std::span<const std::array<uint32_t, 4>> PageTable::texels() const { return texe
 std::span<const std::array<uint32_t, 4>> PageTable::extraTexels() const { return extra_; }
 
 void PageTable::insert(const NodeId& node, const PageTableEntry& entry) {
-  auto pair = [&](int a, int b) { return uint32_t{entry.slots[a]} | uint32_t{entry.slots[b]} << 16; };
+  auto slot = [&](size_t plane) { return uint32_t{plane < entry.slots.size() ? entry.slots[plane] : uint16_t{0}}; };
+  auto pair = [&](size_t plane) { return slot(plane) | slot(plane + 1) << 16; };
   uint64_t key = keyOf(node);
   Item item;
-  item.texel = {static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32), pair(0, 1),
-                uint32_t{entry.slots[2]} | uint32_t{entry.birth} << 16};
-  item.extra = {pair(3, 4), pair(5, 6), entry.slots[7], 0};
+  item.texel = {static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32), pair(0),
+                slot(2) | uint32_t{entry.birth} << 16};
+  for (size_t layer = 0; layer < layers_; ++layer)
+    for (size_t i = 0; i < 4; ++i) item.extra[layer][i] = pair(RV_PLANES_IN_ENTRY + RV_PLANES_IN_EXTRA * layer + 2 * i);
   uint32_t index = locate(key);
   if (index != kNowhere) return put(index, item);
   assert(size_ < max_nodes_);
@@ -69,7 +71,12 @@ std::optional<PageTableEntry> PageTable::find(const NodeId& node) const {
   auto low = [](uint32_t v) { return static_cast<uint16_t>(v & 0xFFFFu); };
   auto high = [](uint32_t v) { return static_cast<uint16_t>(v >> 16); };
   PageTableEntry entry;
-  entry.slots = {low(t[2]), high(t[2]), low(t[3]), low(e[0]), high(e[0]), low(e[1]), high(e[1]), low(e[2])};
+  entry.slots = {low(t[2]), high(t[2]), low(t[3])};
+  for (size_t plane = RV_PLANES_IN_ENTRY; plane < entry.slots.size(); ++plane) {
+    const size_t beyond = plane - RV_PLANES_IN_ENTRY;
+    const uint32_t pair = e[beyond / RV_PLANES_IN_EXTRA][beyond % RV_PLANES_IN_EXTRA / 2];
+    entry.slots[plane] = beyond % 2 == 0 ? low(pair) : high(pair);
+  }
   entry.birth = high(t[3]);
   return entry;
 }
@@ -98,7 +105,10 @@ size_t PageTable::metadataBytes() const {
 }
 
 PageTable::Item PageTable::itemAt(uint32_t index) const {
-  return {texels_[index], extra_.empty() ? std::array<uint32_t, 4>{} : extra_[index]};
+  Item item;
+  item.texel = texels_[index];
+  for (size_t layer = 0; layer < layers_; ++layer) item.extra[layer] = extra_[layer * texels_.size() + index];
+  return item;
 }
 
 std::array<uint32_t, 2> PageTable::probes(const std::array<uint32_t, 4>& texel) const {
@@ -132,7 +142,7 @@ bool PageTable::place(Item& item) {
 
 void PageTable::put(uint32_t index, const Item& item) {
   texels_[index] = item.texel;
-  if (!extra_.empty()) extra_[index] = item.extra;
+  for (size_t layer = 0; layer < layers_; ++layer) extra_[layer * texels_.size() + index] = item.extra[layer];
   uint64_t bit = uint64_t{1} << (index & 63);
   dirty_count_ += !(dirty_[index / 64] & bit);
   dirty_[index / 64] |= bit;

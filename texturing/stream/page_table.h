@@ -3,10 +3,11 @@
 //
 // Entry: one RGBA32UI texel. x = low, y = high 32 bits of (packNode(node) + 1), 0 = empty; z = slot of plane 0 | slot
 // of plane 1 << 16; w = slot of plane 2 | birth << 16 (for the page fade). Artworks of
-// more than three planes keep planes 3.. in a second texture of the same shape: x = slot 3 | slot 4 << 16, y = slot 5 |
-// slot 6 << 16, z = slot 7. Only whole nodes are entered: every plane that the effect plan streams is resident. Slots
-// are 16-bit (65,535 x 72 KiB = 4.5 GiB). The hash functions and constants stand in shaders/page_table.h, which
-// compiles as C++ and GLSL. CPU side only: emits the texels that changed; src/render applies them.
+// more than three planes keep planes 3.. in a second texture of the same width: x = slot 3 | slot 4 << 16, and so on to
+// w = slot 9 | slot 10 << 16; and planes 11.. as many rows below as the table has, eight in each texel. Only whole
+// nodes are entered: every plane that the effect plan streams is resident. Slots are 16-bit (65,535 x 72 KiB = 4.5
+// GiB). The hash functions and constants stand in shaders/page_table.h, which compiles as C++ and GLSL. CPU side only:
+// emits the texels that changed; src/render applies them.
 #pragma once
 
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "shaders/page_table.h"
 #include "src/artwork/node_id.h"
 #include "texturing/codec/page_id.h"
 
@@ -32,14 +34,11 @@ inline uint16_t fadeClock(double now_s) {
   return std::max<uint16_t>(ticks, 1);
 }
 
-inline constexpr int kPlanesPerTexel = 3;
-
 class PageTable {
  public:
   // Room for max_nodes resident nodes (at most 65,536) at a load of at most 0.4. Width is a power of two <= 1024 texels
   // a row; width * height is a power of two, and its value - 1 is the mask of the probes.
-  // planes: how many slots an entry has. Up to kPlanesPerTexel there is no second texture; find() answers 0 for the
-  // others.
+  // planes: how many slots an entry has. Up to three there is no second texture; find() answers 0 for the others.
   explicit PageTable(uint32_t max_nodes, int planes = kMaxTexturePlanes);
 
   uint32_t width() const;  // texels
@@ -51,8 +50,11 @@ class PageTable {
   std::optional<PageTableEntry> find(const NodeId& node) const;  // by the same probes as the shader
   uint32_t size() const;
 
-  std::span<const std::array<uint32_t, 4>> texels() const;       // width * height
-  std::span<const std::array<uint32_t, 4>> extraTexels() const;  // planes 3..7; empty when there are none
+  std::span<const std::array<uint32_t, 4>> texels() const;  // width * height
+  // Planes 3..: extraLayers() times width * height, layer after layer; empty when there are none. All layers of a dirty
+  // texel may have changed.
+  std::span<const std::array<uint32_t, 4>> extraTexels() const;
+  uint32_t extraLayers() const { return layers_; }
   // Indices of texels that changed since the last call (each once, ascending); all of them after a rehash.
   std::vector<uint32_t> takeDirty();
   size_t metadataBytes()
@@ -60,8 +62,11 @@ class PageTable {
   size_t texelBytes() const { return (texels_.size() + extra_.size()) * sizeof(texels_[0]); }
 
  private:
+  static constexpr uint32_t kMaxLayers =
+      (kMaxTexturePlanes - RV_PLANES_IN_ENTRY + RV_PLANES_IN_EXTRA - 1) / RV_PLANES_IN_EXTRA;
   struct Item {
-    std::array<uint32_t, 4> texel{}, extra{};
+    std::array<uint32_t, 4> texel{};
+    std::array<std::array<uint32_t, 4>, kMaxLayers> extra{};
   };
   uint32_t locate(uint64_t key) const;  // kNowhere when absent
   bool place(Item& item);               // false: `item` holds the one that is left without a cell
@@ -71,7 +76,7 @@ class PageTable {
 
   Item itemAt(uint32_t index) const;
 
-  uint32_t width_ = 0, height_ = 0, mask_ = 0, seed_ = 1, size_ = 0, max_nodes_ = 0;
+  uint32_t width_ = 0, height_ = 0, mask_ = 0, seed_ = 1, size_ = 0, max_nodes_ = 0, layers_ = 0;
   std::vector<std::array<uint32_t, 4>> texels_, extra_;
   std::vector<uint64_t> dirty_;  // a bit for each texel
   uint32_t dirty_count_ = 0;

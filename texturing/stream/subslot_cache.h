@@ -119,7 +119,7 @@ class SubslotCache {
   bool checkInvariants(std::string* why) const;
 
  private:
-  static constexpr Plane kBundle = static_cast<Plane>(15);  // no page's plane
+  static constexpr Plane kBundle = Plane::kShared;
   struct Level {
     PageCache pages;
     uint32_t parts = 1;            // of a bundle

@@ -76,7 +76,7 @@ class EncodedAnew final : public PageSource {
     std::vector<uint8_t> channels(kTexturePageBytes);
     if (auto decoded = PageDecoder().decodeTexture(page->bytes, channels); !decoded) return decoded.error();
     PageEncoder encoder(1);
-    auto bytes = encoder.encodeTexture(channels, encodings_[static_cast<size_t>(id.plane())]);
+    auto bytes = encoder.encodeTexture(channels, encodings_[static_cast<size_t>(texturePlaneIndex(id.plane()))]);
     std::lock_guard lock(mutex_);
     return EncodedPage{pages_.emplace(id, std::vector<uint8_t>(bytes.begin(), bytes.end())).first->second};
   }

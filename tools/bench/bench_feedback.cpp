@@ -232,14 +232,11 @@ Result<void> feedbackBench(BenchContext& context) {
   return {};
 }
 
-Result<void> requestSourceBench(BenchContext& context) {
-  const Artwork artwork = artworkFromPackage(context.package);
-  const PlanarDomain& domain = artwork.manifest.domain;
-  auto made = FlatFeedback::create(artwork.manifest);
-  if (!made) return made.error();
-  FlatFeedback& feedback = **made;
+namespace {
 
-  // Time: drawn and read by all threads, against the CPU's own evaluation.
+// Time: drawn and read by all threads, against the CPU's own evaluation.
+void requestTimes(BenchContext& context, const Artwork& artwork, FlatFeedback& feedback) {
+  const PlanarDomain& domain = artwork.manifest.domain;
   for (bool relief : {false, true}) {
     if (relief && domain.relief_depth < 0) continue;
     std::vector<double> geometry, pass;
@@ -269,96 +266,122 @@ Result<void> requestSourceBench(BenchContext& context) {
                  .baseline = median(pass),
                  .note = note});
   }
+}
 
-  // A slow flight: pages of two views in a row that the list of the second lacks, though every pixel's feedback has
-  // them.
-  {
-    std::array<size_t, 2> lost{};
-    size_t wanted = 0;
-    const int frames = context.quick ? 20 : 60;
-    OrbitCamera camera = cameras(domain)[2].camera;
-    FeedbackAnalyzer analyzer;
-    RequestMemory memory;
-    std::set<NodeId> truth_before;
-    std::array<std::set<NodeId>, 2> before;
-    for (int k = 0; k < frames && !context.stopped(); ++k) {
-      camera.target_mm.x += 0.0005 * camera.distance_mm;
-      camera.azimuth_deg += 0.05;
-      feedback.setCamera(camera);
-      FeedbackGrid full = feedbackGrid(kWidth, kHeight, 1, 0),
-                   grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
-      std::set<NodeId> truth = nodesOf(analyzer.analyze(feedback.pixels(full), full.width(), full.height()));
-      auto newest = analyzer.analyze(feedback.pixels(grid), grid.width(), grid.height());
-      std::array<std::set<NodeId>, 2> now{nodesOf(newest),
-                                          nodesOf(memory.add(newest, static_cast<uint64_t>(k), kScale * kScale))};
-      for (const NodeId& n : truth) {
-        if (!truth_before.contains(n)) continue;
-        ++wanted;
-        for (size_t i = 0; i < 2; ++i) lost[i] += before[i].contains(n) && !now[i].contains(n);
-      }
-      truth_before = std::move(truth);
-      before = std::move(now);
+// A slow flight: pages of two views in a row that the list of the second lacks, though every pixel's feedback has them.
+void requestsInFlight(BenchContext& context, const PlanarDomain& domain, FlatFeedback& feedback) {
+  std::array<size_t, 2> lost{};
+  size_t wanted = 0;
+  const int frames = context.quick ? 20 : 60;
+  OrbitCamera camera = cameras(domain)[2].camera;
+  FeedbackAnalyzer analyzer;
+  RequestMemory memory;
+  std::set<NodeId> truth_before;
+  std::array<std::set<NodeId>, 2> before;
+  for (int k = 0; k < frames && !context.stopped(); ++k) {
+    camera.target_mm.x += 0.0005 * camera.distance_mm;
+    camera.azimuth_deg += 0.05;
+    feedback.setCamera(camera);
+    FeedbackGrid full = feedbackGrid(kWidth, kHeight, 1, 0),
+                 grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
+    std::set<NodeId> truth = nodesOf(analyzer.analyze(feedback.pixels(full), full.width(), full.height()));
+    auto newest = analyzer.analyze(feedback.pixels(grid), grid.width(), grid.height());
+    std::array<std::set<NodeId>, 2> now{nodesOf(newest),
+                                        nodesOf(memory.add(newest, static_cast<uint64_t>(k), kScale * kScale))};
+    for (const NodeId& n : truth) {
+      if (!truth_before.contains(n)) continue;
+      ++wanted;
+      for (size_t i = 0; i < 2; ++i) lost[i] += before[i].contains(n) && !now[i].contains(n);
     }
-    auto percent = [&](size_t n) {
-      return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<size_t>(1, wanted));
-    };
-    context.row({.what = "slow flight: wanted pages that drop out of the list, a frame",
-                 .measured = percent(lost[1]),
-                 .unit = "%",
-                 .baseline_name = "with the newest result only",
-                 .baseline = percent(lost[0]),
-                 .note = std::to_string(kMovingResults) + " results remembered"});
+    truth_before = std::move(truth);
+    before = std::move(now);
   }
+  auto percent = [&](size_t n) {
+    return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<size_t>(1, wanted));
+  };
+  context.row({.what = "slow flight: wanted pages that drop out of the list, a frame",
+               .measured = percent(lost[1]),
+               .unit = "%",
+               .baseline_name = "with the newest result only",
+               .baseline = percent(lost[0]),
+               .note = std::to_string(kMovingResults) + " results remembered"});
+}
 
-  // What each way names, against what every pixel of the settled picture wants.
+// What each way names of one view, and what every pixel of the settled picture wants.
+struct NamedNodes {
+  std::set<NodeId> truth, geometry, eighth;
+};
+Result<NamedNodes> nodesNamed(Engine& by_feedback, Engine& by_geometry, const OrbitCamera& camera) {
+  for (Engine* e : {&by_feedback, &by_geometry}) {
+    e->setCamera(camera);
+    if (auto settled = e->settle(60); !settled) return settled.error();
+  }
+  NamedNodes named{nodesOf(by_feedback.textureRequests()), nodesOf(by_geometry.textureRequests()), {}};
+  OrbitCamera moving = camera;
+  for (int k = 0; k < 8; ++k) {  // all but still
+    moving.target_mm.x += 1e-6;
+    by_feedback.setCamera(moving);
+    by_feedback.frame(k * 0.016);
+    by_feedback.readPixels();
+  }
+  named.eighth = nodesOf(by_feedback.textureRequests());
+  return named;
+}
+
+void nameRows(BenchContext& context, const std::string& name, const NamedNodes& named) {
+  char note[160];
+  std::snprintf(note, sizeof note, "of %zu pages; 1/8 while moving, %u results", named.truth.size(), kMovingResults);
+  context.row({.what = name + ": recall of geometry",
+               .measured = share(named.truth, named.geometry),
+               .unit = "%",
+               .goal = 100.0,
+               .at_most = false,
+               .baseline_name = "feedback at 1/8",
+               .baseline = share(named.truth, named.eighth),
+               .note = note});
+  std::snprintf(note, sizeof note, "%zu pages named, by feedback %zu", named.geometry.size(), named.eighth.size());
+  context.row({.what = name + ": precision of geometry",
+               .measured = share(named.geometry, named.truth),
+               .unit = "%",
+               .baseline_name = "feedback at 1/8",
+               .baseline = share(named.eighth, named.truth),
+               .note = note});
+}
+
+Result<void> requestSets(BenchContext& context, const Artwork& artwork, bool relief) {
+  Scene scene;
+  scene.relief = relief;
+  std::array<std::unique_ptr<Engine>, 2> engines;
+  for (size_t i = 0; i < 2; ++i) {
+    EngineOptions options;
+    options.request_source = i ? RequestSource::kGeometry : RequestSource::kFeedback;
+    auto engine = Engine::create(artwork, scene, options);
+    if (!engine) return engine.error();
+    engines[i] = std::move(*engine);
+    engines[i]->resize(context.quick ? kWidth / 2 : kWidth, context.quick ? kHeight / 2 : kHeight);
+  }
+  for (const NamedCamera& c : cameras(artwork.manifest.domain)) {
+    if (context.stopped()) return {};
+    auto named = nodesNamed(*engines[0], *engines[1], c.camera);
+    if (!named) return named.error();
+    nameRows(context, std::string(relief ? "relief, " : "flat, ") + c.name, *named);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> requestSourceBench(BenchContext& context) {
+  const Artwork artwork = artworkFromPackage(context.package);
+  const PlanarDomain& domain = artwork.manifest.domain;
+  auto feedback = FlatFeedback::create(artwork.manifest);
+  if (!feedback) return feedback.error();
+  requestTimes(context, artwork, **feedback);
+  requestsInFlight(context, domain, **feedback);
   for (bool relief : {false, true}) {
     if (relief && domain.relief_depth < 0) continue;
-    Scene scene;
-    scene.relief = relief;
-    std::array<std::unique_ptr<Engine>, 2> engines;
-    for (size_t i = 0; i < 2; ++i) {
-      EngineOptions options;
-      options.request_source = i ? RequestSource::kGeometry : RequestSource::kFeedback;
-      auto engine = Engine::create(artwork, scene, options);
-      if (!engine) return engine.error();
-      engines[i] = std::move(*engine);
-      engines[i]->resize(context.quick ? kWidth / 2 : kWidth, context.quick ? kHeight / 2 : kHeight);
-    }
-    for (const NamedCamera& c : cameras(domain)) {
-      if (context.stopped()) return {};
-      for (auto& e : engines) {
-        e->setCamera(c.camera);
-        if (auto settled = e->settle(60); !settled) return settled;
-      }
-      std::set<NodeId> truth = nodesOf(engines[0]->textureRequests()),
-                       geometry = nodesOf(engines[1]->textureRequests());
-      OrbitCamera moving = c.camera;
-      for (int k = 0; k < 8; ++k) {  // all but still
-        moving.target_mm.x += 1e-6;
-        engines[0]->setCamera(moving);
-        engines[0]->frame(k * 0.016);
-        engines[0]->readPixels();
-      }
-      std::set<NodeId> eighth = nodesOf(engines[0]->textureRequests());
-      std::string name = std::string(relief ? "relief, " : "flat, ") + c.name;
-      char note[160];
-      std::snprintf(note, sizeof note, "of %zu pages; 1/8 while moving, %u results", truth.size(), kMovingResults);
-      context.row({.what = name + ": recall of geometry",
-                   .measured = share(truth, geometry),
-                   .unit = "%",
-                   .goal = 100.0,
-                   .at_most = false,
-                   .baseline_name = "feedback at 1/8",
-                   .baseline = share(truth, eighth),
-                   .note = note});
-      std::snprintf(note, sizeof note, "%zu pages named, by feedback %zu", geometry.size(), eighth.size());
-      context.row({.what = name + ": precision of geometry",
-                   .measured = share(geometry, truth),
-                   .unit = "%",
-                   .baseline_name = "feedback at 1/8",
-                   .baseline = share(eighth, truth),
-                   .note = note});
-    }
+    if (auto done = requestSets(context, artwork, relief); !done) return done;
+    if (context.stopped()) return {};
   }
   return {};
 }

@@ -54,7 +54,7 @@ OrbitCamera above(const PlanarDomain& d, double x_px, double y_px, double zoom) 
   return c;
 }
 
-uint64_t sum(const std::array<uint64_t, 16>& counts) {
+uint64_t sum(const StreamerStats::ByPlane& counts) {
   uint64_t total = 0;
   for (uint64_t n : counts) total += n;
   return total;
@@ -163,129 +163,152 @@ Result<void> pageLatencyBench(BenchContext& context) {
   return {};
 }
 
-// All texture pages of the package through source, workers and uploads, without drawing; the cache holds a tenth of
-// them.
-Result<void> decodeBench(BenchContext& context) {
-  const Manifest& m = context.package->manifest();
-  const int planes = m.texture.planes();
-  std::vector<PageId> pages = texturePages(m);
+namespace {
+
+// One thread: reading and checking, decoding, uploading apart.
+struct StepTimes {
+  double read_s = 0, decode_s = 0, upload_s = 0;  // of `counted` pages: the first tenth warms up
+  double counted = 0;
+  double bytes_a_page = 0;  // encoded
+};
+Result<StepTimes> timeSteps(const Package& package, std::span<const PageId> pages) {
+  StepTimes times;
   size_t encoded_bytes = 0;
-
-  // One thread: reading and checking, decoding, uploading apart.
-  double read_s = 0, decode_s = 0, upload_s = 0;
-  size_t sample = std::min<size_t>(pages.size(), context.quick ? 600 : 2000);
-  {
-    PageDecoder decoder;
-    PagePool pool(1024);
-    std::vector<uint8_t> texels(kSlotBytes);
-    for (size_t i = 0; i < sample; ++i) {
-      double t0 = benchSeconds();
-      auto page = context.package->read(pages[i]);
-      if (!page) return page.error();
-      double t1 = benchSeconds();
-      if (auto decoded = decoder.decodeToSlot(pages[i].plane(), page->bytes, texels); !decoded) return decoded;
-      double t2 = benchSeconds();
-      PageUpload upload{static_cast<SlotIndex>(i % 1024), pages[i], texels.data()};
-      pool.upload({&upload, 1});
-      if (i % 64 == 63) finishFrame();
-      double t3 = benchSeconds();
-      if (i >= sample / 10) read_s += t1 - t0, decode_s += t2 - t1, upload_s += t3 - t2;  // the rest warms up
-      encoded_bytes += page->bytes.size();
-    }
+  PageDecoder decoder;
+  PagePool pool(1024);
+  std::vector<uint8_t> texels(kSlotBytes);
+  for (size_t i = 0; i < pages.size(); ++i) {
+    double t0 = benchSeconds();
+    auto page = package.read(pages[i]);
+    if (!page) return page.error();
+    double t1 = benchSeconds();
+    if (auto decoded = decoder.decodeToSlot(pages[i].plane(), page->bytes, texels); !decoded) return decoded.error();
+    double t2 = benchSeconds();
+    PageUpload upload{static_cast<SlotIndex>(i % 1024), pages[i], texels.data()};
+    pool.upload({&upload, 1});
+    if (i % 64 == 63) finishFrame();
+    double t3 = benchSeconds();
+    if (i >= pages.size() / 10) times.read_s += t1 - t0, times.decode_s += t2 - t1, times.upload_s += t3 - t2;
+    encoded_bytes += page->bytes.size();
   }
-  const double counted = static_cast<double>(sample - sample / 10);
+  times.counted = static_cast<double>(pages.size() - pages.size() / 10);
+  times.bytes_a_page = static_cast<double>(encoded_bytes) / static_cast<double>(pages.size());
+  return times;
+}
 
-  // Peer: the same pages as PNG files, by OpenImageIO.
+// Peer: pages of the same texels as PNG files, by OpenImageIO. Pages a second.
+Result<double> pngRate(BenchContext& context, std::span<const PageId> pages) {
   double png_s = 0;
   const int png_pages = context.quick ? 60 : 200;
-  {
-    PageDecoder decoder;
-    std::vector<uint8_t> channels(kTexturePageBytes), rgb(kTexturePageBytes);
-    for (int i = 0; i < png_pages; ++i) {
-      PageId id = pages[static_cast<size_t>(i) * pages.size() / static_cast<size_t>(png_pages)];
-      auto page = context.package->read(id);
-      if (!page) return page.error();
-      if (auto decoded = decoder.decodeTexture(page->bytes, channels); !decoded) return decoded;
-      constexpr size_t kPlane = size_t{kPageFullPx} * kPageFullPx;
-      for (size_t p = 0; p < kPlane; ++p)
-        for (size_t c = 0; c < 3; ++c) rgb[3 * p + c] = channels[c * kPlane + p];
-      std::string file = context.folder + "/page.png";
-      if (auto written = writeImage(file, kPageFullPx, kPageFullPx, 3, rgb); !written) return written;
-      double start = benchSeconds();
-      auto image = readImage8(file);
-      if (!image) return image.error();
-      png_s += benchSeconds() - start;
-    }
+  PageDecoder decoder;
+  std::vector<uint8_t> channels(kTexturePageBytes), rgb(kTexturePageBytes);
+  for (int i = 0; i < png_pages; ++i) {
+    PageId id = pages[static_cast<size_t>(i) * pages.size() / static_cast<size_t>(png_pages)];
+    auto page = context.package->read(id);
+    if (!page) return page.error();
+    if (auto decoded = decoder.decodeTexture(page->bytes, channels); !decoded) return decoded.error();
+    constexpr size_t kPlane = size_t{kPageFullPx} * kPageFullPx;
+    for (size_t p = 0; p < kPlane; ++p)
+      for (size_t c = 0; c < 3; ++c) rgb[3 * p + c] = channels[c * kPlane + p];
+    std::string file = context.folder + "/page.png";
+    if (auto written = writeImage(file, kPageFullPx, kPageFullPx, 3, rgb); !written) return written.error();
+    double start = benchSeconds();
+    auto image = readImage8(file);
+    if (!image) return image.error();
+    png_s += benchSeconds() - start;
   }
+  return png_pages / png_s;
+}
 
-  // The engine's way.
+// The engine's way.
+struct StreamTimes {
+  double wall_s = 0, cpu_s = 0;
+  double uploaded = 0;  // pages
+};
+StreamTimes timeStreaming(BenchContext& context, std::span<const PageId> pages) {
+  const Manifest& m = context.package->manifest();
+  const int planes = m.texture.planes();
   const size_t slots = std::max<size_t>(600, pages.size() / 10);
   StreamerOptions options;
   options.slot_count = static_cast<uint32_t>(slots);
   options.workers = kWorkers;
   options.format = m.texture;
   for (int k = 0; k < planes; ++k) options.texture_planes.push_back(texturePlane(k));
-  double wall_s = 0, cpu_s = 0;
-  uint64_t uploaded = 0;
-  {
-    PageStreamer streamer(context.package, options);
-    PagePool pool(options.slot_count);
-    const size_t batch =
-        slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
-    uint64_t frame = 0;
-    double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = cpuSeconds();
-    std::vector<NodeRequest> requests;
-    for (size_t first = 0; benchSeconds() - start < limit_s && !context.stopped(); first += batch / 4) {
-      requests.clear();
-      for (size_t i = 0; i < batch; ++i) {
-        size_t node = (first + i) % (pages.size() / static_cast<size_t>(planes));
-        requests.push_back({pages[node * static_cast<size_t>(planes)].node(), 1, 0.5f});
-      }
-      std::sort(requests.begin(), requests.end(),
-                [](const NodeRequest& a, const NodeRequest& b) { return a.node.level < b.node.level; });
-      // The window moves on before the workers run dry.
-      do {
-        streamer.beginFrame(++frame, benchSeconds());
-        streamer.requestTexture(requests);
-        pool.upload(streamer.placeReady(64));
-        pool.uploadTable(streamer.table());
-        submitFrame();
-      } while (streamer.stats().queued > static_cast<uint64_t>(planes) * batch / 8);
+  PageStreamer streamer(context.package, options);
+  PagePool pool(options.slot_count);
+  const size_t batch =
+      slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
+  uint64_t frame = 0;
+  double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = cpuSeconds();
+  std::vector<NodeRequest> requests;
+  for (size_t first = 0; benchSeconds() - start < limit_s && !context.stopped(); first += batch / 4) {
+    requests.clear();
+    for (size_t i = 0; i < batch; ++i) {
+      size_t node = (first + i) % (pages.size() / static_cast<size_t>(planes));
+      requests.push_back({pages[node * static_cast<size_t>(planes)].node(), 1, 0.5f});
     }
-    finishFrame();
-    wall_s = benchSeconds() - start;
-    cpu_s = cpuSeconds() - cpu_start;
-    uploaded = sum(streamer.stats().pages_uploaded);
+    std::sort(requests.begin(), requests.end(),
+              [](const NodeRequest& a, const NodeRequest& b) { return a.node.level < b.node.level; });
+    // The window moves on before the workers run dry.
+    do {
+      streamer.beginFrame(++frame, benchSeconds());
+      streamer.requestTexture(requests);
+      pool.upload(streamer.placeReady(64));
+      pool.uploadTable(streamer.table());
+      submitFrame();
+    } while (streamer.stats().queued > static_cast<uint64_t>(planes) * batch / 8);
   }
-  double rate = static_cast<double>(uploaded) / wall_s;
+  finishFrame();
+  StreamTimes times;
+  times.wall_s = benchSeconds() - start;
+  times.cpu_s = cpuSeconds() - cpu_start;
+  times.uploaded = static_cast<double>(sum(streamer.stats().pages_uploaded));
+  return times;
+}
+
+}  // namespace
+
+// All texture pages of the package through source, workers and uploads, without drawing; the cache holds a tenth of
+// them.
+Result<void> decodeBench(BenchContext& context) {
+  const Manifest& m = context.package->manifest();
+  const int planes = m.texture.planes();
+  const std::vector<PageId> pages = texturePages(m);
+  auto steps =
+      timeSteps(*context.package, std::span(pages).first(std::min<size_t>(pages.size(), context.quick ? 600 : 2000)));
+  if (!steps) return steps.error();
+  auto png = pngRate(context, pages);
+  if (!png) return png.error();
+  const StreamTimes streaming = timeStreaming(context, pages);
+  const double rate = streaming.uploaded / streaming.wall_s;
+  const double one_thread = steps->counted / (steps->read_s + steps->decode_s + steps->upload_s);
   std::string cost = text("%.0f us of processor time a page: %.0f pages/s on 2 free cores",
-                          1e6 * cpu_s / static_cast<double>(uploaded), 2 * static_cast<double>(uploaded) / cpu_s);
+                          1e6 * streaming.cpu_s / streaming.uploaded, 2 * streaming.uploaded / streaming.cpu_s);
   context.row({.what = "pages of one plane, read, decoded, uploaded, " + std::to_string(kWorkers) + " workers",
                .measured = rate,
                .unit = "pages/s",
                .goal = 5000,
                .at_most = false,
                .baseline_name = "on one thread, one after the other",
-               .baseline = counted / (read_s + decode_s + upload_s),
+               .baseline = one_thread,
                .note = cost});
   context.row({.what = "the same in nodes of " + std::to_string(planes) + " planes",
                .measured = rate / planes,
                .unit = "nodes/s",
                .baseline_name = "on one thread, one after the other",
-               .baseline = counted / (read_s + decode_s + upload_s) / planes});
-  context.row(
-      {.what = "decode alone, one thread",
-       .measured = counted / decode_s,
-       .unit = "pages/s",
-       .at_most = false,
-       .baseline_name = "PNG by OpenImageIO",
-       .baseline = png_pages / png_s,
-       .note = text("%.1f KB a page", static_cast<double>(encoded_bytes) / static_cast<double>(sample) / 1000)});
+               .baseline = one_thread / planes});
+  context.row({.what = "decode alone, one thread",
+               .measured = steps->counted / steps->decode_s,
+               .unit = "pages/s",
+               .at_most = false,
+               .baseline_name = "PNG by OpenImageIO",
+               .baseline = *png,
+               .note = text("%.1f KB a page", steps->bytes_a_page / 1000)});
   context.row({.what = "read and checksum alone, one thread",
-               .measured = counted / read_s,
+               .measured = steps->counted / steps->read_s,
                .unit = "pages/s",
                .baseline_name = "uploads alone",
-               .baseline = counted / upload_s});
+               .baseline = steps->counted / steps->upload_s});
   return {};
 }
 

@@ -77,7 +77,7 @@ class BumpyTorus final : public PageSource, public ReliefOracle {
           const auto t = texel(n.patch, 2 * (x - kPageBorderPx) + 1, 2 * (y - kPageBorderPx) + 1);
           for (size_t c = 0; c < 3; ++c)
             channels[(c * kPageFullPx + static_cast<size_t>(y)) * kPageFullPx + static_cast<size_t>(x)] =
-                t[3 * static_cast<size_t>(id.plane()) + c];
+                t[3 * static_cast<size_t>(texturePlaneIndex(id.plane())) + c];
         }
       bytes = encoder.encodeTexture(channels);
     }

@@ -79,116 +79,153 @@ Result<BothTextures> loadBoth(const Package& package) {
 
 double processSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
 
-}  // namespace
+enum class Texture { kVirtual, kDense };
 
-Result<void> shaderBench(BenchContext& context) {
-  auto loaded = loadBoth(*context.package);
-  if (!loaded) return loaded.error();
-  BothTextures& both = *loaded;
-  const PlanarDomain& d = both.manifest.domain;
-  const gl::ContextInfo info = gl::currentContextInfo();
+// The artwork as it is seen, to be shaded from either texture.
+class ShadedView {
+ public:
+  explicit ShadedView(BothTextures both) : both_(std::move(both)) {}
 
-  // Somewhat askew, so that levels change over the picture; on the average two levels take part.
+  // What is seen is the same for both textures, and is not timed.
+  Result<void> drawSurface();
+  // What one shading takes.
+  double seconds(const gl::Program& program, Texture from, bool linear) {
+    finishFrame();
+    const double start = info_.software ? processSeconds() : benchSeconds();
+    target_.begin();
+    program.use();
+    both_.pool->bind(program, *both_.table);
+    patches_.bindInstances(program, 3);
+    surface_.bind(program, 4);
+    if (from == Texture::kDense) both_.dense->bind(program, linear);
+    setShadingUniforms(
+        program, {.format = &both_.manifest.texture, .domain = &both_.manifest.domain, .light = frontLight(-0.5, 0.3)});
+    screen_.draw(true);
+    finishFrame();
+    return (info_.software ? processSeconds() : benchSeconds()) - start;
+  }
+  std::vector<uint8_t> picture() const { return target_.readPixels(); }
+  const Manifest& manifest() const { return both_.manifest; }
+  const gl::ContextInfo& info() const { return info_; }
+
+ private:
+  BothTextures both_;
+  const gl::ContextInfo info_ = gl::currentContextInfo();
+  PatchPass patches_;
+  SurfaceTarget surface_;
+  ScreenPass screen_;
+  PictureTarget target_;
+};
+
+// Somewhat askew, so that levels change over the picture; on the average two levels take part.
+OrbitCamera askew(const PlanarDomain& d) {
   OrbitCamera camera;
   camera.azimuth_deg = 12;
   camera.elevation_deg = 8;
   const double texels_per_px =
       0.7 * std::min(static_cast<double>(d.width_px) / kWidth, static_cast<double>(d.height_px) / kHeight);
   camera.distance_mm = texels_per_px * kHeight / (2 * std::tan(camera.fov_deg * 3.14159265358979 / 360));
-  const ViewTransform view = viewTransform(camera, d, 0, 0, kWidth, kHeight);
+  return camera;
+}
+
+Result<void> ShadedView::drawSurface() {
+  const PlanarDomain& d = both_.manifest.domain;
+  const ViewTransform view = viewTransform(askew(d), d, 0, 0, kWidth, kHeight);
   LodView lod = lodViewFrom(view);
   lod.relief = false;
   const auto instances = selectPlanarLod(d, FlatOracle(), lod, {}).instances;
-  PatchPass patches;
   const EyeFrame eye = eyeFrame(view, d, 1, false, depthMode());
-  patches.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
-  // What is seen is the same for both, and is not timed.
-  SurfaceTarget surface;
-  surface.resize(kWidth, kHeight, false);
+  patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
+  surface_.resize(kWidth, kHeight, false);
   Scene flat;
   flat.relief = false;
   auto surface_program = gl::Program::link(
-      info.api, {"patch.vert", "surface.frag", planEffects(flat, both.manifest).defines(), patchAttributes(), {}});
+      info_.api, {"patch.vert", "surface.frag", planEffects(flat, both_.manifest).defines(), patchAttributes(), {}});
   if (!surface_program) return surface_program.error();
-  surface.begin();
+  surface_.begin();
   surface_program->use();
-  setShadingUniforms(*surface_program, {.format = &both.manifest.texture, .domain = &d});
-  patches.draw(*surface_program, eye, PatchPass::Mesh::kFull);
-  ScreenPass screen;
-  PictureTarget target;
-  target.resize(kWidth, kHeight, surface.depth());
+  setShadingUniforms(*surface_program, {.format = &both_.manifest.texture, .domain = &d});
+  patches_.draw(*surface_program, eye, PatchPass::Mesh::kFull);
+  target_.resize(kWidth, kHeight, surface_.depth());
+  return {};
+}
 
-  enum class Texture { kVirtual, kDense };
-  auto seconds = [&](const gl::Program& program, Texture from, bool linear) {
-    finishFrame();
-    const double start = info.software ? processSeconds() : benchSeconds();
-    target.begin();
-    program.use();
-    both.pool->bind(program, *both.table);
-    patches.bindInstances(program, 3);
-    surface.bind(program, 4);
-    if (from == Texture::kDense) both.dense->bind(program, linear);
-    setShadingUniforms(program, {.format = &both.manifest.texture, .domain = &d, .light = frontLight(-0.5, 0.3)});
-    screen.draw(true);
-    finishFrame();
-    return (info.software ? processSeconds() : benchSeconds()) - start;
-  };
+struct Case {
+  const char* what;
+  Sampling sampling;
+  Filter filter;
+  bool goal;
+};
+constexpr Case kCases[] = {{"bilinear, exact filter", Sampling::kBilinear, Filter::kExact, true},
+                           {"trilinear, exact filter", Sampling::kTrilinear, Filter::kExact, true},
+                           {"bilinear, fast filter", Sampling::kBilinear, Filter::kFast, true},
+                           {"trilinear, fast filter", Sampling::kTrilinear, Filter::kFast, true},
+                           {"nearest", Sampling::kNearest, Filter::kExact, false}};
 
-  struct Case {
-    const char* what;
-    Sampling sampling;
-    Filter filter;
-    bool goal;
-  };
-  const Case cases[] = {{"bilinear, exact filter", Sampling::kBilinear, Filter::kExact, true},
-                        {"trilinear, exact filter", Sampling::kTrilinear, Filter::kExact, true},
-                        {"bilinear, fast filter", Sampling::kBilinear, Filter::kFast, true},
-                        {"trilinear, fast filter", Sampling::kTrilinear, Filter::kFast, true},
-                        {"nearest", Sampling::kNearest, Filter::kExact, false}};
-  for (const Case& c : cases) {
+// The two are the same picture, or the comparison says nothing.
+struct Difference {
+  int most = 0;           // of 255
+  size_t background = 0;  // pixels that the artwork does not cover
+};
+Difference compare(ShadedView& view, const gl::Program& of_virtual, const gl::Program& of_dense, bool linear) {
+  view.seconds(of_virtual, Texture::kVirtual, linear);
+  const auto virtual_pixels = view.picture();
+  view.seconds(of_dense, Texture::kDense, linear);
+  const auto dense_pixels = view.picture();
+  Difference out;
+  for (size_t i = 0; i < dense_pixels.size(); ++i) {
+    out.most = std::max(out.most, std::abs(int{dense_pixels[i]} - int{virtual_pixels[i]}));
+    out.background += i % 4 == 3 && dense_pixels[i] == 0;
+  }
+  return out;
+}
+
+Result<void> shadingRow(BenchContext& context, ShadedView& view, const Case& c) {
+  Scene scene;
+  scene.relief = false;
+  scene.sampling = c.sampling;
+  scene.filter = c.filter;
+  gl::Defines defines = planEffects(scene, view.manifest()).defines();
+  auto virtual_program = gl::Program::link(view.info().api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
+  if (!virtual_program) return virtual_program.error();
+  defines.emplace_back("DENSE", "1");
+  auto dense_program = gl::Program::link(view.info().api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
+  if (!dense_program) return dense_program.error();
+  const bool linear = c.filter == Filter::kFast;
+  const Difference difference = compare(view, *virtual_program, *dense_program, linear);
+  std::vector<double> of_virtual, of_dense, ratios;
+  const int repetitions = context.quick ? 9 : 31;
+  for (int i = 0; i < repetitions && !context.stopped(); ++i) {
+    of_virtual.push_back(1000 * view.seconds(*virtual_program, Texture::kVirtual, linear));
+    of_dense.push_back(1000 * view.seconds(*dense_program, Texture::kDense, linear));
+    ratios.push_back(of_virtual.back() / of_dense.back());
+  }
+  char note[200];
+  std::snprintf(note, sizeof note, "%s: virtual %.1f ms, dense %.1f ms; pictures differ by %d/255 at most%s",
+                view.info().software ? "processor time" : "wall time", median(of_virtual), median(of_dense),
+                difference.most, difference.background ? "; the artwork does not fill the view" : "");
+  BenchRow row;
+  row.what = std::string(basisName(view.manifest().texture.basis)) + ", " + c.what;
+  row.measured = median(ratios);
+  row.unit = "x";
+  if (c.goal) row.goal = 1.4;
+  row.baseline_name = "the same shader with dense textures";
+  row.baseline = 1;
+  row.note = note;
+  context.row(row);
+  return {};
+}
+
+}  // namespace
+
+Result<void> shaderBench(BenchContext& context) {
+  auto both = loadBoth(*context.package);
+  if (!both) return both.error();
+  ShadedView view(std::move(*both));
+  if (auto drawn = view.drawSurface(); !drawn) return drawn;
+  for (const Case& c : kCases) {
     if (context.stopped()) return {};
-    Scene scene;
-    scene.relief = false;
-    scene.sampling = c.sampling;
-    scene.filter = c.filter;
-    gl::Defines defines = planEffects(scene, both.manifest).defines();
-    auto virtual_program = gl::Program::link(info.api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
-    if (!virtual_program) return virtual_program.error();
-    defines.emplace_back("DENSE", "1");
-    auto dense_program = gl::Program::link(info.api, {"screen.vert", "shade.frag", defines, {"a_corner"}, {}});
-    if (!dense_program) return dense_program.error();
-    const bool linear = c.filter == Filter::kFast;
-    // The two are the same picture, or the comparison says nothing.
-    seconds(*virtual_program, Texture::kVirtual, linear);
-    const auto virtual_pixels = target.readPixels();
-    seconds(*dense_program, Texture::kDense, linear);
-    const auto dense_pixels = target.readPixels();
-    int off = 0;
-    size_t background = 0;
-    for (size_t i = 0; i < dense_pixels.size(); ++i) {
-      off = std::max(off, std::abs(int{dense_pixels[i]} - int{virtual_pixels[i]}));
-      background += i % 4 == 3 && dense_pixels[i] == 0;
-    }
-    std::vector<double> of_virtual, of_dense, ratios;
-    const int repetitions = context.quick ? 9 : 31;
-    for (int i = 0; i < repetitions && !context.stopped(); ++i) {
-      of_virtual.push_back(1000 * seconds(*virtual_program, Texture::kVirtual, linear));
-      of_dense.push_back(1000 * seconds(*dense_program, Texture::kDense, linear));
-      ratios.push_back(of_virtual.back() / of_dense.back());
-    }
-    char note[200];
-    std::snprintf(note, sizeof note, "%s: virtual %.1f ms, dense %.1f ms; pictures differ by %d/255 at most%s",
-                  info.software ? "processor time" : "wall time", median(of_virtual), median(of_dense), off,
-                  background ? "; the artwork does not fill the view" : "");
-    BenchRow row;
-    row.what = std::string(basisName(both.manifest.texture.basis)) + ", " + c.what;
-    row.measured = median(ratios);
-    row.unit = "x";
-    if (c.goal) row.goal = 1.4;
-    row.baseline_name = "the same shader with dense textures";
-    row.baseline = 1;
-    row.note = note;
-    context.row(row);
+    if (auto done = shadingRow(context, view, c); !done) return done;
   }
   return {};
 }

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <numbers>
 
+#include "src/artwork/bases/ptm.h"
 #include "src/artwork/basis.h"
 
 namespace relievo::sample {

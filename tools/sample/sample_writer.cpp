@@ -344,7 +344,9 @@ Result<void> writeTruth(Job& job) {
   for (Basis basis : {Basis::kPtmLrgb, Basis::kPtmRgb}) {
     if (basis == Basis::kPtmLrgb ? !job.options.ptm_lrgb : !job.options.ptm_rgb) continue;
     TextureFormat f = job.artwork.ptmSource(basis)->format();
-    truth[basisName(basis)] = {{"scale", f.scale}, {"bias", f.bias}, {"fitted_lights", sample::kFitLights}};
+    truth[basisName(basis)] = {{"scale", std::vector(f.scales().begin(), f.scales().end())},
+                               {"bias", std::vector(f.biases().begin(), f.biases().end())},
+                               {"fitted_lights", sample::kFitLights}};
   }
   if (job.options.photos) {
     int64_t step = 1;

@@ -1,0 +1,109 @@
+#include "geometry/bake/vertex_normals.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+
+#include "geometry/mesh/triangle_blocks.h"
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+namespace {
+
+// Of the vector (x, y), y > 0, to 2e-6: a tenth of the library's time.
+float angleOf(float y, float x) {
+  const float wide = std::abs(x), t = std::min(wide, y) / std::max(wide, y), s = t * t;
+  const float least =
+      t *
+      (0.99997726f + s * (-0.33262347f + s * (0.19354346f + s * (-0.11643287f + s * (0.05265332f - s * 0.01172120f)))));
+  const float first = y > wide ? std::numbers::pi_v<float> / 2 - least : least;
+  return x < 0 ? std::numbers::pi_v<float> - first : first;
+}
+
+// What a triangle adds to the normals of its corners: nothing where it has no area.
+std::array<glm::vec3, 3> cornerShares(const TriMesh& mesh, const std::array<uint32_t, 3>& t) {
+  const std::array<glm::vec3, 3> p{mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
+  const glm::vec3 n = glm::cross(p[1] - p[0], p[2] - p[0]);
+  const float area = glm::length(n);
+  std::array<glm::vec3, 3> out{};
+  if (!(area > 0)) return out;
+  for (size_t k = 0; k < 3; ++k) {
+    const glm::vec3 a = p[(k + 1) % 3] - p[k], b = p[(k + 2) % 3] - p[k];
+    out[k] = n * (angleOf(area, glm::dot(a, b)) / area);
+  }
+  return out;
+}
+
+// Does the triangle look away from the normal of one of its corners?
+bool facesAway(const TriMesh& mesh, const std::array<uint32_t, 3>& t, const std::vector<glm::vec3>& normals) {
+  constexpr float kFoldedCosine = -0.2f;
+  const glm::vec3& p = mesh.positions_mm[t[0]];
+  const glm::vec3 n = glm::cross(mesh.positions_mm[t[1]] - p, mesh.positions_mm[t[2]] - p);
+  bool away = false;
+  for (uint32_t v : t) {
+    const float along = glm::dot(n, normals[v]);
+    away |=
+        along < 0 && along * along > kFoldedCosine * kFoldedCosine * glm::dot(n, n) * glm::dot(normals[v], normals[v]);
+  }
+  return away;
+}
+
+}  // namespace
+
+// Weighted by the corners' angles: what a vertex's triangles are cut into does not matter (Thuermer and Wuethrich
+// 1998). Triangles that a scan has folded over, back onto their neighbours, face away from the others at their corners:
+// they would darken these, and are left out.
+bool makeVertexNormals(const TriMesh& mesh, int workers, const std::atomic<bool>* interrupted,
+                       std::vector<glm::vec3>& normals) {
+  normals.assign(mesh.positions_mm.size(), glm::vec3(0));
+  const size_t parts = static_cast<size_t>(workerCount(workers));
+  auto stopped = [&] { return interrupted && interrupted->load(std::memory_order_relaxed); };
+  auto stopAt = [&](size_t i) { return i % (size_t{1} << 18) == 0 && interrupted && *interrupted; };
+  // Every part goes through the triangles and sums up its own vertices: the same order of additions for any number of
+  // workers.
+  const TriangleBlocks blocks(mesh.triangles, workers);
+  const bool summed = parallelFor(parts, workers, interrupted, [&](size_t part) {
+    const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
+    blocks.forEach(first, last, stopped, [&](size_t i) {
+      const auto& t = mesh.triangles[i];
+      std::array<bool, 3> mine{};
+      for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
+      if (!mine[0] && !mine[1] && !mine[2]) return;
+      const auto share = cornerShares(mesh, t);
+      for (size_t k = 0; k < 3; ++k)
+        if (mine[k]) normals[t[k]] += share[k];
+    });
+  });
+  if (!summed) return false;
+  std::vector<std::vector<size_t>> folded(parts);  // triangles, in order
+  const bool looked = parallelFor(parts, workers, interrupted, [&](size_t part) {
+    const size_t first = mesh.triangles.size() * part / parts, last = mesh.triangles.size() * (part + 1) / parts;
+    for (size_t i = first; i < last; ++i) {
+      if (stopAt(i)) return;
+      if (facesAway(mesh, mesh.triangles[i], normals)) folded[part].push_back(i);
+    }
+  });
+  if (!looked) return false;
+  for (const auto& list : folded) {
+    for (size_t i : list) {
+      const auto& t = mesh.triangles[i];
+      const auto share = cornerShares(mesh, t);
+      for (size_t k = 0; k < 3; ++k) {
+        // A vertex of few others keeps what it has.
+        const glm::vec3 without = normals[t[k]] - share[k];
+        if (glm::dot(without, share[k]) < 0 && 4 * glm::dot(without, without) > glm::dot(share[k], share[k]))
+          normals[t[k]] = without;
+      }
+    }
+  }
+  return parallelFor(parts, workers, interrupted, [&](size_t part) {
+    for (size_t i = normals.size() * part / parts; i < normals.size() * (part + 1) / parts; ++i) {
+      const float length = glm::length(normals[i]);
+      if (length > 0) normals[i] /= length;
+    }
+  });
+}
+
+}  // namespace relievo

@@ -1,0 +1,20 @@
+// vertex_normals.h - the mean normals of a scan's vertices.
+// Shape: normals[v] answers mesh.positions_mm[v], of length 1; 0 where no triangle with an area has the vertex. The
+// same for any number of workers. Source: Thuermer and Wuethrich 1998, "Computing vertex normals from polygonal
+// facets".
+#pragma once
+
+#include <atomic>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/mesh/tri_mesh.h"
+
+namespace relievo {
+
+// False: interrupted was set, and the normals are not whole. workers: 0 is one a core.
+bool makeVertexNormals(const TriMesh& mesh, int workers, const std::atomic<bool>* interrupted,
+                       std::vector<glm::vec3>& normals);
+
+}  // namespace relievo

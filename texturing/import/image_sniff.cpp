@@ -1,0 +1,201 @@
+#include "texturing/import/image_sniff.h"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <span>
+#include <string_view>
+#include <vector>
+
+namespace relievo {
+
+std::string oneLine(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20) c = ' ';
+  }
+  while (!text.empty() && text.back() == ' ') text.pop_back();
+  return text.empty() ? "no reason given" : text;
+}
+
+Result<Sniffed> sniffImage(const InputFile& file) {
+  std::vector<uint8_t> head(std::min<uint64_t>(file.size(), 32));
+  if (auto read = file.read(0, head); !read) return read.error();
+  auto starts = [&](std::string_view magic) {
+    return head.size() >= magic.size() && std::memcmp(head.data(), magic.data(), magic.size()) == 0;
+  };
+  auto big = [](const uint8_t* p, int n) {
+    uint64_t v = 0;
+    for (int i = 0; i < n; ++i) v = v << 8 | p[i];
+    return v;
+  };
+  using namespace std::string_view_literals;
+  if (starts("II*\0"sv) || starts("MM\0*"sv) || starts("II+\0"sv) || starts("MM\0+"sv) || starts("\x76\x2f\x31\x01"sv))
+    return Sniffed{true, 0};
+  if (starts("\x89PNG"sv)) {
+    if (head.size() < 29 || head[28] == 0) return Sniffed{true, 0};
+    const uint64_t channels = head[25] == 2 || head[25] == 3 ? 3 : head[25] == 6 ? 4 : head[25] == 4 ? 2 : 1;
+    return Sniffed{false, big(&head[16], 4) * big(&head[20], 4) * channels * (head[24] == 16 ? 2 : 1)};  // interlaced
+  }
+  if (!starts("\xff\xd8"sv)) return Sniffed{};
+  // A JPEG's segments up to the frame header. A progressive one keeps all coefficients, 16 bit each.
+  std::array<uint8_t, 10> segment;
+  for (uint64_t at = 2; at + segment.size() <= file.size();) {
+    if (auto read = file.read(at, segment); !read) return read.error();
+    if (segment[0] != 0xff) break;
+    const uint8_t marker = segment[1];
+    if (marker == 0xff) {  // filling
+      ++at;
+      continue;
+    }
+    if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc) {
+      const bool progressive = (marker & 3) == 2;
+      return Sniffed{!progressive, progressive ? big(&segment[5], 2) * big(&segment[7], 2) * segment[9] * 2 : 0};
+    }
+    at += 2 + big(&segment[2], 2);
+  }
+  return Sniffed{true, 0};  // without a frame: the library says what is the matter
+}
+
+// OpenEXR allocates what an attribute of the header claims before it looks for it in the file: 271 bytes take 1.8 GB.
+// Each is a name and a type, which end with a 0, a size and that many bytes; a header ends with an empty name, several
+// parts with an empty header. What is no such list is left to the library to refuse.
+Result<void> checkExrHeader(const InputFile& file) {
+  constexpr std::array<uint8_t, 4> kMagic{0x76, 0x2F, 0x31, 0x01};
+  constexpr size_t kMostText = 256;  // of a name, with its end
+  constexpr int kMostAttributes = 65536;
+  constexpr uint8_t kMultiPart = 0x10;  // in the second byte of the flags
+  std::array<uint8_t, 8> head{};
+  if (file.size() < head.size()) return {};
+  if (auto read = file.read(0, head); !read) return read;
+  if (!std::equal(kMagic.begin(), kMagic.end(), head.begin())) return {};
+  uint64_t at = head.size();
+  bool ends = false;
+  auto text = [&]() -> Result<std::string> {
+    std::array<uint8_t, kMostText> bytes;
+    const auto part = std::span(bytes).first(static_cast<size_t>(std::min<uint64_t>(bytes.size(), file.size() - at)));
+    if (auto read = file.read(at, part); !read) return read.error();
+    const auto end = std::find(part.begin(), part.end(), uint8_t{0});
+    ends = end == part.end();
+    at += static_cast<uint64_t>(end - part.begin()) + 1;
+    return std::string(part.begin(), end);
+  };
+  bool any = false;  // in this header
+  for (int k = 0; k < kMostAttributes; ++k) {
+    auto name = text();
+    if (!name) return name.error();
+    if (ends) return {};
+    if (name->empty()) {
+      if (!(head[5] & kMultiPart) || !any) return {};
+      any = false;
+      continue;
+    }
+    any = true;
+    auto type = text();
+    if (!type) return type.error();
+    std::array<uint8_t, 4> bytes;
+    if (ends || file.size() - at < bytes.size()) return {};
+    if (auto read = file.read(at, bytes); !read) return read;
+    const uint64_t size = bytes[0] | bytes[1] << 8 | bytes[2] << 16 | static_cast<uint64_t>(bytes[3]) << 24;
+    if (size > file.size() - at - bytes.size()) {
+      return Error{ErrorKind::kInvalidData, file.path(),
+                   "expected the EXR header's attribute \"" + oneLine(*name) + "\" within the file of " +
+                       std::to_string(file.size()) + " bytes, found a size of " + std::to_string(size),
+                   kDamagedHint, at};
+    }
+    at += bytes.size() + size;
+  }
+  return {};
+}
+
+namespace {
+
+constexpr uint8_t kApp1 = 0xe1, kApp13 = 0xed;
+
+size_t bigEndian16(std::string_view bytes) {
+  return static_cast<size_t>(static_cast<uint8_t>(bytes[0]) << 8 | static_cast<uint8_t>(bytes[1]));
+}
+
+// Would OpenImageIO read beyond the end of a segment APP1 or APP13 that holds these bytes?
+bool metadataCutShort(uint8_t marker, std::string_view data) {
+  using namespace std::string_view_literals;
+  constexpr std::string_view kExif = "Exif\0\0"sv, kXmp = "http://ns.adobe.com/xap/1.0/\0"sv,
+                             kPhotoshop = "Photoshop 3.0\0"sv, kIptc = "8BIM\4\4"sv;
+  constexpr size_t kTiffHeader = 8;  // what EXIF begins with
+  constexpr size_t kIptcHead =
+      4 + 2 + 4 + 2;  // of kIptc the type, its name, its size (32 bit, of which the lower 16 are read)
+  auto cutWithin = [&](std::string_view name) { return data.size() < name.size() && name.starts_with(data); };
+  if (marker == kApp1 && data.starts_with(kExif.substr(0, 5))) return data.size() < kExif.size() + kTiffHeader;
+  if (marker == kApp1) return cutWithin(kExif) || cutWithin(kXmp);
+  if (!data.starts_with(kPhotoshop)) return cutWithin(kPhotoshop);
+  const std::string_view block = data.substr(kPhotoshop.size());
+  if (!block.starts_with(kIptc)) return block.size() < kIptc.size() && kIptc.starts_with(block);
+  return block.size() < kIptcHead || block.size() - kIptcHead < bigEndian16(block.substr(kIptcHead - 2));
+}
+
+}  // namespace
+
+// OpenImageIO compares the name of a JPEG's segment APP1 or APP13 without looking at the segment's length, and believes
+// the size that IPTC metadata claims: both would be read beyond their memory. Looked at as libjpeg goes from marker to
+// marker, over bytes that are none, up to the first scan.
+Result<void> checkJpegHeader(const InputFile& file) {
+  constexpr uint8_t kScan = 0xda, kEndOfImage = 0xd9, kNoMarker = 0;
+  std::vector<uint8_t> bytes(2);
+  if (file.size() < bytes.size()) return {};
+  if (auto read = file.read(0, bytes); !read) return read;
+  if (bytes[0] != 0xff || bytes[1] != 0xd8) return {};
+  uint64_t at = 2;
+  // The next n bytes, or as many as there are.
+  auto take = [&](size_t n) -> Result<std::string_view> {
+    bytes.resize(static_cast<size_t>(std::min<uint64_t>(n, file.size() - at)));
+    if (auto read = file.read(at, bytes); !read) return read.error();
+    at += bytes.size();
+    return std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  };
+  // 0xff as often as one likes, then a byte that is neither 0 nor 0xff; kNoMarker at the file's end.
+  auto nextMarker = [&]() -> Result<uint8_t> {
+    constexpr size_t kStep = 4096;
+    for (bool prefix = false;;) {
+      const uint64_t start = at;
+      auto step = take(kStep);
+      if (!step) return step.error();
+      if (step->empty()) return kNoMarker;
+      for (size_t k = 0; k < step->size(); ++k) {
+        const auto byte = static_cast<uint8_t>((*step)[k]);
+        if (prefix && byte != 0 && byte != 0xff) {
+          at = start + k + 1;
+          return byte;
+        }
+        prefix = byte == 0xff;
+      }
+    }
+  };
+  for (;;) {
+    auto found = nextMarker();
+    if (!found) return found.error();
+    const uint8_t marker = *found;
+    if (marker == kNoMarker) return {};
+    if (marker == kScan || marker == kEndOfImage) return {};
+    if (marker == 0x01 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // alone
+    const uint64_t start = at;
+    auto length = take(2);
+    if (!length) return length.error();
+    if (length->size() < 2) return {};
+    const size_t size = bigEndian16(*length);
+    if (size < 2) return {};  // libjpeg refuses it
+    if (marker != kApp1 && marker != kApp13) {
+      at += std::min<uint64_t>(size - 2, file.size() - at);
+      continue;
+    }
+    auto data = take(size - 2);
+    if (!data) return data.error();
+    if (data->size() < size - 2) return {};  // libjpeg fills it up
+    if (metadataCutShort(marker, *data)) {
+      return Error{ErrorKind::kInvalidData, file.path(),
+                   "expected the metadata that the JPEG's segment of " + std::to_string(size) +
+                       " bytes begins with, found its end",
+                   "save the image without its metadata, or copy the file again", start};
+    }
+  }
+}
+
+}  // namespace relievo

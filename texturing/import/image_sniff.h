@@ -1,0 +1,34 @@
+// image_sniff.h - what must be known of an image file before OpenImageIO opens it, and what every error about a damaged
+// image says.
+// Trust: files come from anywhere. Nothing is read beyond the file's size, and no size that a header claims is
+// allocated. Errors: kIo where the disk does not give the bytes; kInvalidData with the offset where a header would make
+// a library read or allocate beyond what is there. Pure otherwise: any thread.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "src/base/file.h"
+#include "src/base/result.h"
+
+namespace relievo {
+
+inline constexpr const char* kDamagedHint = "the file is damaged or cut short; get a whole copy, or write it anew";
+
+// A library's message without line breaks; "no reason given" where it is empty.
+std::string oneLine(std::string text);
+
+// Some of OpenImageIO's readers decode all of the image as they open it.
+struct Sniffed {
+  bool in_parts = false;     // rows or tiles are decoded as they are asked for
+  uint64_t whole_bytes = 0;  // else, where the header was understood: what decoding takes
+};
+// By the file's first bytes: TIFF, OpenEXR, PNG and JPEG; of anything else nothing is known.
+Result<Sniffed> sniffImage(const InputFile& file);
+
+// Errors only for an OpenEXR file; else nothing is looked at.
+Result<void> checkExrHeader(const InputFile& file);
+// Errors only for a JPEG; else nothing is looked at.
+Result<void> checkJpegHeader(const InputFile& file);
+
+}  // namespace relievo
