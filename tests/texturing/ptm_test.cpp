@@ -462,7 +462,7 @@ TEST(PtmWriter, RoundTripIsExact) {
     // The second takes several bands.
     for (auto [w, h] : {std::pair<int64_t, int64_t>{33, 7}, {2500, 900}, {1, 1}}) {
       Artwork a = randomArtwork(basis, w, h, 31);
-      for (double& s : a.format.scale)
+      for (double& s : std::span(a.format.scale).first<6>())
         s = static_cast<float>(std::exp(std::uniform_real_distribution<>(-7, 7)(random)));
       a.format.scale[2] = 0.1;  // a double that is no float
       RasterOf source(a);

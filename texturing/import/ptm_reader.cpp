@@ -460,7 +460,7 @@ class LumPtm final : public PtmSource {
     setFormat(Basis::kPtmRgb);
     const auto& m = h_.colour_matrix;
     const double weight = m[1];
-    for (double& scale : format_.scale) scale *= weight;
+    for (double& scale : std::span(format_.scale).first<6>()) scale *= weight;
     double lo_offset = 0, hi_offset = 0;
     for (int c = 0; c < 3; ++c) {
       const double* row = &m[4 * c];
