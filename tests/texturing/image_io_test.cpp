@@ -795,6 +795,16 @@ TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
   }
 }
 
+// An interlaced PNG is decoded as a whole. What no file of its length can hold is damage, not a matter of memory.
+TEST(ImageDamage, AnInterlacedPngOfMorePixelsThanItsBytesCanHoldIsDamaged) {
+  Bytes bytes{0x89, 'P',  'N', 'G', '\r', '\n', 0x1a, '\n', 0, 0, 0, 13, 'I', 'H', 'D',
+              'R',  0x7f, 0,   0,   0,    0x7f, 0,    0,    0, 8, 2, 0,  0,   1};
+  bytes.resize(80);
+  const auto image = openColourImage(save("claims.png", bytes), {});
+  ASSERT_FALSE(image);
+  EXPECT_EQ(image.error().kind, ErrorKind::kInvalidData) << image.error().text();
+}
+
 TEST(ImageDamage, MutatedFilesNeverCrash) {
   const uint32_t seed = 20260102;
   const int kFiles = 400;

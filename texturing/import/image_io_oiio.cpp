@@ -106,6 +106,15 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   if (!sniffed) return sniffed.error();
   constexpr const char* kWhole = "it only decodes as a whole, which takes";
   constexpr const char* kWholeOption = "--max-image-mib";
+  if (sniffed->whole_bytes / options.max_packing > file->size() + kPackingSlackBytes) {
+    return Error{
+        ErrorKind::kInvalidData,
+        path,
+        "expected pixels that a file of " + std::to_string(file->size()) + " bytes can hold, found a header of " +
+            mib(sniffed->whole_bytes) + " decoded",
+        std::string(kDamagedHint) + "; --max-packing allows more than 1:" + std::to_string(options.max_packing),
+        {}};
+  }
   if (sniffed->whole_bytes > options.decodedLimit())
     return beyond(path, kWhole, sniffed->whole_bytes, options.decodedLimit(), kWholeOption, 3, options);
   if (auto sound = checkExrHeader(*file); !sound) return sound.error();
@@ -124,9 +133,12 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
     image.input = OIIO::ImageInput::open(path, &config);
   }
   if (!image.input) {
+    const std::string why = oneLine(OIIO::geterror());
+    if (why.find("not supported") != std::string::npos)
+      return Error{ErrorKind::kUnsupported, path, why, "write it as a TIFF or PNG", {}};
     return Error{ErrorKind::kInvalidData,
                  path,
-                 "expected an image, found: " + oneLine(OIIO::geterror()),
+                 "expected an image, found: " + why,
                  "the file is damaged, or of a format that this build of OpenImageIO does not read",
                  {}};
   }
