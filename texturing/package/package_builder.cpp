@@ -882,7 +882,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
       if (auto ran = runStage(stage); !ran) return stopped(ran.error());
       texture_in = std::move(texture_out);
       relief_in = std::move(relief_out);
-      ranges_in = std::move(ranges_out);
+      ranges_in = std::exchange(ranges_out, {});
     }
   }
   assert(progress.pages_done == header.page_count);
