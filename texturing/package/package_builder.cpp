@@ -26,6 +26,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <utility>
 
 #include "src/base/simd_dispatch.h"
 #include "texturing/codec/mip.h"
