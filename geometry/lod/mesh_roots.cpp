@@ -98,12 +98,8 @@ struct MeshRoots::Eye {
   }
 };
 
-void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
-  if (prepared_ && exaggerate == exaggerate_) return;
-  const bool first = !prepared_;
-  prepared_ = true;
-  exaggerate_ = exaggerate;
-  count_ = forest.patchCount();
+void MeshRoots::clear(size_t patches) {
+  count_ = patches;
   blocks_ = (count_ + kBlock - 1) / kBlock;
   padded_ = blocks_ * kBlock;
   extent_ = 0;
@@ -127,6 +123,14 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
   still_errors_.assign(padded_, 0);
   block_still_error_.assign(blocks_, 0);
   for (auto& list : lists_) list.resize(padded_);
+}
+
+void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
+  if (prepared_ && exaggerate == exaggerate_) return;
+  const bool first = !prepared_;
+  prepared_ = true;
+  exaggerate_ = exaggerate;
+  clear(forest.patchCount());
   if (first) closed_ = forest.isClosed();
   std::array<FacingCone, kBlock> cones;
   for (size_t b = 0; b < blocks_; ++b) {
@@ -186,7 +190,10 @@ void MeshRoots::prepare(MeshForest& forest, double exaggerate) {
     }
     of_blocks_.radius[b] = static_cast<float>(radius) * kRoundUp;
   }
-  if (!first) return;
+  if (first) listAdjacentBlocks();
+}
+
+void MeshRoots::listAdjacentBlocks() {
   first_adjacent_.assign(1, 0);
   std::vector<uint32_t> of_block;
   for (size_t b = 0; b < blocks_; ++b) {

@@ -65,6 +65,8 @@ class MeshRoots {
   }
 
  private:
+  void clear(size_t patches);  // empty tables of that many
+  void listAdjacentBlocks();   // from across_
   struct Eye;
   enum BlockState : uint8_t {
     kSkipped = 0,

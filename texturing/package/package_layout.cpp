@@ -297,129 +297,185 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(kHeaderBytes - 8, static_cast<uint64_t>(XXH3_64bits(out.data(), kHeaderBytes - 8)));
 }
 
+namespace {
+
+// Takes a header apart and compares its claims with one another and with the file's length. In the order of the
+// methods: each relies on what those before it have checked.
+class HeaderDecoder {
+ public:
+  HeaderDecoder(const uint8_t* bytes, const std::string& path) : p_(bytes), path_(path) {}
+  Result<PackageHeader> decode() {
+    if (auto done = readIdentity(); !done) return done.error();
+    if (auto done = readFields(); !done) return done.error();
+    if (auto done = readReliefDetail(); !done) return done.error();
+    if (auto done = checkSections(); !done) return done.error();
+    if (auto done = readBase(); !done) return done.error();
+    if (auto done = checkIndex(); !done) return done.error();
+    return std::move(h_);
+  }
+
+ private:
+  template <class T>
+  T at(size_t offset) const {
+    return loadLittle<T>(p_ + offset);
+  }
+  Error invalid(uint64_t offset, std::string message) const {
+    return {ErrorKind::kInvalidData, path_, std::move(message), "rebuild the package, or get a whole copy", offset};
+  }
+  Error unsupported(uint64_t offset, std::string message) const {
+    Error error = invalid(offset, std::move(message));
+    error.kind = ErrorKind::kUnsupported;
+    return error;
+  }
+  // Written so that no sum can overflow.
+  bool inside(uint64_t offset, uint64_t size) const {
+    return offset <= h_.file_bytes && size <= h_.file_bytes - offset;
+  }
+  Error outside(uint64_t field, const char* what, uint64_t offset, uint64_t size) const {
+    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h_.file_bytes) +
+                              " bytes, found " + std::to_string(size) + " bytes from byte " + std::to_string(offset));
+  }
+
+  Result<void> readIdentity() {
+    if (!std::equal(kPackageMagic.begin(), kPackageMagic.end(), p_)) {
+      return Error{ErrorKind::kInvalidData, path_, "not a Relievo package: its first bytes are not the signature",
+                   "make one with `relievo build`", 0};
+    }
+    version_ = at<uint32_t>(8);
+    if (version_ < 1 || version_ > 3) {
+      return Error{ErrorKind::kUnsupported, path_,
+                   "expected package version 1, 2 or 3, found " + std::to_string(version_),
+                   "use a newer relievo, or rebuild the package", 8};
+    }
+    if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
+      return invalid(kHeaderBytes - 8, "the header is damaged: its checksum does not match");
+    return {};
+  }
+
+  Result<void> readFields() {
+    h_.file_bytes = at<uint64_t>(16);
+    h_.manifest_offset = at<uint64_t>(24);
+    h_.manifest_bytes = at<uint64_t>(32);
+    h_.manifest_hash = at<uint64_t>(40);
+    h_.index_offset = at<uint64_t>(48);
+    h_.index_bytes = at<uint64_t>(56);
+    h_.pages_offset = at<uint64_t>(64);
+    h_.pages_bytes = at<uint64_t>(72);
+    h_.page_count = at<uint64_t>(80);
+    h_.domain.width_px = at<uint64_t>(88);
+    h_.domain.height_px = at<uint64_t>(96);
+    h_.domain.mm_per_px = at<double>(104);
+    h_.domain.relief_offset_mm = at<double>(112);
+    h_.domain.relief_scale_mm = at<double>(120);
+    h_.domain.texture_depth = at<int32_t>(128);
+    h_.domain.relief_depth = at<int32_t>(132);
+    if (auto read = version_ == 3 ? readBasis(p_, h_) : readOldBasis(p_, version_, h_); !read) {
+      Error error = read.error();
+      error.file = path_;
+      return error;
+    }
+    // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
+    h_.size_known = at<uint32_t>(140) == 0;
+    return {};
+  }
+
+  Result<void> readReliefDetail() {
+    const auto blocks = at<uint32_t>(256), shapes = at<uint32_t>(260);
+    if (blocks != 0 && blocks != kErrorBlocks)
+      return unsupported(256,
+                         "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
+    h_.relief_detail = blocks != 0;
+    if (shapes > 1 || (shapes == 1 && !h_.relief_detail))
+      return unsupported(260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " +
+                                  std::to_string(shapes));
+    h_.relief_shapes = shapes == 1;
+    return {};
+  }
+
+  Result<void> checkSections() const {
+    if (std::string problem = domainProblem(h_.domain); !problem.empty()) return invalid(88, problem);
+    if (constexpr uint64_t kMost = uint64_t{1} << 62; h_.file_bytes > kMost)
+      return invalid(
+          16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h_.file_bytes));
+    if (at<uint32_t>(12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
+    if (!inside(h_.manifest_offset, h_.manifest_bytes))
+      return outside(24, "the manifest lies", h_.manifest_offset, h_.manifest_bytes);
+    if (h_.manifest_bytes > kMaxManifestBytes)
+      return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " +
+                             std::to_string(h_.manifest_bytes));
+    if (!inside(h_.index_offset, h_.index_bytes)) return outside(48, "the index lies", h_.index_offset, h_.index_bytes);
+    if (!inside(h_.pages_offset, h_.pages_bytes)) return outside(64, "the pages lie", h_.pages_offset, h_.pages_bytes);
+    return {};
+  }
+
+  // Nothing to do for a flat artwork.
+  Result<void> readBase() {
+    if (version_ == 1 || (version_ == 3 && at<uint64_t>(272) == 0)) return {};
+    h_.base_offset = at<uint64_t>(264);
+    h_.base_bytes = at<uint64_t>(272);
+    h_.base_hash = at<uint64_t>(280);
+    h_.base_copy_offset = at<uint64_t>(288);
+    h_.tails_offset = at<uint64_t>(296);
+    h_.tails_bytes = at<uint64_t>(304);
+    h_.tails_hash = at<uint64_t>(312);
+    if (!inside(h_.tails_offset, h_.tails_bytes))
+      return outside(296, "the patches' tails lie", h_.tails_offset, h_.tails_bytes);
+    const PlanarDomain& d = h_.domain;
+    if (const uint64_t expected = tailsDirectoryBytes(d.patchCount());
+        h_.tails_bytes != 0 && h_.tails_bytes != expected)
+      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
+                              std::to_string(h_.tails_bytes));
+    if (!inside(h_.base_offset, h_.base_bytes))
+      return outside(264, "the base mesh lies", h_.base_offset, h_.base_bytes);
+    if (!inside(h_.base_copy_offset, h_.base_bytes))
+      return outside(288, "the base mesh's copy lies", h_.base_copy_offset, h_.base_bytes);
+    if (d.height_px != d.patchPx() || d.width_px % d.patchPx() != 0)
+      return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
+    if (d.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
+    if (const uint64_t least = baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
+        most = baseSectionBytes(uint64_t{4} * d.patchCount(), d.patchCount());
+        h_.base_bytes < least || h_.base_bytes > most) {
+      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
+                              " bytes, found " + std::to_string(h_.base_bytes));
+    }
+    return {};
+  }
+
+  Result<void> checkIndex() const {
+    // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
+    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes()); least > static_cast<double>(h_.file_bytes)) {
+      char text[40];
+      std::snprintf(text, sizeof text, "%.3g", least);
+      return invalid(88, "expected a file of at least " + std::string(text) +
+                             " bytes for the index of so many pages, found " + std::to_string(h_.file_bytes));
+    }
+    const PackageLayout layout = packageLayout(h_.domain, h_.texture, h_.index_offset, h_.detailBytes());
+    if (layout.index_bytes != h_.index_bytes) {
+      return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
+                             std::to_string(h_.index_bytes));
+    }
+    if (layout.page_count != h_.page_count) {
+      return invalid(
+          80, "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h_.page_count));
+    }
+    if (h_.pages_bytes < h_.page_count) {
+      return invalid(72, "expected at least a byte for each of " + std::to_string(h_.page_count) + " pages, found " +
+                             std::to_string(h_.pages_bytes) + " bytes of pages");
+    }
+    return {};
+  }
+
+  const uint8_t* p_;  // kHeaderBytes
+  const std::string& path_;
+  uint32_t version_ = 0;
+  PackageHeader h_;
+};
+
+}  // namespace
+
 Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes, const std::string& path) {
   assert(bytes.size() == kHeaderBytes);
-  const uint8_t* p = bytes.data();
-  auto invalid = [&](uint64_t offset, std::string message) {
-    return Error{ErrorKind::kInvalidData, path, std::move(message), "rebuild the package, or get a whole copy", offset};
-  };
-  if (!std::equal(kPackageMagic.begin(), kPackageMagic.end(), p)) {
-    return Error{ErrorKind::kInvalidData, path, "not a Relievo package: its first bytes are not the signature",
-                 "make one with `relievo build`", 0};
-  }
-  const uint32_t version = loadLittle<uint32_t>(p + 8);
-  if (version < 1 || version > 3) {
-    return Error{ErrorKind::kUnsupported, path, "expected package version 1, 2 or 3, found " + std::to_string(version),
-                 "use a newer relievo, or rebuild the package", 8};
-  }
-  if (loadLittle<uint64_t>(p + kHeaderBytes - 8) != XXH3_64bits(p, kHeaderBytes - 8))
-    return invalid(kHeaderBytes - 8, "the header is damaged: its checksum does not match");
-  PackageHeader h;
-  h.file_bytes = loadLittle<uint64_t>(p + 16);
-  h.manifest_offset = loadLittle<uint64_t>(p + 24);
-  h.manifest_bytes = loadLittle<uint64_t>(p + 32);
-  h.manifest_hash = loadLittle<uint64_t>(p + 40);
-  h.index_offset = loadLittle<uint64_t>(p + 48);
-  h.index_bytes = loadLittle<uint64_t>(p + 56);
-  h.pages_offset = loadLittle<uint64_t>(p + 64);
-  h.pages_bytes = loadLittle<uint64_t>(p + 72);
-  h.page_count = loadLittle<uint64_t>(p + 80);
-  h.domain.width_px = loadLittle<uint64_t>(p + 88);
-  h.domain.height_px = loadLittle<uint64_t>(p + 96);
-  h.domain.mm_per_px = loadLittle<double>(p + 104);
-  h.domain.relief_offset_mm = loadLittle<double>(p + 112);
-  h.domain.relief_scale_mm = loadLittle<double>(p + 120);
-  h.domain.texture_depth = loadLittle<int32_t>(p + 128);
-  h.domain.relief_depth = loadLittle<int32_t>(p + 132);
-  if (auto read = version == 3 ? readBasis(p, h) : readOldBasis(p, version, h); !read) {
-    Error error = read.error();
-    error.file = path;
-    return error;
-  }
-  // Other values are a newer version's, which says no less than that mm_per_px is not to be trusted.
-  h.size_known = loadLittle<uint32_t>(p + 140) == 0;
-  if (uint32_t blocks = loadLittle<uint32_t>(p + 256); blocks != 0 && blocks != kErrorBlocks) {
-    Error error =
-        invalid(256, "expected relief errors of 0 or 16 blocks a page's side, found " + std::to_string(blocks));
-    error.kind = ErrorKind::kUnsupported;
-    return error;
-  } else {
-    h.relief_detail = blocks != 0;
-  }
-  if (uint32_t shapes = loadLittle<uint32_t>(p + 260); shapes > 1 || (shapes == 1 && !h.relief_detail)) {
-    Error error = invalid(
-        260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " + std::to_string(shapes));
-    error.kind = ErrorKind::kUnsupported;
-    return error;
-  } else {
-    h.relief_shapes = shapes == 1;
-  }
-  if (std::string problem = domainProblem(h.domain); !problem.empty()) return invalid(88, problem);
-  if (constexpr uint64_t kMost = uint64_t{1} << 62; h.file_bytes > kMost)
-    return invalid(
-        16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h.file_bytes));
-  // Written so that no sum can overflow.
-  auto inside = [&](uint64_t offset, uint64_t size) { return offset <= h.file_bytes && size <= h.file_bytes - offset; };
-  if (loadLittle<uint32_t>(p + 12) != kHeaderBytes) return invalid(12, "expected a header of 4096 bytes");
-  auto outside = [&](uint64_t field, const char* what, uint64_t offset, uint64_t size) {
-    return invalid(field, std::string(what) + " outside the file: expected it within " + std::to_string(h.file_bytes) +
-                              " bytes, found " + std::to_string(size) + " bytes from byte " + std::to_string(offset));
-  };
-  if (!inside(h.manifest_offset, h.manifest_bytes))
-    return outside(24, "the manifest lies", h.manifest_offset, h.manifest_bytes);
-  if (h.manifest_bytes > kMaxManifestBytes)
-    return invalid(32, "expected a manifest of at most " + std::to_string(kMaxManifestBytes) + " bytes, found " +
-                           std::to_string(h.manifest_bytes));
-  if (!inside(h.index_offset, h.index_bytes)) return outside(48, "the index lies", h.index_offset, h.index_bytes);
-  if (!inside(h.pages_offset, h.pages_bytes)) return outside(64, "the pages lie", h.pages_offset, h.pages_bytes);
-  if (version == 2 || (version == 3 && loadLittle<uint64_t>(p + 272) != 0)) {
-    h.base_offset = loadLittle<uint64_t>(p + 264);
-    h.base_bytes = loadLittle<uint64_t>(p + 272);
-    h.base_hash = loadLittle<uint64_t>(p + 280);
-    h.base_copy_offset = loadLittle<uint64_t>(p + 288);
-    h.tails_offset = loadLittle<uint64_t>(p + 296);
-    h.tails_bytes = loadLittle<uint64_t>(p + 304);
-    h.tails_hash = loadLittle<uint64_t>(p + 312);
-    if (!inside(h.tails_offset, h.tails_bytes))
-      return outside(296, "the patches' tails lie", h.tails_offset, h.tails_bytes);
-    if (const uint64_t expected = tailsDirectoryBytes(h.domain.patchCount());
-        h.tails_bytes != 0 && h.tails_bytes != expected)
-      return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
-                              std::to_string(h.tails_bytes));
-    if (!inside(h.base_offset, h.base_bytes)) return outside(264, "the base mesh lies", h.base_offset, h.base_bytes);
-    if (!inside(h.base_copy_offset, h.base_bytes))
-      return outside(288, "the base mesh's copy lies", h.base_copy_offset, h.base_bytes);
-    if (h.domain.height_px != h.domain.patchPx() || h.domain.width_px % h.domain.patchPx() != 0)
-      return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
-    if (h.domain.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least = baseSectionBytes(4, h.domain.patchCount(), BaseSectionEnd::kBlocks),
-        most = baseSectionBytes(uint64_t{4} * h.domain.patchCount(), h.domain.patchCount());
-        h.base_bytes < least || h.base_bytes > most) {
-      return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
-                              " bytes, found " + std::to_string(h.base_bytes));
-    }
-  }
-  // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
-  if (const double least = leastIndexBytes(h.domain, h.detailBytes()); least > static_cast<double>(h.file_bytes)) {
-    char text[40];
-    std::snprintf(text, sizeof text, "%.3g", least);
-    return invalid(88, "expected a file of at least " + std::string(text) +
-                           " bytes for the index of so many pages, found " + std::to_string(h.file_bytes));
-  }
-  PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
-  if (layout.index_bytes != h.index_bytes) {
-    return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
-                           std::to_string(h.index_bytes));
-  }
-  if (layout.page_count != h.page_count) {
-    return invalid(80,
-                   "expected " + std::to_string(layout.page_count) + " pages, found " + std::to_string(h.page_count));
-  }
-  if (h.pages_bytes < h.page_count) {
-    return invalid(72, "expected at least a byte for each of " + std::to_string(h.page_count) + " pages, found " +
-                           std::to_string(h.pages_bytes) + " bytes of pages");
-  }
-  return h;
+  return HeaderDecoder(bytes.data(), path).decode();
 }
 
 std::string describePage(PageId id) {

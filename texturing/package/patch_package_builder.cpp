@@ -592,6 +592,38 @@ Result<void> checkBorders(const Context& c) {
   return {};
 }
 
+void makeRoom(Context& context) {
+  const PlanarDomain& d = context.header.domain;
+  const uint32_t patches = d.patchCount();
+  context.coarse_errors.resize(patches);
+  context.slopes.resize(patches);
+  context.coarse_blocks.resize(patches);
+  context.coarse_shapes.resize(patches);
+  context.side_hash.resize(patches);
+  context.corner_height.resize(patches);
+  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
+                               static_cast<size_t>(context.store.channels));
+}
+
+struct Workforce {
+  int workers = 1;
+  uint64_t bytes = 0;  // of all of them
+};
+Workforce workersThatFit(const Context& context, const BuildOptions& options) {
+  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
+  // finished parts.
+  const PatchStore& store = context.store;
+  const PlanarDomain& d = context.header.domain;
+  const uint32_t patches = d.patchCount();
+  const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
+  const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
+  const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
+  int workers = workerCount(options.workers);
+  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
+                                                  std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
+  return {workers, worker_bytes * static_cast<uint64_t>(workers)};
+}
+
 }  // namespace
 
 Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOptions& options) {
@@ -625,44 +657,18 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
                   packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
                   MipFilter(header.texture),
                   {header.texture.channels(), d.texture_depth},
-                  patchNeighbours(source.base()),
-                  {},
-                  {},
-                  {},
-                  {},
-                  {},
-                  {},
-                  {},
-                  {},
-                  {},
-                  {}};
-  context.coarse_errors.resize(patches);
-  context.slopes.resize(patches);
-  context.coarse_blocks.resize(patches);
-  context.coarse_shapes.resize(patches);
-  context.side_hash.resize(patches);
-  context.corner_height.resize(patches);
-  context.corner_texels.resize(static_cast<size_t>(patches) * static_cast<size_t>(d.texture_depth + 1) * 4 *
-                               static_cast<size_t>(context.store.channels));
+                  patchNeighbours(source.base())};
+  makeRoom(context);
   listCorners(context);
 
-  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
-  // finished parts.
-  const PatchStore& store = context.store;
-  const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
-  const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
-  const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
-  int workers = workerCount(options.workers);
-  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
-                                                  std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
-  const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working
-                         ? std::min((options.memory_budget_bytes - working) / 4 * 3, options.kept_bytes)
+  const Workforce force = workersThatFit(context, options);
+  SpillBudget spills{options.memory_budget_bytes > force.bytes
+                         ? std::min((options.memory_budget_bytes - force.bytes) / 4 * 3, options.kept_bytes)
                          : 0,
                      options.output};
   for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
-                             {&context.strips, store.guttersBytes()},
-                             {&context.levels, store.levelBytes()}}) {
+                             {&context.strips, context.store.guttersBytes()},
+                             {&context.levels, context.store.levelBytes()}}) {
     auto made = spills.create(bytes * patches);
     if (!made) return made.error();
     *kept = std::move(*made);
@@ -683,7 +689,7 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   auto pass = [&](auto make_worker) {
     uint32_t next = 0;
     OrderedWorkers<uint32_t> runner(
-        workers, kPartsAhead, options.interrupted,
+        force.workers, kPartsAhead, options.interrupted,
         [&](uint32_t* patch) {
           if (next == patches) return false;
           *patch = next++;
