@@ -775,7 +775,8 @@ TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
   EXPECT_TRUE(with(0xe1, "Exif\0\0"s + tiff));
   EXPECT_TRUE(with(0xe1, xmp + "<x:xmpmeta/>"));
   EXPECT_TRUE(with(0xed, iptc + "\0\5\x1c\2\x50\0\0"s));
-  EXPECT_TRUE(with(0xe2, ""));
+  EXPECT_TRUE(with(0xe2, "FPXR\0\0"s));
+  EXPECT_TRUE(with(0xe3, ""));
   for (const std::string& before : {""s, "garbage\xff\0\xff"s}) {
     for (const auto& [marker, data] : {std::pair{0xe1, ""s},
                                        {0xe1, "Ex"s},
@@ -783,6 +784,8 @@ TEST(ImageDamage, AJpegWhoseMetadataEndsTooSoonIsRefused) {
                                        {0xe1, "Exif\0\0II*"s},
                                        {0xe1, xmp.substr(0, 28)},
                                        {0xed, ""s},
+                                       {0xe2, ""s},
+                                       {0xe2, "ICC_PROFILE\0\1"s},
                                        {0xed, "Photoshop 3"s},
                                        {0xed, iptc.substr(0, 17)},
                                        {0xed, iptc},

@@ -109,23 +109,25 @@ Result<void> checkExrHeader(const InputFile& file) {
 
 namespace {
 
-constexpr uint8_t kApp1 = 0xe1, kApp13 = 0xed;
+constexpr uint8_t kApp1 = 0xe1, kApp2 = 0xe2, kApp13 = 0xed;
 
 size_t bigEndian16(std::string_view bytes) {
   return static_cast<size_t>(static_cast<uint8_t>(bytes[0]) << 8 | static_cast<uint8_t>(bytes[1]));
 }
 
-// Would OpenImageIO read beyond the end of a segment APP1 or APP13 that holds these bytes?
+// Would OpenImageIO read beyond the end of a segment APP1, APP2 or APP13 that holds these bytes?
 bool metadataCutShort(uint8_t marker, std::string_view data) {
   using namespace std::string_view_literals;
   constexpr std::string_view kExif = "Exif\0\0"sv, kXmp = "http://ns.adobe.com/xap/1.0/\0"sv,
-                             kPhotoshop = "Photoshop 3.0\0"sv, kIptc = "8BIM\4\4"sv;
+                             kPhotoshop = "Photoshop 3.0\0"sv, kIcc = "ICC_PROFILE\0"sv, kIptc = "8BIM\4\4"sv;
   constexpr size_t kTiffHeader = 8;  // what EXIF begins with
   constexpr size_t kIptcHead =
       4 + 2 + 4 + 2;  // of kIptc the type, its name, its size (32 bit, of which the lower 16 are read)
   auto cutWithin = [&](std::string_view name) { return data.size() < name.size() && name.starts_with(data); };
   if (marker == kApp1 && data.starts_with(kExif.substr(0, 5))) return data.size() < kExif.size() + kTiffHeader;
   if (marker == kApp1) return cutWithin(kExif) || cutWithin(kXmp);
+  // Of a colour profile, its name, then which part of how many this is.
+  if (marker == kApp2) return cutWithin(kIcc) || (data.starts_with(kIcc) && data.size() < kIcc.size() + 2);
   if (!data.starts_with(kPhotoshop)) return cutWithin(kPhotoshop);
   const std::string_view block = data.substr(kPhotoshop.size());
   if (!block.starts_with(kIptc)) return block.size() < kIptc.size() && kIptc.starts_with(block);
@@ -134,9 +136,9 @@ bool metadataCutShort(uint8_t marker, std::string_view data) {
 
 }  // namespace
 
-// OpenImageIO compares the name of a JPEG's segment APP1 or APP13 without looking at the segment's length, and believes
-// the size that IPTC metadata claims: both would be read beyond their memory. Looked at as libjpeg goes from marker to
-// marker, over bytes that are none, up to the first scan.
+// OpenImageIO compares the name of a JPEG's segment APP1, APP2 or APP13 without looking at the segment's length, and
+// believes the size that IPTC metadata claims: both would be read beyond their memory. Looked at as libjpeg goes from
+// marker to marker, over bytes that are none, up to the first scan.
 Result<void> checkJpegHeader(const InputFile& file) {
   constexpr uint8_t kScan = 0xda, kEndOfImage = 0xd9, kNoMarker = 0;
   std::vector<uint8_t> bytes(2);
@@ -182,7 +184,7 @@ Result<void> checkJpegHeader(const InputFile& file) {
     if (length->size() < 2) return {};
     const size_t size = bigEndian16(*length);
     if (size < 2) return {};  // libjpeg refuses it
-    if (marker != kApp1 && marker != kApp13) {
+    if (marker != kApp1 && marker != kApp2 && marker != kApp13) {
       at += std::min<uint64_t>(size - 2, file.size() - at);
       continue;
     }
