@@ -311,7 +311,7 @@ class HeaderDecoder {
     if (auto done = checkSections(); !done) return done.error();
     if (auto done = readBase(); !done) return done.error();
     if (auto done = checkIndex(); !done) return done.error();
-    return std::move(h_);
+    return h_;
   }
 
  private:
