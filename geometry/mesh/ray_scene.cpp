@@ -604,9 +604,18 @@ SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) cons
     sphere.radius = static_cast<float>(query.within * (1 + 1e-6) + slack);
     impl_->with(r, held, [&](RTCScene scene) { rtcPointQuery(scene, &sphere, &context, closestCallback, &query); });
   };
+  // A part that could not be built, because the build was interrupted or has no memory (status()), holds no point. Who
+  // asks without a limit counts on one: the first corner of all stands in.
+  auto found = [&] {
+    if (query.best || !std::isinf(within)) return query.best;
+    SurfacePoint stand_in;
+    stand_in.triangle = 0;
+    stand_in.along = glm::length(glm::dvec3(impl_->mesh->positions_mm[impl_->mesh->triangles[0][0]]) - place);
+    return stand_in;
+  };
   if (impl_->regions.size() == 1) {
     ask(0);
-    return query.best;
+    return found();
   }
   // The region of the nearest box first, then what may hold a point as near.
   const BoxTree& parts = impl_->parts;
@@ -620,12 +629,15 @@ SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) cons
     if (r == first || r == last) return;
     ask(last = r);
   });
-  return query.best;
+  return found();
 }
 
 SurfacePoint RayScene::closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const {
   if (!guess) return closestPoint(place);
-  return closestPoint(place, closestOnTriangle(cornersOf(*impl_->mesh, guess.triangle), place).along);
+  SurfacePoint known = closestOnTriangle(cornersOf(*impl_->mesh, guess.triangle), place);
+  known.triangle = guess.triangle;
+  const SurfacePoint nearest = closestPoint(place, known.along);
+  return nearest ? nearest : known;
 }
 
 }  // namespace relievo

@@ -61,7 +61,8 @@ class RayScene {
   // Of each line the hit with the smallest |t|. Fastest for lines that lie beside one another.
   void nearestOnLines(std::span<const Line> lines, Facing facing, std::span<SurfacePoint> hits) const;
   SurfacePoint nearestOnLine(const Line& line, Facing facing) const;
-  // The closest point that is not further away than `within`; of several triangles that share it, the first.
+  // The closest point that is not further away than `within`; of several triangles that share it, the first. Without a
+  // limit there is always one: where a part could not be built (status()), a corner stands in.
   SurfacePoint closestPoint(const glm::dvec3& place, double within = std::numeric_limits<double>::infinity()) const;
 
   // The same, sooner, if `guess` (of an earlier query) is not far from it.
