@@ -7,54 +7,17 @@
 namespace relievo {
 namespace {
 
-constexpr double kCullSlack = 1.0 / 512;  // of the screen
-
 Square squareOf(const NodeId& n) { return {n.patch, static_cast<int>(n.level), n.x, n.y}; }
-double valueAt(const glm::dvec4& row, const glm::dvec3& p) { return row.x * p.x + row.y * p.y + row.z * p.z + row.w; }
 double extentAlong(const glm::dvec4& row, const WorldBox& b) {
   return std::abs(row.x) * b.half.x + std::abs(row.y) * b.half.y + std::abs(row.z) * b.half.z;
 }
 
 }  // namespace
 
-ViewBounds::ViewBounds(const LodView& view)
-    : near_(std::max(view.near_mm, 1e-9)), scale_(view.pixels_per_radian), eye_(view.eye_mm) {
-  glm::dmat4 rows = glm::transpose(view.clip_from_world);
-  bool finite = std::isfinite(scale_) && scale_ > 0;
-  for (int c = 0; c < 4; ++c)
-    for (int r = 0; r < 4; ++r) finite = finite && std::isfinite(rows[c][r]);
-  for (int c = 0; c < 3; ++c) finite = finite && std::isfinite(eye_[c]);
-  if (!finite) return;
-  double w_length = glm::length(glm::dvec3(rows[3]));
-  orthographic_ = w_length <= 1e-12 * std::abs(rows[3].w);
-  valid_ = orthographic_ ? rows[3].w > 0 : w_length > 0;
-  planes_ = {rows[3] * (1 + kCullSlack) + rows[0],
-             rows[3] * (1 + kCullSlack) - rows[0],
-             rows[3] * (1 + kCullSlack) + rows[1],
-             rows[3] * (1 + kCullSlack) - rows[1],
-             rows[3] + rows[2],
-             rows[3] - rows[2],
-             rows[3]};
-  if (!valid_) return;
-  if (orthographic_) {
-    const glm::dvec3 along = glm::cross(glm::dvec3(rows[0]), glm::dvec3(rows[1]));
-    if (const double length = glm::length(along); length > 0) depth_row_ = glm::dvec4(along / length, 0);
-    return;
-  }
-  depth_row_ = rows[3] / w_length;
-  auto tangent = [&](const glm::dvec4& row) {
-    glm::dvec3 r = glm::dvec3(row) / w_length, forward(depth_row_);
-    double ahead = glm::dot(r, forward), aside = glm::length(r - ahead * forward);
-    return aside > 1e-9 ? (1 + std::abs(ahead)) / aside : 1e9;
-  };
-  double tx = tangent(rows[0]), ty = tangent(rows[1]);
-  max_secant_ = std::sqrt(1 + tx * tx + ty * ty);
-}
-
 bool ViewBounds::culled(const WorldBox& b) const {
-  if (!valid_) return false;
-  for (const glm::dvec4& plane : planes_) {
-    double middle = valueAt(plane, b.centre), reach = extentAlong(plane, b);
+  if (!camera_.valid) return false;
+  for (const glm::dvec4& plane : camera_.planes) {
+    double middle = LodCamera::value(plane, b.centre), reach = extentAlong(plane, b);
     if (middle + reach < -1e-9 * (std::abs(middle) + reach)) return true;
   }
   return false;
@@ -62,35 +25,37 @@ bool ViewBounds::culled(const WorldBox& b) const {
 
 // planar_lod.cpp derives it.
 double ViewBounds::pxPerMm(const WorldBox& b) const {
-  if (!valid_) return 0;
-  const glm::dvec3 forward(depth_row_), up(0, 0, 1);
-  if (orthographic_) return scale_ * (b.any_direction ? 1 : std::max(kMinSine, glm::length(up - forward.z * forward)));
+  if (!camera_.valid) return 0;
+  const glm::dvec3 forward = camera_.forward, up(0, 0, 1);
+  if (camera_.orthographic)
+    return camera_.scale * (b.any_direction ? 1 : std::max(kMinSine, glm::length(up - forward.z * forward)));
   // A movement anyhow: mesh_lod.cpp derives it.
-  double centre_depth = valueAt(depth_row_, b.centre);
-  double depth = std::max(near_, centre_depth - extentAlong(depth_row_, b));
-  glm::dvec3 d = b.centre - eye_;
+  double centre_depth = LodCamera::value(camera_.depth_row, b.centre);
+  double depth = std::max(camera_.near_mm, centre_depth - extentAlong(camera_.depth_row, b));
+  glm::dvec3 d = b.centre - camera_.eye;
   double reach = glm::length(b.half);
   double aside = std::sqrt(std::max(0.0, glm::dot(d, d) - centre_depth * centre_depth)) + reach;
-  double wholly = std::sqrt(1 + (aside / depth) * (aside / depth)), secant = std::min(max_secant_, wholly);
+  double wholly = std::sqrt(1 + (aside / depth) * (aside / depth)), secant = std::min(camera_.max_secant, wholly);
   double factor = secant;
-  if (centre_depth > near_ && !b.any_direction) {
+  if (centre_depth > camera_.near_mm && !b.any_direction) {
     double at_centre = glm::length(up - forward.z * d / centre_depth);
     factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
   }
-  return scale_ / depth * factor;
+  return camera_.scale / depth * factor;
 }
 
 double ViewBounds::nearestMm(const WorldBox& b) const {
-  return orthographic_ ? kFarEyeMm : glm::length(glm::max(glm::abs(eye_ - b.centre) - b.half, glm::dvec3(0)));
+  return camera_.orthographic ? kFarEyeMm
+                              : glm::length(glm::max(glm::abs(camera_.eye - b.centre) - b.half, glm::dvec3(0)));
 }
 double ViewBounds::farthestMm(const WorldBox& b) const {
-  return orthographic_ ? kFarEyeMm : glm::length(glm::abs(eye_ - b.centre) + b.half);
+  return camera_.orthographic ? kFarEyeMm : glm::length(glm::abs(camera_.eye - b.centre) + b.half);
 }
 
 double ViewBounds::distanceFor(double mm, double px) const {
-  if (orthographic_) return mm * scale_ <= px ? 0 : std::numeric_limits<double>::infinity();
+  if (camera_.orthographic) return mm * camera_.scale <= px ? 0 : std::numeric_limits<double>::infinity();
   // Depth is distance / secant of the angle off the axis, and a movement counts for another secant there.
-  return mm * scale_ * max_secant_ * max_secant_ / px;
+  return mm * camera_.scale * camera_.max_secant * camera_.max_secant / px;
 }
 
 ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene)

@@ -24,9 +24,9 @@ struct WorldBox {
 
 class ViewBounds {
  public:
-  explicit ViewBounds(const LodView& view);
-  bool valid() const { return valid_; }
-  bool orthographic() const { return orthographic_; }
+  explicit ViewBounds(const LodView& view) : camera_(view) {}
+  bool valid() const { return camera_.valid; }
+  bool orthographic() const { return camera_.orthographic; }
   bool culled(const WorldBox& box) const;
   // Pixels that a millimetre of movement, anywhere in the box, can be on screen.
   double pxPerMm(const WorldBox& box) const;
@@ -39,11 +39,7 @@ class ViewBounds {
   double distanceFor(double mm, double px) const;
 
  private:
-  bool valid_ = false, orthographic_ = false;
-  double near_ = 1, scale_ = 1, max_secant_ = 1;
-  glm::dvec3 eye_{0};
-  std::array<glm::dvec4, 7> planes_{};
-  glm::dvec4 depth_row_{0};  // orthographic: where the lines of sight go, either way
+  LodCamera camera_;
 };
 
 class ReliefBounds3d {
