@@ -14,24 +14,21 @@
 // order, so the bytes do not depend on the workers. At most kPartsAhead finished tiles a worker wait to be written.
 #include "texturing/package/package_builder.h"
 
-#include <xxhash.h>
-#include <zstd.h>
 #include <algorithm>
 #include <array>
 #include <cassert>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <utility>
 
 #include "src/base/simd_dispatch.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
-#include "texturing/package/build_checkpoint.h"
+#include "texturing/package/build_reporter.h"
+#include "texturing/package/checkpointed_writer.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_writer.h"
 
@@ -128,6 +125,7 @@ struct BuildContext {
 class TileWorker {
  public:
   TileWorker(const BuildContext& context, int zstd_level) : context_(context), encoder_(zstd_level) {}
+  static uint64_t spillBlockBytes(int channels) { return uint64_t{2} * kSpillPx * kSpillPx * channels; }
 
   BuildPart run(const Stage& stage, uint64_t tile_x, uint64_t tile_y) {
     BuildPart out;
@@ -220,8 +218,6 @@ class TileWorker {
     if (s.out) spillInto(out_part.texture_spill);
     return {};
   }
-
-  static uint64_t spillBlockBytes(int channels) { return uint64_t{2} * kSpillPx * kSpillPx * channels; }
 
   // Blocks that meet rect, into levels_[0] with rect's corner at (rx, ry).
   Result<void> readSpill(const Rect& rect, int rx, int ry) {
@@ -627,32 +623,10 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   return d;
 }
 
-// What decides a package's bytes: where it differs, a checkpoint of the one is none of the other. Nothing where it is
-// not known.
-std::optional<uint64_t> identityOf(const PackageHeader& header, const std::string& manifest,
-                                   const BuildOptions& options) {
-  auto program = hashFile("/proc/self/exe");
-  if (!program) return std::nullopt;
-  std::vector<uint8_t> bytes(kHeaderBytes);
-  encodeHeader(header, bytes);
-  auto add = [&](std::string_view text) { bytes.insert(bytes.end(), text.begin(), text.end()); };
-  add(manifest);
-  add(*program);
-  for (const PageEncoding& e : header.encodings)
-    add(std::to_string(static_cast<int>(e.codec)) + "/" + std::to_string(e.parameter) + " ");
-  add(std::to_string(options.zstd_level) + " " + std::to_string(ZSTD_versionNumber()));
-  return XXH3_64bits(bytes.data(), bytes.size());
-}
-
-}  // namespace
-
-Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief,
+Result<PackageHeader> planHeader(const TextureSource& texture, const HeightSource* relief,
                                  const BuildOptions& options) {
-  const auto start = std::chrono::steady_clock::now();
-  auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
   auto planned = planDomain(texture, relief, options.size_known ? options.mm_per_px : 1, options.stretch_relief);
   if (!planned) return planned.error();
-
   PackageHeader header;
   header.domain = *planned;
   header.size_known = options.size_known;
@@ -661,241 +635,195 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   for (size_t k = 0; k < header.texture.scale.size(); ++k)
     if (!std::isfinite(header.texture.scale[k]) || !std::isfinite(header.texture.bias[k]))
       return usage("a coefficient's scale or bias is not a number");
-  const PlanarDomain& d = header.domain;
-  header.relief_detail = header.relief_shapes = d.relief_depth >= 0;
-  header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
-  const auto described = manifestOf(header, texture, relief, options.tool_version);
-  if (!described) return described.error();
-  const std::string& manifest = *described;
-  if (auto placed = placeSections(header, manifest, {}); !placed) return placed.error();
-  BuildContext context{texture,
-                       relief,
-                       d,
-                       header.texture,
-                       packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
-                       MipFilter(header.texture),
-                       header.encodings};
+  header.relief_detail = header.relief_shapes = header.domain.relief_depth >= 0;
+  header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
+  return header;
+}
 
-  // A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.
+// A worker's share: the region in bytes (twice, at borders) and its levels, and the finished tiles that wait.
+uint64_t workerBytes(const TextureFormat& format, bool relief) {
+  const auto channels = static_cast<uint64_t>(format.channels()), planes = static_cast<uint64_t>(format.planes());
   const uint64_t region_texels = uint64_t{kTilePx + 2 * kMarginPx} * (kTilePx + 2 * kMarginPx);
   const uint64_t tile_pages = kTilePages * kTilePages * 4 / 3;
-  const uint64_t worker_bytes =
-      region_texels * static_cast<uint64_t>(header.texture.channels()) * 3 + (relief ? region_texels * 8 : 0) +
-      uint64_t{kSpillPx * kSpillPx} * 2 * static_cast<uint64_t>(header.texture.channels()) * (1 + kPartsAhead) +
-      tile_pages *
-          (kTexturePageBytes * static_cast<uint64_t>(header.texture.planes()) + (relief ? kReliefPageSamples * 2 : 0)) *
-          (1 + kPartsAhead);
-  int workers = workerCount(options.workers);
-  workers = static_cast<int>(
-      std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, static_cast<uint64_t>(workers)));
-  const uint64_t working = worker_bytes * static_cast<uint64_t>(workers);
-  SpillBudget spills{options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0,
-                     options.output};
+  return region_texels * channels * 3 + (relief ? region_texels * 8 : 0) +
+         uint64_t{kSpillPx * kSpillPx} * 2 * channels * (1 + kPartsAhead) +
+         tile_pages * (kTexturePageBytes * planes + (relief ? kReliefPageSamples * 2 : 0)) * (1 + kPartsAhead);
+}
 
-  auto note = [&](const std::string& text) {
-    if (options.note) options.note(text);
-  };
-  std::optional<BuildJournal> journal;
-  std::optional<OutputFile> pages;
-  bool kept = false;  // the files stay where the build stops
-  uint64_t identity = 0;
-  bool known = false;
-  if (options.checkpoint_s >= 0 || options.resume) {
-    const auto found = identityOf(header, manifest, options);
-    if (found) identity = *found, known = true;
-    else note("this build leaves no checkpoints: the program cannot be read");
-  }
-  if (options.resume && known) {
-    auto found = BuildJournal::find(options.output, identity, header, options.interrupted);
-    if (!found) return found.error();
-    if (found->found) {
-      journal = std::move(found->found->journal);
-      pages = std::move(found->found->pages);
-      journal->file().keep(), pages->keep();
-      kept = true;
-      note("going on from a checkpoint: " + std::to_string(found->pages_done) + " of " +
-           std::to_string(header.page_count) + " pages are done");
-    } else {
-      note("building from the start: " + found->why);
-    }
-  }
-  auto writer = pages ? PackageWriter::resume(std::move(*pages), header, manifest, spills)
-                      : PackageWriter::create(options.output, header, manifest, {}, spills);
-  if (!writer) return writer.error();
-  if (!journal && known && !(*writer)->file().partPath().empty()) {
-    auto made = BuildJournal::create(options.output, identity, (*writer)->file().partPath());
-    if (made) journal = std::move(*made);
-    else note("this build leaves no checkpoints: " + made.error().text());
-  }
-  const double checkpoint_s = options.checkpoint_s >= 0 ? options.checkpoint_s : kCheckpointSeconds;
-  double last_checkpoint = 0;
-  // What cannot be written of the journal costs the checkpoints; what cannot be written of the pages ends the build.
-  auto checkpoint = [&]() -> Result<void> {
-    if (!journal) return {};
-    if (auto synced = (*writer)->file().finish(); !synced) return synced;
-    auto written = journal->checkpoint((*writer)->file().size());
-    if (written && !kept) written = journal->file().syncFolder();
-    if (written && options.resume && !kept) {
-      (*writer)->file().keep(), journal->file().keep();
-      kept = true;
-    }
-    last_checkpoint = seconds();
-    if (written) return {};
-    note("this build leaves no more checkpoints: " + written.error().text());
-    journal->file().remove();
-    journal.reset();
-    return {};
-  };
-  auto journalPart = [&](uint32_t stage, const BuildPart& part) -> Result<void> {
-    if (!journal) return {};
-    if (auto added = journal->add(stage, part); !added) {
-      note("this build leaves no more checkpoints: " + added.error().text());
-      journal->file().remove();
-      journal.reset();
-      return {};
-    }
-    return seconds() - last_checkpoint >= checkpoint_s ? checkpoint() : Result<void>();
-  };
+// All stages, from the finest level on.
+class StagedBuild {
+ public:
+  StagedBuild(const BuildContext& context, const BuildOptions& options, int workers, SpillBudget& spills,
+              CheckpointedWriter& writer, BuildReporter& reporter)
+      : context_(context),
+        options_(options),
+        workers_(workers),
+        spills_(spills),
+        writer_(writer),
+        reporter_(reporter) {}
 
-  BuildProgress progress;
-  progress.pages_total = header.page_count;
-  progress.texels_total = d.width_px * d.height_px;
-  double last_report = -1;
-  auto report = [&](bool last) {
-    progress.seconds = seconds();
-    if (!options.progress || (!last && progress.seconds - last_report < 0.2)) return;
-    last_report = progress.seconds;
-    options.progress(progress);
-  };
+  Result<void> run() {
+    const int texture_depth = context_.domain.texture_depth, relief_depth = context_.domain.relief_depth;
+    if (texture_depth == relief_depth) return pass(texture_depth, {.texture = true, .relief = true});
+    if (auto ran = pass(texture_depth, {.texture = true}); !ran || relief_depth < 0) return ran;
+    return pass(relief_depth, {.relief = true});
+  }
 
+ private:
+  struct Planes {
+    bool texture = false, relief = false;
+  };
   struct Tile {
     uint64_t x = 0, y = 0;
   };
-  uint32_t stages_done = 0;
-  auto runStage = [&](const Stage& stage) -> Result<void> {
+  // What one stage writes and the next one reads.
+  struct Spills {
+    std::unique_ptr<SpillStore> texture, relief;
+    std::vector<NodeRange> ranges;
+  };
+
+  // The stages of these planes. A spill lives from the stage that writes it to the one that reads it.
+  Result<void> pass(int finest, Planes planes) {
+    Spills in;
+    for (int level = finest; level >= 0; level -= kStageLevels) {
+      Spills out;
+      const NodeGrid nodes = nodeGrid(context_.domain, level);
+      Stage stage;
+      stage.tile_columns = (nodes.columns + kTilePages - 1) / kTilePages;
+      stage.tile_rows = (nodes.rows + kTilePages - 1) / kTilePages;
+      if (level >= kStageLevels)
+        if (auto made = makeRoom(stage.tile_columns * stage.tile_rows, planes, out); !made) return made;
+      if (planes.texture)
+        stage.texture = {.level = level,
+                         .source = level == finest ? &context_.texture : nullptr,
+                         .in = in.texture.get(),
+                         .out = out.texture.get(),
+                         .in_columns = nodes.columns,
+                         .out_columns = stage.tile_columns};
+      if (planes.relief)
+        stage.relief = {.level = level,
+                        .source = level == finest ? context_.relief : nullptr,
+                        .in = in.relief.get(),
+                        .out = out.relief.get(),
+                        .in_ranges = &in.ranges,
+                        .out_ranges = &out.ranges,
+                        .in_columns = nodes.columns,
+                        .out_columns = stage.tile_columns};
+      if (auto ran = runStage(stage); !ran) return ran;
+      in = std::move(out);
+    }
+    return {};
+  }
+
+  Result<void> makeRoom(uint64_t tiles, Planes planes, Spills& out) {
+    if (planes.texture) {
+      auto made = spills_.create(tiles * TileWorker::spillBlockBytes(context_.format.channels()));
+      if (!made) return made.error();
+      out.texture = std::move(*made);
+    }
+    if (planes.relief) {
+      auto made = spills_.create(tiles * kReliefPageSamples * 2);
+      if (!made) return made.error();
+      out.relief = std::move(*made);
+      out.ranges.assign(tiles, {});
+    }
+    return {};
+  }
+
+  Result<void> runStage(const Stage& stage) {
+    const uint32_t serial = stages_done_++;
     TileOrder order(stage.tile_columns, stage.tile_rows);
     uint64_t tiles = stage.tile_columns * stage.tile_rows;
-    const uint32_t serial = stages_done++;
-    // The next stage's input.
-    auto spill = [&](const BuildPart& part) -> Result<void> {
-      if (stage.texture.out)
-        if (auto written = stage.texture.out->write(part.texture_spill.offset, part.texture_spill.bytes.data(),
-                                                    part.texture_spill.bytes.size());
-            !written)
-          return written;
-      if (!stage.relief.out) return {};
-      if (part.spill_node < stage.relief.out_ranges->size())
-        (*stage.relief.out_ranges)[part.spill_node] = part.spill_range;
-      return stage.relief.out->write(part.relief_spill.offset, part.relief_spill.bytes.data(),
-                                     part.relief_spill.bytes.size());
-    };
-    // Parts that a build before this one has made.
-    while (journal && options.resume && tiles > 0) {
-      if (options.interrupted && options.interrupted->load())
-        return Error{ErrorKind::kInterrupted, options.output, "interrupted", "", {}};
-      auto part = journal->replay(serial);
+    if (auto replayed = replay(stage, serial, order, tiles); !replayed) return replayed;
+    if (tiles == 0) return {};
+    OrderedWorkers<Tile> runner(
+        static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers_), tiles)), kPartsAhead, options_.interrupted,
+        [&](Tile* tile) { return order.next(&tile->x, &tile->y); },
+        [&] {
+          auto worker = std::make_shared<TileWorker>(context_, options_.zstd_level);
+          return [&stage, worker](const Tile& tile) { return worker->run(stage, tile.x, tile.y); };
+        });
+    return writeParts(
+        runner, tiles, writer_.pages(), options_, [&](const BuildPart* part) { reporter_.report(part); },
+        [&](const BuildPart& part) {
+          if (auto spilled = spill(stage, part); !spilled) return spilled;
+          return writer_.record(serial, part);
+        });
+  }
+
+  // The tiles that an earlier build has made are passed over.
+  Result<void> replay(const Stage& stage, uint32_t serial, TileOrder& order, uint64_t& tiles) {
+    for (; tiles > 0; --tiles) {
+      auto part = writer_.replay(serial);
       if (!part) return part.error();
       if (!*part) break;
       Tile passed;
       order.next(&passed.x, &passed.y);
-      --tiles;
-      if (auto placed = (*writer)->place(**part); !placed) return placed;
-      if (auto spilled = spill(**part); !spilled) return spilled;
-      progress.pages_done += (*part)->pages.size(), progress.texels_done += (*part)->texels;
-      report(false);
+      if (auto spilled = spill(stage, **part); !spilled) return spilled;
+      reporter_.report(part->get());
     }
-    if (tiles == 0) return {};
-    OrderedWorkers<Tile> runner(
-        static_cast<int>(std::min<uint64_t>(static_cast<uint64_t>(workers), tiles)), kPartsAhead, options.interrupted,
-        [&](Tile* tile) { return order.next(&tile->x, &tile->y); },
-        [&] {
-          auto worker = std::make_shared<TileWorker>(context, options.zstd_level);
-          return [&stage, worker](const Tile& tile) { return worker->run(stage, tile.x, tile.y); };
-        });
-    return writeParts(
-        runner, tiles, *writer->get(), options,
-        [&](const BuildPart* part) {
-          if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
-          report(false);
-        },
-        [&](const BuildPart& part) {
-          if (auto spilled = spill(part); !spilled) return spilled;
-          return journalPart(serial, part);
-        });
-  };
-
-  auto hintAtCheckpoint = [&](Error error) {
-    if (kept && !journal) (*writer)->file().remove(), kept = false;  // nobody could go on with the pages alone
-    if (kept)
-      error.hint += (error.hint.empty() ? "" : "; ") + std::string("what is done is kept: build again with --resume");
-    return error;
-  };
-  // What a build that stops leaves, where it was asked to.
-  auto stopped = [&](Error error) {
-    if (options.resume && error.kind == ErrorKind::kInterrupted && journal && !journal->replaying()) (void)checkpoint();
-    return hintAtCheckpoint(std::move(error));
-  };
-
-  // Stages from the finest level on; a spill lives from the stage that writes it to the one that reads it.
-  std::unique_ptr<SpillStore> texture_in, texture_out, relief_in, relief_out;
-  std::vector<NodeRange> ranges_in, ranges_out;
-  int texture_level = d.texture_depth, relief_level = d.relief_depth;
-  const bool together = texture_level == relief_level;
-  for (bool relief_pass : {false, true}) {
-    if (relief_pass && (together || relief_level < 0)) break;
-    const bool with_texture = !relief_pass, with_relief = relief_pass || together;
-    for (int level = with_texture ? texture_level : relief_level; level >= 0; level -= kStageLevels) {
-      const bool first = level == (with_texture ? texture_level : relief_level);
-      const bool more = level >= kStageLevels;
-      Stage stage;
-      NodeGrid nodes = nodeGrid(d, level);
-      stage.tile_columns = (nodes.columns + kTilePages - 1) / kTilePages;
-      stage.tile_rows = (nodes.rows + kTilePages - 1) / kTilePages;
-      const uint64_t tiles = stage.tile_columns * stage.tile_rows;
-      if (with_texture) {
-        TextureStage& s = stage.texture;
-        s.level = level;
-        s.source = first ? &texture : nullptr;
-        s.in = texture_in.get();
-        s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
-        if (more) {
-          auto made = spills.create(tiles * kSpillPx * kSpillPx * 2 * static_cast<uint64_t>(header.texture.channels()));
-          if (!made) return stopped(made.error());
-          texture_out = std::move(*made);
-          s.out = texture_out.get();
-        }
-      }
-      if (with_relief) {
-        ReliefStage& s = stage.relief;
-        s.level = level;
-        s.source = first ? relief : nullptr;
-        s.in = relief_in.get();
-        s.in_ranges = &ranges_in, s.out_ranges = &ranges_out;
-        s.in_columns = nodes.columns, s.out_columns = stage.tile_columns;
-        if (more) {
-          auto made = spills.create(tiles * kReliefPageSamples * 2);
-          if (!made) return stopped(made.error());
-          relief_out = std::move(*made);
-          s.out = relief_out.get();
-          ranges_out.assign(tiles, {});
-        }
-      }
-      if (auto ran = runStage(stage); !ran) return stopped(ran.error());
-      texture_in = std::move(texture_out);
-      relief_in = std::move(relief_out);
-      ranges_in = std::exchange(ranges_out, {});
-    }
+    return {};
   }
-  assert(progress.pages_done == header.page_count);
+
+  // The next stage's input.
+  static Result<void> spill(const Stage& stage, const BuildPart& part) {
+    if (stage.texture.out)
+      if (auto written = stage.texture.out->write(part.texture_spill.offset, part.texture_spill.bytes.data(),
+                                                  part.texture_spill.bytes.size());
+          !written)
+        return written;
+    if (!stage.relief.out) return {};
+    if (part.spill_node < stage.relief.out_ranges->size())
+      (*stage.relief.out_ranges)[part.spill_node] = part.spill_range;
+    return stage.relief.out->write(part.relief_spill.offset, part.relief_spill.bytes.data(),
+                                   part.relief_spill.bytes.size());
+  }
+
+  const BuildContext& context_;
+  const BuildOptions& options_;
+  const int workers_;
+  SpillBudget& spills_;
+  CheckpointedWriter& writer_;
+  BuildReporter& reporter_;
+  uint32_t stages_done_ = 0;
+};
+
+}  // namespace
+
+Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSource* relief,
+                                 const BuildOptions& options) {
+  BuildReporter reporter(options);
+  auto planned = planHeader(texture, relief, options);
+  if (!planned) return planned.error();
+  PackageHeader& header = *planned;
+  const PlanarDomain& d = header.domain;
+  reporter.expect(header.page_count, d.width_px * d.height_px);
+  const auto manifest = manifestOf(header, texture, relief, options.tool_version);
+  if (!manifest) return manifest.error();
+  if (auto placed = placeSections(header, *manifest, {}); !placed) return placed.error();
+
+  const BuildContext context{texture,
+                             relief,
+                             d,
+                             header.texture,
+                             packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
+                             MipFilter(header.texture),
+                             header.encodings};
+  const Workforce force = workersThatFit(workerBytes(header.texture, relief), options);
+  SpillBudget spills{force.left_bytes, options.output};
+  auto writer = CheckpointedWriter::open(header, *manifest, options, reporter, spills);
+  if (!writer) return writer.error();
+  if (auto ran = StagedBuild(context, options, force.workers, spills, **writer, reporter).run(); !ran)
+    return (*writer)->stopped(ran.error());
+  assert(reporter.pagesDone() == header.page_count);
 
   // The last moment for a checkpoint: finish() writes before and after the pages.
   if (options.interrupted && options.interrupted->load())
-    return stopped({ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}});
-  auto file_bytes = (*writer)->finish(options.interrupted);
-  if (!file_bytes) return hintAtCheckpoint(file_bytes.error());
-  if (journal) journal->file().remove();
-  report(true);
-  return BuildReport{header.page_count, *file_bytes, seconds()};
+    return (*writer)->stopped({ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}});
+  auto file_bytes = (*writer)->finish();
+  if (!file_bytes) return file_bytes.error();
+  reporter.reportEnd();
+  return BuildReport{header.page_count, *file_bytes, reporter.seconds()};
 }
 
 }  // namespace relievo

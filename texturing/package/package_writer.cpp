@@ -134,6 +134,14 @@ std::string manifestText(const nlohmann::ordered_json& manifest) {
   return manifest.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
 }
 
+Workforce workersThatFit(uint64_t worker_bytes, const BuildOptions& options, uint64_t jobs) {
+  const uint64_t most = std::min(static_cast<uint64_t>(workerCount(options.workers)), jobs);
+  const uint64_t workers = std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1, most);
+  const uint64_t working = worker_bytes * workers;
+  return {static_cast<int>(workers),
+          options.memory_budget_bytes > working ? (options.memory_budget_bytes - working) / 4 * 3 : 0};
+}
+
 Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::span<const uint8_t> base) {
   if (manifest.size() > kMaxManifestBytes) return usage("the sources' names are too long");
   auto aligned = [](uint64_t offset) { return (offset + kHeaderBytes - 1) / kHeaderBytes * kHeaderBytes; };

@@ -179,6 +179,13 @@ class OrderedWorkers {
   WorkerThreads threads_{"relievo-build"};  // last
 };
 
+// As many workers as are asked for and fit, by what each needs, into three quarters of the memory; at least one.
+struct Workforce {
+  int workers = 1;
+  uint64_t left_bytes = 0;  // for spills: three quarters of the memory that the workers leave
+};
+Workforce workersThatFit(uint64_t worker_bytes, const BuildOptions& options, uint64_t jobs = ~uint64_t{0});
+
 // Sets the offsets and sizes of what stands before the pages, from the manifest and the base section (whose bytes may
 // change).
 Result<void> placeSections(PackageHeader& header, const std::string& manifest, std::span<const uint8_t> base);

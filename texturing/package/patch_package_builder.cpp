@@ -17,13 +17,13 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
+#include "texturing/package/build_reporter.h"
 #include "texturing/package/package_base.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_writer.h"
@@ -605,52 +605,80 @@ void makeRoom(Context& context) {
                                static_cast<size_t>(context.store.channels));
 }
 
-struct Workforce {
-  int workers = 1;
-  uint64_t bytes = 0;  // of all of them
-};
-Workforce workersThatFit(const Context& context, const BuildOptions& options) {
-  // A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
-  // finished parts.
+// A worker's share: texels and a coarser level twice, or a level with and without border; heights, errors, and its
+// finished parts.
+uint64_t workerBytes(const Context& context) {
   const PatchStore& store = context.store;
-  const PlanarDomain& d = context.header.domain;
-  const uint32_t patches = d.patchCount();
-  const uint64_t cells = uint64_t{kPagePx} << d.relief_depth;
+  const uint64_t cells = uint64_t{kPagePx} << context.header.domain.relief_depth;
   const uint64_t part_bytes = store.levelBytes() + cells * cells * 3;
-  const uint64_t worker_bytes = store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
-  int workers = workerCount(options.workers);
-  workers = static_cast<int>(std::clamp<uint64_t>(options.memory_budget_bytes / 4 * 3 / worker_bytes, 1,
-                                                  std::min<uint64_t>(static_cast<uint64_t>(workers), patches)));
-  return {workers, worker_bytes * static_cast<uint64_t>(workers)};
+  return store.levelBytes() * 2 + cells * cells * 3 + part_bytes * (1 + kPartsAhead);
 }
 
-}  // namespace
-
-Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOptions& options) {
-  const auto start = std::chrono::steady_clock::now();
-  auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& options) {
   auto planned = planDomain(source);
   if (!planned) return planned.error();
-
   PackageHeader header;
   header.domain = *planned;
   header.texture = source.format();
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
   header.relief_detail = header.relief_shapes = true;
+  header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
+  header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
+  return header;
+}
+
+// What waits for its neighbours.
+Result<void> makeSpills(Context& context, SpillBudget& spills) {
+  const uint64_t patches = context.header.domain.patchCount();
+  for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
+                             {&context.strips, context.store.guttersBytes()},
+                             {&context.levels, context.store.levelBytes()}}) {
+    auto made = spills.create(bytes * patches);
+    if (!made) return made.error();
+    *kept = std::move(*made);
+  }
+  return {};
+}
+
+// Each patch once, by workers of this kind.
+template <class PatchWorker>
+Result<void> passOver(Context& context, const BuildOptions& options, int workers, PackageWriter& writer,
+                      BuildReporter& reporter) {
+  const uint32_t patches = context.header.domain.patchCount();
+  uint32_t next = 0;
+  OrderedWorkers<uint32_t> runner(
+      workers, kPartsAhead, options.interrupted,
+      [&](uint32_t* patch) {
+        if (next == patches) return false;
+        *patch = next++;
+        return true;
+      },
+      [&] {
+        auto worker = std::make_shared<PatchWorker>(context, options.zstd_level);
+        return [worker](const uint32_t& patch) { return worker->run(patch); };
+      });
+  return writeParts(runner, patches, writer, options, [&](const BuildPart* part) { reporter.report(part); });
+}
+
+}  // namespace
+
+Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOptions& options) {
+  BuildReporter reporter(options);
+  auto planned = planHeader(source, options);
+  if (!planned) return planned.error();
+  PackageHeader& header = *planned;
   const PlanarDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
-  header.page_count = packageLayout(d, header.texture, 0, 0).page_count;
+  reporter.expect(header.page_count, d.width_px * d.height_px);
   BaseSection base{source.base(),
                    std::vector<CoarseErrors>(patches),
                    std::vector<CoarseBlocks>(patches),
                    std::vector<HeightSlopes>(patches),
                    std::vector<CoarseShapes>(patches),
                    source.errorUnitMm()};
-  header.base_bytes = baseSectionBytes(base.mesh.corners.size(), patches);
-  const auto described = manifestOf(header, source, options);
-  if (!described) return described.error();
-  const std::string& manifest = *described;
-  if (auto placed = placeSections(header, manifest, encodeBaseSection(base)); !placed) return placed.error();
+  const auto manifest = manifestOf(header, source, options);
+  if (!manifest) return manifest.error();
+  if (auto placed = placeSections(header, *manifest, encodeBaseSection(base)); !placed) return placed.error();
 
   Context context{source,
                   header,
@@ -661,54 +689,15 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   makeRoom(context);
   listCorners(context);
 
-  const Workforce force = workersThatFit(context, options);
-  SpillBudget spills{options.memory_budget_bytes > force.bytes
-                         ? std::min((options.memory_budget_bytes - force.bytes) / 4 * 3, options.kept_bytes)
-                         : 0,
-                     options.output};
-  for (auto [kept, bytes] : {std::pair<std::unique_ptr<SpillStore>*, uint64_t>{&context.tails, context.tailBytes()},
-                             {&context.strips, context.store.guttersBytes()},
-                             {&context.levels, context.store.levelBytes()}}) {
-    auto made = spills.create(bytes * patches);
-    if (!made) return made.error();
-    *kept = std::move(*made);
-  }
-  auto writer = PackageWriter::create(options.output, header, manifest, encodeBaseSection(base), spills);
+  const Workforce force = workersThatFit(workerBytes(context), options, patches);
+  SpillBudget spills{std::min(force.left_bytes, options.kept_bytes), options.output};
+  if (auto made = makeSpills(context, spills); !made) return made.error();
+  auto writer = PackageWriter::create(options.output, header, *manifest, encodeBaseSection(base), spills);
   if (!writer) return writer.error();
 
-  BuildProgress progress;
-  progress.pages_total = header.page_count;
-  progress.texels_total = d.width_px * d.height_px;
-  double last_report = -1;
-  auto report = [&](bool last) {
-    progress.seconds = seconds();
-    if (!options.progress || (!last && progress.seconds - last_report < 0.2)) return;
-    last_report = progress.seconds;
-    options.progress(progress);
-  };
-  auto pass = [&](auto make_worker) {
-    uint32_t next = 0;
-    OrderedWorkers<uint32_t> runner(
-        force.workers, kPartsAhead, options.interrupted,
-        [&](uint32_t* patch) {
-          if (next == patches) return false;
-          *patch = next++;
-          return true;
-        },
-        [&] {
-          auto worker = make_worker();
-          return [worker](const uint32_t& patch) { return worker->run(patch); };
-        });
-    return writeParts(runner, patches, **writer, options, [&](const BuildPart* part) {
-      if (part) progress.pages_done += part->pages.size(), progress.texels_done += part->texels;
-      report(false);
-    });
-  };
-  if (auto ran = pass([&] { return std::make_shared<PatchReader>(context, options.zstd_level); }); !ran)
-    return ran.error();
+  if (auto ran = passOver<PatchReader>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
   if (auto sound = checkBorders(context); !sound) return sound.error();
-  if (auto ran = pass([&] { return std::make_shared<TextureWriter>(context, options.zstd_level); }); !ran)
-    return ran.error();
+  if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
 
   if (auto written = writeTails(context, options, **writer); !written) return written.error();
   base.coarse_errors = std::move(context.coarse_errors);
@@ -718,8 +707,8 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   (*writer)->setBase(encodeBaseSection(base));
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();
-  report(true);
-  return BuildReport{header.page_count, *file_bytes, seconds()};
+  reporter.reportEnd();
+  return BuildReport{header.page_count, *file_bytes, reporter.seconds()};
 }
 
 }  // namespace relievo
