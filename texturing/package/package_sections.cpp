@@ -67,65 +67,8 @@ Result<uint64_t> hashOfBytes(uint64_t offset, uint64_t bytes, const ReadBytes& r
   return static_cast<uint64_t>(XXH3_64bits_digest(state.get()));
 }
 
-}  // namespace
-
-Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read,
-                                                const std::atomic<bool>* stop) {
-  const PackageHeader& h = package.header;
-  const uint64_t length = package.file_bytes;
-  std::vector<SectionFault> faults;
-  auto say = [&](std::string what, bool unreadable = false) {
-    faults.emplace_back();
-    faults.back().what = std::move(what);
-    faults.back().unreadable = unreadable;
-  };
-  if (length < h.file_bytes) {
-    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) +
-        ": its end is missing");
-  } else if (length > h.file_bytes) {
-    say("expected a file of " + std::to_string(h.file_bytes) + " bytes, found " + std::to_string(length) +
-        ": the last " + std::to_string(length - h.file_bytes) + " belong to nothing");
-  }
-  auto inFile = [&](uint64_t offset, uint64_t bytes) { return offset <= length && bytes <= length - offset; };
-
-  const Copies headers{"the header", {0, h.file_bytes - kHeaderBytes}, kHeaderBytes};
-  std::array<std::vector<uint8_t>, 2> sound_header;
-  addCopies(
-      headers,
-      [&](size_t i, std::string* why) {
-        if (!inFile(headers.offset[i], kHeaderBytes)) return Copy::kMissing;
-        std::vector<uint8_t> bytes(kHeaderBytes);
-        if (auto got = read(headers.offset[i], bytes); !got) {
-          *why = got.error().message;
-          return got.error().kind == ErrorKind::kIo ? Copy::kUnreadable : Copy::kMissing;
-        }
-        auto header = decodeHeader(bytes, "");
-        if (!header || header->file_bytes != h.file_bytes) return Copy::kDamaged;
-        sound_header[i] = std::move(bytes);
-        return Copy::kSound;
-      },
-      faults);
-  if (!sound_header[0].empty() && !sound_header[1].empty() && sound_header[0] != sound_header[1])
-    say("the header's two copies tell different things, though the checksums of both match");
-
-  if (h.base_bytes > 0) {
-    const Copies bases{"the base mesh", {h.base_offset, h.base_copy_offset}, h.base_bytes};
-    Result<void> stopped;
-    addCopies(
-        bases,
-        [&](size_t i, std::string* why) {
-          if (!inFile(bases.offset[i], bases.bytes)) return Copy::kMissing;
-          auto hash = hashOfBytes(bases.offset[i], bases.bytes, read, stop);
-          if (hash) return *hash == h.base_hash ? Copy::kSound : Copy::kDamaged;
-          if (hash.error().kind == ErrorKind::kInterrupted) stopped = hash.error();
-          *why = hash.error().message;
-          return hash.error().kind == ErrorKind::kIo ? Copy::kUnreadable : Copy::kMissing;
-        },
-        faults);
-    if (!stopped) return stopped.error();
-  }
-
-  // What lies between the sections.
+// The sections in the file's order.
+std::vector<Section> sectionsOf(const PackageHeader& h) {
   std::vector<Section> sections{{"the header", 0, kHeaderBytes},
                                 {"the manifest", h.manifest_offset, h.manifest_bytes, true},
                                 {"the index", h.index_offset, h.index_bytes},
@@ -141,39 +84,129 @@ Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const
   std::stable_sort(sections.begin(), sections.end(), [](const Section& a, const Section& b) {
     return a.offset != b.offset ? a.offset < b.offset : a.bytes < b.bytes;
   });
-  bool overlap = false;
-  for (size_t i = 0; i + 1 < sections.size(); ++i) {
-    const Section &before = sections[i], &behind = sections[i + 1];
-    const uint64_t end = before.offset + before.bytes;
-    if (behind.offset < end) {
-      say(before.name + " and " + behind.name + " overlap at byte " + std::to_string(behind.offset));
-      overlap = true;
-      continue;
+  return sections;
+}
+
+class SectionCheck {
+ public:
+  SectionCheck(const SectionsOf& package, const ReadBytes& read, const std::atomic<bool>* stop)
+      : header_(package.header), length_(package.file_bytes), read_(read), stop_(stop) {}
+
+  Result<std::vector<SectionFault>> run() {
+    checkLength();
+    checkHeaders();
+    if (auto checked = checkBases(); !checked) return checked.error();
+    checkBetween(sectionsOf(header_));
+    return std::move(faults_);
+  }
+
+ private:
+  void say(std::string what, bool unreadable = false) {
+    faults_.emplace_back();
+    faults_.back().what = std::move(what);
+    faults_.back().unreadable = unreadable;
+  }
+  bool inFile(uint64_t offset, uint64_t bytes) const { return offset <= length_ && bytes <= length_ - offset; }
+
+  void checkLength() {
+    if (length_ == header_.file_bytes) return;
+    const std::string unlike =
+        "expected a file of " + std::to_string(header_.file_bytes) + " bytes, found " + std::to_string(length_);
+    if (length_ < header_.file_bytes) say(unlike + ": its end is missing");
+    else say(unlike + ": the last " + std::to_string(length_ - header_.file_bytes) + " belong to nothing");
+  }
+
+  void checkHeaders() {
+    const Copies headers{"the header", {0, header_.file_bytes - kHeaderBytes}, kHeaderBytes};
+    std::array<std::vector<uint8_t>, 2> sound;
+    addCopies(
+        headers,
+        [&](size_t i, std::string* why) {
+          if (!inFile(headers.offset[i], kHeaderBytes)) return Copy::kMissing;
+          std::vector<uint8_t> bytes(kHeaderBytes);
+          if (auto got = read_(headers.offset[i], bytes); !got) {
+            *why = got.error().message;
+            return got.error().kind == ErrorKind::kIo ? Copy::kUnreadable : Copy::kMissing;
+          }
+          auto header = decodeHeader(bytes, "");
+          if (!header || header->file_bytes != header_.file_bytes) return Copy::kDamaged;
+          sound[i] = std::move(bytes);
+          return Copy::kSound;
+        },
+        faults_);
+    if (!sound[0].empty() && !sound[1].empty() && sound[0] != sound[1])
+      say("the header's two copies tell different things, though the checksums of both match");
+  }
+
+  Result<void> checkBases() {
+    if (header_.base_bytes == 0) return {};
+    const Copies bases{"the base mesh", {header_.base_offset, header_.base_copy_offset}, header_.base_bytes};
+    Result<void> stopped;
+    addCopies(
+        bases,
+        [&](size_t i, std::string* why) {
+          if (!inFile(bases.offset[i], bases.bytes)) return Copy::kMissing;
+          auto hash = hashOfBytes(bases.offset[i], bases.bytes, read_, stop_);
+          if (hash) return *hash == header_.base_hash ? Copy::kSound : Copy::kDamaged;
+          if (hash.error().kind == ErrorKind::kInterrupted) stopped = hash.error();
+          *why = hash.error().message;
+          return hash.error().kind == ErrorKind::kIo ? Copy::kUnreadable : Copy::kMissing;
+        },
+        faults_);
+    return stopped;
+  }
+
+  // What lies between the sections.
+  void checkBetween(const std::vector<Section>& sections) {
+    bool overlap = false;
+    for (size_t i = 0; i + 1 < sections.size(); ++i) {
+      const Section &before = sections[i], &behind = sections[i + 1];
+      if (behind.offset < before.offset + before.bytes) {
+        say(before.name + " and " + behind.name + " overlap at byte " + std::to_string(behind.offset));
+        overlap = true;
+      } else {
+        checkGap(before, behind);
+      }
     }
-    const uint64_t gap = behind.offset - end;
-    if (gap == 0 || !inFile(end, gap)) continue;
+    // Then what mends one section damages another.
+    for (SectionFault& fault : faults_)
+      if (overlap) fault.mend = SectionFault::Mend::kNone;
+  }
+
+  void checkGap(const Section& before, const Section& behind) {
+    const uint64_t end = before.offset + before.bytes, gap = behind.offset - end;
+    const std::string between = "between " + before.name + " and " + behind.name;
+    if (gap == 0 || !inFile(end, gap)) return;
     if (!before.padded || gap >= kHeaderBytes || behind.offset % kHeaderBytes != 0) {
-      say(std::to_string(gap) + " bytes at byte " + std::to_string(end) + " belong to nothing, between " + before.name +
-          " and " + behind.name);
-      continue;
+      say(std::to_string(gap) + " bytes at byte " + std::to_string(end) + " belong to nothing, " + between);
+      return;
     }
     std::vector<uint8_t> bytes(gap);
-    if (auto got = read(end, bytes); !got) {
+    if (auto got = read_(end, bytes); !got) {
       say(at("the padding", end) + " cannot be read: " + got.error().message, got.error().kind == ErrorKind::kIo);
-    } else if (const auto wrong =
-                   bytes.size() - static_cast<size_t>(std::count(bytes.begin(), bytes.end(), uint8_t{0}));
-               wrong > 0) {
-      say(at("the padding", end) + ", between " + before.name + " and " + behind.name + ", is damaged: expected " +
-          std::to_string(gap) + " zeros, found " + std::to_string(wrong) + " other bytes");
-      faults.back().mend = SectionFault::Mend::kZeros;
-      faults.back().offset = end;
-      faults.back().bytes = gap;
+      return;
     }
+    const auto zeros = static_cast<size_t>(std::count(bytes.begin(), bytes.end(), uint8_t{0}));
+    if (zeros == gap) return;
+    say(at("the padding", end) + ", " + between + ", is damaged: expected " + std::to_string(gap) + " zeros, found " +
+        std::to_string(gap - zeros) + " other bytes");
+    faults_.back().mend = SectionFault::Mend::kZeros;
+    faults_.back().offset = end;
+    faults_.back().bytes = gap;
   }
-  // Then what mends one section damages another.
-  for (SectionFault& fault : faults)
-    if (overlap) fault.mend = SectionFault::Mend::kNone;
-  return faults;
+
+  const PackageHeader& header_;
+  const uint64_t length_;
+  const ReadBytes& read_;
+  const std::atomic<bool>* stop_;
+  std::vector<SectionFault> faults_;
+};
+
+}  // namespace
+
+Result<std::vector<SectionFault>> sectionFaults(const SectionsOf& package, const ReadBytes& read,
+                                                const std::atomic<bool>* stop) {
+  return SectionCheck(package, read, stop).run();
 }
 
 }  // namespace relievo
