@@ -138,6 +138,7 @@ std::optional<NodeId> nodeAt(const FlightScene& scene, const OrbitCamera& camera
                 static_cast<uint32_t>((y - static_cast<double>(d.patchOriginY(patch))) / node_px)};
 }
 
+// One cache and link of their own, with a way to predict or none.
 struct Run {
   std::optional<CameraPredictor> predictor;
   std::unique_ptr<PageStreamer> streamer;
@@ -147,93 +148,129 @@ struct Run {
   uint64_t bytes_before = 0, pages_before = 0;
 };
 
-}  // namespace
-
-std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight& flight, const FlightStreaming& how,
-                                         const std::vector<std::optional<PredictorOptions>>& predictors) {
-  auto source = std::make_shared<NoBytes>();
-  std::vector<NodeId> roots;
-  for (uint32_t p = 0; p < scene.domain.patchCount(); ++p) roots.push_back({p, 0, 0, 0});
-  std::vector<Run> runs;
-  for (const auto& options : predictors) {
-    Run& run = runs.emplace_back();
-    if (options) run.predictor.emplace(*options);
-    StreamerOptions so;
-    so.slot_count = how.slot_count;
-    so.workers = 0;
-    so.texture_planes = scene.texture_planes;
-    so.format = how.format;
-    so.ready_limit = static_cast<uint32_t>(4 * how.link.in_flight);
-    run.streamer = std::make_unique<PageStreamer>(
-        source, so, [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
-    run.streamer->pinRoots(roots, scene.relief ? std::span<const NodeId>(roots) : std::span<const NodeId>());
-    run.link = std::make_unique<Link>(how.link, how.page_bytes);
+// All runs, frame by frame.
+class Simulation {
+ public:
+  Simulation(const FlightScene& scene, const FlightStreaming& how,
+             const std::vector<std::optional<PredictorOptions>>& predictors)
+      : scene_(scene), how_(how) {
+    std::vector<NodeId> roots;
+    for (uint32_t p = 0; p < scene.domain.patchCount(); ++p) roots.push_back({p, 0, 0, 0});
+    known_.insert(roots.begin(), roots.end());
+    for (const auto& options : predictors) addRun(options, roots);
   }
 
-  ReliefSet known(roots.begin(), roots.end());  // relief pages are determined as if all that was wanted were there
-  auto texture = [&](const OrbitCamera& camera, std::vector<NodeRequest>& requests) {
-    for (const TextureRequest& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, camera)))
-      requests.push_back({w.node, 1, w.priority});
-  };
-  auto reliefOf = [&](const OrbitCamera& camera) {
+  // Stands still until nothing more arrives.
+  void settle(const OrbitCamera& camera) {
+    for (int i = 0; i < 6000 && (i < 8 || !settled()); ++i) step(camera, now_s_ - 1e3);
+    for (Run& run : runs_) {
+      if (run.predictor) run.predictor->reset();
+      run.bytes_before = run.link->bytes();
+      run.pages_before = run.link->pages();
+    }
+  }
+
+  void fly(const Flight& flight) {
+    auto frames = static_cast<size_t>(std::floor(flight.duration_s() * scene_.frames_per_s)) + 1;
+    for (size_t f = 0; f < frames; ++f) {
+      const double t = static_cast<double>(f) / scene_.frames_per_s;
+      const OrbitCamera camera = cameraAt(flight, t);
+      step(camera, t);
+      lookAtPoints(camera);
+    }
+  }
+
+  std::vector<StreamedFlight> finish() {
+    std::vector<StreamedFlight> results;
+    for (Run& run : runs_) {
+      run.result.bytes = run.link->bytes() - run.bytes_before;
+      run.result.pages = run.link->pages() - run.pages_before;
+      run.result.stats = run.streamer->stats();
+      while (auto job = run.streamer->takeJob()) run.streamer->finishJob(*job);
+      results.push_back(run.result);
+    }
+    return results;
+  }
+
+ private:
+  void addRun(const std::optional<PredictorOptions>& options, const std::vector<NodeId>& roots) {
+    Run& run = runs_.emplace_back();
+    if (options) run.predictor.emplace(*options);
+    StreamerOptions so;
+    so.slot_count = how_.slot_count;
+    so.workers = 0;
+    so.texture_planes = scene_.texture_planes;
+    so.format = how_.format;
+    so.ready_limit = static_cast<uint32_t>(4 * how_.link.in_flight);
+    run.streamer = std::make_unique<PageStreamer>(
+        source_, so, [](Plane, std::span<const uint8_t>, std::span<uint8_t>) { return Result<void>(); });
+    run.streamer->pinRoots(roots, scene_.relief ? std::span<const NodeId>(roots) : std::span<const NodeId>());
+    run.link = std::make_unique<Link>(how_.link, how_.page_bytes);
+  }
+
+  bool settled() const {
+    return std::all_of(runs_.begin(), runs_.end(), [](const Run& r) { return r.streamer->settled(); });
+  }
+
+  // One frame: the runs are asked for what the frame before determined, and what this one asks for is determined.
+  void step(const OrbitCamera& camera, double flight_s) {
+    ++frame_;
+    now_s_ += 1 / scene_.frames_per_s;
+    const bool relief_turn = scene_.relief && frame_ % static_cast<uint64_t>(how_.relief_every) == 1;
+    for (Run& run : runs_) {
+      PageStreamer& streamer = *run.streamer;
+      run.link->deliver(streamer, now_s_);
+      streamer.beginFrame(frame_, now_s_);
+      streamer.requestTexture(requests_.texture);
+      if (scene_.relief) streamer.requestRelief(requests_.relief);
+      if (run.predictor) prefetch(run, camera, flight_s, relief_turn);
+      streamer.placeReady(64);
+      run.link->ask(streamer, now_s_);
+    }
+    requests_.texture.clear();
+    for (const TextureRequest& w : selectTextureNodes(scene_.domain, *scene_.oracle, textureViewOf(scene_, camera)))
+      requests_.texture.push_back({w.node, 1, w.priority});
+    if (!relief_turn) return;
+    requests_.relief = reliefOf(camera);
+    for (const NodeRequest& w : requests_.relief) known_.insert(w.node);
+  }
+
+  void prefetch(Run& run, const OrbitCamera& camera, double flight_s, bool relief_turn) {
+    PageStreamer& streamer = *run.streamer;
+    run.predictor->observe(camera, flight_s);
+    std::vector<OrbitCamera> views;
+    if (run.predictor->moves(scene_.height_px))
+      views = run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
+    run.texture.begin(now_s_);
+    run.relief.begin(now_s_);
+    for (const OrbitCamera& view : views)
+      for (const TextureRequest& w : selectTextureNodes(scene_.domain, *scene_.oracle, textureViewOf(scene_, view)))
+        run.texture.add(w.node, w.priority);
+    if (relief_turn && !views.empty())
+      for (const NodeRequest& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
+    if (views.empty()) {
+      streamer.requestPrefetch({}, {});
+    } else {
+      streamer.requestPrefetch(run.texture.finish(), run.relief.finish());
+    }
+  }
+
+  std::vector<NodeRequest> reliefOf(const OrbitCamera& camera) const {
     std::vector<NodeRequest> result;
     for (const ReliefRequest& w :
-         selectPlanarLod(scene.domain, *scene.oracle, lodViewOf(scene, camera), known).requests)
+         selectPlanarLod(scene_.domain, *scene_.oracle, lodViewOf(scene_, camera), known_).requests)
       result.push_back({w.page, 1, w.priority});
     return result;
-  };
+  }
 
-  double dt = 1 / scene.frames_per_s;
-  uint64_t frame = 0;
-  double now_s = 0;
-  Requests requests, next;
-  auto step = [&](const OrbitCamera& camera, double flight_s, bool flying) {
-    ++frame;
-    now_s += dt;
-    bool relief_turn = scene.relief && frame % static_cast<uint64_t>(how.relief_every) == 1;
-    for (Run& run : runs) {
-      PageStreamer& streamer = *run.streamer;
-      run.link->deliver(streamer, now_s);
-      streamer.beginFrame(frame, now_s);
-      streamer.requestTexture(requests.texture);
-      if (scene.relief) streamer.requestRelief(requests.relief);
-      if (run.predictor) {
-        run.predictor->observe(camera, flight_s);
-        std::vector<OrbitCamera> views;
-        if (run.predictor->moves(scene.height_px))
-          views =
-              run.predictor->views(prefetchHorizon(streamer.stats().latency_ms.p90 / 1000, run.predictor->options()));
-        run.texture.begin(now_s);
-        run.relief.begin(now_s);
-        for (const OrbitCamera& view : views)
-          for (const TextureRequest& w : selectTextureNodes(scene.domain, *scene.oracle, textureViewOf(scene, view)))
-            run.texture.add(w.node, w.priority);
-        if (relief_turn && !views.empty())
-          for (const NodeRequest& w : reliefOf(views.back())) run.relief.add(w.node, w.centre_distance);
-        if (views.empty()) {
-          streamer.requestPrefetch({}, {});
-        } else {
-          streamer.requestPrefetch(run.texture.finish(), run.relief.finish());
-        }
-      }
-      streamer.placeReady(64);
-      run.link->ask(streamer, now_s);
-    }
-    next.texture.clear();
-    texture(camera, next.texture);
-    next.relief = requests.relief;
-    if (relief_turn) {
-      next.relief = reliefOf(camera);
-      for (const NodeRequest& w : next.relief) known.insert(w.node);
-    }
-    std::swap(requests, next);
-    if (!flying) return;
-    for (int j = 0; j < how.grid_rows; ++j) {
-      for (int i = 0; i < how.grid_columns; ++i) {
-        auto node = nodeAt(scene, camera, (i + 0.5) * scene.width_px / how.grid_columns,
-                           (j + 0.5) * scene.height_px / how.grid_rows);
+  // How far what shows at the grid's points is from what is wanted there.
+  void lookAtPoints(const OrbitCamera& camera) {
+    for (int j = 0; j < how_.grid_rows; ++j) {
+      for (int i = 0; i < how_.grid_columns; ++i) {
+        auto node = nodeAt(scene_, camera, (i + 0.5) * scene_.width_px / how_.grid_columns,
+                           (j + 0.5) * scene_.height_px / how_.grid_rows);
         if (!node) continue;
-        for (Run& run : runs) {
+        for (Run& run : runs_) {
           NodeId shown = *node;
           while (shown.level > 0 && !run.streamer->table().find(shown)) shown = shown.parent();
           ++run.result.points;
@@ -242,32 +279,26 @@ std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight&
         }
       }
     }
-  };
+  }
 
-  OrbitCamera start = cameraAt(flight, 0);
-  auto settled = [&] {
-    return std::all_of(runs.begin(), runs.end(), [](const Run& r) { return r.streamer->settled(); });
-  };
-  for (int i = 0; i < 6000 && (i < 8 || !settled()); ++i) step(start, now_s - 1e3, false);
-  for (Run& run : runs) {
-    if (run.predictor) run.predictor->reset();
-    run.bytes_before = run.link->bytes();
-    run.pages_before = run.link->pages();
-  }
-  auto frames = static_cast<size_t>(std::floor(flight.duration_s() * scene.frames_per_s)) + 1;
-  for (size_t f = 0; f < frames; ++f) {
-    double t = static_cast<double>(f) / scene.frames_per_s;
-    step(cameraAt(flight, t), t, true);
-  }
-  std::vector<StreamedFlight> results;
-  for (Run& run : runs) {
-    run.result.bytes = run.link->bytes() - run.bytes_before;
-    run.result.pages = run.link->pages() - run.pages_before;
-    run.result.stats = run.streamer->stats();
-    while (auto job = run.streamer->takeJob()) run.streamer->finishJob(*job);
-    results.push_back(run.result);
-  }
-  return results;
+  const FlightScene& scene_;
+  const FlightStreaming& how_;
+  const std::shared_ptr<NoBytes> source_ = std::make_shared<NoBytes>();
+  std::vector<Run> runs_;
+  ReliefSet known_;  // relief pages are determined as if all that was wanted were there
+  Requests requests_;
+  uint64_t frame_ = 0;
+  double now_s_ = 0;
+};
+
+}  // namespace
+
+std::vector<StreamedFlight> streamFlight(const FlightScene& scene, const Flight& flight, const FlightStreaming& how,
+                                         const std::vector<std::optional<PredictorOptions>>& predictors) {
+  Simulation simulation(scene, how, predictors);
+  simulation.settle(cameraAt(flight, 0));
+  simulation.fly(flight);
+  return simulation.finish();
 }
 
 }  // namespace relievo
