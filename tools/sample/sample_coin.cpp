@@ -315,99 +315,115 @@ class Coin final : public Kind {
     });
   }
 
+  // The coin's planes of a block.
+  struct Face {
+    Plane &relief, &radius, &soft, &fine, &sd, &scratch;
+  };
+
   void coin(const Block& b, bool colour, Layers& out, bool cut_out) const {
-    Plane &relief = out.tmp[2], &radius = out.tmp[3], &soft = out.tmp[4], &fine = out.tmp[5], &sd = out.tmp[6],
-          &scratch = out.tmp[7];
-    const auto ox = static_cast<float>(b.left_mm - cx_), oy = static_cast<float>(b.top_mm - cy_);
-    fill(b, soft, 0);
-    addFbm(b, soft, 5.5, 0.55f, 0.5f, 4, seed_ + 71);
-    fill(b, fine, 0);
-    addFbm(b, fine, 0.9, 0.020f, 0.58f, 10, seed_ + 72);
-    // The outline is not a true circle, nor is the rim evenly broad.
-    forPixels(b, [&](int i, int x, int y) {
-      float dx = b.x_mm[x] + ox, dy = b.x_mm[y] + oy;
-      float r = std::sqrt(dx * dx + dy * dy);
-      radius[i] = r + 0.22f * soft[i];
-      relief[i] = 0.0022f * r * r - 0.12f;  // the dished field
-    });
-    grid_.candidates({b.left_mm, b.top_mm, b.left_mm + b.size_mm, b.top_mm + b.size_mm}, out.found);
-    for (int k : out.found) raise(forms_[static_cast<size_t>(k)], b, relief);
-    if (legend_.eval(b, sd, out.found))
-      forPixels(b, [&](int i, int, int) {
-        // A rod with a blunt crest: struck letters stand steep and end flat.
-        float t = sd[i] * 9.0f;
-        t = clamp01(0.1f + t);
-        float z = 0.33f * t * (2.0f - t) + 0.03f;
-        relief[i] = sd[i] > -0.012f && z > relief[i] ? z : relief[i];
-      });
-    // The rim, then the edge falling to the cloth.
-    forPixels(b, [&](int i, int, int) {
-      float q = (radius[i] - 11.52f) * 2.1f;
-      float z = 0.58f * (1.0f - q * q * q * q);
-      float inner = (radius[i] - 10.28f) * 14.0f;  // a fine circle inside the beads
-      float line = 0.17f * (1.0f - inner * inner);
-      float v = relief[i] > z ? relief[i] : z;
-      v = v > line ? v : line;
-      // Wear: the highest parts are rubbed down, unevenly.
-      float top = 0.80f + 0.16f * soft[i];
-      float over = v - top;
-      v = over > 0.0f ? top + over / (1.0f + 1.1f * over) : v;
-      relief[i] = v;
-    });
-    // Digs from a life among coins; the field keeps flow lines and pits of corrosion.
-    fill(b, scratch, 0);
-    addDents(b, scratch, 2.3, 0.12f, 0.05f, seed_ + 73);
-    addDents(b, scratch, 0.55, 0.14f, 0.018f, seed_ + 74);
-    addDents(b, scratch, 0.12, 0.16f, 0.006f, seed_ + 75);
-    if (scratches_.eval(b, sd, out.found))
-      forPixels(b, [&](int i, int, int) {
-        float t = sd[i] + 0.010f;
-        float groove = sd[i] > 0.0f ? -1.3f * sd[i] : 0.0f;
-        float lip = t > 0.0f ? (sd[i] > 0.0f ? 0.0f : 0.35f * t) : 0.0f;
-        scratch[i] += groove + lip;
-      });
-    forPixels(b, [&](int i, int, int) {
-      relief[i] += scratch[i] + fine[i] * 0.55f;
-      relief[i] = relief[i] < kMaxReliefMm + 0.2f ? relief[i] : kMaxReliefMm + 0.2f;
-    });
-    if (colour) {
-      const float r0 = gold_ ? 250.0f : 226.0f, g0 = gold_ ? 202.0f : 224.0f, b0 = gold_ ? 118.0f : 218.0f;
-      const float r1 = gold_ ? 108.0f : 66.0f, g1 = gold_ ? 70.0f : 64.0f, b1 = gold_ ? 34.0f : 68.0f;
-      forPixels(b, [&](int i, int, int) {
-        float outside = cut_out ? clamp01((radius[i] - 11.97f) * 9.0f) : 0.0f;
-        // Toning lies in the recesses and fades on what is rubbed.
-        float high = clamp01(relief[i] * 1.9f + 0.05f);
-        float patina = clamp01((1.0f - high) * (0.18f + 0.50f * soft[i]) + 0.06f - scratch[i] * 3.0f - fine[i] * 6.0f +
-                               0.25f * outside);
-        float bright = 1.0f + 0.06f * high + fine[i] * 1.5f;
-        float r = mixf(r0, r1, patina) * bright, g = mixf(g0, g1, patina) * bright, bl = mixf(b0, b1, patina) * bright;
-        float keep = cut_out ? smooth01((12.12f - radius[i]) * 16.0f) : 1.0f;
-        float cavity = 0.78f + 0.22f * high;
-        float gloss = 0.86f - 0.62f * patina + 0.10f * high;
-        if (cut_out) {
-          out.red[i] = mixf(out.red[i] * (0.45f + 0.55f * clamp01((radius[i] - 12.0f) * 1.1f)), r, keep);
-          out.green[i] = mixf(out.green[i] * (0.45f + 0.55f * clamp01((radius[i] - 12.0f) * 1.1f)), g, keep);
-          out.blue[i] = mixf(out.blue[i] * (0.45f + 0.55f * clamp01((radius[i] - 12.0f) * 1.1f)), bl, keep);
-          out.cavity[i] = mixf(out.cavity[i], cavity, keep);
-          out.gloss[i] = mixf(out.gloss[i], gloss, keep);
-        } else {
-          out.red[i] = r, out.green[i] = g, out.blue[i] = bl, out.cavity[i] = cavity, out.gloss[i] = gloss;
-        }
-        out.cavity[i] = out.cavity[i] < kMinCavity ? kMinCavity : out.cavity[i];
-        out.gloss[i] = clamp01(out.gloss[i]);
-      });
-    }
+    const Face f{out.tmp[2], out.tmp[3], out.tmp[4], out.tmp[5], out.tmp[6], out.tmp[7]};
+    strike(b, f, out.found);
+    scratch(b, f, out.found);
+    if (colour) tone(b, f, cut_out, out);
     if (!cut_out) {
-      forPixels(b, [&](int i, int, int) { out.height[i] = relief[i]; });
+      forPixels(b, [&](int i, int, int) { out.height[i] = f.relief[i]; });
       return;
     }
     // The edge: rounded above, then upright to where the cloth takes over.
     forPixels(b, [&](int i, int, int) {
-      float q = clamp01((radius[i] - 11.80f) * 3.3f);
-      float edge = relief[i] - 0.35f * q * q;
-      float wall = smooth01((12.12f - radius[i]) * 9.0f);
+      float q = clamp01((f.radius[i] - 11.80f) * 3.3f);
+      float edge = f.relief[i] - 0.35f * q * q;
+      float wall = smooth01((12.12f - f.radius[i]) * 9.0f);
       float mixed = out.height[i] * (1.0f - wall) + edge * wall;
       out.height[i] = wall > 0.0f ? mixed : out.height[i];
+    });
+  }
+
+  // The field, forms and letters on it, and the rim, all rubbed down where they stand highest.
+  void strike(const Block& b, const Face& f, std::vector<int>& found) const {
+    const auto ox = static_cast<float>(b.left_mm - cx_), oy = static_cast<float>(b.top_mm - cy_);
+    fill(b, f.soft, 0);
+    addFbm(b, f.soft, 5.5, 0.55f, 0.5f, 4, seed_ + 71);
+    fill(b, f.fine, 0);
+    addFbm(b, f.fine, 0.9, 0.020f, 0.58f, 10, seed_ + 72);
+    // The outline is not a true circle, nor is the rim evenly broad.
+    forPixels(b, [&](int i, int x, int y) {
+      float dx = b.x_mm[x] + ox, dy = b.x_mm[y] + oy;
+      float r = std::sqrt(dx * dx + dy * dy);
+      f.radius[i] = r + 0.22f * f.soft[i];
+      f.relief[i] = 0.0022f * r * r - 0.12f;  // the dished field
+    });
+    grid_.candidates({b.left_mm, b.top_mm, b.left_mm + b.size_mm, b.top_mm + b.size_mm}, found);
+    for (int k : found) raise(forms_[static_cast<size_t>(k)], b, f.relief);
+    if (legend_.eval(b, f.sd, found))
+      forPixels(b, [&](int i, int, int) {
+        // A rod with a blunt crest: struck letters stand steep and end flat.
+        float t = f.sd[i] * 9.0f;
+        t = clamp01(0.1f + t);
+        float z = 0.33f * t * (2.0f - t) + 0.03f;
+        f.relief[i] = f.sd[i] > -0.012f && z > f.relief[i] ? z : f.relief[i];
+      });
+    // The rim, then the edge falling to the cloth.
+    forPixels(b, [&](int i, int, int) {
+      float q = (f.radius[i] - 11.52f) * 2.1f;
+      float z = 0.58f * (1.0f - q * q * q * q);
+      float inner = (f.radius[i] - 10.28f) * 14.0f;  // a fine circle inside the beads
+      float line = 0.17f * (1.0f - inner * inner);
+      float v = f.relief[i] > z ? f.relief[i] : z;
+      v = v > line ? v : line;
+      // Wear: the highest parts are rubbed down, unevenly.
+      float top = 0.80f + 0.16f * f.soft[i];
+      float over = v - top;
+      v = over > 0.0f ? top + over / (1.0f + 1.1f * over) : v;
+      f.relief[i] = v;
+    });
+  }
+
+  // Digs from a life among coins; the field keeps flow lines and pits of corrosion.
+  void scratch(const Block& b, const Face& f, std::vector<int>& found) const {
+    fill(b, f.scratch, 0);
+    addDents(b, f.scratch, 2.3, 0.12f, 0.05f, seed_ + 73);
+    addDents(b, f.scratch, 0.55, 0.14f, 0.018f, seed_ + 74);
+    addDents(b, f.scratch, 0.12, 0.16f, 0.006f, seed_ + 75);
+    if (scratches_.eval(b, f.sd, found))
+      forPixels(b, [&](int i, int, int) {
+        float t = f.sd[i] + 0.010f;
+        float groove = f.sd[i] > 0.0f ? -1.3f * f.sd[i] : 0.0f;
+        float lip = t > 0.0f ? (f.sd[i] > 0.0f ? 0.0f : 0.35f * t) : 0.0f;
+        f.scratch[i] += groove + lip;
+      });
+    forPixels(b, [&](int i, int, int) {
+      f.relief[i] += f.scratch[i] + f.fine[i] * 0.55f;
+      f.relief[i] = f.relief[i] < kMaxReliefMm + 0.2f ? f.relief[i] : kMaxReliefMm + 0.2f;
+    });
+  }
+
+  // The metal's colour: toning lies in the recesses and fades on what is rubbed. cut_out: over the cloth's.
+  void tone(const Block& b, const Face& f, bool cut_out, Layers& out) const {
+    const float r0 = gold_ ? 250.0f : 226.0f, g0 = gold_ ? 202.0f : 224.0f, b0 = gold_ ? 118.0f : 218.0f;
+    const float r1 = gold_ ? 108.0f : 66.0f, g1 = gold_ ? 70.0f : 64.0f, b1 = gold_ ? 34.0f : 68.0f;
+    forPixels(b, [&](int i, int, int) {
+      float outside = cut_out ? clamp01((f.radius[i] - 11.97f) * 9.0f) : 0.0f;
+      float high = clamp01(f.relief[i] * 1.9f + 0.05f);
+      float patina = clamp01((1.0f - high) * (0.18f + 0.50f * f.soft[i]) + 0.06f - f.scratch[i] * 3.0f -
+                             f.fine[i] * 6.0f + 0.25f * outside);
+      float bright = 1.0f + 0.06f * high + f.fine[i] * 1.5f;
+      float r = mixf(r0, r1, patina) * bright, g = mixf(g0, g1, patina) * bright, bl = mixf(b0, b1, patina) * bright;
+      float keep = cut_out ? smooth01((12.12f - f.radius[i]) * 16.0f) : 1.0f;
+      float cavity = 0.78f + 0.22f * high;
+      float gloss = 0.86f - 0.62f * patina + 0.10f * high;
+      if (cut_out) {
+        float shadow = 0.45f + 0.55f * clamp01((f.radius[i] - 12.0f) * 1.1f);  // of the coin on the cloth
+        out.red[i] = mixf(out.red[i] * shadow, r, keep);
+        out.green[i] = mixf(out.green[i] * shadow, g, keep);
+        out.blue[i] = mixf(out.blue[i] * shadow, bl, keep);
+        out.cavity[i] = mixf(out.cavity[i], cavity, keep);
+        out.gloss[i] = mixf(out.gloss[i], gloss, keep);
+      } else {
+        out.red[i] = r, out.green[i] = g, out.blue[i] = bl, out.cavity[i] = cavity, out.gloss[i] = gloss;
+      }
+      out.cavity[i] = out.cavity[i] < kMinCavity ? kMinCavity : out.cavity[i];
+      out.gloss[i] = clamp01(out.gloss[i]);
     });
   }
 

@@ -27,75 +27,91 @@ class Inscription final : public Kind {
   }
 
   void eval(const Block& b, bool colour, Layers& out) const override {
-    Plane &h = out.height, &sd = out.tmp[0], &low = out.tmp[1], &grain = out.tmp[2], &wobble = out.tmp[3],
-          &cut = out.tmp[4], &crack = out.tmp[5];
-    // The stone: a hewn, worn face.
-    fill(b, low, 0);
-    addFbm(b, low, 190, 0.62f, 0.52f, 5, seed_ + 1);
-    fill(b, grain, 0);
-    addFbm(b, grain, 13, 0.17f, 0.66f, 10, seed_ + 2);
-    // Flaked places: where a slow noise is high, a skin of stone has come off, with a ragged rim.
-    Plane& spall = out.tmp[6];
-    fill(b, spall, 0);
-    addFbm(b, spall, 120, 0.55f, 0.5f, 8, seed_ + 3);
-    forPixels(b, [&](int i, int, int) { spall[i] = smooth01((spall[i] - 0.26f) * 18.0f); });
-
-    const bool letters = strokes_.eval(b, sd, out.found);
-    if (letters) {
-      fill(b, wobble, 0);
-      addFbm(b, wobble, 9, 0.36f, 0.58f, 7, seed_ + 4);
-      forPixels(b, [&](int i, int, int) {
-        float edge = 0.55f + 0.5f * low[i];  // rounding of the rim, mm: 0.1 .. 1.2
-        edge = edge < 0.18f ? 0.18f : (edge > 1.2f ? 1.2f : edge);
-        float s = sd[i] + wobble[i];
-        float t = s + edge;
-        float round = t * t / (4.0f * edge);
-        float v = s >= edge ? s : (t > 0.0f ? round : 0.0f);
-        v = v * kSlope;
-        cut[i] = v < kDeepestMm ? v : kDeepestMm;
-      });
-    } else {
-      fill(b, cut, 0);
-    }
-    const bool cracked = cracks_.eval(b, crack, out.found);
-    if (cracked) {
-      Plane& jag = out.tmp[3];
-      fill(b, jag, 0);
-      addFbm(b, jag, 7, 0.35f, 0.62f, 7, seed_ + 5);
-      forPixels(b, [&](int i, int, int) {
-        float v = (crack[i] + jag[i]) * 3.2f;
-        v = v > 0.0f ? v : 0.0f;
-        crack[i] = v < kCrackDeepMm ? v : kCrackDeepMm;
-      });
-    } else {
-      fill(b, crack, 0);
-    }
-    // Dents of all sizes; the cut faces are younger and cleaner.
-    Plane& pits = out.tmp[7];
-    fill(b, pits, 0);
-    addDents(b, pits, 34, 0.05f, 0.9f, seed_ + 6);
-    addDents(b, pits, 12, 0.22f, 0.7f, seed_ + 7);
-    addDents(b, pits, 4.2, 0.34f, 0.3f, seed_ + 8);
-    addDents(b, pits, 1.3, 0.40f, 0.12f, seed_ + 9);
-    forPixels(b, [&](int i, int, int) {
-      float clean = 1.0f - 0.55f * clamp01(cut[i] * 0.6f);
-      float ragged = 0.72f + 4.0f * grain[i];
-      ragged = ragged < 0.1f ? 0.1f : (ragged > 1.0f ? 1.0f : ragged);
-      pits[i] *= ragged;
-      h[i] = low[i] + clean * grain[i] + clean * pits[i] - cut[i] - crack[i] - kSpallMm * spall[i] * clean;
-    });
+    const Stone s{out.height, out.tmp[1], out.tmp[2], out.tmp[3], out.tmp[4], out.tmp[5], out.tmp[6], out.tmp[7]};
+    hew(b, s);
+    const bool letters = strokes_.eval(b, out.tmp[0], out.found);
+    if (letters) cutLetters(b, out.tmp[0], s);
+    else fill(b, s.cut, 0);
+    if (cracks_.eval(b, s.crack, out.found)) crack(b, s);
+    else fill(b, s.crack, 0);
+    weather(b, s);
     if (letters) {
       // Chisel marks across the faces of the cut.
-      Plane& marks = out.tmp[3];
+      Plane& marks = s.fine;
       fill(b, marks, 0);
       addNoise(b, marks, 14, 2.6, 0.16f, seed_ + 10);
       addNoise(b, marks, 5, 0.8, 0.06f, seed_ + 11);
-      forPixels(b, [&](int i, int, int) { h[i] += marks[i] * clamp01(cut[i] * 0.8f); });
+      forPixels(b, [&](int i, int, int) { s.height[i] += marks[i] * clamp01(s.cut[i] * 0.8f); });
     }
-    if (!colour) return;
+    if (colour) paint(b, s, out);
+  }
 
-    // Warm limestone, grey-veined; patina in what is low; minium left in patches of the cuts.
-    Plane &tone = out.tmp[0], &vein = out.tmp[3];
+ private:
+  // The stone's planes of a block; fine is each step's own.
+  struct Stone {
+    Plane &height, &low, &grain, &fine, &cut, &crack, &spall, &pits;
+  };
+
+  // A hewn, worn face.
+  void hew(const Block& b, const Stone& s) const {
+    fill(b, s.low, 0);
+    addFbm(b, s.low, 190, 0.62f, 0.52f, 5, seed_ + 1);
+    fill(b, s.grain, 0);
+    addFbm(b, s.grain, 13, 0.17f, 0.66f, 10, seed_ + 2);
+    // Flaked places: where a slow noise is high, a skin of stone has come off, with a ragged rim.
+    fill(b, s.spall, 0);
+    addFbm(b, s.spall, 120, 0.55f, 0.5f, 8, seed_ + 3);
+    forPixels(b, [&](int i, int, int) { s.spall[i] = smooth01((s.spall[i] - 0.26f) * 18.0f); });
+  }
+
+  // sd: the distance inside the strokes, mm.
+  void cutLetters(const Block& b, const Plane& sd, const Stone& s) const {
+    Plane& wobble = s.fine;
+    fill(b, wobble, 0);
+    addFbm(b, wobble, 9, 0.36f, 0.58f, 7, seed_ + 4);
+    forPixels(b, [&](int i, int, int) {
+      float edge = 0.55f + 0.5f * s.low[i];  // rounding of the rim, mm: 0.1 .. 1.2
+      edge = edge < 0.18f ? 0.18f : (edge > 1.2f ? 1.2f : edge);
+      float inside = sd[i] + wobble[i];
+      float t = inside + edge;
+      float round = t * t / (4.0f * edge);
+      float v = inside >= edge ? inside : (t > 0.0f ? round : 0.0f);
+      v = v * kSlope;
+      s.cut[i] = v < kDeepestMm ? v : kDeepestMm;
+    });
+  }
+
+  void crack(const Block& b, const Stone& s) const {
+    Plane& jag = s.fine;
+    fill(b, jag, 0);
+    addFbm(b, jag, 7, 0.35f, 0.62f, 7, seed_ + 5);
+    forPixels(b, [&](int i, int, int) {
+      float v = (s.crack[i] + jag[i]) * 3.2f;
+      v = v > 0.0f ? v : 0.0f;
+      s.crack[i] = v < kCrackDeepMm ? v : kCrackDeepMm;
+    });
+  }
+
+  // Dents of all sizes; the cut faces are younger and cleaner.
+  void weather(const Block& b, const Stone& s) const {
+    fill(b, s.pits, 0);
+    addDents(b, s.pits, 34, 0.05f, 0.9f, seed_ + 6);
+    addDents(b, s.pits, 12, 0.22f, 0.7f, seed_ + 7);
+    addDents(b, s.pits, 4.2, 0.34f, 0.3f, seed_ + 8);
+    addDents(b, s.pits, 1.3, 0.40f, 0.12f, seed_ + 9);
+    forPixels(b, [&](int i, int, int) {
+      float clean = 1.0f - 0.55f * clamp01(s.cut[i] * 0.6f);
+      float ragged = 0.72f + 4.0f * s.grain[i];
+      ragged = ragged < 0.1f ? 0.1f : (ragged > 1.0f ? 1.0f : ragged);
+      s.pits[i] *= ragged;
+      s.height[i] =
+          s.low[i] + clean * s.grain[i] + clean * s.pits[i] - s.cut[i] - s.crack[i] - kSpallMm * s.spall[i] * clean;
+    });
+  }
+
+  // Warm limestone, grey-veined; patina in what is low; minium left in patches of the cuts.
+  void paint(const Block& b, const Stone& s, Layers& out) const {
+    Plane &tone = out.tmp[0], &vein = s.fine;
     fill(b, tone, 0);
     addFbm(b, tone, 150, 0.55f, 0.62f, 7, seed_ + 20);
     fill(b, vein, 0);
@@ -104,9 +120,9 @@ class Inscription final : public Kind {
       float v = vein[i] < 0 ? -vein[i] : vein[i];
       v = 1.0f - clamp01(v * 16.0f);
       v = v * v * 0.34f;
-      float g = grain[i] * 70.0f;
-      float deep = clamp01(cut[i] * 0.30f);
-      float hollow = clamp01(-pits[i] * 1.4f) * 0.6f;
+      float g = s.grain[i] * 70.0f;
+      float deep = clamp01(s.cut[i] * 0.30f);
+      float hollow = clamp01(-s.pits[i] * 1.4f) * 0.6f;
       float dirt = clamp01(0.30f + 1.1f * tone[i]);
       float shade = 1.0f - 0.20f * dirt - 0.34f * hollow - 0.22f * deep;
       float r = (238.0f + 16.0f * tone[i] + g) * shade;
@@ -114,19 +130,18 @@ class Inscription final : public Kind {
       float bl = (202.0f - 6.0f * tone[i] + g) * shade;
       r = mixf(r, 142.0f, v), gr = mixf(gr, 138.0f, v), bl = mixf(bl, 136.0f, v);
       // Fresh stone where it flaked.
-      float f = 0.45f * spall[i];
+      float f = 0.45f * s.spall[i];
       r = mixf(r, 231.0f + g, f), gr = mixf(gr, 217.0f + g, f), bl = mixf(bl, 190.0f + g, f);
-      float red = clamp01(deep * 1.6f - 0.25f) * clamp01(0.62f - 2.2f * tone[i] + 1.3f * grain[i]);
+      float red = clamp01(deep * 1.6f - 0.25f) * clamp01(0.62f - 2.2f * tone[i] + 1.3f * s.grain[i]);
       r = mixf(r, 158.0f, 0.72f * red), gr = mixf(gr, 66.0f, 0.72f * red), bl = mixf(bl, 44.0f, 0.72f * red);
-      float dark = clamp01(crack[i] * 0.7f) * 0.7f;
+      float dark = clamp01(s.crack[i] * 0.7f) * 0.7f;
       out.red[i] = mixf(r, 58.0f, dark), out.green[i] = mixf(gr, 50.0f, dark), out.blue[i] = mixf(bl, 42.0f, dark);
-      out.cavity[i] = 1.0f - 0.42f * clamp01(cut[i] * 0.19f) - 0.30f * clamp01(crack[i] * 0.6f) - 0.18f * hollow;
+      out.cavity[i] = 1.0f - 0.42f * clamp01(s.cut[i] * 0.19f) - 0.30f * clamp01(s.crack[i] * 0.6f) - 0.18f * hollow;
       out.cavity[i] = out.cavity[i] < kMinCavity ? kMinCavity : out.cavity[i];
       out.gloss[i] = clamp01(0.22f + 0.2f * tone[i] - 0.2f * dirt - 0.2f * deep);
     });
   }
 
- private:
   static constexpr float kReliefMm = 1.6f;  // low + grain, both bounded by their sums of amplitudes
   static constexpr float kSpallMm = 1.1f;
   uint32_t seed_;

@@ -88,12 +88,9 @@ class Painting final : public Kind {
     // The ground: a thin warm wash over a sized panel.
     fill(b, paint, 0);
     addFbm(b, paint, 3, 0.03f, 0.6f, 5, seed_ + 1);
-    if (colour) {
-      const float third = 1.0f;
-      forPixels(
-          b, [&](int i, int, int) { out.red[i] = 150 * third, out.green[i] = 112, out.blue[i] = 74, wet[i] = 0.3f; });
-    }
-    brush(b, colour, out, paint, wet);
+    if (colour)
+      forPixels(b, [&](int i, int, int) { out.red[i] = 150, out.green[i] = 112, out.blue[i] = 74, wet[i] = 0.3f; });
+    layStrokes(b, colour, out, paint, wet);
 
     // The panel's bow, dust and the grain of the paint.
     Plane& grain = out.tmp[2];
@@ -273,7 +270,7 @@ class Painting final : public Kind {
     }
   };
 
-  void brush(const Block& b, bool colour, Layers& out, Plane& paint, Plane& wet) const {
+  void layStrokes(const Block& b, bool colour, Layers& out, Plane& paint, Plane& wet) const {
     if (!out.memo) out.memo = std::make_shared<Memo>();
     Memo& memo = *static_cast<Memo*>(out.memo.get());
     std::vector<Stroke>&strokes = memo.stack, &layer_strokes = memo.layer;
@@ -359,77 +356,102 @@ class Painting final : public Kind {
     return off < half * (1 - 1.0 / kEdge - 0.08);  // rim >= 1/kEdge whatever the hairs take from it
   }
 
+  // A stroke as its rows are computed: in a block's coordinates.
+  struct Brush {
+    float ox, oy, c, s, inv_length, half_width, bend, thick;
+    float first_hair, other_hair;  // where in the brush's profile its two hairs' profiles begin
+    const uint32_t* hairs;
+  };
+  Brush brushOf(const Stroke& s, const Block& b) const {
+    return {static_cast<float>(s.x - b.left_mm),
+            static_cast<float>(s.y - b.top_mm),
+            static_cast<float>(s.c),
+            static_cast<float>(s.s),
+            static_cast<float>(1.0 / s.half_length),
+            static_cast<float>(s.half_width),
+            static_cast<float>(s.bend_mm),
+            s.paint_mm,
+            static_cast<float>(1024 + (s.hash & 1023)),
+            static_cast<float>(1024 + (s.hash >> 10 & 1023)),
+            bristle_.data()};
+  }
+
+  // The columns of a row where the stroke can be: between its ends and between its sides. Elsewhere alpha is exactly 0.
+  static std::pair<int, int> columns(const Stroke& s, const Brush& brush, const Block& b, const Range& range,
+                                     float py) {
+    const double reach_l = s.half_length * 1.001, reach_w = (s.half_width + std::abs(s.bend_mm)) * 1.001;
+    double lo = -1e9, hi = 1e9;
+    auto between = [&](double k, double offset, double reach) {  // |k x + offset| <= reach
+      if (std::abs(k) < 1e-6) return;
+      double a = (-reach - offset) / k, z = (reach - offset) / k;
+      lo = std::max(lo, std::min(a, z)), hi = std::min(hi, std::max(a, z));
+    };
+    between(s.c, double{py} * s.s, reach_l);
+    between(-s.s, double{py} * s.c, reach_w);
+    if (lo > hi) return {0, 0};
+    const double inv_mm = 1.0 / b.mm, ox = brush.ox;
+    return {std::max(range.x0, static_cast<int>(std::clamp((lo + ox) * inv_mm - 1.0, 0.0, 64.0)) & ~7),
+            std::min(range.x1, (static_cast<int>(std::clamp((hi + ox) * inv_mm + 2.0, 0.0, 64.0)) + 7) & ~7)};
+  }
+
+  // Of a row's columns [x0, x1): how opaque the paint is, how high, and which of the two pigments it is.
+  static void drag(const Brush& brush, const float* xs, float py, int x0, int x1, float* alpha, float* level,
+                   float* mixture) {
+#pragma GCC ivdep
+    for (int x = x0; x < x1; ++x) {
+      float px = xs[x] - brush.ox;
+      float q = (px * brush.c + py * brush.s) * brush.inv_length;  // -1 .. 1 along
+      float q2 = q * q;
+      float t = py * brush.c - px * brush.s - brush.bend * q2;  // mm across
+      float limit = q2 < 1.21f ? q2 : 1.21f;
+      float half = brush.half_width * (1.0f - 0.35f * limit * limit);
+      float at = t < 0 ? -t : t;
+      float rim = 1.0f - at / half;  // 0 at the border, 1 in the middle
+      // Two hairs' profiles, the second taking over along the stroke, so that ridges come and go.
+      float p = (t < -20.0f ? -20.0f : (t > 20.0f ? 20.0f : t)) * kSamplesPerMm;
+      float p0 = p + brush.first_hair + 512.0f, p1 = p * 0.83f + brush.other_hair + 512.0f;
+      // Positive: where a hair begins and 512 more than outweigh p.
+      const int n0 = static_cast<int>(p0), n1 = static_cast<int>(p1);
+      int i0 = n0 & (kBristles - 1), i1 = n1 & (kBristles - 1);
+      float f0 = p0 - static_cast<float>(n0), f1 = p1 - static_cast<float>(n1);
+      const auto pair0 = static_cast<int32_t>(brush.hairs[i0]), pair1 = static_cast<int32_t>(brush.hairs[i1]);
+      float a0 = static_cast<float>(pair0 & 0xffff), b0 = static_cast<float>(pair0 >> 16 & 0xffff);
+      float a1 = static_cast<float>(pair1 & 0xffff), b1 = static_cast<float>(pair1 >> 16 & 0xffff);
+      float h0 = a0 + (b0 - a0) * f0, h1 = a1 + (b1 - a1) * f1;
+      float blend01 = clamp01(0.5f + 0.7f * q);
+      float hair = (h0 + (h1 - h0) * blend01) * (1.0f / 65535.0f);
+      float aq = q < 0 ? -q : q;
+      float end = 1.0f - 0.3f * hair - aq;  // the hairs lift one by one
+      alpha[x] = clamp01((rim + 0.14f * hair - 0.07f) * kEdge) * clamp01(end * kEnd);
+      // Pushed aside at the rim, heaped where the brush was set down, thin where it lifted.
+      float ridge = clamp01(rim * 4.0f) * clamp01(1.9f - rim * 3.0f);
+      float load = 0.76f - 0.22f * q + 0.2f * clamp01(-q * 3.0f - 1.6f);
+      float belly = clamp01(rim * 1.6f);
+      level[x] = brush.thick * load * (0.30f + 0.60f * hair + 0.16f * ridge + 0.14f * belly * (2.0f - belly));
+      mixture[x] = hair * 1.5f - 0.25f;
+    }
+  }
+
   RELIEVO_SIMD_CLONES void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out,
                                Plane& paint, Plane& wet) const {
-    const auto ox = static_cast<float>(s.x - b.left_mm), oy = static_cast<float>(s.y - b.top_mm);
-    const auto c = static_cast<float>(s.c), si = static_cast<float>(s.s);
-    const auto inv_l = static_cast<float>(1.0 / s.half_length), bend = static_cast<float>(s.bend_mm);
-    const auto half_w = static_cast<float>(s.half_width), thick = s.paint_mm;
-    const auto base = static_cast<float>(1024 + (s.hash & 1023)),
-               other = static_cast<float>(1024 + (s.hash >> 10 & 1023));
-    const uint32_t* hairs = bristle_.data();
+    const Brush brush = brushOf(s, b);
     const auto lr = static_cast<float>(s.light.r), lg = static_cast<float>(s.light.g),
                lb = static_cast<float>(s.light.b);
     const auto dr = static_cast<float>(s.dark.r), dg = static_cast<float>(s.dark.g), db = static_cast<float>(s.dark.b);
-    const float *xs = b.x_mm, *ys = b.x_mm;
     alignas(64) float alpha[kBlockPx], level[kBlockPx], mixture[kBlockPx];
-    const double reach_l = s.half_length * 1.001, reach_w = (s.half_width + std::abs(s.bend_mm)) * 1.001;
     for (int y = range.y0; y < range.y1; ++y) {
-      const float py = ys[y] - oy;
-      // The columns where the stroke can be: between its ends and between its sides. Elsewhere alpha is exactly 0.
-      double lo = -1e9, hi = 1e9;
-      auto between = [&](double k, double offset, double reach) {  // |k x + offset| <= reach
-        if (std::abs(k) < 1e-6) return;
-        double a = (-reach - offset) / k, z = (reach - offset) / k;
-        lo = std::max(lo, std::min(a, z)), hi = std::min(hi, std::max(a, z));
-      };
-      between(s.c, double{py} * s.s, reach_l);
-      between(-s.s, double{py} * s.c, reach_w);
-      if (lo > hi) continue;
-      const double inv_mm = 1.0 / b.mm;
-      const int first_x = std::max(range.x0, static_cast<int>(std::clamp((lo + ox) * inv_mm - 1.0, 0.0, 64.0)) & ~7);
-      const int x1 = std::min(range.x1, (static_cast<int>(std::clamp((hi + ox) * inv_mm + 2.0, 0.0, 64.0)) + 7) & ~7);
+      const float py = b.x_mm[y] - brush.oy;
+      const auto [x0, x1] = columns(s, brush, b, range, py);
+      if (x0 >= x1) continue;
+      drag(brush, b.x_mm, py, x0, x1, alpha, level, mixture);
       const int row = y * kBlockPx;
       float* to = paint.v + row;
 #pragma GCC ivdep
-      for (int x = first_x; x < x1; ++x) {
-        float px = xs[x] - ox;
-        float q = (px * c + py * si) * inv_l;  // -1 .. 1 along
-        float q2 = q * q;
-        float t = py * c - px * si - bend * q2;  // mm across
-        float limit = q2 < 1.21f ? q2 : 1.21f;
-        float half = half_w * (1.0f - 0.35f * limit * limit);
-        float at = t < 0 ? -t : t;
-        float rim = 1.0f - at / half;  // 0 at the border, 1 in the middle
-        // Two hairs' profiles, the second taking over along the stroke, so that ridges come and go.
-        float p = (t < -20.0f ? -20.0f : (t > 20.0f ? 20.0f : t)) * kSamplesPerMm;
-        float p0 = p + base + 512.0f, p1 = p * 0.83f + other + 512.0f;
-        const int n0 = static_cast<int>(p0), n1 = static_cast<int>(p1);  // positive: base and 512 more than outweigh p
-        int i0 = n0 & (kBristles - 1), i1 = n1 & (kBristles - 1);
-        float f0 = p0 - static_cast<float>(n0), f1 = p1 - static_cast<float>(n1);
-        const auto pair0 = static_cast<int32_t>(hairs[i0]), pair1 = static_cast<int32_t>(hairs[i1]);
-        float a0 = static_cast<float>(pair0 & 0xffff), b0 = static_cast<float>(pair0 >> 16 & 0xffff);
-        float a1 = static_cast<float>(pair1 & 0xffff), b1 = static_cast<float>(pair1 >> 16 & 0xffff);
-        float h0 = a0 + (b0 - a0) * f0, h1 = a1 + (b1 - a1) * f1;
-        float blend01 = clamp01(0.5f + 0.7f * q);
-        float hair = (h0 + (h1 - h0) * blend01) * (1.0f / 65535.0f);
-        float aq = q < 0 ? -q : q;
-        float end = 1.0f - 0.3f * hair - aq;  // the hairs lift one by one
-        float a = clamp01((rim + 0.14f * hair - 0.07f) * kEdge) * clamp01(end * kEnd);
-        // Pushed aside at the rim, heaped where the brush was set down, thin where it lifted.
-        float ridge = clamp01(rim * 4.0f) * clamp01(1.9f - rim * 3.0f);
-        float load = 0.76f - 0.22f * q + 0.2f * clamp01(-q * 3.0f - 1.6f);
-        alpha[x] = a;
-        float belly = clamp01(rim * 1.6f);
-        level[x] = thick * load * (0.30f + 0.60f * hair + 0.16f * ridge + 0.14f * belly * (2.0f - belly));
-        mixture[x] = hair * 1.5f - 0.25f;
-      }
-#pragma GCC ivdep
-      for (int x = first_x; x < x1; ++x) to[x] = to[x] * (1.0f - alpha[x]) + level[x] * alpha[x];
+      for (int x = x0; x < x1; ++x) to[x] = to[x] * (1.0f - alpha[x]) + level[x] * alpha[x];
       if (!colour) continue;
       float *r = out.red.v + row, *g = out.green.v + row, *bl = out.blue.v + row, *w = wet.v + row;
 #pragma GCC ivdep
-      for (int x = first_x; x < x1; ++x) {
+      for (int x = x0; x < x1; ++x) {
         float a = alpha[x], m = mixture[x], n = 1.0f - a;
         r[x] = r[x] * n + (dr + (lr - dr) * m) * a;
         g[x] = g[x] * n + (dg + (lg - dg) * m) * a;
