@@ -10,7 +10,7 @@ struct File {
 constexpr File kFiles[] = {
 ]])
 foreach(file IN LISTS FILES)
-  get_filename_component(name ${file} NAME)
+  file(RELATIVE_PATH name ${CMAKE_CURRENT_LIST_DIR} ${file})
   file(READ ${file} text)
   string(APPEND body "    {\"${name}\", R\"__glsl__(${text})__glsl__\"},\n")
 endforeach()

@@ -252,6 +252,12 @@ vec3 shade(vec3 channels[PLANES]) {
 #endif
 }
 
+#ifdef EFFECT_FILES
+// What effects know of a pixel beside its colour and the surface's v_...: texture levels, 0 the root's.
+struct Shaded {
+  int wanted, found;  // found: -1: none
+};
+
 vec3 levelTint(int level) {
   float hue = fract(float(level) * 0.381966);
   return clamp(abs(fract(vec3(hue) + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, 0.0, 1.0);
@@ -259,6 +265,9 @@ vec3 levelTint(int level) {
 
 // Of a pixel, in units of a node of this level: what lines over the picture are drawn by.
 vec2 pixelIn(int level, float lod) { return vec2(exp2(lod) / (float(kPagePx) * powerOfTwo(u_artwork.x - level))); }
+
+#include EFFECT_FILES
+#endif
 
 void main() {
   loadSurface(ivec2(gl_FragCoord.xy));
@@ -309,18 +318,16 @@ void main() {
   if (share == 1.0) found = -1;
   for (int k = 0; k < PLANES; ++k) channels[k] += (g_tail[k] - channels[k]) * share;
 #endif
-  vec3 colour = clamp(shade(channels) / 255.0, 0.0, 1.0);
-#ifdef SHOW_PAGES
-  vec2 local;
-  nodeAtLevel(max(found, 0), local);
-  vec2 from_edge = min(local, 1.0 - local) / pixelIn(max(found, 0), v_lod);
-  colour = mix(colour, levelTint(found), 0.3);
-  if (min(from_edge.x, from_edge.y) < 1.0) colour = found < fine ? vec3(1.0, 0.1, 0.1) : vec3(0.0);
+  vec3 colour = shade(channels) / 255.0;
+#ifdef EFFECT_FILES
+  Shaded at = Shaded(fine, found);
 #endif
-#ifdef SHOW_LOD
-  colour = mix(colour, levelTint(int(v_node.y)), 0.25 + 0.07 * float(v_grid_level));
-  vec2 edge = min(v_uv, 1.0 - v_uv) / pixelIn(int(v_node.y), v_lod);
-  if (min(edge.x, edge.y) < 1.0) colour = vec3(0.0);
+#ifdef TONE_EFFECTS
+  TONE_EFFECTS
+#endif
+  colour = clamp(colour, 0.0, 1.0);
+#ifdef OVERLAY_EFFECT
+  OVERLAY_EFFECT
 #endif
   o_colour = vec4(colour, 1.0);
 }

@@ -164,9 +164,29 @@ void SceneOptions::addAppearance(CLI::App& c) {
       ->check(CLI::Range(0.0, 60000.0))
       ->capture_default_str();
   c.add_flag("--wireframe", wireframe, "Draw the triangles' edges");
-  c.add_option("--show", show, "Overlay: pages (texture levels), lod (patch levels) or none")
-      ->check(CLI::IsMember({"pages", "lod", "none"}))
-      ->capture_default_str();
+  addEffects(c);
+}
+
+void SceneOptions::addEffects(CLI::App& c) {
+  std::vector<std::string> overlays{"none"};
+  std::string help = "Drawn over the picture:";
+  for (const PixelEffect* effect : pixelEffects()) {
+    if (effect->stage == PixelEffect::Stage::kTone) {
+      effects.push_back({effect, effect->neutral()});
+      continue;
+    }
+    overlays.emplace_back(effect->name);
+    help += " " + std::string(effect->name) + " (" + std::string(effect->help) + "),";
+  }
+  for (EffectSetting& setting : effects)  // none is added any more: options keep these places
+    for (size_t i = 0; i < setting.values.size(); ++i) {
+      const EffectParameter& p = setting.effect->parameters[i];
+      if (p.name.empty()) continue;
+      c.add_option("--" + std::string(p.name), setting.values[i], std::string(p.help))
+          ->check(CLI::Range(p.low, p.high))
+          ->capture_default_str();
+    }
+  c.add_option("--show", show, help + " or none")->check(CLI::IsMember(overlays))->capture_default_str();
 }
 
 void SceneOptions::addStorage(CLI::App& c) {
@@ -240,7 +260,8 @@ Result<Scene> SceneOptions::scene() const {
   s.geomorph = geomorph == "on";
   s.hysteresis = hysteresis_percent / 100;
   s.wireframe = wireframe;
-  s.show = show == "pages" ? Show::kPages : show == "lod" ? Show::kLod : Show::kNone;
+  s.effects = effects;
+  s.overlay = findEffect(show);
   return s;
 }
 

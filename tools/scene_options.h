@@ -31,6 +31,7 @@ struct SceneOptions {
   int feedback_scale = 8;
   std::string upload = "auto", depth = "auto";
   bool prefetch = true;
+  std::vector<EffectSetting> effects;  // all that have parameters, on or off
 
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
@@ -47,6 +48,7 @@ struct SceneOptions {
   void addAppearance(CLI::App& command);
   void addStorage(CLI::App& command);
   void addDiagnostics(CLI::App& command);
+  void addEffects(CLI::App& command);
   Result<void> checkProjection() const;
 };
 

@@ -31,7 +31,10 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.fade = scene.page_fade_s > 0;
   plan.filter = scene.filter;
   plan.wireframe = scene.wireframe;
-  plan.show = scene.show;
+  for (const PixelEffect* effect : pixelEffects())
+    for (const EffectSetting& setting : scene.effects)
+      if (setting.effect == effect && !setting.changesNothing()) plan.tones.push_back(effect);
+  plan.overlay = scene.overlay;
   return plan;
 }
 
@@ -58,8 +61,7 @@ gl::Defines EffectPlan::defines() const {
   if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));
   if (fade) d.emplace_back("FADE", "1");
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
-  if (show == Show::kPages) d.emplace_back("SHOW_PAGES", "1");
-  if (show == Show::kLod) d.emplace_back("SHOW_LOD", "1");
+  for (auto& define : effectDefines(tones, overlay)) d.push_back(std::move(define));
   return d;
 }
 

@@ -7,13 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "src/engine/effects/pixel_effect.h"
 #include "src/gl/program.h"
 #include "texturing/codec/page_id.h"
 #include "texturing/package/package.h"
 
 namespace relievo {
 
-enum class Show { kNone, kPages, kLod };
 // kExact: bilinear weights in full float precision (four fetches a plane). kFast: the texture unit's own filter, whose
 // weights have 8 bits on most hardware; the error it costs is measured in the README.
 enum class Filter { kExact, kFast };
@@ -45,7 +45,8 @@ struct Scene {
   double least_cell = 2;
   double hysteresis = 0;  // of error_px: what a level stays beyond its need (LodView); pictures that settle know none
   bool wireframe = false;
-  Show show = Show::kNone;
+  std::vector<EffectSetting> effects;    // of the shaded colour, each at most once
+  const PixelEffect* overlay = nullptr;  // drawn over the picture
 };
 
 struct EffectPlan {
@@ -64,7 +65,8 @@ struct EffectPlan {
   int anisotropy = 1;
   bool fade = false, wireframe = false;
   Filter filter = Filter::kExact;
-  Show show = Show::kNone;
+  std::vector<const PixelEffect*> tones;  // those of Scene::effects that change something, in the registry's order
+  const PixelEffect* overlay = nullptr;
 
   bool lit() const { return relight || resolve; }  // does the light change the picture?
   // Of the planes that are uploaded, or resolved: the manifest's, or colour with the normals of its relief.

@@ -51,7 +51,29 @@ std::optional<std::string_view> includeArgument(std::string_view line) {
   return line;
 }
 
-Result<void> appendFile(const ShaderText& file, Assembled& out) {
+// The names of an #include: "NAME" is one; an identifier in capitals stands for the quoted names of the define of that
+// name, of which there may be none. Nothing: it is neither.
+std::optional<std::vector<std::string>> includedNames(std::string_view argument, const Defines& defines) {
+  const std::string_view identifier = argument.substr(0, argument.find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_"));
+  if (!identifier.empty()) {
+    const auto define =
+        std::find_if(defines.begin(), defines.end(), [&](const auto& d) { return d.first == identifier; });
+    argument = define == defines.end() ? std::string_view() : std::string_view(define->second);
+  } else if (!argument.starts_with('"')) {
+    return std::nullopt;
+  }
+  std::vector<std::string> names;
+  while (argument.starts_with('"')) {
+    const size_t end = argument.find('"', 1);
+    if (end == std::string_view::npos) return std::nullopt;
+    names.emplace_back(argument.substr(1, end - 1));
+    argument.remove_prefix(end + 1);
+    if (identifier.empty()) break;
+  }
+  return names;
+}
+
+Result<void> appendFile(const ShaderText& file, const Defines& defines, Assembled& out) {
   const size_t number = out.files.size();
   out.files.push_back(file);
   auto mark = [&](size_t line) { out.text += "#line " + std::to_string(line) + " " + std::to_string(number) + "\n"; };
@@ -69,29 +91,32 @@ Result<void> appendFile(const ShaderText& file, Assembled& out) {
       out.text += '\n';
       continue;
     }
-    const size_t end = argument->find('"', 1);
-    if (!argument->starts_with('"') || end == std::string_view::npos)
+    const std::optional<std::vector<std::string>> names = includedNames(*argument, defines);
+    if (!names)
       return Error{.kind = ErrorKind::kRuntime,
                    .file = file.name,
                    .message = "line " + std::to_string(line_number) +
                               ": expected #include \"NAME\", found: " + std::string(line)};
-    std::string name(argument->substr(1, end - 1));
-    if (size_t slash = name.rfind('/'); slash != std::string::npos) name.erase(0, slash + 1);
-    const bool seen =
-        std::any_of(out.files.begin(), out.files.end(), [&](const ShaderText& f) { return f.name == name; });
-    if (seen) {
-      out.text += '\n';
-      continue;
+    if (names->empty()) out.text += '\n';
+    for (std::string name : *names) {
+      // C++ names shared headers from the project's root.
+      if (name.starts_with("shaders/")) name.erase(0, 8);
+      const bool seen =
+          std::any_of(out.files.begin(), out.files.end(), [&](const ShaderText& f) { return f.name == name; });
+      if (seen) {
+        out.text += '\n';
+        continue;
+      }
+      std::string_view text = shaderSource(name);
+      if (text.empty())
+        return Error{.kind = ErrorKind::kRuntime,
+                     .file = file.name,
+                     .message = "line " + std::to_string(line_number) + ": there is no shader file \"" + name + "\"",
+                     .hint = "add it to RELIEVO_SHADERS in shaders/CMakeLists.txt"};
+      Result<void> included = appendFile({name, std::string(text)}, defines, out);
+      if (!included) return included;
+      mark(line_number + 1);
     }
-    std::string_view text = shaderSource(name);
-    if (text.empty())
-      return Error{.kind = ErrorKind::kRuntime,
-                   .file = file.name,
-                   .message = "line " + std::to_string(line_number) + ": there is no shader file \"" + name + "\"",
-                   .hint = "add it to RELIEVO_SHADERS in shaders/CMakeLists.txt"};
-    Result<void> included = appendFile({name, std::string(text)}, out);
-    if (!included) return included;
-    mark(line_number + 1);
   }
   return {};
 }
@@ -100,8 +125,10 @@ Result<Assembled> assemble(Api api, const ShaderText& file, const Defines& defin
   Assembled out;
   out.text = api == Api::kGl33 ? kPrologueGl : kPrologueEs;
   out.text += fragment ? "#define RELIEVO_FRAGMENT 1\n" : "#define RELIEVO_VERTEX 1\n";
-  for (const auto& [name, value] : defines) out.text += "#define " + name + " " + value + "\n";
-  Result<void> appended = appendFile(file, out);
+  // GLSL has no strings: names of files are for #include alone.
+  for (const auto& [name, value] : defines)
+    out.text += "#define " + name + " " + (value.starts_with('"') ? "1" : value) + "\n";
+  Result<void> appended = appendFile(file, defines, out);
   if (!appended) return appended.error();
   return out;
 }

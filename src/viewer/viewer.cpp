@@ -15,6 +15,7 @@
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "src/base/worker_threads.h"
+#include "src/engine/effects/effects.h"
 #include "src/engine/eye_guard.h"
 #include "src/gl/window.h"
 #include "src/viewer/hud.h"
@@ -185,12 +186,12 @@ Scene ViewLoop::sceneAt(double now) {
     camera_ = now_at;
     moved_at_ = now;
   }
-  const Show show = options_.scene.show;
+  const PixelEffect* const overlay = options_.scene.overlay;
   Scene wanted = options_.scene;
   if (exact_still_ && now >= moved_at_ + kStillS) wanted.least_cell = 0;
   wanted.light = control_.view().light;
   wanted.wireframe = control_.wireframe;
-  wanted.show = control_.show_pages ? Show::kPages : show == Show::kPages ? Show::kNone : show;
+  wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
   return wanted;
 }
 
@@ -300,7 +301,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   ViewControl control(extent, start, window.width(), window.height(),
                       {[&](double x, double y) { return engine.surfacePoint(x, y); }});
   control.wireframe = options.scene.wireframe;
-  control.show_pages = options.scene.show == Show::kPages;
+  control.show_pages = options.scene.overlay == &kPagesEffect;
 
   if (Result<void> ended = ViewLoop(window, engine, **hud, control, guard, options).run(); !ended) return ended;
   if (options.print_view) printOutf("%s\n", viewJson(control.view()).c_str());

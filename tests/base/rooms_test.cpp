@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Earlier ones may be included by later ones.
-constexpr std::array<std::string_view, 23> kOrder{"src/base",
+constexpr std::array<std::string_view, 24> kOrder{"src/base",
                                                   "src/artwork",
                                                   "src/artwork/bases",
                                                   "geometry/mesh",
@@ -32,6 +32,7 @@ constexpr std::array<std::string_view, 23> kOrder{"src/base",
                                                   "shaders",
                                                   "src/gl",
                                                   "src/render",
+                                                  "src/engine/effects",
                                                   "src/engine",
                                                   "src/viewer",
                                                   "tools/report",

@@ -713,6 +713,7 @@ glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& v
     const auto e = evaluatePixel(t.format, sum.data(), view.light);
     rgb = {e[0], e[1], e[2]};
   }
+  if (view.tone) rgb = view.tone(rgb / 255.0) * 255.0;
   return glm::clamp(rgb, 0.0, 255.0);
 }
 

@@ -17,6 +17,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -120,6 +121,7 @@ struct DenseView {
   double lod_bias = 0;
   bool resolved =
       false;  // the light is fixed: each level's texels are evaluated and rounded to bytes before they are filtered
+  std::function<glm::dvec3(const glm::dvec3&)> tone;  // what becomes of a shaded colour (1: 255); empty: nothing
   DenseDerivatives derivatives = DenseDerivatives::kExact;
   double snapped_px =
       0;  // how far to each side the GL may move a corner before it interpolates between them; 0: it does not

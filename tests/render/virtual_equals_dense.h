@@ -152,6 +152,12 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     v.anisotropy = scene.anisotropy;
     v.resolved = e.plan().resolve;
     v.snapped_px = snappedPx();
+    for (const EffectSetting& setting : scene.effects) {
+      if (setting.effect->reference == nullptr) continue;
+      v.tone = [before = v.tone, setting](const glm::dvec3& colour) {
+        return setting.effect->reference(before ? before(colour) : colour, setting.values);
+      };
+    }
     if (run.wrong_oracle) run.wrong_oracle(v);
     const bool by_relief = e.plan().normals_exaggerate != 0;
     if (by_relief && of_exaggeration != scene.exaggerate) {

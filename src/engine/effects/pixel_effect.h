@@ -1,0 +1,63 @@
+// pixel_effect.h - an effect on the colour of every pixel. What it is stands in one file of this folder and in a
+// snippet of GLSL, shaders/effects/NAME.glsl; registry.cpp lists it. Options, uniforms, the shader variant and the
+// tests against the CPU reference follow from the description. An effect that is off leaves nothing behind: no line of
+// the variant's source and no uniform.
+#pragma once
+
+#include <array>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "src/gl/program.h"
+
+namespace relievo {
+
+// A number that the user sets: an option --NAME.
+struct EffectParameter {
+  std::string_view name;  // empty: there is no such parameter
+  std::string_view help;  // with the unit
+  double low = 0, high = 0;
+  double neutral = 0;  // where every parameter has this value, the effect is off
+};
+
+struct PixelEffect {
+  // kTone: of the shaded colour, which may exceed 1. kOverlay: drawn over the picture, which lies within 0..1; at most
+  // one at a time (--show NAME).
+  enum class Stage { kTone, kOverlay };
+  static constexpr size_t kMaxParameters = 4;
+  using Values = std::array<double, kMaxParameters>;
+
+  // shaders/effects/NAME.glsl defines vec3 effect_NAME(vec3 colour, Shaded at) (Shaded: shaders/shade.frag); the
+  // parameters are the components of u_NAME, in their order.
+  std::string_view name;
+  std::string_view help;
+  Stage stage = Stage::kTone;
+  std::array<EffectParameter, kMaxParameters> parameters{};
+  // The CPU reference: a colour of 0..1, or beyond, to another one. Of overlays, which show levels and not colours,
+  // there is none.
+  glm::dvec3 (*reference)(const glm::dvec3& colour, const Values& values) = nullptr;
+
+  Values neutral() const;
+};
+
+// In the order in which they are applied.
+std::span<const PixelEffect* const> pixelEffects();
+const PixelEffect* findEffect(std::string_view name);  // null: there is none
+
+struct EffectSetting {
+  const PixelEffect* effect = nullptr;
+  PixelEffect::Values values{};
+  bool changesNothing() const { return values == effect->neutral(); }
+  friend bool operator==(const EffectSetting&, const EffectSetting&) = default;
+};
+
+// Of a shading program in which these effects are on, in their order; overlay may be null.
+gl::Defines effectDefines(std::span<const PixelEffect* const> tones, const PixelEffect* overlay);
+// Of that program, which is in use. Effects that are off have no uniform.
+void setEffectUniforms(const gl::Program& program, std::span<const EffectSetting> settings);
+
+}  // namespace relievo
