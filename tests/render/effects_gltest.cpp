@@ -47,8 +47,8 @@ TEST(Effects, AreTheirReferences) {
 TEST(Effects, OffMeansNoTraceInTheShader) {
   const Subject subject = noiseSubject(300, 200, Basis::kPtmRgb, 0, 12);
   const auto variant = [&](const Scene& scene) {
-    const auto text =
-        gl::assembleShader(gl::currentContextInfo().api, "shade.frag", planEffects(scene, subject.artwork.manifest).defines(), true);
+    const auto text = gl::assembleShader(gl::currentContextInfo().api, "shade.frag",
+                                         planEffects(scene, subject.artwork.manifest).defines(), true);
     EXPECT_TRUE(text.ok());
     return text.ok() ? *text : std::string();
   };
