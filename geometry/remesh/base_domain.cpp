@@ -17,6 +17,7 @@
 #include "geometry/remesh/base_simplify.h"
 #include "geometry/remesh/base_topology.h"
 #include "geometry/remesh/chunk_reduce.h"
+#include "geometry/remesh/coarse_mesh.h"
 
 namespace relievo {
 
@@ -52,48 +53,31 @@ constexpr double kVerticesAlong = 512;
 
 struct Candidate {
   QuadMesh quads;
-  std::vector<glm::dvec3> normals;
-  std::vector<uint32_t> regions;  // cornerRegions
-  size_t folded = 0, flat = 0;    // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
-  double lost = 1;                // Fit
-  double deviation = 0;           // borderDeviation
+  Regions regions;
+  size_t folded = 0, flat = 0;  // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
+  double lost = 1;              // Fit
+  double deviation = 0;         // borderDeviation
+  bool empty() const { return quads.n_faces() == 0; }
   // A folded corner spoils a part of its quads; a flat one wastes samples.
   double badness() const {
-    if (quads.quads.empty()) return 2;
+    if (empty()) return 2;
     return lost +
            (0.3 * static_cast<double>(folded) + 0.015 * static_cast<double>(flat)) /
-               static_cast<double>(quads.points.size()) +
+               static_cast<double>(quads.n_vertices()) +
            deviation;
   }
 };
 
 // How much farther than it must (by feature curve) the scan's border strays from the base's sides: deviationFromSide.
-double borderDeviation(const QuadMesh& m, const std::vector<glm::dvec3>& normals, std::span<const FeatureCurve> curves,
-                       std::span<const double> must) {
+double borderDeviation(const QuadMesh& m, std::span<const FeatureCurve> curves, std::span<const double> must) {
   double deviation = 0;
-  auto side = [&](uint32_t curve, const CurveEnd& a, const CurveEnd& b) {
-    deviation = std::max(deviation, deviationFromSide(curves[curve], a, b) - must[curve]);
+  auto end = [&](const SmartHalfedgeHandle& h) {
+    return CurveEnd{m.point(h.from()), m.normal(h.from()), m.data(h).step.along};
   };
-  std::vector<uint8_t> bare(curves.size());  // with no corner between their ends
-  for (size_t r = 0; r < curves.size(); ++r) bare[r] = curves[r].border;
-  for (uint32_t c = 0; c < m.points.size(); ++c) {
-    const CurvePlace& at = m.place[c];
-    if (m.fixed[c] || at.curve == kNoIndex || !curves[at.curve].border || at.before == kNoIndex || at.after == kNoIndex)
-      continue;
-    bare[at.curve] = 0;
-    const CurveEnd here{m.points[c], normals[c], at.along};
-    side(at.curve, {m.points[at.before], normals[at.before], m.fixed[at.before] ? 0 : m.place[at.before].along}, here);
-    if (m.fixed[at.after]) side(at.curve, here, {m.points[at.after], normals[at.after], curves[at.curve].length()});
-  }
-  for (uint32_t r = 0; r < curves.size(); ++r) {
-    if (!bare[r]) continue;
-    CurveEnd ends[2];
-    for (int k = 0; k < 2; ++k) {
-      const glm::dvec3 p = k ? curves[r].points.back() : curves[r].points.front();
-      const auto found = std::find(m.points.begin(), m.points.end(), p);
-      if (found != m.points.end()) ends[k] = {p, normals[found - m.points.begin()], k ? curves[r].length() : 0};
-    }
-    if (ends[0].normal != glm::dvec3(0) && ends[1].normal != glm::dvec3(0)) side(r, ends[0], ends[1]);
+  for (const auto e : m.edges()) {
+    const uint32_t curve = m.data(e.h0()).step.curve;
+    if (curve == kNoIndex || !curves[curve].border) continue;
+    deviation = std::max(deviation, deviationFromSide(curves[curve], end(e.h0()), end(e.h1())) - must[curve]);
   }
   return deviation;
 }
@@ -113,10 +97,11 @@ std::vector<FeatureCurve> flattened(std::vector<FeatureCurve> curves, const View
 bool isSet(const std::atomic<bool>* interrupted) { return interrupted && interrupted->load(std::memory_order_relaxed); }
 
 struct Maker {
-  const Surface& surface;
+  TriangleMesh surface;
+  size_t pieces;
+  double area;
   ScanLookup scan;
-  FeatureCurves curves;
-  Fans fans;
+  std::vector<FeatureCurve> curves;
   ViewDirection view_direction;
   size_t scan_vertices;
   std::vector<FeatureCurve> flat_curves;
@@ -126,20 +111,20 @@ struct Maker {
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
   Candidate sheet(uint32_t patches) const {
     uint32_t times = 1;
-    if (const size_t few = sheetQuads(curves.curves, surface.pieces.size(), scan, 0).quads.size(); few && !patches) {
+    if (const size_t few = sheetQuads(curves, pieces, scan, 0).n_faces(); few && !patches) {
       times = static_cast<uint32_t>(
           std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
     }
     for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
-      Candidate c{.quads = sheetQuads(curves.curves, surface.pieces.size(), scan, patches, times)};
-      if (c.quads.quads.empty()) break;
-      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      Candidate c{.quads = sheetQuads(curves, pieces, scan, patches, times)};
+      if (c.empty()) break;
+      c.regions = cornerRegions(c.quads, surface, scan);
       if (isRelief(view_direction)) {
-        c.normals.assign(c.quads.points.size(), view_direction.direction);
+        for (const auto v : c.quads.vertices()) c.quads.set_normal(v, view_direction.direction);
       } else {
-        c.normals = cornerNormals(c.quads, surface, c.regions, scan);
+        placeNormals(c.quads, surface, c.regions, scan);
       }
-      c.deviation = borderDeviation(c.quads, c.normals, curves.curves, allowed_deviation);
+      c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
       if (c.deviation <= 0) return c;
       if (patches) break;
     }
@@ -148,8 +133,6 @@ struct Maker {
 
   // Of each border feature curve by sides of so many squares; of creases: 1.
   std::vector<double> deviationFor(double squares, double within) const {
-    double area = 0;
-    for (const SurfacePiece& p : surface.pieces) area += p.area;
     std::vector<double> deviation(flat_curves.size(), 1.0);
     for (size_t r = 0; r < deviation.size(); ++r) {
       if (flat_curves[r].border) deviation[r] = deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
@@ -159,28 +142,28 @@ struct Maker {
 
   // split: makeQuads. Empty without it where triangles find no partner.
   Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
-    EditMesh coarse(surface, curves);
+    TriangleMesh coarse = surface;
     // Halved sides of a curve stray a quarter as far.
     const std::vector<double> deviation =
         deviationFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderDeviation);
     simplify(coarse, {.triangles = triangles,
                       .weight = weight,
-                      .curves = curves.curves,
+                      .curves = curves,
                       .deviation = deviation,
                       .interrupted = interrupted});
     flipEdges(coarse);
-    Candidate c{.quads = makeQuads(coarse, curves.curves, split)};
-    if (c.quads.quads.empty()) return c;
+    Candidate c{.quads = makeQuads(coarse, curves, split)};
+    if (c.empty()) return c;
     updateNormals(c.quads);
     for (int round = 0; round < 4; ++round) {
       if (isSet(interrupted)) return {};
-      if (round) relaxQuads(c.quads, curves.curves, scan, 8);
-      if (round == 3) settleBorders(c.quads, curves.curves, allowed_deviation);
-      c.regions = cornerRegions(c.quads, surface, fans, scan);
+      if (round) relaxQuads(c.quads, curves, scan, 8);
+      if (round == 3) settleBorders(c.quads, curves, allowed_deviation);
+      c.regions = cornerRegions(c.quads, surface, scan);
       placeCorners(c.quads, surface, c.regions, scan);
     }
-    c.normals = c.quads.normals = cornerNormals(c.quads, surface, c.regions, scan);
-    untangleQuads(c.quads, curves.curves, scan);
+    placeNormals(c.quads, surface, c.regions, scan);
+    untangleQuads(c.quads, curves, scan);
     return c;
   }
 
@@ -188,10 +171,9 @@ struct Maker {
     // Few are better had without the split: its quads are four from one.
     for (uint32_t more = 0; patches < 32 && more < 3; ++more) {
       Candidate c = make(2 * patches + 2 * more, false, weight);
-      if (c.quads.quads.empty() || 10 * c.quads.quads.size() > 13 * patches) continue;
-      const QuadStars stars(c.quads);
+      if (c.empty() || 10 * c.quads.n_faces() > 13 * patches) continue;
       bool fair = true;
-      for (uint32_t v = 0; v < c.quads.points.size(); ++v) fair = fair && stars.leastSine(c.quads, v) > 0.2;
+      for (const auto v : c.quads.vertices()) fair = fair && leastSine(c.quads, v) > 0.2;
       if (fair) return c;
     }
     return make(std::max(4u, patches / 2), true, weight);
@@ -199,18 +181,15 @@ struct Maker {
 
   // How badly the candidate lies. Where it lost the surface, the next one gets smaller patches: weight.
   void judge(Candidate& c, std::vector<float>& weight) const {
-    const double cells = std::sqrt(40000.0 / static_cast<double>(c.quads.quads.size()));
-    const Fit fit = judgeFit(c.quads, c.normals, surface, scan, std::max(static_cast<int>(cells), 4));
-    const std::vector<uint8_t> folded = foldedCorners(c.quads, c.normals);
-    c.folded = static_cast<size_t>(std::count(folded.begin(), folded.end(), 1));
-    const QuadStars stars(c.quads);
-    for (uint32_t k = 0; k < c.quads.points.size(); ++k) {
-      const uint32_t curve = c.quads.place[k].curve;
-      c.flat += curve != kNoIndex && curves.curves[curve].border && stars.leastSine(c.quads, k) < kFlatSine;
+    const double cells = std::sqrt(40000.0 / static_cast<double>(c.quads.n_faces()));
+    const Fit fit = judgeFit(c.quads, surface, scan, std::max(static_cast<int>(cells), 4));
+    for (const auto v : c.quads.vertices()) {
+      c.folded += folds(c.quads, v);
+      c.flat += v.is_boundary() && !c.quads.data(v).fixed && leastSine(c.quads, v) < kFlatSine;
     }
     c.lost = fit.lost;
-    c.deviation = borderDeviation(c.quads, c.normals, curves.curves, allowed_deviation);
-    raiseWeights(fit, folded, c.regions, surface, weight);
+    c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
+    raiseWeights(fit, c.quads, surface, c.regions, weight);
   }
 };
 
@@ -306,15 +285,15 @@ Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options) {
     if (isSet(options.interrupted)) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
     // Whatever is lost of a relief's walls is due to the fit's coarse grids.
-    if (!candidate.quads.quads.empty() && isRelief(maker.view_direction)) return candidate;
-    if (candidate.quads.quads.empty()) candidate = maker.make(numbers[i], weight);
+    if (!candidate.empty() && isRelief(maker.view_direction)) return candidate;
+    if (candidate.empty()) candidate = maker.make(numbers[i], weight);
     if (isSet(options.interrupted)) return interruptedError();
     report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
-    if (candidate.quads.quads.empty()) continue;
+    if (candidate.empty()) continue;
     maker.judge(candidate, weight);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
-    const double least_gain = options.patches || best.quads.quads.empty() ? 1 : kWorthIt;
+    const double least_gain = options.patches || best.empty() ? 1 : kWorthIt;
     const bool gain = candidate.badness() < least_gain * best.badness();
     if (gain) best = std::move(candidate);
     in_vain = gain ? 0 : in_vain + 1;
@@ -323,15 +302,19 @@ Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options) {
   return best;
 }
 
-BaseMesh baseMeshOf(const Candidate& best, const Frame& frame, const glm::dvec3& origin_mm) {
+BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3& origin_mm) {
   BaseMesh base;
   base.origin_mm = origin_mm;
-  for (size_t c = 0; c < best.quads.points.size(); ++c) {
+  for (const auto v : quads.vertices())
     base.corners.push_back(
-        {glm::vec3(best.quads.points[c] * frame.diagonal + frame.centre), glm::vec3(glm::normalize(best.normals[c]))});
-  }
+        {glm::vec3(quads.point(v) * frame.diagonal + frame.centre), glm::vec3(glm::normalize(quads.normal(v)))});
   // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
-  for (const auto& q : best.quads.quads) base.patches.push_back({q[0], q[3], q[1], q[2]});
+  for (const auto f : quads.faces()) {
+    std::array<uint32_t, 4> patch;
+    size_t k = 0;
+    for (const auto v : f.vertices()) patch[std::array{0, 2, 3, 1}[k++]] = static_cast<uint32_t>(v.idx());
+    base.patches.push_back(patch);
+  }
   orderPatches(base);
   return base;
 }
@@ -369,23 +352,21 @@ Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& opti
   triangle_mesh.triangles = reduced.surface.triangles;
   auto scene = RayScene::create(triangle_mesh, options.interrupted);
   if (!scene) return scene.error();
-  Maker maker{reduced.surface,
-              {triangle_mesh, **scene},
-              findFeatureCurves(borders, reduced),
-              Fans(reduced.surface),
-              view_direction,
-              mesh.positions_mm.size(),
-              {},
-              {},
-              options.interrupted};
-  maker.flat_curves = flattened(maker.curves.curves, view_direction);
+  Maker maker{.surface = halfEdgesOf(reduced.surface),
+              .pieces = reduced.surface.pieces.size(),
+              .area = areaOf(reduced.surface),
+              .scan = {triangle_mesh, **scene},
+              .view_direction = view_direction,
+              .scan_vertices = mesh.positions_mm.size(),
+              .interrupted = options.interrupted};
+  maker.curves = findFeatureCurves(borders, reduced.vertex, maker.surface);
+  maker.flat_curves = flattened(maker.curves, view_direction);
   maker.allowed_deviation = maker.deviationFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderDeviation);
 
   auto best = bestOf(maker, options);
   if (!best) return best.error();
-  if (best->quads.quads.empty())
-    return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-  BaseMesh base = baseMeshOf(*best, frame, mesh.origin_mm);
+  if (best->empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+  BaseMesh base = baseMeshOf(best->quads, frame, mesh.origin_mm);
   if (std::string problem = baseMeshProblem(base); !problem.empty())
     return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
   report(options, 1);

@@ -1,11 +1,7 @@
 // base_fit.h - how well a scan is reached by lines from a base mesh along its normals: what lies in undercuts is not.
 #pragma once
 
-#include <atomic>
-#include <cstdint>
 #include <vector>
-
-#include <glm/glm.hpp>
 
 #include "geometry/remesh/base_place.h"
 #include "geometry/remesh/base_quads.h"
@@ -21,13 +17,10 @@ struct Fit {
 inline constexpr float kLostDistance = 2e-3f;
 
 // cells: of a patch's side that the base is displaced at.
-Fit judgeFit(const QuadMesh& quads, const std::vector<glm::dvec3>& normals, const Surface& s, const ScanLookup& scan,
-             int cells);
-// Corners at which quads fold over, or nearly, seen along the corners' normals.
-std::vector<uint8_t> foldedCorners(const QuadMesh& quads, const std::vector<glm::dvec3>& normals);
-// Raises the weights (SimplifyOptions::weight) where the surface is lost or lies next to folded corners (regions:
-// cornerRegions), so that patches get smaller there.
-void raiseWeights(const Fit& fit, const std::vector<uint8_t>& folded, const std::vector<uint32_t>& regions,
-                  const Surface& s, std::vector<float>& weight);
+Fit judgeFit(const QuadMesh& quads, const TriangleMesh& surface, const ScanLookup& scan, int cells);
+// Raises the weights (SimplifyOptions::weight) where the surface is lost or lies next to folded corners, so that
+// patches get smaller there.
+void raiseWeights(const Fit& fit, const QuadMesh& quads, const TriangleMesh& surface, const Regions& regions,
+                  std::vector<float>& weight);
 
 }  // namespace relievo

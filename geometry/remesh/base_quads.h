@@ -2,44 +2,15 @@
 // and corners slide on the scan until the quads are as square as their neighbours let them be.
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <span>
-#include <vector>
 
 #include <glm/glm.hpp>
 
 #include "geometry/mesh/ray_scene.h"
-#include "geometry/remesh/base_simplify.h"
-#include "geometry/remesh/base_topology.h"
+#include "geometry/remesh/coarse_mesh.h"
+#include "geometry/remesh/feature_curves.h"
 
 namespace relievo {
-
-// Where on a feature curve a point is that is not fixed, and the next points on it; a feature curve's fixed ends are at
-// 0 and at its length.
-struct CurvePlace {
-  uint32_t curve = kNoIndex;  // kNoIndex: on none
-  double along = 0;
-  uint32_t before = kNoIndex, after = kNoIndex;
-};
-
-struct QuadMesh {
-  std::vector<glm::dvec3> points;
-  std::vector<glm::dvec3> normals;             // of the surface near the point, for projections
-  std::vector<std::array<uint32_t, 4>> quads;  // against the clock seen from outside
-  std::vector<uint8_t> fixed;                  // points that stay
-  std::vector<CurvePlace> place;
-  std::vector<glm::dmat3> slide;  // the directions that a point may move in, those across a crease taken out; or empty
-};
-
-// The quads around each corner.
-struct QuadStars {
-  std::vector<uint32_t> begin, quads;
-  explicit QuadStars(const QuadMesh& m);
-  // The smallest sine, seen along the normals, of all angles of the quads around a corner: 1: right angles, below 0:
-  // folded over.
-  double leastSine(const QuadMesh& m, uint32_t corner) const;
-};
 
 // Places on the scan (a reduced one will do).
 struct ScanLookup {
@@ -56,7 +27,7 @@ struct ScanLookup {
 
 // split: every quad into four and every triangle into three (Catmull and Clark 1978); else the pairs alone, if all
 // triangles find one: an empty mesh if not.
-QuadMesh makeQuads(const EditMesh& mesh, std::span<const FeatureCurve> curves, bool split);
+QuadMesh makeQuads(const TriangleMesh& mesh, std::span<const FeatureCurve> curves, bool split);
 void updateNormals(QuadMesh& mesh);  // of the quads around each corner, by area
 void relaxQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan, int rounds);
 
@@ -64,7 +35,14 @@ void relaxQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const Scan
 // (deviationFromSide), where that is more than half of what it must (by feature curve).
 void settleBorders(QuadMesh& mesh, std::span<const FeatureCurve> curves, std::span<const double> must);
 
-// Moves corners whose quads fold over or come close to it, seen along mesh.normals, until they do not or no move helps.
+// Moves corners whose quads fold over or come close to it, seen along their normals, until they do not or no move
+// helps.
 void untangleQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan);
+
+// The smallest sine, seen along the normals, of all angles of the quads around a corner: 1: right angles, below 0:
+// folded over.
+double leastSine(const QuadMesh& mesh, const SmartVertexHandle& corner);
+// At the corner itself a quad folds over, or nearly.
+bool folds(const QuadMesh& mesh, const SmartVertexHandle& corner);
 
 }  // namespace relievo

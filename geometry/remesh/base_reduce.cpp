@@ -169,11 +169,6 @@ struct Reducer {
   }
 };
 
-double areaOf(const Surface& s) {
-  double area = 0;
-  for (const SurfacePiece& p : s.pieces) area += p.area;
-  return area;
-}
 // Of a regular triangle, of n that have that area together.
 float sideOf(double area, size_t n) {
   return static_cast<float>(std::sqrt(area / static_cast<double>(n) * 4 / std::sqrt(3.0)));

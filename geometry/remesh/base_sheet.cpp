@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/remesh/base_quads.h"
+#include "geometry/remesh/coarse_mesh.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
@@ -98,34 +100,24 @@ QuadMesh sheetQuads(std::span<const FeatureCurve> curves, size_t pieces, const S
     for (uint32_t i = 0; i <= columns; ++i) {
       const double s = static_cast<double>(i) / columns, t = static_cast<double>(j) / rows;
       // Between the four sides (Coons 1967).
-      const glm::dvec3 flat =
-          side(0, s) * (1 - t) + side(2, s) * t + side(3, t) * (1 - s) + side(1, t) * s -
-          ((corner[0] * (1 - s) + corner[1] * s) * (1 - t) + (corner[2] * (1 - s) + corner[3] * s) * t);
-      const bool border = i == 0 || j == 0 || i == columns || j == rows;
-      const bool fixed = (i == 0 || i == columns) && (j == 0 || j == rows);
-      glm::dvec3 p = flat;
-      if (!border) {
-        if (const SurfacePoint hit = scan.scene.nearestOnLine({flat, up / size, 0.5}, Facing::kAlong))
-          p = scan.point(hit);
+      glm::dvec3 p = side(0, s) * (1 - t) + side(2, s) * t + side(3, t) * (1 - s) + side(1, t) * s -
+                     ((corner[0] * (1 - s) + corner[1] * s) * (1 - t) + (corner[2] * (1 - s) + corner[3] * s) * t);
+      const bool left_or_right = i == 0 || i == columns, bottom_or_top = j == 0 || j == rows;
+      if (!left_or_right && !bottom_or_top) {
+        if (const SurfacePoint hit = scan.scene.nearestOnLine({p, up / size, 0.5}, Facing::kAlong)) p = scan.point(hit);
       }
-      CurvePlace place;
-      if (border && !fixed) {
-        auto name = [&](uint32_t x, uint32_t y) { return y * (columns + 1) + x; };
-        const size_t k = j == 0 ? 0 : i == columns ? 1 : j == rows ? 2 : 3;
-        const double forwards = k == 0 || k == 2 ? s : t;
-        place = {static_cast<uint32_t>(k), (k < 2 ? forwards : 1 - forwards) * curves[k].length(), 0, 0};
-        place.before = k % 2 == 0 ? name(i - 1, j) : name(i, j - 1);
-        place.after = k % 2 == 0 ? name(i + 1, j) : name(i, j + 1);
-        if (k >= 2) std::swap(place.before, place.after);
-      }
-      m.points.push_back(p);
-      m.place.push_back(place);
-      m.fixed.push_back(fixed);
-      if (i < columns && j < rows) {
-        const uint32_t a = j * (columns + 1) + i, c = a + columns + 1;
-        m.quads.push_back({a, a + 1, c + 1, c});
-      }
+      m.data(m.add_vertex(p)).fixed = left_or_right && bottom_or_top;
     }
+  }
+  auto at = [&](uint32_t i, uint32_t j) { return VertexHandle(static_cast<int>(j * (columns + 1) + i)); };
+  for (uint32_t j = 0; j < rows; ++j) {
+    for (uint32_t i = 0; i < columns; ++i) m.add_face(at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+  }
+  for (uint32_t k = 0; k < 4; ++k) {
+    const uint32_t n = k % 2 ? rows : columns, across = k == 1 ? columns : k == 2 ? rows : 0;
+    auto on = [&](uint32_t i) { return k % 2 ? at(across, i) : at(i, across); };
+    auto along = [&](uint32_t i) { return curves[k].length() * (k < 2 ? i : n - i) / n; };
+    for (uint32_t i = 0; i < n; ++i) markStep(m, on(i), on(i + 1), k, along(i), along(i + 1));
   }
   updateNormals(m);
   return m;

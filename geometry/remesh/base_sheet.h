@@ -6,11 +6,13 @@
 #include <atomic>
 #include <span>
 
-#include "geometry/remesh/base_quads.h"
 #include "geometry/remesh/base_topology.h"
 #include "geometry/remesh/feature_curves.h"
 
 namespace relievo {
+
+struct QuadMesh;    // coarse_mesh.h
+struct ScanLookup;  // base_quads.h
 
 // patches: about as many; 0: as few as are near-square, or so many times as many a side. Empty where the scan is no
 // such sheet: other than one border with four sharp turns and nearly straight sides between them.

@@ -2,11 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <queue>
+#include <vector>
 
 namespace relievo {
 
 namespace {
+
+using Corners = std::array<glm::dvec3, 3>;
 
 // q(p) = p^T A p - 2 b^T p + c
 struct Quadric {
@@ -45,254 +49,203 @@ struct Quadric {
   }
 };
 
-glm::dvec3 crossOf(const EditMesh& m, const Triangle& t, uint32_t moved_a, uint32_t moved_b, const glm::dvec3& to) {
-  auto at = [&](uint32_t v) { return v == moved_a || v == moved_b ? to : m.points[v]; };
-  const glm::dvec3 p = at(t[0]);
-  return glm::cross(at(t[1]) - p, at(t[2]) - p);
-}
-
 // 1: equilateral, 0: without area.
-double shapeOf(const EditMesh& m, const Triangle& t, uint32_t moved_a, uint32_t moved_b, const glm::dvec3& to,
-               double twice_area) {
-  auto at = [&](uint32_t v) { return v == moved_a || v == moved_b ? to : m.points[v]; };
+double shapeOf(const Corners& p, double twice_area) {
   auto square = [](const glm::dvec3& d) { return glm::dot(d, d); };
-  const double sum = square(at(t[1]) - at(t[0])) + square(at(t[2]) - at(t[1])) + square(at(t[0]) - at(t[2]));
+  const double sum = square(p[1] - p[0]) + square(p[2] - p[1]) + square(p[0] - p[2]);
   return sum > 0 ? 2 * std::sqrt(3.0) * twice_area / sum : 0;
 }
 
-bool has(const Triangle& t, uint32_t v) { return t[0] == v || t[1] == v || t[2] == v; }
+// Where an edge's ends meet: the vertex that the half edge leaves goes, the one that it ends in stays and moves.
+struct Meeting {
+  SmartHalfedgeHandle over;
+  glm::dvec3 at{0};
+  double cost = 0;
+};
 
-struct Collapse {
+struct Candidate {
   double cost;
-  uint32_t a, b;  // a < b; b goes
-  uint32_t stamp_a, stamp_b;
-  bool operator<(const Collapse& o) const {  // the cheapest on top of a std::priority_queue
+  EdgeHandle edge;
+  VertexHandle low, high;  // its ends
+  uint32_t stamp;
+  bool operator<(const Candidate& o) const {  // the cheapest on top of a std::priority_queue
     if (cost != o.cost) return cost > o.cost;
-    return a != o.a ? a > o.a : b > o.b;
+    return low != o.low ? o.low < low : o.high < high;
   }
 };
 
 struct Simplifier {
-  EditMesh& m;
+  TriangleMesh& m;
   const SimplifyOptions& options;
-  std::vector<Quadric> quadrics;
-  std::vector<uint32_t> stamp;
-  std::priority_queue<Collapse> queue;
+  std::vector<Quadric> quadrics;  // of a vertex
+  std::vector<uint32_t> stamp;    // of an edge: its last candidate's
+  std::priority_queue<Candidate> queue;
+  size_t live;  // triangles
   // How much worse than their surroundings collapses may leave triangles; relaxed when nothing else is left to do.
   double least_turn = 0.3, least_shape = 0.15;
-  size_t largest_fan = 9;
+  uint32_t largest_fan = 9;
   double deviation_factor = 1;
-  std::vector<uint32_t> around_a, around_b;
 
-  Simplifier(EditMesh& mesh, const SimplifyOptions& opts)
-      : m(mesh), options(opts), quadrics(m.points.size()), stamp(m.points.size(), 0) {
+  Simplifier(TriangleMesh& mesh, const SimplifyOptions& opts)
+      : m(mesh), options(opts), quadrics(m.n_vertices()), stamp(m.n_edges(), 0), live(m.n_faces()) {
     const double flat = options.uncertainty * options.uncertainty;
-    for (const Triangle& t : m.triangles) {
-      if (t[0] == kNoIndex) continue;
-      const glm::dvec3 cross = glm::cross(m.points[t[1]] - m.points[t[0]], m.points[t[2]] - m.points[t[0]]);
+    for (const auto f : m.faces()) {
+      const Corners p = pointsOf<3>(m, f);
+      const glm::dvec3 cross = areaVector(p);
       const double area = glm::length(cross) / 2;
       if (!(area > 0)) continue;
-      const glm::dvec3 normal = cross / (2 * area), centre = (m.points[t[0]] + m.points[t[1]] + m.points[t[2]]) / 3.0;
-      double weight = 1;
-      if (!options.weight.empty()) weight = (options.weight[t[0]] + options.weight[t[1]] + options.weight[t[2]]) / 3.0;
+      const glm::dvec3 normal = cross / (2 * area), centre = (p[0] + p[1] + p[2]) / 3.0;
+      double weight = options.weight.empty() ? 1 : 0;
+      if (!options.weight.empty()) {
+        for (const auto v : f.vertices()) weight += options.weight[v.idx()] / 3.0;
+      }
       Quadric q;
       q.addPlane(normal, centre, area * weight / 3);
       q.addPoint(centre, flat * area * weight / 3);
-      for (int k = 0; k < 3; ++k) {
-        quadrics[t[k]].add(q);
-        // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts
-        // off.
-        std::array<uint32_t, 2> found;
-        const uint32_t a = t[k], b = t[(k + 1) % 3];
-        if (m.border[a] && m.border[b] && m.sharing(a, b, found) == 1) {
-          const glm::dvec3 side = m.points[b] - m.points[a], out = glm::cross(side, normal);
-          const double length = glm::length(out);
-          if (!(length > 0)) continue;
-          Quadric edge;
-          edge.addPlane(out / length, m.points[a], 5 * length * length * weight);
-          quadrics[a].add(edge);
-          quadrics[b].add(edge);
-        }
+      for (const auto h : f.halfedges()) {
+        quadrics[h.from().idx()].add(q);
+        if (h.opp().is_boundary()) addBorder(h, normal, weight);
       }
     }
   }
 
-  bool held(uint32_t v) const { return m.fixed[v] || m.border[v] || !m.steps[v].empty(); }
+  // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts off.
+  void addBorder(const SmartHalfedgeHandle& h, const glm::dvec3& normal, double weight) {
+    const glm::dvec3 a = m.point(h.from()), out = glm::cross(m.point(h.to()) - a, normal);
+    const double length = glm::length(out);
+    if (!(length > 0)) return;
+    Quadric edge;
+    edge.addPlane(out / length, a, 5 * length * length * weight);
+    quadrics[h.from().idx()].add(edge);
+    quadrics[h.to().idx()].add(edge);
+  }
 
-  // Where both ends go, and at what cost; false: the edge must stay.
-  bool evaluate(uint32_t a, uint32_t b, glm::dvec3& to, double& cost) const {
-    Quadric q = quadrics[a];
-    q.add(quadrics[b]);
+  bool held(const SmartVertexHandle& v) const { return m.data(v).fixed || m.data(v).on_curve || v.is_boundary(); }
+  const CurveStep& step(const SmartHalfedgeHandle& h) const { return m.data(h).step; }
+
+  // Nothing: the edge must stay.
+  std::optional<Meeting> meetingOf(const SmartEdgeHandle& edge) const {
+    // Of two vertices that are alike the first one stays.
+    const SmartHalfedgeHandle first = edge.v0() < edge.v1() ? edge.h0() : edge.h1();
+    const SmartVertexHandle a = first.from(), b = first.to();
+    Quadric q = quadrics[a.idx()];
+    q.add(quadrics[b.idx()]);
     const bool hold_a = held(a), hold_b = held(b);
-    if (hold_a && hold_b) {
-      if ((m.fixed[a] && m.fixed[b]) || !m.step(a, b)) return false;
-      const bool to_a = m.fixed[a] || (!m.fixed[b] && q.at(m.points[a]) <= q.at(m.points[b]));
-      to = m.points[to_a ? a : b];
-    } else if (hold_a || hold_b) {
-      to = m.points[hold_a ? a : b];
-    } else if (!q.minimum(to)) {
-      to = (m.points[a] + m.points[b]) / 2.0;
-    }
-    cost = std::max(q.at(to), 0.0);
-    return true;
-  }
-
-  void push(uint32_t a, uint32_t b) {
-    if (a > b) std::swap(a, b);
-    glm::dvec3 to;
-    double cost;
-    if (evaluate(a, b, to, cost)) queue.push({cost, a, b, stamp[a], stamp[b]});
-  }
-
-  void neighbours(uint32_t v, std::vector<uint32_t>& out) const {
-    out.clear();
-    for (uint32_t t : m.fans[v]) {
-      for (uint32_t w : m.triangles[t]) {
-        if (w != v) out.push_back(w);
+    bool to_a = true;
+    glm::dvec3 at;
+    if (hold_a || hold_b) {
+      to_a = hold_a;
+      if (hold_a && hold_b) {
+        const bool fixed_a = m.data(a).fixed, fixed_b = m.data(b).fixed;
+        if ((fixed_a && fixed_b) || !step(first)) return {};
+        to_a = fixed_a || (!fixed_b && q.at(m.point(a)) <= q.at(m.point(b)));
       }
+      at = m.point(to_a ? a : b);
+    } else if (!q.minimum(at)) {
+      at = (m.point(a) + m.point(b)) / 2.0;
     }
-    std::sort(out.begin(), out.end());
-    out.erase(std::unique(out.begin(), out.end()), out.end());
+    return Meeting{to_a ? first.opp() : first, at, std::max(q.at(at), 0.0)};
   }
 
-  glm::dvec3 normalAround(uint32_t a, uint32_t b) const {
-    glm::dvec3 sum{0};
-    for (uint32_t v : {a, b}) {
-      for (uint32_t t : m.fans[v]) sum += crossOf(m, m.triangles[t], kNoIndex, kNoIndex, {});
-    }
-    const double length = glm::length(sum);
-    return length > 0 ? sum / length : glm::dvec3(0);
+  void push(const SmartEdgeHandle& edge) {
+    const uint32_t own = ++stamp[edge.idx()];
+    if (const auto meeting = meetingOf(edge))
+      queue.push({meeting->cost, edge, std::min(edge.v0(), edge.v1()), std::max(edge.v0(), edge.v1()), own});
   }
 
   // Does the border follow its feature curve still, without the vertex that goes?
-  bool follows(uint32_t kept, uint32_t gone) const {
-    const CurveStep* joint = m.step(kept, gone);
-    if (!joint || joint->curve >= options.deviation.size() || !options.curves[joint->curve].border) return true;
-    for (const CurveStep& s : m.steps[gone]) {
-      const CurveStep* back = m.step(s.to, gone);
-      if (s.to == kept || s.curve != joint->curve || !back) continue;
-      const glm::dvec3 n = normalAround(kept, gone);
-      if (deviationFromSide(options.curves[s.curve], {m.points[kept], n, joint->along},
-                            {m.points[s.to], n, back->along}) > deviation_factor * options.deviation[s.curve])
+  bool follows(const SmartHalfedgeHandle& over) const {
+    const CurveStep joint = step(over.opp());
+    if (!joint || joint.curve >= options.deviation.size() || !options.curves[joint.curve].border) return true;
+    const SmartVertexHandle gone = over.from(), kept = over.to();
+    glm::dvec3 n{0};
+    for (const auto& v : {kept, gone}) {
+      for (const auto f : v.faces()) n += areaVector(m, f);
+    }
+    n = unit(n);
+    for (const auto h : gone.outgoing_halfedges()) {
+      if (h == over || step(h).curve != joint.curve) continue;
+      if (deviationFromSide(options.curves[joint.curve], {m.point(kept), n, joint.along},
+                            {m.point(h.to()), n, step(h.opp()).along}) >
+          deviation_factor * options.deviation[joint.curve])
         return false;
     }
     return true;
   }
 
-  // Does the surface stay a surface of the same kind (the link condition, Dey et al. 1999), and of a decent shape?
-  bool allowed(uint32_t a, uint32_t b, const glm::dvec3& to) {
-    std::array<uint32_t, 2> found;
-    const uint32_t sides = m.sharing(a, b, found);
-    if (sides == 0 || (m.border[a] && m.border[b] && sides != 1)) return false;
-    neighbours(a, around_a);
-    neighbours(b, around_b);
-    uint32_t common = 0;
-    for (size_t i = 0, j = 0; i < around_a.size() && j < around_b.size();) {
-      if (around_a[i] == around_b[j]) {
-        ++common, ++i, ++j;
-      } else if (around_a[i] < around_b[j]) {
-        ++i;
-      } else {
-        ++j;
-      }
-    }
-    if (common != sides) return false;
-    const size_t fan = m.fans[a].size() + m.fans[b].size() - 2 * sides;
-    if (fan < (m.border[a] || m.border[b] ? 1u : 3u) ||
-        fan > std::max({largest_fan, m.fans[a].size(), m.fans[b].size()}))
+  // Does the surface stay a surface of the same kind, of a decent shape, with the same feature curves?
+  bool allowed(const SmartHalfedgeHandle& over, const glm::dvec3& to) {
+    if (!m.is_collapse_ok(over)) return false;  // the link condition (Dey et al. 1999)
+    const SmartVertexHandle gone = over.from(), kept = over.to();
+    const uint32_t of_gone = facesAround(gone), of_kept = facesAround(kept),
+                   fan = of_gone + of_kept - (over.edge().is_boundary() ? 2 : 4);
+    if (fan < (gone.is_boundary() || kept.is_boundary() ? 1u : 3u) || fan > std::max({largest_fan, of_gone, of_kept}))
       return false;
-    for (uint32_t t : m.fans[b]) {
-      Triangle x = m.triangles[t];
-      if (has(x, a)) continue;
-      std::replace(x.begin(), x.end(), b, a);
-      std::sort(x.begin(), x.end());
-      for (uint32_t o : m.fans[a]) {
-        Triangle y = m.triangles[o];
-        std::sort(y.begin(), y.end());
-        if (x == y) return false;
-      }
+    for (const auto& h : {over, over.opp()}) {
+      if (h.is_boundary()) continue;
+      // The vertex across keeps three triangles (one at a border); and two feature curves do not become one.
+      const SmartVertexHandle across = h.next().to();
+      if (facesAround(across) <= (across.is_boundary() ? 1u : 3u) || (step(h.next()) && step(h.prev()))) return false;
     }
-    // The vertex across keeps three triangles (one at a border); and two feature curves do not become one.
-    for (uint32_t k = 0; k < sides; ++k) {
-      for (uint32_t w : m.triangles[found[k]]) {
-        if (w == a || w == b) continue;
-        if (m.fans[w].size() <= (m.border[w] ? 1u : 3u) || (m.step(a, w) && m.step(b, w))) return false;
-      }
-    }
-    for (uint32_t v : {a, b}) {
-      for (uint32_t t : m.fans[v]) {
-        const Triangle& x = m.triangles[t];
-        if (has(x, a) && has(x, b)) continue;
-        const glm::dvec3 before = crossOf(m, x, kNoIndex, kNoIndex, to), after = crossOf(m, x, a, b, to);
-        const double la = glm::length(after), lb = glm::length(before);
-        if (glm::dot(before, after) < least_turn * la * lb) return false;
-        const double shape = shapeOf(m, x, a, b, to, la);
-        if (shape < least_shape && shape < shapeOf(m, x, kNoIndex, kNoIndex, to, lb)) return false;
+    for (const auto& v : {gone, kept}) {
+      for (const auto f : v.faces()) {
+        if (f == over.face() || f == over.opp().face()) continue;
+        Corners before, after;
+        size_t k = 0;
+        for (const auto w : f.vertices()) {
+          before[k] = m.point(w);
+          after[k++] = w == v ? to : m.point(w);
+        }
+        const glm::dvec3 was = areaVector(before), is = areaVector(after);
+        const double length_was = glm::length(was), length_is = glm::length(is);
+        if (glm::dot(was, is) < least_turn * length_is * length_was) return false;
+        const double shape = shapeOf(after, length_is);
+        if (shape < least_shape && shape < shapeOf(before, length_was)) return false;
       }
     }
     return true;
   }
 
-  // b goes; a takes its place on their feature curve.
-  void joinCurves(uint32_t a, uint32_t b) {
-    const CurveStep* joint = m.step(a, b);
-    if (joint) {
-      const CurveStep was = *joint;
-      for (const CurveStep& s : m.steps[b]) {
-        if (s.to == a) continue;
-        m.steps[a].push_back({s.to, s.curve, was.along});
-        for (CurveStep& back : m.steps[s.to]) {
-          if (back.to == b && back.curve == s.curve) back.to = a;
-        }
-      }
-      std::erase_if(m.steps[a], [&](const CurveStep& s) { return s.to == b; });
+  void collapse(const SmartHalfedgeHandle& over, const glm::dvec3& to) {
+    const SmartVertexHandle gone = over.from(), kept = over.to();
+    // The feature curve goes on from the vertex that is kept.
+    for (const auto h : gone.outgoing_halfedges()) m.data(h).step.along = step(over.opp()).along;
+    // Of the two edges that become one on either side, one at most is on a feature curve: which one OpenMesh keeps does
+    // not matter.
+    struct Side {
+      SmartVertexHandle across;
+      CurveStep kept, back;
+    };
+    std::vector<Side> sides;
+    for (const auto& h : {over, over.opp()}) {
+      if (h.is_boundary()) continue;
+      const SmartHalfedgeHandle back = step(h.next()) ? h.next().opp() : h.prev();
+      sides.push_back({back.from(), step(back.opp()), step(back)});
     }
-    m.steps[b].clear();
-  }
-
-  void collapse(uint32_t a, uint32_t b, const glm::dvec3& to) {
-    std::array<uint32_t, 2> found;
-    const uint32_t sides = m.sharing(a, b, found);
-    for (uint32_t k = 0; k < sides; ++k) {
-      const Triangle x = m.triangles[found[k]];
-      for (uint32_t w : x) std::erase(m.fans[w], found[k]);
-      m.triangles[found[k]] = {kNoIndex, kNoIndex, kNoIndex};
-      --m.live;
+    live -= over.edge().is_boundary() ? 1 : 2;
+    quadrics[kept.idx()].add(quadrics[gone.idx()]);
+    m.set_point(kept, to);
+    m.collapse(over);
+    for (const Side& side : sides) {
+      const SmartHalfedgeHandle h = m.find_halfedge(kept, side.across);
+      m.data(h).step = side.kept;
+      m.data(h.opp()).step = side.back;
     }
-    for (uint32_t t : m.fans[b]) {
-      std::replace(m.triangles[t].begin(), m.triangles[t].end(), b, a);
-      m.fans[a].push_back(t);
-    }
-    m.fans[b].clear();
-    joinCurves(a, b);
-    m.points[a] = to;
-    m.border[a] |= m.border[b];
-    quadrics[a].add(quadrics[b]);
-    ++stamp[a], ++stamp[b];
-    neighbours(a, around_a);
-    for (uint32_t w : around_a) push(a, w);
+    for (const auto e : kept.edges()) push(e);
   }
 
   void run() {
-    for (int round = 0; round < 4 && m.live > options.triangles; ++round) {
-      for (uint32_t v = 0; v < m.points.size(); ++v) {
-        if (m.fans[v].empty()) continue;
-        neighbours(v, around_a);
-        for (uint32_t w : around_a) {
-          if (v < w) push(v, w);
-        }
-      }
-      while (m.live > options.triangles && !queue.empty()) {
+    for (int round = 0; round < 4 && live > options.triangles; ++round) {
+      for (const auto e : m.edges()) push(e);
+      while (live > options.triangles && !queue.empty()) {
         if (options.interrupted && options.interrupted->load(std::memory_order_relaxed)) return;
-        const Collapse c = queue.top();
+        const Candidate c = queue.top();
         queue.pop();
-        if (stamp[c.a] != c.stamp_a || stamp[c.b] != c.stamp_b) continue;
-        glm::dvec3 to;
-        double cost;
-        if (!evaluate(c.a, c.b, to, cost)) continue;
-        uint32_t kept = c.a, gone = c.b;
-        if (held(c.b) && to == m.points[c.b]) std::swap(kept, gone);  // a place on a feature curve keeps its vertex
-        if (follows(kept, gone) && allowed(c.a, c.b, to)) collapse(kept, gone, to);
+        const SmartEdgeHandle edge = OpenMesh::make_smart(c.edge, m);
+        if (edge.deleted() || stamp[c.edge.idx()] != c.stamp) continue;
+        const auto meeting = meetingOf(edge);
+        if (meeting && follows(meeting->over) && allowed(meeting->over, meeting->at))
+          collapse(meeting->over, meeting->at);
       }
       queue = {};
       least_turn = std::max(0.02, least_turn - 0.14);
@@ -303,90 +256,55 @@ struct Simplifier {
   }
 };
 
+// The edge a b between the triangles a b c and b a d: do c d d and its triangles look as good?
+bool flipLooksBetter(const TriangleMesh& m, const SmartHalfedgeHandle& edge, bool more_even) {
+  const glm::dvec3 a = m.point(edge.from()), b = m.point(edge.to()), c = m.point(edge.next().to()),
+                   d = m.point(edge.opp().next().to());
+  const Corners triangles[4] = {{a, b, c}, {b, a, d}, {a, d, c}, {d, b, c}};
+  glm::dvec3 n[4];
+  double shape[4];
+  for (int i = 0; i < 4; ++i) {
+    n[i] = areaVector(triangles[i]);
+    shape[i] = shapeOf(triangles[i], glm::length(n[i]));
+    n[i] = unit(n[i]);
+  }
+  const glm::dvec3 mean = glm::normalize(n[0] + n[1] + glm::dvec3(1e-30));
+  const double worst_before = std::min(shape[0], shape[1]), worst_after = std::min(shape[2], shape[3]);
+  if (glm::dot(n[0], n[1]) < 0.7 || glm::dot(n[2], mean) < 0.7 || glm::dot(n[3], mean) < 0.7) return false;
+  return more_even ? worst_after >= std::min(0.6 * worst_before, 0.5) : worst_after > worst_before + 0.05;
+}
+
 }  // namespace
 
-EditMesh::EditMesh(const Surface& s, const FeatureCurves& curves)
-    : points(s.points.begin(), s.points.end()),
-      triangles(s.triangles),
-      fans(s.points.size()),
-      border(s.points.size(), 0),
-      fixed(curves.fixed),
-      steps(curves.steps),
-      live(static_cast<uint32_t>(s.triangles.size())) {
-  for (uint32_t t = 0; t < triangles.size(); ++t) {
-    for (uint32_t v : triangles[t]) fans[v].push_back(t);
-  }
-  for (const auto& loop : s.loops) {
-    for (uint32_t v : loop) border[v] = 1;
-  }
+void simplify(TriangleMesh& mesh, const SimplifyOptions& options) {
+  Simplifier(mesh, options).run();
+  mesh = compacted(mesh);
 }
 
-const CurveStep* EditMesh::step(uint32_t a, uint32_t b) const {
-  for (const CurveStep& s : steps[a]) {
-    if (s.to == b) return &s;
-  }
-  return nullptr;
-}
-
-uint32_t EditMesh::sharing(uint32_t a, uint32_t b, std::array<uint32_t, 2>& found) const {
-  uint32_t n = 0;
-  for (uint32_t t : fans[a]) {
-    if (has(triangles[t], b) && n < 2) found[n++] = t;
-  }
-  return n;
-}
-
-void simplify(EditMesh& mesh, const SimplifyOptions& options) { Simplifier(mesh, options).run(); }
-
-void flipEdges(EditMesh& m) {
-  auto wanted = [&](uint32_t v) { return m.border[v] ? 4 : 6; };
-  // A border vertex has one neighbour more than triangles.
-  auto valence = [&](uint32_t v) { return static_cast<int>(m.fans[v].size()) + (m.border[v] ? 1 : 0); };
-  auto badness = [&](uint32_t v, int change) {
-    const int d = valence(v) + change - wanted(v);
+void flipEdges(TriangleMesh& m) {
+  auto badness = [](const SmartVertexHandle& v, int change) {
+    const int d = static_cast<int>(v.valence()) + change - (v.is_boundary() ? 4 : 6);
     return d * d;
   };
   for (int round = 0; round < 6; ++round) {
     uint32_t flips = 0;
-    for (uint32_t t = 0; t < m.triangles.size(); ++t) {
-      for (int k = 0; k < 3 && m.triangles[t][0] != kNoIndex; ++k) {
-        const uint32_t a = m.triangles[t][k], b = m.triangles[t][(k + 1) % 3], c = m.triangles[t][(k + 2) % 3];
-        std::array<uint32_t, 2> found;
-        if (m.sharing(a, b, found) != 2 || m.step(a, b)) continue;
-        const uint32_t other = found[0] == t ? found[1] : found[0];
-        uint32_t d = kNoIndex;
-        for (uint32_t w : m.triangles[other]) {
-          if (w != a && w != b) d = w;
-        }
-        if (other < t || d == c || valence(a) <= 3 || valence(b) <= 3) continue;
-        std::array<uint32_t, 2> unused;
-        if (m.sharing(c, d, unused) != 0) continue;
-        const int before = badness(a, 0) + badness(b, 0) + badness(c, 0) + badness(d, 0);
-        const int after = badness(a, -1) + badness(b, -1) + badness(c, 1) + badness(d, 1);
-        if (after > before) continue;
-        const Triangle was[2] = {m.triangles[t], m.triangles[other]}, now[2] = {{a, d, c}, {d, b, c}};
-        glm::dvec3 n[4];
-        double shape[4];
-        for (int i = 0; i < 4; ++i) {
-          const Triangle& x = i < 2 ? was[i] : now[i - 2];
-          n[i] = crossOf(m, x, kNoIndex, kNoIndex, {});
-          const double length = glm::length(n[i]);
-          shape[i] = shapeOf(m, x, kNoIndex, kNoIndex, {}, length);
-          n[i] = length > 0 ? n[i] / length : glm::dvec3(0);
-        }
-        const glm::dvec3 mean = glm::normalize(n[0] + n[1] + glm::dvec3(1e-30));
-        const double worst_before = std::min(shape[0], shape[1]), worst_after = std::min(shape[2], shape[3]);
-        if (glm::dot(n[0], n[1]) < 0.7 || glm::dot(n[2], mean) < 0.7 || glm::dot(n[3], mean) < 0.7) continue;
-        if (after == before ? worst_after <= worst_before + 0.05 : worst_after < std::min(0.6 * worst_before, 0.5))
+    for (const auto f : m.faces()) {
+      for (size_t k = 0; k < 3; ++k) {
+        const SmartHalfedgeHandle side = sidesOf(f)[k], next = side.next();
+        const SmartEdgeHandle e = side.edge();
+        if (e.is_boundary() || side.opp().face() < f || m.data(side).step || !m.is_flip_ok(e) ||
+            e.v0().valence() <= 3 || e.v1().valence() <= 3)
           continue;
-        for (int i = 0; i < 2; ++i) {
-          for (uint32_t w : was[i]) std::erase(m.fans[w], i ? other : t);
+        int before = 0, after = 0;
+        for (const auto& h : {side, side.opp()}) {
+          before += badness(h.from(), 0) + badness(h.next().to(), 0);
+          after += badness(h.from(), -1) + badness(h.next().to(), 1);
         }
-        m.triangles[t] = now[0];
-        m.triangles[other] = now[1];
-        for (int i = 0; i < 2; ++i) {
-          for (uint32_t w : now[i]) m.fans[w].push_back(i ? other : t);
-        }
+        if (after > before || !flipLooksBetter(m, side, after < before)) continue;
+        const SmartHalfedgeHandle to_first = side.prev();  // the triangles are then a d c and d b c
+        m.flip(e);
+        m.set_halfedge_handle(to_first.face(), to_first);
+        m.set_halfedge_handle(next.face(), next.next());
         ++flips;
       }
     }

@@ -249,6 +249,12 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
   return s;
 }
 
+double areaOf(const Surface& s) {
+  double area = 0;
+  for (const SurfacePiece& p : s.pieces) area += p.area;
+  return area;
+}
+
 Surface subdivided(const Surface& s) {
   std::vector<glm::vec3> points = s.points;
   std::vector<Triangle> triangles;

@@ -1,5 +1,7 @@
 // base_topology.h - a scan's connectivity, made explicit: pieces, border loops, one winding a piece, one fan of
-// triangles a vertex.
+// triangles a vertex. Of whole scans, which may have millions of triangles; what they are reduced to is OpenMesh's
+// (coarse_mesh.h). OpenMesh 9 was measured for this, too: of a million triangles it is made in three times the time
+// (0.3 s for 0.1 s) and takes 71 bytes a triangle for 45.
 #pragma once
 
 #include <array>
@@ -40,6 +42,8 @@ struct Surface {
 // of its area is). Refuses indices out of range, points that are not finite, edges of three triangles, triangles that
 // name a vertex twice, pieces without area and pieces with one side only (Moebius strips).
 Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const Triangle> triangles);
+
+double areaOf(const Surface& s);
 
 // The same surface of four times as many triangles: every edge halved.
 Surface subdivided(const Surface& s);

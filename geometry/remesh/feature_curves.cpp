@@ -6,6 +6,8 @@
 #include <numbers>
 #include <numeric>
 
+#include "geometry/remesh/coarse_mesh.h"
+
 namespace relievo {
 
 namespace {
@@ -19,9 +21,9 @@ double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
   return length > 0 ? std::acos(std::clamp(glm::dot(a, b) / length, -1.0, 1.0)) : 0;
 }
 
-// A line of vertices with their places; closed: the last one leads back to the first.
+// A line of the reduced surface's vertices with their places; closed: the last one leads back to the first.
 struct Line {
-  std::vector<uint32_t> vertices;
+  std::vector<VertexHandle> vertices;  // not valid: of the scan's border, and gone
   std::vector<glm::dvec3> points;
   bool closed = false, border = false;
 };
@@ -115,20 +117,19 @@ std::vector<size_t> borderTurns(const std::vector<glm::dvec3>& points) {
   return turns;
 }
 
-// Cuts a line at its sharp turns (a closed one at least once) into feature curves. vertex_of: the reduced surface's
-// names, kNoIndex: gone.
-void addCurves(const Line& line, const std::vector<uint32_t>& vertex_of, FeatureCurves& out) {
+// Cuts a line at its sharp turns (a closed one at least once) into feature curves, and marks their steps.
+void addCurves(const Line& line, TriangleMesh& mesh, std::vector<FeatureCurve>& curves) {
   const size_t n = line.points.size();
   // Fixed vertices must still exist.
   std::vector<size_t> cuts;
   for (size_t i : line.border ? borderTurns(line.points) : sharpTurns(line)) {
-    if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
+    if (line.vertices[i].is_valid()) cuts.push_back(i);
   }
   if (line.closed && cuts.empty()) {
-    for (size_t i = 0; i < n && cuts.empty(); ++i) {
-      if (vertex_of[line.vertices[i]] != kNoIndex) cuts.push_back(i);
-    }
-    if (cuts.empty()) return;
+    const auto left =
+        std::find_if(line.vertices.begin(), line.vertices.end(), [](VertexHandle v) { return v.is_valid(); });
+    if (left == line.vertices.end()) return;
+    cuts.push_back(left - line.vertices.begin());
   }
   if (!line.closed) {
     cuts.insert(cuts.begin(), 0);
@@ -139,105 +140,103 @@ void addCurves(const Line& line, const std::vector<uint32_t>& vertex_of, Feature
     const size_t first = cuts[c], last = c + 1 < cuts.size() ? cuts[c + 1] : cuts[0] + n;
     FeatureCurve curve;
     curve.border = line.border;
-    const auto name = static_cast<uint32_t>(out.curves.size());
-    uint32_t before = kNoIndex;
+    VertexHandle before;
     double before_along = 0;
     for (size_t i = first; i <= last; ++i) {
       const glm::dvec3 p = line.points[i % n];
       const double along = i == first ? 0 : curve.at.back() + glm::length(p - curve.points.back());
       curve.points.push_back(p);
       curve.at.push_back(along);
-      const uint32_t v = vertex_of[line.vertices[i % n]];
-      if (v == kNoIndex) continue;
-      if (before != kNoIndex) {
-        out.steps[before].push_back({v, name, before_along});
-        out.steps[v].push_back({before, name, along});
-      }
-      if (i == first || i == last) out.fixed[v] = 1;
+      const VertexHandle v = line.vertices[i % n];
+      if (!v.is_valid()) continue;
+      if (before.is_valid()) markStep(mesh, before, v, static_cast<uint32_t>(curves.size()), before_along, along);
+      if (i == first || i == last) mesh.data(v).fixed = true;
       before = v;
       before_along = along;
     }
-    out.curves.push_back(std::move(curve));
+    curves.push_back(std::move(curve));
   }
 }
 
-// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and
-// forks.
-std::vector<Line> creaseLines(const Surface& s, const std::vector<uint8_t>& on_border) {
-  auto normal = [&](uint32_t t) {
-    const Triangle& x = s.triangles[t];
-    const glm::dvec3 a = s.points[x[0]], n = glm::cross(glm::dvec3(s.points[x[1]]) - a, glm::dvec3(s.points[x[2]]) - a);
-    const double length = glm::length(n);
-    return length > 0 ? n / length : glm::dvec3(0);
-  };
-  std::vector<std::vector<uint32_t>> beside(s.points.size());
-  for (uint32_t h = 0; h < s.twin.size(); ++h) {
-    if (s.twin[h] == kNoIndex || s.twin[h] < h || glm::dot(normal(h / 3), normal(s.twin[h] / 3)) > std::cos(kSharp))
-      continue;
-    const uint32_t a = s.triangles[h / 3][h % 3], b = s.triangles[h / 3][(h + 1) % 3];
-    beside[a].push_back(b);
-    beside[b].push_back(a);
-  }
-  auto node = [&](uint32_t v) { return beside[v].size() != 2 || on_border[v]; };
+// The edges along which the surface folds sharply, and the lines that they make.
+struct Creases {
+  const TriangleMesh& m;
+  std::vector<uint8_t> sharp, walked;  // of an edge
+  std::vector<uint32_t> edges;         // sharp ones of a vertex
   std::vector<Line> lines;
-  std::vector<std::vector<uint8_t>> walked(s.points.size());
-  for (uint32_t v = 0; v < s.points.size(); ++v) walked[v].assign(beside[v].size(), 0);
-  auto walk = [&](uint32_t v, size_t k) {
+
+  explicit Creases(const TriangleMesh& mesh)
+      : m(mesh), sharp(m.n_edges(), 0), walked(m.n_edges(), 0), edges(m.n_vertices(), 0) {
+    for (const auto e : m.edges()) {
+      if (e.is_boundary()) continue;
+      const glm::dvec3 n = unit(areaVector(m, e.h0().face())), o = unit(areaVector(m, e.h1().face()));
+      if (glm::dot(n, o) > std::cos(kSharp)) continue;
+      sharp[e.idx()] = 1;
+      ++edges[e.v0().idx()], ++edges[e.v1().idx()];
+    }
+    for (bool circles : {false, true}) {  // what is left after those that start at nodes
+      for (const auto v : m.vertices()) {
+        if (!circles && !node(v)) continue;
+        for (const auto h : v.outgoing_halfedges()) {
+          if (sharp[h.edge().idx()] && !walked[h.edge().idx()]) walk(h);
+        }
+      }
+    }
+  }
+
+  bool node(const SmartVertexHandle& v) const { return edges[v.idx()] != 2 || v.is_boundary(); }
+
+  void walk(SmartHalfedgeHandle h) {
+    const SmartVertexHandle first = h.from();
     Line line;
-    line.vertices.push_back(v);
-    for (uint32_t at = v;;) {
-      walked[at][k] = 1;
-      const uint32_t next = beside[at][k];
-      const size_t back = std::find(beside[next].begin(), beside[next].end(), at) - beside[next].begin();
-      walked[next][back] = 1;
-      if (next == v) {
-        line.closed = true;
+    line.vertices.push_back(first);
+    for (;;) {
+      walked[h.edge().idx()] = 1;
+      line.closed = h.to() == first;
+      if (line.closed && !node(first)) break;
+      line.vertices.push_back(h.to());
+      if (node(h.to())) break;
+      for (const auto next : h.to().outgoing_halfedges()) {
+        if (next.edge() == h.edge() || !sharp[next.edge().idx()]) continue;
+        h = next;
         break;
       }
-      line.vertices.push_back(next);
-      if (node(next)) break;
-      k = 1 - back;
-      at = next;
     }
-    for (uint32_t x : line.vertices) line.points.push_back(s.points[x]);
-    if (line.closed && node(v)) {  // back to a fork: it stays the end of both ways
-      line.closed = false;
-      line.vertices.push_back(v);
-      line.points.push_back(s.points[v]);
-    }
+    if (node(first)) line.closed = false;  // back to a fork: it stays the end of both ways
+    for (const VertexHandle v : line.vertices) line.points.push_back(m.point(v));
     lines.push_back(std::move(line));
-  };
-  for (int pass = 0; pass < 2; ++pass) {  // from the nodes first; then what is left are circles
-    for (uint32_t v = 0; v < s.points.size(); ++v) {
-      if (pass == 0 && !node(v)) continue;
-      for (size_t k = 0; k < beside[v].size(); ++k) {
-        if (!walked[v][k]) walk(v, k);
-      }
-    }
   }
+};
+
+// The lines along which the surface folds sharply, as long as they form nets that are long for their number of ends and
+// forks.
+std::vector<Line> creaseLines(const TriangleMesh& m) {
+  Creases creases(m);
+  std::vector<Line>& lines = creases.lines;
   // Nets that are too short for their fixed points are roughness.
-  std::vector<uint32_t> net(s.points.size());
-  std::iota(net.begin(), net.end(), 0u);
-  auto netOf = [&](uint32_t v) {
+  std::vector<int> net(m.n_vertices());
+  std::iota(net.begin(), net.end(), 0);
+  auto netOf = [&](VertexHandle vertex) {
+    int v = vertex.idx();
     while (net[v] != v) v = net[v] = net[net[v]];
     return v;
   };
   for (const Line& line : lines) {
-    const uint32_t a = netOf(line.vertices.front()), b = netOf(line.vertices.back());
+    const int a = netOf(line.vertices.front()), b = netOf(line.vertices.back());
     net[std::max(a, b)] = std::min(a, b);
   }
-  std::vector<double> length(s.points.size(), 0.0), fixed(s.points.size(), 0.0);
-  for (uint32_t v = 0; v < s.points.size(); ++v) fixed[netOf(v)] += !beside[v].empty() && node(v);
+  std::vector<double> length(m.n_vertices(), 0.0), fixed(m.n_vertices(), 0.0);
+  for (const auto v : m.vertices()) fixed[netOf(v)] += creases.edges[v.idx()] && creases.node(v);
   for (const Line& line : lines) {
-    const uint32_t n = netOf(line.vertices.front());
+    const int n = netOf(line.vertices.front());
     for (size_t i = 1; i < line.points.size(); ++i) length[n] += glm::length(line.points[i] - line.points[i - 1]);
     fixed[n] += static_cast<double>(sharpTurns(line).size());
   }
   std::erase_if(lines, [&](const Line& line) {
-    const uint32_t n = netOf(line.vertices.front());
+    const int n = netOf(line.vertices.front());
     return length[n] < kShortest * std::max(fixed[n], 1.0);
   });
-  return lines;
+  return std::move(lines);
 }
 
 }  // namespace
@@ -284,32 +283,23 @@ std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders)
   return corners;
 }
 
-FeatureCurves findFeatureCurves(const std::vector<BorderLine>& scan_borders, const Reduced& reduced) {
-  const size_t n = reduced.surface.points.size();
-  FeatureCurves out;
-  out.steps.resize(n);
-  out.fixed.assign(n, 0);
+std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLine>& scan_borders,
+                                            std::span<const uint32_t> vertex, TriangleMesh& reduced) {
+  std::vector<FeatureCurve> curves;
   uint32_t last = 0;
   for (const BorderLine& border : scan_borders)
     last = std::max(last, *std::max_element(border.vertices.begin(), border.vertices.end()));
-  std::vector<uint32_t> reduced_of(scan_borders.empty() ? 0 : last + 1, kNoIndex);
-  for (uint32_t v = 0; v < n; ++v) {
-    if (reduced.vertex[v] < reduced_of.size()) reduced_of[reduced.vertex[v]] = v;
+  std::vector<VertexHandle> left(scan_borders.empty() ? 0 : last + 1);  // of the scan's vertices
+  for (size_t v = 0; v < vertex.size(); ++v) {
+    if (vertex[v] < left.size()) left[vertex[v]] = VertexHandle(static_cast<int>(v));
   }
-  std::vector<uint8_t> on_border(n, 0);
   for (const BorderLine& border : scan_borders) {
-    addCurves({border.vertices, {border.points.begin(), border.points.end()}, true, true}, reduced_of, out);
-    for (uint32_t v : border.vertices) {
-      if (reduced_of[v] != kNoIndex) on_border[reduced_of[v]] = 1;
-    }
+    Line line{{}, {border.points.begin(), border.points.end()}, true, true};
+    for (uint32_t v : border.vertices) line.vertices.push_back(left[v]);
+    addCurves(line, reduced, curves);
   }
-  std::vector<uint32_t> itself(n);
-  for (uint32_t v = 0; v < n; ++v) itself[v] = v;
-  for (const Line& line : creaseLines(reduced.surface, on_border)) addCurves(line, itself, out);
-  for (uint32_t v = 0; v < n; ++v) {
-    if (on_border[v] && out.steps[v].size() > 2) out.fixed[v] = 1;
-  }
-  return out;
+  for (const Line& line : creaseLines(reduced)) addCurves(line, reduced, curves);
+  return curves;
 }
 
 }  // namespace relievo

@@ -3,14 +3,14 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include <glm/glm.hpp>
 
-#include "geometry/remesh/base_reduce.h"
-#include "geometry/remesh/base_topology.h"
-
 namespace relievo {
+
+struct TriangleMesh;  // coarse_mesh.h
 
 struct FeatureCurve {
   std::vector<glm::dvec3> points;
@@ -41,25 +41,14 @@ struct BorderLine {
   std::vector<glm::vec3> points;
 };
 
-// A step along a feature curve from a vertex to the next.
-struct CurveStep {
-  uint32_t to = kNoIndex;  // vertex
-  uint32_t curve = kNoIndex;
-  double along = 0;  // of the vertex that the step leaves
-};
-
-struct FeatureCurves {
-  std::vector<FeatureCurve> curves;
-  std::vector<std::vector<CurveStep>> steps;  // of a vertex of the reduced surface; two, but at fixed vertices
-  std::vector<uint8_t> fixed;                 // where feature curves meet, end, or turn sharply
-};
-
 // The vertices at which borders turn sharply at the scale of patches, whatever their roughness: the reduced surface
 // must keep them. Lengths in units of the scan's diagonal, here and below.
 std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders);
 
 // The borders in full detail, as the scan has them; the creases of the reduced surface. Where a surface is rough all
-// over, it has no creases.
-FeatureCurves findFeatureCurves(const std::vector<BorderLine>& scan_borders, const Reduced& reduced);
+// over, it has no creases. Their steps and fixed vertices are marked in `reduced`; vertex: of the scan that each of its
+// vertices is.
+std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLine>& scan_borders,
+                                            std::span<const uint32_t> vertex, TriangleMesh& reduced);
 
 }  // namespace relievo

@@ -95,6 +95,28 @@ TEST(Rooms, IncludeOnlyWhatComesBeforeThem) {
   EXPECT_GT(includes, 800u) << "the files were not found";
 }
 
+// The files below a root that include a library, by the beginning of its headers' names.
+std::vector<std::string> includersOf(const fs::path& root, std::string_view library) {
+  std::vector<std::string> found;
+  for (const char* folder : {"src", "geometry", "texturing", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);)
+        if (line.starts_with("#include <" + std::string(library))) {
+          found.push_back(fs::relative(entry.path(), root).generic_string());
+          break;
+        }
+    }
+  return found;
+}
+
+TEST(Rooms, LibrariesStayBehindTheirFile) {
+  EXPECT_EQ(includersOf(RELIEVO_SOURCE_DIR, "OpenMesh/"), std::vector<std::string>{"geometry/remesh/coarse_mesh.h"});
+  EXPECT_EQ(includersOf(RELIEVO_SOURCE_DIR, "imgui"), std::vector<std::string>{"src/viewer/hud.cpp"});
+  // Control: one that is used in many places is found in many.
+  EXPECT_GT(includersOf(RELIEVO_SOURCE_DIR, "glm/").size(), 20u);
+}
+
 TEST(Rooms, TheCheckSeesAnIncludeAgainstTheOrder) {
   EXPECT_NE(whyNot("src/base/file.h", "src/artwork/node_id.h"), "");
   EXPECT_NE(whyNot("texturing/stream/page_table.h", "geometry/lod/snap.h"), "");
