@@ -405,7 +405,7 @@ struct Engine::Impl {
     pool->bind(program, streamer->table());
     bindSurface(program);
     setUniforms(program, now_s);
-    setEffectUniforms(program, scene.effects);
+    setNamedUniforms(program, effectUniforms(scene.effects));
     screen->draw(true);
     ++stats.draw_calls;
     if (plan.wireframe) {

@@ -111,6 +111,11 @@ void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) 
   }
 }
 
+void setNamedUniforms(const gl::Program& program, std::span<const NamedUniform> uniforms) {
+  for (const NamedUniform& u : uniforms)
+    glUniform4f(program.uniform(u.name.c_str()), u.value.x, u.value.y, u.value.z, u.value.w);
+}
+
 void submitFrame() { glFlush(); }
 void finishFrame() { glFinish(); }
 

@@ -4,7 +4,11 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
+#include <string>
 #include <vector>
+
+#include <glm/glm.hpp>
 
 #include "src/artwork/basis.h"
 #include "src/artwork/planar_domain.h"
@@ -50,6 +54,12 @@ struct ShadingParameters {
 gl::Defines shadingDefines(Basis basis);
 // Of the program in use.
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);
+
+struct NamedUniform {
+  std::string name;
+  glm::vec4 value{0};
+};
+void setNamedUniforms(const gl::Program& program, std::span<const NamedUniform> uniforms);  // of the program in use
 
 void submitFrame();  // hands the frame's commands to the driver; does not wait
 void finishFrame();  // waits until they are done

@@ -13,6 +13,7 @@
 #include <glm/glm.hpp>
 
 #include "src/gl/program.h"
+#include "src/render/picture_target.h"
 
 namespace relievo {
 
@@ -57,7 +58,7 @@ struct EffectSetting {
 
 // Of a shading program in which these effects are on, in their order; overlay may be null.
 gl::Defines effectDefines(std::span<const PixelEffect* const> tones, const PixelEffect* overlay);
-// Of that program, which is in use. Effects that are off have no uniform.
-void setEffectUniforms(const gl::Program& program, std::span<const EffectSetting> settings);
+// Of that program. Effects that are off have no uniform.
+std::vector<NamedUniform> effectUniforms(std::span<const EffectSetting> settings);
 
 }  // namespace relievo

@@ -36,13 +36,14 @@ gl::Defines effectDefines(std::span<const PixelEffect* const> tones, const Pixel
   return defines;
 }
 
-void setEffectUniforms(const gl::Program& program, std::span<const EffectSetting> settings) {
+std::vector<NamedUniform> effectUniforms(std::span<const EffectSetting> settings) {
+  std::vector<NamedUniform> uniforms;
   for (const EffectSetting& setting : settings) {
     if (setting.changesNothing()) continue;
-    const std::string name = "u_" + std::string(setting.effect->name);
     const glm::vec4 values(setting.values[0], setting.values[1], setting.values[2], setting.values[3]);
-    glUniform4f(program.uniform(name.c_str()), values.x, values.y, values.z, values.w);
+    uniforms.push_back({"u_" + std::string(setting.effect->name), values});
   }
+  return uniforms;
 }
 
 }  // namespace relievo
