@@ -237,9 +237,9 @@ QuadMesh makeQuads(const TriangleMesh& m, std::span<const FeatureCurve> curves, 
       continue;
     }
     const size_t n = sides.size();
-    glm::dvec3 sum{0};
-    for (const auto& h : sides) sum += m.point(h.from());
-    const VertexHandle centre = out.add_vertex(sum / static_cast<double>(n));
+    glm::dvec3 middle_of_all{0};
+    for (const auto& h : sides) middle_of_all += m.point(h.from()) / static_cast<double>(n);
+    const VertexHandle centre = out.add_vertex(middle_of_all);
     for (size_t k = 0; k < n; ++k) {
       const VertexHandle after = middleOf(sides[k].edge()), before = middleOf(sides[(k + n - 1) % n].edge());
       out.add_face(sides[k].from(), after, centre, before);

@@ -95,14 +95,16 @@ struct Simplifier {
       const double area = glm::length(cross) / 2;
       if (!(area > 0)) continue;
       const glm::dvec3 normal = cross / (2 * area), centre = (p[0] + p[1] + p[2]) / 3.0;
-      double weight = options.weight.empty() ? 1 : 0;
+      double weight = 1;
       if (!options.weight.empty()) {
-        for (const auto v : f.vertices()) weight += options.weight[v.idx()] / 3.0;
+        float sum = 0;
+        for (const auto v : f.vertices()) sum += options.weight[v.idx()];
+        weight = sum / 3.0;
       }
       Quadric q;
       q.addPlane(normal, centre, area * weight / 3);
       q.addPoint(centre, flat * area * weight / 3);
-      for (const auto h : f.halfedges()) {
+      for (const auto& h : sidesOf(f)) {
         quadrics[h.from().idx()].add(q);
         if (h.opp().is_boundary()) addBorder(h, normal, weight);
       }
@@ -256,11 +258,12 @@ struct Simplifier {
   }
 };
 
-// The edge a b between the triangles a b c and b a d: do c d d and its triangles look as good?
+// The edge a b between the triangles a b c and b a d: is c d no rougher, and are its triangles of a better shape? Where
+// valences become more even, a fair shape will do.
 bool flipLooksBetter(const TriangleMesh& m, const SmartHalfedgeHandle& edge, bool more_even) {
   const glm::dvec3 a = m.point(edge.from()), b = m.point(edge.to()), c = m.point(edge.next().to()),
                    d = m.point(edge.opp().next().to());
-  const Corners triangles[4] = {{a, b, c}, {b, a, d}, {a, d, c}, {d, b, c}};
+  const Corners triangles[4] = {pointsOf<3>(m, edge.face()), pointsOf<3>(m, edge.opp().face()), {a, d, c}, {d, b, c}};
   glm::dvec3 n[4];
   double shape[4];
   for (int i = 0; i < 4; ++i) {

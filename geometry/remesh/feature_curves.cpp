@@ -161,48 +161,40 @@ void addCurves(const Line& line, TriangleMesh& mesh, std::vector<FeatureCurve>& 
 // The edges along which the surface folds sharply, and the lines that they make.
 struct Creases {
   const TriangleMesh& m;
-  std::vector<uint8_t> sharp, walked;  // of an edge
-  std::vector<uint32_t> edges;         // sharp ones of a vertex
+  std::vector<std::vector<SmartHalfedgeHandle>> leaving;  // of a vertex
+  std::vector<uint8_t> walked;                            // of an edge
   std::vector<Line> lines;
 
-  explicit Creases(const TriangleMesh& mesh)
-      : m(mesh), sharp(m.n_edges(), 0), walked(m.n_edges(), 0), edges(m.n_vertices(), 0) {
+  explicit Creases(const TriangleMesh& mesh) : m(mesh), leaving(m.n_vertices()), walked(m.n_edges(), 0) {
     for (const auto e : m.edges()) {
       if (e.is_boundary()) continue;
       const glm::dvec3 n = unit(areaVector(m, e.h0().face())), o = unit(areaVector(m, e.h1().face()));
       if (glm::dot(n, o) > std::cos(kSharp)) continue;
-      sharp[e.idx()] = 1;
-      ++edges[e.v0().idx()], ++edges[e.v1().idx()];
+      for (const auto& h : {e.h0(), e.h1()}) leaving[h.from().idx()].push_back(h);
     }
     for (bool circles : {false, true}) {  // what is left after those that start at nodes
       for (const auto v : m.vertices()) {
         if (!circles && !node(v)) continue;
-        for (const auto h : v.outgoing_halfedges()) {
-          if (sharp[h.edge().idx()] && !walked[h.edge().idx()]) walk(h);
+        for (const auto& h : leaving[v.idx()]) {
+          if (!walked[h.edge().idx()]) walk(h);
         }
       }
     }
   }
 
-  bool node(const SmartVertexHandle& v) const { return edges[v.idx()] != 2 || v.is_boundary(); }
+  bool node(const SmartVertexHandle& v) const { return leaving[v.idx()].size() != 2 || v.is_boundary(); }
 
   void walk(SmartHalfedgeHandle h) {
     const SmartVertexHandle first = h.from();
-    Line line;
-    line.vertices.push_back(first);
+    Line line{.vertices = {first}};
     for (;;) {
       walked[h.edge().idx()] = 1;
-      line.closed = h.to() == first;
-      if (line.closed && !node(first)) break;
-      line.vertices.push_back(h.to());
-      if (node(h.to())) break;
-      for (const auto next : h.to().outgoing_halfedges()) {
-        if (next.edge() == h.edge() || !sharp[next.edge().idx()]) continue;
-        h = next;
-        break;
-      }
+      line.closed = h.to() == first && !node(first);  // back to a fork: it stays the end of both ways
+      if (!line.closed) line.vertices.push_back(h.to());
+      if (line.closed || node(h.to())) break;
+      const auto& ways = leaving[h.to().idx()];
+      h = ways[0].edge() == h.edge() ? ways[1] : ways[0];
     }
-    if (node(first)) line.closed = false;  // back to a fork: it stays the end of both ways
     for (const VertexHandle v : line.vertices) line.points.push_back(m.point(v));
     lines.push_back(std::move(line));
   }
@@ -226,7 +218,7 @@ std::vector<Line> creaseLines(const TriangleMesh& m) {
     net[std::max(a, b)] = std::min(a, b);
   }
   std::vector<double> length(m.n_vertices(), 0.0), fixed(m.n_vertices(), 0.0);
-  for (const auto v : m.vertices()) fixed[netOf(v)] += creases.edges[v.idx()] && creases.node(v);
+  for (const auto v : m.vertices()) fixed[netOf(v)] += !creases.leaving[v.idx()].empty() && creases.node(v);
   for (const Line& line : lines) {
     const int n = netOf(line.vertices.front());
     for (size_t i = 1; i < line.points.size(); ++i) length[n] += glm::length(line.points[i] - line.points[i - 1]);
