@@ -262,9 +262,29 @@ TEST_F(SmallPackage, hostileIndexEntriesAreRefused) {
     writeAll(damaged_, bytes_);
     auto package = Package::open(damaged_);
     ASSERT_TRUE(package.ok());
-    EXPECT_FALSE((*package)->read(PageId(texturePlane(0), NodeId{0, 0, 0, 0})).ok());
+    // Refused for where it points, not for the checksum of what stands there.
+    auto page = (*package)->read(PageId(texturePlane(0), NodeId{0, 0, 0, 0}));
+    ASSERT_FALSE(page.ok());
+    EXPECT_NE(page.error().message.find("its index entry points outside the pages"), std::string::npos)
+        << offset << ", " << size << ": " << page.error().text();
     EXPECT_TRUE((*package)->read(PageId(texturePlane(1), NodeId{0, 0, 0, 0})).ok());
   }
+}
+
+// The copy of a damaged header is believed only in a file of the length that it names.
+TEST_F(SmallPackage, headerCopiesOfAnotherLengthAreRefused) {
+  std::vector<uint8_t> damaged = bytes_;
+  damaged[8] ^= 1;
+  auto opens = [&](const std::vector<uint8_t>& bytes) {
+    writeAll(damaged_, bytes);
+    return Package::open(damaged_).ok();
+  };
+  EXPECT_TRUE(opens(damaged));  // negative control: of its own length
+  std::vector<uint8_t> longer = damaged, shorter = damaged;
+  longer.insert(longer.end() - kHeaderBytes, 100, uint8_t{0});
+  EXPECT_FALSE(opens(longer));
+  shorter.erase(shorter.end() - kHeaderBytes - 100, shorter.end() - kHeaderBytes);
+  EXPECT_FALSE(opens(shorter));
 }
 
 // What a few KB of header claim, of a file that has no more: refused before anything is walked.

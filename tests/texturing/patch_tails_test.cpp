@@ -2,6 +2,7 @@
 // and borders is written from patch_tails.h and PACKAGE.md alone.
 #include <gtest/gtest.h>
 #include <xxhash.h>
+#include <zstd.h>
 
 #include <cstring>
 #include <fstream>
@@ -217,6 +218,37 @@ TEST(PatchTails, chunksDecodeToWhatWasEncodedAndNothingElse) {
   PatchTails moved(20, 6);
   ASSERT_TRUE(decodeTailsChunk(bytes, 13, 5, moved).ok());
   EXPECT_TRUE(std::ranges::equal(moved.heightsOf(13), back.heightsOf(2)));
+}
+
+// The bytes of a chunk, by what PACKAGE.md says of them: the differences of the heights, low bytes before high bytes,
+// then those of the texels. Writer and reader could agree on anything else.
+TEST(PatchTails, chunksHoldDifferencesToTheLeftOrAtARowsBeginningToAbove) {
+  PatchTails tails = noise(3, 3);
+  const std::vector<uint8_t> bytes = encodeTailsChunk(tails, 1, 2, 3);
+  std::vector<uint8_t> expected, high;
+  for (uint32_t p : {1u, 2u}) {
+    const std::span<const uint16_t> h = tails.heightsOf(p);
+    for (int i = 0; i < 17 * 17; ++i) {
+      const int before = i % 17 > 0 ? h[i - 1] : i > 0 ? h[i - 17] : 0;
+      const int step = static_cast<int16_t>(static_cast<uint16_t>(h[i] - before));
+      const int folded = step >= 0 ? 2 * step : -2 * step - 1;
+      expected.push_back(static_cast<uint8_t>(folded % 256));
+      high.push_back(static_cast<uint8_t>(folded / 256));
+    }
+  }
+  expected.insert(expected.end(), high.begin(), high.end());
+  for (uint32_t p : {1u, 2u}) {
+    const uint8_t* texel = tails.texelsOf(p).data();
+    for (int side : {16, 8, 4, 2})
+      for (int channel = 0; channel < 3; ++channel, texel += side * side)
+        for (int i = 0; i < side * side; ++i) {
+          const int before = i % side > 0 ? texel[i - 1] : i > 0 ? texel[i - side] : 0;
+          expected.push_back(static_cast<uint8_t>(texel[i] - before));
+        }
+  }
+  std::vector<uint8_t> raw(expected.size());
+  ASSERT_EQ(ZSTD_decompress(raw.data(), raw.size(), bytes.data(), bytes.size()), raw.size());
+  EXPECT_TRUE(raw == expected);
 }
 
 class TailsOfPackage : public ::testing::Test {
