@@ -1,10 +1,9 @@
 // base_domain.h - the coarse quads over which a scanned mesh becomes a displacement: few, near square, close to the
 // surface, with normals along which it is a function (Gobbetti et al. 2012; Pietroni, Tarini, Cignoni 2010).
 //   topology  the scan's: pieces, handles, border loops; every side shared by two patches, or one at a border
-//   borders   border corners lie on the scan's borders, and where these turn sharply are corners, however rough they
-//   are; across the
-//             normals they stray from the sides by 0.2 % of the diagonal (patches free, up to 800; or by what their
-//             steps need)
+//   borders   border corners lie on the scan's borders, and each sharp turn of a border is a corner, however rough the
+//             border is; between corners it deviates from the sides, across the normals, by at most 0.2 % of the
+//             diagonal where the number of patches is free (or by what the border's own steps need)
 //   creases   sides that follow sharp ones have their corners on them
 //   normals   of length 1, outwards; mean normals of what lies within half a patch, turned towards what would face away
 //   order     the same mesh and options give the same base, bit for bit

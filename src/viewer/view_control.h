@@ -1,13 +1,16 @@
 // view_control.h - what the mouse and the keys do to camera, light and display; no window, no GL.
-//   left drag             orbit about the point of the surface under the mouse, which stays there; over the background
-//   about the target middle drag, shift+left   pan: the point that was grabbed stays under the mouse wheel zoom: the
-//   point under the mouse stays there right drag, L + move  light O                     perspective or orthographic:
-//   what is at the target keeps its size and place W P R S F1 F2 Esc     wireframe, page overlay, reset, snapshot,
-//   help, figures, quit
-// Angles are kept where a flat artwork is seen from the front (a body turns all around), the target on the artwork, the
-// distance within bounds. A perspective eye stays outside of the surface (eye_guard.h): what would lead into it stops
-// before; turning and panning go farther away where that lets them go on. Whoever turns or zooms about a point of the
-// surface gets it as far away as the target is, so that zooming in ends at the surface.
+//   left drag           orbits about the surface point under the mouse, which stays there; else about the target
+//   middle, shift+left  pans: the grabbed point stays under the mouse
+//   wheel               zooms: the point under the mouse stays there
+//   right drag, L+move  moves the light
+//   O                   switches between perspective and orthographic; the target keeps its size and place
+//   W, P                switch the wireframe and the page overlay
+//   R, S                reset the view; save a snapshot
+//   F1, F2, Esc         show help; show figures; quit
+// A flat artwork is only seen from its front; a body can be turned all around. The target stays on the artwork and the
+// distance within bounds. A perspective eye stays outside of the surface (eye_guard.h): a zoom that would enter it
+// stops before it; orbiting and panning move the eye away where that lets them go on. To orbit or zoom about a point of
+// the surface moves the target to that point's distance, so that zooming in ends at the surface.
 #pragma once
 
 #include <array>

@@ -12,15 +12,13 @@
 //   RELIEVO_FAULT_FOLDER   an absolute path
 //   RELIEVO_FAULT_NTH      the call that fails, from 1 on; 0 or missing: none, calls are only counted
 //   RELIEVO_FAULT_BYTE     instead: the call that writes this byte (from 0 on, counted over all writes); the bytes
-//   before
-//                          it are written first, as by a disk that fills up, or a process that is killed
+//                          before it are written first, as by a disk that fills up, or a process that is killed
 //   RELIEVO_FAULT_ACTION   the name of an errno (EIO, ENOSPC, EMFILE, ENOMEM, EAGAIN, EINTR, EINVAL), KILL (SIGKILL),
-//   INT (SIGINT,
-//                          and the call goes on), or SHORT (half of the bytes are read or written, which is no error)
+//                          INT (SIGINT, and the call goes on), or SHORT (half of the bytes are read or written, which
+//                          is no error)
 //   RELIEVO_FAULT_ALL      1: every call from the chosen one on fails
 //   RELIEVO_FAULT_REPORT   a file of at least sizeof(FaultReport) bytes, into which the counts are written as they
-//   grow, so
-//                          that they survive a kill (fault_report.h)
+//                          grow, so that they survive a kill (fault_report.h)
 //
 // Counting starts and ends with main(): what static constructors and destructors do, all of them libraries', is not the
 // program's to mend. A failing close() closes, as the kernel's does. A failing stream loses what it has buffered, as a

@@ -102,10 +102,9 @@ enum class DenseDerivatives {
 //   kBilinear    bilinear on the nearest level
 //   kTrilinear   bilinear on the two levels around lambda, blended. To here lambda follows the longer derivative
 //   kAnisotropic the footprint's ellipse has half the singular values of the derivatives as its half axes, major >=
-//   minor. With
-//                N = anisotropy and size = max(minor, major / N, 1) texels, lambda is log2(size) and the colour's
-//                channels are the mean over a box of length major (N size at most) along the major axis, taken as
-//                trilinear taps one size apart, symmetric about the place: each counts as much as the part of its
+//                minor. With N = anisotropy and size = max(minor, major / N, 1) texels, lambda is log2(size) and the
+//                colour's channels are the mean over a box of length major (N size at most) along the major axis, taken
+//                as trilinear taps one size apart, symmetric about the place: each counts as much as the part of its
 //                interval of one size that lies in the box. As many taps as N is even or odd; but with a ratio r =
 //                major / size <= 2 and an even N two, (r - 1) size apart. A tap beyond the artwork is moved to its
 //                border, coordinate by coordinate; each tap filters as kTrilinear does. N = 1 is kTrilinear.

@@ -6,12 +6,10 @@
 // Then side information replaces single samples: records of a big-endian 32-bit offset and a value.
 // Choices where the format's description leaves room, or readers disagree:
 //   - The sum is taken modulo 256, as bytes add. That is what the readers of the field do, so what the format's encoder
-//   counts
-//     on: a residual beyond +-128 wraps in the file and back here, and where JPEG's loss carries a sample over the end
-//     of the range, side information is there to put it right. Clamping would spoil the former.
+//     counts on: a residual beyond +-128 wraps in the file and back here, and where JPEG's loss carries a sample over
+//     the end of the range, side information is there to put it right. Clamping would spoil the former.
 //   - Offsets of side information count in the JPEG's own rows, bottom to top. One reader flips them, but it flips the
-//   decoded
-//     picture as well, which amounts to the same; another that flips only the offsets contradicts both.
+//     decoded picture as well, which amounts to the same; another that flips only the offsets contradicts both.
 //   - Motion vectors: all x, then all y; in the JPEG's own rows; a reference sample beyond the border is the border's.
 //     No file that uses them is known.
 #include <algorithm>

@@ -11,8 +11,8 @@
 // LUM becomes an RGB PTM. The only known writer of LUM files multiplies the matrix, row by row, with the column
 // (Cr, Y, Cb, 1), Y being the polynomial; as in JPEG we centre the two chroma bytes at 128. If the Y column of the rows
 // R, G and B is one number m > 0 (in all matrices known it is 1), then colour c is
-//   m (a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v) + [m a5 + o_c(Cr, Cb)],   o_c = M_c0 (Cr - 128) + M_c2 (Cb - 128) +
-//   M_c3:
+//   m (a0 u^2 + a1 v^2 + a2 u v + a3 u + a4 v) + [m a5 + o_c(Cr, Cb)]
+//   with o_c = M_c0 (Cr - 128) + M_c2 (Cb - 128) + M_c3:
 // a0..a4 are shared by the colours and keep their bytes (scale times m); only a5 differs. Its new scale and bias are
 // common to the colours and follow from the ranges alone, before any pixel is read: with [lo, hi] the smallest interval
 // that holds m a5 + o_c for all raw bytes and the three colours, step = (hi - lo) / 254 and bias = ceil(-lo / step), so

@@ -4,10 +4,10 @@
 // The journal is a second part file of the same target (src/base/file.h): locked while its writer lives, removed with
 // it, and an orphan when it was killed. It is a list of records, each with a checksum that depends on its number:
 //   header      the build's identity, and the name of the part file that holds the pages
-//   part        what a part of the build left besides its pages: where they lie and their checksums, and what the next
-//   stage reads checkpoint  the pages of all parts so far are on the disk, and end here
-// Only what stands before the last whole checkpoint counts. To go on, the parts are taken from there instead of being
-// computed, and the rest is computed as in any build, so the package has the same bytes.
+//   part        what a part of the build left besides its pages: their places and checksums, and the next stage's input
+//   checkpoint  the pages of all parts so far are on the disk, and end here
+// Records behind the last whole checkpoint are ignored. A resumed build takes the parts before it from the journal
+// instead of computing them, and computes the rest as any build does, so the package has the same bytes.
 //
 // Trust: a journal is believed only if its identity is the build's (inputs by digest, options, and the program by its
 // own digest), the records' checksums match, and each page in the part file matches its own. Else the build starts

@@ -1,8 +1,8 @@
 // How a build runs: twice over the patches, which are independent in either pass (texturing/package/package_writer.h).
 //
-//   1  asks the source for the patch; writes its relief pages, which need nobody else; keeps its texels of all levels,
-//   as bytes, and
-//      of each level and side the strip of 4 texels that the neighbour's pages have as their border
+//   1  asks the source for the patch; writes its relief pages, which need no other patch; keeps its texels of all
+//      levels, as bytes, and of each level and side the 4 rows of texels that the neighbour's pages have as their
+//      border
 //   2  writes the texture pages, their borders from the neighbours' strips, turned as the sides lie
 //
 // Where the border lies diagonally beyond a patch's corner there is one patch only if four meet there. Any number may,

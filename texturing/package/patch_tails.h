@@ -1,14 +1,11 @@
-// patch_tails.h - the tails of an artwork's patches: what of each patch of a base mesh is resident whenever it may be
-// drawn, a few KB, so that scenes of very many patches need a page only where a patch is large on the screen. Nothing
-// else of theirs is pinned then.
+// patch_tails.h - a tail is the coarse data of a patch that are always resident, a few KB. With tails, a scene of very
+// many patches needs a page only where a patch is large on the screen, and pins no page.
 //
-//   heights   of the patch's grid of 2^kTailCellsLog2 cells a side: every 8th sample of the root page, the same 16
-//   bits. So a vertex has one
-//             place whether it comes from a tail or from a page, and patches that meet need not agree on which they
-//             use.
-//   texels    of the levels of 16, 8, 4 and 2 texels a side: those of the root page halved 3 to 6 times by mip.h's
-//   rules, from its bytes.
-//             The two levels between (64 and 32 texels) exist nowhere: shaders blend from the root's level to the
+//   heights   the grid of 2^kTailCellsLog2 cells a side: every 8th sample of the root page, the same 16 bits. A vertex
+//             therefore has one place whether its height comes from a tail or from a page, and patches that meet need
+//             not agree on which they use.
+//   texels    the levels of 16, 8, 4 and 2 texels a side: the root page's bytes halved 3 to 6 times by mip.h's rules.
+//             The two levels between (64 and 32 texels) are not stored: shaders blend from the root's level to the
 //             tail's over them.
 //
 // On the GPU a patch's tail is a block of texels a level (32 bits a plane), with a border of one texel from the patches
