@@ -19,13 +19,13 @@ struct Artwork {
   Manifest manifest;
   std::shared_ptr<const PageSource> source;
   std::shared_ptr<const ReliefOracle> oracle;
-  // Over a base mesh: what of each patch needs no page, if the source has it at hand (else it is made of the root
-  // pages, all of them). What had to be made up is named in problems.
+  // Over a base mesh: the patches' tails (patch_tails.h), where the source stores them. Where this is empty they are
+  // computed from all root pages. Tails that had to be replaced are named in problems.
   std::function<PatchTails(int workers, std::vector<std::string>* problems)> tails;
 };
-// Once *stop is set (it may be null), its tails are no longer read and not to be used.
+// Once *stop is set (it may be null), the artwork's tails are no longer read, and those returned must not be used.
 Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::atomic<bool>* stop = nullptr);
-// Of what is drawn, with heights times exaggerate; of a flat artwork its plane (min and max of z are 0).
+// The box around what is drawn, with heights times exaggerate. For a flat artwork it is the plane z = 0.
 Extent artworkExtent(const Manifest& manifest, double exaggerate = 1);
 
 }  // namespace relievo

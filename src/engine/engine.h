@@ -1,7 +1,7 @@
 // engine.h - one artwork on screen: pages in, frames out, with or without a window. Needs a current GL context on the
-// thread that calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker,
-// but for the patch list where there is none to draw yet: the first frame, and the first one after a scene's other
-// planes were gone over to.
+// thread that calls it and always draws into its own framebuffer. A frame never waits for disk, decoder or LOD worker.
+// It waits for a patch list only where there is none to draw yet: in the first frame, and in the first one after a
+// change to other planes.
 //
 // A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
 // the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; shade it; issue the next
@@ -32,25 +32,24 @@ namespace relievo {
 
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
-  // Artworks over a base mesh of more patches than this pin no page: their patches' tails do for the roots
-  // (texturing/package/patch_tails.h).
+  // Artworks over a base mesh of more patches than this pin no page: the patches' tails take the place of their root
+  // pages (texturing/package/patch_tails.h).
   uint32_t most_pinned_patches = 64;
-  // Over a base mesh: relief pages take less than half a slot where little is in them
-  // (texturing/stream/relief_subslots.h). False: for comparison.
+  // Over a base mesh: relief pages of few samples take less than half a slot (texturing/stream/relief_subslots.h).
+  // False serves for comparison.
   bool small_relief = true;
-  bool compact_relief =
-      true;  // and their compact form where that takes less (texturing/codec/relief_compact.h); with small_relief
+  // With small_relief: relief pages take their compact form where that is smaller (texturing/codec/relief_compact.h).
+  bool compact_relief = true;
   int workers = 2;
   int feedback_scale = 8;  // 1..16: the feedback pass has 1/8 of the view's width and height
   RequestSource request_source = RequestSource::kFeedback;
   Upload upload = Upload::kAuto;
-  bool hide_backs = true;  // patches of closed bodies that are seen from behind are left out
-                           // (geometry/lod/facing_cone.h); the picture is the same
-  bool prefetch = true;    // asks for what a moving camera is about to want (src/engine/prefetch.h); of flat artworks
+  // Back-facing patches of closed bodies are left out (geometry/lod/facing_cone.h); the picture is the same.
+  bool hide_backs = true;
+  bool prefetch = true;  // requests what a moving camera will show next (src/engine/prefetch.h); flat artworks only
   bool reversed_depth = true;  // where the context has clip control (src/render/depth.h)
   uint32_t uploads_per_frame = 64;
-  const std::atomic<bool>* interrupted =
-      nullptr;  // polled while starting and settling: set, create() and settle() give up
+  const std::atomic<bool>* interrupted = nullptr;  // polled: once set, create() and settle() give up
 };
 
 struct FaultInjection;
@@ -65,9 +64,9 @@ class Engine {
   int height() const;
   void setCamera(const OrbitCamera& camera);
   const OrbitCamera& camera() const;
-  // Links another shader or streams other planes where the effect plan asks for it. Never waits: relief, relight and
-  // exaggerate of a scene that needs other planes show from the frame on in which those planes' roots have come
-  // (settle() waits for it).
+  // Links another shader or streams other planes where the effect plan asks for it. Never waits: where a scene needs
+  // other planes, its relief, relight and exaggerate show as soon as the roots of those planes are resident (settle()
+  // waits for them).
   Result<void> setScene(const Scene& scene);
   const Scene& scene() const;
   const EffectPlan& plan() const;
@@ -90,12 +89,12 @@ class Engine {
   std::vector<std::string> takeMessages();
   // Pages that pictures were drawn without since the start; takeMessages() names each of them, too.
   PageFailures failures() const;
-  // What takeMessages() would say, but for those pages; cleared by the call.
+  // What takeMessages() would say, without those pages; cleared by the call.
   std::vector<std::string> takeNotices();
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
   const std::vector<NodeRequest>& textureRequests() const;  // the newest request list
-  ViewTransform view() const;  // that the last picture was drawn with: a frame behind setCamera at most times
+  ViewTransform view() const;  // the one the last picture was drawn with: mostly a frame behind setCamera
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the
   // watertight test.
   std::vector<float> captureVertices(uint32_t max_vertices);

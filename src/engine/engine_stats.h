@@ -17,20 +17,22 @@ struct EngineStats {
   uint32_t instances = 0, triangles = 0, draw_calls = 0;  // of the last frame
   uint32_t wanted_nodes = 0, missing_pages = 0;           // of the last request lists
   uint32_t slots = 0, resident = 0;
-  PageCodec upload = PageCodec::kLossless;      // texture pages on the GPU now: a block codec, or any other for RGBA8
-  std::string why_not_blocks;                   // empty: they are blocks, were not asked for, or the light is fixed
-  uint64_t cache_bytes = 0, texture_bytes = 0;  // all slots together; what the GL was asked for, for them, by now
-  uint64_t tail_bytes = 0;                      // on the GPU, besides the slots
+  PageCodec upload = PageCodec::kLossless;  // texture pages on the GPU now: a block codec, or any other for RGBA8
+  std::string why_not_blocks;  // empty: pages are blocks, or blocks were not asked for, or the light is fixed
+  uint64_t cache_bytes = 0;    // all slots together
+  uint64_t texture_bytes = 0;  // what GL has allocated for the slots by now
+  uint64_t tail_bytes = 0;     // on the GPU, besides the slots
   double predicted_error_px = 0;
   double detail_bias = 0;
   uint32_t edges_limited = 0;
-  double lod_ms = 0;              // of the last LOD evaluation, on its worker
-  LatencySummary lod_lag_frames;  // of frames that did not wait for their list: how many before it its patch list was
-                                  // asked for; 1 at best
-  double determine_ms = 0;        // the part of it that named texture pages; 0 with kFeedback
-  double predict_ms =
-      0;  // of the last predicted view's pages, on a worker of its own; 0: the camera never moved, or no prefetch
-  bool switching = false;       // the scene asks for other planes, whose roots are still on the way
+  double lod_ms = 0;        // the last LOD evaluation, on its worker
+  double determine_ms = 0;  // the part of lod_ms that named texture pages; 0 with kFeedback
+  // How many frames before the one that drew it a patch list was asked for; 1 at best. Frames that waited for their
+  // list do not count.
+  LatencySummary lod_lag_frames;
+  // The evaluation of the last predicted views, on a worker of its own. 0: the camera never moved, or no prefetch.
+  double predict_ms = 0;
+  bool switching = false;       // the scene asks for other planes, whose root pages are not resident yet
   bool reversed_depth = false;  // in use
   bool orthographic = false;    // the camera
   bool size_known = true;       // else mm_per_px counts the artwork's pixels

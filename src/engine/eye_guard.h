@@ -1,9 +1,9 @@
-// eye_guard.h - how far a place is from an artwork's displaced surface, at least: what keeps a viewer's eye outside of
-// it. Flat artworks: from the bounds of the heights that the relief's pages state, so that the surface counts for as
-// high as the highest place of its finest page. Bodies: from a grid of each patch and the bound that the package states
-// of its distance from the finest surface. So a place with a distance above 0 lies outside, whatever is resident; the
-// true distance may be larger. Pure: no GL; const functions may be called from any thread. May read index blocks of a
-// package (they are kept).
+// eye_guard.h - a lower bound of a place's distance from an artwork's displaced surface; it keeps the viewer's eye
+// outside of that surface. For flat artworks the bound comes from the height ranges that relief pages state: within a
+// page of the finest level the surface counts as high as its highest place. For bodies it comes from a grid of each
+// patch and the package's bound of that grid's distance from the finest surface. So a place with a distance above 0
+// lies outside, whatever is resident. Pure: no GL; const functions may be called from any thread. May read index
+// blocks of a package, which keeps them.
 #pragma once
 
 #include <memory>

@@ -1,5 +1,5 @@
-// fault_injection.h - breaks one thing of an engine on purpose: the negative controls of tests, and comparisons in
-// benchmarks. Nothing of the product sets it.
+// fault_injection.h - breaks one thing of an engine on purpose, for the negative controls of tests and for comparisons
+// in benchmarks. The program itself never sets it.
 #pragma once
 
 #include "src/base/result.h"
@@ -13,20 +13,20 @@ struct FaultInjection {
   bool no_borders = false;  // samples are clamped to the page's payload
   bool no_snapping = false;
   bool unordered_ends = false;         // over a base mesh: a side's points are interpolated in the patch's direction
-  bool draw_backs = false;             // of closed bodies, too
+  bool draw_backs = false;             // back-facing triangles of closed bodies are drawn, too
   bool one_lookup = false;             // taps beyond a page's border are clamped to it
   bool one_sample_a_texel = false;     // relief is read as if a texel held one sample
-  bool cells_without_heights = false;  // patches that a program of their own draws as one cell
-  bool narrow_residuals = false,
-       flat_blocks = false;   // of relief in compact form: a bit less than there is; slopes left out
-  bool call_a_patch = false;  // each instance by a draw call of its own, for comparison
+  bool cells_without_heights = false;  // patches drawn as one cell (ROOT_CELLS) have no heights
+  bool narrow_residuals = false;       // compact relief: residuals are read with a bit less than they have
+  bool flat_blocks = false;            // compact relief: the slopes of blocks are left out
+  bool call_a_patch = false;           // a draw call for each instance, for comparison
 };
 
-// What the programs that compute vertices are compiled with, and what those that look texels up are.
+// The defines that bring the faults into programs that compute vertices, and into those that look up texels.
 void addVertexFaults(const FaultInjection& faults, gl::Defines& defines);
 void addLookupFaults(const FaultInjection& faults, gl::Defines& defines);
 
-// Links the engine's programs anew; {} mends all.
+// Links the engine's programs again, with these faults; {} removes all faults.
 Result<void> injectFaults(Engine& engine, const FaultInjection& what);
 
 }  // namespace relievo

@@ -1,4 +1,4 @@
-// lod_views.h - a view as the LOD evaluations of geometry/ take it; what else they want to know is left at its default.
+// lod_views.h - a camera's view as the LOD evaluations of geometry/ take it. All other members keep their defaults.
 #pragma once
 
 #include "geometry/lod/planar_lod.h"

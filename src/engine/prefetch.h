@@ -1,6 +1,6 @@
-// prefetch.h - where the camera will be when a page asked for now arrives, and what it will want there. The prediction
-// is pure, and used by the engine and by simulations alike; the Prefetcher determines the pages on a thread of its own,
-// on the CPU.
+// prefetch.h - predicts where the camera will be when a page that is requested now arrives, and which pages it will
+// need there. The prediction is pure; the engine and simulations share it. The Prefetcher determines the pages on a
+// thread of its own, on the CPU.
 #pragma once
 
 #include <array>
@@ -19,33 +19,33 @@
 namespace relievo {
 
 struct PredictorOptions {
-  double window_s =
-      0.1;  // cameras of this age and younger tell the velocity: evens out the jitter of hands and frame times
+  // The velocity is fitted to the cameras of the last window_s, to even out the jitter of hands and frame times.
+  double window_s = 0.1;
   double horizon_s = 0.6;  // how far ahead at most; see prefetchHorizon()
   int steps = 2;           // views predicted up to there, evenly spaced
-  double still_px = 2;     // predicted to move less than this on screen until horizon_s: the camera stands still
+  double still_px = 2;     // a camera predicted to move less than this on screen until horizon_s counts as still
 };
 
-// A page has to be asked for as long ahead as it takes to come, and a view's worth of them as long as they take
-// together: twice the 90th percentile of the latency from wanted to shown, within these bounds. 0.6 s is where flights
-// at 20 MB/s and 50 ms have most of the gain (relievo bench --only prefetch); beyond, what is read in vain grows
-// faster.
+// How far ahead to predict: twice the 90th percentile of the latency from request to display, since a page must be
+// requested as early as it takes to arrive, and a view's pages as early as they take together. At least
+// kShortestHorizon_s, at most horizon_s. At 0.6 s flights over a link of 20 MB/s and 50 ms have most of the gain
+// (relievo bench --only prefetch); beyond it, the share of pages that are read in vain grows faster.
 inline constexpr double kShortestHorizon_s = 0.2;
 double prefetchHorizon(double latency_p90_s, const PredictorOptions& options);
 
 // Constant velocity in azimuth, elevation, log distance and target, by least squares over the window. The target's
-// velocity is meant relative to the distance: who zooms in on a place moves ever more slowly towards it, and who pans
-// keeps to so many screens a second.
+// velocity is relative to the distance: zooming in on a place approaches it ever more slowly, and panning keeps a
+// constant number of screens a second.
 class CameraPredictor {
  public:
   explicit CameraPredictor(PredictorOptions options = {}) : options_(options) {}
 
-  // Each frame's camera; times that do not grow, or that jump by more than a second, another field of view or
-  // projection start it anew.
+  // Takes each frame's camera. Forgets the past where time does not grow or jumps by more than a second, or where the
+  // field of view or the projection changes.
   void observe(const OrbitCamera& camera, double now_s);
   void reset() { past_.clear(); }
-  OrbitCamera predict(double ahead_s) const;  // at now_s + ahead_s; the newest camera when there is too little to go by
-  bool moves(int height_px) const;            // by still_px or more until the longest horizon
+  OrbitCamera predict(double ahead_s) const;  // at now_s + ahead_s; the newest camera where too few were observed
+  bool moves(int height_px) const;            // false: still (PredictorOptions::still_px)
   // The views to prefetch for, up to a horizon, nearest in time first.
   std::vector<OrbitCamera> views(double horizon_s) const;
   const PredictorOptions& options() const { return options_; }
@@ -62,14 +62,15 @@ class CameraPredictor {
   std::deque<Seen> past_;
 };
 
-// What was predicted lately. Predictions tremble; a page that is on its way and drops out of the list for some frames
-// would be cancelled and read again. So a node stays listed until it was not predicted for kRemember_s, behind what is
-// predicted now.
+// The nodes predicted lately. Predictions fluctuate: a page under way that drops out of the list for some frames would
+// be cancelled and read again. So a node stays in the list for kRemember_s after it was last predicted, behind those
+// that are predicted now.
 class PredictedRequests {
  public:
   static constexpr double kRemember_s = 0.25;
 
-  // The views predicted now, by their nodes: each node once, as urgent as where it is nearest to the centre.
+  // begin(), add() for the nodes of the views that are predicted now, finish(). Each node is listed once, with its
+  // smallest distance from a view's centre.
   void begin(double now_s);
   void add(const NodeId& node, float centre_distance);
   const std::vector<NodeRequest>& finish();
@@ -84,13 +85,13 @@ class PredictedRequests {
   std::vector<NodeRequest> requests_;
 };
 
-// Newest request in, newest answer out; used from one thread, which never waits (but for the destructor). Where no
-// thread can be started nothing is predicted: requests have no answer.
+// Takes the newest request and gives the newest answer. Used from one thread, which waits in the destructor only. Where
+// no thread can be started, requests have no answer and nothing is prefetched.
 class Prefetcher {
  public:
   struct Request {
     std::vector<TextureView> texture;
-    std::optional<LodView> relief;  // of the farthest view ahead
+    std::optional<LodView> relief;  // the view farthest ahead
     std::shared_ptr<const ReliefSet> resident;
     double now_s = 0;
   };

@@ -13,7 +13,7 @@ namespace relievo {
 class ShadingPrograms {
  public:
   gl::Program surface;                 // the geometry into the surface buffer
-  gl::Program root_cells;              // the same of patches that are drawn as one cell
+  gl::Program root_cells;              // the same for patches that are drawn as one cell
   gl::Program shade;                   // the surface buffer into the picture
   gl::Program tails;                   // the same where no page is needed
   gl::Program feedback;                // the surface buffer into page requests
@@ -25,7 +25,8 @@ class ShadingPrograms {
     bool tails = false, feedback = false, wireframe = false;
     FaultInjection faults;
   };
-  // Everything but capture, which is emptied. On failure some are the new ones, some the old ones.
+  // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some
+  // old.
   Result<void> link(gl::Api api, const Variant& variant);
   Result<void> linkCapture(gl::Api api, const Variant& variant);
 };

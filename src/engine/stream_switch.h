@@ -1,6 +1,6 @@
-// stream_switch.h - a change of planes without a wait: the next streamer reads its roots on a thread of its own while
-// the old one is drawn, and the old one ends on another, where waiting for its last reads keeps nobody. At most one is
-// being made ready, so that a source that never answers costs one thread, however often the scene changes.
+// stream_switch.h - a change of planes without a wait: the next streamer reads its root pages on a thread of its own
+// while the old one is drawn; the old one is destroyed on another thread, which waits for its last reads. At most one
+// streamer is being made ready, so that a source that never answers costs one thread, however often the scene changes.
 #pragma once
 
 #include <list>
@@ -16,11 +16,12 @@ namespace relievo {
 // Owned by the render thread. The destructor waits for the reads under way.
 class StreamSwitch {
  public:
-  bool busy() const { return next_.has_value(); }  // something is being made ready, or is ready and not yet taken
-  // Not while busy.
+  bool busy() const { return next_.has_value(); }  // a streamer is being made ready, or is ready and not yet taken
+  // Must not be called while busy.
   void start(std::shared_ptr<const PageSource> source, StreamerOptions options, std::vector<NodeId> texture_roots,
              std::vector<NodeId> relief_roots);
-  // Null: not ready, or nothing was started. Both throw what kept the streamer from being made (no thread, no memory).
+  // tryTake() answers null where no streamer is ready. Both throw if the streamer could not be made (no thread, no
+  // memory).
   std::unique_ptr<PageStreamer> tryTake();
   std::unique_ptr<PageStreamer> take();  // waits; busy only
   void retire(std::unique_ptr<PageStreamer> old);

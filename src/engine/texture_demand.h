@@ -48,15 +48,15 @@ class TextureDemand {
 
   // Forgets everything: other planes are shown.
   void reset();
-  // What the geometry says replaces what it said before.
+  // Replaces the geometry's part of the list.
   void takeGeometry(std::span<const TextureRequest> requests);
-  // Replaces the list for now, until feedback or geometry say more.
+  // Sets the whole list until the next result of feedback or geometry.
   void expect(std::span<const TextureRequest> requests);
-  // All feedback results that are finished. None is lost, so that a still view has seen every pixel after scale^2.
+  // Takes all finished feedback results. None is lost, so that a still view has seen every pixel after scale^2 passes.
   void takeFinished(int phases);
-  // One more pass, unless the view was seen as a whole.
+  // Issues one more pass, unless every pixel of the view was seen.
   void step(const View& view, int phases, const Draw& draw);
-  // Every pixel of the view, at once: waits for the passes.
+  // Issues passes over every pixel of the view and waits for them.
   void takeAll(const View& view, int phases, const Draw& draw);
 
  private:
@@ -74,7 +74,7 @@ class TextureDemand {
   uint64_t view_number_ = 0;
   uint64_t passes_ = 0;                    // of this view
   uint64_t turn_ = 0;                      // which pixel of each block is next
-  std::array<double, 64> bias_of_view_{};  // by view number: what the last ones were drawn with
+  std::array<double, 64> bias_of_view_{};  // the detail bias of the last 64 views, by view number
   double bias_ = 0;
   std::vector<NodeRequest> feedback_, geometry_, requests_;  // the third is the union of the others
 };

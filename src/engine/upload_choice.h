@@ -1,5 +1,5 @@
-// upload_choice.h - in which format texture pages go to the GPU: RGBA8, decoded by the workers whatever a package
-// holds; or the blocks that it holds, 2.7 to 8 times smaller, where all of its texture planes have one block codec and
+// upload_choice.h - in which format texture pages go to the GPU: RGBA8, which workers decode from any package; or the
+// package's compressed blocks, 2.7 to 8 times smaller, where all of its texture planes have the same block codec and
 // the context samples it. Pure.
 #pragma once
 
@@ -12,7 +12,8 @@
 
 namespace relievo {
 
-// kAuto: blocks where they can be, but on drivers in software, which take 1.5 to 57 times as long to sample them.
+// kAuto: blocks where they are possible, but not with software OpenGL, which takes 1.5 to 57 times as long to sample
+// them.
 enum class Upload { kAuto, kRgba8, kBlocks };
 const char* uploadName(Upload upload);  // "auto", "rgba8", "blocks"
 std::optional<Upload> uploadFromName(const std::string& name);
@@ -23,10 +24,10 @@ std::string uploadFormatName(PageCodec upload);  // "rgba8", "bc7 blocks"
 
 struct UploadChoice {
   PageCodec codec = PageCodec::kLossless;  // a block codec, or any other for RGBA8
-  std::string why_not_blocks;              // empty: they are, or were not asked for
+  std::string why_not_blocks;              // empty: blocks were chosen, or not asked for
 };
-// missing: the GL extension that a codec lacks. An Error (kUnsupported) where blocks are asked for and only the context
-// stands against them; packages without blocks fall back to RGBA8.
+// missing: the GL extension that a codec lacks. An Error (kUnsupported) where blocks are asked for, the package has
+// them and the context cannot sample them; packages without blocks fall back to RGBA8.
 Result<UploadChoice> chooseUpload(Upload wanted, const Manifest& manifest, bool software,
                                   const std::function<std::optional<std::string>(PageCodec)>& missing);
 

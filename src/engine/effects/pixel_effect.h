@@ -1,7 +1,7 @@
-// pixel_effect.h - an effect on the colour of every pixel. What it is stands in one file of this folder and in a
-// snippet of GLSL, shaders/effects/NAME.glsl; registry.cpp lists it. Options, uniforms, the shader variant and the
-// tests against the CPU reference follow from the description. An effect that is off leaves nothing behind: no line of
-// the variant's source and no uniform.
+// pixel_effect.h - an effect on the colour of every pixel. One file of this folder describes it, and a file of GLSL,
+// shaders/effects/NAME.glsl, computes it; registry.cpp lists it. Options, uniforms, the shader variant and the tests
+// against the CPU reference follow from the description. An effect that is off adds no line to the variant's source and
+// no uniform.
 #pragma once
 
 #include <array>
@@ -26,8 +26,8 @@ struct EffectParameter {
 };
 
 struct PixelEffect {
-  // kTone: of the shaded colour, which may exceed 1. kOverlay: drawn over the picture, which lies within 0..1; at most
-  // one at a time (--show NAME).
+  // kTone: applied to the shaded colour, which may exceed 1 or lie below 0. kOverlay: drawn over the picture, which
+  // lies within 0..1; at most one at a time (--show NAME).
   enum class Stage { kTone, kOverlay };
   static constexpr size_t kMaxParameters = 4;
   using Values = std::array<double, kMaxParameters>;
@@ -38,8 +38,8 @@ struct PixelEffect {
   std::string_view help;
   Stage stage = Stage::kTone;
   std::array<EffectParameter, kMaxParameters> parameters{};
-  // The CPU reference: a colour of 0..1, or beyond, to another one. Of overlays, which show levels and not colours,
-  // there is none.
+  // The CPU reference: from a colour of 0..1, or beyond, to another one. Null for overlays, which show levels and not
+  // colours.
   glm::dvec3 (*reference)(const glm::dvec3& colour, const Values& values) = nullptr;
 
   Values neutral() const;
@@ -56,9 +56,9 @@ struct EffectSetting {
   friend bool operator==(const EffectSetting&, const EffectSetting&) = default;
 };
 
-// Of a shading program in which these effects are on, in their order; overlay may be null.
+// The defines of a shading program in which these effects are on, in their order; overlay may be null.
 gl::Defines effectDefines(std::span<const PixelEffect* const> tones, const PixelEffect* overlay);
-// Of that program. Effects that are off have no uniform.
+// The uniforms of that program. Effects that are off have none.
 std::vector<NamedUniform> effectUniforms(std::span<const EffectSetting> settings);
 
 }  // namespace relievo
