@@ -1,6 +1,6 @@
-// base_corners.h - a base mesh as the vertex shader reads it (shaders/patch.vert, MESH): corners' positions from the
-// eye, rounded from double to float once a corner and frame, so that every patch at a corner gets the same bits;
-// normals; corner indices by patch.
+// base_corners.h - a base mesh as the vertex shader reads it (shaders/patch.vert, MESH): the corners'
+// positions relative to the eye, their normals, and the corner indices of each patch. Positions are rounded from double
+// to float once a corner and frame, so that every patch at a corner gets the same bits.
 #pragma once
 
 #include <memory>
@@ -16,8 +16,8 @@ namespace relievo {
 class BaseCorners {
  public:
   explicit BaseCorners(std::shared_ptr<const BaseMesh> base);
-  void setEye(const glm::dvec3& eye_mm);  // uploads, if the eye moved
-  // As texture units first_unit .. first_unit + 2 of the program in use.
+  void setEye(const glm::dvec3& eye_mm);  // uploads the positions if the eye moved
+  // Binds texture units first_unit .. first_unit + 2 for the program in use.
   void bind(const gl::Program& program, int first_unit) const;
 
  private:

@@ -12,7 +12,7 @@
 
 namespace relievo {
 
-// A texture for each set of a page's blocks, in their order.
+// The format of the texture that holds one set of a page's blocks; one for each set, in their order.
 struct BlockFormat {
   GLenum format;
   size_t block_bytes;

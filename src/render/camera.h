@@ -2,8 +2,9 @@
 // precision. World: x right, y up, z towards the viewer, mm. Flat artworks: origin at the artwork's centre on the plane
 // of height 0. Others: the base mesh's origin. Azimuth turns the eye to the right, elevation lifts it; at 0, 0 the eye
 // looks along -z. Orthographic: all lines of sight are parallel, a millimetre is as many pixels everywhere. The picture
-// is as high and wide as what perspective shows of the plane through the target: whoever switches sees the target at
-// the same size, and the distance zooms in both. Functions of a domain are those of its extent, for flat artworks.
+// is as high and wide as what perspective shows of the plane through the target, so that the target keeps its size when
+// the projection changes, and the distance zooms in both. Functions that take a domain are for flat artworks and use
+// the domain's extent.
 #pragma once
 
 #include <string>
@@ -26,17 +27,18 @@ struct OrbitCamera {
 };
 inline constexpr double kMinFovDeg = 1, kMaxFovDeg = 170;
 
-// Of the plane through the target that faces the eye; orthographic: of everything, across the lines of sight.
+// Millimetres a pixel on the plane through the target that faces the eye; orthographic: everywhere, across the lines of
+// sight.
 double mmPerPx(const OrbitCamera& camera, int height_px);
-// The distance at which it is that.
+// The distance_mm at which mmPerPx() is mm_per_px.
 double distanceForScale(const OrbitCamera& camera, double mm_per_px, int height_px);
 
-// What there is to see.
+// Where the artwork lies in space.
 struct Extent {
   glm::dvec3 min_mm{0}, max_mm{0};  // a box around it
   double texel_mm = 1;
   bool flat = true;        // a plane of heights, seen from the front; else a body, seen from everywhere
-  bool size_known = true;  // else what is said in mm counts the artwork's pixels
+  bool size_known = true;  // false: what is said in mm counts the artwork's pixels
   glm::dvec3 centre() const { return (min_mm + max_mm) / 2.0; }
 };
 Extent extentOf(const PlanarDomain& domain, double min_z_mm = 0, double max_z_mm = 0);

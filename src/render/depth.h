@@ -14,15 +14,14 @@ namespace relievo {
 
 struct DepthMode {
   bool reversed = false;
-  bool clip_control = false;  // the context has it, so that others may have changed it
+  bool clip_control = false;  // the context has it, so that other code may have changed it
 
   GLenum format() const { return reversed ? GL_DEPTH_COMPONENT32F : GL_DEPTH_COMPONENT24; }
   GLenum nearerOrEqual() const { return reversed ? GL_GEQUAL : GL_LEQUAL; }
   GLenum farther() const { return reversed ? GL_LESS : GL_GREATER; }
-  float farPlane() const {
-    return reversed ? 0.0f : 1.0f;
-  }  // what the buffer is cleared to, and z / w of clip space there
-  // What to add to z / w of clip space for what lies `bias` (of the conventional -1..1) nearer.
+  // What the buffer is cleared to; also z / w of clip space at the far plane.
+  float farPlane() const { return reversed ? 0.0f : 1.0f; }
+  // What to add to z / w of clip space to draw something nearer by `bias` (of the conventional -1..1).
   float nearer(float bias) const { return reversed ? 0.5f * bias : -bias; }
 };
 
@@ -30,8 +29,8 @@ struct DepthMode {
 DepthMode depthMode(bool request_reversed = true);
 const char* depthName(bool reversed);  // for people: "reversed, 32-bit float" or "conventional, 24-bit"
 
-// Depth test on, nearer or equal passes, clip space as the mode has it. What draws without a depth test may do so in
-// either clip space.
+// Turns the depth test on, lets what is nearer or equal pass, and sets the mode's clip space. Passes without a depth
+// test work in either clip space.
 void beginDepth(const DepthMode& mode);
 
 // What the GL is given to turn mm from `origin_mm` into its clip space, column by column: from the camera's matrix (z

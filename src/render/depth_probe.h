@@ -1,5 +1,5 @@
-// depth_probe.h - how far away what a pixel shows is: one texel of a depth texture, read back. Waits for what was drawn
-// into it.
+// depth_probe.h - reads back one texel of a depth texture, which tells how far away the surface under a pixel is. Waits
+// for the draws into that texture.
 #pragma once
 
 #include <optional>

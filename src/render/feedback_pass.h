@@ -20,13 +20,14 @@ struct FeedbackGrid {
   int view_width_px = 1, view_height_px = 1;
   int scale = 1;
   FeedbackOffset offset;
-  // The size of the target, the same for all offsets; and of the part of it that lies inside the picture.
+  // width() and height(): the size of the target, the same for all offsets. columns() and rows(): the part of it that
+  // lies inside the picture.
   int width() const { return (view_width_px + scale - 1) / scale; }
   int height() const { return (view_height_px + scale - 1) / scale; }
   int columns() const { return (view_width_px - offset.x + scale - 1) / scale; }
   int rows() const { return (view_height_px - offset.y + scale - 1) / scale; }
 };
-// scale: at most what leaves a pixel in each direction for every offset.
+// scale is lowered where an offset would leave no pixel in one direction.
 FeedbackGrid feedbackGrid(int view_width_px, int view_height_px, int scale, uint64_t turn);
 
 class FeedbackPass {

@@ -42,15 +42,14 @@ class PagePool {
   explicit PagePool(uint32_t slot_count)
       : PagePool(CacheSlots{.upload = PageCodec::kLossless, .texture = slot_count, .relief = 0}) {}
 
-  // Other slots from now on, all of them empty.
+  // Replaces all slots by these, which are empty.
   void reshape(const CacheSlots& slots);
   void upload(std::span<const PageUpload> uploads);
-  // The page table's changed texels; its textures are made anew when its shape changes.
+  // Uploads the page table's changed texels; creates its textures again when its shape changes.
   void uploadTable(PageTable& table);
-  void forgetTable() {
-    table_width_ = table_height_ = table_layers_ = 0;
-  }  // the next one is another table: nothing of the old one holds
-  // Of programs that sample texture pages: how the shader finds them (shade.frag).
+  // Before another table is uploaded: all of its texels are, then.
+  void forgetTable() { table_width_ = table_height_ = table_layers_ = 0; }
+  // For programs that sample texture pages: how the shader finds them (shade.frag).
   static gl::Defines defines(PageCodec upload);
   // Binds the pool to texture units 0 and kBlockUnit.., the table to 1 and 2, and sets their uniforms in the program in
   // use.
@@ -78,7 +77,7 @@ class PagePool {
   uint32_t table_width_ = 0, table_height_ = 0, table_layers_ = 0;
   uint64_t bytes_uploaded_ = 0;
   UploadRing ring_;
-  std::vector<uint8_t> packed_;  // kept for its memory
+  std::vector<uint8_t> packed_;  // scratch; a member so that it keeps its capacity
 };
 
 }  // namespace relievo

@@ -1,4 +1,5 @@
-// patch_pass.h - draws a list of patch instances: one instanced draw a grid level that occurs, 0 to kMaxGridLevel.
+// patch_pass.h - draws a list of patch instances: one instanced draw call for each grid level in it, 0 to
+// kMaxGridLevel.
 #pragma once
 
 #include <array>
@@ -32,8 +33,8 @@ struct GpuPatchInstance {
 static_assert(sizeof(GpuPatchInstance) == 32);
 inline constexpr uint32_t kReliefInTail = ~0u;
 
-// And with geomorph: weights of geometry/lod/morph.h, per side a byte, of whole edges or first halves; of second
-// halves; of the grid's inside.
+// With geomorph, the weights of geometry/lod/morph.h. weights[0]: a byte per side, of whole edges or first halves;
+// weights[1]: of second halves; weights[2]: of the grid's inside.
 struct GpuPatchMorph {
   uint32_t weights[3];
 };
@@ -58,24 +59,25 @@ EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, dou
 
 class PatchPass {
  public:
-  // cells_as_mesh: very many grids of one cell are drawn as one mesh, not as instances, of which each costs a driver in
-  // software as much as its vertices; packing them takes longer.
+  // cells_as_mesh: grids of one cell are drawn as one mesh where there are very many, since to software OpenGL each
+  // instance costs as much as its vertices. Packing the mesh takes longer.
   explicit PatchPass(bool cells_as_mesh = false);
   // `slot_of` answers with the slot of a relief page in use.
   void setInstances(std::span<const PatchInstance> instances, const EyeFrame& eye, bool relief,
                     const std::function<SlotIndex(const NodeId&)>& slot_of);
   enum class Mesh { kFull, kFronts, kLines };  // kFronts: triangles that are seen from outside the body
-  // With a program in use and its other uniforms set. Returns draw calls made.
-  // root_cells: of ROOT_CELLS, likewise; computes the same vertices where drawsRootCells().
+  // Needs the program in use and its other uniforms set. Returns the number of draw calls.
+  // root_cells: the program with ROOT_CELLS defined, set up alike; where drawsRootCells() it computes the same
+  // vertices.
   uint32_t draw(const gl::Program& program, const EyeFrame& eye, Mesh mesh, float depth_bias = 0,
                 const gl::Program* root_cells = nullptr) const;
-  // The full mesh again, a draw call and its uniforms an instance: what instancing is compared with.
+  // Draws the full mesh by a draw call for each instance, with its uniforms: the baseline for instancing.
   uint32_t drawOneByOne(const gl::Program& program, const EyeFrame& eye) const;
-  // Every vertex of the full mesh, instance by instance, as v_clip by transform feedback.
+  // Reads back v_clip of every vertex of the full mesh by transform feedback, instance by instance.
   std::vector<float> capture(const gl::Program& program, const EyeFrame& eye, uint32_t max_vertices,
                              const gl::Program* root_cells = nullptr) const;
-  // The list as texture unit `unit`, for what reads the surface buffer. (What draws the instances binds it by itself,
-  // to kInstanceUnit.)
+  // Binds the list to texture unit `unit`, for passes that read the surface buffer. (draw() itself binds it, to
+  // kInstanceUnit.)
   void bindInstances(const gl::Program& program, int unit) const;
   // Whether draw() has use for root_cells: single cells are drawn as one mesh, and all are whole patches with heights
   // from tails.
@@ -105,11 +107,11 @@ class PatchPass {
   uint32_t cell_count_ = 0, cell_room_ = 0;  // 0: as instances
   bool cells_are_roots_ = false;             // all single cells are whole patches with heights from tails
   bool morphs_any_ = false;                  // one of the instances is not in place
-  // In turn, so that a list is not written where a frame in flight may read the one before.
+  // Used in turn, so that a new list does not overwrite one that a frame in flight may still read.
   std::array<TexelTable, 2> lists_{TexelTable("patch instances", TexelTable::Texel::kUint32x4),
                                    TexelTable("patch instances", TexelTable::Texel::kUint32x4)};
   size_t list_ = 0;
-  std::vector<GpuPatchInstance> packed_;  // where the list cannot be mapped; kept for its memory
+  std::vector<GpuPatchInstance> packed_;  // where the list cannot be mapped; a member so that it keeps its capacity
   Grid grids_[kMaxGridLevel + 1];
   uint32_t group_first_[kMaxGridLevel + 2] = {};
   uint32_t instance_count_ = 0, triangles_ = 0;

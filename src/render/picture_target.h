@@ -43,16 +43,17 @@ struct ShadingParameters {
   const TextureFormat* format = nullptr;
   const PlanarDomain* domain = nullptr;
   double lod_bias = 0;
-  std::array<int, 3> sample{
-      1, 0, 0};       // of a feedback pass: its pixel (i, j) is pixel (i, j) * [0] + ([1], [2]) of the picture
-  int tap_phase = 0;  // of an anisotropic feedback pass (shaders/feedback.frag)
+  // For a feedback pass: its pixel (i, j) is pixel (i, j) * sample[0] + (sample[1], sample[2]) of the picture.
+  std::array<int, 3> sample{1, 0, 0};
+  int tap_phase = 0;                     // for an anisotropic feedback pass (shaders/feedback.frag)
   std::array<double, 3> light{0, 0, 1};  // the unit vector towards it, in the artwork's space
   double now_s = 0, page_fade_s = 0;     // page_fade_s 0: no fade
   bool fades_over = false;               // every page shows whole, whatever its age: a settled picture
 };
-// Of a program that shades this basis (shaders/shade.frag): which channel holds which coefficient is compiled into it.
+// The defines of a program that shades this basis (shaders/shade.frag). They compile into it which channel holds which
+// coefficient.
 gl::Defines shadingDefines(Basis basis);
-// Of the program in use.
+// For the program in use.
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p);
 
 struct NamedUniform {

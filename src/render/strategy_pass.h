@@ -1,7 +1,7 @@
 // strategy_pass.h - draws what a LOD strategy chose (geometry/strategies/lod_strategy.h) into a buffer that says which
 // place of the artwork each pixel shows: RGBA32UI, u and v in the instance's node as float bits, the instance's index +
-// 1 (0: nothing), how far u or v goes to the next pixel. base: of an artwork over a base mesh; null: flat. Needs the
-// context current that it was made in, and a page of relief in its slot before anything is displaced from it.
+// 1 (0: nothing), how far u or v goes to the next pixel. base is null for a flat artwork. The context that it was
+// made in must be current, and a relief page must be uploaded before anything is displaced from it.
 #pragma once
 
 #include <array>
@@ -35,8 +35,8 @@ class StrategyPass {
   void resize(int width_px, int height_px) { target_.resize(width_px, height_px, false); }
   void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
 
-  // Clears, then draws; the driver may still be at it on return. Errors (kRuntime): a program that does not link;
-  // (kUnsupported): tessellation without GL 4.
+  // Clears, then draws; the driver may not have finished on return. Errors: kRuntime where a program does not link,
+  // kUnsupported for tessellation without GL 4.
   Result<StrategyDraw> draw(const StrategyResult& chosen, const ViewTransform& view, double exaggerate);
   // Rows bottom first, as GL has them.
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const { target_.read(pixels); }
@@ -44,7 +44,7 @@ class StrategyPass {
   // tessellated patches, or above max_vertices.
   Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate,
                                      uint32_t max_vertices);
-  // With anything finished that was drawn.
+  // Waits until everything that was drawn is finished.
   static void finish();
   static bool hasTessellation(gl::Api api);
   static uint64_t maxPages() { return PagePool::maxSlots(); }

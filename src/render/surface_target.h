@@ -1,7 +1,8 @@
-// surface_target.h - the surface buffer: for each pixel what is seen there (instance, place in its node, texture LOD),
-// before any texture is read. RGBA32UI, shaders/surface.frag; with anisotropy a second one for the texture's gradient.
-// Where depth is at the far plane nothing is seen, and what the buffer holds means nothing. One pass over the geometry
-// serves the picture, which is then shaded once a pixel, and the feedback, which reads any pixels of it.
+// surface_target.h - the surface buffer (a visibility buffer): for each pixel the visible instance, the place in its
+// node and the texture LOD, before any texture is read. RGBA32UI, written by shaders/surface.frag; with anisotropy a
+// second texture holds the texture's gradient. Where depth is at the far plane nothing is visible, and the buffer's
+// value is undefined. One pass over the geometry serves the picture, which is then shaded once a pixel, and the
+// feedback, which reads some of the pixels.
 #pragma once
 
 #include <array>
@@ -23,8 +24,7 @@ class SurfaceTarget {
   void begin() const;
   // Clears the buffer to zeros, too: for read().
   void beginCleared() const;
-  // As texture `unit`, the gradient as `unit` + 1; and depth as `unit` + 2, for programs that look where something is
-  // seen.
+  // Binds the buffer to texture unit `unit`, the gradient to `unit` + 1 and depth to `unit` + 2.
   void bind(const gl::Program& program, int unit) const;
   // Rows bottom first, as GL has them. Waits for what was drawn since beginCleared().
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const;
@@ -42,7 +42,7 @@ class SurfaceTarget {
 class ScreenPass {
  public:
   explicit ScreenPass(const DepthMode& depth = depthMode());
-  // where_seen: only where the bound depth buffer holds something.
+  // where_seen: draws only where the bound depth buffer holds a surface.
   void draw(bool where_seen) const;
 
  private:

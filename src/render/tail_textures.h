@@ -18,10 +18,10 @@ class TailTextures {
   // How many patches this context has room for.
   static uint64_t maxPatches(int planes);
   explicit TailTextures(const PatchTails& tails);  // uploads the heights
-  // The texels are in rows although the context has buffer textures: they are too many for one. Programs need TAIL_ROWS
-  // then.
+  // True: the texels lie in rows of an array texture, although the context has buffer textures, because they are too
+  // many for one. Programs need the define TAIL_ROWS then.
   bool inRows() const { return rows_; }
-  // The texels of all planes; again whenever other planes are shown, or the light that they were resolved for changes.
+  // Uploads the texels of all planes. Call it again whenever other planes are shown, or the fixed light changes.
   void setTexels(const PatchTails& tails, const BaseMesh& base);
   // reach: texture levels, at most kTailReach, coarser than the root's own over which the root gives way to the tail.
   void bind(const gl::Program& program, double reach) const;
@@ -32,7 +32,7 @@ class TailTextures {
   bool rows_ = false;
 };
 
-// Where the tail's finest level has a texel a pixel: 128 texels are 16.
+// How many levels coarser than the root's the tail's finest level is: 128 texels >> 3 are 16.
 inline constexpr double kTailReach = 3;
 
 }  // namespace relievo

@@ -1,6 +1,6 @@
-// texel_table.h - a table that shaders read by index (shaders/texel_table.glsl): a buffer texture under OpenGL, which
-// the present drivers in software read for half of what a texel of an image costs them (no levels, no rows, and what
-// belongs together is side by side in memory); rows of an array texture where there are none (OpenGL ES 3.0).
+// texel_table.h - a table that shaders read by index (shaders/texel_table.glsl). Under OpenGL it is a buffer texture,
+// which software drivers read in half the time of an image's texel (no levels, no rows, and neighbours are adjacent in
+// memory). Under OpenGL ES 3.0, which has no buffer textures, it is rows of an array texture.
 #pragma once
 
 #include <cstddef>
@@ -21,14 +21,14 @@ class TexelTable {
   static uint64_t mostRowTexels();
 
   TexelTable() = default;
-  // rows: not as a buffer, however the context is: shaders need to know (TAIL_ROWS).
+  // rows: as rows of an array texture in any context; shaders need the define TAIL_ROWS then.
   TexelTable(const char* label, Texel texel, bool rows = false) : label_(label), texel_(texel), rows_(rows) {}
-  // Room for so many texels, of unknown contents.
+  // Makes room for so many texels; their contents are undefined.
   void resize(size_t texels);
   // Texels first .. first + count, of this many bytes; first is a multiple of kRow.
   void write(size_t first, const void* data, size_t count);
-  // Room for the first `count` texels, to be filled from the first to the last and handed over by unmap(); what the
-  // table held is lost. nullptr where it is rows: write() then.
+  // Memory for the first `count` texels, to be filled from the first to the last and handed over by unmap(); the
+  // table's old contents are lost. nullptr where the table is rows: use write() then.
   void* map(size_t count);
   void unmap();
   void bind(const gl::Program& program, const char* uniform, int unit) const;

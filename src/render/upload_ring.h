@@ -1,6 +1,6 @@
-// upload_ring.h - texels on their way into textures: a pixel unpack buffer that stays mapped, filled in turn. A texture
-// that draws sample takes texels from such a buffer in 0.01 to 0.03 ms a page, from the program's own memory in 0.2 ms
-// (NVIDIA H100). Software GL is faster without, and has none.
+// upload_ring.h - a ring of staging memory for texture uploads: a persistently mapped pixel unpack buffer. A texture in
+// use by draws takes a page from such a buffer in 0.01 to 0.03 ms, and from the program's own memory in 0.2 ms (NVIDIA
+// H100). Software OpenGL is faster without a ring, and uses none.
 #pragma once
 
 #include <array>
@@ -16,16 +16,16 @@ class UploadRing {
  public:
   static constexpr size_t kSegmentBytes = size_t{2} << 20;  // one is filled while the others are read
   static constexpr size_t kSegments = 4;
-  // Whether this context has what it takes (GL_ARB_buffer_storage or GL_EXT_buffer_storage), and gains by it.
-  static bool available();
-  static bool pays();
+  static bool available();  // the context has GL_ARB_buffer_storage or GL_EXT_buffer_storage
+  static bool pays();       // available, and faster than uploads from the program's memory
 
-  explicit UploadRing(bool wanted);  // not wanted, or not available: texels go as they are
+  explicit UploadRing(bool wanted);  // not wanted, or not available: stage() returns the texels themselves
   ~UploadRing();
   UploadRing(const UploadRing&) = delete;
   UploadRing& operator=(const UploadRing&) = delete;
 
-  // Between these two, what stage() gives is what glTexSubImage and its kin take. texels: at most kSegmentBytes.
+  // Between bind() and unbind(), pass stage()'s result as the `pixels` argument of glTexSubImage3D and the like.
+  // texels: at most kSegmentBytes.
   void bind() const;
   const void* stage(std::span<const uint8_t> texels);
   void unbind() const;

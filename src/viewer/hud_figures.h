@@ -1,5 +1,5 @@
-// hud_figures.h - what the viewer's panel of figures says (F2): a page's way in numbers. Plain text, laid out by
-// hud.cpp.
+// hud_figures.h - the text of the viewer's panel of figures (F2): how many pages of each plane are in each state, and
+// how long they take. hud.cpp lays it out.
 #pragma once
 
 #include <string>
@@ -15,7 +15,7 @@ struct HudFigures {
 };
 
 HudFigures hudFigures(const EngineStats& stats, const Manifest& manifest);
-// "812 B", "12.3 kB", "4.06 GB": three digits or more, 10^3.
+// "812 B", "12.3 kB", "4.06 GB": decimal units, at least three digits.
 std::string bytesText(uint64_t bytes);
 
 }  // namespace relievo

@@ -33,7 +33,7 @@ class ViewControl {
   static constexpr double kMaxTiltDeg = 85;
   static constexpr double kWheelFactor = 0.85;  // of the distance, a step
 
-  // Without a surface: the artwork's plane, or of a body the plane through the target, and no guard.
+  // Default: points lie on a flat artwork's plane, or on the plane through a body's target, and nothing guards the eye.
   struct Surface {
     // The point of it that a pixel (origin top left) of the picture on the screen shows; nothing over the background.
     std::function<std::optional<glm::dvec3>(double x_px, double y_px)> under;
@@ -44,8 +44,8 @@ class ViewControl {
 
   // True when it changed what is shown.
   bool handle(const gl::Event& event);
-  // From now on this one guards the eye, which is moved outside of its surface if it is not there. True when that
-  // changed what is shown.
+  // Replaces the guard, and moves the eye outside of the guard's surface if it is inside. True when that changed what
+  // is shown.
   bool setGuard(const EyeGuard* guard);
 
   const View& view() const { return view_; }
@@ -66,18 +66,18 @@ class ViewControl {
   void keepTarget(OrbitCamera& camera, const glm::dvec3& before_mm) const;
 
   // ---- the surface
-  // Puts the target where the line of sight is as far away as the point; a perspective picture stays the same, an
-  // orthographic one, too.
+  // Moves the target along the line of sight to the point's distance. The picture stays the same.
   void anchor(const glm::dvec3& point_mm);
-  // To a camera of the same direction and projection, as far as its eye stays outside. False: not all of the way.
+  // Moves towards a camera of the same direction and projection, as far as the eye stays outside of the surface. False:
+  // it did not get there.
   bool moveTo(const OrbitCamera& wanted);
   bool wayIsFree(const OrbitCamera& from, const OrbitCamera& to) const;
   bool isOutside(const OrbitCamera& camera) const;
   void placeOutside(OrbitCamera& camera) const;
   void keepNearPlane();
 
-  // The point under a pixel: of the plane of a flat artwork's height z_mm, else of the plane through the target that
-  // faces the eye.
+  // The point under a pixel: for a flat artwork on the plane of height z_mm, for a body on the plane through the target
+  // that faces the eye.
   bool pointUnder(const OrbitCamera& camera, double x, double y, double z_mm, glm::dvec3* point_mm) const;
 
   Extent extent_;

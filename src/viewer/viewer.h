@@ -22,14 +22,14 @@ struct ViewerOptions {
   EngineOptions engine;
   // The view to start with, for the size that the window got.
   std::function<Result<OrbitCamera>(const Extent&, int width_px, int height_px)> camera;
-  // A camera that stands still is drawn with Scene::least_cell 0. auto: not with software OpenGL, whose next motion
-  // would begin with a slow frame, nor with `frames`.
+  // Whether a camera that stands still is drawn with Scene::least_cell 0. kAuto: not with software OpenGL, where the
+  // next motion would begin with a slow frame, nor where `frames` is set.
   enum class ExactStill { kAuto, kOn, kOff };
   ExactStill exact_still = ExactStill::kAuto;
-  // For tests: after so many frames (0: never), snapshot_file is written (if named) and the viewer ends.
+  // For tests: after so many frames (0: never) the viewer writes snapshot_file, if it is named, and ends.
   int64_t frames = 0;
   std::string snapshot_file;
-  bool print_view = false;  // on leaving, camera and light as JSON on standard output
+  bool print_view = false;  // when the window is closed, camera and light are printed as JSON on standard output
 };
 
 // Returns when the window is closed.
