@@ -1,6 +1,7 @@
-// other_bases.h - linear bases that the program is not built with, registered by tests: they show that nothing but a
-// description is needed. Hemispherical harmonics (Gautron, Krivanek, Pattanaik, Bouatouch 2004) as the relighting of
-// photographs uses them (HSH), and lobes around directions, of more planes than a page table's entry has room for.
+// other_bases.h - linear bases beside the PTM's: those that the program is built with, and some that tests register, to
+// show that nothing but a description is needed. Hemispherical harmonics (Gautron, Krivanek, Pattanaik, Bouatouch 2004)
+// as the relighting of photographs uses them (HSH), and lobes around directions, of more planes than a page table's
+// entry has room for.
 #pragma once
 
 #include <algorithm>
@@ -95,12 +96,16 @@ inline constexpr BasisDescription kLobesRgb{.name = "test-lobes-rgb",
                                             .diffuse = {1},
                                             .one = {1}};
 
-// Each registered once a program.
+// Those of this file, each registered once a program; then those of src/artwork/bases/, so that a new one is tested as
+// soon as the registry lists it.
 inline const std::vector<Basis>& otherBases() {
   static const std::vector<Basis> all = [] {
+    const size_t built_in = basisCount();
     std::vector<Basis> made;
     for (const BasisDescription* d : {&kHsh4Lrgb, &kHsh9Rgb, &kScatteredHsh, &kLobesRgb})
       made.push_back(registerBasis(*d).value());
+    for (size_t place = static_cast<size_t>(Basis::kAlbedoNormal) + 1; place < built_in; ++place)
+      made.push_back(static_cast<Basis>(place));
     return made;
   }();
   return all;

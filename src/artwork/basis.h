@@ -64,11 +64,13 @@ struct BasisDescription {
   BasisChannels channels{};
   // Of linear bases only:
   int coefficients = 0;  // N
-  // Writes the N functions of the unit vector towards a light anywhere around the object. Pure; called from any thread.
+  // Writes the N values f_k(l) for any unit vector l, also one from behind the object. Pure; called from any thread.
   void (*functions)(const std::array<double, 3>& light, std::span<double> out) = nullptr;
-  // The functions' means over the lights of the upper hemisphere. They weigh colours at coarser levels (mip.h).
+  // With kLuminance: the functions' means over the lights of the upper hemisphere, evenly by solid angle. They weigh
+  // colours at coarser levels (mip.h).
   std::array<double, kMaxCoefficients> diffuse{};
-  // Coefficients whose sum is 1 under every light, or as near to that as the functions come. They show what is missing.
+  // Coefficients for which the sum over k of one_k f_k(l) is 1 under every light, or as near to 1 as the functions
+  // allow. Pages that cannot be read are shown by them, as grey (neutral_page.h).
   std::array<double, kMaxCoefficients> one{};
 };
 
@@ -97,6 +99,7 @@ constexpr BasisChannels colourChannels(int coefficients) {
 // ---- the registry (src/artwork/bases/registry.cpp) ----
 const BasisDescription& describe(Basis basis);
 std::optional<Basis> findBasis(std::string_view name);
+size_t basisCount();  // places 0 .. basisCount() - 1 are taken
 // Adds a basis to those that the program is built with. The description stays where it is until the program ends. Not
 // while other threads use bases. Error: kUsage, with what is wrong with the description, or that its name is taken.
 Result<Basis> registerBasis(const BasisDescription& description);

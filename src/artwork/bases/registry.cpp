@@ -74,6 +74,8 @@ std::optional<Basis> findBasis(std::string_view name) {
   return std::nullopt;
 }
 
+size_t basisCount() { return registry().size(); }
+
 Result<Basis> registerBasis(const BasisDescription& description) {
   if (const std::string problem = problemOf(description); !problem.empty())
     return Error{ErrorKind::kUsage, "", "the basis '" + std::string(description.name) + "': " + problem, "", {}};
