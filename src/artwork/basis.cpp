@@ -13,7 +13,7 @@ Pixel albedoUnderLight(const double* raw, const std::array<double, 3>& light) {
   for (size_t c = 0; c < 3; ++c) cosine += (raw[3 + c] / kNormalUnit - 1) * light[c];
   const double gain = std::pow(kAmbientShare + (1 - kAmbientShare) * std::max(0.0, cosine), 1 / kDisplayGamma);
   Pixel rgb{};
-  for (size_t c = 0; c < 3; ++c) rgb[c] = std::clamp(raw[c] * gain, 0.0, 255.0);
+  for (size_t c = 0; c < 3; ++c) rgb[c] = raw[c] * gain;
   return rgb;
 }
 
@@ -29,10 +29,8 @@ Pixel linearUnderLight(const BasisDescription& basis, const TextureFormat& f, co
     if (c.holds == BasisChannel::Holds::kCoefficient) sum[c.of] += (raw[i] - f.bias[k]) * f.scale[k] * functions[k];
     else if (c.holds == BasisChannel::Holds::kColour) colour[c.of] = raw[i];
   }
-  for (size_t c = 0; c < 3; ++c) {
+  for (size_t c = 0; c < 3; ++c)
     rgb[c] = basis.shading == Shading::kLuminance ? colour[c] * sum[BasisChannel::kLuminance] / 255.0 : sum[c];
-    rgb[c] = std::clamp(rgb[c], 0.0, 255.0);
-  }
   return rgb;
 }
 
@@ -55,7 +53,7 @@ std::string textureName(Basis basis, int plane) {
 
 std::array<double, 3> frontLight(double u, double v) { return {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))}; }
 
-std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
+std::array<double, 3> evaluateUnclamped(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
   const BasisDescription& basis = describe(f.basis);
   switch (basis.shading) {
     case Shading::kColour:
@@ -67,6 +65,12 @@ std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, c
       return albedoUnderLight(raw, light);
   }
   return {raw[0], raw[1], raw[2]};
+}
+
+std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
+  auto rgb = evaluateUnclamped(f, raw, light);
+  for (double& c : rgb) c = std::clamp(c, 0.0, 255.0);
+  return rgb;
 }
 
 }  // namespace relievo

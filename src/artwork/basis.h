@@ -137,7 +137,9 @@ std::array<double, 3> frontLight(double u, double v);
 // One pixel in 0..255 units from its raw channels (channels() of them; they may be filtered, hence double).
 // light: the unit vector towards the light, in the artwork's space. The one definition that shader and resolver share.
 std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, const std::array<double, 3>& light);
-// The same for a light in front of the artwork, (u, v) the x and y of the vector towards it.
+// The same before it is clamped: what effects on colour start from (src/engine/effects/pixel_effect.h).
+std::array<double, 3> evaluateUnclamped(const TextureFormat& f, const double* raw, const std::array<double, 3>& light);
+// evaluatePixel for a light in front of the artwork, (u, v) the x and y of the vector towards it.
 inline std::array<double, 3> evaluatePixel(const TextureFormat& f, const double* raw, double u, double v) {
   return evaluatePixel(f, raw, frontLight(u, v));
 }

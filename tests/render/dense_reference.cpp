@@ -710,7 +710,7 @@ glm::dvec3 shadeTaps(const DenseTexture& t, const Taps& from, const DenseView& v
   }
   glm::dvec3 rgb{sum[0], sum[1], sum[2]};
   if (!view.resolved) {
-    const auto e = evaluatePixel(t.format, sum.data(), view.light);
+    const auto e = evaluateUnclamped(t.format, sum.data(), view.light);
     rgb = {e[0], e[1], e[2]};
   }
   if (view.tone) rgb = view.tone(rgb / 255.0) * 255.0;

@@ -1,5 +1,5 @@
-// Effects on pixels against their CPU references: every effect that has one, over a PTM (whose colours exceed white)
-// and over plain colour, in many views. And that one that is off leaves no trace.
+// Effects on pixels against their CPU references: every effect that has one, over plain colour and over a PTM whose
+// colours lie below black and above white, in many views. An effect that is off leaves no trace.
 #include <gtest/gtest.h>
 
 #include "src/engine/effects/effects.h"
@@ -27,9 +27,30 @@ std::vector<PixelEffect::Values> someValues(const PixelEffect& effect, int count
   return all;
 }
 
+// Noise as a PTM of twice the contrast.
+class StrongTexture final : public TextureSource {
+ public:
+  StrongTexture(int64_t w, int64_t h, uint32_t seed) : noise_(w, h, Basis::kPtmRgb, seed), format_(noise_.format()) {
+    for (double& scale : format_.scale) scale *= 2;
+  }
+  int64_t width() const override { return noise_.width(); }
+  int64_t height() const override { return noise_.height(); }
+  TextureFormat format() const override { return format_; }
+  Provenance provenance() const override { return noise_.provenance(); }
+  Result<void> read(const Rect& r, std::span<uint8_t> out) const override { return noise_.read(r, out); }
+
+ private:
+  NoiseTexture noise_;
+  TextureFormat format_;
+};
+
+Subject strongSubject(uint32_t seed) {
+  NoiseHeight heights(700, 500, 3, seed + 100);
+  return denseSubject(StrongTexture(700, 500, seed), &heights);
+}
+
 TEST(Effects, AreTheirReferences) {
-  for (const Basis basis : {Basis::kPtmRgb, Basis::kColour}) {
-    const Subject subject = noiseSubject(700, 500, basis, 3, 11);
+  for (const Subject& subject : {strongSubject(11), noiseSubject(700, 500, Basis::kColour, 3, 11)}) {
     for (const PixelEffect* effect : pixelEffects()) {
       if (effect->reference == nullptr) continue;
       for (const PixelEffect::Values& values : someValues(*effect, 4)) {
@@ -64,6 +85,18 @@ TEST(Effects, OffMeansNoTraceInTheShader) {
     else on.effects = {{effect, someValues(*effect, 1)[0]}};
     EXPECT_NE(variant(on).find("vec3 effect_" + std::string(effect->name) + "("), std::string::npos) << effect->name;
   }
+}
+
+// Control: effects are compared beyond white, too. A reference that starts from clamped colours is another one.
+TEST(Effects, StartFromColoursBeyondWhite) {
+  Scene scene;
+  scene.effects = {{&kExposureEffect, {-2, 4}}};
+  const Totals clamped = compare(strongSubject(11), scene, {.views = 2, .wrong_oracle = [](DenseView& v) {
+                                                              v.tone = [tone = v.tone](const glm::dvec3& colour) {
+                                                                return tone(glm::min(colour, 1.0));
+                                                              };
+                                                            }});
+  EXPECT_GT(clamped.max_difference, 3);
 }
 
 // A number that changes costs a uniform, not a program.

@@ -155,7 +155,7 @@ inline Totals compare(const Subject& subject, Scene scene, const Views& run, dou
     for (const EffectSetting& setting : scene.effects) {
       if (setting.effect->reference == nullptr) continue;
       v.tone = [before = v.tone, setting](const glm::dvec3& colour) {
-        return setting.effect->reference(before ? before(colour) : colour, setting.values);
+        return setting.effect->reference(glm::max(before ? before(colour) : colour, 0.0), setting.values);
       };
     }
     if (run.wrong_oracle) run.wrong_oracle(v);

@@ -26,8 +26,8 @@ struct EffectParameter {
 };
 
 struct PixelEffect {
-  // kTone: applied to the shaded colour, which may exceed 1 or lie below 0. kOverlay: drawn over the picture, which
-  // lies within 0..1; at most one at a time (--show NAME).
+  // kTone: applied to the shaded colour, which is never below 0 and over a PTM may exceed 1. The result is clamped to
+  // 0..1 after the last effect. kOverlay: drawn over that picture; at most one at a time (--show NAME).
   enum class Stage { kTone, kOverlay };
   static constexpr size_t kMaxParameters = 4;
   using Values = std::array<double, kMaxParameters>;
@@ -38,7 +38,7 @@ struct PixelEffect {
   std::string_view help;
   Stage stage = Stage::kTone;
   std::array<EffectParameter, kMaxParameters> parameters{};
-  // The CPU reference: from a colour of 0..1, or beyond, to another one. Null for overlays, which show levels and not
+  // The CPU reference: from a colour of 0 or more to another one. Null for overlays, which show levels and not
   // colours.
   glm::dvec3 (*reference)(const glm::dvec3& colour, const Values& values) = nullptr;
 

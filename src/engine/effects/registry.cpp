@@ -21,10 +21,11 @@ PixelEffect::Values PixelEffect::neutral() const {
 
 gl::Defines effectDefines(std::span<const PixelEffect* const> tones, const PixelEffect* overlay) {
   std::string files, calls;
+  // What a basis or another effect makes may lie below 0, of which powers and ratios have no use.
   auto add = [&](const PixelEffect& effect, std::string& to) {
     const std::string name(effect.name);
     files += "\"effects/" + name + ".glsl\"";
-    to += "colour = effect_" + name + "(colour, at); ";
+    to += "colour = effect_" + name + "(max(colour, 0.0), at); ";
   };
   for (const PixelEffect* tone : tones) add(*tone, calls);
   std::string over;
