@@ -1,11 +1,11 @@
 // lod_strategy.h - one interface for ways to choose geometry for a view, so that `relievo compare` can measure them
-// side by side. A strategy is one file, geometry/strategy_NAME.cpp, plus its line in strategy_registry.cpp; nothing
-// else knows its name. View in; out: instanced grids (planar_lod.h), explicit triangles, or both, and the error that
-// the strategy foresees. All draw from the same relief pages, every one of them resident: what is compared is geometry,
-// not streaming. What is drawn where (places, heights, projection) is not the strategy's business: over a base mesh as
-// on a flat artwork it names nodes and places in them, and errors are taken there. SceneLod and strategy_bounds.h know
-// which of both a scene is. Pure: no GL. A strategy is used by one thread; the same scene and views, in the same order,
-// give the same results.
+// side by side. A strategy is one file, strategy_NAME.cpp, which strategy_list.h declares and strategy_registry.cpp
+// calls; nothing else knows its name. It takes a view (LodView in planar_lod.h) and answers with instanced grids
+// (PatchInstance there), explicit triangles, or both, and the error that it predicts. All strategies draw from the same
+// relief pages, every one of them resident: geometry is compared, not streaming. A strategy names nodes and places in
+// them, over a base mesh as on a flat artwork; heights and projection are computed elsewhere. SceneLod and
+// strategy_bounds.h know which of the two a scene is. Pure: no GL. A strategy is used by one thread; the same scene and
+// views, in the same order, give the same results.
 #pragma once
 
 #include <array>

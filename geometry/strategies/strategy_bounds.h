@@ -1,6 +1,6 @@
-// strategy_bounds.h - what strategies other than planar_lod.h's ask of a view and of the relief's pages: boxes,
-// culling, error bounds. The same bounds as geometry/README.md describes for the edge LOD, so that a comparison shows
-// the strategies' difference and not the metrics'; but for a node, not for an edge.
+// strategy_bounds.h - boxes, culling and error bounds, for strategies that do not use planar_lod.h's selection. The
+// bounds are those of the edge LOD (geometry/lod/ERROR_BOUND.md), so that a comparison shows the strategies' difference
+// and not the metrics'; but they are a node's, not an edge's.
 #pragma once
 
 #include <array>

@@ -51,7 +51,7 @@ TEST(Strategies, AreNamedOnceAndControlsComeLast) {
   EXPECT_GE(names.size(), 8u);
 }
 
-// A new strategy is one file and a line in the registry: nobody else asks for a name.
+// A new strategy is one file, its declaration and its line in the registry: nothing else asks for a name.
 TEST(Strategies, NobodyElseKnowsTheirNames) {
   namespace fs = std::filesystem;
   int files = 0, own = 0;
