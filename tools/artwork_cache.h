@@ -1,8 +1,8 @@
-// artwork_cache.h - what view and render are given to show: a package, or a .ptm, an image or a scan, of which a
-// package is built with the defaults of relievo build and kept in a cache folder for the next time. A cached package is
-// found by content: the bytes of the file and of all that it names, and the program that built it. It takes its place
-// whole or not at all; two processes that build the same one write the same bytes, and the later one replaces the
-// earlier. What exceeds the folder's limit goes, the least recently used first, but nothing that is in use.
+// artwork_cache.h - opens the file that view and render show. It is a package, or a .ptm, an image or a scan, from
+// which a package is built with the defaults of relievo build and kept in a cache folder. A cached package is found by
+// content: the bytes of the file and of all that it names, and the program that built it. It takes its place whole or
+// not at all; two processes that build the same one write the same bytes, and the later one replaces the earlier. What
+// exceeds the folder's limit goes, the least recently used first, but nothing that is in use.
 #pragma once
 
 #include <cstdint>

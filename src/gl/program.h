@@ -1,5 +1,5 @@
 // program.h - linked shader programs from the files in shaders/, as one dialect: GL 3.3 core intersected with ES 3.0,
-// and under OpenGL one thing more: buffer textures, behind TEXEL_BUFFERS (shaders/texel_table.glsl). A file has no
+// and under OpenGL also buffer textures, behind the define TEXEL_BUFFERS (shaders/texel_table.glsl). A file has no
 // #version; `#include "name"` is resolved among the embedded files, each once; `#include NAMES` includes
 // the files whose quoted names are the value of the define NAMES, if there is one. Defines choose the variant;
 // RELIEVO_VERTEX or RELIEVO_FRAGMENT is defined as well. `#include <...>` lines are for C++ and are left out.

@@ -1,8 +1,8 @@
 // mip.h - how a coarser texture level follows from the finer one. Integer arithmetic, so that anyone can reproduce it.
 //
-// Level texels are kept as 8.8 fixed point (uint16, 0..65280) below the finest level, so that rounding does not pile
-// up; a page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or column is
-// repeated.
+// Level texels are kept as 8.8 fixed point (uint16, 0..65280) below the finest level, so that rounding errors do not
+// accumulate; a page's byte is (v + 128) >> 8. A level's size is ceil(size / 2); at an odd border the last row or
+// column is repeated.
 //   coefficients  (a + b + c + d + 2) >> 2: averaged as numbers
 //   normals       averaged as numbers, and not made longer again (basis.h says why)
 //   colour        averaged in linear light (sRGB transfer curve by table, 16-bit linear)

@@ -1,4 +1,4 @@
-// neutral_page.h - what stands in for a page that could not be had.
+// neutral_page.h - the replacement for a page that could not be read or decoded.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 
 namespace relievo {
 
-// What shows in place of a damaged root: 128 grey under every light, or relief at the lower end of its range. As
-// blocks: as near to that as the codec comes. texels: as many bytes as a slot has (cache_budget.h).
+// Writes a page of 128 grey under every light, or of relief at the lower end of its range; it replaces a damaged root.
+// With a block codec it is as near to that as the codec allows. texels: as many bytes as a slot has (cache_budget.h).
 void neutralPage(Plane plane, const TextureFormat& format, PageCodec upload, uint8_t* texels);
 
 }  // namespace relievo

@@ -1,5 +1,5 @@
-// page_encoding.h - how a texture plane's pages are stored: exactly, or smaller and less exactly. What each costs in
-// accuracy, size and time: texturing/ENCODINGS.md. The relief plane is always exact. Byte layout: texturing/PACKAGE.md.
+// page_encoding.h - how a texture plane's pages are stored: losslessly, or smaller and lossy. texturing/ENCODINGS.md
+// states accuracy, size and time of each. The relief plane is always exact. Byte layout: texturing/PACKAGE.md.
 #pragma once
 
 #include <array>

@@ -1,5 +1,5 @@
-// build_reporter.h - what a build has done so far, told to whoever asked for it (BuildOptions::progress) at most five
-// times a second. Internal to texturing/. One thread.
+// build_reporter.h - reports a build's progress to BuildOptions::progress, at most five times a second. Internal to
+// texturing/. One thread.
 #pragma once
 
 #include <chrono>

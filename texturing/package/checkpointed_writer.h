@@ -2,8 +2,8 @@
 // on from what an earlier build left, checkpoints on time, and what stays on the disk when the build stops. Internal to
 // texturing/. One thread.
 //
-// What cannot be written of the journal costs the checkpoints (BuildOptions::note says so); what cannot be written of
-// the pages ends the build.
+// If the journal cannot be written, the build goes on without checkpoints (BuildOptions::note says so). If pages cannot
+// be written, the build ends.
 #pragma once
 
 #include <cstdint>
@@ -30,10 +30,10 @@ class CheckpointedWriter {
   Result<std::unique_ptr<BuildPart>> replay(uint32_t stage);
   // After the part was appended to pages(): into the journal; a checkpoint if it is time.
   Result<void> record(uint32_t stage, const BuildPart& part);
-  // The whole package, renamed; the journal goes. The file's bytes.
+  // Completes the package, renames it and removes the journal. Returns the file's size in bytes.
   Result<uint64_t> finish();
-  // Before the build ends with this error: the last checkpoint of an interrupted build that is to be gone on with. The
-  // error, with a hint where something was kept.
+  // Call it before the build ends with this error. Writes a last checkpoint if an interrupted build may be resumed.
+  // Returns the error, with a hint where something was kept.
   Error stopped(Error error);
 
  private:

@@ -31,7 +31,7 @@ struct Manifest {
   PlanarDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;  // of the texture's planes; relief is lossless
-  bool size_known = true;    // else all that is said in mm counts the artwork's pixels (mm_per_px is 1)
+  bool size_known = true;    // false: everything in mm counts the artwork's pixels (mm_per_px is 1)
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;
@@ -42,7 +42,7 @@ struct Manifest {
   std::vector<CoarseErrors> coarse_errors;
   std::vector<CoarseBlocks> coarse_blocks;
   std::vector<CoarseShapes> coarse_shapes;  // empty: not known
-  std::vector<HeightSlopes> height_slopes;  // empty in packages from before there were any
+  std::vector<HeightSlopes> height_slopes;  // empty in older packages
   double error_unit_mm = 0;  // what a relief page's errors are counted in (a flat artwork's: relief_scale_mm)
 };
 
@@ -88,10 +88,11 @@ class Package final : public PageSource {
   bool hasTails() const;
   // Ends soon after *stop is set (it may be null); what it answers then is not to be used.
   PatchTails tails(int workers, std::vector<std::string>* problems, const std::atomic<bool>* stop = nullptr) const;
-  // What of them is damaged, as it is found; nothing where there are none. problem(error) until *stop is set.
+  // Calls problem(error) for each damaged part of the tails, as it is found, until *stop is set. Does nothing where the
+  // package has no tails.
   void checkTails(const std::function<void(const Error&)>& problem, const std::atomic<bool>* stop = nullptr) const;
   std::vector<std::string> tailProblems() const;             // as texts
-  Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of these sound?
+  Result<void> checkReliefDetail(const NodeId& node) const;  // is the block of reliefErrors() and shapes sound?
   // Is the index block that holds the page's entry sound?
   Result<void> checkIndex(PageId id) const;
   Result<EncodedPage> read(PageId id) const override;
@@ -134,7 +135,7 @@ struct VerifyOptions {
   // there are.
   std::function<void(const VerifyProblem&)> problem;
   const std::atomic<bool>* interrupted = nullptr;  // once set: kInterrupted soon
-  const PageSource* pages = nullptr;  // where pages are read in the place of the package: for faults on purpose
+  const PageSource* pages = nullptr;  // pages are read from here instead of from the package; for fault injection
 };
 // Reads, checks and decodes every page, both copies of what is there twice, and what lies between the sections. The
 // problems come in the file's order, those of pages in the index's, whatever the workers.

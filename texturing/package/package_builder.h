@@ -29,11 +29,12 @@ struct BuildOptions {
   bool stretch_relief = false;  // a height map of other proportions than the texture is stretched over it, not refused
   int workers = 0;              // 0: one per core
   int zstd_level = 1;
-  PageEncoding coefficients,
-      colour;  // of the planes of either kind; mip levels are computed from exact values all the same
+  // Of the planes of either kind. Mip levels are computed from exact values whatever the encoding.
+  PageEncoding coefficients, colour;
   uint64_t memory_budget_bytes = uint64_t{768} << 20;
-  uint64_t kept_bytes = ~uint64_t{
-      0};  // of the budget, for what waits for its neighbours: more of it lies in files; buildPatchPackage only
+  // How much of the budget holds data that wait for neighbouring patches; the rest of such data lies in files.
+  // buildPatchPackage only.
+  uint64_t kept_bytes = ~uint64_t{0};
   std::string tool_version;
   std::string manifest_extra;  // a JSON object whose members join the manifest, or empty; buildPatchPackage only
   std::function<void(const BuildProgress&)> progress;  // called from one thread, a few times a second

@@ -1,5 +1,6 @@
-// package_sections.h - what of a package is neither index entry nor page: the file's length, both copies of header and
-// base mesh, and the bytes between the sections. For verifyPackage and repairPackage; internal to texturing/.
+// package_sections.h - checks the parts of a package that are neither index entries nor pages: the file's length, both
+// copies of header and base mesh, and the bytes between the sections. For verifyPackage and repairPackage; internal to
+// texturing/.
 #pragma once
 
 #include <array>

@@ -1,4 +1,4 @@
-// package_writer.h - what the builders of packages share: temporary bytes, workers whose parts are written in order,
+// package_writer.h - shared by the builders of packages: temporary storage, workers whose parts are written in order,
 // and the file with its index. Internal to texturing/.
 #pragma once
 

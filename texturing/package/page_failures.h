@@ -1,5 +1,5 @@
-// page_failures.h - pages that could not be had when a picture needed them: how many, for what kind of reason, and the
-// first of them.
+// page_failures.h - pages that a picture needed and that could not be read or decoded: how many, for which kind of
+// reason, and the first of them.
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
-// flight_simulation.h - what flights ask of the page cache and of the link to the pages, computed on the CPU: no GL, no
-// real time.
+// flight_simulation.h - simulates, without GL and without real time, which pages a flight requests and when they arrive
+// over a link of limited bandwidth and latency.
 #pragma once
 
 #include <functional>

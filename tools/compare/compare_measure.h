@@ -1,4 +1,4 @@
-// compare_measure.h - what a strategy's picture is off by: each pixel says which place of the artwork it shows
+// compare_measure.h - the error of a strategy's picture: each pixel says which place of the artwork it shows
 // (src/render/strategy_pass.h), and that place on the finest relief is projected in double precision. No GL.
 #pragma once
 
