@@ -338,8 +338,8 @@ class StripForest : public ForestView<StripForest, StripSquare> {
 
 }  // namespace
 
-PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
-                                const ReliefSet& resident) {
+LodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
+                          const ReliefSet& resident) {
   return QuadtreeLod<StripForest>(domain, oracle).select(view, resident);
 }
 
@@ -351,7 +351,7 @@ struct PlanarLod::Impl {
 PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(new Impl{domain, std::move(oracle)}) {}
 PlanarLod::~PlanarLod() = default;
-PlanarLodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
+LodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
   return impl_->lod.select(view, resident);
 }
 

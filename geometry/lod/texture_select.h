@@ -15,7 +15,8 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
+#include "src/artwork/planar_domain.h"
 
 namespace relievo {
 

@@ -1,6 +1,6 @@
 // lod_strategy.h - one interface for ways to choose geometry for a view, so that `relievo compare` can measure them
 // side by side. A strategy is one file, geometry/strategy_NAME.cpp, plus its line in strategy_registry.cpp; nothing
-// else knows its name. View in; out: instanced grids (planar_lod.h), explicit triangles, or both, and the error that
+// else knows its name. View in; out: instanced grids (lod.h), explicit triangles, or both, and the error that
 // the strategy foresees. All draw from the same relief pages, every one of them resident: what is compared is geometry,
 // not streaming. What is drawn where (places, heights, projection) is not the strategy's business: over a base mesh as
 // on a flat artwork it names nodes and places in them, and errors are taken there. SceneLod and strategy_bounds.h know
@@ -49,7 +49,7 @@ class SceneLod {
       mesh_ = std::make_unique<MeshLod>(scene.body->base, d.relief_depth, d.relief_offset_mm, d.relief_scale_mm,
                                         oracle_, oracle ? std::vector<CoarseErrors>{} : scene.coarse);
   }
-  PlanarLodResult select(const LodView& view) {
+  LodResult select(const LodView& view) {
     return mesh_ ? mesh_->select(view, *scene_.resident)
                  : selectPlanarLod(scene_.domain, *oracle_, view, *scene_.resident);
   }
@@ -95,8 +95,8 @@ struct StrategyResult {
   double predicted_px = -1;
 };
 
-// What selectPlanarLod answered, with the bound that it certifies.
-inline StrategyResult certifiedResult(PlanarLodResult lod) {
+// What the LOD answered, with the bound that it certifies.
+inline StrategyResult certifiedResult(LodResult lod) {
   StrategyResult result;
   result.instances = std::move(lod.instances);
   result.error_px = lod.error_px;

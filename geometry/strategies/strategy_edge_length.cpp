@@ -45,7 +45,7 @@ class EdgeLength final : public LodStrategy {
     // it always is.
     v.min_cell_px = kLengthPerBudget * view.error_px / (2 * leastCellPx(1, std::numeric_limits<double>::infinity()));
     v.error_px = 0;
-    PlanarLodResult lod = lod_.select(v);
+    LodResult lod = lod_.select(v);
     StrategyResult result;
     result.instances = std::move(lod.instances);
     result.error_px = view.error_px;

@@ -1,5 +1,5 @@
 // strategy_field.h - a flat artwork's finest relief held in full: the truth that strategies are measured against.
-// The surface is that of planar_lod.h: cells cut along (i, j) - (i + 1, j + 1), the last ones clamped to the artwork's
+// The surface is that of lod.h: cells cut along (i, j) - (i + 1, j + 1), the last ones clamped to the artwork's
 // border.
 #pragma once
 

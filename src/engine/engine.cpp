@@ -85,7 +85,7 @@ struct Engine::Impl {
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
-  bool backs_are_hidden = false;      // see PlanarLodResult
+  bool backs_are_hidden = false;      // see LodResult
   uint64_t list_number = 0;           // differs whenever `instances` does
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;

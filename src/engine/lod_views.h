@@ -1,7 +1,7 @@
 // lod_views.h - a view as the LOD evaluations of geometry/ take it; what else they want to know is left at its default.
 #pragma once
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/render/camera.h"
 

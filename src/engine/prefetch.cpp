@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/base/mailbox.h"
 #include "src/base/worker_threads.h"
 

@@ -11,7 +11,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/render/camera.h"
 #include "texturing/stream/feedback.h"

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <numeric>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/artwork/base_mesh.h"
 #include "src/render/page_pool.h"
 

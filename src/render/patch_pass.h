@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/camera.h"

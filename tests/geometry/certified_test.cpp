@@ -38,7 +38,7 @@ struct Artwork {
   int units_log2 = 0;             // of a cell's side, in the LOD's units
   std::function<glm::dvec3(uint32_t patch, int64_t i, int64_t j)> make_vertex;
   std::vector<glm::dvec3> vertices;  // all of them, in its order
-  std::function<PlanarLodResult(const LodView&, const ReliefSet&)> select;
+  std::function<LodResult(const LodView&, const ReliefSet&)> select;
   std::function<Camera(Random&)> camera;
   std::shared_ptr<void> kept;  // what the functions use
 
@@ -262,7 +262,7 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     for (int round = 0; round < 6; ++round)
       for (const ReliefRequest& request : artwork.select(view, resident).requests)
         if (random.chance(granted)) resident.insert(request.page);
-    const PlanarLodResult lod = artwork.select(view, resident);
+    const LodResult lod = artwork.select(view, resident);
     Drawn drawn(artwork, lod.instances);
     const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
     auto project = [&](const glm::dvec3& at, glm::dvec2* px) {

@@ -39,7 +39,7 @@ struct Subject {
   glm::dvec3 low{0}, high{0};  // without heights
   double min_mm = 0, max_mm = 0, cell_mm = 1;
   std::function<Spot(Random&)> spot;
-  std::function<PlanarLodResult(const LodView&, const ReliefSet&)> select;
+  std::function<LodResult(const LodView&, const ReliefSet&)> select;
   std::function<void(const LodView&, const std::vector<PatchInstance>&, Numbers&)> numbers;
   std::function<void(const LodView&, const std::vector<PatchInstance>&, bool snapped, Cracks&)> cracks;
   std::function<Measured(const LodView&, const Camera&, const std::vector<PatchInstance>&)> measure;
@@ -275,7 +275,7 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
   for (int round = 0; round < rounds; ++round)
     for (const ReliefRequest& w : s.select(c.view, resident).requests)
       if (rounds > 3 || random.chance(0.7)) resident.insert(w.page);
-  const PlanarLodResult lod = s.select(c.view, resident);
+  const LodResult lod = s.select(c.view, resident);
   ++t.views;
   t.nodes += lod.instances.size();
   EXPECT_TRUE(std::isfinite(lod.max_error_px) && lod.max_error_px >= 0) << what;

@@ -51,7 +51,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
     for (int round = 0; round < rounds; ++round)
       for (const ReliefRequest& w : selectPlanarLod(domain, relief, view, resident).requests)
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
-    PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
+    LodResult lod = selectPlanarLod(domain, relief, view, resident);
     Measured m = measureError(domain, relief, view, camera, lod.instances, pages);
     ++f.views;
     f.samples += m.samples;
@@ -170,7 +170,7 @@ TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   Camera camera;
   camera.eye = {0, -99, 14}, camera.target = {0, 0, 0};
   const LodView view = orthographicView(camera, 40, 0.01);
-  const PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
+  const LodResult lod = selectPlanarLod(domain, relief, view, resident);
   const Measured m = measureError(domain, relief, view, camera, lod.instances, pages);
   const double one_px = view.pixels_per_radian * 99 / std::hypot(99.0, 14.0);
   EXPECT_NEAR(m.max_px, 1.5 * one_px, 0.02 * one_px) << "the heights are what they should be";
@@ -179,7 +179,7 @@ TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   // Control: were the edge not snapped, the triangles would be those of the finer level alone.
   resident.clear();
   for (uint32_t k = 0; k < 8; ++k) resident.insert({k >> 2, 1, k & 1, (k >> 1) & 1});
-  const PlanarLodResult alike = selectPlanarLod(domain, relief, view, resident);
+  const LodResult alike = selectPlanarLod(domain, relief, view, resident);
   EXPECT_NEAR(measureError(domain, relief, view, camera, alike.instances, pages).max_px, one_px, 0.02 * one_px);
 }
 

@@ -222,7 +222,7 @@ inline std::string describe(const PlanarCase& c, uint64_t seed) {
 }
 
 // Lists and what they promise, in every particular.
-inline bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
+inline bool sameList(const LodResult& a, const LodResult& b) {
   auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
     return p.page == q.page && p.priority == q.priority;
   };

@@ -32,7 +32,7 @@ TEST(LodWorker, AnswersWithWhatThePlainFunctionGives) {
     worker.post(request);
     LodAnswer answer = worker.waitFor(frame);
     ASSERT_EQ(answer.frame, frame);
-    PlanarLodResult direct = selectPlanarLod(s.domain, *s.oracle, request.view, *request.resident);
+    LodResult direct = selectPlanarLod(s.domain, *s.oracle, request.view, *request.resident);
     ASSERT_EQ(answer.lod.instances.size(), direct.instances.size());
     for (size_t i = 0; i < direct.instances.size(); ++i) {
       ASSERT_EQ(answer.lod.instances[i].node, direct.instances[i].node);

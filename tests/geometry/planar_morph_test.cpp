@@ -43,7 +43,7 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
     view.exaggerate = random.chance(0.3) ? random.real(0, 5) : 1;
     view.morph = true;
     const ReliefSet resident = randomResidency(domain, oracle, view, random);
-    PlanarLodResult lod = selectPlanarLod(domain, oracle, view, resident);
+    LodResult lod = selectPlanarLod(domain, oracle, view, resident);
     ReliefPages pages(domain, noiseHeight);
     const VertexFunction twin = morphReference(domain, pages, view.relief);
     SeamReport report = compareSeams(domain, lod.instances, twin, ownVertex);
@@ -263,7 +263,7 @@ TEST(PlanarMorph, PredictedIsAnUpperBoundOfMeasured) {
       for (int round = 0; round < rounds; ++round)
         for (const ReliefRequest& w : a.lod->select(view, resident).requests)
           if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
-      PlanarLodResult lod = a.lod->select(view, resident);
+      LodResult lod = a.lod->select(view, resident);
       uint64_t flipped = 0;
       const double measured =
           largest(offsetsOf(surfaceOf(a.domain, *a.relief, view.exaggerate), view, camera, lod.instances, flipped));

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <set>
 
+#include "geometry/lod/planar_lod.h"
 #include "shaders/embedded.h"
 #include "src/engine/engine.h"
 #include "src/engine/lod_views.h"

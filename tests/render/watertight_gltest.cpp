@@ -6,6 +6,7 @@
 #include <cstring>
 #include <random>
 
+#include "geometry/lod/planar_lod.h"
 #include "geometry/lod/snap.h"
 #include "src/engine/engine.h"
 #include "src/engine/fault_injection.h"

@@ -12,6 +12,7 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "geometry/lod/planar_lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/engine/engine.h"
 #include "src/engine/lod_views.h"

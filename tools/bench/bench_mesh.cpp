@@ -114,7 +114,7 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
       view.min_cell_px = 2;
       view.hide_backs = hide_backs;
       double start = benchSeconds();
-      PlanarLodResult result = lod.select(view, resident);
+      LodResult result = lod.select(view, resident);
       (hide_backs ? ms : all_ms).push_back((benchSeconds() - start) * 1000);
       instances = result.instances.size();
       triangles = 0;
@@ -182,7 +182,7 @@ Result<void> submitRow(BenchContext& context) {
     LodView view = lodViewFrom(transform);
     view.error_px = 1;
     view.min_cell_px = 2;
-    const PlanarLodResult result = lod.select(view, {});
+    const LodResult result = lod.select(view, {});
     instances = static_cast<uint32_t>(result.instances.size());
     double start = benchSeconds();
     corners.setEye(transform.eye_mm);

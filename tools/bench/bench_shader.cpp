@@ -7,6 +7,7 @@
 #include <ctime>
 #include <memory>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/engine/effect_plan.h"
 #include "src/engine/lod_views.h"
 #include "src/gl/context.h"
