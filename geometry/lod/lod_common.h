@@ -14,7 +14,7 @@
 #include <glm/glm.hpp>
 
 #include "geometry/lod/lod.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 

@@ -37,7 +37,7 @@ class LodWorker {
  public:
   // Texture nodes that a request asks for are left out.
   explicit LodWorker(LodStrategy strategy);
-  LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle);
+  LodWorker(FlatDomain domain, std::shared_ptr<const ReliefOracle> oracle);
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);
   std::optional<LodAnswer> tryTake();

@@ -11,19 +11,19 @@
 #include <memory>
 
 #include "geometry/lod/lod.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
 inline constexpr int kUnitsPerTexelLog2 = 4;
 
-LodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
+LodResult selectPlanarLod(const FlatDomain& domain, const ReliefOracle& oracle, const LodView& view,
                           const ReliefSet& resident);
 
 // The same, with what hysteresis remembers from view to view. Not for several threads at once.
 class PlanarLod {
  public:
-  PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
+  PlanarLod(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
   ~PlanarLod();
   LodResult select(const LodView& view, const ReliefSet& resident);
 

@@ -25,7 +25,7 @@ namespace relievo {
 
 // What strategies choose from.
 struct StrategyScene {
-  PlanarDomain domain;  // over a base mesh: a strip of its patches
+  PatchDomain domain;
   std::shared_ptr<const ReliefOracle> oracle;
   std::shared_ptr<const ReliefSet> resident;  // every relief page
   // The finest relief, for strategies that emit triangles of their own: the one or the other.
@@ -43,15 +43,15 @@ class SceneLod {
  public:
   explicit SceneLod(const StrategyScene& scene, std::shared_ptr<const ReliefOracle> oracle = nullptr)
       : scene_(scene), oracle_(oracle ? oracle : scene.oracle) {
-    const PlanarDomain& d = scene.domain;
+    const PatchDomain& d = scene.domain;
     // Another oracle knows nothing of the errors that the scene's was given with.
-    if (scene.body)
+    if (!d.isFlat())
       mesh_ = std::make_unique<MeshLod>(scene.body->base, d.relief_depth, d.relief_offset_mm, d.relief_scale_mm,
                                         oracle_, oracle ? std::vector<CoarseErrors>{} : scene.coarse);
   }
   LodResult select(const LodView& view) {
     return mesh_ ? mesh_->select(view, *scene_.resident)
-                 : selectPlanarLod(scene_.domain, *oracle_, view, *scene_.resident);
+                 : selectPlanarLod(scene_.domain.flat(), *oracle_, view, *scene_.resident);
   }
 
  private:

@@ -19,7 +19,7 @@ class NeverGoodEnough final : public ReliefOracle {
  public:
   explicit NeverGoodEnough(const StrategyScene& scene)
       : truth_(scene.oracle),
-        over_mesh_(scene.body != nullptr),
+        over_mesh_(!scene.domain.isFlat()),
         least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
   HeightBounds bounds(const NodeId& page) const override {
     HeightBounds b = truth_->bounds(page);

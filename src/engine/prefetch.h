@@ -99,7 +99,7 @@ class Prefetcher {
     double determine_ms = 0;
   };
 
-  Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
+  Prefetcher(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
   ~Prefetcher();
   void post(Request request);
   std::optional<Answer> tryTake();

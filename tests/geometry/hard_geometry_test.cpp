@@ -122,9 +122,9 @@ Subject meshSubject(NamedMesh named, double range_mm, const PlaceHeight& height,
 }
 
 // ---- flat artworks
-Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, HeightFunction height) {
+Subject flatSubject(std::string name, FlatDomain domain, double range_mm, HeightFunction height) {
   struct Held {
-    PlanarDomain domain;
+    FlatDomain domain;
     std::unique_ptr<TrueRelief> truth;
     std::unique_ptr<ReliefPages> pages;
   };
@@ -153,7 +153,7 @@ Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, Heig
     return selectPlanarLod(held->domain, *held->truth, view, resident);
   };
   s.numbers = [held](const LodView& view, const std::vector<PatchInstance>& list, Numbers& numbers) {
-    const PlanarDomain& d = held->domain;
+    const FlatDomain& d = held->domain;
     const double unit = d.mm_per_px / (1 << kUnitsPerTexelLog2),
                  left = -0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
                  top = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
@@ -328,8 +328,8 @@ NamedMesh meshNamed(const std::string& name) {
   ADD_FAILURE() << "no mesh is named " << name;
   return {"one patch", openSheet(1, 1, 100)};
 }
-PlanarDomain flatDomain(uint64_t width_px, uint64_t height_px, double mm_per_px) {
-  PlanarDomain d = makeDomain(width_px, height_px, 0);
+FlatDomain flatDomain(uint64_t width_px, uint64_t height_px, double mm_per_px) {
+  FlatDomain d = makeDomain(width_px, height_px, 0);
   d.mm_per_px = mm_per_px;
   return d;
 }

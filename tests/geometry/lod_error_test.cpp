@@ -22,7 +22,7 @@ struct Figures {
   std::vector<double> tightness;  // measured / predicted
   double worst = 0;
 };
-Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
+Figures study(const FlatDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
               bool orthographic = false, double fov_deg = 0, bool divide = false) {
   Figures f;
   ReliefPages pages(domain, reliefHeight);
@@ -71,7 +71,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
 }
 
 TEST(LodError, PredictedIsAnUpperBoundOfMeasuredInOrthographicViewsAndAtBothEndsOfTheFieldOfView) {
-  PlanarDomain domain = makeDomain(900, 300, 0);
+  FlatDomain domain = makeDomain(900, 300, 0);
   domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
   const TrueRelief relief(domain, reliefHeight);
   for (auto [fov_deg, what] : {std::pair{0.0, "orthographic"}, {1.0, "1 degree"}, {170.0, "170 degrees"}}) {
@@ -95,7 +95,7 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
   int empty_above = 0;
   for (Artwork a : {Artwork{512, 512, 0}, Artwork{900, 300, 0}, Artwork{333, 217, 1}, Artwork{250, 701, -1},
                     Artwork{401, 397, -2}}) {
-    PlanarDomain domain = makeDomain(a.width, a.height, a.finer);
+    FlatDomain domain = makeDomain(a.width, a.height, a.finer);
     domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
     TrueRelief relief(domain, reliefHeight), whole_pages(domain, reliefHeight, Parts::kNone),
         mirrored(domain, reliefHeight, Parts::kMirrored);
@@ -157,7 +157,7 @@ uint16_t heightsBesideASnappedEdge(int64_t x_units, int64_t y_units) {
   return static_cast<uint16_t>(32768 + std::lround(kOneHeight * height));
 }
 TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
-  PlanarDomain domain = makeDomain(512, 256, 1);
+  FlatDomain domain = makeDomain(512, 256, 1);
   ASSERT_EQ(domain.relief_depth, 2);
   ASSERT_EQ(reliefSpacingLog2(domain, 2), 3) << "kSpacing";
   domain.relief_scale_mm = 1.0 / kOneHeight;

@@ -10,7 +10,7 @@ namespace relievo::test {
 namespace {
 
 struct LodSetup {
-  PlanarDomain domain = makeDomain(30000, 20000, 0);
+  FlatDomain domain = makeDomain(30000, 20000, 0);
   std::shared_ptr<MadeUpOracle> oracle = std::make_shared<MadeUpOracle>(domain, 5);
   LodRequest request(uint64_t frame) const {
     Random random(frame);

@@ -15,7 +15,7 @@ namespace {
 constexpr uint64_t kSeed = 20140612;
 using Case = PlanarCase;
 
-VertexFunction twin(const PlanarDomain& domain, ReliefPages& pages, bool relief = true) {
+VertexFunction twin(const FlatDomain& domain, ReliefPages& pages, bool relief = true) {
   return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) {
     return patchVertex(domain, p, i, j, relief, pages);
   };
@@ -283,7 +283,7 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
 }
 
 // ---- hard views
-void expectSane(const PlanarDomain& domain, const LodView& view, const char* what, bool settle = true) {
+void expectSane(const FlatDomain& domain, const LodView& view, const char* what, bool settle = true) {
   MadeUpOracle oracle(domain, 7);
   ReliefSet resident;
   LodResult lod;
@@ -304,7 +304,7 @@ void expectSane(const PlanarDomain& domain, const LodView& view, const char* wha
 }
 
 TEST(PlanarLod, HardViews) {
-  PlanarDomain domain = makeDomain(30000, 20000, 0);
+  FlatDomain domain = makeDomain(30000, 20000, 0);
   Camera c;
   c.far_mm = 1e4;
   c.eye = {10, 20, 0.001}, c.target = {500, 30, 0}, c.near_mm = 0.01;
@@ -355,17 +355,17 @@ TEST(PlanarLod, HardViews) {
   view.pixels_per_radian = 800;
   expectSane(domain, view, "orthographic, close");
 
-  PlanarDomain level = domain;
+  FlatDomain level = domain;
   level.relief_scale_mm = 0;
   level.relief_offset_mm = 2;
   expectSane(level, makeView(c), "zero relief range");
-  PlanarDomain none = domain;
+  FlatDomain none = domain;
   none.relief_depth = -1;
   view = makeView(c);
   LodResult lod = selectPlanarLod(none, MadeUpOracle(none, 1), view, {});
   EXPECT_TRUE(lod.requests.empty());
   EXPECT_FALSE(lod.instances.empty());
-  PlanarDomain strip = makeDomain(1u << 26, 100, 0);
+  FlatDomain strip = makeDomain(1u << 26, 100, 0);
   c.eye = {0, 0, 1e6}, c.near_mm = 1, c.far_mm = 1e8;
   view = makeView(c);
   lod = selectPlanarLod(strip, MadeUpOracle(strip, 1), view, {});
@@ -375,7 +375,7 @@ TEST(PlanarLod, HardViews) {
 
 // What the metric ignores on purpose: an edge that points at the eye, displacement that points at the eye.
 TEST(PlanarLod, StraightDownDoesNotSwallowTheRelief) {
-  PlanarDomain domain = makeDomain(4096, 4096, 0);
+  FlatDomain domain = makeDomain(4096, 4096, 0);
   Camera c;
   c.eye = {0, 0, 50};
   LodView view = makeView(c);

@@ -43,7 +43,7 @@ struct Flat {
   }
 
   static Scene scene(std::shared_ptr<const ReliefOracle> oracle) {
-    const PlanarDomain domain = makeDomain(1000, 300, 0);
+    const FlatDomain domain = makeDomain(1000, 300, 0);
     auto lod = std::make_shared<PlanarLod>(domain, std::move(oracle));
     return {domain.patchCount(), [lod](const LodView& v, const ReliefSet& r) { return lod->select(v, r); }};
   }
@@ -52,7 +52,7 @@ struct Flat {
   }
   // One bump in the middle of a quarter of the only patch.
   static Scene bump() {
-    PlanarDomain domain = makeDomain(2048, 2048, -1);
+    FlatDomain domain = makeDomain(2048, 2048, -1);
     domain.relief_offset_mm = -2, domain.relief_scale_mm = 4.0 / 65535;
     auto truth = std::make_shared<TrueRelief>(domain, [](int64_t x_units, int64_t y_units) {
       const double x = (static_cast<double>(x_units) / 16 - 1536) / 20,
