@@ -1,4 +1,4 @@
-// common.glsl - the page pool's addressing, shared by all stages. Constants equal those of src/artwork/planar_domain.h and
+// common.glsl - the page pool's addressing, shared by all stages. Constants equal those of src/artwork/patch_domain.h and
 // src/render/page_pool.h (compared by a test).
 const int kPagePx = 128;
 const int kPageBorderPx = 4;

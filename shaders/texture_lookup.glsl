@@ -11,7 +11,7 @@
 uniform usampler2D u_table;        // texturing/stream/page_table.h
 uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
 uniform uvec4 u_table_shape;       // entries - 1; log2 of the width; seed; -
-uniform ivec4 u_artwork;           // finest texture level; 1: the patches' strip runs along x; width, height in texels
+uniform ivec4 u_artwork;           // finest texture level; flat artworks: 1: the patches' strip runs along x; width, height in texels
 uniform float u_lod_bias;          // added to the texture LOD
 
 uniform usampler2D u_surface;      // what is seen at each pixel (surface.frag)

@@ -62,7 +62,7 @@ Result<std::shared_ptr<const Package>> openArtwork(const BenchOptions& o, const 
   const bool any_will_do = !o.only.empty() && std::all_of(o.only.begin(), o.only.end(), [](const std::string& group) {
     return group == "relief-memory";
   });
-  if ((*package)->manifest().base && !any_will_do)
+  if (!(*package)->manifest().domain.isFlat() && !any_will_do)
     return Error{
         ErrorKind::kUnsupported,
         path,
@@ -79,7 +79,9 @@ BenchRun describeRun(const std::string& renderer, const Package& package, bool q
   run.cores = std::thread::hardware_concurrency();
   run.renderer = renderer;
   run.version = "relievo " RELIEVO_VERSION;
-  run.artwork = std::to_string(m.domain.width_px) + " x " + std::to_string(m.domain.height_px) + " px, " +
+  run.artwork = (m.domain.isFlat() ? std::to_string(m.domain.flat().width_px) + " x " +
+                                         std::to_string(m.domain.flat().height_px) + " px, "
+                                   : std::to_string(m.domain.patchCount()) + " patches, ") +
                 basisName(m.texture.basis) + (m.domain.relief_depth >= 0 ? " with relief" : "");
   run.started = std::time(nullptr);
   if (double load = 0; getloadavg(&load, 1) == 1) run.load = load;

@@ -129,7 +129,7 @@ Result<void> compare(const CompareOptions& o) {
   plan->package = *package;
   // Before anything takes time: is there something to compare, a path, and a place for the report?
   const Manifest& m = (*package)->manifest();
-  if (m.base && o.quick && o.frames == 0)
+  if (!m.domain.isFlat() && o.quick && o.frames == 0)
     plan->frames = std::min(plan->frames, 4);  // full resolution is millions of triangles
   if (m.domain.relief_depth < 0)
     return Error{ErrorKind::kUnsupported,

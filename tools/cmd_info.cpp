@@ -70,24 +70,23 @@ struct Contents {
   const std::string& file;
   const Package& package;
   std::vector<PlaneLine> planes;
-  double pixels() const {
-    const PlanarDomain& d = package.manifest().domain;
-    return static_cast<double>(d.width_px) * static_cast<double>(d.height_px);
-  }
+  double pixels() const { return package.manifest().domain.texelCount(); }
   double bytesPerPx() const { return static_cast<double>(package.fileBytes()) / pixels(); }
   const char* unit() const { return package.manifest().size_known ? "mm" : "px"; }
 };
 
 void addSize(nlohmann::ordered_json& json, const Contents& c) {
   const Manifest& m = c.package.manifest();
-  const PlanarDomain& d = m.domain;
+  const PatchDomain& d = m.domain;
   json["file"] = c.file;
   json["file_bytes"] = c.package.fileBytes();
-  json["width_px"] = d.width_px;
-  json["height_px"] = d.height_px;
+  if (d.isFlat()) {
+    json["width_px"] = d.flat().width_px;
+    json["height_px"] = d.flat().height_px;
+  }
   if (m.size_known) json["mm_per_px"] = d.mm_per_px;
   else json["mm_per_px"] = nullptr;
-  if (m.base) {
+  if (!d.isFlat()) {
     const auto [low, high] = extentMm(*m.base);
     json["base"] = {{"corners", m.base->corners.size()},
                     {"patches", m.base->patches.size()},
@@ -96,14 +95,14 @@ void addSize(nlohmann::ordered_json& json, const Contents& c) {
                     {"error_unit_mm", m.error_unit_mm}};
     if (auto mesh = meshOf(c.package); !mesh.is_null()) json["mesh"] = mesh;
   } else if (m.size_known) {
-    json["width_mm"] = static_cast<double>(d.width_px) * d.mm_per_px;
-    json["height_mm"] = static_cast<double>(d.height_px) * d.mm_per_px;
+    json["width_mm"] = static_cast<double>(d.flat().width_px) * d.mm_per_px;
+    json["height_mm"] = static_cast<double>(d.flat().height_px) * d.mm_per_px;
   }
 }
 
 void addMeaning(nlohmann::ordered_json& json, const Contents& c) {
   const Manifest& m = c.package.manifest();
-  const PlanarDomain& d = m.domain;
+  const PatchDomain& d = m.domain;
   json["basis"] = basisName(m.texture.basis);
   json["texture_planes"] = m.texture.planes();
   json["texture_levels"] = d.texture_depth + 1;
@@ -138,7 +137,7 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
   json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
   if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
   json["pages"] = m.page_count;
-  if (m.base) json["tails"] = c.package.hasTails();
+  if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
   json["bytes_per_px"] = c.bytesPerPx();
   json["tool_version"] = m.tool_version;
   json["sources"] = nlohmann::ordered_json::array();
@@ -150,14 +149,16 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
 
 void printSize(const Contents& c) {
   const Manifest& m = c.package.manifest();
-  const PlanarDomain& d = m.domain;
   printOutf("%s\n", printable(c.file).c_str());
-  if (m.base) {
+  if (!m.domain.isFlat()) {
     const auto [low, high] = extentMm(*m.base);
     printOutf("  size      %.6g x %.6g x %.6g mm between its corners, %.6g mm per px in the mean\n", high.x - low.x,
-              high.y - low.y, high.z - low.z, d.mm_per_px);
+              high.y - low.y, high.z - low.z, m.domain.mm_per_px);
     printOutf("%s", meshText(meshOf(c.package)).c_str());
-  } else if (!m.size_known) {
+    return;
+  }
+  const FlatDomain d = m.domain.flat();
+  if (!m.size_known) {
     printOutf("  size      %llu x %llu px, not known in mm\n", static_cast<unsigned long long>(d.width_px),
               static_cast<unsigned long long>(d.height_px));
   } else {
@@ -170,7 +171,7 @@ void printSize(const Contents& c) {
 
 void printMeaning(const Contents& c) {
   const Manifest& m = c.package.manifest();
-  const PlanarDomain& d = m.domain;
+  const PatchDomain& d = m.domain;
   printOutf("  texture   %s, %d plane%s of 3 channels, %d level%s\n", basisName(m.texture.basis), m.texture.planes(),
             m.texture.planes() == 1 ? "" : "s", d.texture_depth + 1, d.texture_depth == 0 ? "" : "s");
   if (m.texture.coefficients() > 0) {
@@ -192,7 +193,7 @@ void printMeaning(const Contents& c) {
 
 void printPages(const Contents& c) {
   const Manifest& m = c.package.manifest();
-  const PlanarDomain& d = m.domain;
+  const PatchDomain& d = m.domain;
   printOutf("  patches   %u, of %llu px of texture a side\n", d.patchCount(),
             static_cast<unsigned long long>(d.patchPx()));
   printOutf("  pages     %llu in %.1f MiB (%.2f bytes per pixel)\n", static_cast<unsigned long long>(m.page_count),

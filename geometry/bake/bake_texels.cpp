@@ -5,7 +5,7 @@
 #include <cmath>
 #include <vector>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 namespace {

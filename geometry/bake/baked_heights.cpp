@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 

@@ -6,7 +6,7 @@
 
 #include "geometry/mesh/box_tree.h"
 #include "geometry/mesh/ray_scene.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {

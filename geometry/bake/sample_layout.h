@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "src/artwork/base_mesh.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 

@@ -13,7 +13,8 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 

@@ -61,7 +61,7 @@ struct LodWorker::Impl {
   WorkerThreads thread{"relievo-lod"};  // last
 };
 
-LodWorker::LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle)
+LodWorker::LodWorker(FlatDomain domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(std::make_unique<Impl>(
           [lod = std::make_shared<PlanarLod>(domain, oracle)](const LodView& view, const ReliefSet& resident) {
             return lod->select(view, resident);

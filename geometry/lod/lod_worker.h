@@ -23,21 +23,21 @@ struct LodRequest {
 struct LodAnswer {
   uint64_t frame = 0;  // of the request
   LodView view;
-  PlanarLodResult lod;
+  LodResult lod;
   std::optional<std::vector<TextureRequest>> texture;  // when they were asked for
   double evaluate_ms = 0;                              // of both
   double determine_ms = 0;                             // of the texture nodes
 };
 
 // View and resident relief pages to what is drawn; called on the worker's thread alone.
-using LodStrategy = std::function<PlanarLodResult(const LodView&, const ReliefSet&)>;
+using LodStrategy = std::function<LodResult(const LodView&, const ReliefSet&)>;
 
 // Used from one thread (the render thread).
 class LodWorker {
  public:
   // Texture nodes that a request asks for are left out.
   explicit LodWorker(LodStrategy strategy);
-  LodWorker(PlanarDomain domain, std::shared_ptr<const ReliefOracle> oracle);
+  LodWorker(FlatDomain domain, std::shared_ptr<const ReliefOracle> oracle);
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);
   std::optional<LodAnswer> tryTake();

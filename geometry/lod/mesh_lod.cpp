@@ -362,8 +362,6 @@ MeshLod::MeshLod(std::shared_ptr<const BaseMesh> base, int relief_depth, double 
                                                  std::move(oracle), std::move(coarse), tails))}) {}
 MeshLod::~MeshLod() = default;
 
-PlanarLodResult MeshLod::select(const LodView& view, const ReliefSet& resident) {
-  return impl_->lod.select(view, resident);
-}
+LodResult MeshLod::select(const LodView& view, const ReliefSet& resident) { return impl_->lod.select(view, resident); }
 
 }  // namespace relievo

@@ -1,23 +1,21 @@
-// mesh_lod.h - planar_lod.h for artworks over a base mesh: which nodes of its patches to draw, and with how many
-// segments along each edge. The same rules: one level an edge, decided once; 2:1 across patches too; vertices snap to
-// the edge's coarser ones. Differences:
-//   places    units of a patch's finest relief cells, 0 .. 128 << relief_depth along u and v; PatchInstance::x0, y0
-//   count from the
-//             patch's corner (0, 0), and every vertex is a sample of the page it is displaced from: nothing is
-//             interpolated
-//   world     that of the base mesh's corners: mm from BaseMesh::origin_mm, for LodView too
-//   errors    distances in space (texturing/package/patch_source.h), against the finest surface at the same (u, v)
-//   grids     may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
-//   wants     with tails: any page; without: pages below the roots, those of level 0 are taken for resident, always
-//   edges     where patches meet, their sides may run either way (src/artwork/base_mesh.h)
-// Pure but for its scratch memory: not for several threads at once. Deterministic.
+// mesh_lod.h - lod.h for artworks over a base mesh. Particulars:
+//   places  PatchInstance::x0, y0 count from the patch's corner (0, 0), in units of its finest relief cells:
+//           0 .. 128 << relief_depth along u and v
+//   heights every vertex is a sample of the page that it is displaced from: nothing is interpolated, so that both
+//           sides of an edge have the same bits
+//   errors  distances in space (texturing/package/patch_source.h), against the finest surface at the same (u, v)
+//   grids   may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
+//   wants   with tails: any page; without: pages below the roots, those of level 0 are taken for resident, always
+//   edges   where patches meet, nodes are balanced 2:1, too, and their sides may run either way
+//           (src/artwork/base_mesh.h)
+// Pure but for its scratch memory: not for several threads at once.
 #pragma once
 
 #include <array>
 #include <memory>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "src/artwork/base_mesh.h"
 
 namespace relievo {
@@ -32,7 +30,7 @@ class MeshLod {
   ~MeshLod();
   // view.exaggerate multiplies heights; view.relief false: the base mesh itself, as fine as its bilinear patches ask
   // for.
-  PlanarLodResult select(const LodView& view, const ReliefSet& resident);
+  LodResult select(const LodView& view, const ReliefSet& resident);
 
  private:
   struct Impl;

@@ -14,7 +14,7 @@
 #include <array>
 #include <cstdint>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "geometry/lod/snap.h"
 
 namespace relievo {

@@ -23,7 +23,7 @@
 #include "geometry/lod/morph.h"
 #include "geometry/lod/planar_lod.h"
 #include "geometry/lod/snap.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
@@ -36,7 +36,7 @@ struct PatchVertex {
 };
 
 // log2 of the units between the samples of a relief page of this level.
-inline int reliefSpacingLog2(const PlanarDomain& domain, uint32_t page_level) {
+inline int reliefSpacingLog2(const FlatDomain& domain, uint32_t page_level) {
   return domain.texture_depth + kUnitsPerTexelLog2 - static_cast<int>(page_level);
 }
 
@@ -72,7 +72,7 @@ inline int32_t heightPlace(int32_t place, int64_t border, int spacing_log2, int3
 // Vertex (i, j) of an instance. page(NodeId) gives the 129 x 129 samples of a resident relief page, say as a
 // span<const uint16_t>; relief false: a flat view.
 template <class PageOf>
-PatchVertex patchVertex(const PlanarDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief,
+PatchVertex patchVertex(const FlatDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief,
                         PageOf&& page) {
   std::array<uint32_t, 2> g = snapVertex(i, j, p);
   int32_t x = p.x0 + static_cast<int32_t>(g[0] << p.step_log2), y = p.y0 + static_cast<int32_t>(g[1] << p.step_log2);
@@ -96,7 +96,7 @@ PatchVertex patchVertex(const PlanarDomain& domain, const PatchInstance& p, uint
 // The same with geomorph: x, y in units and the height in 16-bit sample steps / 256, exact in doubles. The shader mixes
 // floats, from the same numbers and in the same order on both sides.
 template <class PageOf>
-glm::dvec3 morphedPatchVertex(const PlanarDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief,
+glm::dvec3 morphedPatchVertex(const FlatDomain& domain, const PatchInstance& p, uint32_t i, uint32_t j, bool relief,
                               PageOf&& page) {
   PatchInstance still = p;
   still.edges.fill({p.grid_level, PatchInstance::kWholeEdge});

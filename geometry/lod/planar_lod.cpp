@@ -27,7 +27,7 @@ class StripForest : public ForestView<StripForest, StripSquare> {
   static constexpr int kLeastGrid = 1;
   static constexpr bool kPlane = true, kNeedsAddUp = false;
 
-  StripForest(const PlanarDomain& domain, const ReliefOracle& oracle) : domain_(domain), oracle_(oracle) {
+  StripForest(const FlatDomain& domain, const ReliefOracle& oracle) : domain_(domain), oracle_(oracle) {
     unit_log2_ = domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2;
     width_units_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
     height_units_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
@@ -326,7 +326,7 @@ class StripForest : public ForestView<StripForest, StripSquare> {
     }
   }
 
-  const PlanarDomain& domain_;
+  const FlatDomain& domain_;
   const ReliefOracle& oracle_;
   int unit_log2_ = 0;  // log2 of a patch's side in units
   int64_t width_units_ = 0, height_units_ = 0;
@@ -338,20 +338,20 @@ class StripForest : public ForestView<StripForest, StripSquare> {
 
 }  // namespace
 
-PlanarLodResult selectPlanarLod(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
-                                const ReliefSet& resident) {
+LodResult selectPlanarLod(const FlatDomain& domain, const ReliefOracle& oracle, const LodView& view,
+                          const ReliefSet& resident) {
   return QuadtreeLod<StripForest>(domain, oracle).select(view, resident);
 }
 
 struct PlanarLod::Impl {
-  PlanarDomain domain;
+  FlatDomain domain;
   std::shared_ptr<const ReliefOracle> oracle;
   QuadtreeLod<StripForest> lod{domain, *oracle};
 };
-PlanarLod::PlanarLod(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
+PlanarLod::PlanarLod(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(new Impl{domain, std::move(oracle)}) {}
 PlanarLod::~PlanarLod() = default;
-PlanarLodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
+LodResult PlanarLod::select(const LodView& view, const ReliefSet& resident) {
   return impl_->lod.select(view, resident);
 }
 

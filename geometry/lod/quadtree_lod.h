@@ -64,7 +64,7 @@ struct DrawnNode {
 //   isWide()           the square must be split, whatever its error
 //   centre()           a point of the square, for the priority of its requests
 //   isHidden()         the patch is selected as others are, but not drawn
-//   backsAreHidden()   PlanarLodResult
+//   backsAreHidden()   LodResult
 // Levels. They are desired levels (desired_level.h).
 //   sideLevel()        of a whole side; the square across says the same of its own side there
 //   levelWithin()      what the square asks for beside its sides
@@ -123,7 +123,7 @@ class QuadtreeLod {
   template <class... Args>
   explicit QuadtreeLod(Args&&... args) : forest_(std::forward<Args>(args)...) {}
 
-  PlanarLodResult select(const LodView& view, const ReliefSet& resident) {
+  LodResult select(const LodView& view, const ReliefSet& resident) {
     settings_ = LodSettings(view, forest_.reliefDepth() >= 0, Forest::kPlane);
     resident_ = &resident;
     assume_resident_ = view.as_if_resident;
@@ -490,8 +490,8 @@ class QuadtreeLod {
     }
   }
   // Of a view that is not finite.
-  PlanarLodResult rootsAlone() const {
-    PlanarLodResult result;
+  LodResult rootsAlone() const {
+    LodResult result;
     result.error_px = settings_.error_px;
     for (uint32_t patch = 0; patch < forest_.patchCount(); ++patch) {
       PatchInstance& p = result.instances.emplace_back(instanceOf({patch, 0, 0, 0}, Forest::kLeastGrid));
@@ -513,8 +513,8 @@ class QuadtreeLod {
     }
     if (!hidden) instances_.push_back(p);
   }
-  PlanarLodResult finish() {
-    PlanarLodResult result;
+  LodResult finish() {
+    LodResult result;
     parts_.clear();
     instances_.clear();
     for (uint32_t i = 0; i < tree_.nodes.size(); ++i)

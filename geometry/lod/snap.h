@@ -4,7 +4,7 @@
 #include <array>
 #include <cstdint>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 
 namespace relievo {
 

@@ -51,7 +51,7 @@ struct Region {
 
 class TextureSelection {
  public:
-  TextureSelection(const PlanarDomain& domain, const ReliefOracle& oracle, const TextureView& view)
+  TextureSelection(const FlatDomain& domain, const ReliefOracle& oracle, const TextureView& view)
       : domain_(domain), oracle_(oracle), view_(view) {
     flat_ = !view.relief || domain.relief_depth < 0 || view.exaggerate == 0;
     half_w_mm_ = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
@@ -471,7 +471,7 @@ class TextureSelection {
     return static_cast<float>(std::min(1.0, glm::length(d) / corner_px_));
   }
 
-  const PlanarDomain& domain_;
+  const FlatDomain& domain_;
   const ReliefOracle& oracle_;
   const TextureView& view_;
   bool flat_ = false, valid_ = false, orthographic_ = false, edge_on_ = false;
@@ -489,7 +489,7 @@ class TextureSelection {
 
 }  // namespace
 
-std::vector<TextureRequest> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle,
+std::vector<TextureRequest> selectTextureNodes(const FlatDomain& domain, const ReliefOracle& oracle,
                                                const TextureView& view) {
   return TextureSelection(domain, oracle, view).run();
 }

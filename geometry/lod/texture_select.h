@@ -15,7 +15,8 @@
 
 #include <glm/glm.hpp>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
@@ -44,7 +45,7 @@ struct TextureRequest {
 
 // Coarse before fine, then near to the centre. A view that is not finite, shows all on a line or a point, or lies in a
 // flat artwork's plane gets the roots only.
-std::vector<TextureRequest> selectTextureNodes(const PlanarDomain& domain, const ReliefOracle& oracle,
+std::vector<TextureRequest> selectTextureNodes(const FlatDomain& domain, const ReliefOracle& oracle,
                                                const TextureView& view);
 
 }  // namespace relievo

@@ -1,6 +1,6 @@
 // lod_strategy.h - one interface for ways to choose geometry for a view, so that `relievo compare` can measure them
 // side by side. A strategy is one file, strategy_NAME.cpp, which strategy_list.h declares and strategy_registry.cpp
-// calls; nothing else knows its name. It takes a view (LodView in planar_lod.h) and answers with instanced grids
+// calls; nothing else knows its name. It takes a view (LodView in lod.h) and answers with instanced grids
 // (PatchInstance there), explicit triangles, or both, and the error that it predicts. All strategies draw from the same
 // relief pages, every one of them resident: geometry is compared, not streaming. A strategy names nodes and places in
 // them, over a base mesh as on a flat artwork; heights and projection are computed elsewhere. SceneLod and
@@ -25,7 +25,7 @@ namespace relievo {
 
 // What strategies choose from.
 struct StrategyScene {
-  PlanarDomain domain;  // over a base mesh: a strip of its patches
+  PatchDomain domain;
   std::shared_ptr<const ReliefOracle> oracle;
   std::shared_ptr<const ReliefSet> resident;  // every relief page
   // The finest relief, for strategies that emit triangles of their own: the one or the other.
@@ -43,15 +43,15 @@ class SceneLod {
  public:
   explicit SceneLod(const StrategyScene& scene, std::shared_ptr<const ReliefOracle> oracle = nullptr)
       : scene_(scene), oracle_(oracle ? oracle : scene.oracle) {
-    const PlanarDomain& d = scene.domain;
+    const PatchDomain& d = scene.domain;
     // Another oracle knows nothing of the errors that the scene's was given with.
-    if (scene.body)
+    if (!d.isFlat())
       mesh_ = std::make_unique<MeshLod>(scene.body->base, d.relief_depth, d.relief_offset_mm, d.relief_scale_mm,
                                         oracle_, oracle ? std::vector<CoarseErrors>{} : scene.coarse);
   }
-  PlanarLodResult select(const LodView& view) {
+  LodResult select(const LodView& view) {
     return mesh_ ? mesh_->select(view, *scene_.resident)
-                 : selectPlanarLod(scene_.domain, *oracle_, view, *scene_.resident);
+                 : selectPlanarLod(scene_.domain.flat(), *oracle_, view, *scene_.resident);
   }
 
  private:
@@ -95,8 +95,8 @@ struct StrategyResult {
   double predicted_px = -1;
 };
 
-// What selectPlanarLod answered, with the bound that it certifies.
-inline StrategyResult certifiedResult(PlanarLodResult lod) {
+// What the LOD answered, with the bound that it certifies.
+inline StrategyResult certifiedResult(LodResult lod) {
   StrategyResult result;
   result.instances = std::move(lod.instances);
   result.error_px = lod.error_px;

@@ -11,7 +11,7 @@
 #include <glm/glm.hpp>
 
 #include "src/artwork/base_mesh.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
@@ -21,7 +21,7 @@ struct BodyField {
   int64_t side = kPagePx;
   std::vector<uint16_t> samples;  // patch after patch, (side + 1)^2 each, rows of v from 0
 
-  BodyField(std::shared_ptr<const BaseMesh> mesh, const PlanarDomain& domain)
+  BodyField(std::shared_ptr<const BaseMesh> mesh, const PatchMeasures& domain)
       : base(std::move(mesh)),
         offset_mm(domain.relief_offset_mm),
         scale_mm(domain.relief_scale_mm),

@@ -60,13 +60,13 @@ double ViewBounds::distanceFor(double mm, double px) const {
 
 ReliefBounds3d::ReliefBounds3d(const StrategyScene& scene)
     : scene_(scene), unit_log2_(scene.domain.texture_depth + kPageLog2 + kUnitsPerTexelLog2) {
-  if (scene_.body) {
+  if (!scene_.domain.isFlat()) {
     unit_log2_ = std::max(0, scene_.domain.relief_depth) + kPageLog2;
     forest_ =
         std::make_shared<MeshForest>(scene_.body->base, scene_.domain.relief_depth, scene_.domain.relief_offset_mm,
                                      scene_.domain.relief_scale_mm, scene_.oracle, scene_.coarse, false);
   }
-  const PlanarDomain& d = scene_.domain;
+  const PatchDomain& d = scene_.domain;
   typical_.assign(static_cast<size_t>(std::max(0, finestLevel())) + 1, 0);
   // What is coarser than the root pages is only known to lie within the range; over a base mesh by its table.
   for (int level = 0; level < kPageLog2 && level < finestLevel(); ++level)
@@ -124,7 +124,7 @@ WorldBox ReliefBounds3d::box(const NodeId& node, double exaggerate) {
     for (const glm::dvec3& p : hull) low = glm::min(low, p), high = glm::max(high, p);
     return {0.5 * (low + high), 0.5 * (high - low), true};
   }
-  const PlanarDomain& d = scene_.domain;
+  const FlatDomain d = scene_.domain.flat();
   const HeightBounds& h =
       heights(node.ancestor(std::min<uint32_t>(node.level, static_cast<uint32_t>(std::max(0, d.relief_depth)))));
   int shift = unit_log2_ - static_cast<int>(node.level);
@@ -158,7 +158,7 @@ double ReliefBounds3d::betweenMm(const NodeId& node, int level, double exaggerat
 }
 
 Deviation ReliefBounds3d::heightDeviation(const NodeId& node, int level) {
-  const PlanarDomain& d = scene_.domain;
+  const PatchDomain& d = scene_.domain;
   int page_level = level - kPageLog2;
   if (page_level >= d.relief_depth) return {};
   const double range = rangeMm(node);
@@ -178,15 +178,17 @@ Deviation ReliefBounds3d::heightDeviation(const NodeId& node, int level) {
 }
 
 PatchInstance ReliefBounds3d::instance(const NodeId& node, int grid_level) const {
-  const PlanarDomain& d = scene_.domain;
+  const PatchDomain& d = scene_.domain;
   PatchInstance p;
   p.node = node;
   int shift = unit_log2_ - static_cast<int>(node.level);
-  const bool over_mesh = forest_ != nullptr;  // units count within the patch there
-  p.x0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginX(node.patch)) << kUnitsPerTexelLog2) +
-                              (int64_t{node.x} << shift));
-  p.y0 = static_cast<int32_t>((over_mesh ? 0 : static_cast<int64_t>(d.patchOriginY(node.patch)) << kUnitsPerTexelLog2) +
-                              (int64_t{node.y} << shift));
+  int64_t left = 0, top = 0;  // of the patch; over a base mesh units count within it
+  if (d.isFlat()) {
+    left = static_cast<int64_t>(d.flat().patchOriginX(node.patch)) << kUnitsPerTexelLog2;
+    top = static_cast<int64_t>(d.flat().patchOriginY(node.patch)) << kUnitsPerTexelLog2;
+  }
+  p.x0 = static_cast<int32_t>(left + (int64_t{node.x} << shift));
+  p.y0 = static_cast<int32_t>(top + (int64_t{node.y} << shift));
   p.grid_level = static_cast<uint8_t>(grid_level);
   p.step_log2 = static_cast<uint8_t>(shift - grid_level);
   p.edges.fill({static_cast<uint8_t>(grid_level), PatchInstance::kWholeEdge});
@@ -233,7 +235,7 @@ bool ReliefBounds3d::neighbour(const NodeId& node, int side, NodeId* out) const 
     *out = other.id();
     return true;
   }
-  const PlanarDomain& d = scene_.domain;
+  const FlatDomain d = scene_.domain.flat();
   int64_t size = int64_t{1} << node.level;
   int64_t x = node.x + (d.alongX() ? node.patch * size : 0), y = node.y + (d.alongX() ? 0 : node.patch * size);
   x += side == kRight ? 1 : side == kLeft ? -1 : 0;

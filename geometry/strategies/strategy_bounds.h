@@ -45,7 +45,7 @@ class ViewBounds {
 class ReliefBounds3d {
  public:
   explicit ReliefBounds3d(const StrategyScene& scene);
-  const PlanarDomain& domain() const { return scene_.domain; }
+  const PatchDomain& domain() const { return scene_.domain; }
   int unitLog2() const { return unit_log2_; }                         // log2 of a patch's side in units
   int finestLevel() const { return scene_.domain.relief_depth + 7; }  // absolute level of the finest samples
   WorldBox box(const NodeId& node, double exaggerate);

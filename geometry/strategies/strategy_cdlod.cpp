@@ -36,7 +36,7 @@ class Cdlod final : public LodStrategy {
   explicit Cdlod(const StrategyScene& scene) : scene_(scene), bounds_(scene) {
     finest_ = bounds_.finestLevel();
     coarsest_ = std::min(kMaxGridLevel, finest_);
-    if (scene.body) {
+    if (!scene.domain.isFlat()) {
       const auto patches = static_cast<double>(scene.body->base->patches.size());
       coarsest_ = std::clamp(static_cast<int>(std::lround(0.5 * std::log2(kRootCells / patches))), 1, coarsest_);
       measureSides(*scene.body);
@@ -69,7 +69,7 @@ class Cdlod final : public LodStrategy {
  private:
   // Of the largest box around a node of that level.
   double diagonalMm(uint32_t node_level, double exaggerate) const {
-    if (scene_.body) {
+    if (!scene_.domain.isFlat()) {
       // Sides of a bilinear patch's squares are halved with each level, those of its normals too.
       const double sides =
           std::ldexp(side_mm_ + reach_mm_ * std::abs(exaggerate) * side_normal_, -static_cast<int>(node_level));
@@ -91,7 +91,7 @@ class Cdlod final : public LodStrategy {
       side_mm_ = std::max(side_mm_, sides(&BaseCorner::position_mm));
       side_normal_ = std::max(side_normal_, sides(&BaseCorner::normal));
     }
-    const PlanarDomain& d = scene_.domain;
+    const PatchDomain& d = scene_.domain;
     reach_mm_ = std::max(std::abs(d.relief_offset_mm), std::abs(d.relief_offset_mm + 65535 * d.relief_scale_mm));
   }
   void setRanges(const LodView& view, const ViewBounds& screen) {

@@ -19,7 +19,7 @@ class NeverGoodEnough final : public ReliefOracle {
  public:
   explicit NeverGoodEnough(const StrategyScene& scene)
       : truth_(scene.oracle),
-        over_mesh_(scene.body != nullptr),
+        over_mesh_(!scene.domain.isFlat()),
         least_mm_(static_cast<float>(std::abs(65535 * scene.domain.relief_scale_mm) / 1000)) {}
   HeightBounds bounds(const NodeId& page) const override {
     HeightBounds b = truth_->bounds(page);
@@ -45,7 +45,7 @@ class EdgeLength final : public LodStrategy {
     // it always is.
     v.min_cell_px = kLengthPerBudget * view.error_px / (2 * leastCellPx(1, std::numeric_limits<double>::infinity()));
     v.error_px = 0;
-    PlanarLodResult lod = lod_.select(v);
+    LodResult lod = lod_.select(v);
     StrategyResult result;
     result.instances = std::move(lod.instances);
     result.error_px = view.error_px;

@@ -1,5 +1,5 @@
 // strategy_field.h - a flat artwork's finest relief held in full: the truth that strategies are measured against.
-// The surface is that of planar_lod.h: cells cut along (i, j) - (i + 1, j + 1), the last ones clamped to the artwork's
+// The surface is that of lod.h: cells cut along (i, j) - (i + 1, j + 1), the last ones clamped to the artwork's
 // border.
 #pragma once
 
@@ -10,20 +10,20 @@
 #include <glm/glm.hpp>
 
 #include "geometry/lod/patch_vertex.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
 struct ReliefField {
-  PlanarDomain domain;
+  FlatDomain domain;
   int spacing_log2 = 0;           // units between samples
   int64_t columns = 0, rows = 0;  // samples; the last ones lie on or beyond the border
   std::vector<uint16_t> samples;
 
-  explicit ReliefField(const PlanarDomain& d) : domain(d) {
+  explicit ReliefField(const FlatDomain& d) : domain(d) {
     spacing_log2 = reliefSpacingLog2(d, static_cast<uint32_t>(std::max(0, d.relief_depth)));
     auto count = [&](uint64_t px) {
-      return static_cast<int64_t>(PlanarDomain::ceilShift(px << kUnitsPerTexelLog2, spacing_log2)) + 1;
+      return static_cast<int64_t>(FlatDomain::ceilShift(px << kUnitsPerTexelLog2, spacing_log2)) + 1;
     };
     columns = count(d.width_px);
     rows = count(d.height_px);

@@ -9,7 +9,7 @@ namespace {
 
 class Uniform final : public LodStrategy {
  public:
-  explicit Uniform(const StrategyScene& scene) : over_mesh_(scene.body != nullptr), bounds_(scene) {}
+  explicit Uniform(const StrategyScene& scene) : over_mesh_(!scene.domain.isFlat()), bounds_(scene) {}
 
   StrategyResult select(const LodView& view) override {
     ViewBounds screen(view);

@@ -13,13 +13,13 @@ namespace {
 class PackageOracle final : public ReliefOracle {
  public:
   explicit PackageOracle(std::shared_ptr<const Package> package) : package_(std::move(package)) {
-    const PlanarDomain& d = package_->manifest().domain;
+    const PatchDomain& d = package_->manifest().domain;
     whole_.min_mm = static_cast<float>(d.relief_offset_mm);
     whole_.max_mm = static_cast<float>(d.relief_offset_mm + 65535 * d.relief_scale_mm);
     whole_.error_mm = whole_.max_mm - whole_.min_mm;
-    if (const auto& base = package_->manifest().base) {  // a distance in space: the base's own shape counts
-      const Extent extent =
-          extentOf(*base, std::min(whole_.min_mm, whole_.max_mm), std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
+    if (!d.isFlat()) {  // a distance in space: the base's own shape counts
+      const Extent extent = extentOf(*package_->manifest().base, std::min(whole_.min_mm, whole_.max_mm),
+                                     std::max(whole_.min_mm, whole_.max_mm), d.mm_per_px);
       whole_.error_mm = static_cast<float>(glm::length(extent.max_mm - extent.min_mm)) * 1.0001f;
     }
   }
@@ -79,11 +79,11 @@ Artwork artworkFromPackage(std::shared_ptr<const Package> package, const std::at
 }
 
 Extent artworkExtent(const Manifest& manifest, double exaggerate) {
-  const PlanarDomain& d = manifest.domain;
+  const PatchDomain& d = manifest.domain;
   double low = d.relief_offset_mm * exaggerate, high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * exaggerate;
-  if (d.relief_depth < 0) low = high = 0;
+  if (d.relief_depth < 0 || exaggerate == 0) low = high = 0;
   if (low > high) std::swap(low, high);
-  Extent extent = manifest.base ? extentOf(*manifest.base, low, high, d.mm_per_px) : extentOf(d, low, high);
+  Extent extent = d.isFlat() ? extentOf(d.flat(), low, high) : extentOf(*manifest.base, low, high, d.mm_per_px);
   extent.size_known = manifest.size_known;
   return extent;
 }

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "src/render/camera.h"
 #include "texturing/package/package.h"
 #include "texturing/package/patch_tails.h"

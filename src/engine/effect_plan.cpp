@@ -10,7 +10,7 @@ namespace relievo {
 EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   EffectPlan plan;
   plan.relief = scene.relief && manifest.domain.relief_depth >= 0 && scene.exaggerate != 0;
-  plan.mesh = manifest.base != nullptr;
+  plan.mesh = !manifest.domain.isFlat();
   if (manifest.texture.basis == Basis::kColour && plan.relief && !plan.mesh && !scene.unlit)
     plan.normals_exaggerate = scene.exaggerate;
   plan.stored = manifest.texture.basis;

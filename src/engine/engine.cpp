@@ -69,7 +69,7 @@ struct Engine::Impl {
   std::unique_ptr<BaseCorners> corners;  // over a base mesh
   std::optional<PatchTails> tails;       // over one of many patches; then nothing is pinned
   std::unique_ptr<TailTextures> tail_textures;
-  mutable std::optional<std::pair<double, Extent>> mesh_extent;  // of the last exaggeration: a walk over all corners
+  mutable std::optional<std::pair<double, Extent>> extent;  // of the last exaggeration: a walk over a mesh's corners
   std::unique_ptr<TextureDemand> demand;
   std::unique_ptr<LodWorker> lod;
   std::unique_ptr<ScreenPass> screen;
@@ -85,7 +85,7 @@ struct Engine::Impl {
   std::shared_ptr<const ReliefSet> resident_relief = std::make_shared<ReliefSet>();
   uint64_t resident_generation = ~uint64_t{0};
   std::vector<PatchInstance> instances;
-  bool backs_are_hidden = false;      // see PlanarLodResult
+  bool backs_are_hidden = false;      // see LodResult
   uint64_t list_number = 0;           // differs whenever `instances` does
   std::vector<NodeId> pinned_relief;  // pages that `instances` displaces from
   uint64_t frame = 0;
@@ -115,24 +115,14 @@ struct Engine::Impl {
   CacheSlots slots, starting_slots;  // of the streamer, and of the one that stream_switch makes ready
   EngineStats stats;
 
-  const PlanarDomain& domain() const { return artwork.manifest.domain; }
-  bool overMesh() const { return artwork.manifest.base != nullptr; }
+  const PatchDomain& domain() const { return artwork.manifest.domain; }
+  bool overMesh() const { return !domain().isFlat(); }
 
   ViewTransform currentView() const { return viewOf(camera); }
   ViewTransform viewOf(const OrbitCamera& of) const {
-    double low = 0, high = 0;
-    if (plan.relief) {
-      low = domain().relief_offset_mm * scene.exaggerate;
-      high = (domain().relief_offset_mm + 65535 * domain().relief_scale_mm) * scene.exaggerate;
-      if (low > high) std::swap(low, high);
-    }
-    if (overMesh()) {
-      const double exaggerate = plan.relief ? scene.exaggerate : 0;
-      if (!mesh_extent || mesh_extent->first != exaggerate)
-        mesh_extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
-      return viewTransform(of, mesh_extent->second, width, height);
-    }
-    return viewTransform(of, domain(), low, high, width, height);
+    const double exaggerate = plan.relief ? scene.exaggerate : 0;
+    if (!extent || extent->first != exaggerate) extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
+    return viewTransform(of, extent->second, width, height);
   }
 
   gl::Defines defines() const {
@@ -168,8 +158,7 @@ struct Engine::Impl {
                      .relief_pages = 0,
                      .most_slots = PagePool::maxSlots()};
     for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
-      const NodeGrid grid = nodeGrid(domain(), level);
-      const uint64_t nodes = uint64_t{grid.columns} * grid.rows;
+      const uint64_t nodes = domain().nodeCount(level);
       if (level <= domain().texture_depth) needs.texture_pages += nodes * of.texture_planes.size();
       if (level <= domain().relief_depth) needs.relief_pages += nodes;
     }
@@ -218,7 +207,7 @@ struct Engine::Impl {
     so.ready_limit = kReadyLimit;
     so.texture_planes = for_plan.texture_planes;
     so.format = for_plan.format(artwork.manifest);
-    if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain(), for_plan.normals_exaggerate};
+    if (for_plan.normals_exaggerate != 0) so.normals_of = ReliefSurface{domain().flat(), for_plan.normals_exaggerate};
     starting_plan = for_plan;
     starting_light = normalizedLight(for_scene.light);
     so.light = starting_light;
@@ -286,7 +275,7 @@ struct Engine::Impl {
     v.hysteresis = settling ? 0 : scene.hysteresis;
     // Over a base mesh alone: a flat artwork settles on the list that its pages lead to in the order in which they
     // come.
-    v.as_if_resident = settling && all_pages_come && artwork.manifest.base;
+    v.as_if_resident = settling && all_pages_come && overMesh();
     return v;
   }
 
@@ -435,7 +424,7 @@ struct Engine::Impl {
     if (overMesh() || demand->usesGeometry() || lod_bias > 0) return;
     TextureView view = textureView(drawn.view);
     view.relief = false;  // like the feedback, not the finest level that a slope might want
-    auto expected = selectTextureNodes(domain(), *artwork.oracle, view);
+    auto expected = selectTextureNodes(domain().flat(), *artwork.oracle, view);
     if (expected.size() * plan.texture_planes.size() > slots.texture / 2) return;
     demand->expect(expected);
     ++frame;
@@ -476,7 +465,7 @@ struct Engine::Impl {
       if (std::exchange(predicting, false)) streamer->requestPrefetch({}, {});
       return;
     }
-    if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain(), artwork.oracle);
+    if (!prefetcher) prefetcher = std::make_unique<Prefetcher>(domain().flat(), artwork.oracle);
     if (auto answer = prefetcher->tryTake(); answer && predicting) {
       streamer->requestPrefetch(
           answer->texture, plan.relief ? std::span<const NodeRequest>(answer->relief) : std::span<const NodeRequest>());
@@ -500,8 +489,7 @@ struct Engine::Impl {
 
   // For the program in use.
   EyeFrame prepareInstances(const gl::Program& program) {
-    EyeFrame eye = overMesh() ? meshEyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode())
-                              : eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    const EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     if (corners) {
       corners->setEye(drawn.view.eye_mm);
       corners->bind(program, kCornersUnit);
@@ -589,7 +577,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->context = gl::currentContextInfo();
   impl->plan = planEffects(scene, impl->artwork.manifest);
   const Manifest& manifest = impl->artwork.manifest;
-  const bool with_tails = manifest.base && manifest.domain.patchCount() > options.most_pinned_patches;
+  const bool with_tails = impl->overMesh() && manifest.domain.patchCount() > options.most_pinned_patches;
   if (with_tails)
     impl->stats.tail_bytes =
         tailGpuBytes(manifest.domain.patchCount(), static_cast<uint64_t>(manifest.texture.planes()));
@@ -644,7 +632,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   // Over a base mesh the pass alone knows: a texture's density varies over its patches.
   impl->demand = std::make_unique<TextureDemand>(impl->overMesh() ? RequestSource::kFeedback : options.request_source,
                                                  impl->options.feedback_scale, impl->context.software);
-  if (const Manifest& m = impl->artwork.manifest; m.base) {
+  if (const Manifest& m = impl->artwork.manifest; !m.domain.isFlat()) {
     impl->corners = std::make_unique<BaseCorners>(m.base);
     auto lod =
         std::make_shared<MeshLod>(m.base, m.domain.relief_depth, m.domain.relief_offset_mm, m.domain.relief_scale_mm,
@@ -652,7 +640,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     impl->lod = std::make_unique<LodWorker>(
         [lod](const LodView& view, const ReliefSet& resident) { return lod->select(view, resident); });
   } else {
-    impl->lod = std::make_unique<LodWorker>(impl->domain(), impl->artwork.oracle);
+    impl->lod = std::make_unique<LodWorker>(impl->domain().flat(), impl->artwork.oracle);
   }
   if (auto linked = impl->linkPrograms(); !linked) return linked.error();
   impl->startStreaming(impl->plan, impl->scene);

@@ -15,7 +15,7 @@
 #include <string>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "src/base/result.h"
 #include "src/engine/artwork.h"
 #include "src/engine/effect_plan.h"

@@ -17,7 +17,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // Columns of the relief's nodes, from their greatest height down without end.
 class FlatGuard final : public EyeGuard {
  public:
-  FlatGuard(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle, double exaggerate)
+  FlatGuard(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle, double exaggerate)
       : domain_(domain), oracle_(std::move(oracle)), exaggerate_(domain.relief_depth < 0 ? 0 : exaggerate) {}
 
   double distance(const glm::dvec3& p) const override {
@@ -68,7 +68,7 @@ class FlatGuard final : public EyeGuard {
       if (distance < best) look(child, p, best);
   }
 
-  PlanarDomain domain_;
+  FlatDomain domain_;
   std::shared_ptr<const ReliefOracle> oracle_;
   double exaggerate_;
 };
@@ -313,7 +313,8 @@ double EyeGuard::freeShare(const glm::dvec3& from_mm, const glm::dvec3& to_mm, d
 }
 
 std::unique_ptr<const EyeGuard> makeEyeGuard(const Artwork& artwork, double exaggerate, int workers) {
-  if (!artwork.manifest.base) return std::make_unique<FlatGuard>(artwork.manifest.domain, artwork.oracle, exaggerate);
+  const PatchDomain& domain = artwork.manifest.domain;
+  if (domain.isFlat()) return std::make_unique<FlatGuard>(domain.flat(), artwork.oracle, exaggerate);
   return std::make_unique<BodyGuard>(artwork, exaggerate, workers);
 }
 

@@ -1,7 +1,7 @@
 // lod_views.h - a camera's view as the LOD evaluations of geometry/ take it. All other members keep their defaults.
 #pragma once
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/render/camera.h"
 

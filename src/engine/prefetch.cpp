@@ -6,6 +6,7 @@
 #include <numbers>
 #include <utility>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/base/mailbox.h"
 #include "src/base/worker_threads.h"
 
@@ -112,7 +113,7 @@ const std::vector<NodeRequest>& PredictedRequests::finish() {
 }
 
 struct Prefetcher::Impl {
-  Impl(const PlanarDomain& d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
+  Impl(const FlatDomain& d, std::shared_ptr<const ReliefOracle> o) : domain(d), oracle(std::move(o)) {
     // Without a thread nothing is determined ahead of time: pages come when they are in view.
     thread.start(1, [this] { work(); });
   }
@@ -143,14 +144,14 @@ struct Prefetcher::Impl {
     }
   }
 
-  const PlanarDomain domain;
+  const FlatDomain domain;
   const std::shared_ptr<const ReliefOracle> oracle;
   Mailbox<Request> requests;
   Mailbox<Answer> answers;
   WorkerThreads thread{"relievo-ahead"};  // last
 };
 
-Prefetcher::Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
+Prefetcher::Prefetcher(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle)
     : impl_(std::make_unique<Impl>(domain, std::move(oracle))) {}
 Prefetcher::~Prefetcher() = default;
 void Prefetcher::post(Request request) {

@@ -11,7 +11,7 @@
 #include <unordered_map>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/render/camera.h"
 #include "texturing/stream/feedback.h"
@@ -100,7 +100,7 @@ class Prefetcher {
     double determine_ms = 0;
   };
 
-  Prefetcher(const PlanarDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
+  Prefetcher(const FlatDomain& domain, std::shared_ptr<const ReliefOracle> oracle);
   ~Prefetcher();
   void post(Request request);
   std::optional<Answer> tryTake();

@@ -71,7 +71,7 @@ double distanceForScale(const OrbitCamera& camera, double mm_per_px, int height_
   return mm_per_px * height_px / (2 * tanHalf(camera));
 }
 
-Extent extentOf(const PlanarDomain& domain, double min_z_mm, double max_z_mm) {
+Extent extentOf(const FlatDomain& domain, double min_z_mm, double max_z_mm) {
   double half_w = 0.5 * static_cast<double>(domain.width_px) * domain.mm_per_px;
   double half_h = 0.5 * static_cast<double>(domain.height_px) * domain.mm_per_px;
   return {{-half_w, -half_h, min_z_mm}, {half_w, half_h, max_z_mm}, domain.mm_per_px, true};
@@ -144,7 +144,7 @@ ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int
   return view;
 }
 
-ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
+ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px) {
   return viewTransform(camera, extentOf(domain, min_z_mm, max_z_mm), width_px, height_px);
 }
@@ -177,7 +177,7 @@ glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent) {
   return 2.0 * half_mm;
 }
 
-double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px) {
+double fitDistance(const OrbitCamera& camera, const FlatDomain& domain, int width_px, int height_px) {
   return fitDistance(camera, extentOf(domain), width_px, height_px);
 }
 
@@ -189,7 +189,7 @@ OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double 
   camera.distance_mm = fitDistance(camera, extent, width_px, height_px);
   return camera;
 }
-OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg) {
+OrbitCamera fitCamera(const FlatDomain& domain, int width_px, int height_px, double fov_deg) {
   return fitCamera(extentOf(domain), width_px, height_px, fov_deg);
 }
 

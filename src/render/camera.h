@@ -12,7 +12,7 @@
 #include <glm/glm.hpp>
 
 #include "src/artwork/base_mesh.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 
 namespace relievo {
@@ -41,7 +41,7 @@ struct Extent {
   bool size_known = true;  // false: what is said in mm counts the artwork's pixels
   glm::dvec3 centre() const { return (min_mm + max_mm) / 2.0; }
 };
-Extent extentOf(const PlanarDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
+Extent extentOf(const FlatDomain& domain, double min_z_mm = 0, double max_z_mm = 0);
 Extent extentOf(const BaseMesh& base, double min_height_mm, double max_height_mm, double texel_mm);
 
 struct ViewTransform {
@@ -58,16 +58,16 @@ glm::dvec3 eyePosition(const OrbitCamera& camera);
 glm::dmat3 worldFromCamera(const OrbitCamera& camera);  // camera axes: x right, y up, z towards the viewer
 // Near and far are chosen around the extent (of the exaggerated heights: min_z_mm, max_z_mm).
 ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
-ViewTransform viewTransform(const OrbitCamera& camera, const PlanarDomain& domain, double min_z_mm, double max_z_mm,
+ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
 // The smallest distance from which all of the extent is in view in the camera's direction and projection, mm: with a
 // little margin; of a flat one its plane with the margin and its displaced box within it. The plane is that of height
 // 0, or of the height nearest to it that there is.
 double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
-double fitDistance(const OrbitCamera& camera, const PlanarDomain& domain, int width_px, int height_px);
+double fitDistance(const OrbitCamera& camera, const FlatDomain& domain, int width_px, int height_px);
 // Looks straight at the extent's centre (of a flat one: of its plane) from where all of it is in view.
 OrbitCamera fitCamera(const Extent& extent, int width_px, int height_px, double fov_deg = 35);
-OrbitCamera fitCamera(const PlanarDomain& domain, int width_px, int height_px, double fov_deg = 35);
+OrbitCamera fitCamera(const FlatDomain& domain, int width_px, int height_px, double fov_deg = 35);
 // How wide and high, in mm, the orthographic picture around the camera's target must be to hold all of the extent; no
 // margin.
 glm::dvec2 orthographicSize(const OrbitCamera& camera, const Extent& extent);

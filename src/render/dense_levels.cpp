@@ -1,6 +1,6 @@
 #include "src/render/dense_levels.h"
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 

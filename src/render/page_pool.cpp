@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/gl/context.h"
 #include "src/render/block_formats.h"
 #include "texturing/codec/page_codec.h"

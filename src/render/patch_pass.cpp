@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <numeric>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/artwork/base_mesh.h"
 #include "src/render/page_pool.h"
 
@@ -34,12 +35,8 @@ GpuPatchMorph packMorph(const PatchInstance& p) {
   return m;
 }
 
-}  // namespace
-
-std::vector<std::string> patchAttributes() { return {"a_grid", "a_instance", "a_morph"}; }
-
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
-                  const DepthMode& depth) {
+EyeFrame flatEyeFrame(const ViewTransform& view, const FlatDomain& domain, double exaggerate, bool relief,
+                      const DepthMode& depth) {
   EyeFrame eye;
   eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(domain.patchPx()) + kUnitsPerTexelLog2;
@@ -60,7 +57,7 @@ EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double 
   return eye;
 }
 
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+EyeFrame meshEyeFrame(const ViewTransform& view, const PatchMeasures& domain, double exaggerate, bool relief,
                       const DepthMode& depth) {
   EyeFrame eye;
   eye.depth = depth;
@@ -71,6 +68,16 @@ EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, dou
   eye.mm_per_height_step = static_cast<float>(domain.relief_scale_mm * exaggerate);
   eye.zero_height_mm = relief ? static_cast<float>(domain.relief_offset_mm * exaggerate) : 0.0f;
   return eye;
+}
+
+}  // namespace
+
+std::vector<std::string> patchAttributes() { return {"a_grid", "a_instance", "a_morph"}; }
+
+EyeFrame eyeFrame(const ViewTransform& view, const PatchDomain& domain, double exaggerate, bool relief,
+                  const DepthMode& depth) {
+  return domain.isFlat() ? flatEyeFrame(view, domain.flat(), exaggerate, relief, depth)
+                         : meshEyeFrame(view, domain, exaggerate, relief, depth);
 }
 
 PatchPass::PatchPass(bool cells_as_mesh)

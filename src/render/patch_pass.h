@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "geometry/lod/planar_lod.h"
+#include "geometry/lod/lod.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/camera.h"
@@ -51,11 +51,9 @@ struct EyeFrame {
   int32_t limit_x = 0, limit_y = 0;
   float mm_per_unit = 1, mm_per_height_step = 0, zero_height_mm = 0;
 };
-EyeFrame eyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
+// Over a base mesh instances' units count within their patch, and the eye is at unit 0.
+EyeFrame eyeFrame(const ViewTransform& view, const PatchDomain& domain, double exaggerate, bool relief,
                   const DepthMode& depth);
-// Over a base mesh: instances' units count within their patch.
-EyeFrame meshEyeFrame(const ViewTransform& view, const PlanarDomain& domain, double exaggerate, bool relief,
-                      const DepthMode& depth);
 
 class PatchPass {
  public:

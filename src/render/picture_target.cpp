@@ -96,9 +96,12 @@ void setCoefficients(const gl::Program& program, const TextureFormat& format, co
 }  // namespace
 
 void setShadingUniforms(const gl::Program& program, const ShadingParameters& p) {
-  const PlanarDomain& d = *p.domain;
-  glUniform4i(program.uniform("u_artwork"), d.texture_depth, d.alongX() ? 1 : 0, static_cast<GLint>(d.width_px),
-              static_cast<GLint>(d.height_px));
+  glm::ivec4 artwork(p.domain->texture_depth, 0, 0, 0);
+  if (p.domain->isFlat()) {
+    const FlatDomain d = p.domain->flat();
+    artwork = {d.texture_depth, d.alongX() ? 1 : 0, static_cast<int>(d.width_px), static_cast<int>(d.height_px)};
+  }
+  glUniform4i(program.uniform("u_artwork"), artwork.x, artwork.y, artwork.z, artwork.w);
   glUniform4i(program.uniform("u_sample"), p.sample[0], p.sample[1], p.sample[2], 0);
   glUniform1i(program.uniform("u_tap_phase"), p.tap_phase);
   glUniform1f(program.uniform("u_lod_bias"), static_cast<float>(p.lod_bias));

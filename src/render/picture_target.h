@@ -11,7 +11,7 @@
 #include <glm/glm.hpp>
 
 #include "src/artwork/basis.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/gl/objects.h"
 #include "src/gl/program.h"
 #include "src/render/depth.h"
@@ -41,7 +41,7 @@ class PictureTarget {
 
 struct ShadingParameters {
   const TextureFormat* format = nullptr;
-  const PlanarDomain* domain = nullptr;
+  const PatchDomain* domain = nullptr;
   double lod_bias = 0;
   // For a feedback pass: its pixel (i, j) is pixel (i, j) * sample[0] + (sample[1], sample[2]) of the picture.
   std::array<int, 3> sample{1, 0, 0};

@@ -20,7 +20,7 @@ constexpr int kCornersUnit = 6;  // and two more: behind the pool's
 
 }  // namespace
 
-StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base,
+StrategyPass::StrategyPass(gl::Api api, const PatchDomain& domain, std::shared_ptr<const BaseMesh> base,
                            uint32_t relief_pages)
     : api_(api),
       domain_(domain),
@@ -33,9 +33,8 @@ StrategyPass::StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_
 }
 
 EyeFrame StrategyPass::eyeFrameOf(const ViewTransform& view, double exaggerate) {
-  if (!corners_) return eyeFrame(view, domain_, exaggerate, true, target_.depthMode());
-  corners_->setEye(view.eye_mm);
-  return meshEyeFrame(view, domain_, exaggerate, true, target_.depthMode());
+  if (corners_) corners_->setEye(view.eye_mm);
+  return eyeFrame(view, domain_, exaggerate, true, target_.depthMode());
 }
 
 gl::Defines StrategyPass::defines() const {
@@ -93,9 +92,10 @@ Result<const gl::Program*> StrategyPass::prepare(const StrategyResult& chosen, c
     glUniform2fv(p.uniform("u_morph"), kMorphLevels, &chosen.morph[0].start_mm);
   } else if (chosen.rule == GridRule::kMorphed) {
     // Vertices count from the eye's unit, which is not quite the eye.
-    double mm_per_unit = domain_.mm_per_px / (1 << kUnitsPerTexelLog2);
-    double half_w = 0.5 * static_cast<double>(domain_.width_px) * domain_.mm_per_px,
-           half_h = 0.5 * static_cast<double>(domain_.height_px) * domain_.mm_per_px;
+    const FlatDomain d = domain_.flat();
+    double mm_per_unit = d.mm_per_px / (1 << kUnitsPerTexelLog2);
+    double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
+           half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
     glm::vec3 eye_mm(chosen.morph_eye_mm - glm::dvec3(static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
                                                       half_h - static_cast<double>(eye.unit_y) * mm_per_unit,
                                                       view.eye_mm.z));

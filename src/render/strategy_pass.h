@@ -31,7 +31,7 @@ struct StrategyDraw {
 
 class StrategyPass {
  public:
-  StrategyPass(gl::Api api, const PlanarDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages);
+  StrategyPass(gl::Api api, const PatchDomain& domain, std::shared_ptr<const BaseMesh> base, uint32_t relief_pages);
   void resize(int width_px, int height_px) { target_.resize(width_px, height_px, false); }
   void upload(const NodeId& relief_page, const uint8_t* texels /* kSlotBytes */);
 
@@ -63,7 +63,7 @@ class StrategyPass {
   SlotIndex slotOf(const NodeId& page) const;
 
   gl::Api api_;
-  PlanarDomain domain_;
+  PatchDomain domain_;
   std::unique_ptr<BaseCorners> corners_;
   PagePool pool_;
   PageTable table_;

@@ -285,7 +285,7 @@ Result<void> runViewer(Artwork artwork, const ViewerOptions& options) {
   GuardTask guard(
       "relievo-guard",
       [artwork, exaggerate, workers = options.engine.workers] { return makeEyeGuard(artwork, exaggerate, workers); },
-      artwork.manifest.base != nullptr);
+      !artwork.manifest.domain.isFlat());
   Result<std::unique_ptr<Engine>> made_engine = Engine::create(std::move(artwork), options.scene, options.engine);
   if (!made_engine) return made_engine.error();
   Engine& engine = **made_engine;

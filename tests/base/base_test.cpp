@@ -1,4 +1,4 @@
-// src/base: hand-over between threads, names of places, the strip of patches, files that appear whole or not at all.
+// src/base: hand-over between threads, names of places, patches of both kinds, files that appear whole or not at all.
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -21,7 +21,7 @@
 #include <nlohmann/json.hpp>
 
 #include "src/artwork/node_id.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/channel.h"
 #include "src/base/file.h"
 #include "src/base/heap.h"
@@ -235,18 +235,18 @@ TEST(NodeId, FamilyTies) {
   EXPECT_EQ(n.ancestor(2), up);
 }
 
-// ---- PlanarDomain ----
+// ---- FlatDomain ----
 
-PlanarDomain domainOf(uint64_t width, uint64_t height) {
-  PlanarDomain d;
+FlatDomain domainOf(uint64_t width, uint64_t height) {
+  FlatDomain d;
   d.width_px = width;
   d.height_px = height;
-  d.texture_depth = PlanarDomain::depthFor(width, height);
+  d.texture_depth = FlatDomain::depthFor(width, height);
   return d;
 }
 
 // Independent of the header's integer trick: the node's open square and the open artwork, in texels as long double.
-bool meets(const PlanarDomain& d, const NodeId& n) {
+bool meets(const FlatDomain& d, const NodeId& n) {
   const long double side = static_cast<long double>(d.patchPx()) / static_cast<long double>(uint64_t{1} << n.level);
   const bool landscape = d.patchColumns() >= d.patchRows();
   const long double x0 = (landscape ? n.patch * static_cast<long double>(d.patchPx()) : 0) + n.x * side;
@@ -260,9 +260,9 @@ const std::pair<uint64_t, uint64_t> kSizes[] = {{1, 1},     {1, 300},   {300, 1}
                                                 {128, 128}, {129, 128}, {256, 255},  {257, 256},
                                                 {640, 480}, {480, 640}, {385, 1153}, {2000, 129}};
 
-TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
+TEST(FlatDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
   for (const auto& [width, height] : kSizes) {
-    const PlanarDomain d = domainOf(width, height);
+    const FlatDomain d = domainOf(width, height);
     // Two levels beyond the texels: relief may go deeper.
     for (uint32_t level = 0; level <= static_cast<uint32_t>(d.texture_depth) + 9 && level <= 9; ++level) {
       const uint32_t side = 1u << level;
@@ -281,14 +281,14 @@ TEST(PlanarDomain, NodeExistsWhereItsSquareMeetsTheArtwork) {
   }
 }
 
-TEST(PlanarDomain, NodeExistsAtTheLargestSizesWithoutOverflow) {
+TEST(FlatDomain, NodeExistsAtTheLargestSizesWithoutOverflow) {
   const uint64_t largest = uint64_t{1} << 24;
   for (const auto& [width, height] : {std::pair{largest, largest},
                                       {largest - 1, largest},
                                       {largest, uint64_t{1}},
                                       {largest * 3 + 1, largest},
                                       {largest, largest / 2 + 1}}) {
-    const PlanarDomain d = domainOf(width, height);
+    const FlatDomain d = domainOf(width, height);
     ASSERT_LE(d.texture_depth, static_cast<int>(kMaxNodeLevel));
     std::mt19937 random(7);
     for (int i = 0; i < 20000; ++i) {
@@ -302,9 +302,9 @@ TEST(PlanarDomain, NodeExistsAtTheLargestSizesWithoutOverflow) {
   }
 }
 
-TEST(PlanarDomain, PatchesCoverTheArtworkOnceAndAreTheSmallestThatCoverTheShorterSide) {
+TEST(FlatDomain, PatchesCoverTheArtworkOnceAndAreTheSmallestThatCoverTheShorterSide) {
   for (const auto& [width, height] : kSizes) {
-    const PlanarDomain d = domainOf(width, height);
+    const FlatDomain d = domainOf(width, height);
     const uint64_t shorter = std::min(width, height);
     EXPECT_GE(d.patchPx(), shorter);
     EXPECT_TRUE(d.patchPx() == uint64_t{kPagePx} || d.patchPx() / 2 < shorter);
@@ -329,9 +329,9 @@ TEST(PlanarDomain, PatchesCoverTheArtworkOnceAndAreTheSmallestThatCoverTheShorte
   }
 }
 
-TEST(PlanarDomain, LevelSizesHalveRoundingUp) {
+TEST(FlatDomain, LevelSizesHalveRoundingUp) {
   for (const auto& [width, height] : kSizes) {
-    const PlanarDomain d = domainOf(width, height);
+    const FlatDomain d = domainOf(width, height);
     EXPECT_EQ(d.levelWidth(d.texture_depth), width);
     EXPECT_EQ(d.levelHeight(d.texture_depth), height);
     for (int level = d.texture_depth; level > 0; --level) {
@@ -340,6 +340,72 @@ TEST(PlanarDomain, LevelSizesHalveRoundingUp) {
     }
     EXPECT_LE(std::min(d.levelWidth(0), d.levelHeight(0)), uint64_t{kPagePx});
   }
+}
+
+// ---- PatchDomain ----
+
+// Nodes of a level that exist, of all places within the patches and just beyond them.
+uint64_t existing(const PatchDomain& d, uint32_t level) {
+  uint64_t count = 0;
+  for (uint32_t patch = 0; patch < d.patchCount() + 2; ++patch)
+    for (uint32_t y = 0; y < (1u << level) + 2; ++y)
+      for (uint32_t x = 0; x < (1u << level) + 2; ++x) count += d.nodeExists({patch, level, x, y}) ? 1 : 0;
+  return count;
+}
+
+TEST(PatchDomain, OverAMeshEveryNodeOfEachPatchExistsAndNoneBeyond) {
+  PatchMeasures measures;
+  measures.texture_depth = 2;
+  measures.relief_depth = 4;
+  for (uint32_t patches : {1u, 2u, 7u}) {
+    const auto d = PatchDomain::overMesh(patches, measures);
+    EXPECT_FALSE(d.isFlat());
+    EXPECT_EQ(d.patchCount(), patches);
+    EXPECT_EQ(d.texelCount(), patches * 512.0 * 512.0);
+    for (uint32_t level = 0; level <= 5; ++level) {
+      const uint32_t side = 1u << level;
+      for (uint32_t patch = 0; patch < patches; ++patch)
+        for (uint32_t y = 0; y < side; ++y)
+          for (uint32_t x = 0; x < side; ++x) ASSERT_TRUE(d.nodeExists({patch, level, x, y}));
+      EXPECT_EQ(existing(d, level), uint64_t{patches} * side * side);
+      EXPECT_EQ(d.nodeCount(static_cast<int>(level)), uint64_t{patches} * side * side);
+    }
+  }
+  const auto largest = PatchDomain::overMesh(kMaxPatches);
+  const uint32_t last = (1u << kMaxNodeLevel) - 1;
+  EXPECT_TRUE(largest.nodeExists({kMaxPatches - 1, kMaxNodeLevel, last, last}));
+  EXPECT_FALSE(largest.nodeExists({kMaxPatches, kMaxNodeLevel, last, last}));
+  EXPECT_FALSE(largest.nodeExists({0, kMaxNodeLevel, last + 1, last}));
+  EXPECT_FALSE(largest.nodeExists({0, kMaxNodeLevel + 1, 0, 0}));
+  EXPECT_EQ(largest.nodeCount(kMaxNodeLevel), uint64_t{kMaxPatches} << (2 * kMaxNodeLevel));
+}
+
+TEST(PatchDomain, AFlatOneIsItsStrip) {
+  bool cut_somewhere = false;
+  for (const auto& [width, height] : kSizes) {
+    const FlatDomain flat = domainOf(width, height);
+    const PatchDomain d = flat;
+    ASSERT_TRUE(d.isFlat());
+    EXPECT_EQ(d.flat().width_px, width);
+    EXPECT_EQ(d.flat().height_px, height);
+    EXPECT_EQ(PatchDomain(d.flat()), d);
+    EXPECT_EQ(d.patchCount(), flat.patchCount());
+    EXPECT_EQ(d.texelCount(), static_cast<double>(width * height));
+    for (uint32_t level = 0; level <= 4; ++level) {
+      EXPECT_EQ(d.nodeCount(static_cast<int>(level)), existing(d, level)) << width << "x" << height;
+      // Control: the same patches over a mesh have no border that cuts nodes off.
+      const auto mesh = PatchDomain::overMesh(d.patchCount(), flat);
+      EXPECT_NE(mesh, d);
+      EXPECT_GE(existing(mesh, level), existing(d, level));
+      cut_somewhere = cut_somewhere || existing(mesh, level) > existing(d, level);
+    }
+  }
+  EXPECT_TRUE(cut_somewhere);
+}
+
+TEST(PatchDomain, OverAMeshThereIsNoFlatExtent) {
+  EXPECT_THROW((void)PatchDomain::overMesh(3).flat(), std::bad_optional_access);
+  EXPECT_NO_THROW((void)PatchDomain(domainOf(300, 100)).flat()) << "control";
 }
 
 // ---- files ----

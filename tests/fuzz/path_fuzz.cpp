@@ -4,9 +4,9 @@
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   using namespace relievo;
-  PlanarDomain domain;
+  FlatDomain domain;
   domain.width_px = 400, domain.height_px = 300, domain.mm_per_px = 0.1;
-  domain.texture_depth = PlanarDomain::depthFor(400, 300);
+  domain.texture_depth = FlatDomain::depthFor(400, 300);
   auto cameras = compareCameras(fuzz::folder().put("path.json", {data, size}), 0, domain, 640, 480);
   if (!cameras) {
     fuzz::requireExplained(cameras.error());

@@ -38,7 +38,7 @@ struct Artwork {
   int units_log2 = 0;             // of a cell's side, in the LOD's units
   std::function<glm::dvec3(uint32_t patch, int64_t i, int64_t j)> make_vertex;
   std::vector<glm::dvec3> vertices;  // all of them, in its order
-  std::function<PlanarLodResult(const LodView&, const ReliefSet&)> select;
+  std::function<LodResult(const LodView&, const ReliefSet&)> select;
   std::function<Camera(Random&)> camera;
   std::shared_ptr<void> kept;  // what the functions use
 
@@ -262,7 +262,7 @@ Figures study(const Artwork& artwork, int views, const Picture& picture, double 
     for (int round = 0; round < 6; ++round)
       for (const ReliefRequest& request : artwork.select(view, resident).requests)
         if (random.chance(granted)) resident.insert(request.page);
-    const PlanarLodResult lod = artwork.select(view, resident);
+    const LodResult lod = artwork.select(view, resident);
     Drawn drawn(artwork, lod.instances);
     const glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
     auto project = [&](const glm::dvec3& at, glm::dvec2* px) {
@@ -524,7 +524,7 @@ struct FlatOracle final : ReliefOracle {
   const ReliefField& field;
   explicit FlatOracle(const ReliefField& f) : field(f) {}
   HeightBounds bounds(const NodeId& page) const override {
-    const PlanarDomain& d = field.domain;
+    const FlatDomain& d = field.domain;
     const int64_t size = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
     uint16_t low = 65535, high = 0;
     for (int64_t j = page.y * size; j <= std::min<int64_t>((page.y + 1) * size, field.rows - 1); ++j)
@@ -548,7 +548,7 @@ struct FlatOracle final : ReliefOracle {
   }
   // Of this level's triangles and of all finer ones: both surfaces are furthest apart at the finest samples.
   std::array<Deviation, 256> measure(const NodeId& page) const {
-    const PlanarDomain& d = field.domain;
+    const FlatDomain& d = field.domain;
     std::array<Deviation, 256> out{};
     const int64_t size = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level)), block = size / 16;
     for (int level = static_cast<int>(page.level); level < d.relief_depth; ++level) {
@@ -622,10 +622,10 @@ Artwork flatSample() {
   // A whole patch of the strip, so that every page is square: borders in its middle are planar_lod_test's.
   constexpr int64_t kSide = 512;
   SampleArtwork sample({.kind = SampleKind::kInscription, .width = kSide + 1, .height = kSide + 1});
-  PlanarDomain d;
+  FlatDomain d;
   d.width_px = d.height_px = kSide;
   d.mm_per_px = sample.mmPerPx();
-  d.texture_depth = d.relief_depth = PlanarDomain::depthFor(kSide, kSide);
+  d.texture_depth = d.relief_depth = FlatDomain::depthFor(kSide, kSide);
   d.relief_offset_mm = sample.minMm();
   d.relief_scale_mm = (sample.maxMm() - sample.minMm()) / 65535;
   auto held = std::make_shared<Held>();

@@ -228,9 +228,9 @@ Lists compareLists(const BaseMesh& mesh, const Bumps& bumps, bool true_slopes, i
     view.error_px = std::exp(random.real(-1, 3));
     view.min_cell_px = random.chance(0.5) ? 2 : 0;
     view.hide_backs = false;
-    const PlanarLodResult all = lod.select(view, resident);
+    const LodResult all = lod.select(view, resident);
     view.hide_backs = true;
-    const PlanarLodResult some = lod.select(view, resident);
+    const LodResult some = lod.select(view, resident);
     EXPECT_EQ(all.backs_are_hidden, some.backs_are_hidden) << "by the body and the eye alone";
     ++lists.views;
     lists.hiding_views += some.backs_are_hidden;

@@ -39,7 +39,7 @@ struct Subject {
   glm::dvec3 low{0}, high{0};  // without heights
   double min_mm = 0, max_mm = 0, cell_mm = 1;
   std::function<Spot(Random&)> spot;
-  std::function<PlanarLodResult(const LodView&, const ReliefSet&)> select;
+  std::function<LodResult(const LodView&, const ReliefSet&)> select;
   std::function<void(const LodView&, const std::vector<PatchInstance>&, Numbers&)> numbers;
   std::function<void(const LodView&, const std::vector<PatchInstance>&, bool snapped, Cracks&)> cracks;
   std::function<Measured(const LodView&, const Camera&, const std::vector<PatchInstance>&)> measure;
@@ -122,9 +122,9 @@ Subject meshSubject(NamedMesh named, double range_mm, const PlaceHeight& height,
 }
 
 // ---- flat artworks
-Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, HeightFunction height) {
+Subject flatSubject(std::string name, FlatDomain domain, double range_mm, HeightFunction height) {
   struct Held {
-    PlanarDomain domain;
+    FlatDomain domain;
     std::unique_ptr<TrueRelief> truth;
     std::unique_ptr<ReliefPages> pages;
   };
@@ -153,7 +153,7 @@ Subject flatSubject(std::string name, PlanarDomain domain, double range_mm, Heig
     return selectPlanarLod(held->domain, *held->truth, view, resident);
   };
   s.numbers = [held](const LodView& view, const std::vector<PatchInstance>& list, Numbers& numbers) {
-    const PlanarDomain& d = held->domain;
+    const FlatDomain& d = held->domain;
     const double unit = d.mm_per_px / (1 << kUnitsPerTexelLog2),
                  left = -0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
                  top = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
@@ -275,7 +275,7 @@ void check(const Subject& s, Look look, uint64_t seed, Tally& t) {
   for (int round = 0; round < rounds; ++round)
     for (const ReliefRequest& w : s.select(c.view, resident).requests)
       if (rounds > 3 || random.chance(0.7)) resident.insert(w.page);
-  const PlanarLodResult lod = s.select(c.view, resident);
+  const LodResult lod = s.select(c.view, resident);
   ++t.views;
   t.nodes += lod.instances.size();
   EXPECT_TRUE(std::isfinite(lod.max_error_px) && lod.max_error_px >= 0) << what;
@@ -328,8 +328,8 @@ NamedMesh meshNamed(const std::string& name) {
   ADD_FAILURE() << "no mesh is named " << name;
   return {"one patch", openSheet(1, 1, 100)};
 }
-PlanarDomain flatDomain(uint64_t width_px, uint64_t height_px, double mm_per_px) {
-  PlanarDomain d = makeDomain(width_px, height_px, 0);
+FlatDomain flatDomain(uint64_t width_px, uint64_t height_px, double mm_per_px) {
+  FlatDomain d = makeDomain(width_px, height_px, 0);
   d.mm_per_px = mm_per_px;
   return d;
 }

@@ -9,7 +9,7 @@
 #include <random>
 
 #include "geometry/bake/mesh_bake.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"
 

@@ -22,7 +22,7 @@ struct Figures {
   std::vector<double> tightness;  // measured / predicted
   double worst = 0;
 };
-Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
+Figures study(const FlatDomain& domain, const TrueRelief& relief, int views, uint64_t seed, double believe,
               bool orthographic = false, double fov_deg = 0, bool divide = false) {
   Figures f;
   ReliefPages pages(domain, reliefHeight);
@@ -51,7 +51,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
     for (int round = 0; round < rounds; ++round)
       for (const ReliefRequest& w : selectPlanarLod(domain, relief, view, resident).requests)
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
-    PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
+    LodResult lod = selectPlanarLod(domain, relief, view, resident);
     Measured m = measureError(domain, relief, view, camera, lod.instances, pages);
     ++f.views;
     f.samples += m.samples;
@@ -71,7 +71,7 @@ Figures study(const PlanarDomain& domain, const TrueRelief& relief, int views, u
 }
 
 TEST(LodError, PredictedIsAnUpperBoundOfMeasuredInOrthographicViewsAndAtBothEndsOfTheFieldOfView) {
-  PlanarDomain domain = makeDomain(900, 300, 0);
+  FlatDomain domain = makeDomain(900, 300, 0);
   domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
   const TrueRelief relief(domain, reliefHeight);
   for (auto [fov_deg, what] : {std::pair{0.0, "orthographic"}, {1.0, "1 degree"}, {170.0, "170 degrees"}}) {
@@ -95,7 +95,7 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
   int empty_above = 0;
   for (Artwork a : {Artwork{512, 512, 0}, Artwork{900, 300, 0}, Artwork{333, 217, 1}, Artwork{250, 701, -1},
                     Artwork{401, 397, -2}}) {
-    PlanarDomain domain = makeDomain(a.width, a.height, a.finer);
+    FlatDomain domain = makeDomain(a.width, a.height, a.finer);
     domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
     TrueRelief relief(domain, reliefHeight), whole_pages(domain, reliefHeight, Parts::kNone),
         mirrored(domain, reliefHeight, Parts::kMirrored);
@@ -157,7 +157,7 @@ uint16_t heightsBesideASnappedEdge(int64_t x_units, int64_t y_units) {
   return static_cast<uint16_t>(32768 + std::lround(kOneHeight * height));
 }
 TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
-  PlanarDomain domain = makeDomain(512, 256, 1);
+  FlatDomain domain = makeDomain(512, 256, 1);
   ASSERT_EQ(domain.relief_depth, 2);
   ASSERT_EQ(reliefSpacingLog2(domain, 2), 3) << "kSpacing";
   domain.relief_scale_mm = 1.0 / kOneHeight;
@@ -170,7 +170,7 @@ TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   Camera camera;
   camera.eye = {0, -99, 14}, camera.target = {0, 0, 0};
   const LodView view = orthographicView(camera, 40, 0.01);
-  const PlanarLodResult lod = selectPlanarLod(domain, relief, view, resident);
+  const LodResult lod = selectPlanarLod(domain, relief, view, resident);
   const Measured m = measureError(domain, relief, view, camera, lod.instances, pages);
   const double one_px = view.pixels_per_radian * 99 / std::hypot(99.0, 14.0);
   EXPECT_NEAR(m.max_px, 1.5 * one_px, 0.02 * one_px) << "the heights are what they should be";
@@ -179,7 +179,7 @@ TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   // Control: were the edge not snapped, the triangles would be those of the finer level alone.
   resident.clear();
   for (uint32_t k = 0; k < 8; ++k) resident.insert({k >> 2, 1, k & 1, (k >> 1) & 1});
-  const PlanarLodResult alike = selectPlanarLod(domain, relief, view, resident);
+  const LodResult alike = selectPlanarLod(domain, relief, view, resident);
   EXPECT_NEAR(measureError(domain, relief, view, camera, alike.instances, pages).max_px, one_px, 0.02 * one_px);
 }
 

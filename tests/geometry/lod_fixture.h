@@ -48,7 +48,7 @@ class ReliefPages {
                            std::min(y0 + (j << spacing_log2), pages.bottom_));
     }
   };
-  ReliefPages(const PlanarDomain& domain, HeightFunction height) : domain_(domain), height_(height) {
+  ReliefPages(const FlatDomain& domain, HeightFunction height) : domain_(domain), height_(height) {
     right_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
     bottom_ = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   }
@@ -62,7 +62,7 @@ class ReliefPages {
   }
 
  private:
-  PlanarDomain domain_;
+  FlatDomain domain_;
   HeightFunction height_;
   int64_t right_, bottom_;
 };
@@ -71,7 +71,7 @@ class ReliefPages {
 // range of heights falls too, as a real relief's does; else every page claims the whole range.
 class MadeUpOracle final : public ReliefOracle {
  public:
-  MadeUpOracle(const PlanarDomain& domain, uint64_t seed, bool narrowing = false)
+  MadeUpOracle(const FlatDomain& domain, uint64_t seed, bool narrowing = false)
       : domain_(domain), seed_(seed), narrowing_(narrowing) {}
   HeightBounds bounds(const NodeId& page) const override {
     double low = domain_.relief_offset_mm, high = low + 65535 * domain_.relief_scale_mm, error = high - low;
@@ -88,17 +88,17 @@ class MadeUpOracle final : public ReliefOracle {
   }
 
  private:
-  PlanarDomain domain_;
+  FlatDomain domain_;
   uint64_t seed_;
   bool narrowing_;
 };
 
-inline PlanarDomain makeDomain(uint64_t width_px, uint64_t height_px, int relief_depth_minus_texture_depth) {
-  PlanarDomain d;
+inline FlatDomain makeDomain(uint64_t width_px, uint64_t height_px, int relief_depth_minus_texture_depth) {
+  FlatDomain d;
   d.width_px = width_px;
   d.height_px = height_px;
   d.mm_per_px = 0.05;
-  d.texture_depth = PlanarDomain::depthFor(width_px, height_px);
+  d.texture_depth = FlatDomain::depthFor(width_px, height_px);
   d.relief_depth = std::clamp(d.texture_depth + relief_depth_minus_texture_depth, 0, static_cast<int>(kMaxNodeLevel));
   d.relief_scale_mm = 0.01 * static_cast<double>(std::min(width_px, height_px)) * d.mm_per_px / 65535 + 1e-7;
   d.relief_offset_mm = -0.3 * 65535 * d.relief_scale_mm;
@@ -149,7 +149,7 @@ struct Random {
 };
 
 // Anywhere in front of the artwork: from all of it in view to a texel across the screen, straight or grazing.
-inline Camera randomCamera(const PlanarDomain& d, Random& random) {
+inline Camera randomCamera(const FlatDomain& d, Random& random) {
   double w = static_cast<double>(d.width_px) * d.mm_per_px, h = static_cast<double>(d.height_px) * d.mm_per_px;
   Camera c;
   c.fov_y = random.real(0.2, 1.6);
@@ -164,7 +164,7 @@ inline Camera randomCamera(const PlanarDomain& d, Random& random) {
   return c;
 }
 
-inline PlanarDomain randomDomain(Random& random) {
+inline FlatDomain randomDomain(Random& random) {
   static constexpr uint64_t kSizes[][2] = {{1, 1},           {3, 1},
                                            {1, 500},         {128, 128},
                                            {129, 128},       {200, 131},
@@ -179,7 +179,7 @@ inline PlanarDomain randomDomain(Random& random) {
 }
 
 // Pages as they may have arrived: some rounds of asking, each want granted or not, some pages lost again.
-inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle& oracle, const LodView& view,
+inline ReliefSet randomResidency(const FlatDomain& domain, const ReliefOracle& oracle, const LodView& view,
                                  Random& random) {
   ReliefSet resident;
   int rounds = random.integer(0, 5);
@@ -196,7 +196,7 @@ inline ReliefSet randomResidency(const PlanarDomain& domain, const ReliefOracle&
 
 // ---- random cases
 struct PlanarCase {
-  PlanarDomain domain;
+  FlatDomain domain;
   std::shared_ptr<MadeUpOracle> oracle;
   Camera camera;
   LodView view;
@@ -222,7 +222,7 @@ inline std::string describe(const PlanarCase& c, uint64_t seed) {
 }
 
 // Lists and what they promise, in every particular.
-inline bool sameList(const PlanarLodResult& a, const PlanarLodResult& b) {
+inline bool sameList(const LodResult& a, const LodResult& b) {
   auto sameRequest = [](const ReliefRequest& p, const ReliefRequest& q) {
     return p.page == q.page && p.priority == q.priority;
   };
@@ -239,7 +239,7 @@ struct Placed {
 // By level and place along the strip; answers which drawn nodes lie beside a place.
 class PlacedIndex {
  public:
-  PlacedIndex(const PlanarDomain& domain, const std::vector<PatchInstance>& instances)
+  PlacedIndex(const FlatDomain& domain, const std::vector<PatchInstance>& instances)
       : unit_log2_(domain.texture_depth + 7 + kUnitsPerTexelLog2) {
     for (const PatchInstance& p : instances) {
       int64_t size = int64_t{1} << (unit_log2_ - static_cast<int>(p.node.level));
@@ -309,7 +309,7 @@ inline std::vector<SeamVertex> sideVertices(const PatchInstance& p, int side, co
 
 // Compares both sides of every segment that two drawn nodes share: the same places, the same bits, none on one side
 // alone.
-inline SeamReport compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+inline SeamReport compareSeams(const FlatDomain& domain, const std::vector<PatchInstance>& instances,
                                const VertexFunction& vertex, SnapFunction snap = snapVertex) {
   PlacedIndex index(domain, instances);
   SeamReport report;

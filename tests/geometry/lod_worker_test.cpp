@@ -10,7 +10,7 @@ namespace relievo::test {
 namespace {
 
 struct LodSetup {
-  PlanarDomain domain = makeDomain(30000, 20000, 0);
+  FlatDomain domain = makeDomain(30000, 20000, 0);
   std::shared_ptr<MadeUpOracle> oracle = std::make_shared<MadeUpOracle>(domain, 5);
   LodRequest request(uint64_t frame) const {
     Random random(frame);
@@ -32,7 +32,7 @@ TEST(LodWorker, AnswersWithWhatThePlainFunctionGives) {
     worker.post(request);
     LodAnswer answer = worker.waitFor(frame);
     ASSERT_EQ(answer.frame, frame);
-    PlanarLodResult direct = selectPlanarLod(s.domain, *s.oracle, request.view, *request.resident);
+    LodResult direct = selectPlanarLod(s.domain, *s.oracle, request.view, *request.resident);
     ASSERT_EQ(answer.lod.instances.size(), direct.instances.size());
     for (size_t i = 0; i < direct.instances.size(); ++i) {
       ASSERT_EQ(answer.lod.instances[i].node, direct.instances[i].node);

@@ -10,7 +10,7 @@
 
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/parallel_for.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"

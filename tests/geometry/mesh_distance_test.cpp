@@ -10,7 +10,7 @@
 
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/shared_data.h"
 

@@ -61,7 +61,7 @@ void study(Figures& f, const std::string& name, const BaseMesh& mesh, const Mesh
     for (int round = 0; round < rounds; ++round)
       for (const ReliefRequest& w : selection.select(view, resident).requests)
         if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
-    PlanarLodResult lod = selection.select(view, resident);
+    LodResult lod = selection.select(view, resident);
     ASSERT_TRUE(std::isfinite(lod.max_error_px));
     Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
     ++f.views;
@@ -149,7 +149,7 @@ TEST(MeshError, TightnessOfTheWholeInView) {
                                                            std::sin(turn) * std::cos(tilt), std::sin(tilt));
         camera.near_mm = 0.01 * size, camera.far_mm = 10 * size;
         LodView view = makeView(camera, std::exp(random.real(-1, 1.5)));
-        PlanarLodResult lod = selection.select(view, {});
+        LodResult lod = selection.select(view, {});
         Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
         ASSERT_LE(m.max_px, lod.max_error_px * (1 + 1e-6) + 1e-6);
         if (m.max_px > 0.01) here.push_back(lod.max_error_px / m.max_px);
@@ -257,7 +257,7 @@ TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
     constexpr double kHeightMm = 80;
     LodView view = orthographicView(camera, kHeightMm, kBudgetMm * camera.viewport_height_px / kHeightMm);
     view.hysteresis = hysteresis;
-    const PlanarLodResult lod = selection.select(view, {});
+    const LodResult lod = selection.select(view, {});
     std::vector<PatchInstance> middle;
     for (const PatchInstance& p : lod.instances)
       if (p.node.patch == 1) middle.push_back(p);

@@ -19,7 +19,7 @@
 #include "geometry/lod/mesh_vertex.h"
 #include "geometry/lod/morph.h"
 #include "geometry/lod/snap.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {

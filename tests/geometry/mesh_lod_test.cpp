@@ -63,7 +63,7 @@ TEST(MeshLod, DrawnNodesTileWhatIsInView) {
   uint64_t control = 0;
   for (uint64_t seed = kSeed; seed < kSeed + share(300); ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     Cover cover = coverOf(c, lod.instances);
     EXPECT_DOUBLE_EQ(cover.covered + cover.holes, static_cast<double>(c.named.mesh.patches.size()))
         << describe(c, seed);
@@ -85,7 +85,7 @@ TEST(MeshLod, InstancesKeepTheHeadersPromises) {
   uint64_t nodes = 0, deepest_step = 0, single_cells = 0;
   for (uint64_t seed = kSeed + 1000; seed < kSeed + 1000 + share(300); ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     const int unit = c.relief.unitLog2();
     auto isResident = [&](const NodeId& n) { return n.level == 0 || c.resident.count(n) != 0; };
     for (size_t k = 0; k < lod.instances.size(); ++k) {
@@ -142,7 +142,7 @@ void expectSane(const NamedMesh& named, const MeshRelief& relief, const LodView&
   MeshLod selection(std::make_shared<BaseMesh>(named.mesh), relief.depth, relief.offset_mm, relief.scale_mm, oracle,
                     oracle->coarse(named.mesh.patches.size()));
   ReliefSet resident;
-  PlanarLodResult lod;
+  LodResult lod;
   for (int round = 0; round < 3; ++round) {
     lod = selection.select(view, resident);
     for (const ReliefRequest& w : lod.requests) resident.insert(w.page);

@@ -36,7 +36,7 @@ TEST(MeshMorph, SingleCellsAreLeftToTheRootsTablesOnlyWhereNothingBegins) {
       view.morph = morph;
       return lod.select(view, {});
     };
-    auto finest = [](const PlanarLodResult& result) {
+    auto finest = [](const LodResult& result) {
       int level = 0;
       for (const PatchInstance& p : result.instances)
         level = std::max(level, static_cast<int>(p.node.level) + p.grid_level);
@@ -45,8 +45,8 @@ TEST(MeshMorph, SingleCellsAreLeftToTheRootsTablesOnlyWhereNothingBegins) {
     const double worst_px = select(1e3, false).max_error_px;
     ASSERT_GT(worst_px, 0);
     // 2 per cent above the worst error: whole levels need no more than single cells; with geomorph steps have begun.
-    const PlanarLodResult whole = select(1.02 * worst_px, false), begun = select(1.02 * worst_px, true),
-                          still = select(3 * worst_px, true);
+    const LodResult whole = select(1.02 * worst_px, false), begun = select(1.02 * worst_px, true),
+                    still = select(3 * worst_px, true);
     EXPECT_EQ(finest(whole), 0);
     EXPECT_EQ(finest(begun) > 0, steps);
     EXPECT_EQ(finest(still), 0);
@@ -63,7 +63,7 @@ TEST(MeshMorph, SharedVerticesAreTheSameBitForBit) {
   for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     c.view.morph = true;
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
     for (const MeshGridFunction& twin : {morphReferenceOf<PlainOps>(mesh, c.relief, height, c.view),
@@ -95,7 +95,7 @@ TEST(MeshMorph, NegativeControlsOfWatertightness) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     c.view.morph = true;
     const BaseMesh& mesh = c.named.mesh;
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
     const MeshGridFunction twin = morphReferenceOf<PlainOps>(mesh, c.relief, height, c.view);
     auto mismatches = [&](const std::vector<PatchInstance>& list, const MeshGridFunction& vertex) {
@@ -271,7 +271,7 @@ TEST(MeshMorph, HysteresisKeepsWhatATremblingCameraSees) {
               LodView view = makeView(camera, 0.3);
               view.morph = morph;
               view.hysteresis = hysteresis;
-              PlanarLodResult lod = s.lod->select(view, s.all_pages);
+              LodResult lod = s.lod->select(view, s.all_pages);
               EXPECT_LE(lod.max_error_px, 2 * lod.error_px * (1 + 1e-9));
               if (k > 3)
                 (hysteresis > 0 ? changed_with : changed_without) +=

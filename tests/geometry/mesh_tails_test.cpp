@@ -22,7 +22,7 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
   uint64_t of_tails = 0, of_roots = 0, of_others = 0, mixed = 0, control = 0;
   for (uint64_t seed = kSeed; total.comparisons < 1'000'000 / kViewShare && seed < kSeed + 1500; ++seed) {
     TailCase c(seed, meshes[seed % meshes.size()]);
-    const PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    const LodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
     const MeshSeams seams =
@@ -76,7 +76,7 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
   for (uint64_t seed = kSeed; seed < kSeed + share(80); ++seed) {
     TailCase c(seed, meshes[seed % meshes.size()]);
     ReliefSet resident;
-    PlanarLodResult lod = c.lod->select(c.view, resident);
+    LodResult lod = c.lod->select(c.view, resident);
     for (const PatchInstance& p : lod.instances)
       ASSERT_TRUE(!c.view.relief || p.relief_page.level == kTailLevel) << describe(c, seed);
     for (int round = 0; round < 20; ++round) {
@@ -90,7 +90,7 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
                     c.oracle, c.oracle->coarse(c.named.mesh.patches.size()));
     for (uint32_t p = 0; p < c.named.mesh.patches.size(); ++p) resident.insert({p, 0, 0, 0});
     lod = c.lod->select(c.view, resident);
-    const PlanarLodResult reference = without.select(c.view, resident);
+    const LodResult reference = without.select(c.view, resident);
     ASSERT_EQ(lod.instances.size(), reference.instances.size()) << describe(c, seed);
     for (size_t i = 0; i < lod.instances.size(); ++i) {
       PatchInstance a = lod.instances[i], b = reference.instances[i];

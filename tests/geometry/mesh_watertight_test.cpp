@@ -24,7 +24,7 @@ TEST(MeshWatertight, SharedVerticesAreTheSameBitForBit) {
   uint64_t cases = 0, nodes = 0, limited = 0, halves = 0;
   for (uint64_t seed = kSeed; total.comparisons < wanted && cases < most_cases; ++seed, ++cases) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
     MeshHeight height = noiseOver(mesh, c.relief.unitLog2(), seed);
     for (const MeshVertexFunction& twin :
@@ -77,7 +77,7 @@ TEST(MeshWatertight, NegativeControls) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     const BaseMesh& mesh = c.named.mesh;
     const int unit = c.relief.unitLog2();
-    PlanarLodResult lod = c.lod->select(c.view, c.resident);
+    LodResult lod = c.lod->select(c.view, c.resident);
     MeshHeight height = noiseOver(mesh, unit, seed);
     MeshVertexFunction twin = twinOf<PlainOps>(mesh, c.relief, height, c.view);
     unsnapped += compareMeshSeams(mesh, unit, lod.instances, twin, false).mismatches;

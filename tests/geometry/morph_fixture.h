@@ -152,7 +152,7 @@ struct Pops {
   uint64_t cells = 0, flipped = 0;
 };
 inline Pops fly(const TrueSurface& surface, const Path& path, double error_px, double min_cell_px, How how,
-                const std::function<PlanarLodResult(const LodView&)>& select) {
+                const std::function<LodResult(const LodView&)>& select) {
   Pops pops;
   Offsets before;
   for (int k = 0; k <= path.steps; ++k) {
@@ -160,7 +160,7 @@ inline Pops fly(const TrueSurface& surface, const Path& path, double error_px, d
     LodView view = makeView(camera, error_px);
     view.min_cell_px = min_cell_px;
     view.morph = how != How::kStill;
-    PlanarLodResult lod = select(view);
+    LodResult lod = select(view);
     if (how == How::kRounded)
       for (PatchInstance& p : lod.instances) {
         auto rounded = [](uint8_t& w) { w = w < 128 ? 0 : 255; };

@@ -58,7 +58,7 @@ class Rays {
     if (!(std::abs(clip.z) <= clip.w)) return std::nullopt;
     return p;
   }
-  std::optional<Footprint> footprint(const PlanarDomain& d, double x, double y, const glm::dvec3& at,
+  std::optional<Footprint> footprint(const FlatDomain& d, double x, double y, const glm::dvec3& at,
                                      const glm::dvec3& normal) const {
     constexpr double kStep = 1.0 / 1024;
     auto texel = [&](double sx, double sy) -> std::optional<glm::dvec2> {
@@ -87,7 +87,7 @@ class Rays {
   bool orthographic_;
 };
 
-inline std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& texel, int level) {
+inline std::optional<NodeId> nodeAt(const FlatDomain& d, const glm::dvec2& texel, int level) {
   if (texel.x < 0 || texel.y < 0 || texel.x >= static_cast<double>(d.width_px) ||
       texel.y >= static_cast<double>(d.height_px))
     return std::nullopt;
@@ -98,7 +98,7 @@ inline std::optional<NodeId> nodeAt(const PlanarDomain& d, const glm::dvec2& tex
                 static_cast<uint32_t>((texel.x - static_cast<double>(d.patchOriginX(patch))) / cell),
                 static_cast<uint32_t>((texel.y - static_cast<double>(d.patchOriginY(patch))) / cell)};
 }
-inline int levelOf(const PlanarDomain& d, const TextureView& v, const Footprint& f) {
+inline int levelOf(const FlatDomain& d, const TextureView& v, const Footprint& f) {
   double major = std::sqrt(std::max(glm::dot(f.dx, f.dx), glm::dot(f.dy, f.dy)));
   if (v.anisotropy > 1) {
     double aa = glm::dot(f.dx, f.dx), bb = glm::dot(f.dy, f.dy), ab = glm::dot(f.dx, f.dy);
@@ -129,7 +129,7 @@ struct PixelLevel {
   std::vector<NodeId> alternatives;
   bool certain = true;
 };
-inline PixelLevel pixelLevel(const PlanarDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
+inline PixelLevel pixelLevel(const FlatDomain& d, const TextureView& v, const Rays& rays, int x, int y) {
   PixelLevel level;
   bool first = true;
   // The corners may lie off the artwork where places nearer to the centre do not.

@@ -15,7 +15,7 @@ namespace {
 constexpr uint64_t kSeed = 20140612;
 using Case = PlanarCase;
 
-VertexFunction twin(const PlanarDomain& domain, ReliefPages& pages, bool relief = true) {
+VertexFunction twin(const FlatDomain& domain, ReliefPages& pages, bool relief = true) {
   return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) {
     return patchVertex(domain, p, i, j, relief, pages);
   };
@@ -28,7 +28,7 @@ TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
   for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
     Case c = randomPlanarCase(seed);
     c.view.divide_flat = seed % 2 == 0;
-    PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
+    LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     ReliefPages pages(c.domain, noiseHeight);
     SeamReport report = compareSeams(c.domain, lod.instances, twin(c.domain, pages, c.view.relief));
     ASSERT_EQ(report.mismatches, 0u) << describe(c, seed);
@@ -56,7 +56,7 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
   uint64_t unsnapped = 0, per_patch = 0, one_sided = 0, one_sided_cases = 0, finer_heights = 0;
   for (uint64_t seed = kSeed; seed < kSeed + (kSanitized ? 15 : 60); ++seed) {
     Case c = randomPlanarCase(seed);
-    PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
+    LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     ReliefPages pages(c.domain, noiseHeight);
     // Without snapping.
     unsnapped += compareSeams(
@@ -77,7 +77,7 @@ TEST(PlanarLod, NegativeControlsOfWatertightness) {
     // twice the pages, where the node is the same.
     ReliefSet more = c.resident;
     for (const ReliefRequest& request : lod.requests) more.insert(request.page);
-    PlanarLodResult rich = selectPlanarLod(c.domain, *c.oracle, c.view, more);
+    LodResult rich = selectPlanarLod(c.domain, *c.oracle, c.view, more);
     std::map<NodeId, const PatchInstance*> by_node;
     for (const PatchInstance& p : rich.instances) by_node[p.node] = &p;
     std::vector<PatchInstance> trap = lod.instances;
@@ -183,7 +183,7 @@ TEST(PlanarLod, DrawnNodesTileWhatIsInView) {
     Case c = randomPlanarCase(seed, false);
     c.view.divide_flat = seed % 2 == 0;
     ++cases;
-    PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
+    LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     PlacedIndex index(c.domain, lod.instances);
     ASSERT_EQ(index.all().size(), lod.instances.size()) << describe(c, seed);
     CoverCheck check(c, index);
@@ -222,7 +222,7 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
   for (uint64_t seed = kSeed + 1000; seed < kSeed + 1000 + share(300); ++seed) {
     Case c = randomPlanarCase(seed);
     c.view.divide_flat = seed % 2 == 0;
-    PlanarLodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
+    LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     PlacedIndex index(c.domain, lod.instances);
     auto isResident = [&](const NodeId& n) { return n.level == 0 || c.resident.count(n) != 0; };
     for (size_t k = 0; k < lod.instances.size(); ++k) {
@@ -283,10 +283,10 @@ TEST(PlanarLod, InstancesKeepTheHeadersPromises) {
 }
 
 // ---- hard views
-void expectSane(const PlanarDomain& domain, const LodView& view, const char* what, bool settle = true) {
+void expectSane(const FlatDomain& domain, const LodView& view, const char* what, bool settle = true) {
   MadeUpOracle oracle(domain, 7);
   ReliefSet resident;
-  PlanarLodResult lod;
+  LodResult lod;
   for (int round = 0; round < (settle ? kSanitized ? 2 : 8 : 1); ++round) {
     lod = selectPlanarLod(domain, oracle, view, resident);
     for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
@@ -304,7 +304,7 @@ void expectSane(const PlanarDomain& domain, const LodView& view, const char* wha
 }
 
 TEST(PlanarLod, HardViews) {
-  PlanarDomain domain = makeDomain(30000, 20000, 0);
+  FlatDomain domain = makeDomain(30000, 20000, 0);
   Camera c;
   c.far_mm = 1e4;
   c.eye = {10, 20, 0.001}, c.target = {500, 30, 0}, c.near_mm = 0.01;
@@ -355,17 +355,17 @@ TEST(PlanarLod, HardViews) {
   view.pixels_per_radian = 800;
   expectSane(domain, view, "orthographic, close");
 
-  PlanarDomain level = domain;
+  FlatDomain level = domain;
   level.relief_scale_mm = 0;
   level.relief_offset_mm = 2;
   expectSane(level, makeView(c), "zero relief range");
-  PlanarDomain none = domain;
+  FlatDomain none = domain;
   none.relief_depth = -1;
   view = makeView(c);
-  PlanarLodResult lod = selectPlanarLod(none, MadeUpOracle(none, 1), view, {});
+  LodResult lod = selectPlanarLod(none, MadeUpOracle(none, 1), view, {});
   EXPECT_TRUE(lod.requests.empty());
   EXPECT_FALSE(lod.instances.empty());
-  PlanarDomain strip = makeDomain(1u << 26, 100, 0);
+  FlatDomain strip = makeDomain(1u << 26, 100, 0);
   c.eye = {0, 0, 1e6}, c.near_mm = 1, c.far_mm = 1e8;
   view = makeView(c);
   lod = selectPlanarLod(strip, MadeUpOracle(strip, 1), view, {});
@@ -375,12 +375,12 @@ TEST(PlanarLod, HardViews) {
 
 // What the metric ignores on purpose: an edge that points at the eye, displacement that points at the eye.
 TEST(PlanarLod, StraightDownDoesNotSwallowTheRelief) {
-  PlanarDomain domain = makeDomain(4096, 4096, 0);
+  FlatDomain domain = makeDomain(4096, 4096, 0);
   Camera c;
   c.eye = {0, 0, 50};
   LodView view = makeView(c);
   MadeUpOracle oracle(domain, 3);
-  PlanarLodResult lod = selectPlanarLod(domain, oracle, view, {});
+  LodResult lod = selectPlanarLod(domain, oracle, view, {});
   EXPECT_GT(lod.limited_by_residency, 0u);
 }
 

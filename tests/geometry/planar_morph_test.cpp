@@ -25,7 +25,7 @@ PatchVertex namedBits(const glm::dvec3& v) {
   };
   return {static_cast<int32_t>(bits(v.x)), static_cast<int32_t>(bits(v.y)), static_cast<uint32_t>(bits(v.z))};
 }
-VertexFunction morphReference(const PlanarDomain& domain, ReliefPages& pages, bool relief) {
+VertexFunction morphReference(const FlatDomain& domain, ReliefPages& pages, bool relief) {
   return [&domain, &pages, relief](const PatchInstance& p, uint32_t i, uint32_t j) {
     return namedBits(morphedPatchVertex(domain, p, i, j, relief, pages));
   };
@@ -36,14 +36,14 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
   uint64_t cases = 0, nodes = 0, on_the_way = 0, own_weights = 0, swapped_halves = 0;
   for (uint64_t seed = kSeed; total.comparisons < 1'500'000 / kViewShare && cases < 2000; ++seed, ++cases) {
     Random random(seed);
-    PlanarDomain domain = randomDomain(random);
+    FlatDomain domain = randomDomain(random);
     MadeUpOracle oracle(domain, random.engine(), true);
     Camera camera = randomCamera(domain, random);
     LodView view = makeView(camera, random.real(0.7, 4));
     view.exaggerate = random.chance(0.3) ? random.real(0, 5) : 1;
     view.morph = true;
     const ReliefSet resident = randomResidency(domain, oracle, view, random);
-    PlanarLodResult lod = selectPlanarLod(domain, oracle, view, resident);
+    LodResult lod = selectPlanarLod(domain, oracle, view, resident);
     ReliefPages pages(domain, noiseHeight);
     const VertexFunction twin = morphReference(domain, pages, view.relief);
     SeamReport report = compareSeams(domain, lod.instances, twin, ownVertex);
@@ -184,7 +184,7 @@ TEST(PlanarMorph, WhereASegmentsLevelBeginsNoVertexJumps) {
   EXPECT_GE(nearest, 1);
 }
 
-TrueSurface surfaceOf(const PlanarDomain& domain, const TrueRelief& relief, double exaggerate) {
+TrueSurface surfaceOf(const FlatDomain& domain, const TrueRelief& relief, double exaggerate) {
   const int64_t width = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2,
                 height = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   const double mm = domain.mm_per_px / (1 << kUnitsPerTexelLog2);
@@ -220,7 +220,7 @@ TrueSurface surfaceOf(const PlanarDomain& domain, const TrueRelief& relief, doub
 }
 
 struct Artwork {
-  PlanarDomain domain;
+  FlatDomain domain;
   std::unique_ptr<TrueRelief> relief;
   std::unique_ptr<PlanarLod> lod;
   ReliefSet all_pages;
@@ -263,7 +263,7 @@ TEST(PlanarMorph, PredictedIsAnUpperBoundOfMeasured) {
       for (int round = 0; round < rounds; ++round)
         for (const ReliefRequest& w : a.lod->select(view, resident).requests)
           if (rounds > 4 || random.chance(0.7)) resident.insert(w.page);
-      PlanarLodResult lod = a.lod->select(view, resident);
+      LodResult lod = a.lod->select(view, resident);
       uint64_t flipped = 0;
       const double measured =
           largest(offsetsOf(surfaceOf(a.domain, *a.relief, view.exaggerate), view, camera, lod.instances, flipped));

@@ -15,14 +15,14 @@
 namespace relievo::test {
 namespace {
 
-uint64_t cellsOf(const PlanarLodResult& lod) {
+uint64_t cellsOf(const LodResult& lod) {
   uint64_t cells = 0;
   for (const PatchInstance& p : lod.instances) cells += uint64_t{1} << (2 * p.grid_level);
   return cells;
 }
 
 // What may be selected from again and again, with an oracle and heights of its own.
-using Select = std::function<PlanarLodResult(const LodView&, const ReliefSet&)>;
+using Select = std::function<LodResult(const LodView&, const ReliefSet&)>;
 struct Scene {
   uint32_t patches = 0;
   Select select;
@@ -43,7 +43,7 @@ struct Flat {
   }
 
   static Scene scene(std::shared_ptr<const ReliefOracle> oracle) {
-    const PlanarDomain domain = makeDomain(1000, 300, 0);
+    const FlatDomain domain = makeDomain(1000, 300, 0);
     auto lod = std::make_shared<PlanarLod>(domain, std::move(oracle));
     return {domain.patchCount(), [lod](const LodView& v, const ReliefSet& r) { return lod->select(v, r); }};
   }
@@ -52,7 +52,7 @@ struct Flat {
   }
   // One bump in the middle of a quarter of the only patch.
   static Scene bump() {
-    PlanarDomain domain = makeDomain(2048, 2048, -1);
+    FlatDomain domain = makeDomain(2048, 2048, -1);
     domain.relief_offset_mm = -2, domain.relief_scale_mm = 4.0 / 65535;
     auto truth = std::make_shared<TrueRelief>(domain, [](int64_t x_units, int64_t y_units) {
       const double x = (static_cast<double>(x_units) / 16 - 1536) / 20,
@@ -137,7 +137,7 @@ TYPED_TEST(QuadtreeLod, SameInputSameList) {
   for (uint64_t seed = TypeParam::kSeed; seed < TypeParam::kSeed + share(60); ++seed) {
     TypeParam t(seed), fresh(seed);
     auto& c = t.c;
-    const PlanarLodResult first = t.lod->select(c.view, c.resident);
+    const LodResult first = t.lod->select(c.view, c.resident);
     Random random(seed);
     for (int k = 0; k < 3; ++k) t.lod->select(t.otherView(random), {});
     // The same pages, inserted the other way round into a table of another size.
@@ -161,7 +161,7 @@ TYPED_TEST(QuadtreeLod, SettlesWhenRequestsAreGrantedAndKeepsNothingElse) {
     TypeParam t(seed);
     auto& c = t.c;
     ReliefSet resident;
-    PlanarLodResult lod;
+    LodResult lod;
     int rounds = 0;
     for (; rounds < 30; ++rounds) {
       lod = t.lod->select(c.view, resident);
@@ -195,21 +195,21 @@ TYPED_TEST(QuadtreeLod, WhatPagesLeadToDoesNotDependOnTheirOrder) {
     if (!c.view.relief) continue;
     LodView ahead = c.view;
     ahead.as_if_resident = true;
-    const PlanarLodResult expected = t.lod->select(ahead, {});
+    const LodResult expected = t.lod->select(ahead, {});
     ReliefSet resident;
     for (const ReliefRequest& request : expected.requests) resident.insert(request.page);
     for (const PatchInstance& p : expected.instances) {
       ASSERT_TRUE(TypeParam::hasHeights(p.relief_page, resident)) << describe(c, seed);
       of_pages += p.relief_page.level != kTailLevel;
     }
-    const PlanarLodResult there = t.lod->select(c.view, resident);
+    const LodResult there = t.lod->select(c.view, resident);
     EXPECT_EQ(there.instances, expected.instances) << describe(c, seed);
     EXPECT_EQ(there.limited_by_residency, 0u) << describe(c, seed);
     Random random(seed);
     ReliefSet growing;
     for (int round = 0; round < 200; ++round) {
       std::vector<NodeId> missing;
-      const PlanarLodResult lod = t.lod->select(c.view, growing);
+      const LodResult lod = t.lod->select(c.view, growing);
       for (const ReliefRequest& request : lod.requests)
         if (!growing.contains(request.page)) missing.push_back(request.page);
       if (missing.empty()) {
@@ -239,7 +239,7 @@ TYPED_TEST(QuadtreeLod, SmallerErrorsNeverDrawCoarser) {
       view.error_px = error_px;
       return t.lod->select(view, c.resident);
     };
-    const PlanarLodResult fine = draw(c.view.error_px), coarse = draw(3 * c.view.error_px);
+    const LodResult fine = draw(c.view.error_px), coarse = draw(3 * c.view.error_px);
     if (fine.error_px > c.view.error_px) continue;
     uint64_t spare = 0;
     for (const PatchInstance& p : coarse.instances) spare += std::min<uint64_t>(uint64_t{1} << (2 * p.grid_level), 32);
@@ -266,7 +266,7 @@ TYPED_TEST(QuadtreeLod, ViewsThatAreNoneDrawTheRoots) {
   views[5].clip_from_world[2][3] = -inf;
   const Scene scene = TypeParam::scene(TypeParam::madeUp());
   for (const LodView& view : views) {
-    const PlanarLodResult lod = scene.select(view, {});
+    const LodResult lod = scene.select(view, {});
     ASSERT_EQ(lod.instances.size(), scene.patches);
     EXPECT_TRUE(lod.requests.empty());
     EXPECT_EQ(lod.max_error_px, 0);
@@ -319,7 +319,7 @@ TYPED_TEST(QuadtreeLod, OraclesThatLieAreTakenForKnowingNothing) {
   for (int kind : {0, 1, 2}) {
     const Scene scene = sceneOfLies<TypeParam>(kind);
     ReliefSet resident;
-    PlanarLodResult lod;
+    LodResult lod;
     for (int round = 0; round < 6; ++round) {
       lod = scene.select(makeView(c), resident);
       for (const ReliefRequest& w : lod.requests) resident.insert(w.page);
@@ -339,7 +339,7 @@ TYPED_TEST(QuadtreeLod, NodesAreDividedWhereThatSavesTriangles) {
   c.eye = {0, 30, 150};
   LodView view = makeView(c, 0.25);
   view.as_if_resident = true;
-  const PlanarLodResult divided = scene.select(view, {});
+  const LodResult divided = scene.select(view, {});
   int finest = 0;
   for (const PatchInstance& p : divided.instances)
     finest = std::max(finest, static_cast<int>(p.node.level) + p.grid_level);

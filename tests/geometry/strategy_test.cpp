@@ -19,8 +19,9 @@ constexpr uint64_t kSeed = 20101;
 
 StrategyScene madeUpScene(uint64_t width_px, uint64_t height_px) {
   StrategyScene scene;
-  scene.domain = makeDomain(width_px, height_px, 0);
-  scene.oracle = std::make_shared<MadeUpOracle>(scene.domain, kSeed, true);
+  const FlatDomain domain = makeDomain(width_px, height_px, 0);
+  scene.domain = domain;
+  scene.oracle = std::make_shared<MadeUpOracle>(domain, kSeed, true);
   auto resident = std::make_shared<ReliefSet>();
   for (int level = 0; level <= scene.domain.relief_depth; ++level)
     for (uint32_t patch = 0; patch < scene.domain.patchCount(); ++patch)
@@ -28,8 +29,8 @@ StrategyScene madeUpScene(uint64_t width_px, uint64_t height_px) {
         for (uint32_t x = 0; x < 1u << level; ++x)
           if (NodeId n{patch, static_cast<uint32_t>(level), x, y}; scene.domain.nodeExists(n)) resident->insert(n);
   scene.resident = resident;
-  auto field = std::make_shared<ReliefField>(scene.domain);
-  ReliefPages pages(scene.domain, noiseHeight);
+  auto field = std::make_shared<ReliefField>(domain);
+  ReliefPages pages(domain, noiseHeight);
   for (const NodeId& n : *resident)
     if (static_cast<int>(n.level) == scene.domain.relief_depth) field->setPage(n, pages(n));
   scene.field = field;
@@ -85,7 +86,7 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
     for (const StrategyEntry& e : lodStrategies()) {
       auto strategy = e.make(scene), again = e.make(scene);
       for (int k = 0; k < 6; ++k) {
-        Camera camera = randomCamera(scene.domain, random);
+        Camera camera = randomCamera(scene.domain.flat(), random);
         if (k == 0) {  // all in view
           camera = {};
           camera.eye = {0, 0, 4.0 * static_cast<double>(std::max(width, height)) * scene.domain.mm_per_px};
@@ -131,7 +132,7 @@ TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
   for (const StrategyEntry& e : lodStrategies()) {
     auto strategy = e.make(scene);
     for (int k = 0; k < 20; ++k) {
-      const Camera camera = randomCamera(scene.domain, random);
+      const Camera camera = randomCamera(scene.domain.flat(), random);
       LodView view = makeView(camera, std::exp(random.real(-0.5, 2)));
       if (k % 4 == 3) view = orthographicView(camera, glm::length(camera.eye - camera.target), view.error_px);
       StrategyResult chosen = strategy->select(view);
@@ -176,7 +177,7 @@ TEST(Strategies, TheLengthMetricKeepsItsLengths) {
   Random random(kSeed + 2);
   int checked = 0, long_ones = 0;
   for (int k = 0; k < 20; ++k) {
-    LodView view = makeView(randomCamera(scene.domain, random), random.real(2, 8));
+    LodView view = makeView(randomCamera(scene.domain.flat(), random), random.real(2, 8));
     ViewBounds screen(view);
     for (const PatchInstance& p : strategy->select(view).instances) {
       int coarsest = p.grid_level;

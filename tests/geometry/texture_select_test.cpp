@@ -17,7 +17,7 @@ namespace {
 constexpr uint64_t kSeed = 20261121;
 
 // What all pixels of a flat artwork want; sampled off their centres, where a rasteriser may sample too.
-std::set<NodeId> pixelsRequest(const PlanarDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
+std::set<NodeId> pixelsRequest(const FlatDomain& d, const TextureView& v, glm::dvec2 off = glm::dvec2(0)) {
   Rays rays(v);
   std::set<NodeId> wanted;
   NodeId last{~0u, 0, 0, 0};
@@ -64,7 +64,7 @@ Agreement agreement(const std::set<NodeId>& wanted, const std::vector<TextureReq
   return a;
 }
 
-std::string describe(const PlanarDomain& d, const Camera& c) {
+std::string describe(const FlatDomain& d, const Camera& c) {
   char text[200];
   std::snprintf(text, sizeof text, "%llu x %llu, eye %.6g %.6g %.6g target %.6g %.6g fov %.4g",
                 static_cast<unsigned long long>(d.width_px), static_cast<unsigned long long>(d.height_px), c.eye.x,
@@ -86,7 +86,7 @@ Agreement flatAgreement(const Flat& f, bool report) {
   Agreement total;
   const int views = report && kSanitized ? f.views / 4 : f.views;  // negative controls need them all
   for (int i = 0; i < views; ++i) {
-    PlanarDomain d = randomDomain(random);
+    FlatDomain d = randomDomain(random);
     MadeUpOracle oracle(d, 1);
     Camera c = randomCamera(d, random);
     if (f.camera) f.camera(c, random);
@@ -237,7 +237,7 @@ TEST(TextureSelect, FlatNegativeControls) {
 
 // ---- relief: a small artwork whose every facet is looked at
 struct Terrain {
-  PlanarDomain domain;
+  FlatDomain domain;
   int64_t columns = 0, rows = 0;  // cells
   std::vector<double> heights;    // 0..1, a sample a cell's corner
   double height(int64_t i, int64_t j) const { return heights[static_cast<size_t>(j * (columns + 1) + i)]; }
@@ -262,7 +262,7 @@ class TerrainOracle final : public ReliefOracle {
 
  private:
   HeightBounds measure(const NodeId& page) const {
-    const PlanarDomain& d = terrain_.domain;
+    const FlatDomain& d = terrain_.domain;
     int64_t cells = int64_t{kPagePx} << (d.relief_depth - static_cast<int>(page.level));
     auto x0 = static_cast<int64_t>(static_cast<double>(d.patchOriginX(page.patch)) / terrain_.spacing()) +
               static_cast<int64_t>(page.x) * cells;
@@ -382,7 +382,7 @@ TEST(TextureSelect, ReliefNegativeControl) {
 TEST(TextureSelect, CoarseBeforeFineThenTheCentreEachOnceAfterItsParent) {
   Random random(kSeed);
   for (int i = 0; i < share(60); ++i) {
-    PlanarDomain d = randomDomain(random);
+    FlatDomain d = randomDomain(random);
     MadeUpOracle oracle(d, 3, true);
     TextureView v = textureView(randomCamera(d, random), 180, random.chance(0.5));
     std::vector<TextureRequest> requests = selectTextureNodes(d, oracle, v);
@@ -403,7 +403,7 @@ TEST(TextureSelect, CoarseBeforeFineThenTheCentreEachOnceAfterItsParent) {
 }
 
 TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
-  PlanarDomain d = makeDomain(5000, 300, 0);
+  FlatDomain d = makeDomain(5000, 300, 0);
   MadeUpOracle oracle(d, 3);
   const TextureView good = textureView({}, 100, false);
   const double nan = std::nan(""), infinite = std::numeric_limits<double>::infinity();
@@ -434,7 +434,7 @@ TEST(TextureSelect, ViewsThatAreNoneGetTheRoots) {
 }
 
 TEST(TextureSelect, NeverMoreThanSlots) {
-  PlanarDomain d = makeDomain(1u << 20, 1u << 20, 0);
+  FlatDomain d = makeDomain(1u << 20, 1u << 20, 0);
   MadeUpOracle oracle(d, 3);
   Camera c;
   c.eye = {0, 0, static_cast<double>(d.width_px) * d.mm_per_px * 0.8};

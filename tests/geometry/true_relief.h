@@ -19,7 +19,7 @@ enum class Parts { kNone, kTrue, kMirrored };
 // A relief held in full, and the oracle of its true bounds.
 class TrueRelief final : public ReliefOracle {
  public:
-  TrueRelief(const PlanarDomain& domain, const HeightFunction& height, Parts parts = Parts::kTrue)
+  TrueRelief(const FlatDomain& domain, const HeightFunction& height, Parts parts = Parts::kTrue)
       : domain_(domain), parts_(parts) {
     spacing_log2_ = reliefSpacingLog2(domain, static_cast<uint32_t>(domain.relief_depth));
     width_ = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
@@ -63,7 +63,7 @@ class TrueRelief final : public ReliefOracle {
     return domain_.relief_offset_mm + domain_.relief_scale_mm * samples_[static_cast<size_t>(j * columns_ + i)];
   }
   size_t pageCount() const { return bounds_.size(); }
-  const PlanarDomain& domain() const { return domain_; }
+  const FlatDomain& domain() const { return domain_; }
 
  private:
   // The page's own samples, interpolated over the clamped triangles that the renderer draws, against all finest
@@ -119,7 +119,7 @@ class TrueRelief final : public ReliefOracle {
     return {-up(-low), up(high), up(error)};
   }
   static float up(double v) { return std::nextafter(static_cast<float>(v), 1e30f); }
-  PlanarDomain domain_;
+  FlatDomain domain_;
   Parts parts_;
   bool shapes_are_empty_ = false;
   int spacing_log2_ = 0;
@@ -142,7 +142,7 @@ inline uint16_t reliefHeight(int64_t x_units, int64_t y_units) {
 
 // The largest deviation over the samples in view. Both points must lie in front of the near plane, else there is no
 // picture.
-inline Measured measureError(const PlanarDomain& domain, const TrueRelief& relief, const LodView& view,
+inline Measured measureError(const FlatDomain& domain, const TrueRelief& relief, const LodView& view,
                              const Camera& camera, const std::vector<PatchInstance>& instances, ReliefPages& pages) {
   Measured m;
   double mm_per_unit = domain.mm_per_px / (1 << kUnitsPerTexelLog2);

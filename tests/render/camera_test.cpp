@@ -16,8 +16,8 @@ namespace {
 constexpr uint32_t kSeed = 7;
 constexpr int kWidth = 1280, kHeight = 720;
 
-PlanarDomain panel() {
-  PlanarDomain d;
+FlatDomain panel() {
+  FlatDomain d;
   d.width_px = 3000;
   d.height_px = 1700;
   d.mm_per_px = 0.1;
@@ -31,7 +31,7 @@ struct Cut {
 
 // Random points of the artwork's box that are in the picture.
 Cut countCut(const OrbitCamera& camera, std::mt19937& random, double near_factor) {
-  PlanarDomain d = panel();
+  FlatDomain d = panel();
   constexpr double kLow = -4, kHigh = 2;
   ViewTransform v = viewTransform(camera, d, kLow, kHigh, kWidth, kHeight);
   Cut c;
@@ -116,7 +116,7 @@ TEST(Camera, TheNearPlaneIsCloseToWhatIsSeenInObliqueViews) {
 }
 
 TEST(Camera, AFittedViewHoldsTheWholeArtworkAndLittleElse) {
-  PlanarDomain d = panel();
+  FlatDomain d = panel();
   std::mt19937 random(kSeed);
   for (int i = 0; i < 200; ++i) {
     OrbitCamera c = randomCamera(random);
@@ -136,7 +136,7 @@ TEST(Camera, AFittedViewHoldsTheWholeArtworkAndLittleElse) {
 
 // Heights far from 0, and large ones, are in the picture; small ones around 0 change nothing.
 TEST(Camera, AFittedViewHoldsWhatIsDisplaced) {
-  const PlanarDomain d = panel();
+  const FlatDomain d = panel();
   std::mt19937 random(kSeed + 3);
   auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
   for (auto [low, high] : {std::pair{490.0, 500.0}, {-500.0, -490.0}, {0.0, 100.0}, {-100.0, 100.0}, {-4.0, 2.0}}) {

@@ -11,7 +11,7 @@ namespace relievo {
 namespace {
 
 // Sample (i, j) of a page, in samples of the finest level; beyond the border the last one.
-uint16_t reliefSample(const DenseRelief& r, const PlanarDomain& d, const NodeId& node, int64_t i, int64_t j) {
+uint16_t reliefSample(const DenseRelief& r, const FlatDomain& d, const NodeId& node, int64_t i, int64_t j) {
   const int to_finest = d.relief_depth - static_cast<int>(node.level);
   auto place = [&](uint64_t origin_px, uint32_t n, int64_t k, int64_t extent) {
     const auto origin = static_cast<int64_t>(std::ldexp(static_cast<double>(origin_px), r.samples_per_texel_log2));
@@ -28,7 +28,7 @@ class DensePages final : public PageSource {
 
   Result<EncodedPage> read(PageId id) const override {
     const NodeId node = id.node();
-    const PlanarDomain& d = texture_->domain;
+    const FlatDomain& d = texture_->domain;
     const bool relief = id.plane() == Plane::kRelief;
     const int depth = relief ? d.relief_depth : d.texture_depth;
     const int plane = texturePlaneIndex(id.plane());
@@ -71,7 +71,7 @@ class DensePages final : public PageSource {
 
 class DenseBounds final : public ReliefOracle {
  public:
-  DenseBounds(const DenseRelief& r, const PlanarDomain& d) {
+  DenseBounds(const DenseRelief& r, const FlatDomain& d) {
     whole_ = {static_cast<float>(r.offset_mm), static_cast<float>(r.offset_mm + 65535 * r.scale_mm),
               static_cast<float>(65535 * r.scale_mm)};
     for (int level = d.relief_depth; level >= 0; --level)
@@ -88,7 +88,7 @@ class DenseBounds final : public ReliefOracle {
   }
 
  private:
-  HeightBounds measure(const DenseRelief& r, const PlanarDomain& d, const NodeId& node) const {
+  HeightBounds measure(const DenseRelief& r, const FlatDomain& d, const NodeId& node) const {
     const int s = d.relief_depth - static_cast<int>(node.level);
     const int64_t fine = int64_t{1} << s;
     const double step = std::ldexp(1.0, -s);
@@ -135,7 +135,7 @@ std::shared_ptr<const PageSource> densePages(std::shared_ptr<const DenseTexture>
   return std::make_shared<DensePages>(std::move(texture), std::move(relief));
 }
 
-std::shared_ptr<const ReliefOracle> denseReliefBounds(const DenseRelief& relief, const PlanarDomain& domain) {
+std::shared_ptr<const ReliefOracle> denseReliefBounds(const DenseRelief& relief, const FlatDomain& domain) {
   return std::make_shared<DenseBounds>(relief, domain);
 }
 

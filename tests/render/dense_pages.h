@@ -17,6 +17,6 @@ std::shared_ptr<const PageSource> densePages(std::shared_ptr<const DenseTexture>
 // Bounds of every relief page by brute force over the finest samples: height range, and the largest distance of a
 // finest sample from the page's own samples interpolated over its cells' two triangles, either diagonal; a parent's are
 // never smaller.
-std::shared_ptr<const ReliefOracle> denseReliefBounds(const DenseRelief& relief, const PlanarDomain& domain);
+std::shared_ptr<const ReliefOracle> denseReliefBounds(const DenseRelief& relief, const FlatDomain& domain);
 
 }  // namespace relievo

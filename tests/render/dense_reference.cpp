@@ -27,12 +27,12 @@ constexpr int kMaxChannels = 3 * kMaxTexturePlanes;
 
 // --- A. dense pyramid
 
-PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
-  PlanarDomain d;
+FlatDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px) {
+  FlatDomain d;
   d.width_px = static_cast<uint64_t>(texture.width());
   d.height_px = static_cast<uint64_t>(texture.height());
   d.mm_per_px = mm_per_px;
-  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
   if (relief != nullptr) {
     d.relief_depth = d.texture_depth;
     d.relief_offset_mm = relief->minMm();
@@ -187,7 +187,7 @@ void addCoarserLevels(DenseTexture& t) {
 
 }  // namespace
 
-Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain) {
+Result<DenseTexture> buildDenseTexture(const TextureSource& source, const FlatDomain& domain) {
   DenseTexture t{domain, source.format(), {}};
   t.levels.resize(static_cast<size_t>(domain.texture_depth) + 1);
   auto finest = readFinest(source);
@@ -197,7 +197,7 @@ Result<DenseTexture> buildDenseTexture(const TextureSource& source, const Planar
   return t;
 }
 
-Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const PlanarDomain& domain) {
+Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const FlatDomain& domain) {
   assert(std::has_single_bit(static_cast<uint64_t>(period.width())) && domain.width_px % period.width() == 0);
   assert(std::has_single_bit(static_cast<uint64_t>(period.height())) && domain.height_px % period.height() == 0);
   auto t = DenseTexture{domain, period.format(), {}};
@@ -213,7 +213,7 @@ Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const Pla
 
 // --- B. dense relief
 
-Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain) {
+Result<DenseRelief> buildDenseRelief(const HeightSource& source, const FlatDomain& domain) {
   DenseRelief r;
   r.samples_per_texel_log2 = domain.relief_depth - domain.texture_depth;
   r.offset_mm = source.minMm();
@@ -259,7 +259,7 @@ namespace {
 
 // Slopes (to the right, downwards) of a cell of relief level r: of the bilinear surface through its corners, at its
 // middle.
-glm::dvec2 denseCellSlope(const DenseRelief& relief, const PlanarDomain& d, int r, int64_t x, int64_t y,
+glm::dvec2 denseCellSlope(const DenseRelief& relief, const FlatDomain& d, int r, int64_t x, int64_t y,
                           double exaggerate) {
   const int64_t apart = int64_t{1} << (d.relief_depth - r);
   const double side_px = std::ldexp(1.0, d.texture_depth - r);
@@ -279,8 +279,7 @@ glm::dvec2 denseCellSlope(const DenseRelief& relief, const PlanarDomain& d, int 
 
 }  // namespace
 
-glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& d, int k, int64_t x, int64_t y,
-                       double exaggerate) {
+glm::dvec3 denseNormal(const DenseRelief& relief, const FlatDomain& d, int k, int64_t x, int64_t y, double exaggerate) {
   const int r = std::min(k, d.relief_depth);
   glm::dvec2 slope{0};
   if (r == k) {
@@ -326,7 +325,7 @@ DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& rel
   return out;
 }
 
-double denseHeightMm(const DenseRelief& relief, const PlanarDomain& domain, int64_t x, int64_t y) {
+double denseHeightMm(const DenseRelief& relief, const FlatDomain& domain, int64_t x, int64_t y) {
   // Exact: a power of two times an integer of at most 53 bits.
   auto place = [&](int64_t units, uint64_t extent_px) {
     const double extent = std::ldexp(static_cast<double>(extent_px), relief.samples_per_texel_log2);
@@ -754,7 +753,7 @@ glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 
 
 DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, std::span<const PatchInstance> instances,
                        const DenseView& view) {
-  const PlanarDomain& domain = texture.domain;
+  const FlatDomain& domain = texture.domain;
   const int width = view.width_px, height = view.height_px;
   const int64_t last_x = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2;
   const int64_t last_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
@@ -890,7 +889,7 @@ DenseImage renderDense(const DenseTexture& texture, const DenseRelief* relief, s
   return image;
 }
 
-std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level) {
+std::vector<PatchInstance> uniformInstances(const FlatDomain& domain, int level, int grid_level) {
   std::vector<PatchInstance> out;
   const int node_units_log2 = std::bit_width(domain.patchPx()) - 1 + kUnitsPerTexelLog2 - level;
   assert(node_units_log2 >= grid_level);

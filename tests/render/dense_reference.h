@@ -1,6 +1,6 @@
 // dense_reference.h - the oracle of "virtual equals dense": the same frame from plain dense textures, in double
 // precision. It knows nothing of pages, caches, page tables or shaders. Of the engine it uses plain types only
-// (PlanarDomain, the raster sources, PatchInstance with its snapping) and src/artwork/basis.h's evaluatePixel. Slow,
+// (FlatDomain, the raster sources, PatchInstance with its snapping) and src/artwork/basis.h's evaluatePixel. Slow,
 // simple, no GL, one thread.
 //
 // A frame needs a DenseTexture (the whole mip pyramid), perhaps a DenseRelief (all height samples), the list of drawn
@@ -26,7 +26,7 @@
 
 #include "geometry/lod/planar_lod.h"
 #include "src/artwork/basis.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "texturing/package/raster_source.h"
 
 namespace relievo {
@@ -43,21 +43,21 @@ struct DenseLevel {
 };
 
 struct DenseTexture {
-  PlanarDomain domain;
+  FlatDomain domain;
   TextureFormat format;
   std::vector<DenseLevel> levels;  // [0] coarsest ... [texture_depth] finest
 };
 
 // The domain of a source as a build lays it out; mm_per_px 1. relief may be null.
-PlanarDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px = 1.0);
+FlatDomain denseDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px = 1.0);
 
 // The finest level is the source; a coarser one follows by the rule of texturing/codec/mip.h, implemented here on its
 // own.
-Result<DenseTexture> buildDenseTexture(const TextureSource& source, const PlanarDomain& domain);
+Result<DenseTexture> buildDenseTexture(const TextureSource& source, const FlatDomain& domain);
 
 // An artwork of any size (2^24 texels a side) whose texels repeat. The period's width and height are powers of two that
 // divide the artwork's, so that its levels repeat as well, also at odd borders (by then the level is constant).
-Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const PlanarDomain& domain);
+Result<DenseTexture> buildPeriodicTexture(const TextureSource& period, const FlatDomain& domain);
 
 // What mip.h calls the next coarser level, on channel-interleaved 8.8 fixed point texels of any size (odd borders
 // repeated).
@@ -79,15 +79,15 @@ struct DenseRelief {
 // the normals as bytes.
 DenseTexture denseWithNormals(const DenseTexture& colour, const DenseRelief& relief, double exaggerate);
 // Of a texel's middle, before it becomes bytes. k: the level, 0 the coarsest.
-glm::dvec3 denseNormal(const DenseRelief& relief, const PlanarDomain& domain, int k, int64_t x, int64_t y,
+glm::dvec3 denseNormal(const DenseRelief& relief, const FlatDomain& domain, int k, int64_t x, int64_t y,
                        double exaggerate);
 
-Result<DenseRelief> buildDenseRelief(const HeightSource& source, const PlanarDomain& domain);
+Result<DenseRelief> buildDenseRelief(const HeightSource& source, const FlatDomain& domain);
 
 // Height in mm (not exaggerated) of a vertex at (x, y) units of 2^-kUnitsPerTexelLog2 texels, before it is clamped to
 // the border. Between samples: linear on the sample cell's two triangles, split along (0,0)-(1,1). At or beyond the
 // right (bottom) border: the next sample at or beyond it.
-double denseHeightMm(const DenseRelief& relief, const PlanarDomain& domain, int64_t x, int64_t y);
+double denseHeightMm(const DenseRelief& relief, const FlatDomain& domain, int64_t x, int64_t y);
 
 // --- C. rasteriser
 
@@ -190,7 +190,7 @@ glm::dvec3 shadeDense(const DenseTexture& texture, glm::dvec2 texel, glm::dvec2 
                       const DenseView& view, double lambda_offset = 0);
 
 // All nodes of one level as drawn nodes of 2^grid_level segments: a list that needs no LOD.
-std::vector<PatchInstance> uniformInstances(const PlanarDomain& domain, int level, int grid_level);
+std::vector<PatchInstance> uniformInstances(const FlatDomain& domain, int level, int grid_level);
 
 // --- D. comparison with an image of the engine
 

@@ -74,7 +74,7 @@ DenseTexture dense(const FunctionTexture& source, const HeightSource* relief = n
 
 // Orthographic from the front: the image's top left corner shows texel position (x0, y0), `texels` texels a pixel.
 // Heights shift what is seen by shear texels per mm to the right; higher is nearer.
-DenseView frontView(const PlanarDomain& d, int width, int height, double texels, double x0 = 0, double y0 = 0,
+DenseView frontView(const FlatDomain& d, int width, int height, double texels, double x0 = 0, double y0 = 0,
                     double shear = 0) {
   DenseView v;
   v.width_px = width;
@@ -344,7 +344,7 @@ TEST(DenseReference, QuadDerivativesAreDifferencesInGlQuads) {
 // --- anisotropic taps
 
 // Orthographic from the front with other scales along x and y: a pixel is texels.x by texels.y texels.
-DenseView stretchedView(const PlanarDomain& d, int width, int height, glm::dvec2 texels, glm::dvec2 from) {
+DenseView stretchedView(const FlatDomain& d, int width, int height, glm::dvec2 texels, glm::dvec2 from) {
   DenseView v = frontView(d, width, height, 1);
   const double half_w = 0.5 * static_cast<double>(d.width_px), half_h = 0.5 * static_cast<double>(d.height_px);
   const double sx = 2 / (width * texels.x), sy = 2 / (height * texels.y);
@@ -515,7 +515,7 @@ TEST(DenseRelief, SamplesArePlacedOnTexelCorners) {
   // borders.
   FunctionTexture texture(200, 130, colourFormat(), noise);
   FunctionHeights heights(200, 130, 0, 200, [](int64_t x, int64_t) { return double(x); });
-  PlanarDomain d = denseDomain(texture, &heights);
+  FlatDomain d = denseDomain(texture, &heights);
   auto relief = buildDenseRelief(heights, d);
   ASSERT_TRUE(relief.ok());
   EXPECT_EQ(relief->width, 201);
@@ -540,7 +540,7 @@ TEST(DenseRelief, SamplesArePlacedOnTexelCorners) {
 
 TEST(DenseRelief, BetweenSamplesTwoTriangles) {
   FunctionTexture texture(100, 100, colourFormat(), noise);
-  PlanarDomain d = denseDomain(texture, nullptr);
+  FlatDomain d = denseDomain(texture, nullptr);
   d.relief_depth = 0;
   DenseRelief r;
   r.width = r.height = 101;
@@ -566,10 +566,10 @@ TEST(DenseRelief, BeyondTheBorderTheNextSample) {
   // 102).
   FunctionTexture texture(101, 100, colourFormat(), noise);
   FunctionHeights heights(101, 100, 0, 200, [](int64_t x, int64_t) { return double(x); });
-  PlanarDomain d = denseDomain(texture, &heights);
+  FlatDomain d = denseDomain(texture, &heights);
   d.relief_depth = -1;
   d.texture_depth = 0;
-  PlanarDomain coarse = d;
+  FlatDomain coarse = d;
   coarse.texture_depth = 1;
   coarse.relief_depth = 0;
   auto relief = buildDenseRelief(heights, coarse);

@@ -9,7 +9,7 @@ namespace relievo::test {
 
 // finer: levels that the relief has beyond the texture's.
 inline Subject denseSubject(const TextureSource& texture, const HeightSource* heights, int finer = 0) {
-  PlanarDomain domain = denseDomain(texture, heights, 0.1);
+  FlatDomain domain = denseDomain(texture, heights, 0.1);
   if (heights != nullptr) domain.relief_depth += finer;
   Subject s;
   auto dense = buildDenseTexture(texture, domain);
@@ -37,11 +37,11 @@ inline Subject noiseSubject(int64_t w, int64_t h, Basis basis, double range_mm, 
 inline Subject periodicSubject(int64_t w, int64_t h, Basis basis) {
   NoiseTexture period(512, 512, basis, 77);
   const auto width = static_cast<uint64_t>(w), height = static_cast<uint64_t>(h);
-  PlanarDomain domain;
+  FlatDomain domain;
   domain.width_px = width;
   domain.height_px = height;
   domain.mm_per_px = 0.01;
-  domain.texture_depth = PlanarDomain::depthFor(width, height);
+  domain.texture_depth = FlatDomain::depthFor(width, height);
   Subject s;
   auto dense = buildPeriodicTexture(period, domain);
   EXPECT_TRUE(dense.ok());

@@ -44,10 +44,8 @@ Artwork artworkOver(BaseMesh mesh, double relief_mm) {
   auto base = std::make_shared<const BaseMesh>(std::move(mesh));
   Manifest& m = artwork.manifest;
   m.base = base;
-  m.domain.texture_depth = m.domain.relief_depth = 0;
-  m.domain.width_px = base->patches.size() * kPagePx;
-  m.domain.height_px = kPagePx;
-  m.domain.mm_per_px = 1;
+  m.domain = PatchDomain::overMesh(static_cast<uint32_t>(base->patches.size()));
+  m.domain.relief_depth = 0;
   m.domain.relief_offset_mm = -relief_mm / 2;
   m.domain.relief_scale_mm = relief_mm / 65535;
   auto oracle = std::make_shared<test::MadeUpMeshOracle>(

@@ -110,7 +110,7 @@ struct Defects {
 // A ray that crosses the planes of the highest and of the lowest height both within the artwork meets the surface
 // between them: such a pixel is artwork. The test artwork is nowhere black under a light from the front.
 Defects defectsOf(const std::vector<uint8_t>& pixels, int width, int height, const ViewTransform& view,
-                  const PlanarDomain& d, bool relief) {
+                  const FlatDomain& d, bool relief) {
   glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
          half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;
@@ -163,7 +163,7 @@ class EngineFaults : public ::testing::Test {
   }
   // The picture just drawn has no defect.
   void expectSound(Engine& e, uint64_t* inside = nullptr) {
-    Defects d = defectsOf(e.readPixels(), e.width(), e.height(), e.view(), e.manifest().domain, e.plan().relief);
+    Defects d = defectsOf(e.readPixels(), e.width(), e.height(), e.view(), e.manifest().domain.flat(), e.plan().relief);
     EXPECT_EQ(d.background, 0u) << "of " << d.inside;
     EXPECT_EQ(d.black, 0u) << "of " << d.inside;
     if (inside) *inside += d.inside;
@@ -283,7 +283,7 @@ TEST_F(EngineFaults, ADefectIsSeen) {
   e->setCamera(camera(1));
   ASSERT_TRUE(e->settle(60).ok());
   auto pixels = e->readPixels();
-  auto defects = [&] { return defectsOf(pixels, kWidth, kHeight, e->view(), e->manifest().domain, true); };
+  auto defects = [&] { return defectsOf(pixels, kWidth, kHeight, e->view(), e->manifest().domain.flat(), true); };
   ASSERT_EQ(defects().background + defects().black, 0u);
   uint8_t* middle = &pixels[(kHeight / 2 * kWidth + kWidth / 2) * 4];
   std::fill(middle, middle + 3, uint8_t{0});
@@ -498,7 +498,7 @@ uint64_t uploadsOf(const StreamerStats& s) {
 
 TEST_F(EngineFaults, TheSmallestLegalCacheDraws) {
   EngineOptions options;
-  const PlanarDomain& d = package_->manifest().domain;
+  const FlatDomain d = package_->manifest().domain.flat();
   auto mib = [](double slots) { return slots * static_cast<double>(kSlotBytes) / (1024 * 1024); };
   const uint32_t least = d.patchCount() * 4 + 16;
   options.cache_mib = mib(least - 0.5);

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <set>
 
+#include "geometry/lod/planar_lod.h"
 #include "shaders/embedded.h"
 #include "src/engine/engine.h"
 #include "src/engine/lod_views.h"
@@ -37,7 +38,7 @@ EffectPlan flatPlan(const Manifest& manifest, Sampling sampling = Sampling::kTri
 class FlatFeedback {
  public:
   // looks_at_depth: false for a negative control.
-  explicit FlatFeedback(const PlanarDomain& domain, const DepthMode& depth = depthMode(), bool looks_at_depth = true)
+  explicit FlatFeedback(const FlatDomain& domain, const DepthMode& depth = depthMode(), bool looks_at_depth = true)
       : surface_(depth), pass_(gltest::context().info().software) {
     manifest_.domain = domain;
     link(surface_program_, {"patch.vert", "surface.frag", flatPlan(manifest_).defines(), patchAttributes(), {}});
@@ -103,8 +104,8 @@ class FlatFeedback {
     view.near_mm = v.near_mm;
     LodView lod = lodViewFrom(view);
     lod.relief = false;
-    MadeUpOracle oracle(manifest_.domain, 1);
-    auto instances = selectPlanarLod(manifest_.domain, oracle, lod, {}).instances;
+    MadeUpOracle oracle(manifest_.domain.flat(), 1);
+    auto instances = selectPlanarLod(manifest_.domain.flat(), oracle, lod, {}).instances;
     const EyeFrame eye = eyeFrame(view, manifest_.domain, 1, false, surface_.depthMode());
     patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     return eye;
@@ -125,7 +126,7 @@ class FlatFeedback {
 };
 
 struct View {
-  PlanarDomain domain;
+  FlatDomain domain;
   TextureView texture;
 };
 View randomView(Random& random, int height_px, bool orthographic = false) {
@@ -318,9 +319,11 @@ uint32_t askedLevel(const BrokenGradient& g, bool guarded, bool anisotropic, boo
   paste(surface_shader, "gradient.glsl", gradient);
   paste(lookup, "gradient.glsl", gradient);
   paste(feedback_shader, "texture_lookup.glsl", lookup);
+  FlatDomain domain;
+  domain.width_px = domain.height_px = 1 << 20;
+  domain.texture_depth = 13;
   Manifest manifest;
-  manifest.domain.width_px = manifest.domain.height_px = 1 << 20;
-  manifest.domain.texture_depth = 13;
+  manifest.domain = domain;
   Scene scene;
   scene.relief = false;
   scene.sampling = anisotropic ? Sampling::kAnisotropic : Sampling::kTrilinear;
@@ -399,7 +402,7 @@ TEST(FeedbackPass, NegativeControlWithoutTheGuardAZeroGradientAsksForTheFinest) 
 TEST(FeedbackPass, DegenerateViewsNameNothingThatIsNotThere) {
   Random random(kSeed);
   View good = randomView(random, 60);
-  const PlanarDomain& d = good.domain;
+  const FlatDomain& d = good.domain;
   FlatFeedback feedback(d);
   FeedbackAnalyzer analyzer;
   FeedbackGrid whole = feedbackGrid(good.texture.width_px, good.texture.height_px, 1, 0);
@@ -486,7 +489,7 @@ TEST(EngineRequestSource, AStillCameraFindsWhatSettlingFinds) {
   for (bool relief : {false, true}) {
     size_t full = 0, missed = 0, extra = 0, early = 0;
     for (int i = 0; i < 3; ++i) {
-      OrbitCamera camera = fitCamera(artwork.manifest.domain, 240, 135);
+      OrbitCamera camera = fitCamera(artwork.manifest.domain.flat(), 240, 135);
       camera.azimuth_deg = -80 + 65 * i;
       camera.elevation_deg = 20 * i - 30;
       camera.distance_mm *= 0.1 + 0.15 * i;
@@ -530,7 +533,7 @@ TEST(EngineRequestSource, PicturesAreTheSameWhateverTheMethod) {
   auto package = noisePackage(folder, 1500, 1000, Basis::kColour, 8, 6, &why);
   ASSERT_TRUE(package) << why;
   Artwork artwork = artworkFromPackage(package);
-  OrbitCamera camera = fitCamera(artwork.manifest.domain, 320, 180);
+  OrbitCamera camera = fitCamera(artwork.manifest.domain.flat(), 320, 180);
   camera.azimuth_deg = 60;
   camera.distance_mm *= 0.5;
   std::vector<uint8_t> first;

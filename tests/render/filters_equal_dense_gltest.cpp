@@ -53,18 +53,18 @@ void everyMode(const Subject& subject, const std::string& what, const Views& run
   }
 }
 
-double oneToOne(const PlanarDomain& d, int height_px, double fov_deg) {
+double oneToOne(const FlatDomain& d, int height_px, double fov_deg) {
   return d.mm_per_px * height_px / (2 * std::tan(fov_deg * 3.14159265358979 / 360));
 }
 
 // The point of the artwork at a place in texels.
-glm::dvec3 pointAt(const PlanarDomain& d, double x, double y) {
+glm::dvec3 pointAt(const FlatDomain& d, double x, double y) {
   return {(x - 0.5 * static_cast<double>(d.width_px)) * d.mm_per_px,
           (0.5 * static_cast<double>(d.height_px) - y) * d.mm_per_px, 0};
 }
 
 // A corner of pages of some level, or one of the artwork's.
-glm::dvec3 someCorner(std::mt19937& random, const PlanarDomain& d, int turn) {
+glm::dvec3 someCorner(std::mt19937& random, const FlatDomain& d, int turn) {
   if (turn % 3 == 0)
     return pointAt(d, random() % 2 ? static_cast<double>(d.width_px) : 0.0,
                    random() % 2 ? static_cast<double>(d.height_px) : 0.0);
@@ -90,7 +90,7 @@ TEST(FiltersEqualDense, JustOverAPowerOfTwo) {
     const Subject subject = denseSubject(RoughTexture(w, h, Basis::kColour), nullptr);
     Views run{.views = 6, .width = 240, .height = 135};
     run.camera = [&, n = 0](std::mt19937& random) mutable {
-      const PlanarDomain& d = subject.texture->domain;
+      const FlatDomain& d = subject.texture->domain;
       OrbitCamera c = nearCamera(random, d, 135, -2, 3);
       if (n++ % 2 == 0)
         c.target_mm = pointAt(d, static_cast<double>(d.width_px) - 1, static_cast<double>(d.height_px) - 1);
@@ -129,7 +129,7 @@ TEST(FiltersEqualDense, ExtremeMagnification) {
   const Subject subject = denseSubject(RoughTexture(600, 300, Basis::kPtmLrgb), nullptr);
   Views run{.views = 6, .width = 160, .height = 90};
   run.camera = [&, n = 0](std::mt19937& random) mutable {
-    const PlanarDomain& d = subject.texture->domain;
+    const FlatDomain& d = subject.texture->domain;
     OrbitCamera c = nearCamera(random, d, 90, -1, 0);
     c.distance_mm = oneToOne(d, 90, c.fov_deg) / uniform(random, 1000, 1500);  // px a texel
     c.azimuth_deg *= 0.5;
@@ -140,7 +140,7 @@ TEST(FiltersEqualDense, ExtremeMagnification) {
   everyMode(subject, "a texel over 1000 px", run);
 }
 
-OrbitCamera grazingCamera(std::mt19937& random, const PlanarDomain& d, int height_px) {
+OrbitCamera grazingCamera(std::mt19937& random, const FlatDomain& d, int height_px) {
   OrbitCamera c = nearCamera(random, d, height_px, 0, 2);
   c.azimuth_deg = uniform(random, 80, 89.5) * (random() % 2 ? 1 : -1);
   c.elevation_deg = uniform(random, -1, 1);

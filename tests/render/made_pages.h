@@ -36,10 +36,9 @@ inline Manifest madeManifest(std::shared_ptr<const BaseMesh> base, int texture_d
                              double relief_mm) {
   Manifest m;
   m.texture.basis = Basis::kAlbedoNormal;
+  m.domain = PatchDomain::overMesh(static_cast<uint32_t>(base->patches.size()));
   m.domain.texture_depth = texture_depth;
   m.domain.relief_depth = relief_depth;
-  m.domain.height_px = m.domain.patchPx();
-  m.domain.width_px = base->patches.size() * m.domain.patchPx();
   m.domain.mm_per_px = 0.15;
   m.domain.relief_scale_mm = relief_mm / 65535;
   m.base = std::move(base);

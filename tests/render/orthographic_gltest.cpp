@@ -158,7 +158,7 @@ TEST(Orthographic, AGridIsWhereItsMillimetresSay) {
 // The texture is a colour; heights are those of reliefHeight().
 class ReliefSource final : public PageSource {
  public:
-  explicit ReliefSource(const PlanarDomain& domain) : pages_(domain, reliefHeight) {}
+  explicit ReliefSource(const FlatDomain& domain) : pages_(domain, reliefHeight) {}
   Result<EncodedPage> read(PageId id) const override {
     const NodeId n = id.node();
     if (id.plane() != Plane::kRelief) return madeTexturePage(std::vector<uint8_t>(kTexturePageBytes, 150));
@@ -172,7 +172,7 @@ class ReliefSource final : public PageSource {
 };
 
 struct Relief {
-  PlanarDomain domain = makeDomain(900, 700, 0);
+  FlatDomain domain = makeDomain(900, 700, 0);
   std::shared_ptr<TrueRelief> truth;
   Artwork artwork;
   Relief() {

@@ -29,7 +29,7 @@ void compareAll(int64_t w, int64_t h, Basis basis, bool relief, uint32_t oracle_
   ASSERT_TRUE(built.ok()) << built.error().text();
   auto package = Package::open(options.output);
   ASSERT_TRUE(package.ok()) << package.error().text();
-  const PlanarDomain& d = (*package)->manifest().domain;
+  const FlatDomain d = (*package)->manifest().domain.flat();
   ASSERT_EQ(relief, d.relief_depth >= 0);
 
   test::NoiseTexture oracle_texture(w, h, basis, 5 + oracle_seed_offset);

@@ -26,7 +26,7 @@ TEST_P(SampleEqualsDense, HundredRandomViews) {
   ASSERT_TRUE(package.ok()) << package.error().text();
   Subject s;
   s.artwork = artworkFromPackage(*package);
-  const PlanarDomain& domain = s.artwork.manifest.domain;
+  const FlatDomain domain = s.artwork.manifest.domain.flat();
   auto dense = buildDenseTexture(*texture, domain);
   ASSERT_TRUE(dense.ok());
   s.texture = std::make_shared<DenseTexture>(std::move(*dense));

@@ -16,12 +16,12 @@ using gl::MouseButton;
 
 constexpr int kWidth = 1280, kHeight = 800;
 
-PlanarDomain artwork() {
-  PlanarDomain d;
+FlatDomain artwork() {
+  FlatDomain d;
   d.width_px = 3000;
   d.height_px = 2000;
   d.mm_per_px = 0.1;
-  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
   return d;
 }
 

@@ -42,7 +42,7 @@ inline double uniform(std::mt19937& random, double a, double b) {
 
 // From close enough to see single texels to the whole artwork small, from the front to grazing, targets beyond the
 // border.
-inline OrbitCamera randomCamera(std::mt19937& random, const PlanarDomain& d, int height_px) {
+inline OrbitCamera randomCamera(std::mt19937& random, const FlatDomain& d, int height_px) {
   const double w = static_cast<double>(d.width_px) * d.mm_per_px, h = static_cast<double>(d.height_px) * d.mm_per_px;
   OrbitCamera c;
   c.azimuth_deg = uniform(random, -75, 75);
@@ -59,7 +59,7 @@ inline OrbitCamera randomCamera(std::mt19937& random, const PlanarDomain& d, int
 }
 
 // On the artwork, at a distance of 2^lo ... 2^hi times the one at which a texel is a pixel.
-inline OrbitCamera nearCamera(std::mt19937& random, const PlanarDomain& d, int height_px, double lo, double hi) {
+inline OrbitCamera nearCamera(std::mt19937& random, const FlatDomain& d, int height_px, double lo, double hi) {
   OrbitCamera c = randomCamera(random, d, height_px);
   c.distance_mm =
       d.mm_per_px * height_px / (2 * std::tan(c.fov_deg * 3.14159265358979 / 360)) * std::exp2(uniform(random, lo, hi));

@@ -6,6 +6,7 @@
 #include <cstring>
 #include <random>
 
+#include "geometry/lod/planar_lod.h"
 #include "geometry/lod/snap.h"
 #include "src/engine/engine.h"
 #include "src/engine/fault_injection.h"
@@ -66,7 +67,7 @@ void compareShared(Engine& engine, Comparison* total) {
   auto floats = engine.captureVertices(40'000'000);
   if (instances.empty()) return;
   ASSERT_FALSE(floats.empty());
-  const PlanarDomain& domain = engine.manifest().domain;
+  const FlatDomain domain = engine.manifest().domain.flat();
   auto limit_x = static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2,
        limit_y = static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2;
   std::vector<SharedVertex> shared;
@@ -134,7 +135,7 @@ TEST_F(Watertight, SnappingOffBreaksTheBits) {
 uint64_t holes(Engine& engine, uint64_t* inside) {
   auto pixels = engine.readPixels();
   ViewTransform view = engine.view();
-  const PlanarDomain& d = engine.manifest().domain;
+  const FlatDomain d = engine.manifest().domain.flat();
   glm::dmat4 world_from_clip = glm::inverse(view.clip_from_world);
   double half_w = 0.5 * static_cast<double>(d.width_px) * d.mm_per_px,
          half_h = 0.5 * static_cast<double>(d.height_px) * d.mm_per_px;

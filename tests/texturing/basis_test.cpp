@@ -222,7 +222,7 @@ TEST_P(OtherPackage, ComesBackAsItWas) {
   ASSERT_TRUE(verified.ok());
   EXPECT_TRUE(verified->damaged.empty() && verified->other.empty());
 
-  const PlanarDomain& d = m.domain;
+  const FlatDomain d = m.domain.flat();
   PageDecoder decoder;
   std::vector<uint8_t> channels(kTexturePageBytes);
   size_t different = 0, shifted = 0;

@@ -56,7 +56,7 @@ TEST_P(EveryPage, equalsTheNaivePyramid) {
   auto package = Package::open(folder.file("a.relievo"));
   ASSERT_TRUE(package.ok()) << package.error().text();
   EXPECT_TRUE((*package)->warnings().empty());
-  const PlanarDomain& d = (*package)->manifest().domain;
+  const FlatDomain d = (*package)->manifest().domain.flat();
   EXPECT_EQ(d.width_px, static_cast<uint64_t>(size.width));
   auto levels = naivePyramid(source, d.texture_depth);
   PageDecoder decoder;
@@ -106,7 +106,7 @@ class ReliefPages : public ::testing::TestWithParam<ReliefCase> {};
 std::map<NodeId, std::vector<uint16_t>> decodeRelief(const Package& package) {
   std::map<NodeId, std::vector<uint16_t>> out;
   PageDecoder decoder;
-  const PlanarDomain& d = package.manifest().domain;
+  const FlatDomain d = package.manifest().domain.flat();
   forEachNode(d, d.relief_depth, [&](const NodeId& n) {
     auto page = package.read(PageId(Plane::kRelief, n));
     ASSERT_TRUE(page.ok()) << page.error().text();
@@ -131,7 +131,7 @@ TEST_P(ReliefPages, areExactSharedAndBounded) {
   auto opened = Package::open(folder.file("a.relievo"));
   ASSERT_TRUE(opened.ok()) << opened.error().text();
   const Package& package = **opened;
-  const PlanarDomain& d = package.manifest().domain;
+  const FlatDomain d = package.manifest().domain.flat();
   ASSERT_EQ(d.relief_depth, naiveReliefDepth(d, heights));
   EXPECT_DOUBLE_EQ(d.relief_offset_mm, heights.minMm());
   EXPECT_DOUBLE_EQ(d.relief_scale_mm, (heights.maxMm() - heights.minMm()) / 65535.0);
@@ -404,7 +404,7 @@ TEST(Encodings, everyPageIsTheExactOneEncoded) {
   ASSERT_TRUE(build(folder.file("exact"), texture, &heights).ok());
   auto exact = Package::open(folder.file("exact"));
   ASSERT_TRUE(exact.ok());
-  const PlanarDomain& d = (*exact)->manifest().domain;
+  const FlatDomain d = (*exact)->manifest().domain.flat();
   PageDecoder decoder;
   PageEncoder encoder(1);
   const std::pair<PageEncoding, PageEncoding> choices[] = {{{PageCodec::kQuantised, 5}, {}},

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "src/artwork/bases/ptm.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/raster_source.h"
 
@@ -192,7 +192,7 @@ inline std::vector<NaiveImage> naivePyramid(const TextureSource& source, int dep
 
 // The page's three channels; border: what lies beyond the page comes from its neighbours (false: the page's own edge,
 // as a builder without borders would have it - a negative control).
-inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, const PlanarDomain& d, const NodeId& node,
+inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, const FlatDomain& d, const NodeId& node,
                                       int plane, bool border = true) {
   const NaiveImage& image = levels[node.level];
   int shift = d.texture_depth - static_cast<int>(node.level);
@@ -211,7 +211,7 @@ inline std::vector<uint8_t> naivePage(const std::vector<NaiveImage>& levels, con
 }
 
 // ---- naive relief ----
-inline int naiveReliefDepth(const PlanarDomain& d, const HeightSource& h) {
+inline int naiveReliefDepth(const FlatDomain& d, const HeightSource& h) {
   double pixel = std::min(static_cast<double>(d.width_px) / static_cast<double>(h.width()),
                           static_cast<double>(d.height_px) / static_cast<double>(h.height()));
   int depth = 0;
@@ -220,7 +220,7 @@ inline int naiveReliefDepth(const PlanarDomain& d, const HeightSource& h) {
 }
 
 // The height in 16-bit units at a texel position, from the whole map.
-inline double naiveHeightMm(const HeightSource& source, const std::vector<float>& map, const PlanarDomain& d, double tx,
+inline double naiveHeightMm(const HeightSource& source, const std::vector<float>& map, const FlatDomain& d, double tx,
                             double ty) {
   auto place = [](double texel, uint64_t extent, int64_t pixels, int64_t* low, double* f) {
     double at = std::clamp(
@@ -242,7 +242,7 @@ inline double naiveHeightMm(const HeightSource& source, const std::vector<float>
 
 // Heights in 16-bit units (unrounded) of a page's samples.
 inline std::vector<double> naiveReliefPage(const HeightSource& source, const std::vector<float>& map,
-                                           const PlanarDomain& d, const NodeId& node) {
+                                           const FlatDomain& d, const NodeId& node) {
   double scale = (source.maxMm() - source.minMm()) / 65535.0;
   double step = static_cast<double>(d.patchPx()) / (128.0 * std::ldexp(1.0, static_cast<int>(node.level)));
   std::vector<double> out;
@@ -276,7 +276,7 @@ class ScratchFolder {
 
 // Every node of a forest of the given depth.
 template <class F>
-void forEachNode(const PlanarDomain& d, int depth, F&& f) {
+void forEachNode(const PatchDomain& d, int depth, F&& f) {
   for (uint32_t patch = 0; patch < d.patchCount(); ++patch)
     for (int l = 0; l <= depth; ++l)
       for (uint32_t y = 0; y < (1u << l); ++y)

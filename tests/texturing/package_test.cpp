@@ -50,7 +50,7 @@ class SmallPackage : public ::testing::Test {
   static std::vector<uint8_t> content(const Package& package, uint64_t* failed) {
     std::vector<uint8_t> all, slot(kSlotBytes);
     PageDecoder decoder;
-    const PlanarDomain& d = package.manifest().domain;
+    const FlatDomain d = package.manifest().domain.flat();
     auto add = [&](PageId id) {
       auto page = package.read(id);
       if (!page || !decoder.decodeToSlot(id.plane(), page->bytes, slot).ok()) {
@@ -290,8 +290,10 @@ TEST_F(SmallPackage, headerCopiesOfAnotherLengthAreRefused) {
 // What a few KB of header claim, of a file that has no more: refused before anything is walked.
 TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
   const PackageHeader sound = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
-  auto refusal = [&](PackageHeader h, bool own_length) {
-    h.domain.texture_depth = PlanarDomain::depthFor(h.domain.width_px, h.domain.height_px);
+  auto refusal = [&](FlatDomain d, bool own_length) {
+    d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
+    PackageHeader h = sound;
+    h.domain = d;
     const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
     h.index_bytes = layout.index_bytes;
     h.page_count = layout.page_count;
@@ -306,15 +308,15 @@ TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
     EXPECT_EQ(package.error().kind, ErrorKind::kInvalidData);
     return package.error().text();
   };
-  PackageHeader huge = sound;
-  huge.domain.width_px = huge.domain.height_px = uint64_t{1} << 24;
+  FlatDomain huge = sound.domain.flat();
+  huge.width_px = huge.height_px = uint64_t{1} << 24;
   EXPECT_NE(refusal(huge, true).find("the index lies outside the file: expected it within 12288 bytes"),
             std::string::npos)
       << refusal(huge, true);
   EXPECT_NE(refusal(huge, false).find("found a file of 12288 bytes"), std::string::npos) << refusal(huge, false);
   // So many that the sums overflow: found before they are made.
-  huge.domain.width_px = uint64_t{1} << 44;
-  huge.domain.relief_depth = 17;
+  huge.width_px = uint64_t{1} << 44;
+  huge.relief_depth = 17;
   EXPECT_NE(refusal(huge, false), "");
   EXPECT_NE(refusal(huge, true), "");
   // Fewer bytes than pages.
@@ -329,7 +331,7 @@ TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
   EXPECT_NE(package.error().message.find("a byte for each of 8 pages, found 7"), std::string::npos)
       << package.error().text();
   // Negative control: the same header, of an artwork that the file holds.
-  EXPECT_EQ(refusal(sound, false), "");
+  EXPECT_EQ(refusal(sound.domain.flat(), false), "");
 }
 
 TEST_F(SmallPackage, aDeepManifestIsNoProvenanceAndNothingWorse) {
@@ -570,10 +572,18 @@ TEST_F(SmallPackage, aFileThatChangesWhileItIsOpenIsNoSurprise) {
 
 // The index's arithmetic, against enumeration: every entry has its own place and nothing is left over.
 TEST(PackageLayout, entriesTileTheIndex) {
+  std::vector<PatchDomain> domains;
   for (auto [w, h] : {std::pair{1, 1}, {300, 700}, {5000, 2100}, {2100, 5000}, {40000, 90}}) {
-    PlanarDomain d;
+    FlatDomain d;
     d.width_px = static_cast<uint64_t>(w), d.height_px = static_cast<uint64_t>(h);
-    d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+    d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
+    domains.emplace_back(d);
+  }
+  for (auto [patches, depth] : {std::pair{1, 0}, {3, 2}, {50, 5}}) {
+    domains.push_back(PatchDomain::overMesh(static_cast<uint32_t>(patches)));
+    domains.back().texture_depth = depth;
+  }
+  for (PatchDomain& d : domains) {
     d.relief_depth = std::max(0, d.texture_depth - 1);
     TextureFormat format = sampleFormat(Basis::kPtmLrgb);
     PackageLayout layout = packageLayout(d, format, 8192, kReliefDetailBytes + kReliefShapesBytes);

@@ -16,12 +16,12 @@ namespace relievo {
 namespace {
 
 // Two patches of 512 texels a side along x, levels 0 to 2; the border cuts pages and cells.
-PlanarDomain domain(int relief_finer) {
-  PlanarDomain d;
+FlatDomain domain(int relief_finer) {
+  FlatDomain d;
   d.width_px = 701;
   d.height_px = 299;
   d.mm_per_px = 0.1;
-  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
   d.relief_depth = d.texture_depth + relief_finer;
   d.relief_scale_mm = 20.0 / 65535;
   return d;
@@ -30,7 +30,7 @@ PlanarDomain domain(int relief_finer) {
 // Samples as a package has them, of a height by the place in texels.
 class Relief {
  public:
-  Relief(const PlanarDomain& d, std::function<double(double, double)> mm) : d_(d), mm_(std::move(mm)) {}
+  Relief(const FlatDomain& d, std::function<double(double, double)> mm) : d_(d), mm_(std::move(mm)) {}
   bool read(const NodeId& node, std::span<uint16_t> out) {
     ++reads[node];
     if (missing.contains(node)) return false;
@@ -55,21 +55,21 @@ class Relief {
   std::set<NodeId> missing;
 
  private:
-  PlanarDomain d_;
+  FlatDomain d_;
   std::function<double(double, double)> mm_;
 };
 
-std::vector<NodeId> nodesOf(const PlanarDomain& d, int level) {
+std::vector<NodeId> nodesOf(const FlatDomain& d, int level) {
   std::vector<NodeId> nodes;
-  const NodeGrid grid = nodeGrid(d, level);
+  const NodeGrid grid = d.nodeGrid(level);
   for (uint64_t row = 0; row < grid.rows; ++row)
-    for (uint64_t column = 0; column < grid.columns; ++column) nodes.push_back(nodeAt(d, level, column, row));
+    for (uint64_t column = 0; column < grid.columns; ++column) nodes.push_back(d.nodeAt(level, column, row));
   return nodes;
 }
 
 TEST(ReliefNormals, ofAPlaneAreThePlanesAtEveryLevelUpToTheBorder) {
   for (int finer : {-2, -1, 0, 1}) {
-    const PlanarDomain d = domain(finer);
+    const FlatDomain d = domain(finer);
     // 0.02 mm a texel to the right and 0.015 downwards, by 0.1 mm a texel; twice that exaggerated.
     Relief relief(d, [](double x, double y) { return 0.02 * x + 0.015 * y + 0.1; });
     const double right = 0.4, down = 0.3, length = std::sqrt(1 + right * right + down * down);
@@ -95,7 +95,7 @@ TEST(ReliefNormals, ofAPlaneAreThePlanesAtEveryLevelUpToTheBorder) {
 TEST(ReliefNormals, ofAParabolaAreThoseAtTheTexelsMiddles) {
   constexpr double kCentreX = 192, kCentreY = 64;  // of the page
   for (int finer : {-2, -1, 0}) {
-    const PlanarDomain d = domain(finer);
+    const FlatDomain d = domain(finer);
     Relief relief(d, [](double x, double y) {
       return std::min(20.0, 1e-3 * ((x - kCentreX) * (x - kCentreX) + 2 * (y - kCentreY) * (y - kCentreY)));
     });
@@ -119,18 +119,18 @@ TEST(ReliefNormals, ofAParabolaAreThoseAtTheTexelsMiddles) {
 
 TEST(ReliefNormals, bordersAreTheNeighboursTexels) {
   for (int finer : {-1, 0}) {
-    const PlanarDomain d = domain(finer);
+    const FlatDomain d = domain(finer);
     Relief relief(d, [](double x, double y) { return 5 + 2 * std::sin(x / 9) + 2 * std::cos(y / 7 + x / 31); });
     const ReliefNormals normals({d, 1});
     // Every texel of the level, as each page has it.
     for (int level = 1; level <= d.texture_depth; ++level) {
       std::map<std::pair<int64_t, int64_t>, uint32_t> texels;
       uint64_t twice = 0, different = 0;
-      const NodeGrid grid = nodeGrid(d, level);
+      const NodeGrid grid = d.nodeGrid(level);
       std::vector<uint8_t> page(kSlotBytes);
       for (uint64_t row = 0; row < grid.rows; ++row) {
         for (uint64_t column = 0; column < grid.columns; ++column) {
-          ASSERT_TRUE(normals.make(nodeAt(d, level, column, row), relief.reader(), page.data()));
+          ASSERT_TRUE(normals.make(d.nodeAt(level, column, row), relief.reader(), page.data()));
           for (int64_t j = 0; j < kPageFullPx; ++j) {
             for (int64_t i = 0; i < kPageFullPx; ++i) {
               const int64_t x = static_cast<int64_t>(column) * kPagePx + i - kPageBorderPx,
@@ -154,7 +154,7 @@ TEST(ReliefNormals, bordersAreTheNeighboursTexels) {
 }
 
 TEST(ReliefNormals, keepWhatTheyReadAndSayWhatIsMissing) {
-  const PlanarDomain d = domain(0);
+  const FlatDomain d = domain(0);
   Relief relief(d, [](double x, double) { return 0.01 * x; });
   const ReliefNormals normals({d, 1});
   std::vector<uint8_t> page(kSlotBytes);
@@ -169,7 +169,7 @@ TEST(ReliefNormals, keepWhatTheyReadAndSayWhatIsMissing) {
 }
 
 TEST(ReliefNormals, areTheSameFromManyThreads) {
-  const PlanarDomain d = domain(0);
+  const FlatDomain d = domain(0);
   const ReliefNormals normals({d, 1});
   std::vector<std::thread> threads;
   std::vector<std::vector<uint8_t>> found(4);

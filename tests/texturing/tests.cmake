@@ -27,6 +27,7 @@ relievo_test(mip_test LIBS relievo_stream relievo_import SOURCES texturing/mip_t
 relievo_test(page_codec_test LIBS relievo_stream relievo_import SOURCES texturing/page_codec_test.cpp)
 relievo_test(page_encoding_test LIBS relievo_stream relievo_import JPEG::JPEG SOURCES texturing/page_encoding_test.cpp)
 relievo_test(bc_blocks_test LIBS relievo_stream relievo_import SOURCES texturing/bc_blocks_test.cpp)
+relievo_test(package_header_test LIBS relievo_package SOURCES texturing/package_header_test.cpp)
 relievo_test(package_test LIBS relievo_stream relievo_import SOURCES texturing/package_test.cpp)
 relievo_test(page_sources_test LIBS relievo_stream relievo_import SOURCES texturing/page_sources_test.cpp)
 relievo_test(patch_package_test LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)

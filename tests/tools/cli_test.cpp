@@ -143,6 +143,8 @@ TEST_F(Cli, WithoutASizeLengthsArePixels) {
   EXPECT_NE(r.output.find("300 x 200 px, not known in mm"), std::string::npos) << r.output;
   EXPECT_EQ(r.output.find("300 mm"), std::string::npos) << r.output;
   auto info = nlohmann::json::parse(relievo("info --json " + file("a.relievo")).output);
+  EXPECT_EQ(info["width_px"], 300);
+  EXPECT_EQ(info["height_px"], 200);
   EXPECT_TRUE(info["mm_per_px"].is_null());
   EXPECT_FALSE(info.contains("width_mm"));
   r = relievo("render " + file("a.relievo") + " -o " + file("a.png") + " --mm-per-px 0.5");

@@ -15,19 +15,19 @@
 namespace relievo {
 namespace {
 
-PlanarDomain smallDomain() {
-  PlanarDomain d;
+FlatDomain smallDomain() {
+  FlatDomain d;
   d.width_px = 300;
   d.height_px = 200;
   d.mm_per_px = 0.5;
-  d.texture_depth = PlanarDomain::depthFor(300, 200);
+  d.texture_depth = FlatDomain::depthFor(300, 200);
   d.relief_depth = d.texture_depth;
   d.relief_scale_mm = 10.0 / 65535;
   d.relief_offset_mm = -2;
   return d;
 }
 
-ReliefField rampField(const PlanarDomain& d) {
+ReliefField rampField(const FlatDomain& d) {
   ReliefField field(d);
   for (int64_t j = 0; j < field.rows; ++j)
     for (int64_t i = 0; i < field.columns; ++i)
@@ -37,7 +37,7 @@ ReliefField rampField(const PlanarDomain& d) {
 }
 
 TEST(ReliefField, GoesThroughItsSamplesAndAlongTheDiagonal) {
-  PlanarDomain d = smallDomain();
+  FlatDomain d = smallDomain();
   ReliefField field = rampField(d);
   ASSERT_EQ(field.columns, 301);
   ASSERT_EQ(field.rows, 201);
@@ -52,7 +52,7 @@ TEST(ReliefField, GoesThroughItsSamplesAndAlongTheDiagonal) {
 
 // Places are the truth's, drawn elsewhere by a known way: the error is that way.
 TEST(CompareMeasure, TheErrorIsTheDistanceToWhereThePlaceBelongs) {
-  PlanarDomain d = smallDomain();
+  FlatDomain d = smallDomain();
   ReliefField field = rampField(d);
   PlanarSurface surface(field, 1);
   OrbitCamera camera = fitCamera(d, 160, 90);
@@ -133,7 +133,7 @@ TEST(CompareMeasure, HolesAreCracksOnlyInsideTheSilhouette) {
 
 // Two nodes side by side, of 4 and 8 segments; the finer one's middle vertices as given.
 TEST(CompareMeasure, SeamsAreComparedVertexByVertex) {
-  PlanarDomain d = smallDomain();
+  FlatDomain d = smallDomain();
   d.texture_depth = d.relief_depth = 1;
   PatchInstance left, right;
   left.node = {0, 1, 0, 0};
@@ -167,7 +167,7 @@ TEST(CompareMeasure, SeamsAreComparedVertexByVertex) {
 }
 
 TEST(ComparePath, RecordedAndFromAFile) {
-  PlanarDomain d = smallDomain();
+  FlatDomain d = smallDomain();
   for (const char* name : {"orbit", "flyover", "zoom"}) {
     auto cameras = compareCameras(name, 7, d, 160, 90);
     ASSERT_TRUE(cameras.ok()) << name;

@@ -13,11 +13,11 @@
 namespace relievo {
 namespace {
 
-PlanarDomain domainOf(uint64_t side) {
-  PlanarDomain d;
+FlatDomain domainOf(uint64_t side) {
+  FlatDomain d;
   d.width_px = d.height_px = side;
   d.mm_per_px = 0.1;
-  d.texture_depth = PlanarDomain::depthFor(side, side);
+  d.texture_depth = FlatDomain::depthFor(side, side);
   return d;
 }
 class NoRelief final : public ReliefOracle {
@@ -25,7 +25,7 @@ class NoRelief final : public ReliefOracle {
   HeightBounds bounds(const NodeId&) const override { return {}; }
 };
 
-std::vector<Flight> allFlights(const PlanarDomain& d) {
+std::vector<Flight> allFlights(const FlatDomain& d) {
   return {orbitFlight(d, 640, 360), readingFlight(d, 640, 360), zoomFlight(d, 640, 360), wanderFlight(d, 640, 360)};
 }
 
@@ -91,7 +91,7 @@ TEST(Flight, PassesThroughItsKeysAndOvershootsNothing) {
 }
 
 TEST(Flight, TheReaderComesAsNearAsAskedAndSeesTheWholeBefore) {
-  PlanarDomain d = domainOf(8192);
+  FlatDomain d = domainOf(8192);
   Flight flight = readingFlight(d, 1280, 720, {.close_px = 2});
   OrbitCamera whole = fitCamera(d, 1280, 720);
   EXPECT_EQ(cameraAt(flight, 0).distance_mm, whole.distance_mm);

@@ -125,6 +125,7 @@ TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
   auto info = parsed(relievo("info " + file("a.relievo") + " --json").output);
   EXPECT_EQ(info["mesh"]["vertices_read"], 2342);
   EXPECT_EQ(info["base"]["patches"], info["patches"]);
+  EXPECT_FALSE(info.contains("width_px") || info.contains("height_px")) << "a body has no size in px";
   EXPECT_NEAR(info["base"]["max_mm"][0].get<double>(), 40, 6);
 }
 

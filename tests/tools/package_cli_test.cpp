@@ -42,8 +42,10 @@ class PackageCli : public Cli {
   // manifest.
   PackageHeader hugeHeader(uint64_t side_px) const {
     PackageHeader h = header_;
-    h.domain.width_px = h.domain.height_px = side_px;
-    h.domain.texture_depth = PlanarDomain::depthFor(side_px, side_px);
+    FlatDomain d = h.domain.flat();
+    d.width_px = d.height_px = side_px;
+    d.texture_depth = FlatDomain::depthFor(side_px, side_px);
+    h.domain = d;
     const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
     h.index_bytes = layout.index_bytes;
     h.page_count = layout.page_count;

@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <span>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "texturing/codec/page_encoding.h"
 
 namespace relievo {

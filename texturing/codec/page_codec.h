@@ -14,7 +14,7 @@
 #include <span>
 #include <vector>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/codec/page_encoding.h"
 #include "texturing/codec/page_id.h"

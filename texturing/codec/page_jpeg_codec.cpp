@@ -7,7 +7,7 @@
 
 #include <jpeglib.h>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 namespace {

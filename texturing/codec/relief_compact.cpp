@@ -6,7 +6,7 @@
 #include <cassert>
 #include <cstring>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {

@@ -16,7 +16,7 @@
 
 #include "src/artwork/base_mesh.h"
 #include "src/artwork/basis.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/codec/page_encoding.h"
 #include "texturing/package/page_failures.h"
@@ -28,15 +28,15 @@
 namespace relievo {
 
 struct Manifest {
-  PlanarDomain domain;
+  PatchDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;  // of the texture's planes; relief is lossless
   bool size_known = true;    // false: everything in mm counts the artwork's pixels (mm_per_px is 1)
   std::vector<Provenance> sources;
   std::string tool_version;
   uint64_t page_count = 0;
-  // Of an artwork over a base mesh (null: flat). Its patches are the domain's, a strip of whole ones along x; errors
-  // are distances in space (patch_source.h). coarse_errors: a patch's grids of 2^k cells a side, k = 0..6; those of 128
+  // Of an artwork over a base mesh (null: the domain is flat). Its patches are the domain's; errors are distances in
+  // space (patch_source.h). coarse_errors: a patch's grids of 2^k cells a side, k = 0..6; those of 128
   // and more have pages.
   std::shared_ptr<const BaseMesh> base;
   std::vector<CoarseErrors> coarse_errors;

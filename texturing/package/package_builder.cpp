@@ -100,7 +100,7 @@ class TileOrder {
 struct ReliefGrid {
   int64_t whole_x, whole_y;  // cells that lie wholly inside the artwork
   int64_t cells_x, cells_y;  // cells that meet it
-  ReliefGrid(const PlanarDomain& d, int level) {
+  ReliefGrid(const FlatDomain& d, int level) {
     auto count = [&](uint64_t extent, bool up) {
       int shift = level - d.texture_depth;
       if (shift >= 0) return static_cast<int64_t>(extent << shift);
@@ -114,7 +114,7 @@ struct ReliefGrid {
 struct BuildContext {
   const TextureSource& texture;
   const HeightSource* relief;
-  PlanarDomain domain;
+  FlatDomain domain;
   TextureFormat format;
   PackageLayout layout;
   MipFilter mip;
@@ -155,7 +155,7 @@ class TileWorker {
 
   Result<void> prepareTexture(BuildPart& out_part) {
     const TextureStage& s = stage_->texture;
-    const PlanarDomain& d = context_.domain;
+    const FlatDomain& d = context_.domain;
     const int channels = context_.format.channels();
     const int64_t level_width = static_cast<int64_t>(d.levelWidth(s.level)),
                   level_height = static_cast<int64_t>(d.levelHeight(s.level));
@@ -291,7 +291,7 @@ class TileWorker {
   Result<void> prepareRelief(BuildPart& out_part) {
     const ReliefStage& s = stage_->relief;
     grid_[0].resize(static_cast<size_t>(gridSide(0)) * gridSide(0));
-    NodeGrid nodes = nodeGrid(context_.domain, s.level);
+    NodeGrid nodes = context_.domain.nodeGrid(s.level);
     relief_columns_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.columns - tile_x_ * kTilePages));
     relief_rows_ = static_cast<int>(std::min<uint64_t>(kTilePages, nodes.rows - tile_y_ * kTilePages));
     if (auto filled = s.source ? sampleHeights() : readReliefSpill(); !filled) return filled;
@@ -427,7 +427,7 @@ class TileWorker {
   }
 
   Result<void> sampleHeights() {
-    const PlanarDomain& d = context_.domain;
+    const FlatDomain& d = context_.domain;
     const HeightSource& source = *stage_->relief.source;
     const int side = gridSide(0);
     const int used_x = relief_columns_ * kPagePx + 1, used_y = relief_rows_ * kPagePx + 1;
@@ -508,11 +508,11 @@ class TileWorker {
   void emit(int level, int down, int x, int y, BuildPart& out) {
     const uint64_t column = (tile_x_ * kTilePages >> down) + static_cast<uint64_t>(x);
     const uint64_t row = (tile_y_ * kTilePages >> down) + static_cast<uint64_t>(y);
-    NodeGrid nodes = nodeGrid(context_.domain, level - down);
+    NodeGrid nodes = context_.domain.nodeGrid(level - down);
     if (column >= nodes.columns || row >= nodes.rows) return;
     if (down > 0)
       for (int child = 0; child < 4; ++child) emit(level, down - 1, 2 * x + (child & 1), 2 * y + (child >> 1), out);
-    const NodeId node = nodeAt(context_.domain, level - down, column, row);
+    const NodeId node = context_.domain.nodeAt(level - down, column, row);
     if (stage_->texture.level >= 0) {
       auto at = context_.layout.texture.find(node);
       for (int plane = 0; plane < context_.format.planes(); ++plane) {
@@ -588,9 +588,9 @@ Result<void> checkProportions(const TextureSource& texture, const HeightSource& 
                {}};
 }
 
-Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px,
-                                bool stretch_relief) {
-  PlanarDomain d;
+Result<FlatDomain> planDomain(const TextureSource& texture, const HeightSource* relief, double mm_per_px,
+                              bool stretch_relief) {
+  FlatDomain d;
   if (texture.width() < 1 || texture.height() < 1) return usage("the texture is empty");
   d.width_px = static_cast<uint64_t>(texture.width());
   d.height_px = static_cast<uint64_t>(texture.height());
@@ -598,7 +598,7 @@ Result<PlanarDomain> planDomain(const TextureSource& texture, const HeightSource
   if (std::min(d.width_px, d.height_px) > (uint64_t{kPagePx} << kMaxNodeLevel))
     return Error{
         ErrorKind::kUnsupported, "", "the texture's shorter side exceeds 2^24 texels", "split the artwork", {}};
-  d.texture_depth = PlanarDomain::depthFor(d.width_px, d.height_px);
+  d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
   if (relief) {
     if (relief->width() < 1 || relief->height() < 1) return usage("the height map is empty");
     if (!stretch_relief)
@@ -687,7 +687,7 @@ class StagedBuild {
     Spills in;
     for (int level = finest; level >= 0; level -= kStageLevels) {
       Spills out;
-      const NodeGrid nodes = nodeGrid(context_.domain, level);
+      const NodeGrid nodes = context_.domain.nodeGrid(level);
       Stage stage;
       stage.tile_columns = (nodes.columns + kTilePages - 1) / kTilePages;
       stage.tile_rows = (nodes.rows + kTilePages - 1) / kTilePages;
@@ -796,7 +796,7 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   auto planned = planHeader(texture, relief, options);
   if (!planned) return planned.error();
   PackageHeader& header = *planned;
-  const PlanarDomain& d = header.domain;
+  const FlatDomain d = header.domain.flat();
   reporter.expect(header.page_count, d.width_px * d.height_px);
   const auto manifest = manifestOf(header, texture, relief, options.tool_version);
   if (!manifest) return manifest.error();

@@ -19,21 +19,54 @@ namespace {
 
 uint64_t blocks(uint64_t nodes) { return (nodes + kIndexBlockNodes - 1) / kIndexBlockNodes; }
 
-// Nodes of a level that meet [0, extent) texels: ceil(extent * 2^level / patch_px).
-uint64_t nodesAlong(const PlanarDomain& domain, uint64_t extent, int level) {
-  return ((extent << level) + domain.patchPx() - 1) / domain.patchPx();
+// How much of a patch, in both directions, there is: all of it over a base mesh.
+std::array<uint64_t, 2> coveredPx(const PatchDomain& domain, uint32_t patch) {
+  if (!domain.isFlat()) return {domain.patchPx(), domain.patchPx()};
+  const FlatDomain d = domain.flat();
+  return {std::min(d.patchPx(), d.width_px - d.patchOriginX(patch)),
+          std::min(d.patchPx(), d.height_px - d.patchOriginY(patch))};
 }
 
 // The index entries of the finest levels alone.
-double leastIndexBytes(const PlanarDomain& d, uint32_t detail_bytes) {
+double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes) {
+  const FlatExtent size = statedExtent(d);
   auto nodes = [&](int level) {
     const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
-    return std::max(1.0, static_cast<double>(d.width_px) * finer) *
-           std::max(1.0, static_cast<double>(d.height_px) * finer);
+    return std::max(1.0, static_cast<double>(size.width_px) * finer) *
+           std::max(1.0, static_cast<double>(size.height_px) * finer);
   };
   double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
   if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + detail_bytes);
   return bytes;
+}
+
+// Each says what is wrong, or nothing.
+std::string flatProblem(const FlatDomain& d) {
+  constexpr uint64_t kMaxExtent = uint64_t{1} << 44;  // kMaxPatches patches of 2^24 texels
+  if (d.width_px < 1 || d.height_px < 1) return "the artwork is empty";
+  if (d.width_px > kMaxExtent || d.height_px > kMaxExtent) return "a side exceeds 2^44 texels";
+  uint64_t shorter = std::min(d.width_px, d.height_px);
+  if (shorter > (uint64_t{kPagePx} << kMaxNodeLevel)) return "the shorter side exceeds 2^24 texels";
+  if (d.texture_depth != FlatDomain::depthFor(d.width_px, d.height_px))
+    return "the texture depth does not fit the size";
+  if (std::max(d.width_px, d.height_px) > d.patchPx() * kMaxPatches) return "the strip has more than 2^20 patches";
+  return {};
+}
+std::string meshProblem(const PatchDomain& d) {
+  if (d.patchCount() < 1) return "the artwork is empty";
+  if (d.patchCount() > kMaxPatches) return "there are more than 2^20 patches";
+  if (d.texture_depth < 0 || d.texture_depth > static_cast<int>(kMaxNodeLevel))
+    return "the texture depth is out of range";
+  if (d.relief_depth < 0) return "an artwork over a base mesh has a relief";
+  return {};
+}
+std::string measuresProblem(const PatchMeasures& d) {
+  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel))
+    return "the relief depth is out of range";
+  if (!std::isfinite(d.mm_per_px) || d.mm_per_px <= 0) return "the size of a pixel in mm is not a positive number";
+  if (!std::isfinite(d.relief_offset_mm) || !std::isfinite(d.relief_scale_mm) || d.relief_scale_mm < 0)
+    return "the relief's range is not a number";
+  return {};
 }
 
 struct HeaderField {
@@ -160,45 +193,25 @@ Result<void> readBasis(const uint8_t* p, PackageHeader& h) {
 
 }  // namespace
 
-NodeGrid nodeGrid(const PlanarDomain& domain, int level) {
-  return {nodesAlong(domain, domain.width_px, level), nodesAlong(domain, domain.height_px, level)};
+FlatExtent statedExtent(const PatchDomain& d) {
+  if (d.isFlat()) return d.flat();
+  return {d.patchCount() * d.patchPx(), d.patchPx()};
 }
 
-NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row) {
-  uint64_t mask = (uint64_t{1} << level) - 1;
-  uint64_t along = domain.alongX() ? column : row;
-  return {static_cast<uint32_t>(along >> level), static_cast<uint32_t>(level), static_cast<uint32_t>(column & mask),
-          static_cast<uint32_t>(row & mask)};
+std::string domainProblem(const PatchDomain& d) {
+  const std::string size = d.isFlat() ? flatProblem(d.flat()) : meshProblem(d);
+  return size.empty() ? measuresProblem(d) : size;
 }
 
-std::string domainProblem(const PlanarDomain& d) {
-  constexpr uint64_t kMaxExtent = uint64_t{1} << 44;  // kMaxPatches patches of 2^24 texels
-  if (d.width_px < 1 || d.height_px < 1) return "the artwork is empty";
-  if (d.width_px > kMaxExtent || d.height_px > kMaxExtent) return "a side exceeds 2^44 texels";
-  uint64_t shorter = std::min(d.width_px, d.height_px);
-  if (shorter > (uint64_t{kPagePx} << kMaxNodeLevel)) return "the shorter side exceeds 2^24 texels";
-  if (d.texture_depth != PlanarDomain::depthFor(d.width_px, d.height_px))
-    return "the texture depth does not fit the size";
-  if (std::max(d.width_px, d.height_px) > d.patchPx() * kMaxPatches) return "the strip has more than 2^20 patches";
-  if (d.relief_depth < -1 || d.relief_depth > static_cast<int>(kMaxNodeLevel))
-    return "the relief depth is out of range";
-  if (!std::isfinite(d.mm_per_px) || d.mm_per_px <= 0) return "the size of a pixel in mm is not a positive number";
-  if (!std::isfinite(d.relief_offset_mm) || !std::isfinite(d.relief_scale_mm) || d.relief_scale_mm < 0)
-    return "the relief's range is not a number";
-  return {};
-}
-
-IndexLayout::IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_bytes, uint64_t base)
+IndexLayout::IndexLayout(const PatchDomain& domain, int depth, uint32_t node_bytes, uint64_t base)
     : patch_count_(domain.patchCount()), node_bytes_(node_bytes), base_(base) {
-  auto layOut = [&](uint32_t patch) {
+  auto layOut = [&](const std::array<uint64_t, 2>& covered_px) {
     Patch p;
-    uint64_t width = std::min(domain.patchPx(), domain.width_px - domain.patchOriginX(patch));
-    uint64_t height = std::min(domain.patchPx(), domain.height_px - domain.patchOriginY(patch));
     for (int l = 0; l <= depth; ++l) {
       Level level;
       level.base = p.bytes;
-      level.columns = static_cast<uint32_t>(nodesAlong(domain, width, l));
-      level.rows = static_cast<uint32_t>(nodesAlong(domain, height, l));
+      level.columns = static_cast<uint32_t>(domain.nodesAlong(covered_px[0], l));
+      level.rows = static_cast<uint32_t>(domain.nodesAlong(covered_px[1], l));
       uint64_t nodes = uint64_t{level.columns} * level.rows;
       p.nodes += nodes;
       p.bytes += nodes * node_bytes_ + 8 * blocks(level.columns) * blocks(level.rows);
@@ -206,8 +219,8 @@ IndexLayout::IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_by
     }
     return p;
   };
-  full_ = layOut(0);
-  last_ = layOut(patch_count_ - 1);
+  full_ = layOut(coveredPx(domain, 0));
+  last_ = layOut(coveredPx(domain, patch_count_ - 1));
   bytes_ = full_.bytes * (patch_count_ - 1) + last_.bytes;
   nodes_ = full_.nodes * (patch_count_ - 1) + last_.nodes;
 }
@@ -240,7 +253,7 @@ uint8_t byteFromError(uint32_t steps) {
   return static_cast<uint8_t>(16 * e + static_cast<int>(m) - 16);  // m of 32 is the next e's first
 }
 
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& format, uint64_t index_offset,
                             uint32_t detail_bytes) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
@@ -261,6 +274,7 @@ PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& for
 
 void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   assert(out.size() == kHeaderBytes);
+  assert(h.domain.isFlat() == (h.base_bytes == 0));
   std::fill(out.begin(), out.end(), uint8_t{0});
   std::copy(kPackageMagic.begin(), kPackageMagic.end(), out.begin());
   HeaderField f{out.data()};
@@ -275,8 +289,9 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(64, h.pages_offset);
   f.put(72, h.pages_bytes);
   f.put(80, h.page_count);
-  f.put(88, h.domain.width_px);
-  f.put(96, h.domain.height_px);
+  const FlatExtent stated = statedExtent(h.domain);
+  f.put(88, stated.width_px);
+  f.put(96, stated.height_px);
   f.put(104, h.domain.mm_per_px);
   f.put(112, h.domain.relief_offset_mm);
   f.put(120, h.domain.relief_scale_mm);
@@ -362,13 +377,14 @@ class HeaderDecoder {
     h_.pages_offset = at<uint64_t>(64);
     h_.pages_bytes = at<uint64_t>(72);
     h_.page_count = at<uint64_t>(80);
-    h_.domain.width_px = at<uint64_t>(88);
-    h_.domain.height_px = at<uint64_t>(96);
-    h_.domain.mm_per_px = at<double>(104);
-    h_.domain.relief_offset_mm = at<double>(112);
-    h_.domain.relief_scale_mm = at<double>(120);
-    h_.domain.texture_depth = at<int32_t>(128);
-    h_.domain.relief_depth = at<int32_t>(132);
+    stated_.width_px = at<uint64_t>(88);
+    stated_.height_px = at<uint64_t>(96);
+    stated_.mm_per_px = at<double>(104);
+    stated_.relief_offset_mm = at<double>(112);
+    stated_.relief_scale_mm = at<double>(120);
+    stated_.texture_depth = at<int32_t>(128);
+    stated_.relief_depth = at<int32_t>(132);
+    h_.domain = stated_;
     if (auto read = version_ == 3 ? readBasis(p_, h_) : readOldBasis(p_, version_, h_); !read) {
       Error error = read.error();
       error.file = path_;
@@ -393,7 +409,7 @@ class HeaderDecoder {
   }
 
   Result<void> checkSections() const {
-    if (std::string problem = domainProblem(h_.domain); !problem.empty()) return invalid(88, problem);
+    if (std::string problem = domainProblem(stated_); !problem.empty()) return invalid(88, problem);
     if (constexpr uint64_t kMost = uint64_t{1} << 62; h_.file_bytes > kMost)
       return invalid(
           16, "expected a file of at most " + std::to_string(kMost) + " bytes, found " + std::to_string(h_.file_bytes));
@@ -420,7 +436,7 @@ class HeaderDecoder {
     h_.tails_hash = at<uint64_t>(312);
     if (!inside(h_.tails_offset, h_.tails_bytes))
       return outside(296, "the patches' tails lie", h_.tails_offset, h_.tails_bytes);
-    const PlanarDomain& d = h_.domain;
+    const FlatDomain& d = stated_;
     if (const uint64_t expected = tailsDirectoryBytes(d.patchCount());
         h_.tails_bytes != 0 && h_.tails_bytes != expected)
       return invalid(304, "expected a directory of tails of " + std::to_string(expected) + " bytes, found " +
@@ -438,6 +454,7 @@ class HeaderDecoder {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
                               " bytes, found " + std::to_string(h_.base_bytes));
     }
+    h_.domain = PatchDomain::overMesh(d.patchCount(), d);
     return {};
   }
 
@@ -468,6 +485,7 @@ class HeaderDecoder {
   const uint8_t* p_;  // kHeaderBytes
   const std::string& path_;
   uint32_t version_ = 0;
+  FlatDomain stated_;  // the domain in the file's words: the patches over a base mesh are a strip, too
   PackageHeader h_;
 };
 

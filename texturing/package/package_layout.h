@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "src/artwork/basis.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/codec/page_encoding.h"
 #include "texturing/codec/page_id.h"
@@ -37,7 +37,7 @@ struct PackageHeader {
   uint64_t manifest_offset = kHeaderBytes, manifest_bytes = 0, manifest_hash = 0;
   uint64_t index_offset = 0, index_bytes = 0;
   uint64_t pages_offset = 0, pages_bytes = 0, page_count = 0;
-  PlanarDomain domain;
+  PatchDomain domain;
   TextureFormat texture;
   PlaneEncodings encodings;
   bool size_known = true;      // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
@@ -60,13 +60,9 @@ void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeader
 // such as another basis.
 Result<PackageHeader> decodeHeader(std::span<const uint8_t> bytes /* kHeaderBytes */, const std::string& path);
 
-// Nodes of a tree's level over the whole strip (both directions).
-struct NodeGrid {
-  uint64_t columns = 0, rows = 0;
-};
-NodeGrid nodeGrid(const PlanarDomain& domain, int level);
-// The node at a column and row of that grid.
-NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t row);
+// The size that a package states: that of a flat artwork. The patches over a base mesh count as a strip of whole ones
+// along x.
+FlatExtent statedExtent(const PatchDomain& domain);
 
 // The index of one quadtree forest: the texture's (an entry a plane) or the relief's. Patch after patch, in a patch
 // level after level (coarsest first), in a level blocks of 16 x 16 nodes in rows, clipped where the artwork ends; in a
@@ -74,7 +70,7 @@ NodeId nodeAt(const PlanarDomain& domain, int level, uint64_t column, uint64_t r
 class IndexLayout {
  public:
   IndexLayout() = default;  // an empty tree
-  IndexLayout(const PlanarDomain& domain, int depth, uint32_t node_bytes, uint64_t base);
+  IndexLayout(const PatchDomain& domain, int depth, uint32_t node_bytes, uint64_t base);
   uint64_t bytes() const { return bytes_; }
   uint64_t nodeCount() const { return nodes_; }
 
@@ -105,7 +101,6 @@ class IndexLayout {
     std::vector<Level> levels;
     uint64_t bytes = 0, nodes = 0;
   };
-  Patch patchLayout(const PlanarDomain& domain, uint32_t patch) const;
   const Patch& patchOf(uint32_t patch) const { return patch + 1 == patch_count_ ? last_ : full_; }
 
   Patch full_, last_;  // all patches but the last are alike
@@ -117,10 +112,10 @@ struct PackageLayout {
   IndexLayout texture, relief, relief_detail;
   uint64_t index_bytes = 0, page_count = 0;
 };
-PackageLayout packageLayout(const PlanarDomain& domain, const TextureFormat& format, uint64_t index_offset,
+PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& format, uint64_t index_offset,
                             uint32_t detail_bytes /* a relief page */);
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
-std::string domainProblem(const PlanarDomain& domain);
+std::string domainProblem(const PatchDomain& domain);
 
 // "plane 1 patch 0 level 3 x 4 y 5"
 std::string describePage(PageId id);

@@ -235,7 +235,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   impl->manifest.encodings = h.encodings;
   impl->manifest.size_known = h.size_known;
   impl->manifest.page_count = h.page_count;
-  if (!impl->manifest.base) impl->manifest.error_unit_mm = h.domain.relief_scale_mm;
+  if (h.domain.isFlat()) impl->manifest.error_unit_mm = h.domain.relief_scale_mm;
   return std::shared_ptr<Package>(new Package(std::move(impl)));
 }
 

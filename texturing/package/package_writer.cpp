@@ -90,13 +90,14 @@ Error usage(std::string message, std::string hint) {
 }
 
 nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& tool_version) {
-  const PlanarDomain& d = h.domain;
+  const PatchDomain& d = h.domain;
+  const FlatExtent stated = statedExtent(d);
   nlohmann::ordered_json json;
   json["format"] = "relievo-package";
   json["version"] = packageVersion(h);
   json["tool_version"] = tool_version;
-  json["width_px"] = d.width_px;
-  json["height_px"] = d.height_px;
+  json["width_px"] = stated.width_px;
+  json["height_px"] = stated.height_px;
   json["mm_per_px"] = d.mm_per_px;
   if (!h.size_known) json["size_known"] = false;
   json["page_px"] = kPagePx;

@@ -508,25 +508,24 @@ double meanSideMm(const BaseMesh& base) {
   return sum / (4.0 * static_cast<double>(base.patches.size()));
 }
 
-Result<PlanarDomain> planDomain(const PatchSource& source) {
+Result<PatchDomain> planDomain(const PatchSource& source) {
   if (std::string problem = baseMeshProblem(source.base()); !problem.empty()) return usage("the base mesh: " + problem);
   if (source.base().corners.size() > 4 * source.base().patches.size())
     return usage("the base mesh: there are more corners than its patches can name");
-  PlanarDomain d;
+  PatchMeasures d;
   d.texture_depth = source.textureDepth();
   d.relief_depth = source.reliefDepth();
   const int deepest = static_cast<int>(kMaxNodeLevel);
   if (d.texture_depth < 0 || d.texture_depth > deepest || d.relief_depth < 0)
     return usage("the patches' depth is out of range");
-  d.height_px = d.patchPx();
-  d.width_px = source.base().patches.size() * d.patchPx();
   d.mm_per_px = std::max(meanSideMm(source.base()) / static_cast<double>(d.patchPx()), 1e-12);
   d.relief_offset_mm = source.reliefOffsetMm();
   d.relief_scale_mm = source.reliefScaleMm();
-  if (std::string problem = domainProblem(d); !problem.empty()) return usage("cannot build this: " + problem);
+  const auto domain = PatchDomain::overMesh(static_cast<uint32_t>(source.base().patches.size()), d);
+  if (std::string problem = domainProblem(domain); !problem.empty()) return usage("cannot build this: " + problem);
   if (!std::isfinite(source.errorUnitMm()) || source.errorUnitMm() < 0)
     return usage("the unit of errors is not a number of mm");
-  return d;
+  return domain;
 }
 
 Result<std::string> manifestOf(const PackageHeader& h, const PatchSource& source, const BuildOptions& options) {
@@ -593,7 +592,7 @@ Result<void> checkBorders(const Context& c) {
 }
 
 void makeRoom(Context& context) {
-  const PlanarDomain& d = context.header.domain;
+  const PatchDomain& d = context.header.domain;
   const uint32_t patches = d.patchCount();
   context.coarse_errors.resize(patches);
   context.slopes.resize(patches);
@@ -667,9 +666,9 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   auto planned = planHeader(source, options);
   if (!planned) return planned.error();
   PackageHeader& header = *planned;
-  const PlanarDomain& d = header.domain;
+  const PatchDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
-  reporter.expect(header.page_count, d.width_px * d.height_px);
+  reporter.expect(header.page_count, patches * d.patchPx() * d.patchPx());
   BaseSection base{source.base(),
                    std::vector<CoarseErrors>(patches),
                    std::vector<CoarseBlocks>(patches),

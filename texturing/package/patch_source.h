@@ -1,7 +1,6 @@
 // patch_source.h - texels and heights of an artwork made of patches over a base mesh, patch by patch; what a mesh was
-// baked into (geometry/bake/mesh_bake.h), or a procedural one. The package that it becomes is that of a strip of whole
-// patches (src/artwork/planar_domain.h), each 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side,
-// beside the base mesh.
+// baked into (geometry/bake/mesh_bake.h), or a procedural one. Each patch (src/artwork/patch_domain.h) is
+// 2^textureDepth x 128 texels and 2^reliefDepth x 128 relief cells a side.
 #pragma once
 
 #include <array>
@@ -12,7 +11,7 @@
 #include "src/artwork/base_mesh.h"
 #include "src/artwork/basis.h"
 #include "src/artwork/deviation.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/result.h"
 #include "texturing/package/raster_source.h"
 

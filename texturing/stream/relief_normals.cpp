@@ -64,7 +64,7 @@ ReliefNormals::Samples ReliefNormals::samplesOf(const NodeId& node, const ReadRe
 }
 
 bool ReliefNormals::make(const NodeId& node, const ReadRelief& read, uint8_t* texels) const {
-  const PlanarDomain& d = surface_.domain;
+  const FlatDomain& d = surface_.domain;
   const int level = static_cast<int>(node.level), relief = std::min(level, d.relief_depth),
             to_texels = d.texture_depth - relief;
   auto originOf = [&](uint64_t patch_origin, uint32_t n) {
@@ -86,8 +86,7 @@ bool ReliefNormals::make(const NodeId& node, const ReadRelief& read, uint8_t* te
   const int64_t end_x = across.first_cell + across.cells, end_y = downwards.first_cell + downwards.cells;
   for (int64_t row = downwards.first_cell / kPagePx; row * kPagePx < end_y; ++row) {
     for (int64_t column = across.first_cell / kPagePx; column * kPagePx < end_x; ++column) {
-      const Samples page =
-          samplesOf(nodeAt(d, relief, static_cast<uint64_t>(column), static_cast<uint64_t>(row)), read);
+      const Samples page = samplesOf(d.nodeAt(relief, static_cast<uint64_t>(column), static_cast<uint64_t>(row)), read);
       if (!page) return false;
       for (int64_t y = std::max(row * kPagePx, downwards.first_cell); y < std::min((row + 1) * kPagePx, end_y); ++y) {
         const double per_down = 0.5 * mm_per_step / sideMm(y, d.height_px);

@@ -21,13 +21,13 @@
 #include <vector>
 
 #include "src/artwork/node_id.h"
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 
 namespace relievo {
 
 // The surface whose normals are meant.
 struct ReliefSurface {
-  PlanarDomain domain;    // with relief
+  FlatDomain domain;      // with relief
   double exaggerate = 1;  // heights times this
 };
 

@@ -13,7 +13,7 @@
 #include <cstdint>
 #include <span>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/stream/subslot_cache.h"
 

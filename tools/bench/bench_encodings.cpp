@@ -111,27 +111,28 @@ struct Measured {
 };
 
 // Every n-th texture node of the package, coarse ones included, so that a fraction of the pages stands for all.
-std::vector<NodeId> sampledNodes(const PlanarDomain& d, uint64_t n) {
+std::vector<NodeId> sampledNodes(const FlatDomain& d, uint64_t n) {
   std::vector<NodeId> nodes;
   uint64_t serial = 0;
   for (int level = d.texture_depth; level >= 0; --level) {
-    NodeGrid grid = nodeGrid(d, level);
+    NodeGrid grid = d.nodeGrid(level);
     for (uint64_t y = 0; y < grid.rows; ++y)
       for (uint64_t x = 0; x < grid.columns; ++x)
-        if (serial++ % n == 0) nodes.push_back(nodeAt(d, level, x, y));
+        if (serial++ % n == 0) nodes.push_back(d.nodeAt(level, x, y));
   }
   return nodes;
 }
 
 // The largest difference, in relit pixels, of what two neighbouring pages of the finest level hold of the same texels.
 Result<double> seamOf(const EncodedAnew& source, const Manifest& m, int pairs) {
-  const NodeGrid grid = nodeGrid(m.domain, m.domain.texture_depth);
+  const FlatDomain d = m.domain.flat();
+  const NodeGrid grid = d.nodeGrid(d.texture_depth);
   const int planes = m.texture.planes();
   PageDecoder decoder;
   auto page = [&](uint64_t x, uint64_t y, std::vector<uint8_t>& channels) -> Result<void> {
     channels.resize(kTexturePageBytes * static_cast<size_t>(planes));
     for (int k = 0; k < planes; ++k) {
-      auto bytes = source.read(PageId(texturePlane(k), nodeAt(m.domain, m.domain.texture_depth, x, y)));
+      auto bytes = source.read(PageId(texturePlane(k), d.nodeAt(d.texture_depth, x, y)));
       if (!bytes) return bytes.error();
       auto out = std::span(channels).subspan(kTexturePageBytes * static_cast<size_t>(k), kTexturePageBytes);
       if (auto decoded = decoder.decodeTexture(bytes->bytes, out); !decoded) return decoded;
@@ -165,7 +166,7 @@ Result<double> seamOf(const EncodedAnew& source, const Manifest& m, int pairs) {
 class EncodingsBench {
  public:
   explicit EncodingsBench(BenchContext& context) : context_(context), manifest_(context.package->manifest()) {
-    const PlanarDomain& d = manifest_.domain;
+    const FlatDomain d = manifest_.domain.flat();
     const int width = context.quick ? 320 : 1280, height = context.quick ? 180 : 720;
     View minified{fitCamera(d, width, height), width, height};
     View close = minified;  // a texel a pixel
@@ -252,8 +253,7 @@ class EncodingsBench {
     f->encode_cpu_s = processSeconds() - start;
     const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, 0).texture.nodeCount();
     const double share = static_cast<double>(nodes_.size()) / static_cast<double>(all);
-    f->bytes_per_px = static_cast<double>(bytes) / share /
-                      static_cast<double>(manifest_.domain.width_px * manifest_.domain.height_px);
+    f->bytes_per_px = static_cast<double>(bytes) / share / manifest_.domain.texelCount();
     return {};
   }
 

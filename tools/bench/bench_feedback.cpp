@@ -12,6 +12,7 @@
 #include <tuple>
 #include <unordered_map>
 
+#include "geometry/lod/planar_lod.h"
 #include "geometry/lod/texture_select.h"
 #include "src/engine/engine.h"
 #include "src/engine/lod_views.h"
@@ -54,13 +55,13 @@ class FlatFeedback {
     return f;
   }
   void setCamera(const OrbitCamera& camera) {
-    view_ = viewTransform(camera, manifest_.domain, 0, 0, kWidth, kHeight);
+    view_ = viewTransform(camera, manifest_.domain.flat(), 0, 0, kWidth, kHeight);
     LodView lod = lodViewFrom(view_);
     lod.relief = false;
     struct Flat final : ReliefOracle {
       HeightBounds bounds(const NodeId&) const override { return {}; }
     } flat;
-    auto instances = selectPlanarLod(manifest_.domain, flat, lod, {}).instances;
+    auto instances = selectPlanarLod(manifest_.domain.flat(), flat, lod, {}).instances;
     const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false, surface_.depthMode());
     patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     // The surface is drawn for the picture anyhow.
@@ -103,7 +104,7 @@ struct NamedCamera {
   OrbitCamera camera;
 };
 // Near enough that the finest levels are wanted, at most.
-std::vector<NamedCamera> cameras(const PlanarDomain& domain) {
+std::vector<NamedCamera> cameras(const FlatDomain& domain) {
   OrbitCamera whole = fitCamera(domain, kWidth, kHeight);
   OrbitCamera near = whole;
   near.distance_mm *= 0.3;
@@ -170,7 +171,7 @@ Result<void> feedbackBench(BenchContext& context) {
   const int rounds = context.quick ? 30 : 150;
   std::vector<double> own, issue, read, analysis, remembered, waited, plain, own_wall;
   size_t most = 0;
-  for (const NamedCamera& c : cameras(context.package->manifest().domain)) {
+  for (const NamedCamera& c : cameras(context.package->manifest().domain.flat())) {
     FeedbackAnalyzer analyzer;
     RequestMemory memory;
     feedback.setCamera(c.camera);
@@ -236,7 +237,7 @@ namespace {
 
 // Time: drawn and read by all threads, against the CPU's own evaluation.
 void requestTimes(BenchContext& context, const Artwork& artwork, FlatFeedback& feedback) {
-  const PlanarDomain& domain = artwork.manifest.domain;
+  const FlatDomain domain = artwork.manifest.domain.flat();
   for (bool relief : {false, true}) {
     if (relief && domain.relief_depth < 0) continue;
     std::vector<double> geometry, pass;
@@ -269,7 +270,7 @@ void requestTimes(BenchContext& context, const Artwork& artwork, FlatFeedback& f
 }
 
 // A slow flight: pages of two views in a row that the list of the second lacks, though every pixel's feedback has them.
-void requestsInFlight(BenchContext& context, const PlanarDomain& domain, FlatFeedback& feedback) {
+void requestsInFlight(BenchContext& context, const FlatDomain& domain, FlatFeedback& feedback) {
   std::array<size_t, 2> lost{};
   size_t wanted = 0;
   const int frames = context.quick ? 20 : 60;
@@ -360,7 +361,7 @@ Result<void> requestSets(BenchContext& context, const Artwork& artwork, bool rel
     engines[i] = std::move(*engine);
     engines[i]->resize(context.quick ? kWidth / 2 : kWidth, context.quick ? kHeight / 2 : kHeight);
   }
-  for (const NamedCamera& c : cameras(artwork.manifest.domain)) {
+  for (const NamedCamera& c : cameras(artwork.manifest.domain.flat())) {
     if (context.stopped()) return {};
     auto named = nodesNamed(*engines[0], *engines[1], c.camera);
     if (!named) return named.error();
@@ -373,7 +374,7 @@ Result<void> requestSets(BenchContext& context, const Artwork& artwork, bool rel
 
 Result<void> requestSourceBench(BenchContext& context) {
   const Artwork artwork = artworkFromPackage(context.package);
-  const PlanarDomain& domain = artwork.manifest.domain;
+  const FlatDomain domain = artwork.manifest.domain.flat();
   auto feedback = FlatFeedback::create(artwork.manifest);
   if (!feedback) return feedback.error();
   requestTimes(context, artwork, **feedback);

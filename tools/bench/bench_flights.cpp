@@ -12,7 +12,7 @@ namespace {
 
 FlightScene sceneOf(const BenchContext& context, const Artwork& artwork) {
   FlightScene scene;
-  scene.domain = artwork.manifest.domain;
+  scene.domain = artwork.manifest.domain.flat();
   scene.oracle = artwork.oracle.get();
   for (int k = 0; k < artwork.manifest.texture.planes(); ++k) scene.texture_planes.push_back(texturePlane(k));
   scene.relief = scene.domain.relief_depth >= 0;

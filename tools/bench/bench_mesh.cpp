@@ -114,7 +114,7 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
       view.min_cell_px = 2;
       view.hide_backs = hide_backs;
       double start = benchSeconds();
-      PlanarLodResult result = lod.select(view, resident);
+      LodResult result = lod.select(view, resident);
       (hide_backs ? ms : all_ms).push_back((benchSeconds() - start) * 1000);
       instances = result.instances.size();
       triangles = 0;
@@ -149,10 +149,9 @@ Result<void> submitRow(BenchContext& context) {
   auto base = torusPatches(270, 90);
   MeshLod lod(base, 0, -0.25, kReliefMm / 65535, std::make_shared<FallingErrors>(*base), {}, true);
   const Extent extent = extentOf(*base, -0.25, 0.25, 0.1);
-  PlanarDomain domain;
-  domain.relief_depth = 0;
-  domain.width_px = base->patches.size() * kPagePx;
-  domain.height_px = kPagePx;
+  PatchMeasures measures;
+  measures.relief_depth = 0;
+  const auto domain = PatchDomain::overMesh(static_cast<uint32_t>(base->patches.size()), measures);
   auto program = gl::Program::link(gl::currentContextInfo().api,
                                    {"patch.vert", "surface.frag", {{"MESH", "1"}}, patchAttributes(), {}});
   if (!program) return program.error();
@@ -182,14 +181,13 @@ Result<void> submitRow(BenchContext& context) {
     LodView view = lodViewFrom(transform);
     view.error_px = 1;
     view.min_cell_px = 2;
-    const PlanarLodResult result = lod.select(view, {});
+    const LodResult result = lod.select(view, {});
     instances = static_cast<uint32_t>(result.instances.size());
     double start = benchSeconds();
     corners.setEye(transform.eye_mm);
     corner_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
-    patches.setInstances(result.instances, meshEyeFrame(transform, domain, 1, true, surface.depthMode()), true,
-                         no_page);
+    patches.setInstances(result.instances, eyeFrame(transform, domain, 1, true, surface.depthMode()), true, no_page);
     pack_ms.push_back((benchSeconds() - start) * 1000);
     start = benchSeconds();
     calls = one_each.draw(*program, nowhere, PatchPass::Mesh::kFronts);

@@ -36,7 +36,7 @@ std::string text(const char* format, double a, double b = 0, double c = 0, doubl
   return out;
 }
 
-std::vector<NodeId> nodesOfLevel(const PlanarDomain& d, int level) {
+std::vector<NodeId> nodesOfLevel(const PatchDomain& d, int level) {
   std::vector<NodeId> nodes;
   for (uint32_t p = 0; p < d.patchCount(); ++p)
     for (uint32_t y = 0; y < 1u << level; ++y)
@@ -46,7 +46,7 @@ std::vector<NodeId> nodesOfLevel(const PlanarDomain& d, int level) {
 }
 
 // Looking straight at a place given in texels, a texel being `zoom` pixels on screen.
-OrbitCamera above(const PlanarDomain& d, double x_px, double y_px, double zoom) {
+OrbitCamera above(const FlatDomain& d, double x_px, double y_px, double zoom) {
   OrbitCamera c;
   c.target_mm = {(x_px - 0.5 * static_cast<double>(d.width_px)) * d.mm_per_px,
                  (0.5 * static_cast<double>(d.height_px) - y_px) * d.mm_per_px, 0};
@@ -75,11 +75,12 @@ std::vector<PageId> texturePages(const Manifest& m) {
 // ancestors).
 Result<void> pageLatencyBench(BenchContext& context) {
   const Manifest& m = context.package->manifest();
-  std::vector<NodeId> nodes = nodesOfLevel(m.domain, m.domain.texture_depth);
+  const FlatDomain d = m.domain.flat();
+  std::vector<NodeId> nodes = nodesOfLevel(d, d.texture_depth);
   // Whole nodes only, so that the view shows one and no border.
   std::erase_if(nodes, [&](const NodeId& n) {
-    return m.domain.patchOriginX(n.patch) + uint64_t{n.x + 1} * kPagePx > m.domain.width_px ||
-           m.domain.patchOriginY(n.patch) + uint64_t{n.y + 1} * kPagePx > m.domain.height_px;
+    return d.patchOriginX(n.patch) + uint64_t{n.x + 1} * kPagePx > d.width_px ||
+           d.patchOriginY(n.patch) + uint64_t{n.y + 1} * kPagePx > d.height_px;
   });
   std::mt19937 random(1);
   std::shuffle(nodes.begin(), nodes.end(), random);
@@ -113,9 +114,9 @@ Result<void> pageLatencyBench(BenchContext& context) {
   e.resize(kWidth, kHeight);
   std::vector<double> frame_ms, frames_to_picture, ms_to_picture;
   for (const NodeId& n : nodes) {
-    double side = kPagePx << (m.domain.texture_depth - static_cast<int>(n.level));
-    e.setCamera(above(m.domain, static_cast<double>(m.domain.patchOriginX(n.patch)) + (n.x + 0.5) * side,
-                      static_cast<double>(m.domain.patchOriginY(n.patch)) + (n.y + 0.5) * side, 12.8));
+    double side = kPagePx << (d.texture_depth - static_cast<int>(n.level));
+    e.setCamera(above(d, static_cast<double>(d.patchOriginX(n.patch)) + (n.x + 0.5) * side,
+                      static_cast<double>(d.patchOriginY(n.patch)) + (n.y + 0.5) * side, 12.8));
     double moved = benchSeconds();
     int frames = 0;
     for (int calm = 0; calm < 3 && frames < 600; ++frames) {
@@ -316,7 +317,7 @@ Result<void> decodeBench(BenchContext& context) {
 // that holds little more than the view. Baseline: the same cameras with everything resident.
 Result<void> streamingBench(BenchContext& context) {
   const Manifest& m = context.package->manifest();
-  const PlanarDomain& d = m.domain;
+  const FlatDomain d = m.domain.flat();
   constexpr double kWantedRate = 1000;
   const double seconds = context.quick ? 2.5 : 8;
   Scene scene;

@@ -236,9 +236,8 @@ Artwork torusArtwork(int columns, int rows) {
   m.base = torus->base();
   m.texture = BumpyTorus::format();
   m.coarse_errors = torus->coarseErrors();
-  m.domain.texture_depth = m.domain.relief_depth = 0;
-  m.domain.width_px = m.base->patches.size() * kPagePx;
-  m.domain.height_px = kPagePx;
+  m.domain = PatchDomain::overMesh(static_cast<uint32_t>(m.base->patches.size()));
+  m.domain.relief_depth = 0;
   m.domain.mm_per_px = 2 * std::numbers::pi * kRing / columns / kPagePx;
   m.domain.relief_offset_mm = kOffsetMm;
   m.domain.relief_scale_mm = kScaleMm;

@@ -16,9 +16,9 @@ namespace relievo {
 
 Result<void> reliefMemoryBench(BenchContext& context) {
   constexpr int kAncestorStride = 3;  // levels between pages that a view wants one above the other
-  const PlanarDomain& domain = context.package->manifest().domain;
+  const PatchDomain& domain = context.package->manifest().domain;
   if (domain.relief_depth < 0) return Error{ErrorKind::kUnsupported, "", "the artwork has no relief", "", {}};
-  const bool over_mesh = context.package->manifest().base != nullptr;
+  const bool over_mesh = !domain.isFlat();
   const bool with_tails = over_mesh && domain.patchCount() > EngineOptions{}.most_pinned_patches;
 
   std::vector<NodeRequest> requests;

@@ -7,6 +7,7 @@
 #include <ctime>
 #include <memory>
 
+#include "geometry/lod/planar_lod.h"
 #include "src/engine/effect_plan.h"
 #include "src/engine/lod_views.h"
 #include "src/gl/context.h"
@@ -40,14 +41,13 @@ struct BothTextures {
 Result<BothTextures> loadBoth(const Package& package) {
   BothTextures both;
   both.manifest = package.manifest();
-  PlanarDomain& d = both.manifest.domain;
-  const int depth = std::min(d.texture_depth, kMaxDepth), planes = both.manifest.texture.planes();
-  const PlanarDomain whole = d;
+  const FlatDomain whole = both.manifest.domain.flat();
+  const int depth = std::min(whole.texture_depth, kMaxDepth), planes = both.manifest.texture.planes();
+  FlatDomain d;
   d.width_px = std::min<uint64_t>(whole.levelWidth(depth), kPagePx << depth);
   d.height_px = std::min<uint64_t>(whole.levelHeight(depth), kPagePx << depth);
-  d.mm_per_px = 1;
   d.texture_depth = depth;
-  d.relief_depth = -1;
+  both.manifest.domain = d;
   std::vector<NodeId> nodes;
   for (uint32_t level = 0; level <= static_cast<uint32_t>(depth); ++level)
     for (uint32_t y = 0; y < 1u << level; ++y)
@@ -118,7 +118,7 @@ class ShadedView {
 };
 
 // Somewhat askew, so that levels change over the picture; on the average two levels take part.
-OrbitCamera askew(const PlanarDomain& d) {
+OrbitCamera askew(const FlatDomain& d) {
   OrbitCamera camera;
   camera.azimuth_deg = 12;
   camera.elevation_deg = 8;
@@ -129,7 +129,7 @@ OrbitCamera askew(const PlanarDomain& d) {
 }
 
 Result<void> ShadedView::drawSurface() {
-  const PlanarDomain& d = both_.manifest.domain;
+  const FlatDomain d = both_.manifest.domain.flat();
   const ViewTransform view = viewTransform(askew(d), d, 0, 0, kWidth, kHeight);
   LodView lod = lodViewFrom(view);
   lod.relief = false;
@@ -144,7 +144,7 @@ Result<void> ShadedView::drawSurface() {
   if (!surface_program) return surface_program.error();
   surface_.begin();
   surface_program->use();
-  setShadingUniforms(*surface_program, {.format = &both_.manifest.texture, .domain = &d});
+  setShadingUniforms(*surface_program, {.format = &both_.manifest.texture, .domain = &both_.manifest.domain});
   patches_.draw(*surface_program, eye, PatchPass::Mesh::kFull);
   target_.resize(kWidth, kHeight, surface_.depth());
   return {};

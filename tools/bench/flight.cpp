@@ -70,7 +70,7 @@ struct Stage {
   double half_w = 0, half_h = 0;      // of the artwork, mm
   double screen_w = 0, screen_h = 0;  // of the plane seen from close by, mm
 };
-Stage stageFor(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+Stage stageFor(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
   Stage s;
   s.whole = fitCamera(domain, width_px, height_px);
   double pixels_per_radian = height_px / (2 * std::tan(s.whole.fov_deg * std::numbers::pi / 360));
@@ -121,7 +121,7 @@ OrbitCamera cameraAt(const Flight& flight, double time_s) {
   return camera;
 }
 
-Flight orbitFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+Flight orbitFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
   Stage s = stageFor(domain, width_px, height_px, scale);
   OrbitCamera c = s.whole;
   c.distance_mm = std::max(s.close_mm, 0.4 * s.whole.distance_mm);
@@ -140,7 +140,7 @@ Flight orbitFlight(const PlanarDomain& domain, int width_px, int height_px, cons
   return path.finish("orbit");
 }
 
-Flight readingFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+Flight readingFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
   Stage s = stageFor(domain, width_px, height_px, scale);
   double reach = std::max(0.0, s.half_w - 0.5 * s.screen_w), line = std::min(0.4 * s.half_h, 0.7 * s.screen_h);
   Path path(s.whole, scale.speed);
@@ -159,7 +159,7 @@ Flight readingFlight(const PlanarDomain& domain, int width_px, int height_px, co
   return path.finish("reading");
 }
 
-Flight zoomFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+Flight zoomFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
   Stage s = stageFor(domain, width_px, height_px, scale);
   glm::dvec3 a{-0.55 * s.half_w, 0.4 * s.half_h, 0}, b{0.5 * s.half_w, -0.45 * s.half_h, 0}, middle{0};
   double between_mm = std::sqrt(s.close_mm * s.whole.distance_mm);
@@ -175,7 +175,7 @@ Flight zoomFlight(const PlanarDomain& domain, int width_px, int height_px, const
   return path.finish("zoom");
 }
 
-Flight wanderFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale) {
+Flight wanderFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale) {
   Stage s = stageFor(domain, width_px, height_px, scale);
   OrbitCamera c = s.whole;
   c.azimuth_deg = -20;

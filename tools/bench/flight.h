@@ -32,13 +32,13 @@ struct FlightScale {
       1;  // how near the close-ups come: px on screen a texel (never nearer than the artwork's half, if it is small)
 };
 // Each begins and ends with a moment of standing still.
-Flight orbitFlight(const PlanarDomain& domain, int width_px, int height_px,
+Flight orbitFlight(const FlatDomain& domain, int width_px, int height_px,
                    const FlightScale& scale = {});  // around, to and fro
-Flight readingFlight(const PlanarDomain& domain, int width_px, int height_px,
+Flight readingFlight(const FlatDomain& domain, int width_px, int height_px,
                      const FlightScale& scale = {});  // in, two lines, out
-Flight zoomFlight(const PlanarDomain& domain, int width_px, int height_px,
+Flight zoomFlight(const FlatDomain& domain, int width_px, int height_px,
                   const FlightScale& scale = {});  // in, out, elsewhere, back
 // Unlike the others, and not to be tuned on: slanted, diagonal, with stops and turns.
-Flight wanderFlight(const PlanarDomain& domain, int width_px, int height_px, const FlightScale& scale = {});
+Flight wanderFlight(const FlatDomain& domain, int width_px, int height_px, const FlightScale& scale = {});
 
 }  // namespace relievo

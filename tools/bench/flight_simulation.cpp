@@ -125,7 +125,7 @@ std::optional<NodeId> nodeAt(const FlightScene& scene, const OrbitCamera& camera
   };
   glm::dvec2 dx = rate(right * px), dy = rate(up * px);
   double lod = 0.5 * std::log2(std::max(glm::dot(dx, dx), glm::dot(dy, dy)));
-  const PlanarDomain& d = scene.domain;
+  const FlatDomain& d = scene.domain;
   double x = at.x / d.mm_per_px + 0.5 * static_cast<double>(d.width_px),
          y = 0.5 * static_cast<double>(d.height_px) - at.y / d.mm_per_px;
   if (!(x >= 0 && y >= 0 && x < static_cast<double>(d.width_px) && y < static_cast<double>(d.height_px)))

@@ -16,7 +16,7 @@
 namespace relievo {
 
 struct FlightScene {
-  PlanarDomain domain;
+  FlatDomain domain;
   const ReliefOracle* oracle = nullptr;
   std::vector<Plane> texture_planes;
   bool relief = true;

@@ -280,18 +280,18 @@ std::string base64(std::span<const uint8_t> bytes) {
 }
 
 std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const std::vector<ReportPicture>& pictures) {
-  const PlanarDomain& d = plan.package->manifest().domain;
+  const PatchDomain& d = plan.package->manifest().domain;
   std::string name = escaped(std::filesystem::path(plan.package->path()).filename().string());
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>relievo compare: " +
       name + "</title>\n<style>" + kStyle + "</style></head><body>\n<h1>LOD strategies over " + name + "</h1>\n";
-  if (const auto& base = plan.package->manifest().base)
-    add(out, "<p>%zu patches of %d x %d cells over a base mesh", base->patches.size(), kPagePx << d.relief_depth,
-        kPagePx << d.relief_depth);
+  if (d.isFlat())
+    add(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.flat().width_px),
+        static_cast<unsigned long long>(d.flat().height_px), d.mm_per_px);
   else
-    add(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.width_px),
-        static_cast<unsigned long long>(d.height_px), d.mm_per_px);
+    add(out, "<p>%u patches of %d x %d cells over a base mesh", d.patchCount(), kPagePx << d.relief_depth,
+        kPagePx << d.relief_depth);
   add(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px,
       plan.height_px);
   out += escaped(std::filesystem::path(plan.path).filename().string()) + "; " + escaped(all.renderer) + ", " +

@@ -171,7 +171,7 @@ std::vector<Bits> alongSide(const Placed& p, int side, int64_t from, int64_t to)
 
 }  // namespace
 
-SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+SeamFigures compareSeams(const FlatDomain& domain, const std::vector<PatchInstance>& instances,
                          std::span<const float> captured) {
   SeamFigures figures;
   int unit_log2 = domain.texture_depth + 7 + kUnitsPerTexelLog2;

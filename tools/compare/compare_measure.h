@@ -87,7 +87,7 @@ CoverageFigures compareCoverage(const std::vector<uint8_t>& drawn, const std::ve
 struct SeamFigures {
   uint64_t compared = 0, mismatched = 0;
 };
-SeamFigures compareSeams(const PlanarDomain& domain, const std::vector<PatchInstance>& instances,
+SeamFigures compareSeams(const FlatDomain& domain, const std::vector<PatchInstance>& instances,
                          std::span<const float> captured);
 // Over a base mesh: also along sides that two patches share, whichever way they run. unit_log2: of a patch's side in
 // units.

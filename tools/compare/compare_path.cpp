@@ -241,7 +241,7 @@ Result<std::vector<CompareCamera>> camerasOf(const std::string& name, const Flig
 
 Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const Manifest& artwork,
                                                   int width_px, int height_px) {
-  if (!artwork.base) return compareCameras(name, frames, artwork.domain, width_px, height_px);
+  if (artwork.domain.isFlat()) return compareCameras(name, frames, artwork.domain.flat(), width_px, height_px);
   const Extent extent = artworkExtent(artwork);
   BodyPath path(*artwork.base, extent, width_px, height_px);
   Flight flight = name == "orbit"     ? path.orbit()
@@ -251,7 +251,7 @@ Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int f
   return camerasOf(name, flight, frames, extent, width_px, height_px);
 }
 
-Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain,
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const FlatDomain& domain,
                                                   int width_px, int height_px) {
   Flight flight;
   if (name == "orbit") flight = orbitFlight(domain, width_px, height_px);

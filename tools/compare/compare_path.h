@@ -27,7 +27,7 @@ struct CompareCamera {
 // to four places, each seen from another side.
 inline constexpr double kFlyoverTilt_deg = -50;
 inline constexpr size_t kMaxCameras = 100000;
-Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const PlanarDomain& domain,
+Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const FlatDomain& domain,
                                                   int width_px, int height_px);
 Result<std::vector<CompareCamera>> compareCameras(const std::string& name, int frames, const Manifest& artwork,
                                                   int width_px, int height_px);

@@ -111,19 +111,18 @@ const std::vector<ReportColumn>& reportColumns() {
 }
 
 std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
-  const PlanarDomain& d = plan.package->manifest().domain;
+  const PatchDomain& d = plan.package->manifest().domain;
   Json json = {{"tool_version", "relievo " RELIEVO_VERSION},
                {"renderer", all.renderer},
                {"gl_version", all.version},
                {"artwork",
                 {{"file", std::filesystem::path(plan.package->path()).filename().string()},
-                 {"width_px", d.width_px},
-                 {"height_px", d.height_px},
+                 {"width_px", d.isFlat() ? Json(d.flat().width_px) : Json(nullptr)},
+                 {"height_px", d.isFlat() ? Json(d.flat().height_px) : Json(nullptr)},
                  {"mm_per_px", d.mm_per_px},
                  {"relief_pages", all.relief_pages},
                  {"relief_bytes", all.relief_bytes},
-                 {"base_patches", plan.package->manifest().base ? Json(plan.package->manifest().base->patches.size())
-                                                                : Json(nullptr)}}},
+                 {"base_patches", d.isFlat() ? Json(nullptr) : Json(d.patchCount())}}},
                {"view",
                 {{"path", plan.path},
                  {"frames", all.frame_count},

@@ -92,19 +92,13 @@ class Runner {
   };
 
   static std::unique_ptr<CompareSurface> surfaceOf(const StrategyScene& scene, double exaggerate) {
-    if (scene.body) return std::make_unique<BodySurface>(*scene.body, exaggerate);
-    return std::make_unique<PlanarSurface>(*scene.field, exaggerate);
+    if (scene.domain.isFlat()) return std::make_unique<PlanarSurface>(*scene.field, exaggerate);
+    return std::make_unique<BodySurface>(*scene.body, exaggerate);
   }
   Frame frameOf(const OrbitCamera& camera) const {
-    if (scene_.strategy.body)
-      return {viewTransform(camera, artworkExtent(plan_.package->manifest(), plan_.exaggerate), plan_.width_px,
-                            plan_.height_px),
-              plan_.width_px, plan_.height_px};
-    const PlanarDomain& d = scene_.strategy.domain;
-    double low = d.relief_offset_mm * plan_.exaggerate,
-           high = (d.relief_offset_mm + 65535 * d.relief_scale_mm) * plan_.exaggerate;
-    if (low > high) std::swap(low, high);
-    return {viewTransform(camera, d, low, high, plan_.width_px, plan_.height_px), plan_.width_px, plan_.height_px};
+    return {viewTransform(camera, artworkExtent(plan_.package->manifest(), plan_.exaggerate), plan_.width_px,
+                          plan_.height_px),
+            plan_.width_px, plan_.height_px};
   }
   LodView lodViewOf(const Frame& frame, double budget_px) const {
     LodView v = lodViewFrom(frame.view);
@@ -197,9 +191,10 @@ class Runner {
     if (!captured) return captured.error();
     f.seams_known = !captured->empty();
     if (f.seams_known) {
-      f.seams = scene_.strategy.body
-                    ? compareSeams(*scene_.strategy.body->base, bounds_.unitLog2(), chosen.instances, *captured)
-                    : compareSeams(scene_.strategy.domain, chosen.instances, *captured);
+      const StrategyScene& scene = scene_.strategy;
+      f.seams = scene.domain.isFlat()
+                    ? compareSeams(scene.domain.flat(), chosen.instances, *captured)
+                    : compareSeams(*scene.body->base, bounds_.unitLog2(), chosen.instances, *captured);
     }
 
     std::unordered_set<NodeId> pages;

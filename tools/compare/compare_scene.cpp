@@ -10,7 +10,7 @@ namespace relievo {
 
 Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
                                       std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted) {
-  const PlanarDomain& domain = package->manifest().domain;
+  const PatchDomain& domain = package->manifest().domain;
   const std::string& path = package->path();
   if (domain.relief_depth < 0)
     return Error{ErrorKind::kUnsupported,
@@ -20,12 +20,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
                  {}};
   const std::shared_ptr<const BaseMesh>& base = package->manifest().base;
   uint64_t pages = 0;
-  for (int level = 0; base && level <= domain.relief_depth; ++level) pages += base->patches.size() << (2 * level);
-  for (int level = 0; !base && level <= domain.relief_depth; ++level) {
-    uint64_t columns = PlanarDomain::ceilShift(domain.width_px, 7 + domain.texture_depth - level);
-    uint64_t rows = PlanarDomain::ceilShift(domain.height_px, 7 + domain.texture_depth - level);
-    pages += columns * rows;
-  }
+  for (int level = 0; level <= domain.relief_depth; ++level) pages += domain.nodeCount(level);
   uint64_t bytes = pages * partBytes(kReliefPartLevel);
   if (bytes > budget_bytes || pages > StrategyPass::maxPages()) {
     return Error{
@@ -37,8 +32,8 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
         {}};
   }
   CompareScene scene;
-  auto field = base ? nullptr : std::make_shared<ReliefField>(domain);
-  auto body = base ? std::make_shared<BodyField>(base, domain) : nullptr;
+  auto field = domain.isFlat() ? std::make_shared<ReliefField>(domain.flat()) : nullptr;
+  auto body = domain.isFlat() ? nullptr : std::make_shared<BodyField>(base, domain);
   auto resident = std::make_shared<ReliefSet>();
   *pass = std::make_unique<StrategyPass>(api, domain, base, static_cast<uint32_t>(pages));
   PageDecoder decoder;

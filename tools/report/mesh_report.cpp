@@ -6,7 +6,7 @@
 #include <cstring>
 #include <span>
 
-#include "src/artwork/planar_domain.h"
+#include "src/artwork/patch_domain.h"
 #include "src/base/file.h"
 #include "texturing/import/image_io.h"
 
