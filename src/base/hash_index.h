@@ -94,7 +94,7 @@ class HashIndex {
     const std::vector<Entry> old = std::move(cells_);
     cells_ = {};
     const size_t size = size_;
-    reset(2 * capacity_ + 32);
+    reset(std::max<size_t>(2 * capacity_, 32));
     for (const Entry entry : old) {
       if (entry == kFree) continue;
       size_t at = home(hashIn(entry, hash_of));
