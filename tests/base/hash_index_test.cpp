@@ -105,6 +105,7 @@ class Owner {
   std::string erase(uint32_t key) {
     const auto known = model_.find(key);
     if (known == model_.end()) return {};
+    if (std::string wrong = look(key); !wrong.empty()) return wrong;  // it must be there to be erased
     const uint32_t i = known->second;
     index_.erase(hash_(key), i, [this](uint32_t other) { return hash_(*keys_[other]); });
     model_.erase(known);
