@@ -1,10 +1,10 @@
 #include "geometry/bake/line_sweep.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <vector>
 
+#include "src/base/hash_index.h"
 #include "src/base/parallel_for.h"
 #include "src/base/simd_dispatch.h"
 
@@ -134,9 +134,7 @@ bool makeBody(const SweepSquare& square, const glm::dvec3& middle, double low, d
 
 // Of one thread, kept from square to square.
 struct Scratch {
-  // Vertices of the scan by number: (number + 1, place in the arrays below), by hash; 0: free.
-  std::vector<std::array<uint32_t, 2>> names;
-  size_t named = 0;
+  HashIndex<uint64_t> names;  // vertices of the scan by number: places in the arrays below
   std::vector<uint32_t> blocks;
   std::vector<float> x, y, z, u, v, h, moved;
   struct Placed {
@@ -151,37 +149,20 @@ struct Scratch {
   std::vector<float> line_u, line_v;
   std::vector<uint32_t> nearest;  // triangle of each
 
-  static size_t slotOf(uint32_t vertex) { return (vertex * size_t{0x9E3779B97F4A7C15}) >> 20; }
   uint32_t nameOf(uint32_t vertex, const TriMesh& mesh, const glm::dvec3& middle) {
-    if (2 * named >= names.size()) grow();
-    const size_t mask = names.size() - 1;
-    for (size_t at = slotOf(vertex) & mask;; at = (at + 1) & mask) {
-      if (names[at][0] == vertex + 1) return names[at][1];
-      if (names[at][0] != 0) continue;
-      const auto name = static_cast<uint32_t>(named++);
-      names[at] = {vertex + 1, name};
-      const glm::vec3 place(glm::dvec3(mesh.positions_mm[vertex]) - middle);
-      x.push_back(place.x);
-      y.push_back(place.y);
-      z.push_back(place.z);
-      return name;
-    }
-  }
-  void grow() {
-    const std::vector<std::array<uint32_t, 2>> old = names;
-    names.assign(2 * old.size(), {0, 0});
-    const size_t mask = names.size() - 1;
-    for (const auto& entry : old) {
-      if (entry[0] == 0) continue;
-      size_t at = slotOf(entry[0] - 1) & mask;
-      while (names[at][0] != 0) at = (at + 1) & mask;
-      names[at] = entry;
-    }
+    names.makeRoom();
+    const uint32_t name =
+        names.findOrAdd(exactHash(vertex), static_cast<uint32_t>(x.size()), [](uint32_t) { return true; });
+    if (name < x.size()) return name;
+    const glm::vec3 place(glm::dvec3(mesh.positions_mm[vertex]) - middle);
+    x.push_back(place.x);
+    y.push_back(place.y);
+    z.push_back(place.z);
+    return name;
   }
   // For some number of vertices.
   void clear(size_t likely) {
-    names.assign(std::bit_ceil(std::max<size_t>(2 * likely, 64)), {0, 0});
-    named = 0;
+    names.reset(likely + likely / 2 + 32);
     for (auto* list : {&x, &y, &z}) {
       list->clear();
       list->reserve(likely);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "geometry/lod/lod_common.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 
@@ -167,16 +168,14 @@ class DesiredLevelMemory {
   int held(uint64_t square, const LevelRange& range) {
     if (!remembers_) return range.low;
     const uint32_t found = before_.index.find(square);
-    const int desired =
-        found == IndexTable::kNone ? range.low : std::clamp(before_.levels[found], range.low, range.high);
-    now_.index.insert(square, static_cast<uint32_t>(now_.levels.size()));
-    now_.levels.push_back(desired);
+    const int desired = found == KeyIndex::kNone ? range.low : std::clamp(before_.levels[found], range.low, range.high);
+    if (now_.index.findOrAdd(square) == now_.levels.size()) now_.levels.push_back(desired);
     return desired;
   }
 
  private:
   struct Table {
-    IndexTable index;
+    KeyIndex index;
     std::vector<int> levels;
     void clear() {
       index.clear();

@@ -18,6 +18,7 @@
 #include "geometry/lod/desired_level.h"
 #include "geometry/lod/lod_common.h"
 #include "geometry/lod/square.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 
@@ -60,11 +61,8 @@ class ForestView {
     memory_.again();
   }
   uint32_t infoOf(const Square& s) {
-    const uint64_t k = self().key(s);
-    if (const uint32_t found = info_index_.find(k); found != IndexTable::kNone) return found;
-    const auto index = static_cast<uint32_t>(infos_.size());
-    info_index_.insert(k, index);
-    infos_.push_back(self().look(s));
+    const uint32_t index = info_index_.findOrAdd(self().key(s));
+    if (index == infos_.size()) infos_.push_back(self().look(s));
     return index;
   }
   bool isCulled(uint32_t info) const { return infos_[info].culled; }
@@ -126,7 +124,7 @@ class ForestView {
  private:
   Forest& self() { return static_cast<Forest&>(*this); }
 
-  IndexTable info_index_;
+  KeyIndex info_index_;
 };
 
 }  // namespace relievo

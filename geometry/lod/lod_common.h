@@ -1,10 +1,9 @@
-// lod_common.h - what the LOD selections of flat artworks and of base meshes share: a table of places, the view in
-// numbers, errors of a page's parts. Internal to geometry/.
+// lod_common.h - what the LOD selections of flat artworks and of base meshes share: the view in numbers, errors of a
+// page's parts. Internal to geometry/.
 #pragma once
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -34,53 +33,6 @@ inline constexpr int kRequestAncestorStride = 3;  // wants keep every third page
 inline constexpr double kMinErrorPx = 1.0 / 64;
 inline constexpr double kMinSine =
     1.0 / 32;  // of the angle between a normal and the line of sight, in the error metric
-
-// Open addressing, keys are below 2^64 - 1. Values are indices into a vector that the caller owns.
-class IndexTable {
- public:
-  IndexTable() { resize(1u << 12); }
-  static constexpr uint32_t kNone = ~0u;
-
-  uint32_t find(uint64_t key) const {
-    for (size_t at = slot(key);; at = (at + 1) & mask_) {
-      if (keys_[at] == key + 1) return values_[at];
-      if (keys_[at] == 0) return kNone;
-    }
-  }
-  void insert(uint64_t key, uint32_t value) {
-    if (2 * (++size_) > keys_.size()) resize(2 * keys_.size());
-    place(key + 1, value);
-  }
-  void clear() {
-    if (size_ == 0) return;
-    std::fill(keys_.begin(), keys_.end(), 0);
-    size_ = 0;
-  }
-
- private:
-  // The product's highest bits depend on all bits of the key; its lowest not on those that tell patches.
-  size_t slot(uint64_t key) const { return static_cast<size_t>(((key + 1) * 0x9E3779B97F4A7C15ull) >> shift_); }
-  void place(uint64_t stored, uint32_t value) {
-    size_t at = slot(stored - 1);
-    while (keys_[at] != 0) at = (at + 1) & mask_;
-    keys_[at] = stored;
-    values_[at] = value;
-  }
-  void resize(size_t count) {
-    std::vector<uint64_t> keys(count, 0);
-    std::vector<uint32_t> values(count, 0);
-    keys.swap(keys_);
-    values.swap(values_);
-    mask_ = count - 1;
-    shift_ = 64 - std::bit_width(mask_);
-    for (size_t i = 0; i < keys.size(); ++i)
-      if (keys[i] != 0) place(keys[i], values[i]);
-  }
-  std::vector<uint64_t> keys_;
-  std::vector<uint32_t> values_;
-  size_t mask_ = 0, size_ = 0;
-  int shift_ = 0;
-};
 
 // Of the parts of 2^depth a side in PartErrors.
 constexpr int firstPart(int depth) { return ((1 << (2 * depth)) - 4) / 3; }

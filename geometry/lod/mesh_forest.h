@@ -87,7 +87,7 @@ class MeshForest {
     // A square's key has 5 bits of level; places have what patches leave.
     place_bits_ = (58 - std::bit_width(std::max<size_t>(patchCount(), 2) - 1)) / 2;
     root_bounds_.assign(patchCount(), {1, 0, 0});
-    coarse_index_.assign(patchCount(), IndexTable::kNone);
+    coarse_index_.assign(patchCount(), kNotAsked);
     whole_shapes_.resize(patchCount());
     twist_mm_.reserve(patchCount());
     for (const auto& c : base_->patches) {
@@ -249,7 +249,7 @@ class MeshForest {
     if (!std::isfinite(whole_mm)) return Deviation::anyDirection(whole_mm);
     if (part_depth <= 0) return deviationOf(whole_mm, wholeShape(s.patch, level, whole_mm));
     uint32_t& index = coarse_index_[s.patch];
-    if (index == IndexTable::kNone) {
+    if (index == kNotAsked) {
       index = static_cast<uint32_t>(coarse_parts_.size());
       coarse_parts_.emplace_back().read(*oracle_, s.patch, whole);
     }
@@ -283,7 +283,8 @@ class MeshForest {
     uint8_t known = 0;  // a bit each
   };
   std::vector<WholeShapes> whole_shapes_;  // by patch
-  std::vector<uint32_t> coarse_index_;     // by patch, in the following; none: not asked for yet
+  static constexpr uint32_t kNotAsked = ~0u;
+  std::vector<uint32_t> coarse_index_;  // by patch, in the following
   std::vector<CoarseParts> coarse_parts_;
 };
 

@@ -9,6 +9,7 @@
 
 #include "geometry/lod/lod_common.h"
 #include "geometry/lod/square.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 
@@ -17,23 +18,18 @@ class PageFacts {
   // ask(): the page's bounds, asked for once. The reference holds until the next call.
   template <class Ask>
   const HeightBounds& bounds(uint64_t key, Ask&& ask) {
-    if (const uint32_t found = bounds_index_.find(key); found != IndexTable::kNone) return bounds_[found];
-    bounds_index_.insert(key, static_cast<uint32_t>(bounds_.size()));
-    return bounds_.emplace_back(ask());
+    const uint32_t index = bounds_index_.findOrAdd(key);
+    return index < bounds_.size() ? bounds_[index] : bounds_.emplace_back(ask());
   }
   // Of the surface through a page's samples, within a square that the page covers. whole: of all of the page.
   Deviation within(const Square& s, const Square& page, uint64_t page_key, const ReliefOracle& oracle,
                    const Deviation& whole) {
     const int part_depth = std::min(s.level - page.level, kErrorBlocksLog2);
     if (part_depth == 0 || whole.mm == 0) return whole;
-    uint32_t found = parts_index_.find(page_key);
-    if (found == IndexTable::kNone) {
-      found = static_cast<uint32_t>(parts_.size());
-      parts_index_.insert(page_key, found);
-      parts_.emplace_back().read(oracle, page.id(), static_cast<float>(whole.mm));
-    }
+    const uint32_t index = parts_index_.findOrAdd(page_key);
+    if (index == parts_.size()) parts_.emplace_back().read(oracle, page.id(), static_cast<float>(whole.mm));
     const Square part = s.ancestor(page.level + part_depth);
-    return parts_[found].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth)).deviation();
+    return parts_[index].at(part_depth, part.x - (page.x << part_depth), part.y - (page.y << part_depth)).deviation();
   }
   // Between two views: what is kept from view to view is bounded.
   void forgetSome() {
@@ -53,7 +49,7 @@ class PageFacts {
 
   std::vector<HeightBounds> bounds_;
   std::vector<PartErrors> parts_;
-  IndexTable bounds_index_, parts_index_;
+  KeyIndex bounds_index_, parts_index_;
 };
 
 }  // namespace relievo

@@ -9,6 +9,7 @@
 
 #include "geometry/lod/page_facts.h"
 #include "geometry/lod/quadtree_lod.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 namespace {
@@ -272,15 +273,13 @@ class StripForest : public ForestView<StripForest, StripSquare> {
     e.high = s;
     if (side == kRight || side == kBottom) step(s, side, e.high);
     const uint64_t k = key(e.high) * 2 + (e.upright ? 0 : 1);
-    if (const uint32_t found = edge_index_.find(k); found != IndexTable::kNone) return found;
+    if (const uint32_t found = edge_index_.find(k); found != KeyIndex::kNone) return found;
     e.has_high = exists(e.high);
     e.has_low = neighbour(e.high, e.upright ? kLeft : kTop, e.low);
     e.wanted = s.level * kOneLevel;
     if (!settings_.flat) e.wanted = memory_.held(k, desiredOf(e));
-    const auto index = static_cast<uint32_t>(edges_.size());
     edges_.push_back(e);
-    edge_index_.insert(k, index);
-    return index;
+    return edge_index_.findOrAdd(k);
   }
   LevelRange desiredOf(Edge& e) {
     double z0 = std::numeric_limits<double>::max(), z1 = std::numeric_limits<double>::lowest(), widest_px = 0;
@@ -333,7 +332,7 @@ class StripForest : public ForestView<StripForest, StripSquare> {
   double mm_per_unit_ = 1;
   PageFacts facts_;
   std::vector<Edge> edges_;
-  IndexTable edge_index_;
+  KeyIndex edge_index_;
 };
 
 }  // namespace

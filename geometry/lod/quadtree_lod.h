@@ -29,6 +29,7 @@
 #include "geometry/lod/lod_common.h"
 #include "geometry/lod/square.h"
 #include "src/artwork/base_mesh.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 
@@ -44,7 +45,7 @@ struct DrawnNode {
 // two nodes at an edge agree, and a list does not depend on the order in which its nodes were made.
 //
 // Places. Squares that are passed in exist. exists() is asked of children, which the artwork's border may cut off.
-//   key()              names a square of any level; below 2^64 - 1
+//   key()              names a square of any level
 //   neighbour()        the square of the same level across a side; false where there is none
 //   hasUnitsToSplit()  the children's grids of level 1 have whole units
 //   originUnits()      PatchInstance::x0, y0
@@ -142,7 +143,7 @@ class QuadtreeLod {
   }
 
  private:
-  static constexpr uint32_t kNone = IndexTable::kNone;
+  static constexpr uint32_t kNone = KeyIndex::kNone;
   static constexpr int kAllLevels = 127;  // the finest relief page is resident: vertices of every level have heights
   // savesBySplit(): no coarser grids (log2 of the cells a side) are divided; what three more instances are worth.
   static constexpr int kLeastDivided = 3;
@@ -166,7 +167,7 @@ class QuadtreeLod {
   };
   struct Tree {
     std::vector<Node> nodes;
-    IndexTable index;
+    KeyIndex index;
     size_t roots = 0;  // among the nodes
     void clear() {
       nodes.clear();
@@ -196,7 +197,8 @@ class QuadtreeLod {
   bool addNode(const Square& s, int inherited, int needs_level) {
     const uint32_t info = forest_.infoOf(s);
     if (forest_.isCulled(info)) return false;
-    tree_.index.insert(forest_.key(s), static_cast<uint32_t>(tree_.nodes.size()));
+    [[maybe_unused]] const uint32_t index = tree_.index.findOrAdd(forest_.key(s));
+    assert(index == tree_.nodes.size());
     Node& n = tree_.nodes.emplace_back();
     n.square = s;
     n.info = info;
@@ -456,13 +458,9 @@ class QuadtreeLod {
     if (forest_.asksForRoots()) addRequest(s.ancestor(0), priority);
   }
   void addRequest(const Square& page, float priority) {
-    const uint64_t k = forest_.key(page);
-    if (const uint32_t found = request_index_.find(k); found != kNone) {
-      requests_[found].priority = std::min(requests_[found].priority, priority);
-      return;
-    }
-    request_index_.insert(k, static_cast<uint32_t>(requests_.size()));
-    requests_.push_back({page.id(), priority});
+    const uint32_t index = request_index_.findOrAdd(forest_.key(page));
+    if (index < requests_.size()) requests_[index].priority = std::min(requests_[index].priority, priority);
+    else requests_.push_back({page.id(), priority});
   }
 
   // ---- the list
@@ -548,7 +546,7 @@ class QuadtreeLod {
   std::vector<Part> parts_;
   std::vector<PatchInstance> instances_;
   std::vector<ReliefRequest> requests_;
-  IndexTable request_index_;
+  KeyIndex request_index_;
   bool assume_resident_ = false;  // what would be drawn if every page were here
   bool divides_ = false;
   bool limited_tree_ = false;  // a split did not happen for want of pages

@@ -60,8 +60,6 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
   parent_.clear();
   ordered_.clear();
   if (width_px <= 0 || height_px <= 0) return {};
-  if (table_.empty()) table_.resize(1024);
-  std::fill(table_.begin(), table_.end(), 0u);
 
   // Twice the distance from the centre in pixels, so that pixel centres are integers; squared: floats only at the end.
   auto width = static_cast<int64_t>(width_px), height = static_cast<int64_t>(height_px);
@@ -115,36 +113,12 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
 }
 
 uint32_t FeedbackAnalyzer::findOrAdd(uint64_t key) {
-  if (2 * (requests_.size() + 1) > table_.size()) grow();
-  size_t mask = table_.size() - 1;
-  auto slotOf = [&](uint64_t k) { return (k * 0x9E3779B97F4A7C15ull >> 32) & mask; };
-  size_t s = slotOf(key);
-  for (; table_[s] != 0; s = (s + 1) & mask)
-    if (keys_[table_[s] - 1] == key) return table_[s] - 1;
-  NodeId node = unpackNode(key);
-  uint32_t parent = kNoParent;
-  if (node.level > 0) {
-    parent = findOrAdd(packNode(node.parent()));
-    mask = table_.size() - 1;
-    for (s = slotOf(key); table_[s] != 0;) s = (s + 1) & mask;  // ancestors may have taken the cell, or grown the table
-  }
-  auto index = static_cast<uint32_t>(requests_.size());
+  if (const uint32_t found = keys_.find(key); found != KeyIndex::kNone) return found;
+  const NodeId node = unpackNode(key);
+  const uint32_t parent = node.level > 0 ? findOrAdd(packNode(node.parent())) : kNoParent;
   requests_.push_back({node, 0, 3.0e38f});
-  keys_.push_back(key);
   parent_.push_back(parent);
-  table_[s] = index + 1;
-  return index;
-}
-
-void FeedbackAnalyzer::grow() {
-  std::fill(table_.begin(), table_.end(), 0u);
-  table_.resize(table_.size() * 2);
-  size_t mask = table_.size() - 1;
-  for (uint32_t i = 0; i < keys_.size(); ++i) {
-    size_t s = (keys_[i] * 0x9E3779B97F4A7C15ull >> 32) & mask;
-    while (table_[s] != 0) s = (s + 1) & mask;
-    table_[s] = i + 1;
-  }
+  return keys_.findOrAdd(key);
 }
 
 }  // namespace relievo

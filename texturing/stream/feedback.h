@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "src/artwork/node_id.h"
+#include "src/base/key_index.h"
 
 namespace relievo {
 
@@ -44,12 +45,10 @@ class FeedbackAnalyzer {
 
  private:
   uint32_t findOrAdd(uint64_t key);  // index into requests_
-  void grow();
 
   std::vector<NodeRequest> requests_;
-  std::vector<uint64_t> keys_;    // packNode of requests_[i]
+  KeyIndex keys_;                 // packNode of requests_[i]
   std::vector<uint32_t> parent_;  // index of requests_[i]'s parent, always smaller than i
-  std::vector<uint32_t> table_;   // open addressing: index + 1, 0 = empty
   std::vector<NodeRequest> ordered_;
   std::vector<std::pair<uint64_t, uint32_t>> sort_keys_;
 };

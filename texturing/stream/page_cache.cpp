@@ -12,7 +12,7 @@ PageCache::PageCache(uint32_t slot_count) {
   pages_.assign(slot_count, nothing);
   uses_.resize(slot_count);
   pins_.resize(slot_count);
-  index_.assign(slot_count + slot_count / 2 + 1, kNone);
+  index_.reset(slot_count);
   for (uint32_t s = slot_count; s-- > 0;) linkFree(s);  // the lowest slot is taken first
 }
 
@@ -25,9 +25,9 @@ void PageCache::addClosed(uint32_t count) {
   uses_.resize(slots);
   pins_.resize(slots);
   closed_ += count;
-  index_.assign(slots + slots / 2 + 1, kNone);
+  index_.reset(slots);
   for (SlotIndex s = 0; s < pages_.size(); ++s)
-    if (pages_[s].bits != kFreeBits) index_[locate(pages_[s])] = static_cast<Link>(s);
+    if (holdsPage(s)) enter(s);
 }
 
 void PageCache::open(SlotIndex slot) {
@@ -47,8 +47,8 @@ uint32_t PageCache::residentCount() const { return resident_; }
 uint32_t PageCache::pinnedCount() const { return pinned_; }
 
 SlotIndex PageCache::find(PageId id) const {
-  Link slot = index_[locate(id)];
-  return slot == kNone ? kNoSlot : slot;
+  static_assert(decltype(index_)::kNone == kNoSlot);
+  return index_.find(hashOfKey(id.bits), [&](SlotIndex s) { return pages_[s] == id; });
 }
 
 PageId PageCache::pageIn(SlotIndex slot) const {
@@ -108,14 +108,14 @@ PageCache::Placement PageCache::placeAt(SlotIndex slot, PageId id, uint64_t tick
   Placement placement{slot, std::nullopt};
   if (holdsPage(slot)) {
     placement.evicted = pages_[slot];
-    forget(*placement.evicted);
+    forget(slot);
     unlink(slot);
   } else {
     unlinkFree(slot);
     ++resident_;
   }
   pages_[slot] = id;
-  index_[locate(id)] = static_cast<Link>(slot);
+  enter(slot);
   markUsed(slot);
   return placement;
 }
@@ -125,7 +125,7 @@ void PageCache::remove(PageId id) {
   if (slot == kNoSlot) return;
   assert(!pinned(slot));
   unlink(slot);
-  forget(id);
+  forget(slot);
   pages_[slot].bits = kFreeBits;
   pins_[slot] = 0;
   linkFree(slot);
@@ -139,32 +139,13 @@ uint32_t PageCache::oldestAge(uint64_t tick) {
 
 // --- page -> slot ---
 
-size_t PageCache::home(PageId id) const {
-  uint64_t h = id.bits * 0x9E3779B97F4A7C15ull;
-  h = (h ^ (h >> 32)) * 0xD6E8FEB86659FD93ull;
-  return static_cast<size_t>(((h >> 32) * index_.size()) >> 32);
+// The page in it is not in the index yet.
+void PageCache::enter(SlotIndex s) {
+  index_.findOrAdd(hashOfKey(pages_[s].bits), s, [](SlotIndex) { return false; });
 }
 
-size_t PageCache::locate(PageId id) const {
-  size_t at = home(id);
-  while (index_[at] != kNone && pages_[index_[at]] != id) at = at + 1 == index_.size() ? 0 : at + 1;
-  return at;
-}
-
-// Moves what follows into the gap where its probes would stop short of it (Knuth, The Art of Computer Programming 3,
-// algorithm 6.4 R): no tombstones, so that probes do not lengthen as pages come and go.
-void PageCache::forget(PageId id) {
-  size_t gap = locate(id), size = index_.size();
-  for (size_t at = gap;;) {
-    at = at + 1 == size ? 0 : at + 1;
-    if (index_[at] == kNone) break;
-    size_t from = home(pages_[index_[at]]);
-    bool stays = gap < at ? gap < from && from <= at : gap < from || from <= at;
-    if (stays) continue;
-    index_[gap] = index_[at];
-    gap = at;
-  }
-  index_[gap] = kNone;
+void PageCache::forget(SlotIndex s) {
+  index_.erase(hashOfKey(pages_[s].bits), s, [&](SlotIndex other) { return hashOfKey(pages_[other].bits); });
 }
 
 // --- list of uses ---
@@ -202,7 +183,7 @@ void PageCache::unlinkFree(SlotIndex s) {
 
 size_t PageCache::metadataBytes() const {
   return sizeof *this + pages_.capacity() * sizeof(PageId) + uses_.capacity() * sizeof(Use) +
-         pins_.capacity() * sizeof(uint16_t) + index_.capacity() * sizeof(Link);
+         pins_.capacity() * sizeof(uint16_t) + index_.bytes();
 }
 
 std::vector<PageId> PageCache::lruOrder() const {
@@ -216,15 +197,14 @@ bool PageCache::checkInvariants(std::string* why) const {
     if (why) *why = text;
     return false;
   };
-  size_t used = 0, pinned_pages = 0, indexed = 0;
+  size_t used = 0, pinned_pages = 0;
   for (SlotIndex s = 0; s < pages_.size(); ++s) {
     if (pages_[s].bits == kFreeBits) continue;
     ++used;
     pinned_pages += pinned(s);
     if (find(pages_[s]) != s) return fail("slot " + std::to_string(s) + " holds a page that is not its own");
   }
-  for (Link s : index_) indexed += s != kNone;
-  if (used != indexed || used != resident_) return fail("a page is in two slots, or in none");
+  if (used != index_.size() || used != resident_) return fail("a page is in two slots, or in none");
   if (pinned_pages != pinned_) return fail("the number of pinned pages is wrong");
   size_t free = 0;
   for (Link s = free_; s != kNone; s = uses_[s].newer) {

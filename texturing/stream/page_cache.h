@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "src/base/hash_index.h"
 #include "texturing/codec/page_id.h"
 
 namespace relievo {
@@ -95,14 +96,13 @@ class PageCache {
   void linkNewest(SlotIndex s);
   void linkFree(SlotIndex s);
   void unlinkFree(SlotIndex s);
-  size_t home(PageId id) const;
-  size_t locate(PageId id) const;  // place in index_ of the page, or of the gap where it belongs
-  void forget(PageId id);
+  void enter(SlotIndex s);
+  void forget(SlotIndex s);
 
   std::vector<PageId> pages_;   // by slot
   std::vector<Use> uses_;       // by slot
   std::vector<uint16_t> pins_;  // by slot
-  std::vector<Link> index_;     // page -> slot: linear probing at a load of at most 2/3
+  HashIndex<Link, 67> index_;   // page -> slot
   Link free_ = kNone, newest_ = kNone, oldest_ = kNone;
   uint32_t resident_ = 0, pinned_ = 0, closed_ = 0;
   uint64_t last_tick_ = 0;

@@ -1,5 +1,7 @@
 // page_table.h - the page table that shaders read: a hash table in a texture, whose cost follows the number of
-// *resident* nodes, never the virtual size. Two-choice cuckoo hashing, so that a look-up costs two probes at most.
+// *resident* nodes, never the virtual size. Two-choice cuckoo hashing, so that a look-up costs two probes at most:
+// a shader reads entries, not an owner's keys, and pixels of one group wait for the longest walk. So it is no HashIndex
+// (src/base/hash_index.h).
 //
 // Entry: one RGBA32UI texel. x = low, y = high 32 bits of (packNode(node) + 1), 0 = empty; z = slot of plane 0 | slot
 // of plane 1 << 16; w = slot of plane 2 | birth << 16 (for the page fade). Artworks of

@@ -15,17 +15,17 @@ std::span<const NodeRequest> RequestMemory::add(std::span<const NodeRequest> new
     entries_.clear();
     changed = true;
   }
-  if (changed || 2 * (entries_.size() + newest.size()) > table_.size()) rebuildTable(entries_.size() + newest.size());
+  const size_t most = entries_.size() + newest.size();
+  if (changed || most > index_.capacity()) rebuildIndex(most);
   for (const NodeRequest& w : newest) {
     uint64_t key = packNode(w.node);
-    uint32_t* slot = find(key);
-    if (*slot == 0) {
+    const uint32_t index = findOrAdd(key, entries_.size());
+    if (index == entries_.size()) {
       entries_.push_back({w, key, result_});
-      *slot = static_cast<uint32_t>(entries_.size());
       changed = true;
       continue;
     }
-    Entry& e = entries_[*slot - 1];
+    Entry& e = entries_[index];
     NodeRequest before = e.request;
     e.request = w;
     if (e.result >= still_since_) {  // the same view saw it before, elsewhere
@@ -40,7 +40,7 @@ std::span<const NodeRequest> RequestMemory::add(std::span<const NodeRequest> new
     return age >= kMovingResults && (e.result < still_since_ || age >= still_results);
   };
   if (std::erase_if(entries_, expired) > 0) {
-    rebuildTable(entries_.size());
+    rebuildIndex(entries_.size());
     changed = true;
   }
   if (changed) sort();
@@ -50,20 +50,18 @@ std::span<const NodeRequest> RequestMemory::add(std::span<const NodeRequest> new
 void RequestMemory::clear() {
   entries_.clear();
   ordered_.clear();
-  std::fill(table_.begin(), table_.end(), 0u);
+  index_.clear();
   result_ = 0;
 }
 
-uint32_t* RequestMemory::find(uint64_t key) {
-  size_t mask = table_.size() - 1;
-  size_t s = (key * 0x9E3779B97F4A7C15ull >> 32) & mask;
-  while (table_[s] != 0 && entries_[table_[s] - 1].key != key) s = (s + 1) & mask;
-  return &table_[s];
+uint32_t RequestMemory::findOrAdd(uint64_t key, size_t index) {
+  return index_.findOrAdd(hashOfKey(key), static_cast<uint32_t>(index),
+                          [&](uint32_t i) { return entries_[i].key == key; });
 }
 
-void RequestMemory::rebuildTable(size_t entries) {
-  table_.assign(std::max(table_.size(), std::bit_ceil(4 * entries + 64)), 0u);
-  for (uint32_t i = 0; i < entries_.size(); ++i) *find(entries_[i].key) = i + 1;
+void RequestMemory::rebuildIndex(size_t entries) {
+  index_.reset(std::max(index_.capacity(), 2 * entries + 32));
+  for (size_t i = 0; i < entries_.size(); ++i) findOrAdd(entries_[i].key, i);
 }
 
 void RequestMemory::sort() {

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "src/base/hash_index.h"
 #include "texturing/stream/feedback.h"
 
 namespace relievo {
@@ -33,12 +34,12 @@ class RequestMemory {
     uint64_t key = 0;     // packNode
     uint64_t result = 0;  // the last that named it
   };
-  uint32_t* find(uint64_t key);
-  void rebuildTable(size_t entries);
+  uint32_t findOrAdd(uint64_t key, size_t index);
+  void rebuildIndex(size_t entries);
   void sort();
 
   std::vector<Entry> entries_;
-  std::vector<uint32_t> table_;  // open addressing: index + 1, 0 = empty
+  HashIndex<uint32_t> index_;  // key -> entry
   std::vector<NodeRequest> ordered_;
   std::vector<std::pair<uint64_t, uint32_t>> sort_keys_;
   uint64_t result_ = 0, still_since_ = 0, view_ = 0;
