@@ -46,7 +46,8 @@ struct RaySceneOptions {
       nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
   uint32_t region_triangles = 0;         // 0: what suits the mesh's size
   uint64_t budget_bytes = ~uint64_t{0};  // of hierarchies at a time; one for each thread is kept, be it ever so small
-  bool at_once = true;  // all are built now, where the budget allows it; else each when it is first asked for
+  bool at_once = true;           // all are built now, where the budget allows it; else each when it is first asked for
+  const char* device = nullptr;  // Embree's configuration; tests ask for an older machine's instructions: "isa=sse2"
 };
 
 class RayScene {
