@@ -6,6 +6,7 @@
 #include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -702,6 +703,27 @@ Result<Bytes> readAll(const std::string& path) {
   Bytes out(static_cast<size_t>(3 * (*source)->width() * (*source)->height()));
   if (auto read = (*source)->read({0, 0, (*source)->width(), (*source)->height()}, out); !read) return read.error();
   return out;
+}
+
+// The file opens once, for its header; for the library, which opens it again, the system has no descriptor left.
+TEST(ImageDamage, AFileThatTheSystemDoesNotOpenAgainIsNotCalledDamaged) {
+  for (const char* end : {"pgm", "png", "jpg", "tif", "exr", "tga", "bmp", "hdr"}) {
+    const bool grey = std::string_view(end) == "pgm";
+    const std::string path = writeImage<uint8_t>("again." + std::string(end), 8, 8, grey ? 1 : 3,
+                                                 noise<uint8_t>(8 * 8 * 3, 5), OIIO::TypeDesc::UNKNOWN);
+    ASSERT_TRUE(readImageFacts(path)) << end;  // control; and the format's reader is ready
+    rlimit before{};
+    ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);
+    const int next = ::dup(0);
+    ASSERT_GE(next, 0);
+    ::close(next);
+    const rlimit one_more{static_cast<rlim_t>(next) + 1, before.rlim_max};
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &one_more), 0);
+    auto facts = readImageFacts(path);
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &before), 0);
+    ASSERT_FALSE(facts) << end;
+    EXPECT_EQ(facts.error().kind, ErrorKind::kIo) << facts.error().text();
+  }
 }
 
 TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {

@@ -122,6 +122,7 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   OpenImage image;
   image.file_bytes = file->size();
   const OIIO::ImageSpec config = openConfig();
+  std::string why;
   {
     // The library's own limit is the whole program's and is looked at on opening. What is read in parts is checked
     // below.
@@ -131,9 +132,18 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
         "limits:imagesize_MB",
         sniffed->in_parts ? 0 : static_cast<int>(std::min<uint64_t>((options.decodedLimit() >> 20) + 1, 1 << 30)));
     image.input = OIIO::ImageInput::open(path, &config);
+    if (!image.input) {
+      // The library opens the file a second time. Where the system refuses that (too many open files), it says that it
+      // could not, or, of OpenEXR, that the file is none: neither is damage, and the refusal may have passed.
+      why = oneLine(OIIO::geterror());
+      if (why.find("Could not open") != std::string::npos || why.find("not an OpenEXR file") != std::string::npos) {
+        if (auto again = InputFile::open(path); !again) return again.error();
+        image.input = OIIO::ImageInput::open(path, &config);
+        if (!image.input) why = oneLine(OIIO::geterror());
+      }
+    }
   }
   if (!image.input) {
-    const std::string why = oneLine(OIIO::geterror());
     if (why.find("not supported") != std::string::npos)
       return Error{ErrorKind::kUnsupported, path, why, "write it as a TIFF or PNG", {}};
     return Error{ErrorKind::kInvalidData,
