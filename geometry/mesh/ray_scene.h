@@ -7,8 +7,8 @@
 // place first needs it and given back, longest unused first, when the budget is spent. Where triangles near one another
 // in space are near in the list, too (mesh_order.h), and so are lines that are asked for together, few regions are
 // needed at a time; a query keeps its last 16 of them, too. Results do not depend on the budget, and on the runs'
-// length only as Embree's rounding does: of surfaces that are equally near the first triangle is taken, whatever order
-// the hierarchies are in.
+// length and the machine's instructions only as Embree's rounding does: of surfaces that are equally near the first
+// triangle is taken, whatever order the hierarchies are in.
 #pragma once
 
 #include <atomic>
