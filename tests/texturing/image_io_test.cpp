@@ -184,6 +184,64 @@ TEST(HeightImage, HolesAreRefusedWithTheirPlace) {
   }
 }
 
+// Programs for terrain write a number where there is no height, and name it as text in the tag GDAL_NODATA.
+TEST(HeightImage, HolesThatTheFileNamesAreRefusedWithTheirPlace) {
+  // A TIFF with that tag, whose directory is moved to the file's end; big: as BigTIFF.
+  auto tagged = [](const std::string& path, const std::string& value) {
+    Bytes file = load(path);
+    auto u16 = [&](size_t at) { return static_cast<uint32_t>(file[at] | file[at + 1] << 8); };
+    auto u32 = [&](size_t at) { return u16(at) | u16(at + 2) << 16; };
+    auto put = [](Bytes& to, uint64_t v, int bytes) {
+      for (int i = 0; i < bytes; ++i) to.push_back(static_cast<uint8_t>(v >> (8 * i)));
+    };
+    const size_t old = u32(4), entries = u16(old);
+    Bytes text(value.begin(), value.end());
+    text.push_back(0);
+    file.resize((file.size() + 1) / 2 * 2);
+    const size_t text_at = file.size();
+    file.insert(file.end(), text.begin(), text.end());
+    file.resize((file.size() + 1) / 2 * 2);
+    const size_t directory = file.size();
+    Bytes end;
+    put(end, entries + 1, 2);
+    end.insert(end.end(), file.begin() + static_cast<std::ptrdiff_t>(old + 2),
+               file.begin() + static_cast<std::ptrdiff_t>(old + 2 + 12 * entries));
+    put(end, 42113, 2), put(end, 2, 2), put(end, text.size(), 4);
+    if (text.size() <= 4) text.resize(4), end.insert(end.end(), text.begin(), text.end());
+    else put(end, text_at, 4);
+    put(end, 0, 4);
+    file.insert(file.end(), end.begin(), end.end());
+    for (int i = 0; i < 4; ++i) file[4 + i] = static_cast<uint8_t>(directory >> (8 * i));
+    return save("tagged.tif", file);
+  };
+  auto expectHole = [](const std::string& path, std::optional<std::pair<double, double>> range) {
+    auto source = openHeightImage(path, range);
+    ASSERT_FALSE(source);
+    EXPECT_EQ(source.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(source.error().message.find("(23, 17)"), std::string::npos) << source.error().text();
+  };
+  for (const auto& [sample, text] : {std::pair<float, const char*>{-9999, "-9999"},
+                                     {std::numeric_limits<float>::lowest(), "-3.4028234663852886e+38"},
+                                     {-32768, "-32768 "}}) {
+    auto f = noise<float>(50 * 40, 5);
+    const auto sound = tagged(writeImage("holes.tif", 50, 40, 1, f, OIIO::TypeFloat), text);
+    EXPECT_TRUE(openHeightImage(sound, {})) << "control: a file whose pixels are all there";
+    f[17 * 50 + 23] = f[30 * 50 + 2] = sample;
+    const auto plain = writeImage("holes.tif", 50, 40, 1, f, OIIO::TypeFloat);
+    if (sample > -1e30f) {
+      EXPECT_TRUE(openHeightImage(plain, {})) << "control: without the tag it is a height";
+    }
+    expectHole(tagged(plain, text), {});
+  }
+  std::vector<uint8_t> u8(50 * 40, 7);
+  u8[17 * 50 + 23] = 255;
+  expectHole(tagged(writeImage("holes.tif", 50, 40, 1, u8, OIIO::TypeUInt8), "255"), {{0, 1}});
+  std::vector<uint16_t> u16(50 * 40, 7);
+  u16[17 * 50 + 23] = 0;
+  expectHole(tagged(writeImage("holes.tif", 50, 40, 1, u16, OIIO::TypeUInt16), "0"), {{0, 1}});
+  EXPECT_TRUE(openHeightImage(tagged(writeImage("holes.tif", 50, 40, 1, u16, OIIO::TypeUInt16), "nan"), {{0, 1}}));
+}
+
 TEST(HeightImage, WhatIsNoHeightIsRefused) {
   auto three = writeImage("rgb.tif", 8, 8, 3, noise<uint8_t>(192, 1), OIIO::TypeUInt8);
   EXPECT_EQ(openHeightImage(three, {{0, 1}}).error().kind, ErrorKind::kUnsupported);

@@ -63,6 +63,7 @@ struct OpenImage {
   std::unique_ptr<OIIO::ImageInput> input;
   OIIO::ImageSpec spec;
   uint64_t file_bytes = 0;
+  std::optional<double> no_data;  // the sample that is no height
   Orientation orientation;
   int64_t width() const { return orientation.swap ? spec.height : spec.width; }  // as shown
   int64_t height() const { return orientation.swap ? spec.width : spec.height; }
@@ -121,6 +122,9 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   if (auto sound = checkJpegHeader(*file); !sound) return sound.error();
   OpenImage image;
   image.file_bytes = file->size();
+  auto no_data = noDataOf(*file);
+  if (!no_data) return no_data.error();
+  image.no_data = *no_data;
   const OIIO::ImageSpec config = openConfig();
   std::string why;
   {
@@ -413,6 +417,7 @@ class HeightImage final : public HeightSource {
               const ImageReadOptions& options)
       : provenance_(path, true),
         type_(type),
+        no_data_(image.no_data),
         offset_(offset),
         scale_(scale),
         cache_(std::move(path), std::move(image), type, 1, options) {}
@@ -431,6 +436,10 @@ class HeightImage final : public HeightSource {
     const Placement all = cache_.placement({0, 0, width(), height()});
     auto scanned = cache_.rows(0, all.stored.height, [&](int64_t y, const uint8_t* row) {
       if (bad_y >= 0) return;
+      if ((bad_x = firstHole<float>(row, all.stored.width)) >= 0) {
+        bad_y = y;
+        return;
+      }
       float row_lo = std::numeric_limits<float>::infinity(), row_hi = -row_lo, sum = 0;
       for (int64_t x = 0; x < all.stored.width; ++x) {
         float v;
@@ -451,17 +460,7 @@ class HeightImage final : public HeightSource {
       hi = std::max(hi, row_hi);
     });
     if (!scanned) return scanned;
-    if (bad_y >= 0) {
-      const auto [first, step] = all.row(bad_y);
-      const int64_t place = first + bad_x * step;
-      bad_x = place % width(), bad_y = place / width();
-      return Error{ErrorKind::kInvalidData,
-                   cache_.path(),
-                   "expected a finite height, found none at pixel (" + std::to_string(bad_x) + ", " +
-                       std::to_string(bad_y) + "), counted from the top left",
-                   "fill the holes of the height map before",
-                   {}};
-    }
+    if (bad_y >= 0) return hole(all, bad_x, bad_y);
     constexpr float kRounding = 1e-6f;
     if (shares && !(lo >= -kRounding && hi <= 1 + kRounding)) {
       return Error{ErrorKind::kUsage,
@@ -481,6 +480,23 @@ class HeightImage final : public HeightSource {
                    "",
                    {}};
     }
+    return {};
+  }
+
+  // Integers: the place of the first that is no height, where the file names one that is none.
+  Result<void> scanHoles() {
+    if (!no_data_) return {};
+    int64_t bad_x = -1, bad_y = -1;
+    const Placement all = cache_.placement({0, 0, width(), height()});
+    auto scanned = cache_.rows(0, all.stored.height, [&](int64_t y, const uint8_t* row) {
+      if (bad_y >= 0) return;
+      bad_x = type_ == OIIO::TypeUInt8    ? firstHole<uint8_t>(row, all.stored.width)
+              : type_ == OIIO::TypeUInt16 ? firstHole<uint16_t>(row, all.stored.width)
+                                          : firstHole<uint32_t>(row, all.stored.width);
+      if (bad_x >= 0) bad_y = y;
+    });
+    if (!scanned) return scanned;
+    if (bad_y >= 0) return hole(all, bad_x, bad_y);
     return {};
   }
 
@@ -509,6 +525,34 @@ class HeightImage final : public HeightSource {
   }
 
  private:
+  // The first sample of a stored row that the file says is none; -1: there is no such sample.
+  template <class T>
+  int64_t firstHole(const uint8_t* row, int64_t samples) const {
+    if (!no_data_) return -1;
+    const double none = std::is_floating_point_v<T> ? static_cast<float>(*no_data_) : *no_data_;
+    for (int64_t x = 0; x < samples; ++x) {
+      T sample;
+      std::memcpy(&sample, row + x * sizeof(T), sizeof(T));
+      if (static_cast<double>(sample) == none) return x;
+    }
+    return -1;
+  }
+  Error hole(const Placement& all, int64_t stored_x, int64_t stored_y) const {
+    const auto [first, step] = all.row(stored_y);
+    const int64_t place = first + stored_x * step;
+    std::string said;
+    if (no_data_) {
+      char text[64];
+      std::snprintf(text, sizeof text, " (the file says that %.9g stands for none)", *no_data_);
+      said = text;
+    }
+    return {ErrorKind::kInvalidData,
+            cache_.path(),
+            "expected a finite height, found none at pixel (" + std::to_string(place % width()) + ", " +
+                std::to_string(place / width()) + "), counted from the top left" + said,
+            "fill the holes of the height map before",
+            {}};
+  }
   float toMm(double sample) const { return static_cast<float>(offset_ + scale_ * sample); }
   template <class T>
   void convert(const uint8_t* row, const Rect& rect, float* out, int64_t step) const {
@@ -522,6 +566,7 @@ class HeightImage final : public HeightSource {
 
   FileProvenance provenance_;
   OIIO::TypeDesc type_;
+  std::optional<double> no_data_;
   double offset_, scale_, min_mm_ = 0, max_mm_ = 0;
   mutable BandCache cache_;
 };
@@ -629,6 +674,7 @@ Result<std::unique_ptr<HeightSource>> openHeight(const std::string& path,
     if (floats) {
       if (auto scanned = source->scanRange(range_mm.has_value()); !scanned) return scanned.error();
     } else {
+      if (auto whole = source->scanHoles(); !whole) return whole.error();
       // As read() rounds them.
       source->setRange(static_cast<float>(offset), static_cast<float>(offset + scale * full));
     }
