@@ -463,21 +463,26 @@ class HeightImage final : public HeightSource {
     if (bad_y >= 0) return hole(all, bad_x, bad_y);
     constexpr float kRounding = 1e-6f;
     if (shares && !(lo >= -kRounding && hi <= 1 + kRounding)) {
+      char found[64];
+      std::snprintf(found, sizeof found, "%.9g to %.9g", static_cast<double>(lo), static_cast<double>(hi));
       return Error{ErrorKind::kUsage,
                    cache_.path(),
-                   "expected samples from 0 to 1 beside a height range, found floats from " + std::to_string(lo) +
-                       " to " + std::to_string(hi),
-                   "leave out --relief-mm: a float map's heights are mm",
+                   std::string("expected samples from 0 to 1 beside a height range, found floats from ") + found,
+                   "leave out --relief-mm or --relief-px: a float map's heights are mm",
                    {}};
     }
     // As read() computes them, so that the range holds every sample to the last bit.
     const float a = toMm(lo), b = toMm(hi);
     setRange(std::min(a, b), std::max(a, b));
-    if (!std::isfinite(min_mm_) || !std::isfinite(max_mm_)) {
+    // Drawing squares lengths in single precision, which ends at 3.4e38.
+    constexpr double kMostMm = 1e18;
+    if (!(min_mm_ >= -kMostMm && max_mm_ <= kMostMm)) {
+      char found[64];
+      std::snprintf(found, sizeof found, "%.9g to %.9g", min_mm_, max_mm_);
       return Error{ErrorKind::kInvalidData,
                    cache_.path(),
-                   "expected heights that single precision holds, found larger ones",
-                   "",
+                   std::string("expected heights within 1e18 mm, found heights from ") + found + " mm",
+                   "if such a height stands for none, fill the holes of the height map before",
                    {}};
     }
     return {};
