@@ -130,7 +130,8 @@ Result<std::optional<std::pair<double, double>>> reliefRange(const BuildArgument
 Result<void> build(const BuildArguments& o) {
   if (o.mesh.empty() ? o.ptm.empty() == o.image.empty() : !o.image.empty()) {
     return usageError("expected one of --ptm FILE, --image FILE and --mesh FILE (with --ptm FILE, or without)",
-                      "see relievo build --help");
+                      o.relief.empty() ? "see relievo build --help"
+                                       : "a height map lies under a texture; a plain one is an image of its size");
   }
   if (!o.ptm.empty() && !o.texture.empty() && o.texture != "none") {
     return usageError("expected --ptm FILE or --texture IMAGE for the mesh, found both");

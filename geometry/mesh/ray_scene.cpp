@@ -34,7 +34,8 @@ struct PacketContext {
   // Rays go through to their ends, and the hit closest to their middle counts; else each ends at its nearest hit, but
   // of equally near ones that may be any: Embree compares before it divides.
   bool through = false;
-  uint32_t first_triangle = 0;  // of the region
+  uint32_t first_triangle = 0;       // of the region
+  std::array<float, kPacket> far{};  // where the rays end
   std::array<float, kPacket> middle{}, nearest{}, t{}, u{}, v{};
   std::array<uint32_t, kPacket> triangle{};
 };
@@ -43,6 +44,17 @@ struct PacketContext {
 enum RayKind : unsigned { kRayAny = 0, kRayUp = 1, kRayDown = 2 };
 constexpr unsigned kLaneBits = 3;
 static_assert(1u << kLaneBits == kPacket);
+
+// Traces the rays of the lanes in the mask, up to context.far. Where there are no eight lanes (no AVX; arm64), Embree
+// passes the mask over and takes every ray that begins before it ends, two packets of four: the rays of other lanes,
+// whatever is in them, end nowhere.
+void traceLanes(RTCScene scene, const std::array<int, kPacket>& mask, PacketContext& context, RTCRayHit8& rays) {
+  constexpr float nowhere = std::numeric_limits<float>::quiet_NaN();
+  for (size_t i = 0; i < kPacket; ++i) rays.ray.tfar[i] = mask[i] ? context.far[i] : nowhere;
+  rtcIntersect8(mask.data(), scene, &context.embree, &rays);
+  for (size_t i = 0; i < kPacket; ++i)
+    if (mask[i]) context.far[i] = rays.ray.tfar[i];
+}
 
 void lineFilter(const RTCFilterFunctionNArguments* args) {
   auto& context = *reinterpret_cast<PacketContext*>(args->context);
@@ -363,7 +375,7 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
   for (const glm::vec3& p : mesh.positions_mm)
     impl->size = std::max({impl->size, std::abs(p.x), std::abs(p.y), std::abs(p.z)});
   limitScheduler();
-  impl->device = rtcNewDevice(nullptr);
+  impl->device = rtcNewDevice(options.device);
   if (!impl->device) return Error{ErrorKind::kRuntime, "", "ray tracing: no device", ""};
   rtcSetDeviceErrorFunction(
       impl->device,
@@ -427,7 +439,7 @@ void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, Packet
                            std::array<int, kPacket>& valid) {
   if (regions.size() == 1) {
     context.first_triangle = 0;
-    with(0, held, [&](RTCScene scene) { rtcIntersect8(valid.data(), scene, &context.embree, &rays); });
+    with(0, held, [&](RTCScene scene) { traceLanes(scene, valid, context, rays); });
     return;
   }
   auto from = [&](size_t i) { return glm::vec3(rays.ray.org_x[i], rays.ray.org_y[i], rays.ray.org_z[i]); };
@@ -440,10 +452,10 @@ void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, Packet
     Box packet;
     for (size_t i = 0; i < kPacket; ++i) {
       if (!valid[i]) continue;
-      half[i] = 0.5f * rays.ray.tfar[i] * along(i);
+      half[i] = 0.5f * context.far[i] * along(i);
       middle[i] = from(i) + half[i];
       packet.add(from(i));
-      packet.add(from(i) + rays.ray.tfar[i] * along(i));
+      packet.add(from(i) + context.far[i] * along(i));
     }
     for (size_t at = 0; at < near.size();) {
       const size_t r = near[at] / kPartsARegion;
@@ -464,7 +476,7 @@ void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, Packet
       }
       if (!any) continue;
       context.first_triangle = regions[r].first;
-      with(r, held, [&](RTCScene scene) { rtcIntersect8(meets.data(), scene, &context.embree, &rays); });
+      with(r, held, [&](RTCScene scene) { traceLanes(scene, meets, context, rays); });
     }
   }
 }
@@ -499,13 +511,13 @@ void RayScene::Impl::nearest(Query& query, std::span<const Line> lines, Facing f
     rays.ray.dir_y[i] = static_cast<float>(direction.y);
     rays.ray.dir_z[i] = static_cast<float>(direction.z);
     rays.ray.tnear[i] = 0;
-    rays.ray.tfar[i] = static_cast<float>(far);
     rays.ray.time[i] = 0;
     rays.ray.mask[i] = ~0u;
     rays.ray.id[i] = kind << kLaneBits | static_cast<unsigned>(i);
     rays.ray.flags[i] = 0;
     rays.hit.geomID[i] = RTC_INVALID_GEOMETRY_ID;
     rays.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+    context.far[i] = static_cast<float>(far);
     context.middle[i] = middle;
     context.nearest[i] = std::numeric_limits<float>::infinity();
     context.triangle[i] = SurfacePoint::kNone;
@@ -560,7 +572,7 @@ void RayScene::Impl::nearest(Query& query, std::span<const Line> lines, Facing f
       if (!valid[i]) continue;
       any = true;
       rays.ray.tnear[i] = std::max(context.t[i] * (1 - 1e-5f) - 1e-6f * static_cast<float>(start[i]), 0.0f);
-      rays.ray.tfar[i] = context.t[i] * (1 + 1e-5f) + 1e-6f * static_cast<float>(start[i]);
+      context.far[i] = context.t[i] * (1 + 1e-5f) + 1e-6f * static_cast<float>(start[i]);
       context.nearest[i] = std::numeric_limits<float>::infinity();
     }
     if (!any) continue;

@@ -7,8 +7,8 @@
 // place first needs it and given back, longest unused first, when the budget is spent. Where triangles near one another
 // in space are near in the list, too (mesh_order.h), and so are lines that are asked for together, few regions are
 // needed at a time; a query keeps its last 16 of them, too. Results do not depend on the budget, and on the runs'
-// length only as Embree's rounding does: of surfaces that are equally near the first triangle is taken, whatever order
-// the hierarchies are in.
+// length and the machine's instructions only as Embree's rounding does: of surfaces that are equally near the first
+// triangle is taken, whatever order the hierarchies are in.
 #pragma once
 
 #include <atomic>
@@ -46,7 +46,8 @@ struct RaySceneOptions {
       nullptr;  // builds that it stops leave their region without a surface: look at it after queries, too
   uint32_t region_triangles = 0;         // 0: what suits the mesh's size
   uint64_t budget_bytes = ~uint64_t{0};  // of hierarchies at a time; one for each thread is kept, be it ever so small
-  bool at_once = true;  // all are built now, where the budget allows it; else each when it is first asked for
+  bool at_once = true;           // all are built now, where the budget allows it; else each when it is first asked for
+  const char* device = nullptr;  // Embree's configuration; tests ask for an older machine's instructions: "isa=sse2"
 };
 
 class RayScene {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <span>
 #include <utility>
 
 #include "geometry/mesh/mesh_order.h"
@@ -173,6 +174,52 @@ TEST(RayScene, regionsDoNotChangeResults) {
     for (size_t i = 0; i < lines.size(); ++i)
       if (hits[i]) other += m->triangles.size() - 1 - hits[i].triangle != expected[i].triangle;
     EXPECT_GT(other, lines.size() / 20);
+  }
+}
+
+// Fills the stack below the caller with floats that, taken for rays, begin before the line's point.
+[[gnu::noinline]] void spoilStack() {
+  volatile float stack[1 << 14];
+  for (volatile float& f : stack) f = -1;
+}
+
+// A machine without AVX has packets of four rays and no mask: what is in a packet's other lanes must not count, be the
+// packet not full, or some of its lines met already.
+TEST(RayScene, machinesWithoutAvxFindTheSame) {
+  TriMesh mesh = sphereMesh(10.0, 12);
+  std::sort(mesh.triangles.begin(), mesh.triangles.end(),
+            [&](const auto& a, const auto& b) { return mesh.positions_mm[a[0]].x < mesh.positions_mm[b[0]].x; });
+  std::mt19937 random(12);
+  std::uniform_real_distribution<double> in(-1, 1);
+  std::vector<Line> lines;
+  for (int i = 0; i < 3000; ++i) {
+    const glm::dvec3 n = glm::normalize(glm::dvec3(in(random), in(random), in(random)));
+    lines.push_back({(10 + in(random)) * n, n, i % 5 == 0 ? 0.2 : 25.0, i % 3 == 0 ? 0.5 : 0.0});
+    if (i % 7 == 0) lines.back().direction = glm::dvec3(0);
+  }
+  for (uint32_t run : {1u << 20, 100u}) {
+    auto here = RayScene::create(mesh, {.region_triangles = run});
+    auto there = RayScene::create(mesh, {.region_triangles = run, .device = "isa=sse2"});
+    ASSERT_TRUE(here) << here.error().text();
+    ASSERT_TRUE(there) << there.error().text();
+    for (Facing facing : {Facing::kAny, Facing::kAlong}) {
+      size_t met = 0;
+      for (size_t first = 0, count = 1; first + count <= lines.size(); first += count, count = count % 11 + 1) {
+        const std::span<const Line> some(lines.data() + first, count);
+        std::vector<SurfacePoint> expected(count), found(count);
+        (*here)->nearestOnLines(some, facing, expected);
+        spoilStack();
+        (*there)->nearestOnLines(some, facing, found);
+        for (size_t i = 0; i < count; ++i) {
+          ASSERT_EQ(static_cast<bool>(found[i]), static_cast<bool>(expected[i])) << first + i;
+          if (!found[i]) continue;
+          ++met;
+          ASSERT_NEAR(found[i].along, expected[i].along, 2e-6) << first + i;
+        }
+      }
+      EXPECT_GT(met, lines.size() / 2);
+      EXPECT_LT(met, lines.size() * 9 / 10);  // control: some meet nothing
+    }
   }
 }
 

@@ -6,6 +6,7 @@
 #include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -167,7 +168,8 @@ TEST(HeightImage, FloatsBesideARangeAreSharesOfIt) {
     auto source = openHeightImage(writeImage("mm.tif", w, h, 1, shares, OIIO::TypeFloat), {{10, 12}});
     ASSERT_FALSE(source) << beyond;
     EXPECT_EQ(source.error().kind, ErrorKind::kUsage);
-    EXPECT_NE(source.error().hint.find("leave out --relief-mm"), std::string::npos) << source.error().text();
+    EXPECT_NE(source.error().hint.find("leave out --relief-mm or --relief-px"), std::string::npos)
+        << source.error().text();
   }
 }
 
@@ -181,6 +183,78 @@ TEST(HeightImage, HolesAreRefusedWithTheirPlace) {
     EXPECT_EQ(source.error().kind, ErrorKind::kInvalidData);
     EXPECT_NE(source.error().message.find("(23, 17)"), std::string::npos) << source.error().text();
   }
+}
+
+// Squares of lengths are finite in single precision as far as heights are accepted.
+TEST(HeightImage, HeightsThatCannotBeDrawnAreRefused) {
+  for (float height : {2e18f, -2e18f, std::numeric_limits<float>::max(), std::numeric_limits<float>::lowest()}) {
+    auto f = noise<float>(50 * 40, 5);
+    f[17 * 50 + 23] = height;
+    auto source = openHeightImage(writeImage("far.tif", 50, 40, 1, f, OIIO::TypeFloat), {});
+    ASSERT_FALSE(source) << height;
+    EXPECT_EQ(source.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(source.error().message.find("within 1e18 mm"), std::string::npos) << source.error().text();
+    f[17 * 50 + 23] = height < 0 ? -9e17f : 9e17f;
+    EXPECT_TRUE(openHeightImage(writeImage("far.tif", 50, 40, 1, f, OIIO::TypeFloat), {})) << "control";
+  }
+}
+
+// Programs for terrain write a number where there is no height, and name it as text in the tag GDAL_NODATA.
+TEST(HeightImage, HolesThatTheFileNamesAreRefusedWithTheirPlace) {
+  // A TIFF with that tag, whose directory is moved to the file's end; big: as BigTIFF.
+  auto tagged = [](const std::string& path, const std::string& value) {
+    Bytes file = load(path);
+    auto u16 = [&](size_t at) { return static_cast<uint32_t>(file[at] | file[at + 1] << 8); };
+    auto u32 = [&](size_t at) { return u16(at) | u16(at + 2) << 16; };
+    auto put = [](Bytes& to, uint64_t v, int bytes) {
+      for (int i = 0; i < bytes; ++i) to.push_back(static_cast<uint8_t>(v >> (8 * i)));
+    };
+    const size_t old = u32(4), entries = u16(old);
+    Bytes text(value.begin(), value.end());
+    text.push_back(0);
+    file.resize((file.size() + 1) / 2 * 2);
+    const size_t text_at = file.size();
+    file.insert(file.end(), text.begin(), text.end());
+    file.resize((file.size() + 1) / 2 * 2);
+    const size_t directory = file.size();
+    Bytes end;
+    put(end, entries + 1, 2);
+    end.insert(end.end(), file.begin() + static_cast<std::ptrdiff_t>(old + 2),
+               file.begin() + static_cast<std::ptrdiff_t>(old + 2 + 12 * entries));
+    put(end, 42113, 2), put(end, 2, 2), put(end, text.size(), 4);
+    if (text.size() <= 4) text.resize(4), end.insert(end.end(), text.begin(), text.end());
+    else put(end, text_at, 4);
+    put(end, 0, 4);
+    file.insert(file.end(), end.begin(), end.end());
+    for (int i = 0; i < 4; ++i) file[4 + i] = static_cast<uint8_t>(directory >> (8 * i));
+    return save("tagged.tif", file);
+  };
+  auto expectHole = [](const std::string& path, std::optional<std::pair<double, double>> range) {
+    auto source = openHeightImage(path, range);
+    ASSERT_FALSE(source);
+    EXPECT_EQ(source.error().kind, ErrorKind::kInvalidData);
+    EXPECT_NE(source.error().message.find("(23, 17)"), std::string::npos) << source.error().text();
+  };
+  for (const auto& [sample, text] : {std::pair<float, const char*>{-9999, "-9999"},
+                                     {std::numeric_limits<float>::lowest(), "-3.4028234663852886e+38"},
+                                     {-32768, "-32768 "}}) {
+    auto f = noise<float>(50 * 40, 5);
+    const auto sound = tagged(writeImage("holes.tif", 50, 40, 1, f, OIIO::TypeFloat), text);
+    EXPECT_TRUE(openHeightImage(sound, {})) << "control: a file whose pixels are all there";
+    f[17 * 50 + 23] = f[30 * 50 + 2] = sample;
+    const auto plain = writeImage("holes.tif", 50, 40, 1, f, OIIO::TypeFloat);
+    if (sample > -1e18f) {
+      EXPECT_TRUE(openHeightImage(plain, {})) << "control: without the tag it is a height";
+    }
+    expectHole(tagged(plain, text), {});
+  }
+  std::vector<uint8_t> u8(50 * 40, 7);
+  u8[17 * 50 + 23] = 255;
+  expectHole(tagged(writeImage("holes.tif", 50, 40, 1, u8, OIIO::TypeUInt8), "255"), {{0, 1}});
+  std::vector<uint16_t> u16(50 * 40, 7);
+  u16[17 * 50 + 23] = 0;
+  expectHole(tagged(writeImage("holes.tif", 50, 40, 1, u16, OIIO::TypeUInt16), "0"), {{0, 1}});
+  EXPECT_TRUE(openHeightImage(tagged(writeImage("holes.tif", 50, 40, 1, u16, OIIO::TypeUInt16), "nan"), {{0, 1}}));
 }
 
 TEST(HeightImage, WhatIsNoHeightIsRefused) {
@@ -702,6 +776,27 @@ Result<Bytes> readAll(const std::string& path) {
   Bytes out(static_cast<size_t>(3 * (*source)->width() * (*source)->height()));
   if (auto read = (*source)->read({0, 0, (*source)->width(), (*source)->height()}, out); !read) return read.error();
   return out;
+}
+
+// The file opens once, for its header; for the library, which opens it again, the system has no descriptor left.
+TEST(ImageDamage, AFileThatTheSystemDoesNotOpenAgainIsNotCalledDamaged) {
+  for (const char* end : {"pgm", "png", "jpg", "tif", "exr", "tga", "bmp", "hdr"}) {
+    const bool grey = std::string_view(end) == "pgm";
+    const std::string path = writeImage<uint8_t>("again." + std::string(end), 8, 8, grey ? 1 : 3,
+                                                 noise<uint8_t>(8 * 8 * 3, 5), OIIO::TypeDesc::UNKNOWN);
+    ASSERT_TRUE(readImageFacts(path)) << end;  // control; and the format's reader is ready
+    rlimit before{};
+    ASSERT_EQ(::getrlimit(RLIMIT_NOFILE, &before), 0);
+    const int next = ::dup(0);
+    ASSERT_GE(next, 0);
+    ::close(next);
+    const rlimit one_more{static_cast<rlim_t>(next) + 1, before.rlim_max};
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &one_more), 0);
+    auto facts = readImageFacts(path);
+    ASSERT_EQ(::setrlimit(RLIMIT_NOFILE, &before), 0);
+    ASSERT_FALSE(facts) << end;
+    EXPECT_EQ(facts.error().kind, ErrorKind::kIo) << facts.error().text();
+  }
 }
 
 TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {

@@ -32,6 +32,9 @@ TEST_F(Cli, WrongUsageIsExitCode1) {
   EXPECT_EQ(relievo("sample vase -o " + file("d")).exit_code, 1);
   EXPECT_EQ(relievo("sample coin --size 0x5 -o " + file("d")).exit_code, 1);
   EXPECT_EQ(relievo("render x.relievo -o y.png --size 12by7").exit_code, 1);
+  const Outcome bare = relievo("build --relief heights.tif -o " + file("o.relievo"));
+  EXPECT_EQ(bare.exit_code, 1);
+  EXPECT_NE(bare.output.find("a height map lies under a texture"), std::string::npos) << bare.output;
 }
 
 TEST_F(Cli, AMissingFileIsExitCode2AndNamed) {

@@ -48,8 +48,9 @@ Result<ImageFacts> readImageFacts(const std::string& path, const ImageReadOption
 // 8-bit sRGB colour (grey is spread to three channels, alpha ignored: ImageFacts tells; 16 bit rounded to 8). Read in
 // bands or tiles where the format allows it; one scanline cache, thread-safe.
 Result<std::unique_ptr<TextureSource>> openColourImage(const std::string& path, const ImageReadOptions& options = {});
-// Any single-channel image, 8/16/32-bit unsigned or float; floats are read once on opening, for their range; heights
-// that are not finite are refused. Integer samples 0..max map to range_mm; float samples are mm, or, where range_mm is
+// Any single-channel image, 8/16/32-bit unsigned or float; floats are read once on opening, for their range.
+// Refused with the place of the first: heights that are not finite, and the sample that a TIFF's tag GDAL_NODATA calls
+// none; and floats beyond 1e18 mm. Integer samples 0..max map to range_mm; float samples are mm, or, where range_mm is
 // given, 0..1 map to it (samples beyond 0..1 are mm all the same: a usage error). Integer without range_mm is a usage
 // error.
 Result<std::unique_ptr<HeightSource>> openHeightImage(const std::string& path,

@@ -63,6 +63,7 @@ struct OpenImage {
   std::unique_ptr<OIIO::ImageInput> input;
   OIIO::ImageSpec spec;
   uint64_t file_bytes = 0;
+  std::optional<double> no_data;  // the sample that is no height
   Orientation orientation;
   int64_t width() const { return orientation.swap ? spec.height : spec.width; }  // as shown
   int64_t height() const { return orientation.swap ? spec.width : spec.height; }
@@ -121,7 +122,11 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
   if (auto sound = checkJpegHeader(*file); !sound) return sound.error();
   OpenImage image;
   image.file_bytes = file->size();
+  auto no_data = noDataOf(*file);
+  if (!no_data) return no_data.error();
+  image.no_data = *no_data;
   const OIIO::ImageSpec config = openConfig();
+  std::string why;
   {
     // The library's own limit is the whole program's and is looked at on opening. What is read in parts is checked
     // below.
@@ -131,9 +136,18 @@ Result<OpenImage> openImage(const std::string& path, const ImageReadOptions& opt
         "limits:imagesize_MB",
         sniffed->in_parts ? 0 : static_cast<int>(std::min<uint64_t>((options.decodedLimit() >> 20) + 1, 1 << 30)));
     image.input = OIIO::ImageInput::open(path, &config);
+    if (!image.input) {
+      // The library opens the file a second time. Where the system refuses that (too many open files), it says that it
+      // could not, or, of OpenEXR, that the file is none: neither is damage, and the refusal may have passed.
+      why = oneLine(OIIO::geterror());
+      if (why.find("Could not open") != std::string::npos || why.find("not an OpenEXR file") != std::string::npos) {
+        if (auto again = InputFile::open(path); !again) return again.error();
+        image.input = OIIO::ImageInput::open(path, &config);
+        if (!image.input) why = oneLine(OIIO::geterror());
+      }
+    }
   }
   if (!image.input) {
-    const std::string why = oneLine(OIIO::geterror());
     if (why.find("not supported") != std::string::npos)
       return Error{ErrorKind::kUnsupported, path, why, "write it as a TIFF or PNG", {}};
     return Error{ErrorKind::kInvalidData,
@@ -403,6 +417,7 @@ class HeightImage final : public HeightSource {
               const ImageReadOptions& options)
       : provenance_(path, true),
         type_(type),
+        no_data_(image.no_data),
         offset_(offset),
         scale_(scale),
         cache_(std::move(path), std::move(image), type, 1, options) {}
@@ -421,6 +436,10 @@ class HeightImage final : public HeightSource {
     const Placement all = cache_.placement({0, 0, width(), height()});
     auto scanned = cache_.rows(0, all.stored.height, [&](int64_t y, const uint8_t* row) {
       if (bad_y >= 0) return;
+      if ((bad_x = firstHole<float>(row, all.stored.width)) >= 0) {
+        bad_y = y;
+        return;
+      }
       float row_lo = std::numeric_limits<float>::infinity(), row_hi = -row_lo, sum = 0;
       for (int64_t x = 0; x < all.stored.width; ++x) {
         float v;
@@ -441,36 +460,48 @@ class HeightImage final : public HeightSource {
       hi = std::max(hi, row_hi);
     });
     if (!scanned) return scanned;
-    if (bad_y >= 0) {
-      const auto [first, step] = all.row(bad_y);
-      const int64_t place = first + bad_x * step;
-      bad_x = place % width(), bad_y = place / width();
-      return Error{ErrorKind::kInvalidData,
-                   cache_.path(),
-                   "expected a finite height, found none at pixel (" + std::to_string(bad_x) + ", " +
-                       std::to_string(bad_y) + "), counted from the top left",
-                   "fill the holes of the height map before",
-                   {}};
-    }
+    if (bad_y >= 0) return hole(all, bad_x, bad_y);
     constexpr float kRounding = 1e-6f;
     if (shares && !(lo >= -kRounding && hi <= 1 + kRounding)) {
+      char found[64];
+      std::snprintf(found, sizeof found, "%.9g to %.9g", static_cast<double>(lo), static_cast<double>(hi));
       return Error{ErrorKind::kUsage,
                    cache_.path(),
-                   "expected samples from 0 to 1 beside a height range, found floats from " + std::to_string(lo) +
-                       " to " + std::to_string(hi),
-                   "leave out --relief-mm: a float map's heights are mm",
+                   std::string("expected samples from 0 to 1 beside a height range, found floats from ") + found,
+                   "leave out --relief-mm or --relief-px: a float map's heights are mm",
                    {}};
     }
     // As read() computes them, so that the range holds every sample to the last bit.
     const float a = toMm(lo), b = toMm(hi);
     setRange(std::min(a, b), std::max(a, b));
-    if (!std::isfinite(min_mm_) || !std::isfinite(max_mm_)) {
+    // Drawing squares lengths in single precision, which ends at 3.4e38.
+    constexpr double kMostMm = 1e18;
+    if (!(min_mm_ >= -kMostMm && max_mm_ <= kMostMm)) {
+      char found[64];
+      std::snprintf(found, sizeof found, "%.9g to %.9g", min_mm_, max_mm_);
       return Error{ErrorKind::kInvalidData,
                    cache_.path(),
-                   "expected heights that single precision holds, found larger ones",
-                   "",
+                   std::string("expected heights within 1e18 mm, found heights from ") + found + " mm",
+                   "if such a height stands for none, fill the holes of the height map before",
                    {}};
     }
+    return {};
+  }
+
+  // Integers: the place of the first that is no height, where the file names one that is none.
+  Result<void> scanHoles() {
+    if (!no_data_) return {};
+    int64_t bad_x = -1, bad_y = -1;
+    const Placement all = cache_.placement({0, 0, width(), height()});
+    auto scanned = cache_.rows(0, all.stored.height, [&](int64_t y, const uint8_t* row) {
+      if (bad_y >= 0) return;
+      bad_x = type_ == OIIO::TypeUInt8    ? firstHole<uint8_t>(row, all.stored.width)
+              : type_ == OIIO::TypeUInt16 ? firstHole<uint16_t>(row, all.stored.width)
+                                          : firstHole<uint32_t>(row, all.stored.width);
+      if (bad_x >= 0) bad_y = y;
+    });
+    if (!scanned) return scanned;
+    if (bad_y >= 0) return hole(all, bad_x, bad_y);
     return {};
   }
 
@@ -499,6 +530,34 @@ class HeightImage final : public HeightSource {
   }
 
  private:
+  // The first sample of a stored row that the file says is none; -1: there is no such sample.
+  template <class T>
+  int64_t firstHole(const uint8_t* row, int64_t samples) const {
+    if (!no_data_) return -1;
+    const double none = std::is_floating_point_v<T> ? static_cast<float>(*no_data_) : *no_data_;
+    for (int64_t x = 0; x < samples; ++x) {
+      T sample;
+      std::memcpy(&sample, row + x * sizeof(T), sizeof(T));
+      if (static_cast<double>(sample) == none) return x;
+    }
+    return -1;
+  }
+  Error hole(const Placement& all, int64_t stored_x, int64_t stored_y) const {
+    const auto [first, step] = all.row(stored_y);
+    const int64_t place = first + stored_x * step;
+    std::string said;
+    if (no_data_) {
+      char text[64];
+      std::snprintf(text, sizeof text, " (the file says that %.9g stands for none)", *no_data_);
+      said = text;
+    }
+    return {ErrorKind::kInvalidData,
+            cache_.path(),
+            "expected a finite height, found none at pixel (" + std::to_string(place % width()) + ", " +
+                std::to_string(place / width()) + "), counted from the top left" + said,
+            "fill the holes of the height map before",
+            {}};
+  }
   float toMm(double sample) const { return static_cast<float>(offset_ + scale_ * sample); }
   template <class T>
   void convert(const uint8_t* row, const Rect& rect, float* out, int64_t step) const {
@@ -512,6 +571,7 @@ class HeightImage final : public HeightSource {
 
   FileProvenance provenance_;
   OIIO::TypeDesc type_;
+  std::optional<double> no_data_;
   double offset_, scale_, min_mm_ = 0, max_mm_ = 0;
   mutable BandCache cache_;
 };
@@ -619,6 +679,7 @@ Result<std::unique_ptr<HeightSource>> openHeight(const std::string& path,
     if (floats) {
       if (auto scanned = source->scanRange(range_mm.has_value()); !scanned) return scanned.error();
     } else {
+      if (auto whole = source->scanHoles(); !whole) return whole.error();
       // As read() rounds them.
       source->setRange(static_cast<float>(offset), static_cast<float>(offset + scale * full));
     }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdlib>
 #include <cstring>
 #include <span>
 #include <string_view>
@@ -54,6 +55,45 @@ Result<Sniffed> sniffImage(const InputFile& file) {
     at += 2 + big(&segment[2], 2);
   }
   return Sniffed{true, 0};  // without a frame: the library says what is the matter
+}
+
+Result<std::optional<double>> noDataOf(const InputFile& file) {
+  constexpr uint64_t kTag = 42113, kAscii = 2, kMostText = 64;
+  std::optional<double> none;
+  std::array<uint8_t, 16> head{};
+  if (file.size() < head.size()) return none;
+  if (auto read = file.read(0, head); !read) return read.error();
+  const bool big_endian = head[0] == 'M';
+  auto number = [&](const uint8_t* p, size_t bytes) {
+    uint64_t v = 0;
+    for (size_t i = 0; i < bytes; ++i) v = v << 8 | p[big_endian ? i : bytes - 1 - i];
+    return v;
+  };
+  const uint64_t version = number(&head[2], 2);
+  if (head[0] != head[1] || (head[0] != 'I' && !big_endian) || (version != 42 && version != 43)) return none;
+  // Bytes of the directory's count, of an offset or an entry's count, and of an entry.
+  const size_t count_bytes = version == 43 ? 8 : 2, word = version == 43 ? 8 : 4, entry_bytes = 4 + 2 * word;
+  uint64_t at = version == 43 ? number(&head[8], 8) : number(&head[4], 4);
+  std::array<uint8_t, 20> entry;
+  if (at > file.size() || file.size() - at < count_bytes) return none;
+  if (auto read = file.read(at, std::span(entry).first(count_bytes)); !read) return read.error();
+  const uint64_t entries = std::min<uint64_t>(number(entry.data(), count_bytes), 65535);
+  at += count_bytes;
+  for (uint64_t i = 0; i < entries && file.size() - at >= entry_bytes; ++i, at += entry_bytes) {
+    if (auto read = file.read(at, std::span(entry).first(entry_bytes)); !read) return read.error();
+    if (number(&entry[0], 2) != kTag || number(&entry[2], 2) != kAscii) continue;
+    const uint64_t length = number(&entry[4], word);
+    const uint64_t place = length <= word ? at + 4 + word : number(&entry[4 + word], word);
+    if (length == 0 || length > kMostText || place > file.size() || file.size() - place < length) return none;
+    std::string text(length, '\0');
+    if (auto read = file.read(place, {reinterpret_cast<uint8_t*>(text.data()), length}); !read) return read.error();
+    text.resize(std::strlen(text.c_str()));
+    char* end = nullptr;
+    const double value = std::strtod(text.c_str(), &end);
+    if (end != text.c_str()) return std::optional(value);
+    return none;
+  }
+  return none;
 }
 
 // OpenEXR allocates what an attribute of the header claims before it looks for it in the file: 271 bytes take 1.8 GB.

@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "src/base/file.h"
@@ -25,6 +26,10 @@ struct Sniffed {
 };
 // By the file's first bytes: TIFF, OpenEXR, PNG and JPEG; of anything else nothing is known.
 Result<Sniffed> sniffImage(const InputFile& file);
+
+// The sample that stands for no height where a TIFF says so: the tag GDAL_NODATA of its first image, a number as text.
+// Nothing where there is none, or where the directory is no sound one, which is left to the library to refuse.
+Result<std::optional<double>> noDataOf(const InputFile& file);
 
 // Errors only for an OpenEXR file; else nothing is looked at.
 Result<void> checkExrHeader(const InputFile& file);
