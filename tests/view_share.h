@@ -1,5 +1,5 @@
-// view_share.h - how much of their random work tests do: under the address sanitizer less, with RELIEVO_LONG_TESTS=1
-// more.
+// view_share.h - how much of their random work tests do: under the address sanitizer and with OpenGL ES less, with
+// RELIEVO_LONG_TESTS=1 more.
 #pragma once
 
 #include <algorithm>
@@ -25,6 +25,15 @@ constexpr int share(int n) { return std::max(1, n / kViewShare); }
 inline bool longTests() {
   const char* node = std::getenv("RELIEVO_LONG_TESTS");
   return node && std::string_view(node) == "1";
+}
+
+// Of n of them with OpenGL ES (RELIEVO_GL=es), whose contexts the same driver draws with the same shader bodies: a
+// quarter, or all with RELIEVO_LONG_TESTS=1. With OpenGL all.
+template <class Count>
+Count esShare(Count n) {
+  const char* api = std::getenv("RELIEVO_GL");
+  const bool es = api && std::string_view(api) == "es";
+  return es && !longTests() ? std::max(Count{1}, n / 4) : n;
 }
 
 }  // namespace relievo::test

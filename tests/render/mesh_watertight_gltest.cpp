@@ -553,7 +553,7 @@ TEST_F(MeshBackground, NoneShowsThrough) {
   uint64_t inside_all = 0;
   int views_all = 0;
   for (OpenBody& body : openBodies()) {
-    const int views = test::longTests() ? 1667 : 40;
+    const int views = test::longTests() ? 1667 : test::esShare(40);
     const std::string name = body.name;
     auto [inside, background] = look(std::move(body), views, true);
     std::printf("[ watertight ] %s, seed %llu: %d views, %llu pixels inside, %llu of them background\n", name.c_str(),

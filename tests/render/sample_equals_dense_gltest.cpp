@@ -1,7 +1,8 @@
 // Virtual equals dense over the whole way: a sample artwork of 4096 x 4096 texels with relief, built into a package,
-// against the oracle that reads the same sources. A hundred random views of each PTM basis.
+// against the oracle that reads the same sources. A hundred random views of each PTM basis (with OpenGL ES 25).
 #include "tests/render/test_artwork.h"
 #include "tests/render/virtual_equals_dense.h"
+#include "tests/view_share.h"
 #include "texturing/package/package_builder.h"
 #include "tools/sample/sample_artwork.h"
 
@@ -33,7 +34,7 @@ TEST_P(SampleEqualsDense, HundredRandomViews) {
   auto relief = buildDenseRelief(*heights, domain);
   ASSERT_TRUE(relief.ok());
   s.relief = std::make_shared<DenseRelief>(std::move(*relief));
-  expectEqual(compare(s, {}, {.views = 100}), basisName(GetParam()));
+  expectEqual(compare(s, {}, {.views = test::esShare(100)}), basisName(GetParam()));
 }
 
 INSTANTIATE_TEST_SUITE_P(Bases, SampleEqualsDense, testing::Values(Basis::kPtmLrgb, Basis::kPtmRgb), [](const auto& i) {

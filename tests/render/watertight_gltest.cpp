@@ -11,6 +11,7 @@
 #include "src/engine/engine.h"
 #include "src/engine/fault_injection.h"
 #include "tests/render/test_artwork.h"
+#include "tests/view_share.h"
 
 namespace relievo {
 namespace {
@@ -104,8 +105,8 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
   std::mt19937 random(kSeed);
   Comparison total;
   int frames = 0;
-  constexpr uint64_t kWanted = 10'000'000;
-  for (; total.compared < kWanted && frames < 6000; ++frames) {
+  const uint64_t wanted = test::esShare(uint64_t{10'000'000});
+  for (; total.compared < wanted && frames < 6000; ++frames) {
     if (frames % 3 == 0) engine->setCamera(randomCamera(random));
     engine->frame(frames * 0.016);
     compareShared(*engine, &total);
@@ -113,7 +114,7 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
   }
   std::printf("[ watertight ] seed %u: %llu comparisons over %d frames, %llu differ\n", kSeed,
               (unsigned long long)total.compared, frames, (unsigned long long)total.different);
-  EXPECT_GE(total.compared, kWanted);
+  EXPECT_GE(total.compared, wanted);
   EXPECT_EQ(total.different, 0u);
 }
 
@@ -170,17 +171,17 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
   auto engine = makeEngine(1.0);
   std::mt19937 random(kSeed + 1);
   uint64_t inside = 0, background = 0;
-  constexpr int kViews = 1000;
-  for (int view = 0; view < kViews; ++view) {
+  const int views = test::esShare(1000);
+  for (int view = 0; view < views; ++view) {
     engine->setCamera(randomCamera(random));
     engine->frame(view * 0.1);  // the list of an older camera is drawn here
     engine->frame(view * 0.1 + 0.01);
     engine->frame(view * 0.1 + 0.02);
     background += holes(*engine, &inside);
   }
-  std::printf("[ watertight ] seed %u: %d views, %llu pixels inside, %llu of them background\n", kSeed + 1, kViews,
+  std::printf("[ watertight ] seed %u: %d views, %llu pixels inside, %llu of them background\n", kSeed + 1, views,
               (unsigned long long)inside, (unsigned long long)background);
-  EXPECT_GT(inside, 10'000'000u);
+  EXPECT_GT(inside, test::esShare(uint64_t{10'000'000}));
   EXPECT_EQ(background, 0u);
 }
 
