@@ -38,17 +38,19 @@ EffectPlan flatPlan(const Manifest& manifest, Sampling sampling = Sampling::kTri
 class FlatFeedback {
  public:
   // looks_at_depth: false for a negative control.
-  explicit FlatFeedback(const FlatDomain& domain, const DepthMode& depth = depthMode(), bool looks_at_depth = true)
-      : surface_(depth), pass_(gltest::context().info().software) {
+  explicit FlatFeedback(const FlatDomain& domain, const DepthMode& depth = depthMode(), bool looks_at_depth = true,
+                        Sampling sampling = Sampling::kTrilinear)
+      : sampling_(sampling), surface_(depth), pass_(gltest::context().info().software) {
     manifest_.domain = domain;
-    link(surface_program_, {"patch.vert", "surface.frag", flatPlan(manifest_).defines(), patchAttributes(), {}});
+    link(surface_program_,
+         {"patch.vert", "surface.frag", flatPlan(manifest_, sampling_).defines(), patchAttributes(), {}});
     std::string feedback(shaderSource("feedback.frag"));
     const std::string look = "if (depth <= u_seen.x || depth >= u_seen.y) return;";
     EXPECT_NE(feedback.find(look), std::string::npos);
     if (!looks_at_depth) feedback.replace(feedback.find(look), look.size(), "");
-    auto linked =
-        gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))},
-                               {"feedback.frag", feedback}, {"", "", flatPlan(manifest_).defines(), {"a_corner"}, {}});
+    auto linked = gl::Program::linkTexts(gltest::api(), {"screen.vert", std::string(shaderSource("screen.vert"))},
+                                         {"feedback.frag", feedback},
+                                         {"", "", flatPlan(manifest_, sampling_).defines(), {"a_corner"}, {}});
     EXPECT_TRUE(linked.ok()) << (linked.ok() ? "" : linked.error().text());
     if (linked.ok()) program_ = std::move(*linked);
   }
@@ -68,7 +70,7 @@ class FlatFeedback {
   // As the engine draws its wireframe: into a picture with the surface's depth.
   void drawOver(const TextureView& v, int width_px, int height_px, PatchPass::Mesh mesh) {
     if (wire_program_.id() == 0) {
-      auto defines = flatPlan(manifest_).defines();
+      auto defines = flatPlan(manifest_, sampling_).defines();
       defines.emplace_back("WIREFRAME", "1");
       link(wire_program_, {"patch.vert", "lines.frag", defines, patchAttributes(), {}});
     }
@@ -116,6 +118,7 @@ class FlatFeedback {
     if (linked.ok()) program = std::move(*linked);
   }
 
+  const Sampling sampling_;
   Manifest manifest_;
   gl::Program surface_program_, program_, wire_program_;
   PatchPass patches_;
@@ -190,7 +193,9 @@ TEST(FeedbackPass, APixelSamplesExactlyThatPixelOfThePicture) {
   for (int i = 0; i < 15; ++i) {
     const bool orthographic = i >= 12;  // all pixels of a flat artwork want one level: no part of the controls
     View view = randomView(random, 75 + i, orthographic);  // sizes that no scale divides
-    FlatFeedback feedback(view.domain);
+    view.texture.trilinear = i % 3 != 1;                   // else the nearest level
+    FlatFeedback feedback(view.domain, depthMode(), true,
+                          view.texture.trilinear ? Sampling::kTrilinear : Sampling::kBilinear);
     Truth truth = truthOf(view);
     for (int scale : {1, 3, 8, 16}) {
       for (int turn = 0; turn < scale * scale; turn += std::max(1, scale * scale / 5)) {
