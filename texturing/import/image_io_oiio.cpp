@@ -22,6 +22,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <new>
 #include <optional>
 #include <span>
 #include <string>
@@ -38,11 +39,18 @@ namespace {
 constexpr uint64_t kPackingSlackBytes = uint64_t{1} << 20;
 constexpr int64_t kMaxSide = int64_t{1} << 30;
 
-// Runs what calls OpenImageIO; its exceptions (out of memory, damaged files in some readers) become errors.
+// Runs what calls OpenImageIO; its exceptions (out of memory, damaged files in some readers) become errors. No size
+// that a damaged file claims gets as far as an allocation that fails: it is the machine that has no memory.
 template <class Call>
 auto guarded(const std::string& path, Call call) -> decltype(call()) {
   try {
     return call();
+  } catch (const std::bad_alloc&) {
+    return Error{ErrorKind::kRuntime,
+                 path,
+                 "out of memory while reading the image",
+                 "close other programs, or lower --memory-mib and --workers",
+                 {}};
   } catch (const std::exception& e) {
     return Error{ErrorKind::kInvalidData, path, "reading the image failed: " + oneLine(e.what()), kDamagedHint, {}};
   }
