@@ -27,7 +27,7 @@ T valueOf(Result<T> result) {
 }
 
 template <class Use>
-void forEachNode(const PlanarDomain& domain, int depth, Use use) {
+void forEachNode(const PatchDomain& domain, int depth, Use use) {
   for (uint32_t patch = 0; patch < domain.patchCount(); ++patch)
     for (int level = 0; level <= depth; ++level)
       for (uint32_t y = 0; y < 1u << level; ++y)
@@ -37,12 +37,12 @@ void forEachNode(const PlanarDomain& domain, int depth, Use use) {
 
 bool sameLayout(const Manifest& a, const Manifest& b) {
   return a.base && b.base && *a.base == *b.base && a.page_count == b.page_count &&
-         a.domain.width_px == b.domain.width_px && a.domain.texture_depth == b.domain.texture_depth &&
+         a.domain.patchCount() == b.domain.patchCount() && a.domain.texture_depth == b.domain.texture_depth &&
          a.domain.relief_depth == b.domain.relief_depth && a.texture.basis == b.texture.basis;
 }
 
 bool sameHeights(const Package& a, const Package& b) {
-  const PlanarDomain &m = a.manifest().domain, &n = b.manifest().domain;
+  const PatchDomain &m = a.manifest().domain, &n = b.manifest().domain;
   glm::vec3 low(1e30f), high(-1e30f);
   for (const BaseCorner& c : a.manifest().base->corners)
     low = glm::min(low, c.position_mm), high = glm::max(high, c.position_mm);

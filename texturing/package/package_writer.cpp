@@ -92,7 +92,9 @@ Error usage(std::string message, std::string hint) {
 nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& tool_version) {
   const PatchDomain& d = h.domain;
   const FlatExtent stated = statedExtent(d);
-  nlohmann::ordered_json json;
+  // Objects and arrays from the beginning: where the memory for turning a null into one is not to be had, the library
+  // ends the process as it takes the null away.
+  auto json = nlohmann::ordered_json::object();
   json["format"] = "relievo-package";
   json["version"] = packageVersion(h);
   json["tool_version"] = tool_version;
@@ -106,6 +108,7 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
   json["patches"] = d.patchCount();
   json["basis"] = basisName(h.texture.basis);
   json["texture_planes"] = h.texture.planes();
+  json["encodings"] = nlohmann::ordered_json::array();
   for (int k = 0; k < h.texture.planes(); ++k)
     json["encodings"].push_back(encodingName(h.encodings[static_cast<size_t>(k)]));
   if (h.texture.coefficients() > 0) {
@@ -122,11 +125,12 @@ nlohmann::ordered_json manifestJson(const PackageHeader& h, const std::string& t
 
 Result<void> addSource(nlohmann::ordered_json& manifest, const Provenance& p, const char* role) {
   if (p.failure) return *p.failure;
-  nlohmann::ordered_json s;
+  auto s = nlohmann::ordered_json::object();
   s["role"] = role;
   s["name"] = p.name;
   if (!p.xxh3.empty()) s["xxh3"] = p.xxh3;
   if (!p.generator.empty()) s["generator"] = p.generator;
+  if (!manifest.contains("sources")) manifest["sources"] = nlohmann::ordered_json::array();
   manifest["sources"].push_back(s);
   return {};
 }
