@@ -138,14 +138,22 @@ int main(int argc, char** argv) {
   std::set_terminate(onTerminate);
   relievo::openStandardDescriptors();
   relievo::installInterruptHandler();
+  constexpr int kRuntime = static_cast<int>(relievo::ErrorKind::kRuntime);
+  int exit_code = kRuntime;
   try {
     relievo::CommandContext context;
     runCommand(argc, argv, context);
-    return context.exit_code;
+    exit_code = context.exit_code;
   } catch (const std::bad_alloc&) {
     sayOutOfMemory();
   } catch (const std::exception& e) {
     std::fprintf(stderr, "relievo: error: %s\n", e.what());
   }
-  return static_cast<int>(relievo::ErrorKind::kRuntime);
+  // What ran out of memory within a library may leave it in a state that its destructors do not expect: OpenImageIO's
+  // tables then find a lock held, and end the process. None of them is called.
+  if (exit_code == kRuntime) {
+    std::fflush(nullptr);
+    std::_Exit(exit_code);
+  }
+  return exit_code;
 }
