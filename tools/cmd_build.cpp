@@ -70,13 +70,11 @@ double toleranceIn(const std::string& text, const std::string& unit) {
   return rest == unit || (rest.empty() && unit == "mm") ? v : 0;
 }
 std::string tolerance(const std::string& text) {
-  char* end = nullptr;
-  const double v = std::strtod(text.c_str(), &end);
-  const std::string rest = end;
-  return end != text.c_str() && v >= 0 && std::isfinite(v) && (rest.empty() || rest == "mm" || rest == "%")
-             ? ""
-             : "expected a length from 0 in mm, such as 0.05 or 0.05mm, or a share of the diagonal such as 0.03%, found " +
-                   text;
+  const std::string number = text.substr(0, text.find_first_of("m%"));
+  if (std::string problem = notNegative(number); !problem.empty())
+    return "expected a finite number from 0, found " + text;
+  const std::string unit = text.substr(number.size());
+  return unit.empty() || unit == "mm" || unit == "%" ? "" : "expected mm, or % of the diagonal, found " + text;
 }
 
 std::string positiveOrTag(const std::string& text) {
@@ -276,13 +274,14 @@ CLI::Option* addInputOptions(CLI::App& c, BuildArguments& o) {
       ->check(CLI::Range(0u, 1u << 20))
       ->needs(mesh)
       ->capture_default_str();
-  c.add_option("--tolerance", o.tolerance,
-               "Distance that 99.9 % of the scan and of what is drawn keep from each other: 0.05 or 0.05mm, or 0.03% of "
-               "the diagonal. Their RMS is to be a tenth, and nothing to speak of beyond 3.3 times that. Missed: exit "
-               "code 7 [0.03%]")
+  c.add_option(
+       "--tolerance", o.tolerance,
+       "Distance that 99.9 % of the scan and of what is drawn keep from each other: 0.05 or 0.05mm, or 0.03% of "
+       "the diagonal. Their RMS is to be a tenth, and nothing to speak of beyond 3.3 times that. Missed, and no "
+       "--patches given: exit code 7 [0.03%]")
       ->check(tolerance)
       ->needs(mesh);
-  c.add_flag("--strict", o.strict, "Write nothing where the tolerance is missed")->needs(mesh);
+  c.add_flag("--strict", o.strict, "Write nothing where the tolerance is missed, and exit with 7")->needs(mesh);
   c.add_option("--report", o.report, "Write this HTML file: diagnosis, distances with a picture, time and memory")
       ->needs(mesh);
   return mesh;

@@ -45,7 +45,6 @@ TriMesh BakedSurface::part(size_t first, size_t end) const {
   return out;
 }
 
-
 void BakedSurface::fill(uint32_t p, TriMesh& out, size_t first_vertex, size_t first_triangle) const {
   const BaseMesh& base = baked_.base();
   const size_t n = size_t{1} << cells_log2_[p], row = n + 1, finest_row = (size_t{1} << finest_log2_) + 1,

@@ -14,7 +14,8 @@
 namespace relievo {
 namespace {
 
-// The drawn surface is measured on grids that lie within this (a bound: they lie much closer) of the finest, in diagonals.
+// The drawn surface is measured on grids that lie within this (a bound: they lie much closer) of the finest, in
+// diagonals.
 constexpr double kClose = 4e-5;
 constexpr uint64_t kMostVertices = 40'000;
 

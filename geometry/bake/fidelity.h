@@ -21,14 +21,12 @@ struct FidelityTarget {
   double rms_mm = 0, most_mm = 0, largest_mm = 0;
   // By default 3e-5, 3e-4 and 1e-3 of the diagonal. tolerance_mm: of 99.9 %; the others in proportion.
   static FidelityTarget of(double diagonal_mm) { return within(3e-4 * diagonal_mm); }
-  static FidelityTarget within(double tolerance_mm) {
-    return {tolerance_mm / 10, tolerance_mm, tolerance_mm / 0.3};
-  }
+  static FidelityTarget within(double tolerance_mm) { return {tolerance_mm / 10, tolerance_mm, tolerance_mm / 0.3}; }
 };
 
 // One way.
 struct FidelityWay {
-  uint64_t samples = 0;  // spread over the area; the largest is of the scan's vertices, too
+  uint64_t samples = 0;                            // spread over the area; the largest is of the scan's vertices, too
   double rms_mm = 0, most_mm = 0, largest_mm = 0;  // most: 99.9 % lie within
   double within = 1, beyond = 0;                   // shares of the area: within the target's most, beyond its largest
   glm::dvec3 largest_at_mm{0};

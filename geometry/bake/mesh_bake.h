@@ -61,8 +61,8 @@ class RayScene;
 // Copies share it: several bakes of one mesh look up the same.
 struct BakeScene {
   std::shared_ptr<const RayScene> rays;
-  std::shared_ptr<const LineSweep> sweep;                  // of dense scans: rays are for what it does not answer
-  std::shared_ptr<const std::vector<glm::vec3>> normals;   // of the mesh's vertices
+  std::shared_ptr<const LineSweep> sweep;                 // of dense scans: rays are for what it does not answer
+  std::shared_ptr<const std::vector<glm::vec3>> normals;  // of the mesh's vertices
 };
 struct BakeSceneOptions {
   uint64_t ray_bytes =

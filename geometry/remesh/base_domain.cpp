@@ -113,7 +113,7 @@ struct Maker {
   size_t scan_vertices;
   std::vector<FeatureCurve> flat_curves;
   std::vector<double> allowed_deviation;  // of a border feature curve, be there ever so many patches
-  std::vector<uint8_t> strict;            // by feature curve: it was missed, and is followed closely however rough; or empty
+  std::vector<uint8_t> strict;  // by feature curve: it was missed, and is followed closely however rough; or empty
   const std::atomic<bool>* interrupted;
 
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
@@ -145,7 +145,7 @@ struct Maker {
     for (size_t r = 0; r < deviation.size(); ++r) {
       if (!flat_curves[r].border) continue;
       deviation[r] = r < strict.size() && strict[r]
-                         ? 0.5 * kBorderDeviation
+                         ? 0.25 * kBorderDeviation
                          : deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
     }
     return deviation;

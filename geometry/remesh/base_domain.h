@@ -36,8 +36,8 @@ struct BaseDomainOptions {
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// A place where a base missed the scan, in the mesh's coordinates, and how much finer patches are to be there: 16 halves
-// their sides.
+// A place where a base missed the scan, in the mesh's coordinates, and how much finer patches are to be there: 16
+// halves their sides.
 struct BaseMiss {
   glm::dvec3 place_mm{0};
   float factor = 16;

@@ -8,9 +8,7 @@ namespace relievo {
 
 namespace {
 
-double areaOfQuad(const std::array<glm::dvec3, 4>& p) {
-  return glm::length(glm::cross(p[2] - p[0], p[3] - p[1])) / 2;
-}
+double areaOfQuad(const std::array<glm::dvec3, 4>& p) { return glm::length(glm::cross(p[2] - p[0], p[3] - p[1])) / 2; }
 
 }  // namespace
 

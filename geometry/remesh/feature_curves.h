@@ -29,7 +29,7 @@ struct CurveEnd {
 double deviationFromSide(const FeatureCurve& curve, const CurveEnd& a, const CurveEnd& b);
 // In diagonals: what borders of bases keep to where the number of patches is free and the scan's borders are no
 // rougher.
-inline constexpr double kBorderDeviation = 8e-4;
+inline constexpr double kBorderDeviation = 2e-3;
 
 // How far a feature curve must be let stray where it is rougher than sides of that length: the smallest of within, 2
 // within, 4 within, ... that takes no more than half as many sides again.
