@@ -191,8 +191,9 @@ struct Maker {
   }
 
   // How badly the candidate lies. Where it lost the surface, the next one gets smaller patches: weight.
-  void judge(Candidate& c, std::vector<float>& weight) const {
-    const Fit fit = judgeFit(c.quads, surface, scan, std::max(kJudgedCells, 40 * c.quads.n_faces()));
+  void judge(Candidate& c, std::vector<float>& weight, bool closely) const {
+    const size_t cells = closely ? std::max(kJudgedCells, 40 * c.quads.n_faces()) : kJudgedCells;
+    const Fit fit = judgeFit(c.quads, surface, scan, cells, closely);
     for (const auto v : c.quads.vertices()) {
       c.folded += folds(c.quads, v);
       c.flat += v.is_boundary() && !c.quads.data(v).fixed && leastSine(c.quads, v) < kFlatSine;
@@ -304,7 +305,7 @@ Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options, s
     report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.empty()) continue;
     last = candidate.quads.n_faces();
-    maker.judge(candidate, weight);
+    maker.judge(candidate, weight, false);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
     const double least_gain = options.patches || best.empty() ? 1 : kWorthIt;
@@ -509,7 +510,7 @@ Result<Candidate> BaseDomain::Impl::leastBad(uint32_t patches, uint32_t most_pat
     if (isSet(options.interrupted)) return interruptedError();
     if (c.empty()) continue;
     const std::vector<float> used = tried;
-    maker->judge(c, tried);
+    maker->judge(c, tried, true);
     for (float& w : tried) w = std::min(w, kMostWeight);
     const bool enough = c.lost <= kLittle;
     if (best.empty() || c.badness() < best.badness()) {

@@ -12,7 +12,7 @@ double areaOfQuad(const std::array<glm::dvec3, 4>& p) { return glm::length(glm::
 
 }  // namespace
 
-Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan, size_t all_cells) {
+Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan, size_t all_cells, bool closely) {
   TriMesh displaced;
   displaced.positions_mm.reserve(2 * all_cells);
   displaced.triangles.reserve(3 * all_cells);
@@ -27,8 +27,10 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
     const auto p = pointsOf<4>(quads, q);
     const auto corners = cornersOf<4>(q);
     const double reach = std::max(glm::length(p[2] - p[0]), glm::length(p[3] - p[1]));
-    const double share = base_area > 0 ? areaOfQuad(p) / base_area : 0;
-    const int cells = std::clamp(static_cast<int>(std::sqrt(share * static_cast<double>(all_cells))), 4, 64);
+    const double share =
+        closely && base_area > 0 ? areaOfQuad(p) / base_area : 1.0 / static_cast<double>(quads.n_faces());
+    const int cells =
+        std::clamp(static_cast<int>(std::sqrt(share * static_cast<double>(all_cells))), 4, closely ? 64 : 1024);
     const auto side = static_cast<uint32_t>(cells + 1);
     lines.resize(size_t{side} * side);
     hits.resize(lines.size());
@@ -65,6 +67,7 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
         const uint32_t a = first + j * side + i;
         displaced.triangles.push_back({a, a + side, a + side + 1});
         displaced.triangles.push_back({a, a + side + 1, a + 1});
+        if (!closely) continue;
         // Between lines that met different parts of the scan there is a web. Steps leave less than half a cell.
         const glm::dvec3 middle =
             0.5 * (glm::dvec3(displaced.positions_mm[a]) + glm::dvec3(displaced.positions_mm[a + side + 1]));
