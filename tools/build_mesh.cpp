@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 
+#include "geometry/bake/fidelity.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/mesh/mesh_order.h"
@@ -34,33 +35,35 @@
 namespace relievo {
 namespace {
 
+// A bake in the scan's units as the package has it, in mm.
 class BakedPatches final : public PatchSource {
  public:
-  BakedPatches(const MeshBake& bake, std::vector<Provenance> sources, const TextureFormat& format)
-      : bake_(bake), sources_(std::move(sources)), format_(format) {}
-  const BaseMesh& base() const override { return bake_.base(); }
+  BakedPatches(const MeshBake& bake, double mm_per_unit, std::vector<Provenance> sources, const TextureFormat& format)
+      : bake_(bake), mm_(mm_per_unit), base_(bake.base()), sources_(std::move(sources)), format_(format) {
+    base_.origin_mm *= mm_;
+    for (BaseCorner& c : base_.corners) c.position_mm = glm::vec3(glm::dvec3(c.position_mm) * mm_);
+  }
+  const BaseMesh& base() const override { return base_; }
   int textureDepth() const override { return bake_.textureDepth(); }
   int reliefDepth() const override { return bake_.reliefDepth(); }
   TextureFormat format() const override { return format_; }
-  double reliefOffsetMm() const override { return bake_.reliefOffsetMm(); }
-  double reliefScaleMm() const override { return bake_.reliefScaleMm(); }
-  double errorUnitMm() const override { return bake_.errorUnitMm(); }
+  double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }
+  double reliefScaleMm() const override { return bake_.reliefScaleMm() * mm_; }
+  double errorUnitMm() const override { return bake_.errorUnitMm() * mm_ * (mm_ == 1 ? 1 : 1 + 1e-6); }
   std::vector<Provenance> provenance() const override { return sources_; }
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override {
-    const std::vector<float>& mm = bake_.errorsOfCells(patch, std::countr_zero(unsigned{kPagePx}) + level).mm;
-    std::copy(mm.begin(), mm.end(), out_mm.begin());
+    scaled(bake_.errorsOfCells(patch, std::countr_zero(unsigned{kPagePx}) + level).mm, out_mm);
     return {};
   }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors out;
-    for (size_t k = 0; k < out.size(); ++k) out[k] = bake_.errorOfCells(patch, static_cast<int>(k));
+    for (size_t k = 0; k < out.size(); ++k) out[k] = scaled(bake_.errorOfCells(patch, static_cast<int>(k)));
     return out;
   }
   Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
-    const std::vector<float>& mm = bake_.errorsOfCells(patch, cells_log2).mm;
-    std::copy(mm.begin(), mm.end(), out_mm.begin());
+    scaled(bake_.errorsOfCells(patch, cells_log2).mm, out_mm);
     return true;
   }
   bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
@@ -70,7 +73,18 @@ class BakedPatches final : public PatchSource {
   }
 
  private:
+  // Upper bounds stay so, whatever is rounded on the way, the corners' places included.
+  float scaled(float error) const {
+    if (mm_ == 1 || error == 0) return error;
+    return static_cast<float>(double{error} * mm_ * (1 + 3e-7));
+  }
+  void scaled(const std::vector<float>& from, std::span<float> out_mm) const {
+    for (size_t i = 0; i < from.size(); ++i) out_mm[i] = scaled(from[i]);
+  }
+
   const MeshBake& bake_;
+  double mm_;
+  BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;
 };
@@ -112,8 +126,15 @@ class Stages {
     const auto start = std::chrono::steady_clock::now();
     Memory::restart();
     auto result = stage();
-    costs.push_back(
-        {name, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), Memory::peak()});
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    const auto before =
+        std::find_if(costs.begin(), costs.end(), [&](const StageCost& cost) { return cost.name == name; });
+    if (before == costs.end()) {
+      costs.push_back({name, seconds, Memory::peak()});
+    } else {  // it runs again
+      before->seconds += seconds;
+      before->peak_bytes = std::max(before->peak_bytes, Memory::peak());
+    }
     malloc_trim(0);  // what the stage gave back is not the next one's
     return result;
   }
@@ -255,6 +276,11 @@ std::string millimetres(double mm) {
   return text;
 }
 
+// What was asked for, in the file's units; 0: nothing.
+double toleranceOf(const MeshBuildArguments& a, double diagonal) {
+  return a.tolerance_share > 0 ? a.tolerance_share * diagonal : a.tolerance_mm / mmPerUnit(a.unit);
+}
+
 // A scan's way into a package, stage by stage; each begins with what those before it left.
 class MeshBuild {
  public:
@@ -268,7 +294,7 @@ class MeshBuild {
     textured_ = std::move(*textured);
     if (interruptedFlag()) return interrupted(a_);
     if (auto done = makeBase(); !done) return done;
-    if (auto done = bake(); !done) return done;
+    if (auto done = bakeUntilKept(); !done) return done;
     if (auto done = pack(); !done) return done;
     if (measured())
       if (auto done = measure(); !done) return done;
@@ -276,6 +302,11 @@ class MeshBuild {
     return writeReports();
   }
   void printSummary() const;
+  Result<void> verdict() const {
+    // Whoever says how many patches there are has what so many show, and is told how far off it is.
+    if (fidelity_.kept() || a_.patches > 0) return {};
+    return missed(a_.package.output + " was written");
+  }
 
  private:
   Result<void> read();
@@ -283,7 +314,16 @@ class MeshBuild {
   Result<void> checkArguments() const;
   // Beside it begins what the bake looks up.
   Result<void> makeBase();
+  // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
+  Result<void> bakeUntilKept();
   Result<void> bake();
+  Result<Fidelity> lookAt(const MeshBake& bake);
+  Error missed(const std::string& what_was_done) const;
+  // Lengths and places from the file's units, which all is computed in: no unit changes what comes out.
+  double mm(double units) const { return units * mmPerUnit(a_.unit); }
+  glm::dvec3 at(const FidelityWay& way) const {
+    return (loaded_.mesh.origin_mm + way.largest_at_mm) * mmPerUnit(a_.unit);
+  }
   Result<void> pack();
   bool measured() const { return !a_.report.empty() || !a_.json_file.empty(); }
   Result<void> measure();
@@ -295,14 +335,17 @@ class MeshBuild {
   LoadedMesh loaded_;
   Surface textured_;
   std::optional<BackgroundTask<Result<BakeScene>>> bake_scene_;
+  std::unique_ptr<BaseDomain> domain_;
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
+  Fidelity fidelity_;
   MeshBuildResult result_;
 };
 
 Result<void> MeshBuild::read() {
   MeshReadOptions read_options;
   read_options.mm_per_unit = mmPerUnit(a_.unit);
+  read_options.keep_units = true;
   read_options.workers = a_.package.workers;
   read_options.allow_outside = a_.allow_outside;
   auto loaded = stages_.run("read", read_options, [&] {
@@ -345,6 +388,7 @@ Result<void> MeshBuild::makeBase() {
   const TriMesh& scan = loaded_.mesh;
   BaseDomainOptions base_options;
   base_options.patches = a_.patches;
+  base_options.mm_per_unit = mm(1);
   base_options.workers = a_.package.workers;
   // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
   // does not need.
@@ -356,7 +400,12 @@ Result<void> MeshBuild::makeBase() {
         .ray_bytes = std::max(left, kLeastRayBytes), .workers = a_.package.workers, .interrupted = &interruptedFlag()};
     bake_scene_.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
   };
-  auto base = stages_.run("base", base_options, [&] { return makeBaseMesh(scan, base_options); });
+  auto base = stages_.run("base", base_options, [&]() -> Result<BaseMesh> {
+    auto domain = BaseDomain::create(scan, base_options);
+    if (!domain) return domain.error();
+    domain_ = std::move(*domain);
+    return domain_->make();
+  });
   if (!base) {
     Error error = base.error();
     if (error.kind == ErrorKind::kInvalidData) error.file = a_.mesh;
@@ -370,7 +419,7 @@ Result<void> MeshBuild::bake() {
   const TriMesh& scan = loaded_.mesh;
   const Image8& image = textured_.image;
   BakeOptions bake_options;
-  bake_options.tolerance_mm = a_.tolerance_mm;
+  bake_options.tolerance_mm = toleranceOf(a_, diagonalOf(scan)) / 2;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -378,18 +427,92 @@ Result<void> MeshBuild::bake() {
     return MeshBake::create(
         scan,
         {image.width, image.height, image.pixels, std::max(image.channels, 3), !a_.ptm.empty(), scan.texture_repeats},
-        base_, bake_options, std::move(*scene));
+        base_, bake_options, *scene);
   });
   if (!bake) return bake.error();
   bake_ = std::move(*bake);
   return {};
 }
 
+Result<Fidelity> MeshBuild::lookAt(const MeshBake& bake) {
+  const TriMesh& scan = loaded_.mesh;
+  FidelityRun run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
+  const uint64_t in_use = Memory::now(), least = uint64_t{64} << 20;
+  run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
+  const double diagonal = diagonalOf(scan);
+  const double tolerance = toleranceOf(a_, diagonal);
+  const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
+  return measureFidelity(scan, *bake_scene_->get()->rays, bake, target, run);
+}
+
+Result<void> MeshBuild::bakeUntilKept() {
+  // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
+  constexpr uint32_t kMostPatches = 4096;
+  constexpr int kRounds = 5, kInVain = 2;
+  constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
+  std::unique_ptr<MeshBake> best;
+  BaseMesh best_base;
+  int in_vain = 0;
+  for (int round = 0;; ++round) {
+    if (auto done = bake(); !done) return done;
+    auto looked = stages_.run("bake", [&] { return lookAt(*bake_); });
+    if (!looked) return looked.error();
+    const bool better = !best || looked->excess() < fidelity_.excess();
+    in_vain = better ? 0 : in_vain + 1;
+    const Fidelity now = *looked;
+    if (better) {
+      best = std::move(bake_);
+      best_base = base_;
+      fidelity_ = std::move(*looked);
+    }
+    if (now.kept() || a_.patches > 0 || round == kRounds || in_vain == kInVain || domain_->patches() >= kMostPatches)
+      break;
+    std::vector<BaseMiss> misses;
+    for (const FidelityMiss& m : now.misses)
+      misses.push_back({m.place_mm, m.mm > kLargeMiss * now.target.largest_mm ? 64.0f : 16.0f});
+    auto base = stages_.run("base", [&] { return domain_->refine(misses, kMostPatches); });
+    if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
+    if (!base) break;  // what there is is kept
+    base_ = std::move(*base);
+  }
+  bake_ = std::move(best);
+  base_ = std::move(best_base);
+  if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
+  return {};
+}
+
+// How far off, where, and what would help.
+Error MeshBuild::missed(const std::string& what_was_done) const {
+  const Fidelity& f = fidelity_;
+  const bool there = f.to_drawn.excess(f.target) >= f.to_scan.excess(f.target);
+  const FidelityWay& way = there ? f.to_drawn : f.to_scan;
+  char text[400];
+  std::snprintf(
+      text, sizeof text,
+      "the target is missed: expected RMS within %.3g mm, 99.9 %% within %.3g mm and 99.99 %% of the area within "
+      "%.3g mm of the scan, found %.3g mm, %.3g mm and %.4g %%, the largest distance %.3g mm at (%.6g, %.6g, %.6g)",
+      mm(f.target.rms_mm), mm(f.target.most_mm), mm(f.target.largest_mm), mm(way.rms_mm), mm(way.most_mm),
+      100 * (1 - way.beyond), mm(way.largest_mm), at(way).x, at(way).y, at(way).z);
+  char hint[200];
+  if (a_.patches > 0) {
+    std::snprintf(hint, sizeof hint, "%s; leave --patches out, or ask for more than %zu", what_was_done.c_str(),
+                  base_.patches.size());
+  } else {
+    std::snprintf(hint, sizeof hint, "%s; --patches %zu may come nearer, --tolerance %.2g keeps to what was reached",
+                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * mm(f.target.most_mm) * f.excess());
+  }
+  return {ErrorKind::kDifference, a_.mesh, text, hint, {}};
+}
+
 Result<void> MeshBuild::pack() {
   std::vector<Provenance> sources{mesh_file_.get()};
   if (textured_.source) sources.push_back(*textured_.source);
   result_.package = a_.package.output;
-  result_.mesh = meshJson(sources[0].name, a_.unit, loaded_.diagnosis, bake_->base(), bake_->report(), a_.patches);
+  BakeReport baked = bake_->report();
+  baked.tolerance_mm =
+      toleranceOf(a_, fidelity_.diagonal_mm) > 0 ? mm(toleranceOf(a_, fidelity_.diagonal_mm)) : mm(baked.tolerance_mm);
+  baked.deviation_mm = mm(baked.deviation_mm);
+  result_.mesh = meshJson(sources[0].name, a_.unit, loaded_.diagnosis, bake_->base(), baked, a_.patches);
   BuildOptions package = a_.package;
   package.manifest_extra =
       nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -399,8 +522,9 @@ Result<void> MeshBuild::pack() {
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
-  auto built = stages_.run(
-      "package", [&] { return buildPatchesWithProgress(BakedPatches(*bake_, sources, textured_.format), package); });
+  auto built = stages_.run("package", [&] {
+    return buildPatchesWithProgress(BakedPatches(*bake_, mm(1), sources, textured_.format), package);
+  });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
   result_.pages = built->pages;
   result_.package_bytes = built->package_bytes;
@@ -430,7 +554,14 @@ Result<void> MeshBuild::measure() {
       error.hint = a_.package.output + " is whole; its distances were not measured, no report was written";
     return error;
   }
-  result_.distance = std::move(*distance);
+  MeshDistance& d = result_.distance = std::move(*distance);
+  for (DistanceStats* way : {&d.to_baked, &d.to_scan}) {
+    way->max_mm = mm(way->max_mm);
+    way->rms_mm = mm(way->rms_mm);
+    for (double& p : way->percentiles_mm) p = mm(p);
+  }
+  d.diagonal_mm = mm(d.diagonal_mm);
+  for (float& v : d.scan_vertex_mm) v = static_cast<float>(mm(v));
   return {};
 }
 
@@ -460,6 +591,17 @@ void MeshBuild::printSummary() const {
   printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a_.package.output.c_str(),
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
+  auto way = [&](const char* name, const FidelityWay& w) {
+    printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,
+              millimetres(mm(w.rms_mm)).c_str(), millimetres(mm(w.most_mm)).c_str(),
+              millimetres(mm(w.largest_mm)).c_str(), 100 * w.beyond,
+              millimetres(mm(fidelity_.target.largest_mm)).c_str());
+  };
+  printOutf("  fidelity  %.1f dB (diagonal %s), %s\n", fidelity_.psnr_db(),
+            millimetres(mm(fidelity_.diagonal_mm)).c_str(),
+            fidelity_.kept() ? "the target is kept" : "the target is missed");
+  way("missing", fidelity_.to_drawn);
+  way("too much", fidelity_.to_scan);
   if (measured()) {
     const MeshDistance& d = result_.distance;
     printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",
@@ -478,7 +620,7 @@ Result<void> buildFromMesh(const MeshBuildArguments& a) {
   MeshBuild build(a);
   if (auto done = build.run(); !done) return done;
   if (!a.quiet && a.json_file != "-") build.printSummary();
-  return {};
+  return build.verdict();
 }
 
 }  // namespace relievo

@@ -13,11 +13,14 @@ namespace relievo {
 
 struct MeshBuildArguments {
   std::string mesh;
-  std::string texture;            // an image for the mesh's texture coordinates; empty: what the mesh names; "none"
-  std::string ptm;                // a PTM for them, in place of an image
-  std::string unit = "mm";        // mm, cm, m, in
-  uint32_t patches = 0;           // 0: as the shape asks for
-  double tolerance_mm = 0;        // 0: 1e-4 of the diagonal
+  std::string texture;      // an image for the mesh's texture coordinates; empty: what the mesh names; "none"
+  std::string ptm;          // a PTM for them, in place of an image
+  std::string unit = "mm";  // mm, cm, m, in
+  uint32_t patches = 0;     // 0: as the shape asks for
+  // Within which 99.9 % of the surface is to lie, both ways (geometry/bake/fidelity.h); 0: 3e-4 of the diagonal.
+  double tolerance_mm = 0;
+  double tolerance_share = 0;     // the same, of the diagonal; 0: not given
+  bool strict = false;            // nothing is written where the target is missed
   std::string report, json_file;  // either asks for the distance between scan and patches, too
   bool allow_outside = false;     // material files and images beyond the mesh's folder, if the mesh names them
   ImageReadOptions images;        // limits
@@ -28,6 +31,7 @@ struct MeshBuildArguments {
 
 // The millimetres of a unit; 0 if it is none.
 double mmPerUnit(const std::string& unit);
+// kDifference: the target is missed; the package is written all the same, unless `strict`.
 Result<void> buildFromMesh(const MeshBuildArguments& arguments);
 
 }  // namespace relievo

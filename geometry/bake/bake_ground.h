@@ -94,9 +94,9 @@ struct BakeGround {
   const std::atomic<bool>* interrupted = nullptr;
   glm::dvec3 shift{0};  // from the base's coordinates to the mesh's
   // Of makeBakeScene().
-  std::unique_ptr<RayScene> scene;
-  std::unique_ptr<LineSweep> sweep;
-  std::vector<glm::vec3> normals;                             // of the mesh's vertices
+  std::shared_ptr<const RayScene> scene;
+  std::shared_ptr<const LineSweep> sweep;
+  std::shared_ptr<const std::vector<glm::vec3>> normals;      // of the mesh's vertices
   std::vector<uint8_t> used;                                  // by corner: has it a patch?
   std::vector<uint32_t> corner_patch;                         // the first, of those used
   std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines look

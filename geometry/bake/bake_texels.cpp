@@ -107,7 +107,7 @@ Tone TexelBaker::tone(const SurfacePoint& at) const {
     }
   }
   glm::vec3 n(0);
-  for (size_t k = 0; k < 3; ++k) n += w[k] * ground.normals[t[k]];
+  for (size_t k = 0; k < 3; ++k) n += w[k] * (*ground.normals)[t[k]];
   if (!(glm::length(n) > 1e-3f))
     n = glm::cross(ground.mesh->positions_mm[t[1]] - ground.mesh->positions_mm[t[0]],
                    ground.mesh->positions_mm[t[2]] - ground.mesh->positions_mm[t[0]]);

@@ -103,11 +103,6 @@ double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double reli
 
 }  // namespace
 
-BakeScene::BakeScene() = default;
-BakeScene::BakeScene(BakeScene&&) = default;
-BakeScene& BakeScene::operator=(BakeScene&&) = default;
-BakeScene::~BakeScene() = default;
-
 Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
   BakeScene out;
   const bool swept = mesh.triangles.size() >= options.sweep_from_triangles;
@@ -117,8 +112,10 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
                                       .at_once = !swept});
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
-  if (swept) out.sweep = std::make_unique<LineSweep>(mesh, options.workers);
-  if (!makeVertexNormals(mesh, options.workers, options.interrupted, out.normals)) return interruptedError();
+  if (swept) out.sweep = std::make_shared<const LineSweep>(mesh, options.workers);
+  std::vector<glm::vec3> normals;
+  if (!makeVertexNormals(mesh, options.workers, options.interrupted, normals)) return interruptedError();
+  out.normals = std::make_shared<const std::vector<glm::vec3>>(std::move(normals));
   return out;
 }
 

@@ -58,14 +58,11 @@ class RayScene;
 
 // What a bake looks up in the mesh, which must outlive it unchanged: to be made beside the base mesh, which takes as
 // long.
+// Copies share it: several bakes of one mesh look up the same.
 struct BakeScene {
-  std::unique_ptr<RayScene> rays;
-  std::unique_ptr<LineSweep> sweep;  // of dense scans: rays are for what it does not answer
-  std::vector<glm::vec3> normals;    // of the mesh's vertices
-  BakeScene();
-  BakeScene(BakeScene&&);
-  BakeScene& operator=(BakeScene&&);
-  ~BakeScene();
+  std::shared_ptr<const RayScene> rays;
+  std::shared_ptr<const LineSweep> sweep;                 // of dense scans: rays are for what it does not answer
+  std::shared_ptr<const std::vector<glm::vec3>> normals;  // of the mesh's vertices
 };
 struct BakeSceneOptions {
   uint64_t ray_bytes =

@@ -4,81 +4,20 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/bake/baked_surface.h"
+#include "geometry/bake/spread_places.h"
 #include "geometry/mesh/box_tree.h"
 #include "geometry/mesh/ray_scene.h"
-#include "src/artwork/patch_domain.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
 namespace {
-
-// The k-th place in a triangle: the plastic number's sequence, folded into it (Roberts 2018): any run of them is spread
-// evenly.
-glm::dvec2 placeInTriangle(size_t k) {
-  constexpr double kPlastic = 1.32471795724474602596;
-  double b1 = std::fmod(0.5 + static_cast<double>(k) / kPlastic, 1.0),
-         b2 = std::fmod(0.5 + static_cast<double>(k) / (kPlastic * kPlastic), 1.0);
-  if (b1 + b2 > 1) {
-    b1 = 1 - b1;
-    b2 = 1 - b2;
-  }
-  return {b1, b2};
-}
-
-// The sum of the areas (twice) of the triangles before each one, from `before` on.
-std::vector<double> areasBefore(const TriMesh& mesh, double before) {
-  std::vector<double> out{before};
-  out.reserve(mesh.triangles.size() + 1);
-  for (const auto& t : mesh.triangles) {
-    const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]);
-    out.push_back(out.back() + glm::length(glm::cross(b - a, c - a)));
-  }
-  return out;
-}
 
 Box boxOf(const TriMesh& mesh) {
   Box box;
   for (const glm::vec3& p : mesh.positions_mm) box.add(p);
   return box;
 }
-
-// The k-th of `spread` places, evenly over a mesh's area, that lies on a part of it: the part's areas, and the whole
-// mesh's.
-class SpreadPlaces {
- public:
-  SpreadPlaces(const TriMesh& part, const std::vector<double>& area_before, double whole_area, size_t spread)
-      : part_(part), area_before_(area_before), whole_area_(whole_area), spread_(spread) {}
-  double areaOf(size_t k) const { return (static_cast<double>(k) + 0.5) / static_cast<double>(spread_) * whole_area_; }
-  // The first place at or behind an area.
-  size_t firstAt(double area) const {
-    size_t low = 0, high = spread_;
-    while (low < high) {
-      const size_t k = (low + high) / 2;
-      if (areaOf(k) < area) low = k + 1;
-      else high = k;
-    }
-    return low;
-  }
-  // `triangle` is where the search begins, and then the place's.
-  glm::dvec3 place(size_t k, size_t& triangle) const {
-    const double area = areaOf(k);
-    if (area >= area_before_[triangle + 1])
-      triangle =
-          static_cast<size_t>(std::upper_bound(area_before_.begin(), area_before_.end(), area) - area_before_.begin()) -
-          1;
-    triangle = std::min(triangle, part_.triangles.size() - 1);
-    const auto& t = part_.triangles[triangle];
-    const glm::dvec2 w = placeInTriangle(k);
-    const glm::dvec3 a(part_.positions_mm[t[0]]), b(part_.positions_mm[t[1]]), c(part_.positions_mm[t[2]]);
-    return a + w.x * (b - a) + w.y * (c - a);
-  }
-
- private:
-  const TriMesh& part_;
-  const std::vector<double>& area_before_;
-  double whole_area_;
-  size_t spread_;
-};
 
 // mm[i] becomes the distance from place(i, triangle) to the scene, all of it within `box`, where that is smaller;
 // places by jobs, each with a search of its own. Interrupted: of some.
@@ -130,81 +69,6 @@ DistanceStats stats(std::span<float> mm) {
   return out;
 }
 
-// The surface that a bake is measured by, patch by patch (bakedTriangles()).
-class BakedSurface {
- public:
-  BakedSurface(const MeshBake& baked, const DistanceRun& run)
-      : baked_(baked), run_(run), finest_log2_(7 + baked.reliefDepth()) {
-    const BaseMesh& base = baked.base();
-    glm::dvec3 low(base.corners[0].position_mm), high = low;
-    for (const BaseCorner& c : base.corners) {
-      low = glm::min(low, glm::dvec3(c.position_mm));
-      high = glm::max(high, glm::dvec3(c.position_mm));
-    }
-    const double close_mm = std::max(5e-6 * glm::length(high - low), baked.reliefScaleMm());
-    cells_log2_.resize(base.patches.size());
-    parallelFor(cells_log2_.size(), run.workers, run.interrupted, [&](size_t p) {
-      int& log2 = cells_log2_[p] = std::min(baked.report().cells_log2, finest_log2_);
-      while (log2 < finest_log2_ && baked.errorOfCells(static_cast<uint32_t>(p), log2) > close_mm) ++log2;
-    });
-  }
-  size_t patches() const { return cells_log2_.size(); }
-  size_t triangles(size_t patch) const { return size_t{2} << 2 * cells_log2_[patch]; }
-  // Of the patches [first, end).
-  TriMesh part(size_t first, size_t end) const {
-    struct Place {
-      size_t vertex = 0, triangle = 0;
-    };
-    std::vector<Place> places(end - first);
-    Place all;
-    for (size_t p = first; p < end; ++p) {
-      const size_t row = (size_t{1} << cells_log2_[p]) + 1;
-      places[p - first] = all;
-      all.vertex += row * row;
-      all.triangle += triangles(p);
-    }
-    TriMesh out;
-    out.origin_mm = baked_.base().origin_mm;
-    out.positions_mm.resize(all.vertex);
-    out.triangles.resize(all.triangle);
-    parallelFor(places.size(), run_.workers, run_.interrupted,
-                [&](size_t i) { fill(static_cast<uint32_t>(first + i), out, places[i].vertex, places[i].triangle); });
-    return out;
-  }
-
- private:
-  void fill(uint32_t p, TriMesh& out, size_t first_vertex, size_t first_triangle) const {
-    const BaseMesh& base = baked_.base();
-    const size_t n = size_t{1} << cells_log2_[p], row = n + 1, finest_row = (size_t{1} << finest_log2_) + 1,
-                 step = (finest_row - 1) / n;
-    std::vector<uint16_t> q(finest_row * finest_row);
-    (void)baked_.heights(p, q);
-    glm::vec3* vertex = out.positions_mm.data() + first_vertex;
-    for (size_t y = 0; y <= n; ++y) {
-      for (size_t x = 0; x <= n; ++x) {
-        const double u = static_cast<double>(x) / static_cast<double>(n),
-                     v = static_cast<double>(y) / static_cast<double>(n);
-        const double height = baked_.reliefOffsetMm() + baked_.reliefScaleMm() * q[(y * finest_row + x) * step];
-        *vertex++ = glm::vec3(base.point(p, u, v) + height * base.normal(p, u, v));
-      }
-    }
-    auto* triangle = out.triangles.data() + first_triangle;
-    for (size_t y = 0; y < n; ++y) {
-      for (size_t x = 0; x < n; ++x) {
-        const auto a = static_cast<uint32_t>(first_vertex + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row),
-                   d = c + 1;
-        *triangle++ = {a, d, b};
-        *triangle++ = {a, c, d};
-      }
-    }
-  }
-
-  const MeshBake& baked_;
-  const DistanceRun& run_;
-  int finest_log2_;
-  std::vector<int> cells_log2_;
-};
-
 // Runs of patches whose triangles, areas and hierarchy fit the memory, at least one patch each: where each ends.
 std::vector<size_t> partEnds(const BakedSurface& surface, uint64_t memory_bytes) {
   constexpr uint64_t kBytesATriangle = 12 + 6 + 8 + 64;  // corners, half a vertex, area, hierarchy (ray_scene.cpp)
@@ -225,7 +89,7 @@ std::vector<size_t> partEnds(const BakedSurface& surface, uint64_t memory_bytes)
 }  // namespace
 
 TriMesh bakedTriangles(const MeshBake& baked, const DistanceRun& run) {
-  const BakedSurface surface(baked, run);
+  const BakedSurface surface(baked, run.workers, run.interrupted);
   return surface.part(0, surface.patches());
 }
 
@@ -248,7 +112,7 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
   }
   out.diagonal_mm = glm::length(glm::dvec3(high) - glm::dvec3(low));
   if (run.progress) run.progress(0);
-  const BakedSurface surface(baked, run);
+  const BakedSurface surface(baked, run.workers, run.interrupted);
   if (stopped()) return interrupted;
   const std::vector<size_t> ends = partEnds(surface, run.memory_bytes);
   const double parts = static_cast<double>(ends.size());

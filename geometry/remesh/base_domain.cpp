@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <numbers>
 #include <optional>
 #include <string>
@@ -50,6 +51,12 @@ constexpr double kFlatSine = 0.2;
 constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
 // Of a scan along a sheet's patch: half as many as a bake of its own accord gives it cells (mesh_bake.cpp).
 constexpr double kVerticesAlong = 512;
+// What bases are made from at first, and at most where a scan needs many patches.
+constexpr size_t kReducedTriangles = 24000, kMostReducedTriangles = 160000;
+// Sides at a sixteenth of what they are elsewhere.
+constexpr float kMostWeight = 65536.0f;
+// Of a base, spread over its patches by their area, when it is judged.
+constexpr size_t kJudgedCells = 40000;
 
 struct Candidate {
   QuadMesh quads;
@@ -106,6 +113,7 @@ struct Maker {
   size_t scan_vertices;
   std::vector<FeatureCurve> flat_curves;
   std::vector<double> allowed_deviation;  // of a border feature curve, be there ever so many patches
+  std::vector<uint8_t> strict;  // by feature curve: it was missed, and is followed closely however rough; or empty
   const std::atomic<bool>* interrupted;
 
   // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
@@ -135,7 +143,10 @@ struct Maker {
   std::vector<double> deviationFor(double squares, double within) const {
     std::vector<double> deviation(flat_curves.size(), 1.0);
     for (size_t r = 0; r < deviation.size(); ++r) {
-      if (flat_curves[r].border) deviation[r] = deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
+      if (!flat_curves[r].border) continue;
+      deviation[r] = r < strict.size() && strict[r]
+                         ? 0.25 * kBorderDeviation
+                         : deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
     }
     return deviation;
   }
@@ -180,9 +191,9 @@ struct Maker {
   }
 
   // How badly the candidate lies. Where it lost the surface, the next one gets smaller patches: weight.
-  void judge(Candidate& c, std::vector<float>& weight) const {
-    const double cells = std::sqrt(40000.0 / static_cast<double>(c.quads.n_faces()));
-    const Fit fit = judgeFit(c.quads, surface, scan, std::max(static_cast<int>(cells), 4));
+  void judge(Candidate& c, std::vector<float>& weight, bool closely) const {
+    const size_t cells = closely ? std::max(kJudgedCells, 40 * c.quads.n_faces()) : kJudgedCells;
+    const Fit fit = judgeFit(c.quads, surface, scan, cells, closely);
     for (const auto v : c.quads.vertices()) {
       c.folded += folds(c.quads, v);
       c.flat += v.is_boundary() && !c.quads.data(v).fixed && leastSine(c.quads, v) < kFlatSine;
@@ -250,10 +261,11 @@ Result<Surface> surfaceOf(const TriMesh& mesh, const BaseDomainOptions& options,
   return whole;
 }
 
-Result<void> checkAreas(const Surface& scan, const Frame& frame) {
+Result<void> checkAreas(const Surface& scan, const Frame& frame, double mm_per_unit) {
   for (const SurfacePiece& p : scan.pieces) {
     if (p.area > 1e-14) continue;
-    const glm::dvec3 at = glm::dvec3(scan.points[scan.triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre;
+    const glm::dvec3 at =
+        (glm::dvec3(scan.points[scan.triangles[p.first_triangle][0]]) * frame.diagonal + frame.centre) * mm_per_unit;
     return Error{ErrorKind::kInvalidData,
                  {},
                  "a piece of " + std::to_string(p.triangles) + " triangles has no area, at (" + std::to_string(at.x) +
@@ -274,23 +286,26 @@ std::vector<BorderLine> bordersOf(const Surface& scan) {
 }
 
 // The least bad of several numbers of patches; empty where none was found.
-Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options) {
+Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options, std::vector<float>& weight) {
   // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
   std::vector<uint32_t> numbers(3, options.patches);
   if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
   Candidate best;
   int in_vain = 0;
-  std::vector<float> weight;
+  size_t last = 0;  // patches of the candidate before
   for (size_t i = 0; i < numbers.size(); ++i) {
     if (isSet(options.interrupted)) return interruptedError();
     Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
     // Whatever is lost of a relief's walls is due to the fit's coarse grids.
     if (!candidate.empty() && isRelief(maker.view_direction)) return candidate;
+    // Small pieces take what their topology needs, and no less: numbers at or below that bring nothing new.
+    if (options.patches == 0 && i > 0 && 5 * last > 6 * numbers[i]) continue;
     if (candidate.empty()) candidate = maker.make(numbers[i], weight);
     if (isSet(options.interrupted)) return interruptedError();
     report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
     if (candidate.empty()) continue;
-    maker.judge(candidate, weight);
+    last = candidate.quads.n_faces();
+    maker.judge(candidate, weight, false);
     const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
     // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
     const double least_gain = options.patches || best.empty() ? 1 : kWorthIt;
@@ -319,58 +334,238 @@ BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3&
   return base;
 }
 
+// What base meshes are made from: the reduced scan in its frame.
+struct Ground {
+  Frame frame;
+  std::vector<BorderLine> borders;
+  Reduced reduced;
+  TriMesh triangles;  // the reduced surface's
+  std::unique_ptr<RayScene> scene;
+  ViewDirection view_direction;
+
+  glm::dvec3 placeOf(const glm::dvec3& p) const { return (p - frame.centre) / frame.diagonal; }
+};
+
+bool isWhole(const Ground& g, const TriMesh& mesh) { return g.triangles.triangles.size() >= mesh.triangles.size(); }
+
+// Of some `wanted` triangles, each corner of `patches` patches owning several.
+Result<Ground> groundOf(const TriMesh& mesh, const BaseDomainOptions& options, size_t wanted, size_t patches,
+                        const ViewDirection* known) {
+  Ground out;
+  auto scan = surfaceOf(mesh, options, wanted, out.frame);
+  if (!scan) return scan.error();
+  if (auto sound = checkAreas(*scan, out.frame, options.mm_per_unit); !sound) return sound.error();
+  while (scan->triangles.size() < std::max<size_t>(4000, 8 * patches)) *scan = subdivided(*scan);
+  if (isSet(options.interrupted)) return interruptedError();
+  report(options, 0.4);
+  if (known) {
+    out.view_direction = *known;
+  } else if (scan->pieces.size() == 1) {
+    // Of the scan itself: the reduced one's walls lean over.
+    out.view_direction = viewDirectionOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted);
+  }
+  if (isSet(options.interrupted)) return interruptedError();
+  if (!known && options.scan_done) options.scan_done();
+  out.borders = bordersOf(*scan);
+  out.reduced = reduceSurface(std::move(*scan), wanted, borderCorners(out.borders), options.interrupted);
+  if (isSet(options.interrupted)) return interruptedError();
+  report(options, 0.5);
+  out.triangles.positions_mm = out.reduced.surface.points;
+  out.triangles.triangles = out.reduced.surface.triangles;
+  return out;
+}
+
+// The ground must stay where it is.
+Result<Maker> makerOf(Ground& ground, size_t scan_vertices, uint32_t most_patches,
+                      const std::atomic<bool>* interrupted) {
+  auto scene = RayScene::create(ground.triangles, interrupted);
+  if (!scene) return scene.error();
+  ground.scene = std::move(*scene);
+  Maker maker{.surface = halfEdgesOf(ground.reduced.surface),
+              .pieces = ground.reduced.surface.pieces.size(),
+              .area = areaOf(ground.reduced.surface),
+              .scan = {ground.triangles, *ground.scene},
+              .view_direction = ground.view_direction,
+              .scan_vertices = scan_vertices,
+              .interrupted = interrupted};
+  maker.curves = findFeatureCurves(ground.borders, ground.reduced.vertex, maker.surface);
+  maker.flat_curves = flattened(maker.curves, ground.view_direction);
+  maker.allowed_deviation = maker.deviationFor(most_patches, kBorderDeviation);
+  return maker;
+}
+
 }  // namespace
 
-Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
-  auto stopped = [&] { return isSet(options.interrupted); };
+struct BaseDomain::Impl {
+  const TriMesh& mesh;
+  BaseDomainOptions options;
+  std::unique_ptr<Ground> ground;
+  std::optional<Maker> maker;
+  std::vector<float> weight;  // of the reduced surface's vertices
+  Candidate last;             // the base that was made last
+
+  Result<BaseMesh> finish(Candidate candidate) {
+    last = std::move(candidate);
+    if (last.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
+    BaseMesh base = baseMeshOf(last.quads, ground->frame, mesh.origin_mm);
+    if (std::string problem = baseMeshProblem(base); !problem.empty())
+      return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
+    return base;
+  }
+  Result<void> prepare(size_t wanted, uint32_t patches, const ViewDirection* known) {
+    auto made = groundOf(mesh, options, wanted, patches, known);
+    if (!made) return made.error();
+    auto next = std::make_unique<Ground>(std::move(*made));
+    auto made_maker =
+        makerOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kNumbers)[-1]), options.interrupted);
+    if (!made_maker) return made_maker.error();
+    // What is known of the surface so far.
+    std::vector<float> moved(next->triangles.positions_mm.size(), 1.0f);
+    if (!weight.empty()) {
+      for (size_t v = 0; v < moved.size(); ++v) {
+        const SurfacePoint at = ground->scene->closestPoint(glm::dvec3(next->triangles.positions_mm[v]));
+        if (!at) continue;
+        for (uint32_t w : ground->triangles.triangles[at.triangle]) moved[v] = std::max(moved[v], weight[w]);
+      }
+    }
+    weight = std::move(moved);
+    maker.reset();
+    last.regions.clear();
+    ground = std::move(next);
+    maker.emplace(std::move(*made_maker));
+    return {};
+  }
+  std::vector<float> factorsOf(std::span<const BaseMiss> misses) const;
+  void followBorders(std::span<const BaseMiss> misses);
+  Result<Candidate> leastBad(uint32_t patches, uint32_t most_patches);
+  uint32_t patchesFor(const std::vector<float>& factor) const;
+};
+
+BaseDomain::BaseDomain(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+BaseDomain::~BaseDomain() = default;
+size_t BaseDomain::patches() const { return impl_->last.quads.n_faces(); }
+
+Result<std::unique_ptr<BaseDomain>> BaseDomain::create(const TriMesh& mesh, const BaseDomainOptions& options) {
   if (options.patches > kMaxPatches)
     return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
   report(options, 0);
+  auto impl = std::unique_ptr<Impl>(new Impl{.mesh = mesh, .options = options});
   // What is coarser than some 24 edges of a base made of these.
-  const size_t wanted = std::max<size_t>(24000, 3 * size_t{options.patches});
-  Frame frame;
-  auto scan = surfaceOf(mesh, options, wanted, frame);
-  if (!scan) return scan.error();
-  if (auto sound = checkAreas(*scan, frame); !sound) return sound.error();
-  // Each corner owns some of the surface's vertices: there must be enough of them.
-  while (scan->triangles.size() < std::max<size_t>(4000, 8 * size_t{options.patches})) *scan = subdivided(*scan);
-  if (stopped()) return interruptedError();
-  report(options, 0.4);
-  // Of the scan itself: the reduced one's walls lean over.
-  const ViewDirection view_direction = scan->pieces.size() == 1 ? viewDirectionOf(mesh.positions_mm, mesh.triangles,
-                                                                                  options.workers, options.interrupted)
-                                                                : ViewDirection{};
-  if (stopped()) return interruptedError();
-  if (options.scan_done) options.scan_done();
+  const size_t wanted = std::max<size_t>(kReducedTriangles, 3 * size_t{options.patches});
+  if (auto done = impl->prepare(wanted, options.patches, nullptr); !done) return done.error();
+  return std::unique_ptr<BaseDomain>(new BaseDomain(std::move(impl)));
+}
 
-  const std::vector<BorderLine> borders = bordersOf(*scan);
-  const Reduced reduced = reduceSurface(std::move(*scan), wanted, borderCorners(borders), options.interrupted);
-  if (stopped()) return interruptedError();
-  report(options, 0.5);
-  TriMesh triangle_mesh;
-  triangle_mesh.positions_mm = reduced.surface.points;
-  triangle_mesh.triangles = reduced.surface.triangles;
-  auto scene = RayScene::create(triangle_mesh, options.interrupted);
-  if (!scene) return scene.error();
-  Maker maker{.surface = halfEdgesOf(reduced.surface),
-              .pieces = reduced.surface.pieces.size(),
-              .area = areaOf(reduced.surface),
-              .scan = {triangle_mesh, **scene},
-              .view_direction = view_direction,
-              .scan_vertices = mesh.positions_mm.size(),
-              .interrupted = options.interrupted};
-  maker.curves = findFeatureCurves(borders, reduced.vertex, maker.surface);
-  maker.flat_curves = flattened(maker.curves, view_direction);
-  maker.allowed_deviation = maker.deviationFor(std::max(options.patches, std::end(kNumbers)[-1]), kBorderDeviation);
-
-  auto best = bestOf(maker, options);
+Result<BaseMesh> BaseDomain::make() {
+  Impl& d = *impl_;
+  d.weight.clear();
+  auto best = bestOf(*d.maker, d.options, d.weight);
   if (!best) return best.error();
-  if (best->empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-  BaseMesh base = baseMeshOf(best->quads, frame, mesh.origin_mm);
-  if (std::string problem = baseMeshProblem(base); !problem.empty())
-    return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
-  report(options, 1);
+  auto base = d.finish(std::move(*best));
+  if (base) report(d.options, 1);
   return base;
+}
+
+// How much finer the surface around its vertices is to be: 16 halves the patches' sides.
+std::vector<float> BaseDomain::Impl::factorsOf(std::span<const BaseMiss> misses) const {
+  const TriangleMesh& s = maker->surface;
+  std::vector<float> factor(s.n_vertices(), 1.0f), next;
+  for (const BaseMiss& miss : misses) {
+    const SurfacePoint at = ground->scene->closestPoint(ground->placeOf(miss.place_mm));
+    if (!at) continue;
+    for (uint32_t v : ground->triangles.triangles[at.triangle]) factor[v] = std::max(factor[v], miss.factor);
+  }
+  for (int ring = 0; ring < 3; ++ring) {
+    next = factor;
+    for (const auto v : s.vertices())
+      for (const auto w : v.vertices()) next[v.idx()] = std::max(next[v.idx()], 0.75f * factor[w.idx()]);
+    factor.swap(next);
+  }
+  return factor;
+}
+
+// Borders that were missed are followed closely.
+void BaseDomain::Impl::followBorders(std::span<const BaseMiss> misses) {
+  const TriangleMesh& s = maker->surface;
+  std::vector<uint8_t> strict(maker->curves.size(), 0);
+  for (const BaseMiss& miss : misses) {
+    const SurfacePoint at = ground->scene->closestPoint(ground->placeOf(miss.place_mm));
+    if (!at) continue;
+    for (const auto v : s.fv_range(FaceHandle(static_cast<int>(at.triangle))))
+      for (const auto h : OpenMesh::make_smart(v, s).outgoing_halfedges())
+        if (h.edge().is_boundary() && s.data(h).step) strict[s.data(h).step.curve] = 1;
+  }
+  for (size_t r = 0; r < std::min(strict.size(), maker->strict.size()); ++r) strict[r] |= maker->strict[r];
+  maker->strict = std::move(strict);
+}
+
+// Of a few, each with smaller patches where the one before lost the surface: one patch that folds over spoils much.
+Result<Candidate> BaseDomain::Impl::leastBad(uint32_t patches, uint32_t most_patches) {
+  constexpr int kTries = 3;
+  constexpr double kLittle = 1e-4;
+  Candidate best;
+  std::vector<float> tried = weight, best_weight = weight;
+  for (int tries = 0; tries < kTries; ++tries) {
+    Candidate c = maker->make(std::min(patches, most_patches), tried);
+    if (isSet(options.interrupted)) return interruptedError();
+    if (c.empty()) continue;
+    const std::vector<float> used = tried;
+    maker->judge(c, tried, true);
+    for (float& w : tried) w = std::min(w, kMostWeight);
+    const bool enough = c.lost <= kLittle;
+    if (best.empty() || c.badness() < best.badness()) {
+      best = std::move(c);
+      best_weight = used;
+    }
+    if (enough) break;
+    patches += patches / 12;
+  }
+  weight = std::move(best_weight);
+  return best;
+}
+
+// So many that those where the factor is 1 stay as large as they are.
+uint32_t BaseDomain::Impl::patchesFor(const std::vector<float>& factor) const {
+  const auto& quads = last.quads;
+  const Regions regions = last.regions.empty() ? cornerRegions(quads, maker->surface, maker->scan) : last.regions;
+  std::vector<double> finer(quads.n_vertices(), 0), count(quads.n_vertices(), 0);
+  for (size_t v = 0; v < factor.size(); ++v) {
+    if (!regions[v].is_valid()) continue;
+    finer[regions[v].idx()] += std::sqrt(factor[v]);
+    ++count[regions[v].idx()];
+  }
+  double sum = 0;
+  for (size_t c = 0; c < count.size(); ++c) sum += count[c] > 0 ? finer[c] / count[c] : 1;
+  return static_cast<uint32_t>(static_cast<double>(quads.n_faces()) * sum / static_cast<double>(count.size()));
+}
+
+Result<BaseMesh> BaseDomain::refine(std::span<const BaseMiss> misses, uint32_t most_patches) {
+  Impl& d = *impl_;
+  std::vector<float> factor = d.factorsOf(misses);
+  const size_t before = d.last.quads.n_faces();
+  const uint32_t patches =
+      std::min<uint32_t>(std::clamp<uint32_t>(d.patchesFor(factor), static_cast<uint32_t>(before + before / 8 + 8),
+                                              static_cast<uint32_t>(3 * before + 64)),
+                         most_patches);
+  d.weight.resize(factor.size(), 1.0f);
+  for (size_t v = 0; v < factor.size(); ++v) d.weight[v] = std::min(d.weight[v] * factor[v], kMostWeight);
+  // Small patches lie on small triangles.
+  const size_t triangles = d.ground->triangles.triangles.size(),
+               wanted = std::clamp<size_t>(24 * size_t{patches}, kReducedTriangles, kMostReducedTriangles);
+  if (8 * size_t{patches} > triangles || (!isWhole(*d.ground, d.mesh) && 2 * wanted > 3 * triangles)) {
+    const ViewDirection known = d.ground->view_direction;
+    if (auto done = d.prepare(wanted, patches, &known); !done) return done.error();
+  }
+  d.followBorders(misses);
+  auto candidate = d.leastBad(patches, most_patches);
+  if (!candidate) return candidate.error();
+  return d.finish(std::move(*candidate));
+}
+
+Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {
+  auto domain = BaseDomain::create(mesh, options);
+  if (!domain) return domain.error();
+  return (*domain)->make();
 }
 
 }  // namespace relievo

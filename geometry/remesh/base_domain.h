@@ -14,6 +14,8 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <memory>
+#include <span>
 
 #include "geometry/mesh/tri_mesh.h"
 #include "src/artwork/base_mesh.h"
@@ -26,12 +28,37 @@ struct BaseDomainOptions {
   // until no more than 0.15 % of the surface lies where lines along the normals do not reach it, or more patches bring
   // no gain.
   uint32_t patches = 0;
-  int workers = 0;  // 0: one a core
+  double mm_per_unit = 1;  // of the mesh's coordinates, for places in errors
+  int workers = 0;         // 0: one a core
   std::function<void()>
       scan_done;  // called at most once, when one core suffices and the scan itself is seldom looked at
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };
+// A place where a base missed the scan, in the mesh's coordinates, and how much finer patches are to be there: 16
+// halves their sides.
+struct BaseMiss {
+  glm::dvec3 place_mm{0};
+  float factor = 16;
+};
+// Base meshes over one scan, one after the other. The mesh must outlive it unchanged. The same calls give the same
+// meshes, bit for bit.
+class BaseDomain {
+ public:
+  static Result<std::unique_ptr<BaseDomain>> create(const TriMesh& mesh, const BaseDomainOptions& options = {});
+  ~BaseDomain();
+  // Errors as makeBaseMesh() has them.
+  Result<BaseMesh> make();
+  // After make(): with smaller patches there, and elsewhere as many as there were; at most that many, about.
+  Result<BaseMesh> refine(std::span<const BaseMiss> misses, uint32_t most_patches);
+  size_t patches() const;  // of the last one
+
+ private:
+  struct Impl;
+  explicit BaseDomain(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
 // kInvalidData names what TriMesh excludes (indices out of range, numbers that are not finite, three triangles at an
 // edge), pieces without area, and pieces with one side only (Moebius strips). kInterrupted: interrupted was set.
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options = {});

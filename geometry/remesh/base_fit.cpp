@@ -6,19 +6,34 @@
 
 namespace relievo {
 
-Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan, int cells) {
-  const auto side = static_cast<uint32_t>(cells + 1);
+namespace {
+
+double areaOfQuad(const std::array<glm::dvec3, 4>& p) { return glm::length(glm::cross(p[2] - p[0], p[3] - p[1])) / 2; }
+
+}  // namespace
+
+Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan, size_t all_cells, bool closely) {
   TriMesh displaced;
-  displaced.positions_mm.reserve(quads.n_faces() * side * side);
-  displaced.triangles.reserve(quads.n_faces() * cells * cells * 2);
-  std::vector<Line> lines(side * side);
-  std::vector<SurfacePoint> hits(lines.size());
+  displaced.positions_mm.reserve(2 * all_cells);
+  displaced.triangles.reserve(3 * all_cells);
+  std::vector<Line> lines;
+  std::vector<SurfacePoint> hits;
+  double base_area = 0;
+  for (const auto q : quads.faces()) base_area += areaOfQuad(pointsOf<4>(quads, q));
   // Beyond the borders there is nothing for lines to meet: base where the scan has a hole.
   std::vector<std::pair<uint32_t, float>> beyond;
+  double beyond_area = 0;
   for (const auto q : quads.faces()) {
     const auto p = pointsOf<4>(quads, q);
     const auto corners = cornersOf<4>(q);
     const double reach = std::max(glm::length(p[2] - p[0]), glm::length(p[3] - p[1]));
+    const double share =
+        closely && base_area > 0 ? areaOfQuad(p) / base_area : 1.0 / static_cast<double>(quads.n_faces());
+    const int cells =
+        std::clamp(static_cast<int>(std::sqrt(share * static_cast<double>(all_cells))), 4, closely ? 64 : 1024);
+    const auto side = static_cast<uint32_t>(cells + 1);
+    lines.resize(size_t{side} * side);
+    hits.resize(lines.size());
     for (uint32_t j = 0; j < side; ++j) {
       for (uint32_t i = 0; i < side; ++i) {
         const double u = static_cast<double>(i) / cells, v = static_cast<double>(j) / cells;
@@ -40,7 +55,10 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
         const glm::dvec3 way = near ? scan.point(near) - lines[k].at : glm::dvec3(0);
         height = glm::dot(way, lines[k].direction);
         const double off = glm::length(way - height * lines[k].direction);
-        if (near && off > kLostDistance) beyond.push_back({near.triangle, static_cast<float>(off)});
+        if (near && off > kLostDistance) {
+          beyond.push_back({near.triangle, static_cast<float>(off)});
+          beyond_area += share * base_area / static_cast<double>(lines.size());
+        }
       }
       displaced.positions_mm.push_back(glm::vec3(lines[k].at + height * lines[k].direction));
     }
@@ -49,6 +67,14 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
         const uint32_t a = first + j * side + i;
         displaced.triangles.push_back({a, a + side, a + side + 1});
         displaced.triangles.push_back({a, a + side + 1, a + 1});
+        if (!closely) continue;
+        // Between lines that met different parts of the scan there is a web. Steps leave less than half a cell.
+        const glm::dvec3 middle =
+            0.5 * (glm::dvec3(displaced.positions_mm[a]) + glm::dvec3(displaced.positions_mm[a + side + 1]));
+        const SurfacePoint near = scan.scene.closestPoint(middle);
+        if (!near || near.along < kLostDistance + 0.6 * reach / cells) continue;
+        beyond.push_back({near.triangle, static_cast<float>(near.along)});
+        beyond_area += share * base_area / static_cast<double>(lines.size());
       }
     }
   }
@@ -67,7 +93,7 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
     for (const auto v : t.vertices()) fit.lost += fit.error[v.idx()] > kLostDistance ? a / 3 : 0;
   }
   if (area > 0) fit.lost /= area;
-  fit.lost += static_cast<double>(beyond.size()) / static_cast<double>(displaced.positions_mm.size());
+  fit.lost += beyond_area / std::max(base_area, 1e-300);
   for (auto [triangle, off] : beyond) {
     for (const auto v : s.fv_range(FaceHandle(static_cast<int>(triangle))))
       fit.error[v.idx()] = std::max(fit.error[v.idx()], off);
@@ -92,7 +118,7 @@ void raiseWeights(const Fit& fit, const QuadMesh& quads, const TriangleMesh& s, 
     factor.swap(next);
   }
   weight.resize(s.n_vertices(), 1.0f);
-  for (size_t v = 0; v < weight.size(); ++v) weight[v] = std::min(weight[v] * factor[v], 256.0f);
+  for (size_t v = 0; v < weight.size(); ++v) weight[v] = std::min(weight[v] * factor[v], std::max(weight[v], 256.0f));
 }
 
 }  // namespace relievo

@@ -16,8 +16,9 @@ struct Fit {
 // In diagonals. The samples' own spacing leaves less.
 inline constexpr float kLostDistance = 2e-3f;
 
-// cells: of a patch's side that the base is displaced at.
-Fit judgeFit(const QuadMesh& quads, const TriangleMesh& surface, const ScanLookup& scan, int cells);
+// The base is displaced at so many cells. closely: spread over the patches by their area, and what spans from one part
+// of the scan to another is lost, too.
+Fit judgeFit(const QuadMesh& quads, const TriangleMesh& surface, const ScanLookup& scan, size_t cells, bool closely);
 // Raises the weights (SimplifyOptions::weight) where the surface is lost or lies next to folded corners, so that
 // patches get smaller there.
 void raiseWeights(const Fit& fit, const QuadMesh& quads, const TriangleMesh& surface, const Regions& regions,

@@ -100,10 +100,11 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
     }
   }
   TriMesh& mesh = out.mesh;
-  mesh.origin_mm = originOf(low * unit, high * unit);
+  const double scale = options.keep_units ? 1.0 : unit;
+  mesh.origin_mm = originOf(low * scale, high * scale);
   mesh.positions_mm.resize(raw.positions.size());
   for (size_t i = 0; i < raw.positions.size(); ++i)
-    mesh.positions_mm[i] = glm::vec3(raw.positions[i] * unit - mesh.origin_mm);
+    mesh.positions_mm[i] = glm::vec3(raw.positions[i] * scale - mesh.origin_mm);
   std::vector<glm::dvec3>().swap(raw.positions);  // half of all memory so far
   mesh.triangles = std::move(raw.triangles);
   mesh.colours = raw.float_colours.empty() ? std::move(raw.colours) : bytesOf(raw.float_colours);
@@ -141,6 +142,12 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   if (auto repaired = repairTriangles(mesh, out.diagnosis, name, progress, options.interrupted, options.workers);
       !repaired)
     return repaired.error();
+  if (options.keep_units) {
+    out.diagnosis.min_mm *= unit;
+    out.diagnosis.max_mm *= unit;
+    for (MeshFinding& finding : out.diagnosis.findings)
+      for (glm::dvec3& place : finding.places_mm) place *= unit;
+  }
   return out;
 }
 

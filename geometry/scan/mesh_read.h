@@ -27,6 +27,8 @@ namespace relievo {
 
 struct MeshReadOptions {
   double mm_per_unit = 1.0;
+  // The mesh stays in the file's units: what is computed from it does not depend on them. The diagnosis is in mm.
+  bool keep_units = false;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
   bool allow_outside =

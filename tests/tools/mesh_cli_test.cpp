@@ -181,6 +181,44 @@ TEST_F(MeshCli, UnitsSetTheSize) {
   EXPECT_NEAR(width("in") / mm, 25.4, 1e-4);
 }
 
+// What is kept is said, what is missed is an exit code and where it is, and --strict leaves nothing behind.
+TEST_F(MeshCli, ThePromisedDistanceIsKeptOrMissedInSoManyWords) {
+  write("small.ply", plyOf(wavyBall(40, 24)));
+  const std::string free = "build --mesh " + file("small.ply") + " -o " + file("a.relievo") + " ";
+  Outcome r = relievo(free);
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find("dB (diagonal "), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("the target is kept"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("  missing   RMS "), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("  too much  RMS "), std::string::npos) << r.output;
+  std::filesystem::remove(file("a.relievo"));
+  // As few patches as cannot show it.
+  r = relievo(free + "--patches 6 --tolerance 0.0001mm --strict");
+  EXPECT_EQ(r.exit_code, 7) << r.output;
+  EXPECT_NE(r.output.find("the target is missed: expected RMS within 1e-05 mm"), std::string::npos) << r.output;
+  EXPECT_NE(r.output.find("leave --patches out"), std::string::npos) << r.output;
+  EXPECT_FALSE(std::filesystem::exists(file("a.relievo")));
+  EXPECT_EQ(relievo(free + "--tolerance 1kg").exit_code, 1);
+  // A share of the diagonal is the same as its length.
+  ASSERT_EQ(relievo(free + "--patches 40 --tolerance 1%").exit_code, 0);
+  EXPECT_GT(std::filesystem::file_size(file("a.relievo")), 1000u);
+}
+
+// The unit changes coordinates and nothing else.
+TEST_F(MeshCli, UnitsLeaveThePatchesAsTheyAre) {
+  auto built = [&](const char* unit) {
+    const Outcome r = relievo("build --mesh " + file("ball.ply") + " -o " + file("a.relievo") + " --unit " + unit);
+    EXPECT_TRUE(r.exit_code == 0 || r.exit_code == 7) << r.output;
+    return parsed(relievo("info " + file("a.relievo") + " --json").output);
+  };
+  const auto mm = built("mm");
+  for (const char* unit : {"cm", "in"}) {
+    const auto other = built(unit);
+    for (const char* key : {"patches", "corners", "samples", "cells_a_side", "samples_by_closest_point"})
+      EXPECT_EQ(other["mesh"][key], mm["mesh"][key]) << unit << " " << key;
+  }
+}
+
 TEST_F(MeshCli, WhatIsRepairedIsSaidAndKept) {
   Ball ball = wavyBall(60, 40);
   for (int k = 0; k < 5; ++k) {  // five triangles with vertices of their own

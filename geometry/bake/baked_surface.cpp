@@ -1,0 +1,125 @@
+#include "geometry/bake/baked_surface.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "src/artwork/patch_domain.h"
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+
+BakedSurface::BakedSurface(const MeshBake& baked, int workers, const std::atomic<bool>* interrupted)
+    : baked_(baked), workers_(workers), interrupted_(interrupted), finest_log2_(7 + baked.reliefDepth()) {
+  const BaseMesh& base = baked.base();
+  glm::dvec3 low(base.corners[0].position_mm), high = low;
+  for (const BaseCorner& c : base.corners) {
+    low = glm::min(low, glm::dvec3(c.position_mm));
+    high = glm::max(high, glm::dvec3(c.position_mm));
+  }
+  const double close_mm = std::max(5e-6 * glm::length(high - low), baked.reliefScaleMm());
+  cells_log2_.resize(base.patches.size());
+  parallelFor(cells_log2_.size(), workers, interrupted, [&](size_t p) {
+    int& log2 = cells_log2_[p] = std::min(baked.report().cells_log2, finest_log2_);
+    while (log2 < finest_log2_ && baked.errorOfCells(static_cast<uint32_t>(p), log2) > close_mm) ++log2;
+  });
+}
+
+TriMesh BakedSurface::part(size_t first, size_t end) const {
+  struct Place {
+    size_t vertex = 0, triangle = 0;
+  };
+  std::vector<Place> places(end - first);
+  Place all;
+  for (size_t p = first; p < end; ++p) {
+    const size_t row = (size_t{1} << cells_log2_[p]) + 1;
+    places[p - first] = all;
+    all.vertex += row * row;
+    all.triangle += triangles(p);
+  }
+  TriMesh out;
+  out.origin_mm = baked_.base().origin_mm;
+  out.positions_mm.resize(all.vertex);
+  out.triangles.resize(all.triangle);
+  parallelFor(places.size(), workers_, interrupted_,
+              [&](size_t i) { fill(static_cast<uint32_t>(first + i), out, places[i].vertex, places[i].triangle); });
+  return out;
+}
+
+void BakedSurface::fill(uint32_t p, TriMesh& out, size_t first_vertex, size_t first_triangle) const {
+  const BaseMesh& base = baked_.base();
+  const size_t n = size_t{1} << cells_log2_[p], row = n + 1, finest_row = (size_t{1} << finest_log2_) + 1,
+               step = (finest_row - 1) / n;
+  std::vector<uint16_t> q(finest_row * finest_row);
+  (void)baked_.heights(p, q);
+  glm::vec3* vertex = out.positions_mm.data() + first_vertex;
+  for (size_t y = 0; y <= n; ++y) {
+    for (size_t x = 0; x <= n; ++x) {
+      const double u = static_cast<double>(x) / static_cast<double>(n),
+                   v = static_cast<double>(y) / static_cast<double>(n);
+      const double height = baked_.reliefOffsetMm() + baked_.reliefScaleMm() * q[(y * finest_row + x) * step];
+      *vertex++ = glm::vec3(base.point(p, u, v) + height * base.normal(p, u, v));
+    }
+  }
+  auto* triangle = out.triangles.data() + first_triangle;
+  for (size_t y = 0; y < n; ++y) {
+    for (size_t x = 0; x < n; ++x) {
+      const auto a = static_cast<uint32_t>(first_vertex + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row),
+                 d = c + 1;
+      *triangle++ = {a, d, b};
+      *triangle++ = {a, c, d};
+    }
+  }
+}
+
+void CoarseBakedSurface::add(uint32_t patch, TriMesh& out) const {
+  const BaseMesh& base = baked_.base();
+  const int finest_log2 = 7 + baked_.reliefDepth();
+  const size_t finest_row = (size_t{1} << finest_log2) + 1;
+  std::vector<uint16_t> q(finest_row * finest_row);
+  (void)baked_.heights(patch, q);
+  // `cells` cells a side from (x0, y0) of the grid of 2^log2.
+  auto block = [&](int log2, size_t x0, size_t y0, size_t cells) {
+    const size_t step = size_t{1} << (finest_log2 - log2), row = cells + 1;
+    const double per_cell = std::ldexp(1.0, -log2);
+    const auto first = static_cast<uint32_t>(out.positions_mm.size());
+    for (size_t y = y0; y <= y0 + cells; ++y) {
+      for (size_t x = x0; x <= x0 + cells; ++x) {
+        const double u = static_cast<double>(x) * per_cell, v = static_cast<double>(y) * per_cell;
+        const double height = baked_.reliefOffsetMm() + baked_.reliefScaleMm() * q[(y * finest_row + x) * step];
+        out.positions_mm.push_back(glm::vec3(base.point(patch, u, v) + height * base.normal(patch, u, v)));
+      }
+    }
+    for (size_t y = 0; y < cells; ++y) {
+      for (size_t x = 0; x < cells; ++x) {
+        const auto a = static_cast<uint32_t>(first + y * row + x), b = a + 1, c = a + static_cast<uint32_t>(row),
+                   d = c + 1;
+        out.triangles.push_back({a, d, b});
+        out.triangles.push_back({a, c, d});
+      }
+    }
+  };
+  struct Open {
+    int log2;
+    size_t x, y;
+  };
+  std::vector<Open> open;
+  for (int log2 = 1; log2 <= finest_log2; ++log2) {
+    const bool close = baked_.errorOfCells(patch, log2) <= close_mm_;
+    if (!close && log2 < 3) continue;
+    if (close && log2 <= 3) return block(log2, 0, 0, size_t{1} << log2);
+    open.push_back({3, 0, 0});
+    break;
+  }
+  while (!open.empty()) {
+    const Open b = open.back();
+    open.pop_back();
+    const auto blocks = static_cast<size_t>(MeshBake::errorBlocks(b.log2));
+    if (b.log2 == finest_log2 || baked_.errorsOfCells(patch, b.log2).mm[b.y * blocks + b.x] <= close_mm_) {
+      block(b.log2, 8 * b.x, 8 * b.y, 8);
+      continue;
+    }
+    for (size_t k = 0; k < 4; ++k) open.push_back({b.log2 + 1, 2 * b.x + k % 2, 2 * b.y + k / 2});
+  }
+}
+
+}  // namespace relievo
