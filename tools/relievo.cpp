@@ -74,8 +74,8 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
   app.footer(
       "Example:\n  relievo sample inscription --size 4096x4096 --package inscription.relievo -o sample\n"
       "  relievo render inscription.relievo -o picture.png --azimuth 25 --light -0.8,0.3,0.4\n\n"
-      "Exit codes: 0 ok, 1 usage, 2 input/output, 3 invalid data, 4 runtime or GL, 5 unsupported, 7 difference found,\n"
-      "130 interrupted.\n\n"
+      "Exit codes: 0 ok, 1 usage, 2 input/output, 3 invalid data, 4 runtime or GL, 5 unsupported,\n"
+      "7 difference found or tolerance missed, 130 interrupted.\n\n"
       "- as the name of a picture, a report or a JSON file is standard output; what is printed besides then goes to "
       "standard error.\n"
       "Packages and folders have names of their own. A file appears under its name once it is whole; until then, and "

@@ -1,7 +1,7 @@
 // result.h - a value or an error that a user can act on.
 // An Error names the file, what is wrong (expected and found, with the offset where it applies) and what to do about
 // it. Its kind is the process's exit code (documented in --help): 1 usage, 2 input/output, 3 invalid data, 4 runtime or
-// GL, 5 unsupported, 7 difference found.
+// GL, 5 unsupported, 7 difference found or tolerance missed.
 #pragma once
 
 #include <cassert>
