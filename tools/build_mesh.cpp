@@ -276,6 +276,18 @@ std::string millimetres(double mm) {
   return text;
 }
 
+// Of a measurement in the file's units; without the places that miss the target.
+Fidelity inMm(Fidelity f, const glm::dvec3& origin, double mm_per_unit) {
+  f.diagonal_mm *= mm_per_unit;
+  for (double* length : {&f.target.rms_mm, &f.target.most_mm, &f.target.largest_mm}) *length *= mm_per_unit;
+  for (FidelityWay* way : {&f.to_drawn, &f.to_scan}) {
+    for (double* length : {&way->rms_mm, &way->most_mm, &way->largest_mm}) *length *= mm_per_unit;
+    way->largest_at_mm = (origin + way->largest_at_mm) * mm_per_unit;
+  }
+  f.misses.clear();
+  return f;
+}
+
 // What was asked for, in the file's units; 0: nothing.
 double toleranceOf(const MeshBuildArguments& a, double diagonal) {
   return a.tolerance_share > 0 ? a.tolerance_share * diagonal : a.tolerance_mm / mmPerUnit(a.unit);
@@ -319,11 +331,8 @@ class MeshBuild {
   Result<void> bake();
   Result<Fidelity> lookAt(const MeshBake& bake);
   Error missed(const std::string& what_was_done) const;
-  // Lengths and places from the file's units, which all is computed in: no unit changes what comes out.
+  // Lengths from the file's units, which all is computed in: no unit changes what comes out.
   double mm(double units) const { return units * mmPerUnit(a_.unit); }
-  glm::dvec3 at(const FidelityWay& way) const {
-    return (loaded_.mesh.origin_mm + way.largest_at_mm) * mmPerUnit(a_.unit);
-  }
   Result<void> pack();
   bool measured() const { return !a_.report.empty() || !a_.json_file.empty(); }
   Result<void> measure();
@@ -477,13 +486,14 @@ Result<void> MeshBuild::bakeUntilKept() {
   }
   bake_ = std::move(best);
   base_ = std::move(best_base);
+  result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
   return {};
 }
 
 // How far off, where, and what would help.
 Error MeshBuild::missed(const std::string& what_was_done) const {
-  const Fidelity& f = fidelity_;
+  const Fidelity& f = result_.fidelity;
   const bool there = f.to_drawn.excess(f.target) >= f.to_scan.excess(f.target);
   const FidelityWay& way = there ? f.to_drawn : f.to_scan;
   char text[400];
@@ -491,15 +501,15 @@ Error MeshBuild::missed(const std::string& what_was_done) const {
       text, sizeof text,
       "the target is missed: expected RMS within %.3g mm, 99.9 %% within %.3g mm and 99.99 %% of the area within "
       "%.3g mm of the scan, found %.3g mm, %.3g mm and %.4g %%, the largest distance %.3g mm at (%.6g, %.6g, %.6g)",
-      mm(f.target.rms_mm), mm(f.target.most_mm), mm(f.target.largest_mm), mm(way.rms_mm), mm(way.most_mm),
-      100 * (1 - way.beyond), mm(way.largest_mm), at(way).x, at(way).y, at(way).z);
+      f.target.rms_mm, f.target.most_mm, f.target.largest_mm, way.rms_mm, way.most_mm, 100 * (1 - way.beyond),
+      way.largest_mm, way.largest_at_mm.x, way.largest_at_mm.y, way.largest_at_mm.z);
   char hint[200];
   if (a_.patches > 0) {
     std::snprintf(hint, sizeof hint, "%s; leave --patches out, or ask for more than %zu", what_was_done.c_str(),
                   base_.patches.size());
   } else {
     std::snprintf(hint, sizeof hint, "%s; --patches %zu may come nearer, --tolerance %.2g keeps to what was reached",
-                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * mm(f.target.most_mm) * f.excess());
+                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * f.target.most_mm * f.excess());
   }
   return {ErrorKind::kDifference, a_.mesh, text, hint, {}};
 }
@@ -591,17 +601,16 @@ void MeshBuild::printSummary() const {
   printOutf("%s: %llu pages, %.1f MiB, %.1f s (%s), in at most %.0f MiB of memory\n%s", a_.package.output.c_str(),
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
+  const Fidelity& f = result_.fidelity;
   auto way = [&](const char* name, const FidelityWay& w) {
     printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,
-              millimetres(mm(w.rms_mm)).c_str(), millimetres(mm(w.most_mm)).c_str(),
-              millimetres(mm(w.largest_mm)).c_str(), 100 * w.beyond,
-              millimetres(mm(fidelity_.target.largest_mm)).c_str());
+              millimetres(w.rms_mm).c_str(), millimetres(w.most_mm).c_str(), millimetres(w.largest_mm).c_str(),
+              100 * w.beyond, millimetres(f.target.largest_mm).c_str());
   };
-  printOutf("  fidelity  %.1f dB (diagonal %s), %s\n", fidelity_.psnr_db(),
-            millimetres(mm(fidelity_.diagonal_mm)).c_str(),
-            fidelity_.kept() ? "the target is kept" : "the target is missed");
-  way("missing", fidelity_.to_drawn);
-  way("too much", fidelity_.to_scan);
+  printOutf("  fidelity  %.1f dB (diagonal %s), %s\n", f.psnr_db(), millimetres(f.diagonal_mm).c_str(),
+            f.kept() ? "the target is kept" : "the target is missed");
+  way("missing", f.to_drawn);
+  way("too much", f.to_scan);
   if (measured()) {
     const MeshDistance& d = result_.distance;
     printOutf("  distance  at most %s from scan to patches, %s back; RMS %s and %s, %.1f dB\n",

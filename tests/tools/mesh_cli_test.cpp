@@ -108,6 +108,9 @@ TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
   }
   EXPECT_NEAR(there["max_of_diagonal"].get<double>() * report["distance"]["diagonal_mm"].get<double>(),
               there["max_mm"].get<double>(), 1e-9);
+  const auto& missing = report["fidelity"]["missing"];
+  EXPECT_NEAR(missing["p99_9_mm"].get<double>(), there["p99_9_mm"].get<double>(), 0.5 * there["p99_9_mm"].get<double>())
+      << "other samples of the same two surfaces";
   std::string stages;
   for (const auto& s : report["stages"]) stages += s["name"].get<std::string>() + " ";
   EXPECT_EQ(stages, "read base bake package distance ");

@@ -125,6 +125,10 @@ MeshBuildResult someResult() {
   r.distance.diagonal_mm = 10;
   r.distance.to_baked = {100, 0.5, 0.1, {0.01, 0.02, 0.03, 0.04, 0.05}};
   r.distance.to_scan = {200, 0.25, 0.05, {0.001, 0.002, 0.003, 0.004, 0.005}};
+  r.fidelity.diagonal_mm = 10;
+  r.fidelity.target = FidelityTarget::of(10);
+  r.fidelity.to_drawn = {.samples = 7, .rms_mm = 1e-4, .most_mm = 2e-3, .largest_mm = 0.5, .largest_at_mm = {1, 2, 3}};
+  r.fidelity.to_scan = {.samples = 8, .rms_mm = 2e-4, .most_mm = 2.5e-3, .largest_mm = 0.25};
   r.stages = {{"read", 0.5, 1000}, {"bake", 1.5, 4000}, {"distance", 8, 9000}};
   r.relief_bytes = 100;
   r.package_bytes = 1000;
@@ -143,6 +147,19 @@ TEST(MeshReport, figuresFollowFromWhatWasMeasured) {
   EXPECT_DOUBLE_EQ(json["build_peak_bytes_per_triangle"].get<double>(), 200);
   EXPECT_EQ(json["mesh"]["texels_a_side"], 256);
   EXPECT_EQ(json["mesh"]["cells_a_side"], 32);
+}
+
+TEST(MeshReport, fidelityIsKeptOrMissed) {
+  MeshBuildResult r = someResult();
+  const Json kept = reportJson(r)["fidelity"];
+  EXPECT_EQ(kept["kept"], true) << kept;
+  r.fidelity.to_scan.beyond = 2e-4;
+  const Json missed = reportJson(r)["fidelity"];
+  EXPECT_EQ(missed["kept"], false);
+  EXPECT_DOUBLE_EQ(missed["too_much"]["area_beyond"].get<double>(), 2e-4);
+  EXPECT_DOUBLE_EQ(missed["target"]["beyond_mm"].get<double>(), 1e-2);
+  EXPECT_NEAR(missed["psnr_db"].get<double>(), 20 * std::log10(10 / 2e-4), 1e-9);
+  EXPECT_EQ(missed["missing"]["max_at_mm"], Json({1.0, 2.0, 3.0}));
 }
 
 TEST(MeshReport, textNamesFindingsAndPlaces) {
@@ -243,8 +260,9 @@ TEST(MeshReport, aPageOfItsOwn) {
   EXPECT_NE(html.find("scan &lt;1&gt; &amp; &quot;2&quot;.ply"), std::string::npos) << "names are text";
   EXPECT_EQ(html.find("<1>"), std::string::npos);
   EXPECT_EQ(html.find("a <b>"), std::string::npos);
-  for (const char* words : {"data:image/png;base64,", "<td>largest</td><td>0.5 mm</td><td>5.00e-02</td>", "p99.9",
-                            "duplicate vertices", "bake"})
+  for (const char* words :
+       {"data:image/png;base64,", "<td>largest</td><td>0.5 mm</td><td>5.00e-02</td>", "p99.9", "duplicate vertices",
+        "bake", "The target is kept", "<td>99.9 %</td><td>0.003 mm</td><td>0.002 mm</td><td>0.0025 mm</td>"})
     EXPECT_NE(html.find(words), std::string::npos) << words;
   auto failed = writeMeshReport("/nowhere/at/all.html", scan, r);
   ASSERT_FALSE(failed.ok());

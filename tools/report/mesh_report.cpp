@@ -221,6 +221,47 @@ std::string meshText(const Json& m) {
   return out + "\n";
 }
 
+namespace {
+
+Json fidelityJson(const Fidelity& f) {
+  auto way = [](const FidelityWay& w) {
+    return Json{{"samples", w.samples},
+                {"rms_mm", w.rms_mm},
+                {"p99_9_mm", w.most_mm},
+                {"max_mm", w.largest_mm},
+                {"max_at_mm", {w.largest_at_mm.x, w.largest_at_mm.y, w.largest_at_mm.z}},
+                {"area_beyond", w.beyond}};
+  };
+  return {{"kept", f.kept()},
+          {"psnr_db", f.psnr_db()},
+          {"target",
+           {{"rms_mm", f.target.rms_mm},
+            {"p99_9_mm", f.target.most_mm},
+            {"beyond_mm", f.target.largest_mm},
+            {"area_beyond", FidelityTarget::kBeyond}}},
+          {"missing", way(f.to_drawn)},
+          {"too_much", way(f.to_scan)}};
+}
+
+std::string fidelityHtml(const Fidelity& f) {
+  std::string html = format("<h2>Is it the scan?</h2>\n<p>The target is %s: %.1f dB.</p>\n<table>",
+                            f.kept() ? "kept" : "missed", f.psnr_db());
+  html += row({"", "target", "missing (scan to patches)", "too much (patches to scan)"}, "th");
+  auto length = [&](const char* name, double target, double there, double back) {
+    html += row({name, format("%.4g mm", target), format("%.4g mm", there), format("%.4g mm", back)});
+  };
+  const FidelityTarget& t = f.target;
+  const FidelityWay &there = f.to_drawn, &back = f.to_scan;
+  length("RMS", t.rms_mm, there.rms_mm, back.rms_mm);
+  length("99.9 %", t.most_mm, there.most_mm, back.most_mm);
+  html += row({format("area beyond %.4g mm", t.largest_mm), format("%.4g %%", 100 * FidelityTarget::kBeyond),
+               format("%.4g %%", 100 * there.beyond), format("%.4g %%", 100 * back.beyond)});
+  html += row({"largest", "", format("%.4g mm", there.largest_mm), format("%.4g mm", back.largest_mm)});
+  return html + "</table>\n";
+}
+
+}  // namespace
+
 Json reportJson(const MeshBuildResult& r) {
   auto stats = [&](const DistanceStats& s) {
     Json json{{"samples", s.samples}, {"max_mm", s.max_mm}, {"rms_mm", s.rms_mm}};
@@ -242,6 +283,7 @@ Json reportJson(const MeshBuildResult& r) {
   json["package_bits_per_vertex"] = 8.0 * static_cast<double>(r.package_bytes) / vertices;
   json["samples_per_vertex"] = numberOf(r.mesh, "samples") / vertices;
   json["mesh"] = r.mesh;
+  json["fidelity"] = fidelityJson(r.fidelity);
   json["distance"] = {{"diagonal_mm", r.distance.diagonal_mm},
                       {"psnr_db", r.distance.psnr_db},
                       {"scan_to_patches", stats(r.distance.to_baked)},
@@ -339,6 +381,7 @@ Result<void> writeMeshReport(const std::string& path, const TriMesh& scan, const
               numberOf(json, "samples_per_vertex"), numberOf(json, "relief_bits_per_vertex"),
               static_cast<unsigned long long>(r.pages), static_cast<double>(r.package_bytes) / (1 << 20)) +
           escaped(r.package) + ".</p>\n";
+  html += fidelityHtml(r.fidelity);
   html +=
       "<h2>Distance from the scan to its patches</h2>\n<img alt=\"The distance painted on the scan, from four sides\" "
       "src=\"" +

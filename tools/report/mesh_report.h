@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "geometry/bake/fidelity.h"
 #include "geometry/bake/mesh_bake.h"
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/scan/mesh_read.h"
@@ -29,6 +30,7 @@ struct StageCost {
 struct MeshBuildResult {
   std::string package;
   nlohmann::ordered_json mesh;  // as above
+  Fidelity fidelity;            // its largest distances at places of the scan, in mm
   MeshDistance distance;
   std::vector<StageCost> stages;
   uint64_t pages = 0, package_bytes = 0, relief_bytes = 0;  // the latter: relief pages of all levels and the base mesh
