@@ -10,6 +10,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <utility>
 
 #include "geometry/bake/fidelity.h"
 #include "geometry/bake/mesh_bake.h"
@@ -348,6 +349,7 @@ class MeshBuild {
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
   Fidelity fidelity_;
+  bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
 
@@ -428,7 +430,8 @@ Result<void> MeshBuild::bake() {
   const TriMesh& scan = loaded_.mesh;
   const Image8& image = textured_.image;
   BakeOptions bake_options;
-  bake_options.tolerance_mm = toleranceOf(a_, diagonalOf(scan)) / 2;
+  const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
+  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).most_mm : 0) / 2;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -466,6 +469,7 @@ Result<void> MeshBuild::bakeUntilKept() {
     if (auto done = bake(); !done) return done;
     auto looked = stages_.run("bake", [&] { return lookAt(*bake_); });
     if (!looked) return looked.error();
+    const BakeLimit limit = bake_->report().limit;
     const bool better = !best || looked->excess() < fidelity_.excess();
     in_vain = better ? 0 : in_vain + 1;
     const Fidelity now = *looked;
@@ -474,8 +478,10 @@ Result<void> MeshBuild::bakeUntilKept() {
       best_base = base_;
       fidelity_ = std::move(*looked);
     }
-    if (now.kept() || a_.patches > 0 || round == kRounds || in_vain == kInVain || domain_->patches() >= kMostPatches)
-      break;
+    if (now.kept() || a_.patches > 0 || round == kRounds || in_vain == kInVain) break;
+    // Where the samples ran out, patches that stay as they are get more of them first.
+    if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
+    if (domain_->patches() >= kMostPatches) break;
     std::vector<BaseMiss> misses;
     for (const FidelityMiss& m : now.misses)
       misses.push_back({m.place_mm, m.mm > kLargeMiss * now.target.largest_mm ? 64.0f : 16.0f});
