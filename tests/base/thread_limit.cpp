@@ -13,16 +13,19 @@ namespace {
 
 std::atomic<long> most{-1}, alive{0}, refused{0};
 
+// At once: the program may end without a call of destructors.
+void writeRefused() {
+  const char* path = std::getenv("RELIEVO_THREADS_REFUSED");
+  if (FILE* file = path ? std::fopen(path, "w") : nullptr) {
+    std::fprintf(file, "%ld\n", refused.load());
+    std::fclose(file);
+  }
+}
+
 struct FromEnvironment {
   FromEnvironment() {
     if (const char* text = std::getenv("RELIEVO_MOST_THREADS")) most = std::atol(text);
-  }
-  ~FromEnvironment() {
-    const char* path = std::getenv("RELIEVO_THREADS_REFUSED");
-    if (FILE* file = path ? std::fopen(path, "w") : nullptr) {
-      std::fprintf(file, "%ld\n", refused.load());
-      std::fclose(file);
-    }
+    writeRefused();
   }
 } from_environment;
 
@@ -57,6 +60,7 @@ extern "C" __attribute__((visibility("default"))) int pthread_create(pthread_t* 
   if (const long now = ++alive, limit = most; limit >= 0 && now > limit) {
     --alive;
     ++refused;
+    writeRefused();
     return EAGAIN;
   }
   auto start = std::make_unique<Start>(Start{body, argument});

@@ -1,7 +1,7 @@
 // thread_limit.h - a system that gives few threads, for tests. The library takes pthread_create's place in the program
 // that it is linked with, or preloaded into: as with `ulimit -u`, no more threads than the limit live at a time. (That
 // limit itself does not bind root.) Preloaded: RELIEVO_MOST_THREADS is the limit, and RELIEVO_THREADS_REFUSED names a
-// file that says, at the end, how many starts were refused.
+// file that says how many starts were refused so far.
 #pragma once
 
 namespace relievo::testing_support {
