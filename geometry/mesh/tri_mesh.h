@@ -1,5 +1,7 @@
 // tri_mesh.h - a triangle mesh as scans bring it, after diagnosis and repair (mesh_read.h): every index in range, every
 // number finite, every edge shared by at most two triangles, no degenerate triangle.
+// Lengths named _mm are millimetres; of a mesh read with MeshReadOptions::keep_units they are the file's units, and so
+// is all that is computed from it. `build` works so, and converts what it writes: a unit then changes no decision.
 #pragma once
 
 #include <array>
