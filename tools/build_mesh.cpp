@@ -349,6 +349,7 @@ class MeshBuild {
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
   Fidelity fidelity_;
+  uint64_t ray_bytes_ = 0;     // that the hierarchies of the scan's rays may take
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -407,8 +408,8 @@ Result<void> MeshBuild::makeBase() {
   base_options.scan_done = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a_.package.memory_budget_bytes > held ? a_.package.memory_budget_bytes - held : 0;
-    BakeSceneOptions options{
-        .ray_bytes = std::max(left, kLeastRayBytes), .workers = a_.package.workers, .interrupted = &interruptedFlag()};
+    ray_bytes_ = std::max(left, kLeastRayBytes);
+    BakeSceneOptions options{.ray_bytes = ray_bytes_, .workers = a_.package.workers, .interrupted = &interruptedFlag()};
     bake_scene_.emplace("relievo-scene", [&scan, options] { return makeBakeScene(scan, options); });
   };
   auto base = stages_.run("base", base_options, [&]() -> Result<BaseMesh> {
@@ -451,6 +452,9 @@ Result<Fidelity> MeshBuild::lookAt(const MeshBake& bake) {
   FidelityRun run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   const uint64_t in_use = Memory::now(), least = uint64_t{64} << 20;
   run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
+  // Where the scan's rays do not fit their memory, each place may cost the building of a region of them.
+  constexpr uint64_t kRayBytesATriangle = 60, kFewSamples = 500;
+  if (kRayBytesATriangle * scan.triangles.size() > ray_bytes_) run.samples = kFewSamples;
   const double diagonal = diagonalOf(scan);
   const double tolerance = toleranceOf(a_, diagonal);
   const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
@@ -613,7 +617,8 @@ void MeshBuild::printSummary() const {
               millimetres(w.rms_mm).c_str(), millimetres(w.most_mm).c_str(), millimetres(w.largest_mm).c_str(),
               100 * w.beyond, millimetres(f.target.largest_mm).c_str());
   };
-  printOutf("  fidelity  %.1f dB (diagonal %s), %s\n", f.psnr_db(), millimetres(f.diagonal_mm).c_str(),
+  printOutf("  fidelity  %.1f dB (diagonal %s, %llu places each way), %s\n", f.psnr_db(),
+            millimetres(f.diagonal_mm).c_str(), static_cast<unsigned long long>(f.to_scan.samples),
             f.kept() ? "the target is kept" : "the target is missed");
   way("missing", f.to_drawn);
   way("too much", f.to_scan);
