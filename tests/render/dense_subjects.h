@@ -27,6 +27,22 @@ inline Subject denseSubject(const TextureSource& texture, const HeightSource* he
   return s;
 }
 
+// Noise whose channels another format reads.
+class FormattedNoise final : public TextureSource {
+ public:
+  FormattedNoise(int64_t w, int64_t h, const TextureFormat& format, uint32_t seed)
+      : noise_(w, h, format.basis, seed), format_(format) {}
+  int64_t width() const override { return noise_.width(); }
+  int64_t height() const override { return noise_.height(); }
+  TextureFormat format() const override { return format_; }
+  Provenance provenance() const override { return noise_.provenance(); }
+  Result<void> read(const Rect& r, std::span<uint8_t> out) const override { return noise_.read(r, out); }
+
+ private:
+  NoiseTexture noise_;
+  TextureFormat format_;
+};
+
 // range_mm 0: no relief.
 inline Subject noiseSubject(int64_t w, int64_t h, Basis basis, double range_mm, uint32_t seed) {
   NoiseHeight heights(w, h, range_mm, seed + 100);

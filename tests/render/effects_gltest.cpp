@@ -28,25 +28,11 @@ std::vector<PixelEffect::Values> someValues(const PixelEffect& effect, int count
 }
 
 // Noise as a PTM of twice the contrast.
-class StrongTexture final : public TextureSource {
- public:
-  StrongTexture(int64_t w, int64_t h, uint32_t seed) : noise_(w, h, Basis::kPtmRgb, seed), format_(noise_.format()) {
-    for (double& scale : format_.scale) scale *= 2;
-  }
-  int64_t width() const override { return noise_.width(); }
-  int64_t height() const override { return noise_.height(); }
-  TextureFormat format() const override { return format_; }
-  Provenance provenance() const override { return noise_.provenance(); }
-  Result<void> read(const Rect& r, std::span<uint8_t> out) const override { return noise_.read(r, out); }
-
- private:
-  NoiseTexture noise_;
-  TextureFormat format_;
-};
-
 Subject strongSubject(uint32_t seed) {
   NoiseHeight heights(700, 500, 3, seed + 100);
-  return denseSubject(StrongTexture(700, 500, seed), &heights);
+  TextureFormat format = NoiseTexture(1, 1, Basis::kPtmRgb, seed).format();
+  for (double& scale : format.scale) scale *= 2;
+  return denseSubject(FormattedNoise(700, 500, format, seed), &heights);
 }
 
 TEST(Effects, AreTheirReferences) {

@@ -9,24 +9,9 @@ namespace {
 
 using namespace test;
 
-class OtherTexture final : public TextureSource {
- public:
-  OtherTexture(int64_t w, int64_t h, Basis basis, uint32_t seed)
-      : noise_(w, h, basis, seed), format_(otherFormat(basis)) {}
-  int64_t width() const override { return noise_.width(); }
-  int64_t height() const override { return noise_.height(); }
-  TextureFormat format() const override { return format_; }
-  Provenance provenance() const override { return noise_.provenance(); }
-  Result<void> read(const Rect& r, std::span<uint8_t> out) const override { return noise_.read(r, out); }
-
- private:
-  NoiseTexture noise_;
-  TextureFormat format_;
-};
-
 Subject otherSubject(Basis basis) {
   NoiseHeight heights(500, 360, 4, 41);
-  return denseSubject(OtherTexture(500, 360, basis, 40), &heights);
+  return denseSubject(FormattedNoise(500, 360, otherFormat(basis), 40), &heights);
 }
 
 class OtherBases : public testing::TestWithParam<size_t> {};
@@ -49,7 +34,7 @@ TEST_P(OtherBases, OutOfAPackage) {
   options.output = folder.file("other.relievo");
   options.mm_per_px = 0.1;
   NoiseHeight heights(500, 360, 4, 41);
-  auto built = buildPackage(OtherTexture(500, 360, basis, 40), &heights, options);
+  auto built = buildPackage(FormattedNoise(500, 360, otherFormat(basis), 40), &heights, options);
   ASSERT_TRUE(built.ok()) << built.error().text();
   auto package = Package::open(options.output);
   ASSERT_TRUE(package.ok()) << package.error().text();
