@@ -11,7 +11,7 @@ namespace {
 
 // The same triangles with twice as many cells a side: new vertices lie halfway along edges, the cells' diagonals among
 // them.
-RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
+RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) noexcept {
   const size_t n = coarse.row() - 1, row = coarse.row(), fine_row = fine.row();
   for (size_t axis = 0; axis < 3; ++axis) {
     const double* in = coarse.axes[axis].data();
@@ -36,10 +36,9 @@ RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) {
   }
 }
 
-// Of bilinear normals, at each vertex.
+// Of bilinear normals, at each of row x row vertices.
 RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row,
-                                     std::array<std::vector<double>, 3>& out) {
-  for (auto& axis : out) axis.resize(row * row);
+                                     std::array<std::vector<double>, 3>& out) noexcept {
   const double step = 1.0 / static_cast<double>(row - 1);
   for (size_t y = 0; y < row; ++y) {
     const double v = static_cast<double>(y) * step;
@@ -81,16 +80,17 @@ double lowest(const std::vector<double>& of, size_t first, size_t last) {
   for (size_t x = first; x <= last; ++x) least = std::min(least, of[x]);
   return least;
 }
-// step: vertices a cell's side.
+void setUpRows(size_t row, GridErrorScratch::Rows& rows) {
+  for (auto* of : {&rows.now, &rows.high, &rows.low})
+    for (auto& values : *of) values.assign(row, 0.0);
+  for (auto* values : {&rows.squared_now, &rows.aside_now, &rows.squared, &rows.aside}) values->assign(row, 0.0);
+}
+// step: vertices a cell's side. rows: prepared by setUpRows(); out: blocks x blocks of them.
 RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest,
                                        const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
-                                       GridErrorScratch::Rows& rows, std::vector<Extremes>& out) {
+                                       GridErrorScratch::Rows& rows, std::vector<Extremes>& out) noexcept {
   const size_t row = coarse.row(), n = row - 1, size = n / blocks;
-  out.assign(blocks * blocks, {});
   auto& [now, high, low, squared_now, aside_now, squared, aside] = rows;
-  for (auto* of : {&now, &high, &low})
-    for (auto& values : *of) values.assign(row, 0.0);
-  for (auto* values : {&squared_now, &aside_now, &squared, &aside}) values->assign(row, 0.0);
   for (size_t y = 0; y <= n; ++y) {
     const size_t at = y * row;
     const double *ax = coarse.axes[0].data() + at, *ay = coarse.axes[1].data() + at, *az = coarse.axes[2].data() + at;
@@ -124,7 +124,7 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
         e.between = std::max(e.between, above + below);
         e.apart = std::max(e.apart, diagonal);
       }
-      high = now;
+      high = now;  // of the same sizes: nothing is allocated
       low = now;
     }
     if (y % size == 0) {
@@ -148,6 +148,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
   std::vector<GridErrors> errors(static_cast<size_t>(top) + 1);
   // Refined from the coarser, by cells_log2.
   for (int log2 = static_cast<int>(grids.size()); log2 <= top; ++log2) grids.emplace_back(log2);
+  for (auto& axis : scratch.normals) axis.resize(finest.row() * finest.row());
   unitNormals(corner_normals, finest.row(), scratch.normals);
   std::vector<Extremes> extremes;
   std::vector<Deviation> own, finer;
@@ -165,6 +166,8 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
           for (size_t x = 0; x < row; ++x)
             coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
       for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
+      extremes.assign(blocks * blocks, {});
+      setUpRows(finest.row(), scratch.rows);
       blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, scratch.rows, extremes);
       const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
       // Up a little: for the squares, and for what is drawn in single precision.

@@ -59,15 +59,19 @@ void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
     for (size_t i = 0; i < count; ++i) relax(first + (sweep % 2 ? count - 1 - i : i));
 }
 
-RELIEVO_SIMD_CLONES void fitGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row) {
+namespace {
+
+// A node's normal equation: its own coefficient, those of the next nodes along u, along v and along the diagonal, and
+// the right side.
+struct Equation {
+  float self = kStay, east = 0, south = 0, diagonal = 0, right = 0;
+  Range range{};
+};
+
+RELIEVO_SIMD_CLONES void solveGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row,
+                                   std::span<Equation> equations) noexcept {
   const size_t n = row - 1, ratio = (data_row - 1) / n;
   assert(data_row == n * ratio + 1 && data.heights.size() == data_row * data_row && nodes.size() == row * row);
-  // The normal equations, of each node: itself, with the next along u, along v, along the diagonal, and the right side.
-  struct Equation {
-    float self = kStay, east = 0, south = 0, diagonal = 0, right = 0;
-    Range range{};
-  };
-  std::vector<Equation> equations(row * row);
   for (size_t i = 0; i < equations.size(); ++i) {
     equations[i].right = kStay * nodes[i];
     equations[i].range = {nodes[i], nodes[i]};
@@ -109,6 +113,13 @@ RELIEVO_SIMD_CLONES void fitGrid(const HeightData& data, size_t data_row, std::s
     for (size_t k = 1; k < n; ++k)
       for (size_t j = 1; j < n; ++j) relax(sweep % 2 ? (n - k) * row + n - j : k * row + j);
   }
+}
+
+}  // namespace
+
+void fitGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row) {
+  std::vector<Equation> equations(row * row);
+  solveGrid(data, data_row, nodes, row, equations);
 }
 
 }  // namespace relievo

@@ -170,14 +170,17 @@ struct Scratch {
     triangles.clear();
     numbers.clear();
   }
+  // For as many vertices as there are.
+  void setUpPlaces() {
+    for (auto* list : {&u, &v, &h, &moved}) list->resize(x.size());
+    placed.resize(x.size());
+  }
 };
 
 // (u, v, h) of the vertices, how far the last step moved them, and the planes that they lie beyond. Plain loops over
 // arrays: several at a time.
-RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) {
+RELIEVO_SIMD_CLONES void placeVertices(const Body& b, Scratch& s) noexcept {
   const size_t count = s.x.size();
-  for (auto* list : {&s.u, &s.v, &s.h, &s.moved}) list->resize(count);
-  s.placed.resize(count);
   const float *x = s.x.data(), *y = s.y.data(), *z = s.z.data();
   float *us = s.u.data(), *vs = s.v.data(), *hs = s.h.data(), *moved = s.moved.data();
   const std::array<glm::vec3, 4> p = b.p, n = b.n;  // copies: what is written below cannot be them
@@ -372,6 +375,7 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
     s.z.push_back(m.z);
   });
   // Planes leave much beside a curved body: small blocks are told by their middles' (u, v, h).
+  s.setUpPlaces();
   placeVertices(body, s);
   size_t kept = 0;
   for (size_t i = 0; i < s.blocks.size(); ++i) {
@@ -415,9 +419,7 @@ void listTriangles(const TriMesh& mesh, const BoxTree& blocks, const Body& body,
 // Of each line, in the bins' order, the triangle whose plane it meets nearest, into s.nearest. False: too many
 // triangles whose places in (u, v) are not known.
 RELIEVO_SIMD_CLONES bool drawTriangles(const TriMesh& mesh, const Body& body, const std::array<glm::vec3, 4>& normals,
-                                       std::span<const Line> lines, size_t bins, Scratch& s) {
-  const size_t count = s.line.size();
-  s.nearest.assign(count, SurfacePoint::kNone);
+                                       std::span<const Line> lines, size_t bins, Scratch& s) noexcept {
   auto binOf = [&](float x) {
     return static_cast<size_t>(std::clamp(x * static_cast<float>(bins), 0.0f, static_cast<float>(bins - 1)));
   };
@@ -509,11 +511,13 @@ bool LineSweep::sweep(const SweepSquare& square, std::span<const SweepPlace> pla
   static thread_local Scratch scratch;
   Scratch& s = scratch;
   listTriangles(*mesh_, blocks_, body, middle, s);
+  s.setUpPlaces();
   placeVertices(body, s);
   const auto bins = static_cast<size_t>(std::clamp(std::sqrt(static_cast<double>(places.size())), 1.0, 256.0));
   binLines(places, bins, s);
   std::array<glm::vec3, 4> normals;
   for (size_t k = 0; k < 4; ++k) normals[k] = glm::vec3(square.normals[k]);
+  s.nearest.assign(s.line.size(), SurfacePoint::kNone);
   if (!drawTriangles(*mesh_, body, normals, lines, bins, s)) return false;
   for (size_t at = 0; at < places.size(); ++at) {
     if (s.nearest[at] == SurfacePoint::kNone) continue;

@@ -101,6 +101,7 @@ struct MeshRoots::Eye {
 void MeshRoots::clear(size_t patches) {
   count_ = patches;
   blocks_ = (count_ + kBlock - 1) / kBlock;
+  active_.reserve(blocks_);  // evaluateBlocks() may not allocate
   padded_ = blocks_ * kBlock;
   extent_ = 0;
   box_ = {glm::dvec3(1e300), glm::dvec3(-1e300)};
@@ -256,7 +257,7 @@ void MeshRoots::evaluateAll(const LodCamera& camera, const RootView& view) {
 }
 
 template <bool kOrthographic>
-RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) {
+RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) noexcept {
   const bool hide = leaves_out_;
   const float* x = of_blocks_.x.data();
   const float* y = of_blocks_.y.data();
@@ -320,7 +321,7 @@ RELIEVO_SIMD_CLONES void MeshRoots::evaluateBlocks(const Eye& eye) {
 }
 
 template <bool kOrthographic, bool kCuts, bool kFacing>
-RELIEVO_SIMD_CLONES int MeshRoots::evaluatePatches(const Eye& eye, size_t block) {
+RELIEVO_SIMD_CLONES int MeshRoots::evaluatePatches(const Eye& eye, size_t block) noexcept {
   const size_t first = block * kBlock;
   const float* x = of_patches_.x.data() + first;
   const float* y = of_patches_.y.data() + first;
@@ -382,7 +383,7 @@ RELIEVO_SIMD_CLONES int MeshRoots::evaluatePatches(const Eye& eye, size_t block)
   return any;
 }
 
-RELIEVO_SIMD_CLONES void MeshRoots::levelEdges() {
+RELIEVO_SIMD_CLONES void MeshRoots::levelEdges() noexcept {
   const uint8_t* all_codes = codes_.data();
   std::array<Drawn*, kMaxGridLevel + 2> next;  // the last: not drawn
   std::array<Drawn, kBlock> nowhere;

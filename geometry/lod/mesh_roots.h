@@ -53,7 +53,7 @@ class MeshRoots {
 
   // The rest as it is drawn: edges with the larger of both sides' levels, grids with the largest of four.
   void leaveOut(uint32_t patch) { codes_[patch] |= kOthers; }
-  void levelEdges();
+  void levelEdges() noexcept;
   double maxErrorPx() const { return max_error_px_; }
   struct Drawn {
     uint32_t patch = 0;
@@ -78,9 +78,9 @@ class MeshRoots {
   };
   // What a camera makes of blocks: which of them there is anything to do for.
   template <bool kOrthographic>
-  void evaluateBlocks(const Eye& eye);
+  void evaluateBlocks(const Eye& eye) noexcept;
   template <bool kOrthographic, bool kCuts, bool kFacing>
-  int evaluatePatches(const Eye& eye, size_t block);
+  int evaluatePatches(const Eye& eye, size_t block) noexcept;
   template <bool kOrthographic>
   void evaluateAll(const LodCamera& camera, const RootView& view);
   bool allBeyondNear(const glm::dvec4& near_row) const;

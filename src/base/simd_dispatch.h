@@ -2,6 +2,10 @@
 // marked so is compiled once more for x86-64-v3 (AVX2), and the loader of the program chooses. Both give the same bits:
 // -ffp-contract=off holds for each, and vectors compute what scalars do. What the function calls is inlined where its
 // body is seen: what is not stays as it is. Not for virtual functions, which g++ cannot dispatch.
+//
+// Each such function is noexcept, allocates nothing and calls nothing that throws: g++ 12 takes a call of a dispatched
+// function for one that cannot throw, so that an exception on its way out of it would destroy what its caller does not
+// have, or end the program (rooms_test looks for the word).
 #pragma once
 
 // The sanitizers' run-time libraries are not yet there when the loader chooses.

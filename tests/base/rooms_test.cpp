@@ -117,6 +117,40 @@ TEST(Rooms, LibrariesStayBehindTheirFile) {
   EXPECT_GT(includersOf(RELIEVO_SOURCE_DIR, "glm/").size(), 20u);
 }
 
+// The functions below a root that are dispatched by the machine's instructions and may throw
+// (src/base/simd_dispatch.h).
+std::vector<std::string> dispatchedThatMayThrow(const fs::path& root, size_t& dispatched) {
+  std::vector<std::string> found;
+  for (const char* folder : {"src", "geometry", "texturing", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      std::ifstream file(entry.path());
+      std::ostringstream content;
+      content << file.rdbuf();
+      const std::string text = content.str();
+      constexpr std::string_view kMark = "RELIEVO_SIMD_CLONES ";
+      for (size_t at = text.find(kMark); at != std::string::npos; at = text.find(kMark, at + 1)) {
+        if (text.substr(0, at).ends_with("#define ")) continue;
+        const std::string head = text.substr(at, text.find('{', at) - at);
+        ++dispatched;
+        if (head.find(" noexcept") == std::string::npos)
+          found.push_back(fs::relative(entry.path(), root).generic_string() + ": " + head);
+      }
+    }
+  return found;
+}
+
+TEST(Rooms, DispatchedFunctionsDoNotThrow) {
+  size_t dispatched = 0;
+  EXPECT_EQ(dispatchedThatMayThrow(RELIEVO_SOURCE_DIR, dispatched), std::vector<std::string>{});
+  EXPECT_GT(dispatched, 15u) << "the functions were not found";
+
+  const fs::path root = fs::path(testing::TempDir()) / "dispatched";
+  for (const char* folder : {"src", "geometry", "texturing", "tools"}) fs::create_directories(root / folder);
+  std::ofstream(root / "src/a.cpp") << "RELIEVO_SIMD_CLONES void a(int x) {\n}\nvoid b() noexcept {}\n";
+  EXPECT_EQ(dispatchedThatMayThrow(root, dispatched).size(), 1u);
+  fs::remove_all(root);
+}
+
 TEST(Rooms, TheCheckSeesAnIncludeAgainstTheOrder) {
   EXPECT_NE(whyNot("src/base/file.h", "src/artwork/node_id.h"), "");
   EXPECT_NE(whyNot("texturing/stream/page_table.h", "geometry/lod/snap.h"), "");

@@ -214,8 +214,8 @@ void makeInputs(const Workshop& shop, int big) {
   for (int i = 0; i < w * h; ++i)
     for (int k = 0; k < 3; ++k) ptm.push_back(static_cast<char>((i * (k + 1) / 100) & 255));
   writeAll(shop.work() / "in" / "tablet.ptm", ptm);
-  // A closed, bumpy surface of some 1,000 triangles.
-  const int rings = 16, sides = 32;
+  // A closed, bumpy surface of some 170 triangles.
+  const int rings = 8, sides = 12;
   std::ostringstream ply;
   const int vertices = 2 + (rings - 1) * sides, faces = 2 * sides * (rings - 1);
   ply << "ply\nformat ascii 1.0\nelement vertex " << vertices
@@ -249,7 +249,7 @@ std::vector<Operation> operations() {
        true},
       {"build ptm", {"build", "-o", "out/o.relievo", "--ptm", "in/tablet.ptm", "--workers", "2"}, {{"o.relievo", ""}}},
       {"build mesh",
-       {"build", "-o", "out/o.relievo", "--mesh", "in/scan.ply", "--workers", "2", "--patches", "24", "--report",
+       {"build", "-o", "out/o.relievo", "--mesh", "in/scan.ply", "--workers", "2", "--patches", "6", "--report",
         "out/o.html"},
        {{"o.relievo", ""}, {"o.html", "</html>\n"}}},
       {"checkpoints",

@@ -17,10 +17,10 @@ void decodeBc4(const uint8_t* block /* 8 */, uint8_t* first, size_t texel_bytes,
 void decodeBc7(const uint8_t* block /* 16 */, uint8_t* first, size_t row_bytes);
 
 // Opaque: alpha is ignored. texels: 16 RGBA8, rows top first.
-void encodeBc1(const uint8_t* texels, uint8_t* block /* 8 */);
-void encodeBc4(const uint8_t* values /* 16 */, uint8_t* block /* 8 */);
+void encodeBc1(const uint8_t* texels, uint8_t* block /* 8 */) noexcept;
+void encodeBc4(const uint8_t* values /* 16 */, uint8_t* block /* 8 */) noexcept;
 // Modes 6 (one line through all texels), 1 and 3 (two lines, 64 ways to divide the block), 4 and 5 (one channel by
 // itself).
-void encodeBc7(const uint8_t* texels, uint8_t* block /* 16 */);
+void encodeBc7(const uint8_t* texels, uint8_t* block /* 16 */) noexcept;
 
 }  // namespace relievo

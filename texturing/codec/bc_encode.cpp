@@ -371,7 +371,7 @@ void writeApart(int mode, int apart, bool selection, Line pair, Line single, uin
 
 }  // namespace
 
-RELIEVO_SIMD_CLONES void encodeBc1(const uint8_t* texels, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc1(const uint8_t* texels, uint8_t* block) noexcept {
   Point points[16];
   for (int i = 0; i < 16; ++i)
     for (int c = 0; c < 3; ++c) points[i].c[c] = texels[4 * i + c];
@@ -391,7 +391,7 @@ RELIEVO_SIMD_CLONES void encodeBc1(const uint8_t* texels, uint8_t* block) {
   std::memcpy(block + 4, &best.indices, 4);
 }
 
-RELIEVO_SIMD_CLONES void encodeBc4(const uint8_t* values, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc4(const uint8_t* values, uint8_t* block) noexcept {
   const int low = *std::min_element(values, values + 16), high = *std::max_element(values, values + 16);
   // Ends at the extremes bound the error by a fourteenth of their distance; least squares may only do better than that.
   int best_error = std::numeric_limits<int>::max();
@@ -423,7 +423,7 @@ RELIEVO_SIMD_CLONES void encodeBc4(const uint8_t* values, uint8_t* block) {
   std::memcpy(block, &best, 8);
 }
 
-RELIEVO_SIMD_CLONES void encodeBc7(const uint8_t* texels, uint8_t* block) {
+RELIEVO_SIMD_CLONES void encodeBc7(const uint8_t* texels, uint8_t* block) noexcept {
   Point points[16];
   for (int i = 0; i < 16; ++i)
     for (int c = 0; c < 3; ++c) points[i].c[c] = texels[4 * i + c];

@@ -141,7 +141,7 @@ MipFilter::MipFilter(const TextureFormat& format) {
 
 // Two rows one after the other, each `width` texels.
 template <class T>
-void MipFilter::weightsOf(const T* rows, size_t plane, int width, int32_t* out) const {
+void MipFilter::weightsOf(const T* rows, size_t plane, int width, int32_t* out) const noexcept {
   std::fill(out, out + 2 * width, weight_offset_);
   for (const Weight& w : weights_) {
     const T* in = rows + static_cast<size_t>(w.channel) * plane;
@@ -151,7 +151,8 @@ void MipFilter::weightsOf(const T* rows, size_t plane, int width, int32_t* out) 
 }
 
 template <class T>
-RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int height, uint16_t* out) const {
+RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int height, std::span<int32_t> weights,
+                                                  uint16_t* out) const noexcept {
   assert(width % 2 == 0 && height % 2 == 0);
   const int out_width = width / 2, out_height = height / 2;
   const size_t plane = static_cast<size_t>(width) * height, out_plane = plane / 4;
@@ -165,7 +166,6 @@ RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int he
   for (int c : numbers_) forRows(c, [](auto... row) { averageNumbers(row...); });
   for (int c : linear_) forRows(c, [](auto... row) { averageLinear(row...); });
   if (weighted_.empty()) return;
-  std::vector<int32_t> weights(static_cast<size_t>(width) * 2);
   for (int y = 0; y < out_height; ++y) {
     const T* rows = in + static_cast<size_t>(2 * y) * width;
     weightsOf(rows, plane, width, weights.data());
@@ -178,11 +178,17 @@ RELIEVO_SIMD_CLONES void MipFilter::downsampleAny(const T* in, int width, int he
   }
 }
 
+std::vector<int32_t> MipFilter::weightRows(int width) const {
+  return std::vector<int32_t>(weighted_.empty() ? 0 : static_cast<size_t>(width) * 2);
+}
+
 void MipFilter::downsample(const uint16_t* in, int width, int height, uint16_t* out) const {
-  downsampleAny(in, width, height, out);
+  std::vector<int32_t> weights = weightRows(width);
+  downsampleAny(in, width, height, std::span(weights), out);
 }
 void MipFilter::downsample(const uint8_t* in, int width, int height, uint16_t* out) const {
-  downsampleAny(in, width, height, out);
+  std::vector<int32_t> weights = weightRows(width);
+  downsampleAny(in, width, height, std::span(weights), out);
 }
 
 void repeatBorder(uint8_t* data, int width, int height, int channels, int x0, int y0, int x1, int y1) {

@@ -37,9 +37,11 @@ class MipFilter {
 
  private:
   template <class T>
-  void downsampleAny(const T* in, int width, int height, uint16_t* out) const;
+  void downsampleAny(const T* in, int width, int height, std::span<int32_t> weights, uint16_t* out) const noexcept;
+  // The weights of two rows of texels, where some channels are averaged by them.
+  std::vector<int32_t> weightRows(int width) const;
   template <class T>
-  void weightsOf(const T* rows, size_t plane, int width, int32_t* out) const;
+  void weightsOf(const T* rows, size_t plane, int width, int32_t* out) const noexcept;
 
   struct Weight {
     int channel = 0;

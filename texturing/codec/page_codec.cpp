@@ -135,7 +135,7 @@ void prefixSum(uint16_t* row, int width) {
 
 // In place: residuals to values, row by row.
 template <class T, int kWidth>
-RELIEVO_SIMD_CLONES void unpredict(Predictor p, T* data, int height) {
+RELIEVO_SIMD_CLONES void unpredict(Predictor p, T* data, int height) noexcept {
   static constexpr T kZeros[kWidth] = {};
   for (int y = 0; y < height; ++y) {
     T* __restrict row = data + static_cast<size_t>(y) * kWidth;
@@ -178,7 +178,7 @@ uint32_t magnitude(const uint16_t* r, int n) {
 // The predictor with the smallest residuals on every fourth row. kNone is judged by the distance from the mean, in
 // which a channel of plain noise wins (differences double its variance).
 template <class T, int kWidth>
-RELIEVO_SIMD_CLONES Predictor choosePredictor(const T* data, int height) {
+RELIEVO_SIMD_CLONES Predictor choosePredictor(const T* data, int height) noexcept {
   if (std::memcmp(data, data + 1, (static_cast<size_t>(kWidth) * height - 1) * sizeof(T)) == 0) return kConstant;
   uint64_t cost[kConstant] = {};
   uint64_t total = 0, rows = 0;
@@ -206,7 +206,7 @@ struct Expansion {
   int shift;
 };
 constexpr Expansion kExpansions[] = {{272, 0, 4}, {527, 23, 6}, {259, 33, 6}, {257, 64, 7}};
-RELIEVO_SIMD_CLONES void expandLevels(uint8_t* data, size_t n, int bits) {
+RELIEVO_SIMD_CLONES void expandLevels(uint8_t* data, size_t n, int bits) noexcept {
   const Expansion e = kExpansions[bits - kMinQuantisedBits];
   const uint8_t top = static_cast<uint8_t>((1 << bits) - 1);
   for (size_t i = 0; i < n; ++i) {
@@ -216,7 +216,7 @@ RELIEVO_SIMD_CLONES void expandLevels(uint8_t* data, size_t n, int bits) {
 }
 
 // Three channels <-> RGBA8 texels, alpha 255.
-RELIEVO_SIMD_CLONES void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) {
+RELIEVO_SIMD_CLONES void interleave(const uint8_t* __restrict channels, uint8_t* __restrict texels) noexcept {
   const uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
 #if defined(__SSE2__)
   static_assert(kChannelBytes % 16 == 0);
@@ -242,7 +242,7 @@ RELIEVO_SIMD_CLONES void interleave(const uint8_t* __restrict channels, uint8_t*
 #endif
 }
 
-RELIEVO_SIMD_CLONES void separate(const uint8_t* __restrict texels, uint8_t* __restrict channels) {
+RELIEVO_SIMD_CLONES void separate(const uint8_t* __restrict texels, uint8_t* __restrict channels) noexcept {
   uint8_t *r = channels, *g = r + kChannelBytes, *b = g + kChannelBytes;
   for (size_t i = 0; i < kChannelBytes; ++i) r[i] = texels[4 * i], g[i] = texels[4 * i + 1], b[i] = texels[4 * i + 2];
 }

@@ -94,7 +94,8 @@ inline void sumLuminance(const Weights& s, std::span<const uint8_t* const> slots
     store(channel<0>(colour) * lum, channel<1>(colour) * lum, channel<2>(colour) * lum, out, i);
   }
 }
-RELIEVO_SIMD_CLONES void resolveLuminance(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveLuminance(const Weights& s, std::span<const uint8_t* const> slots,
+                                          uint8_t* out) noexcept {
   if (slots.size() == 3) sumLuminance<2>(s, slots, out);
   else sumLuminance<0>(s, slots, out);
 }
@@ -115,14 +116,15 @@ inline void sumColours(const Weights& s, std::span<const uint8_t* const> slots, 
     store(red, green, blue, out, i);
   }
 }
-RELIEVO_SIMD_CLONES void resolveColours(const Weights& s, std::span<const uint8_t* const> slots, uint8_t* out) {
+RELIEVO_SIMD_CLONES void resolveColours(const Weights& s, std::span<const uint8_t* const> slots,
+                                        uint8_t* out) noexcept {
   if (slots.size() == 6) sumColours<6>(s, slots, out);
   else sumColours<0>(s, slots, out);
 }
 
 // Channels in any order.
 RELIEVO_SIMD_CLONES void resolveScattered(const Weights& s, const BasisDescription& basis,
-                                          std::span<const uint8_t* const> slots, uint8_t* out) {
+                                          std::span<const uint8_t* const> slots, uint8_t* out) noexcept {
   const bool luminance = basis.shading == Shading::kLuminance;
   for (size_t i = 0; i < kTexels; i += kLanes) {
     Floats sum[4], colour[3] = {};
@@ -190,7 +192,7 @@ class GainTable {
 };
 
 RELIEVO_SIMD_CLONES void resolveAlbedo(const std::array<double, 3>& light, std::span<const uint8_t* const> slots,
-                                       uint8_t* out) {
+                                       uint8_t* out) noexcept {
   static const GainTable gains;
   float w[3], constant = 0;
   for (int c = 0; c < 3; ++c) {

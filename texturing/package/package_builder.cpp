@@ -373,7 +373,7 @@ class TileWorker {
   struct Step {
     uint32_t below = 0, above = 0, between = 0;
   };
-  RELIEVO_SIMD_CLONES Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const {
+  RELIEVO_SIMD_CLONES Step deviation(int down, int node_x, int node_y, int block_x, int block_y) const noexcept {
     constexpr int kCells = kPagePx / kErrorBlocks;
     const ReliefStage& s = stage_->relief;
     ReliefGrid cells(context_.domain, s.level - down);

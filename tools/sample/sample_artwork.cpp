@@ -285,10 +285,12 @@ class SamplePtmSource final : public TextureSource, SampleSource {
   Provenance provenance() const override { return where(); }
   Result<void> read(const Rect& rect, std::span<uint8_t> out) const override {
     SampleArtwork::Impl::Tile t;
+    ShadedRow row;
     forTiles(rect, [&](const Rect& part) {
       impl_.evalTile(part, true, t);
-      if (format_.basis == Basis::kPtmLrgb) shade<false>(t, rect, out.data());
-      else shade<true>(t, rect, out.data());
+      row.resize(static_cast<size_t>(t.rect.width));
+      if (format_.basis == Basis::kPtmLrgb) shade<false>(t, rect, row, out.data());
+      else shade<true>(t, rect, row, out.data());
     });
     return {};
   }
@@ -297,8 +299,21 @@ class SamplePtmSource final : public TextureSource, SampleSource {
   const SampleArtwork::Impl& impl_;
   TextureFormat format_;
 
+  // Of each texel of a row: where its normal lies in the shading table, and its coefficients.
+  struct ShadedRow {
+    std::vector<float> fx, fy;
+    std::vector<int32_t> entry;
+    std::vector<uint8_t> bytes;
+    void resize(size_t width) {
+      for (auto* values : {&fx, &fy}) values->resize(width);
+      entry.resize(width);
+      bytes.resize(width * 8 * 3);
+    }
+  };
+
   template <bool kRgb>
-  RELIEVO_SIMD_CLONES void shade(const SampleArtwork::Impl::Tile& t, const Rect& rect, uint8_t* out) const {
+  RELIEVO_SIMD_CLONES void shade(const SampleArtwork::Impl::Tile& t, const Rect& rect, ShadedRow& shaded,
+                                 uint8_t* out) const noexcept {
     using sample::ShadingTable;
     const float* table = sample::shadingTable().data;
     const auto tile_area = static_cast<size_t>(t.rect.width * t.rect.height),
@@ -311,15 +326,13 @@ class SamplePtmSource final : public TextureSource, SampleSource {
     }
     const float strength = impl_.kind->gloss_strength;
     const bool metal = impl_.kind->metal;
-    std::vector<float> fx(w), fy(w);
-    std::vector<int32_t> entry(w);
-    std::vector<uint8_t> bytes(w * 8 * (kRgb ? 3 : 1));
+    uint8_t* bytes = shaded.bytes.data();
     for (int64_t y = 0; y < t.rect.height; ++y) {
       const float *up = t.row(y - 1), *mid = t.row(y), *down = t.row(y + 1);
       const float inv_dy = t.inv_dy[static_cast<size_t>(y)];
       const float* inv_dx = t.inv_dx.data();
-      float *fxs = fx.data(), *fys = fy.data();
-      int32_t* entries = entry.data();
+      float *fxs = shaded.fx.data(), *fys = shaded.fy.data();
+      int32_t* entries = shaded.entry.data();
       const int n = static_cast<int>(w);
 #pragma GCC ivdep
       for (int x = 0; x < n; ++x) {
@@ -353,7 +366,7 @@ class SamplePtmSource final : public TextureSource, SampleSource {
         const float sg = strength * gloss[x];
         auto put = [&](Vec8 a, size_t at) {
           Byte8 raw = __builtin_convertvector(__builtin_convertvector(a * step + half, Int8), Byte8);
-          __builtin_memcpy(bytes.data() + at, &raw, 8);
+          __builtin_memcpy(bytes + at, &raw, 8);
         };
         d *= cavity[x] * (1.0f - sg);
         s *= cavity[x] * sg;
@@ -371,13 +384,13 @@ class SamplePtmSource final : public TextureSource, SampleSource {
         for (size_t k = 0; k < 6; ++k)
           for (size_t c = 0; c < 3; ++c) {
             uint8_t* plane = to + (3 * k + c) * area;
-            const uint8_t* p = bytes.data() + c * 8 + k;
+            const uint8_t* p = bytes + c * 8 + k;
             for (size_t x = 0; x < w; ++x) plane[x] = p[x * 24];
           }
       } else {
         for (size_t k = 0; k < 6; ++k) {
           uint8_t* plane = to + k * area;
-          const uint8_t* p = bytes.data() + k;
+          const uint8_t* p = bytes + k;
           for (size_t x = 0; x < w; ++x) plane[x] = p[x * 8];
         }
         for (size_t c = 0; c < 3; ++c) std::copy(rgb[c], rgb[c] + w, to + (6 + c) * area);

@@ -27,7 +27,7 @@ inline float latticeValue(int32_t x, int32_t y, uint32_t seed) {
 }  // namespace
 
 RELIEVO_SIMD_CLONES void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude,
-                                  uint32_t seed) {
+                                  uint32_t seed) noexcept {
   const double finest_px = std::min(cell_x_mm, cell_y_mm) / b.mm;
   if (finest_px <= 2.0) return;
   if (finest_px < 3.0) amplitude *= static_cast<float>(finest_px - 2.0);
@@ -103,7 +103,7 @@ double noiseAt(double x_mm, double y_mm, double cell_mm, uint32_t seed) {
 }
 
 RELIEVO_SIMD_CLONES void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm,
-                                  uint32_t seed) {
+                                  uint32_t seed) noexcept {
   if (cell_mm * 0.25 < 0.8 * b.mm) return;
   const double x_lo = b.left_mm + b.x0 * b.mm, x_hi = b.left_mm + (b.x1 - 1) * b.mm;
   const double y_lo = b.top_mm + b.y0 * b.mm, y_hi = b.top_mm + (b.y1 - 1) * b.mm;
@@ -200,14 +200,19 @@ double StrokeField::maxHalfWidth() const {
   return r;
 }
 
-RELIEVO_SIMD_CLONES bool StrokeField::eval(const Block& b, Plane& sd, std::vector<int>& scratch) const {
+bool StrokeField::eval(const Block& b, Plane& sd, std::vector<int>& scratch) const {
   grid_.candidates({b.left_mm, b.top_mm, b.left_mm + b.size_mm, b.top_mm + b.size_mm}, scratch);
   if (scratch.empty()) return false;
+  std::vector<double> upper_mm(scratch.size());
+  return draw(b, sd, scratch, upper_mm);
+}
+
+RELIEVO_SIMD_CLONES bool StrokeField::draw(const Block& b, Plane& sd, std::span<const int> candidates,
+                                           std::span<double> upper) const noexcept {
   // At the block's centre, +- what a pixel can lie away from it: who can't be the largest anywhere is left out.
-  std::vector<double> upper(scratch.size());
   double floor_mm = -reach_;
-  for (size_t k = 0; k < scratch.size(); ++k) {
-    const Segment& s = segments_[static_cast<size_t>(scratch[k])];
+  for (size_t k = 0; k < candidates.size(); ++k) {
+    const Segment& s = segments_[static_cast<size_t>(candidates[k])];
     double ex = s.bx - s.ax, ey = s.by - s.ay, px = b.centreX() - s.ax, py = b.centreY() - s.ay;
     double len2 = ex * ex + ey * ey;
     double t = len2 > 0 ? std::clamp((px * ex + py * ey) / len2, 0.0, 1.0) : 0.0;
@@ -218,11 +223,11 @@ RELIEVO_SIMD_CLONES bool StrokeField::eval(const Block& b, Plane& sd, std::vecto
     floor_mm = std::max(floor_mm, f - away);
   }
   bool any = false;
-  for (size_t k = 0; k < scratch.size(); ++k) {
+  for (size_t k = 0; k < candidates.size(); ++k) {
     if (upper[k] < floor_mm) continue;
     if (!any) fill(b, sd, static_cast<float>(-reach_));
     any = true;
-    const Segment& s = segments_[static_cast<size_t>(scratch[k])];
+    const Segment& s = segments_[static_cast<size_t>(candidates[k])];
     const auto ax = static_cast<float>(s.ax - b.left_mm), ay = static_cast<float>(s.ay - b.top_mm);
     const auto ex = static_cast<float>(s.bx - s.ax), ey = static_cast<float>(s.by - s.ay);
     const double len2 = (s.bx - s.ax) * (s.bx - s.ax) + (s.by - s.ay) * (s.by - s.ay);

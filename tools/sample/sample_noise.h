@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <vector>
 
 namespace relievo::sample {
@@ -89,7 +90,8 @@ class Dice {
 
 // plane += amplitude * n, |n| <= 1: a quadratic B-spline over hashed lattice values (C1, convex, hence bounded).
 // A lattice finer than two pixels adds nothing: that is what a larger size has more of. From 2 to 3 pixels it fades in.
-void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude, uint32_t seed);
+void addNoise(const Block& b, Plane& plane, double cell_x_mm, double cell_y_mm, float amplitude,
+              uint32_t seed) noexcept;
 inline void addNoise(const Block& b, Plane& plane, double cell_mm, float amplitude, uint32_t seed) {
   addNoise(b, plane, cell_mm, cell_mm, amplitude, seed);
 }
@@ -105,7 +107,7 @@ double noiseAt(double x_mm, double y_mm, double cell_mm, uint32_t seed);
 
 // Round dents (1 - d^2/r^2)^2, one at most per lattice cell, with the given share; radius in [0.25, 0.5] of the cell.
 // plane -= depth, at most depth_mm. Where two cells' dents overlap they add up: at most 4 * depth_mm.
-void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm, uint32_t seed);
+void addDents(const Block& b, Plane& plane, double cell_mm, float share, float depth_mm, uint32_t seed) noexcept;
 
 // A stroke's piece: half-width ra at a, rb at b.
 struct Segment {
@@ -138,6 +140,9 @@ class StrokeField {
   double maxHalfWidth() const;
 
  private:
+  // Of the segments that may touch the block. upper_mm: room for a number of each.
+  bool draw(const Block& b, Plane& sd, std::span<const int> candidates, std::span<double> upper_mm) const noexcept;
+
   std::vector<Segment> segments_;
   BoxGrid grid_;
   double reach_ = 0;

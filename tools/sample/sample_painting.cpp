@@ -433,7 +433,7 @@ class Painting final : public Kind {
   }
 
   RELIEVO_SIMD_CLONES void lay(const Stroke& s, const Block& b, const Range& range, bool colour, Layers& out,
-                               Plane& paint, Plane& wet) const {
+                               Plane& paint, Plane& wet) const noexcept {
     const Brush brush = brushOf(s, b);
     const auto lr = static_cast<float>(s.light.r), lg = static_cast<float>(s.light.g),
                lb = static_cast<float>(s.light.b);
@@ -495,7 +495,7 @@ class Painting final : public Kind {
   }
 
   // Cracks run where two cells of a jittered lattice meet; places are moved by noise first. 0..1 into `crack`.
-  RELIEVO_SIMD_CLONES bool craquelure(const Block& b, Layers& out, Plane& crack) const {
+  RELIEVO_SIMD_CLONES bool craquelure(const Block& b, Layers& out, Plane& crack) const noexcept {
     if (kHalfWidth * 4 < b.mm) return false;
     if (!crackNear(b)) return false;
     Plane &wx = out.tmp[5], &wy = out.tmp[6], &second = out.tmp[7];
