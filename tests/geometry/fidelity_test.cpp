@@ -150,7 +150,7 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
     auto looked = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
     EXPECT_TRUE(looked.ok());
     std::vector<BaseMiss> misses;
-    for (const FidelityMiss& m : looked->misses) misses.push_back({m.place_mm, 16});
+    for (const FidelityViolation& m : looked->violations) misses.push_back({m.position_mm, 16});
     const bool kept = looked->kept();
     if (!best.bake || looked->excess() < best.fidelity.excess()) best = {std::move(*bake), std::move(*looked)};
     if (kept || round == rounds) break;
@@ -203,17 +203,17 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
   auto missing = measureFidelity(two, *scene->rays, *made.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(missing.ok());
   EXPECT_FALSE(missing->kept());
-  EXPECT_GT(missing->to_drawn.beyond, 0.005);
-  EXPECT_LT(missing->to_scan.beyond, 1e-4);
-  EXPECT_GT(missing->to_drawn.largest_at_mm.x, 60);
+  EXPECT_GT(missing->to_drawn.area_beyond, 0.005);
+  EXPECT_LT(missing->to_scan.area_beyond, 1e-4);
+  EXPECT_GT(missing->to_drawn.max_at_mm.x, 60);
   const Made both = bakeUntilKept(two, 0);
   auto rays = makeBakeScene(one, {});
   ASSERT_TRUE(rays.ok());
   auto much = measureFidelity(one, *rays->rays, *both.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(much.ok());
   EXPECT_FALSE(much->kept());
-  EXPECT_GT(much->to_scan.beyond, 0.005);
-  EXPECT_LT(much->to_drawn.beyond, 1e-4);
+  EXPECT_GT(much->to_scan.area_beyond, 0.005);
+  EXPECT_LT(much->to_drawn.area_beyond, 1e-4);
   const TriMesh drawn = bakedTriangles(*made.bake);
   EXPECT_GT(measured(two, drawn, two.origin_mm - drawn.origin_mm, diagonalOf(two), 300).largest, 0.1);
 }
