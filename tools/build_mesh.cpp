@@ -405,7 +405,7 @@ Result<void> MeshBuild::makeBase() {
   // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
   // does not need.
   constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
-  base_options.scan_done = [&] {
+  base_options.on_serial_phase = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a_.package.memory_budget_bytes > held ? a_.package.memory_budget_bytes - held : 0;
     ray_bytes_ = std::max(left, kLeastRayBytes);
@@ -486,7 +486,7 @@ Result<void> MeshBuild::bakeUntilKept() {
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
     if (domain_->patches() >= kMostPatches) break;
-    std::vector<BaseMiss> misses;
+    std::vector<RefineRequest> misses;
     for (const FidelityViolation& m : now.violations)
       misses.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
     auto base = stages_.run("base", [&] { return domain_->refine(misses, kMostPatches); });

@@ -149,7 +149,7 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
     EXPECT_TRUE(bake.ok());
     auto looked = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
     EXPECT_TRUE(looked.ok());
-    std::vector<BaseMiss> misses;
+    std::vector<RefineRequest> misses;
     for (const FidelityViolation& m : looked->violations) misses.push_back({m.position_mm, 16});
     const bool kept = looked->kept();
     if (!best.bake || looked->excess() < best.fidelity.excess()) best = {std::move(*bake), std::move(*looked)};
