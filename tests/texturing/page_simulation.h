@@ -211,7 +211,7 @@ inline void expectFinal(Simulation& sim, const FailingSource& source) {
     EXPECT_EQ(whole, !any_failed) << "a page that may still come";
     EXPECT_EQ(sim.streamer.table().find(w.node).has_value(), whole);
   }
-  EXPECT_LE(source.mostAttempts(), kMaxAttempts);
+  EXPECT_LE(source.maxAttempts(), kMaxAttempts);
   EXPECT_LE(failed, sim.streamer.stats().failed_pages);
   EXPECT_EQ(sim.messages.size(), sim.streamer.stats().failed_pages);
   EXPECT_EQ(std::set(sim.messages.begin(), sim.messages.end()).size(), sim.messages.size()) << "named twice";
