@@ -48,13 +48,13 @@ inline double interpolateOnGrid(std::span<const uint16_t> grid, size_t n, double
                                    y - static_cast<double>(y0));
 }
 
-// Splits the grid [0, side)^2 of a patch's samples into square tiles of about `wanted` samples a side. Lines are
+// Splits the grid [0, side)^2 of a patch's samples into square tiles of about `target_side` samples a side. Lines are
 // intersected tile by tile: what the lines of a tile meet lies close together, so that few of the scan's ray
 // hierarchies, or few of its triangles, are needed at a time.
 struct Tiles {
   size_t side, per_side;
-  Tiles(size_t samples, size_t wanted)
-      : side(samples), per_side(std::max<size_t>(1, (samples + wanted / 2) / wanted)) {}
+  Tiles(size_t samples, size_t target_side)
+      : side(samples), per_side(std::max<size_t>(1, (samples + target_side / 2) / target_side)) {}
   size_t first(size_t tile) const { return tile * side / per_side; }
   size_t tileOf(size_t sample) const {
     size_t tile = std::min(sample * per_side / side, per_side - 1);

@@ -58,10 +58,10 @@ void BakedHeights::surface(const BakeContext& context, uint32_t patch, SurfaceGr
     const uint16_t* height = q.data() + y * row;
     for (int axis = 0; axis < 3; ++axis) {
       const double p0 = left.position[axis], p1 = right.position[axis], n0 = left.normal[axis], n1 = right.normal[axis];
-      double* place = out.axes[static_cast<size_t>(axis)].data() + y * row;
+      double* coordinates = out.axes[static_cast<size_t>(axis)].data() + y * row;
       for (size_t x = 0; x < row; ++x) {
         const double u = static_cast<double>(static_cast<int>(x)) * per_cell;
-        place[x] = p0 * (1 - u) + p1 * u + (offset_mm + scale_mm * height[x]) * (n0 * (1 - u) + n1 * u);
+        coordinates[x] = p0 * (1 - u) + p1 * u + (offset_mm + scale_mm * height[x]) * (n0 * (1 - u) + n1 * u);
       }
     }
   }

@@ -67,11 +67,11 @@ double violationThreshold(std::vector<float> distances_mm, const OneSidedFidelit
   if (result.p99_9_mm > target.p99_9_mm) from = std::min(from, target.p99_9_mm);
   if (result.rms_mm > target.rms_mm) {
     constexpr double kRoom = 0.6;
-    const double most = kRoom * target.rms_mm * target.rms_mm * static_cast<double>(distances_mm.size());
+    const double max_sum = kRoom * target.rms_mm * target.rms_mm * static_cast<double>(distances_mm.size());
     std::sort(distances_mm.begin(), distances_mm.end());
     double sum = 0;
     size_t i = 0;
-    while (i < distances_mm.size() && sum + double{distances_mm[i]} * distances_mm[i] <= most)
+    while (i < distances_mm.size() && sum + double{distances_mm[i]} * distances_mm[i] <= max_sum)
       sum += double{distances_mm[i]} * distances_mm[i], ++i;
     if (i < distances_mm.size()) from = std::min(from, std::max<double>(distances_mm[i], target.rms_mm));
   }

@@ -73,14 +73,14 @@ void updateMaxima(const std::vector<double>& by, std::vector<double>& high, std:
   for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x], l[x] = l[x] < b[x] ? l[x] : b[x];
 }
 double maxOf(const std::vector<double>& of, size_t first, size_t last) {
-  double most = 0;
-  for (size_t x = first; x <= last; ++x) most = std::max(most, of[x]);
-  return most;
+  double maximum = 0;
+  for (size_t x = first; x <= last; ++x) maximum = std::max(maximum, of[x]);
+  return maximum;
 }
 double minOf(const std::vector<double>& of, size_t first, size_t last) {
-  double least = 0;
-  for (size_t x = first; x <= last; ++x) least = std::min(least, of[x]);
-  return least;
+  double minimum = 0;
+  for (size_t x = first; x <= last; ++x) minimum = std::min(minimum, of[x]);
+  return minimum;
 }
 // step: the number of finest cells along a coarse cell's side.
 RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest,

@@ -52,9 +52,9 @@ class HeightSearch {
   double count(int log2) const { return std::ldexp(static_cast<double>(context_.layout.patches), 2 * log2); }
   // Without a given tolerance there is at least one sample for two vertices, so that the scan's own detail is kept.
   int minCellsLog2() const {
-    const double least = vertices_ / (options_.tolerance_mm > 0 ? 256 : 2);
+    const double min_samples = vertices_ / (options_.tolerance_mm > 0 ? 256 : 2);
     int log2 = 1;
-    while (log2 < kMaxAutoCellsLog2 && count(log2) < least) ++log2;
+    while (log2 < kMaxAutoCellsLog2 && count(log2) < min_samples) ++log2;
     return log2;
   }
   // The grid that is traced for a fit: 16 times as many lines as samples where that takes seconds only (0.5 dB better

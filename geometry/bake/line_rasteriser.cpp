@@ -65,20 +65,21 @@ bool makeLineVolume(const RasterSquare& square, const glm::dvec3& middle, double
       by_v[2 * i + k] = p[2] + t[i] * p[3] + h[k] * (n[2] + t[i] * n[3]);
       by_h[2 * i + k] = n[0] + t[k] * n[1] + t[i] * n[2] + t[i] * t[k] * n[3];
     }
-  double least = std::numeric_limits<double>::infinity(), most = -least;
+  double min_det = std::numeric_limits<double>::infinity(), max_det = -min_det;
   for (const glm::dvec3& a : by_u)
     for (const glm::dvec3& b : by_v) {
       const glm::dvec3 c = glm::cross(a, b);
       for (const glm::dvec3& d : by_h) {
         const double det = glm::dot(c, d);
-        least = std::min(least, det);
-        most = std::max(most, det);
+        min_det = std::min(min_det, det);
+        max_det = std::max(max_det, det);
       }
     }
   // Nearly singular volumes are rejected, too, for the convergence of Newton's method and the bounds below.
   constexpr double kMinDetRatio = 0.1;
-  if (!(least > kMinDetRatio * most && least > 0) && !(most < kMinDetRatio * least && most < 0)) return false;
-  out.sign = least > 0 ? 1.0f : -1.0f;
+  if (!(min_det > kMinDetRatio * max_det && min_det > 0) && !(max_det < kMinDetRatio * min_det && max_det < 0))
+    return false;
+  out.sign = min_det > 0 ? 1.0f : -1.0f;
   for (size_t k = 0; k < 4; ++k) out.p[k] = glm::vec3(p[k]), out.n[k] = glm::vec3(n[k]);
   out.low = static_cast<float>(low);
   out.high = static_cast<float>(high);
@@ -104,7 +105,7 @@ bool makeLineVolume(const RasterSquare& square, const glm::dvec3& middle, double
   for (const glm::dvec3& a : by_u)
     for (const glm::dvec3& b : by_v) row_h = std::max(row_h, glm::length(glm::cross(a, b)));
   out.bend_h = static_cast<float>(row_h / row);
-  const double det = std::min(std::abs(least), std::abs(most));
+  const double det = std::min(std::abs(min_det), std::abs(max_det));
   out.max_small_extent = static_cast<float>(0.99 * std::min(double{kMargin} * det / row, margin * det / row_h));
   row /= det;
   out.uv_per_mm = static_cast<float>(row);
@@ -126,7 +127,8 @@ bool makeLineVolume(const RasterSquare& square, const glm::dvec3& middle, double
     hull[k] = points[k % 4] + (k < 4 ? low : high) * square.normals[k % 4];
     size = std::max(size, glm::length(hull[k]));
   }
-  const std::array<glm::dvec3, 3> outwards{glm::cross(v, w) / most, glm::cross(w, u) / most, glm::cross(u, v) / most};
+  const std::array<glm::dvec3, 3> outwards{glm::cross(v, w) / max_det, glm::cross(w, u) / max_det,
+                                           glm::cross(u, v) / max_det};
   for (size_t k = 0; k < 6; ++k) {
     const glm::dvec3 m = glm::normalize(k % 2 ? outwards[k / 2] : -outwards[k / 2]);
     double at = -std::numeric_limits<double>::infinity();
@@ -157,14 +159,14 @@ struct Scratch {
 
   uint32_t localIndexOf(uint32_t vertex, const TriMesh& mesh, const glm::dvec3& middle) {
     local_index.makeRoom();
-    const uint32_t name =
+    const uint32_t index =
         local_index.findOrAdd(exactHash(vertex), static_cast<uint32_t>(x.size()), [](uint32_t) { return true; });
-    if (name < x.size()) return name;
-    const glm::vec3 place(glm::dvec3(mesh.positions_mm[vertex]) - middle);
-    x.push_back(place.x);
-    y.push_back(place.y);
-    z.push_back(place.z);
-    return name;
+    if (index < x.size()) return index;
+    const glm::vec3 position(glm::dvec3(mesh.positions_mm[vertex]) - middle);
+    x.push_back(position.x);
+    y.push_back(position.y);
+    z.push_back(position.z);
+    return index;
   }
   // likely: the expected number of vertices.
   void clear(size_t likely) {
@@ -491,9 +493,9 @@ RELIEVO_SIMD_CLONES bool rasteriseTriangles(const TriMesh& mesh, const LineVolum
         uint32_t& nearest_triangle = s.nearest[at];
         if (nearest_triangle != SurfacePoint::kNone) {
           const Line& line = lines[s.line[at]];
-          const double here = std::abs(alongLine(trianglePlane(mesh, triangle), line)),
-                       there = std::abs(alongLine(trianglePlane(mesh, nearest_triangle), line));
-          if (!(here < there || (here == there && triangle < nearest_triangle))) continue;
+          const double distance = std::abs(alongLine(trianglePlane(mesh, triangle), line)),
+                       nearest_distance = std::abs(alongLine(trianglePlane(mesh, nearest_triangle), line));
+          if (!(distance < nearest_distance || (distance == nearest_distance && triangle < nearest_triangle))) continue;
         }
         nearest_triangle = triangle;
       }

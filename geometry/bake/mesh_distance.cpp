@@ -127,7 +127,7 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
   {
     const std::vector<double> cumulative_area = cumulativeAreas(scan, 0);
     if (!(cumulative_area.back() > 0)) sample_count = 0;
-    const AreaSampler places(scan, cumulative_area, cumulative_area.back(), sample_count);
+    const AreaSampler sampler(scan, cumulative_area, cumulative_area.back(), sample_count);
     const glm::dvec3 shift = scan.origin_mm - baked.base().origin_mm;
     std::vector<float> from_scan(vertices + sample_count, std::numeric_limits<float>::infinity());
     for (size_t i = 0, first = 0; i < ends.size(); first = ends[i++]) {
@@ -139,7 +139,7 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
       const double from = 0.08 + 0.46 * static_cast<double>(i) / parts;
       updateDistances(
           from_scan, **scene, boxOf(part), within(from, from + 0.46 / parts), [&](size_t k, size_t& triangle) {
-            return shift + (k < vertices ? glm::dvec3(scan.positions_mm[k]) : places.position(k - vertices, triangle));
+            return shift + (k < vertices ? glm::dvec3(scan.positions_mm[k]) : sampler.position(k - vertices, triangle));
           });
       if (stopped()) return interrupted;
       if (auto sound = (*scene)->status(); !sound) return sound.error();
@@ -160,12 +160,12 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
     if (stopped()) return interrupted;
     const std::vector<double> cumulative_area = cumulativeAreas(part, area);
     area = cumulative_area.back();
-    const AreaSampler places(part, cumulative_area, surface_area, sample_count);
-    const size_t end_k = i + 1 < ends.size() ? places.firstSampleAt(area) : sample_count;
+    const AreaSampler sampler(part, cumulative_area, surface_area, sample_count);
+    const size_t end_k = i + 1 < ends.size() ? sampler.firstSampleAt(area) : sample_count;
     const double from = 0.58 + 0.42 * static_cast<double>(i) / parts;
     updateDistances(std::span(from_baked).subspan(from_k, end_k - from_k), **scan_scene, boxOf(scan),
                     within(from, from + 0.42 / parts),
-                    [&](size_t k, size_t& triangle) { return shift + places.position(from_k + k, triangle); });
+                    [&](size_t k, size_t& triangle) { return shift + sampler.position(from_k + k, triangle); });
     if (stopped()) return interrupted;
     from_k = end_k;
   }

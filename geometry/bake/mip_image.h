@@ -35,7 +35,7 @@ class MipImage {
     std::span<const uint8_t> texels;
     std::vector<uint8_t> own;
   };
-  void add(const Level& level, float scale, const glm::vec2& place, float weight, std::span<float> out) const;
+  void add(const Level& level, float scale, const glm::vec2& position, float weight, std::span<float> out) const;
   std::vector<Level> levels_;
   int channels_ = 0;
   bool repeats_ = false;

@@ -68,12 +68,12 @@ bool makeVertexNormals(const TriMesh& mesh, int workers, const std::atomic<bool>
     const size_t first = normals.size() * part / parts, last = normals.size() * (part + 1) / parts;
     blocks.forEach(first, last, stopped, [&](size_t i) {
       const auto& t = mesh.triangles[i];
-      std::array<bool, 3> mine{};
-      for (size_t k = 0; k < 3; ++k) mine[k] = t[k] >= first && t[k] < last;
-      if (!mine[0] && !mine[1] && !mine[2]) return;
+      std::array<bool, 3> in_range{};
+      for (size_t k = 0; k < 3; ++k) in_range[k] = t[k] >= first && t[k] < last;
+      if (!in_range[0] && !in_range[1] && !in_range[2]) return;
       const auto contribution = cornerShares(mesh, t);
       for (size_t k = 0; k < 3; ++k)
-        if (mine[k]) normals[t[k]] += contribution[k];
+        if (in_range[k]) normals[t[k]] += contribution[k];
     });
   });
   if (!summed) return false;

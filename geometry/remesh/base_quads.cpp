@@ -187,12 +187,12 @@ struct CurveSlider {
 
   CurveSlider(const QuadMesh& m, const SmartVertexHandle& v) {
     for (const auto h : v.outgoing_halfedges()) {
-      const CurvePosition &here = m.data(h).curve_position, &there = m.data(h.opp()).curve_position;
-      if (!here) continue;
-      curve = here.curve;
-      arc_length = here.arc_length;
-      (there.arc_length < arc_length ? before : after) = h;
-      (there.arc_length < arc_length ? start : end) = there.arc_length;
+      const CurvePosition &position = m.data(h).curve_position, &opposite = m.data(h.opp()).curve_position;
+      if (!position) continue;
+      curve = position.curve;
+      arc_length = position.arc_length;
+      (opposite.arc_length < arc_length ? before : after) = h;
+      (opposite.arc_length < arc_length ? start : end) = opposite.arc_length;
     }
   }
   bool possible() const { return before.is_valid() && after.is_valid(); }
@@ -265,11 +265,11 @@ QuadMesh makeQuads(const TriangleMesh& m, std::span<const FeatureCurve> curves, 
 }
 
 double minSine(const QuadMesh& m, const SmartVertexHandle& corner) {
-  double least = 1;
+  double smallest = 1;
   for (const auto f : corner.faces()) {
-    for (const auto h : f.halfedges()) least = std::min(least, sineAt(m, h));
+    for (const auto h : f.halfedges()) smallest = std::min(smallest, sineAt(m, h));
   }
-  return least;
+  return smallest;
 }
 
 bool isFolded(const QuadMesh& m, const SmartVertexHandle& corner) {
@@ -310,7 +310,7 @@ void relaxQuads(QuadMesh& m, std::span<const FeatureCurve> curves, const ScanSur
       const auto p = pointsOf<4>(m, f);
       const glm::dvec3 normal = unit(glm::cross(p[2] - p[0], p[3] - p[1]));
       if (normal == glm::dvec3(0)) continue;
-      // The best-fitting square: each corner is rotated back to the first one's place, and they are averaged.
+      // The best-fitting square: each corner is rotated back to the first one's position, and they are averaged.
       const glm::dvec3 centre = (p[0] + p[1] + p[2] + p[3]) / 4.0;
       glm::dvec3 arm{0};
       for (int k = 0; k < 4; ++k) {
@@ -361,19 +361,19 @@ void fitBorderCorners(QuadMesh& m, std::span<const FeatureCurve> curves, std::sp
       const SmartVertexHandle from = slider.before.to(), to = slider.after.to();
       const CurveEnd before{m.point(from), m.normal(from), slider.start}, after{m.point(to), m.normal(to), slider.end};
       auto deviation = [&](double arc_length) {
-        const CurveEnd here{curve.point(arc_length), m.normal(v), arc_length};
-        return std::max(deviationFromSide(curve, before, here), deviationFromSide(curve, here, after));
+        const CurveEnd middle{curve.point(arc_length), m.normal(v), arc_length};
+        return std::max(deviationFromSide(curve, before, middle), deviationFromSide(curve, middle, after));
       };
-      double best = slider.arc_length, least = deviation(best);
-      if (least <= allowed[slider.curve] / 2) continue;
+      double best = slider.arc_length, smallest = deviation(best);
+      if (smallest <= allowed[slider.curve] / 2) continue;
       const double sine = std::min(minSine(m, v), 0.3);
       for (int k = 0; k <= 16; ++k) {
         const double arc_length = slider.start + (slider.end - slider.start) * (0.25 + 0.5 * k / 16),
                      s = deviation(arc_length);
-        if (s >= 0.95 * least) continue;
+        if (s >= 0.95 * smallest) continue;
         const glm::dvec3 old_position = m.point(v);
         m.set_point(v, curve.point(arc_length));
-        if (minSine(m, v) >= sine) best = arc_length, least = s;
+        if (minSine(m, v) >= sine) best = arc_length, smallest = s;
         m.set_point(v, old_position);
       }
       slider.move(m, curve, best);

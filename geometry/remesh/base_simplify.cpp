@@ -205,11 +205,11 @@ struct Simplifier {
           before[k] = m.point(w);
           after[k++] = w == v ? to : m.point(w);
         }
-        const glm::dvec3 was = areaVector(before), is = areaVector(after);
-        const double length_was = glm::length(was), length_is = glm::length(is);
-        if (glm::dot(was, is) < min_normal_cosine * length_is * length_was) return false;
-        const double shape = shapeOf(after, length_is);
-        if (shape < min_shape && shape < shapeOf(before, length_was)) return false;
+        const glm::dvec3 old_area = areaVector(before), new_area = areaVector(after);
+        const double old_length = glm::length(old_area), new_length = glm::length(new_area);
+        if (glm::dot(old_area, new_area) < min_normal_cosine * new_length * old_length) return false;
+        const double shape = shapeOf(after, new_length);
+        if (shape < min_shape && shape < shapeOf(before, old_length)) return false;
       }
     }
     return true;

@@ -84,11 +84,11 @@ Result<void> orientConsistently(Surface& s, std::span<const uint32_t> twin) {
       for (uint32_t k = 0; k < 3; ++k) {
         const uint32_t h = 3 * piece[i] + k, g = twin[h];
         if (g == kNoIndex) continue;
-        const uint8_t wanted = sameWay(h, g) ? 3 - state[piece[i]] : state[piece[i]];
+        const uint8_t expected_state = sameWay(h, g) ? 3 - state[piece[i]] : state[piece[i]];
         if (state[g / 3] == 0) {
-          state[g / 3] = wanted;
+          state[g / 3] = expected_state;
           piece.push_back(g / 3);
-        } else if (state[g / 3] != wanted) {
+        } else if (state[g / 3] != expected_state) {
           return Error{ErrorKind::kInvalidData,
                        {},
                        "a piece of the surface has one side only, as a Moebius strip has; its strip closes at " +

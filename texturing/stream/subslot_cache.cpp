@@ -141,7 +141,7 @@ void SubslotCache::releaseBundle(int level, uint32_t bundle, Placement& out) {
   l.free_bundles.push_back(static_cast<uint16_t>(bundle));
 }
 
-// --- places ---
+// --- placement ---
 
 uint32_t SubslotCache::recordEvicted(int level, const PageCache::Placement& placed, Placement& out) {
   if (placed.evicted && placed.evicted->plane() == kBundle)
