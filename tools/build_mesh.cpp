@@ -486,10 +486,10 @@ Result<void> MeshBuild::bakeUntilKept() {
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
     if (domain_->patches() >= kMostPatches) break;
-    std::vector<RefineRequest> misses;
+    std::vector<RefineRequest> requests;
     for (const FidelityViolation& m : now.violations)
-      misses.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
-    auto base = stages_.run("base", [&] { return domain_->refine(misses, kMostPatches); });
+      requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
+    auto base = stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); });
     if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
     if (!base) break;  // what there is is kept
     base_ = std::move(*base);

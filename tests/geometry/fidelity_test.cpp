@@ -147,14 +147,15 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
   for (int round = 0; base.ok(); ++round) {
     auto bake = MeshBake::create(scan, {}, *base, {}, *scene);
     EXPECT_TRUE(bake.ok());
-    auto looked = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
-    EXPECT_TRUE(looked.ok());
-    std::vector<RefineRequest> misses;
-    for (const FidelityViolation& m : looked->violations) misses.push_back({m.position_mm, 16});
-    const bool kept = looked->kept();
-    if (!best.bake || looked->excess() < best.fidelity.excess()) best = {std::move(*bake), std::move(*looked)};
+    auto measured_fidelity = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
+    EXPECT_TRUE(measured_fidelity.ok());
+    std::vector<RefineRequest> requests;
+    for (const FidelityViolation& m : measured_fidelity->violations) requests.push_back({m.position_mm, 16});
+    const bool kept = measured_fidelity->kept();
+    if (!best.bake || measured_fidelity->excess() < best.fidelity.excess())
+      best = {std::move(*bake), std::move(*measured_fidelity)};
     if (kept || round == rounds) break;
-    base = (*domain)->refine(misses, 4096);
+    base = (*domain)->refine(requests, 4096);
   }
   return best;
 }

@@ -1,4 +1,4 @@
-// Images of many channels: between texels, between levels, and what lies finer than the places looked up.
+// Images of many channels: between texels, between levels, and averages of what is finer than the samples.
 #include "geometry/bake/mip_image.h"
 
 #include <gtest/gtest.h>

@@ -86,9 +86,9 @@ struct PageStreamer::Impl {
 
   // --- states -------------------------------------------------------------------------------------------------------
 
-  uint64_t count(PageState s) const { return census.count(s); }
+  uint64_t count(PageState s) const { return state_counts.count(s); }
   void setState(PageId id, Page& page, PageState s) {
-    census.move(static_cast<size_t>(id.plane()), page.state, s);
+    state_counts.move(static_cast<size_t>(id.plane()), page.state, s);
     page.state = s;
   }
   using PageMap = std::unordered_map<PageId, Page>;
@@ -466,7 +466,7 @@ struct PageStreamer::Impl {
 
   // The page's texels leave their slot, or become outdated. mark: the state of the slot.
   void vacate(SlotUse& mark, PageId id) {
-    census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+    state_counts.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
     stats.prefetch_wasted += mark.takePrefetched();
     removeFromTable(id);
   }
@@ -586,7 +586,7 @@ struct PageStreamer::Impl {
   std::deque<FadeStart> fade_starts;  // in the page table, in the order of their times
   double now_s = 0;
   PageMap pages;
-  PageStateCounts census;
+  PageStateCounts state_counts;
   std::unordered_map<PageId, int> dropped_attempts;  // of failed pages that were cancelled in a later attempt
   std::vector<PageId> queued, ready;                 // may contain pages that are in another state by now
   bool published = false;                            // the workers may still hold jobs of the last publish()
@@ -788,7 +788,7 @@ void PageStreamer::setLight(const std::array<double, 3>& light) {
       auto it = m.pages.find(id);
       bool damaged = it != m.pages.end() && it->second.permanent;
       if (damaged || std::find(m.refresh.begin(), m.refresh.end(), id) != m.refresh.end()) continue;
-      m.census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+      m.state_counts.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
       m.refresh.push_back(id);
     } else {
       m.vacate(m.pools[0].slotOf(slot), id);
@@ -835,8 +835,8 @@ const StreamerStats& PageStreamer::stats() const {
     m.stats.relief_bytes += pool.cache.dividedCount() * kSlotBytes;
     m.stats.resident_bytes += pool.cache.residentCount() * slotBytes(m.options.upload, plane);
   }
-  m.stats.pages = m.census.pages;
-  m.stats.moves = m.census.moves;
+  m.stats.pages = m.state_counts.pages;
+  m.stats.moves = m.state_counts.moves;
   m.stats.cancelled = m.stats.cancelled_before_read + m.stats.cancelled_before_decode + m.stats.cancelled_after_decode;
   for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
     const size_t bytes = slotBytes(m.options.upload, static_cast<Plane>(p));
