@@ -55,20 +55,20 @@ class BakedPatches final : public PatchSource {
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
   Result<void> errors(uint32_t patch, int level, std::span<float> out_mm) const override {
-    scaled(bake_.errorsOfCells(patch, std::countr_zero(unsigned{kPagePx}) + level).mm, out_mm);
+    scaled(bake_.errorsOfGrid(patch, std::countr_zero(unsigned{kPagePx}) + level).mm, out_mm);
     return {};
   }
   Result<CoarseErrors> coarseErrors(uint32_t patch) const override {
     CoarseErrors out;
-    for (size_t k = 0; k < out.size(); ++k) out[k] = scaled(bake_.errorOfCells(patch, static_cast<int>(k)));
+    for (size_t k = 0; k < out.size(); ++k) out[k] = scaled(bake_.errorOfGrid(patch, static_cast<int>(k)));
     return out;
   }
   Result<bool> coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out_mm) const override {
-    scaled(bake_.errorsOfCells(patch, cells_log2).mm, out_mm);
+    scaled(bake_.errorsOfGrid(patch, cells_log2).mm, out_mm);
     return true;
   }
   bool errorShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
-    const std::vector<DeviationShape>& shapes = bake_.errorsOfCells(patch, cells_log2).shapes;
+    const std::vector<DeviationShape>& shapes = bake_.errorsOfGrid(patch, cells_log2).shapes;
     std::copy(shapes.begin(), shapes.end(), out.begin());
     return true;
   }
@@ -280,12 +280,12 @@ std::string millimetres(double mm) {
 // Of a measurement in the file's units; without the places that miss the target.
 Fidelity inMm(Fidelity f, const glm::dvec3& origin, double mm_per_unit) {
   f.diagonal_mm *= mm_per_unit;
-  for (double* length : {&f.target.rms_mm, &f.target.most_mm, &f.target.largest_mm}) *length *= mm_per_unit;
-  for (FidelityWay* way : {&f.to_drawn, &f.to_scan}) {
-    for (double* length : {&way->rms_mm, &way->most_mm, &way->largest_mm}) *length *= mm_per_unit;
-    way->largest_at_mm = (origin + way->largest_at_mm) * mm_per_unit;
+  for (double* length : {&f.target.rms_mm, &f.target.p99_9_mm, &f.target.max_mm}) *length *= mm_per_unit;
+  for (OneSidedFidelity* way : {&f.to_drawn, &f.to_scan}) {
+    for (double* length : {&way->rms_mm, &way->p99_9_mm, &way->max_mm}) *length *= mm_per_unit;
+    way->max_at_mm = (origin + way->max_at_mm) * mm_per_unit;
   }
-  f.misses.clear();
+  f.violations.clear();
   return f;
 }
 
@@ -405,7 +405,7 @@ Result<void> MeshBuild::makeBase() {
   // What the bake looks up is made while the base mesh needs one core only. Of the memory it may have what the package
   // does not need.
   constexpr uint64_t kPackageBytes = uint64_t{128} << 20;
-  base_options.scan_done = [&] {
+  base_options.on_serial_phase = [&] {
     const uint64_t held = Memory::now() + scan.positions_mm.size() * sizeof(glm::vec3) + kPackageBytes;
     const uint64_t left = a_.package.memory_budget_bytes > held ? a_.package.memory_budget_bytes - held : 0;
     ray_bytes_ = std::max(left, kLeastRayBytes);
@@ -432,7 +432,7 @@ Result<void> MeshBuild::bake() {
   const Image8& image = textured_.image;
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
-  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).most_mm : 0) / 2;
+  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 2;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -449,7 +449,7 @@ Result<void> MeshBuild::bake() {
 
 Result<Fidelity> MeshBuild::lookAt(const MeshBake& bake) {
   const TriMesh& scan = loaded_.mesh;
-  FidelityRun run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
+  FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   const uint64_t in_use = Memory::now(), least = uint64_t{64} << 20;
   run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
   // Where the scan's rays do not fit their memory, each place may cost the building of a region of them.
@@ -486,10 +486,10 @@ Result<void> MeshBuild::bakeUntilKept() {
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
     if (domain_->patches() >= kMostPatches) break;
-    std::vector<BaseMiss> misses;
-    for (const FidelityMiss& m : now.misses)
-      misses.push_back({m.place_mm, m.mm > kLargeMiss * now.target.largest_mm ? 64.0f : 16.0f});
-    auto base = stages_.run("base", [&] { return domain_->refine(misses, kMostPatches); });
+    std::vector<RefineRequest> requests;
+    for (const FidelityViolation& m : now.violations)
+      requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
+    auto base = stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); });
     if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
     if (!base) break;  // what there is is kept
     base_ = std::move(*base);
@@ -505,21 +505,21 @@ Result<void> MeshBuild::bakeUntilKept() {
 Error MeshBuild::missed(const std::string& what_was_done) const {
   const Fidelity& f = result_.fidelity;
   const bool there = f.to_drawn.excess(f.target) >= f.to_scan.excess(f.target);
-  const FidelityWay& way = there ? f.to_drawn : f.to_scan;
+  const OneSidedFidelity& way = there ? f.to_drawn : f.to_scan;
   char text[400];
   std::snprintf(
       text, sizeof text,
       "the target is missed: expected RMS within %.3g mm, 99.9 %% within %.3g mm and 99.99 %% of the area within "
       "%.3g mm of the scan, found %.3g mm, %.3g mm and %.4g %%, the largest distance %.3g mm at (%.6g, %.6g, %.6g)",
-      f.target.rms_mm, f.target.most_mm, f.target.largest_mm, way.rms_mm, way.most_mm, 100 * (1 - way.beyond),
-      way.largest_mm, way.largest_at_mm.x, way.largest_at_mm.y, way.largest_at_mm.z);
+      f.target.rms_mm, f.target.p99_9_mm, f.target.max_mm, way.rms_mm, way.p99_9_mm, 100 * (1 - way.area_beyond),
+      way.max_mm, way.max_at_mm.x, way.max_at_mm.y, way.max_at_mm.z);
   char hint[200];
   if (a_.patches > 0) {
     std::snprintf(hint, sizeof hint, "%s; leave --patches out, or ask for more than %zu", what_was_done.c_str(),
                   base_.patches.size());
   } else {
     std::snprintf(hint, sizeof hint, "%s; --patches %zu may come nearer, --tolerance %.2g keeps to what was reached",
-                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * f.target.most_mm * f.excess());
+                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * f.target.p99_9_mm * f.excess());
   }
   return {ErrorKind::kDifference, a_.mesh, text, hint, {}};
 }
@@ -561,7 +561,7 @@ Result<void> MeshBuild::pack() {
 }
 
 Result<void> MeshBuild::measure() {
-  DistanceRun distance_run;
+  DistanceOptions distance_run;
   distance_run.workers = a_.package.workers;
   // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
   const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a_.package.memory_budget_bytes ? 64u : 16u} << 20;
@@ -612,10 +612,10 @@ void MeshBuild::printSummary() const {
             static_cast<unsigned long long>(result_.pages), static_cast<double>(result_.package_bytes) / (1 << 20),
             seconds, each.c_str(), static_cast<double>(peak) / (1 << 20), meshText(result_.mesh).c_str());
   const Fidelity& f = result_.fidelity;
-  auto way = [&](const char* name, const FidelityWay& w) {
+  auto way = [&](const char* name, const OneSidedFidelity& w) {
     printOutf("  %-9s RMS %s, 99.9 %% within %s, all within %s; %.4g %% of the area beyond %s\n", name,
-              millimetres(w.rms_mm).c_str(), millimetres(w.most_mm).c_str(), millimetres(w.largest_mm).c_str(),
-              100 * w.beyond, millimetres(f.target.largest_mm).c_str());
+              millimetres(w.rms_mm).c_str(), millimetres(w.p99_9_mm).c_str(), millimetres(w.max_mm).c_str(),
+              100 * w.area_beyond, millimetres(f.target.max_mm).c_str());
   };
   printOutf("  fidelity  %.1f dB (diagonal %s, %llu places each way), %s\n", f.psnr_db(),
             millimetres(f.diagonal_mm).c_str(), static_cast<unsigned long long>(f.to_scan.samples),

@@ -37,7 +37,7 @@ void SourceOptions::addTo(CLI::App& c) {
 
 Artwork SourceOptions::artwork(std::shared_ptr<const Package> package) const {
   Artwork artwork = artworkFromPackage(package, &interruptedFlag());
-  artwork.source = onSimulatedStorage(package, storage, steadyClock(&interruptedFlag()));
+  artwork.source = withSimulatedStorage(package, storage, steadyClock(&interruptedFlag()));
   return artwork;
 }
 

@@ -7,28 +7,28 @@
 namespace relievo {
 namespace {
 
-constexpr size_t kProbes = 20'000;  // 20 of them may lie beyond the 99.9th percentile
+constexpr size_t kProbes = 20'000;  // enough for the 99.9th percentile: 20 probes lie above it
 
 }  // namespace
 
-size_t probesAPatch(const BakeGround& ground) { return std::max<size_t>(kProbes / ground.layout.patches, 4); }
+size_t probesPerPatch(const BakeContext& context) { return std::max<size_t>(kProbes / context.layout.patches, 4); }
 
-glm::dvec2 probePlace(size_t k) {
+glm::dvec2 probePosition(size_t k) {
   return {std::fmod(0.5 + static_cast<double>(k) * 0.75487766624669276, 1.0),
           std::fmod(0.5 + static_cast<double>(k) * 0.56984029099805327, 1.0)};
 }
 
-double deviationAtProbes(const BakeGround& ground, const BakedHeights& baked, const std::vector<Probe>& probes) {
-  const size_t places = probesAPatch(ground), n = size_t{1} << baked.cells_log2;
+double deviationAtProbes(const BakeContext& context, const BakedHeights& baked, const std::vector<Probe>& probes) {
+  const size_t count = probesPerPatch(context), n = size_t{1} << baked.cells_log2;
   std::vector<float> deviations(probes.size(), -1.0f);
-  parallelFor(ground.layout.patches, ground.workers, nullptr, [&](size_t patch) {
+  parallelFor(context.layout.patches, context.workers, nullptr, [&](size_t patch) {
     std::vector<uint16_t> grid((n + 1) * (n + 1));
-    baked.gather(ground, static_cast<uint32_t>(patch), grid);
-    for (size_t k = patch * places; k < (patch + 1) * places; ++k) {
+    baked.gather(context, static_cast<uint32_t>(patch), grid);
+    for (size_t k = patch * count; k < (patch + 1) * count; ++k) {
       if (probes[k].cosine < 0) continue;
-      const glm::dvec2 at = probePlace(k);
-      const double height = baked.offset_mm + baked.scale_mm * onGrid(grid, n, at.x, at.y);
-      deviations[k] = static_cast<float>(std::abs((probes[k].along - height) * probes[k].cosine));
+      const glm::dvec2 at = probePosition(k);
+      const double height = baked.offset_mm + baked.scale_mm * interpolateOnGrid(grid, n, at.x, at.y);
+      deviations[k] = static_cast<float>(std::abs((probes[k].height_mm - height) * probes[k].cosine));
     }
   });
   std::erase_if(deviations, [](float d) { return !(d >= 0); });

@@ -13,104 +13,106 @@ namespace {
 constexpr uint64_t kMaxTexels = uint64_t{64} << 20;
 constexpr int kTexelChannels = 6;
 constexpr uint8_t kGrey = 200;
-using Tone = std::array<float, kTexelChannels>;  // colour, 0 to 255, and normal
+using ColourNormal = std::array<float, kTexelChannels>;  // colour, 0 to 255, then the normal's x, y, z
 
-// Places of a patch that are looked up: texel centres, or the vertices of a coarser grid.
-struct ToneGrid {
+// Where colours and normals of a patch are sampled: at texel centres, or at the vertices of a coarser grid.
+struct SampleGrid {
   size_t side;  // texels
-  bool direct;
+  bool per_texel;
   size_t cells, row;
-  ToneGrid(const BakeTexture& texture)
+  SampleGrid(const BakeTexture& texture)
       : side(size_t{kPagePx} << texture.depth),
-        direct((size_t{1} << texture.tone_log2) >= side),
-        cells(direct ? side : size_t{1} << texture.tone_log2),
-        row(direct ? side : cells + 1) {}
+        per_texel((size_t{1} << texture.sample_grid_log2) >= side),
+        cells(per_texel ? side : size_t{1} << texture.sample_grid_log2),
+        row(per_texel ? side : cells + 1) {}
 };
 
 struct TexelBaker {
-  const BakeGround& ground;
+  const BakeContext& context;
   const BakedHeights& baked;
   const BakeTexture& texture;
 
-  glm::vec2 uvAt(const SurfacePoint& at) const;
-  Tone tone(const SurfacePoint& at) const;
-  // False: interrupted.
-  bool planeTexels(uint32_t patch, std::span<uint8_t> out) const;
-  bool lookUpTones(uint32_t patch, double deviation_mm, const ToneGrid& grid, std::vector<Tone>& tones) const;
+  glm::vec2 textureCoordinatesAt(const SurfacePoint& at) const;
+  ColourNormal colourNormalAt(const SurfacePoint& at) const;
+  // False: the bake was interrupted.
+  bool bakePlanes(uint32_t patch, std::span<uint8_t> out) const;
+  bool sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid,
+                     std::vector<ColourNormal>& samples) const;
 };
 
-glm::vec2 TexelBaker::uvAt(const SurfacePoint& at) const {
-  const auto& uv = ground.mesh->corner_uv[at.triangle];
+glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
+  const auto& uv = context.mesh->corner_uv[at.triangle];
   return uv[0] * static_cast<float>(1 - at.b1 - at.b2) + uv[1] * static_cast<float>(at.b1) +
          uv[2] * static_cast<float>(at.b2);
 }
 
-// Texel by texel. What is finer than the patch's texels is averaged: by the image's texels a millimetre of the
-// triangle, since (u, v) of neighbouring texels may lie in different parts of the image.
-bool TexelBaker::planeTexels(uint32_t patch, std::span<uint8_t> out) const {
+// Samples the image at each texel. Image detail finer than a texel is averaged by its mip levels. The level follows
+// from the number of image texels for each mm of the triangle, since (u, v) of neighbouring texels may lie in different
+// parts of the image.
+bool TexelBaker::bakePlanes(uint32_t patch, std::span<uint8_t> out) const {
   const size_t side = size_t{kPagePx} << texture.depth, n = size_t{1} << baked.cells_log2;
   const auto channels = static_cast<size_t>(texture.image.channels());
   std::vector<uint16_t> q((n + 1) * (n + 1));
-  baked.gather(ground, patch, q);
-  const auto& c = ground.base.patches[patch];
-  double around = 0;
+  baked.gather(context, patch, q);
+  const auto& c = context.base.patches[patch];
+  double perimeter_mm = 0;
   for (const auto& [a, b] : kSideCorners)
-    around +=
-        glm::length(ground.corner(c[static_cast<size_t>(a)]).point - ground.corner(c[static_cast<size_t>(b)]).point);
-  const double texel_mm = around / (4.0 * static_cast<double>(side));
-  LineLookup look;
+    perimeter_mm += glm::length(context.cornerPoint(c[static_cast<size_t>(a)]).position -
+                                context.cornerPoint(c[static_cast<size_t>(b)]).position);
+  const double texel_mm = perimeter_mm / (4.0 * static_cast<double>(side));
+  LineBatch batch;
   std::vector<float> values(channels);
-  return Tiles(side, ground.tile()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
-    auto share = [&](size_t x) { return static_cast<double>(x) / static_cast<double>(side); };
-    ground.begin(look, patch, share(x0), share(y0), share(x1), share(y1));
+  return Tiles(side, context.tileSize()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+    auto fraction = [&](size_t x) { return static_cast<double>(x) / static_cast<double>(side); };
+    context.beginBatch(batch, patch, fraction(x0), fraction(y0), fraction(x1), fraction(y1));
     for (size_t i = 0; i < (x1 - x0) * (y1 - y0); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
       const double u = (static_cast<double>(x) + 0.5) / static_cast<double>(side),
                    v = (static_cast<double>(y) + 0.5) / static_cast<double>(side);
-      const LineFrame f = ground.inside(patch, u, v);
-      const double height = baked.offset_mm + baked.scale_mm * onGrid(q, n, u, v);
-      look.add(lineOf({f.point + height * f.normal, f.normal}, ground.patch_reach[patch]), u, v, height);
+      const BasePoint f = context.patchPoint(patch, u, v);
+      const double height = baked.offset_mm + baked.scale_mm * interpolateOnGrid(q, n, u, v);
+      batch.add(lineThrough({f.position + height * f.normal, f.normal}, context.patch_reach[patch]), u, v, height);
     }
-    ground.find(look);
-    for (size_t l = 0; l < look.lines.size(); ++l) {
+    context.intersect(batch);
+    for (size_t l = 0; l < batch.lines.size(); ++l) {
       const size_t x = x0 + l % (x1 - x0), y = y0 + l / (x1 - x0);
-      const SurfacePoint at = look.hits[l] ? look.hits[l] : ground.scene->closestPoint(look.lines[l].at);
-      const auto& t = ground.mesh->triangles[at.triangle];
-      const auto& uv = ground.mesh->corner_uv[at.triangle];
-      const glm::vec3 &p = ground.mesh->positions_mm[t[0]], e = ground.mesh->positions_mm[t[1]] - p,
-                      g = ground.mesh->positions_mm[t[2]] - p;
+      const SurfacePoint at = batch.hits[l] ? batch.hits[l] : context.scene->closestPoint(batch.lines[l].at);
+      const auto& t = context.mesh->triangles[at.triangle];
+      const auto& uv = context.mesh->corner_uv[at.triangle];
+      const glm::vec3 &p = context.mesh->positions_mm[t[0]], e = context.mesh->positions_mm[t[1]] - p,
+                      g = context.mesh->positions_mm[t[2]] - p;
       const glm::vec2 i = uv[1] - uv[0], j = uv[2] - uv[0];
       const double image_area =
                        std::abs(double{i.x} * j.y - double{i.y} * j.x) * texture.image.width() * texture.image.height(),
                    area = glm::length(glm::cross(e, g));
       const double lod = area > 0 ? 0.5 * std::log2(texel_mm * texel_mm * image_area / area) : 0.0;
-      texture.image.sample(uvAt(at), static_cast<float>(lod), values);
+      texture.image.sample(textureCoordinatesAt(at), static_cast<float>(lod), values);
       for (size_t k = 0; k < channels; ++k)
         out[(k * side + y) * side + x] = static_cast<uint8_t>(std::clamp(values[k] + 0.5f, 0.0f, 255.0f));
     }
-    return !ground.stopped();
+    return !context.stopped();
   });
 }
 
-Tone TexelBaker::tone(const SurfacePoint& at) const {
-  const auto& t = ground.mesh->triangles[at.triangle];
+ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
+  const auto& t = context.mesh->triangles[at.triangle];
   const std::array<float, 3> w{static_cast<float>(1 - at.b1 - at.b2), static_cast<float>(at.b1),
                                static_cast<float>(at.b2)};
-  Tone out{kGrey, kGrey, kGrey, 0, 0, 0};
+  ColourNormal out{kGrey, kGrey, kGrey, 0, 0, 0};
   if (!texture.image.empty()) {
-    texture.image.sample(uvAt(at), 0, out);
-  } else if (!ground.mesh->colours.empty()) {
+    texture.image.sample(textureCoordinatesAt(at), 0, out);
+  } else if (!context.mesh->colours.empty()) {
     for (size_t c = 0; c < 3; ++c) {
       out[c] = 0;
       for (size_t k = 0; k < 3; ++k)
-        out[c] += w[k] * static_cast<float>(ground.mesh->colours[t[k]][static_cast<int>(c)]);
+        out[c] += w[k] * static_cast<float>(context.mesh->colours[t[k]][static_cast<int>(c)]);
     }
   }
   glm::vec3 n(0);
-  for (size_t k = 0; k < 3; ++k) n += w[k] * (*ground.normals)[t[k]];
+  for (size_t k = 0; k < 3; ++k) n += w[k] * (*context.normals)[t[k]];
   if (!(glm::length(n) > 1e-3f))
-    n = glm::cross(ground.mesh->positions_mm[t[1]] - ground.mesh->positions_mm[t[0]],
-                   ground.mesh->positions_mm[t[2]] - ground.mesh->positions_mm[t[0]]);
+    n = glm::cross(context.mesh->positions_mm[t[1]] - context.mesh->positions_mm[t[0]],
+                   context.mesh->positions_mm[t[2]] - context.mesh->positions_mm[t[0]]);
   const float length = glm::length(n);
   if (length > 0) n /= length;
   out[3] = n.x;
@@ -119,59 +121,60 @@ Tone TexelBaker::tone(const SurfacePoint& at) const {
   return out;
 }
 
-bool TexelBaker::lookUpTones(uint32_t patch, double deviation_mm, const ToneGrid& grid,
-                             std::vector<Tone>& tones) const {
-  const bool direct = grid.direct;
+bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid,
+                               std::vector<ColourNormal>& samples) const {
+  const bool per_texel = grid.per_texel;
   const size_t cells = grid.cells, row = grid.row;
   const size_t n = size_t{1} << baked.cells_log2;
   std::vector<uint16_t> q((n + 1) * (n + 1));
-  baked.gather(ground, patch, q);
-  auto height = [&](double u, double v) { return baked.offset_mm + baked.scale_mm * onGrid(q, n, u, v); };
-  const double likely = 4 * deviation_mm + baked.scale_mm;  // how far the surface drawn is from the scan
-  tones.resize(row * row);
-  LineLookup look;
-  std::array<LineFrame, 4> corners;
-  for (size_t k = 0; k < 4; ++k) corners[k] = ground.corner(ground.base.patches[patch][k]);
-  return Tiles(row, ground.tile()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
-    auto share = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
-    ground.begin(look, patch, share(x0), share(y0), share(x1), share(y1));
-    const double half = direct ? 0.5 : 0;
+  baked.gather(context, patch, q);
+  auto height = [&](double u, double v) { return baked.offset_mm + baked.scale_mm * interpolateOnGrid(q, n, u, v); };
+  const double likely = 4 * deviation_mm + baked.scale_mm;  // the drawn surface is seldom further from the scan
+  samples.resize(row * row);
+  LineBatch batch;
+  std::array<BasePoint, 4> corners;
+  for (size_t k = 0; k < 4; ++k) corners[k] = context.cornerPoint(context.base.patches[patch][k]);
+  return Tiles(row, context.tileSize()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+    auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
+    context.beginBatch(batch, patch, fraction(x0), fraction(y0), fraction(x1), fraction(y1));
+    const double half = per_texel ? 0.5 : 0;
     for (size_t y = y0; y < y1; ++y) {
       const double v = (static_cast<double>(y) + half) / static_cast<double>(cells);
-      // Of texels, which no other patch has, along rows: sooner.
-      const LineFrame left = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
+      // Texels are not shared with other patches, so that a row needs two interpolations only.
+      const BasePoint unresolved = lerp(corners[0], corners[2], v), right = lerp(corners[1], corners[3], v);
       for (size_t x = x0; x < x1; ++x) {
         const double u = (static_cast<double>(x) + half) / static_cast<double>(cells);
-        const LineFrame f = direct ? lerp(left, right, u) : ground.at(patch, x, y, cells);
-        // From the surface that is drawn: what lies on it is what it shows.
+        const BasePoint f = per_texel ? lerp(unresolved, right, u) : context.gridPoint(patch, x, y, cells);
+        // The line starts on the drawn surface, so that the texel shows what lies nearest to it.
         const double h = height(u, v);
-        look.add(lineOf({f.point + h * f.normal, f.normal}, ground.patch_reach[patch]), u, v, h);
-        // Short rays are faster ones; a sweep sees all that is near at once.
-        look.lines.back().likely = ground.sweep ? std::max(likely, 0.02 * look.lines.back().reach) : likely;
+        batch.add(lineThrough({f.position + h * f.normal, f.normal}, context.patch_reach[patch]), u, v, h);
+        // Rays are faster if they are short; the rasteriser takes no longer for what is a little further away.
+        batch.lines.back().likely = context.rasteriser ? std::max(likely, 0.02 * batch.lines.back().reach) : likely;
       }
     }
-    ground.find(look);
-    for (size_t i = 0; i < look.lines.size(); ++i) {
+    context.intersect(batch);
+    for (size_t i = 0; i < batch.lines.size(); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
-      tones[y * row + x] = tone(look.hits[i] ? look.hits[i] : ground.scene->closestPoint(look.lines[i].at));
+      samples[y * row + x] =
+          colourNormalAt(batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(batch.lines[i].at));
     }
-    return !ground.stopped();
+    return !context.stopped();
   });
 }
 
-// A row of texels, each channel in an array of its own. mixed: scratch.
-void mixRow(const ToneGrid& grid, const std::vector<Tone>& tones, size_t y, std::vector<float>& mixed,
-            std::vector<float>& values) {
-  const auto [side, direct, cells, row] = grid;
-  const size_t run = side / cells;  // texels a cell
-  if (direct) {
+// Interpolates row y of the texels into values, one array for each channel. row_samples: scratch memory.
+void interpolateRow(const SampleGrid& grid, const std::vector<ColourNormal>& samples, size_t y,
+                    std::vector<float>& row_samples, std::vector<float>& values) {
+  const auto [side, per_texel, cells, row] = grid;
+  const size_t run = side / cells;  // texels for each cell
+  if (per_texel) {
     for (size_t k = 0; k < kTexelChannels; ++k)
-      for (size_t x = 0; x < side; ++x) values[k * side + x] = tones[y * row + x][k];
+      for (size_t x = 0; x < side; ++x) values[k * side + x] = samples[y * row + x][k];
   } else {
     const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
-    const auto *above = tones.data() + y / run * row, *below = above + row;
+    const auto *above = samples.data() + y / run * row, *below = above + row;
     for (size_t k = 0; k < kTexelChannels; ++k) {
-      float* m = mixed.data() + k * row;
+      float* m = row_samples.data() + k * row;
       for (size_t x = 0; x < row; ++x) m[x] = above[x][k] * (1 - fy) + below[x][k] * fy;
       for (size_t cell = 0; cell < cells; ++cell) {
         const float start = m[cell], step = (m[cell + 1] - m[cell]) / static_cast<float>(run);
@@ -182,12 +185,12 @@ void mixRow(const ToneGrid& grid, const std::vector<Tone>& tones, size_t y, std:
   }
 }
 
-// Normals of length 1 as bytes, too.
-void packRow(size_t side, size_t y, std::vector<float>& values, std::span<uint8_t> out) {
+// Writes row y as bytes, with normals scaled to length 1.
+void quantiseRow(size_t side, size_t y, std::vector<float>& values, std::span<uint8_t> out) {
   const size_t plane = side * side;
   float *nx = values.data() + 3 * side, *ny = nx + side, *nz = ny + side;
   for (size_t x = 0; x < side; ++x) {
-    // Where opposite normals meet, none is right.
+    // Interpolated normals vanish where opposite ones meet; the lower bound avoids a division by 0.
     const float scale = 127.5f / std::sqrt(std::max(nx[x] * nx[x] + ny[x] * ny[x] + nz[x] * nz[x], 1e-12f));
     nx[x] = nx[x] * scale + 127.5f;
     ny[x] = ny[x] * scale + 127.5f;
@@ -203,47 +206,50 @@ void packRow(size_t side, size_t y, std::vector<float>& values, std::span<uint8_
 
 }  // namespace
 
-void chooseTexelSize(const BakeGround& ground, int wanted_depth, BakeTexture& texture) {
+void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture) {
   const bool from_image = !texture.image.empty();
-  const double vertices = static_cast<double>(ground.mesh->positions_mm.size()),
-               patches = static_cast<double>(ground.layout.patches);
-  // Texels: twice as dense as what they are taken from, along u and v.
-  double tones = 4 * vertices;
+  const double vertices = static_cast<double>(context.mesh->positions_mm.size()),
+               patches = static_cast<double>(context.layout.patches);
+  // Texels are twice as dense along u and v as what they are sampled from.
+  double samples = 4 * vertices;
   if (from_image) {
-    double used = 0;
-    for (const auto& uv : ground.mesh->corner_uv) {
+    double uv_area = 0;
+    for (const auto& uv : context.mesh->corner_uv) {
       const glm::dvec2 a = uv[1] - uv[0], b = uv[2] - uv[0];
-      used += 0.5 * std::abs(a.x * b.y - a.y * b.x);
+      uv_area += 0.5 * std::abs(a.x * b.y - a.y * b.x);
     }
-    if (used > 0)
-      tones = used * texture.image.width() * texture.image.height();  // else a colour a triangle: as of vertices
+    if (uv_area > 0)
+      samples =
+          uv_area * texture.image.width() *
+          texture.image.height();  // without an area in the image each triangle has one colour, as with vertex colours
   }
-  int& depth = texture.depth = wanted_depth;
+  int& depth = texture.depth = requested_depth;
   if (depth < 0) {
     depth = 0;
     auto texels = [&](int d) { return std::ldexp(patches, 2 * (kPageCellsLog2 + d)); };
-    while (texels(depth) < tones && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
+    while (texels(depth) < samples && texels(depth + 1) < static_cast<double>(kMaxTexels)) ++depth;
   }
-  // Vertex colours are linear over the scan's triangles: a grid somewhat finer than these knows all of them. Creases
-  // show where it is not much finer; half a million places are looked up in a quarter of a second.
-  const double places = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
+  // Vertex colours are linear over the scan's triangles, so that a grid somewhat finer than these captures them. If it
+  // is hardly finer, creases show; half a million samples take a quarter of a second.
+  const double grid_points = std::max(2 * vertices, std::min(16 * vertices, 524'288.0));
   const int texels_log2 = kPageCellsLog2 + depth;
-  texture.tone_log2 = 1;
-  while (texture.tone_log2 < texels_log2 && std::ldexp(patches, 2 * texture.tone_log2) < places) ++texture.tone_log2;
-  if (from_image) texture.tone_log2 = texels_log2;
+  texture.sample_grid_log2 = 1;
+  while (texture.sample_grid_log2 < texels_log2 && std::ldexp(patches, 2 * texture.sample_grid_log2) < grid_points)
+    ++texture.sample_grid_log2;
+  if (from_image) texture.sample_grid_log2 = texels_log2;
 }
 
-bool bakeTexels(const BakeGround& ground, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
+bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
                 uint32_t patch, std::span<uint8_t> out) {
-  const TexelBaker baker{ground, baked, texture};
-  if (texture.planes) return baker.planeTexels(patch, out);
-  const ToneGrid grid(texture);
-  std::vector<Tone> tones;
-  if (!baker.lookUpTones(patch, deviation_mm, grid, tones)) return false;
-  std::vector<float> mixed(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
+  const TexelBaker baker{context, baked, texture};
+  if (texture.planes) return baker.bakePlanes(patch, out);
+  const SampleGrid grid(texture);
+  std::vector<ColourNormal> samples;
+  if (!baker.sampleSurface(patch, deviation_mm, grid, samples)) return false;
+  std::vector<float> row_samples(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
   for (size_t y = 0; y < grid.side; ++y) {
-    mixRow(grid, tones, y, mixed, values);
-    packRow(grid.side, y, values, out);
+    interpolateRow(grid, samples, y, row_samples, values);
+    quantiseRow(grid.side, y, values, out);
   }
   return true;
 }

@@ -1,27 +1,29 @@
-// bake_texels.h - what of a scan lies on the patches: colours and normals, or the planes of an image.
-// Shape: a patch's side has 128 << depth texels; planes one after the other, rows of v from 0. Const: any thread.
+// bake_texels.h - the texture of a patch: the scan's colours and normals, or the channels of its image.
+// Shape: a patch has 128 << depth texels a side; one plane for each channel, rows of v from 0. Const: any thread.
 #pragma once
 
 #include <cstdint>
 #include <span>
 
-#include "geometry/bake/bake_ground.h"
+#include "geometry/bake/bake_context.h"
 #include "geometry/bake/baked_heights.h"
-#include "geometry/bake/plane_image.h"
+#include "geometry/bake/mip_image.h"
 
 namespace relievo {
 
 struct BakeTexture {
-  PlaneImage image;
-  bool planes = false;  // the image's channels are the texture
+  MipImage image;
+  bool planes = false;  // the image's channels become the texture, in place of colour and normal
   int depth = 0;
-  int tone_log2 = 0;  // colours and normals: this fine a grid is looked up; or texel by texel
+  int sample_grid_log2 = 0;  // colours and normals are sampled on a grid of 2^this cells and interpolated; at least the
+                             // texels: at each texel
 };
-// Depth and tone_log2. wanted_depth: -1 is as fine as the colours.
-void chooseTexelSize(const BakeGround& ground, int wanted_depth, BakeTexture& texture);
+// Sets texture.depth and texture.sample_grid_log2. requested_depth: -1 is as fine as the scan's colours.
+void chooseTextureResolution(const BakeContext& context, int requested_depth, BakeTexture& texture);
 
-// deviation_mm: how far the baked surface is from the scan. False: interrupted.
-bool bakeTexels(const BakeGround& ground, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
+// Fills the texels of one patch. deviation_mm: the distance between baked surface and scan, which bounds the search.
+// False: the bake was interrupted.
+bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const BakeTexture& texture, double deviation_mm,
                 uint32_t patch, std::span<uint8_t> out);
 
 }  // namespace relievo

@@ -17,19 +17,19 @@ BakedHeights::BakedHeights(std::span<const float> heights, int log2) : cells_log
     samples[i] = static_cast<uint16_t>(std::clamp(std::floor((heights[i] - offset_mm) * per_mm + 0.5), 0.0, 65535.0));
 }
 
-void BakedHeights::gather(const BakeGround& ground, uint32_t patch, std::span<uint16_t> out) const {
-  ground.layout.gather<uint16_t>(ground.base, patch, (size_t{1} << cells_log2) - 1, samples, out);
+void BakedHeights::gather(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const {
+  context.layout.gather<uint16_t>(context.base, patch, (size_t{1} << cells_log2) - 1, samples, out);
 }
 
-void BakedHeights::finest(const BakeGround& ground, uint32_t patch, std::span<uint16_t> out) const {
+void BakedHeights::finest(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const {
   const size_t n = size_t{1} << cells_log2;
   if (cells_log2 >= kPageCellsLog2) {
-    gather(ground, patch, out);
+    gather(context, patch, out);
     return;
   }
   std::vector<uint16_t> coarse((n + 1) * (n + 1));
-  gather(ground, patch, coarse);
-  // In whole numbers: what a side's two samples give does not depend on which of them comes first.
+  gather(context, patch, coarse);
+  // Integer arithmetic makes the result independent of the direction in which a patch runs along a shared side.
   const int up = kPageCellsLog2 - cells_log2, cells = 1 << up;
   for (int y = 0; y <= kPagePx; ++y) {
     const int cy = std::min(y >> up, static_cast<int>(n) - 1), fy = y - (cy << up);
@@ -45,23 +45,23 @@ void BakedHeights::finest(const BakeGround& ground, uint32_t patch, std::span<ui
   }
 }
 
-void BakedHeights::surface(const BakeGround& ground, uint32_t patch, SurfaceGrid& out) const {
+void BakedHeights::surface(const BakeContext& context, uint32_t patch, SurfaceGrid& out) const {
   const size_t row = out.row();
   std::vector<uint16_t> q(row * row);
-  finest(ground, patch, q);
-  const auto& c = ground.base.patches[patch];
+  finest(context, patch, q);
+  const auto& c = context.base.patches[patch];
   const double per_cell = 1.0 / static_cast<double>(row - 1);
   for (size_t y = 0; y < row; ++y) {
     const double v = static_cast<double>(y) * per_cell;
-    const LineFrame left = lerp(ground.corner(c[0]), ground.corner(c[2]), v),
-                    right = lerp(ground.corner(c[1]), ground.corner(c[3]), v);
+    const BasePoint left = lerp(context.cornerPoint(c[0]), context.cornerPoint(c[2]), v),
+                    right = lerp(context.cornerPoint(c[1]), context.cornerPoint(c[3]), v);
     const uint16_t* height = q.data() + y * row;
     for (int axis = 0; axis < 3; ++axis) {
-      const double p0 = left.point[axis], p1 = right.point[axis], n0 = left.normal[axis], n1 = right.normal[axis];
-      double* place = out.axes[static_cast<size_t>(axis)].data() + y * row;
+      const double p0 = left.position[axis], p1 = right.position[axis], n0 = left.normal[axis], n1 = right.normal[axis];
+      double* coordinates = out.axes[static_cast<size_t>(axis)].data() + y * row;
       for (size_t x = 0; x < row; ++x) {
         const double u = static_cast<double>(static_cast<int>(x)) * per_cell;
-        place[x] = p0 * (1 - u) + p1 * u + (offset_mm + scale_mm * height[x]) * (n0 * (1 - u) + n1 * u);
+        coordinates[x] = p0 * (1 - u) + p1 * u + (offset_mm + scale_mm * height[x]) * (n0 * (1 - u) + n1 * u);
       }
     }
   }

@@ -1,17 +1,18 @@
-// baked_heights.h - a bake's heights, quantised, as SampleLayout has them: height = offset_mm + scale_mm * sample.
-// Units: mm along the base's interpolated normals. Pure; const: any thread.
+// baked_heights.h - the heights of a bake in 16 bits, in the order of SampleLayout: height = offset_mm + scale_mm *
+// sample.
+// Units: mm along the base's interpolated normals. Pure; const functions may be called from any thread.
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <vector>
 
-#include "geometry/bake/bake_ground.h"
+#include "geometry/bake/bake_context.h"
 #include "geometry/bake/grid_error.h"
 
 namespace relievo {
 
-inline constexpr int kPageCellsLog2 = 7;  // of a relief page: kPagePx cells
+inline constexpr int kPageCellsLog2 = 7;  // a relief page has kPagePx cells a side
 static_assert(1 << kPageCellsLog2 == kPagePx);
 
 struct BakedHeights {
@@ -20,15 +21,16 @@ struct BakedHeights {
   std::vector<uint16_t> samples;
 
   BakedHeights() = default;
-  // heights: at least one.
+  // heights: not empty.
   BakedHeights(std::span<const float> heights, int cells_log2);
   int reliefDepth() const { return std::max(cells_log2 - kPageCellsLog2, 0); }
-  // A patch's own grid of (2^cells_log2 + 1)^2.
-  void gather(const BakeGround& ground, uint32_t patch, std::span<uint16_t> out) const;
-  // A patch's grid of 2^(7 + reliefDepth()) cells a side: fewer samples are interpolated on the cells' triangles.
-  void finest(const BakeGround& ground, uint32_t patch, std::span<uint16_t> out) const;
-  // The vertices of that grid, in the mesh's coordinates.
-  void surface(const BakeGround& ground, uint32_t patch, SurfaceGrid& out) const;
+  // The samples of one patch, (2^cells_log2 + 1)^2.
+  void gather(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const;
+  // The same at the finest drawn grid, 2^(7 + reliefDepth()) cells a side. Coarser samples are interpolated linearly on
+  // the cells' triangles.
+  void finest(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const;
+  // The positions of that grid's vertices, in the scan's coordinates.
+  void surface(const BakeContext& context, uint32_t patch, SurfaceGrid& out) const;
 };
 
 }  // namespace relievo

@@ -16,32 +16,32 @@ BakedSurface::BakedSurface(const MeshBake& baked, int workers, const std::atomic
     low = glm::min(low, glm::dvec3(c.position_mm));
     high = glm::max(high, glm::dvec3(c.position_mm));
   }
-  const double close_mm = std::max(5e-6 * glm::length(high - low), baked.reliefScaleMm());
+  const double tolerance_mm = std::max(5e-6 * glm::length(high - low), baked.reliefScaleMm());
   cells_log2_.resize(base.patches.size());
   parallelFor(cells_log2_.size(), workers, interrupted, [&](size_t p) {
     int& log2 = cells_log2_[p] = std::min(baked.report().cells_log2, finest_log2_);
-    while (log2 < finest_log2_ && baked.errorOfCells(static_cast<uint32_t>(p), log2) > close_mm) ++log2;
+    while (log2 < finest_log2_ && baked.errorOfGrid(static_cast<uint32_t>(p), log2) > tolerance_mm) ++log2;
   });
 }
 
 TriMesh BakedSurface::part(size_t first, size_t end) const {
-  struct Place {
+  struct Offsets {
     size_t vertex = 0, triangle = 0;
   };
-  std::vector<Place> places(end - first);
-  Place all;
+  std::vector<Offsets> offsets(end - first);
+  Offsets total;
   for (size_t p = first; p < end; ++p) {
     const size_t row = (size_t{1} << cells_log2_[p]) + 1;
-    places[p - first] = all;
-    all.vertex += row * row;
-    all.triangle += triangles(p);
+    offsets[p - first] = total;
+    total.vertex += row * row;
+    total.triangle += triangles(p);
   }
   TriMesh out;
   out.origin_mm = baked_.base().origin_mm;
-  out.positions_mm.resize(all.vertex);
-  out.triangles.resize(all.triangle);
-  parallelFor(places.size(), workers_, interrupted_,
-              [&](size_t i) { fill(static_cast<uint32_t>(first + i), out, places[i].vertex, places[i].triangle); });
+  out.positions_mm.resize(total.vertex);
+  out.triangles.resize(total.triangle);
+  parallelFor(offsets.size(), workers_, interrupted_,
+              [&](size_t i) { fill(static_cast<uint32_t>(first + i), out, offsets[i].vertex, offsets[i].triangle); });
   return out;
 }
 
@@ -77,8 +77,8 @@ void CoarseBakedSurface::add(uint32_t patch, TriMesh& out) const {
   const size_t finest_row = (size_t{1} << finest_log2) + 1;
   std::vector<uint16_t> q(finest_row * finest_row);
   (void)baked_.heights(patch, q);
-  // `cells` cells a side from (x0, y0) of the grid of 2^log2.
-  auto block = [&](int log2, size_t x0, size_t y0, size_t cells) {
+  // Adds a block of `cells` cells a side at (x0, y0) of the grid of 2^log2 cells.
+  auto addBlock = [&](int log2, size_t x0, size_t y0, size_t cells) {
     const size_t step = size_t{1} << (finest_log2 - log2), row = cells + 1;
     const double per_cell = std::ldexp(1.0, -log2);
     const auto first = static_cast<uint32_t>(out.positions_mm.size());
@@ -98,27 +98,27 @@ void CoarseBakedSurface::add(uint32_t patch, TriMesh& out) const {
       }
     }
   };
-  struct Open {
+  struct Block {
     int log2;
     size_t x, y;
   };
-  std::vector<Open> open;
+  std::vector<Block> pending;
   for (int log2 = 1; log2 <= finest_log2; ++log2) {
-    const bool close = baked_.errorOfCells(patch, log2) <= close_mm_;
-    if (!close && log2 < 3) continue;
-    if (close && log2 <= 3) return block(log2, 0, 0, size_t{1} << log2);
-    open.push_back({3, 0, 0});
+    const bool within_tolerance = baked_.errorOfGrid(patch, log2) <= tolerance_mm_;
+    if (!within_tolerance && log2 < 3) continue;
+    if (within_tolerance && log2 <= 3) return addBlock(log2, 0, 0, size_t{1} << log2);
+    pending.push_back({3, 0, 0});
     break;
   }
-  while (!open.empty()) {
-    const Open b = open.back();
-    open.pop_back();
+  while (!pending.empty()) {
+    const Block b = pending.back();
+    pending.pop_back();
     const auto blocks = static_cast<size_t>(MeshBake::errorBlocks(b.log2));
-    if (b.log2 == finest_log2 || baked_.errorsOfCells(patch, b.log2).mm[b.y * blocks + b.x] <= close_mm_) {
-      block(b.log2, 8 * b.x, 8 * b.y, 8);
+    if (b.log2 == finest_log2 || baked_.errorsOfGrid(patch, b.log2).mm[b.y * blocks + b.x] <= tolerance_mm_) {
+      addBlock(b.log2, 8 * b.x, 8 * b.y, 8);
       continue;
     }
-    for (size_t k = 0; k < 4; ++k) open.push_back({b.log2 + 1, 2 * b.x + k % 2, 2 * b.y + k / 2});
+    for (size_t k = 0; k < 4; ++k) pending.push_back({b.log2 + 1, 2 * b.x + k % 2, 2 * b.y + k / 2});
   }
 }
 

@@ -1,4 +1,5 @@
-// baked_surface.h - the finest surface of a bake as triangles, patch by patch, not welded: what it is measured by.
+// baked_surface.h - the surface of a bake as triangles, for measuring distances and for pictures. Patches are not
+// welded. Units: mm, relative to the base's origin_mm.
 #pragma once
 
 #include <atomic>
@@ -11,14 +12,14 @@
 
 namespace relievo {
 
-// A patch's grid is the coarsest that lies within 5e-6 of the base's diagonal or one step of the heights of the finest
-// (errorOfCells()), never coarser than the samples.
+// Each patch gets the coarsest grid within 5e-6 of the base's diagonal, or within one quantisation step, of the finest
+// (MeshBake::errorOfGrid()), but never coarser than its samples.
 class BakedSurface {
  public:
   BakedSurface(const MeshBake& baked, int workers, const std::atomic<bool>* interrupted);
   size_t patches() const { return cells_log2_.size(); }
   size_t triangles(size_t patch) const { return size_t{2} << 2 * cells_log2_[patch]; }
-  // Of the patches [first, end). Interrupted: some of it.
+  // The triangles of the patches [first, end). Incomplete if the bake was interrupted.
   TriMesh part(size_t first, size_t end) const;
 
  private:
@@ -31,17 +32,17 @@ class BakedSurface {
   std::vector<int> cells_log2_;
 };
 
-// The same with far fewer triangles, in blocks of 8 x 8 cells, each as coarse as lies within that distance of the
-// finest; blocks of different grids meet with gaps of as much.
+// The surface with far fewer triangles: blocks of 8 x 8 cells, each the coarsest within tolerance_mm of the finest
+// grid. Between blocks of different grids there are gaps up to the tolerance.
 class CoarseBakedSurface {
  public:
-  CoarseBakedSurface(const MeshBake& baked, double close_mm) : baked_(baked), close_mm_(close_mm) {}
+  CoarseBakedSurface(const MeshBake& baked, double tolerance_mm) : baked_(baked), tolerance_mm_(tolerance_mm) {}
   size_t patches() const { return baked_.base().patches.size(); }
   void add(uint32_t patch, TriMesh& out) const;
 
  private:
   const MeshBake& baked_;
-  double close_mm_;
+  double tolerance_mm_;
 };
 
 }  // namespace relievo

@@ -6,50 +6,53 @@
 #include <optional>
 #include <span>
 
+#include "geometry/bake/area_sampler.h"
 #include "geometry/bake/baked_surface.h"
-#include "geometry/bake/spread_places.h"
 #include "geometry/mesh/box_tree.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
 namespace {
 
-// The drawn surface is measured on grids that lie within this (a bound: they lie much closer) of the finest, in
-// diagonals.
-constexpr double kClose = 4e-5;
-constexpr uint64_t kMostVertices = 40'000;
+// The drawn surface is measured on grids within this distance of the finest, in diagonals. It is an upper bound: they
+// lie much closer.
+constexpr double kGridTolerance = 4e-5;
+constexpr uint64_t kMaxVertices = 40'000;
 
 struct Samples {
-  std::vector<glm::dvec3> at;
-  std::vector<float> mm;
-  size_t spread = 0;  // the first are spread over the area, the others are vertices
+  std::vector<glm::dvec3> positions;
+  std::vector<float> distances_mm;
+  size_t area_samples = 0;  // so many come first, spread over the area; the others are vertices
 };
 
-void lowerTo(Samples& s, const RayScene& scene, const glm::dvec3& shift, const Box* box, const FidelityRun& run) {
-  constexpr size_t kAJob = 2048;
-  parallelFor((s.at.size() + kAJob - 1) / kAJob, run.workers, run.interrupted, [&](size_t job) {
-    SurfacePoint last;
-    for (size_t i = job * kAJob; i < std::min(s.at.size(), (job + 1) * kAJob); ++i) {
-      const glm::dvec3 p = s.at[i] + shift;
-      const double nearest = s.mm[i];
-      const bool bounded = !std::isinf(nearest);
-      if (bounded && box && box->squaredDistance(p) > nearest * nearest) continue;
-      const SurfacePoint found = bounded ? scene.closestPoint(p, nearest) : scene.closestPoint(p, last);
-      if (!found) continue;
-      last = found;
-      s.mm[i] = std::min(s.mm[i], static_cast<float>(found.along));
-    }
-  });
+void updateDistances(Samples& s, const RayScene& scene, const glm::dvec3& shift, const Box* box,
+                     const FidelityOptions& options) {
+  constexpr size_t kSamplesPerJob = 2048;
+  parallelFor((s.positions.size() + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted,
+              [&](size_t job) {
+                SurfacePoint last;
+                for (size_t i = job * kSamplesPerJob; i < std::min(s.positions.size(), (job + 1) * kSamplesPerJob);
+                     ++i) {
+                  const glm::dvec3 p = s.positions[i] + shift;
+                  const double nearest = s.distances_mm[i];
+                  const bool bounded = !std::isinf(nearest);
+                  if (bounded && box && box->squaredDistance(p) > nearest * nearest) continue;
+                  const SurfacePoint found = bounded ? scene.closestPoint(p, nearest) : scene.closestPoint(p, last);
+                  if (!found) continue;
+                  last = found;
+                  s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(found.along));
+                }
+              });
 }
 
-// Calls use(part) with runs of whole patches that fit the memory, one after the other, until it answers false.
+// Calls use(part) with consecutive patches, as many at a time as fit the memory, until it answers false.
 template <class Use>
-bool byParts(const CoarseBakedSurface& surface, uint64_t memory_bytes, Use use) {
-  constexpr uint64_t kBytesATriangle = 90;  // with its hierarchy
+bool forEachPart(const CoarseBakedSurface& surface, uint64_t memory_bytes, Use use) {
+  constexpr uint64_t kBytesPerTriangle = 90;  // ray hierarchy included
   TriMesh part;
   for (uint32_t p = 0; p < surface.patches(); ++p) {
     surface.add(p, part);
-    if (p + 1 < surface.patches() && (memory_bytes == 0 || part.triangles.size() * kBytesATriangle < memory_bytes))
+    if (p + 1 < surface.patches() && (memory_bytes == 0 || part.triangles.size() * kBytesPerTriangle < memory_bytes))
       continue;
     if (!use(part)) return false;
     part = {};
@@ -57,64 +60,68 @@ bool byParts(const CoarseBakedSurface& surface, uint64_t memory_bytes, Use use) 
   return true;
 }
 
-// Without what lies further than this, the target is kept.
-double missesFrom(std::vector<float> mm, const FidelityWay& way, const FidelityTarget& target) {
-  double from = target.largest_mm;
-  if (way.most_mm > target.most_mm) from = std::min(from, target.most_mm);
-  if (way.rms_mm > target.rms_mm) {
+// If nothing lay further away than the returned distance, the target would be kept.
+double violationThreshold(std::vector<float> distances_mm, const OneSidedFidelity& result,
+                          const FidelityTarget& target) {
+  double from = target.max_mm;
+  if (result.p99_9_mm > target.p99_9_mm) from = std::min(from, target.p99_9_mm);
+  if (result.rms_mm > target.rms_mm) {
     constexpr double kRoom = 0.6;
-    const double most = kRoom * target.rms_mm * target.rms_mm * static_cast<double>(mm.size());
-    std::sort(mm.begin(), mm.end());
+    const double max_sum = kRoom * target.rms_mm * target.rms_mm * static_cast<double>(distances_mm.size());
+    std::sort(distances_mm.begin(), distances_mm.end());
     double sum = 0;
     size_t i = 0;
-    while (i < mm.size() && sum + double{mm[i]} * mm[i] <= most) sum += double{mm[i]} * mm[i], ++i;
-    if (i < mm.size()) from = std::min(from, std::max<double>(mm[i], target.rms_mm));
+    while (i < distances_mm.size() && sum + double{distances_mm[i]} * distances_mm[i] <= max_sum)
+      sum += double{distances_mm[i]} * distances_mm[i], ++i;
+    if (i < distances_mm.size()) from = std::min(from, std::max<double>(distances_mm[i], target.rms_mm));
   }
   return from;
 }
 
-FidelityWay wayOf(const Samples& s, const FidelityTarget& target, std::vector<FidelityMiss>& misses) {
-  FidelityWay way;
-  way.samples = s.spread;
-  if (s.mm.empty()) return way;
-  std::vector<float> spread(s.mm.begin(), s.mm.begin() + static_cast<ptrdiff_t>(s.spread));
+OneSidedFidelity summarise(const Samples& s, const FidelityTarget& target, std::vector<FidelityViolation>& violations) {
+  OneSidedFidelity result;
+  result.samples = s.area_samples;
+  if (s.distances_mm.empty()) return result;
+  std::vector<float> area_samples(s.distances_mm.begin(),
+                                  s.distances_mm.begin() + static_cast<ptrdiff_t>(s.area_samples));
   double squares = 0;
   size_t within = 0, beyond = 0;
-  for (float d : spread) {
+  for (float d : area_samples) {
     squares += double{d} * d;
-    within += d <= target.most_mm;
-    beyond += d > target.largest_mm;
+    within += d <= target.p99_9_mm;
+    beyond += d > target.max_mm;
   }
-  if (!spread.empty()) {
-    const double count = static_cast<double>(spread.size());
-    way.rms_mm = std::sqrt(squares / count);
-    way.within = static_cast<double>(within) / count;
-    way.beyond = static_cast<double>(beyond) / count;
-    const auto rank = spread.begin() + static_cast<ptrdiff_t>((count - 1) * 0.999);
-    std::nth_element(spread.begin(), rank, spread.end());
-    way.most_mm = *rank;
+  if (!area_samples.empty()) {
+    const double count = static_cast<double>(area_samples.size());
+    result.rms_mm = std::sqrt(squares / count);
+    result.area_within = static_cast<double>(within) / count;
+    result.area_beyond = static_cast<double>(beyond) / count;
+    const auto rank = area_samples.begin() + static_cast<ptrdiff_t>((count - 1) * 0.999);
+    std::nth_element(area_samples.begin(), rank, area_samples.end());
+    result.p99_9_mm = *rank;
   }
-  const auto largest = std::max_element(s.mm.begin(), s.mm.end());
-  way.largest_mm = *largest;
-  way.largest_at_mm = s.at[static_cast<size_t>(largest - s.mm.begin())];
-  const double from = missesFrom(std::move(spread), way, target);
-  for (size_t i = 0; i < s.mm.size(); ++i)
-    if (s.mm[i] > from) misses.push_back({s.at[i], s.mm[i]});
-  return way;
+  const auto largest = std::max_element(s.distances_mm.begin(), s.distances_mm.end());
+  result.max_mm = *largest;
+  result.max_at_mm = s.positions[static_cast<size_t>(largest - s.distances_mm.begin())];
+  const double from = violationThreshold(std::move(area_samples), result, target);
+  for (size_t i = 0; i < s.distances_mm.size(); ++i)
+    if (s.distances_mm[i] > from) violations.push_back({s.positions[i], s.distances_mm[i]});
+  return result;
 }
 
-void spreadOver(const TriMesh& mesh, const std::vector<double>& area_before, double whole, size_t count,
-                const glm::dvec3& shift, Samples& out) {
-  const SpreadPlaces places(mesh, area_before, whole, count);
-  const size_t first = places.firstAt(area_before.front()), end = places.firstAt(area_before.back());
+void addAreaSamples(const TriMesh& mesh, const std::vector<double>& cumulative_area, double whole, size_t count,
+                    const glm::dvec3& shift, Samples& out) {
+  const AreaSampler sampler(mesh, cumulative_area, whole, count);
+  const size_t first = sampler.firstSampleAt(cumulative_area.front()),
+               end = sampler.firstSampleAt(cumulative_area.back());
   size_t triangle = 0;
-  for (size_t k = first; k < end; ++k) out.at.push_back(places.place(k, triangle) + shift);
+  for (size_t k = first; k < end; ++k) out.positions.push_back(sampler.position(k, triangle) + shift);
 }
 
 }  // namespace
 
-double FidelityWay::excess(const FidelityTarget& t) const {
-  return std::max({rms_mm / t.rms_mm, most_mm / t.most_mm, std::sqrt(beyond / FidelityTarget::kBeyond)});
+double OneSidedFidelity::excess(const FidelityTarget& t) const {
+  return std::max({rms_mm / t.rms_mm, p99_9_mm / t.p99_9_mm, std::sqrt(area_beyond / FidelityTarget::kMaxAreaBeyond)});
 }
 
 double Fidelity::psnr_db() const {
@@ -135,52 +142,53 @@ double diagonalOf(const TriMesh& mesh) {
 }
 
 Result<Fidelity> measureFidelity(const TriMesh& scan, const RayScene& rays, const MeshBake& baked,
-                                 const FidelityTarget& target, const FidelityRun& run) {
-  auto stopped = [&] { return run.interrupted && run.interrupted->load(std::memory_order_relaxed); };
+                                 const FidelityTarget& target, const FidelityOptions& options) {
+  auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", ""};
-  Fidelity out{.diagonal_mm = diagonalOf(scan), .target = target, .to_drawn = {}, .to_scan = {}, .misses = {}};
-  const glm::dvec3 shift = scan.origin_mm - baked.base().origin_mm;  // from the scan's places to the base's
+  Fidelity out{.diagonal_mm = diagonalOf(scan), .target = target, .to_drawn = {}, .to_scan = {}, .violations = {}};
+  const glm::dvec3 shift = scan.origin_mm - baked.base().origin_mm;  // from the scan's coordinates to the base's
 
-  Samples there;
+  Samples scan_samples;
   {
-    const std::vector<double> area_before = areasBefore(scan, 0);
-    if (area_before.back() > 0) spreadOver(scan, area_before, area_before.back(), run.samples, glm::dvec3(0), there);
-    there.spread = there.at.size();
-    const size_t step = (scan.positions_mm.size() + kMostVertices - 1) / kMostVertices;
+    const std::vector<double> cumulative_area = cumulativeAreas(scan, 0);
+    if (cumulative_area.back() > 0)
+      addAreaSamples(scan, cumulative_area, cumulative_area.back(), options.samples, glm::dvec3(0), scan_samples);
+    scan_samples.area_samples = scan_samples.positions.size();
+    const size_t step = (scan.positions_mm.size() + kMaxVertices - 1) / kMaxVertices;
     for (size_t v = 0; v < scan.positions_mm.size(); v += std::max<size_t>(step, 1))
-      there.at.push_back(glm::dvec3(scan.positions_mm[v]));
-    there.mm.assign(there.at.size(), std::numeric_limits<float>::infinity());
+      scan_samples.positions.push_back(glm::dvec3(scan.positions_mm[v]));
+    scan_samples.distances_mm.assign(scan_samples.positions.size(), std::numeric_limits<float>::infinity());
   }
-  const CoarseBakedSurface surface(baked, kClose * out.diagonal_mm);
+  const CoarseBakedSurface surface(baked, kGridTolerance * out.diagonal_mm);
   double area = 0;
   std::optional<Error> failed;
-  bool whole = byParts(surface, run.memory_bytes, [&](const TriMesh& part) {
-    area = areasBefore(part, area).back();
-    auto scene = RayScene::create(part, run.interrupted);
+  bool whole = forEachPart(surface, options.memory_bytes, [&](const TriMesh& part) {
+    area = cumulativeAreas(part, area).back();
+    auto scene = RayScene::create(part, options.interrupted);
     if (!scene) return failed = scene.error(), false;
     Box box;
     for (const glm::vec3& p : part.positions_mm) box.add(p);
-    lowerTo(there, **scene, shift, &box, run);
+    updateDistances(scan_samples, **scene, shift, &box, options);
     return !stopped();
   });
   if (failed) return *failed;
   if (!whole) return interrupted;
-  // The places that lie on each part, in turn.
-  Samples back;
+  // Each part gets the samples that lie on it, numbered over the whole surface.
+  Samples drawn_samples;
   double so_far = 0;
-  whole = area <= 0 || byParts(surface, run.memory_bytes, [&](const TriMesh& part) {
-            const std::vector<double> area_before = areasBefore(part, so_far);
-            so_far = area_before.back();
-            spreadOver(part, area_before, area, run.samples, -shift, back);
+  whole = area <= 0 || forEachPart(surface, options.memory_bytes, [&](const TriMesh& part) {
+            const std::vector<double> cumulative_area = cumulativeAreas(part, so_far);
+            so_far = cumulative_area.back();
+            addAreaSamples(part, cumulative_area, area, options.samples, -shift, drawn_samples);
             return !stopped();
           });
   if (!whole) return interrupted;
-  back.spread = back.at.size();
-  back.mm.assign(back.at.size(), std::numeric_limits<float>::infinity());
-  lowerTo(back, rays, glm::dvec3(0), nullptr, run);
+  drawn_samples.area_samples = drawn_samples.positions.size();
+  drawn_samples.distances_mm.assign(drawn_samples.positions.size(), std::numeric_limits<float>::infinity());
+  updateDistances(drawn_samples, rays, glm::dvec3(0), nullptr, options);
   if (stopped()) return interrupted;
-  out.to_drawn = wayOf(there, target, out.misses);
-  out.to_scan = wayOf(back, target, out.misses);
+  out.to_drawn = summarise(scan_samples, target, out.violations);
+  out.to_scan = summarise(drawn_samples, target, out.violations);
   return out;
 }
 

@@ -9,8 +9,8 @@
 namespace relievo {
 namespace {
 
-// The same triangles with twice as many cells a side: new vertices lie halfway along edges, the cells' diagonals among
-// them.
+// Subdivides a grid to twice as many cells without changing its surface: new vertices are the midpoints of edges,
+// diagonals included.
 RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) noexcept {
   const size_t n = coarse.row() - 1, row = coarse.row(), fine_row = fine.row();
   for (size_t axis = 0; axis < 3; ++axis) {
@@ -36,7 +36,7 @@ RELIEVO_SIMD_CLONES void refine(const SurfaceGrid& coarse, SurfaceGrid& fine) no
   }
 }
 
-// Of bilinear normals, at each of row x row vertices.
+// The bilinear interpolation of the corners' normals at each vertex, scaled to length 1.
 RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, size_t row,
                                      std::array<std::vector<double>, 3>& out) noexcept {
   const double step = 1.0 / static_cast<double>(row - 1);
@@ -54,38 +54,40 @@ RELIEVO_SIMD_CLONES void unitNormals(const std::array<glm::dvec3, 4>& corners, s
   }
 }
 
-// The largest of each block's vertices, those between blocks counted for both: squared distance, along the normal one
-// way and the other, squared distance across it; and of its cells', what lies furthest apart along the normal, and the
-// squared diagonal of the box around all.
+// The largest values over a block's vertices (those on its border included): squared length of the deviation, its
+// component along the normal upwards and downwards, its squared component across the normal. Then, over single cells:
+// the largest range of the components along the normal, and the largest squared diagonal of the deviations' bounding
+// box.
 struct Extremes {
   double squared = 0, above = 0, below = 0, aside = 0, between = 0, apart = 0;
 };
-void widen(const std::vector<double>& by, std::vector<double>& high) {
+void updateMaxima(const std::vector<double>& by, std::vector<double>& high) {
   const double* b = by.data();
   double* h = high.data();
   for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x];
 }
-void widen(const std::vector<double>& by, std::vector<double>& high, std::vector<double>& low) {
+void updateMaxima(const std::vector<double>& by, std::vector<double>& high, std::vector<double>& low) {
   const double* b = by.data();
   double *h = high.data(), *l = low.data();
   for (size_t x = 0; x < by.size(); ++x) h[x] = h[x] > b[x] ? h[x] : b[x], l[x] = l[x] < b[x] ? l[x] : b[x];
 }
-double highest(const std::vector<double>& of, size_t first, size_t last) {
-  double most = 0;
-  for (size_t x = first; x <= last; ++x) most = std::max(most, of[x]);
-  return most;
+double maxOf(const std::vector<double>& of, size_t first, size_t last) {
+  double maximum = 0;
+  for (size_t x = first; x <= last; ++x) maximum = std::max(maximum, of[x]);
+  return maximum;
 }
-double lowest(const std::vector<double>& of, size_t first, size_t last) {
-  double least = 0;
-  for (size_t x = first; x <= last; ++x) least = std::min(least, of[x]);
-  return least;
+double minOf(const std::vector<double>& of, size_t first, size_t last) {
+  double minimum = 0;
+  for (size_t x = first; x <= last; ++x) minimum = std::min(minimum, of[x]);
+  return minimum;
 }
-void setUpRows(size_t row, GridErrorScratch::Rows& rows) {
+void allocateRows(size_t row, GridErrorScratch::Rows& rows) {
   for (auto* of : {&rows.now, &rows.high, &rows.low})
     for (auto& values : *of) values.assign(row, 0.0);
   for (auto* values : {&rows.squared_now, &rows.aside_now, &rows.squared, &rows.aside}) values->assign(row, 0.0);
 }
-// step: vertices a cell's side. rows: prepared by setUpRows(); out: blocks x blocks of them.
+// step: the number of finest cells along a coarse cell's side. rows: as allocateRows() leaves them; out: blocks x
+// blocks of zeros.
 RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceGrid& finest,
                                        const std::array<std::vector<double>, 3>& normals, size_t blocks, size_t step,
                                        GridErrorScratch::Rows& rows, std::vector<Extremes>& out) noexcept {
@@ -106,9 +108,9 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
       os[x] = s;
       oa[x] = across > 0 ? across : 0;
     }
-    for (size_t k = 0; k < now.size(); ++k) widen(now[k], high[k], low[k]);
-    widen(squared_now, squared);
-    widen(aside_now, aside);
+    for (size_t k = 0; k < now.size(); ++k) updateMaxima(now[k], high[k], low[k]);
+    updateMaxima(squared_now, squared);
+    updateMaxima(aside_now, aside);
     if (y == 0) continue;
     Extremes* of_blocks = out.data() + (y - 1) / size * blocks;
     if (y % step == 0) {
@@ -116,21 +118,21 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
         Extremes& e = of_blocks[x / size];
         double diagonal = 0;
         for (size_t axis = 0; axis < 3; ++axis) {
-          const double width = highest(high[axis], x, x + step) - lowest(low[axis], x, x + step);
+          const double width = maxOf(high[axis], x, x + step) - minOf(low[axis], x, x + step);
           diagonal += width * width;
         }
-        const double above = highest(high[3], x, x + step), below = -lowest(low[3], x, x + step);
+        const double above = maxOf(high[3], x, x + step), below = -minOf(low[3], x, x + step);
         e.above = std::max(e.above, above), e.below = std::max(e.below, below),
         e.between = std::max(e.between, above + below);
         e.apart = std::max(e.apart, diagonal);
       }
-      high = now;  // of the same sizes: nothing is allocated
+      high = now;  // of the same sizes, so that nothing is allocated
       low = now;
     }
     if (y % size == 0) {
       for (size_t i = 0; i < blocks; ++i) {
-        of_blocks[i].squared = highest(squared, i * size, (i + 1) * size);
-        of_blocks[i].aside = highest(aside, i * size, (i + 1) * size);
+        of_blocks[i].squared = maxOf(squared, i * size, (i + 1) * size);
+        of_blocks[i].aside = maxOf(aside, i * size, (i + 1) * size);
       }
       squared = squared_now, aside = aside_now;
     }
@@ -141,47 +143,49 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
 
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
                                    GridErrorScratch& scratch) {
-  // Both surfaces are linear on the finest grid's triangles, so they are furthest apart, in whatever direction, at its
+  // Both surfaces are linear on the finest grid's triangles, so that they are furthest apart, in any direction, at its
   // vertices.
-  const int top = finest.cells_log2;
+  const int finest_log2 = finest.cells_log2;
   std::vector<SurfaceGrid>& grids = scratch.grids;
-  std::vector<GridErrors> errors(static_cast<size_t>(top) + 1);
-  // Refined from the coarser, by cells_log2.
-  for (int log2 = static_cast<int>(grids.size()); log2 <= top; ++log2) grids.emplace_back(log2);
+  std::vector<GridErrors> errors(static_cast<size_t>(finest_log2) + 1);
+  // The coarse grid, subdivided once for each level up to the finest.
+  for (int log2 = static_cast<int>(grids.size()); log2 <= finest_log2; ++log2) grids.emplace_back(log2);
   for (auto& axis : scratch.normals) axis.resize(finest.row() * finest.row());
   unitNormals(corner_normals, finest.row(), scratch.normals);
   std::vector<Extremes> extremes;
-  std::vector<Deviation> own, finer;
-  for (int log2 = top; log2 >= 0; --log2) {
-    const auto blocks = static_cast<size_t>(errorBlocksASide(log2));
+  std::vector<Deviation> current, finer;
+  for (int log2 = finest_log2; log2 >= 0; --log2) {
+    const auto blocks = static_cast<size_t>(errorBlocksPerSide(log2));
     GridErrors& out = errors[static_cast<size_t>(log2)];
-    own.assign(blocks * blocks, {});
+    current.assign(blocks * blocks, {});
     out.mm.assign(blocks * blocks, 0.0f);
     out.shapes.assign(blocks * blocks, {0, 0, 0, 0, 0});
-    if (log2 < top) {
+    if (log2 < finest_log2) {
       SurfaceGrid& coarse = grids[static_cast<size_t>(log2)];
-      const size_t row = coarse.row(), step = size_t{1} << (top - log2);
+      const size_t row = coarse.row(), step = size_t{1} << (finest_log2 - log2);
       for (size_t axis = 0; axis < 3; ++axis)
         for (size_t y = 0; y < row; ++y)
           for (size_t x = 0; x < row; ++x)
             coarse.axes[axis][y * row + x] = finest.axes[axis][(y * finest.row() + x) * step];
-      for (int up = log2; up < top; ++up) refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
+      for (int up = log2; up < finest_log2; ++up)
+        refine(grids[static_cast<size_t>(up)], grids[static_cast<size_t>(up) + 1]);
       extremes.assign(blocks * blocks, {});
-      setUpRows(finest.row(), scratch.rows);
-      blockExtremes(grids[static_cast<size_t>(top)], finest, scratch.normals, blocks, step, scratch.rows, extremes);
-      const auto finer_blocks = static_cast<size_t>(errorBlocksASide(log2 + 1)), ratio = finer_blocks / blocks;
-      // Up a little: for the squares, and for what is drawn in single precision.
-      constexpr double kUp = 1 + 1e-6;
+      allocateRows(finest.row(), scratch.rows);
+      blockExtremes(grids[static_cast<size_t>(finest_log2)], finest, scratch.normals, blocks, step, scratch.rows,
+                    extremes);
+      const auto finer_blocks = static_cast<size_t>(errorBlocksPerSide(log2 + 1)), ratio = finer_blocks / blocks;
+      // Rounded up: for the square roots here, and because vertices are drawn in single precision.
+      constexpr double kRoundUp = 1 + 1e-6;
       for (size_t j = 0; j < blocks; ++j) {
         for (size_t i = 0; i < blocks; ++i) {
           const Extremes& e = extremes[j * blocks + i];
-          Deviation& d = own[j * blocks + i];
-          d = {std::sqrt(e.squared) * kUp,
-               e.below * kUp,
-               e.above * kUp,
-               (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kUp,
-               e.between * kUp,
-               std::sqrt(e.apart) * kUp};
+          Deviation& d = current[j * blocks + i];
+          d = {std::sqrt(e.squared) * kRoundUp,
+               e.below * kRoundUp,
+               e.above * kRoundUp,
+               (std::sqrt(e.aside) + 1e-7 * std::sqrt(e.squared)) * kRoundUp,
+               e.between * kRoundUp,
+               std::sqrt(e.apart) * kRoundUp};
           for (size_t y = 0; y < ratio; ++y)
             for (size_t x = 0; x < ratio; ++x) d = joined(d, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
           if (d.mm > 0)
@@ -190,7 +194,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
         }
       }
     }
-    std::swap(own, finer);
+    std::swap(current, finer);
   }
   return errors;
 }

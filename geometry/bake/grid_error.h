@@ -1,4 +1,5 @@
-// grid_error.h - how far coarser grids over a patch lie from its finest, at the same (u, v).
+// grid_error.h - the distance of coarser grids over a patch from its finest grid, at the same (u, v). These are the
+// errors from which the level of detail is chosen. Units: those of the grid.
 #pragma once
 
 #include <array>
@@ -11,7 +12,7 @@
 
 namespace relievo {
 
-// The vertices of a grid of 2^cells_log2 cells a side, rows of v from 0: x, y, z each in an array of its own.
+// The vertices of a grid of 2^cells_log2 cells a side, rows of v from 0, one array for each coordinate.
 struct SurfaceGrid {
   int cells_log2 = 0;
   std::array<std::vector<double>, 3> axes;
@@ -21,26 +22,29 @@ struct SurfaceGrid {
   size_t row() const { return (size_t{1} << cells_log2) + 1; }
 };
 
-// Blocks of 8 x 8 cells a side of a grid; coarser grids are one block.
-constexpr int errorBlocksASide(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
+// A grid's errors are kept for blocks of 8 x 8 cells: this many blocks a side. Grids of at most 8 cells a side are one
+// block.
+constexpr int errorBlocksPerSide(int cells_log2) { return cells_log2 > 3 ? 1 << (cells_log2 - 3) : 1; }
 
-// What is known of a grid, block by block.
+// The errors of one grid, by blocks.
 struct GridErrors {
-  std::vector<float> mm;               // upper bounds of distances
-  std::vector<DeviationShape> shapes;  // which way they lie
+  std::vector<float> mm;               // upper bounds of the distance
+  std::vector<DeviationShape> shapes;  // the direction of the distance, src/artwork/deviation.h
 };
 
-// By cells_log2 from 0 to the finest's: for each block, what the triangles (cells cut along (0,0)-(1,1)) through every
-// 2^n-th vertex leave out of those of the finest; never below those of finer grids' blocks inside it; 0 for the finest.
-// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1). Scratch: of any content; kept by the
-// caller so that one patch after the other needs no new memory.
+// The errors of all grids of a patch, indexed by cells_log2 from 0 to finest.cells_log2 (which has errors of 0). Grid k
+// consists of every 2^(finest.cells_log2 - k)-th vertex, its cells cut along (0,0)-(1,1). A block's errors are at least
+// those of the finer grids' blocks inside it.
+// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1). scratch: memory that is reused from
+// patch to patch; its content does not matter.
 struct GridErrorScratch {
   std::vector<SurfaceGrid> grids;              // by cells_log2
-  std::array<std::vector<double>, 3> normals;  // of length 1, or zero where there is none
+  std::array<std::vector<double>, 3> normals;  // of length 1, or zero where the corners' normals cancel out
   struct Rows {
-    std::array<std::vector<double>, 4> now, high,
-        low;  // x, y, z of deviations and what lies along the normal: of a row; the extremes of a row of cells
-    std::vector<double> squared_now, aside_now, squared, aside;  // the latter two of a row of blocks
+    // x, y, z of the deviation and its component along the normal: in the current row of vertices, and its extremes
+    // over a row of cells.
+    std::array<std::vector<double>, 4> now, high, low;
+    std::vector<double> squared_now, aside_now, squared, aside;  // the latter two: over a row of blocks
   };
   Rows rows;
 };

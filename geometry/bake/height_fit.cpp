@@ -9,15 +9,16 @@
 namespace relievo {
 namespace {
 
-// Of data of weight 0, beside 1 .. 255; and how firmly a node stays where it was: it decides where data do not.
-constexpr float kNoWeight = 0.25f, kStay = 0.5f;
-// Gauss and Seidel's, there and back, with the ranges below: the matrix is that of overlapping tents, whose condition
-// is small, so that a sweep takes the error to less than a half.
+// The weight of data of weight 0, beside 1 to 255; and the weight of a node's initial value, which decides where data
+// do not.
+constexpr float kUnresolvedWeight = 0.25f, kRegularisation = 0.5f;
+// Gauss-Seidel sweeps, in alternating order. The matrix is that of overlapping hat functions, whose condition number is
+// small: a sweep more than halves the error.
 constexpr int kSweeps = 12;
 
-float weightOf(uint8_t w) { return w ? static_cast<float>(w) : kNoWeight; }
+float weightOf(uint8_t w) { return w ? static_cast<float>(w) : kUnresolvedWeight; }
 
-// A node stays among the heights of its own cells: at walls the best fit would overshoot them, as any smooth one does.
+// Bounds a node by the data in its own cells, since an unbounded fit overshoots at steps.
 struct Range {
   float low, high;
   void add(float h) {
@@ -31,10 +32,10 @@ struct Range {
 void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
   const size_t n = nodes.size() - 1, ratio = (data.heights.size() - 1) / n;
   assert(data.heights.size() == n * ratio + 1 && data.weights.size() == data.heights.size());
-  std::vector<double> diagonal(n + 1, kStay), next(n + 1, 0.0), right(n + 1);
+  std::vector<double> diagonal(n + 1, kRegularisation), off_diagonal(n + 1, 0.0), right_side(n + 1);
   std::vector<Range> ranges(n + 1);
   for (size_t i = 0; i <= n; ++i) {
-    right[i] = double{kStay} * nodes[i];
+    right_side[i] = double{kRegularisation} * nodes[i];
     ranges[i] = {nodes[i], nodes[i]};
   }
   for (size_t i = 0; i < data.heights.size(); ++i) {
@@ -43,16 +44,17 @@ void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
                  h = data.heights[i];
     diagonal[cell] += w * (1 - t) * (1 - t);
     diagonal[cell + 1] += w * t * t;
-    next[cell] += w * t * (1 - t);
-    right[cell] += w * (1 - t) * h;
-    right[cell + 1] += w * t * h;
+    off_diagonal[cell] += w * t * (1 - t);
+    right_side[cell] += w * (1 - t) * h;
+    right_side[cell + 1] += w * t * h;
     if (data.weights[i] == 0) continue;
     ranges[cell].add(data.heights[i]);
     ranges[cell + 1].add(data.heights[i]);
   }
   auto relax = [&](size_t i) {
-    const double others = (i > 0 ? next[i - 1] * nodes[i - 1] : 0.0) + (i < n ? next[i] * nodes[i + 1] : 0.0);
-    nodes[i] = std::clamp(static_cast<float>((right[i] - others) / diagonal[i]), ranges[i].low, ranges[i].high);
+    const double others =
+        (i > 0 ? off_diagonal[i - 1] * nodes[i - 1] : 0.0) + (i < n ? off_diagonal[i] * nodes[i + 1] : 0.0);
+    nodes[i] = std::clamp(static_cast<float>((right_side[i] - others) / diagonal[i]), ranges[i].low, ranges[i].high);
   };
   const size_t first = ends == Ends::kFixed ? 1 : 0, count = n + 1 - 2 * first;
   for (int sweep = 0; sweep < kSweeps; ++sweep)
@@ -61,10 +63,10 @@ void fitLine(const HeightData& data, Ends ends, std::span<float> nodes) {
 
 namespace {
 
-// A node's normal equation: its own coefficient, those of the next nodes along u, along v and along the diagonal, and
-// the right side.
+// The normal equation of a node: its coefficient, those of the neighbours along u, along v and along the diagonal, and
+// the right-hand side.
 struct Equation {
-  float self = kStay, east = 0, south = 0, diagonal = 0, right = 0;
+  float self = kRegularisation, east = 0, south = 0, diagonal = 0, right_side = 0;
   Range range{};
 };
 
@@ -73,7 +75,7 @@ RELIEVO_SIMD_CLONES void solveGrid(const HeightData& data, size_t data_row, std:
   const size_t n = row - 1, ratio = (data_row - 1) / n;
   assert(data_row == n * ratio + 1 && data.heights.size() == data_row * data_row && nodes.size() == row * row);
   for (size_t i = 0; i < equations.size(); ++i) {
-    equations[i].right = kStay * nodes[i];
+    equations[i].right_side = kRegularisation * nodes[i];
     equations[i].range = {nodes[i], nodes[i]};
   }
   const float step = 1.0f / static_cast<float>(ratio);
@@ -95,9 +97,9 @@ RELIEVO_SIMD_CLONES void solveGrid(const HeightData& data, size_t data_row, std:
       (above ? a->east : a->south) += w * wa * wb;
       (above ? b->south : b->east) += w * wb * wd;
       a->diagonal += w * wa * wd;
-      a->right += w * wa * h;
-      b->right += w * wb * h;
-      d->right += w * wd * h;
+      a->right_side += w * wa * h;
+      b->right_side += w * wb * h;
+      d->right_side += w * wd * h;
       if (data.weights[y * data_row + x] == 0) continue;
       for (Equation* e : {a, b, d}) e->range.add(h);
     }
@@ -107,7 +109,7 @@ RELIEVO_SIMD_CLONES void solveGrid(const HeightData& data, size_t data_row, std:
     const float others = e.east * nodes[i + 1] + equations[i - 1].east * nodes[i - 1] + e.south * nodes[i + row] +
                          equations[i - row].south * nodes[i - row] + e.diagonal * nodes[i + row + 1] +
                          equations[i - row - 1].diagonal * nodes[i - row - 1];
-    nodes[i] = std::clamp((e.right - others) / e.self, e.range.low, e.range.high);
+    nodes[i] = std::clamp((e.right_side - others) / e.self, e.range.low, e.range.high);
   };
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
     for (size_t k = 1; k < n; ++k)

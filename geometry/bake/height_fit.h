@@ -1,7 +1,7 @@
-// height_fit.h - heights at the vertices of a grid, chosen so that the triangles between them lie closest to more
-// heights than there are vertices (weighted least squares), not through those at the vertices; each within the range of
-// the heights around it. Two steps, so that patches can share a side: along the side alone first, then inside with the
-// border as it is. Pure; the same input gives the same bits.
+// height_fit.h - weighted least squares for a height field: heights at the vertices of a grid such that the triangles
+// between them lie closest to denser data. Each height stays within the range of the data in its own cells.
+// A shared side is fitted alone first (fitLine), then each interior with its border fixed (fitGrid), so that patches
+// agree on their sides. Pure; the same input gives the same bits.
 #pragma once
 
 #include <cstddef>
@@ -10,19 +10,19 @@
 
 namespace relievo {
 
-// Heights at evenly spaced places of a line or a grid, weights 0 .. 255; those of weight 0 hardly count.
+// Heights at evenly spaced points of a line or a grid, with weights 0 to 255. Data of weight 0 hardly count.
 struct HeightData {
   std::span<const float> heights;
   std::span<const uint8_t> weights;
 };
 
-// nodes: n + 1 values at every r-th of the n r + 1 data; in: those that count where no data do; out: the fit. Fixed
-// ends are not changed.
+// nodes: n + 1 heights, at every r-th of the n r + 1 data. On entry they hold the values to fall back to where data
+// have no weight, on return the fit. Fixed ends do not change.
 enum class Ends { kFree, kFixed };
 void fitLine(const HeightData& data, Ends ends, std::span<float> nodes);
 
-// nodes: (n + 1)^2, rows of v; data: (n r + 1)^2 alike. Cells' triangles are cut along (0,0)-(1,1). The border's nodes
-// are not changed.
+// nodes: (n + 1)^2 heights, rows of v; data: (n r + 1)^2. Cells are cut into triangles along (0,0)-(1,1). Nodes on the
+// border do not change.
 void fitGrid(const HeightData& data, size_t data_row, std::span<float> nodes, size_t row);
 
 }  // namespace relievo

@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kMaxAutoCellsLog2 = 10;
 constexpr uint64_t kMaxSamples = uint64_t{1} << 32;
-// Lines for a fit.
-constexpr double kManyLines = 1 << 23, kMostLines = 1 << 26;
+// Numbers of lines: below the first, tracing takes seconds; above the second, minutes.
+constexpr double kCheapLines = 1 << 23, kMaxLines = 1 << 26;
 
 double diagonalOf(const TriMesh& mesh) {
   glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
@@ -28,19 +28,19 @@ double diagonalOf(const TriMesh& mesh) {
 
 class HeightSearch {
  public:
-  HeightSearch(const BakeGround& ground, const BakeOptions& options, BakeReport& report)
-      : ground_(ground),
+  HeightSearch(const BakeContext& context, const BakeOptions& options, BakeReport& report)
+      : context_(context),
         options_(options),
         report_(report),
-        vertices_(static_cast<double>(ground.mesh->positions_mm.size())),
-        tolerance_mm_(options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * diagonalOf(*ground.mesh)) {}
+        vertices_(static_cast<double>(context.mesh->positions_mm.size())),
+        tolerance_mm_(options.tolerance_mm > 0 ? options.tolerance_mm : 1e-4 * diagonalOf(*context.mesh)) {}
 
   Result<BakedHeights> run() {
     report_.tolerance_mm = tolerance_mm_;
-    const int least_log2 = automatic() ? leastCells() : options_.cells_log2;
-    if (count(least_log2) > static_cast<double>(kMaxSamples))
+    const int min_log2 = automatic() ? minCellsLog2() : options_.cells_log2;
+    if (count(min_log2) > static_cast<double>(kMaxSamples))
       return Error{ErrorKind::kUsage, "", "more than 2^32 relief samples: ask for fewer patches or fewer cells", ""};
-    auto done = automatic() ? fromCoarse(least_log2) : asAsked(least_log2);
+    auto done = automatic() ? searchFromCoarse(min_log2) : bakeRequested(min_log2);
     if (!done) return done.error();
     if (report_.deviation_mm <= tolerance_mm_) report_.limit = BakeLimit::kNone;
     else if (report_.limit == BakeLimit::kNone) report_.limit = BakeLimit::kCells;
@@ -49,108 +49,110 @@ class HeightSearch {
 
  private:
   bool automatic() const { return options_.cells_log2 < 0; }
-  double count(int log2) const { return std::ldexp(static_cast<double>(ground_.layout.patches), 2 * log2); }
-  // Unless a tolerance says what does not matter, the scan's own detail does: at least a sample for two vertices.
-  int leastCells() const {
-    const double least = vertices_ / (options_.tolerance_mm > 0 ? 256 : 2);
+  double count(int log2) const { return std::ldexp(static_cast<double>(context_.layout.patches), 2 * log2); }
+  // Without a given tolerance there is at least one sample for two vertices, so that the scan's own detail is kept.
+  int minCellsLog2() const {
+    const double min_samples = vertices_ / (options_.tolerance_mm > 0 ? 256 : 2);
     int log2 = 1;
-    while (log2 < kMaxAutoCellsLog2 && count(log2) < least) ++log2;
+    while (log2 < kMaxAutoCellsLog2 && count(log2) < min_samples) ++log2;
     return log2;
   }
-  // Lines for a fit: four times as many as samples; sixteen times where that takes no more than some seconds (0.5 dB
-  // better). None where it took minutes, or where the samples are so dense already that more would only find the scan's
-  // own triangles again.
-  int finer(int log2) const {
-    const double most_lines = automatic() ? std::clamp(16 * vertices_, kManyLines, kMostLines) : kMostLines;
-    return log2 + (count(log2 + 2) <= kManyLines ? 2 : count(log2 + 1) <= most_lines ? 1 : 0);
+  // The grid that is traced for a fit: 16 times as many lines as samples where that takes seconds only (0.5 dB better
+  // than 4 times), otherwise 4 times as many; the samples alone where more would take minutes, or would only find the
+  // scan's own triangles again.
+  int tracedLog2(int log2) const {
+    const double max_lines = automatic() ? std::clamp(16 * vertices_, kCheapLines, kMaxLines) : kMaxLines;
+    return log2 + (count(log2 + 2) <= kCheapLines ? 2 : count(log2 + 1) <= max_lines ? 1 : 0);
   }
 
-  Result<void> asAsked(int log2) {
-    if (auto looked = look(options_.fit ? finer(log2) : log2); !looked) return looked;
-    return options_.fit ? takeFit(log2, log2) : takeScan(log2);
+  Result<void> bakeRequested(int log2) {
+    if (auto traced = traceTo(options_.fit ? tracedLog2(log2) : log2); !traced) return traced;
+    return options_.fit ? useFittedHeights(log2, log2) : useScanHeights(log2);
   }
-  Result<void> fromCoarse(int least_log2);
-  BakeLimit limitAt(int log2, double before) const;
+  Result<void> searchFromCoarse(int min_log2);
+  BakeLimit limitAt(int log2, double previous_mm) const;
 
-  // Lines for 2^log2 cells a patch, unless there are as many.
-  Result<void> look(int log2) {
+  // Traces at least 2^log2 cells for each patch.
+  Result<void> traceTo(int log2) {
     if (traced_.cells_log2 >= log2) return {};
-    auto traced = traceSamples(ground_, log2, probes_, [this](double done) {
+    auto traced = traceSamples(context_, log2, probes_, [this](double done) {
       if (options_.progress) options_.progress(0.3 + 0.6 * done);
     });
     if (!traced) return traced.error();
     traced_ = std::move(*traced);
     return {};
   }
-  // The scan's own heights, at 2^log2 cells a patch.
-  Result<void> takeScan(int log2) {
-    const SampleLayout& l = ground_.layout;
+  // Bakes the scan's own heights at 2^log2 cells for each patch.
+  Result<void> useScanHeights(int log2) {
+    const SampleLayout& l = context_.layout;
     const size_t n = size_t{1} << log2;
-    keep(l.everyOther<float>(traced_.heights, size_t{1} << traced_.cells_log2, n), log2, false);
+    store(l.subsampled<float>(traced_.heights, size_t{1} << traced_.cells_log2, n), log2, false);
     report_.samples = usedCorners() + l.count(n - 1) - l.corners;
     return {};
   }
-  // Heights of at most 2^log2 cells a patch, fitted to what is known.
-  Result<void> takeFit(int least_log2, int log2) {
-    auto fitted = fitHeights(ground_, traced_, {least_log2, log2, tolerance_mm_});
+  // Bakes heights that are fitted to the traced ones, at 2^min_log2 to 2^log2 cells for each patch.
+  Result<void> useFittedHeights(int min_log2, int log2) {
+    auto fitted = fitHeights(context_, traced_, {min_log2, log2, tolerance_mm_});
     if (!fitted) return Error{ErrorKind::kInterrupted, "", "interrupted", ""};
-    keep(fitted->heights, log2, true);
+    store(fitted->heights, log2, true);
     report_.samples = usedCorners() + fitted->samples;
     return {};
   }
   uint64_t usedCorners() const {
-    return static_cast<uint64_t>(std::count(ground_.used.begin(), ground_.used.end(), 1));
+    return static_cast<uint64_t>(std::count(context_.corner_used.begin(), context_.corner_used.end(), 1));
   }
-  void keep(const std::vector<float>& heights, int log2, bool fitted) {
+  void store(const std::vector<float>& heights, int log2, bool fitted) {
     const auto weights =
-        ground_.layout.everyOther<uint8_t>(traced_.weights, size_t{1} << traced_.cells_log2, size_t{1} << log2);
+        context_.layout.subsampled<uint8_t>(traced_.weights, size_t{1} << traced_.cells_log2, size_t{1} << log2);
     baked_ = BakedHeights(heights, log2);
     report_.cells_log2 = log2;
     report_.by_closest_point = static_cast<uint64_t>(std::count(weights.begin(), weights.end(), 0));
     report_.fitted = fitted;
-    report_.deviation_mm = deviationAtProbes(ground_, baked_, probes_);
+    report_.deviation_mm = deviationAtProbes(context_, baked_, probes_);
   }
 
-  const BakeGround& ground_;
+  const BakeContext& context_;
   const BakeOptions& options_;
   BakeReport& report_;
   const double vertices_, tolerance_mm_;
-  Traced traced_;
+  TracedHeights traced_;
   std::vector<Probe> probes_;
   BakedHeights baked_;
 };
 
-// Dense scans keep the tolerance with their own heights, and are baked sooner.
-Result<void> HeightSearch::fromCoarse(int least_log2) {
+// Doubles the cells until the tolerance is kept, or finer grids do not help. Where the coarsest grid keeps it, as with
+// dense scans, no fit is needed.
+Result<void> HeightSearch::searchFromCoarse(int min_log2) {
   const double& deviation = report_.deviation_mm;
-  int log2 = least_log2;
-  for (double before = std::numeric_limits<double>::infinity();; before = deviation, ++log2) {
-    if (auto looked = look(log2); !looked) return looked;
-    if (auto taken = takeScan(log2); !taken) return taken;
+  int log2 = min_log2;
+  for (double previous_mm = std::numeric_limits<double>::infinity();; previous_mm = deviation, ++log2) {
+    if (auto traced = traceTo(log2); !traced) return traced;
+    if (auto taken = useScanHeights(log2); !taken) return taken;
     if (deviation <= tolerance_mm_) break;
-    report_.limit = limitAt(log2, before);
+    report_.limit = limitAt(log2, previous_mm);
     if (report_.limit != BakeLimit::kNone) break;
   }
-  if (!options_.fit || (deviation <= tolerance_mm_ && log2 == least_log2)) return {};
+  if (!options_.fit || (deviation <= tolerance_mm_ && log2 == min_log2)) return {};
   if (deviation > tolerance_mm_)
-    if (auto looked = look(finer(log2)); !looked) return looked;
-  return takeFit(least_log2, log2);
+    if (auto traced = traceTo(tracedLog2(log2)); !traced) return traced;
+  return useFittedHeights(min_log2, log2);
 }
 
-// Why grids finer than 2^log2 cells are not tried. before: the deviation of the grid before it.
-BakeLimit HeightSearch::limitAt(int log2, double before) const {
-  // Small scans may have sharp edges that patches cross: four million samples take about a second.
-  const double most = std::max(vertices_ * (options_.tolerance_mm > 0 ? 256 : 16), 4.0 * (1 << 20));
-  // Finer than the scan, and hardly better: what is left is not a matter of samples.
-  if (count(log2) > 4 * vertices_ && report_.deviation_mm > 0.8 * before) return BakeLimit::kShape;
+// Why grids finer than 2^log2 cells are not tried; kNone: they are. previous_mm: the deviation of the next coarser
+// grid.
+BakeLimit HeightSearch::limitAt(int log2, double previous_mm) const {
+  // Small scans may have sharp edges that cross patches. Four million samples take about a second.
+  const double max_samples = std::max(vertices_ * (options_.tolerance_mm > 0 ? 256 : 16), 4.0 * (1 << 20));
+  // The grid is finer than the scan and hardly better than the one before: what is left does not depend on samples.
+  if (count(log2) > 4 * vertices_ && report_.deviation_mm > 0.8 * previous_mm) return BakeLimit::kShape;
   if (log2 >= kMaxAutoCellsLog2) return BakeLimit::kCells;
-  return count(log2 + 1) > most ? BakeLimit::kSamples : BakeLimit::kNone;
+  return count(log2 + 1) > max_samples ? BakeLimit::kSamples : BakeLimit::kNone;
 }
 
 }  // namespace
 
-Result<BakedHeights> searchHeights(const BakeGround& ground, const BakeOptions& options, BakeReport& report) {
-  return HeightSearch(ground, options, report).run();
+Result<BakedHeights> searchHeights(const BakeContext& context, const BakeOptions& options, BakeReport& report) {
+  return HeightSearch(context, options, report).run();
 }
 
 }  // namespace relievo

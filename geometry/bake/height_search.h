@@ -1,7 +1,7 @@
-// height_search.h - how many cells a patch a bake takes, and the heights of their samples.
+// height_search.h - chooses the number of cells of a bake, and the heights of their samples.
 #pragma once
 
-#include "geometry/bake/bake_ground.h"
+#include "geometry/bake/bake_context.h"
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/mesh_bake.h"
 #include "src/base/result.h"
@@ -10,8 +10,8 @@ namespace relievo {
 
 inline constexpr int kMaxCellsLog2 = 14;
 
-// Options as MeshBake::create() checks them; progress from 0.3 to 0.9. Notes cells, samples, tolerance, deviation and
-// limit in the report. Errors: kUsage where more than 2^32 samples are asked for; kInterrupted.
-Result<BakedHeights> searchHeights(const BakeGround& ground, const BakeOptions& options, BakeReport& report);
+// options: checked by MeshBake::create(); progress runs from 0.3 to 0.9. Fills the report's cells, samples, tolerance,
+// deviation and limit. Errors: kUsage if more than 2^32 samples were needed; kInterrupted.
+Result<BakedHeights> searchHeights(const BakeContext& context, const BakeOptions& options, BakeReport& report);
 
 }  // namespace relievo

@@ -8,12 +8,12 @@
 #include <string>
 #include <utility>
 
-#include "geometry/bake/bake_ground.h"
+#include "geometry/bake/bake_context.h"
 #include "geometry/bake/bake_texels.h"
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/height_search.h"
-#include "geometry/bake/line_sweep.h"
-#include "geometry/bake/plane_image.h"
+#include "geometry/bake/line_rasteriser.h"
+#include "geometry/bake/mip_image.h"
 #include "geometry/bake/vertex_normals.h"
 #include "geometry/mesh/ray_scene.h"
 #include "src/base/parallel_for.h"
@@ -21,22 +21,22 @@
 namespace relievo {
 
 struct MeshBake::Impl {
-  BakeGround ground;
+  BakeContext context;
   BakedHeights baked;
   BakeTexture texture;
   BakeReport report;
-  std::vector<std::vector<GridErrors>> errors;  // by patch, then as gridErrors() has them
+  std::vector<std::vector<GridErrors>> errors;  // for each patch, as gridErrors() returns them
   double error_unit_mm = 0;
 
-  Impl(const TriMesh& mesh, const BaseMesh& base) : ground(mesh, base) {}
+  Impl(const TriMesh& mesh, const BaseMesh& base) : context(mesh, base) {}
 };
 
 namespace {
 
 Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted", ""}; }
 
-Result<void> checkBake(const TriMesh& mesh, const MeshBake::Image& image, const BaseMesh& base,
-                       const BakeOptions& options) {
+Result<void> validate(const TriMesh& mesh, const MeshBake::Image& image, const BaseMesh& base,
+                      const BakeOptions& options) {
   auto usage = [](std::string what) { return Error{ErrorKind::kUsage, "", std::move(what), ""}; };
   if (options.cells_log2 != -1 && (options.cells_log2 < 1 || options.cells_log2 > kMaxCellsLog2))
     return usage("relief cells a patch: expected 2^1 to 2^" + std::to_string(kMaxCellsLog2) + ", found 2^" +
@@ -54,44 +54,44 @@ Result<void> checkBake(const TriMesh& mesh, const MeshBake::Image& image, const 
   return {};
 }
 
-// The image where the mesh has texture coordinates for it.
+// The texture: the image if the mesh has texture coordinates for it.
 BakeTexture textureOf(const TriMesh& mesh, const MeshBake::Image& image) {
   BakeTexture texture;
   if (image.texels.empty() || mesh.corner_uv.empty()) return texture;
   texture.planes = image.planes;
   texture.image =
-      PlaneImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats);
+      MipImage(image.width, image.height, image.channels, image.texels, image.planes ? 16 : 0, image.repeats);
   return texture;
 }
 
-// How far coarser grids lie from each patch's finest, as gridErrors() has them. Empty: interrupted.
-std::vector<std::vector<GridErrors>> errorsOf(const BakeGround& ground, const BakedHeights& baked,
-                                              const std::function<void(double)>& progress) {
-  constexpr size_t kPatchesAJob = 16;
-  const size_t patches = ground.base.patches.size();
+// The errors of each patch's grids (gridErrors()). Empty: the bake was interrupted.
+std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context, const BakedHeights& baked,
+                                                     const std::function<void(double)>& progress) {
+  constexpr size_t kPatchesPerJob = 16;
+  const size_t patches = context.base.patches.size();
   std::vector<std::vector<GridErrors>> errors(patches);
-  const bool done =
-      parallelFor((patches + kPatchesAJob - 1) / kPatchesAJob, ground.workers, ground.interrupted,
-                  [&](size_t job) {
-                    SurfaceGrid finest(kPageCellsLog2 + baked.reliefDepth());
-                    GridErrorScratch scratch;
-                    for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob); ++p) {
-                      if (ground.stopped()) return;
-                      baked.surface(ground, static_cast<uint32_t>(p), finest);
-                      std::array<glm::dvec3, 4> normals;
-                      for (size_t k = 0; k < 4; ++k) normals[k] = ground.base.corners[ground.base.patches[p][k]].normal;
-                      errors[p] = gridErrors(finest, normals, scratch);
-                    }
-                  },
-                  [&](size_t taken) {
-                    if (progress)
-                      progress(std::min(1.0, static_cast<double>(taken * kPatchesAJob) / static_cast<double>(patches)));
-                  });
+  const bool done = parallelFor(
+      (patches + kPatchesPerJob - 1) / kPatchesPerJob, context.workers, context.interrupted,
+      [&](size_t job) {
+        SurfaceGrid finest(kPageCellsLog2 + baked.reliefDepth());
+        GridErrorScratch scratch;
+        for (size_t p = job * kPatchesPerJob; p < std::min(patches, (job + 1) * kPatchesPerJob); ++p) {
+          if (context.stopped()) return;
+          baked.surface(context, static_cast<uint32_t>(p), finest);
+          std::array<glm::dvec3, 4> normals;
+          for (size_t k = 0; k < 4; ++k) normals[k] = context.base.corners[context.base.patches[p][k]].normal;
+          errors[p] = gridErrors(finest, normals, scratch);
+        }
+      },
+      [&](size_t taken) {
+        if (progress)
+          progress(std::min(1.0, static_cast<double>(taken * kPatchesPerJob) / static_cast<double>(patches)));
+      });
   if (!done) errors.clear();
   return errors;
 }
 
-// What the largest error of all fits into 16 bits with.
+// The unit in which the largest error fits into 16 bits.
 double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double relief_scale_mm) {
   float largest = 0;
   for (const auto& by_grid : errors)
@@ -105,14 +105,14 @@ double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double reli
 
 Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
   BakeScene out;
-  const bool swept = mesh.triangles.size() >= options.sweep_from_triangles;
+  const bool rasterise = mesh.triangles.size() >= options.rasterise_from_triangles;
   auto rays = RayScene::create(mesh, {.interrupted = options.interrupted,
                                       .region_triangles = options.region_triangles,
                                       .budget_bytes = options.ray_bytes,
-                                      .at_once = !swept});
+                                      .at_once = !rasterise});
   if (!rays) return rays.error();
   out.rays = std::move(*rays);
-  if (swept) out.sweep = std::make_shared<const LineSweep>(mesh, options.workers);
+  if (rasterise) out.rasteriser = std::make_shared<const LineRasteriser>(mesh, options.workers);
   std::vector<glm::vec3> normals;
   if (!makeVertexNormals(mesh, options.workers, options.interrupted, normals)) return interruptedError();
   out.normals = std::make_shared<const std::vector<glm::vec3>>(std::move(normals));
@@ -121,7 +121,7 @@ Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& opt
 
 MeshBake::MeshBake(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 MeshBake::~MeshBake() = default;
-const BaseMesh& MeshBake::base() const { return impl_->ground.base; }
+const BaseMesh& MeshBake::base() const { return impl_->context.base; }
 const BakeReport& MeshBake::report() const { return impl_->report; }
 int MeshBake::textureDepth() const { return impl_->report.texture_depth; }
 int MeshBake::reliefDepth() const { return impl_->baked.reliefDepth(); }
@@ -130,61 +130,63 @@ double MeshBake::reliefScaleMm() const { return impl_->baked.scale_mm; }
 double MeshBake::errorUnitMm() const { return impl_->error_unit_mm; }
 
 Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Image& image, const BaseMesh& base,
-                                                   const BakeOptions& given, BakeScene scene) {
+                                                   const BakeOptions& requested, BakeScene scene) {
   const auto started = std::chrono::steady_clock::now();
-  BakeOptions options = given;
-  if (given.progress) {  // grids tried one after the other never lead backwards
-    options.progress = [&given, most = 0.0](double done) mutable { given.progress(most = std::max(most, done)); };
+  BakeOptions options = requested;
+  if (requested.progress) {  // progress must not run backwards when several grids are tried
+    options.progress = [&requested, most = 0.0](double done) mutable {
+      requested.progress(most = std::max(most, done));
+    };
   }
   auto progress = [&](double done) {
     if (options.progress) options.progress(done);
   };
-  if (auto sound = checkBake(mesh, image, base, options); !sound) return sound.error();
+  if (auto sound = validate(mesh, image, base, options); !sound) return sound.error();
   auto impl = std::make_unique<Impl>(mesh, base);
-  impl->ground.workers = options.workers;
-  impl->ground.interrupted = options.interrupted;
+  impl->context.workers = options.workers;
+  impl->context.interrupted = options.interrupted;
   impl->texture = textureOf(mesh, image);
   if (!scene.rays) {
     auto made = makeBakeScene(mesh, {.workers = options.workers, .interrupted = options.interrupted});
     if (!made) return made.error();
     scene = std::move(*made);
   }
-  impl->ground.scene = std::move(scene.rays);
-  impl->ground.sweep = std::move(scene.sweep);
-  impl->ground.normals = std::move(scene.normals);
+  impl->context.scene = std::move(scene.rays);
+  impl->context.rasteriser = std::move(scene.rasteriser);
+  impl->context.normals = std::move(scene.normals);
   progress(0.3);
 
-  auto baked = searchHeights(impl->ground, options, impl->report);
+  auto baked = searchHeights(impl->context, options, impl->report);
   if (!baked) return baked.error();
   impl->baked = std::move(*baked);
-  chooseTexelSize(impl->ground, options.texture_depth, impl->texture);
+  chooseTextureResolution(impl->context, options.texture_depth, impl->texture);
   impl->report.texture_depth = impl->texture.depth;
-  impl->errors = errorsOf(impl->ground, impl->baked, [&](double done) { progress(0.9 + 0.1 * done); });
+  impl->errors = errorsOfPatches(impl->context, impl->baked, [&](double done) { progress(0.9 + 0.1 * done); });
   if (impl->errors.empty()) return interruptedError();
   impl->error_unit_mm = errorUnit(impl->errors, impl->baked.scale_mm);
-  if (auto sound = impl->ground.scene->status(); !sound) return sound.error();
+  if (auto sound = impl->context.scene->status(); !sound) return sound.error();
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   progress(1);
   return std::unique_ptr<MeshBake>(new MeshBake(std::move(impl)));
 }
 
 Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
-  impl_->baked.finest(impl_->ground, patch, out);
+  impl_->baked.finest(impl_->context, patch, out);
   return {};
 }
 
-const GridErrors& MeshBake::errorsOfCells(uint32_t patch, int cells_log2) const {
+const GridErrors& MeshBake::errorsOfGrid(uint32_t patch, int cells_log2) const {
   return impl_->errors[patch][static_cast<size_t>(cells_log2)];
 }
-float MeshBake::errorOfCells(uint32_t patch, int cells_log2) const {
-  const std::vector<float>& mm = errorsOfCells(patch, cells_log2).mm;
+float MeshBake::errorOfGrid(uint32_t patch, int cells_log2) const {
+  const std::vector<float>& mm = errorsOfGrid(patch, cells_log2).mm;
   return *std::max_element(mm.begin(), mm.end());
 }
 
 Result<void> MeshBake::texels(uint32_t patch, std::span<uint8_t> out) const {
   const Impl& b = *impl_;
-  return bakeTexels(b.ground, b.baked, b.texture, b.report.deviation_mm, patch, out) ? Result<void>()
-                                                                                     : interruptedError();
+  return bakeTexels(b.context, b.baked, b.texture, b.report.deviation_mm, patch, out) ? Result<void>()
+                                                                                      : interruptedError();
 }
 
 }  // namespace relievo

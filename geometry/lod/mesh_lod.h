@@ -1,14 +1,16 @@
-// mesh_lod.h - lod.h for artworks over a base mesh. Particulars:
-//   places  PatchInstance::x0, y0 count from the patch's corner (0, 0), in units of its finest relief cells:
-//           0 .. 128 << relief_depth along u and v
-//   heights every vertex is a sample of the page that it is displaced from: nothing is interpolated, so that both
-//           sides of an edge have the same bits
-//   errors  distances in space (texturing/package/patch_source.h), against the finest surface at the same (u, v)
-//   grids   may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel
-//   wants   with tails: any page; without: pages below the roots, those of level 0 are taken for resident, always
-//   edges   where patches meet, nodes are balanced 2:1, too, and their sides may run either way
-//           (src/artwork/base_mesh.h)
-// Pure but for its scratch memory: not for several threads at once.
+// mesh_lod.h - the level of detail (lod.h) of artworks over a base mesh. It differs from that of flat artworks as
+// follows:
+// - PatchInstance::x0, y0 count from the patch's corner (0, 0), in units of its finest relief cells: 0 to
+//   128 << relief_depth along u and v.
+// - Every vertex is a sample of the page that displaces it. Heights are never interpolated, so that both sides of an
+//   edge have the same bits.
+// - Errors are distances in space from the finest surface at the same (u, v) (texturing/package/patch_source.h).
+// - Grids may have a single cell: 0 <= PatchInstance::grid_level <= kMaxGridLevel.
+// - With tails any page may be requested. Without them only pages below the roots are, and pages of level 0 count as
+//   resident.
+// - Nodes are balanced 2:1 across patch borders, too, where sides may run in either direction (base_mesh.h).
+//
+// Pure but for its scratch memory: one thread at a time.
 #pragma once
 
 #include <array>

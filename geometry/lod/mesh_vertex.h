@@ -1,11 +1,12 @@
 // mesh_vertex.h - the CPU reference of the vertex shader's geometry for artworks over a base mesh (shaders/patch.vert,
 // MESH). Shared vertices get the same bits from every patch, node and level, also on a GPU that contracts a * b + c to
-// fma wherever it likes, as long as it does so alike for all vertices of a program:
-//   inside a patch   the same patch, (u, v) and height: the same operations on the same numbers
-//   on a side        ends ordered by their corner's index, then lo * (1 - t) + hi * t by one piece of code for all four
-//   sides at a corner      t = 0 or 1: x * 1 + y * 0 is x, contracted or not (but for the sign of a zero, which shows
-//   nowhere)
-// u, v and t are dyadic, below 2^-24 never: exact. Heights are samples: integers, the same in every page.
+// fma, as long as it contracts alike for all vertices of a program:
+// - Inside a patch, the same patch, (u, v) and height give the same operations on the same numbers.
+// - On a side, the ends are ordered by their corner's index; one piece of code computes lo * (1 - t) + hi * t for all
+//   four sides.
+// - At a corner, t is 0 or 1, and x * 1 + y * 0 is x, contracted or not (but for the sign of a zero, which has no
+//   effect).
+// u, v and t are multiples of 2^-24, hence exact. Heights are samples: integers, the same in every page.
 #pragma once
 
 #include <array>

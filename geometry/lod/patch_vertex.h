@@ -1,17 +1,17 @@
 // patch_vertex.h - the CPU reference of the vertex shader's geometry (shaders/patch.vert): instance and grid vertex in,
-// absolute place and height out, all in integers, so that two nodes that share a vertex get the same bits whatever
+// absolute position and height out, all in integers, so that two nodes that share a vertex get the same bits whatever
 // their levels and pages are.
 //
-// What must fit (the shader has 32-bit integers only), U = texture_depth + 11 the log2 of a patch's side in units:
-//   place    x, y < 2^31 units: the artwork's longer side, in whole patches, is below 2^27 texels
-//   height   sample spacing 2^sr units, sr = U - page level - 7; fractions are cut to 15 bits, so that
-//            q * 2^15 < 2^31 fits int32. Nothing is lost that both sides would not lose alike: a vertex with a non-zero
-//            fraction is only drawn from pages of the finest level (relief_depth), the same one on both sides.
-//   result   units of 2^-8 of a 16-bit sample step, below 2^24: exact in fp32, so height_mm = offset + scale * (h /
-//   256) has the
-//            same bits everywhere (one range for the artwork)
-//   depth    sr >= 0, that is relief_depth <= texture_depth + 4 (kUnitsPerTexelLog2): samples are never finer than a
-//   unit
+// The shader has 32-bit integers only. With U = texture_depth + 11, the log2 of a patch's side in units, these must
+// fit:
+// - Positions x and y stay below 2^31 units, since the artwork's longer side, in whole patches, is below 2^27 texels.
+// - Heights: samples are 2^sr units apart, sr = U - page level - 7. Fractions are cut to 15 bits, so that q * 2^15 fits
+//   int32. Both sides of an edge lose the same: a vertex with a non-zero fraction is drawn only from pages of the
+//   finest level (relief_depth), the same one on both sides.
+// - The resulting height is in units of 2^-8 of a 16-bit sample step and below 2^24, hence exact in fp32. Therefore
+//   height_mm = offset + scale * (h / 256) has the same bits everywhere (the artwork has one range).
+// - Depth: sr >= 0, that is, relief_depth <= texture_depth + 4 (kUnitsPerTexelLog2), since samples are never finer than
+//   a unit.
 #pragma once
 
 #include <algorithm>

@@ -11,7 +11,6 @@
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/remesh/base_fit.h"
-#include "geometry/remesh/base_place.h"
 #include "geometry/remesh/base_quads.h"
 #include "geometry/remesh/base_reduce.h"
 #include "geometry/remesh/base_sheet.h"
@@ -19,12 +18,13 @@
 #include "geometry/remesh/base_topology.h"
 #include "geometry/remesh/chunk_reduce.h"
 #include "geometry/remesh/coarse_mesh.h"
+#include "geometry/remesh/corner_placement.h"
 
 namespace relievo {
 
 namespace {
 
-// The scan in units of its bounding box's diagonal, about its centre.
+// Normalised coordinates: relative to the bounding box's centre, in units of its diagonal.
 struct Frame {
   glm::dvec3 centre{0};
   double diagonal = 1;
@@ -35,7 +35,7 @@ Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) 
   glm::vec3 lo(std::numeric_limits<float>::infinity()), hi = -lo;
   for (const auto& t : triangles) {
     for (uint32_t v : t) {
-      if (v >= points.size()) return {};  // refused later
+      if (v >= points.size()) return {};  // makeSurface() refuses it later
       lo = glm::min(lo, points[v]);
       hi = glm::max(hi, points[v]);
     }
@@ -43,59 +43,61 @@ Frame frameOf(const std::vector<glm::vec3>& points, const Triangles& triangles) 
   return {(glm::dvec3(lo) + glm::dvec3(hi)) / 2.0, glm::length(glm::dvec3(hi) - glm::dvec3(lo))};
 }
 
-// What of the surface's area may be lost in undercuts where the number of patches is free; more patches than the last
-// of the numbers keep too many pages pinned.
-constexpr double kLostEnough = 0.0015;
-constexpr double kWorthIt = 0.75;
+// The share of the surface's area that may be lost in undercuts if the number of patches is free; by what factor more
+// patches must lower the cost; the sine of an angle that counts as flat; and the numbers of patches to try. More
+// patches than the last would pin too many pages.
+constexpr double kAcceptableLoss = 0.0015;
+constexpr double kMinGain = 0.75;
 constexpr double kFlatSine = 0.2;
-constexpr uint32_t kNumbers[] = {64, 160, 320, 560, 800};
-// Of a scan along a sheet's patch: half as many as a bake of its own accord gives it cells (mesh_bake.cpp).
-constexpr double kVerticesAlong = 512;
-// What bases are made from at first, and at most where a scan needs many patches.
-constexpr size_t kReducedTriangles = 24000, kMostReducedTriangles = 160000;
-// Sides at a sixteenth of what they are elsewhere.
-constexpr float kMostWeight = 65536.0f;
-// Of a base, spread over its patches by their area, when it is judged.
-constexpr size_t kJudgedCells = 40000;
+constexpr uint32_t kPatchCounts[] = {64, 160, 320, 560, 800};
+// The scan's vertices along a side of a sheet's patch: half as many as the cells that a bake chooses at most
+// (height_search.cpp).
+constexpr double kVerticesPerSide = 512;
+// Triangles of the reduced scan: at first, and at most if many patches are needed.
+constexpr size_t kReducedTriangles = 24000, kMaxReducedTriangles = 160000;
+// The largest weight: 16 halves a side, so that 16^4 makes sides a 16th as long.
+constexpr float kMaxWeight = 65536.0f;
+// Cells of a base at which it is evaluated.
+constexpr size_t kEvaluationCells = 40000;
 
 struct Candidate {
   QuadMesh quads;
   Regions regions;
-  size_t folded = 0, flat = 0;  // corners; flat: along borders, in quads with angles of nearly 0 or 180 degrees
-  double lost = 1;              // Fit
-  double deviation = 0;         // borderDeviation
+  size_t folded = 0, flat = 0;  // numbers of corners; flat: at borders, with an angle of nearly 0 or 180 degrees
+  double lost_area = 1;         // as in Fit
+  double deviation = 0;         // as borderDeviation() returns it
   bool empty() const { return quads.n_faces() == 0; }
-  // A folded corner spoils a part of its quads; a flat one wastes samples.
-  double badness() const {
+  // A weighted sum: a folded corner spoils a part of its quads, a flat one wastes samples.
+  double cost() const {
     if (empty()) return 2;
-    return lost +
+    return lost_area +
            (0.3 * static_cast<double>(folded) + 0.015 * static_cast<double>(flat)) /
                static_cast<double>(quads.n_vertices()) +
            deviation;
   }
 };
 
-// How much farther than it must (by feature curve) the scan's border strays from the base's sides: deviationFromSide.
-double borderDeviation(const QuadMesh& m, std::span<const FeatureCurve> curves, std::span<const double> must) {
+// By how much the scan's borders exceed the allowed deviation (one for each feature curve) from the base's sides.
+double borderDeviation(const QuadMesh& m, std::span<const FeatureCurve> curves, std::span<const double> allowed) {
   double deviation = 0;
   auto end = [&](const SmartHalfedgeHandle& h) {
-    return CurveEnd{m.point(h.from()), m.normal(h.from()), m.data(h).step.along};
+    return CurveEnd{m.point(h.from()), m.normal(h.from()), m.data(h).curve_position.arc_length};
   };
   for (const auto e : m.edges()) {
-    const uint32_t curve = m.data(e.h0()).step.curve;
+    const uint32_t curve = m.data(e.h0()).curve_position.curve;
     if (curve == kNoIndex || !curves[curve].border) continue;
-    deviation = std::max(deviation, deviationFromSide(curves[curve], end(e.h0()), end(e.h1())) - must[curve]);
+    deviation = std::max(deviation, deviationFromSide(curves[curve], end(e.h0()), end(e.h1())) - allowed[curve]);
   }
   return deviation;
 }
 
-// Borders without what heights bring back, as far as that is known: the heights of a relief over a plane.
+// Projects borders along the view direction of a relief, since heights restore deviations along it.
 std::vector<FeatureCurve> flattened(std::vector<FeatureCurve> curves, const ViewDirection& view_direction) {
   if (!isRelief(view_direction)) return curves;
   for (FeatureCurve& curve : curves) {
     for (size_t i = 0; i < curve.points.size(); ++i) {
       curve.points[i] -= view_direction.direction * glm::dot(curve.points[i], view_direction.direction);
-      curve.at[i] = i ? curve.at[i - 1] + glm::length(curve.points[i] - curve.points[i - 1]) : 0;
+      curve.arc_lengths[i] = i ? curve.arc_lengths[i - 1] + glm::length(curve.points[i] - curve.points[i - 1]) : 0;
     }
   }
   return curves;
@@ -103,34 +105,35 @@ std::vector<FeatureCurve> flattened(std::vector<FeatureCurve> curves, const View
 
 bool isSet(const std::atomic<bool>* interrupted) { return interrupted && interrupted->load(std::memory_order_relaxed); }
 
-struct Maker {
+struct BaseMeshBuilder {
   TriangleMesh surface;
   size_t pieces;
   double area;
-  ScanLookup scan;
+  ScanSurface scan;
   std::vector<FeatureCurve> curves;
   ViewDirection view_direction;
   size_t scan_vertices;
   std::vector<FeatureCurve> flat_curves;
-  std::vector<double> allowed_deviation;  // of a border feature curve, be there ever so many patches
-  std::vector<uint8_t> strict;  // by feature curve: it was missed, and is followed closely however rough; or empty
+  std::vector<double> allowed_deviation;  // for each border feature curve, at the largest number of patches
+  // For each feature curve: it was missed, and is to be followed closely however rough it is; or empty.
+  std::vector<uint8_t> follow_closely;
   const std::atomic<bool>* interrupted;
 
-  // Empty if the scan is no four-sided sheet, or its border is not followed by a grid.
-  Candidate sheet(uint32_t patches) const {
-    uint32_t times = 1;
-    if (const size_t few = sheetQuads(curves, pieces, scan, 0).n_faces(); few && !patches) {
-      times = static_cast<uint32_t>(
-          std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(few)) / kVerticesAlong));
+  // A grid over a four-sided sheet; empty if the scan is none, or its border deviates from the grid too far.
+  Candidate makeSheet(uint32_t patches) const {
+    uint32_t multiple = 1;
+    if (const size_t fewest = sheetQuads(curves, pieces, scan, 0).n_faces(); fewest && !patches) {
+      multiple = static_cast<uint32_t>(
+          std::ceil(std::sqrt(static_cast<double>(scan_vertices) / static_cast<double>(fewest)) / kVerticesPerSide));
     }
-    for (uint32_t tries = 0; tries < 4; ++tries, times *= 2) {
-      Candidate c{.quads = sheetQuads(curves, pieces, scan, patches, times)};
+    for (uint32_t tries = 0; tries < 4; ++tries, multiple *= 2) {
+      Candidate c{.quads = sheetQuads(curves, pieces, scan, patches, multiple)};
       if (c.empty()) break;
       c.regions = cornerRegions(c.quads, surface, scan);
       if (isRelief(view_direction)) {
         for (const auto v : c.quads.vertices()) c.quads.set_normal(v, view_direction.direction);
       } else {
-        placeNormals(c.quads, surface, c.regions, scan);
+        assignNormals(c.quads, surface, c.regions, scan);
       }
       c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
       if (c.deviation <= 0) return c;
@@ -139,28 +142,28 @@ struct Maker {
     return {};
   }
 
-  // Of each border feature curve by sides of so many squares; of creases: 1.
-  std::vector<double> deviationFor(double squares, double within) const {
+  // The allowed deviation of each border feature curve if `squares` square patches cover the area; 1 for creases.
+  std::vector<double> deviationFor(double squares, double tolerance) const {
     std::vector<double> deviation(flat_curves.size(), 1.0);
     for (size_t r = 0; r < deviation.size(); ++r) {
       if (!flat_curves[r].border) continue;
-      deviation[r] = r < strict.size() && strict[r]
+      deviation[r] = r < follow_closely.size() && follow_closely[r]
                          ? 0.25 * kBorderDeviation
-                         : deviationForSides(flat_curves[r], std::sqrt(area / squares), within);
+                         : deviationForSides(flat_curves[r], std::sqrt(area / squares), tolerance);
     }
     return deviation;
   }
 
-  // split: makeQuads. Empty without it where triangles find no partner.
+  // split: as makeQuads() has it; without it the result is empty if triangles find no partner.
   Candidate make(uint32_t triangles, bool split, const std::vector<float>& weight) const {
     TriangleMesh coarse = surface;
-    // Halved sides of a curve stray a quarter as far.
+    // The split halves a curve's sides, which then deviate a quarter as far.
     const std::vector<double> deviation =
         deviationFor(triangles * std::sqrt(3.0) / 4, (split ? 4 : 1) * kBorderDeviation);
     simplify(coarse, {.triangles = triangles,
                       .weight = weight,
                       .curves = curves,
-                      .deviation = deviation,
+                      .allowed_deviation = deviation,
                       .interrupted = interrupted});
     flipEdges(coarse);
     Candidate c{.quads = makeQuads(coarse, curves, split)};
@@ -169,68 +172,70 @@ struct Maker {
     for (int round = 0; round < 4; ++round) {
       if (isSet(interrupted)) return {};
       if (round) relaxQuads(c.quads, curves, scan, 8);
-      if (round == 3) settleBorders(c.quads, curves, allowed_deviation);
+      if (round == 3) fitBorderCorners(c.quads, curves, allowed_deviation);
       c.regions = cornerRegions(c.quads, surface, scan);
       placeCorners(c.quads, surface, c.regions, scan);
     }
-    placeNormals(c.quads, surface, c.regions, scan);
+    assignNormals(c.quads, surface, c.regions, scan);
     untangleQuads(c.quads, curves, scan);
     return c;
   }
 
   Candidate make(uint32_t patches, const std::vector<float>& weight) const {
-    // Few are better had without the split: its quads are four from one.
-    for (uint32_t more = 0; patches < 32 && more < 3; ++more) {
-      Candidate c = make(2 * patches + 2 * more, false, weight);
+    // Few patches are made without the split, since it makes four quads of each pair.
+    for (uint32_t extra = 0; patches < 32 && extra < 3; ++extra) {
+      Candidate c = make(2 * patches + 2 * extra, false, weight);
       if (c.empty() || 10 * c.quads.n_faces() > 13 * patches) continue;
-      bool fair = true;
-      for (const auto v : c.quads.vertices()) fair = fair && leastSine(c.quads, v) > 0.2;
-      if (fair) return c;
+      bool well_shaped = true;
+      for (const auto v : c.quads.vertices()) well_shaped = well_shaped && minSine(c.quads, v) > 0.2;
+      if (well_shaped) return c;
     }
     return make(std::max(4u, patches / 2), true, weight);
   }
 
-  // How badly the candidate lies. Where it lost the surface, the next one gets smaller patches: weight.
-  void judge(Candidate& c, std::vector<float>& weight, bool closely) const {
-    const size_t cells = closely ? std::max(kJudgedCells, 40 * c.quads.n_faces()) : kJudgedCells;
-    const Fit fit = judgeFit(c.quads, surface, scan, cells, closely);
+  // Evaluates a candidate, and raises the weights where it lost the surface, so that the next one gets smaller patches
+  // there.
+  void evaluate(Candidate& c, std::vector<float>& weight, bool detailed) const {
+    const size_t cells = detailed ? std::max(kEvaluationCells, 40 * c.quads.n_faces()) : kEvaluationCells;
+    const Fit fit = measureFit(c.quads, surface, scan, cells, detailed);
     for (const auto v : c.quads.vertices()) {
-      c.folded += folds(c.quads, v);
-      c.flat += v.is_boundary() && !c.quads.data(v).fixed && leastSine(c.quads, v) < kFlatSine;
+      c.folded += isFolded(c.quads, v);
+      c.flat += v.is_boundary() && !c.quads.data(v).fixed && minSine(c.quads, v) < kFlatSine;
     }
-    c.lost = fit.lost;
+    c.lost_area = fit.lost_area;
     c.deviation = borderDeviation(c.quads, curves, allowed_deviation);
     raiseWeights(fit, c.quads, surface, c.regions, weight);
   }
 };
 
-// Patches near one another in space near one another in the list, and corners in the order of the patches: what bakes
-// and streams them finds what it needs together.
+// Sorts patches along a space-filling curve, and corners by the patches, so that bakes and streaming find neighbours
+// together.
 void orderPatches(BaseMesh& base) {
   glm::vec3 low(std::numeric_limits<float>::infinity()), high = -low;
   for (const BaseCorner& c : base.corners) {
     low = glm::min(low, c.position_mm);
     high = glm::max(high, c.position_mm);
   }
-  std::vector<std::pair<uint32_t, std::array<uint32_t, 4>>> keyed;
+  std::vector<std::pair<uint32_t, std::array<uint32_t, 4>>> sorted_patches;
   for (const auto& patch : base.patches) {
     glm::vec3 centre(0);
     for (uint32_t c : patch) centre += 0.25f * base.corners[c].position_mm;
-    keyed.emplace_back(placeOnCurve(centre, low, high), patch);
+    sorted_patches.emplace_back(placeOnCurve(centre, low, high), patch);
   }
-  std::stable_sort(keyed.begin(), keyed.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
-  std::vector<uint32_t> name(base.corners.size(), kNoIndex);
+  std::stable_sort(sorted_patches.begin(), sorted_patches.end(),
+                   [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<uint32_t> new_index(base.corners.size(), kNoIndex);
   std::vector<BaseCorner> corners;
-  auto named = [&](uint32_t c) {
-    if (name[c] == kNoIndex) {
-      name[c] = static_cast<uint32_t>(corners.size());
+  auto indexOf = [&](uint32_t c) {
+    if (new_index[c] == kNoIndex) {
+      new_index[c] = static_cast<uint32_t>(corners.size());
       corners.push_back(base.corners[c]);
     }
-    return name[c];
+    return new_index[c];
   };
-  for (size_t p = 0; p < keyed.size(); ++p)
-    for (size_t k = 0; k < 4; ++k) base.patches[p][k] = named(keyed[p].second[k]);
-  for (uint32_t c = 0; c < name.size(); ++c) named(c);
+  for (size_t p = 0; p < sorted_patches.size(); ++p)
+    for (size_t k = 0; k < 4; ++k) base.patches[p][k] = indexOf(sorted_patches[p].second[k]);
+  for (uint32_t c = 0; c < new_index.size(); ++c) indexOf(c);
   base.corners = std::move(corners);
 }
 
@@ -240,18 +245,19 @@ void report(const BaseDomainOptions& options, double done) {
   if (options.progress) options.progress(done);
 }
 
-// The whole scan in its frame; of a dense one what some `wanted` triangles are reduced from.
-Result<Surface> surfaceOf(const TriMesh& mesh, const BaseDomainOptions& options, size_t wanted, Frame& frame) {
-  if (mesh.triangles.size() >= kManyTriangles && mesh.triangles.size() >= 16 * wanted) {
+// The scan's surface in normalised coordinates. A dense scan is reduced to four times `target_triangles` first.
+Result<Surface> normalisedSurface(const TriMesh& mesh, const BaseDomainOptions& options, size_t target_triangles,
+                                  Frame& frame) {
+  if (mesh.triangles.size() >= kManyTriangles && mesh.triangles.size() >= 16 * target_triangles) {
     frame = frameOf(mesh.positions_mm, mesh.triangles);
-    auto thinned = thinnedByRuns(mesh, {.triangles = 4 * wanted,
-                                        .centre = frame.centre,
-                                        .diagonal = frame.diagonal,
-                                        .workers = options.workers,
-                                        .progress = [&](double done) { report(options, 0.4 * done); },
-                                        .interrupted = options.interrupted});
+    auto reduced = reduceByChunks(mesh, {.triangles = 4 * target_triangles,
+                                         .centre = frame.centre,
+                                         .diagonal = frame.diagonal,
+                                         .workers = options.workers,
+                                         .progress = [&](double done) { report(options, 0.4 * done); },
+                                         .interrupted = options.interrupted});
     if (isSet(options.interrupted)) return interruptedError();
-    if (thinned) return std::move(*thinned);
+    if (reduced) return std::move(*reduced);
   }
   auto whole = makeSurface(mesh.positions_mm, mesh.triangles);
   if (!whole) return whole.error();
@@ -276,8 +282,8 @@ Result<void> checkAreas(const Surface& scan, const Frame& frame, double mm_per_u
   return {};
 }
 
-std::vector<BorderLine> bordersOf(const Surface& scan) {
-  std::vector<BorderLine> borders;
+std::vector<BorderLoop> bordersOf(const Surface& scan) {
+  std::vector<BorderLoop> borders;
   for (const auto& loop : scan.loops) {
     borders.push_back({loop, {}});
     for (uint32_t v : loop) borders.back().points.push_back(scan.points[v]);
@@ -285,34 +291,35 @@ std::vector<BorderLine> bordersOf(const Surface& scan) {
   return borders;
 }
 
-// The least bad of several numbers of patches; empty where none was found.
-Result<Candidate> bestOf(const Maker& maker, const BaseDomainOptions& options, std::vector<float>& weight) {
-  // A number of patches: three times, with smaller patches where the surface was lost. None: ever more, too.
-  std::vector<uint32_t> numbers(3, options.patches);
-  if (options.patches == 0) numbers.assign(std::begin(kNumbers), std::end(kNumbers));
+// The best candidate over several numbers of patches; empty if there is none.
+Result<Candidate> bestCandidate(const BaseMeshBuilder& builder, const BaseDomainOptions& options,
+                                std::vector<float>& weight) {
+  // A given number is tried three times, with smaller patches where the surface was lost. A free one grows, too.
+  std::vector<uint32_t> patch_counts(3, options.patches);
+  if (options.patches == 0) patch_counts.assign(std::begin(kPatchCounts), std::end(kPatchCounts));
   Candidate best;
-  int in_vain = 0;
-  size_t last = 0;  // patches of the candidate before
-  for (size_t i = 0; i < numbers.size(); ++i) {
+  int rounds_without_gain = 0;
+  size_t last = 0;  // patches of the previous candidate
+  for (size_t i = 0; i < patch_counts.size(); ++i) {
     if (isSet(options.interrupted)) return interruptedError();
-    Candidate candidate = i == 0 ? maker.sheet(options.patches) : Candidate{};
-    // Whatever is lost of a relief's walls is due to the fit's coarse grids.
-    if (!candidate.empty() && isRelief(maker.view_direction)) return candidate;
-    // Small pieces take what their topology needs, and no less: numbers at or below that bring nothing new.
-    if (options.patches == 0 && i > 0 && 5 * last > 6 * numbers[i]) continue;
-    if (candidate.empty()) candidate = maker.make(numbers[i], weight);
+    Candidate candidate = i == 0 ? builder.makeSheet(options.patches) : Candidate{};
+    // A relief loses nothing: what the evaluation would report stems from its coarse cells.
+    if (!candidate.empty() && isRelief(builder.view_direction)) return candidate;
+    // Small pieces need a minimum of patches: numbers below what the last candidate had bring nothing new.
+    if (options.patches == 0 && i > 0 && 5 * last > 6 * patch_counts[i]) continue;
+    if (candidate.empty()) candidate = builder.make(patch_counts[i], weight);
     if (isSet(options.interrupted)) return interruptedError();
-    report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(numbers.size() + 1));
+    report(options, 0.5 + 0.5 * static_cast<double>(i + 1) / static_cast<double>(patch_counts.size() + 1));
     if (candidate.empty()) continue;
     last = candidate.quads.n_faces();
-    maker.judge(candidate, weight, false);
-    const bool enough = candidate.badness() <= (options.patches ? kLostEnough / 10 : kLostEnough);
-    // More patches must be worth it: borders of steps, say, take ever more of them and never fit.
-    const double least_gain = options.patches || best.empty() ? 1 : kWorthIt;
-    const bool gain = candidate.badness() < least_gain * best.badness();
+    builder.evaluate(candidate, weight, false);
+    const bool enough = candidate.cost() <= (options.patches ? kAcceptableLoss / 10 : kAcceptableLoss);
+    // More patches must lower the cost clearly: borders with steps, say, take ever more of them and never fit.
+    const double least_gain = options.patches || best.empty() ? 1 : kMinGain;
+    const bool gain = candidate.cost() < least_gain * best.cost();
     if (gain) best = std::move(candidate);
-    in_vain = gain ? 0 : in_vain + 1;
-    if (enough || (options.patches == 0 && in_vain == 2)) break;
+    rounds_without_gain = gain ? 0 : rounds_without_gain + 1;
+    if (enough || (options.patches == 0 && rounds_without_gain == 2)) break;
   }
   return best;
 }
@@ -323,7 +330,7 @@ BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3&
   for (const auto v : quads.vertices())
     base.corners.push_back(
         {glm::vec3(quads.point(v) * frame.diagonal + frame.centre), glm::vec3(glm::normalize(quads.normal(v)))});
-  // Against the clock from (0, 0): down, right, up (base_mesh.h, orientation).
+  // Counter-clockwise from (0, 0): down, right, up (base_mesh.h, orientation).
   for (const auto f : quads.faces()) {
     std::array<uint32_t, 4> patch;
     size_t k = 0;
@@ -334,25 +341,27 @@ BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3&
   return base;
 }
 
-// What base meshes are made from: the reduced scan in its frame.
-struct Ground {
+// The reduced scan, from which base meshes are made, in normalised coordinates.
+struct ReducedScan {
   Frame frame;
-  std::vector<BorderLine> borders;
+  std::vector<BorderLoop> borders;
   Reduced reduced;
-  TriMesh triangles;  // the reduced surface's
+  TriMesh triangles;  // of the reduced surface
   std::unique_ptr<RayScene> scene;
   ViewDirection view_direction;
 
-  glm::dvec3 placeOf(const glm::dvec3& p) const { return (p - frame.centre) / frame.diagonal; }
+  glm::dvec3 toFrame(const glm::dvec3& p) const { return (p - frame.centre) / frame.diagonal; }
 };
 
-bool isWhole(const Ground& g, const TriMesh& mesh) { return g.triangles.triangles.size() >= mesh.triangles.size(); }
+bool isUnreduced(const ReducedScan& g, const TriMesh& mesh) {
+  return g.triangles.triangles.size() >= mesh.triangles.size();
+}
 
-// Of some `wanted` triangles, each corner of `patches` patches owning several.
-Result<Ground> groundOf(const TriMesh& mesh, const BaseDomainOptions& options, size_t wanted, size_t patches,
-                        const ViewDirection* known) {
-  Ground out;
-  auto scan = surfaceOf(mesh, options, wanted, out.frame);
+// Reduces the scan to about target_triangles, but so that each corner of `patches` patches owns several of them.
+Result<ReducedScan> reduceScan(const TriMesh& mesh, const BaseDomainOptions& options, size_t target_triangles,
+                               size_t patches, const ViewDirection* known) {
+  ReducedScan out;
+  auto scan = normalisedSurface(mesh, options, target_triangles, out.frame);
   if (!scan) return scan.error();
   if (auto sound = checkAreas(*scan, out.frame, options.mm_per_unit); !sound) return sound.error();
   while (scan->triangles.size() < std::max<size_t>(4000, 8 * patches)) *scan = subdivided(*scan);
@@ -361,13 +370,13 @@ Result<Ground> groundOf(const TriMesh& mesh, const BaseDomainOptions& options, s
   if (known) {
     out.view_direction = *known;
   } else if (scan->pieces.size() == 1) {
-    // Of the scan itself: the reduced one's walls lean over.
+    // Computed from the scan itself, since reduction tilts steep walls.
     out.view_direction = viewDirectionOf(mesh.positions_mm, mesh.triangles, options.workers, options.interrupted);
   }
   if (isSet(options.interrupted)) return interruptedError();
-  if (!known && options.scan_done) options.scan_done();
+  if (!known && options.on_serial_phase) options.on_serial_phase();
   out.borders = bordersOf(*scan);
-  out.reduced = reduceSurface(std::move(*scan), wanted, borderCorners(out.borders), options.interrupted);
+  out.reduced = reduceSurface(std::move(*scan), target_triangles, borderCorners(out.borders), options.interrupted);
   if (isSet(options.interrupted)) return interruptedError();
   report(options, 0.5);
   out.triangles.positions_mm = out.reduced.surface.points;
@@ -375,23 +384,23 @@ Result<Ground> groundOf(const TriMesh& mesh, const BaseDomainOptions& options, s
   return out;
 }
 
-// The ground must stay where it is.
-Result<Maker> makerOf(Ground& ground, size_t scan_vertices, uint32_t most_patches,
-                      const std::atomic<bool>* interrupted) {
-  auto scene = RayScene::create(ground.triangles, interrupted);
+// reduced_scan must outlive the result and not move.
+Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertices, uint32_t max_patches,
+                                  const std::atomic<bool>* interrupted) {
+  auto scene = RayScene::create(reduced_scan.triangles, interrupted);
   if (!scene) return scene.error();
-  ground.scene = std::move(*scene);
-  Maker maker{.surface = halfEdgesOf(ground.reduced.surface),
-              .pieces = ground.reduced.surface.pieces.size(),
-              .area = areaOf(ground.reduced.surface),
-              .scan = {ground.triangles, *ground.scene},
-              .view_direction = ground.view_direction,
-              .scan_vertices = scan_vertices,
-              .interrupted = interrupted};
-  maker.curves = findFeatureCurves(ground.borders, ground.reduced.vertex, maker.surface);
-  maker.flat_curves = flattened(maker.curves, ground.view_direction);
-  maker.allowed_deviation = maker.deviationFor(most_patches, kBorderDeviation);
-  return maker;
+  reduced_scan.scene = std::move(*scene);
+  BaseMeshBuilder builder{.surface = halfEdgeMeshOf(reduced_scan.reduced.surface),
+                          .pieces = reduced_scan.reduced.surface.pieces.size(),
+                          .area = areaOf(reduced_scan.reduced.surface),
+                          .scan = {reduced_scan.triangles, *reduced_scan.scene},
+                          .view_direction = reduced_scan.view_direction,
+                          .scan_vertices = scan_vertices,
+                          .interrupted = interrupted};
+  builder.curves = findFeatureCurves(reduced_scan.borders, reduced_scan.reduced.vertex, builder.surface);
+  builder.flat_curves = flattened(builder.curves, reduced_scan.view_direction);
+  builder.allowed_deviation = builder.deviationFor(max_patches, kBorderDeviation);
+  return builder;
 }
 
 }  // namespace
@@ -399,46 +408,46 @@ Result<Maker> makerOf(Ground& ground, size_t scan_vertices, uint32_t most_patche
 struct BaseDomain::Impl {
   const TriMesh& mesh;
   BaseDomainOptions options;
-  std::unique_ptr<Ground> ground;
-  std::optional<Maker> maker;
-  std::vector<float> weight;  // of the reduced surface's vertices
-  Candidate last;             // the base that was made last
+  std::unique_ptr<ReducedScan> reduced_scan;
+  std::optional<BaseMeshBuilder> builder;
+  std::vector<float> weight;  // for each vertex of the reduced surface
+  Candidate last;             // the last base mesh
 
   Result<BaseMesh> finish(Candidate candidate) {
     last = std::move(candidate);
     if (last.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-    BaseMesh base = baseMeshOf(last.quads, ground->frame, mesh.origin_mm);
+    BaseMesh base = baseMeshOf(last.quads, reduced_scan->frame, mesh.origin_mm);
     if (std::string problem = baseMeshProblem(base); !problem.empty())
       return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
     return base;
   }
-  Result<void> prepare(size_t wanted, uint32_t patches, const ViewDirection* known) {
-    auto made = groundOf(mesh, options, wanted, patches, known);
+  Result<void> prepare(size_t target_triangles, uint32_t patches, const ViewDirection* known) {
+    auto made = reduceScan(mesh, options, target_triangles, patches, known);
     if (!made) return made.error();
-    auto next = std::make_unique<Ground>(std::move(*made));
-    auto made_maker =
-        makerOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kNumbers)[-1]), options.interrupted);
-    if (!made_maker) return made_maker.error();
-    // What is known of the surface so far.
+    auto next = std::make_unique<ReducedScan>(std::move(*made));
+    auto made_builder =
+        builderOf(*next, mesh.positions_mm.size(), std::max(patches, std::end(kPatchCounts)[-1]), options.interrupted);
+    if (!made_builder) return made_builder.error();
+    // Transfer the weights found so far to the new surface.
     std::vector<float> moved(next->triangles.positions_mm.size(), 1.0f);
     if (!weight.empty()) {
       for (size_t v = 0; v < moved.size(); ++v) {
-        const SurfacePoint at = ground->scene->closestPoint(glm::dvec3(next->triangles.positions_mm[v]));
+        const SurfacePoint at = reduced_scan->scene->closestPoint(glm::dvec3(next->triangles.positions_mm[v]));
         if (!at) continue;
-        for (uint32_t w : ground->triangles.triangles[at.triangle]) moved[v] = std::max(moved[v], weight[w]);
+        for (uint32_t w : reduced_scan->triangles.triangles[at.triangle]) moved[v] = std::max(moved[v], weight[w]);
       }
     }
     weight = std::move(moved);
-    maker.reset();
+    builder.reset();
     last.regions.clear();
-    ground = std::move(next);
-    maker.emplace(std::move(*made_maker));
+    reduced_scan = std::move(next);
+    builder.emplace(std::move(*made_builder));
     return {};
   }
-  std::vector<float> factorsOf(std::span<const BaseMiss> misses) const;
-  void followBorders(std::span<const BaseMiss> misses);
-  Result<Candidate> leastBad(uint32_t patches, uint32_t most_patches);
-  uint32_t patchesFor(const std::vector<float>& factor) const;
+  std::vector<float> refinementFactors(std::span<const RefineRequest> requests) const;
+  void followBordersClosely(std::span<const RefineRequest> requests);
+  Result<Candidate> bestOfTries(uint32_t patches, uint32_t max_patches);
+  uint32_t patchCountFor(const std::vector<float>& factor) const;
 };
 
 BaseDomain::BaseDomain(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -450,30 +459,30 @@ Result<std::unique_ptr<BaseDomain>> BaseDomain::create(const TriMesh& mesh, cons
     return Error{ErrorKind::kUsage, {}, "more than 2^20 patches are asked for", "ask for fewer", {}};
   report(options, 0);
   auto impl = std::unique_ptr<Impl>(new Impl{.mesh = mesh, .options = options});
-  // What is coarser than some 24 edges of a base made of these.
-  const size_t wanted = std::max<size_t>(kReducedTriangles, 3 * size_t{options.patches});
-  if (auto done = impl->prepare(wanted, options.patches, nullptr); !done) return done.error();
+  // A base's patch then has about 24 triangles.
+  const size_t target_triangles = std::max<size_t>(kReducedTriangles, 3 * size_t{options.patches});
+  if (auto done = impl->prepare(target_triangles, options.patches, nullptr); !done) return done.error();
   return std::unique_ptr<BaseDomain>(new BaseDomain(std::move(impl)));
 }
 
 Result<BaseMesh> BaseDomain::make() {
   Impl& d = *impl_;
   d.weight.clear();
-  auto best = bestOf(*d.maker, d.options, d.weight);
+  auto best = bestCandidate(*d.builder, d.options, d.weight);
   if (!best) return best.error();
   auto base = d.finish(std::move(*best));
   if (base) report(d.options, 1);
   return base;
 }
 
-// How much finer the surface around its vertices is to be: 16 halves the patches' sides.
-std::vector<float> BaseDomain::Impl::factorsOf(std::span<const BaseMiss> misses) const {
-  const TriangleMesh& s = maker->surface;
+// For each vertex, the increase of the patch density around it: 16 halves the patches' sides.
+std::vector<float> BaseDomain::Impl::refinementFactors(std::span<const RefineRequest> requests) const {
+  const TriangleMesh& s = builder->surface;
   std::vector<float> factor(s.n_vertices(), 1.0f), next;
-  for (const BaseMiss& miss : misses) {
-    const SurfacePoint at = ground->scene->closestPoint(ground->placeOf(miss.place_mm));
+  for (const RefineRequest& request : requests) {
+    const SurfacePoint at = reduced_scan->scene->closestPoint(reduced_scan->toFrame(request.position_mm));
     if (!at) continue;
-    for (uint32_t v : ground->triangles.triangles[at.triangle]) factor[v] = std::max(factor[v], miss.factor);
+    for (uint32_t v : reduced_scan->triangles.triangles[at.triangle]) factor[v] = std::max(factor[v], request.factor);
   }
   for (int ring = 0; ring < 3; ++ring) {
     next = factor;
@@ -484,38 +493,40 @@ std::vector<float> BaseDomain::Impl::factorsOf(std::span<const BaseMiss> misses)
   return factor;
 }
 
-// Borders that were missed are followed closely.
-void BaseDomain::Impl::followBorders(std::span<const BaseMiss> misses) {
-  const TriangleMesh& s = maker->surface;
-  std::vector<uint8_t> strict(maker->curves.size(), 0);
-  for (const BaseMiss& miss : misses) {
-    const SurfacePoint at = ground->scene->closestPoint(ground->placeOf(miss.place_mm));
+// Marks the feature curves of borders that were missed.
+void BaseDomain::Impl::followBordersClosely(std::span<const RefineRequest> requests) {
+  const TriangleMesh& s = builder->surface;
+  std::vector<uint8_t> follow_closely(builder->curves.size(), 0);
+  for (const RefineRequest& request : requests) {
+    const SurfacePoint at = reduced_scan->scene->closestPoint(reduced_scan->toFrame(request.position_mm));
     if (!at) continue;
     for (const auto v : s.fv_range(FaceHandle(static_cast<int>(at.triangle))))
       for (const auto h : OpenMesh::make_smart(v, s).outgoing_halfedges())
-        if (h.edge().is_boundary() && s.data(h).step) strict[s.data(h).step.curve] = 1;
+        if (h.edge().is_boundary() && s.data(h).curve_position) follow_closely[s.data(h).curve_position.curve] = 1;
   }
-  for (size_t r = 0; r < std::min(strict.size(), maker->strict.size()); ++r) strict[r] |= maker->strict[r];
-  maker->strict = std::move(strict);
+  for (size_t r = 0; r < std::min(follow_closely.size(), builder->follow_closely.size()); ++r)
+    follow_closely[r] |= builder->follow_closely[r];
+  builder->follow_closely = std::move(follow_closely);
 }
 
-// Of a few, each with smaller patches where the one before lost the surface: one patch that folds over spoils much.
-Result<Candidate> BaseDomain::Impl::leastBad(uint32_t patches, uint32_t most_patches) {
+// The best of a few candidates, each with smaller patches where the one before lost the surface, since one folded patch
+// spoils much.
+Result<Candidate> BaseDomain::Impl::bestOfTries(uint32_t patches, uint32_t max_patches) {
   constexpr int kTries = 3;
-  constexpr double kLittle = 1e-4;
+  constexpr double kNegligibleLoss = 1e-4;
   Candidate best;
-  std::vector<float> tried = weight, best_weight = weight;
+  std::vector<float> tried_weight = weight, best_weight = weight;
   for (int tries = 0; tries < kTries; ++tries) {
-    Candidate c = maker->make(std::min(patches, most_patches), tried);
+    Candidate c = builder->make(std::min(patches, max_patches), tried_weight);
     if (isSet(options.interrupted)) return interruptedError();
     if (c.empty()) continue;
-    const std::vector<float> used = tried;
-    maker->judge(c, tried, true);
-    for (float& w : tried) w = std::min(w, kMostWeight);
-    const bool enough = c.lost <= kLittle;
-    if (best.empty() || c.badness() < best.badness()) {
+    const std::vector<float> used_weight = tried_weight;
+    builder->evaluate(c, tried_weight, true);
+    for (float& w : tried_weight) w = std::min(w, kMaxWeight);
+    const bool enough = c.lost_area <= kNegligibleLoss;
+    if (best.empty() || c.cost() < best.cost()) {
       best = std::move(c);
-      best_weight = used;
+      best_weight = used_weight;
     }
     if (enough) break;
     patches += patches / 12;
@@ -524,10 +535,10 @@ Result<Candidate> BaseDomain::Impl::leastBad(uint32_t patches, uint32_t most_pat
   return best;
 }
 
-// So many that those where the factor is 1 stay as large as they are.
-uint32_t BaseDomain::Impl::patchesFor(const std::vector<float>& factor) const {
+// The number of patches at which those where the factor is 1 keep their size.
+uint32_t BaseDomain::Impl::patchCountFor(const std::vector<float>& factor) const {
   const auto& quads = last.quads;
-  const Regions regions = last.regions.empty() ? cornerRegions(quads, maker->surface, maker->scan) : last.regions;
+  const Regions regions = last.regions.empty() ? cornerRegions(quads, builder->surface, builder->scan) : last.regions;
   std::vector<double> finer(quads.n_vertices(), 0), count(quads.n_vertices(), 0);
   for (size_t v = 0; v < factor.size(); ++v) {
     if (!regions[v].is_valid()) continue;
@@ -539,25 +550,26 @@ uint32_t BaseDomain::Impl::patchesFor(const std::vector<float>& factor) const {
   return static_cast<uint32_t>(static_cast<double>(quads.n_faces()) * sum / static_cast<double>(count.size()));
 }
 
-Result<BaseMesh> BaseDomain::refine(std::span<const BaseMiss> misses, uint32_t most_patches) {
+Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uint32_t max_patches) {
   Impl& d = *impl_;
-  std::vector<float> factor = d.factorsOf(misses);
+  std::vector<float> factor = d.refinementFactors(requests);
   const size_t before = d.last.quads.n_faces();
   const uint32_t patches =
-      std::min<uint32_t>(std::clamp<uint32_t>(d.patchesFor(factor), static_cast<uint32_t>(before + before / 8 + 8),
+      std::min<uint32_t>(std::clamp<uint32_t>(d.patchCountFor(factor), static_cast<uint32_t>(before + before / 8 + 8),
                                               static_cast<uint32_t>(3 * before + 64)),
-                         most_patches);
+                         max_patches);
   d.weight.resize(factor.size(), 1.0f);
-  for (size_t v = 0; v < factor.size(); ++v) d.weight[v] = std::min(d.weight[v] * factor[v], kMostWeight);
-  // Small patches lie on small triangles.
-  const size_t triangles = d.ground->triangles.triangles.size(),
-               wanted = std::clamp<size_t>(24 * size_t{patches}, kReducedTriangles, kMostReducedTriangles);
-  if (8 * size_t{patches} > triangles || (!isWhole(*d.ground, d.mesh) && 2 * wanted > 3 * triangles)) {
-    const ViewDirection known = d.ground->view_direction;
-    if (auto done = d.prepare(wanted, patches, &known); !done) return done.error();
+  for (size_t v = 0; v < factor.size(); ++v) d.weight[v] = std::min(d.weight[v] * factor[v], kMaxWeight);
+  // Smaller patches need a surface of smaller triangles.
+  const size_t triangles = d.reduced_scan->triangles.triangles.size(),
+               target_triangles = std::clamp<size_t>(24 * size_t{patches}, kReducedTriangles, kMaxReducedTriangles);
+  if (8 * size_t{patches} > triangles ||
+      (!isUnreduced(*d.reduced_scan, d.mesh) && 2 * target_triangles > 3 * triangles)) {
+    const ViewDirection known = d.reduced_scan->view_direction;
+    if (auto done = d.prepare(target_triangles, patches, &known); !done) return done.error();
   }
-  d.followBorders(misses);
-  auto candidate = d.leastBad(patches, most_patches);
+  d.followBordersClosely(requests);
+  auto candidate = d.bestOfTries(patches, max_patches);
   if (!candidate) return candidate.error();
   return d.finish(std::move(*candidate));
 }

@@ -1,14 +1,17 @@
-// base_domain.h - the coarse quads over which a scanned mesh becomes a displacement: few, near square, close to the
-// surface, with normals along which it is a function (Gobbetti et al. 2012; Pietroni, Tarini, Cignoni 2010).
-//   topology  the scan's: pieces, handles, border loops; every side shared by two patches, or one at a border
-//   borders   border corners lie on the scan's borders, and each sharp turn of a border is a corner, however rough the
-//             border is; between corners it deviates from the sides, across the normals, by at most 0.2 % of the
-//             diagonal where the number of patches is free (or by what the border's own steps need)
-//   creases   sides that follow sharp ones have their corners on them
-//   normals   of length 1, outwards; mean normals of what lies within half a patch, turned towards what would face away
-//   order     the same mesh and options give the same base, bit for bit
-//   workers   do not change it
-// Two million triangles take 0.5 s on two cores; some 15 bytes a triangle beside the mesh, fewer the larger it is.
+// base_domain.h - makes the base mesh of a scan: few quads, near square and close to the surface, with normals along
+// which the surface is a function. Sources: Gobbetti et al. 2012 (adaptive quad patches); Pietroni, Tarini, Cignoni
+// 2010 (abstract domains).
+// - Topology: that of the scan (pieces, handles, border loops). Two patches share each side, or one has it at a border.
+// - Borders: border corners lie on the scan's borders. Each sharp turn of a border is a corner, however rough the
+// border is. Between corners the border deviates from the sides, across the normals, by at most 0.2 % of the diagonal
+// if the number of patches is free; a border with steps of its own may deviate by as much as these need.
+// - Creases: sides along sharp creases have their corners on them.
+// - Normals: of length 1, outwards. They are the mean over half a patch's width, turned towards parts of the surface
+// that would face away.
+// - Determinism: the same mesh and options give the same base, bit for bit, with any number of workers.
+// - Cost: two million triangles take 0.5 s on two cores, and about 15 bytes a triangle beside the mesh, fewer the
+// larger it is.
+// Units: the mesh's. Any thread.
 #pragma once
 
 #include <atomic>
@@ -24,34 +27,35 @@
 namespace relievo {
 
 struct BaseDomainOptions {
-  // About as many (within 30 %; more where the topology needs them); 0: from 64 (a four-sided sheet: from 1) up to 800,
-  // until no more than 0.15 % of the surface lies where lines along the normals do not reach it, or more patches bring
-  // no gain.
+  // The approximate number of patches (within 30 %; more where the topology needs them). 0: grows from 64 (a four-sided
+  // sheet: from 1) to 800, until at most 0.15 % of the surface is out of reach of lines along the normals, or more
+  // patches do not help.
   uint32_t patches = 0;
-  double mm_per_unit = 1;  // of the mesh's coordinates, for places in errors
-  int workers = 0;         // 0: one a core
-  std::function<void()>
-      scan_done;  // called at most once, when one core suffices and the scan itself is seldom looked at
+  double mm_per_unit = 1;  // converts positions in error messages
+  int workers = 0;         // 0: one for each core
+  // Called at most once, when the rest of the work needs one core only and seldom reads the scan.
+  std::function<void()> on_serial_phase;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// A place where a base missed the scan, in the mesh's coordinates, and how much finer patches are to be there: 16
-// halves their sides.
-struct BaseMiss {
-  glm::dvec3 place_mm{0};
+// A position that the base missed, in the mesh's coordinates, and the requested increase of the patch density there: 16
+// halves the patches' sides.
+struct RefineRequest {
+  glm::dvec3 position_mm{0};
   float factor = 16;
 };
-// Base meshes over one scan, one after the other. The mesh must outlive it unchanged. The same calls give the same
-// meshes, bit for bit.
+// Makes one base mesh after the other over the same scan. The mesh must outlive this object unchanged. The same calls
+// give the same meshes, bit for bit.
 class BaseDomain {
  public:
   static Result<std::unique_ptr<BaseDomain>> create(const TriMesh& mesh, const BaseDomainOptions& options = {});
   ~BaseDomain();
-  // Errors as makeBaseMesh() has them.
+  // The first base mesh. Errors: as makeBaseMesh().
   Result<BaseMesh> make();
-  // After make(): with smaller patches there, and elsewhere as many as there were; at most that many, about.
-  Result<BaseMesh> refine(std::span<const BaseMiss> misses, uint32_t most_patches);
-  size_t patches() const;  // of the last one
+  // After make(): a base mesh with smaller patches at the requests and equally large ones elsewhere, of about
+  // max_patches at most.
+  Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches);
+  size_t patches() const;  // of the last base mesh
 
  private:
   struct Impl;
@@ -59,8 +63,8 @@ class BaseDomain {
   std::unique_ptr<Impl> impl_;
 };
 
-// kInvalidData names what TriMesh excludes (indices out of range, numbers that are not finite, three triangles at an
-// edge), pieces without area, and pieces with one side only (Moebius strips). kInterrupted: interrupted was set.
+// Errors: kInvalidData names what TriMesh excludes (indices out of range, numbers that are not finite, three triangles
+// at an edge), pieces without area, and pieces with one side only (Moebius strips); kInterrupted.
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options = {});
 
 }  // namespace relievo

@@ -12,25 +12,26 @@ double areaOfQuad(const std::array<glm::dvec3, 4>& p) { return glm::length(glm::
 
 }  // namespace
 
-Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan, size_t all_cells, bool closely) {
+Fit measureFit(const QuadMesh& quads, const TriangleMesh& s, const ScanSurface& scan, size_t total_cells,
+               bool detailed) {
   TriMesh displaced;
-  displaced.positions_mm.reserve(2 * all_cells);
-  displaced.triangles.reserve(3 * all_cells);
+  displaced.positions_mm.reserve(2 * total_cells);
+  displaced.triangles.reserve(3 * total_cells);
   std::vector<Line> lines;
   std::vector<SurfacePoint> hits;
   double base_area = 0;
   for (const auto q : quads.faces()) base_area += areaOfQuad(pointsOf<4>(quads, q));
-  // Beyond the borders there is nothing for lines to meet: base where the scan has a hole.
-  std::vector<std::pair<uint32_t, float>> beyond;
-  double beyond_area = 0;
+  // Samples of the base beyond the scan's borders, or over its holes, which meet nothing.
+  std::vector<std::pair<uint32_t, float>> unmatched;
+  double unmatched_area = 0;
   for (const auto q : quads.faces()) {
     const auto p = pointsOf<4>(quads, q);
     const auto corners = cornersOf<4>(q);
     const double reach = std::max(glm::length(p[2] - p[0]), glm::length(p[3] - p[1]));
     const double share =
-        closely && base_area > 0 ? areaOfQuad(p) / base_area : 1.0 / static_cast<double>(quads.n_faces());
+        detailed && base_area > 0 ? areaOfQuad(p) / base_area : 1.0 / static_cast<double>(quads.n_faces());
     const int cells =
-        std::clamp(static_cast<int>(std::sqrt(share * static_cast<double>(all_cells))), 4, closely ? 64 : 1024);
+        std::clamp(static_cast<int>(std::sqrt(share * static_cast<double>(total_cells))), 4, detailed ? 64 : 1024);
     const auto side = static_cast<uint32_t>(cells + 1);
     lines.resize(size_t{side} * side);
     hits.resize(lines.size());
@@ -52,12 +53,12 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
       double height = hits[k].along;
       if (!hits[k]) {
         const SurfacePoint near = scan.scene.closestPoint(lines[k].at);
-        const glm::dvec3 way = near ? scan.point(near) - lines[k].at : glm::dvec3(0);
-        height = glm::dot(way, lines[k].direction);
-        const double off = glm::length(way - height * lines[k].direction);
-        if (near && off > kLostDistance) {
-          beyond.push_back({near.triangle, static_cast<float>(off)});
-          beyond_area += share * base_area / static_cast<double>(lines.size());
+        const glm::dvec3 to_surface = near ? scan.point(near) - lines[k].at : glm::dvec3(0);
+        height = glm::dot(to_surface, lines[k].direction);
+        const double offset = glm::length(to_surface - height * lines[k].direction);
+        if (near && offset > kMaxFitDistance) {
+          unmatched.push_back({near.triangle, static_cast<float>(offset)});
+          unmatched_area += share * base_area / static_cast<double>(lines.size());
         }
       }
       displaced.positions_mm.push_back(glm::vec3(lines[k].at + height * lines[k].direction));
@@ -67,36 +68,37 @@ Fit judgeFit(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& sca
         const uint32_t a = first + j * side + i;
         displaced.triangles.push_back({a, a + side, a + side + 1});
         displaced.triangles.push_back({a, a + side + 1, a + 1});
-        if (!closely) continue;
-        // Between lines that met different parts of the scan there is a web. Steps leave less than half a cell.
+        if (!detailed) continue;
+        // If neighbouring lines met different parts of the scan, the surface between them spans a gap. Steps of one
+        // surface leave less than half a cell.
         const glm::dvec3 middle =
             0.5 * (glm::dvec3(displaced.positions_mm[a]) + glm::dvec3(displaced.positions_mm[a + side + 1]));
         const SurfacePoint near = scan.scene.closestPoint(middle);
-        if (!near || near.along < kLostDistance + 0.6 * reach / cells) continue;
-        beyond.push_back({near.triangle, static_cast<float>(near.along)});
-        beyond_area += share * base_area / static_cast<double>(lines.size());
+        if (!near || near.along < kMaxFitDistance + 0.6 * reach / cells) continue;
+        unmatched.push_back({near.triangle, static_cast<float>(near.along)});
+        unmatched_area += share * base_area / static_cast<double>(lines.size());
       }
     }
   }
   Fit fit;
-  fit.error.assign(s.n_vertices(), 0.0f);
+  fit.vertex_error.assign(s.n_vertices(), 0.0f);
   auto scene = RayScene::create(displaced);
   if (!scene) return fit;
   for (const auto v : s.vertices()) {
     const SurfacePoint near = (*scene)->closestPoint(s.point(v));
-    fit.error[v.idx()] = near ? static_cast<float>(near.along) : 1.0f;
+    fit.vertex_error[v.idx()] = near ? static_cast<float>(near.along) : 1.0f;
   }
   double area = 0;
   for (const auto t : s.faces()) {
     const double a = glm::length(areaVector(s, t));
     area += a;
-    for (const auto v : t.vertices()) fit.lost += fit.error[v.idx()] > kLostDistance ? a / 3 : 0;
+    for (const auto v : t.vertices()) fit.lost_area += fit.vertex_error[v.idx()] > kMaxFitDistance ? a / 3 : 0;
   }
-  if (area > 0) fit.lost /= area;
-  fit.lost += beyond_area / std::max(base_area, 1e-300);
-  for (auto [triangle, off] : beyond) {
+  if (area > 0) fit.lost_area /= area;
+  fit.lost_area += unmatched_area / std::max(base_area, 1e-300);
+  for (auto [triangle, offset] : unmatched) {
     for (const auto v : s.fv_range(FaceHandle(static_cast<int>(triangle))))
-      fit.error[v.idx()] = std::max(fit.error[v.idx()], off);
+      fit.vertex_error[v.idx()] = std::max(fit.vertex_error[v.idx()], offset);
   }
   return fit;
 }
@@ -106,8 +108,9 @@ void raiseWeights(const Fit& fit, const QuadMesh& quads, const TriangleMesh& s, 
   std::vector<float> factor(s.n_vertices(), 1.0f), next;
   for (const auto v : s.vertices()) {
     const VertexHandle corner = regions[v.idx()];
-    // Half as long sides where it is lost.
-    if (fit.error[v.idx()] > kLostDistance || (corner.is_valid() && folds(quads, OpenMesh::make_smart(corner, quads))))
+    // The weight 16 halves the sides where the surface is lost.
+    if (fit.vertex_error[v.idx()] > kMaxFitDistance ||
+        (corner.is_valid() && isFolded(quads, OpenMesh::make_smart(corner, quads))))
       factor[v.idx()] = 16.0f;
   }
   for (int ring = 0; ring < 6; ++ring) {

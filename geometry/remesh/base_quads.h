@@ -1,5 +1,6 @@
-// base_quads.h - from coarse triangles to quads: triangles are paired, what remains is split once so that all is quads,
-// and corners slide on the scan until the quads are as square as their neighbours let them be.
+// base_quads.h - turns coarse triangles into quads: triangles are paired, the rest is split once so that all faces are
+// quads, and corners slide on the scan until the quads are as square as their neighbours permit. Sources: Remacle et
+// al. 2012, "Blossom-Quad"; Catmull and Clark 1978.
 #pragma once
 
 #include <span>
@@ -12,8 +13,8 @@
 
 namespace relievo {
 
-// Places on the scan (a reduced one will do).
-struct ScanLookup {
+// Queries on the scan's surface, or on a reduced copy.
+struct ScanSurface {
   const TriMesh& mesh;
   const RayScene& scene;
   glm::dvec3 corner(uint32_t triangle, int k) const { return mesh.positions_mm[mesh.triangles[triangle][k]]; }
@@ -21,28 +22,27 @@ struct ScanLookup {
     return corner(p.triangle, 0) * (1 - p.b1 - p.b2) + corner(p.triangle, 1) * p.b1 + corner(p.triangle, 2) * p.b2;
   }
   glm::dvec3 normal(uint32_t triangle) const;  // of length 1
-  // The surface near p that faces along n: never that of the other side of a thin wall.
+  // The surface point near p that faces along n, so that it is never on the other side of a thin wall.
   SurfacePoint project(const glm::dvec3& p, const glm::dvec3& n, double reach) const;
 };
 
-// split: every quad into four and every triangle into three (Catmull and Clark 1978); else the pairs alone, if all
-// triangles find one: an empty mesh if not.
+// Pairs triangles into quads. split: each quad is split into four and each remaining triangle into three (Catmull and
+// Clark 1978). Without it the result is empty unless all triangles find a partner.
 QuadMesh makeQuads(const TriangleMesh& mesh, std::span<const FeatureCurve> curves, bool split);
-void updateNormals(QuadMesh& mesh);  // of the quads around each corner, by area
-void relaxQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan, int rounds);
+void updateNormals(QuadMesh& mesh);  // area-weighted mean over the quads around each corner
+void relaxQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanSurface& scan, int rounds);
 
-// Slides corners along borders to where the sides on either side of them stray least from the feature curve
-// (deviationFromSide), where that is more than half of what it must (by feature curve).
-void settleBorders(QuadMesh& mesh, std::span<const FeatureCurve> curves, std::span<const double> must);
+// Slides corners along borders to where the feature curve deviates least from the sides beside them
+// (deviationFromSide), if it deviates by more than half of the allowed deviation (one for each feature curve).
+void fitBorderCorners(QuadMesh& mesh, std::span<const FeatureCurve> curves, std::span<const double> allowed);
 
-// Moves corners whose quads fold over or come close to it, seen along their normals, until they do not or no move
-// helps.
-void untangleQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanLookup& scan);
+// Moves corners whose quads fold over, or nearly, as seen along their normals, until no move helps.
+void untangleQuads(QuadMesh& mesh, std::span<const FeatureCurve> curves, const ScanSurface& scan);
 
-// The smallest sine, seen along the normals, of all angles of the quads around a corner: 1: right angles, below 0:
+// The smallest sine of all angles of the quads around a corner, as seen along the normals. 1: right angles; below 0:
 // folded over.
-double leastSine(const QuadMesh& mesh, const SmartVertexHandle& corner);
-// At the corner itself a quad folds over, or nearly.
-bool folds(const QuadMesh& mesh, const SmartVertexHandle& corner);
+double minSine(const QuadMesh& mesh, const SmartVertexHandle& corner);
+// Does a quad fold over, or nearly, at the corner itself?
+bool isFolded(const QuadMesh& mesh, const SmartVertexHandle& corner);
 
 }  // namespace relievo

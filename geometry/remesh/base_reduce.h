@@ -1,7 +1,7 @@
-// base_reduce.h - a scan of millions of triangles down to some ten thousand, quickly and with its topology kept: what a
-// base mesh is made from. Half-edge collapses by passes, ever longer edges; where that would turn triangles over or
-// pinch the surface, none. meshoptimizer 0.18 was tried for this: on a sphere of a million triangles it leaves edges
-// that three triangles share.
+// base_reduce.h - reduces a scan of millions of triangles to some ten thousand, and keeps its topology. The base mesh
+// is made from the result. Half edges are collapsed in passes with ever longer edges, unless a collapse would flip
+// triangles or change the topology (link condition, Dey et al. 1999).
+// meshoptimizer 0.18 leaves edges with three triangles on a sphere of a million triangles, which is why it is not used.
 #pragma once
 
 #include <atomic>
@@ -13,23 +13,23 @@
 
 namespace relievo {
 
-// A part of a scan on its own, its border and the vertices that stay as they are: parts of which neighbours are treated
-// alike still fit together. Edges up to that length collapse, where that turns the surface little.
-struct Thinned {
+// Reduces a part of a scan. Its border and the locked vertices stay, so that neighbouring parts still fit together if
+// they lock the same vertices. Edges up to `length` are collapsed where that hardly turns the surface.
+struct ReducedPart {
   std::vector<glm::vec3> points;
   std::vector<Triangle> triangles;
-  std::vector<uint32_t> vertex;  // of the part's surface that each is
+  std::vector<uint32_t> vertex;  // for each vertex, its index in the part's surface
 };
-Thinned thinned(Surface part, float length, std::span<const uint32_t> stay,
-                const std::atomic<bool>* interrupted = nullptr);
+ReducedPart reducePart(Surface part, float length, std::span<const uint32_t> locked,
+                       const std::atomic<bool>* interrupted = nullptr);
 
 struct Reduced {
   Surface surface;
-  std::vector<uint32_t> vertex;  // of the scan's surface that each vertex is: none is moved
+  std::vector<uint32_t> vertex;  // for each vertex, its index in the scan's surface; none is moved
 };
-// To about that many triangles; more where the shape holds out against it, all of them where the scan has no more. The
-// vertices that are named stay.
-Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> keep = {},
+// Reduces a scan to about `triangles` triangles; more are left where the shape does not allow collapses, and all of
+// them if the scan has no more. Locked vertices stay.
+Reduced reduceSurface(Surface scan, size_t triangles, std::span<const uint32_t> locked = {},
                       const std::atomic<bool>* interrupted = nullptr);
 
 }  // namespace relievo

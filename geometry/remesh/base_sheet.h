@@ -1,6 +1,6 @@
-// base_sheet.h - a scan that is one four-sided sheet (a panel, a relief slab's face): a grid of near-square quads over
-// it. Where one direction sees all of it from outside, that is every corner's normal: however steep its walls are,
-// heights reach them.
+// base_sheet.h - base meshes of scans that are one four-sided sheet, such as a panel or the face of a relief slab: a
+// grid of near-square quads. If one direction sees all of the sheet, it becomes every corner's normal, so that heights
+// reach the steepest walls. Units: diagonals of the scan.
 #pragma once
 
 #include <atomic>
@@ -11,26 +11,26 @@
 
 namespace relievo {
 
-struct QuadMesh;    // coarse_mesh.h
-struct ScanLookup;  // base_quads.h
+struct QuadMesh;     // coarse_mesh.h
+struct ScanSurface;  // base_quads.h
 
-// patches: about as many; 0: as few as are near-square, or so many times as many a side. Empty where the scan is no
-// such sheet: other than one border with four sharp turns and nearly straight sides between them.
-QuadMesh sheetQuads(std::span<const FeatureCurve> curves, size_t pieces, const ScanLookup& scan, uint32_t patches,
-                    uint32_t times = 1);
+// patches: the approximate number. 0: as few near-square patches as possible, times `multiple` along each side. Empty
+// if the scan is not a sheet, that is, not one border with four sharp turns and nearly straight sides between them.
+QuadMesh sheetQuads(std::span<const FeatureCurve> curves, size_t pieces, const ScanSurface& scan, uint32_t patches,
+                    uint32_t multiple = 1);
 
-// The direction that most of the surface faces along.
+// A direction along which most of the surface faces.
 struct ViewDirection {
   glm::dvec3 direction{0};
-  double hidden = 1;  // the part of the surface's area that faces away from it
-  double flat = 0;    // what the direction sees of the area: 1: a plane across it
+  double hidden = 1;  // share of the surface's area that faces away from it
+  double flat = 0;    // projected over total area; 1: a plane across the direction
 };
-// The mean normal or the axis nearest to it, whichever hides less: scans that are height fields mostly are over an
-// axis.
+// The mean normal, or the coordinate axis nearest to it, whichever hides less: most scans that are height fields are so
+// over an axis.
 ViewDirection viewDirectionOf(std::span<const glm::vec3> points, std::span<const Triangle> triangles, int workers = 0,
                               const std::atomic<bool>* interrupted = nullptr);
-// A relief over a plane, all of which is seen but for what noise hides. Heights may be steep, but not for the most
-// part.
+// Is the surface a relief over a plane, visible along the direction but for noise? At least half of the area must be
+// seen, so that heights may be steep, but not mostly.
 inline bool isRelief(const ViewDirection& o) { return o.hidden <= 1e-4 && o.flat >= 0.5; }
 
 }  // namespace relievo

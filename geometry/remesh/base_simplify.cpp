@@ -23,7 +23,7 @@ struct Quadric {
     b += o.b;
     c += o.c;
   }
-  // The plane through q with normal n (or, for n = 0, the point q), with the weight w.
+  // Adds the plane through q with normal n, weighted by w.
   void addPlane(const glm::dvec3& n, const glm::dvec3& q, double w) {
     const double d = glm::dot(n, q);
     xx += w * n.x * n.x, xy += w * n.x * n.y, xz += w * n.x * n.z, yy += w * n.y * n.y, yz += w * n.y * n.z,
@@ -49,16 +49,16 @@ struct Quadric {
   }
 };
 
-// 1: equilateral, 0: without area.
+// The shape of a triangle: 1 if equilateral, 0 without area.
 double shapeOf(const Corners& p, double twice_area) {
   auto square = [](const glm::dvec3& d) { return glm::dot(d, d); };
   const double sum = square(p[1] - p[0]) + square(p[2] - p[1]) + square(p[0] - p[2]);
   return sum > 0 ? 2 * std::sqrt(3.0) * twice_area / sum : 0;
 }
 
-// Where an edge's ends meet: the vertex that the half edge leaves goes, the one that it ends in stays and moves.
-struct Meeting {
-  SmartHalfedgeHandle over;
+// A collapse: the half edge's origin is removed, its end moves to `at`.
+struct CollapseTarget {
+  SmartHalfedgeHandle halfedge;
   glm::dvec3 at{0};
   double cost = 0;
 };
@@ -66,9 +66,9 @@ struct Meeting {
 struct Candidate {
   double cost;
   EdgeHandle edge;
-  VertexHandle low, high;  // its ends
-  uint32_t stamp;
-  bool operator<(const Candidate& o) const {  // the cheapest on top of a std::priority_queue
+  VertexHandle low, high;  // the edge's ends
+  uint32_t version;
+  bool operator<(const Candidate& o) const {  // the cheapest comes first out of std::priority_queue
     if (cost != o.cost) return cost > o.cost;
     return low != o.low ? o.low < low : o.high < high;
   }
@@ -77,17 +77,17 @@ struct Candidate {
 struct Simplifier {
   TriangleMesh& m;
   const SimplifyOptions& options;
-  std::vector<Quadric> quadrics;  // of a vertex
-  std::vector<uint32_t> stamp;    // of an edge: its last candidate's
+  std::vector<Quadric> quadrics;  // for each vertex
+  std::vector<uint32_t> version;  // for each edge: that of its last candidate
   std::priority_queue<Candidate> queue;
-  size_t live;  // triangles
-  // How much worse than their surroundings collapses may leave triangles; relaxed when nothing else is left to do.
-  double least_turn = 0.3, least_shape = 0.15;
-  uint32_t largest_fan = 9;
+  size_t live_triangles;  // not yet removed
+  // Limits of the triangles around a collapse. They are relaxed when no collapse is left.
+  double min_normal_cosine = 0.3, min_shape = 0.15;
+  uint32_t max_valence = 9;
   double deviation_factor = 1;
 
   Simplifier(TriangleMesh& mesh, const SimplifyOptions& opts)
-      : m(mesh), options(opts), quadrics(m.n_vertices()), stamp(m.n_edges(), 0), live(m.n_faces()) {
+      : m(mesh), options(opts), quadrics(m.n_vertices()), version(m.n_edges(), 0), live_triangles(m.n_faces()) {
     const double flat = options.uncertainty * options.uncertainty;
     for (const auto f : m.faces()) {
       const Corners p = pointsOf<3>(m, f);
@@ -104,14 +104,15 @@ struct Simplifier {
       Quadric q;
       q.addPlane(normal, centre, area * weight / 3);
       q.addPoint(centre, flat * area * weight / 3);
-      for (const auto& h : sidesOf(f)) {
+      for (const auto& h : halfedgesOf(f)) {
         quadrics[h.from().idx()].add(q);
         if (h.opp().is_boundary()) addBorder(h, normal, weight);
       }
     }
   }
 
-  // The border's own plane, upright on the surface; it counts for more, since no height brings back what it cuts off.
+  // Adds the plane through a border edge that is perpendicular to the surface. It has a large weight, since heights
+  // cannot restore what it cuts off.
   void addBorder(const SmartHalfedgeHandle& h, const glm::dvec3& normal, double weight) {
     const glm::dvec3 a = m.point(h.from()), out = glm::cross(m.point(h.to()) - a, normal);
     const double length = glm::length(out);
@@ -122,145 +123,151 @@ struct Simplifier {
     quadrics[h.to().idx()].add(edge);
   }
 
-  bool held(const SmartVertexHandle& v) const { return m.data(v).fixed || m.data(v).on_curve || v.is_boundary(); }
-  const CurveStep& step(const SmartHalfedgeHandle& h) const { return m.data(h).step; }
+  bool constrained(const SmartVertexHandle& v) const {
+    return m.data(v).fixed || m.data(v).on_curve || v.is_boundary();
+  }
+  const CurvePosition& curvePosition(const SmartHalfedgeHandle& h) const { return m.data(h).curve_position; }
 
-  // Nothing: the edge must stay.
-  std::optional<Meeting> meetingOf(const SmartEdgeHandle& edge) const {
-    // Of two vertices that are alike the first one stays.
+  // The cheapest collapse of an edge, or nothing if it must stay.
+  std::optional<CollapseTarget> collapseTargetOf(const SmartEdgeHandle& edge) const {
+    // If both ends are alike, the first one stays.
     const SmartHalfedgeHandle first = edge.v0() < edge.v1() ? edge.h0() : edge.h1();
     const SmartVertexHandle a = first.from(), b = first.to();
     Quadric q = quadrics[a.idx()];
     q.add(quadrics[b.idx()]);
-    const bool hold_a = held(a), hold_b = held(b);
+    const bool constrained_a = constrained(a), constrained_b = constrained(b);
     bool to_a = true;
     glm::dvec3 at;
-    if (hold_a || hold_b) {
-      to_a = hold_a;
-      if (hold_a && hold_b) {
+    if (constrained_a || constrained_b) {
+      to_a = constrained_a;
+      if (constrained_a && constrained_b) {
         const bool fixed_a = m.data(a).fixed, fixed_b = m.data(b).fixed;
-        if ((fixed_a && fixed_b) || !step(first)) return {};
+        if ((fixed_a && fixed_b) || !curvePosition(first)) return {};
         to_a = fixed_a || (!fixed_b && q.at(m.point(a)) <= q.at(m.point(b)));
       }
       at = m.point(to_a ? a : b);
     } else if (!q.minimum(at)) {
       at = (m.point(a) + m.point(b)) / 2.0;
     }
-    return Meeting{to_a ? first.opp() : first, at, std::max(q.at(at), 0.0)};
+    return CollapseTarget{to_a ? first.opp() : first, at, std::max(q.at(at), 0.0)};
   }
 
   void push(const SmartEdgeHandle& edge) {
-    const uint32_t own = ++stamp[edge.idx()];
-    if (const auto meeting = meetingOf(edge))
-      queue.push({meeting->cost, edge, std::min(edge.v0(), edge.v1()), std::max(edge.v0(), edge.v1()), own});
+    const uint32_t current_version = ++version[edge.idx()];
+    if (const auto target = collapseTargetOf(edge))
+      queue.push({target->cost, edge, std::min(edge.v0(), edge.v1()), std::max(edge.v0(), edge.v1()), current_version});
   }
 
-  // Does the border follow its feature curve still, without the vertex that goes?
-  bool follows(const SmartHalfedgeHandle& over) const {
-    const CurveStep joint = step(over.opp());
-    if (!joint || joint.curve >= options.deviation.size() || !options.curves[joint.curve].border) return true;
-    const SmartVertexHandle gone = over.from(), kept = over.to();
+  // Is the border's deviation from its feature curve still allowed without the removed vertex?
+  bool keepsBorder(const SmartHalfedgeHandle& halfedge) const {
+    const CurvePosition curve_position = curvePosition(halfedge.opp());
+    if (!curve_position || curve_position.curve >= options.allowed_deviation.size() ||
+        !options.curves[curve_position.curve].border)
+      return true;
+    const SmartVertexHandle removed = halfedge.from(), kept = halfedge.to();
     glm::dvec3 n{0};
-    for (const auto& v : {kept, gone}) {
+    for (const auto& v : {kept, removed}) {
       for (const auto f : v.faces()) n += areaVector(m, f);
     }
     n = unit(n);
-    for (const auto h : gone.outgoing_halfedges()) {
-      if (h == over || step(h).curve != joint.curve) continue;
-      if (deviationFromSide(options.curves[joint.curve], {m.point(kept), n, joint.along},
-                            {m.point(h.to()), n, step(h.opp()).along}) >
-          deviation_factor * options.deviation[joint.curve])
+    for (const auto h : removed.outgoing_halfedges()) {
+      if (h == halfedge || curvePosition(h).curve != curve_position.curve) continue;
+      if (deviationFromSide(options.curves[curve_position.curve], {m.point(kept), n, curve_position.arc_length},
+                            {m.point(h.to()), n, curvePosition(h.opp()).arc_length}) >
+          deviation_factor * options.allowed_deviation[curve_position.curve])
         return false;
     }
     return true;
   }
 
-  // Does the surface stay a surface of the same kind, of a decent shape, with the same feature curves?
-  bool allowed(const SmartHalfedgeHandle& over, const glm::dvec3& to) {
-    if (!m.is_collapse_ok(over)) return false;  // the link condition (Dey et al. 1999)
-    const SmartVertexHandle gone = over.from(), kept = over.to();
-    const uint32_t of_gone = facesAround(gone), of_kept = facesAround(kept),
-                   fan = of_gone + of_kept - (over.edge().is_boundary() ? 2 : 4);
-    if (fan < (gone.is_boundary() || kept.is_boundary() ? 1u : 3u) || fan > std::max({largest_fan, of_gone, of_kept}))
+  // Does the surface keep its topology, shape and feature curves?
+  bool allowed(const SmartHalfedgeHandle& halfedge, const glm::dvec3& to) {
+    if (!m.is_collapse_ok(halfedge)) return false;  // the link condition (Dey et al. 1999)
+    const SmartVertexHandle removed = halfedge.from(), kept = halfedge.to();
+    const uint32_t removed_faces = faceCount(removed), kept_faces = faceCount(kept),
+                   valence = removed_faces + kept_faces - (halfedge.edge().is_boundary() ? 2 : 4);
+    if (valence < (removed.is_boundary() || kept.is_boundary() ? 1u : 3u) ||
+        valence > std::max({max_valence, removed_faces, kept_faces}))
       return false;
-    for (const auto& h : {over, over.opp()}) {
+    for (const auto& h : {halfedge, halfedge.opp()}) {
       if (h.is_boundary()) continue;
-      // The vertex across keeps three triangles (one at a border); and two feature curves do not become one.
+      // The opposite vertex keeps three triangles (one at a border), and two feature curves may not merge.
       const SmartVertexHandle across = h.next().to();
-      if (facesAround(across) <= (across.is_boundary() ? 1u : 3u) || (step(h.next()) && step(h.prev()))) return false;
+      if (faceCount(across) <= (across.is_boundary() ? 1u : 3u) || (curvePosition(h.next()) && curvePosition(h.prev())))
+        return false;
     }
-    for (const auto& v : {gone, kept}) {
+    for (const auto& v : {removed, kept}) {
       for (const auto f : v.faces()) {
-        if (f == over.face() || f == over.opp().face()) continue;
+        if (f == halfedge.face() || f == halfedge.opp().face()) continue;
         Corners before, after;
         size_t k = 0;
         for (const auto w : f.vertices()) {
           before[k] = m.point(w);
           after[k++] = w == v ? to : m.point(w);
         }
-        const glm::dvec3 was = areaVector(before), is = areaVector(after);
-        const double length_was = glm::length(was), length_is = glm::length(is);
-        if (glm::dot(was, is) < least_turn * length_is * length_was) return false;
-        const double shape = shapeOf(after, length_is);
-        if (shape < least_shape && shape < shapeOf(before, length_was)) return false;
+        const glm::dvec3 old_area = areaVector(before), new_area = areaVector(after);
+        const double old_length = glm::length(old_area), new_length = glm::length(new_area);
+        if (glm::dot(old_area, new_area) < min_normal_cosine * new_length * old_length) return false;
+        const double shape = shapeOf(after, new_length);
+        if (shape < min_shape && shape < shapeOf(before, old_length)) return false;
       }
     }
     return true;
   }
 
-  void collapse(const SmartHalfedgeHandle& over, const glm::dvec3& to) {
-    const SmartVertexHandle gone = over.from(), kept = over.to();
-    // The feature curve goes on from the vertex that is kept.
-    for (const auto h : gone.outgoing_halfedges()) m.data(h).step.along = step(over.opp()).along;
-    // Of the two edges that become one on either side, one at most is on a feature curve: which one OpenMesh keeps does
-    // not matter.
+  void collapse(const SmartHalfedgeHandle& halfedge, const glm::dvec3& to) {
+    const SmartVertexHandle removed = halfedge.from(), kept = halfedge.to();
+    // The kept vertex takes over the feature curve.
+    for (const auto h : removed.outgoing_halfedges())
+      m.data(h).curve_position.arc_length = curvePosition(halfedge.opp()).arc_length;
+    // Two edges merge into one on either side. At most one of them is on a feature curve, and OpenMesh may keep either.
     struct Side {
       SmartVertexHandle across;
-      CurveStep kept, back;
+      CurvePosition kept, back;
     };
     std::vector<Side> sides;
-    for (const auto& h : {over, over.opp()}) {
+    for (const auto& h : {halfedge, halfedge.opp()}) {
       if (h.is_boundary()) continue;
-      const SmartHalfedgeHandle back = step(h.next()) ? h.next().opp() : h.prev();
-      sides.push_back({back.from(), step(back.opp()), step(back)});
+      const SmartHalfedgeHandle back = curvePosition(h.next()) ? h.next().opp() : h.prev();
+      sides.push_back({back.from(), curvePosition(back.opp()), curvePosition(back)});
     }
-    live -= over.edge().is_boundary() ? 1 : 2;
-    quadrics[kept.idx()].add(quadrics[gone.idx()]);
+    live_triangles -= halfedge.edge().is_boundary() ? 1 : 2;
+    quadrics[kept.idx()].add(quadrics[removed.idx()]);
     m.set_point(kept, to);
-    m.collapse(over);
+    m.collapse(halfedge);
     for (const Side& side : sides) {
       const SmartHalfedgeHandle h = m.find_halfedge(kept, side.across);
-      m.data(h).step = side.kept;
-      m.data(h.opp()).step = side.back;
+      m.data(h).curve_position = side.kept;
+      m.data(h.opp()).curve_position = side.back;
     }
     for (const auto e : kept.edges()) push(e);
   }
 
   void run() {
-    for (int round = 0; round < 4 && live > options.triangles; ++round) {
+    for (int round = 0; round < 4 && live_triangles > options.triangles; ++round) {
       for (const auto e : m.edges()) push(e);
-      while (live > options.triangles && !queue.empty()) {
+      while (live_triangles > options.triangles && !queue.empty()) {
         if (options.interrupted && options.interrupted->load(std::memory_order_relaxed)) return;
         const Candidate c = queue.top();
         queue.pop();
         const SmartEdgeHandle edge = OpenMesh::make_smart(c.edge, m);
-        if (edge.deleted() || stamp[c.edge.idx()] != c.stamp) continue;
-        const auto meeting = meetingOf(edge);
-        if (meeting && follows(meeting->over) && allowed(meeting->over, meeting->at))
-          collapse(meeting->over, meeting->at);
+        if (edge.deleted() || version[c.edge.idx()] != c.version) continue;
+        const auto target = collapseTargetOf(edge);
+        if (target && keepsBorder(target->halfedge) && allowed(target->halfedge, target->at))
+          collapse(target->halfedge, target->at);
       }
       queue = {};
-      least_turn = std::max(0.02, least_turn - 0.14);
-      least_shape = round < 2 ? least_shape / 4 : 0;
-      largest_fan += 6;
+      min_normal_cosine = std::max(0.02, min_normal_cosine - 0.14);
+      min_shape = round < 2 ? min_shape / 4 : 0;
+      max_valence += 6;
       deviation_factor = round < 2 ? 2 * deviation_factor : 1e3;
     }
   }
 };
 
-// The edge a b between the triangles a b c and b a d: is c d no rougher, and are its triangles of a better shape? Where
-// valences become more even, a fair shape will do.
-bool flipLooksBetter(const TriangleMesh& m, const SmartHalfedgeHandle& edge, bool more_even) {
+// Compares the edge a b between the triangles a b c and b a d with the edge c d: is c d no rougher, and are its
+// triangles better shaped? If valences get more even, a fair shape is enough.
+bool flipImproves(const TriangleMesh& m, const SmartHalfedgeHandle& edge, bool more_even) {
   const glm::dvec3 a = m.point(edge.from()), b = m.point(edge.to()), c = m.point(edge.next().to()),
                    d = m.point(edge.opp().next().to());
   const Corners triangles[4] = {pointsOf<3>(m, edge.face()), pointsOf<3>(m, edge.opp().face()), {a, d, c}, {d, b, c}};
@@ -285,7 +292,7 @@ void simplify(TriangleMesh& mesh, const SimplifyOptions& options) {
 }
 
 void flipEdges(TriangleMesh& m) {
-  auto badness = [](const SmartVertexHandle& v, int change) {
+  auto valenceError = [](const SmartVertexHandle& v, int change) {
     const int d = static_cast<int>(v.valence()) + change - (v.is_boundary() ? 4 : 6);
     return d * d;
   };
@@ -293,17 +300,17 @@ void flipEdges(TriangleMesh& m) {
     uint32_t flips = 0;
     for (const auto f : m.faces()) {
       for (size_t k = 0; k < 3; ++k) {
-        const SmartHalfedgeHandle side = sidesOf(f)[k], next = side.next();
+        const SmartHalfedgeHandle side = halfedgesOf(f)[k], next = side.next();
         const SmartEdgeHandle e = side.edge();
-        if (e.is_boundary() || side.opp().face() < f || m.data(side).step || !m.is_flip_ok(e) ||
+        if (e.is_boundary() || side.opp().face() < f || m.data(side).curve_position || !m.is_flip_ok(e) ||
             e.v0().valence() <= 3 || e.v1().valence() <= 3)
           continue;
         int before = 0, after = 0;
         for (const auto& h : {side, side.opp()}) {
-          before += badness(h.from(), 0) + badness(h.next().to(), 0);
-          after += badness(h.from(), -1) + badness(h.next().to(), 1);
+          before += valenceError(h.from(), 0) + valenceError(h.next().to(), 0);
+          after += valenceError(h.from(), -1) + valenceError(h.next().to(), 1);
         }
-        if (after > before || !flipLooksBetter(m, side, after < before)) continue;
+        if (after > before || !flipImproves(m, side, after < before)) continue;
         const SmartHalfedgeHandle to_first = side.prev();  // the triangles are then a d c and d b c
         m.flip(e);
         m.set_halfedge_handle(to_first.face(), to_first);

@@ -1,6 +1,6 @@
-// base_simplify.h - a surface down to a wanted number of well-shaped triangles, its topology kept: pieces, handles and
-// border loops. Edge collapses by the quadric error of planes known with an uncertainty (Trettner and Kobbelt 2020):
-// where the surface is flat, the uncertainty alone decides, and asks for triangles of even size and shape.
+// base_simplify.h - simplifies a surface to a given number of well-shaped triangles, and keeps its topology (pieces,
+// handles, border loops). Edges collapse by a quadric error whose planes have an uncertain direction (Trettner and
+// Kobbelt 2020): where the surface is flat, the uncertainty prefers triangles of even size and shape.
 #pragma once
 
 #include <atomic>
@@ -13,20 +13,20 @@
 namespace relievo {
 
 struct SimplifyOptions {
-  uint32_t triangles = 0;    // down to, where the topology lets it
-  double uncertainty = 0.2;  // of a plane's direction, in radians: what bends less over a triangle counts as flat
-  std::span<const float>
-      weight;  // of a vertex's surroundings: 16 times the weight halves the triangles' sides; or empty
-  // How far a border's feature curve may stray from the edges along it (deviationFromSide): by feature curve, or empty:
-  // anywhere. Where too many triangles remain, ever further.
+  uint32_t triangles = 0;    // the target; more where the topology needs them
+  double uncertainty = 0.2;  // standard deviation of a plane's direction, radians; bends below it count as flat
+  // For each vertex: 16 times the weight halves the triangles' sides around it; or empty.
+  std::span<const float> weight;
+  // How far a border's feature curve may deviate from the edges along it (deviationFromSide): one for each feature
+  // curve, or empty for no bound. The bound is relaxed if too many triangles remain.
   std::span<const FeatureCurve> curves;
-  std::span<const double> deviation;
+  std::span<const double> allowed_deviation;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// Vertices on feature curves stay where they are or go, along their feature curve; fixed ones stay; others move.
-// Vertices and faces are numbered anew.
+// Fixed vertices stay; vertices on feature curves stay or are removed along the curve; others move. Vertices and faces
+// are renumbered.
 void simplify(TriangleMesh& mesh, const SimplifyOptions& options);
-// Turns edges over where that makes valences more even and the surface no rougher.
-void flipEdges(TriangleMesh& mesh);  // none of a feature curve
+// Flips edges where that evens out valences and does not make the surface rougher; none of a feature curve.
+void flipEdges(TriangleMesh& mesh);
 
 }  // namespace relievo

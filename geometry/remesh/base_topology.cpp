@@ -9,7 +9,7 @@ namespace relievo {
 
 namespace {
 
-std::string placeText(const glm::vec3& p) {
+std::string positionText(const glm::vec3& p) {
   auto number = [](float x) {
     std::string s = std::to_string(x);
     return s.substr(0, s.find('.') + 4);
@@ -24,8 +24,9 @@ Error invalid(const std::string& message, const std::string& hint = {}) {
 uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
 uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
 
-// The other half edge of each half edge 3 t + k (corner k to corner k + 1), whichever way it runs.
-Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike) {
+// Finds the opposite of each half edge 3 t + k (corner k to corner k + 1), also between triangles of different
+// orientation. consistent: is the orientation the same everywhere?
+Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& consistent) {
   const size_t half_edges = 3 * s.triangles.size();
   std::vector<uint32_t> begin(s.points.size() + 2, 0), sorted(half_edges), twin(half_edges, kNoIndex);
   auto lower = [](const Triangle& t, size_t k) { return std::min(t[k], t[k == 2 ? 0 : k + 1]); };
@@ -35,12 +36,12 @@ Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike)
   uint32_t next = 0;
   for (const Triangle& t : s.triangles)
     for (size_t k = 0; k < 3; ++k) sorted[begin[lower(t, k) + 1]++] = next++;
-  wound_alike = true;
+  consistent = true;
   struct End {
     uint32_t vertex;
-    bool leaves;  // the lower one, for it
+    bool leaves;  // the half edge starts at the lower vertex
   };
-  std::vector<End> ends;  // the higher ones of a vertex's half edges
+  std::vector<End> ends;  // the other ends of a vertex's half edges
   for (uint32_t v = 0; v < s.points.size(); ++v) {
     ends.clear();
     for (uint32_t i = begin[v]; i < begin[v + 1]; ++i) {
@@ -54,21 +55,21 @@ Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& wound_alike)
         uint32_t &of_i = twin[sorted[begin[v] + i]], &of_j = twin[sorted[begin[v] + j]];
         if (of_i != kNoIndex || of_j != kNoIndex) {
           return invalid(
-              "three triangles share the edge at " + placeText(s.points[ends[i].leaves ? v : ends[i].vertex]),
+              "three triangles share the edge at " + positionText(s.points[ends[i].leaves ? v : ends[i].vertex]),
               "let the mesh be repaired as it is read");
         }
         of_i = sorted[begin[v] + j];
         of_j = sorted[begin[v] + i];
-        if (ends[i].leaves == ends[j].leaves) wound_alike = false;
+        if (ends[i].leaves == ends[j].leaves) consistent = false;
       }
     }
   }
   return twin;
 }
 
-// Winds each piece's triangles alike: as the larger part of its area already is.
-Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
-  std::vector<uint8_t> state(s.triangles.size(), 0);  // 0: not seen, 1: stays, 2: turned over
+// Orients each piece's triangles consistently, as the larger part of its area already is.
+Result<void> orientConsistently(Surface& s, std::span<const uint32_t> twin) {
+  std::vector<uint8_t> state(s.triangles.size(), 0);  // 0: not visited, 1: stays, 2: flipped
   std::vector<uint32_t> piece;
   auto sameWay = [&](uint32_t h, uint32_t g) { return s.triangles[h / 3][h % 3] == s.triangles[g / 3][g % 3]; };
   for (uint32_t first = 0; first < s.triangles.size(); ++first) {
@@ -83,29 +84,29 @@ Result<void> windAlike(Surface& s, std::span<const uint32_t> twin) {
       for (uint32_t k = 0; k < 3; ++k) {
         const uint32_t h = 3 * piece[i] + k, g = twin[h];
         if (g == kNoIndex) continue;
-        const uint8_t wanted = sameWay(h, g) ? 3 - state[piece[i]] : state[piece[i]];
+        const uint8_t expected_state = sameWay(h, g) ? 3 - state[piece[i]] : state[piece[i]];
         if (state[g / 3] == 0) {
-          state[g / 3] = wanted;
+          state[g / 3] = expected_state;
           piece.push_back(g / 3);
-        } else if (state[g / 3] != wanted) {
+        } else if (state[g / 3] != expected_state) {
           return Error{ErrorKind::kInvalidData,
                        {},
                        "a piece of the surface has one side only, as a Moebius strip has; its strip closes at " +
-                           placeText(s.points[s.triangles[g / 3][g % 3]]),
+                           positionText(s.points[s.triangles[g / 3][g % 3]]),
                        "cut it open there",
                        {}};
         }
       }
     }
-    const uint8_t turn = area[1] > area[0] ? 1 : 2;
+    const uint8_t flipped_state = area[1] > area[0] ? 1 : 2;
     for (uint32_t t : piece) {
-      if (state[t] == turn) std::swap(s.triangles[t][1], s.triangles[t][2]);
+      if (state[t] == flipped_state) std::swap(s.triangles[t][1], s.triangles[t][2]);
     }
   }
   return {};
 }
 
-// What makeSurface() refuses of each vertex and triangle alone.
+// Checks vertices and triangles one by one.
 Result<void> checkInput(std::span<const glm::vec3> points, std::span<const Triangle> triangles) {
   if (triangles.empty()) return invalid("the mesh has no triangle");
   if (triangles.size() >= (uint64_t{1} << 32) / 3)
@@ -120,15 +121,15 @@ Result<void> checkInput(std::span<const glm::vec3> points, std::span<const Trian
         return invalid("a triangle names vertex " + std::to_string(v) + " of " + std::to_string(points.size()));
     }
     if (t[0] == t[1] || t[1] == t[2] || t[2] == t[0]) {
-      return invalid("a triangle names one vertex twice, at " + placeText(points[t[0]]),
+      return invalid("a triangle names one vertex twice, at " + positionText(points[t[0]]),
                      "let the mesh be repaired as it is read");
     }
   }
   return {};
 }
 
-// One fan a vertex: a corner that no fan of its vertex has reached starts a copy.
-void separateFans(Surface& s) {
+// Copies a vertex for each further fan of triangles around it.
+void splitVerticesByFans(Surface& s) {
   std::vector<uint32_t> corner_vertex(3 * s.triangles.size(), kNoIndex);
   std::vector<uint8_t> has_fan(s.points.size(), 0);
   for (uint32_t h = 0; h < corner_vertex.size(); ++h) {
@@ -142,7 +143,7 @@ void separateFans(Surface& s) {
       has_fan[v] = 1;
     }
     uint32_t g = h;
-    do {  // against the clock, over the edge that ends in the vertex
+    do {  // counter-clockwise, over the edge that ends in the vertex
       corner_vertex[g] = v;
       g = s.twin[previousOf(g)];
     } while (g != kNoIndex && g != h);
@@ -156,7 +157,7 @@ void separateFans(Surface& s) {
   for (uint32_t h = 0; h < corner_vertex.size(); ++h) s.triangles[h / 3][h % 3] = corner_vertex[h];
 }
 
-// Of each vertex the smallest one that triangles connect it with.
+// For each vertex, the smallest vertex of its piece (union-find).
 std::vector<uint32_t> pieceRoots(const Surface& s) {
   std::vector<uint32_t> parent(s.points.size());
   std::iota(parent.begin(), parent.end(), 0u);
@@ -176,7 +177,8 @@ std::vector<uint32_t> pieceRoots(const Surface& s) {
   return parent;
 }
 
-// Pieces, in the order of their first triangles, without their loops. Answers each piece's number of border edges.
+// Numbers the pieces in the order of their first triangles; loops are added later. Returns the number of border edges
+// of each piece.
 std::vector<uint64_t> numberPieces(Surface& s) {
   s.piece.assign(s.points.size(), kNoIndex);
   const std::vector<uint32_t> root = pieceRoots(s);
@@ -202,15 +204,15 @@ std::vector<uint64_t> numberPieces(Surface& s) {
   return border_edges;
 }
 
-void walkBorders(Surface& s) {
-  std::vector<uint8_t> walked(3 * s.triangles.size(), 0);
-  for (uint32_t h = 0; h < walked.size(); ++h) {
-    if (s.twin[h] != kNoIndex || walked[h]) continue;
+void traceBorderLoops(Surface& s) {
+  std::vector<uint8_t> visited(3 * s.triangles.size(), 0);
+  for (uint32_t h = 0; h < visited.size(); ++h) {
+    if (s.twin[h] != kNoIndex || visited[h]) continue;
     std::vector<uint32_t> loop;
-    for (uint32_t g = h; !walked[g];) {
-      walked[g] = 1;
+    for (uint32_t g = h; !visited[g];) {
+      visited[g] = 1;
       loop.push_back(s.triangles[g / 3][g % 3]);
-      // The next border edge starts where this one ends: turn about that vertex.
+      // The next border edge starts at the end of this one: rotate about that vertex.
       g = nextOf(g);
       while (s.twin[g] != kNoIndex) g = nextOf(s.twin[g]);
     }
@@ -229,18 +231,18 @@ Result<Surface> makeSurface(std::span<const glm::vec3> points, std::span<const T
   s.source.resize(points.size());
   std::iota(s.source.begin(), s.source.end(), 0u);
 
-  bool wound_alike = true;
-  auto twins = pairHalfEdges(s, wound_alike);
+  bool consistent = true;
+  auto twins = pairHalfEdges(s, consistent);
   if (!twins) return twins.error();
-  if (!wound_alike) {
-    if (auto wound = windAlike(s, *twins); !wound) return wound.error();
-    twins = pairHalfEdges(s, wound_alike);
+  if (!consistent) {
+    if (auto oriented = orientConsistently(s, *twins); !oriented) return oriented.error();
+    twins = pairHalfEdges(s, consistent);
   }
   s.twin = std::move(*twins);
 
-  separateFans(s);
+  splitVerticesByFans(s);
   const std::vector<uint64_t> border_edges = numberPieces(s);
-  walkBorders(s);
+  traceBorderLoops(s);
   for (size_t i = 0; i < s.pieces.size(); ++i) {
     SurfacePiece& p = s.pieces[i];
     p.euler = static_cast<int64_t>(p.vertices) - static_cast<int64_t>((3 * p.triangles + border_edges[i]) / 2) +

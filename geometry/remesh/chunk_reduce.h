@@ -1,7 +1,6 @@
-// chunk_reduce.h - a scan of millions of triangles down to some hundred thousand, run by run of consecutive triangles:
-// each is thinned on its own (base_reduce.h) and all are joined again. In a fraction of the memory that the scan's
-// connectivity would take, on all cores, and within caches where triangles near one another in space are near in the
-// list (mesh_order.h).
+// chunk_reduce.h - reduces a scan of millions of triangles to some hundred thousand by chunks of consecutive triangles:
+// each is reduced alone (base_reduce.h), then all are joined. This takes a fraction of the memory of the whole scan's
+// connectivity, uses all cores, and stays within caches if neighbouring triangles are near in the list (mesh_order.h).
 #pragma once
 
 #include <atomic>
@@ -13,17 +12,17 @@
 
 namespace relievo {
 
-struct RunOptions {
-  size_t run_triangles = 0;  // 0: as many as the scan's size makes best
-  size_t triangles = 0;      // about as many are left inside of runs; what lies between them stays
-  glm::dvec3 centre{0};      // the result is (positions - centre) / diagonal
+struct ChunkOptions {
+  size_t chunk_triangles = 0;  // 0: chosen by the scan's size
+  size_t triangles = 0;        // approximate number left inside of chunks; triangles between chunks stay
+  glm::dvec3 centre{0};        // the result is (positions - centre) / diagonal
   double diagonal = 1;
   int workers = 0;
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };
-// Borders stay in full detail. The same for any number of workers. Nothing: interrupted, or not a mesh that keeps
-// TriMesh's promises (makeSurface says what is wrong with the whole of it).
-std::optional<Surface> thinnedByRuns(const TriMesh& mesh, const RunOptions& options);
+// Borders stay in full detail. The result is the same for any number of workers. Nothing: interrupted, or the mesh is
+// invalid (makeSurface() of the whole mesh says why).
+std::optional<Surface> reduceByChunks(const TriMesh& mesh, const ChunkOptions& options);
 
 }  // namespace relievo

@@ -2,7 +2,7 @@
 
 namespace relievo {
 
-TriangleMesh halfEdgesOf(const Surface& surface) {
+TriangleMesh halfEdgeMeshOf(const Surface& surface) {
   TriangleMesh mesh;
   mesh.reserve(surface.points.size(), surface.triangles.size() * 3 / 2 + surface.loops.size(),
                surface.triangles.size());
@@ -14,18 +14,19 @@ TriangleMesh halfEdgesOf(const Surface& surface) {
 
 TriangleMesh compacted(const TriangleMesh& mesh) {
   TriangleMesh out;
-  std::vector<VertexHandle> name(mesh.n_vertices());
+  std::vector<VertexHandle> new_handle(mesh.n_vertices());
   for (const auto v : mesh.vertices()) {
-    name[v.idx()] = out.add_vertex(mesh.point(v));
-    out.data(name[v.idx()]) = mesh.data(v);
+    new_handle[v.idx()] = out.add_vertex(mesh.point(v));
+    out.data(new_handle[v.idx()]) = mesh.data(v);
   }
   for (const auto f : mesh.faces()) {
     const auto corners = cornersOf<3>(f);
-    out.add_face(name[corners[0].idx()], name[corners[1].idx()], name[corners[2].idx()]);
+    out.add_face(new_handle[corners[0].idx()], new_handle[corners[1].idx()], new_handle[corners[2].idx()]);
   }
   for (const auto e : mesh.edges())
     for (const auto& h : {e.h0(), e.h1()})
-      out.data(out.find_halfedge(name[h.from().idx()], name[h.to().idx()])).step = mesh.data(h).step;
+      out.data(out.find_halfedge(new_handle[h.from().idx()], new_handle[h.to().idx()])).curve_position =
+          mesh.data(h).curve_position;
   return out;
 }
 

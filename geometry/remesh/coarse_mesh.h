@@ -1,9 +1,8 @@
-// coarse_mesh.h - the half-edge meshes of remeshing: OpenMesh's, from the reduced surface on. The one file of the
-// product that includes OpenMesh (tests/base/rooms_test.cpp); only files of this folder may include it.
-//   triangles  the reduced surface, and what is simplified from a copy of it
-//   quads      the base mesh to be
-//   curves     a half edge that runs along a feature curve knows where on it it starts
-// Handles are OpenMesh's smart ones, wherever they come from a circulator: h.to(), v.faces(), f.halfedges().
+// coarse_mesh.h - the half-edge meshes of remeshing, from the reduced surface on: TriangleMesh for the reduced surface
+// and its simplified copies, QuadMesh for the base mesh to be. Half edges along a feature curve store their position on
+// it. This is the only file of the product that includes OpenMesh (tests/base/rooms_test.cpp), and only files of this
+// folder may include it.
+// Handles from circulators are OpenMesh's smart ones: h.to(), v.faces(), f.halfedges(). Units: diagonals of the scan.
 #pragma once
 
 #include <array>
@@ -11,7 +10,7 @@
 
 #include <glm/glm.hpp>
 
-// What OpenMesh asks of a type of points.
+// OpenMesh requires this function of a point type.
 namespace OpenMesh {
 inline double norm(const glm::dvec3& v) { return glm::length(v); }
 }  // namespace OpenMesh
@@ -37,10 +36,10 @@ namespace relievo {
 using OpenMesh::EdgeHandle, OpenMesh::FaceHandle, OpenMesh::VertexHandle;
 using OpenMesh::SmartEdgeHandle, OpenMesh::SmartFaceHandle, OpenMesh::SmartHalfedgeHandle, OpenMesh::SmartVertexHandle;
 
-// Of a half edge: where its feature curve is as it leaves its vertex.
-struct CurveStep {
+// The position of a half edge's origin on its feature curve, if it runs along one.
+struct CurvePosition {
   uint32_t curve = kNoIndex;
-  double along = 0;
+  double arc_length = 0;
   explicit operator bool() const { return curve != kNoIndex; }
 };
 
@@ -51,27 +50,27 @@ struct CoarseTraits : OpenMesh::DefaultTraits {
   EdgeAttributes(OpenMesh::Attributes::Status);
   FaceAttributes(OpenMesh::Attributes::Status);
   VertexTraits {
-    bool fixed = false;     // where feature curves meet, end, or turn sharply: it stays
-    bool on_curve = false;  // unless it is fixed, two of its half edges are on the feature curve
+    bool fixed = false;     // a feature curve's end, fork or sharp turn: must stay
+    bool on_curve = false;  // two of its half edges are on the feature curve, unless it is fixed
   };
-  HalfedgeTraits { CurveStep step; };
+  HalfedgeTraits { CurvePosition curve_position; };
 };
 struct QuadTraits : CoarseTraits {
-  VertexAttributes(OpenMesh::Attributes::Normal);  // the surface's, near the corner
+  VertexAttributes(OpenMesh::Attributes::Normal);  // the surface's normal near the corner
   VertexTraits {
     bool fixed = false, on_curve = false;
-    glm::dmat3 slide{1};  // the directions that the corner may move in: those across a crease are taken out
+    glm::dmat3 free_directions{1};  // projects moves to the permitted directions: those across a crease are removed
   };
 };
 struct TriangleMesh : OpenMesh::TriMesh_ArrayKernelT<CoarseTraits> {};
-struct QuadMesh : OpenMesh::PolyMesh_ArrayKernelT<QuadTraits> {};  // faces are against the clock seen from outside
+struct QuadMesh : OpenMesh::PolyMesh_ArrayKernelT<QuadTraits> {};  // faces are counter-clockwise as seen from outside
 
 // Vertices and faces have the surface's indices.
-TriangleMesh halfEdgesOf(const Surface& surface);
-// Without what is deleted, in the same order: OpenMesh's own garbage collection fills gaps from the end.
+TriangleMesh halfEdgeMeshOf(const Surface& surface);
+// Removes deleted elements and keeps the order (OpenMesh's own garbage collection does not).
 TriangleMesh compacted(const TriangleMesh& mesh);
 
-// The corners of a face, from the first one that it was made of.
+// The corners of a face, in the order in which it was made.
 template <size_t kCorners>
 std::array<VertexHandle, kCorners> cornersOf(const SmartFaceHandle& face) {
   std::array<VertexHandle, kCorners> corners;
@@ -87,11 +86,11 @@ std::array<glm::dvec3, kCorners> pointsOf(const Mesh& mesh, const SmartFaceHandl
   return points;
 }
 // The half edges of a triangle, from the one that leaves its first corner.
-inline std::array<SmartHalfedgeHandle, 3> sidesOf(const SmartFaceHandle& face) {
+inline std::array<SmartHalfedgeHandle, 3> halfedgesOf(const SmartFaceHandle& face) {
   const SmartHalfedgeHandle last = face.halfedge();
   return {last.next(), last.prev(), last};
 }
-// Along the normal, as long as twice the triangle's area.
+// A vector along the normal whose length is twice the triangle's area.
 inline glm::dvec3 areaVector(const std::array<glm::dvec3, 3>& p) { return glm::cross(p[1] - p[0], p[2] - p[0]); }
 inline glm::dvec3 areaVector(const TriangleMesh& mesh, const SmartFaceHandle& face) {
   return areaVector(pointsOf<3>(mesh, face));
@@ -101,16 +100,17 @@ inline glm::dvec3 unit(const glm::dvec3& v) {
   return length > 0 ? v / length : glm::dvec3(0);
 }
 
-// A vertex at a border has one edge more than faces.
-inline uint32_t facesAround(const SmartVertexHandle& v) { return v.valence() - (v.is_boundary() ? 1 : 0); }
+// The number of faces around a vertex.
+inline uint32_t faceCount(const SmartVertexHandle& v) { return v.valence() - (v.is_boundary() ? 1 : 0); }
 
-// The edge from a to b runs along a feature curve, between these places. Where there is no edge, nothing is said.
+// Marks the edge from a to b, if there is one, as a part of a feature curve between two arc lengths.
 template <class Mesh>
-void markStep(Mesh& mesh, VertexHandle a, VertexHandle b, uint32_t curve, double along_a, double along_b) {
+void setCurvePosition(Mesh& mesh, VertexHandle a, VertexHandle b, uint32_t curve, double arc_length_a,
+                      double arc_length_b) {
   const auto h = mesh.find_halfedge(a, b);
   if (!h.is_valid()) return;
-  mesh.data(h).step = {curve, along_a};
-  mesh.data(h.opp()).step = {curve, along_b};
+  mesh.data(h).curve_position = {curve, arc_length_a};
+  mesh.data(h.opp()).curve_position = {curve, arc_length_b};
   mesh.data(a).on_curve = mesh.data(b).on_curve = true;
 }
 

@@ -1,5 +1,6 @@
-// feature_curves.h - lines on a scan that the sides of its base mesh follow: its borders, and long creases (edges of a
-// slab, of a plinth). Every feature curve runs from one fixed vertex to another, or back to the same.
+// feature_curves.h - curves on a scan that the sides of its base mesh follow: its borders, and long creases (the edges
+// of a slab or a plinth). A feature curve runs from one fixed vertex to another, or back to the same. Units: diagonals
+// of the scan.
 #pragma once
 
 #include <cstdint>
@@ -14,41 +15,40 @@ struct TriangleMesh;  // coarse_mesh.h
 
 struct FeatureCurve {
   std::vector<glm::dvec3> points;
-  std::vector<double> at;  // of each point: the length up to it
+  std::vector<double> arc_lengths;  // for each point, the length of the curve up to it
   bool border = false;
-  double length() const { return at.back(); }
-  glm::dvec3 point(double along) const;
+  double length() const { return arc_lengths.back(); }
+  glm::dvec3 point(double arc_length) const;
 };
 
-// How far a border side's scan lies from it where heights do not reach: how far the feature curve's points between two
-// places lie from the strip that the normals sweep along the straight line from a to b.
+// The largest distance of a feature curve from a side between two of its points, as far as heights cannot make up for
+// it: the distance from the ruled surface that the normals span along the straight line from a to b.
 struct CurveEnd {
   glm::dvec3 point{0}, normal{0};
-  double along = 0;
+  double arc_length = 0;
 };
 double deviationFromSide(const FeatureCurve& curve, const CurveEnd& a, const CurveEnd& b);
-// In diagonals: what borders of bases keep to where the number of patches is free and the scan's borders are no
-// rougher.
+// The deviation that a base's borders keep if the number of patches is free and the scan's borders are no rougher.
 inline constexpr double kBorderDeviation = 2e-3;
 
-// How far a feature curve must be let stray where it is rougher than sides of that length: the smallest of within, 2
-// within, 4 within, ... that takes no more than half as many sides again.
-double deviationForSides(const FeatureCurve& curve, double side, double within);
+// The allowed deviation for a feature curve and sides of that length: the smallest of tolerance, 2 tolerance, 4
+// tolerance, ... that takes at most half as many sides again, since a rough curve cannot be followed closely by long
+// sides.
+double deviationForSides(const FeatureCurve& curve, double side, double tolerance);
 
-// A border loop of the scan: its vertices (of the scan's surface) and their places.
-struct BorderLine {
+// A border loop of the scan: its vertices (of the scan's surface) and their positions.
+struct BorderLoop {
   std::vector<uint32_t> vertices;
   std::vector<glm::vec3> points;
 };
 
-// The vertices at which borders turn sharply at the scale of patches, whatever their roughness: the reduced surface
-// must keep them. Lengths in units of the scan's diagonal, here and below.
-std::vector<uint32_t> borderCorners(const std::vector<BorderLine>& scan_borders);
+// The vertices at which borders turn sharply at the scale of patches, however rough they are. The reduced surface must
+// keep them.
+std::vector<uint32_t> borderCorners(const std::vector<BorderLoop>& scan_borders);
 
-// The borders in full detail, as the scan has them; the creases of the reduced surface. Where a surface is rough all
-// over, it has no creases. Their steps and fixed vertices are marked in `reduced`; vertex: of the scan that each of its
-// vertices is.
-std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLine>& scan_borders,
+// Finds the borders, in full detail, and the creases of the reduced surface; a surface that is rough all over has none.
+// Marks their half edges and fixed vertices in `reduced`. vertex: for each vertex of `reduced`, its index in the scan.
+std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLoop>& scan_borders,
                                             std::span<const uint32_t> vertex, TriangleMesh& reduced);
 
 }  // namespace relievo

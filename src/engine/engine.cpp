@@ -156,7 +156,7 @@ struct Engine::Impl {
                      .roots = pinned_nodes,
                      .texture_pages = 0,
                      .relief_pages = 0,
-                     .most_slots = PagePool::maxSlots()};
+                     .max_slots = PagePool::maxSlots()};
     for (int level = 0; level <= std::max(domain().texture_depth, domain().relief_depth); ++level) {
       const uint64_t nodes = domain().nodeCount(level);
       if (level <= domain().texture_depth) needs.texture_pages += nodes * of.texture_planes.size();
@@ -597,8 +597,8 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
     fixed_scene.relight = false;
     fixed = planEffects(fixed_scene, manifest);
   }
-  const uint64_t least = impl->stats.tail_bytes + std::max(leastCacheBytes(impl->cacheNeeds(impl->plan)),
-                                                           leastCacheBytes(impl->cacheNeeds(fixed)));
+  const uint64_t least = impl->stats.tail_bytes +
+                         std::max(minCacheBytes(impl->cacheNeeds(impl->plan)), minCacheBytes(impl->cacheNeeds(fixed)));
   if (options.cache_mib * 1024 * 1024 < static_cast<double>(least)) {
     return Error{ErrorKind::kUsage,
                  "",

@@ -80,10 +80,10 @@ bool canCopyImages() {
 
 ReliefPlace reliefPlace(SlotIndex name) {
   const SlotPart part = partOf(name);
-  const PartPlace at = placeInSlot(part);
+  const PartOffset at = offsetInSlot(part);
   const uint32_t x = part.slot % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.x);
   const uint32_t y = part.slot / kSlotsPerSide % kSlotsPerSide * kPageFullPx + static_cast<uint32_t>(at.y);
-  return {x | y << 11 | part.slot / kSlotsPerLayer << 22, std::max(reliefCoarser(part.level), 0), isThird(part.level)};
+  return {x | y << 11 | part.slot / kSlotsPerLayer << 22, std::max(reliefStepLog2(part.level), 0), isThird(part.level)};
 }
 
 uint32_t PagePool::maxSlots() {

@@ -541,25 +541,26 @@ TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   EXPECT_NEAR(view_direction(boxMesh(4, 10, 10, 10)).flat, 0, 1e-6);
 }
 
-TEST(FeatureCurves, StrayFromASideIsThatAcrossTheNormals) {
+TEST(FeatureCurves, DeviationFromASideIsMeasuredAcrossTheNormals) {
   // A quarter of a circle of radius 1: the chord's height is 1 - cos 45 degrees; and a wave along the normals costs
   // nothing.
-  FeatureCurve arc{.points = {}, .at = {0}, .border = true};
+  FeatureCurve arc{.points = {}, .arc_lengths = {0}, .border = true};
   for (int i = 0; i <= 200; ++i) {
     const double a = 90 * kDegrees * i / 200;
     arc.points.push_back({std::cos(a), std::sin(a), 0.3 * std::sin(20 * a)});
-    if (i) arc.at.push_back(arc.at.back() + glm::length(arc.points[i] - arc.points[i - 1]));
+    if (i) arc.arc_lengths.push_back(arc.arc_lengths.back() + glm::length(arc.points[i] - arc.points[i - 1]));
   }
   const CurveEnd first{arc.points.front(), {0, 0, 1}, 0}, last{arc.points.back(), {0, 0, 1}, arc.length()};
   EXPECT_NEAR(deviationFromSide(arc, first, last), 1 - std::cos(45 * kDegrees), 1e-4);
   EXPECT_DOUBLE_EQ(deviationFromSide(arc, last, first), deviationFromSide(arc, first, last));
   const CurveEnd tilted_first{first.point, {0, 1, 0}, 0}, tilted_last{last.point, {0, 1, 0}, arc.length()};
   EXPECT_GT(deviationFromSide(arc, tilted_first, tilted_last), 0.25);  // the wave
-  // Of a circle of 0.35 sides of 0.05 stray by 0.0009; a few long ones may not.
-  FeatureCurve circle{.points = {}, .at = {0}, .border = true};
+  // Of a circle of 0.35 sides of 0.05 deviate by 0.0009; long ones deviate by more than allowed.
+  FeatureCurve circle{.points = {}, .arc_lengths = {0}, .border = true};
   for (int i = 0; i <= 400; ++i) {
     circle.points.push_back({0.35 * std::cos(i * 0.9 * kDegrees), 0.35 * std::sin(i * 0.9 * kDegrees), 0});
-    if (i) circle.at.push_back(circle.at.back() + glm::length(circle.points[i] - circle.points[i - 1]));
+    if (i)
+      circle.arc_lengths.push_back(circle.arc_lengths.back() + glm::length(circle.points[i] - circle.points[i - 1]));
   }
   EXPECT_EQ(deviationForSides(circle, 0.05, 0.002), 0.002);
   EXPECT_GT(deviationForSides(circle, 0.8, 0.002), 0.02);
@@ -572,7 +573,7 @@ TEST(FeatureCurves, CornersOfRoughBorders) {
   std::normal_distribution<double> by(0, 1);
   // Regular polygons of that many corners, with noise of 0.05 % of the diagonal across and 0.2 % along the normal.
   for (int corners : {3, 4, 5, 6, 0}) {
-    BorderLine border;
+    BorderLoop border;
     const int n = 1200;
     std::vector<glm::dvec3> truth;
     for (int i = 0; i < n; ++i) {
@@ -758,8 +759,8 @@ TEST(ReduceSurface, StopsWithinAPass) {
   auto scan = makeSurface(m.positions_mm, m.triangles);
   ASSERT_TRUE(scan.ok());
   const std::atomic<bool> stop{true}, go_on{false};
-  EXPECT_EQ(thinned(*scan, 20, {}, &stop).triangles.size(), m.triangles.size());
-  EXPECT_LT(thinned(*scan, 20, {}, &go_on).triangles.size(), m.triangles.size() / 2);
+  EXPECT_EQ(reducePart(*scan, 20, {}, &stop).triangles.size(), m.triangles.size());
+  EXPECT_LT(reducePart(*scan, 20, {}, &go_on).triangles.size(), m.triangles.size() / 2);
 }
 
 TEST(ReduceSurface, KeepsNamedVertices) {
@@ -780,14 +781,14 @@ TEST(ReduceSurface, KeepsNamedVertices) {
   EXPECT_LT(left(reduceSurface(*scan, 300)), 4);  // unnamed, they go
 }
 
-// Thinned run by run, in whatever order the triangles are: the same topology, borders in full detail, no vertex moved;
+// Reduced chunk by chunk, in any order of the triangles: the same topology, borders in full detail, no vertex moved;
 // the same for any number of workers.
-TEST(ThinnedByRuns, KeepsTopologyAndBorders) {
+TEST(ReduceByChunks, KeepsTopologyAndBorders) {
   const unsigned seed = 12;
   printf("seed %u\n", seed);
   std::mt19937 random(seed);
   std::normal_distribution<float> by(0, 0.2f);
-  size_t thinner = 0;
+  size_t smaller = 0;
   for (TriMesh m : {sphereMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2),
                     together(sphereMesh(20), torusMesh(40, 20), glm::vec3(200, 0, 0))}) {
     for (glm::vec3& p : m.positions_mm) p += glm::vec3(by(random), by(random), by(random));
@@ -796,56 +797,57 @@ TEST(ThinnedByRuns, KeepsTopologyAndBorders) {
       if (shuffled) std::shuffle(m.triangles.begin(), m.triangles.end(), random);
       for (size_t run : {37, 1000, 4000}) {
         if (kSanitized && run != (shuffled ? 37 : 4000)) continue;
-        RunOptions options{.run_triangles = run, .triangles = 500, .centre = {1, 2, 3}, .diagonal = 50, .workers = 1};
-        const auto thin = thinnedByRuns(m, options);
-        ASSERT_TRUE(thin);
-        EXPECT_EQ(topologyOf(thin->points.size(), thin->triangles), expected);
-        EXPECT_LE(thin->triangles.size(), m.triangles.size());
-        if (!shuffled && run == 4000) thinner += 2 * thin->triangles.size() < m.triangles.size();
+        ChunkOptions options{
+            .chunk_triangles = run, .triangles = 500, .centre = {1, 2, 3}, .diagonal = 50, .workers = 1};
+        const auto reduced = reduceByChunks(m, options);
+        ASSERT_TRUE(reduced);
+        EXPECT_EQ(topologyOf(reduced->points.size(), reduced->triangles), expected);
+        EXPECT_LE(reduced->triangles.size(), m.triangles.size());
+        if (!shuffled && run == 4000) smaller += 2 * reduced->triangles.size() < m.triangles.size();
         std::vector<std::array<float, 3>> scan;
         for (const glm::vec3& p : m.positions_mm) {
           const glm::vec3 q((glm::dvec3(p) - options.centre) / options.diagonal);
           scan.push_back({q.x, q.y, q.z});
         }
         std::sort(scan.begin(), scan.end());
-        for (const glm::vec3& p : thin->points)
+        for (const glm::vec3& p : reduced->points)
           ASSERT_TRUE(std::binary_search(scan.begin(), scan.end(), std::array<float, 3>{p.x, p.y, p.z}));
         options.workers = 3;
-        const auto again = thinnedByRuns(m, options);
+        const auto again = reduceByChunks(m, options);
         ASSERT_TRUE(again);
-        EXPECT_EQ(again->points, thin->points);
-        EXPECT_EQ(again->triangles, thin->triangles);
+        EXPECT_EQ(again->points, reduced->points);
+        EXPECT_EQ(again->triangles, reduced->triangles);
         // Control: runs that do not meet where they should are seen.
-        std::vector<Triangle> torn = thin->triangles;
+        std::vector<Triangle> torn = reduced->triangles;
         torn.erase(torn.begin() + static_cast<std::ptrdiff_t>(torn.size() / 2));
-        EXPECT_NE(topologyOf(thin->points.size(), torn), expected);
+        EXPECT_NE(topologyOf(reduced->points.size(), torn), expected);
       }
     }
   }
-  EXPECT_EQ(thinner, 5u);
+  EXPECT_EQ(smaller, 5u);
 }
 
-TEST(ThinnedByRuns, RefusesWhatIsNoMesh) {
-  const RunOptions options{.run_triangles = 100, .triangles = 100};
+TEST(ReduceByChunks, RefusesWhatIsNoMesh) {
+  const ChunkOptions options{.chunk_triangles = 100, .triangles = 100};
   const TriMesh sound = sphereMesh(12);
-  EXPECT_TRUE(thinnedByRuns(sound, options));
+  EXPECT_TRUE(reduceByChunks(sound, options));
   TriMesh m = sound;
   m.triangles[500][1] = static_cast<uint32_t>(m.positions_mm.size());
-  EXPECT_FALSE(thinnedByRuns(m, options));
+  EXPECT_FALSE(reduceByChunks(m, options));
   m = sound;
   m.triangles[7][1] = m.triangles[7][0];
-  EXPECT_FALSE(thinnedByRuns(m, options));
+  EXPECT_FALSE(reduceByChunks(m, options));
   m = sound;
   m.positions_mm[9].y = std::numeric_limits<float>::quiet_NaN();
-  EXPECT_FALSE(thinnedByRuns(m, options));
+  EXPECT_FALSE(reduceByChunks(m, options));
   m = sound;  // a third triangle at an edge, far from it in the list
   m.positions_mm.push_back({90, 90, 90});
   m.triangles.push_back({m.triangles[3][0], m.triangles[3][1], static_cast<uint32_t>(m.positions_mm.size() - 1)});
-  EXPECT_FALSE(thinnedByRuns(m, options));
+  EXPECT_FALSE(reduceByChunks(m, options));
   const std::atomic<bool> interrupted{true};
-  RunOptions stopped = options;
+  ChunkOptions stopped = options;
   stopped.interrupted = &interrupted;
-  EXPECT_FALSE(thinnedByRuns(sound, stopped));
+  EXPECT_FALSE(reduceByChunks(sound, stopped));
 }
 
 // Rough, torn and scattered scans: whatever comes out is sound and of the scan's topology.

@@ -405,7 +405,7 @@ struct Baked final : ReliefOracle {
             *std::max_element(blocks.begin(), blocks.end())};
   }
   const GridErrors& of(const NodeId& page) const {
-    return bake->errorsOfCells(page.patch, 7 + static_cast<int>(page.level));
+    return bake->errorsOfGrid(page.patch, 7 + static_cast<int>(page.level));
   }
   // A page's blocks, of those of all pages of its level.
   template <class T>
@@ -426,10 +426,10 @@ struct Baked final : ReliefOracle {
     return pick(of(page).shapes, page, out);
   }
   bool coarseBlocks(uint32_t patch, int cells_log2, std::span<float> out) const override {
-    return copy(bake->errorsOfCells(patch, cells_log2).mm, out);
+    return copy(bake->errorsOfGrid(patch, cells_log2).mm, out);
   }
   bool coarseShapes(uint32_t patch, int cells_log2, std::span<DeviationShape> out) const override {
-    return copy(bake->errorsOfCells(patch, cells_log2).shapes, out);
+    return copy(bake->errorsOfGrid(patch, cells_log2).shapes, out);
   }
 };
 Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
@@ -452,7 +452,7 @@ Artwork scan(std::string name, TriMesh mesh, uint32_t patches, int cells_log2) {
   for (uint32_t p = 0; p < base->patches.size(); ++p) {
     baked->heights[p].resize(static_cast<size_t>((side + 1) * (side + 1)));
     EXPECT_TRUE(baked->bake->heights(p, baked->heights[p]).ok());
-    for (int k = 0; k < 7; ++k) coarse[p][static_cast<size_t>(k)] = baked->bake->errorOfCells(p, k);
+    for (int k = 0; k < 7; ++k) coarse[p][static_cast<size_t>(k)] = baked->bake->errorOfGrid(p, k);
   }
   Artwork a = overMesh(std::move(name), *base, baked->relief, baked, std::move(coarse));
   a.make_vertex = [baked, side, mesh = std::make_shared<BaseMesh>(*base)](uint32_t patch, int64_t i, int64_t j) {

@@ -147,14 +147,15 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
   for (int round = 0; base.ok(); ++round) {
     auto bake = MeshBake::create(scan, {}, *base, {}, *scene);
     EXPECT_TRUE(bake.ok());
-    auto looked = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
-    EXPECT_TRUE(looked.ok());
-    std::vector<BaseMiss> misses;
-    for (const FidelityMiss& m : looked->misses) misses.push_back({m.place_mm, 16});
-    const bool kept = looked->kept();
-    if (!best.bake || looked->excess() < best.fidelity.excess()) best = {std::move(*bake), std::move(*looked)};
+    auto measured_fidelity = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
+    EXPECT_TRUE(measured_fidelity.ok());
+    std::vector<RefineRequest> requests;
+    for (const FidelityViolation& m : measured_fidelity->violations) requests.push_back({m.position_mm, 16});
+    const bool kept = measured_fidelity->kept();
+    if (!best.bake || measured_fidelity->excess() < best.fidelity.excess())
+      best = {std::move(*bake), std::move(*measured_fidelity)};
     if (kept || round == rounds) break;
-    base = (*domain)->refine(misses, 4096);
+    base = (*domain)->refine(requests, 4096);
   }
   return best;
 }
@@ -203,17 +204,17 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
   auto missing = measureFidelity(two, *scene->rays, *made.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(missing.ok());
   EXPECT_FALSE(missing->kept());
-  EXPECT_GT(missing->to_drawn.beyond, 0.005);
-  EXPECT_LT(missing->to_scan.beyond, 1e-4);
-  EXPECT_GT(missing->to_drawn.largest_at_mm.x, 60);
+  EXPECT_GT(missing->to_drawn.area_beyond, 0.005);
+  EXPECT_LT(missing->to_scan.area_beyond, 1e-4);
+  EXPECT_GT(missing->to_drawn.max_at_mm.x, 60);
   const Made both = bakeUntilKept(two, 0);
   auto rays = makeBakeScene(one, {});
   ASSERT_TRUE(rays.ok());
   auto much = measureFidelity(one, *rays->rays, *both.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(much.ok());
   EXPECT_FALSE(much->kept());
-  EXPECT_GT(much->to_scan.beyond, 0.005);
-  EXPECT_LT(much->to_drawn.beyond, 1e-4);
+  EXPECT_GT(much->to_scan.area_beyond, 0.005);
+  EXPECT_LT(much->to_drawn.area_beyond, 1e-4);
   const TriMesh drawn = bakedTriangles(*made.bake);
   EXPECT_GT(measured(two, drawn, two.origin_mm - drawn.origin_mm, diagonalOf(two), 300).largest, 0.1);
 }

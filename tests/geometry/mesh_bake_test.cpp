@@ -171,12 +171,12 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
     std::vector<float> finer;
     for (int log2 = 8; log2 >= 0; --log2) {
       const auto blocks = static_cast<size_t>(MeshBake::errorBlocks(log2));
-      const std::vector<float>& errors = baked->errorsOfCells(p, log2).mm;
-      const std::vector<DeviationShape>& shapes = baked->errorsOfCells(p, log2).shapes;
+      const std::vector<float>& errors = baked->errorsOfGrid(p, log2).mm;
+      const std::vector<DeviationShape>& shapes = baked->errorsOfGrid(p, log2).shapes;
       if (log2 == 8) {
         EXPECT_EQ(*std::max_element(errors.begin(), errors.end()), 0.0f);
       }
-      EXPECT_EQ(baked->errorOfCells(p, log2), *std::max_element(errors.begin(), errors.end()));
+      EXPECT_EQ(baked->errorOfGrid(p, log2), *std::max_element(errors.begin(), errors.end()));
       std::vector<double> measured(errors.size(), 0);
       for (int i = 0; i < kLooks; ++i) {
         const double u = unit(random), v = unit(random);
@@ -244,7 +244,7 @@ TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
       }
       finer = errors;
     }
-    EXPECT_LE(baked->errorOfCells(p, 7), 65535 * baked->errorUnitMm());
+    EXPECT_LE(baked->errorOfGrid(p, 7), 65535 * baked->errorUnitMm());
   }
   EXPECT_GT(tightest, 0.9);
   EXPECT_GT(halves_fail, 0u);  // control: half the errors would not be bounds
@@ -264,7 +264,7 @@ TEST(MeshBake, aFlatSheetHasNoRange) {
   EXPECT_GT(baked->errorUnitMm(), 0.0);
   for (uint32_t p = 0; p < 2; ++p) {
     for (uint16_t q : heightsOf(*baked, p)) ASSERT_EQ(q, 0);
-    for (int log2 = 0; log2 <= 7; ++log2) EXPECT_LT(baked->errorOfCells(p, log2), 1e-12f);
+    for (int log2 = 0; log2 <= 7; ++log2) EXPECT_LT(baked->errorOfGrid(p, log2), 1e-12f);
   }
 }
 
@@ -308,7 +308,7 @@ AllBytes allBytes(const MeshBake& baked) {
     std::vector<uint8_t> texels(6 * size * size);
     EXPECT_TRUE(baked.texels(p, texels));
     out.texels.insert(out.texels.end(), texels.begin(), texels.end());
-    for (int log2 = 0; log2 <= 7 + baked.reliefDepth(); ++log2) out.errors.push_back(baked.errorOfCells(p, log2));
+    for (int log2 = 0; log2 <= 7 + baked.reliefDepth(); ++log2) out.errors.push_back(baked.errorOfGrid(p, log2));
   }
   return out;
 }
@@ -794,8 +794,8 @@ TEST(MeshBake, aThinReliefOnABigPanel) {
                     0.51 * baked->reliefScaleMm());
       }
     }
-    EXPECT_LT(baked->errorOfCells(p, 0), 0.011f);
-    EXPECT_GT(baked->errorOfCells(p, 0), 0.0f);
+    EXPECT_LT(baked->errorOfGrid(p, 0), 0.011f);
+    EXPECT_GT(baked->errorOfGrid(p, 0), 0.0f);
   }
 }
 
@@ -822,7 +822,7 @@ TEST(MeshBake, degenerateBasesGiveNumbers) {
         std::vector<uint8_t> texels(6 * (size_t{128} << baked->textureDepth()) *
                                     (size_t{128} << baked->textureDepth()));
         for (uint32_t p = 0; p < base->patches.size(); ++p) {
-          for (int log2 = 0; log2 <= 7; ++log2) EXPECT_TRUE(std::isfinite(baked->errorOfCells(p, log2)));
+          for (int log2 = 0; log2 <= 7; ++log2) EXPECT_TRUE(std::isfinite(baked->errorOfGrid(p, log2)));
           EXPECT_TRUE(baked->texels(p, texels));
         }
       }

@@ -74,11 +74,11 @@ TEST(MeshDistance, stopsWhenInterruptedAndShowsProgress) {
   auto baked = bake(scan, sphereBase(50, 2), 5);
   ASSERT_TRUE(baked);
   double last = -1;
-  DistanceRun run{.workers = 1, .progress = [&](double done) {
-                    EXPECT_GE(done, last);
-                    EXPECT_LE(done, 1);
-                    last = done;
-                  }};
+  DistanceOptions run{.workers = 1, .progress = [&](double done) {
+                        EXPECT_GE(done, last);
+                        EXPECT_LE(done, 1);
+                        last = done;
+                      }};
   auto whole = measureDistance(scan, *baked, 3, run);
   ASSERT_TRUE(whole);
   EXPECT_GT(last, 0.9);

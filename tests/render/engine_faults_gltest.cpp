@@ -416,7 +416,7 @@ class CountingSource final : public PageSource {
 
 TEST_F(EngineFaults, FramesGoOnWhileReadsFailAndWhatFailedIsNamedOnce) {
   FrameClock time;
-  FailingSource::Rates rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.02, .late = 0.1, .late_s = 5};
+  FailingSource::Rates rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .permanent = 0.02, .late = 0.1, .late_s = 5};
   auto failing = std::make_shared<FailingSource>(package_, rates, kSeed, time.clock());
   auto checked = std::make_shared<CheckedSource>(failing, checksumsOf(package_));
   auto counting = std::make_shared<CountingSource>(checked);

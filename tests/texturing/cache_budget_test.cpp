@@ -34,20 +34,20 @@ TEST(CacheBudget, NeverExceededAndRootsAlwaysFit) {
     n.roots = 1 + random() % 60;
     n.texture_pages = (uint64_t{1} << random() % 24) * static_cast<uint64_t>(n.texture_planes);
     n.relief_pages = uint64_t{1} << random() % 24;
-    n.most_slots = random() % 3 ? 65535 : 16384;
-    const uint64_t least = leastCacheBytes(n);
+    n.max_slots = random() % 3 ? 65535 : 16384;
+    const uint64_t least = minCacheBytes(n);
     const uint64_t budget = least + (uint64_t{random()} << random() % 4) * (random() % 4 > 0);
     const CacheSlots s = cacheSlots(n, budget);
     const std::string what = "seed " + std::to_string(kSeed) + ", case " + std::to_string(i);
     ASSERT_LE(s.bytes(), budget) << what;
-    ASSERT_LE(std::max(s.texture, s.relief), n.most_slots) << what;
+    ASSERT_LE(std::max(s.texture, s.relief), n.max_slots) << what;
     const bool blocks = isBlockCodec(n.upload);
     ASSERT_EQ(isBlockCodec(s.upload), blocks) << what;
     ASSERT_GE(s.texture, n.roots * static_cast<uint32_t>(n.texture_planes + (blocks ? 0 : n.relief)) + 1) << what;
     ASSERT_EQ(s.relief > 0, blocks && n.relief) << what;
     ASSERT_TRUE(s.relief == 0 || s.relief > n.roots) << what;
     // What is left over would not hold another layer of slots for pages that there are.
-    const bool full = s.texture + 64 > std::min<uint64_t>(n.most_slots, n.texture_pages);
+    const bool full = s.texture + 64 > std::min<uint64_t>(n.max_slots, n.texture_pages);
     ASSERT_TRUE(!blocks || full || budget - s.bytes() < 64 * slotBytes(n.upload, texturePlane(0))) << what;
     // The textures that hold the slots take no more than the budget, either, where it is for a layer of each.
     const auto layered = [](uint64_t slots) { return (slots + 63) / 64 * 64; };

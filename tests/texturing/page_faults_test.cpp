@@ -17,7 +17,7 @@ TEST(StreamerFaults, FailingShortCorruptAndLateReads) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     auto failing = std::make_shared<FailingSource>(
         std::make_shared<ProceduralSource>(),
-        FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.05}, seed);
+        FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .permanent = 0.05}, seed);
     Simulation sim(failing, Simulation::options(2048));
     sim.texels_matter = seed == 1;
     sim.delay_s = [&](PageId id) { return dice(id, seed) < 0.1 ? 5.0 : 0.02; };

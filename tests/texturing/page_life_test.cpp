@@ -102,7 +102,7 @@ TEST(StreamerStates, FailuresAreForgottenBeyondABound) {
   }
   EXPECT_LT(patch, 400000u) << "never forgotten";
   EXPECT_LE(most, 65536u + 3 * 4000u);
-  EXPECT_EQ(censusError(sim.streamer.stats()), "");
+  EXPECT_EQ(stateCountError(sim.streamer.stats()), "");
 }
 
 TEST(StreamerStates, TheCheckSeesAnIllegalChangeAndALostPage) {
@@ -110,13 +110,13 @@ TEST(StreamerStates, TheCheckSeesAnIllegalChangeAndALostPage) {
   sim.texture = square(2, 0, 0, 2);
   ASSERT_TRUE(sim.settle(100));
   StreamerStats s = sim.streamer.stats();
-  ASSERT_EQ(censusError(s), "");
+  ASSERT_EQ(stateCountError(s), "");
   StreamerStats skipped = s;
   ++skipped.moves[static_cast<size_t>(PageState::kQueued)][static_cast<size_t>(PageState::kResident)];
-  EXPECT_NE(censusError(skipped), "");
+  EXPECT_NE(stateCountError(skipped), "");
   StreamerStats lost = s;
   --lost.pages[static_cast<size_t>(PageState::kResident)][0];
-  EXPECT_NE(censusError(lost), "");
+  EXPECT_NE(stateCountError(lost), "");
 }
 
 // --- order of service ---

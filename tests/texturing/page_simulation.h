@@ -42,7 +42,7 @@ inline std::vector<NodeRequest> square(uint32_t level, uint32_t x, uint32_t y, u
 
 // What is wrong with the counts of a streamer: a change of state that the diagram does not know, or pages that came
 // into a state and neither left nor are there; or nothing.
-inline std::string censusError(const StreamerStats& s) {
+inline std::string stateCountError(const StreamerStats& s) {
   for (size_t from = 0; from < kPageStates; ++from)
     for (size_t to = 0; to < kPageStates; ++to)
       if (s.moves[from][to] > 0 && !isLegal(static_cast<PageState>(from), static_cast<PageState>(to)))
@@ -173,7 +173,7 @@ struct Simulation {
     }
     ASSERT_LE(streamer.stats().resident_bytes,
               pool.size() * slotBytes(upload, texturePlane(0)) + relief_pool.size() * kSlotBytes);
-    ASSERT_EQ(censusError(streamer.stats()), "");
+    ASSERT_EQ(stateCountError(streamer.stats()), "");
     for (auto& m : streamer.takeMessages()) messages.push_back(m);
     work();
   }
@@ -211,7 +211,7 @@ inline void expectFinal(Simulation& sim, const FailingSource& source) {
     EXPECT_EQ(whole, !any_failed) << "a page that may still come";
     EXPECT_EQ(sim.streamer.table().find(w.node).has_value(), whole);
   }
-  EXPECT_LE(source.mostAttempts(), kMaxAttempts);
+  EXPECT_LE(source.maxAttempts(), kMaxAttempts);
   EXPECT_LE(failed, sim.streamer.stats().failed_pages);
   EXPECT_EQ(sim.messages.size(), sim.streamer.stats().failed_pages);
   EXPECT_EQ(std::set(sim.messages.begin(), sim.messages.end()).size(), sim.messages.size()) << "named twice";

@@ -216,7 +216,7 @@ TEST(RateLimitedSource, JitterFollowsFromSeedAndPage) {
 
 TEST(FailingSource, WhatGoesWrongFollowsFromSeedPageAndAttempt) {
   auto inner = std::make_shared<SizedSource>(64);
-  FailingSource::Rates rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.05, .late = 0.1, .late_s = 5};
+  FailingSource::Rates rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .permanent = 0.05, .late = 0.1, .late_s = 5};
   auto run = [&](uint64_t seed, bool backwards) {
     LoneClock lone;
     FailingSource source(inner, rates, seed, lone.clock());
@@ -334,14 +334,14 @@ TEST(SimulatedStorage, StacksOnlyWhatIsAskedFor) {
   std::string why;
   auto package = test::noisePackage(folder, 300, 200, Basis::kPtmLrgb, 0, 4, &why);
   ASSERT_TRUE(package) << why;
-  EXPECT_EQ(onSimulatedStorage(package, {}), package);
+  EXPECT_EQ(withSimulatedStorage(package, {}), package);
   LoneClock lone;
   PageId root(texturePlane(0), {0, 0, 0, 0});
   auto bytes = package->read(root)->bytes;
-  auto slow = onSimulatedStorage(package, {.rate_mb_per_s = 2, .latency_ms = 20}, lone.clock());
+  auto slow = withSimulatedStorage(package, {.rate_mb_per_s = 2, .latency_ms = 20}, lone.clock());
   ASSERT_TRUE(slow->read(root));
   EXPECT_NEAR(*lone.now, 100 + static_cast<double>(bytes.size()) / 2e6 + 0.02, 1e-9);
-  auto kept = onSimulatedStorage(package, {.latency_ms = 20, .memory_mib = 1}, lone.clock());
+  auto kept = withSimulatedStorage(package, {.latency_ms = 20, .memory_mib = 1}, lone.clock());
   ASSERT_TRUE(kept->read(root));
   double once = *lone.now;
   ASSERT_TRUE(kept->read(root));
@@ -349,7 +349,7 @@ TEST(SimulatedStorage, StacksOnlyWhatIsAskedFor) {
   // Everything goes wrong: what passes is late, and sound.
   int passed = 0;
   for (uint64_t seed = 1; seed <= 100; ++seed) {
-    auto bad = onSimulatedStorage(package, {.fail_percent = 100, .seed = seed}, lone.clock());
+    auto bad = withSimulatedStorage(package, {.fail_percent = 100, .seed = seed}, lone.clock());
     double before = *lone.now;
     auto read = bad->read(root);
     if (!read) continue;

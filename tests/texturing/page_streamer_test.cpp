@@ -360,7 +360,7 @@ TEST(PageStreamer, FaultsEndResidentOrFailedAndAreNamedOnce) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     auto failing = std::make_shared<FailingSource>(
         std::make_shared<ProceduralSource>(),
-        FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.1}, seed);
+        FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .permanent = 0.1}, seed);
     Rig rig(failing, threePlanes(1024));
     rig.check_texels = seed == 1;
     rig.streamer.pinRoots({{kRoot}}, {{kRoot}});
@@ -390,7 +390,7 @@ TEST(PageStreamer, FaultsEndResidentOrFailedAndAreNamedOnce) {
     for (const NodeRequest& w : rig.relief) check(PageId(Plane::kRelief, w.node), false);
     EXPECT_GT(failed, 10u);
     EXPECT_GT(loaded, 150u);
-    EXPECT_LE(failing->mostAttempts(), kMaxAttempts);
+    EXPECT_LE(failing->maxAttempts(), kMaxAttempts);
     EXPECT_TRUE(rig.streamer.table().find(kRoot)) << "a look-up must end somewhere";
     EXPECT_EQ(rig.messages.size(), rig.streamer.stats().failed_pages);
     EXPECT_EQ(std::set(rig.messages.begin(), rig.messages.end()).size(), rig.messages.size()) << "named twice";
@@ -398,13 +398,13 @@ TEST(PageStreamer, FaultsEndResidentOrFailedAndAreNamedOnce) {
     uint64_t read = rig.streamer.stats().pages_read[0];
     for (int i = 0; i < 300; ++i) rig.step();
     EXPECT_EQ(rig.streamer.stats().pages_read[0], read);
-    EXPECT_LE(failing->mostAttempts(), kMaxAttempts) << "no retry storm";
+    EXPECT_LE(failing->maxAttempts(), kMaxAttempts) << "no retry storm";
   }
 }
 
 TEST(PageStreamer, RetriesBackOff) {
   auto failing =
-      std::make_shared<FailingSource>(std::make_shared<ProceduralSource>(), FailingSource::Rates{.forever = 1}, 1);
+      std::make_shared<FailingSource>(std::make_shared<ProceduralSource>(), FailingSource::Rates{.permanent = 1}, 1);
   StreamerOptions options = threePlanes(16);
   options.texture_planes = {texturePlane(0)};
   Rig rig(failing, options);
@@ -476,7 +476,7 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   options.format.scale = {2, 2, 2, 2, 2, 2};
   options.format.bias = {100, 101, 102, 103, 104, 50};
   auto failing =
-      std::make_shared<FailingSource>(std::make_shared<ProceduralSource>(), FailingSource::Rates{.forever = 1}, 1);
+      std::make_shared<FailingSource>(std::make_shared<ProceduralSource>(), FailingSource::Rates{.permanent = 1}, 1);
   PageStreamer streamer(failing, options, fakeDecode);
   std::vector<NodeId> roots{{0, 0, 0, 0}, {1, 0, 0, 0}};
   streamer.pinRoots(roots, roots);
@@ -509,7 +509,7 @@ TEST(PageStreamer, DamagedRootsAreReplacedByNeutralPages) {
   }
   EXPECT_TRUE(streamer.settled());
   EXPECT_EQ(streamer.takeMessages().size(), 0u);
-  EXPECT_EQ(failing->mostAttempts(), kMaxAttempts);
+  EXPECT_EQ(failing->maxAttempts(), kMaxAttempts);
 }
 
 // --- a fixed light ---

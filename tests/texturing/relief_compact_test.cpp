@@ -192,7 +192,7 @@ TEST(ReliefCompact, WhatFitsAPartTakesIt) {
     for (int bits = 1; bits <= 16; ++bits) {
       const auto texels = page(bits);
       const int found = reliefPartLevel(texels, ReliefParts::kCompact);
-      ASSERT_EQ(reliefCoarser(found), coarser);
+      ASSERT_EQ(reliefStepLog2(found), coarser);
       EXPECT_EQ(reliefPartLevel(texels, ReliefParts::kSmall), plainLevel(level));
       EXPECT_EQ(reliefPartLevel(texels, ReliefParts::kOnlyHalves), kHalves);
       if (bits <= 9) {
@@ -219,7 +219,7 @@ TEST(ReliefCompact, WhatFitsAPartTakesIt) {
 // compactPlace() of shaders/compact_relief.glsl divides by multiplying.
 TEST(ReliefCompact, RowsOfTexelsAsTheShaderFindsThem) {
   for (int level = kThirds; level < kPartLevels; ++level) {
-    const int coarser = reliefCoarser(level), columns = kPageFullPx >> coarser;
+    const int coarser = reliefStepLog2(level), columns = kPageFullPx >> coarser;
     ASSERT_EQ(partColumns(level), columns);
     for (int i = 0; i <= partColumns(level) * partRows(level); ++i)
       ASSERT_EQ(((i << coarser) * 7711) >> 20, i / columns) << i;

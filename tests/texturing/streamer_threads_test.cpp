@@ -13,7 +13,8 @@ using namespace fake;
 void failingShortCorruptAndLateReads(StreamerOptions options) {
   auto failing = std::make_shared<FailingSource>(
       std::make_shared<ProceduralSource>(),
-      FailingSource::Rates{.fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .forever = 0.02, .late = 0.1, .late_s = 0.02},
+      FailingSource::Rates{
+          .fail = 0.1, .truncate = 0.1, .corrupt = 0.1, .permanent = 0.02, .late = 0.1, .late_s = 0.02},
       3);
   options.workers = 4;
   Simulation sim(failing, options);

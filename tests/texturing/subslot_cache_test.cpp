@@ -22,16 +22,16 @@ TEST(SlotPart, NamesArePlacesOfTheirOwnInTheSlot) {
     std::vector<int> covered(static_cast<size_t>(kPageFullPx * kPageFullPx));
     for (uint32_t part = 0; part < kPartsOfSlot[static_cast<size_t>(level)]; ++part) {
       const SlotPart p{777, level, part};
-      EXPECT_TRUE(names.insert(nameOf(p)).second);
-      EXPECT_EQ(partOf(nameOf(p)).slot, 777u);
-      EXPECT_EQ(partOf(nameOf(p)).level, level);
-      EXPECT_EQ(partOf(nameOf(p)).part, part);
-      const PartPlace at = placeInSlot(p);
+      EXPECT_TRUE(names.insert(slotIndexOf(p)).second);
+      EXPECT_EQ(partOf(slotIndexOf(p)).slot, 777u);
+      EXPECT_EQ(partOf(slotIndexOf(p)).level, level);
+      EXPECT_EQ(partOf(slotIndexOf(p)).part, part);
+      const PartOffset at = offsetInSlot(p);
       for (int y = 0; y < partRows(level); ++y)
         for (int x = 0; x < partColumns(level); ++x)
           ++covered[static_cast<size_t>((at.y + y) * kPageFullPx + at.x + x)];
-      if (levelAbove(level) == 0) continue;
-      const PartPlace around = placeInSlot({777, levelAbove(level), part / 4});  // lies in the part that it is of
+      if (parentLevel(level) == 0) continue;
+      const PartOffset around = offsetInSlot({777, parentLevel(level), part / 4});  // lies in the part that it is of
       EXPECT_GE(at.x, around.x);
       EXPECT_GE(at.y, around.y);
       EXPECT_LE(at.x + partColumns(level), around.x + partColumns(level - 1));
@@ -42,7 +42,7 @@ TEST(SlotPart, NamesArePlacesOfTheirOwnInTheSlot) {
     EXPECT_EQ(once + never, kPageFullPx * kPageFullPx) << "level " << level << ": one over another";
     EXPECT_LE(never, isThird(level) ? 4 * kPageFullPx : 0) << "level " << level;
   }
-  EXPECT_EQ(nameOf({12345, 0, 0}), 12345u);
+  EXPECT_EQ(slotIndexOf({12345, 0, 0}), 12345u);
 }
 
 TEST(SubslotCache, ReliefPagesShareSlots) {
@@ -94,7 +94,7 @@ TEST(SubslotCache, SlotsInThreeAndInTwo) {
   EXPECT_EQ(cache.pageCount(kThirds), 3u);
   for (uint32_t i : {0u, 2u, 17u}) cache.pin(cache.find(reliefPage(i)));
   EXPECT_EQ(cache.pinnedCount(), 3u);
-  EXPECT_EQ(cache.pinnedInTwo(), 1u);
+  EXPECT_EQ(cache.pinnedHalvedSlots(), 1u);
   EXPECT_EQ(cache.pinnedHalves(), 1u);
   std::string why;
   EXPECT_TRUE(cache.checkInvariants(&why)) << why;
@@ -112,7 +112,7 @@ TEST(SubslotCache, SlotsInThreeAndInTwo) {
   EXPECT_FALSE(cache.place(texturePage(1), 3)) << "all others hold something pinned";
   const auto third = cache.place(reliefPage(60), 3, 1, kThirds + 1);
   ASSERT_TRUE(third);
-  EXPECT_FALSE(third->took_slot);
+  EXPECT_FALSE(third->opened_slot);
   EXPECT_TRUE(third->evicted.empty()) << "the third that had nothing yet";
   EXPECT_TRUE(cache.checkInvariants(&why)) << why;
 }
@@ -187,7 +187,7 @@ std::string randomRun(uint64_t seed, bool careless, int* evicted_pages) {
         if (!idle.empty()) {
           if (!cache.isIdle(idle.front(), tick, 1)) return at + "a part is idle, and is not";
           placed = cache.placeInPart(idle.front(), id, tick, level);
-          if (placed.took_slot) return at + "its slot was in use";
+          if (placed.opened_slot) return at + "its slot was in use";
           if (!Model::overlap(placed.slot, idle.front())) return at + "not the part that was asked for";
         } else {
           const bool fills = cache.hasPartToFill(tick, level);
@@ -201,7 +201,7 @@ std::string randomRun(uint64_t seed, bool careless, int* evicted_pages) {
             break;
           }
           placed = *found;
-          if (fills && (placed.took_slot || !placed.evicted.empty())) return at + "a free part was not filled";
+          if (fills && (placed.opened_slot || !placed.evicted.empty())) return at + "a free part was not filled";
         }
         // Exactly what lay there has left, and nothing that is pinned or was used too lately.
         std::set<uint64_t> gone;

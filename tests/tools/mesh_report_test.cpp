@@ -127,8 +127,8 @@ MeshBuildResult someResult() {
   r.distance.to_scan = {200, 0.25, 0.05, {0.001, 0.002, 0.003, 0.004, 0.005}};
   r.fidelity.diagonal_mm = 10;
   r.fidelity.target = FidelityTarget::of(10);
-  r.fidelity.to_drawn = {.samples = 7, .rms_mm = 1e-4, .most_mm = 2e-3, .largest_mm = 0.5, .largest_at_mm = {1, 2, 3}};
-  r.fidelity.to_scan = {.samples = 8, .rms_mm = 2e-4, .most_mm = 2.5e-3, .largest_mm = 0.25};
+  r.fidelity.to_drawn = {.samples = 7, .rms_mm = 1e-4, .p99_9_mm = 2e-3, .max_mm = 0.5, .max_at_mm = {1, 2, 3}};
+  r.fidelity.to_scan = {.samples = 8, .rms_mm = 2e-4, .p99_9_mm = 2.5e-3, .max_mm = 0.25};
   r.stages = {{"read", 0.5, 1000}, {"bake", 1.5, 4000}, {"distance", 8, 9000}};
   r.relief_bytes = 100;
   r.package_bytes = 1000;
@@ -153,7 +153,7 @@ TEST(MeshReport, fidelityIsKeptOrMissed) {
   MeshBuildResult r = someResult();
   const Json kept = reportJson(r)["fidelity"];
   EXPECT_EQ(kept["kept"], true) << kept;
-  r.fidelity.to_scan.beyond = 2e-4;
+  r.fidelity.to_scan.area_beyond = 2e-4;
   const Json missed = reportJson(r)["fidelity"];
   EXPECT_EQ(missed["kept"], false);
   EXPECT_DOUBLE_EQ(missed["too_much"]["area_beyond"].get<double>(), 2e-4);

@@ -7,100 +7,103 @@ namespace relievo {
 
 namespace {
 
-constexpr int kWindow = 2;        // lists that are judged together
-constexpr int kNoisyWindows = 4;  // with some overflow in each, in a row: as bad as an overflow in all lists
-constexpr int kStride = 4;
+constexpr int kListsPerEvaluation = 2;  // lists of one evaluation
+constexpr int kNoisyEvaluations = 4;    // so many evaluations in a row with a partial overflow count as an overflow
+constexpr int kRiseFactor = 4;
 constexpr double kPlateau = 0.98;
-constexpr int kCloseEnough = 5;     // steps between a bias that fits and a finer one that does not
-constexpr double kMargin = 0.95;    // of the room that a finer view may be expected to need
-constexpr double kOtherView = 0.1;  // more or less demand at the same bias
-constexpr int kSettlingWindows =
-    4;  // after a move, in which relief and what is remembered of older requests still follow it
-constexpr int kListsOfOldView =
-    12;  // after the view moved: requests follow it late, and some of what was wanted before is remembered
-// One level finer has at most four nodes for each, and their parents.
-constexpr double kMostAtOnce = 5;
-constexpr int kLevel = 20;  // steps
-static_assert(kLevel * kBiasStep == 1);
-// A slope is learned from judgements this far apart, and is that of a surface seen edge on (2) to flat on (4).
-constexpr double kLeastSlope = 0.6931471805599453, kMostSlope = 1.3862943611198906;
+constexpr int kMaxGap = 5;           // steps between a bias that fits and a finer one that does not
+constexpr double kMargin = 0.95;     // share of the room that a finer view may be expected to need
+constexpr double kViewChange = 0.1;  // relative change of the demand at the same bias that means another view
+// After a change of the bias, since relief and remembered requests still follow it.
+constexpr int kSettlingEvaluations = 4;
+// After a move of the view, since requests follow late and older ones are remembered.
+constexpr int kListsAfterMove = 12;
+// A level has at most four times the nodes of the next coarser one, plus their parents.
+constexpr double kMaxGrowth = 5;
+constexpr int kStepsPerLevel = 20;
+static_assert(kStepsPerLevel * kBiasStep == 1);
+// The slope is measured between evaluations at least a level apart. It lies between that of a surface seen edge on (log
+// 2) and flat on (log 4).
+constexpr double kMinSlope = 0.6931471805599453, kMaxSlope = 1.3862943611198906;
 
 }  // namespace
 
-void DetailBias::observe(const DetailDemand& demand, std::optional<double> made_at) {
-  if (demand.moved) lists_of_view_ = 0;
-  else if (lists_of_view_ < kListsOfOldView) ++lists_of_view_;
-  learned_elsewhere_ = (learned_elsewhere_ || demand.moved) && (steps_ > 0 || target_ > 0);
+void DetailBias::observe(const DetailDemand& demand, std::optional<double> request_bias) {
+  if (demand.moved) lists_since_move_ = 0;
+  else if (lists_since_move_ < kListsAfterMove) ++lists_since_move_;
+  bounds_from_old_view_ = (bounds_from_old_view_ || demand.moved) && (steps_ > 0 || target_ > 0);
   if (steps_ != target_) {
     steps_ += std::clamp(target_ - steps_, -kBiasSlew, kBiasSlew);
     return;
   }
-  if (made_at) {
-    if (std::abs(*made_at - value()) > kBiasStep / 4) return;
+  if (request_bias) {
+    if (std::abs(*request_bias - value()) > kBiasStep / 4) return;
     stale_lists_ = 0;
-  } else if (stale_lists_ > 0 && !broken_.no_latency) {
+  } else if (stale_lists_ > 0 && !faults_.no_latency) {
     --stale_lists_;
     return;
   }
-  if (steps_ > 0 && std::abs(demand.pages - reference_) > kOtherView * reference_) still_ = false;
+  if (steps_ > 0 && std::abs(demand.pages - reference_) > kViewChange * reference_) still_ = false;
   if (demand.overflow && steps_ < kMaxBiasSteps) still_ = false;
   ++lists_;
   overflows_ += demand.overflow;
-  largest_ = std::max(largest_, demand.pages);
-  if (lists_ >= kWindow) judge(std::max(1.0, demand.room));
+  max_pages_ = std::max(max_pages_, demand.pages);
+  if (lists_ >= kListsPerEvaluation) evaluate(std::max(1.0, demand.room));
 }
 
-void DetailBias::judge(double room) {
-  double pages = std::max(1.0, largest_);
-  bool some = overflows_ > 0, overflow = overflows_ == lists_;
-  noisy_windows_ = some ? noisy_windows_ + 1 : 0;
-  if (noisy_windows_ >= kNoisyWindows) overflow = true;
+void DetailBias::evaluate(double room) {
+  double pages = std::max(1.0, max_pages_);
+  bool any_overflow = overflows_ > 0, overflow = overflows_ == lists_;
+  noisy_evaluations_ = any_overflow ? noisy_evaluations_ + 1 : 0;
+  if (noisy_evaluations_ >= kNoisyEvaluations) overflow = true;
   lists_ = overflows_ = 0;
-  largest_ = 0;
+  max_pages_ = 0;
 
-  if (learned_elsewhere_ && lists_of_view_ >= kListsOfOldView) {
-    learned_elsewhere_ = false;
-    low_ = -1;
-    high_ = kMaxBiasSteps + 1;
-    rise_ = 0;
+  if (bounds_from_old_view_ && lists_since_move_ >= kListsAfterMove) {
+    bounds_from_old_view_ = false;
+    coarsest_overflow_ = -1;
+    finest_fit_ = kMaxBiasSteps + 1;
+    last_rise_ = 0;
   }
-  bool contradiction = overflow ? steps_ >= high_ : !some && steps_ <= low_;
-  bool another = ++windows_ > kSettlingWindows && std::abs(pages - reference_) > kOtherView * reference_;
-  if (contradiction || another || kMostAtOnce * pages <= room) {
-    low_ = -1;
-    high_ = kMaxBiasSteps + 1;
-    rise_ = 0;
+  bool contradiction = overflow ? steps_ >= finest_fit_ : !any_overflow && steps_ <= coarsest_overflow_;
+  bool view_changed = ++evaluations_ > kSettlingEvaluations && std::abs(pages - reference_) > kViewChange * reference_;
+  if (contradiction || view_changed || kMaxGrowth * pages <= room) {
+    coarsest_overflow_ = -1;
+    finest_fit_ = kMaxBiasSteps + 1;
+    last_rise_ = 0;
   }
   reference_ = pages;
-  if (judged_steps_ >= 0 && !another && std::abs(judged_steps_ - steps_) >= kLevel) {
-    double levels = (steps_ - judged_steps_) * kBiasStep;
-    slope_ = std::clamp(std::log(judged_pages_ / pages) / levels, kLeastSlope, kMostSlope);
+  if (evaluated_steps_ >= 0 && !view_changed && std::abs(evaluated_steps_ - steps_) >= kStepsPerLevel) {
+    double levels = (steps_ - evaluated_steps_) * kBiasStep;
+    slope_ = std::clamp(std::log(evaluated_pages_ / pages) / levels, kMinSlope, kMaxSlope);
   }
 
   auto stepsFor = [&](double ratio) { return std::log(ratio) / slope_ / kBiasStep; };
   int to = steps_;
   if (overflow) {
-    low_ = steps_;
-    // A rise that changed nothing is followed by a larger one: the demand falls by whole levels.
-    int least = rise_ > 0 && pages > kPlateau * judged_pages_ ? std::min(kStride * rise_, kLevel) : 1;
-    to = steps_ + std::max(least, static_cast<int>(std::ceil(stepsFor(pages / room) - 1e-9)));
-    if (high_ <= kMaxBiasSteps) to = (low_ + high_ + 1) / 2;
-    rise_ = to - steps_;
-  } else if (!some) {
-    high_ = std::min(high_, steps_);
-    rise_ = 0;
+    coarsest_overflow_ = steps_;
+    // A rise without effect is followed by a larger one, since demand falls by whole levels.
+    int min_rise =
+        last_rise_ > 0 && pages > kPlateau * evaluated_pages_ ? std::min(kRiseFactor * last_rise_, kStepsPerLevel) : 1;
+    to = steps_ + std::max(min_rise, static_cast<int>(std::ceil(stepsFor(pages / room) - 1e-9)));
+    if (finest_fit_ <= kMaxBiasSteps) to = (coarsest_overflow_ + finest_fit_ + 1) / 2;
+    last_rise_ = to - steps_;
+  } else if (!any_overflow) {
+    finest_fit_ = std::min(finest_fit_, steps_);
+    last_rise_ = 0;
     int finer = static_cast<int>(std::floor(stepsFor(kMargin * room / pages)));
-    if (broken_.no_dead_band) {
-      low_ = -1;
+    if (faults_.no_dead_band) {
+      coarsest_overflow_ = -1;
       finer = std::max(1, finer);
     }
     if (finer > 0) to = std::max(0, steps_ - finer);
-    bool plateau = steps_ < judged_steps_ && pages < judged_pages_ / kPlateau;
-    if (finer > 0 && plateau && low_ >= 0) to = std::min(to, (low_ + steps_ + 1) / 2);
-    if (to <= low_) to = steps_ - low_ <= kCloseEnough ? steps_ : (low_ + steps_ + 1) / 2;
+    bool plateau = steps_ < evaluated_steps_ && pages < evaluated_pages_ / kPlateau;
+    if (finer > 0 && plateau && coarsest_overflow_ >= 0) to = std::min(to, (coarsest_overflow_ + steps_ + 1) / 2);
+    if (to <= coarsest_overflow_)
+      to = steps_ - coarsest_overflow_ <= kMaxGap ? steps_ : (coarsest_overflow_ + steps_ + 1) / 2;
   }
-  judged_steps_ = steps_;
-  judged_pages_ = pages;
+  evaluated_steps_ = steps_;
+  evaluated_pages_ = pages;
   moveTo(std::clamp(to, 0, kMaxBiasSteps));
 }
 
@@ -110,8 +113,8 @@ void DetailBias::moveTo(int steps) {
   target_ = steps;
   stale_lists_ = kLatencyLists;
   reference_ = 0;
-  windows_ = 0;
-  noisy_windows_ = 0;
+  evaluations_ = 0;
+  noisy_evaluations_ = 0;
 }
 
 }  // namespace relievo

@@ -1,19 +1,17 @@
-// detail_bias.h - how many levels coarser a view should ask so that its requests fit the cache. Pure: numbers in, a
-// bias out.
+// detail_bias.h - how many levels coarser a view should request so that its requests fit the cache. Pure.
 //
-// Demand is taken to fall with the bias, and as a rule by a factor of 4 a level (a level is twice the size in each
-// direction; ancestors are a third more at every level and cancel out). From one judged request list the bias that fits
-// is then log4(demand / room) away, where the bias moves at kBiasSlew a list: proportional control. What the model gets
-// wrong (demand by whole levels, or by less than 4) the next judgements mend: the bias is the root of a monotone
-// function, known to lie between the finest bias that did fit and the coarsest that did not, and is looked for by that
-// bracket. So it ends after a bounded number of moves at a bias that fits and is within 0.3 levels of the finest, and
-// there it stays: what did not fit is not tried again until the demand at the same bias says that the view is another
-// one.
+// Model: demand falls with the bias, by default by a factor of 4 for each level (a level is twice the size in each
+// direction; ancestors add a third at every level, which cancels out). After one evaluated request list, the bias that
+// fits is log4(demand / room) away: proportional control, at kBiasSlew steps for each list. Later evaluations correct
+// the model where demand falls in whole levels or by less than 4. The bias is the root of a monotone function between
+// the finest bias that fitted and the coarsest that overflowed, and is found by bisection. So the search ends after a
+// bounded number of steps at a bias that fits and is within 0.3 levels of the finest. A bias that overflowed is not
+// tried again until the demand at the same bias shows that the view has changed.
 //
-// The same where the caller says that the view has moved: once it stands still, what was learned of it on the way is
-// forgotten, as a move within a few lists of a change of the bias cannot be told from what that change did.
+// If the caller says that the view moved, the bounds found on the way are forgotten once it stands still, since for a
+// few lists the effect of a move cannot be told from that of the bias.
 //
-// A list is judged by the bias that it was made with. Where the caller does not know that, lists count from the
+// A list is evaluated at the bias with which it was made. If the caller does not know that bias, lists count from the
 // (kLatencyLists + 1)th after a change.
 #pragma once
 
@@ -22,56 +20,57 @@
 
 namespace relievo {
 
-inline constexpr double kBiasStep = 0.05;  // levels
+inline constexpr double kBiasStep = 0.05;  // in levels
 inline constexpr int kMaxBiasSteps = 120;
 inline constexpr double kMaxDetailBias = kMaxBiasSteps * kBiasStep;
-inline constexpr int kBiasSlew = 4;      // steps a list at most: a level takes five frames
-inline constexpr int kLatencyLists = 4;  // between a bias and the requests that follow it, at most
+inline constexpr int kBiasSlew = 4;      // largest number of steps for each list: a level takes five frames
+inline constexpr int kLatencyLists = 4;  // largest number of lists between a bias and the requests that follow it
 
 struct DetailDemand {
-  double pages = 0;       // that the view wants, without those that never leave
-  double room = 0;        // slots for them
-  bool overflow = false;  // some found no room
-  bool moved = false;     // the view is another one than that of the list before
+  double pages = 0;       // requested pages, without those that are never evicted
+  double room = 0;        // slots for these pages
+  bool overflow = false;  // some pages found no slot
+  bool moved = false;     // the view has changed since the previous list
 };
 
 class DetailBias {
  public:
-  // For negative controls in tests: each makes the controller worse in its own way.
+  // Faults for negative controls in tests.
   struct FaultInjection {
-    bool no_dead_band = false;  // a view that fits exactly is tried one step finer, and what failed is forgotten
-    bool no_latency = false;    // lists are judged as if made with the current bias
+    bool no_dead_band = false;  // a fitting view is always tried one step finer, and overflows are forgotten
+    bool no_latency = false;    // lists are evaluated as if made with the current bias
   };
   DetailBias() = default;
-  explicit DetailBias(FaultInjection faults) : broken_(faults) {}
+  explicit DetailBias(FaultInjection faults) : faults_(faults) {}
 
-  // Once a frame with a new request list. made_at: the bias that the list was made with; nothing: not known.
-  void observe(const DetailDemand& demand, std::optional<double> made_at);
+  // Call once for each frame with a new request list. request_bias: the bias with which the list was made; nothing:
+  // unknown.
+  void observe(const DetailDemand& demand, std::optional<double> request_bias);
   double value() const { return steps_ * kBiasStep; }  // 0..kMaxDetailBias
-  // The last lists gave no reason to move, and are of the view as it is.
-  bool isStill() const { return still_ && !learned_elsewhere_; }
+  // The last lists gave no reason to change the bias, and they are of the current view.
+  bool isStill() const { return still_ && !bounds_from_old_view_; }
 
  private:
-  void judge(double room);
+  void evaluate(double room);
   void moveTo(int steps);
 
-  FaultInjection broken_;
+  FaultInjection faults_;
   int steps_ = 0, target_ = 0;
   bool still_ = true;
-  int stale_lists_ = 0;  // still to come
-  // The lists at this bias since the last judgement.
+  int stale_lists_ = 0;  // lists of the old bias that are still expected
+  // The lists at this bias since the last evaluation.
   int lists_ = 0, overflows_ = 0;
-  double largest_ = 0;
-  int windows_ = 0, noisy_windows_ = 0;
-  int rise_ = 0;  // steps of the last move, if it was one
-  // Of this view: the coarsest bias that overflowed, the finest that fitted, the demand last judged.
-  int low_ = -1, high_ = kMaxBiasSteps + 1;
-  bool learned_elsewhere_ = false;  // some of it before the view moved last
-  int lists_of_view_ = 0;           // since then
-  double reference_ = 0;            // at the current bias
-  int judged_steps_ = -1;
-  double judged_pages_ = 0;
-  double slope_ = 1.3862943611198906;  // of log(demand), a level: log 4
+  double max_pages_ = 0;
+  int evaluations_ = 0, noisy_evaluations_ = 0;
+  int last_rise_ = 0;  // steps of the last change, if it was a rise
+  // The coarsest bias that overflowed and the finest that fitted, in this view.
+  int coarsest_overflow_ = -1, finest_fit_ = kMaxBiasSteps + 1;
+  bool bounds_from_old_view_ = false;  // some of these bounds precede the view's last move
+  int lists_since_move_ = 0;           // lists since that move
+  double reference_ = 0;               // the demand at the current bias
+  int evaluated_steps_ = -1;
+  double evaluated_pages_ = 0;
+  double slope_ = 1.3862943611198906;  // of log(demand) for each level: log 4
 };
 
 }  // namespace relievo

@@ -23,19 +23,19 @@ std::vector<FeedbackOffset> offsetsOf(int scale) {
     dy = std::min(dy, scale - dy);
     return dx * dx + dy * dy;
   };
-  std::vector<FeedbackOffset> left, order;
+  std::vector<FeedbackOffset> remaining, order;
   for (int y = 0; y < scale; ++y)
-    for (int x = 0; x < scale; ++x) left.push_back({x, y});
-  std::vector<int> nearest(left.size(), 4 * scale * scale);
+    for (int x = 0; x < scale; ++x) remaining.push_back({x, y});
+  std::vector<int> nearest(remaining.size(), 4 * scale * scale);
   size_t next = static_cast<size_t>(scale / 2 * scale + scale / 2);
-  while (!left.empty()) {
-    FeedbackOffset chosen = left[next];
+  while (!remaining.empty()) {
+    FeedbackOffset chosen = remaining[next];
     order.push_back(chosen);
-    left.erase(left.begin() + static_cast<std::ptrdiff_t>(next));
+    remaining.erase(remaining.begin() + static_cast<std::ptrdiff_t>(next));
     nearest.erase(nearest.begin() + static_cast<std::ptrdiff_t>(next));
     next = 0;
-    for (size_t i = 0; i < left.size(); ++i) {
-      nearest[i] = std::min(nearest[i], distance2(left[i], chosen));
+    for (size_t i = 0; i < remaining.size(); ++i) {
+      nearest[i] = std::min(nearest[i], distance2(remaining[i], chosen));
       if (nearest[i] > nearest[next]) next = i;
     }
   }
@@ -61,7 +61,8 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
   ordered_.clear();
   if (width_px <= 0 || height_px <= 0) return {};
 
-  // Twice the distance from the centre in pixels, so that pixel centres are integers; squared: floats only at the end.
+  // Twice the distance from the centre in pixels, so that pixel centres are integers. Squared, so that floats appear
+  // only at the end.
   auto width = static_cast<int64_t>(width_px), height = static_cast<int64_t>(height_px);
   height = std::min<int64_t>(height, static_cast<int64_t>(pixels.size()) / width);
   auto nearer = [&](uint32_t i, int64_t d2) {
@@ -71,7 +72,7 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
     const auto* row = pixels.data() + y * width;
     int64_t dy = 2 * y + 1 - height_px;
     for (int64_t x = 0; x < width;) {
-      // Neighbours mostly want the same node: one look-up for a run of equal pixels.
+      // Neighbours mostly want the same node: one look-up serves a run of equal pixels.
       int64_t end = x + 1;
       while (end < width && row[end] == row[x]) ++end;
       const auto& p = row[x];
@@ -82,7 +83,7 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
           auto run = static_cast<uint32_t>(end - x);
           requests_[i].pixels += run;
           if ((p[0] >> 16 & 1u) && parent_[i] != kNoParent) requests_[parent_[i]].pixels += run;
-          // The run's pixel nearest to the middle column.
+          // The run's pixel that is nearest to the middle column.
           int64_t first = 2 * x + 1 - width_px, last = 2 * end - 1 - width_px;
           int64_t dx = first > 0 ? first : last < 0 ? last : (first & 1);
           nearer(i, dx * dx + dy * dy);
@@ -91,7 +92,7 @@ std::span<const NodeRequest> FeedbackAnalyzer::analyze(std::span<const std::arra
       x = end;
     }
   }
-  // Parents stand before their children.
+  // Parents precede their children.
   for (size_t i = requests_.size(); i-- > 0;)
     if (parent_[i] != kNoParent)
       requests_[parent_[i]].centre_distance =

@@ -7,9 +7,9 @@ namespace relievo {
 
 PageCache::PageCache(uint32_t slot_count) {
   slot_count = std::min(slot_count, kMaxSlots);
-  PageId nothing;
-  nothing.bits = kFreeBits;
-  pages_.assign(slot_count, nothing);
+  PageId free_page;
+  free_page.bits = kFreeBits;
+  pages_.assign(slot_count, free_page);
   uses_.resize(slot_count);
   pins_.resize(slot_count);
   index_.reset(slot_count);
@@ -19,9 +19,9 @@ PageCache::PageCache(uint32_t slot_count) {
 void PageCache::addClosed(uint32_t count) {
   const size_t slots = pages_.size() + count;
   assert(slots <= kMaxSlots);
-  PageId nothing;
-  nothing.bits = kFreeBits;
-  pages_.resize(slots, nothing);
+  PageId free_page;
+  free_page.bits = kFreeBits;
+  pages_.resize(slots, free_page);
   uses_.resize(slots);
   pins_.resize(slots);
   closed_ += count;
@@ -60,7 +60,7 @@ bool PageCache::isPinned(SlotIndex slot) const { return pinned(slot); }
 
 void PageCache::advance(uint64_t tick) { last_tick_ = std::max(last_tick_, tick); }
 
-// The page is not pinned and not in the list.
+// The page must not be pinned or in the list.
 void PageCache::markUsed(SlotIndex s) {
   uses_[s].tick = static_cast<uint32_t>(last_tick_);
   linkNewest(s);
@@ -97,7 +97,7 @@ std::optional<PageCache::Placement> PageCache::place(PageId id, uint64_t tick, u
     return placement;
   }
   if (free_ != kNone) return placeAt(free_, id, tick);
-  // Ticks grow along the list of uses, so its oldest end alone says whether anything can be had.
+  // Ticks grow along the list of uses, so that its oldest end decides.
   if (oldest_ == kNone || age(oldest_) < std::max(1u, min_age)) return std::nullopt;
   return placeAt(oldest_, id, tick);
 }

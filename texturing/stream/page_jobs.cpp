@@ -20,7 +20,7 @@ PageJobs::PageJobs(const PageSource& source, const TextureFormat& format, const 
       workers_(workers),
       max_threads_(static_cast<size_t>(std::max(workers, max_reads))),
       max_buffers_(max_buffers),
-      gate_(std::max(1, workers)),
+      limiter_(std::max(1, workers)),
       free_buffers_(max_buffers) {
   if (workers > 0) threads_.startAtLeastOne(static_cast<size_t>(workers), [this] { work(); });
 }
@@ -36,7 +36,7 @@ PageJobs::~PageJobs() {
 }
 
 void PageJobs::work() {
-  // A software driver draws on the same processors: frames come first, pages take what they leave.
+  // A software driver draws on the same cores: frames come before pages.
   constexpr int kNice = 10;
   stepBack(kNice);
   for (;;) {
@@ -52,13 +52,14 @@ void PageJobs::work() {
 }
 
 void PageJobs::addThreads() {
-  // Since the last publish, a frame ago, fewer jobs were done than there are threads, and all of them are reading.
+  // The source is slow: fewer jobs than threads were finished since the last publish(), a frame ago, and all threads
+  // are reading.
   const size_t threads = threads_.size();
-  const bool slow = std::exchange(finished_, 0) < threads && gate_.reading.load() >= static_cast<int>(threads);
+  const bool slow = std::exchange(finished_, 0) < threads && limiter_.reading.load() >= static_cast<int>(threads);
   if (!slow || stop_ || workers_ == 0) return;
-  // Where the system gives no more, those that there are go on.
-  const size_t most = std::min({2 * threads, max_threads_, threads + jobs_.size()});
-  if (most > threads) threads_.start(most - threads, [this] { work(); });
+  // If the system refuses more threads, the existing ones go on.
+  const size_t max_threads = std::min({2 * threads, max_threads_, threads + jobs_.size()});
+  if (max_threads > threads) threads_.start(max_threads - threads, [this] { work(); });
 }
 
 bool PageJobs::available() const {
@@ -96,10 +97,10 @@ bool PageJobs::wanted(const PageJob& job) const {
 
 void PageJobs::finish(const PageJob& job) {
   std::unique_lock lock(mutex_);
-  const Running* known = find(job.ticket);
-  assert(known);
-  if (!known) return;
-  Running running = *known;
+  const Running* found = find(job.ticket);
+  assert(found);
+  if (!found) return;
+  Running running = *found;
   Texels texels;
   if (!pool_.empty()) {
     texels = std::move(pool_.back());
@@ -115,7 +116,7 @@ void PageJobs::finish(const PageJob& job) {
   if (!texels) texels = makeTexels();
   if (!loader)
     loader = std::make_unique<PageLoader>(source_, format_, decoder_, upload_, relief_parts_,
-                                          workers_ > 0 ? &gate_ : nullptr, normals_);
+                                          workers_ > 0 ? &limiter_ : nullptr, normals_);
   LoadOutcome outcome;
   outcome.id = job.id;
   outcome.ticket = job.ticket;
@@ -133,7 +134,7 @@ void PageJobs::finish(const PageJob& job) {
     ++free_buffers_;
     work_.notify_one();
   }
-  done_.push_back(std::move(outcome));
+  outcomes_.push_back(std::move(outcome));
 }
 
 void PageJobs::collect(Report& report, std::vector<Texels>& returned) {
@@ -144,7 +145,7 @@ void PageJobs::collect(Report& report, std::vector<Texels>& returned) {
   {
     std::lock_guard lock(mutex_);
     report.started.swap(started_);
-    report.done.swap(done_);
+    report.done.swap(outcomes_);
     free_buffers_ += returned.size();
     for (Texels& t : returned) pool_.push_back(std::move(t));
   }

@@ -1,7 +1,7 @@
-// page_jobs.h - between the render thread and those who read and decode: an ordered list of jobs one way, outcomes and
-// empty buffers the other. The one mutex is held for moves of a few values only, never while something is read or
-// decoded, so the render thread does not wait for a source. Workers are threads of its own, or whoever calls take() and
-// finish().
+// page_jobs.h - the channel between the render thread and the workers that read and decode: an ordered list of jobs in
+// one direction, outcomes and empty buffers in the other. Its mutex is held for moves of a few values only, never while
+// something is read or decoded, so that the render thread does not wait for a source. Workers are threads of this
+// object, or callers of take() and finish().
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@
 
 namespace relievo {
 
-// A page being read and decoded. The ticket tells this request from earlier ones for the same page.
+// A page to be read and decoded. The ticket tells this request from earlier ones for the same page.
 struct PageJob {
   PageId id;
   uint64_t ticket = 0;
@@ -33,20 +33,21 @@ struct RankedJob {
 
 class PageJobs {
  public:
-  // The first three outlive the jobs. workers: threads that decode at a time. max_reads: reads under way, at most; as
-  // many threads as workers serve a fast source, and more are added while all of them wait for a slow one (a link with
-  // latency). max_buffers: jobs under way and decoded pages that are not returned yet, at most. upload, relief_parts,
-  // normals: as for PageLoader. Fewer threads where the system refuses some; not one: throws ThreadStartFailure.
+  // source, format and decoder must outlive the jobs. workers: the number of threads that decode at a time. max_reads:
+  // the largest number of reads under way; a fast source is served by as many threads as workers, and more are added
+  // while all of them wait for a slow one (a link with latency). max_buffers: the largest number of jobs under way plus
+  // decoded pages that were not returned yet. upload, relief_parts, normals: as for PageLoader. If the system refuses
+  // some threads there are fewer; if it refuses all: throws ThreadStartFailure.
   PageJobs(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder, PageCodec upload,
            ReliefParts relief_parts, int workers, int max_reads, size_t max_buffers,
            const ReliefNormals* normals = nullptr);
-  ~PageJobs();  // waits for the reads under way, not for decoding what they bring
+  ~PageJobs();  // waits for reads under way, but not for the decoding of their results
 
   // --- any thread
-  // The best job, if there is one and a buffer for it. What is taken is to be finished. Prefetching gets half of the
-  // buffers at most, so that what is wanted now finds one.
+  // The best job, if there is one and a buffer for it. The caller must finish it. Prefetching gets at most half of the
+  // buffers, so that requested pages find one.
   std::optional<PageJob> take();
-  void finish(const PageJob& job);  // reads, decodes, delivers
+  void finish(const PageJob& job);  // reads, decodes and delivers
   bool wanted(const PageJob& job) const;
 
   // --- the render thread
@@ -54,14 +55,15 @@ class PageJobs {
     std::vector<PageJob> started;  // since the last report
     std::vector<LoadOutcome> done;
   };
-  // Both vectors are replaced; `returned` is emptied. Throws what a worker threw (out of memory).
+  // Replaces both vectors of the report and empties `returned`. Throws what a worker threw (out of memory).
   void collect(Report& report, std::vector<Texels>& returned);
-  // Replaces all jobs that are not taken yet; the best is last. What was taken meanwhile is left out, and named in
-  // started. Every job under way is then wanted or not as still_wanted says (under the mutex: be brief).
+  // Replaces all jobs that were not taken yet; the best is last. Jobs that were taken meanwhile are removed from `jobs`
+  // and returned in `started`. still_wanted() decides for every job under way whether it goes on; it is called under
+  // the mutex, so it must be brief.
   void publish(std::vector<RankedJob>& jobs, std::vector<PageJob>& started,
                const std::function<bool(const PageJob&)>& still_wanted);
-  // Jobs taken until now are not wanted any more and have the old light, later ones the new; started and still_wanted
-  // as for publish.
+  // Cancels jobs taken so far unless still_wanted() says otherwise; later jobs use the new light. started: as for
+  // publish().
   void setLight(const std::array<double, 3>& light, const std::function<bool(const PageJob&)>& still_wanted,
                 std::vector<PageJob>& started);
   size_t maxBuffers() const { return max_buffers_; }
@@ -87,7 +89,7 @@ class PageJobs {
   const ReliefNormals* normals_;
   const int workers_;
   const size_t max_threads_, max_buffers_;
-  LoadGate gate_;
+  LoadLimiter limiter_;
 
   mutable std::mutex mutex_;
   std::condition_variable work_;
@@ -95,13 +97,13 @@ class PageJobs {
   std::vector<RankedJob> jobs_;
   std::vector<Running> running_;
   std::vector<PageJob> started_;
-  std::vector<LoadOutcome> done_;
+  std::vector<LoadOutcome> outcomes_;
   std::vector<Texels> pool_;
-  size_t free_buffers_;  // those of the pool, and those not made yet
+  size_t free_buffers_;  // of the pool, and those not allocated yet
   std::vector<std::unique_ptr<PageLoader>> loaders_;
   std::array<double, 3> light_{0, 0, 1};
-  size_t finished_ = 0;                     // jobs, since the last publish()
-  WorkerThreads threads_{"relievo-pages"};  // last
+  size_t finished_ = 0;                     // jobs finished since the last publish()
+  WorkerThreads threads_{"relievo-pages"};  // last, so that threads end before what they use
 };
 
 }  // namespace relievo

@@ -1,5 +1,5 @@
-// page_life.h - the states of a page and the only ways between them; README.md draws them. PageStreamer makes every
-// change of state through PageCensus::move(), which counts it.
+// page_life.h - the states of a page and the transitions between them, drawn in texturing/README.md. PageStreamer makes
+// every transition through PageStateCounts::move(), which counts it.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@ inline constexpr std::array<std::string_view, kPageStates> kPageStateNames{"abse
 struct PageTransition {
   PageState from, to;
 };
-// What brings each about is said in README.md.
+// texturing/stream/README.md says what causes each transition.
 inline constexpr std::array<PageTransition, 11> kPageTransitions{{
     {PageState::kAbsent, PageState::kQueued},
     {PageState::kQueued, PageState::kDecoding},
@@ -41,8 +41,8 @@ constexpr bool isLegal(PageState from, PageState to) {
   return false;
 }
 
-// How many pages are in each state now, by plane number, and how often each change of state was made.
-struct PageCensus {
+// The number of pages in each state, by plane number, and the number of transitions so far.
+struct PageStateCounts {
   std::array<std::array<uint64_t, kPlaneNumbers>, kPageStates> pages{};  // [state][plane]; kAbsent is not counted
   std::array<std::array<uint64_t, kPageStates>, kPageStates> moves{};    // [from][to]
 

@@ -12,15 +12,15 @@
 namespace relievo {
 
 PageLoader::PageLoader(const PageSource& source, const TextureFormat& format, const SlotDecoder& decoder,
-                       PageCodec upload, ReliefParts relief_parts, LoadGate* gate, const ReliefNormals* normals)
+                       PageCodec upload, ReliefParts relief_parts, LoadLimiter* limiter, const ReliefNormals* normals)
     : source_(source),
       format_(format),
       decoder_(decoder),
       upload_(upload),
       relief_parts_(relief_parts),
-      gate_(gate),
+      limiter_(limiter),
       normals_(normals) {
-  if (!decoder_) own_.emplace();
+  if (!decoder_) default_decoder_.emplace();
 }
 
 void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::function<bool()>& wanted,
@@ -40,10 +40,10 @@ void PageLoader::load(PageId id, const std::array<double, 3>& light, const std::
 }
 
 bool PageLoader::loadPlane(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
-  if (!normals_ || id.plane() != kNormalPlane) return loadOne(id, wanted, texels, outcome);
+  if (!normals_ || id.plane() != kNormalPlane) return loadStored(id, wanted, texels, outcome);
   auto readRelief = [&](const NodeId& node, std::span<uint16_t> samples) {
     if (!relief_scratch_) relief_scratch_ = makeTexels();
-    if (!loadOne(PageId(Plane::kRelief, node), wanted, relief_scratch_.get(), outcome)) return false;
+    if (!loadStored(PageId(Plane::kRelief, node), wanted, relief_scratch_.get(), outcome)) return false;
     reliefSamples({relief_scratch_.get(), kSlotBytes}, samples);
     return true;
   };
@@ -53,33 +53,33 @@ bool PageLoader::loadPlane(PageId id, const std::function<bool()>& wanted, uint8
 }
 
 namespace {
-// Left whatever is thrown meanwhile, so that no other thread waits for one that ended.
-class GatePass {
+// Ends the step also if an exception is thrown, so that no other thread waits for one that ended.
+class LimiterScope {
  public:
-  using Step = void (LoadGate::*)();
-  GatePass(LoadGate* gate, Step begin, Step end) : gate_(gate), end_(end) {
-    if (gate_) (gate_->*begin)();
+  using Step = void (LoadLimiter::*)();
+  LimiterScope(LoadLimiter* limiter, Step begin, Step end) : limiter_(limiter), end_(end) {
+    if (limiter_) (limiter_->*begin)();
   }
-  GatePass(const GatePass&) = delete;
-  GatePass& operator=(const GatePass&) = delete;
-  ~GatePass() {
-    if (gate_) (gate_->*end_)();
+  LimiterScope(const LimiterScope&) = delete;
+  LimiterScope& operator=(const LimiterScope&) = delete;
+  ~LimiterScope() {
+    if (limiter_) (limiter_->*end_)();
   }
 
  private:
-  LoadGate* gate_;
+  LoadLimiter* limiter_;
   Step end_;
 };
 }  // namespace
 
-bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
+bool PageLoader::loadStored(PageId id, const std::function<bool()>& wanted, uint8_t* texels, LoadOutcome& outcome) {
   auto end = [&](LoadOutcome::End how) {
     outcome.end = how;
     return how == LoadOutcome::End::kLoaded;
   };
   if (!wanted()) return end(LoadOutcome::End::kCancelledBeforeRead);
   Result<EncodedPage> page = [&] {
-    const GatePass reading(gate_, &LoadGate::beginReading, &LoadGate::endReading);
+    const LimiterScope reading(limiter_, &LoadLimiter::beginReading, &LoadLimiter::endReading);
     return source_.read(id);
   }();
   if (!page) {
@@ -92,10 +92,10 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   std::span<uint8_t> out(texels, slotBytes(upload_, id.plane()));
   const bool blocks = isBlockCodec(upload_) && isTexturePlane(id.plane());
   Result<void> decoded = [&] {
-    const GatePass decoding(gate_, &LoadGate::beginDecoding, &LoadGate::endDecoding);
-    return !own_    ? decoder_(id.plane(), page->bytes, out)
-           : blocks ? own_->decodeToBlocks(upload_, page->bytes, out)
-                    : own_->decodeToSlot(id.plane(), page->bytes, out);
+    const LimiterScope decoding(limiter_, &LoadLimiter::beginDecoding, &LoadLimiter::endDecoding);
+    return !default_decoder_ ? decoder_(id.plane(), page->bytes, out)
+           : blocks          ? default_decoder_->decodeToBlocks(upload_, page->bytes, out)
+                             : default_decoder_->decodeToSlot(id.plane(), page->bytes, out);
   }();
   if (!decoded) {
     outcome.error = decoded.error();
@@ -105,7 +105,7 @@ bool PageLoader::loadOne(PageId id, const std::function<bool()>& wanted, uint8_t
   return end(LoadOutcome::End::kLoaded);
 }
 
-std::string pageWords(PageId id) {
+std::string pageDescription(PageId id) {
   NodeId n = id.node();
   std::string plane = id.plane() == Plane::kRelief ? "relief"
                       : id.plane() == Plane::kResolved

@@ -1,6 +1,6 @@
-// page_rank.h - the order of service: what is wanted now, then what a predicted view will want, then what the request
-// list before the newest wanted (Neuroglancer's tiers). Within a tier coarse before fine, then near the view's centre
-// (Rudelle 2015), then whole nodes.
+// page_rank.h - the order of service: pages requested now, then those of a predicted view, then those of the request
+// list before the newest (the tiers of Neuroglancer). Within a tier coarse before fine, then near the view's centre
+// (Rudelle 2015), then node by node.
 #pragma once
 
 #include <bit>
@@ -16,7 +16,7 @@ struct PageRank {
   uint64_t key = 0;
   PageId id;
   PageRank() = default;
-  // The bits of a float that is not negative are ordered as it is.
+  // The bits of a non-negative float are ordered as its value.
   PageRank(Tier tier, float centre, PageId page)
       : key(uint64_t(tier) << 48 | uint64_t{page.node().level} << 32 | std::bit_cast<uint32_t>(centre)), id(page) {}
   Tier tier() const { return static_cast<Tier>(key >> 48); }

@@ -15,9 +15,9 @@
 namespace relievo {
 namespace {
 
-constexpr double kSleepSliceS = 0.05;  // how soon a sleeper sees that it should stop
+constexpr double kSleepSliceS = 0.05;  // how soon a sleeping thread sees that it should stop
 constexpr uint64_t kMaxTraceBytes = uint64_t{1} << 30;
-constexpr const char* kTraceHead = "relievo-trace 1";
+constexpr const char* kTraceHeader = "relievo-trace 1";
 
 uint64_t mix(uint64_t x) {  // splitmix64 (Steele, Lea, Flood 2014)
   x += 0x9E3779B97F4A7C15ull;
@@ -44,30 +44,30 @@ SourceClock steadyClock(const std::atomic<bool>* stop) {
 MemorySource::MemorySource(uint64_t budget_bytes, std::shared_ptr<const PageSource> inner)
     : budget_bytes_(budget_bytes), inner_(std::move(inner)) {}
 
-bool MemorySource::hold(PageId id, std::vector<uint8_t> bytes) const {
-  if (auto it = held_.find(id); it != held_.end()) {
+bool MemorySource::store(PageId id, std::vector<uint8_t> bytes) const {
+  if (auto it = entries_.find(id); it != entries_.end()) {
     bytes_ -= it->second.bytes.size();
     uses_.erase(it->second.use);
-    held_.erase(it);
+    entries_.erase(it);
   }
   if (bytes.size() > budget_bytes_) return false;
   while (bytes_ + bytes.size() > budget_bytes_) {
     if (!inner_) return false;
-    auto oldest = held_.find(uses_.back());
+    auto oldest = entries_.find(uses_.back());
     bytes_ -= oldest->second.bytes.size();
-    held_.erase(oldest);
+    entries_.erase(oldest);
     uses_.pop_back();
   }
   uses_.push_front(id);
   bytes_ += bytes.size();
-  held_.emplace(id, Held{std::move(bytes), uses_.begin()});
+  entries_.emplace(id, Entry{std::move(bytes), uses_.begin()});
   return true;
 }
 
 Result<EncodedPage> MemorySource::read(PageId id) const {
   {
     std::lock_guard lock(mutex_);
-    if (auto it = held_.find(id); it != held_.end()) {
+    if (auto it = entries_.find(id); it != entries_.end()) {
       ++hits_;
       uses_.splice(uses_.begin(), uses_, it->second.use);
       return EncodedPage{it->second.bytes};
@@ -77,14 +77,14 @@ Result<EncodedPage> MemorySource::read(PageId id) const {
   auto page = inner_->read(id);
   if (page) {
     std::lock_guard lock(mutex_);
-    hold(id, page->bytes);
+    store(id, page->bytes);
   }
   return page;
 }
 
 bool MemorySource::put(PageId id, std::vector<uint8_t> bytes) const {
   std::lock_guard lock(mutex_);
-  return hold(id, std::move(bytes));
+  return store(id, std::move(bytes));
 }
 
 Result<void> MemorySource::load(std::span<const PageId> pages) const {
@@ -92,14 +92,14 @@ Result<void> MemorySource::load(std::span<const PageId> pages) const {
     auto page = inner_ ? inner_->read(id) : read(id);
     if (!page) return page.error();
     std::lock_guard lock(mutex_);
-    if (bytes_ + page->bytes.size() > budget_bytes_ && !held_.contains(id)) {
+    if (bytes_ + page->bytes.size() > budget_bytes_ && !entries_.contains(id)) {
       return Error{ErrorKind::kUsage,
                    "",
                    "the pages do not fit " + std::to_string(budget_bytes_) + " bytes of memory",
                    "give it more",
                    {}};
     }
-    hold(id, std::move(page->bytes));
+    store(id, std::move(page->bytes));
   }
   return {};
 }
@@ -110,7 +110,7 @@ uint64_t MemorySource::bytes() const {
 }
 size_t MemorySource::pages() const {
   std::lock_guard lock(mutex_);
-  return held_.size();
+  return entries_.size();
 }
 uint64_t MemorySource::hits() const {
   std::lock_guard lock(mutex_);
@@ -126,20 +126,20 @@ Result<EncodedPage> FailingSource::read(PageId id) const {
     std::lock_guard lock(mutex_);
     attempt = static_cast<uint64_t>(attempts_[id]++);
   }
-  double dice = uniform(id, seed_, attempt);
-  if (uniform(id, seed_, kEveryAttempt) < rates_.forever || dice < rates_.fail) {
+  double draw = uniform(id, seed_, attempt);
+  if (uniform(id, seed_, kEveryAttempt) < rates_.permanent || draw < rates_.fail) {
     return Error{
         ErrorKind::kIo, "simulated storage", "page " + describePage(id) + ": the read failed on purpose", "", {}};
   }
   auto page = inner_->read(id);
   if (!page) return page;
   auto& bytes = page->bytes;
-  if ((dice -= rates_.fail) < rates_.truncate) {
+  if ((draw -= rates_.fail) < rates_.truncate) {
     bytes.resize(bytes.size() / 2);
-  } else if ((dice -= rates_.truncate) < rates_.corrupt) {
+  } else if ((draw -= rates_.truncate) < rates_.corrupt) {
     uint64_t where = mix(hash(id, seed_, attempt));
     if (!bytes.empty()) bytes[(where >> 3) % bytes.size()] ^= static_cast<uint8_t>(1u << (where & 7));
-  } else if ((dice -= rates_.corrupt) < rates_.late) {
+  } else if ((draw -= rates_.corrupt) < rates_.late) {
     clock_.sleepUntil(clock_.now_s() + rates_.late_s);
   }
   return page;
@@ -150,11 +150,11 @@ int FailingSource::attempts(PageId id) const {
   auto it = attempts_.find(id);
   return it == attempts_.end() ? 0 : it->second;
 }
-int FailingSource::mostAttempts() const {
+int FailingSource::maxAttempts() const {
   std::lock_guard lock(mutex_);
-  int most = 0;
-  for (const auto& [id, n] : attempts_) most = std::max(most, n);
-  return most;
+  int max = 0;
+  for (const auto& [id, n] : attempts_) max = std::max(max, n);
+  return max;
 }
 
 RateLimitedSource::RateLimitedSource(std::shared_ptr<const PageSource> inner, Limits limits, uint64_t seed,
@@ -166,15 +166,15 @@ double RateLimitedSource::latency_s(PageId id) const {
 }
 
 Result<EncodedPage> RateLimitedSource::read(PageId id) const {
-  double asked_s = clock_.now_s();
+  double requested_s = clock_.now_s();
   auto page = inner_->read(id);
-  double through_s = asked_s;
+  double transferred_s = requested_s;
   if (limits_.bytes_per_s > 0 && page) {
     std::lock_guard lock(mutex_);
-    line_free_s_ = std::max(line_free_s_, asked_s) + static_cast<double>(page->bytes.size()) / limits_.bytes_per_s;
-    through_s = line_free_s_;
+    link_free_s_ = std::max(link_free_s_, requested_s) + static_cast<double>(page->bytes.size()) / limits_.bytes_per_s;
+    transferred_s = link_free_s_;
   }
-  clock_.sleepUntil(through_s + latency_s(id));
+  clock_.sleepUntil(transferred_s + latency_s(id));
   return page;
 }
 
@@ -233,7 +233,7 @@ std::vector<PageId> RecordingSource::reads() const {
 }
 
 Result<void> writeTrace(const std::string& path, std::span<const PageRead> reads) {
-  std::string text = std::string(kTraceHead) + "\n";
+  std::string text = std::string(kTraceHeader) + "\n";
   for (const PageRead& r : reads) {
     NodeId n = r.id.node();
     const uint32_t values[] = {static_cast<uint32_t>(r.id.plane()), n.patch, n.level, n.x, n.y, r.bytes};
@@ -250,41 +250,41 @@ Result<std::vector<PageRead>> readTrace(const std::string& path) {
   size_t at = 0;
   for (size_t line = 1; at < text->size(); ++line) {
     size_t end = std::min(text->find('\n', at), text->size());
-    std::string one = text->substr(at, end - at);
-    auto wrong = [&](const std::string& what) {
+    std::string text_line = text->substr(at, end - at);
+    auto invalid = [&](const std::string& what) {
       return Error{ErrorKind::kInvalidData, path,
-                   "line " + std::to_string(line) + ": expected " + what + ", found '" + one.substr(0, 60) + "'", "",
-                   at};
+                   "line " + std::to_string(line) + ": expected " + what + ", found '" + text_line.substr(0, 60) + "'",
+                   "", at};
     };
     if (line == 1) {
-      if (one != kTraceHead) return wrong(std::string("'") + kTraceHead + "'");
+      if (text_line != kTraceHeader) return invalid(std::string("'") + kTraceHeader + "'");
     } else {
       std::array<uint32_t, 6> v{};  // plane patch level x y bytes
-      const char *next = one.data(), *last = next + one.size();
-      bool six = true;
-      for (size_t i = 0; six && i < v.size(); ++i) {
-        if (i > 0) six = next < last && *next++ == ' ';
+      const char *next = text_line.data(), *last = next + text_line.size();
+      bool complete = true;
+      for (size_t i = 0; complete && i < v.size(); ++i) {
+        if (i > 0) complete = next < last && *next++ == ' ';
         auto [rest, failed] = std::from_chars(next, last, v[i]);
-        six = six && failed == std::errc();
+        complete = complete && failed == std::errc();
         next = rest;
       }
-      if (!six || next != last) return wrong("plane patch level x y bytes");
+      if (!complete || next != last) return invalid("plane patch level x y bytes");
       NodeId node{v[1], v[2], v[3], v[4]};
       bool can_exist = v[0] < static_cast<uint32_t>(Plane::kShared) && node.patch < kMaxPatches &&
                        node.level <= kMaxNodeLevel && node.x >> node.level == 0 && node.y >> node.level == 0;
-      if (!can_exist) return wrong("a page that can exist");
+      if (!can_exist) return invalid("a page that can exist");
       reads.push_back({PageId(static_cast<Plane>(v[0]), node), v[5]});
     }
     at = end + 1;
   }
   if (at == 0)
-    return Error{ErrorKind::kInvalidData, path, std::string("expected '") + kTraceHead + "', found an empty file", "",
+    return Error{ErrorKind::kInvalidData, path, std::string("expected '") + kTraceHeader + "', found an empty file", "",
                  0};
   return reads;
 }
 
-std::shared_ptr<const PageSource> onSimulatedStorage(std::shared_ptr<const Package> package,
-                                                     const SimulatedStorage& storage, SourceClock clock) {
+std::shared_ptr<const PageSource> withSimulatedStorage(std::shared_ptr<const Package> package,
+                                                       const SimulatedStorage& storage, SourceClock clock) {
   if (!storage.any()) return package;
   std::shared_ptr<const PageSource> source = package;
   if (storage.fail_percent > 0) {

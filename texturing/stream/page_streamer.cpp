@@ -22,28 +22,28 @@ namespace {
 
 constexpr double kFirstBackOff_s = 0.1;
 constexpr double kBackOffFactor = 4;
-constexpr double kFaded_s = 256;             // no fade lasts so long; its clock goes round in 1,024
-constexpr size_t kMaxMessages = 1024;        // between two calls of takeMessages; the rest is counted only
-constexpr size_t kMaxKnownFailures = 65536;  // failures that are remembered, wanted ones apart
-constexpr std::ptrdiff_t kMaxOffers = 1024;  // jobs a frame: more than workers can take until the next
+constexpr double kFadeEnd_s = 256;                  // longer than any fade; the fade's clock wraps after 1,024 s
+constexpr size_t kMaxMessages = 1024;               // between two calls of takeMessages; further ones are only counted
+constexpr size_t kMaxRememberedFailures = 65536;    // remembered failures, without those that are requested
+constexpr std::ptrdiff_t kMaxPublishedJobs = 1024;  // jobs for each frame, more than workers can take until the next
 constexpr uint64_t kNever = ~uint64_t{0};
-constexpr uint64_t kAlways = kNever - 1;  // as a request list's number: wanted whatever the lists say
+constexpr uint64_t kAlways = kNever - 1;  // as the number of a request list: requested whatever the lists say
 
-// A node has a slot for each of its planes.
+// The largest number of nodes: each has a slot for each of its planes.
 uint32_t nodesAtMost(uint32_t slots, size_t planes) { return planes == 0 ? 0 : slots / static_cast<uint32_t>(planes); }
 
-// A page that is neither Absent nor merely Resident.
+// A page in a state other than Absent, or Resident with more to remember.
 struct Page {
   PageState state = PageState::kAbsent;
   bool permanent = false;    // kFailed for good
-  bool speculative = false;  // prefetched, and not wanted since
+  bool speculative = false;  // prefetched, and not requested since
   int attempts = 0;
   uint64_t ticket = 0;
-  uint64_t list = kNever;     // the last request list of its kind that wanted it
+  uint64_t list = kNever;     // the last request list of its kind that named it
   uint64_t prefetch = 0;      // the last plan that prefetched it
   uint64_t plan = 0;          // the last plan that counted it
-  uint64_t offered = 0;       // the last plan that offered it to the workers
-  uint64_t wanted_frame = 0;  // since when it is wanted; 0: it is not
+  uint64_t published_in = 0;  // the last plan that published it to the workers
+  uint64_t wanted_frame = 0;  // the frame in which it was first requested; 0: it is not
   double wanted_s = 0;
   double retry_at_s = 0;
   float centre = 0;
@@ -86,9 +86,9 @@ struct PageStreamer::Impl {
 
   // --- states -------------------------------------------------------------------------------------------------------
 
-  uint64_t count(PageState s) const { return census.count(s); }
+  uint64_t count(PageState s) const { return state_counts.count(s); }
   void setState(PageId id, Page& page, PageState s) {
-    census.move(static_cast<size_t>(id.plane()), page.state, s);
+    state_counts.move(static_cast<size_t>(id.plane()), page.state, s);
     page.state = s;
   }
   using PageMap = std::unordered_map<PageId, Page>;
@@ -102,7 +102,7 @@ struct PageStreamer::Impl {
     return pages.erase(it);
   }
   bool isRelief(PageId id) const { return id.plane() == Plane::kRelief; }
-  // One pool for all, or the texture's and the relief's.
+  // One pool for all pages, or one for texture and one for relief.
   size_t poolIndex(bool relief) const { return relief && pools.size() > 1 ? 1 : 0; }
   SlotPool& poolOf(PageId id) { return pools[poolIndex(isRelief(id))]; }
   const SlotPool& poolOf(PageId id) const { return pools[poolIndex(isRelief(id))]; }
@@ -115,7 +115,7 @@ struct PageStreamer::Impl {
   }
   PageRank rankOf(PageId id, const Page& page) const { return {tierOf(id, page), page.centre, id}; }
 
-  void say(std::string text) {
+  void addMessage(std::string text) {
     if (messages.size() < kMaxMessages) messages.push_back(std::move(text));
   }
 
@@ -162,7 +162,7 @@ struct PageStreamer::Impl {
     ++stats.failed_pages;
     failures.add(id, error);
     std::erase(refresh, id);
-    say(pageWords(id) + " cannot be shown: " + error.text());
+    addMessage(pageDescription(id) + " cannot be shown: " + error.text());
   }
 
   void account(const std::vector<LoadCost>& costs) {
@@ -176,14 +176,14 @@ struct PageStreamer::Impl {
 
   // --- workers ------------------------------------------------------------------------------------------------------
 
-  PageMap::iterator findLive(PageId id, uint64_t ticket, PageState state) {
+  PageMap::iterator findInState(PageId id, uint64_t ticket, PageState state) {
     auto it = pages.find(id);
     return it != pages.end() && it->second.ticket == ticket && it->second.state == state ? it : pages.end();
   }
 
   void noteStarted(const std::vector<PageJob>& started_jobs) {
     for (const PageJob& job : started_jobs) {
-      auto it = findLive(job.id, job.ticket, PageState::kQueued);
+      auto it = findInState(job.id, job.ticket, PageState::kQueued);
       if (it == pages.end()) continue;
       setState(job.id, it->second, PageState::kDecoding);
       stats.prefetched += it->second.speculative;
@@ -195,7 +195,7 @@ struct PageStreamer::Impl {
     noteStarted(report.started);
     for (LoadOutcome& o : report.done) {
       account(o.costs);
-      auto it = findLive(o.id, o.ticket, PageState::kDecoding);
+      auto it = findInState(o.id, o.ticket, PageState::kDecoding);
       switch (o.end) {
         case LoadOutcome::End::kCancelledBeforeRead:
         case LoadOutcome::End::kCancelledBeforeDecode:
@@ -226,7 +226,7 @@ struct PageStreamer::Impl {
     }
   }
 
-  // Forgets a page that is on its way; what was prefetched was so in vain.
+  // Forgets a page that is under way; a prefetch was in vain.
   PageMap::iterator drop(PageMap::iterator it) {
     stats.prefetch_wasted += it->second.speculative && it->second.state != PageState::kQueued;
     if (it->second.attempts > 0) dropped_attempts[it->first] = it->second.attempts;
@@ -235,7 +235,7 @@ struct PageStreamer::Impl {
 
   // --- requests ---
 
-  void toRequested(bool relief, std::span<const NodeRequest> requests, std::vector<RequestedNode>& out) {
+  void toRequestedNodes(bool relief, std::span<const NodeRequest> requests, std::vector<RequestedNode>& out) {
     out.clear();
     out.reserve(requests.size());
     for (const NodeRequest& w : requests)
@@ -249,7 +249,7 @@ struct PageStreamer::Impl {
   void request(bool relief, std::span<const NodeRequest> requests) {
     ++list[relief];
     is_new[relief] = true;
-    toRequested(relief, requests, requested[relief]);
+    toRequestedNodes(relief, requests, requested[relief]);
     merge(requested, merged);
     planned_frame = kNever;
   }
@@ -259,7 +259,7 @@ struct PageStreamer::Impl {
     return w.relief ? std::span<const Plane>(kReliefOnly) : std::span<const Plane>(options.texture_planes);
   }
 
-  // Counts a slot in use once a plan, however often it is named; pinned ones are counted apart.
+  // Counts a used slot once for each plan, however often it is named; pinned ones are counted apart.
   void use(SlotPool& pool, SlotIndex slot, bool new_list) {
     pool.cache.touch(slot, frame);
     SlotUse& s = pool.slotOf(slot);
@@ -268,10 +268,10 @@ struct PageStreamer::Impl {
     stats.hits += new_list;
     stats.prefetch_used += s.takePrefetched();
     ++wanted_pages;
-    pool.needRoom(slot, plan_number);
+    pool.countResident(slot, plan_number);
   }
 
-  // Which pages of a node are still to come; nothing when one of them never will.
+  // The number of a node's missing pages; nothing if one of them can never be loaded.
   std::optional<uint32_t> absentPages(const RequestedNode& w) const {
     uint32_t absent = 0;
     for (Plane p : planesOf(w)) {
@@ -284,12 +284,12 @@ struct PageStreamer::Impl {
     return absent;
   }
 
-  // From the request lists: touches what is resident, gives the room that is left to what is missing, and what is then
-  // left to what may be wanted soon; cancels what is no longer wanted, and hands the workers their new order of
-  // service.
+  // Carries out the request lists: touches resident pages, gives the remaining room to missing ones and then to
+  // predicted ones, cancels pages that are no longer requested, and publishes the workers' new jobs.
   void plan() {
-    if (planned_touches != frame) {  // as if used in the last frame: before what is, behind what will be in this one
-      planned_touches = frame;
+    // Predicted pages count as used in the last frame: before current ones, behind those of this frame.
+    if (touched_frame != frame) {
+      touched_frame = frame;
       for (const auto& [slot, id] : predicted)
         if (find(id) == slot) poolOf(id).cache.touch(slot, frame - 1);
     }
@@ -307,7 +307,7 @@ struct PageStreamer::Impl {
         }
       }
       auto absent = absentPages(w);
-      if (!absent) continue;  // it will never show: what is there of it need not stay
+      if (!absent) continue;  // it will never show, so that its resident pages need not stay
       for (Plane p : planes)
         if (SlotIndex slot = find(PageId(p, w.node)); slot != kNoSlot)
           use(pools[poolIndex(w.relief)], slot, is_new[w.relief]);
@@ -316,14 +316,14 @@ struct PageStreamer::Impl {
 
     for (const PageId& id : refresh) request(id, 0, kAlways);
     for (const auto& [node, absent] : missing) {
-      // A node named twice: counted once.
+      // A node that is named twice is counted once.
       auto planes = planesOf(*node);
-      auto twin = pages.find(PageId(planes.back(), node->node));
-      if (twin != pages.end() && twin->second.plan == plan_number) continue;
+      auto same_node = pages.find(PageId(planes.back(), node->node));
+      if (same_node != pages.end() && same_node->second.plan == plan_number) continue;
       wanted_pages += absent;
       if (is_new[node->relief]) stats.misses += absent;
       SlotPool& pool = pools[poolIndex(node->relief)];
-      if (!pool.takeRoom(node->relief, absent)) {
+      if (!pool.reserve(node->relief, absent)) {
         pool.deferred += absent;
         pool.deferred_relief += node->relief;
         continue;
@@ -335,35 +335,37 @@ struct PageStreamer::Impl {
     }
     stats.deferred = 0;
     for (SlotPool& pool : pools) {
-      pool.demand = pool.room_used + pool.deferred - pool.deferred_relief / 2;
+      pool.demand = pool.slots_used + pool.deferred - pool.deferred_relief / 2;
       stats.deferred += pool.deferred;
     }
     stats.wanted = wanted_pages;
     is_new = {};
     for (SlotPool& pool : pools)
-      pool.spare_halves = static_cast<int64_t>(
-          pool.halves_left + 2 * (pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount())));
+      pool.unreserved_halves =
+          static_cast<int64_t>(pool.free_halves + 2 * (pool.cache.slotCount() -
+                                                       std::min<uint64_t>(pool.slots_used, pool.cache.slotCount())));
     planPrefetch();
     for (SlotPool& pool : pools)
-      pool.openings = pool.opened + pool.cache.slotCount() - std::min<uint64_t>(pool.room_used, pool.cache.slotCount());
+      pool.openable_slots =
+          pool.opened_slots + pool.cache.slotCount() - std::min<uint64_t>(pool.slots_used, pool.cache.slotCount());
     publish();
-    if (count(PageState::kFailed) > kMaxKnownFailures) forgetFailures();
-    if (dropped_attempts.size() > kMaxKnownFailures) dropped_attempts.clear();
+    if (count(PageState::kFailed) > kMaxRememberedFailures) forgetFailures();
+    if (dropped_attempts.size() > kMaxRememberedFailures) dropped_attempts.clear();
   }
 
   void planPrefetch() {
     predicted.clear();
     if (stats.deferred > 0 || bias.value() > 0) return;
     for (SlotPool& pool : pools) {
-      pool.room_used += pool.recent.idleCount();
-      pool.halves_left = 0;  // what is beside what is in use may have been used recently
+      pool.slots_used += pool.recent.idleCount();
+      pool.free_halves = 0;  // idle halves beside used ones may have been used recently
     }
     for (const RequestedNode& w : predictions) {
       SlotPool& pool = pools[poolIndex(w.relief)];
       auto entry = w.relief ? std::nullopt : table.find(w.node);
-      if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // wanted now
+      if (entry && pool.slotOf(entry->slots[0]).counted(plan_number)) continue;  // requested now
       auto absent = entry ? std::optional<uint32_t>(0) : absentPages(w);
-      if (!absent || (pool.room_used + *absent > pool.cache.slotCount() && !(w.relief && pool.halves_left > 0)))
+      if (!absent || (pool.slots_used + *absent > pool.cache.slotCount() && !(w.relief && pool.free_halves > 0)))
         continue;
       for (Plane p : planesOf(w)) {
         PageId id(p, w.node);
@@ -371,12 +373,12 @@ struct PageStreamer::Impl {
         if (slot == kNoSlot) {
           auto it = pages.find(id);
           bool counted = it != pages.end() && (it->second.plan == plan_number || it->second.prefetch == plan_number);
-          if (!counted) pool.takeRoom(w.relief, 1);
+          if (!counted) pool.reserve(w.relief, 1);
           prefetch(id, w.centre);
         } else if (pool.slotOf(slot).count(plan_number)) {
-          const uint64_t halves = pool.halves_left;
-          pool.needRoom(slot, plan_number, true);
-          pool.halves_left = halves;
+          const uint64_t halves = pool.free_halves;
+          pool.countResident(slot, plan_number, true);
+          pool.free_halves = halves;
           predicted.emplace_back(slot, id);
         }
       }
@@ -385,37 +387,37 @@ struct PageStreamer::Impl {
 
   void publish() {
     if (queued.empty() && !published && count(PageState::kDecoding) == 0) return;
-    offers.clear();
+    published_jobs.clear();
     unwanted.clear();
     size_t kept = 0;
     for (const PageId& id : queued) {
       auto it = pages.find(id);
       if (it == pages.end() || it->second.state != PageState::kQueued) continue;
-      if (std::exchange(it->second.offered, plan_number) == plan_number) continue;
+      if (std::exchange(it->second.published_in, plan_number) == plan_number) continue;
       PageRank rank = rankOf(id, it->second);
       if (rank.tier() == Tier::kNone) {
         unwanted.push_back(id);
         continue;
       }
       queued[kept++] = id;
-      offers.push_back({rank, it->second.ticket});
+      published_jobs.push_back({rank, it->second.ticket});
     }
     queued.resize(kept);
     auto last = [](const RankedJob& a, const RankedJob& b) { return b.rank < a.rank; };
-    if (std::ssize(offers) > kMaxOffers) {
-      std::nth_element(offers.begin(), offers.end() - kMaxOffers, offers.end(), last);
-      offers.erase(offers.begin(), offers.end() - kMaxOffers);
+    if (std::ssize(published_jobs) > kMaxPublishedJobs) {
+      std::nth_element(published_jobs.begin(), published_jobs.end() - kMaxPublishedJobs, published_jobs.end(), last);
+      published_jobs.erase(published_jobs.begin(), published_jobs.end() - kMaxPublishedJobs);
     }
-    std::sort(offers.begin(), offers.end(), last);
-    published = !offers.empty();
-    jobs->publish(offers, started, [&](const PageJob& job) {
+    std::sort(published_jobs.begin(), published_jobs.end(), last);
+    published = !published_jobs.empty();
+    jobs->publish(published_jobs, started, [&](const PageJob& job) {
       auto it = pages.find(job.id);
       return it != pages.end() && it->second.ticket == job.ticket && tierOf(job.id, it->second) != Tier::kNone;
     });
     noteStarted(started);
     for (const PageId& id : unwanted) {
       auto it = pages.find(id);
-      if (it->second.state != PageState::kQueued) continue;  // taken meanwhile: cancelled by whoever took it
+      if (it->second.state != PageState::kQueued) continue;  // taken meanwhile: the worker cancels it
       ++stats.cancelled_before_read;
       drop(it);
     }
@@ -430,7 +432,7 @@ struct PageStreamer::Impl {
 
   // --- slots --------------------------------------------------------------------------------------------------------
 
-  void enter(PageId id) {
+  void addToTable(PageId id) {
     if (isRelief(id)) {
       ++relief_generation;
       return;
@@ -443,18 +445,18 @@ struct PageStreamer::Impl {
     }
     entry.birth = fadeClock(now_s);
     table.insert(id.node(), entry);
-    born.push_back({now_s, id.node()});
+    fade_starts.push_back({now_s, id.node()});
   }
-  // Before the fade's clock has gone round, or they would fade once more.
-  void forgetBirths() {
-    for (; !born.empty() && born.front().at_s < now_s - kFaded_s; born.pop_front()) {
-      auto entry = table.find(born.front().node);
-      if (!entry || entry->birth != fadeClock(born.front().at_s)) continue;  // gone, or born again
+  // Clears births before the fade's clock wraps, or the pages would fade again.
+  void endFades() {
+    for (; !fade_starts.empty() && fade_starts.front().at_s < now_s - kFadeEnd_s; fade_starts.pop_front()) {
+      auto entry = table.find(fade_starts.front().node);
+      if (!entry || entry->birth != fadeClock(fade_starts.front().at_s)) continue;  // evicted, or entered again
       entry->birth = 0;
-      table.insert(born.front().node, *entry);
+      table.insert(fade_starts.front().node, *entry);
     }
   }
-  void leave(PageId id) {
+  void removeFromTable(PageId id) {
     if (isRelief(id)) {
       ++relief_generation;
     } else {
@@ -462,11 +464,11 @@ struct PageStreamer::Impl {
     }
   }
 
-  // The page's texels leave their place, or no longer count. mark: what was known of it.
+  // The page's texels leave their slot, or become outdated. mark: the state of the slot.
   void vacate(SlotUse& mark, PageId id) {
-    census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+    state_counts.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
     stats.prefetch_wasted += mark.takePrefetched();
-    leave(id);
+    removeFromTable(id);
   }
   void upload(SlotIndex slot, PageId id, const uint8_t* texels) {
     uploads.push_back({slot, id, texels});
@@ -494,7 +496,7 @@ struct PageStreamer::Impl {
     ready.clear();
     uint32_t placed = 0;
     const auto compactCounted = [&](const Page& page) { return page.plan == plan_number && isThird(page.part_level); };
-    size_t compact_left = 0;  // that are sure to be placed in this frame
+    size_t compact_left = 0;  // that will be placed in this frame
     for (size_t i = 0; i < std::min<size_t>(ranked.size(), max_uploads); ++i)
       compact_left += compactCounted(pages.at(ranked[i].id));
     for (const PageRank& r : ranked) {
@@ -503,25 +505,25 @@ struct PageStreamer::Impl {
       SlotPool& pool = poolOf(r.id);
       SlotIndex before = pool.cache.find(r.id);
       std::optional<SubslotCache::Placement> placement;
-      // What is wanted now takes the place of all that is not; the rest only that of what was not used for a while.
-      bool room_for_one = placed < max_uploads;
+      // Requested pages may evict all that are not; others only those that were not used for a while.
+      bool upload_left = placed < max_uploads;
       const uint32_t min_age = r.tier() == Tier::kVisible ? 1 : kSparedFrames;
-      if (room_for_one)
+      if (upload_left)
         placement = isRelief(r.id) ? pool.placeRelief(r.id, frame, min_age, it->second.part_level,
                                                       it->second.plan == plan_number, compact_left > 0)
                                    : pool.cache.place(r.id, frame, min_age);
       if (!placement) {
-        if (r.tier() == Tier::kNone || (room_for_one && r.tier() == Tier::kPrefetch)) {
+        if (r.tier() == Tier::kNone || (upload_left && r.tier() == Tier::kPrefetch)) {
           ++stats.cancelled_after_decode;
           drop(it);
         } else {
-          stats.deferred += room_for_one && r.tier() == Tier::kVisible;
+          stats.deferred += upload_left && r.tier() == Tier::kVisible;
           ready.push_back(r.id);
         }
         continue;
       }
       ++placed;
-      pool.follow();
+      pool.resizeTables();
       for (const auto& out : placement->evicted) {
         ++stats.evictions;
         vacate(pool.slots[static_cast<size_t>(out.level)][out.index], out.page);
@@ -542,7 +544,7 @@ struct PageStreamer::Impl {
       if (before != kNoSlot) {
         std::erase(refresh, r.id);
       } else {
-        enter(r.id);
+        addToTable(r.id);
       }
     }
     updateBias();
@@ -553,8 +555,8 @@ struct PageStreamer::Impl {
   void updateBias() {
     if (bias_list == list[0] + list[1]) return;  // no new request list
     bias_list = list[0] + list[1];
-    // Of two pools the one that is in greater need counts, in slots of the first, so that the figures go on when it
-    // changes.
+    // If there are two pools, the one in greater need counts, in slots of the first, so that the numbers are continuous
+    // when the other one takes over.
     DetailDemand demand{
         .pages = 0, .room = 0, .overflow = stats.deferred > 0, .moved = std::exchange(view_moved, false)};
     for (const SlotPool& pool : pools) {
@@ -576,27 +578,27 @@ struct PageStreamer::Impl {
   std::vector<SlotPool> pools;
   PageTable table;
 
-  uint64_t frame = 0, planned_frame = 0, planned_touches = 0, plan_number = 0, last_ticket = 0;
-  struct Birth {
+  uint64_t frame = 0, planned_frame = 0, touched_frame = 0, plan_number = 0, last_ticket = 0;
+  struct FadeStart {
     double at_s;
     NodeId node;
   };
-  std::deque<Birth> born;  // in the page table, in the order of their times
+  std::deque<FadeStart> fade_starts;  // in the page table, in the order of their times
   double now_s = 0;
   PageMap pages;
-  PageCensus census;
-  std::unordered_map<PageId, int> dropped_attempts;  // of pages that failed and were cancelled when tried again
-  std::vector<PageId> queued, ready;                 // may name pages that are no longer so
+  PageStateCounts state_counts;
+  std::unordered_map<PageId, int> dropped_attempts;  // of failed pages that were cancelled in a later attempt
+  std::vector<PageId> queued, ready;                 // may contain pages that are in another state by now
   bool published = false;                            // the workers may still hold jobs of the last publish()
-  std::vector<PageId> refresh;                       // pinned pages whose texels are out of date
+  std::vector<PageId> refresh;                       // pinned pages whose texels are outdated
 
   std::array<uint64_t, 2> list{};  // number of the newest request list: texture, relief
-  std::array<bool, 2> is_new{};    // no plan has seen it yet
+  std::array<bool, 2> is_new{};    // no plan has used it yet
   std::array<std::vector<RequestedNode>, 2> requested;
   std::vector<RequestedNode> merged;       // coarse before fine, then near the centre
-  std::vector<RequestedNode> predictions;  // the same, of the prefetch lists
+  std::vector<RequestedNode> predictions;  // the same for the prefetch lists
   uint64_t wanted_pages = 0;
-  std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be wanted
+  std::vector<std::pair<SlotIndex, PageId>> predicted;  // resident, and expected to be requested
 
   std::vector<PageUpload> uploads;
   std::vector<Texels> uploaded, uploaded_roots, returned;
@@ -606,24 +608,24 @@ struct PageStreamer::Impl {
   DetailBias bias;
   uint64_t bias_list = 0;
   std::optional<double> request_bias;
-  bool view_moved = false;  // since the last list was judged
+  bool view_moved = false;  // since the last list was evaluated
 
   StreamerStats stats;
   LatencyHistogram latency_us, latency_frames;
   PageFailures failures;
   std::vector<std::string> messages;
 
-  // Scratch, kept between calls.
+  // Scratch memory, kept between calls.
   std::array<std::vector<RequestedNode>, 2> next_predictions;
   std::vector<std::pair<const RequestedNode*, uint32_t>> missing;
-  std::vector<RankedJob> offers;
+  std::vector<RankedJob> published_jobs;
   std::vector<PageJob> started;
   std::vector<PageId> unwanted;
   std::vector<PageRank> ranked;
   PageJobs::Report report;
 
   std::optional<ReliefNormals> normals;
-  std::optional<PageJobs> jobs;  // last: its threads end before what they use does
+  std::optional<PageJobs> jobs;  // last, so that its threads end before what they use
 };
 
 PageStreamer::PageStreamer(std::shared_ptr<const PageSource> source, StreamerOptions options, SlotDecoder decoder)
@@ -651,8 +653,9 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
     size_t needed = 0;
     std::erase_if(roots, [&](const LoadOutcome& root) { return &m.poolOf(root.id) == &pool && ++needed > room; });
     if (needed <= room) continue;
-    m.say("the cache has " + std::to_string(pool.cache.slotCount()) +
-          " slots, the artwork's coarsest pages alone need " + std::to_string(needed) + " (raise the cache's budget)");
+    m.addMessage("the cache has " + std::to_string(pool.cache.slotCount()) +
+                 " slots, the artwork's coarsest pages alone need " + std::to_string(needed) +
+                 " (raise the cache's budget)");
   }
 
   auto makeLoader = [&] {
@@ -678,24 +681,25 @@ void PageStreamer::pinRoots(std::span<const NodeId> texture_roots, std::span<con
     SlotPool& pool = m.poolOf(root.id);
     auto placement = pool.cache.place(root.id, m.frame, 1, root.part_level);
     if (!placement) continue;
-    pool.follow();
+    pool.resizeTables();
     pool.cache.pin(placement->slot);
     pool.roots = pool.cache.pinnedCount();
     Page& page = m.pages[root.id];
     for (PageState s : {PageState::kQueued, PageState::kDecoding}) m.setState(root.id, page, s);
-    if (root.error) {  // remembered, so that it is not tried (and named) again
+    if (root.error) {  // remembered, so that it is not tried (and reported) again
       m.setState(root.id, page, PageState::kFailed);
       page.permanent = true;
       page.list = kAlways;
       ++m.stats.failed_pages;
       m.failures.add(root.id, *root.error);
-      m.say("the coarsest " + pageWords(root.id) + " is damaged, a neutral one stands in: " + root.error->text());
+      m.addMessage("the coarsest " + pageDescription(root.id) +
+                   " is damaged, a neutral one stands in: " + root.error->text());
     } else {
       for (PageState s : {PageState::kReady, PageState::kResident}) m.setState(root.id, page, s);
       m.pages.erase(root.id);
     }
     m.root_uploads.emplace_back(root.id, std::move(root.texels));
-    m.enter(root.id);
+    m.addToTable(root.id);
   }
 }
 
@@ -708,7 +712,7 @@ void PageStreamer::beginFrame(uint64_t frame, double now_s) {
   m.uploaded.clear();
   m.uploaded_roots.clear();
   m.uploads.clear();
-  m.forgetBirths();
+  m.endFades();
   m.takeResults();
 }
 
@@ -720,8 +724,8 @@ void PageStreamer::requestRelief(std::span<const NodeRequest> requests) { impl_-
 void PageStreamer::requestPrefetch(std::span<const NodeRequest> texture, std::span<const NodeRequest> relief) {
   Impl& m = *impl_;
   if (m.options.texture_planes.empty()) texture = {};
-  m.toRequested(false, texture, m.next_predictions[0]);
-  m.toRequested(true, relief, m.next_predictions[1]);
+  m.toRequestedNodes(false, texture, m.next_predictions[0]);
+  m.toRequestedNodes(true, relief, m.next_predictions[1]);
   Impl::merge(m.next_predictions, m.predictions);
   m.planned_frame = kNever;
 }
@@ -784,7 +788,7 @@ void PageStreamer::setLight(const std::array<double, 3>& light) {
       auto it = m.pages.find(id);
       bool damaged = it != m.pages.end() && it->second.permanent;
       if (damaged || std::find(m.refresh.begin(), m.refresh.end(), id) != m.refresh.end()) continue;
-      m.census.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
+      m.state_counts.move(static_cast<size_t>(id.plane()), PageState::kResident, PageState::kAbsent);
       m.refresh.push_back(id);
     } else {
       m.vacate(m.pools[0].slotOf(slot), id);
@@ -831,8 +835,8 @@ const StreamerStats& PageStreamer::stats() const {
     m.stats.relief_bytes += pool.cache.dividedCount() * kSlotBytes;
     m.stats.resident_bytes += pool.cache.residentCount() * slotBytes(m.options.upload, plane);
   }
-  m.stats.pages = m.census.pages;
-  m.stats.moves = m.census.moves;
+  m.stats.pages = m.state_counts.pages;
+  m.stats.moves = m.state_counts.moves;
   m.stats.cancelled = m.stats.cancelled_before_read + m.stats.cancelled_before_decode + m.stats.cancelled_after_decode;
   for (size_t p = 0; p < m.stats.pages_read.size(); ++p) {
     const size_t bytes = slotBytes(m.options.upload, static_cast<Plane>(p));
@@ -866,7 +870,7 @@ uint64_t PageStreamer::bufferBytes() const {
   uint64_t scratch =
       resolve ? uint64_t(std::max({1, m.options.workers, m.options.max_reads})) * m.options.format.planes() : 0;
   if (m.normals) scratch += uint64_t(std::max({1, m.options.workers, m.options.max_reads}));
-  return (m.jobs->maxBuffers() + scratch) * kSlotBytes + (m.normals ? ReliefNormals::kKeptBytes : 0);
+  return (m.jobs->maxBuffers() + scratch) * kSlotBytes + (m.normals ? ReliefNormals::kCachedBytes : 0);
 }
 
 const PageFailures& PageStreamer::failures() const { return impl_->failures; }

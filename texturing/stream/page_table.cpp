@@ -9,10 +9,10 @@
 namespace relievo {
 
 namespace {
-constexpr uint32_t kNowhere = 0xFFFFFFFFu;
+constexpr uint32_t kNotFound = 0xFFFFFFFFu;
 constexpr uint32_t kMaxRow = 1024;
-// An insertion that walks longer than this is taken to loop. At a load of 0.4 the walk is 1.3 steps long on average,
-// and walks of more than a few log2(n) steps practically always end in a loop.
+// An insertion that displaces more entries than this counts as a loop. At a load of 0.4 it displaces 1.3 on average,
+// and insertions that displace more than a few log2(n) practically always loop.
 constexpr int kMaxKicks = 64;
 
 uint64_t keyOf(const NodeId& node) { return packNode(node) + 1; }
@@ -20,8 +20,8 @@ uint64_t keyIn(const std::array<uint32_t, 4>& texel) { return uint64_t{texel[1]}
 }  // namespace
 
 PageTable::PageTable(uint32_t max_nodes, int planes) : max_nodes_(max_nodes) {
-  // 2.5 entries for each node: load <= 0.4, below the 0.5 where two-choice cuckoo hashing with one cell a bucket breaks
-  // down (Pagh, Rodler 2004).
+  // 2.5 entries for each node give a load of at most 0.4, below the 0.5 where two-choice cuckoo hashing with one cell a
+  // bucket fails (Pagh, Rodler 2004).
   uint32_t entries = std::bit_ceil(std::max<uint32_t>(16, max_nodes * 5 / 2 + 1));
   width_ = std::min(entries, kMaxRow);
   height_ = entries / width_;
@@ -50,7 +50,7 @@ void PageTable::insert(const NodeId& node, const PageTableEntry& entry) {
   for (size_t layer = 0; layer < layers_; ++layer)
     for (size_t i = 0; i < 4; ++i) item.extra[layer][i] = pair(RV_PLANES_IN_ENTRY + RV_PLANES_IN_EXTRA * layer + 2 * i);
   uint32_t index = locate(key);
-  if (index != kNowhere) return put(index, item);
+  if (index != kNotFound) return put(index, item);
   assert(size_ < max_nodes_);
   if (size_ >= max_nodes_) return;
   ++size_;
@@ -59,23 +59,23 @@ void PageTable::insert(const NodeId& node, const PageTableEntry& entry) {
 
 void PageTable::erase(const NodeId& node) {
   uint32_t index = locate(keyOf(node));
-  if (index == kNowhere) return;
+  if (index == kNotFound) return;
   put(index, {});
   --size_;
 }
 
 std::optional<PageTableEntry> PageTable::find(const NodeId& node) const {
   uint32_t index = locate(keyOf(node));
-  if (index == kNowhere) return std::nullopt;
+  if (index == kNotFound) return std::nullopt;
   const auto [t, e] = itemAt(index);
   auto low = [](uint32_t v) { return static_cast<uint16_t>(v & 0xFFFFu); };
   auto high = [](uint32_t v) { return static_cast<uint16_t>(v >> 16); };
   PageTableEntry entry;
   entry.slots = {low(t[2]), high(t[2]), low(t[3])};
   for (size_t plane = RV_PLANES_IN_ENTRY; plane < entry.slots.size(); ++plane) {
-    const size_t beyond = plane - RV_PLANES_IN_ENTRY;
-    const uint32_t pair = e[beyond / RV_PLANES_IN_EXTRA][beyond % RV_PLANES_IN_EXTRA / 2];
-    entry.slots[plane] = beyond % 2 == 0 ? low(pair) : high(pair);
+    const size_t extra_plane = plane - RV_PLANES_IN_ENTRY;
+    const uint32_t pair = e[extra_plane / RV_PLANES_IN_EXTRA][extra_plane % RV_PLANES_IN_EXTRA / 2];
+    entry.slots[plane] = extra_plane % 2 == 0 ? low(pair) : high(pair);
   }
   entry.birth = high(t[3]);
   return entry;
@@ -119,11 +119,11 @@ std::array<uint32_t, 2> PageTable::probes(const std::array<uint32_t, 4>& texel) 
 uint32_t PageTable::locate(uint64_t key) const {
   for (uint32_t index : probes({static_cast<uint32_t>(key), static_cast<uint32_t>(key >> 32)}))
     if (keyIn(texels_[index]) == key) return index;
-  return kNowhere;
+  return kNotFound;
 }
 
 bool PageTable::place(Item& item) {
-  uint32_t avoid = kNowhere;  // the cell that the item was just pushed out of
+  uint32_t avoid = kNotFound;  // the cell that the item was just displaced from
   for (int kick = 0; kick < kMaxKicks; ++kick) {
     auto p = probes(item.texel);
     for (uint32_t index : p) {
@@ -132,9 +132,9 @@ bool PageTable::place(Item& item) {
       return true;
     }
     uint32_t index = p[0] == avoid ? p[1] : p[0];
-    Item pushed = itemAt(index);
+    Item displaced = itemAt(index);
     put(index, item);
-    item = pushed;
+    item = displaced;
     avoid = index;
   }
   return false;
@@ -148,20 +148,20 @@ void PageTable::put(uint32_t index, const Item& item) {
   dirty_[index / 64] |= bit;
 }
 
-void PageTable::rehash(const Item& homeless) {
-  std::vector<Item> items{homeless};
+void PageTable::rehash(const Item& unplaced) {
+  std::vector<Item> items{unplaced};
   for (uint32_t i = 0; i < texels_.size(); ++i)
     if (keyIn(texels_[i]) != 0) items.push_back(itemAt(i));
   all_dirty_ = true;
-  // Each seed is an independent trial that succeeds with probability 1 - O(1/n), so this ends.
-  for (bool whole = false; !whole;) {
+  // Each seed is an independent trial that succeeds with probability 1 - O(1/n), so that this ends.
+  for (bool complete = false; !complete;) {
     seed_ = seed_ * 0x9E3779B1u + 0x7F4A7C15u;
     std::fill(texels_.begin(), texels_.end(), std::array<uint32_t, 4>{});
     std::fill(extra_.begin(), extra_.end(), std::array<uint32_t, 4>{});
-    whole = true;
-    for (size_t i = 0; i < items.size() && whole; ++i) {
+    complete = true;
+    for (size_t i = 0; i < items.size() && complete; ++i) {
       Item item = items[i];
-      whole = place(item);
+      complete = place(item);
     }
   }
 }

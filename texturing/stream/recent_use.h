@@ -1,4 +1,5 @@
-// recent_use.h - how many slots were used in the last few frames, and which: what prefetching leaves alone. O(1) a use.
+// recent_use.h - which slots were used in the last kSparedFrames frames, and how many: prefetching does not evict
+// these. O(1) for each use.
 #pragma once
 
 #include <array>
@@ -8,21 +9,21 @@
 
 namespace relievo {
 
-inline constexpr uint32_t kSparedFrames = 8;  // what was used in as many frames, the current one included, is recent
+inline constexpr uint32_t kSparedFrames = 8;  // a use in so many frames, the current one included, is recent
 
 class RecentUse {
  public:
   explicit RecentUse(size_t slots) : last_(slots, 0) {}
-  void beginFrame(uint64_t frame) {  // > 0, growing
+  void beginFrame(uint64_t frame) {  // frame > 0, growing
     for (uint64_t f = frame_ + 1; f <= frame && f <= frame_ + kSparedFrames; ++f) count_[f % kSparedFrames] = 0;
     uint64_t passed = frame - frame_;
     frame_ = frame;
-    // Marks are frames modulo kCycle: old ones are cleared, each within half a cycle, before they look new again.
+    // Marks are frames modulo kCycle. Old marks are cleared within half a cycle, before they could look recent again.
     size_t steps = passed < kCycle / 4 ? passed * (last_.size() * 4 / kCycle + 1) : last_.size();
     for (steps = steps < last_.size() ? steps : last_.size(); steps > 0; --steps) {
-      if (sweep_ >= last_.size()) sweep_ = 0;
-      if (passed >= kCycle / 4 || !isRecent(sweep_)) last_[sweep_] = 0;
-      ++sweep_;
+      if (next_to_clear_ >= last_.size()) next_to_clear_ = 0;
+      if (passed >= kCycle / 4 || !isRecent(next_to_clear_)) last_[next_to_clear_] = 0;
+      ++next_to_clear_;
     }
   }
   void use(size_t slot) {
@@ -38,7 +39,7 @@ class RecentUse {
     return last_[slot] != 0 && (frame_ % kCycle + kCycle + 1 - last_[slot]) % kCycle < kSparedFrames;
   }
   size_t bytes() const { return last_.capacity(); }
-  // Used recently, but not in the current frame.
+  // Slots used recently, but not in the current frame.
   uint64_t idleCount() const {
     uint64_t sum = 0;
     for (uint64_t n : count_) sum += n;
@@ -50,7 +51,7 @@ class RecentUse {
   static_assert(kCycle % kSparedFrames == 0);
 
   std::vector<uint8_t> last_;  // frame % kCycle + 1; 0: long ago
-  size_t sweep_ = 0;
+  size_t next_to_clear_ = 0;
   std::array<uint64_t, kSparedFrames> count_{};
   uint64_t frame_ = 0;
 };

@@ -13,22 +13,22 @@ struct Slope {
   double right = 0, down = 0;
 };
 
-// Along one side of a page: its texels' places among the cells of the relief level, in cells, clamped to the artwork's
-// last texel.
-struct Along {
+// The texels along one axis of a page, and their positions among the cells of the relief level, clamped to the
+// artwork's last texel.
+struct AxisSampling {
   int64_t first_cell = 0, cells = 0;
-  std::array<int64_t, kPageFullPx> low, high;  // cells between whose middles a texel's lies, from first_cell on
-  std::array<double, kPageFullPx> share;       // of the higher one
+  std::array<int64_t, kPageFullPx> low, high;  // cells whose centres enclose the texel's, from first_cell on
+  std::array<double, kPageFullPx> weight;      // weight of the higher cell
 
-  // origin: the node's first texel of the texture level; coarser: levels between that and the relief's.
-  Along(int64_t origin, int64_t level_texels, int64_t level_cells, int coarser) {
+  // origin: the node's first texel in the texture level; coarser: levels between the texture's and the relief's.
+  AxisSampling(int64_t origin, int64_t level_texels, int64_t level_cells, int coarser) {
     const double scale = std::ldexp(1.0, -coarser);
     for (size_t i = 0; i < kPageFullPx; ++i) {
       const int64_t texel = std::clamp<int64_t>(origin + static_cast<int64_t>(i) - kPageBorderPx, 0, level_texels - 1);
-      const double place = (static_cast<double>(texel) + 0.5) * scale - 0.5, cell = std::floor(place);
+      const double position = (static_cast<double>(texel) + 0.5) * scale - 0.5, cell = std::floor(position);
       low[i] = std::clamp<int64_t>(static_cast<int64_t>(cell), 0, level_cells - 1);
       high[i] = coarser > 0 ? std::clamp<int64_t>(static_cast<int64_t>(cell) + 1, 0, level_cells - 1) : low[i];
-      share[i] = coarser > 0 ? place - cell : 0;
+      weight[i] = coarser > 0 ? position - cell : 0;
     }
     first_cell = low.front();
     cells = high.back() - first_cell + 1;
@@ -36,7 +36,7 @@ struct Along {
   }
 };
 
-// Never negative, so that cutting off is rounding down.
+// The argument of the cast is never negative, so that truncation rounds down.
 uint8_t normalByte(double n) { return static_cast<uint8_t>(127.5 * (n + 1) + 0.5); }
 
 }  // namespace
@@ -44,20 +44,20 @@ uint8_t normalByte(double n) { return static_cast<uint8_t>(127.5 * (n + 1) + 0.5
 ReliefNormals::Samples ReliefNormals::samplesOf(const NodeId& node, const ReadRelief& read) const {
   {
     std::lock_guard lock(mutex_);
-    if (auto found = places_.find(node); found != places_.end()) {
-      kept_.splice(kept_.begin(), kept_, found->second);
+    if (auto found = index_.find(node); found != index_.end()) {
+      cached_.splice(cached_.begin(), cached_, found->second);
       return found->second->second;
     }
   }
   auto samples = std::make_shared<std::vector<uint16_t>>(size_t{kReliefSamples} * kReliefSamples);
   if (!read(node, *samples)) return nullptr;
   std::lock_guard lock(mutex_);
-  if (!places_.contains(node)) {  // another thread may have read it meanwhile
-    kept_.emplace_front(node, samples);
-    places_.emplace(node, kept_.begin());
-    if (kept_.size() > kKeptPages) {
-      places_.erase(kept_.back().first);
-      kept_.pop_back();
+  if (!index_.contains(node)) {  // another thread may have read it meanwhile
+    cached_.emplace_front(node, samples);
+    index_.emplace(node, cached_.begin());
+    if (cached_.size() > kCachedPages) {
+      index_.erase(cached_.back().first);
+      cached_.pop_back();
     }
   }
   return samples;
@@ -70,15 +70,15 @@ bool ReliefNormals::make(const NodeId& node, const ReadRelief& read, uint8_t* te
   auto originOf = [&](uint64_t patch_origin, uint32_t n) {
     return static_cast<int64_t>(patch_origin >> (d.texture_depth - level)) + int64_t{n} * kPagePx;
   };
-  const Along across(originOf(d.patchOriginX(node.patch), node.x), static_cast<int64_t>(d.levelWidth(level)),
-                     static_cast<int64_t>(d.levelWidth(relief)), level - relief);
-  const Along downwards(originOf(d.patchOriginY(node.patch), node.y), static_cast<int64_t>(d.levelHeight(level)),
-                        static_cast<int64_t>(d.levelHeight(relief)), level - relief);
+  const AxisSampling across(originOf(d.patchOriginX(node.patch), node.x), static_cast<int64_t>(d.levelWidth(level)),
+                            static_cast<int64_t>(d.levelWidth(relief)), level - relief);
+  const AxisSampling downwards(originOf(d.patchOriginY(node.patch), node.y), static_cast<int64_t>(d.levelHeight(level)),
+                               static_cast<int64_t>(d.levelHeight(relief)), level - relief);
 
-  // The slopes of the cells, page by page: a cell's four samples are all in one page.
+  // The cells' slopes, page by page, since a cell's four samples are in one page.
   std::vector<Slope> slopes(static_cast<size_t>(across.cells * downwards.cells));
   const double mm_per_step = d.relief_scale_mm * surface_.exaggerate;
-  // Of a cell's side, which the artwork's border may cut short.
+  // The side of a cell, which the artwork's border may cut.
   auto sideMm = [&](int64_t cell, uint64_t extent_px) {
     const double end = std::min(std::ldexp(static_cast<double>(cell + 1), to_texels), static_cast<double>(extent_px));
     return (end - std::ldexp(static_cast<double>(cell), to_texels)) * d.mm_per_px;
@@ -103,11 +103,11 @@ bool ReliefNormals::make(const NodeId& node, const ReadRelief& read, uint8_t* te
   }
 
   for (size_t j = 0; j < kPageFullPx; ++j) {
-    const double fy = downwards.share[j];
+    const double fy = downwards.weight[j];
     const Slope *upper = slopes.data() + downwards.low[j] * across.cells,
                 *lower = slopes.data() + downwards.high[j] * across.cells;
     for (size_t i = 0; i < kPageFullPx; ++i) {
-      const double fx = across.share[i];
+      const double fx = across.weight[i];
       const int64_t a = across.low[i], b = across.high[i];
       auto blend = [&](double Slope::*part) {
         if (level == relief) return upper[a].*part;
@@ -116,11 +116,11 @@ bool ReliefNormals::make(const NodeId& node, const ReadRelief& read, uint8_t* te
         return top * (1 - fy) + bottom * fy;
       };
       const double right = blend(&Slope::right), down = blend(&Slope::down),
-                   shorter = 1 / std::sqrt(1 + right * right + down * down);
+                   inverse_length = 1 / std::sqrt(1 + right * right + down * down);
       uint8_t* texel = texels + 4 * (j * kPageFullPx + i);
-      texel[0] = normalByte(-right * shorter);
-      texel[1] = normalByte(down * shorter);  // rows run down, y runs up
-      texel[2] = normalByte(shorter);
+      texel[0] = normalByte(-right * inverse_length);
+      texel[1] = normalByte(down * inverse_length);  // rows run down, y runs up
+      texel[2] = normalByte(inverse_length);
       texel[3] = 255;
     }
   }

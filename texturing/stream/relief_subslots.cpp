@@ -13,8 +13,8 @@ int sampleAt(const uint8_t* texels, int x, int y) {
   return t[0] << 8 | t[1];
 }
 
-// Whether all samples follow from every (1 << up)-th: the same sums as heightQ8() in shaders/patch.vert.
-bool followsFrom(const uint8_t* texels, int up) {
+// Are all samples interpolated from every (1 << up)-th? Uses the same sums as heightQ8() in shaders/patch.vert.
+bool isInterpolatedFrom(const uint8_t* texels, int up) {
   const int step = 1 << up, half = step >> 1;
   for (int y = 0; y <= kPagePx; ++y) {
     const int y0 = y & ~(step - 1), fy = y - y0, y1 = y0 + step <= kPagePx ? y0 + step : y0;
@@ -36,9 +36,9 @@ bool followsFrom(const uint8_t* texels, int up) {
 int reliefPartLevel(std::span<const uint8_t> texels, ReliefParts parts) {
   assert(texels.size() == kSlotBytes);
   if (parts == ReliefParts::kOnlyHalves) return kReliefPartLevel;
-  // The smallest first: rounded in two steps, some samples would be others.
+  // The smallest part is tried first, since rounding in two steps would change some samples.
   int level = kThirds - 1;
-  while (level > kReliefPartLevel && !followsFrom(texels.data(), reliefCoarser(level))) --level;
+  while (level > kReliefPartLevel && !isInterpolatedFrom(texels.data(), reliefStepLog2(level))) --level;
   if (parts == ReliefParts::kSmall) return level;
   const int third = compactLevel(level);
   const std::optional<uint32_t> needed = compactTexels(texels, static_cast<int>(reliefCells(level)));
@@ -51,7 +51,7 @@ void packRelief(std::span<const uint8_t> texels, int level, std::span<uint8_t> o
     packCompact(texels, static_cast<int>(reliefCells(level)), out);
     return;
   }
-  const int step = 1 << reliefCoarser(level), columns = 2 * partColumns(level), rows = partRows(level);
+  const int step = 1 << reliefStepLog2(level), columns = 2 * partColumns(level), rows = partRows(level);
   uint8_t* to = out.data();
   for (int y = 0; y < rows; ++y) {
     const uint8_t* from = texels.data() + size_t{4} * kPageFullPx * static_cast<size_t>(y * step);

@@ -1,13 +1,12 @@
-// relief_subslots.h - a relief page's samples in a part of a slot (subslot_cache.h): two bytes each, high byte first,
-// so that a texel of RGBA8 holds two that follow one another in a row. 129 x 129 samples fill 65 x 129 texels of the 68
-// x 136 of half a slot.
+// relief_subslots.h - how a relief page is stored in a part of a slot (subslot_cache.h): two bytes for each sample,
+// high byte first, so that an RGBA8 texel holds two consecutive samples of a row. 129 x 129 samples fill 65 x 129 of
+// the 68 x 136 texels of half a slot.
 //
-// A page may hold no more than its every second (or fourth) sample a side and what lies between them on the cells' two
-// triangles, rounded: that is how a scan of fewer than 128 cells a patch is stored. Then these alone are kept, in a
-// quarter (or a 16th) of the room, and shaders/patch.vert computes the others as they were, bit for bit. And where the
-// samples' compact form (relief_compact.h) fits a third of a slot (or a 12th, a 48th), it takes that. The level of its
-// part says which form a page has. Over a base mesh only: elsewhere what lies between two samples is drawn unrounded.
-// Pure.
+// A scan with fewer than 128 cells for each patch is stored as pages of which only every second (or fourth) sample
+// along a side carries information; the others are interpolated on the cells' triangles and rounded. Then only these
+// samples are kept, in a quarter (or a 16th) of the memory, and shaders/patch.vert computes the others bit for bit. If
+// the samples' compact form (relief_compact.h) fits a third of a slot (or a 12th, a 48th), it is used. The part's level
+// says which form a page has. Over a base mesh only, since elsewhere values between samples are drawn unrounded. Pure.
 #pragma once
 
 #include <cstdint>
@@ -19,23 +18,22 @@
 
 namespace relievo {
 
-inline constexpr int kReliefPartLevel =
-    kHalves;  // of a page with samples of its own everywhere; each level below halves its side
-// What of a page is kept: every 2^n-th sample a side, at level kReliefPartLevel + n, in compact form at kThirds + n.
-inline constexpr int reliefCoarser(int level) { return level - (isThird(level) ? kThirds : kReliefPartLevel); }
+inline constexpr int kReliefPartLevel = kHalves;  // of a page with all samples; each level below halves its side
+// A page keeps every 2^n-th sample along a side at level kReliefPartLevel + n, and in compact form at kThirds + n.
+inline constexpr int reliefStepLog2(int level) { return level - (isThird(level) ? kThirds : kReliefPartLevel); }
 inline constexpr uint32_t reliefCells(int level) {
-  return static_cast<uint32_t>(kPagePx) >> reliefCoarser(level);
-}  // a side, of its samples
+  return static_cast<uint32_t>(kPagePx) >> reliefStepLog2(level);
+}  // cells along a side
 inline constexpr int plainLevel(int level) {
-  return kReliefPartLevel + reliefCoarser(level);
-}  // with as many samples, as they are
-inline constexpr int compactLevel(int level) { return kThirds + reliefCoarser(level); }
-// A part's texels a side, for levels from 1; and what it takes.
+  return kReliefPartLevel + reliefStepLog2(level);
+}  // the level of the same samples in plain form
+inline constexpr int compactLevel(int level) { return kThirds + reliefStepLog2(level); }
+// A part's texels along a side, for levels from 1 on, and its bytes.
 inline constexpr int partColumns(int level) {
-  return (isThird(level) ? kPageFullPx : kPageFullPx / 2) >> reliefCoarser(level);
+  return (isThird(level) ? kPageFullPx : kPageFullPx / 2) >> reliefStepLog2(level);
 }
 inline constexpr int partRows(int level) {
-  return (isThird(level) ? kPageFullPx / 3 : kPageFullPx) >> reliefCoarser(level);
+  return (isThird(level) ? kPageFullPx / 3 : kPageFullPx) >> reliefStepLog2(level);
 }
 inline constexpr size_t partBytes(int level) {
   return size_t{4} * static_cast<size_t>(partColumns(level)) * static_cast<size_t>(partRows(level));
@@ -43,15 +41,15 @@ inline constexpr size_t partBytes(int level) {
 static_assert(partBytes(3) == kSlotBytes / kPartsOfSlot[3] &&
               partBytes(kThirds + 2) <= kSlotBytes / kPartsOfSlot[kThirds + 2]);
 static_assert(2 * partColumns(3) > kPagePx >> 2 && partRows(3) > kPagePx >> 2, "samples fit the smallest");
-// Its first texel in the slot.
-struct PartPlace {
+// The first texel of a part in its slot.
+struct PartOffset {
   int x = 0, y = 0;
 };
-constexpr PartPlace placeInSlot(const SlotPart& p) {
-  PartPlace at;
+constexpr PartOffset offsetInSlot(const SlotPart& p) {
+  PartOffset at;
   uint32_t part = p.part;
   int level = p.level;
-  for (; levelAbove(level) > 0; --level, part >>= 2) {
+  for (; parentLevel(level) > 0; --level, part >>= 2) {
     at.x += static_cast<int>(part & 1) * partColumns(level);
     at.y += static_cast<int>(part >> 1 & 1) * partRows(level);
   }
@@ -60,11 +58,11 @@ constexpr PartPlace placeInSlot(const SlotPart& p) {
   return at;
 }
 
-// The parts that pages may take: halves alone; and smaller ones; and those of the compact form.
+// The parts that pages may take: only halves; smaller ones, too; those of the compact form, too.
 enum class ReliefParts : uint8_t { kOnlyHalves, kSmall, kCompact };
 // The level of the smallest part that holds all of a page. texels: kSlotBytes, as page_codec.h decodes relief.
 int reliefPartLevel(std::span<const uint8_t> texels, ReliefParts parts);
-// out: partBytes(level), rows of partColumns(level) texels. What lies beyond the samples is of no account.
+// out: partBytes(level), rows of partColumns(level) texels. Bytes beyond the samples are unspecified.
 void packRelief(std::span<const uint8_t> texels, int level, std::span<uint8_t> out);
 
 }  // namespace relievo

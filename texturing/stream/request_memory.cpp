@@ -15,8 +15,8 @@ std::span<const NodeRequest> RequestMemory::add(std::span<const NodeRequest> new
     entries_.clear();
     changed = true;
   }
-  const size_t most = entries_.size() + newest.size();
-  if (changed || most > index_.capacity()) rebuildIndex(most);
+  const size_t max_entries = entries_.size() + newest.size();
+  if (changed || max_entries > index_.capacity()) rebuildIndex(max_entries);
   for (const NodeRequest& w : newest) {
     uint64_t key = packNode(w.node);
     const uint32_t index = findOrAdd(key, entries_.size());
@@ -28,7 +28,7 @@ std::span<const NodeRequest> RequestMemory::add(std::span<const NodeRequest> new
     Entry& e = entries_[index];
     NodeRequest before = e.request;
     e.request = w;
-    if (e.result >= still_since_) {  // the same view saw it before, elsewhere
+    if (e.result >= still_since_) {  // the same view saw it before at another position
       e.request.centre_distance = std::min(before.centre_distance, w.centre_distance);
       e.request.pixels = std::max(before.pixels, w.pixels);
     }

@@ -7,32 +7,32 @@
 
 namespace relievo {
 
-void SlotPool::needRoom(SlotIndex name, uint64_t plan, bool spare_recent) {
-  const SlotPart part = partOf(name);
+void SlotPool::countResident(SlotIndex slot, uint64_t plan, bool spare_recent) {
+  const SlotPart part = partOf(slot);
   const auto needsSlot = [&] { return !cache.isPinned(part.slot) && !(spare_recent && recent.isRecent(part.slot)); };
   if (part.level == 0) {
-    room_used += needsSlot();
+    slots_used += needsSlot();
     return;
   }
   if (slots[0][part.slot].count(plan) && !cache.isPinned(part.slot)) {
-    room_used += needsSlot();
-    if (!isThird(part.level)) halves_left += 2;
+    slots_used += needsSlot();
+    if (!isThird(part.level)) free_halves += 2;
   }
-  if (isThird(part.level)) return;  // what is left in such a slot is not for every page
-  const bool first = part.level == kHalves || slots[kHalves][cache.indices(name)[kHalves]].count(plan);
+  if (isThird(part.level)) return;  // the rest of such a slot does not suit every page
+  const bool first = part.level == kHalves || slots[kHalves][cache.indices(slot)[kHalves]].count(plan);
   const uint32_t half = part.part / (kPartsOfSlot[static_cast<size_t>(part.level)] / 2);
-  if (first && !cache.isPinned(nameOf({part.slot, kHalves, half}))) --halves_left;
+  if (first && !cache.isPinned(slotIndexOf({part.slot, kHalves, half}))) --free_halves;
 }
 
-bool SlotPool::takeRoom(bool relief, uint64_t pages) {
-  if (relief && halves_left > 0) {
-    --halves_left;
+bool SlotPool::reserve(bool relief, uint64_t pages) {
+  if (relief && free_halves > 0) {
+    --free_halves;
     return true;
   }
-  if (room_used + pages > cache.slotCount()) return false;
-  room_used += pages;
-  halves_left += relief;
-  opened += relief;
+  if (slots_used + pages > cache.slotCount()) return false;
+  slots_used += pages;
+  free_halves += relief;
+  opened_slots += relief;
   return true;
 }
 
@@ -42,8 +42,8 @@ std::optional<SubslotCache::Placement> SlotPool::placeRelief(PageId id, uint64_t
     if (auto placed = placeInThird(id, frame, min_age, level, counted, more)) return placed;
     level = plainLevel(level);
   }
-  auto placed = placePlain(id, frame, min_age, level);
-  if (placed) spare_halves -= !counted;
+  auto placed = placeUncompressed(id, frame, min_age, level);
+  if (placed) unreserved_halves -= !counted;
   return placed;
 }
 
@@ -51,24 +51,25 @@ std::optional<SubslotCache::Placement> SlotPool::placeInThird(PageId id, uint64_
                                                               bool counted, bool more) {
   const int64_t slot_takes = counted ? 1 : 2;
   std::optional<SubslotCache::Placement> placed;
-  if (cache.hasPartToFill(frame, level) || (openings > 0 && spare_halves >= slot_takes))
+  if (cache.hasPartToFill(frame, level) || (openable_slots > 0 && unreserved_halves >= slot_takes))
     placed = cache.place(id, frame, min_age, level);
   if (!placed) placed = placeInIdle(idle_thirds, kThirds, id, frame, min_age, level);
-  if (!placed && openings > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
+  if (!placed && openable_slots > 0 && counted && more) placed = cache.place(id, frame, min_age, level);
   if (!placed) return std::nullopt;
-  spare_halves += placed->took_slot ? -slot_takes : counted;
-  if (!placed->took_slot) return placed;
-  openings -= openings > 0;
+  unreserved_halves += placed->opened_slot ? -slot_takes : counted;
+  if (!placed->opened_slot) return placed;
+  openable_slots -= openable_slots > 0;
   if (idle_thirds.known)
     for (uint32_t k = 0; k < kPartsOfSlot[kThirds]; ++k)
-      idle_thirds.parts.push_back(nameOf({partOf(placed->slot).slot, kThirds, k}));
+      idle_thirds.parts.push_back(slotIndexOf({partOf(placed->slot).slot, kThirds, k}));
   return placed;
 }
 
-std::optional<SubslotCache::Placement> SlotPool::placePlain(PageId id, uint64_t frame, uint32_t min_age, int level) {
-  if (openings > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
+std::optional<SubslotCache::Placement> SlotPool::placeUncompressed(PageId id, uint64_t frame, uint32_t min_age,
+                                                                   int level) {
+  if (openable_slots > 0 || cache.find(id) != kNoSlot || cache.hasPartToFill(frame, level)) {
     auto placed = cache.place(id, frame, min_age, level);
-    openings -= placed && placed->took_slot && openings > 0;
+    openable_slots -= placed && placed->opened_slot && openable_slots > 0;
     return placed;
   }
   return placeInIdle(idle_halves, kHalves, id, frame, min_age, level);

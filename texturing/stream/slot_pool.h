@@ -1,9 +1,9 @@
-// slot_pool.h - slots of one size, and the room in them that a streamer's plan gives to the pages it wants. Pure
-// bookkeeping, owned by the render thread.
+// slot_pool.h - slots of one size, and how a streamer's plan distributes them among the requested pages. Pure, owned by
+// the render thread.
 //
-// A plan (once a frame) goes over the requested pages: beginPlan(); needRoom() of each that is resident, once;
-// takeRoom() for those to come. What takeRoom() refuses is deferred. Pages that arrive are then placed: of texture
-// through the cache, of relief by placeRelief().
+// A plan is made once for each frame: beginPlan(), then countResident() once for each requested resident page, then
+// reserve() for each missing one. A page for which reserve() fails is deferred. Arriving pages are then placed: texture
+// through the cache, relief by placeRelief().
 #pragma once
 
 #include <array>
@@ -16,7 +16,8 @@
 
 namespace relievo {
 
-// 4 bytes: the low 31 bits of the last plan that counted it; whether it was prefetched, and not wanted since.
+// In 4 bytes: the low 31 bits of the last plan that counted the slot, and whether it was prefetched and not requested
+// since.
 class SlotUse {
  public:
   bool counted(uint64_t plan) const { return (bits_ & ~1u) == markOf(plan); }
@@ -36,52 +37,56 @@ class SlotUse {
   static uint32_t markOf(uint64_t plan) { return static_cast<uint32_t>(plan) << 1; }
   uint32_t bits_ = 0;
 };
-// Slots of one size.
+// A pool of slots of one size.
 struct SlotPool {
   SubslotCache cache;
-  std::array<std::vector<SlotUse>, kPartLevels> slots;  // by level, and the cache's indices
+  std::array<std::vector<SlotUse>, kPartLevels> slots;  // by level and the cache's indices
   RecentUse recent;
   uint32_t roots = 0;
-  // Of the last plan: slots that the request lists need, with those that hold something pinned; in these, halves that
-  // are not needed; pages without room, and those of relief among them; slots that would hold all; slots that relief to
-  // come was given, and may take still; halves that are free, idle or in such slots, and not spoken for.
-  uint64_t room_used = 0, halves_left = 0, deferred = 0, deferred_relief = 0, demand = 0, opened = 0, openings = 0;
-  int64_t spare_halves = 0;
+  // Results of the last plan:
+  // - slots_used: slots of requested or pinned pages; free_halves: halves in these that are not needed.
+  // - deferred, deferred_relief: pages without room, and those of relief among them; demand: slots that would hold all
+  // requested pages.
+  // - opened_slots: slots reserved for missing relief; openable_slots: slots that relief may still take.
+  // - unreserved_halves: halves that are free, idle or in openable slots, and not reserved.
+  uint64_t slots_used = 0, free_halves = 0, deferred = 0, deferred_relief = 0, demand = 0, opened_slots = 0,
+           openable_slots = 0;
+  int64_t unreserved_halves = 0;
   struct Idle {
     std::vector<SlotIndex> parts;
     bool known = false;
   };
-  Idle idle_halves, idle_thirds;  // that relief to come may take, once known
-  explicit SlotPool(uint32_t slot_count) : cache(slot_count), recent(cache.slotCount()) { follow(); }
-  // Slots for the cache's new parts.
-  void follow() {
+  Idle idle_halves, idle_thirds;  // parts that arriving relief may take, once known
+  explicit SlotPool(uint32_t slot_count) : cache(slot_count), recent(cache.slotCount()) { resizeTables(); }
+  // Grows the tables with the cache's new parts.
+  void resizeTables() {
     for (size_t level = 0; level < kPartLevels; ++level)
       if (slots[level].size() < cache.indexCount(static_cast<int>(level)))
         slots[level].resize(cache.indexCount(static_cast<int>(level)));
   }
-  SlotUse& slotOf(SlotIndex name) {
-    const auto level = static_cast<size_t>(partOf(name).level);
-    return slots[level][level == 0 ? name : cache.indices(name)[level]];
+  SlotUse& slotOf(SlotIndex slot) {
+    const auto level = static_cast<size_t>(partOf(slot).level);
+    return slots[level][level == 0 ? slot : cache.indices(slot)[level]];
   }
   void beginPlan() {
-    room_used = cache.pinnedCount();
-    halves_left = 2 * uint64_t{cache.pinnedInTwo()} - cache.pinnedHalves();
-    deferred = deferred_relief = opened = 0;
+    slots_used = cache.pinnedCount();
+    free_halves = 2 * uint64_t{cache.pinnedHalvedSlots()} - cache.pinnedHalves();
+    deferred = deferred_relief = opened_slots = 0;
     idle_halves.known = idle_thirds.known = false;
   }
-  // Of a page that is counted for the first time. spare_recent: what was used recently has its room already.
-  void needRoom(SlotIndex name, uint64_t plan, bool spare_recent = false);
-  // For pages of a node that are to come; of relief for as much as it may turn out to need, which is half a slot.
-  bool takeRoom(bool relief, uint64_t pages);
-  // Relief fills what is free. Else the plan may have counted on an idle half beside one in use, and given the slots to
-  // others. counted: by the plan, with half a slot. more: whether another compact page that it counted comes next.
+  // Counts a resident page, once for each plan. spare_recent: recently used slots are counted already.
+  void countResident(SlotIndex slot, uint64_t plan, bool spare_recent = false);
+  // Reserves room for missing pages of a node; for relief half a slot, the most that it may need.
+  bool reserve(bool relief, uint64_t pages);
+  // Places a relief page, first in free parts. If the plan counted on an idle half beside a used one and gave the slots
+  // to others, then in that. counted: by the plan, with half a slot. more: another counted compact page comes next.
   std::optional<SubslotCache::Placement> placeRelief(PageId id, uint64_t frame, uint32_t min_age, int level,
                                                      bool counted, bool more);
-  // A slot in three takes two halves from what is to come, which may turn out to need them: for one page only where a
-  // half is to spare. Two pages have it in their own right, and what a third one was counted with is left for others.
+  // Dividing a slot in three takes two halves that missing pages may need. It is done for one page only if a half is
+  // unreserved, and for two pages in any case; the half reserved for a third page stays available.
   std::optional<SubslotCache::Placement> placeInThird(PageId id, uint64_t frame, uint32_t min_age, int level,
                                                       bool counted, bool more);
-  std::optional<SubslotCache::Placement> placePlain(PageId id, uint64_t frame, uint32_t min_age, int level);
+  std::optional<SubslotCache::Placement> placeUncompressed(PageId id, uint64_t frame, uint32_t min_age, int level);
   std::optional<SubslotCache::Placement> placeInIdle(Idle& idle, int part_level, PageId id, uint64_t frame,
                                                      uint32_t min_age, int level);
 };

@@ -53,7 +53,7 @@ Result<void> reliefMemoryBench(BenchContext& context) {
   uint32_t compact = 0;
   for (const NodeRequest& w : requests) {
     const int level = partOf(streamer.findRelief(w.node)).level;
-    ++of_cells[static_cast<size_t>(reliefCoarser(level))];
+    ++of_cells[static_cast<size_t>(reliefStepLog2(level))];
     compact += isThird(level);
     if (static_cast<int>(w.node.level) == domain.relief_depth)
       triangles += 2.0 * reliefCells(level) * reliefCells(level);

@@ -214,16 +214,21 @@ std::string rampKey(double budget_px) {
 constexpr const char* kStyle = R"(
 :root{color-scheme:light dark;--ink:#1b1b1b;--soft:#666;--line:#ddd;--paper:#fff;--bad:#b3261e}
 @media(prefers-color-scheme:dark){:root{--ink:#e8e8e8;--soft:#a5a5a5;--line:#3d3d3d;--paper:#161616;--bad:#ff8a80}}
-body{font:15px/1.45 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:1240px;margin:24px auto;padding:0 16px}
+body{font:15px/1.45 system-ui,sans-serif;color:var(--ink);background:var(--paper);
+max-width:1240px;margin:24px auto;padding:0 16px}
 h1{font-size:24px}h2{font-size:18px;margin-top:32px}p{max-width:90ch}small{color:var(--soft)}
 .panels{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:12px}
 svg text{fill:var(--ink);font:12px system-ui,sans-serif}svg .title{font-size:15px;font-weight:600}
 svg .grid{stroke:var(--line)}svg .frame{fill:none;stroke:var(--soft)}
-.key{width:14px;height:14px;vertical-align:-2px}.legend span{white-space:nowrap;margin-right:14px}.ramp{width:420px;max-width:100%}
+.key{width:14px;height:14px;vertical-align:-2px}
+.legend span{white-space:nowrap;margin-right:14px}.ramp{width:420px;max-width:100%}
 .scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:13px}
-th,td{padding:3px 9px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}th:first-child,td:first-child,.left{text-align:left}
+th,td{padding:3px 9px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}
+th:first-child,td:first-child,.left{text-align:left}
 .bad{color:var(--bad);font-weight:600}
-figure{margin:0}figure img{width:100%;height:auto;border:1px solid var(--line);background:repeating-conic-gradient(#0000 0 25%,#8883 0 50%) 0 0/16px 16px}
+figure{margin:0}
+figure img{width:100%;height:auto;border:1px solid var(--line);
+background:repeating-conic-gradient(#0000 0 25%,#8883 0 50%) 0 0/16px 16px}
 figcaption{font-size:13px}dt{font-weight:600}dd{margin:0 0 6px 0}
 )";
 

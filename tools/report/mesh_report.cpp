@@ -224,21 +224,21 @@ std::string meshText(const Json& m) {
 namespace {
 
 Json fidelityJson(const Fidelity& f) {
-  auto way = [](const FidelityWay& w) {
+  auto way = [](const OneSidedFidelity& w) {
     return Json{{"samples", w.samples},
                 {"rms_mm", w.rms_mm},
-                {"p99_9_mm", w.most_mm},
-                {"max_mm", w.largest_mm},
-                {"max_at_mm", {w.largest_at_mm.x, w.largest_at_mm.y, w.largest_at_mm.z}},
-                {"area_beyond", w.beyond}};
+                {"p99_9_mm", w.p99_9_mm},
+                {"max_mm", w.max_mm},
+                {"max_at_mm", {w.max_at_mm.x, w.max_at_mm.y, w.max_at_mm.z}},
+                {"area_beyond", w.area_beyond}};
   };
   return {{"kept", f.kept()},
           {"psnr_db", f.psnr_db()},
           {"target",
            {{"rms_mm", f.target.rms_mm},
-            {"p99_9_mm", f.target.most_mm},
-            {"beyond_mm", f.target.largest_mm},
-            {"area_beyond", FidelityTarget::kBeyond}}},
+            {"p99_9_mm", f.target.p99_9_mm},
+            {"beyond_mm", f.target.max_mm},
+            {"area_beyond", FidelityTarget::kMaxAreaBeyond}}},
           {"missing", way(f.to_drawn)},
           {"too_much", way(f.to_scan)}};
 }
@@ -251,12 +251,12 @@ std::string fidelityHtml(const Fidelity& f) {
     html += row({name, format("%.4g mm", target), format("%.4g mm", there), format("%.4g mm", back)});
   };
   const FidelityTarget& t = f.target;
-  const FidelityWay &there = f.to_drawn, &back = f.to_scan;
+  const OneSidedFidelity &there = f.to_drawn, &back = f.to_scan;
   length("RMS", t.rms_mm, there.rms_mm, back.rms_mm);
-  length("99.9 %", t.most_mm, there.most_mm, back.most_mm);
-  html += row({format("area beyond %.4g mm", t.largest_mm), format("%.4g %%", 100 * FidelityTarget::kBeyond),
-               format("%.4g %%", 100 * there.beyond), format("%.4g %%", 100 * back.beyond)});
-  html += row({"largest", "", format("%.4g mm", there.largest_mm), format("%.4g mm", back.largest_mm)});
+  length("99.9 %", t.p99_9_mm, there.p99_9_mm, back.p99_9_mm);
+  html += row({format("area beyond %.4g mm", t.max_mm), format("%.4g %%", 100 * FidelityTarget::kMaxAreaBeyond),
+               format("%.4g %%", 100 * there.area_beyond), format("%.4g %%", 100 * back.area_beyond)});
+  html += row({"largest", "", format("%.4g mm", there.max_mm), format("%.4g mm", back.max_mm)});
   return html + "</table>\n";
 }
 

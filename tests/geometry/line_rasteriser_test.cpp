@@ -1,6 +1,6 @@
 // All lines of a square at once: what is answered is what brute force over all triangles finds; what cannot be known is
 // not answered.
-#include "geometry/bake/line_sweep.h"
+#include "geometry/bake/line_rasteriser.h"
 
 #include <gtest/gtest.h>
 
@@ -46,22 +46,22 @@ SurfacePoint byBruteForce(const TriMesh& mesh, const Line& line) {
 }
 
 struct Square {
-  SweepSquare square;
-  std::vector<SweepPlace> places;
+  RasterSquare square;
+  std::vector<RasterLine> raster_lines;
   std::vector<Line> lines;
   // n x n lines by rows, their points `start` above the square.
-  Square(const SweepSquare& corners, size_t n, double likely, double start = 0) : square(corners) {
+  Square(const RasterSquare& corners, size_t n, double likely, double start = 0) : square(corners) {
     for (size_t i = 0; i < n * n; ++i) {
       const double u = static_cast<double>(i % n) / static_cast<double>(n - 1),
                    v = static_cast<double>(i / n) / static_cast<double>(n - 1);
       const glm::dvec3 direction = bilinear(corners.normals, u, v);
-      places.push_back({static_cast<float>(u), static_cast<float>(v), static_cast<float>(start)});
+      raster_lines.push_back({static_cast<float>(u), static_cast<float>(v), static_cast<float>(start)});
       lines.push_back({bilinear(corners.points, u, v) + start * direction, direction, 2 * likely, likely});
     }
   }
 };
-SweepSquare squareOf(const BaseMesh& base, uint32_t patch) {
-  SweepSquare out;
+RasterSquare squareOf(const BaseMesh& base, uint32_t patch) {
+  RasterSquare out;
   for (size_t k = 0; k < 4; ++k) {
     const BaseCorner& c = base.corners[base.patches[patch][k]];
     out.points[k] = c.position_mm;
@@ -74,10 +74,10 @@ struct Counts {
   size_t answered = 0, wrong = 0, missing = 0;
 };
 // Answers against all triangles of `truth`.
-Counts compare(const TriMesh& swept, const TriMesh& truth, const Square& s) {
-  const LineSweep sweep(swept, 1);
+Counts compare(const TriMesh& rasterised, const TriMesh& truth, const Square& s) {
+  const LineRasteriser rasteriser(rasterised, 1);
   std::vector<SurfacePoint> hits(s.lines.size());
-  sweep.nearest(s.square, s.places, s.lines, hits);
+  rasteriser.nearest(s.square, s.raster_lines, s.lines, hits);
   Counts out;
   for (size_t i = 0; i < hits.size(); ++i) {
     const SurfacePoint expected = byBruteForce(truth, s.lines[i]);
@@ -89,8 +89,9 @@ Counts compare(const TriMesh& swept, const TriMesh& truth, const Square& s) {
       continue;
     }
     // What is said to be met lies on the line.
-    const auto& t = swept.triangles[hits[i].triangle];
-    const glm::dvec3 a(swept.positions_mm[t[0]]), b(swept.positions_mm[t[1]]), c(swept.positions_mm[t[2]]);
+    const auto& t = rasterised.triangles[hits[i].triangle];
+    const glm::dvec3 a(rasterised.positions_mm[t[0]]), b(rasterised.positions_mm[t[1]]),
+        c(rasterised.positions_mm[t[2]]);
     const glm::dvec3 on = a + hits[i].b1 * (b - a) + hits[i].b2 * (c - a);
     EXPECT_LT(glm::length(on - s.lines[i].at - hits[i].along * s.lines[i].direction), 1e-5);
   }
@@ -107,7 +108,7 @@ TriMesh joined(TriMesh a, const TriMesh& b) {
   return a;
 }
 
-TEST(LineSweep, answersWhatBruteForceFinds) {
+TEST(LineRasteriser, answersWhatBruteForceFinds) {
   const TriMesh mesh = starMesh(bumps, kSanitized ? 20 : 40);
   const BaseMesh base = sphereBase(9.8, 2);
   Counts all;
@@ -125,7 +126,7 @@ TEST(LineSweep, answersWhatBruteForceFinds) {
   EXPECT_EQ(all.missing, 0u);
 }
 
-TEST(LineSweep, ofSeveralSurfacesTheNearest) {
+TEST(LineRasteriser, ofSeveralSurfacesTheNearest) {
   // Shells 0.4 apart, all of which face outwards; lines' points lie below, between and above them.
   const int n = kSanitized ? 20 : 30;
   const TriMesh outer = starMesh(bumps, n),
@@ -149,12 +150,12 @@ TEST(LineSweep, ofSeveralSurfacesTheNearest) {
   EXPECT_EQ(walled.wrong, 0u);
 }
 
-TEST(LineSweep, noLineSlipsBetweenTriangles) {
+TEST(LineRasteriser, noLineSlipsBetweenTriangles) {
   // Every line goes through a vertex of the sheet or the middle of an edge.
   const TriMesh sheet =
       sheetMesh(8, 8, 16, 16, [](double x, double y) { return 0.25 * std::sin(x) * std::cos(2 * y); });
-  const SweepSquare square{{glm::dvec3(0, 0, 0.5), {8, 0, 0.5}, {0, -8, 0.5}, {8, -8, 0.5}},
-                           {glm::dvec3(0, 0, 1), {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}};
+  const RasterSquare square{{glm::dvec3(0, 0, 0.5), {8, 0, 0.5}, {0, -8, 0.5}, {8, -8, 0.5}},
+                            {glm::dvec3(0, 0, 1), {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}};
   const Counts all = compare(sheet, sheet, Square(square, 33, 2));
   EXPECT_EQ(all.answered, 33u * 33);
   EXPECT_EQ(all.wrong, 0u);
@@ -165,8 +166,8 @@ TEST(LineSweep, noLineSlipsBetweenTriangles) {
   EXPECT_EQ(compare(torn, torn, Square(square, 33, 2)).missing, 0u);
 }
 
-TEST(LineSweep, triangleSoupIsNeverAnsweredWrongly) {
-  // Triangles of any size and direction, some larger than the square.
+TEST(LineRasteriser, triangleSoupIsNeverAnsweredWrongly) {
+  // Triangles of any size and direction, subset larger than the square.
   std::mt19937 random(31);
   std::normal_distribution<double> gauss;
   auto near = [&](double size) { return glm::vec3(size * gauss(random), size * gauss(random), size * gauss(random)); };
@@ -179,7 +180,7 @@ TEST(LineSweep, triangleSoupIsNeverAnsweredWrongly) {
       for (int k = 0; k < 3; ++k) soup.positions_mm.push_back(at + near(size));
       soup.triangles.push_back({3 * i, 3 * i + 1, 3 * i + 2});
     }
-    SweepSquare square;
+    RasterSquare square;
     for (size_t k = 0; k < 4; ++k) {
       square.points[k] = glm::dvec3(k % 2 ? 1.5 : -1.5, k / 2 ? -1.5 : 1.5, 0) + 0.2 * glm::dvec3(near(1));
       square.normals[k] = glm::normalize(glm::dvec3(0, 0, 1) + 0.02 * round * glm::dvec3(near(1)));
@@ -192,16 +193,16 @@ TEST(LineSweep, triangleSoupIsNeverAnsweredWrongly) {
   EXPECT_GT(answered, missing);
 }
 
-TEST(LineSweep, whereLinesMeetOneAnotherNothingWrongIsSaid) {
+TEST(LineRasteriser, whereLinesMeetOneAnotherNothingWrongIsSaid) {
   // Lines that meet in one point, 2 above the square, which is as far as they are looked along.
-  SweepSquare square;
+  RasterSquare square;
   for (size_t k = 0; k < 4; ++k) {
     square.points[k] = {k % 2 ? 5 : 3, k / 2 ? -5 : -3, 0};
     square.normals[k] = glm::dvec3(4, -4, 2) - square.points[k];
   }
   auto sheet = [](double z) { return sheetMesh(8, 8, 40, 40, [=](double x, double) { return z + 0.02 * x; }); };
   const Square s(square, 21, 1);
-  // What lies well before that point is found all the same; what lies there is left open.
+  // What lies well previous that point is found all the same; what lies there is left open.
   const TriMesh both = joined(sheet(1.8), sheet(0.2));
   const Counts near = compare(both, both, s), far = compare(sheet(1.8), sheet(1.8), s);
   EXPECT_EQ(near.answered, s.lines.size());
@@ -210,16 +211,17 @@ TEST(LineSweep, whereLinesMeetOneAnotherNothingWrongIsSaid) {
   EXPECT_EQ(far.missing, s.lines.size());
 }
 
-TEST(LineSweep, bakesTheSameAsRays) {
+TEST(LineRasteriser, bakesTheSameAsRays) {
   const TriMesh mesh = starMesh(bumps, kSanitized ? 24 : 90);
   const BaseMesh base = sphereBase(9.8, 2);
   std::vector<uint16_t> heights[2];
   std::vector<uint8_t> texels[2];
   double scale_mm[2];
   for (size_t k = 0; k < 2; ++k) {
-    auto scene = makeBakeScene(mesh, {.sweep_from_triangles = k ? 0 : ~size_t{0}, .workers = static_cast<int>(k + 1)});
+    auto scene =
+        makeBakeScene(mesh, {.rasterise_from_triangles = k ? 0 : ~size_t{0}, .workers = static_cast<int>(k + 1)});
     ASSERT_TRUE(scene);
-    EXPECT_EQ(scene->sweep != nullptr, k == 1);
+    EXPECT_EQ(scene->rasteriser != nullptr, k == 1);
     const RayScene& rays = *scene->rays;
     auto made = MeshBake::create(mesh, {}, base,
                                  {.cells_log2 = kSanitized ? 4 : 6, .fit = false, .texture_depth = 0, .workers = 2},
@@ -235,7 +237,7 @@ TEST(LineSweep, bakesTheSameAsRays) {
       ASSERT_TRUE((*made)->texels(p, out));
       texels[k].insert(texels[k].end(), out.begin(), out.end());
     }
-    // The sweep leaves no line to rays here: no hierarchy is ever built.
+    // The rasteriser leaves no line to rays here: no hierarchy is ever built.
     EXPECT_EQ(rays.builds(), k ? 0u : rays.regions());
   }
   EXPECT_NEAR(scale_mm[0], scale_mm[1], 1e-9);

@@ -1,11 +1,11 @@
-#include "geometry/bake/plane_image.h"
+#include "geometry/bake/mip_image.h"
 
 #include <algorithm>
 #include <cmath>
 
 namespace relievo {
 
-PlaneImage::PlaneImage(int width, int height, int channels, std::span<const uint8_t> texels, int levels, bool repeats)
+MipImage::MipImage(int width, int height, int channels, std::span<const uint8_t> texels, int levels, bool repeats)
     : channels_(channels), repeats_(repeats) {
   levels_.reserve(static_cast<size_t>(levels) + 1);
   levels_.push_back({width, height, texels, {}});
@@ -31,10 +31,10 @@ PlaneImage::PlaneImage(int width, int height, int channels, std::span<const uint
   }
 }
 
-void PlaneImage::add(const Level& level, float scale, const glm::vec2& place, float weight,
-                     std::span<float> out) const {
-  const float x = std::clamp(place.x * scale - 0.5f, 0.0f, static_cast<float>(level.width - 1));
-  const float y = std::clamp(place.y * scale - 0.5f, 0.0f, static_cast<float>(level.height - 1));
+void MipImage::add(const Level& level, float scale, const glm::vec2& position, float weight,
+                   std::span<float> out) const {
+  const float x = std::clamp(position.x * scale - 0.5f, 0.0f, static_cast<float>(level.width - 1));
+  const float y = std::clamp(position.y * scale - 0.5f, 0.0f, static_cast<float>(level.height - 1));
   const int x0 = static_cast<int>(x), y0 = static_cast<int>(y), x1 = std::min(x0 + 1, level.width - 1),
             y1 = std::min(y0 + 1, level.height - 1);
   const float fx = x - static_cast<float>(x0), fy = y - static_cast<float>(y0);
@@ -48,19 +48,19 @@ void PlaneImage::add(const Level& level, float scale, const glm::vec2& place, fl
                         (static_cast<float>(c[k]) * (1 - fx) + static_cast<float>(d[k]) * fx) * fy);
 }
 
-void PlaneImage::sample(const glm::vec2& uv, float lod, std::span<float> out) const {
+void MipImage::sample(const glm::vec2& uv, float lod, std::span<float> out) const {
   std::fill_n(out.begin(), channels_, 0.0f);
   auto within = [this](float x, int texels) {
     const float half = 0.5f / static_cast<float>(texels);
     return repeats_ && (x < -half || x > 1 + half) ? x - std::floor(x) : x;
   };
-  const glm::vec2 place(within(uv.x, width()) * static_cast<float>(width()),
-                        (1 - within(uv.y, height())) * static_cast<float>(height()));
+  const glm::vec2 position(within(uv.x, width()) * static_cast<float>(width()),
+                           (1 - within(uv.y, height())) * static_cast<float>(height()));
   lod = std::clamp(std::isfinite(lod) ? lod : 0.0f, 0.0f, static_cast<float>(levels_.size() - 1));
   const int fine = static_cast<int>(lod);
   const float blend = lod - static_cast<float>(fine);
-  add(levels_[static_cast<size_t>(fine)], std::ldexp(1.0f, -fine), place, 1 - blend, out);
-  if (blend > 0) add(levels_[static_cast<size_t>(fine) + 1], std::ldexp(1.0f, -fine - 1), place, blend, out);
+  add(levels_[static_cast<size_t>(fine)], std::ldexp(1.0f, -fine), position, 1 - blend, out);
+  if (blend > 0) add(levels_[static_cast<size_t>(fine) + 1], std::ldexp(1.0f, -fine - 1), position, blend, out);
 }
 
 }  // namespace relievo

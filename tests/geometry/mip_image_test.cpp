@@ -1,5 +1,5 @@
-// Images of many channels: between texels, between levels, and what lies finer than the places looked up.
-#include "geometry/bake/plane_image.h"
+// Images of many channels: between texels, between levels, and averages of what is finer than the samples.
+#include "geometry/bake/mip_image.h"
 
 #include <gtest/gtest.h>
 
@@ -9,14 +9,14 @@
 namespace relievo {
 namespace {
 
-TEST(PlaneImage, linearChannelsAreReadAsTheyAre) {
+TEST(MipImage, linearChannelsAreReadAsTheyAre) {
   constexpr int kWidth = 37, kHeight = 21, kChannels = 9;
   std::vector<uint8_t> texels;
   auto value = [](double x, double y, int c) { return 20 + c + (c % 2 ? 4 : 2) * x + (c % 3 ? 1 : 3) * y; };
   for (int y = 0; y < kHeight; ++y)
     for (int x = 0; x < kWidth; ++x)
       for (int c = 0; c < kChannels; ++c) texels.push_back(static_cast<uint8_t>(value(x, y, c)));
-  const PlaneImage image(kWidth, kHeight, kChannels, texels, 3);
+  const MipImage image(kWidth, kHeight, kChannels, texels, 3);
   std::mt19937 random(1);
   std::uniform_real_distribution<double> unit(0, 1);
   std::array<float, kChannels> out{};
@@ -35,14 +35,14 @@ TEST(PlaneImage, linearChannelsAreReadAsTheyAre) {
   image.sample({0.5, 0.5}, std::nanf(""), out);
 }
 
-TEST(PlaneImage, repeatsWhereItIsToldTo) {
+TEST(MipImage, repeatsWhereItIsToldTo) {
   constexpr int kWidth = 8, kHeight = 4;
   std::vector<uint8_t> texels;
   for (int i = 0; i < kWidth * kHeight; ++i) texels.push_back(static_cast<uint8_t>(7 * i));
-  const PlaneImage clamped(kWidth, kHeight, 1, texels, 2), repeated(kWidth, kHeight, 1, texels, 2, true);
+  const MipImage clamped(kWidth, kHeight, 1, texels, 2), repeated(kWidth, kHeight, 1, texels, 2, true);
   std::mt19937 random(3);
   std::uniform_real_distribution<float> unit(0, 1);
-  auto at = [](const PlaneImage& image, float u, float v, float lod) {
+  auto at = [](const MipImage& image, float u, float v, float lod) {
     float out = 0;
     image.sample({u, v}, lod, {&out, 1});
     return out;
@@ -65,12 +65,12 @@ TEST(PlaneImage, repeatsWhereItIsToldTo) {
   EXPECT_EQ(at(clamped, 3.3f, 0.5f, 0), at(clamped, 1, 0.5f, 0));
 }
 
-TEST(PlaneImage, whatIsFinerIsAveraged) {
+TEST(MipImage, whatIsFinerIsAveraged) {
   constexpr int kSide = 64;
   std::vector<uint8_t> texels;
   for (int y = 0; y < kSide; ++y)
     for (int x = 0; x < kSide; ++x) texels.push_back((x + y) % 2 ? 255 : 0);
-  const PlaneImage image(kSide, kSide, 1, texels, 16);
+  const MipImage image(kSide, kSide, 1, texels, 16);
   std::mt19937 random(2);
   std::uniform_real_distribution<float> unit(0, 1);
   float most = 0, most_sharp = 0, out = 0;

@@ -1,4 +1,4 @@
-#include "geometry/remesh/base_place.h"
+#include "geometry/remesh/corner_placement.h"
 
 #include <algorithm>
 #include <cmath>
@@ -30,45 +30,45 @@ void eigen(glm::dmat3 a, glm::dvec3& values, glm::dmat3& vectors) {
 
 }  // namespace
 
-Regions cornerRegions(const QuadMesh& quads, const TriangleMesh& s, const ScanLookup& scan) {
-  struct Front {
+Regions cornerRegions(const QuadMesh& quads, const TriangleMesh& s, const ScanSurface& scan) {
+  struct FrontEntry {
     float distance;
     VertexHandle vertex, corner;
-    bool operator<(const Front& o) const {
+    bool operator<(const FrontEntry& o) const {
       if (distance != o.distance) return distance > o.distance;
       return vertex != o.vertex ? o.vertex < vertex : o.corner < corner;
     }
   };
-  std::vector<Front> fronts;
+  std::vector<FrontEntry> seeds;
   for (const auto c : quads.vertices()) {
     SurfacePoint at = scan.project(quads.point(c), quads.normal(c), 0.1);
     if (!at) at = scan.scene.closestPoint(quads.point(c));
     if (!at) continue;
     for (const auto v : s.fv_range(FaceHandle(static_cast<int>(at.triangle))))
-      fronts.push_back({static_cast<float>(glm::length(s.point(v) - scan.point(at))), v, c});
+      seeds.push_back({static_cast<float>(glm::length(s.point(v) - scan.point(at))), v, c});
   }
-  std::priority_queue<Front> queue(std::less<Front>(), std::move(fronts));
-  Regions owner(s.n_vertices());
+  std::priority_queue<FrontEntry> queue(std::less<FrontEntry>(), std::move(seeds));
+  Regions nearest_corner(s.n_vertices());
   std::vector<float> distance(s.n_vertices(), 1e30f);
   while (!queue.empty()) {
-    const Front f = queue.top();
+    const FrontEntry f = queue.top();
     queue.pop();
-    if (owner[f.vertex.idx()].is_valid()) continue;
-    owner[f.vertex.idx()] = f.corner;
+    if (nearest_corner[f.vertex.idx()].is_valid()) continue;
+    nearest_corner[f.vertex.idx()] = f.corner;
     for (const auto w : s.vv_range(f.vertex)) {
       const float d = f.distance + glm::length(glm::vec3(s.point(w)) - glm::vec3(s.point(f.vertex)));
-      if (owner[w.idx()].is_valid() || d >= distance[w.idx()]) continue;
+      if (nearest_corner[w.idx()].is_valid() || d >= distance[w.idx()]) continue;
       distance[w.idx()] = d;
       queue.push({d, w, f.corner});
     }
   }
-  return owner;
+  return nearest_corner;
 }
 
-void placeCorners(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanLookup& scan) {
+void placeCorners(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanSurface& scan) {
   struct Region {
-    glm::dmat3 planes{0};  // sum of area n n^T
-    glm::dvec3 pull{0};    // sum of area n (n . q)
+    glm::dmat3 planes{0};      // sum of area n n^T
+    glm::dvec3 right_side{0};  // sum of area n (n . q)
     double area = 0;
   };
   std::vector<Region> all(quads.n_vertices());
@@ -84,81 +84,82 @@ void placeCorners(QuadMesh& quads, const TriangleMesh& s, const Regions& regions
       if (!corner.is_valid()) continue;
       Region& r = all[corner.idx()];
       r.planes += share * glm::outerProduct(n, n);
-      r.pull += share * glm::dot(n, p[0] - quads.point(corner)) * n;
+      r.right_side += share * glm::dot(n, p[0] - quads.point(corner)) * n;
       r.area += share;
     }
   }
   for (const auto c : quads.vertices()) {
     const Region& r = all[c.idx()];
     auto& data = quads.data(c);
-    if (data.on_curve || data.fixed || !(r.area > 0) || data.slide == glm::dmat3(0))
-      continue;  // where creases meet: for good
-    data.slide = glm::dmat3(1);
-    glm::dvec3 spread;
+    if (data.on_curve || data.fixed || !(r.area > 0) || data.free_directions == glm::dmat3(0))
+      continue;  // corners where creases meet stay
+    data.free_directions = glm::dmat3(1);
+    glm::dvec3 eigenvalues;
     glm::dmat3 axes;
-    eigen(r.planes / r.area, spread, axes);
-    // A second direction of normals: a crease of some 60 degrees through the middle has 0.25 there; a sphere's cap of
-    // +-35 degrees has 0.09.
+    eigen(r.planes / r.area, eigenvalues, axes);
+    // A second large eigenvalue means a crease: one of 60 degrees through the middle has 0.25, a sphere's cap of +-35
+    // degrees has 0.09.
     glm::dvec3 move{0};
-    int stiff = 0;
+    int constrained = 0;
     for (int k = 0; k < 3; ++k) {
-      if (spread[k] < 0.15) continue;
-      ++stiff;
-      move += axes[k] * (glm::dot(axes[k], r.pull / r.area) / spread[k]);
-      data.slide -= glm::outerProduct(axes[k], axes[k]);
+      if (eigenvalues[k] < 0.15) continue;
+      ++constrained;
+      move += axes[k] * (glm::dot(axes[k], r.right_side / r.area) / eigenvalues[k]);
+      data.free_directions -= glm::outerProduct(axes[k], axes[k]);
     }
-    if (stiff == 3) data.slide = glm::dmat3(0);
-    if (stiff < 2) {
-      data.slide = glm::dmat3(1);
+    if (constrained == 3) data.free_directions = glm::dmat3(0);
+    if (constrained < 2) {
+      data.free_directions = glm::dmat3(1);
       continue;
     }
     const double radius = std::sqrt(r.area), length = glm::length(move);
     if (length > radius) move *= radius / length;
-    const glm::dvec3 was = quads.point(c);
-    const double before = leastSine(quads, c);
-    if (const SurfacePoint hit = scan.project(was + move, quads.normal(c), radius)) quads.set_point(c, scan.point(hit));
-    if (leastSine(quads, c) < std::min(before, 0.4)) {
-      quads.set_point(c, was);
-      data.slide = glm::dmat3(1);
+    const glm::dvec3 old_position = quads.point(c);
+    const double old_sine = minSine(quads, c);
+    if (const SurfacePoint hit = scan.project(old_position + move, quads.normal(c), radius))
+      quads.set_point(c, scan.point(hit));
+    if (minSine(quads, c) < std::min(old_sine, 0.4)) {
+      quads.set_point(c, old_position);
+      data.free_directions = glm::dmat3(1);
     }
   }
 }
 
-void placeNormals(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanLookup& scan) {
-  std::vector<std::vector<glm::dvec3>> shares(quads.n_vertices());  // of a corner: its triangles' area vectors
+void assignNormals(QuadMesh& quads, const TriangleMesh& s, const Regions& regions, const ScanSurface& scan) {
+  // For each corner, the area vectors of its triangles.
+  std::vector<std::vector<glm::dvec3>> region_areas(quads.n_vertices());
   for (const auto f : s.faces()) {
     const glm::dvec3 area = areaVector(s, f);
     for (const auto v : f.vertices()) {
-      if (regions[v.idx()].is_valid()) shares[regions[v.idx()].idx()].push_back(area);
+      if (regions[v.idx()].is_valid()) region_areas[regions[v.idx()].idx()].push_back(area);
     }
   }
-  // What turns more than some 70 degrees away from the mean counts for more, step by step; the least of such turning is
-  // kept.
-  constexpr double kSteep = 0.35;
+  // Triangles that turn more than 70 degrees away from the mean get more weight in each step; the best step is kept.
+  constexpr double kSteepCosine = 0.35;
   std::vector<double> weight, area;
   for (const auto c : quads.vertices()) {
-    const std::vector<glm::dvec3>& region = shares[c.idx()];
+    const std::vector<glm::dvec3>& region = region_areas[c.idx()];
     weight.assign(region.size(), 1.0);
     area.resize(region.size());
     for (size_t i = 0; i < region.size(); ++i) area[i] = glm::length(region[i]);
     glm::dvec3 normal = quads.normal(c);
-    double least = 1e300;
-    for (int step = 0; step < 16 && least > 0; ++step) {
+    double least_steep = 1e300;
+    for (int step = 0; step < 16 && least_steep > 0; ++step) {
       glm::dvec3 sum{0};
       for (size_t i = 0; i < region.size(); ++i) sum += weight[i] * region[i];
       const double length = glm::length(sum);
       if (!(length > 0)) break;
       double steep = 0;
       for (size_t i = 0; i < region.size(); ++i) {
-        const double missing = kSteep - glm::dot(sum, region[i]) / (length * std::max(area[i], 1e-300));
+        const double missing = kSteepCosine - glm::dot(sum, region[i]) / (length * std::max(area[i], 1e-300));
         if (missing <= 0) continue;
         steep += area[i] * missing * missing;
         weight[i] *= 1 + missing;
       }
-      if (steep < least) normal = sum / length;
-      least = std::min(least, steep);
+      if (steep < least_steep) normal = sum / length;
+      least_steep = std::min(least_steep, steep);
     }
-    // Neither a region nor quads with an area: the surface's own.
+    // If neither the region nor the quads have an area, the surface's own normal is taken.
     if (normal == glm::dvec3(0)) {
       const SurfacePoint near = scan.scene.closestPoint(quads.point(c));
       if (near) normal = scan.normal(near.triangle);

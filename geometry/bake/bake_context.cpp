@@ -1,0 +1,64 @@
+#include "geometry/bake/bake_context.h"
+
+#include <cmath>
+
+namespace relievo {
+
+// Where the corners' normals oppose one another, the interpolated normal gets short, and a height in units of it long:
+// the search ends at twice the reach. Since the base lies near the scan, most hits are within a fifth of the reach.
+Line lineThrough(const BasePoint& f, double reach) {
+  const double along = reach / std::max(glm::length(f.normal), 0.5);
+  return {f.position, f.normal, along, 0.2 * along};
+}
+
+BakeContext::BakeContext(const TriMesh& scan, const BaseMesh& over_scan)
+    : mesh(&scan), base(over_scan), layout(base), shift(base.origin_mm - scan.origin_mm) {
+  // Lines are searched about as far as a patch is wide, because what lies further away belongs to other parts of the
+  // artwork.
+  corner_used.assign(layout.corners, 0);
+  corner_patch.assign(layout.corners, 0);
+  corner_reach.assign(layout.corners, 0);
+  side_reach.assign(layout.sides.size(), 0);
+  patch_reach.assign(layout.patches, 0);
+  for (uint32_t p = 0; p < layout.patches; ++p) {
+    const auto& c = base.patches[p];
+    auto length = [&](int a, int b) {
+      return glm::length(cornerPoint(c[static_cast<size_t>(a)]).position -
+                         cornerPoint(c[static_cast<size_t>(b)]).position);
+    };
+    const double reach = std::max(length(0, 3), length(1, 2));
+    patch_reach[p] = reach;
+    for (uint32_t s : layout.patch_sides[p]) side_reach[s] = std::max(side_reach[s], reach);
+    for (uint32_t k : c) {
+      corner_reach[k] = std::max(corner_reach[k], reach);
+      if (!corner_used[k]) corner_patch[k] = p;
+      corner_used[k] = 1;
+    }
+  }
+}
+
+void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double v0, double u1, double v1) const {
+  batch.lines.clear();
+  batch.raster_lines.clear();
+  batch.u0 = u0, batch.v0 = v0, batch.u_scale = 1 / (u1 - u0), batch.v_scale = 1 / (v1 - v0);
+  for (size_t k = 0; k < 4; ++k) {
+    const BasePoint f = patchPoint(patch, k % 2 ? u1 : u0, k / 2 ? v1 : v0);
+    batch.square.points[k] = f.position;
+    batch.square.normals[k] = f.normal;
+  }
+}
+
+void BakeContext::intersect(LineBatch& batch) const {
+  batch.hits.resize(batch.lines.size());
+  if (!rasteriser) return scene->nearestOnLines(batch.lines, Facing::kAlong, batch.hits);
+  rasteriser->nearest(batch.square, batch.raster_lines, batch.lines, batch.hits);
+  batch.unresolved.clear();
+  for (size_t i = 0; i < batch.hits.size(); ++i)
+    if (!batch.hits[i]) batch.unresolved.push_back(batch.lines[i]);
+  batch.unresolved_hits.resize(batch.unresolved.size());
+  scene->nearestOnLines(batch.unresolved, Facing::kAlong, batch.unresolved_hits);
+  for (size_t i = 0, k = 0; i < batch.hits.size(); ++i)
+    if (!batch.hits[i]) batch.hits[i] = batch.unresolved_hits[k++];
+}
+
+}  // namespace relievo

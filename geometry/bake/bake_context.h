@@ -1,0 +1,149 @@
+// bake_context.h - the inputs that all stages of a bake share: the scan, the base mesh over it, and the lines along the
+// base's interpolated normals, on which heights are measured.
+// Units: mm, in the scan's coordinates (relative to TriMesh::origin_mm). Const functions may be called from any thread.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/bake/line_rasteriser.h"
+#include "geometry/bake/sample_layout.h"
+#include "geometry/mesh/ray_scene.h"
+#include "geometry/mesh/tri_mesh.h"
+#include "src/artwork/base_mesh.h"
+
+namespace relievo {
+
+// A point of the base surface with the interpolated normal there, which is shorter than 1 between corners whose normals
+// differ.
+struct BasePoint {
+  glm::dvec3 position{0}, normal{0};
+};
+inline glm::dvec3 lerp(const glm::dvec3& a, const glm::dvec3& b, double t) { return a * (1 - t) + b * t; }
+inline BasePoint lerp(const BasePoint& a, const BasePoint& b, double t) {
+  return {lerp(a.position, b.position, t), lerp(a.normal, b.normal, t)};
+}
+
+// Interpolates the values of a cell's four corners linearly on its two triangles, which meet along the diagonal
+// (0,0)-(1,1). (fx, fy) is the position in the cell, 0 to 1.
+template <class T>
+T interpolateOnCell(const T& c00, const T& c10, const T& c01, const T& c11, double fx, double fy) {
+  return fx >= fy ? c00 + (c10 - c00) * fx + (c11 - c10) * fy : c00 + (c01 - c00) * fy + (c11 - c01) * fx;
+}
+
+// Interpolates a grid of (n + 1)^2 values, rows of v, at (u, v), each 0 to 1.
+inline double interpolateOnGrid(std::span<const uint16_t> grid, size_t n, double u, double v) {
+  const double x = u * static_cast<double>(n), y = v * static_cast<double>(n);
+  const size_t x0 = std::min(static_cast<size_t>(x), n - 1), y0 = std::min(static_cast<size_t>(y), n - 1);
+  const uint16_t* c = grid.data() + y0 * (n + 1) + x0;
+  return interpolateOnCell<double>(c[0], c[1], c[n + 1], c[n + 2], x - static_cast<double>(x0),
+                                   y - static_cast<double>(y0));
+}
+
+// Splits the grid [0, side)^2 of a patch's samples into square tiles of about `target_side` samples a side. Lines are
+// intersected tile by tile: what the lines of a tile meet lies close together, so that few of the scan's ray
+// hierarchies, or few of its triangles, are needed at a time.
+struct Tiles {
+  size_t side, per_side;
+  Tiles(size_t samples, size_t target_side)
+      : side(samples), per_side(std::max<size_t>(1, (samples + target_side / 2) / target_side)) {}
+  size_t first(size_t tile) const { return tile * side / per_side; }
+  size_t tileOf(size_t sample) const {
+    size_t tile = std::min(sample * per_side / side, per_side - 1);
+    while (tile > 0 && first(tile) > sample) --tile;
+    while (tile + 1 < per_side && first(tile + 1) <= sample) ++tile;
+    return tile;
+  }
+  // Calls visit(x0, y0, x1, y1) for each tile [x0, x1) x [y0, y1) until it answers false. False: it did.
+  template <class Visit>
+  bool forEach(Visit visit) const {
+    for (size_t y = 0; y < per_side; ++y)
+      for (size_t x = 0; x < per_side; ++x)
+        if (!visit(first(x), first(y), first(x + 1), first(y + 1))) return false;
+    return true;
+  }
+};
+
+// The line through a point of the base, along its normal, that is searched up to `reach` mm to both sides.
+Line lineThrough(const BasePoint& f, double reach);
+
+// The lines of one tile of a patch, which are intersected together.
+struct LineBatch {
+  std::vector<Line> lines;
+  std::vector<RasterLine> raster_lines;
+  std::vector<SurfacePoint> hits;
+  double u0 = 0, v0 = 0, u_scale = 1, v_scale = 1;
+  RasterSquare square;
+  // Lines that the rasteriser leaves open are traced as rays.
+  std::vector<Line> unresolved;
+  std::vector<SurfacePoint> unresolved_hits;
+  void add(const Line& line, double u, double v, double start) {
+    lines.push_back(line);
+    raster_lines.push_back(
+        {static_cast<float>((u - u0) * u_scale), static_cast<float>((v - v0) * v_scale), static_cast<float>(start)});
+  }
+};
+
+struct BakeContext {
+  const TriMesh* mesh;
+  BaseMesh base;
+  SampleLayout layout;
+  int workers = 0;
+  const std::atomic<bool>* interrupted = nullptr;
+  glm::dvec3 shift{0};  // from the base's coordinates to the scan's
+  // The next three come from makeBakeScene().
+  std::shared_ptr<const RayScene> scene;
+  std::shared_ptr<const LineRasteriser> rasteriser;
+  std::shared_ptr<const std::vector<glm::vec3>> normals;      // one for each vertex of the scan
+  std::vector<uint8_t> corner_used;                           // one for each corner: 1 where a patch has it
+  std::vector<uint32_t> corner_patch;                         // one for each corner: its first patch
+  std::vector<double> corner_reach, side_reach, patch_reach;  // mm: how far lines are searched
+
+  BakeContext(const TriMesh& scan, const BaseMesh& over_scan);
+
+  // Points that patches share are computed by one rule from the same numbers, whichever patch asks, so that they agree
+  // bit for bit (as geometry/lod/mesh_vertex.h does).
+  BasePoint cornerPoint(uint32_t index) const {
+    const BaseCorner& c = base.corners[index];
+    return {glm::dvec3(c.position_mm) + shift, glm::dvec3(c.normal)};
+  }
+  BasePoint sidePoint(std::array<uint32_t, 2> ends, double t) const {
+    return lerp(cornerPoint(ends[0]), cornerPoint(ends[1]), t);
+  }
+  BasePoint patchPoint(uint32_t patch, double u, double v) const {
+    const auto& c = base.patches[patch];
+    return lerp(lerp(cornerPoint(c[0]), cornerPoint(c[1]), u), lerp(cornerPoint(c[2]), cornerPoint(c[3]), u), v);
+  }
+  // Vertex (x, y) of a patch's grid of n cells a side.
+  BasePoint gridPoint(uint32_t patch, size_t x, size_t y, size_t n) const {
+    const double u = static_cast<double>(x) / static_cast<double>(n),
+                 v = static_cast<double>(y) / static_cast<double>(n);
+    const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
+    const auto& c = base.patches[patch];
+    if (on_u && on_v) return cornerPoint(c[(x ? 1 : 0) + (y ? 2 : 0)]);
+    if (!on_u && !on_v) return patchPoint(patch, u, v);
+    const int side = on_u ? (x ? kRight : kLeft) : (y ? kBottom : kTop);
+    const auto [a, b] = kSideCorners[static_cast<size_t>(side)];
+    const double t = on_u ? v : u;
+    const uint32_t from = c[static_cast<size_t>(a)], to = c[static_cast<size_t>(b)];
+    return from < to ? sidePoint({from, to}, t) : sidePoint({to, from}, 1 - t);
+  }
+
+  size_t tileSize() const {
+    return rasteriser ? 128 : 64;
+  }  // samples a tile's side; rasterised tiles are larger since each collects its triangles anew
+  void beginBatch(LineBatch& batch, uint32_t patch, double u0, double v0, double u1, double v1) const;
+  // Fills batch.hits: for each line, the nearest surface whose outside faces along it.
+  void intersect(LineBatch& batch) const;
+  bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
+};
+
+}  // namespace relievo
