@@ -350,6 +350,7 @@ class MeshBuild {
   std::unique_ptr<MeshBake> bake_;
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;     // that the hierarchies of the scan's rays may take
+  bool refined_ = false;       // the base mesh is one that BaseDomain::refine() made
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -433,6 +434,7 @@ Result<void> MeshBuild::bake() {
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 2;
+  bake_options.prefer_touching = refined_;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -465,6 +467,8 @@ Result<void> MeshBuild::bakeUntilKept() {
   // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
   constexpr uint32_t kMostPatches = 4096;
   constexpr int kRounds = 5, kInVain = 2;
+  constexpr double kEnough = 0.9;   // of the target: another choice of samples finds a little more or less
+  constexpr double kFarOff = 4;     // times the target
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
@@ -475,16 +479,18 @@ Result<void> MeshBuild::bakeUntilKept() {
     if (!looked) return looked.error();
     const BakeLimit limit = bake_->report().limit;
     const bool better = !best || looked->excess() < fidelity_.excess();
-    in_vain = better ? 0 : in_vain + 1;
     const Fidelity now = *looked;
     if (better) {
       best = std::move(bake_);
       best_base = base_;
       fidelity_ = std::move(*looked);
     }
-    if (now.kept() || a_.patches > 0 || round == kRounds || in_vain == kInVain) break;
+    if (now.excess() <= kEnough || a_.patches > 0 || round == kRounds) break;
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
+    // Far off, a base that is finer may first be worse, before it finds the surface.
+    in_vain = better || fidelity_.excess() > kFarOff ? 0 : in_vain + 1;
+    if (in_vain == kInVain) break;
     if (domain_->patches() >= kMostPatches) break;
     std::vector<RefineRequest> requests;
     for (const FidelityViolation& m : now.violations)
@@ -492,6 +498,7 @@ Result<void> MeshBuild::bakeUntilKept() {
     auto base = stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); });
     if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
     if (!base) break;  // what there is is kept
+    refined_ = true;
     base_ = std::move(*base);
   }
   bake_ = std::move(best);

@@ -49,6 +49,34 @@ void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double
 }
 
 void BakeContext::intersect(LineBatch& batch) const {
+  findHits(batch);
+  if (!prefer_touching) return;
+  for (size_t i = 0; i < batch.hits.size(); ++i)
+    if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i]);
+}
+
+SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hit) const {
+  // Hits nearer than this share of the reach do little harm.
+  constexpr double kHarmless = 0.02;
+  // Where the surface from the closest point to the hit were a plane that faces along the line as much as kFacing, the
+  // closest point would be further away than kNear times the hit.
+  constexpr double kNear = 0.1, kFacing = 0.2;
+  if (std::abs(hit.along) < kHarmless * line.reach) return hit;
+  const double length = glm::length(line.direction);
+  SurfacePoint near = scene->closestPoint(line.at, kNear * std::abs(hit.along) * length);
+  if (!near) return hit;
+  const auto& t = mesh->triangles[near.triangle];
+  auto interpolate = [&](const std::vector<glm::vec3>& of_vertex) {
+    return glm::dvec3(of_vertex[t[0]]) * (1 - near.b1 - near.b2) + glm::dvec3(of_vertex[t[1]]) * near.b1 +
+           glm::dvec3(of_vertex[t[2]]) * near.b2;
+  };
+  const glm::dvec3 normal = interpolate(*normals);
+  if (glm::dot(normal, line.direction) < kFacing * glm::length(normal) * length) return hit;
+  near.along = glm::dot(interpolate(mesh->positions_mm) - line.at, line.direction) / (length * length);
+  return near;
+}
+
+void BakeContext::findHits(LineBatch& batch) const {
   batch.hits.resize(batch.lines.size());
   if (!rasteriser) return scene->nearestOnLines(batch.lines, Facing::kAlong, batch.hits);
   rasteriser->nearest(batch.square, batch.raster_lines, batch.lines, batch.hits);

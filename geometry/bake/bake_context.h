@@ -98,7 +98,8 @@ struct BakeContext {
   SampleLayout layout;
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
-  glm::dvec3 shift{0};  // from the base's coordinates to the scan's
+  bool prefer_touching = false;  // BakeOptions
+  glm::dvec3 shift{0};           // from the base's coordinates to the scan's
   // The next three come from makeBakeScene().
   std::shared_ptr<const RayScene> scene;
   std::shared_ptr<const LineRasteriser> rasteriser;
@@ -144,6 +145,13 @@ struct BakeContext {
   // Fills batch.hits: for each line, the nearest surface whose outside faces along it.
   void intersect(LineBatch& batch) const;
   bool stopped() const { return interrupted && interrupted->load(std::memory_order_relaxed); }
+
+ private:
+  void findHits(LineBatch& batch) const;
+  // The closest point of the scan instead of a hit that is far from it, if the scan faces along the line there: next to
+  // a sharp edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another
+  // part of the scan.
+  SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit) const;
 };
 
 }  // namespace relievo

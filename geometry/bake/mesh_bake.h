@@ -29,6 +29,9 @@ struct BakeOptions {
   // if cells_log2 is -1, with as few cells for each patch as keep the tolerance. No fit is made if the coarsest grid
   // keeps the tolerance anyway.
   bool fit = true;
+  // Where a line meets the scan far from the base but the base touches the scan, the height is taken there. Bases whose
+  // sides follow sharp edges need this. It costs a search of the closest point for such lines.
+  bool prefer_touching = false;
   int texture_depth = -1;  // a patch has 128 << this texels a side; -1: as fine as the colours
   int workers = 0;         // 0: one for each core
   std::function<void(double /*0..1*/)> progress;

@@ -117,6 +117,8 @@ struct BaseMeshBuilder {
   std::vector<double> allowed_deviation;  // for each border feature curve, at the largest number of patches
   // For each feature curve: it was missed, and is to be followed closely however rough it is; or empty.
   std::vector<uint8_t> follow_closely;
+  double crease_length_per_node = 0;  // findFeatureCurves()
+  bool follow_folds = false;          // SimplifyOptions
   const std::atomic<bool>* interrupted;
 
   // A grid over a four-sided sheet; empty if the scan is none, or its border deviates from the grid too far.
@@ -164,6 +166,7 @@ struct BaseMeshBuilder {
                       .weight = weight,
                       .curves = curves,
                       .allowed_deviation = deviation,
+                      .follow_folds = follow_folds,
                       .interrupted = interrupted});
     flipEdges(coarse);
     Candidate c{.quads = makeQuads(coarse, curves, split)};
@@ -384,6 +387,12 @@ Result<ReducedScan> reduceScan(const TriMesh& mesh, const BaseDomainOptions& opt
   return out;
 }
 
+// Ends and forks of creases become corners of patches, so that a crease must be long compared with their sides.
+double creaseLengthPerNode(double area, uint32_t patches) {
+  constexpr double kMostDiagonals = 0.25, kSides = 6;
+  return std::min(kMostDiagonals, kSides * std::sqrt(area / patches));
+}
+
 // reduced_scan must outlive the result and not move.
 Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertices, uint32_t max_patches,
                                   const std::atomic<bool>* interrupted) {
@@ -397,7 +406,9 @@ Result<BaseMeshBuilder> builderOf(ReducedScan& reduced_scan, size_t scan_vertice
                           .view_direction = reduced_scan.view_direction,
                           .scan_vertices = scan_vertices,
                           .interrupted = interrupted};
-  builder.curves = findFeatureCurves(reduced_scan.borders, reduced_scan.reduced.vertex, builder.surface);
+  builder.crease_length_per_node = creaseLengthPerNode(builder.area, max_patches);
+  builder.curves = findFeatureCurves(reduced_scan.borders, reduced_scan.reduced.vertex, builder.crease_length_per_node,
+                                     builder.surface);
   builder.flat_curves = flattened(builder.curves, reduced_scan.view_direction);
   builder.allowed_deviation = builder.deviationFor(max_patches, kBorderDeviation);
   return builder;
@@ -442,6 +453,13 @@ struct BaseDomain::Impl {
     last.regions.clear();
     reduced_scan = std::move(next);
     builder.emplace(std::move(*made_builder));
+    return {};
+  }
+  // Finds the creases that smaller patches can follow.
+  Result<void> findMoreCreases(uint32_t patches) {
+    auto made = builderOf(*reduced_scan, mesh.positions_mm.size(), patches, options.interrupted);
+    if (!made) return made.error();
+    builder.emplace(std::move(*made));
     return {};
   }
   std::vector<float> refinementFactors(std::span<const RefineRequest> requests) const;
@@ -567,7 +585,10 @@ Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uin
       (!isUnreduced(*d.reduced_scan, d.mesh) && 2 * target_triangles > 3 * triangles)) {
     const ViewDirection known = d.reduced_scan->view_direction;
     if (auto done = d.prepare(target_triangles, patches, &known); !done) return done.error();
+  } else if (creaseLengthPerNode(d.builder->area, patches) < d.builder->crease_length_per_node) {
+    if (auto done = d.findMoreCreases(patches); !done) return done.error();
   }
+  d.builder->follow_folds = true;
   d.followBordersClosely(requests);
   auto candidate = d.bestOfTries(patches, max_patches);
   if (!candidate) return candidate.error();

@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <optional>
 #include <queue>
 #include <vector>
+
+#include "geometry/remesh/normal_cone.h"
 
 namespace relievo {
 
@@ -74,10 +77,19 @@ struct Candidate {
   }
 };
 
+Corners cornersAfter(const TriangleMesh& m, const SmartFaceHandle& f, const SmartVertexHandle& moved,
+                     const glm::dvec3& to) {
+  Corners corners;
+  size_t k = 0;
+  for (const auto v : f.vertices()) corners[k++] = v == moved ? to : m.point(v);
+  return corners;
+}
+
 struct Simplifier {
   TriangleMesh& m;
   const SimplifyOptions& options;
   std::vector<Quadric> quadrics;  // for each vertex
+  std::vector<NormalCone> cones;  // for each vertex: the normals of the surface that collapsed into it
   std::vector<uint32_t> version;  // for each edge: that of its last candidate
   std::priority_queue<Candidate> queue;
   size_t live_triangles;  // not yet removed
@@ -87,7 +99,12 @@ struct Simplifier {
   double deviation_factor = 1;
 
   Simplifier(TriangleMesh& mesh, const SimplifyOptions& opts)
-      : m(mesh), options(opts), quadrics(m.n_vertices()), version(m.n_edges(), 0), live_triangles(m.n_faces()) {
+      : m(mesh),
+        options(opts),
+        quadrics(m.n_vertices()),
+        cones(m.n_vertices()),
+        version(m.n_edges(), 0),
+        live_triangles(m.n_faces()) {
     const double flat = options.uncertainty * options.uncertainty;
     for (const auto f : m.faces()) {
       const Corners p = pointsOf<3>(m, f);
@@ -106,6 +123,7 @@ struct Simplifier {
       q.addPoint(centre, flat * area * weight / 3);
       for (const auto& h : halfedgesOf(f)) {
         quadrics[h.from().idx()].add(q);
+        cones[h.from().idx()].add({normal, 0});
         if (h.opp().is_boundary()) addBorder(h, normal, weight);
       }
     }
@@ -149,7 +167,28 @@ struct Simplifier {
     } else if (!q.minimum(at)) {
       at = (m.point(a) + m.point(b)) / 2.0;
     }
-    return CollapseTarget{to_a ? first.opp() : first, at, std::max(q.at(at), 0.0)};
+    const SmartHalfedgeHandle collapsed = to_a ? first.opp() : first;
+    return CollapseTarget{collapsed, at, std::max(q.at(at), 0.0) * foldPenalty(collapsed, at)};
+  }
+
+  // The factor by which a collapse costs more because triangles around it would turn far away from the surface that
+  // they stand for: over them it is no function of heights any more (Lee, Moreton, Hoppe 2000, section 4.2). 1 where a
+  // feature curve keeps the two sides of a crease apart.
+  double foldPenalty(const SmartHalfedgeHandle& halfedge, const glm::dvec3& to) const {
+    constexpr double kFree = 80 * std::numbers::pi / 180, kTenfold = 60 * std::numbers::pi / 180;
+    if (!options.follow_folds || constrained(halfedge.to())) return 1;
+    NormalCone cone = cones[halfedge.from().idx()];
+    cone.add(cones[halfedge.to().idx()]);
+    double largest_angle = 0;
+    for (const auto& v : {halfedge.from(), halfedge.to()}) {
+      for (const auto f : v.faces()) {
+        if (f == halfedge.face() || f == halfedge.opp().face()) continue;
+        const glm::dvec3 area = areaVector(cornersAfter(m, f, v, to));
+        const double length = glm::length(area);
+        if (length > 0) largest_angle = std::max(largest_angle, cone.largestAngle(area / length));
+      }
+    }
+    return std::pow(10.0, std::max(0.0, (largest_angle - kFree) / kTenfold));
   }
 
   void push(const SmartEdgeHandle& edge) {
@@ -199,12 +238,7 @@ struct Simplifier {
     for (const auto& v : {removed, kept}) {
       for (const auto f : v.faces()) {
         if (f == halfedge.face() || f == halfedge.opp().face()) continue;
-        Corners before, after;
-        size_t k = 0;
-        for (const auto w : f.vertices()) {
-          before[k] = m.point(w);
-          after[k++] = w == v ? to : m.point(w);
-        }
+        const Corners before = pointsOf<3>(m, f), after = cornersAfter(m, f, v, to);
         const glm::dvec3 old_area = areaVector(before), new_area = areaVector(after);
         const double old_length = glm::length(old_area), new_length = glm::length(new_area);
         if (glm::dot(old_area, new_area) < min_normal_cosine * new_length * old_length) return false;
@@ -233,6 +267,7 @@ struct Simplifier {
     }
     live_triangles -= halfedge.edge().is_boundary() ? 1 : 2;
     quadrics[kept.idx()].add(quadrics[removed.idx()]);
+    cones[kept.idx()].add(cones[removed.idx()]);
     m.set_point(kept, to);
     m.collapse(halfedge);
     for (const Side& side : sides) {

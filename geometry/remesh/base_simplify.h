@@ -21,6 +21,8 @@ struct SimplifyOptions {
   // curve, or empty for no bound. The bound is relaxed if too many triangles remain.
   std::span<const FeatureCurve> curves;
   std::span<const double> allowed_deviation;
+  // Keep smaller triangles where the surface folds, at the expense of their shape.
+  bool follow_folds = false;
   const std::atomic<bool>* interrupted = nullptr;
 };
 // Fixed vertices stay; vertices on feature curves stay or are removed along the curve; others move. Vertices and faces

@@ -12,10 +12,11 @@ namespace relievo {
 
 namespace {
 
+constexpr double kDegree = std::numbers::pi / 180;
 // Turns of a feature curve, and dihedral angles, from which on they count.
-constexpr double kSharpAngle = 50 * std::numbers::pi / 180;
-// Minimum length of connected creases for each of their ends, forks and sharp turns.
-constexpr double kMinLengthPerNode = 0.25;
+constexpr double kSharpAngle = 50 * kDegree;
+// A crease goes on along edges of at least that dihedral angle, where it does not turn by more than that.
+constexpr double kBluntAngle = 25 * kDegree, kMaxTurn = 40 * kDegree;
 
 double angleOf(const glm::dvec3& a, const glm::dvec3& b) {
   const double length = glm::length(a) * glm::length(b);
@@ -170,10 +171,15 @@ struct Creases {
 
   explicit Creases(const TriangleMesh& mesh) : m(mesh), crease_halfedges(m.n_vertices()), visited(m.n_edges(), 0) {
     for (const auto e : m.edges()) {
-      if (e.is_boundary()) continue;
-      const glm::dvec3 n = unit(areaVector(m, e.h0().face())), o = unit(areaVector(m, e.h1().face()));
-      if (glm::dot(n, o) > std::cos(kSharpAngle)) continue;
-      for (const auto& h : {e.h0(), e.h1()}) crease_halfedges[h.from().idx()].push_back(h);
+      if (!e.is_boundary() && dihedralCosine(e) <= std::cos(kSharpAngle)) add(e);
+    }
+    for (const auto v : m.vertices()) {
+      for (SmartVertexHandle end = v; crease_halfedges[end.idx()].size() == 1 && !end.is_boundary();) {
+        const SmartHalfedgeHandle next = continuation(crease_halfedges[end.idx()][0].opp());
+        if (!next.is_valid()) break;
+        add(next.edge());
+        end = next.to();
+      }
     }
     for (bool circles : {false, true}) {  // closed lines without a node remain for the second pass
       for (const auto v : m.vertices()) {
@@ -183,6 +189,26 @@ struct Creases {
         }
       }
     }
+  }
+
+  double dihedralCosine(const SmartEdgeHandle& e) const {
+    return glm::dot(unit(areaVector(m, e.h0().face())), unit(areaVector(m, e.h1().face())));
+  }
+  void add(const SmartEdgeHandle& e) {
+    for (const auto& h : {e.h0(), e.h1()}) crease_halfedges[h.from().idx()].push_back(h);
+  }
+  // The sharpest of the edges that continue a crease beyond its end; not valid if there is none.
+  SmartHalfedgeHandle continuation(const SmartHalfedgeHandle& last) const {
+    const glm::dvec3 direction = m.point(last.to()) - m.point(last.from());
+    SmartHalfedgeHandle best;
+    double sharpest = std::cos(kBluntAngle);
+    for (const auto h : last.to().outgoing_halfedges()) {
+      if (h == last.opp() || h.edge().is_boundary()) continue;
+      if (angleOf(direction, m.point(h.to()) - m.point(h.from())) > kMaxTurn) continue;
+      const double cosine = dihedralCosine(h.edge());
+      if (cosine < sharpest) sharpest = cosine, best = h;
+    }
+    return best;
   }
 
   bool isNode(const SmartVertexHandle& v) const { return crease_halfedges[v.idx()].size() != 2 || v.is_boundary(); }
@@ -206,7 +232,7 @@ struct Creases {
 
 // The lines along which the surface folds sharply, without networks that are too short for their number of ends and
 // forks: these are roughness.
-std::vector<Polyline> creaseLines(const TriangleMesh& m) {
+std::vector<Polyline> creaseLines(const TriangleMesh& m, double min_length_per_node) {
   Creases creases(m);
   std::vector<Polyline>& lines = creases.lines;
   // Joins lines to networks (union-find).
@@ -231,7 +257,7 @@ std::vector<Polyline> creaseLines(const TriangleMesh& m) {
   }
   std::erase_if(lines, [&](const Polyline& line) {
     const int n = componentOf(line.vertices.front());
-    return length[n] < kMinLengthPerNode * std::max(fixed[n], 1.0);
+    return length[n] < min_length_per_node * std::max(fixed[n], 1.0);
   });
   return std::move(lines);
 }
@@ -286,7 +312,8 @@ std::vector<uint32_t> borderCorners(const std::vector<BorderLoop>& scan_borders)
 }
 
 std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLoop>& scan_borders,
-                                            std::span<const uint32_t> vertex, TriangleMesh& reduced) {
+                                            std::span<const uint32_t> vertex, double min_length_per_node,
+                                            TriangleMesh& reduced) {
   std::vector<FeatureCurve> curves;
   uint32_t last = 0;
   for (const BorderLoop& border : scan_borders)
@@ -300,7 +327,7 @@ std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLoop>& scan_
     for (uint32_t v : border.vertices) line.vertices.push_back(reduced_vertices[v]);
     addCurves(line, reduced, curves);
   }
-  for (const Polyline& line : creaseLines(reduced)) addCurves(line, reduced, curves);
+  for (const Polyline& line : creaseLines(reduced, min_length_per_node)) addCurves(line, reduced, curves);
   return curves;
 }
 

@@ -48,7 +48,9 @@ std::vector<uint32_t> borderCorners(const std::vector<BorderLoop>& scan_borders)
 
 // Finds the borders, in full detail, and the creases of the reduced surface; a surface that is rough all over has none.
 // Marks their half edges and fixed vertices in `reduced`. vertex: for each vertex of `reduced`, its index in the scan.
+// min_length_per_node: of connected creases, for each of their ends, forks and sharp turns; shorter ones are roughness.
 std::vector<FeatureCurve> findFeatureCurves(const std::vector<BorderLoop>& scan_borders,
-                                            std::span<const uint32_t> vertex, TriangleMesh& reduced);
+                                            std::span<const uint32_t> vertex, double min_length_per_node,
+                                            TriangleMesh& reduced);
 
 }  // namespace relievo

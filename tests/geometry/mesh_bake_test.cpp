@@ -366,6 +366,31 @@ TEST(MeshBake, beyondTheScansBorderLiesItsBorder) {
   }
 }
 
+// A sheet at z = 0 from x = 0 on, and one above it that reaches further: lines from just beside the first one's border
+// meet the second one.
+TEST(MeshBake, aBaseThatTouchesABorderDoesNotJumpToAnotherSheet) {
+  TriMesh mesh;
+  auto addSheet = [&](float x0, float z) {
+    const auto first = static_cast<uint32_t>(mesh.positions_mm.size());
+    for (float y : {-1.0f, 2.0f})
+      for (float x : {x0, 1.5f}) mesh.positions_mm.push_back({x, y, z});
+    mesh.triangles.push_back({first, first + 1, first + 3});
+    mesh.triangles.push_back({first, first + 3, first + 2});
+  };
+  addSheet(0, 0);
+  addSheet(-1, 0.2f);
+  BaseMesh base;
+  for (float y : {1.0f, 0.0f})
+    for (float x : {-1e-5f, 1.0f}) base.corners.push_back({{x, y, 0}, {0, 0, 1}});
+  base.patches = {{0, 1, 2, 3}};
+  auto highestOf = [&](bool prefer_touching) {
+    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .prefer_touching = prefer_touching});
+    return baked->reliefOffsetMm() + 65535 * baked->reliefScaleMm();
+  };
+  EXPECT_NEAR(highestOf(true), 0, 1e-6);
+  EXPECT_NEAR(highestOf(false), 0.2, 1e-4) << "the shape no longer shows the difference";
+}
+
 TEST(MeshBake, needlesDoNoHarm) {
   // Triangles 10,000 times as long as wide.
   auto z = [](double x, double y) { return 0.1 * x + 0.2 * y; };
