@@ -1,6 +1,6 @@
 # relievo_test(...) lines of tests/tools
 
-relievo_test(cli_test LIBS nlohmann_json::nlohmann_json SOURCES tools/cli_test.cpp)
+relievo_test(cli_test COST 100 LIBS nlohmann_json::nlohmann_json SOURCES tools/cli_test.cpp)
 target_compile_definitions(cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(cli_test relievo)
 relievo_test(artwork_cache_test LIBS nlohmann_json::nlohmann_json SOURCES tools/artwork_cache_test.cpp LABELS gl)
@@ -10,17 +10,17 @@ relievo_test(error_promise_test LIBS nlohmann_json::nlohmann_json SOURCES tools/
 target_compile_definitions(error_promise_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(error_promise_test relievo)
 relievo_test(mesh_report_test LIBS relievo_mesh_report SOURCES tools/mesh_report_test.cpp)
-relievo_test(mesh_cli_test LIBS nlohmann_json::nlohmann_json SOURCES tools/mesh_cli_test.cpp)
+relievo_test(mesh_cli_test COST 70 LIBS nlohmann_json::nlohmann_json SOURCES tools/mesh_cli_test.cpp)
 target_compile_definitions(mesh_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(mesh_cli_test relievo)
 relievo_test(sample_test LIBS relievo_sample relievo_image relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES tools/sample_test.cpp)
 relievo_test(bench_report_test LIBS relievo_bench_report nlohmann_json::nlohmann_json SOURCES tools/bench_report_test.cpp)
 relievo_test(compare_test LIBS relievo_compare SOURCES tools/compare_test.cpp)
-relievo_test(output_cli_test LIBS relievo_image nlohmann_json::nlohmann_json SOURCES tools/output_cli_test.cpp)
+relievo_test(output_cli_test COST 80 LIBS relievo_image nlohmann_json::nlohmann_json SOURCES tools/output_cli_test.cpp)
 target_compile_definitions(output_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(output_cli_test relievo)
 # Packages that are damaged, or made to take what they can.
-relievo_test(package_cli_test LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES tools/package_cli_test.cpp)
+relievo_test(package_cli_test COST 30 LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES tools/package_cli_test.cpp)
 target_compile_definitions(package_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(package_cli_test relievo)
 relievo_test(thread_limit_test LIBS nlohmann_json::nlohmann_json SOURCES tools/thread_limit_test.cpp)
