@@ -1,6 +1,6 @@
 # relievo_test(...) lines of tests/base
 relievo_test(base_test LIBS relievo_base nlohmann_json::nlohmann_json SOURCES base/base_test.cpp)
-relievo_test(hash_index_test LIBS relievo_base SOURCES base/hash_index_test.cpp)
+relievo_test(hash_index_test OPTIMISED LIBS relievo_base SOURCES base/hash_index_test.cpp)
 relievo_test(output_file_test LIBS relievo_base SOURCES base/output_file_test.cpp)
 relievo_test(one_writer_test LIBS relievo_base SOURCES base/one_writer_test.cpp)
 target_compile_definitions(one_writer_test PRIVATE RELIEVO_SOURCES="${CMAKE_SOURCE_DIR}")

@@ -11,7 +11,7 @@ if(NOT RELIEVO_SANITIZE)
   # A few numbers of every row. All of them: ninja faults_all (tens of minutes).
   function(relievo_fault_test name)
     add_test(NAME Faults.${name} COMMAND fault_driver --program $<TARGET_FILE:relievo> --library $<TARGET_FILE:relievo_faults> ${ARGN})
-    set_tests_properties(Faults.${name} PROPERTIES TIMEOUT 900)
+    set_tests_properties(Faults.${name} PROPERTIES TIMEOUT 900 COST 50)
   endfunction()
   relievo_fault_test(BuildImage --only "build image" --tries 2)
   relievo_fault_test(BuildImageMemory --only "build image" --kinds alloc --tries 100)  # most calls come before the image's

@@ -22,7 +22,7 @@ relievo_test(mesh_read_test LIBS relievo_bake OpenMeshCore SOURCES geometry/mesh
 relievo_test(mesh_fuzz_test LIBS relievo_bake SOURCES geometry/mesh_fuzz_test.cpp)
 relievo_test(base_mesh_test LIBS relievo_artwork SOURCES geometry/base_mesh_test.cpp)
 relievo_test(feature_curves_test LIBS relievo_bake SOURCES geometry/feature_curves_test.cpp)
-relievo_test(base_domain_test LIBS relievo_bake SOURCES geometry/base_domain_test.cpp)
+relievo_test(base_domain_test COST 100 LIBS relievo_bake SOURCES geometry/base_domain_test.cpp)
 relievo_test(fidelity_test LIBS relievo_bake SOURCES geometry/fidelity_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_bake SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(strategy_test LIBS relievo_strategies SOURCES geometry/strategy_test.cpp)

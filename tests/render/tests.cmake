@@ -66,7 +66,7 @@ relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)
 foreach(api gl es)
   add_test(NAME view_window_test_${api}
     COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/render/view_window_test.sh $<TARGET_FILE:relievo> ${api})
-  set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 SKIP_RETURN_CODE 77)
+  set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 COST 100 SKIP_RETURN_CODE 77)
 endforeach()
 relievo_test(camera_test LIBS relievo_engine SOURCES render/camera_test.cpp)
 relievo_gltest(engine_faults_gltest LIBS relievo_engine SOURCES render/engine_faults_gltest.cpp)
