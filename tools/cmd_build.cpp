@@ -208,7 +208,7 @@ Result<void> build(const BuildArguments& o) {
 
   if (!o.json_file.empty()) {
     const double pixels = static_cast<double>((*texture)->width()) * static_cast<double>((*texture)->height());
-    nlohmann::ordered_json json;
+    auto json = nlohmann::ordered_json::object();
     json["package"] = o.output;
     json["width_px"] = (*texture)->width();
     json["height_px"] = (*texture)->height();

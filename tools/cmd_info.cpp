@@ -122,7 +122,7 @@ void addMeaning(nlohmann::ordered_json& json, const Contents& c) {
 
 nlohmann::ordered_json jsonOf(const Contents& c) {
   const Manifest& m = c.package.manifest();
-  nlohmann::ordered_json json;
+  auto json = nlohmann::ordered_json::object();
   addSize(json, c);
   addMeaning(json, c);
   json["planes"] = nlohmann::ordered_json::array();
@@ -134,8 +134,9 @@ nlohmann::ordered_json jsonOf(const Contents& c) {
                               {"bytes_per_px", static_cast<double>(p.usage.bytes) / c.pixels()},
                               {"unknown_pages", p.usage.unknown_pages}});
   }
-  json["resident_bytes_per_texel"]["rgba8"] = residentBytesPerTexel(m, PageCodec::kLossless);
-  if (auto codec = commonBlockCodec(m)) json["resident_bytes_per_texel"]["blocks"] = residentBytesPerTexel(m, *codec);
+  nlohmann::ordered_json resident = {{"rgba8", residentBytesPerTexel(m, PageCodec::kLossless)}};
+  if (auto codec = commonBlockCodec(m)) resident["blocks"] = residentBytesPerTexel(m, *codec);
+  json["resident_bytes_per_texel"] = std::move(resident);
   json["pages"] = m.page_count;
   if (!m.domain.isFlat()) json["tails"] = c.package.hasTails();
   json["bytes_per_px"] = c.bytesPerPx();

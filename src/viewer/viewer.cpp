@@ -66,7 +66,7 @@ Result<void> writeSnapshot(Engine& engine, const std::string& path, const Viewer
 }
 
 std::string viewJson(const ViewControl::View& view) {
-  nlohmann::ordered_json json;
+  auto json = nlohmann::ordered_json::object();
   json["azimuth_deg"] = view.camera.azimuth_deg;
   json["elevation_deg"] = view.camera.elevation_deg;
   json["distance_mm"] = view.camera.distance_mm;

@@ -6,6 +6,7 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <regex>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -148,6 +149,32 @@ TEST(Rooms, DispatchedFunctionsDoNotThrow) {
   for (const char* folder : {"src", "geometry", "texturing", "tools"}) fs::create_directories(root / folder);
   std::ofstream(root / "src/a.cpp") << "RELIEVO_SIMD_CLONES void a(int x) {\n}\nvoid b() noexcept {}\n";
   EXPECT_EQ(dispatchedThatMayThrow(root, dispatched).size(), 1u);
+  fs::remove_all(root);
+}
+
+// Lines below a root that declare a JSON value that is null, to which members are added. Where the library finds no
+// memory for the object that it makes of it then, its destructor crashes: such values begin as object() or array().
+std::vector<std::string> jsonFromNull(const fs::path& root) {
+  static const std::regex kDeclared(R"(^\s+(nlohmann::(ordered_)?json|Json) \w+;$)");
+  std::vector<std::string> found;
+  for (const char* folder : {"src", "geometry", "texturing", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      if (entry.path().extension() != ".cpp") continue;
+      std::ifstream file(entry.path());
+      for (std::string line; std::getline(file, line);)
+        if (std::regex_match(line, kDeclared))
+          found.push_back(fs::relative(entry.path(), root).generic_string() + ":" + line);
+    }
+  return found;
+}
+
+TEST(Rooms, JsonObjectsBeginAsObjects) {
+  EXPECT_EQ(jsonFromNull(RELIEVO_SOURCE_DIR), std::vector<std::string>{});
+
+  const fs::path root = fs::path(testing::TempDir()) / "null-json";
+  for (const char* folder : {"src", "geometry", "texturing", "tools"}) fs::create_directories(root / folder);
+  std::ofstream(root / "src/a.cpp") << "  nlohmann::ordered_json json;\n  auto x = nlohmann::ordered_json::object();\n";
+  EXPECT_EQ(jsonFromNull(root).size(), 1u);
   fs::remove_all(root);
 }
 

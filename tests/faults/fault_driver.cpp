@@ -42,6 +42,7 @@ using relievo::testing_support::FaultReport;
 struct Arguments {
   std::string program, library, only, only_kind;
   uint64_t tries = 0;   // of each row of the table; 0: every call
+  uint64_t from = 1;    // the first call to try
   uint64_t kills = 0;   // moments; 0: the table of faults instead
   bool resume = false;  // after a kill the build goes on
   int jobs = 2;
@@ -355,11 +356,11 @@ std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& 
   return "";
 }
 
-// Calls to try: all, or about `tries` spread evenly, first and last included.
-std::vector<uint64_t> chosen(uint64_t calls, uint64_t tries) {
+// Calls to try: all from the first on, or about `tries` spread evenly over all, first and last included.
+std::vector<uint64_t> chosen(uint64_t calls, uint64_t first, uint64_t tries) {
   std::vector<uint64_t> out;
   if (tries == 0 || calls <= tries) {
-    for (uint64_t n = 1; n <= calls; ++n) out.push_back(n);
+    for (uint64_t n = first; n <= calls; ++n) out.push_back(n);
   } else {
     for (uint64_t i = 0; i < tries; ++i) out.push_back(tries == 1 ? 1 : 1 + i * (calls - 1) / (tries - 1));
   }
@@ -408,7 +409,7 @@ int faultTable(const Arguments& arguments) {
       Counts counts;
       counts.calls = shops[0]->run(op.arguments, settingsOf(f, 0)).calls;
       if (counts.calls == 0) continue;
-      const std::vector<uint64_t> numbers = chosen(counts.calls, arguments.tries);
+      const std::vector<uint64_t> numbers = chosen(counts.calls, arguments.from, arguments.tries);
       std::atomic<size_t> next{0};
       std::mutex mutex;
       auto work = [&](Workshop& shop) {
@@ -547,15 +548,18 @@ int main(int argc, char** argv) {
     else if (word == "--only") arguments.only = value();
     else if (word == "--kinds") arguments.only_kind = value();
     else if (word == "--tries") arguments.tries = std::stoull(value());
+    else if (word == "--from") arguments.from = std::max<uint64_t>(1, std::stoull(value()));
     else if (word == "--kills") arguments.kills = std::stoull(value());
     else if (word == "--resume") arguments.resume = true;
     else if (word == "--jobs") arguments.jobs = std::max(1, std::stoi(value()));
     else {
       std::printf(
-          "fault_driver --program RELIEVO --library libfault.so [--tries N] [--only OPERATION] [--kinds KINDS] [--jobs "
+          "fault_driver --program RELIEVO --library libfault.so [--tries N | --from N] [--only OPERATION] [--kinds "
+          "KINDS] [--jobs "
           "N]\n"
           "fault_driver --program RELIEVO --library libfault.so --kills 200 [--resume]\n\n"
-          "Runs the program with the Nth call failing, for every N (or --tries of them, spread evenly, for each row), "
+          "Runs the program with the Nth call failing, for every N (or --tries of them, spread evenly, for each row; "
+          "--from: from that N on), "
           "and says what\n"
           "it makes of it; or kills it while it writes. Exit codes: 0 all as it should be, 7 violations (each "
           "printed), 1 usage.\n");

@@ -14,6 +14,7 @@
 #include "texturing/codec/mip.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <cstring>
@@ -27,8 +28,10 @@ constexpr int kMaxLevelValue = 255 * 256;
 constexpr int kMaxWeight = 4095;
 
 struct TransferTables {
-  std::vector<uint16_t> linear_from_level, level_from_linear;
-  TransferTables() : linear_from_level(kMaxLevelValue + 1), level_from_linear(65536) {
+  // Not vectors: the first one to ask may be a function that may not allocate (src/base/simd_dispatch.h).
+  std::array<uint16_t, kMaxLevelValue + 1> linear_from_level;
+  std::array<uint16_t, 65536> level_from_linear;
+  TransferTables() {
     for (int v = 0; v <= kMaxLevelValue; ++v) {
       double s = v / double{kMaxLevelValue};
       double l = s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4);

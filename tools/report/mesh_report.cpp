@@ -36,7 +36,7 @@ double numberOf(const Json& object, const char* key) {
   return object.is_object() && it != object.end() && it->is_number() ? it->get<double>() : 0;
 }
 const Json& memberOf(const Json& object, const char* key) {
-  static const Json none;
+  static const Json none = nullptr;
   auto it = object.is_object() ? object.find(key) : object.end();
   return object.is_object() && it != object.end() ? *it : none;
 }
@@ -139,7 +139,7 @@ constexpr const char* kStyle =
 
 Json meshJson(const std::string& file, const std::string& unit, const MeshDiagnosis& d, const BaseMesh& base,
               const BakeReport& bake, uint32_t patches_asked) {
-  Json json;
+  Json json = Json::object();
   json["file"] = file;
   json["unit"] = unit;
   json["vertices_read"] = d.vertices_read;
@@ -273,7 +273,7 @@ Json reportJson(const MeshBuildResult& r) {
       json[std::string(kNames[i]) + "_of_diagonal"] = s.percentiles_mm[i] / r.distance.diagonal_mm;
     return json;
   };
-  Json json;
+  Json json = Json::object();
   json["package"] = r.package;
   json["pages"] = r.pages;
   json["package_bytes"] = r.package_bytes;

@@ -329,7 +329,7 @@ Result<void> writeMesh(Job& job) {
 
 Result<void> writeTruth(Job& job) {
   const SampleOptions& o = job.artwork.options();
-  nlohmann::ordered_json truth;
+  auto truth = nlohmann::ordered_json::object();
   truth["generator"] = "relievo sample";
   truth["kind"] = sampleKindName(o.kind);
   truth["seed"] = o.seed;
