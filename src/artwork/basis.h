@@ -103,6 +103,8 @@ size_t basisCount();  // places 0 .. basisCount() - 1 are taken
 // Adds a basis to those that the program is built with. The description stays where it is until the program ends. Not
 // while other threads use bases. Error: kUsage, with what is wrong with the description, or that its name is taken.
 Result<Basis> registerBasis(const BasisDescription& description);
+// What registerBasis() would refuse in a description, its name being free; empty: nothing.
+std::string problemOf(const BasisDescription& description);
 inline const char* basisName(Basis b) { return describe(b).name.data(); }
 // Of texture plane k, by what its channels hold: "a0-a2", "rgb-a3", "colour", "albedo", "normal".
 std::string textureName(Basis basis, int plane);

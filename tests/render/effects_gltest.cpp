@@ -73,6 +73,23 @@ TEST(Effects, OffMeansNoTraceInTheShader) {
   }
 }
 
+// The values at which an effect is off are those at which its reference changes nothing.
+TEST(Effects, NeutralValuesChangeNothing) {
+  const auto change = [](const PixelEffect& effect, const PixelEffect::Values& values) {
+    double largest = 0;
+    for (double colour : {0.0, 0.003, 0.02, 0.2, 0.5, 0.9, 1.0, 1.7}) {
+      const glm::dvec3 from(colour, 0.5 * colour, std::min(1.0, 2 * colour)), to = effect.reference(from, values);
+      for (int c = 0; c < 3; ++c) largest = std::max(largest, std::abs(to[c] - from[c]));
+    }
+    return largest;
+  };
+  for (const PixelEffect* effect : pixelEffects()) {
+    if (effect->stage != PixelEffect::Stage::kTone) continue;
+    EXPECT_LT(change(*effect, effect->neutral()), 1e-9) << effect->name;
+    EXPECT_GT(change(*effect, someValues(*effect, 1)[0]), 1e-3) << effect->name << ", which does something elsewhere";
+  }
+}
+
 // Control: effects are compared beyond white, too. A reference that starts from clamped colours is another one.
 TEST(Effects, StartFromColoursBeyondWhite) {
   Scene scene;

@@ -57,6 +57,16 @@ TEST(Bases, NamesAndPlacesAreThoseOfPackages) {
   EXPECT_EQ(textureName(Basis::kPtmRgb, 4), "rgb-a4");
 }
 
+// Those that the program is built with are held to what registerBasis() asks of others.
+TEST(Bases, TheBuiltInOnesAreSound) {
+  for (size_t i = 0; i < basisCount(); ++i) {
+    const BasisDescription& d = describe(static_cast<Basis>(i));
+    if (d.shading == Shading::kLuminance || d.shading == Shading::kColours) {
+      EXPECT_EQ(problemOf(d), "") << d.name;
+    }
+  }
+}
+
 TEST(Bases, ADescriptionThatIsWrongIsRefused) {
   const auto refusal = [](auto&& change) {
     static std::vector<std::unique_ptr<BasisDescription>> kept;

@@ -46,12 +46,13 @@ std::string channelsProblem(const BasisDescription& d) {
   return {};
 }
 
+}  // namespace
+
 std::string problemOf(const BasisDescription& d) {
   if (d.name.empty() || d.name.size() > kMaxNameBytes) return "its name has no 1 to 31 bytes";
   if (d.name.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789-") != std::string_view::npos)
     return "its name has other characters than lower case letters, digits and '-'";
   if (d.name.data()[d.name.size()] != '\0') return "its name does not end with a zero byte";
-  if (findBasis(d.name)) return "there is one of this name";
   if (d.shading != Shading::kLuminance && d.shading != Shading::kColours) return "it is not linear";
   if (d.planes < 1 || d.planes > kMaxTexturePlanes)
     return "it has no 1 to " + std::to_string(kMaxTexturePlanes) + " planes";
@@ -60,8 +61,6 @@ std::string problemOf(const BasisDescription& d) {
   if (d.functions == nullptr) return "it has no functions of the light";
   return channelsProblem(d);
 }
-
-}  // namespace
 
 const BasisDescription& describe(Basis basis) {
   assert(static_cast<size_t>(basis) < registry().size());
@@ -77,7 +76,9 @@ std::optional<Basis> findBasis(std::string_view name) {
 size_t basisCount() { return registry().size(); }
 
 Result<Basis> registerBasis(const BasisDescription& description) {
-  if (const std::string problem = problemOf(description); !problem.empty())
+  std::string problem = problemOf(description);
+  if (problem.empty() && findBasis(description.name)) problem = "there is one of this name";
+  if (!problem.empty())
     return Error{ErrorKind::kUsage, "", "the basis '" + std::string(description.name) + "': " + problem, "", {}};
   registry().push_back(&description);
   return static_cast<Basis>(registry().size() - 1);
