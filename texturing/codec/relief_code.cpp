@@ -25,13 +25,50 @@ constexpr int at(int x, int y) { return (y + kMargin) * kRow + x + kMargin; }
 // How a level's samples are predicted.
 enum Prediction : uint32_t { kLine = 0, kFour = 1, kTwelve = 2, kCubic = 3, kPredictions = 4 };
 
+// What a page begins to learn from: a page of a scan is some hundred bytes, of which learning from nothing would take a
+// quarter. Probabilities of a 0 in 256ths, as scans' pages have them; any page can unlearn them.
+constexpr uint8_t kFirstSeen = 6;
+constexpr uint8_t kZeros[kBuckets] = {252, 247, 237, 226, 211, 193, 171, 147, 126, 104, 86, 66,
+                                      52,  40,  28,  18,  14,  12,  10,  8,   8,   8,   8,  8};
+// Nothing is known around: by class. Else by bucket - 2 class, from -3 or below to 17 or above.
+constexpr uint8_t kLargerAlone[] = {191, 60, 70, 95, 126, 157, 213};
+constexpr int kLeastLarger = -3;
+constexpr uint8_t kLarger[] = {235, 238, 240, 232, 225, 215, 205, 188, 170, 146, 122,
+                               100, 78,  62,  48,  40,  33,  26,  20,  16,  12};
+constexpr uint8_t kOpenCoarse[8] = {60, 30, 30, 20, 8, 8, 8, 8}, kOpenMiddle[8] = {165, 210, 211, 235, 93, 75, 72, 17},
+                  kOpenFine[8] = {246, 225, 250, 230, 187, 72, 72, 14};
+constexpr uint8_t kSigns[3] = {62, 128, 194}, kMantissas[2] = {180, 155};
+
+constexpr void begin(BitModel& m, uint8_t zero_256ths) {
+  m.zero = static_cast<uint16_t>(zero_256ths << 8);
+  m.seen = kFirstSeen;
+}
+
 struct Models {
-  BitModel block[kLevels][9];
+  BitModel block[kLevels][8];
   BitModel zero[3][2][kBuckets];
   BitModel larger[kBuckets][kClasses];
   BitModel sign[3];
   BitModel mantissa[kClasses][2];
+
+  constexpr Models() {
+    for (int l = 0; l < kLevels; ++l)
+      for (int k = 0; k < 8; ++k) begin(block[l][k], (l < 4 ? kOpenCoarse : l == 4 ? kOpenMiddle : kOpenFine)[k]);
+    for (auto& of_level : zero)
+      for (auto& of_kind : of_level)
+        for (int b = 0; b < kBuckets; ++b) begin(of_kind[b], kZeros[b]);
+    for (int c = 1; c < kClasses; ++c) {
+      begin(larger[0][c], kLargerAlone[std::min(c, 7) - 1]);
+      for (int b = 1; b < kBuckets; ++b) {
+        const int beyond = std::clamp(b - 2 * c - kLeastLarger, 0, static_cast<int>(std::size(kLarger)) - 1);
+        begin(larger[b][c], kLarger[beyond]);
+      }
+      for (int k = 0; k < 2; ++k) begin(mantissa[c][k], kMantissas[k]);
+    }
+    for (int k = 0; k < 3; ++k) begin(sign[k], kSigns[k]);
+  }
 };
+constexpr Models kFirstModels;
 
 // Of the sum of sizes around.
 int bucketOf(uint32_t around) {
@@ -121,7 +158,7 @@ class Pass {
   Coder& coder_;
   int32_t* h_;
   uint16_t* e_;
-  Models m_;
+  Models m_ = kFirstModels;
 };
 
 // From the coarser grid, in place: n cells a side become 2 n; e alike. New samples are 0.
