@@ -513,9 +513,10 @@ Result<void> MeshBuild::bakeUntilKept() {
 }
 
 Result<void> MeshBuild::chooseStep() {
-  // Steps of s add some s/5 to the RMS, independent of what is there: less than s/sqrt(12), as most heights are what
-  // the coarser grid shows. What a try adds says better how large the next step may be.
-  constexpr double kNoise = 0.19, kSmaller = 0.85, kMargin = 0.97, kLeast = 0.3, kMost = 8;
+  // Steps of s add some s/6 to the RMS, independent of what is there: less than s/sqrt(12), as most heights are what
+  // the coarser grid shows. What a try adds says better how large the next may be.
+  constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.985, kNear = 0.96, kLeast = 0.3,
+                   kMost = 8;
   constexpr int kTries = 4;
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
   const Fidelity exact = fidelity_;
@@ -525,22 +526,32 @@ Result<void> MeshBuild::chooseStep() {
     constexpr double kHardlyDb = 0.1;
     return exact.kept() ? f.kept() : f.excess() <= exact.excess() && f.psnr_db() >= exact.psnr_db() - kHardlyDb;
   };
-  const double room = exact.kept() ? std::sqrt(std::max(0.0, target * target - rms * rms)) : kNoise * target;
-  double step = std::min(room / kNoise, kMost * target);
+  const double most = exact.kept() ? kMargin * target : 1.01 * rms,
+               room = std::sqrt(std::max(0.0, most * most - rms * rms));
+  double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
   for (int i = 0; i < kTries && step > kLeast * target; ++i) {
     auto looked = stages_.run("bake", [&]() -> Result<Fidelity> {
-      if (auto set = bake_->setStep(step); !set) return set.error();
+      if (auto done = bake_->setStep(step); !done) return done.error();
       return lookAt(*bake_);
     });
     if (!looked) return looked.error();
-    if (keeps(*looked)) {
-      fidelity_ = std::move(*looked);
-      return {};
-    }
+    set = step;
     const double added = std::sqrt(std::max(0.0, rmsOf(*looked) * rmsOf(*looked) - rms * rms));
-    step = std::min(kSmaller * step, added > 0 ? kMargin * step * room / added : step);
+    const double next = added > 0 ? step * room / added : step * kLarger;
+    if (!keeps(*looked)) {
+      missed = step;
+      step = std::min(kSmaller * step, next);
+      if (kept > 0) break;
+      continue;
+    }
+    kept = step;
+    fidelity_ = std::move(*looked);
+    if (!exact.kept() || fidelity_.excess() > kNear) break;
+    step = std::min({next, kLarger * step, kSmaller * missed});
+    if (step < 1.05 * kept) break;
   }
-  return stages_.run("bake", [&] { return bake_->setStep(0); });
+  if (set == kept && set > 0) return {};
+  return stages_.run("bake", [&] { return bake_->setStep(kept); });
 }
 
 // How far off, where, and what would help.

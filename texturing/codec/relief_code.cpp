@@ -109,8 +109,13 @@ int lineOf(const int32_t* h, int x, int y) {
   return x & 1 ? midHeight(p[-1], p[1]) : midHeight(p[-kRow], p[kRow]);
 }
 
+// A level's step is so many times the page's.
+constexpr uint32_t kTimes[8] = {1, 2, 3, 4, 6, 8, 12, 16};
+
 struct Head {
   uint32_t step = 1;
+  std::array<uint32_t, kLevels> times{};  // of each level: which of kTimes
+  int stepOf(int level) const { return static_cast<int>(step * kTimes[times[static_cast<size_t>(level)]]); }
   int levels = 0;  // the finest ones are as the lattice says
   bool stepped_corners = false;
   std::array<uint32_t, kLevels> how{};
@@ -221,16 +226,16 @@ class PageCode : Pass<Coder> {
       if constexpr (kEncodes) load(n, samples);
       switch (head.how[static_cast<size_t>(level)]) {
         case kLine:
-          codeLevel<kLine>(level, n, static_cast<int>(head.step));
+          codeLevel<kLine>(level, n, head.stepOf(level));
           break;
         case kFour:
-          codeLevel<kFour>(level, n, static_cast<int>(head.step));
+          codeLevel<kFour>(level, n, head.stepOf(level));
           break;
         case kTwelve:
-          codeLevel<kTwelve>(level, n, static_cast<int>(head.step));
+          codeLevel<kTwelve>(level, n, head.stepOf(level));
           break;
         default:
-          codeLevel<kCubic>(level, n, static_cast<int>(head.step));
+          codeLevel<kCubic>(level, n, head.stepOf(level));
           break;
       }
     }
@@ -247,11 +252,13 @@ class PageCode : Pass<Coder> {
     head.stepped_corners = this->coder_.plain(head.stepped_corners, 1);
     for (int l = 0; l < head.levels; ++l)
       head.how[static_cast<size_t>(l)] = this->coder_.plain(head.how[static_cast<size_t>(l)], 2);
+    for (int l = 0; l < head.levels; ++l)
+      head.times[static_cast<size_t>(l)] = this->coder_.plain(head.times[static_cast<size_t>(l)], 3);
     if (head.step == 0) head.step = 1;  // of damaged bytes
   }
 
   void corners(const Head& head, std::span<const uint16_t> samples) {
-    const int step = head.stepped_corners ? static_cast<int>(head.step) : 1;
+    const int step = head.stepped_corners ? head.stepOf(0) : 1;
     int first = 0;
     for (int k = 0; k < 4; ++k) {
       int32_t& h = this->h_[at(k & 1, k >> 1)];
@@ -344,37 +351,40 @@ class PageCode : Pass<Coder> {
 Head headOf(std::span<const uint16_t> samples, ReliefCodeScratch& s) {
   Head head;
   auto sample = [&](int x, int y) { return static_cast<int>(samples[static_cast<size_t>(y * kSide + x)]); };
-  int common = 0;
+  std::array<int, kLevels> common{};
   for (int level = 0; level < kLevels; ++level) {
     const int n = 2 << level, h = kCells / n;
-    bool any = false;
+    int& of_level = common[static_cast<size_t>(level)];
     for (int y = 0; y <= n; ++y) {
       for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) {
         const int dx = x & 1 ? h : 0, dy = y & 1 ? h : 0;
         const int line = midHeight(sample(x * h - dx, y * h - dy), sample(x * h + dx, y * h + dy));
-        const int r = sample(x * h, y * h) - line;
-        any |= r != 0;
-        if (common != 1) common = std::gcd(common, r);
+        if (const int r = sample(x * h, y * h) - line; of_level != 1 && r != 0) of_level = std::gcd(of_level, r);
       }
     }
-    if (any) head.levels = level + 1;
+    if (of_level != 0) head.levels = level + 1;
   }
-  head.step = common == 0 ? 1 : static_cast<uint32_t>(std::min(common, 65535));
-  const int c0 = sample(0, 0), step = static_cast<int>(head.step);
+  const int all = std::accumulate(common.begin(), common.end(), 0, [](int a, int b) { return std::gcd(a, b); });
+  head.step = all == 0 ? 1 : static_cast<uint32_t>(all);
+  for (size_t level = 0; level < static_cast<size_t>(head.levels); ++level)
+    for (uint32_t k = 0; k < std::size(kTimes); ++k)
+      if (common[level] % static_cast<int>(head.step * kTimes[k]) == 0) head.times[level] = k;
+  const int c0 = sample(0, 0), step = head.stepOf(0);
   head.stepped_corners = (sample(kCells, 0) - c0) % step == 0 && (sample(0, kCells) - c0) % step == 0 &&
                          (sample(kCells, kCells) - c0) % step == 0;
   // The prediction that leaves least, level by level.
   for (int level = 0; level < head.levels; ++level) {
     const int n = 2 << level, h = kCells / n;
+    const int own = head.stepOf(level);
     int32_t* grid = s.heights.data();
     for (int y = 0; y <= n; ++y)
       for (int x = 0; x <= n; ++x) grid[at(x, y)] = sample(x * h, y * h);
     uint64_t cost[kPredictions] = {};
     for (int y = 0; y <= n; ++y) {
       for (int x = y & 1 ? 0 : 1; x <= n; x += y & 1 ? 1 : 2) {
-        const int line = lineOf(grid, x, y), k = (grid[at(x, y)] - line) / step;
+        const int line = lineOf(grid, x, y), k = (grid[at(x, y)] - line) / own;
         auto add = [&](Prediction how, int value) {
-          cost[how] += static_cast<uint64_t>(std::abs(k - stepsOf(value - line, step).whole));
+          cost[how] += static_cast<uint64_t>(std::abs(k - stepsOf(value - line, own).whole));
         };
         add(kLine, line);
         add(kFour, predicted<kFour>(grid, x, y, n, line));
