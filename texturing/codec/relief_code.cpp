@@ -189,6 +189,12 @@ Steps stepsOf(int beside, int step) {
   return {whole, eighths - 8 * whole};
 }
 
+// Modulo 2^16: what damaged bytes say may be far beyond.
+int stepsFrom(int from, int steps, int step) {
+  return static_cast<int>((static_cast<uint32_t>(from) + static_cast<uint32_t>(steps) * static_cast<uint32_t>(step)) &
+                          0xFFFF);
+}
+
 struct EncodingCoder {
   RangeEncoder rc;
   bool bit(BitModel& m, bool b) { return rc.bit(m, b), b; }
@@ -273,7 +279,7 @@ class PageCode : Pass<Coder> {
       const uint32_t top = width > 0 ? 1u << (std::min(width, 17) - 1) : 0;
       const uint32_t value = width > 1 ? top | this->coder_.plain(folded & (top - 1), std::min(width, 17) - 1) : top;
       e = value & 1 ? -static_cast<int>(value >> 1) - 1 : static_cast<int>(value >> 1);
-      h = (first + e * step) & 0xFFFF;
+      h = stepsFrom(first, e, step);
     }
   }
 
@@ -298,7 +304,7 @@ class PageCode : Pass<Coder> {
       P::residual(context_level, middle, around, hint.fraction, e);
     }
     this->e_[i] = static_cast<uint16_t>(std::min(std::abs(e), kMostSize));
-    if constexpr (!kEncodes) this->h_[i] = (line + (hint.whole + e) * step) & 0xFFFF;
+    if constexpr (!kEncodes) this->h_[i] = stepsFrom(line, hint.whole + e, step);
     return e != 0;
   }
 
