@@ -302,18 +302,6 @@ double toleranceOf(const MeshBuildArguments& a, double diagonal) {
   return a.tolerance_share > 0 ? a.tolerance_share * diagonal : a.tolerance_mm / mmPerUnit(a.unit);
 }
 
-// The same base with corners on a grid of 2^-18 to 2^-17 of the diagonal, and normals in 4096ths: whatever the corners
-// are, heights are baked over them, and zeros in their numbers take no bytes in the package.
-BaseMesh rounded(BaseMesh base, double diagonal) {
-  const double apart = std::exp2(std::floor(std::log2(std::max(diagonal, 1e-30))) - 17);
-  constexpr double kNormal = 1.0 / 4096;
-  for (BaseCorner& c : base.corners) {
-    c.position_mm = glm::vec3(glm::round(glm::dvec3(c.position_mm) / apart) * apart);
-    c.normal = glm::vec3(glm::round(glm::dvec3(c.normal) / kNormal) * kNormal);
-  }
-  return base;
-}
-
 // A scan's way into a package, stage by stage; each begins with what those before it left.
 class MeshBuild {
  public:
@@ -445,7 +433,7 @@ Result<void> MeshBuild::makeBase() {
     if (error.kind == ErrorKind::kInvalidData) error.file = a_.mesh;
     return error;
   }
-  base_ = rounded(std::move(*base), diagonalOf(scan));
+  base_ = std::move(*base);
   return {};
 }
 
@@ -514,7 +502,7 @@ Result<void> MeshBuild::bakeUntilKept() {
     auto base = stages_.run("base", [&] { return domain_->refine(misses, kMostPatches); });
     if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
     if (!base) break;  // what there is is kept
-    base_ = rounded(std::move(*base), diagonalOf(loaded_.mesh));
+    base_ = std::move(*base);
   }
   bake_ = std::move(best);
   base_ = std::move(best_base);
