@@ -591,7 +591,7 @@ Result<void> MeshBuild::pack() {
       nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
   // package's.
-  constexpr double kSlight = 0.25;  // of the target's RMS
+  constexpr double kSlight = 0.5;  // of the target's RMS
   constexpr uint64_t kKeptBytes = uint64_t{16} << 20;
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
