@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <bit>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
 #include <functional>
@@ -26,7 +27,7 @@
 #include "texturing/import/ptm.h"
 #include "texturing/package/file_provenance.h"
 #include "texturing/package/package.h"
-#include "texturing/package/package_base.h"
+#include "texturing/package/package_layout.h"
 #include "texturing/package/patch_source.h"
 #include "tools/build_run.h"
 #include "tools/commands.h"
@@ -39,8 +40,14 @@ namespace {
 // A bake in the scan's units as the package has it, in mm.
 class BakedPatches final : public PatchSource {
  public:
-  BakedPatches(const MeshBake& bake, double mm_per_unit, std::vector<Provenance> sources, const TextureFormat& format)
-      : bake_(bake), mm_(mm_per_unit), base_(bake.base()), sources_(std::move(sources)), format_(format) {
+  BakedPatches(const MeshBake& bake, double mm_per_unit, double slight_mm, std::vector<Provenance> sources,
+               const TextureFormat& format)
+      : bake_(bake),
+        mm_(mm_per_unit),
+        slight_mm_(slight_mm),
+        base_(bake.base()),
+        sources_(std::move(sources)),
+        format_(format) {
     base_.origin_mm *= mm_;
     for (BaseCorner& c : base_.corners) c.position_mm = glm::vec3(glm::dvec3(c.position_mm) * mm_);
   }
@@ -51,6 +58,7 @@ class BakedPatches final : public PatchSource {
   double reliefOffsetMm() const override { return bake_.reliefOffsetMm() * mm_; }
   double reliefScaleMm() const override { return bake_.reliefScaleMm() * mm_; }
   double errorUnitMm() const override { return bake_.errorUnitMm() * mm_ * (mm_ == 1 ? 1 : 1 + 1e-6); }
+  double slightErrorMm() const override { return slight_mm_; }
   std::vector<Provenance> provenance() const override { return sources_; }
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const override { return bake_.texels(patch, out); }
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const override { return bake_.heights(patch, out); }
@@ -84,7 +92,7 @@ class BakedPatches final : public PatchSource {
   }
 
   const MeshBake& bake_;
-  double mm_;
+  double mm_, slight_mm_;
   BaseMesh base_;
   std::vector<Provenance> sources_;
   TextureFormat format_;
@@ -329,6 +337,8 @@ class MeshBuild {
   Result<void> makeBase();
   // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
   Result<void> bakeUntilKept();
+  // Rounds heights to steps as large as the target allows.
+  Result<void> chooseStep();
   Result<void> bake();
   Result<Fidelity> lookAt(const MeshBake& bake);
   Error missed(const std::string& what_was_done) const;
@@ -503,9 +513,52 @@ Result<void> MeshBuild::bakeUntilKept() {
   }
   bake_ = std::move(best);
   base_ = std::move(best_base);
+  if (auto done = chooseStep(); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
   return {};
+}
+
+Result<void> MeshBuild::chooseStep() {
+  // Steps of s add some s/6 to the RMS, independent of what is there: less than s/sqrt(12), as most heights are what
+  // the coarser grid shows. What a try adds says better how large the next may be. kMargin leaves room for another
+  // choice of samples.
+  constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8;
+  constexpr int kTries = 4;
+  auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
+  const Fidelity exact = fidelity_;
+  const double target = exact.target.rms_mm, rms = rmsOf(exact);
+  // Where the target is missed, it is to be missed by no more.
+  auto keeps = [&](const Fidelity& f) {
+    constexpr double kHardlyDb = 0.1;
+    return exact.kept() ? f.kept() : f.excess() <= exact.excess() && f.psnr_db() >= exact.psnr_db() - kHardlyDb;
+  };
+  const double most = exact.kept() ? kMargin * target : 1.01 * rms,
+               room = std::sqrt(std::max(0.0, most * most - rms * rms));
+  double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
+  for (int i = 0; i < kTries && step > kLeast * target; ++i) {
+    auto looked = stages_.run("bake", [&]() -> Result<Fidelity> {
+      if (auto done = bake_->setStep(step); !done) return done.error();
+      return lookAt(*bake_);
+    });
+    if (!looked) return looked.error();
+    set = step;
+    const double added = std::sqrt(std::max(0.0, rmsOf(*looked) * rmsOf(*looked) - rms * rms));
+    const double next = added > 0 ? step * room / added : step * kLarger;
+    if (!keeps(*looked)) {
+      missed = step;
+      step = std::min(kSmaller * step, next);
+      if (kept > 0) break;
+      continue;
+    }
+    kept = step;
+    fidelity_ = std::move(*looked);
+    if (!exact.kept() || fidelity_.excess() > kNear) break;
+    step = std::min({next, kLarger * step, kSmaller * missed});
+    if (step < 1.05 * kept) break;
+  }
+  if (set == kept && set > 0) return {};
+  return stages_.run("bake", [&] { return bake_->setStep(kept); });
 }
 
 // How far off, where, and what would help.
@@ -545,12 +598,14 @@ Result<void> MeshBuild::pack() {
       nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   // The scan and what it was baked into stay in memory beside; the rest of the budget, but for the least, is the
   // package's.
+  constexpr double kSlight = 0.5;  // of the target's RMS
   constexpr uint64_t kKeptBytes = uint64_t{16} << 20;
   const uint64_t held = Memory::now();
   package.kept_bytes = kKeptBytes;
   package.memory_budget_bytes = std::max(package.memory_budget_bytes, held + kLeastPackageBytes) - held;
   auto built = stages_.run("package", [&] {
-    return buildPatchesWithProgress(BakedPatches(*bake_, mm(1), sources, textured_.format), package);
+    return buildPatchesWithProgress(
+        BakedPatches(*bake_, mm(1), mm(kSlight * fidelity_.target.rms_mm), sources, textured_.format), package);
   });
   if (!built) return built.error().kind == ErrorKind::kInterrupted ? interrupted(a_) : built.error();
   result_.pages = built->pages;
@@ -562,7 +617,7 @@ Result<void> MeshBuild::pack() {
     if (!opened) return opened.error();
     auto relief = planeUsage(**opened, Plane::kRelief);
     if (!relief) return relief.error();
-    result_.relief_bytes = relief->bytes + baseSectionBytes(base_.corners.size(), base_.patches.size());
+    result_.relief_bytes = relief->bytes + (*opened)->header().base_bytes;
   }
   return {};
 }

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/relief_lattice.h"
 
 namespace relievo {
 
@@ -17,6 +18,28 @@ BakedHeights::BakedHeights(std::span<const float> heights, int log2) : cells_log
     samples[i] = static_cast<uint16_t>(std::clamp(std::floor((heights[i] - offset_mm) * per_mm + 0.5), 0.0, 65535.0));
 }
 
+namespace {
+
+// A page's grid from a coarser one, by the lattice's rule.
+void refine(std::span<const uint16_t> coarse, int cells_log2, std::span<uint16_t> out) {
+  const size_t n = size_t{1} << cells_log2;
+  const int up = kPageCellsLog2 - cells_log2;
+  for (size_t y = 0; y <= n; ++y)
+    for (size_t x = 0; x <= n; ++x) out[(y << up) * kReliefSamples + (x << up)] = coarse[y * (n + 1) + x];
+  for (int h = 1 << up >> 1; h > 0; h /= 2) {
+    for (int y = 0; y <= kPagePx; y += h) {
+      const int dy = y & h;
+      for (int x = dy ? 0 : h; x <= kPagePx; x += dy ? h : 2 * h) {
+        const int dx = x & h, at = y * kReliefSamples + x, off = dy * kReliefSamples + dx;
+        out[static_cast<size_t>(at)] =
+            static_cast<uint16_t>(midHeight(out[static_cast<size_t>(at - off)], out[static_cast<size_t>(at + off)]));
+      }
+    }
+  }
+}
+
+}  // namespace
+
 void BakedHeights::gather(const BakeContext& context, uint32_t patch, std::span<uint16_t> out) const {
   context.layout.gather<uint16_t>(context.base, patch, (size_t{1} << cells_log2) - 1, samples, out);
 }
@@ -29,6 +52,10 @@ void BakedHeights::finest(const BakeContext& context, uint32_t patch, std::span<
   }
   std::vector<uint16_t> coarse((n + 1) * (n + 1));
   gather(context, patch, coarse);
+  if (stepped) {
+    refine(coarse, cells_log2, out);
+    return;
+  }
   // Integer arithmetic makes the result independent of the direction in which a patch runs along a shared side.
   const int up = kPageCellsLog2 - cells_log2, cells = 1 << up;
   for (int y = 0; y <= kPagePx; ++y) {

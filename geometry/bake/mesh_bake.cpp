@@ -12,6 +12,7 @@
 #include "geometry/bake/bake_texels.h"
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/height_search.h"
+#include "geometry/bake/height_steps.h"
 #include "geometry/bake/line_rasteriser.h"
 #include "geometry/bake/mip_image.h"
 #include "geometry/bake/vertex_normals.h"
@@ -23,6 +24,7 @@ namespace relievo {
 struct MeshBake::Impl {
   BakeContext context;
   BakedHeights baked;
+  std::vector<uint16_t> exact;  // as they were baked, where those of `baked` are not
   BakeTexture texture;
   BakeReport report;
   std::vector<std::vector<GridErrors>> errors;  // for each patch, as gridErrors() returns them
@@ -169,6 +171,22 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   progress(1);
   return std::unique_ptr<MeshBake>(new MeshBake(std::move(impl)));
+}
+
+Result<void> MeshBake::setStep(double step_mm) {
+  Impl& b = *impl_;
+  constexpr double kMostSteps = 16384;
+  const int step =
+      b.baked.scale_mm > 0 ? static_cast<int>(std::clamp(std::floor(step_mm / b.baked.scale_mm), 1.0, kMostSteps)) : 1;
+  if (b.exact.empty()) b.exact = b.baked.samples;
+  auto made = step > 1 ? steppedHeights(b.context, b.exact, b.baked.cells_log2, step) : std::optional(b.exact);
+  if (!made) return interruptedError();
+  b.baked.samples = std::move(*made);
+  b.baked.stepped = step > 1;
+  b.errors = errorsOfPatches(b.context, b.baked, {});
+  if (b.errors.empty()) return interruptedError();
+  b.error_unit_mm = errorUnit(b.errors, b.baked.scale_mm);
+  return {};
 }
 
 Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {

@@ -107,6 +107,10 @@ class MeshBake {
   int reliefDepth() const;
   double reliefOffsetMm() const;
   double reliefScaleMm() const;
+  // From here on heights differ by whole steps from what coarser grids show (height_steps.h), so that a package needs
+  // few bytes for them; of the heights that were baked, however often it is called. 0: these themselves. No other
+  // thread may look at the bake meanwhile. The error: kInterrupted.
+  Result<void> setStep(double step_mm);
   double errorUnitMm() const;
   // 6 channels: R, G, B, then the normal's x, y, z as round(127.5 (n + 1)). With planes: the image's channels, filtered
   // to the texels' size.

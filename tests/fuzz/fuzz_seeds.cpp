@@ -140,8 +140,10 @@ void pages() {
   for (size_t i = 0; i < heights.size(); ++i)
     heights[i] = static_cast<uint16_t>(3 * (i % kReliefSamples) + 5 * (i / kReliefSamples));
   put("page", "relief", asText(1, encoder.encodeRelief(heights)));
+  put("page", "hierarchical relief", asText(1, encoder.encodeRelief(heights, ReliefEncoding::kHierarchical)));
   heights.assign(heights.size(), 77);
   put("page", "flat relief", asText(1, encoder.encodeRelief(heights)));
+  put("page", "flat hierarchical relief", asText(1, encoder.encodeRelief(heights, ReliefEncoding::kHierarchical)));
 }
 
 void packages() {

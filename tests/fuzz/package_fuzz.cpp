@@ -69,8 +69,7 @@ void seal(std::vector<uint8_t>& file, bool both_headers) {
   };
   sealHeader();
   if (auto header = decodeHeader(std::span(file).first(kHeaderBytes), "")) {
-    const PackageLayout layout =
-        packageLayout(header->domain, header->texture, header->index_offset, header->detailBytes());
+    const PackageLayout layout = packageLayout(*header);
     auto tree = [&](const IndexLayout& index, uint32_t node_bytes, uint32_t entry_bytes) {
       int left = kBlocks;
       index.forEachBlock([&](const IndexLayout::Block& block) {

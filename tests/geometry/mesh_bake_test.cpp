@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -11,6 +12,7 @@
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
 #include "src/artwork/patch_domain.h"
+#include "src/artwork/relief_lattice.h"
 #include "src/base/parallel_for.h"
 #include "tests/geometry/mesh_shapes.h"
 #include "tests/view_share.h"
@@ -98,6 +100,9 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
     if (kSanitized && cells_log2 == 8) continue;
     auto baked = bake(mesh, base, {.cells_log2 = cells_log2});
     ASSERT_TRUE(baked);
+    if (cells_log2 % 4 == 0) {
+      EXPECT_TRUE(baked->setStep(300 * baked->reliefScaleMm()));
+    }
     const size_t row = side(*baked), n = row - 1;
     std::vector<Heights> all;
     for (uint32_t p = 0; p < base.patches.size(); ++p) all.push_back(heightsOf(*baked, p));
@@ -137,12 +142,78 @@ TEST(MeshBake, sharedSamplesAreTheSameFromAllPatches) {
   }
 }
 
+// What differs by more than whole steps from the lattice's rule, and what differs at all.
+struct Beside {
+  size_t odd = 0, any = 0, all = 0;
+};
+Beside besideCoarser(const Heights& q, int n, int cells_log2, int finest) {
+  Beside out;
+  for (int h = n / 2; h > 0; h /= 2) {
+    // In 16ths, from the finest samples to coarser ones; between the finest there is nothing.
+    constexpr int kParts[] = {16, 12, 12, 8, 8, 6, 6, 4};
+    const int apart = h * (1 << cells_log2) / n;
+    const int step = finest < 64 || apart == 0 ? finest : finest / 16 * kParts[std::bit_width(unsigned(apart)) - 1];
+    for (int y = 0; y <= n; y += h) {
+      for (int x = 0; x <= n; x += h) {
+        const int at = y * (n + 1) + x, off = (y & h) * (n + 1) + (x & h);
+        if (off == 0) continue;
+        const int line = midHeight(q[static_cast<size_t>(at - off)], q[static_cast<size_t>(at + off)]);
+        const int beside = q[static_cast<size_t>(at)] - line;
+        out.odd += beside % step != 0, out.any += beside != 0, ++out.all;
+      }
+    }
+  }
+  return out;
+}
+
+TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
+  const TriMesh mesh =
+      starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
+  const BaseMesh base = sphereBase(10, 1);
+  for (const int cells_log2 : {5, 8}) {
+    auto baked = bake(mesh, base, {.cells_log2 = cells_log2, .workers = 1});
+    auto other = bake(mesh, base, {.cells_log2 = cells_log2, .workers = 2});
+    ASSERT_TRUE(baked && other);
+    const int n = static_cast<int>(side(*baked)) - 1, apart = std::max(1, n >> cells_log2);
+    std::vector<Heights> exact;
+    for (uint32_t p = 0; p < base.patches.size(); ++p) exact.push_back(heightsOf(*baked, p));
+    size_t before = base.patches.size() * exact[0].size(), off = 0;
+    for (const int step : {20, 150, 1000}) {
+      ASSERT_TRUE(baked->setStep((step + 0.5) * baked->reliefScaleMm()));
+      ASSERT_TRUE(other->setStep((step + 0.5) * other->reliefScaleMm()));
+      Beside found;
+      for (uint32_t p = 0; p < base.patches.size(); ++p) {
+        const Heights q = heightsOf(*baked, p);
+        ASSERT_EQ(q, heightsOf(*other, p)) << "whatever the workers";
+        const Beside of_patch = besideCoarser(q, n, cells_log2, step),
+                     of_exact = besideCoarser(exact[p], n, cells_log2, step);
+        EXPECT_EQ(of_patch.odd, 0u);
+        EXPECT_GT(of_exact.odd, of_exact.all / 40) << "control: heights as they were baked";
+        found.any += of_patch.any;
+        for (int y = 0; y <= n; y += apart)
+          for (int x = 0; x <= n; x += apart) {
+            const size_t i = static_cast<size_t>(y * (n + 1) + x);
+            const bool at_end = 2 * std::min(+exact[p][i], 65535 - exact[p][i]) < step;
+            ASSERT_LE(2 * std::abs(q[i] - exact[p][i]), at_end ? 2 * step : step) << p << " " << x << " " << y;
+            off += q[i] != exact[p][i];
+          }
+      }
+      EXPECT_LT(found.any, before) << "larger steps leave fewer samples";
+      before = found.any;
+    }
+    EXPECT_GT(off, 0u);
+    ASSERT_TRUE(baked->setStep(0));
+    for (uint32_t p = 0; p < base.patches.size(); ++p) EXPECT_EQ(heightsOf(*baked, p), exact[p]) << "nothing is lost";
+  }
+}
+
 TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
   const TriMesh mesh =
       starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);
   const BaseMesh base = sphereBase(10, 1);
   auto baked = bake(mesh, base, {.cells_log2 = 8});
   ASSERT_TRUE(baked);
+  ASSERT_TRUE(baked->setStep(40 * baked->reliefScaleMm()));  // of what is written, not of what was baked
   const size_t row = side(*baked), n = row - 1;
   std::mt19937 random(5);
   std::uniform_real_distribution<double> unit(0, 1);

@@ -294,7 +294,7 @@ TEST_F(SmallPackage, claimsThatNoFileOfThisLengthHoldsAreRefused) {
     d.texture_depth = FlatDomain::depthFor(d.width_px, d.height_px);
     PackageHeader h = sound;
     h.domain = d;
-    const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+    const PackageLayout layout = packageLayout(h);
     h.index_bytes = layout.index_bytes;
     h.page_count = layout.page_count;
     h.pages_offset = h.index_offset + h.index_bytes;

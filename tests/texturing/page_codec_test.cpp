@@ -7,6 +7,8 @@
 #include <functional>
 #include <random>
 
+#include "src/artwork/relief_lattice.h"
+
 namespace relievo {
 namespace {
 
@@ -69,18 +71,65 @@ TEST(PageCodec, textureComesBackBitForBit) {
   }
 }
 
+constexpr ReliefEncoding kReliefEncodings[] = {ReliefEncoding::kRows, ReliefEncoding::kHierarchical};
+
 TEST(PageCodec, reliefComesBackBitForBit) {
   PageEncoder encoder(1);
   PageDecoder decoder;
   for (const Content& content : contents()) {
-    auto page = reliefPage(content.fill, 2);
-    auto encoded = encoder.encodeRelief(page);
-    EXPECT_LE(encoded.size(), kReliefPageSamples * 2 + 2) << content.name;
-    std::vector<uint16_t> out(kReliefPageSamples, 0xAAAA);
-    auto decoded = decoder.decodeRelief(encoded, out);
-    ASSERT_TRUE(decoded.ok()) << content.name << ": " << decoded.error().text();
-    EXPECT_EQ(out, page) << content.name;
+    for (const ReliefEncoding encoding : kReliefEncodings) {
+      auto page = reliefPage(content.fill, 2);
+      auto encoded = encoder.encodeRelief(page, encoding);
+      EXPECT_LE(encoded.size(), kReliefPageSamples * 2 + 2) << content.name;
+      std::vector<uint16_t> out(kReliefPageSamples, 0xAAAA);
+      auto decoded = decoder.decodeRelief(encoded, out);
+      ASSERT_TRUE(decoded.ok()) << content.name << ": " << decoded.error().text();
+      EXPECT_EQ(out, page) << content.name;
+    }
   }
+}
+
+// Heights that lie whole steps from what a grid of (128 >> finer) cells shows, and on its triangles between.
+std::vector<uint16_t> steppedPage(int finer, int step, uint32_t seed) {
+  std::mt19937 random(seed);
+  std::vector<uint16_t> page(kReliefPageSamples);
+  auto at = [&](int x, int y) -> uint16_t& { return page[static_cast<size_t>(y * kReliefSamples + x)]; };
+  for (int k = 0; k < 4; ++k) at(k % 2 * 128, k / 2 * 128) = static_cast<uint16_t>(30000 + step * (random() % 9));
+  for (int h = 64; h > 0; h /= 2)
+    for (int y = 0; y <= 128; y += h)
+      for (int x = 0; x <= 128; x += h) {
+        const int dx = x & h, dy = y & h;
+        if (dx + dy == 0) continue;
+        int beside = h >> finer ? static_cast<int>(random() % 5) - 2 : 0;
+        if (step == 300 && h > 8) beside *= 2;  // a level's steps may be larger
+        at(x, y) = static_cast<uint16_t>(midHeight(at(x - dx, y - dy), at(x + dx, y + dy)) + step * beside);
+      }
+  return page;
+}
+
+TEST(PageCodec, hierarchicalReliefIsSmallWhereACoarserGridShowsIt) {
+  PageEncoder encoder(1);
+  PageDecoder decoder;
+  std::vector<uint16_t> out(kReliefPageSamples);
+  size_t before = 0;
+  for (const int finer : {7, 3, 2, 1, 0}) {
+    for (const int step : {1, 37, 300}) {
+      const auto page = steppedPage(finer, step, 5);
+      const auto encoded = encoder.encodeRelief(page, ReliefEncoding::kHierarchical);
+      // Five values alike take log2(5) bits; beside them a page takes some thirty bytes.
+      const double cells = 128 >> finer, samples = finer == 7 ? 0 : (cells + 1) * (cells + 1);
+      EXPECT_LT(static_cast<double>(encoded.size()), 40 + samples * std::log2(5.0) / 8 * 1.15) << finer << " " << step;
+      EXPECT_GT(encoded.size() + 1, before * (step == 1)) << "control: more samples take more";
+      before = encoded.size();
+      ASSERT_TRUE(decoder.decodeRelief(encoded, out).ok());
+      ASSERT_EQ(out, page) << finer << " " << step;
+    }
+  }
+  // Control: a single sample that is not whole steps away costs all of them dearly.
+  auto page = steppedPage(1, 300, 5);
+  const size_t small = encoder.encodeRelief(page, ReliefEncoding::kHierarchical).size();
+  page[5 * kReliefSamples + 6] = static_cast<uint16_t>(page[5 * kReliefSamples + 6] + 1);
+  EXPECT_GT(encoder.encodeRelief(page, ReliefEncoding::kHierarchical).size(), small * 3 / 2);
 }
 
 TEST(PageCodec, smoothPagesShrinkAndNoiseDoesNotGrow) {
@@ -147,12 +196,17 @@ TEST(PageCodec, everyTruncationFails) {
     EXPECT_TRUE(decoder.decodeTexture(whole, out).ok());
     whole.push_back(0);
     EXPECT_FALSE(decoder.decodeTexture(whole, out).ok()) << "a byte too many";
-    auto relief = encoder.encodeRelief(reliefPage(contents()[static_cast<size_t>(which)].fill, 1));
-    std::vector<uint8_t> whole_relief(relief.begin(), relief.end());
-    step = std::max<size_t>(1, whole_relief.size() / 3000);
-    for (size_t n = 0; n < whole_relief.size(); n += step) {
-      std::vector<uint8_t> cut(whole_relief.begin(), whole_relief.begin() + static_cast<std::ptrdiff_t>(n));
-      EXPECT_FALSE(decoder.decodeRelief(cut, samples).ok()) << n;
+    for (const ReliefEncoding encoding : kReliefEncodings) {
+      auto relief = encoder.encodeRelief(reliefPage(contents()[static_cast<size_t>(which)].fill, 1), encoding);
+      std::vector<uint8_t> whole_relief(relief.begin(), relief.end());
+      step = std::max<size_t>(1, whole_relief.size() / 3000);
+      for (size_t n = 0; n < whole_relief.size(); n += step) {
+        std::vector<uint8_t> cut(whole_relief.begin(), whole_relief.begin() + static_cast<std::ptrdiff_t>(n));
+        EXPECT_FALSE(decoder.decodeRelief(cut, samples).ok()) << n;
+      }
+      EXPECT_TRUE(decoder.decodeRelief(whole_relief, samples).ok());
+      whole_relief.push_back(0);
+      EXPECT_FALSE(decoder.decodeRelief(whole_relief, samples).ok()) << "a byte too many";
     }
   }
 }
@@ -167,10 +221,12 @@ TEST(PageCodec, anyBytesDecodeOrFailCleanly) {
   auto texture = encoder.encodeTexture(texturePage(contents()[4].fill, 1));
   std::vector<uint8_t> good_texture(texture.begin(), texture.end());
   auto relief = encoder.encodeRelief(reliefPage(contents()[4].fill, 1));
-  std::vector<uint8_t> good_relief(relief.begin(), relief.end());
+  const std::vector<uint8_t> good_relief(relief.begin(), relief.end());
+  relief = encoder.encodeRelief(reliefPage(contents()[4].fill, 1), ReliefEncoding::kHierarchical);
+  const std::vector<uint8_t> hierarchical(relief.begin(), relief.end());
   int decoded = 0;
   for (int i = 0; i < 4000; ++i) {
-    std::vector<uint8_t> bytes = i % 2 ? good_texture : good_relief;
+    std::vector<uint8_t> bytes = i % 2 ? good_texture : i % 8 < 4 ? good_relief : hierarchical;
     int flips = 1 + static_cast<int>(random() % 8);
     for (int f = 0; f < flips; ++f)
       bytes[random() % (random() % 4 ? bytes.size() : 24)] ^= static_cast<uint8_t>(1u << (random() % 8));

@@ -46,7 +46,7 @@ class PackageCli : public Cli {
     d.width_px = d.height_px = side_px;
     d.texture_depth = FlatDomain::depthFor(side_px, side_px);
     h.domain = d;
-    const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+    const PackageLayout layout = packageLayout(h);
     h.index_bytes = layout.index_bytes;
     h.page_count = layout.page_count;
     h.pages_offset = h.index_offset + h.index_bytes;

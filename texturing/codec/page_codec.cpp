@@ -27,6 +27,7 @@
 #include "src/base/simd_dispatch.h"
 #include "texturing/codec/page_block_codec.h"
 #include "texturing/codec/page_jpeg_codec.h"
+#include "texturing/codec/relief_code.h"
 
 namespace relievo {
 namespace {
@@ -48,7 +49,8 @@ enum Packing : uint8_t {
   kQuantisedZstd = 3,
   kJpegFile = 4,
   kBlocksRaw = 6,
-  kBlocksZstd = 7
+  kBlocksZstd = 7,
+  kHierarchical = 8  // relief_code.h
 };
 
 constexpr int kSide = kPageFullPx;
@@ -258,8 +260,9 @@ struct PageEncoder::Impl {
   std::array<uint8_t, std::max(kTexturePageBytes, kReliefBytes)> streams;
   std::array<uint8_t, kTexturePageBytes> levels;
   std::array<uint8_t, kSlotBytes> texels;
-  std::vector<uint8_t> out;
+  std::vector<uint8_t> out, hierarchical;
   JpegPageEncoder jpeg;
+  ReliefCodeScratch relief;
 
   // The streams behind the head, packed if that makes them smaller.
   std::span<const uint8_t> pack(Packing raw, size_t head_bytes, size_t stream_bytes) {
@@ -354,8 +357,13 @@ std::span<const uint8_t> PageEncoder::encodeTexture(std::span<const uint8_t> cha
   return impl_->encodeChannels(kRaw, kTextureHeadBytes, channels.data());
 }
 
-std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples) {
+std::span<const uint8_t> PageEncoder::encodeRelief(std::span<const uint16_t> samples, ReliefEncoding encoding) {
   assert(samples.size() == kReliefPageSamples);
+  if (encoding == ReliefEncoding::kHierarchical) {
+    impl_->hierarchical.assign(1, kHierarchical);
+    encodeReliefCode(samples, impl_->relief, impl_->hierarchical);
+    if (impl_->hierarchical.size() < kReliefBytes) return impl_->hierarchical;
+  }
   static constexpr uint16_t kZeros[kReliefSamples] = {};
   uint8_t* stream = impl_->streams.data();
   Predictor p = choosePredictor<uint16_t, kReliefSamples>(samples.data(), kReliefSamples);
@@ -388,6 +396,7 @@ struct PageDecoder::Impl {
   std::array<uint16_t, kReliefPageSamples> samples;
   std::array<uint8_t, kSlotBytes> texels;
   JpegPageDecoder jpeg;
+  ReliefCodeScratch relief;
 
   // The streams, of exactly the size expected, into `out`.
   Result<void> unpack(bool zstd, std::span<const uint8_t> packed, std::span<uint8_t> out) {
@@ -479,6 +488,10 @@ Result<void> PageDecoder::decodeTexture(std::span<const uint8_t> encoded, std::s
 Result<void> PageDecoder::decodeRelief(std::span<const uint8_t> encoded, std::span<uint16_t> samples) {
   assert(samples.size() == kReliefPageSamples);
   if (encoded.size() < kReliefHeadBytes) return damaged("an encoded page is too short");
+  if (encoded[0] == kHierarchical) {
+    if (decodeReliefCode(encoded.subspan(1), impl_->relief, samples)) return {};
+    return damaged("an encoded page of hierarchical relief has too few bytes or too many");
+  }
   if (encoded[1] >= kPredictorCount) return damaged("an encoded page names an unknown predictor");
   if (encoded[0] > kZstd) return damaged("an encoded page is packed in an unknown way");
   Predictor p = static_cast<Predictor>(encoded[1]);

@@ -40,7 +40,8 @@ class PageEncoder {
   // Valid until the next call. A page whose JPEG would be larger than its channels is stored losslessly.
   std::span<const uint8_t> encodeTexture(std::span<const uint8_t> channels /* kTexturePageBytes */,
                                          PageEncoding encoding = {});
-  std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */);
+  std::span<const uint8_t> encodeRelief(std::span<const uint16_t> samples /* kReliefPageSamples */,
+                                        ReliefEncoding encoding = ReliefEncoding::kRows);
 
  private:
   struct Impl;

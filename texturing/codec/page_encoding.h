@@ -31,6 +31,12 @@ struct PageEncoding {
 };
 using PlaneEncodings = std::array<PageEncoding, kMaxTexturePlanes>;
 
+// How relief pages are stored, always exactly. The numbers stand in packages.
+enum class ReliefEncoding : uint8_t {
+  kRows = 0,         // a predictor a page, row by row, then zstd: decodes in a tenth of the time
+  kHierarchical = 1  // level by level, then range coded (relief_code.h): smaller
+};
+
 inline constexpr int kMinQuantisedBits = 4, kMaxQuantisedBits = 7;
 
 inline constexpr bool isBlockCodec(PageCodec c) { return c >= PageCodec::kBc1; }

@@ -1,10 +1,31 @@
 #include "texturing/package/package_base.h"
 
+#include <zstd.h>
+
+#include <algorithm>
+#include <cassert>
 #include <cmath>
+#include <cstring>
+#include <memory>
 
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
+namespace {
+
+// Calls f(first byte, bytes a record, records) for each of the section's arrays.
+template <class F>
+void forEachArray(uint64_t corners, uint64_t patches, F f) {
+  f(0, kBaseHeadBytes, 1);
+  f(kBaseHeadBytes, kBaseCornerBytes, corners);
+  uint64_t at = kBaseHeadBytes + kBaseCornerBytes * corners;
+  for (uint64_t record : {uint64_t{16}, uint64_t{28}, uint64_t{84}, kBaseSlopesBytes, kBaseShapesBytes}) {
+    f(at, record, patches);
+    at += record * patches;
+  }
+}
+
+}  // namespace
 
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section) {
   const BaseMesh& mesh = section.mesh;
@@ -111,6 +132,53 @@ Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t p
   out.shapes.resize(patch_count);
   for (CoarseShapes& shapes : out.shapes)
     for (DeviationShape& s : shapes) take(s);
+  return out;
+}
+
+std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_level) {
+  const auto corners = loadLittle<uint32_t>(section.data()), patches = loadLittle<uint32_t>(section.data() + 4);
+  assert(section.size() == baseSectionBytes(corners, patches));
+  std::vector<uint8_t> out(mostPackedBaseBytes(section.size())), planes;
+  storeLittle(out.data(), corners);
+  const std::unique_ptr<ZSTD_CCtx, size_t (*)(ZSTD_CCtx*)> context(ZSTD_createCCtx(), ZSTD_freeCCtx);
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, zstd_level);
+  ZSTD_outBuffer to{out.data(), out.size(), 4};
+  auto compress = [&](ZSTD_EndDirective how) {
+    ZSTD_inBuffer from{planes.data(), planes.size(), 0};
+    [[maybe_unused]] const size_t left = ZSTD_compressStream2(context.get(), &to, &from, how);
+    assert(left == 0);  // there is room
+    planes.clear();
+  };
+  forEachArray(corners, patches, [&](uint64_t first, uint64_t record, uint64_t records) {
+    for (uint64_t k = 0; k < record; ++k) {
+      for (uint64_t i = 0; i < records; ++i) planes.push_back(section[first + i * record + k]);
+      // What comes next is of another kind: its symbols get a table of their own.
+      if (planes.size() >= kPackedTogether) compress(ZSTD_e_flush);
+    }
+  });
+  compress(ZSTD_e_end);
+  out.resize(to.pos);
+  return out;
+}
+
+Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches) {
+  auto invalid = [](const std::string& message) {
+    return Error{ErrorKind::kInvalidData, "", "the base mesh is damaged: " + message,
+                 "rebuild the package, or get a whole copy", 0};
+  };
+  if (packed.size() < 4) return invalid("expected at least 4 bytes, found " + std::to_string(packed.size()));
+  const uint64_t corners = loadLittle<uint32_t>(packed.data());
+  if (corners > uint64_t{4} * patches)
+    return invalid("expected at most four corners a patch, found " + std::to_string(corners));
+  std::vector<uint8_t> planes(baseSectionBytes(corners, patches)), out(planes.size());
+  const size_t size = ZSTD_decompress(planes.data(), planes.size(), packed.data() + 4, packed.size() - 4);
+  if (ZSTD_isError(size) || size != planes.size())
+    return invalid("expected " + std::to_string(planes.size()) + " bytes in a zstd frame, found others");
+  const uint8_t* from = planes.data();
+  forEachArray(corners, patches, [&](uint64_t first, uint64_t record, uint64_t records) {
+    for (uint64_t k = 0; k < record; ++k)
+      for (uint64_t i = 0; i < records; ++i) out[first + i * record + k] = *from++;
+  });
   return out;
 }
 

@@ -31,9 +31,21 @@ constexpr uint64_t baseSectionBytes(uint64_t corners, uint64_t patches, BaseSect
                     (end >= BaseSectionEnd::kShapes ? kBaseShapesBytes : 0));
 }
 
+// A packed section (version 4) is one that ends with shapes, its bytes in another order and behind a u32, the number of
+// corners, in a zstd frame.
+inline constexpr uint64_t kLeastPackedBaseBytes = 16;
+// Of a section that does not get smaller: a block's head for every kPackedTogether bytes, and the frame's.
+inline constexpr uint64_t kPackedTogether = 2048;
+constexpr uint64_t mostPackedBaseBytes(uint64_t section_bytes) {
+  return section_bytes + section_bytes / (kPackedTogether / 4) + 64;
+}
+
 std::vector<uint8_t> encodeBaseSection(const BaseSection& section);
 // Safe for untrusted bytes: counts are compared with the length before anything is allocated. patches: how many there
 // must be. The error names what is wrong, and its offset counts from the section's start; its file is empty.
 Result<BaseSection> decodeBaseSection(std::span<const uint8_t> bytes, uint32_t patches);
+std::vector<uint8_t> packBaseSection(std::span<const uint8_t> section, int zstd_level);
+// Safe alike: allocates no more than the largest section of so many patches has.
+Result<std::vector<uint8_t>> unpackBaseSection(std::span<const uint8_t> packed, uint32_t patches);
 
 }  // namespace relievo

@@ -802,13 +802,8 @@ Result<BuildReport> buildPackage(const TextureSource& texture, const HeightSourc
   if (!manifest) return manifest.error();
   if (auto placed = placeSections(header, *manifest, {}); !placed) return placed.error();
 
-  const BuildContext context{texture,
-                             relief,
-                             d,
-                             header.texture,
-                             packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
-                             MipFilter(header.texture),
-                             header.encodings};
+  const BuildContext context{
+      texture, relief, d, header.texture, packageLayout(header), MipFilter(header.texture), header.encodings};
   const Workforce force = workersThatFit(workerBytes(header.texture, relief), options);
   SpillBudget spills{force.left_bytes, options.output};
   auto writer = CheckpointedWriter::open(header, *manifest, options, reporter, spills);

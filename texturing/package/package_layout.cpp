@@ -28,7 +28,7 @@ std::array<uint64_t, 2> coveredPx(const PatchDomain& domain, uint32_t patch) {
 }
 
 // The index entries of the finest levels alone.
-double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes) {
+double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes, bool finest_detail) {
   const FlatExtent size = statedExtent(d);
   auto nodes = [&](int level) {
     const double finer = std::exp2(level) / static_cast<double>(d.patchPx());
@@ -36,7 +36,7 @@ double leastIndexBytes(const PatchDomain& d, uint32_t detail_bytes) {
            std::max(1.0, static_cast<double>(size.height_px) * finer);
   };
   double bytes = nodes(d.texture_depth) * kTextureEntryBytes;
-  if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + detail_bytes);
+  if (d.relief_depth >= 0) bytes += nodes(d.relief_depth) * (kReliefEntryBytes + (finest_detail ? detail_bytes : 0));
   return bytes;
 }
 
@@ -81,9 +81,11 @@ struct HeaderField {
 constexpr int kOldPlanes = 8;
 constexpr size_t kOldCoefficients = 6, kOldScales = 144, kOldBiases = 192, kOldCodecs = 240, kOldParameters = 248;
 constexpr uint32_t kDescribedBasis = 0xFFFFFFFFu;  // instead of its number
+// Version 4: how relief pages, the base mesh and the tree of errors by block are stored, 1 each.
+constexpr std::array<size_t, 3> kCompactFields{2048, 2052, 2056};
 constexpr size_t kBasisName = 320, kBasisNameBytes = 32, kBasisCounts = 352, kBasisEncodings = 368, kBasisScales = 432;
 static_assert(kBasisEncodings + 2 * kMaxTexturePlanes <= kBasisScales);
-static_assert(kBasisScales + 16 * kMaxCoefficients <= kHeaderBytes - 8);
+static_assert(kBasisScales + 16 * kMaxCoefficients <= kCompactFields[0]);
 
 void putOldBasis(HeaderField f, const PackageHeader& h) {
   f.put(136, static_cast<uint32_t>(h.texture.basis));
@@ -170,7 +172,7 @@ Result<void> readBasis(const uint8_t* p, PackageHeader& h) {
     return fieldError(ErrorKind::kUnsupported, kBasisName,
                       "the texture's basis '" + std::string(found) + "' is not known to this program");
   h.texture.basis = *basis;
-  if (packageVersion(h) != 3)
+  if (*basis <= Basis::kAlbedoNormal)
     return fieldError(ErrorKind::kInvalidData, kBasisName,
                       "expected a basis of version 3, found '" + std::string(found) + "'");
   const BasisDescription& known = describe(*basis);
@@ -254,7 +256,7 @@ uint8_t byteFromError(uint32_t steps) {
 }
 
 PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& format, uint64_t index_offset,
-                            uint32_t detail_bytes) {
+                            uint32_t detail_bytes, bool finest_detail) {
   PackageLayout layout;
   const uint32_t planes = static_cast<uint32_t>(format.planes());
   layout.texture = IndexLayout(domain, domain.texture_depth, planes * kTextureEntryBytes, index_offset);
@@ -265,7 +267,8 @@ PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& form
     layout.index_bytes += layout.relief.bytes();
     layout.page_count += layout.relief.nodeCount();
     if (detail_bytes > 0) {
-      layout.relief_detail = IndexLayout(domain, domain.relief_depth, detail_bytes, index_offset + layout.index_bytes);
+      layout.relief_detail = IndexLayout(domain, domain.relief_depth - (finest_detail ? 0 : 1), detail_bytes,
+                                         index_offset + layout.index_bytes);
       layout.index_bytes += layout.relief_detail.bytes();
     }
   }
@@ -298,8 +301,10 @@ void encodeHeader(const PackageHeader& h, std::span<uint8_t> out) {
   f.put(128, static_cast<int32_t>(h.domain.texture_depth));
   f.put(132, static_cast<int32_t>(h.domain.relief_depth));
   f.put(140, h.size_known ? 0u : 1u);
-  if (packageVersion(h) == 3) putBasis(f, h);
+  if (h.texture.basis > Basis::kAlbedoNormal) putBasis(f, h);
   else putOldBasis(f, h);
+  if (h.compact)
+    for (size_t field : kCompactFields) f.put(field, 1u);
   f.put(256, h.relief_detail ? static_cast<uint32_t>(kErrorBlocks) : 0u);
   f.put(260, h.relief_shapes ? 1u : 0u);
   f.put(264, h.base_offset);
@@ -357,9 +362,8 @@ class HeaderDecoder {
                    "make one with `relievo build`", 0};
     }
     version_ = at<uint32_t>(8);
-    if (version_ < 1 || version_ > 3) {
-      return Error{ErrorKind::kUnsupported, path_,
-                   "expected package version 1, 2 or 3, found " + std::to_string(version_),
+    if (version_ < 1 || version_ > 4) {
+      return Error{ErrorKind::kUnsupported, path_, "expected package version 1 to 4, found " + std::to_string(version_),
                    "use a newer relievo, or rebuild the package", 8};
     }
     if (at<uint64_t>(kHeaderBytes - 8) != XXH3_64bits(p_, kHeaderBytes - 8))
@@ -385,7 +389,8 @@ class HeaderDecoder {
     stated_.texture_depth = at<int32_t>(128);
     stated_.relief_depth = at<int32_t>(132);
     h_.domain = stated_;
-    if (auto read = version_ == 3 ? readBasis(p_, h_) : readOldBasis(p_, version_, h_); !read) {
+    const bool described = version_ == 3 || (version_ == 4 && at<uint32_t>(136) == kDescribedBasis);
+    if (auto read = described ? readBasis(p_, h_) : readOldBasis(p_, version_, h_); !read) {
       Error error = read.error();
       error.file = path_;
       return error;
@@ -405,6 +410,12 @@ class HeaderDecoder {
       return unsupported(260, "expected relief errors' shapes of kind 0, or 1 beside errors by block, found " +
                                   std::to_string(shapes));
     h_.relief_shapes = shapes == 1;
+    h_.compact = version_ == 4;
+    if (!h_.compact) return {};
+    for (size_t field : kCompactFields)
+      if (const auto kind = at<uint32_t>(field); kind != 1)
+        return unsupported(field, "expected storage of kind 1 in version 4, found " + std::to_string(kind));
+    if (at<uint64_t>(272) == 0) return invalid(272, "expected a base mesh in version 4, found none");
     return {};
   }
 
@@ -448,9 +459,10 @@ class HeaderDecoder {
     if (d.height_px != d.patchPx() || d.width_px % d.patchPx() != 0)
       return invalid(88, "an artwork over a base mesh is a strip of whole patches along x");
     if (d.relief_depth < 0) return invalid(132, "an artwork over a base mesh has a relief");
-    if (const uint64_t least = baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
+    if (const uint64_t least =
+            h_.compact ? kLeastPackedBaseBytes : baseSectionBytes(4, d.patchCount(), BaseSectionEnd::kBlocks),
         most = baseSectionBytes(uint64_t{4} * d.patchCount(), d.patchCount());
-        h_.base_bytes < least || h_.base_bytes > most) {
+        h_.base_bytes < least || h_.base_bytes > (h_.compact ? mostPackedBaseBytes(most) : most)) {
       return invalid(272, "expected a base mesh of " + std::to_string(least) + " to " + std::to_string(most) +
                               " bytes, found " + std::to_string(h_.base_bytes));
     }
@@ -460,13 +472,14 @@ class HeaderDecoder {
 
   Result<void> checkIndex() const {
     // As a double first: the sizes below are exact unless they overflow, and then this is far beyond any file.
-    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes()); least > static_cast<double>(h_.file_bytes)) {
+    if (const double least = leastIndexBytes(h_.domain, h_.detailBytes(), !h_.compact);
+        least > static_cast<double>(h_.file_bytes)) {
       char text[40];
       std::snprintf(text, sizeof text, "%.3g", least);
       return invalid(88, "expected a file of at least " + std::string(text) +
                              " bytes for the index of so many pages, found " + std::to_string(h_.file_bytes));
     }
-    const PackageLayout layout = packageLayout(h_.domain, h_.texture, h_.index_offset, h_.detailBytes());
+    const PackageLayout layout = packageLayout(h_);
     if (layout.index_bytes != h_.index_bytes) {
       return invalid(56, "expected an index of " + std::to_string(layout.index_bytes) + " bytes, found " +
                              std::to_string(h_.index_bytes));

@@ -43,6 +43,9 @@ struct PackageHeader {
   bool size_known = true;      // else nobody said how large a pixel is: mm_per_px is 1 and heights count pixels
   bool relief_detail = false;  // the index ends with a tree of kReliefDetailBytes a relief page
   bool relief_shapes = false;  // and kReliefShapesBytes
+  // Version 4, over a base mesh only: hierarchical relief pages, a packed base mesh, no errors by block of the finest
+  // relief pages, which have none.
+  bool compact = false;
   uint32_t detailBytes() const {
     return relief_detail ? kReliefDetailBytes + (relief_shapes ? kReliefShapesBytes : 0) : 0;
   }
@@ -51,9 +54,10 @@ struct PackageHeader {
   // The directory of the patches' tails (0 bytes: there are none): package_tails.h.
   uint64_t tails_offset = 0, tails_bytes = 0, tails_hash = 0;
 };
-// 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of those bases stay what they were.
+// 4 where it is compact; else 3 where the header describes the basis; else 1, or 2 with a base mesh: packages of those
+// bases stay what they were.
 inline uint32_t packageVersion(const PackageHeader& h) {
-  return h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
+  return h.compact ? 4 : h.texture.basis > Basis::kAlbedoNormal ? 3 : h.base_bytes == 0 ? 1 : 2;
 }
 void encodeHeader(const PackageHeader& header, std::span<uint8_t> out /* kHeaderBytes */);
 // Checks magic, version, hash and every field; the error names the field. kUnsupported: what a newer program may know,
@@ -112,8 +116,13 @@ struct PackageLayout {
   IndexLayout texture, relief, relief_detail;
   uint64_t index_bytes = 0, page_count = 0;
 };
+// finest_detail: do the finest relief pages have errors by block, too?
 PackageLayout packageLayout(const PatchDomain& domain, const TextureFormat& format, uint64_t index_offset,
-                            uint32_t detail_bytes /* a relief page */);
+                            uint32_t detail_bytes /* a relief page */, bool finest_detail = true);
+// Of a header whose index_offset and domain are known.
+inline PackageLayout packageLayout(const PackageHeader& h) {
+  return packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes(), !h.compact);
+}
 // Are the sizes such that the arithmetic above holds? Says what is wrong, or nothing.
 std::string domainProblem(const PatchDomain& domain);
 

@@ -71,6 +71,10 @@ struct Package::Impl {
   }
 
   Result<EncodedPage> readPage(const Package& package, PageId id) const;
+  // Those have no errors, and nothing in the index that says so.
+  bool finestOfCompact(const NodeId& node) const {
+    return header.compact && static_cast<int>(node.level) == header.domain.relief_depth && layout.relief.contains(node);
+  }
 
   // Nothing can be drawn without it, so it is there twice.
   Result<void> readBase() {
@@ -84,6 +88,16 @@ struct Package::Impl {
       if (XXH3_64bits(bytes.data(), bytes.size()) != header.base_hash)
         return Error{ErrorKind::kInvalidData, file.path(), "the base mesh is damaged: its checksum does not match",
                      "rebuild the package, or get a whole copy", offset};
+      if (header.compact) {
+        auto unpacked = unpackBaseSection(bytes, header.domain.patchCount());
+        if (!unpacked) {
+          Error error = unpacked.error();
+          error.file = file.path();
+          error.offset = offset;
+          return error;
+        }
+        bytes = std::move(*unpacked);
+      }
       auto section = decodeBaseSection(bytes, header.domain.patchCount());
       if (section) return section;
       Error error = section.error();
@@ -229,7 +243,7 @@ Result<std::shared_ptr<Package>> Package::open(const std::string& path) {
   if (h.base_bytes > 0) {
     if (auto read = impl->readBase(); !read) return read.error();
   }
-  impl->layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  impl->layout = packageLayout(h);
   impl->manifest.domain = h.domain;
   impl->manifest.texture = h.texture;
   impl->manifest.encodings = h.encodings;
@@ -329,6 +343,10 @@ std::vector<std::string> Package::tailProblems() const {
 
 bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const {
   assert(error_mm.size() == kReliefDetailBytes);
+  if (impl_->finestOfCompact(node)) {
+    std::fill(error_mm.begin(), error_mm.end(), 0.0f);
+    return true;
+  }
   const IndexLayout& tree = impl_->layout.relief_detail;
   if (!impl_->header.relief_detail || !tree.contains(node)) return false;
   IndexLayout::Place place = tree.find(node);
@@ -345,6 +363,10 @@ bool Package::reliefErrors(const NodeId& node, std::span<float> error_mm) const 
 
 bool Package::reliefShapes(const NodeId& node, std::span<DeviationShape> shapes) const {
   assert(shapes.size() == kReliefDetailBytes);
+  if (impl_->finestOfCompact(node)) {
+    std::fill(shapes.begin(), shapes.end(), DeviationShape{0, 0, 0, 0, 0});
+    return true;
+  }
   const IndexLayout& tree = impl_->layout.relief_detail;
   if (!impl_->header.relief_shapes || !tree.contains(node)) return false;
   const IndexLayout::Place place = tree.find(node);

@@ -158,7 +158,7 @@ Result<void> placeSections(PackageHeader& h, const std::string& manifest, std::s
     h.base_bytes = base.size();
     h.index_offset = aligned(h.base_offset + h.base_bytes);
   }
-  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  const PackageLayout layout = packageLayout(h);
   h.page_count = layout.page_count;
   h.index_bytes = layout.index_bytes;
   h.pages_offset = h.index_offset + h.index_bytes;
@@ -213,7 +213,7 @@ Result<void> PackageWriter::place(const BuildPart& part) {
     auto written =
         index_->write(p.index_offset - header_.index_offset, entry, p.relief ? kReliefEntryBytes : kTextureEntryBytes);
     if (!written) return written;
-    if (p.relief) {
+    if (p.relief && p.detail_offset > 0) {
       uint8_t detail[kReliefDetailBytes + kReliefShapesBytes];
       for (size_t i = 0; i < kReliefDetailBytes; ++i) {
         const BlockError& b = p.range.blocks[i];
@@ -234,11 +234,6 @@ Result<void> PackageWriter::appendTails(std::span<const uint8_t> chunk) {
   tails_.push_back({offset_, static_cast<uint32_t>(chunk.size()), encodedHash(chunk)});
   offset_ += chunk.size();
   return file_.append(chunk);
-}
-
-void PackageWriter::setBase(std::vector<uint8_t> base) {
-  assert(base.size() == base_.size());
-  base_ = std::move(base);
 }
 
 Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
@@ -271,7 +266,7 @@ Result<uint64_t> PackageWriter::finish(const std::atomic<bool>* interrupted) {
     piece_offset += piece.size();
     piece.clear();
   };
-  const PackageLayout layout = packageLayout(h.domain, h.texture, h.index_offset, h.detailBytes());
+  const PackageLayout layout = packageLayout(h);
   for (const IndexLayout* tree : {&layout.texture, &layout.relief, &layout.relief_detail}) {
     tree->forEachBlock([&](const IndexLayout::Block& block) {
       size_t at = piece.size();

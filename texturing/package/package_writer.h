@@ -78,7 +78,7 @@ struct Placed {               // a page that was made
   uint32_t size = 0;
   uint64_t checksum = 0;
   bool relief = false;
-  uint64_t detail_offset = 0;  // relief: of its errors by block
+  uint64_t detail_offset = 0;  // relief: of its errors by block; 0: it has none
   NodeRange range;
 };
 // What a part hands to the next stage: bytes at a place of a spill.
@@ -206,7 +206,6 @@ class PackageWriter {
   // After the last page: the tails of the next patches, up to kTailsChunkPatches of them, as package_tails.h encodes
   // them.
   Result<void> appendTails(std::span<const uint8_t> chunk);
-  void setBase(std::vector<uint8_t> base);  // what is known of it only now; of the same length
   // Directory of tails, index, manifest, base mesh, header; renames. The file's bytes.
   Result<uint64_t> finish(const std::atomic<bool>* interrupted);
 

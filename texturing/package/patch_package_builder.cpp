@@ -1,5 +1,7 @@
-// How a build runs: twice over the patches, which are independent in either pass (texturing/package/package_writer.h).
+// How a build runs: three times over the patches, which are independent in each pass
+// (texturing/package/package_writer.h).
 //
+//   0  asks the source for the patch's heights and their errors: the base mesh's section stands before the pages
 //   1  asks the source for the patch; writes its relief pages, which need no other patch; keeps its texels of all
 //      levels, as bytes, and of each level and side the 4 rows of texels that the neighbour's pages have as their
 //      border
@@ -9,7 +11,7 @@
 // so what stands there is what makes the mean of the four texels around the corner the same from all patches: that of
 // all their corner texels.
 //
-// So the source is asked for each patch once, and no page waits for a neighbour's.
+// So the source is asked for each patch's texels once, and no page waits for a neighbour's.
 #include "texturing/package/patch_package_builder.h"
 
 #include <xxhash.h>
@@ -21,6 +23,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 
+#include "src/base/parallel_for.h"
 #include "texturing/codec/mip.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/build_reporter.h"
@@ -33,6 +36,7 @@ namespace relievo {
 namespace {
 
 constexpr int kGutterPx = kPageBorderPx;
+constexpr int kBaseZstdLevel = 19;  // a few hundred KiB at most for a scan of some thousand patches
 
 // Where a patch's levels and strips lie in what is kept of it, in bytes.
 struct PatchStore {
@@ -95,89 +99,42 @@ Error invalid(uint32_t patch, const std::string& what) {
   return {ErrorKind::kInvalidData, "", "patch " + std::to_string(patch) + ": " + what, "", {}};
 }
 
-// ---- the first pass ----
-class PatchReader {
+// ---- what is known of a patch's relief ----
+// In a compact package bounds are rounded, away from what they bound, to few values: they take far fewer bytes so, and
+// are hardly larger.
+constexpr int kMantissaBits = 7, kShareSteps = 15, kShapeSteps = 7;
+// The next number away from 0 (up) or towards it that has so many bits behind the point.
+float rounded(float v, bool up) {
+  constexpr uint32_t kBelow = (1u << (23 - kMantissaBits)) - 1;
+  const auto bits = std::bit_cast<uint32_t>(v);
+  return std::bit_cast<float>(up ? (bits + kBelow) & ~kBelow : bits & ~kBelow);
+}
+float roundedUp(float v) { return rounded(v, v > 0); }
+float roundedDown(float v) { return rounded(v, v < 0); }
+uint8_t roundedShare(uint8_t share, int steps) {
+  const int step = (share * steps + 254) / 255;
+  return static_cast<uint8_t>((step * 255 + steps - 1) / steps);
+}
+DeviationShape roundedShape(const DeviationShape& s) {
+  auto up = [](uint8_t v) { return roundedShare(v, kShapeSteps); };
+  DeviationShape out{up(s.below), up(s.above), up(s.aside), s.between, up(s.apart)};
+  // It is a share of the first two, which are larger now.
+  if (const int both = out.below + out.above; both > 0)
+    out.between = static_cast<uint8_t>((s.between * (s.below + s.above) + both - 1) / both);
+  out.between = up(out.between);
+  return out;
+}
+
+class PatchRelief {
  public:
-  PatchReader(Context& context, int zstd_level) : c_(context), encoder_(zstd_level) {}
+  explicit PatchRelief(Context& context) : c_(context) {}
 
-  BuildPart run(uint32_t patch) {
-    BuildPart out;
-    out.status = keepTexels(patch);
-    if (out.status.ok()) out.status = relief(patch, out);
-    out.texels = PatchStore::side(c_.store.depth) * PatchStore::side(c_.store.depth);
-    return out;
-  }
-
- private:
-  Result<void> keepTexels(uint32_t patch) {
-    const PatchStore& store = c_.store;
-    const uint64_t channels = static_cast<uint64_t>(store.channels);
-    int side = static_cast<int>(PatchStore::side(store.depth));
-    texels_.resize(channels * PatchStore::side(store.depth) * PatchStore::side(store.depth));
-    if (auto made = c_.source.texels(patch, texels_); !made) return made;
-    for (int level = store.depth;; --level, side /= 2) {
-      const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
-      if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
-      if (auto kept = keepGutters(patch, level, side); !kept) return kept;
-      keepCorners(patch, level, static_cast<size_t>(side));
-      if (level == 0) return keepTail(patch);
-      coarser_.resize(texels_.size() / 4);
-      if (level == store.depth) {
-        c_.mip.downsample(texels_.data(), side, side, coarser_.data());
-      } else {
-        c_.mip.downsample(level_.data(), side, side, coarser_.data());
-      }
-      level_.swap(coarser_);
-      texels_.resize(level_.size());
-      for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
-    }
-  }
-
-  Result<void> keepTail(uint32_t patch) {
-    tail_.resize(c_.tailBytes() - 2 * kTailHeights);
-    tailTexels(c_.mip, texels_, tail_);
-    return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
-  }
-
-  void keepCorners(uint32_t patch, int level, size_t side) {
-    for (size_t k = 0; k < 4; ++k) {
-      const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
-      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
-        c_.corner_texels[place + c] = texels_[(c * side + y) * side + x];
-    }
-  }
-
-  // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
-  Result<void> keepGutters(uint32_t patch, int level, int side) {
-    strip_.resize(c_.store.gutterBytes(level));
-    for (int s = 0; s < 4; ++s) {
-      uint8_t* out = strip_.data();
-      for (int channel = 0; channel < c_.store.channels; ++channel) {
-        const uint8_t* in = texels_.data() + static_cast<size_t>(channel) * side * side;
-        for (int d = 0; d < kGutterPx; ++d, out += side) {
-          const int at = s == kLeft || s == kTop ? d : side - 1 - d;
-          if (s == kTop || s == kBottom) {
-            std::memcpy(out, in + static_cast<size_t>(at) * side, static_cast<size_t>(side));
-          } else {
-            for (int i = 0; i < side; ++i) out[i] = in[static_cast<size_t>(i) * side + at];
-          }
-        }
-      }
-      if (auto kept = c_.strips->write(patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s), strip_.data(),
-                                       strip_.size());
-          !kept)
-        return kept;
-    }
-    return {};
-  }
-
-  Result<void> relief(uint32_t patch, BuildPart& out) {
+  // Its heights, and what nodes know of those below.
+  Result<void> read(uint32_t patch) {
     const int depth = c_.header.domain.relief_depth;
-    const size_t cells = size_t{kPagePx} << depth, side = cells + 1;
+    const size_t side = sideSamples();
     heights_.resize(side * side);
     if (auto made = c_.source.heights(patch, heights_); !made) return made;
-    noteBorder(patch, cells);
-    noteSlopes(patch, cells);
     if (auto read = readErrors(patch, depth); !read) return read;
     ranges_.resize(static_cast<size_t>(depth) + 1);
     for (int level = depth; level >= 0; --level) {
@@ -187,30 +144,23 @@ class PatchReader {
         for (uint32_t x = 0; x < nodes; ++x)
           ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x] = rangeOf(level, x, y);
     }
-    for (int level = 0; level <= depth; ++level) {
-      const uint32_t nodes = 1u << level;
-      const size_t step = size_t{1} << (depth - level);
-      for (uint32_t y = 0; y < nodes; ++y) {
-        for (uint32_t x = 0; x < nodes; ++x) {
-          for (size_t j = 0; j < kReliefSamples; ++j) {
-            const uint16_t* row = heights_.data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
-            for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
-          }
-          if (level == 0) {
-            std::array<uint16_t, kTailHeights> tail;
-            tailHeights(samples_, tail);
-            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail.data(), sizeof tail); !kept) return kept;
-          }
-          const NodeId node{patch, static_cast<uint32_t>(level), x, y};
-          const auto at = c_.layout.relief.find(node), detail = c_.layout.relief_detail.find(node);
-          out.place({.index_offset = at.block_offset + at.node_offset,
-                     .relief = true,
-                     .detail_offset = detail.block_offset + detail.node_offset,
-                     .range = ranges_[static_cast<size_t>(level)][size_t{y} * nodes + x]},
-                    encoder_.encodeRelief(samples_));
-        }
-      }
-    }
+    return {};
+  }
+  // What the base mesh's section says of it, into the context.
+  Result<void> describe(uint32_t patch) {
+    if (auto known = read(patch); !known) return known;
+    noteBorder(patch, sideSamples() - 1);
+    noteSlopes(patch, sideSamples() - 1);
+    return describeCoarse(patch);
+  }
+  size_t sideSamples() const { return (size_t{kPagePx} << c_.header.domain.relief_depth) + 1; }
+  std::span<const uint16_t> heights() const { return heights_; }
+  const NodeRange& range(int level, uint32_t x, uint32_t y) const {
+    return ranges_[static_cast<size_t>(level)][(size_t{y} << level) + x];
+  }
+
+ private:
+  Result<void> describeCoarse(uint32_t patch) {
     auto coarse = c_.source.coarseErrors(patch);
     if (!coarse) return coarse.error();
     CoarseShapes& shapes = c_.coarse_shapes[patch];
@@ -222,10 +172,11 @@ class PatchReader {
       if (!std::isfinite(e) || e < 0)
         return invalid(patch, "its error at " + std::to_string(1 << k) + " cells a side is not a number of mm");
       const float mm = std::exchange(e, std::max(e, least));
+      if (c_.header.compact) e = roundedUp(e);
       least = e;
       if (k >= kFirstShapedBlock) continue;
       if (!c_.source.errorShapes(patch, static_cast<int>(k), std::span(shapes).subspan(k, 1))) shapes[k] = {};
-      shapes[k] = reshaped(mm, shapes[k], e);
+      shapes[k] = stored(reshaped(mm, shapes[k], e), e);
     }
     c_.coarse_errors[patch] = *coarse;
     return readCoarseBlocks(patch);
@@ -236,6 +187,12 @@ class PatchReader {
     Deviation d = deviationOf(mm, shape);
     d.mm = larger_mm;
     return shapeOf(d);
+  }
+  bool slight(float mm) const { return mm <= c_.source.slightErrorMm(); }
+  // Of an error of mm, as the package has it.
+  DeviationShape stored(const DeviationShape& shape, float mm) const {
+    if (!c_.header.compact) return shape;
+    return slight(mm) ? DeviationShape{} : roundedShape(shape);
   }
   // No block's error is below those of the finer blocks inside it, as they come back from the package.
   Result<void> readCoarseBlocks(uint32_t patch) {
@@ -269,10 +226,11 @@ class PatchReader {
           e = std::min(whole, std::max({e, inside[0], inside[1], inside[2 * blocks], inside[2 * blocks + 1]}));
           uint8_t share = whole > 0 ? static_cast<uint8_t>(std::min(255.0, std::ceil(255.0 * e / whole))) : 0;
           while (share < 255 && coarseBlockMm(whole, share) < e) ++share;
+          if (c_.header.compact) share = slight(whole) ? 255 : roundedShare(share, kShareSteps);
           shares[first + y * blocks + x] = share;
           e = coarseBlockMm(whole, share);
           DeviationShape& shape = shapes[y * blocks + x];
-          shape = own <= e ? reshaped(own, shape, e) : DeviationShape{};
+          shape = stored(own <= e ? reshaped(own, shape, e) : DeviationShape{}, e);
         }
       }
       finer = mm;
@@ -297,8 +255,10 @@ class PatchReader {
     auto least = [](double a, double b) { return std::nextafter(static_cast<float>(std::min(a, b)), -INFINITY); };
     auto largest = [](double a, double b) { return std::nextafter(static_cast<float>(std::max(a, b)), INFINITY); };
     const double mm = c_.source.reliefScaleMm() * static_cast<double>(cells);
-    c_.slopes[patch] = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm),
-                        largest(q[2] * mm, q[3] * mm)};
+    HeightSlopes& s = c_.slopes[patch];
+    s = {least(q[0] * mm, q[1] * mm), largest(q[0] * mm, q[1] * mm), least(q[2] * mm, q[3] * mm),
+         largest(q[2] * mm, q[3] * mm)};
+    if (c_.header.compact) s = {roundedDown(s.min_u), roundedUp(s.max_u), roundedDown(s.min_v), roundedUp(s.max_v)};
   }
 
   void noteBorder(uint32_t patch, size_t cells) {
@@ -383,13 +343,131 @@ class PatchReader {
   }
 
   Context& c_;
-  PageEncoder encoder_;
-  std::vector<uint8_t> texels_, strip_, tail_;
-  std::vector<uint16_t> level_, coarser_, heights_;
+  std::vector<uint16_t> heights_;
   std::vector<float> error_mm_;
   std::vector<DeviationShape> shapes_;
   std::vector<std::vector<BlockError>> errors_;  // by level and block
   std::vector<std::vector<NodeRange>> ranges_;   // by level and node
+};
+
+// ---- the first pass ----
+class PatchReader {
+ public:
+  PatchReader(Context& context, int zstd_level) : c_(context), encoder_(zstd_level), relief_(context) {}
+
+  BuildPart run(uint32_t patch) {
+    BuildPart out;
+    out.status = keepTexels(patch);
+    if (out.status.ok()) out.status = relief(patch, out);
+    out.texels = PatchStore::side(c_.store.depth) * PatchStore::side(c_.store.depth);
+    return out;
+  }
+
+ private:
+  Result<void> keepTexels(uint32_t patch) {
+    const PatchStore& store = c_.store;
+    const uint64_t channels = static_cast<uint64_t>(store.channels);
+    int side = static_cast<int>(PatchStore::side(store.depth));
+    texels_.resize(channels * PatchStore::side(store.depth) * PatchStore::side(store.depth));
+    if (auto made = c_.source.texels(patch, texels_); !made) return made;
+    for (int level = store.depth;; --level, side /= 2) {
+      const uint64_t place = patch * store.levelBytes() + store.levelOffset(level);
+      if (auto kept = c_.levels->write(place, texels_.data(), texels_.size()); !kept) return kept;
+      if (auto kept = keepGutters(patch, level, side); !kept) return kept;
+      keepCorners(patch, level, static_cast<size_t>(side));
+      if (level == 0) return keepTail(patch);
+      coarser_.resize(texels_.size() / 4);
+      if (level == store.depth) {
+        c_.mip.downsample(texels_.data(), side, side, coarser_.data());
+      } else {
+        c_.mip.downsample(level_.data(), side, side, coarser_.data());
+      }
+      level_.swap(coarser_);
+      texels_.resize(level_.size());
+      for (size_t i = 0; i < level_.size(); ++i) texels_[i] = byteFromLevel(level_[i]);
+    }
+  }
+
+  Result<void> keepTail(uint32_t patch) {
+    tail_.resize(c_.tailBytes() - 2 * kTailHeights);
+    tailTexels(c_.mip, texels_, tail_);
+    return c_.tails->write(patch * c_.tailBytes() + 2 * kTailHeights, tail_.data(), tail_.size());
+  }
+
+  void keepCorners(uint32_t patch, int level, size_t side) {
+    for (size_t k = 0; k < 4; ++k) {
+      const size_t x = k % 2 ? side - 1 : 0, y = k / 2 ? side - 1 : 0, place = c_.cornerPlace(patch, level, k);
+      for (size_t c = 0; c < static_cast<size_t>(c_.store.channels); ++c)
+        c_.corner_texels[place + c] = texels_[(c * side + y) * side + x];
+    }
+  }
+
+  // Channel after channel, the rows (or columns) from the side inwards, each in the direction of growing u or v.
+  Result<void> keepGutters(uint32_t patch, int level, int side) {
+    strip_.resize(c_.store.gutterBytes(level));
+    for (int s = 0; s < 4; ++s) {
+      uint8_t* out = strip_.data();
+      for (int channel = 0; channel < c_.store.channels; ++channel) {
+        const uint8_t* in = texels_.data() + static_cast<size_t>(channel) * side * side;
+        for (int d = 0; d < kGutterPx; ++d, out += side) {
+          const int at = s == kLeft || s == kTop ? d : side - 1 - d;
+          if (s == kTop || s == kBottom) {
+            std::memcpy(out, in + static_cast<size_t>(at) * side, static_cast<size_t>(side));
+          } else {
+            for (int i = 0; i < side; ++i) out[i] = in[static_cast<size_t>(i) * side + at];
+          }
+        }
+      }
+      if (auto kept = c_.strips->write(patch * c_.store.guttersBytes() + c_.store.gutterOffset(level, s), strip_.data(),
+                                       strip_.size());
+          !kept)
+        return kept;
+    }
+    return {};
+  }
+
+  Result<void> relief(uint32_t patch, BuildPart& out) {
+    if (auto read = relief_.read(patch); !read) return read;
+    const int depth = c_.header.domain.relief_depth;
+    const size_t side = relief_.sideSamples();
+    const auto encoding = c_.header.compact ? ReliefEncoding::kHierarchical : ReliefEncoding::kRows;
+    for (int level = 0; level <= depth; ++level) {
+      const uint32_t nodes = 1u << level;
+      const size_t step = size_t{1} << (depth - level);
+      for (uint32_t y = 0; y < nodes; ++y) {
+        for (uint32_t x = 0; x < nodes; ++x) {
+          for (size_t j = 0; j < kReliefSamples; ++j) {
+            const uint16_t* row = relief_.heights().data() + (y * kPagePx + j) * step * side + x * kPagePx * step;
+            for (size_t i = 0; i < kReliefSamples; ++i) samples_[j * kReliefSamples + i] = row[i * step];
+          }
+          if (level == 0) {
+            std::array<uint16_t, kTailHeights> tail;
+            tailHeights(samples_, tail);
+            if (auto kept = c_.tails->write(patch * c_.tailBytes(), tail.data(), sizeof tail); !kept) return kept;
+          }
+          const NodeId node{patch, static_cast<uint32_t>(level), x, y};
+          const auto at = c_.layout.relief.find(node);
+          uint64_t detail_offset = 0;
+          if (c_.layout.relief_detail.contains(node)) {
+            const auto detail = c_.layout.relief_detail.find(node);
+            detail_offset = detail.block_offset + detail.node_offset;
+          }
+          out.place({.index_offset = at.block_offset + at.node_offset,
+                     .relief = true,
+                     .detail_offset = detail_offset,
+                     .range = relief_.range(level, x, y)},
+                    encoder_.encodeRelief(samples_, encoding));
+        }
+      }
+    }
+    return {};
+  }
+
+  Context& c_;
+  PageEncoder encoder_;
+  std::vector<uint8_t> texels_, strip_, tail_;
+  PatchRelief relief_;
+  std::vector<uint16_t> level_, coarser_;
   std::array<uint16_t, kReliefPageSamples> samples_;
 };
 
@@ -563,6 +641,22 @@ Result<void> writeTails(const Context& c, const BuildOptions& options, PackageWr
   return {};
 }
 
+// All patches' part of the base mesh's section: it stands before the pages, packed, so that its size must be known.
+Result<void> describePatches(Context& context, const BuildOptions& options, int workers) {
+  constexpr size_t kPatchesAJob = 64;
+  const size_t patches = context.header.domain.patchCount();
+  std::vector<Result<void>> done((patches + kPatchesAJob - 1) / kPatchesAJob);
+  const bool whole = parallelFor(done.size(), workers, options.interrupted, [&](size_t job) {
+    PatchRelief relief(context);
+    for (size_t p = job * kPatchesAJob; p < std::min(patches, (job + 1) * kPatchesAJob) && done[job].ok(); ++p)
+      done[job] = relief.describe(static_cast<uint32_t>(p));
+  });
+  for (const Result<void>& job : done)
+    if (!job) return job;
+  if (!whole) return Error{ErrorKind::kInterrupted, options.output, "interrupted", "nothing was written", {}};
+  return {};
+}
+
 // Samples on shared sides and corners are the same from all sides, or the surface has a crack.
 Result<void> checkBorders(const Context& c) {
   const BaseMesh& base = c.source.base();
@@ -621,6 +715,7 @@ Result<PackageHeader> planHeader(const PatchSource& source, const BuildOptions& 
   header.texture = source.format();
   header.encodings = planeEncodings(header.texture, options.coefficients, options.colour);
   header.relief_detail = header.relief_shapes = true;
+  header.compact = options.compact;
   header.page_count = packageLayout(header.domain, header.texture, 0, 0).page_count;
   header.base_bytes = baseSectionBytes(source.base().corners.size(), header.domain.patchCount());
   return header;
@@ -669,41 +764,36 @@ Result<BuildReport> buildPatchPackage(const PatchSource& source, const BuildOpti
   const PatchDomain& d = header.domain;
   const uint32_t patches = d.patchCount();
   reporter.expect(header.page_count, patches * d.patchPx() * d.patchPx());
-  BaseSection base{source.base(),
-                   std::vector<CoarseErrors>(patches),
-                   std::vector<CoarseBlocks>(patches),
-                   std::vector<HeightSlopes>(patches),
-                   std::vector<CoarseShapes>(patches),
-                   source.errorUnitMm()};
-  const auto manifest = manifestOf(header, source, options);
-  if (!manifest) return manifest.error();
-  if (auto placed = placeSections(header, *manifest, encodeBaseSection(base)); !placed) return placed.error();
 
   Context context{source,
                   header,
-                  packageLayout(d, header.texture, header.index_offset, header.detailBytes()),
+                  {},
                   MipFilter(header.texture),
                   {header.texture.channels(), d.texture_depth},
                   patchNeighbours(source.base())};
   makeRoom(context);
   listCorners(context);
-
   const Workforce force = workersThatFit(workerBytes(context), options, patches);
+  if (auto described = describePatches(context, options, force.workers); !described) return described.error();
+  if (auto sound = checkBorders(context); !sound) return sound.error();
+  std::vector<uint8_t> base =
+      encodeBaseSection({source.base(), std::move(context.coarse_errors), std::move(context.coarse_blocks),
+                         std::move(context.slopes), std::move(context.coarse_shapes), source.errorUnitMm()});
+  if (header.compact) base = packBaseSection(base, kBaseZstdLevel);
+  const auto manifest = manifestOf(header, source, options);
+  if (!manifest) return manifest.error();
+  if (auto placed = placeSections(header, *manifest, base); !placed) return placed.error();
+  context.layout = packageLayout(header);
+
   SpillBudget spills{std::min(force.left_bytes, options.kept_bytes), options.output};
   if (auto made = makeSpills(context, spills); !made) return made.error();
-  auto writer = PackageWriter::create(options.output, header, *manifest, encodeBaseSection(base), spills);
+  auto writer = PackageWriter::create(options.output, header, *manifest, std::move(base), spills);
   if (!writer) return writer.error();
 
   if (auto ran = passOver<PatchReader>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
-  if (auto sound = checkBorders(context); !sound) return sound.error();
   if (auto ran = passOver<TextureWriter>(context, options, force.workers, **writer, reporter); !ran) return ran.error();
 
   if (auto written = writeTails(context, options, **writer); !written) return written.error();
-  base.coarse_errors = std::move(context.coarse_errors);
-  base.coarse_blocks = std::move(context.coarse_blocks);
-  base.shapes = std::move(context.coarse_shapes);
-  base.slopes = std::move(context.slopes);
-  (*writer)->setBase(encodeBaseSection(base));
   auto file_bytes = (*writer)->finish(options.interrupted);
   if (!file_bytes) return file_bytes.error();
   reporter.reportEnd();
