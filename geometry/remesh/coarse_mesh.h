@@ -62,8 +62,22 @@ struct QuadTraits : CoarseTraits {
     glm::dmat3 free_directions{1};  // projects moves to the permitted directions: those across a crease are removed
   };
 };
-struct TriangleMesh : OpenMesh::TriMesh_ArrayKernelT<CoarseTraits> {};
-struct QuadMesh : OpenMesh::PolyMesh_ArrayKernelT<QuadTraits> {};  // faces are counter-clockwise as seen from outside
+// A mesh that is copied whole or not at all: where OpenMesh has no memory for all of a copy, that shares properties
+// with the original, and deletes them in its destructor. The program ends then (std::terminate) instead of unwinding.
+template <class Mesh>
+struct Copyable : Mesh {
+  Copyable() = default;
+  Copyable(const Copyable& other) : Mesh() { assign(other); }
+  Copyable& operator=(const Copyable& other) {
+    assign(other);
+    return *this;
+  }
+
+ private:
+  void assign(const Copyable& other) noexcept { Mesh::operator=(other); }
+};
+struct TriangleMesh : Copyable<OpenMesh::TriMesh_ArrayKernelT<CoarseTraits>> {};
+struct QuadMesh : Copyable<OpenMesh::PolyMesh_ArrayKernelT<QuadTraits>> {};  // faces: counter-clockwise from outside
 
 // Vertices and faces have the surface's indices.
 TriangleMesh halfEdgeMeshOf(const Surface& surface);
