@@ -1,0 +1,114 @@
+// relievo export: the surface of a package as a mesh that other programs read.
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+
+#include "src/base/progress.h"
+#include "src/base/standard_output.h"
+#include "texturing/package/package.h"
+#include "tools/commands.h"
+#include "tools/export/mesh_export.h"
+#include "tools/export/mesh_format.h"
+#include "tools/output_files.h"
+
+namespace relievo {
+namespace {
+
+struct ExportArguments {
+  std::string file, output;
+  std::optional<int> level;
+  std::optional<double> error_mm;
+  bool base = false;
+  uint64_t memory_mib = 768;
+  int workers = 0;
+};
+
+std::string cellsText(const MeshExportReport& r) {
+  return "level " + std::to_string(r.level) + ", " + std::to_string(uint64_t{1} << r.level) + " cells a patch side";
+}
+
+void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_known, double seconds) {
+  const char* unit = size_known ? "mm" : "px";
+  std::string vertices = r.vertices ? std::to_string(r.vertices) + " vertices, " : "";
+  printOutf("%s: %s%llu %s, %s", printable(o.output).c_str(), vertices.c_str(),
+            static_cast<unsigned long long>(r.faces), r.quads ? "quads" : "triangles",
+            o.base ? "base mesh" : cellsText(r).c_str());
+  if (!o.base && r.error_mm && *r.error_mm == 0) printOutf(", full detail");
+  else if (!o.base && r.error_mm) printOutf(", within %.3g %s of full detail", *r.error_mm, unit);
+  else if (!o.base) printOutf(", no bound of its error is known");
+  printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
+  if (r.from_origin)
+    printOutf("  positions count from (%.17g, %.17g, %.17g) %s of the scan's coordinates\n", r.origin_mm.x,
+              r.origin_mm.y, r.origin_mm.z, unit);
+}
+
+Result<void> exportArtwork(const ExportArguments& o) {
+  const auto start = std::chrono::steady_clock::now();
+  if (auto format = meshFormatOf(o.output); !format) return format.error();
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}}, {{"FILE", o.file}}); !good) return good;
+  auto package = Package::open(o.file);
+  if (!package) return package.error();
+  for (const std::string& warning : (*package)->warnings()) warn(o.file + ": " + warning);
+  Result<MeshExportReport> report = MeshExportReport{};
+  {
+    ProgressLine line("export");
+    MeshExportOptions options;
+    options.output = o.output;
+    options.level = o.level;
+    options.error_mm = o.error_mm;
+    options.base = o.base;
+    options.memory_bytes = o.memory_mib << 20;
+    options.workers = o.workers;
+    options.progress = [&](double share) { line.update(share, o.output); };
+    options.interrupted = &interruptedFlag();
+    report = exportMesh(*package, options);
+  }
+  if (!report) return report.error();
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  printReport(o, *report, (*package)->manifest().size_known, seconds);
+  return {};
+}
+
+}  // namespace
+
+void addExportCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<ExportArguments>();
+  auto* c = app.add_subcommand("export", "Write a package's surface as a mesh: .ply, .obj, .stl, .off or .glb");
+  c->footer(
+      "Example:\n  relievo export statue.relievo -o statue.ply\n"
+      "  relievo export statue.relievo -o web.glb --error-mm 0.2\n\n"
+      "The mesh is one piece of welded triangles: all patches have the same cells, and what is closed stays closed. "
+      "Colours (sRGB; none in\n"
+      ".stl) are the albedo, or the picture under light from the front; normals are the mesh's own.\n"
+      "Lengths are mm in the scan's own coordinates (px where no size is known); a flat artwork lies around its "
+      "centre, "
+      "x right, y up.\n"
+      ".ply and .stl hold floats. Where these would lose detail because the scan lies far from its zero, positions "
+      "count "
+      "from an origin,\n"
+      "which the file's comment or header names and which is printed. .glb always does so: its node scales mm to "
+      "metres "
+      "and adds the\n"
+      "origin. Text formats keep the scan's coordinates.");
+  c->add_option("FILE", o->file, "Package to read")->required();
+  c->add_option("-o,--output", o->output, "Mesh to write; its suffix says the format")->required();
+  auto* level = c->add_option("--level", o->level, "Cells a patch side: 2^LEVEL, 0 to 24 [full detail]")
+                    ->check(CLI::Range(0, 24));
+  auto* error = c->add_option("--error-mm", o->error_mm,
+                              "Coarsest level within this distance of full detail, mm (px where no size is known)")
+                    ->check(CLI::NonNegativeNumber)
+                    ->excludes(level);
+  c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")
+      ->excludes(level)
+      ->excludes(error);
+  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")
+      ->check(CLI::Range(64, 1 << 20))
+      ->capture_default_str();
+  c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
+  c->callback([o, &context] {
+    if (auto done = exportArtwork(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo
