@@ -89,6 +89,40 @@ TEST_F(ExportCli, AnInterruptionOrAFullDiskLeavesNothing) {
   EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
+// Heights come back through build as they were, in the size that the image states.
+TEST_F(ExportCli, MapsOfAFlatArtworkCanBeBuiltAgain) {
+  makeFlat();
+  Outcome r = exported("a.relievo", "h.png", "--map height");
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find("h.png: height map, 300 x 300 px, level 9, 0.1"), std::string::npos) << r.output;
+  double low = 0, high = 0;
+  const size_t at = r.output.find("0 to 65535 for ");
+  ASSERT_NE(at, std::string::npos) << r.output;
+  ASSERT_EQ(std::sscanf(r.output.c_str() + at, "0 to 65535 for %lf to %lf mm", &low, &high), 2) << r.output;
+  ASSERT_EQ(exported("a.relievo", "c.png", "--map albedo").exit_code, 0);
+  std::ostringstream range;
+  range.precision(10);
+  range << low << ":" << high;
+  r = relievo("build --image " + file("c.png") + " --relief " + file("h.png") + " --relief-mm " + range.str() +
+              " --mm-per-pixel tag -o " + file("again.relievo"));
+  ASSERT_EQ(r.exit_code, 0) << r.output;
+  const auto relief = [&](const char* package) {
+    const std::string info = relievo(std::string("info ") + file(package)).output;
+    double from = 0, to = 0;
+    const size_t line = info.find("  relief ");
+    EXPECT_EQ(std::sscanf(info.c_str() + std::min(line, info.size()), "  relief %lf to %lf", &from, &to), 2) << info;
+    return std::array{from, to};
+  };
+  EXPECT_NEAR(relief("again.relievo")[0], relief("a.relievo")[0], 1e-4);
+  EXPECT_NEAR(relief("again.relievo")[1], relief("a.relievo")[1], 1e-4);
+  for (const char* wrong : {"--map heights", "--map height --base", "--map height --error-mm 1", "--normal-y down",
+                            "--map normal --normal-y left"})
+    EXPECT_EQ(exported("a.relievo", "x.tif", wrong).exit_code, 1) << wrong;
+  r = exported("a.relievo", "x.ply", "--map height");
+  EXPECT_EQ(r.exit_code, 1);
+  EXPECT_NE(r.output.find("ends in .png, .tif, .exr or .jpg"), std::string::npos) << r.output;
+}
+
 // ---- a scan, and what comes out again ----
 // A ball with waves, radius about 40, 60 mm off its zero.
 std::string wavyBallOff(int columns, int rows) {

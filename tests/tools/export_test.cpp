@@ -13,9 +13,11 @@
 
 #include "geometry/scan/mesh_read.h"
 #include "tests/texturing/patch_fixture.h"
+#include "texturing/import/image_io.h"
 #include "texturing/package/package_builder.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/patch_package_builder.h"
+#include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
 
 namespace {
@@ -443,6 +445,151 @@ TEST_F(ExportBall, ColoursAreThoseOfTheTexels) {
         worst = std::max(worst, std::abs(4 * read.mesh.colours[static_cast<size_t>(y * 301 + x)][c] - sum));
       }
   EXPECT_LE(worst, 2) << "quarters: rounded to the nearest";
+}
+
+// ---- maps ----
+class ExportMaps : public ExportBall {
+ protected:
+  static constexpr int kWidth = 300, kHeight = 200;
+  static constexpr double kMmPerPx = 0.5;
+  void SetUp() override {
+    BuildOptions options;
+    options.output = folder_.file("flat.relievo");
+    options.mm_per_px = kMmPerPx;
+    ASSERT_TRUE(buildPackage(texture_, &heights_, options).ok());
+    auto package = Package::open(options.output);
+    ASSERT_TRUE(package.ok());
+    package_ = *package;
+    domain_ = package_->manifest().domain.flat();
+    map_.resize(size_t{kWidth} * kHeight);
+    (void)heights_.read({0, 0, kWidth, kHeight}, map_);
+  }
+  MapExportReport mapped(ExportMap map, const std::string& name, MapExportOptions options = {}) {
+    options.map = map;
+    options.output = folder_.file(name);
+    auto report = exportMap(package_, options);
+    EXPECT_TRUE(report.ok()) << name << ": " << report.error().text();
+    return report.ok() ? *report : MapExportReport{};
+  }
+  // Of the vertex (x, y) of the grid of `step` texels a cell.
+  double heightAt(double x, double y, double step) const {
+    return naiveHeightMm(heights_, map_, domain_, std::min(x * step, double{kWidth}),
+                         std::min(y * step, double{kHeight}));
+  }
+  std::vector<float> heightsOf(const std::string& name, std::optional<std::pair<double, double>> range = {}) {
+    auto image = openHeightImage(folder_.file(name), range);
+    EXPECT_TRUE(image.ok()) << image.error().text();
+    std::vector<float> values(static_cast<size_t>((*image)->width() * (*image)->height()));
+    EXPECT_TRUE((*image)->read({0, 0, (*image)->width(), (*image)->height()}, values).ok());
+    return values;
+  }
+  const NoisyTexture texture_{kWidth, kHeight, Basis::kColour, 5};
+  const NoisyHeights heights_{kWidth, kHeight, 9};
+  std::shared_ptr<const Package> package_;
+  FlatDomain domain_;
+  std::vector<float> map_;
+};
+
+TEST_F(ExportMaps, HeightsAreThoseOfTheSurfaceAtTheCellsCentres) {
+  for (const int level : {7 + domain_.relief_depth, 7}) {
+    const double step = static_cast<double>(domain_.patchPx()) / (1 << level), low = domain_.relief_offset_mm,
+                 high = low + 65535 * domain_.relief_scale_mm;
+    for (const std::string name : {"h.tif", "h.exr", "h.png", "d.tif", "d.png"}) {
+      const bool depth = name[0] == 'd', png = name.ends_with(".png");
+      const MapExportReport r = mapped(depth ? ExportMap::kDepth : ExportMap::kHeight, name, {.level = level});
+      const auto columns = static_cast<size_t>(std::ceil(kWidth / step));
+      ASSERT_EQ(r.width, static_cast<int64_t>(columns));
+      ASSERT_EQ(r.height, static_cast<int64_t>(std::ceil(kHeight / step)));
+      EXPECT_EQ(r.scaled, png);
+      EXPECT_NEAR(r.low_mm, depth ? 0 : low, 1e-9);
+      EXPECT_NEAR(r.high_mm, depth ? high - low : high, 1e-9);
+      std::optional<std::pair<double, double>> range;
+      if (png) range = {r.low_mm, r.high_mm};
+      const std::vector<float> values = heightsOf(name, range);
+      double worst = 0, worst_other = 0;
+      for (size_t i = 0; i < values.size(); ++i) {
+        const auto x = static_cast<double>(i % columns), y = static_cast<double>(i / columns);
+        const double along = (heightAt(x, y, step) + heightAt(x + 1, y + 1, step)) / 2,
+                     across = (heightAt(x + 1, y, step) + heightAt(x, y + 1, step)) / 2, found = double{values[i]};
+        worst = std::max(worst, std::abs((depth ? high - found : found) - along));
+        worst_other = std::max(worst_other, std::abs((depth ? high - found : found) - across));
+      }
+      EXPECT_LT(worst, 1.1 * domain_.relief_scale_mm + 1e-6) << name << level;
+      EXPECT_GT(worst_other, 100 * domain_.relief_scale_mm) << "control: cells cut along the other diagonal";
+      if (name.ends_with(".exr")) continue;  // its density is no tag that readImageFacts() takes
+      const auto facts = readImageFacts(folder_.file(name));
+      ASSERT_TRUE(facts.ok());
+      EXPECT_NEAR(facts->tag_mm_per_px, kMmPerPx * step, 1e-3 * kMmPerPx * step) << name;
+    }
+  }
+}
+
+TEST_F(ExportMaps, NormalsAreThoseOfTheBilinearCellsInBothConventions) {
+  const int level = 7 + domain_.relief_depth;
+  const double step = static_cast<double>(domain_.patchPx()) / (1 << level), mm = step * kMmPerPx;
+  for (const bool down : {false, true}) {
+    mapped(ExportMap::kNormal, "n.png", {.level = level, .normal_y_down = down});
+    const auto image = readImage8(folder_.file("n.png"));  // the upper bytes
+    ASSERT_TRUE(image.ok());
+    ASSERT_EQ(image->channels, 3);
+    double worst = 0, flipped = 0;
+    for (int y = 0; y < image->height; ++y)
+      for (int x = 0; x < image->width; ++x) {
+        const auto h = [&](int dx, int dy) { return heightAt(x + dx, y + dy, step); };
+        const double along_x = (h(1, 0) + h(1, 1) - h(0, 0) - h(0, 1)) / 2 / mm,
+                     along_y = (h(0, 0) + h(1, 0) - h(0, 1) - h(1, 1)) / 2 / mm;  // y up
+        const glm::dvec3 n = glm::normalize(glm::dvec3(-along_x, down ? along_y : -along_y, 1));
+        for (int c = 0; c < 3; ++c) {
+          const double found = image->pixels[static_cast<size_t>(3 * (y * image->width + x) + c)];
+          worst = std::max(worst, std::abs(found - 255 * (n[c] + 1) / 2));
+          if (c == 1) flipped = std::max(flipped, std::abs(found - 255 * (1 - n[c]) / 2));
+        }
+      }
+    EXPECT_LT(worst, 1.01);
+    EXPECT_GT(flipped, 20) << "control: the other convention";
+  }
+}
+
+TEST_F(ExportMaps, AlbedoIsTheTexelsThemselves) {
+  for (const std::string name : {"a.png", "a.tif"}) {
+    const MapExportReport r = mapped(ExportMap::kAlbedo, name);
+    ASSERT_EQ(r.width, kWidth);
+    ASSERT_EQ(r.height, kHeight);
+    const auto image = readImage8(folder_.file(name));
+    ASSERT_TRUE(image.ok());
+    size_t differ = 0;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        for (int c = 0; c < 3; ++c)
+          differ += image->pixels[static_cast<size_t>(3 * (y * kWidth + x) + c)] != texture_.at(c, x, y);
+    EXPECT_EQ(differ, 0u) << name;
+  }
+}
+
+TEST_F(ExportMaps, WhatAFormatOrAnArtworkCannotHoldIsRefused) {
+  const auto refused = [&](const std::shared_ptr<const Package>& package, ExportMap map, const std::string& name,
+                           std::optional<int> level, const std::string& text) {
+    MapExportOptions options;
+    options.map = map;
+    options.output = folder_.file(name);
+    options.level = level;
+    const size_t before = folder_.entries();
+    const auto report = exportMap(package, options);
+    ASSERT_FALSE(report.ok()) << name;
+    EXPECT_EQ(report.error().kind, ErrorKind::kUsage);
+    EXPECT_NE(report.error().text().find(text), std::string::npos) << report.error().text();
+    EXPECT_EQ(folder_.entries(), before);
+  };
+  refused(package_, ExportMap::kHeight, "a.jpg", {}, "JPEG");
+  refused(package_, ExportMap::kHeight, "a.ply", {}, "ends in .png");
+  refused(package_, ExportMap::kHeight, "a.tif", 6, "expected a --level of 7 to ");
+  refused(package_, ExportMap::kAlbedo, "a.tif", 8 + domain_.texture_depth, "expected a --level of 7 to ");
+  refused(packageOf(NoisyPatches(cubeSphere(1, 40, 3), 0, 0, 7)), ExportMap::kHeight, "a.tif", {},
+          "is no flat artwork");
+  BuildOptions options;
+  options.output = folder_.file("plain.relievo");
+  ASSERT_TRUE(buildPackage(texture_, nullptr, options).ok());
+  refused(*Package::open(options.output), ExportMap::kNormal, "a.tif", {}, "has no relief");
 }
 
 }  // namespace

@@ -172,7 +172,7 @@ Result<void> MeshExport::merge(const SheetOutput& out) {
 }
 
 Result<void> MeshExport::writeSheets(OutputFile& file) {
-  const RowParts parts{.positions = true, .colours = facts_.colours};
+  const RowParts parts{.colours = facts_.colours};
   const uint32_t sheets = grid_.sheets();
   if (sheets == 1) {
     SheetReader reader(grid_, parts);
@@ -337,8 +337,8 @@ std::string aboutText(const Package& package, const SurfaceGrid* grid, const std
 // Memory that grows with the mesh, or with the artwork's width.
 Result<void> checkMemory(const SurfaceGrid& grid, const MeshExportOptions& o, bool soup) {
   const bool many = grid.sheets() > 1;
-  uint64_t bytes = SheetReader::bytes(grid, {.positions = true, .colours = !soup}) *
-                   (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
+  uint64_t bytes =
+      SheetReader::bytes(grid, {.colours = !soup}) * (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
   if (!grid.isFlat() && !soup)
     bytes +=
         SharedVertices::countAtMost(*grid.manifest().base, grid.cellsPerPatchSide()) * sizeof(SharedVertices::Vertex);

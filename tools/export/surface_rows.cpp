@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 
 #include "texturing/codec/resolve.h"
@@ -122,7 +123,7 @@ SheetReader::SheetReader(const SurfaceGrid& grid, RowParts parts)
 uint64_t SheetReader::bytes(const SurfaceGrid& grid, RowParts parts) {
   const SheetReader reader(grid, parts);
   uint64_t bytes = grid.columns() * (sizeof(uint16_t) + sizeof(glm::dvec3) + sizeof(glm::u8vec3));
-  if (grid.hasRelief()) bytes += reader.relief_pages_ * kReliefPageSamples * sizeof(uint16_t);
+  if (parts.heights && grid.hasRelief()) bytes += reader.relief_pages_ * kReliefPageSamples * sizeof(uint16_t);
   if (parts.colours) bytes += reader.texture_pages_ * kSlotBytes;
   return bytes;
 }
@@ -234,8 +235,20 @@ Result<void> SheetReader::readColours(uint64_t y, SheetRow& row) {
   return {};
 }
 
+Result<void> SheetReader::readTexels(uint64_t y, SheetRow& row) {
+  assert(texels_per_cell_ == 1);
+  if (auto loaded = loadColours(y / kPagePx); !loaded) return loaded;
+  row.colours.resize(grid_.columns() - 1);
+  for (uint64_t x = 0; x < row.colours.size(); ++x) {
+    const uint8_t* at = texels_.data() + x / kPagePx * kSlotBytes +
+                        4 * ((y % kPagePx + kPageBorderPx) * kPageFullPx + x % kPagePx + kPageBorderPx);
+    row.colours[x] = {at[0], at[1], at[2]};
+  }
+  return {};
+}
+
 Result<void> SheetReader::read(uint64_t y, SheetRow& row) {
-  if (grid_.hasRelief()) {
+  if (parts_.heights && grid_.hasRelief()) {
     if (auto done = readHeights(y, row); !done) return done;
   }
   if (parts_.positions) {

@@ -72,7 +72,7 @@ struct SheetRow {
   std::vector<glm::u8vec3> colours;  // sRGB: the albedo; of a basis of light, the pixel under light from the front
 };
 struct RowParts {
-  bool positions = true, colours = true;
+  bool heights = true, positions = true, colours = true;
 };
 
 // Reads the rows of one sheet after the other; one per thread. Rows in growing order read each page once.
@@ -81,6 +81,9 @@ class SheetReader {
   SheetReader(const SurfaceGrid& grid, RowParts parts);
   void begin(uint32_t sheet);
   Result<void> read(uint64_t y, SheetRow& row);
+  // Row y of the texels of this level, as they are: of a flat artwork's sheet, at levels that the texture has. They are
+  // the cells, one fewer than columns().
+  Result<void> readTexels(uint64_t y, SheetRow& row);
   // The memory that its pages and a row take.
   static uint64_t bytes(const SurfaceGrid& grid, RowParts parts);
 
