@@ -41,6 +41,9 @@ void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_
   else if (!o.base && r.error_mm) printOutf(", within %.3g %s of full detail", *r.error_mm, unit);
   else if (!o.base) printOutf(", no bound of its error is known");
   printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
+  if (!o.base && r.coarser_error_mm && !o.error_mm)
+    printOutf("  level %d has a quarter of the triangles, within %.3g %s of full detail\n", r.level - 1,
+              *r.coarser_error_mm, unit);
   if (r.from_origin)
     printOutf("  positions count from (%.17g, %.17g, %.17g) %s of the scan's coordinates\n", r.origin_mm.x,
               r.origin_mm.y, r.origin_mm.z, unit);

@@ -19,6 +19,8 @@
 #include "texturing/package/patch_package_builder.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
+#include "tools/export/shared_vertices.h"
+#include "tools/export/surface_rows.h"
 
 namespace {
 
@@ -144,6 +146,32 @@ TEST_F(ExportBall, HeightsThatNeighboursDoNotShareAreRefused) {
   EXPECT_NE(report.error().text().find("ball.relievo: expected the same height from all patches"), std::string::npos)
       << report.error().text();
   EXPECT_EQ(folder_.entries(), 1u) << "only the package";
+}
+
+TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
+  const BaseMesh joined = cubeSphere(3, 40, 3);
+  const auto package = packageOf(NoisyPatches(joined, 0, 0, 7));
+  const SurfaceGrid grid(package, 6);
+  const uint64_t n = grid.cellsPerPatchSide();
+  const SharedVertices shared(joined, n);
+  std::map<uint64_t, std::vector<glm::dvec3>> places;
+  size_t others = 0;
+  for (uint32_t p = 0; p < joined.patches.size(); ++p)
+    for (uint64_t y = 0; y <= n; ++y)
+      for (uint64_t x = 0; x <= n; x += y == 0 || y == n ? 1 : n) {
+        const uint64_t i = shared.index(p, x, y);
+        const SurfaceGrid::Ray ray = grid.ray(p, x, y);
+        places[i].push_back(ray.at(0.1));
+        others += ray.base != joined.point(p, std::nextafter(x / double(n), 0.5), y / double(n));
+        const SharedVertices::Place place = shared.place(i);
+        EXPECT_EQ(shared.index(place.patch, place.x, place.y), i);
+      }
+  EXPECT_EQ(places.size(), shared.size());
+  for (const auto& [i, seen] : places) {
+    EXPECT_GE(seen.size(), 2u) << "a closed mesh";
+    for (const glm::dvec3& p : seen) EXPECT_TRUE(p == seen[0]) << i;
+  }
+  EXPECT_GT(others, places.size() / 2) << "control: a last bit more or less shows";
 }
 
 // Every vertex of the surface, and every one once, at the place that the definition gives.

@@ -384,8 +384,14 @@ Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& packag
   if (auto done = writeBase(*file, base, format, facts); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
-  return MeshExportReport{0,  facts.vertices,          facts.faces, bytes, format.quads(),
-                          {}, countsFromOrigin(facts), facts.origin};
+  MeshExportReport report;
+  report.vertices = facts.vertices;
+  report.faces = facts.faces;
+  report.file_bytes = bytes;
+  report.quads = format.quads();
+  report.from_origin = countsFromOrigin(facts);
+  report.origin_mm = facts.origin;
+  return report;
 }
 
 }  // namespace
@@ -399,6 +405,8 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   const SurfaceGrid grid(package, *level);
   auto bound = grid.errorBound();
   if (!bound) return bound.error();
+  auto coarser = SurfaceGrid(package, std::max(*level - 1, 0)).errorBound();
+  if (!coarser) return coarser.error();
   MeshFacts facts = factsOf(grid, **format);
   facts.about = aboutText(*package, &grid, *bound);
   const bool soup = (*format)->soup();
@@ -411,8 +419,16 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (auto done = mesh.write(*file); !done) return done.error();
   const uint64_t bytes = file->size();
   if (auto done = file->commit(); !done) return done.error();
-  return MeshExportReport{*level, mesh.facts().vertices,   facts.faces, bytes, false,
-                          *bound, countsFromOrigin(facts), facts.origin};
+  MeshExportReport report;
+  report.level = *level;
+  report.vertices = mesh.facts().vertices;
+  report.faces = facts.faces;
+  report.file_bytes = bytes;
+  report.error_mm = *bound;
+  if (*level > 0) report.coarser_error_mm = *coarser;
+  report.from_origin = countsFromOrigin(facts);
+  report.origin_mm = facts.origin;
+  return report;
 }
 
 }  // namespace relievo

@@ -37,8 +37,9 @@ struct MeshExportReport {
   int level = 0;
   uint64_t vertices = 0, faces = 0, file_bytes = 0;
   bool quads = false;
-  std::optional<double> error_mm;  // upper bound of the distance from full detail; nothing: not known
-  bool from_origin = false;        // positions in the file count from origin_mm
+  std::optional<double> error_mm;          // upper bound of the distance from full detail; nothing: not known
+  std::optional<double> coarser_error_mm;  // the same of the next coarser level
+  bool from_origin = false;                // positions in the file count from origin_mm
   glm::dvec3 origin_mm{0};
 };
 Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, const MeshExportOptions& options);

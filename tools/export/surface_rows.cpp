@@ -22,10 +22,6 @@ uint64_t pagesAlong(const PatchDomain& d, int level, bool x) {
   const NodeGrid grid = d.flat().nodeGrid(level);
   return x ? grid.columns : grid.rows;
 }
-glm::dvec3 between(const glm::vec3& lo, const glm::vec3& hi, double t) {
-  return glm::dvec3(lo) * (1 - t) + glm::dvec3(hi) * t;
-}
-
 }  // namespace
 
 int SurfaceGrid::finestLevel(const Manifest& m) {
@@ -52,22 +48,8 @@ SurfaceGrid::Ray SurfaceGrid::ray(uint32_t sheet, uint64_t x, uint64_t y) const 
                  y_px = std::min(static_cast<double>(y) * per_cell * side, height);
     return {{(x_px - width / 2) * d.mm_per_px, (height / 2 - y_px) * d.mm_per_px, 0}, {0, 0, 1}};
   }
-  const BaseMesh& base = *manifest().base;
-  const auto& index = base.patches[sheet];
-  const uint64_t n = cellsPerPatchSide();
   const double u = static_cast<double>(x) * per_cell, v = static_cast<double>(y) * per_cell;
-  const bool left_or_right = x == 0 || x == n;
-  if (!left_or_right && y != 0 && y != n) return {base.point(sheet, u, v), base.normal(sheet, u, v)};
-  size_t a = left_or_right ? (x == 0 ? 0 : 1) : (y == 0 ? 0 : 2), b = left_or_right ? a + 2 : a + 1;
-  double t = left_or_right ? v : u;
-  if (index[a] > index[b]) {
-    std::swap(a, b);
-    t = 1 - t;  // exact: t is a multiple of 2^-level
-  }
-  // A corner is that corner alone, whichever side it is reached on.
-  if (t == 0 || t == 1) a = b = t == 0 ? a : b, t = 0;
-  const BaseCorner &lo = base.corners[index[a]], &hi = base.corners[index[b]];
-  return {between(lo.position_mm, hi.position_mm, t), between(lo.normal, hi.normal, t)};
+  return {manifest().base->point(sheet, u, v), manifest().base->normal(sheet, u, v)};
 }
 
 double SurfaceGrid::extent() const {

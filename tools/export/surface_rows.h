@@ -6,8 +6,9 @@
 // Coordinates: over a base mesh mm from its origin_mm; of a flat artwork mm (or px, where no size is known) from its
 // centre on the plane of height 0, x right, y up, z towards the viewer.
 //
-// Vertices that patches share have the same bits from all of them: a vertex on a side is computed from that side's two
-// corners, ordered by their index (as geometry/lod/mesh_vertex.h does it in floats).
+// Vertices that patches share have the same bits from all of them, which formats without indices need: u and v are
+// multiples of 2^-level, 1 - u and 1 - v are exact, and x * 1 + y * 0 is x, so that on a side both patches add the same
+// two products. The project is compiled without contraction to fma.
 //
 // Errors: what the package's pages have, with the place in the file (kInvalidData, kIo).
 #pragma once
