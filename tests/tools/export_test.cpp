@@ -8,6 +8,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -146,6 +147,32 @@ TEST_F(ExportBall, HeightsThatNeighboursDoNotShareAreRefused) {
   EXPECT_NE(report.error().text().find("ball.relievo: expected the same height from all patches"), std::string::npos)
       << report.error().text();
   EXPECT_EQ(folder_.entries(), 1u) << "only the package";
+}
+
+// A side of three patches counts as border of each: only its corners are welded, and its places still coincide.
+TEST_F(ExportBall, ASideOfThreePatchesStaysThreeBordersAtOnePlace) {
+  BaseMesh fan;
+  for (const glm::vec3 p :
+       {glm::vec3(0, 0, 0), {0, 10, 0}, {10, 0, 0}, {10, 10, 0}, {-10, 0, 0}, {-10, 10, 0}, {0, 0, 10}, {0, 10, 10}})
+    fan.corners.push_back({p, glm::normalize(glm::vec3(0.3f, 0.1f, 1))});
+  fan.patches = {{0, 2, 1, 3}, {0, 4, 1, 5}, {0, 6, 1, 7}};
+  const auto package = packageOf(NoisyPatches(fan, 0, 0, 7));
+  constexpr uint64_t kCells = 8;
+  const MeshExportReport report = exported(package, "fan.obj", {.level = 3});
+  EXPECT_EQ(report.vertices, 3 * (kCells + 1) * (kCells + 1) - 2 * 2)
+      << "two corners, each once instead of three times";
+  std::ifstream in(folder_.file("fan.obj"));
+  std::map<std::string, int> places;
+  size_t vertices = 0;
+  for (std::string line; std::getline(in, line);)
+    if (line.starts_with("v ")) {
+      std::istringstream text(line.substr(2));
+      std::string x, y, z;
+      text >> x >> y >> z;
+      ++places[x + " " + y + " " + z], ++vertices;
+    }
+  EXPECT_EQ(vertices, report.vertices);
+  EXPECT_EQ(places.size(), report.vertices - 2 * (kCells - 1)) << "the side's inner vertices are there three times";
 }
 
 TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {

@@ -316,7 +316,7 @@ Result<int> chooseLevel(const std::shared_ptr<const Package>& package, const Mes
   }
   if (!o.error_mm) return finest;
   for (int level = 0; level < finest; ++level) {
-    auto bound = SurfaceGrid(package, level).errorBound();
+    auto bound = SurfaceGrid(package, level).errorBound(o.interrupted);
     if (!bound) return bound.error();
     if (*bound && **bound <= *o.error_mm) return level;
   }
@@ -403,16 +403,16 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   auto level = chooseLevel(package, o);
   if (!level) return level.error();
   const SurfaceGrid grid(package, *level);
-  auto bound = grid.errorBound();
-  if (!bound) return bound.error();
-  auto coarser = SurfaceGrid(package, std::max(*level - 1, 0)).errorBound();
-  if (!coarser) return coarser.error();
   MeshFacts facts = factsOf(grid, **format);
-  facts.about = aboutText(*package, &grid, *bound);
   const bool soup = (*format)->soup();
   if (!soup) facts.vertices = verticesAtMost(grid);
   if (auto good = (*format)->check(o.output, facts); !good) return good.error();
   if (auto good = checkMemory(grid, o, soup); !good) return good.error();
+  auto bound = grid.errorBound(o.interrupted);
+  if (!bound) return bound.error();
+  auto coarser = SurfaceGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
+  if (!coarser) return coarser.error();
+  facts.about = aboutText(*package, &grid, *bound);
   MeshExport mesh(grid, **format, o, facts);
   auto file = OutputFile::create(o.output);
   if (!file) return file.error();

@@ -64,7 +64,7 @@ double SurfaceGrid::extent() const {
   return std::max({size.x, size.y, size.z}) / 2;
 }
 
-Result<std::optional<double>> SurfaceGrid::errorBound() const {
+Result<std::optional<double>> SurfaceGrid::errorBound(const std::atomic<bool>* stop) const {
   const Manifest& m = manifest();
   if (!hasRelief() || level_ >= finestLevel(m)) return std::optional<double>(0.0);
   double bound = 0;
@@ -78,6 +78,8 @@ Result<std::optional<double>> SurfaceGrid::errorBound() const {
   for (uint32_t sheet = 0; sheet < sheets(); ++sheet) {
     for (uint64_t y = 0; y < rows; ++y) {
       for (uint64_t x = 0; x < columns; ++x) {
+        if (stop && stop->load(std::memory_order_relaxed))
+          return Error{ErrorKind::kInterrupted, package_->path(), "interrupted", "", {}};
         const NodeId node = isFlat() ? m.domain.flat().nodeAt(page_level, x, y)
                                      : NodeId{sheet, static_cast<uint32_t>(page_level), static_cast<uint32_t>(x),
                                               static_cast<uint32_t>(y)};

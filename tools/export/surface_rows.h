@@ -13,6 +13,7 @@
 // Errors: what the package's pages have, with the place in the file (kInvalidData, kIo).
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -58,8 +59,9 @@ class SurfaceGrid {
   // about as large as.
   double extent() const;
   // How far (a distance in space at the same (u, v)) this grid lies from the finest: an upper bound. Nothing: the
-  // package has none for grids of flat artworks coarser than a root page.
-  Result<std::optional<double>> errorBound() const;
+  // package has none for grids of flat artworks coarser than a root page. Reads the index of a level: kInterrupted soon
+  // after *stop is set (it may be null).
+  Result<std::optional<double>> errorBound(const std::atomic<bool>* stop = nullptr) const;
 
  private:
   std::shared_ptr<const Package> package_;
