@@ -88,6 +88,7 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
   addBuildCommand(app, context);
   addInfoCommand(app, context);
   addVerifyCommand(app, context);
+  addExportCommand(app, context);
   addRenderCommand(app, context);
   addViewCommand(app, context);
   addBenchCommand(app, context);

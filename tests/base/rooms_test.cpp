@@ -17,7 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 // Earlier ones may be included by later ones.
-constexpr std::array<std::string_view, 24> kOrder{"src/base",
+constexpr std::array<std::string_view, 25> kOrder{"src/base",
                                                   "src/artwork",
                                                   "src/artwork/bases",
                                                   "geometry/mesh",
@@ -38,6 +38,7 @@ constexpr std::array<std::string_view, 24> kOrder{"src/base",
                                                   "src/viewer",
                                                   "tools/report",
                                                   "tools/sample",
+                                                  "tools/export",
                                                   "tools/bench",
                                                   "tools/compare",
                                                   "tools"};

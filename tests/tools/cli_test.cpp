@@ -18,7 +18,7 @@ using namespace relievo::testing_support;
 
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
-  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench", "compare"}) {
+  for (const char* command : {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare"}) {
     Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
@@ -38,7 +38,8 @@ TEST_F(Cli, WrongUsageIsExitCode1) {
 }
 
 TEST_F(Cli, AMissingFileIsExitCode2AndNamed) {
-  for (const char* command : {"info ", "verify ", "render -o x.png ", "build -o x.relievo --ptm "}) {
+  for (const char* command :
+       {"info ", "verify ", "export -o x.ply ", "render -o x.png ", "build -o x.relievo --ptm "}) {
     Outcome r = relievo(command + file("nowhere.bin"));
     EXPECT_EQ(r.exit_code, 2) << command << r.output;
     EXPECT_NE(r.output.find("nowhere.bin"), std::string::npos) << r.output;
@@ -95,7 +96,7 @@ TEST_F(Cli, WhatIsExpectedIsHintedAt) {
   Outcome r = relievo("show x");
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("found 'show'"), std::string::npos) << r.output;
-  for (const char* command : {"sample", "build", "info", "verify", "render", "view", "bench", "compare"})
+  for (const char* command : {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare"})
     EXPECT_NE(r.output.find(command), std::string::npos) << r.output;
   r = relievo("render x.relievo -o x.png --background red");
   EXPECT_EQ(r.exit_code, 1);

@@ -70,9 +70,10 @@ TEST_F(PackageCli, ClaimsThatTheFileCannotHoldAreRefusedByEveryCommand) {
   encodeHeader(hugeHeader(uint64_t{1} << 24), {reinterpret_cast<uint8_t*>(bytes.data()), kHeaderBytes});
   write("huge.relievo", bytes);
   const std::string huge = file("huge.relievo");
-  for (const std::string& command : {"info " + huge, "info --json " + huge, "verify " + huge, "verify --json " + huge,
-                                     "verify --repair " + huge, "render " + huge + " -o " + file("p.png"),
-                                     "view " + huge, "bench " + huge, "compare " + huge + " -o " + file("report")}) {
+  for (const std::string& command :
+       {"info " + huge, "info --json " + huge, "verify " + huge, "verify --json " + huge, "verify --repair " + huge,
+        "export " + huge + " -o " + file("p.ply"), "render " + huge + " -o " + file("p.png"), "view " + huge,
+        "bench " + huge, "compare " + huge + " -o " + file("report")}) {
 #ifdef __SANITIZE_ADDRESS__
     const char* limit = "";  // the sanitizer maps terabytes
 #else
@@ -93,7 +94,7 @@ TEST_F(PackageCli, ABasisThatIsNotKnownIsUnsupported) {
   std::string bytes = bytes_;
   setHeader(bytes, h);
   write("other.relievo", bytes);
-  for (const char* command : {"info ", "info --json ", "verify ", "view "}) {
+  for (const char* command : {"info ", "info --json ", "verify ", "export -o x.ply ", "view "}) {
     const Outcome r = relievo(command + file("other.relievo"));
     EXPECT_EQ(r.exit_code, 5) << command << ": " << r.output;
     EXPECT_EQ(lines(r.output), 1) << r.output;

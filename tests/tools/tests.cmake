@@ -28,3 +28,7 @@ target_compile_definitions(thread_limit_test PRIVATE RELIEVO_PROGRAM="$<TARGET_F
 add_dependencies(thread_limit_test relievo relievo_thread_limit)
 relievo_test(replacement_test LIBS relievo_flights SOURCES tools/replacement_test.cpp)
 relievo_test(flight_test LIBS relievo_flights SOURCES tools/flight_test.cpp)
+relievo_test(export_test LIBS relievo_export relievo_scan nlohmann_json::nlohmann_json SOURCES tools/export_test.cpp)
+relievo_test(export_cli_test LIBS relievo_bake SOURCES tools/export_cli_test.cpp)
+target_compile_definitions(export_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
+add_dependencies(export_cli_test relievo)

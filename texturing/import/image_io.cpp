@@ -226,15 +226,15 @@ Result<std::vector<uint8_t>> encodePng(int width, int height, int channels, std:
 }
 
 Result<std::unique_ptr<ImageWriter>> ImageWriter::create(const std::string& path, int64_t width, int64_t height,
-                                                         int channels, SampleType type) {
+                                                         int channels, SampleType type, double mm_per_px) {
   auto format = imageFormatOf(path);
   if (!format) return format.error();
-  const bool fits = *format == ImageFormat::kExr    ? type == SampleType::kHalf
+  const bool fits = *format == ImageFormat::kExr    ? type == SampleType::kHalf || type == SampleType::kFloat
                     : *format == ImageFormat::kJpeg ? type == SampleType::kUint8
                     : *format == ImageFormat::kPng  ? type == SampleType::kUint8 || type == SampleType::kUint16
                                                     : type != SampleType::kHalf;
   if (!fits) return Error{ErrorKind::kUsage, path, "a file of this name cannot hold such samples", "write a .tif", {}};
-  return createWriter({path, *format, width, height, channels, type});
+  return createWriter({path, *format, width, height, channels, type, mm_per_px});
 }
 
 }  // namespace relievo

@@ -79,13 +79,13 @@ struct Image8 {
 };
 Result<Image8> readImage8(const std::string& path, const ImageReadOptions& options = {});
 
-// Bands of a TIFF, PNG or JPEG, by extension: appendRows until all rows are there, then commit, which decodes it again
-// as writeImage does.
+// Bands of a TIFF, PNG, EXR (half floats or floats) or JPEG, by extension: appendRows until all rows are there, then
+// commit, which decodes it again as writeImage does. mm_per_px: as writeImage has it.
 enum class SampleType { kUint8, kUint16, kFloat, kHalf };
 class ImageWriter {
  public:
   static Result<std::unique_ptr<ImageWriter>> create(const std::string& path, int64_t width, int64_t height,
-                                                     int channels, SampleType type);
+                                                     int channels, SampleType type, double mm_per_px = 0);
   virtual ~ImageWriter() = default;
   virtual Result<void> appendRows(int64_t rows, const void* samples) = 0;  // interleaved
   virtual Result<void> commit() = 0;

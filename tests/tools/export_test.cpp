@@ -1,0 +1,650 @@
+// relievo export: what a mesh file holds is compared with the surface evaluated here, straight from the definition
+// S = P + h N, and read back by the project's own readers of meshes.
+#include <xxhash.h>
+
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "geometry/scan/mesh_read.h"
+#include "tests/texturing/patch_fixture.h"
+#include "texturing/import/image_io.h"
+#include "texturing/package/package_builder.h"
+#include "texturing/package/package_layout.h"
+#include "texturing/package/patch_package_builder.h"
+#include "tools/export/map_export.h"
+#include "tools/export/mesh_export.h"
+#include "tools/export/shared_vertices.h"
+#include "tools/export/surface_rows.h"
+
+namespace {
+
+using namespace relievo;
+using namespace relievo::testing_support;
+
+std::string bytesOf(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+// Noise over a ball of patches that lie every way round.
+class ExportBall : public ::testing::Test {
+ protected:
+  static constexpr int kReliefDepth = 1, kFinest = 8;
+  std::shared_ptr<const Package> packageOf(const PatchSource& source) {
+    BuildOptions options;
+    options.output = folder_.file("ball.relievo");
+    const auto built = buildPatchPackage(source, options);
+    EXPECT_TRUE(built.ok()) << built.error().text();
+    auto package = Package::open(options.output);
+    EXPECT_TRUE(package.ok()) << package.error().text();
+    return *package;
+  }
+  MeshExportReport exported(const std::shared_ptr<const Package>& package, const std::string& name,
+                            MeshExportOptions options = {}) {
+    options.output = folder_.file(name);
+    auto report = exportMesh(package, options);
+    EXPECT_TRUE(report.ok()) << name << ": " << report.error().text();
+    return report.ok() ? *report : MeshExportReport{};
+  }
+  LoadedMesh readBack(const std::string& name) {
+    auto mesh = readMesh(folder_.file(name));
+    EXPECT_TRUE(mesh.ok()) << name << ": " << mesh.error().text();
+    return mesh.ok() ? std::move(*mesh) : LoadedMesh{};
+  }
+  ScratchFolder folder_;
+};
+
+// Findings of anything but the direction of patches, which lie every way round here, and borders, which are counted
+// apart.
+std::string unexpectedFindings(const MeshDiagnosis& d) {
+  std::string text;
+  for (const MeshFinding& f : d.findings)
+    if (f.what.find("flipped") == std::string::npos && f.what != "open borders")
+      text += f.what + " (" + std::to_string(f.count) + "); ";
+  return text;
+}
+
+TEST_F(ExportBall, WhatIsClosedComesOutClosedAtEveryLevelAndInEveryFormat) {
+  const NoisyPatches source(cubeSphere(2, 40, 3), 0, kReliefDepth, 7);
+  const auto package = packageOf(source);
+  const uint64_t patches = source.base().patches.size();
+  for (int level = 0; level <= kFinest; ++level) {
+    for (const std::string format : {"ply", "obj", "off", "stl"}) {
+      if (level > 4 && format != "ply" && format != "stl") continue;  // text of a million lines
+      const std::string name = "ball." + format;
+      const MeshExportReport report = exported(package, name, {.level = level});
+      const uint64_t faces = patches * 2 << (2 * level);
+      EXPECT_EQ(report.faces, faces);
+      const LoadedMesh read = readBack(name);
+      EXPECT_EQ(read.diagnosis.triangles_read, faces) << name << level;
+      EXPECT_EQ(read.diagnosis.triangles, faces) << name << level;
+      EXPECT_EQ(read.diagnosis.border_loops, 0u) << name << level;
+      EXPECT_EQ(read.diagnosis.pieces, 1u) << name << level;
+      // Euler: V - E + F = 2 of a ball, E = 3 F / 2.
+      EXPECT_EQ(read.diagnosis.vertices, faces / 2 + 2) << name << level;
+      if (format != "stl") {
+        EXPECT_EQ(read.diagnosis.vertices_read, faces / 2 + 2) << name << level << ": welded by identity";
+        EXPECT_EQ(report.vertices, faces / 2 + 2);
+        EXPECT_EQ(unexpectedFindings(read.diagnosis), "") << name << level;
+      }
+    }
+  }
+}
+
+// The same patches, none of which shares a corner with another.
+BaseMesh cornersApart(BaseMesh mesh) {
+  std::vector<BaseCorner> corners;
+  for (auto& patch : mesh.patches)
+    for (uint32_t& c : patch) {
+      corners.push_back(mesh.corners[c]);
+      c = static_cast<uint32_t>(corners.size() - 1);
+    }
+  mesh.corners = corners;
+  return mesh;
+}
+
+// Control: what is open is seen to be open, and patches that share no corner to be apart.
+TEST_F(ExportBall, WhatIsOpenComesOutOpen) {
+  const NoisyPatches open(cubeSphere(2, 40, 3, true), 0, kReliefDepth, 7);
+  exported(packageOf(open), "open.ply", {.level = 4});
+  EXPECT_EQ(readBack("open.ply").diagnosis.border_loops, 1u);
+  const BaseMesh apart = cornersApart(cubeSphere(2, 40, 3));
+  const NoisyPatches torn(apart, 0, kReliefDepth, 7);
+  exported(packageOf(torn), "torn.ply", {.level = 4});
+  EXPECT_EQ(readBack("torn.ply").diagnosis.border_loops, apart.patches.size());
+}
+
+// A package whose base mesh says that patches share corners, and whose pages were made of patches that share none: the
+// builder would refuse it.
+TEST_F(ExportBall, HeightsThatNeighboursDoNotShareAreRefused) {
+  const BaseMesh joined = cubeSphere(2, 40, 3);
+  packageOf(NoisyPatches(cornersApart(joined), 0, 0, 7));
+  std::string bytes = bytesOf(folder_.file("ball.relievo"));
+  auto* data = reinterpret_cast<uint8_t*>(bytes.data());
+  auto header = decodeHeader({data, kHeaderBytes}, "ball.relievo");
+  ASSERT_TRUE(header.ok());
+  const size_t corners = joined.patches.size() * 4;
+  for (const uint64_t section : {header->base_offset, header->base_copy_offset})
+    std::memcpy(data + section + 40 + 24 * corners, joined.patches.data(), joined.patches.size() * 16);
+  header->base_hash = XXH3_64bits(data + header->base_offset, header->base_bytes);
+  encodeHeader(*header, {data, kHeaderBytes});
+  encodeHeader(*header, {data + bytes.size() - kHeaderBytes, kHeaderBytes});
+  std::ofstream(folder_.file("ball.relievo"), std::ios::binary) << bytes;
+  auto package = Package::open(folder_.file("ball.relievo"));
+  ASSERT_TRUE(package.ok()) << package.error().text();
+  MeshExportOptions options;
+  options.output = folder_.file("torn.ply");
+  const auto report = exportMesh(*package, options);
+  ASSERT_FALSE(report.ok());
+  EXPECT_EQ(report.error().kind, ErrorKind::kInvalidData);
+  EXPECT_NE(report.error().text().find("ball.relievo: expected the same height from all patches"), std::string::npos)
+      << report.error().text();
+  EXPECT_EQ(folder_.entries(), 1u) << "only the package";
+}
+
+// A side of three patches counts as border of each: only its corners are welded, and its places still coincide.
+TEST_F(ExportBall, ASideOfThreePatchesStaysThreeBordersAtOnePlace) {
+  BaseMesh fan;
+  for (const glm::vec3 p :
+       {glm::vec3(0, 0, 0), {0, 10, 0}, {10, 0, 0}, {10, 10, 0}, {-10, 0, 0}, {-10, 10, 0}, {0, 0, 10}, {0, 10, 10}})
+    fan.corners.push_back({p, glm::normalize(glm::vec3(0.3f, 0.1f, 1))});
+  fan.patches = {{0, 2, 1, 3}, {0, 4, 1, 5}, {0, 6, 1, 7}};
+  const auto package = packageOf(NoisyPatches(fan, 0, 0, 7));
+  constexpr uint64_t kCells = 8;
+  const MeshExportReport report = exported(package, "fan.obj", {.level = 3});
+  EXPECT_EQ(report.vertices, 3 * (kCells + 1) * (kCells + 1) - 2 * 2)
+      << "two corners, each once instead of three times";
+  std::ifstream in(folder_.file("fan.obj"));
+  std::map<std::string, int> places;
+  size_t vertices = 0;
+  for (std::string line; std::getline(in, line);)
+    if (line.starts_with("v ")) {
+      std::istringstream text(line.substr(2));
+      std::string x, y, z;
+      text >> x >> y >> z;
+      ++places[x + " " + y + " " + z], ++vertices;
+    }
+  EXPECT_EQ(vertices, report.vertices);
+  EXPECT_EQ(places.size(), report.vertices - 2 * (kCells - 1)) << "the side's inner vertices are there three times";
+}
+
+TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
+  const BaseMesh joined = cubeSphere(3, 40, 3);
+  const auto package = packageOf(NoisyPatches(joined, 0, 0, 7));
+  const SurfaceGrid grid(package, 6);
+  const uint64_t n = grid.cellsPerPatchSide();
+  const SharedVertices shared(joined, n);
+  std::map<uint64_t, std::vector<glm::dvec3>> places;
+  size_t others = 0;
+  for (uint32_t p = 0; p < joined.patches.size(); ++p)
+    for (uint64_t y = 0; y <= n; ++y)
+      for (uint64_t x = 0; x <= n; x += y == 0 || y == n ? 1 : n) {
+        const uint64_t i = shared.index(p, x, y);
+        const SurfaceGrid::Ray ray = grid.ray(p, x, y);
+        places[i].push_back(ray.at(0.1));
+        others += ray.base != joined.point(p, std::nextafter(x / double(n), 0.5), y / double(n));
+        const SharedVertices::Place place = shared.place(i);
+        EXPECT_EQ(shared.index(place.patch, place.x, place.y), i);
+      }
+  EXPECT_EQ(places.size(), shared.size());
+  for (const auto& [i, seen] : places) {
+    EXPECT_GE(seen.size(), 2u) << "a closed mesh";
+    for (const glm::dvec3& p : seen) EXPECT_TRUE(p == seen[0]) << i;
+  }
+  EXPECT_GT(others, places.size() / 2) << "control: a last bit more or less shows";
+}
+
+// Every vertex of the surface, and every one once, at the place that the definition gives.
+TEST_F(ExportBall, VerticesAreThoseOfTheDefinition) {
+  BaseMesh base = cubeSphere(2, 40, 5);
+  base.origin_mm = {1, -2, 3};
+  const NoisyPatches source(base, 0, kReliefDepth, 11);
+  const auto package = packageOf(source);
+  for (const int level : {0, 3, 7, 8}) {
+    exported(package, "ball.ply", {.level = level});
+    const LoadedMesh read = readBack("ball.ply");
+    using Key = std::array<int64_t, 3>;
+    std::set<Key> expected;
+    const int n = 1 << level, step = source.cells() / n;
+    constexpr double kGrid = 1e-3;  // mm; far below the distances between vertices, far above what floats lose
+    const auto keyOf = [&](const glm::dvec3& p) {
+      return Key{std::llround(p.x / kGrid), std::llround(p.y / kGrid), std::llround(p.z / kGrid)};
+    };
+    const auto near = [&](const Key& k) {
+      for (int64_t dx = -1; dx <= 1; ++dx)
+        for (int64_t dy = -1; dy <= 1; ++dy)
+          for (int64_t dz = -1; dz <= 1; ++dz)
+            if (expected.contains({k[0] + dx, k[1] + dy, k[2] + dz})) return true;
+      return false;
+    };
+    for (uint32_t p = 0; p < base.patches.size(); ++p)
+      for (int y = 0; y <= n; ++y)
+        for (int x = 0; x <= n; ++x) {
+          const double u = x / double(n), v = y / double(n);
+          const double h = source.reliefOffsetMm() + source.reliefScaleMm() * source.height(p, x * step, y * step);
+          expected.insert(keyOf(base.origin_mm + base.point(p, u, v) + h * base.normal(p, u, v)));
+        }
+    size_t misses = 0;
+    for (const glm::vec3& p : read.mesh.positions_mm) misses += !near(keyOf(read.mesh.origin_mm + glm::dvec3(p)));
+    EXPECT_EQ(misses, 0u) << "level " << level;
+    EXPECT_NEAR(static_cast<double>(read.mesh.positions_mm.size()), static_cast<double>(expected.size()),
+                0.02 * static_cast<double>(expected.size()))
+        << "rounding puts some vertices on two places of the grid";
+    // Control: a height off by 1/100 of its range is seen.
+    size_t off = 0;
+    for (const glm::vec3& p : read.mesh.positions_mm) off += !near(keyOf(read.mesh.origin_mm + glm::dvec3(p) * 1.001));
+    EXPECT_GT(off, read.mesh.positions_mm.size() / 2);
+  }
+}
+
+// Cells are cut along (0,0)-(1,1) of each patch, as the format defines its surface.
+TEST_F(ExportBall, CellsAreCutAlongTheFirstDiagonal) {
+  const NoisyPatches source(cubeSphere(1, 40, 5), 0, 0, 11);
+  exported(packageOf(source), "ball.ply", {.level = 0});
+  const LoadedMesh read = readBack("ball.ply");
+  const BaseMesh& base = source.base();
+  using Key = std::array<long long, 3>;
+  std::set<std::pair<Key, Key>> edges;
+  const auto keyOf = [](const glm::dvec3& p) {
+    return Key{std::llround(p.x * 100), std::llround(p.y * 100), std::llround(p.z * 100)};
+  };
+  for (const auto& t : read.mesh.triangles)
+    for (size_t k = 0; k < 3; ++k) {
+      const auto at = [&](size_t i) {
+        return keyOf(read.mesh.origin_mm + glm::dvec3(read.mesh.positions_mm[t[i % 3]]));
+      };
+      edges.emplace(at(k), at(k + 1)), edges.emplace(at(k + 1), at(k));
+    }
+  const auto corner = [&](uint32_t p, int u, int v) {
+    const double h = source.reliefOffsetMm() + source.reliefScaleMm() * source.height(p, 128 * u, 128 * v);
+    return keyOf(base.point(p, u, v) + h * base.normal(p, u, v));  // the origin lies 3.7 m away: from there
+  };
+  for (uint32_t p = 0; p < base.patches.size(); ++p) {
+    EXPECT_TRUE(edges.contains(std::pair(corner(p, 0, 0), corner(p, 1, 1)))) << p;
+    EXPECT_FALSE(edges.contains(std::pair(corner(p, 1, 0), corner(p, 0, 1)))) << p;
+  }
+}
+
+TEST_F(ExportBall, ErrorsChooseTheCoarsestLevelThatKeepsThem) {
+  const NoisyPatches source(cubeSphere(1, 40, 5), 0, kReliefDepth, 11);
+  const auto package = packageOf(source);
+  for (int level = 0; level <= kFinest; ++level) {
+    const MeshExportReport as_asked = exported(package, "a.ply", {.level = level});
+    ASSERT_TRUE(as_asked.error_mm.has_value());
+    EXPECT_EQ(*as_asked.error_mm == 0, level == kFinest);
+    const MeshExportReport chosen = exported(package, "b.ply", {.error_mm = *as_asked.error_mm});
+    EXPECT_LE(*chosen.error_mm, *as_asked.error_mm);
+    EXPECT_LE(chosen.level, level);
+    const MeshExportReport finer = exported(package, "c.ply", {.error_mm = *as_asked.error_mm * 0.999 - 1e-9});
+    EXPECT_EQ(finer.level > level, level < kFinest);
+  }
+}
+
+TEST_F(ExportBall, TheBytesDoNotDependOnTheWorkers) {
+  const NoisyPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
+  const auto package = packageOf(source);
+  for (const std::string format : {"ply", "glb", "stl"}) {
+    exported(package, "one." + format, {.workers = 1});
+    exported(package, "five." + format, {.workers = 5});
+    EXPECT_TRUE(bytesOf(folder_.file("one." + format)) == bytesOf(folder_.file("five." + format))) << format;
+  }
+}
+
+TEST_F(ExportBall, FloatsCountFromTheOriginWhereTheScanLiesFarAway) {
+  BaseMesh far = cubeSphere(1, 40, 5);
+  far.origin_mm = {12345678.125, -7654321.5, 100000};
+  const NoisyPatches source(far, 0, 0, 11);
+  const auto package = packageOf(source);
+  EXPECT_TRUE(exported(package, "far.ply", {.level = 4}).from_origin);
+  const LoadedMesh ply = readBack("far.ply");
+  EXPECT_LT(glm::length(ply.diagnosis.max_mm), 100);
+  EXPECT_NE(bytesOf(folder_.file("far.ply")).find("comment origin 12345678.125 -7654321.5"), std::string::npos);
+  // Text keeps the scan's coordinates; the same vertices in the same order.
+  exported(package, "far.obj", {.level = 4});
+  const LoadedMesh obj = readBack("far.obj");
+  ASSERT_EQ(obj.mesh.positions_mm.size(), ply.mesh.positions_mm.size());
+  double worst = 0;
+  for (size_t i = 0; i < obj.mesh.positions_mm.size(); ++i)
+    worst = std::max(worst, glm::length(obj.mesh.origin_mm + glm::dvec3(obj.mesh.positions_mm[i]) - far.origin_mm -
+                                        ply.mesh.origin_mm - glm::dvec3(ply.mesh.positions_mm[i])));
+  EXPECT_LT(worst, 1e-5) << "a float of 12345678 has steps of 1";
+  // Near its zero, floats hold the scan's coordinates.
+  BaseMesh close = far;
+  close.origin_mm = {30, 0, 0};
+  EXPECT_FALSE(exported(packageOf(NoisyPatches(close, 0, 0, 11)), "near.ply", {.level = 4}).from_origin);
+  EXPECT_GT(readBack("near.ply").diagnosis.max_mm.x, 50);
+}
+
+TEST_F(ExportBall, TheBaseMeshIsQuadsWhereTheFormatHasThem) {
+  const NoisyPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
+  const auto package = packageOf(source);
+  const uint64_t patches = source.base().patches.size();
+  for (const std::string format : {"ply", "obj", "off", "stl", "glb"}) {
+    const bool quads = format != "stl" && format != "glb";
+    const MeshExportReport report = exported(package, "base." + format, {.base = true});
+    EXPECT_EQ(report.quads, quads);
+    EXPECT_EQ(report.faces, quads ? patches : 2 * patches);
+    if (format == "glb") continue;
+    const LoadedMesh read = readBack("base." + format);
+    EXPECT_EQ(read.diagnosis.triangles, 2 * patches);
+    EXPECT_EQ(read.diagnosis.vertices, source.base().corners.size());
+    EXPECT_EQ(read.diagnosis.border_loops, 0u);
+  }
+}
+
+// ---- glTF, read here by its specification ----
+struct Glb {
+  nlohmann::json json;
+  std::string binary, problem;
+};
+Glb parseGlb(const std::string& bytes) {
+  Glb glb;
+  const auto word = [&](size_t at) {
+    uint32_t v = 0;
+    if (at + 4 <= bytes.size()) std::memcpy(&v, bytes.data() + at, 4);
+    return v;
+  };
+  if (bytes.substr(0, 4) != "glTF" || word(4) != 2) return {{}, {}, "no glTF 2"};
+  if (word(8) != bytes.size()) return {{}, {}, "another length than stated"};
+  const uint32_t json_bytes = word(12);
+  if (word(16) != 0x4E4F534A || json_bytes % 4) return {{}, {}, "the first chunk is no JSON"};
+  glb.json = nlohmann::json::parse(bytes.substr(20, json_bytes), nullptr, false);
+  if (glb.json.is_discarded()) return {{}, {}, "no JSON"};
+  const uint32_t binary_bytes = word(20 + json_bytes);
+  if (word(24 + json_bytes) != 0x004E4942 || binary_bytes % 4 || 28 + json_bytes + binary_bytes != bytes.size())
+    return {{}, {}, "the second chunk is not the rest"};
+  glb.binary = bytes.substr(28 + json_bytes);
+  return glb;
+}
+// Value c of element i.
+double glbValue(const Glb& glb, int accessor, size_t i, size_t c) {
+  const auto& a = glb.json["accessors"][static_cast<size_t>(accessor)];
+  const auto& view = glb.json["bufferViews"][a["bufferView"].get<size_t>()];
+  const int type = a["componentType"];
+  const size_t size = type == 5123 ? 2 : 4, count = a["type"] == "SCALAR" ? 1 : a["type"] == "VEC3" ? 3 : 4;
+  const size_t stride = view.value("byteStride", size * count);
+  const char* at =
+      glb.binary.data() + view["byteOffset"].get<size_t>() + a["byteOffset"].get<size_t>() + i * stride + c * size;
+  if (at + size > glb.binary.data() + glb.binary.size()) return NAN;
+  float f;
+  uint32_t u;
+  uint16_t s;
+  if (type == 5126) return std::memcpy(&f, at, 4), f;
+  if (type == 5125) return std::memcpy(&u, at, 4), u;
+  return std::memcpy(&s, at, 2), s / 65535.0;
+}
+
+TEST_F(ExportBall, GlbHoldsTheMeshOfThePly) {
+  const NoisyPatches source(cubeSphere(2, 40, 3), 0, 0, 7);
+  const auto package = packageOf(source);
+  const MeshExportReport report = exported(package, "ball.glb", {.level = 5});
+  exported(package, "ball.ply", {.level = 5});
+  const LoadedMesh ply = readBack("ball.ply");
+  const std::string bytes = bytesOf(folder_.file("ball.glb"));
+  const Glb glb = parseGlb(bytes);
+  ASSERT_EQ(glb.problem, "");
+  const auto& node = glb.json["nodes"][0];
+  EXPECT_EQ(node["scale"], nlohmann::json::parse("[0.001, 0.001, 0.001]"));
+  EXPECT_EQ(node["translation"], nlohmann::json::parse("[1.0, -2.0, 3.0]"));
+  EXPECT_EQ(node["extras"]["position_unit"], "mm");
+  const auto& attributes = glb.json["meshes"][0]["primitives"][0]["attributes"];
+  EXPECT_EQ(glb.json["accessors"][0]["count"], report.vertices);
+  ASSERT_EQ(ply.mesh.positions_mm.size(), report.vertices);
+  std::array<double, 3> low{1e9, 1e9, 1e9}, high{-1e9, -1e9, -1e9};
+  double worst = 0, length_off = 0, colour_off = 0;
+  for (size_t i = 0; i < report.vertices; ++i) {
+    double length = 0;
+    for (size_t c = 0; c < 3; ++c) {
+      const double v = glbValue(glb, attributes["POSITION"], i, c), n = glbValue(glb, attributes["NORMAL"], i, c);
+      low[c] = std::min(low[c], v), high[c] = std::max(high[c], v);
+      const auto k = static_cast<glm::length_t>(c);
+      worst = std::max(worst, std::abs(v - (ply.mesh.origin_mm[k] + double{ply.mesh.positions_mm[i][k]})));
+      length += n * n;
+      const double s = ply.mesh.colours[i][k] / 255.0;
+      colour_off = std::max(colour_off, std::abs(glbValue(glb, attributes["COLOR_0"], i, c) -
+                                                 (s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4))));
+    }
+    length_off = std::max(length_off, std::abs(length - 1));
+  }
+  EXPECT_LT(worst, 1e-5) << "both count from the origin, 3.7 m away";
+  EXPECT_LT(length_off, 1e-5);
+  EXPECT_LT(colour_off, 1e-5) << "linear light";
+  EXPECT_EQ(glb.json["accessors"][0]["min"], nlohmann::json(low));
+  EXPECT_EQ(glb.json["accessors"][0]["max"], nlohmann::json(high));
+  std::set<std::array<uint32_t, 2>> open;  // directed or not: an edge that is met twice is closed
+  for (size_t t = 0; t < report.faces; ++t)
+    for (size_t k = 0; k < 3; ++k) {
+      const auto a = static_cast<uint32_t>(glbValue(glb, 2, 3 * t + k, 0)),
+                 b = static_cast<uint32_t>(glbValue(glb, 2, 3 * t + (k + 1) % 3, 0));
+      ASSERT_LT(a, report.vertices);
+      const std::array edge{std::min(a, b), std::max(a, b)};
+      if (!open.erase(edge)) open.insert(edge);
+    }
+  EXPECT_EQ(open.size(), 0u);
+  // Control: the parser sees a file that is cut, and one that states more.
+  EXPECT_NE(parseGlb(bytes.substr(0, bytes.size() - 4)).problem, "");
+  std::string longer = bytes;
+  longer[8] = static_cast<char>(longer[8] + 4);
+  EXPECT_NE(parseGlb(longer).problem, "");
+}
+
+// ---- flat artworks ----
+TEST_F(ExportBall, AFlatArtworkLiesAroundItsCentreWithItsOwnHeights) {
+  const NoisyTexture texture(300, 200, Basis::kColour, 5);
+  const NoisyHeights heights(300, 200, 9);
+  BuildOptions options;
+  options.output = folder_.file("flat.relievo");
+  options.mm_per_px = 0.5;
+  ASSERT_TRUE(buildPackage(texture, &heights, options).ok());
+  auto package = Package::open(options.output);
+  ASSERT_TRUE(package.ok());
+  const FlatDomain d = (*package)->manifest().domain.flat();
+  std::vector<float> map(300 * 200);
+  (void)heights.read({0, 0, 300, 200}, map);
+  const int finest = 7 + d.relief_depth;
+  for (const int level : {finest, finest - 1, 3}) {
+    const MeshExportReport report = exported(*package, "flat.ply", {.level = level});
+    EXPECT_EQ(report.error_mm.has_value(), level >= 7);
+    const double step = static_cast<double>(d.patchPx()) / (1 << level);  // texels
+    const auto columns = static_cast<size_t>(std::ceil(300 / step)) + 1,
+               rows = static_cast<size_t>(std::ceil(200 / step)) + 1;
+    ASSERT_EQ(report.vertices, columns * rows);
+    const LoadedMesh read = readBack("flat.ply");
+    EXPECT_EQ(read.diagnosis.border_loops, 1u);
+    EXPECT_EQ(read.diagnosis.vertices, columns * rows);
+    EXPECT_EQ(unexpectedFindings(read.diagnosis), "");
+    double worst_place = 0, worst_height = 0;
+    for (size_t y = 0; y < rows; ++y)
+      for (size_t x = 0; x < columns; ++x) {
+        const glm::dvec3 p = read.mesh.origin_mm + glm::dvec3(read.mesh.positions_mm[y * columns + x]);
+        const double tx = std::min(static_cast<double>(x) * step, 300.0),
+                     ty = std::min(static_cast<double>(y) * step, 200.0);
+        worst_place = std::max({worst_place, std::abs(p.x - (tx - 150) * 0.5), std::abs(p.y - (100 - ty) * 0.5)});
+        worst_height = std::max(worst_height, std::abs(p.z - naiveHeightMm(heights, map, d, tx, ty)));
+      }
+    EXPECT_LT(worst_place, 1e-4) << level;
+    EXPECT_LT(worst_height, 0.51 * d.relief_scale_mm + 1e-5) << level;
+    for (const auto& t : read.mesh.triangles) {
+      const auto& p = read.mesh.positions_mm;
+      ASSERT_GT(glm::cross(p[t[1]] - p[t[0]], p[t[2]] - p[t[0]]).z, 0) << "towards the viewer";
+    }
+  }
+}
+
+// Colours of vertices between texels are the mean of the four around them; at the border, of those that there are.
+TEST_F(ExportBall, ColoursAreThoseOfTheTexels) {
+  const NoisyTexture texture(300, 200, Basis::kColour, 5);
+  BuildOptions options;
+  options.output = folder_.file("flat.relievo");
+  ASSERT_TRUE(buildPackage(texture, nullptr, options).ok());
+  auto package = Package::open(options.output);
+  ASSERT_TRUE(package.ok());
+  const MeshExportReport report = exported(*package, "flat.ply");  // without relief: a vertex a texel
+  ASSERT_EQ(report.vertices, 301u * 201u);
+  const LoadedMesh read = readBack("flat.ply");
+  int worst = 0;
+  for (int64_t y = 0; y <= 200; ++y)
+    for (int64_t x = 0; x <= 300; ++x)
+      for (int c = 0; c < 3; ++c) {
+        int sum = 0;
+        for (const int64_t j : {y - 1, y})
+          for (const int64_t i : {x - 1, x})
+            sum += texture.at(c, std::clamp<int64_t>(i, 0, 299), std::clamp<int64_t>(j, 0, 199));
+        worst = std::max(worst, std::abs(4 * read.mesh.colours[static_cast<size_t>(y * 301 + x)][c] - sum));
+      }
+  EXPECT_LE(worst, 2) << "quarters: rounded to the nearest";
+}
+
+// ---- maps ----
+class ExportMaps : public ExportBall {
+ protected:
+  static constexpr int kWidth = 300, kHeight = 200;
+  static constexpr double kMmPerPx = 0.5;
+  void SetUp() override {
+    BuildOptions options;
+    options.output = folder_.file("flat.relievo");
+    options.mm_per_px = kMmPerPx;
+    ASSERT_TRUE(buildPackage(texture_, &heights_, options).ok());
+    auto package = Package::open(options.output);
+    ASSERT_TRUE(package.ok());
+    package_ = *package;
+    domain_ = package_->manifest().domain.flat();
+    map_.resize(size_t{kWidth} * kHeight);
+    (void)heights_.read({0, 0, kWidth, kHeight}, map_);
+  }
+  MapExportReport mapped(ExportMap map, const std::string& name, MapExportOptions options = {}) {
+    options.map = map;
+    options.output = folder_.file(name);
+    auto report = exportMap(package_, options);
+    EXPECT_TRUE(report.ok()) << name << ": " << report.error().text();
+    return report.ok() ? *report : MapExportReport{};
+  }
+  // Of the vertex (x, y) of the grid of `step` texels a cell.
+  double heightAt(double x, double y, double step) const {
+    return naiveHeightMm(heights_, map_, domain_, std::min(x * step, double{kWidth}),
+                         std::min(y * step, double{kHeight}));
+  }
+  std::vector<float> heightsOf(const std::string& name, std::optional<std::pair<double, double>> range = {}) {
+    auto image = openHeightImage(folder_.file(name), range);
+    EXPECT_TRUE(image.ok()) << image.error().text();
+    std::vector<float> values(static_cast<size_t>((*image)->width() * (*image)->height()));
+    EXPECT_TRUE((*image)->read({0, 0, (*image)->width(), (*image)->height()}, values).ok());
+    return values;
+  }
+  const NoisyTexture texture_{kWidth, kHeight, Basis::kColour, 5};
+  const NoisyHeights heights_{kWidth, kHeight, 9};
+  std::shared_ptr<const Package> package_;
+  FlatDomain domain_;
+  std::vector<float> map_;
+};
+
+TEST_F(ExportMaps, HeightsAreThoseOfTheSurfaceAtTheCellsCentres) {
+  for (const int level : {7 + domain_.relief_depth, 7}) {
+    const double step = static_cast<double>(domain_.patchPx()) / (1 << level), low = domain_.relief_offset_mm,
+                 high = low + 65535 * domain_.relief_scale_mm;
+    for (const std::string name : {"h.tif", "h.exr", "h.png", "d.tif", "d.png"}) {
+      const bool depth = name[0] == 'd', png = name.ends_with(".png");
+      const MapExportReport r = mapped(depth ? ExportMap::kDepth : ExportMap::kHeight, name, {.level = level});
+      const auto columns = static_cast<size_t>(std::ceil(kWidth / step));
+      ASSERT_EQ(r.width, static_cast<int64_t>(columns));
+      ASSERT_EQ(r.height, static_cast<int64_t>(std::ceil(kHeight / step)));
+      EXPECT_EQ(r.scaled, png);
+      EXPECT_NEAR(r.low_mm, depth ? 0 : low, 1e-9);
+      EXPECT_NEAR(r.high_mm, depth ? high - low : high, 1e-9);
+      std::optional<std::pair<double, double>> range;
+      if (png) range = {r.low_mm, r.high_mm};
+      const std::vector<float> values = heightsOf(name, range);
+      double worst = 0, worst_other = 0;
+      for (size_t i = 0; i < values.size(); ++i) {
+        const auto x = static_cast<double>(i % columns), y = static_cast<double>(i / columns);
+        const double along = (heightAt(x, y, step) + heightAt(x + 1, y + 1, step)) / 2,
+                     across = (heightAt(x + 1, y, step) + heightAt(x, y + 1, step)) / 2, found = double{values[i]};
+        worst = std::max(worst, std::abs((depth ? high - found : found) - along));
+        worst_other = std::max(worst_other, std::abs((depth ? high - found : found) - across));
+      }
+      EXPECT_LT(worst, 1.1 * domain_.relief_scale_mm + 1e-6) << name << level;
+      EXPECT_GT(worst_other, 100 * domain_.relief_scale_mm) << "control: cells cut along the other diagonal";
+      if (name.ends_with(".exr")) continue;  // its density is no tag that readImageFacts() takes
+      const auto facts = readImageFacts(folder_.file(name));
+      ASSERT_TRUE(facts.ok());
+      EXPECT_NEAR(facts->tag_mm_per_px, kMmPerPx * step, 1e-3 * kMmPerPx * step) << name;
+    }
+  }
+}
+
+TEST_F(ExportMaps, NormalsAreThoseOfTheBilinearCellsInBothConventions) {
+  const int level = 7 + domain_.relief_depth;
+  const double step = static_cast<double>(domain_.patchPx()) / (1 << level), mm = step * kMmPerPx;
+  for (const bool down : {false, true}) {
+    mapped(ExportMap::kNormal, "n.png", {.level = level, .normal_y_down = down});
+    const auto image = readImage8(folder_.file("n.png"));  // the upper bytes
+    ASSERT_TRUE(image.ok());
+    ASSERT_EQ(image->channels, 3);
+    double worst = 0, flipped = 0;
+    for (int y = 0; y < image->height; ++y)
+      for (int x = 0; x < image->width; ++x) {
+        const auto h = [&](int dx, int dy) { return heightAt(x + dx, y + dy, step); };
+        const double along_x = (h(1, 0) + h(1, 1) - h(0, 0) - h(0, 1)) / 2 / mm,
+                     along_y = (h(0, 0) + h(1, 0) - h(0, 1) - h(1, 1)) / 2 / mm;  // y up
+        const glm::dvec3 n = glm::normalize(glm::dvec3(-along_x, down ? along_y : -along_y, 1));
+        for (int c = 0; c < 3; ++c) {
+          const double found = image->pixels[static_cast<size_t>(3 * (y * image->width + x) + c)];
+          worst = std::max(worst, std::abs(found - 255 * (n[c] + 1) / 2));
+          if (c == 1) flipped = std::max(flipped, std::abs(found - 255 * (1 - n[c]) / 2));
+        }
+      }
+    EXPECT_LT(worst, 1.01);
+    EXPECT_GT(flipped, 20) << "control: the other convention";
+  }
+}
+
+TEST_F(ExportMaps, AlbedoIsTheTexelsThemselves) {
+  for (const std::string name : {"a.png", "a.tif"}) {
+    const MapExportReport r = mapped(ExportMap::kAlbedo, name);
+    ASSERT_EQ(r.width, kWidth);
+    ASSERT_EQ(r.height, kHeight);
+    const auto image = readImage8(folder_.file(name));
+    ASSERT_TRUE(image.ok());
+    size_t differ = 0;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x)
+        for (int c = 0; c < 3; ++c)
+          differ += image->pixels[static_cast<size_t>(3 * (y * kWidth + x) + c)] != texture_.at(c, x, y);
+    EXPECT_EQ(differ, 0u) << name;
+  }
+}
+
+TEST_F(ExportMaps, WhatAFormatOrAnArtworkCannotHoldIsRefused) {
+  const auto refused = [&](const std::shared_ptr<const Package>& package, ExportMap map, const std::string& name,
+                           std::optional<int> level, const std::string& text) {
+    MapExportOptions options;
+    options.map = map;
+    options.output = folder_.file(name);
+    options.level = level;
+    const size_t before = folder_.entries();
+    const auto report = exportMap(package, options);
+    ASSERT_FALSE(report.ok()) << name;
+    EXPECT_EQ(report.error().kind, ErrorKind::kUsage);
+    EXPECT_NE(report.error().text().find(text), std::string::npos) << report.error().text();
+    EXPECT_EQ(folder_.entries(), before);
+  };
+  refused(package_, ExportMap::kHeight, "a.jpg", {}, "JPEG");
+  refused(package_, ExportMap::kHeight, "a.ply", {}, "ends in .png");
+  refused(package_, ExportMap::kHeight, "a.tif", 6, "expected a --level of 7 to ");
+  refused(package_, ExportMap::kAlbedo, "a.tif", 8 + domain_.texture_depth, "expected a --level of 7 to ");
+  refused(packageOf(NoisyPatches(cubeSphere(1, 40, 3), 0, 0, 7)), ExportMap::kHeight, "a.tif", {},
+          "is no flat artwork");
+  BuildOptions options;
+  options.output = folder_.file("plain.relievo");
+  ASSERT_TRUE(buildPackage(texture_, nullptr, options).ok());
+  refused(*Package::open(options.output), ExportMap::kNormal, "a.tif", {}, "has no relief");
+}
+
+}  // namespace

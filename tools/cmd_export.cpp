@@ -1,0 +1,177 @@
+// relievo export: the surface of a package as a mesh, or a flat one's maps as images, for other programs.
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+
+#include "src/base/progress.h"
+#include "src/base/standard_output.h"
+#include "texturing/import/image_io.h"
+#include "texturing/package/package.h"
+#include "tools/commands.h"
+#include "tools/export/map_export.h"
+#include "tools/export/mesh_export.h"
+#include "tools/export/mesh_format.h"
+#include "tools/output_files.h"
+
+namespace relievo {
+namespace {
+
+struct ExportArguments {
+  std::string file, output;
+  std::optional<int> level;
+  std::optional<double> error_mm;
+  bool base = false;
+  std::string map, normal_y = "up";
+  uint64_t memory_mib = 768;
+  int workers = 0;
+};
+
+std::string cellsText(const MeshExportReport& r) {
+  return "level " + std::to_string(r.level) + ", " + std::to_string(uint64_t{1} << r.level) + " cells a patch side";
+}
+
+void printReport(const ExportArguments& o, const MeshExportReport& r, bool size_known, double seconds) {
+  const char* unit = size_known ? "mm" : "px";
+  std::string vertices = r.vertices ? std::to_string(r.vertices) + " vertices, " : "";
+  printOutf("%s: %s%llu %s, %s", printable(o.output).c_str(), vertices.c_str(),
+            static_cast<unsigned long long>(r.faces), r.quads ? "quads" : "triangles",
+            o.base ? "base mesh" : cellsText(r).c_str());
+  if (!o.base && r.error_mm && *r.error_mm == 0) printOutf(", full detail");
+  else if (!o.base && r.error_mm) printOutf(", within %.3g %s of full detail", *r.error_mm, unit);
+  else if (!o.base) printOutf(", no bound of its error is known");
+  printOutf(", %.1f MiB, %.1f s\n", static_cast<double>(r.file_bytes) / (1 << 20), seconds);
+  if (!o.base && r.coarser_error_mm && !o.error_mm)
+    printOutf("  level %d has a quarter of the triangles, within %.3g %s of full detail\n", r.level - 1,
+              *r.coarser_error_mm, unit);
+  if (r.from_origin)
+    printOutf("  positions count from (%.17g, %.17g, %.17g) %s of the scan's coordinates\n", r.origin_mm.x,
+              r.origin_mm.y, r.origin_mm.z, unit);
+}
+
+double secondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+Result<void> exportAsMap(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
+  const auto start = std::chrono::steady_clock::now();
+  auto map = exportMapOf(o.map);
+  if (!map) return map.error();
+  Result<MapExportReport> report = MapExportReport{};
+  {
+    ProgressLine line("export");
+    MapExportOptions options;
+    options.output = o.output;
+    options.map = *map;
+    options.level = o.level;
+    options.normal_y_down = o.normal_y == "down";
+    options.memory_bytes = o.memory_mib << 20;
+    options.progress = [&](double share) { line.update(share, o.output); };
+    options.interrupted = &interruptedFlag();
+    report = exportMap(package, options);
+  }
+  if (!report) return report.error();
+  const char* unit = package->manifest().size_known ? "mm" : "px";
+  printOutf("%s: %s map, %lld x %lld px, level %d", printable(o.output).c_str(), o.map.c_str(),
+            static_cast<long long>(report->width), static_cast<long long>(report->height), report->level);
+  if (report->mm_per_px > 0) printOutf(", %.6g mm per px", report->mm_per_px);
+  if (report->scaled) printOutf(", 0 to 65535 for %.9g to %.9g %s", report->low_mm, report->high_mm, unit);
+  printOutf(", %.1f s\n", secondsSince(start));
+  return {};
+}
+
+Result<void> exportAsMesh(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
+  const auto start = std::chrono::steady_clock::now();
+  Result<MeshExportReport> report = MeshExportReport{};
+  {
+    ProgressLine line("export");
+    MeshExportOptions options;
+    options.output = o.output;
+    options.level = o.level;
+    options.error_mm = o.error_mm;
+    options.base = o.base;
+    options.memory_bytes = o.memory_mib << 20;
+    options.workers = o.workers;
+    options.progress = [&](double share) { line.update(share, o.output); };
+    options.interrupted = &interruptedFlag();
+    report = exportMesh(package, options);
+  }
+  if (!report) return report.error();
+  printReport(o, *report, package->manifest().size_known, secondsSince(start));
+  return {};
+}
+
+Result<void> exportArtwork(const ExportArguments& o) {
+  // Names are looked at before anything is read.
+  if (o.map.empty()) {
+    if (auto format = meshFormatOf(o.output); !format) return format.error();
+  } else {
+    if (auto format = imageFormatOf(o.output); !format) return format.error();
+  }
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}}, {{"FILE", o.file}}); !good) return good;
+  auto package = Package::open(o.file);
+  if (!package) return package.error();
+  for (const std::string& warning : (*package)->warnings()) warn(o.file + ": " + warning);
+  return o.map.empty() ? exportAsMesh(o, *package) : exportAsMap(o, *package);
+}
+
+}  // namespace
+
+void addExportCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<ExportArguments>();
+  auto* c =
+      app.add_subcommand("export",
+                         "Write a package's surface as a mesh (.ply, .obj, .stl, .off, .glb), or a flat artwork's "
+                         "heights, normals or colours as an image (.tif, .exr, .png)");
+  c->footer(
+      "Example:\n  relievo export statue.relievo -o statue.ply\n"
+      "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
+      "  relievo export tablet.relievo -o heights.tif --map height\n\n"
+      "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
+      ".stl) are the albedo,\n"
+      "or the picture under light from the front; normals are the mesh's own.\n"
+      "Lengths are mm in the scan's own coordinates (px where no size is known); a flat artwork lies around its "
+      "centre, "
+      "x right, y up.\n"
+      ".ply and .stl hold floats. Where these would lose detail because the scan lies far from its zero, positions "
+      "count "
+      "from an origin,\n"
+      "which the file's comment or header names and which is printed. .glb always does so: its node scales mm to "
+      "metres "
+      "and adds the\n"
+      "origin. Text formats keep the scan's coordinates.\n\n"
+      "Maps are of flat artworks; a pixel is a cell of the level. height: mm, 32-bit float. depth: mm below the "
+      "relief's highest place.\n"
+      "A .png has both in 16 bits over the relief's range, which is printed: build takes it again as --relief-mm. "
+      "normal: (n + 1)/2 in\n"
+      "16 bits, in .exr float. albedo: sRGB, in .exr linear light. The pixel's size is stated as the resolution.");
+  c->add_option("FILE", o->file, "Package to read")->required();
+  c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
+      ->required();
+  auto* level = c->add_option("--level", o->level, "Cells a patch side: 2^LEVEL, 0 to 24, of maps from 7 [full detail]")
+                    ->check(CLI::Range(0, 24));
+  auto* error = c->add_option("--error-mm", o->error_mm,
+                              "Coarsest level within this distance of full detail, mm (px where no size is known)")
+                    ->check(CLI::NonNegativeNumber)
+                    ->excludes(level);
+  auto* base = c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")
+                   ->excludes(level)
+                   ->excludes(error);
+  auto* map = c->add_option("--map", o->map, "Of a flat artwork, an image: height, depth, normal or albedo")
+                  ->check(CLI::IsMember({"height", "depth", "normal", "albedo"}))
+                  ->excludes(error)
+                  ->excludes(base);
+  c->add_option("--normal-y", o->normal_y, "Direction of green in a normal map: up (OpenGL) or down (DirectX)")
+      ->check(CLI::IsMember({"up", "down"}))
+      ->needs(map)
+      ->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")
+      ->check(CLI::Range(64, 1 << 20))
+      ->capture_default_str();
+  c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
+  c->callback([o, &context] {
+    if (auto done = exportArtwork(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo

@@ -1,0 +1,434 @@
+#include "tools/export/mesh_export.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <vector>
+
+#include "src/base/file.h"
+#include "src/base/parallel_for.h"
+#include "src/base/printable.h"
+#include "tools/export/mesh_format.h"
+#include "tools/export/shared_vertices.h"
+#include "tools/export/surface_rows.h"
+
+namespace relievo {
+namespace {
+
+// Of positions rounded to floats, as a .glb states them.
+struct Bounds {
+  glm::vec3 low{3e38f}, high{-3e38f};
+  void add(const glm::dvec3& p) { low = glm::min(low, glm::vec3(p)), high = glm::max(high, glm::vec3(p)); }
+  void add(const Bounds& b) { low = glm::min(low, b.low), high = glm::max(high, b.high); }
+};
+
+glm::vec3 unit(const glm::dvec3& v, const glm::dvec3& otherwise) {
+  const double length = glm::length(v);
+  return length > 0 ? glm::vec3(v / length) : glm::vec3(glm::normalize(otherwise));
+}
+
+// A vertex on a patch's border as one patch sees it.
+struct BorderVertex {
+  uint64_t index;  // of SharedVertices
+  glm::vec3 normal;
+  uint16_t height;
+  glm::u8vec3 colour;
+};
+
+// Vertices of a sheet that no other has.
+uint64_t ownVertices(const SurfaceGrid& g) {
+  return g.isFlat() ? g.columns() * g.rows() : (g.columns() - 2) * (g.rows() - 2);
+}
+uint64_t verticesAtMost(const SurfaceGrid& g) {
+  return ownVertices(g) * g.sheets() +
+         (g.isFlat() ? 0 : SharedVertices::countAtMost(*g.manifest().base, g.cellsPerPatchSide()));
+}
+
+// What one sheet gives: bytes of its own vertices (or of a soup's triangles), and its share of those on its border.
+struct SheetOutput {
+  ByteBuffer bytes;
+  Bounds bounds;
+  std::vector<BorderVertex> border;
+  std::optional<Error> error;
+};
+
+class MeshExport {
+ public:
+  MeshExport(const SurfaceGrid& grid, const MeshFormat& format, const MeshExportOptions& options,
+             const MeshFacts& facts)
+      : grid_(grid), format_(format), options_(options), facts_(facts) {
+    if (format.soup()) return;
+    if (!grid.isFlat()) shared_.emplace(*grid.manifest().base, grid.cellsPerPatchSide());
+    facts_.vertices = ownVertices(grid) * grid.sheets() + (shared_ ? shared_->size() : 0);
+  }
+
+  const MeshFacts& facts() const { return facts_; }
+  Result<void> write(OutputFile& file);
+
+ private:
+  using Append = std::function<Result<void>(ByteBuffer&)>;
+  Result<void> writeSheets(OutputFile& file);
+  Result<void> walkSheet(SheetReader& reader, uint32_t sheet, SheetOutput& out, const Append& append);
+  void emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const std::vector<glm::dvec3>& normals,
+               SheetOutput& out) const;
+  void emitTriangles(const SheetRow& above, const SheetRow& below, SheetOutput& out) const;
+  Result<void> merge(const SheetOutput& out);
+  Result<void> writeShared(OutputFile& file);
+  Result<void> writeFaces(OutputFile& file);
+  uint32_t vertexIndex(uint32_t sheet, uint64_t x, uint64_t y) const;
+  bool interrupted() const { return options_.interrupted && options_.interrupted->load(std::memory_order_relaxed); }
+  Error interruption() const { return {ErrorKind::kInterrupted, options_.output, "interrupted", "", {}}; }
+  void report(double share) const {
+    if (options_.progress) options_.progress(share);
+  }
+
+  const SurfaceGrid& grid_;
+  const MeshFormat& format_;
+  const MeshExportOptions& options_;
+  MeshFacts facts_;
+  std::optional<SharedVertices> shared_;
+  Bounds bounds_;
+};
+
+// Adds the cross products of a row of cells' triangles to the normals of the vertices above and below it.
+void addCrosses(const SheetRow& above, const SheetRow& below, std::vector<glm::dvec3>& normals_above,
+                std::vector<glm::dvec3>& normals_below) {
+  for (size_t x = 0; x + 1 < above.positions.size(); ++x) {
+    const glm::dvec3 &a = above.positions[x], &b = above.positions[x + 1], &c = below.positions[x],
+                     &d = below.positions[x + 1];
+    const glm::dvec3 upper = glm::cross(d - a, b - a), lower = glm::cross(c - a, d - a);
+    normals_above[x] += upper + lower;
+    normals_above[x + 1] += upper;
+    normals_below[x] += lower;
+    normals_below[x + 1] += upper + lower;
+  }
+}
+
+void MeshExport::emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const std::vector<glm::dvec3>& normals,
+                         SheetOutput& out) const {
+  const bool end_row = y == 0 || y + 1 == grid_.rows();
+  for (uint64_t x = 0; x < grid_.columns(); ++x) {
+    if (shared_ && (end_row || x == 0 || x + 1 == grid_.columns())) {
+      out.border.push_back({shared_->index(sheet, x, y), glm::vec3(normals[x]),
+                            row.heights.empty() ? uint16_t{0} : row.heights[x], row.colours[x]});
+      continue;
+    }
+    const glm::vec3 normal = unit(normals[x], grid_.isFlat() ? glm::dvec3(0, 0, 1) : grid_.ray(sheet, x, y).along);
+    format_.vertex(facts_, {row.positions[x], normal, row.colours[x]}, out.bytes);
+    out.bounds.add(row.positions[x]);
+  }
+}
+
+void MeshExport::emitTriangles(const SheetRow& above, const SheetRow& below, SheetOutput& out) const {
+  for (size_t x = 0; x + 1 < above.positions.size(); ++x) {
+    const glm::dvec3 &a = above.positions[x], &b = above.positions[x + 1], &c = below.positions[x],
+                     &d = below.positions[x + 1];
+    format_.triangle(facts_, {a, d, b}, out.bytes);
+    format_.triangle(facts_, {a, c, d}, out.bytes);
+  }
+}
+
+Result<void> MeshExport::walkSheet(SheetReader& reader, uint32_t sheet, SheetOutput& out, const Append& append) {
+  reader.begin(sheet);
+  SheetRow above, below;
+  std::vector<glm::dvec3> normals_above(grid_.columns(), glm::dvec3(0)), normals_below = normals_above;
+  if (auto read = reader.read(0, above); !read) return read;
+  for (uint64_t y = 0; y + 1 < grid_.rows(); ++y) {
+    if (interrupted()) return interruption();
+    if (auto read = reader.read(y + 1, below); !read) return read;
+    if (format_.soup()) {
+      emitTriangles(above, below, out);
+    } else {
+      std::fill(normals_below.begin(), normals_below.end(), glm::dvec3(0));
+      addCrosses(above, below, normals_above, normals_below);
+      emitRow(sheet, y, above, normals_above, out);
+    }
+    if (auto appended = append(out.bytes); !appended) return appended;
+    if (grid_.isFlat()) report(0.7 * static_cast<double>(y) / static_cast<double>(grid_.rows()));
+    std::swap(above, below);
+    std::swap(normals_above, normals_below);
+  }
+  if (!format_.soup()) emitRow(sheet, grid_.rows() - 1, above, normals_above, out);
+  return append(out.bytes);
+}
+
+// In the order of the patches, whichever worker made it: sums of floats depend on theirs.
+Result<void> MeshExport::merge(const SheetOutput& out) {
+  bounds_.add(out.bounds);
+  for (const BorderVertex& b : out.border) {
+    SharedVertices::Vertex& v = (*shared_)[b.index];
+    if (v.seen && v.height != b.height) {
+      return Error{ErrorKind::kInvalidData,
+                   grid_.package().path(),
+                   "expected the same height from all patches that share a vertex, found " + std::to_string(v.height) +
+                       " and " + std::to_string(b.height),
+                   "the package was not made by relievo's rules; build it again from its scan",
+                   {}};
+    }
+    if (!v.seen) v.height = b.height, v.colour = b.colour, v.seen = true;
+    v.normal += b.normal;
+  }
+  return {};
+}
+
+Result<void> MeshExport::writeSheets(OutputFile& file) {
+  const RowParts parts{.colours = facts_.colours};
+  const uint32_t sheets = grid_.sheets();
+  if (sheets == 1) {
+    SheetReader reader(grid_, parts);
+    SheetOutput out;
+    auto walked = walkSheet(reader, 0, out, [&](ByteBuffer& bytes) {
+      auto appended = file.append(bytes);
+      bytes.clear();
+      return appended;
+    });
+    return walked ? merge(out) : walked;
+  }
+  // A batch of sheets in memory, made by all workers, then appended in order.
+  constexpr uint64_t kMostBytesPerVertex = 160;  // of a soup's two triangles, or of a line of text and a border's share
+  const uint64_t sheet_bytes = grid_.columns() * grid_.rows() * kMostBytesPerVertex;
+  const auto batch = static_cast<uint32_t>(std::clamp<uint64_t>(options_.memory_bytes / 4 / sheet_bytes, 1, 256));
+  for (uint32_t first = 0; first < sheets; first += batch) {
+    std::vector<SheetOutput> outputs(std::min(batch, sheets - first));
+    const bool whole = parallelForWith(
+        outputs.size(), options_.workers, options_.interrupted, [&] { return SheetReader(grid_, parts); },
+        [&](SheetReader& reader, size_t i) {
+          auto walked = walkSheet(reader, first + static_cast<uint32_t>(i), outputs[i],
+                                  [](ByteBuffer&) { return Result<void>(); });
+          if (!walked) outputs[i].error = walked.error();
+        });
+    if (!whole) return interruption();
+    for (SheetOutput& out : outputs) {
+      if (out.error) return *out.error;
+      if (auto merged = merge(out); !merged) return merged;
+      if (auto appended = file.append(out.bytes); !appended) return appended;
+      out = {};
+    }
+    report(0.7 * static_cast<double>(first) / sheets);
+  }
+  return {};
+}
+
+Result<void> MeshExport::writeShared(OutputFile& file) {
+  ByteBuffer bytes;
+  constexpr size_t kPiece = size_t{1} << 20;
+  for (uint64_t i = 0; shared_ && i < shared_->size(); ++i) {
+    const SharedVertices::Vertex& v = (*shared_)[i];
+    const SharedVertices::Place at = shared_->place(i);
+    const SurfaceGrid::Ray ray = grid_.ray(at.patch, at.x, at.y);
+    const glm::dvec3 position = ray.at(grid_.hasRelief() ? grid_.heightOf(v.height) : 0.0);
+    format_.vertex(facts_, {position, unit(v.normal, ray.along), v.colour}, bytes);
+    bounds_.add(position);
+    if (bytes.size() < kPiece) continue;
+    if (auto appended = file.append(bytes); !appended) return appended;
+    bytes.clear();
+    if (interrupted()) return interruption();
+  }
+  return file.append(bytes);
+}
+
+uint32_t MeshExport::vertexIndex(uint32_t sheet, uint64_t x, uint64_t y) const {
+  if (!shared_) return static_cast<uint32_t>(y * grid_.columns() + x);
+  const uint64_t n = grid_.cellsPerPatchSide(), own = ownVertices(grid_);
+  if (x == 0 || x == n || y == 0 || y == n)
+    return static_cast<uint32_t>(own * grid_.sheets() + shared_->index(sheet, x, y));
+  return static_cast<uint32_t>(sheet * own + (y - 1) * (n - 1) + x - 1);
+}
+
+Result<void> MeshExport::writeFaces(OutputFile& file) {
+  if (format_.soup()) return {};
+  ByteBuffer bytes;
+  for (uint32_t sheet = 0; sheet < grid_.sheets(); ++sheet) {
+    std::vector<uint32_t> above(grid_.columns()), below(grid_.columns());
+    auto indexRow = [&](uint64_t y, std::vector<uint32_t>& row) {
+      for (uint64_t x = 0; x < row.size(); ++x) row[x] = vertexIndex(sheet, x, y);
+    };
+    indexRow(0, above);
+    for (uint64_t y = 0; y + 1 < grid_.rows(); ++y) {
+      indexRow(y + 1, below);
+      for (size_t x = 0; x + 1 < above.size(); ++x) {
+        format_.face({above[x], below[x + 1], above[x + 1], 0}, 3, bytes);
+        format_.face({above[x], below[x], below[x + 1], 0}, 3, bytes);
+      }
+      std::swap(above, below);
+      if (auto appended = file.append(bytes); !appended) return appended;
+      bytes.clear();
+      if (interrupted()) return interruption();
+    }
+    report(0.7 + 0.3 * sheet / grid_.sheets());
+  }
+  return {};
+}
+
+Result<void> MeshExport::write(OutputFile& file) {
+  if (auto done = file.append(format_.head(facts_)); !done) return done;
+  for (auto step : {&MeshExport::writeSheets, &MeshExport::writeShared, &MeshExport::writeFaces})
+    if (auto done = (this->*step)(file); !done) return done;
+  facts_.low = bounds_.low;
+  facts_.high = bounds_.high;
+  return file.writeAt(0, format_.head(facts_));
+}
+
+// The base mesh's patches as faces, its corners as vertices.
+Result<void> writeBase(OutputFile& file, const BaseMesh& base, const MeshFormat& format, MeshFacts& facts) {
+  std::vector<uint32_t> index(base.corners.size(), ~uint32_t{0});
+  ByteBuffer vertices, faces;
+  Bounds bounds;
+  uint32_t next = 0;
+  for (const auto& patch : base.patches) {
+    std::array<glm::dvec3, 4> at{};
+    for (size_t k = 0; k < 4; ++k) {
+      const BaseCorner& c = base.corners[patch[k]];
+      at[k] = c.position_mm;
+      if (format.soup() || index[patch[k]] != ~uint32_t{0}) continue;
+      index[patch[k]] = next++;
+      format.vertex(facts, {at[k], c.normal, {}}, vertices);
+      bounds.add(at[k]);
+    }
+    // Counter-clockwise seen from outside: (0,0), (0,1), (1,1), (1,0).
+    const std::array<uint32_t, 4> quad{index[patch[0]], index[patch[2]], index[patch[3]], index[patch[1]]};
+    if (format.soup()) {
+      format.triangle(facts, {at[0], at[3], at[1]}, faces);
+      format.triangle(facts, {at[0], at[2], at[3]}, faces);
+    } else if (facts.corners == 4) {
+      format.face(quad, 4, faces);
+    } else {
+      format.face({quad[0], quad[2], quad[3], 0}, 3, faces);
+      format.face({quad[0], quad[1], quad[2], 0}, 3, faces);
+    }
+  }
+  facts.low = bounds.low;
+  facts.high = bounds.high;
+  for (const ByteBuffer& part : {format.head(facts), vertices, faces})
+    if (auto done = file.append(part); !done) return done;
+  return {};
+}
+
+Result<int> chooseLevel(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
+  const int finest = SurfaceGrid::finestLevel(package->manifest());
+  if (o.level) {
+    if (*o.level >= 0 && *o.level <= finest) return *o.level;
+    return Error{ErrorKind::kUsage,
+                 package->path(),
+                 "expected a --level of 0 to " + std::to_string(finest) + ", found " + std::to_string(*o.level),
+                 "level " + std::to_string(finest) + " is its full detail",
+                 {}};
+  }
+  if (!o.error_mm) return finest;
+  for (int level = 0; level < finest; ++level) {
+    auto bound = SurfaceGrid(package, level).errorBound(o.interrupted);
+    if (!bound) return bound.error();
+    if (*bound && **bound <= *o.error_mm) return level;
+  }
+  return finest;
+}
+
+std::string aboutText(const Package& package, const SurfaceGrid* grid, const std::optional<double>& error_mm) {
+  const std::string& path = package.path();
+  std::string text = printable(path.substr(path.rfind('/') + 1)) + ", exported by relievo " RELIEVO_VERSION;
+  if (!grid) return text + ", base mesh";
+  text += ", " + std::to_string(grid->cellsPerPatchSide()) + " cells a patch side";
+  if (!error_mm) return text;
+  char number[40];
+  std::snprintf(number, sizeof number, "%.3g", *error_mm);
+  return text + ", within " + number + (package.manifest().size_known ? " mm" : " px") + " of full detail";
+}
+
+// Memory that grows with the mesh, or with the artwork's width.
+Result<void> checkMemory(const SurfaceGrid& grid, const MeshExportOptions& o, bool soup) {
+  const bool many = grid.sheets() > 1;
+  uint64_t bytes =
+      SheetReader::bytes(grid, {.colours = !soup}) * (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
+  if (!grid.isFlat() && !soup)
+    bytes +=
+        SharedVertices::countAtMost(*grid.manifest().base, grid.cellsPerPatchSide()) * sizeof(SharedVertices::Vertex);
+  if (many) bytes += grid.columns() * grid.rows() * 160;
+  if (bytes <= o.memory_bytes) return {};
+  return Error{ErrorKind::kUsage,
+               o.output,
+               "level " + std::to_string(grid.level()) + " takes " + std::to_string((bytes >> 20) + 1) +
+                   " MiB of memory, --memory-mib allows " + std::to_string(o.memory_bytes >> 20),
+               "allow more, or choose a coarser --level or an --error-mm",
+               {}};
+}
+
+MeshFacts factsOf(const SurfaceGrid& grid, const MeshFormat& format) {
+  MeshFacts facts;
+  facts.origin = grid.originMm();
+  facts.extent = std::max(grid.extent(), 1e-12);
+  facts.size_known = grid.manifest().size_known;
+  facts.colours = !format.soup();
+  facts.faces = 2 * (grid.columns() - 1) * (grid.rows() - 1) * grid.sheets();
+  return facts;
+}
+
+Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& package, const MeshFormat& format,
+                                    const MeshExportOptions& o) {
+  const SurfaceGrid grid(package, 0);
+  if (grid.isFlat())
+    return Error{
+        ErrorKind::kUsage, package->path(), "is a flat artwork, which has no base mesh", "leave out --base", {}};
+  const BaseMesh& base = *package->manifest().base;
+  MeshFacts facts = factsOf(grid, format);
+  facts.colours = false;
+  facts.corners = format.quads() ? 4 : 3;
+  facts.faces = base.patches.size() * (format.quads() ? 1 : 2);
+  std::vector<bool> used(base.corners.size());
+  for (const auto& patch : base.patches)
+    for (const uint32_t corner : patch) used[corner] = true;
+  facts.vertices = static_cast<uint64_t>(std::count(used.begin(), used.end(), true));
+  facts.about = aboutText(*package, nullptr, {});
+  if (auto good = format.check(o.output, facts); !good) return good.error();
+  auto file = OutputFile::create(o.output);
+  if (!file) return file.error();
+  if (auto done = writeBase(*file, base, format, facts); !done) return done.error();
+  const uint64_t bytes = file->size();
+  if (auto done = file->commit(); !done) return done.error();
+  MeshExportReport report;
+  report.vertices = facts.vertices;
+  report.faces = facts.faces;
+  report.file_bytes = bytes;
+  report.quads = format.quads();
+  report.from_origin = countsFromOrigin(facts);
+  report.origin_mm = facts.origin;
+  return report;
+}
+
+}  // namespace
+
+Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, const MeshExportOptions& o) {
+  auto format = meshFormatOf(o.output);
+  if (!format) return format.error();
+  if (o.base) return exportBase(package, **format, o);
+  auto level = chooseLevel(package, o);
+  if (!level) return level.error();
+  const SurfaceGrid grid(package, *level);
+  MeshFacts facts = factsOf(grid, **format);
+  const bool soup = (*format)->soup();
+  if (!soup) facts.vertices = verticesAtMost(grid);
+  if (auto good = (*format)->check(o.output, facts); !good) return good.error();
+  if (auto good = checkMemory(grid, o, soup); !good) return good.error();
+  auto bound = grid.errorBound(o.interrupted);
+  if (!bound) return bound.error();
+  auto coarser = SurfaceGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
+  if (!coarser) return coarser.error();
+  facts.about = aboutText(*package, &grid, *bound);
+  MeshExport mesh(grid, **format, o, facts);
+  auto file = OutputFile::create(o.output);
+  if (!file) return file.error();
+  if (auto done = mesh.write(*file); !done) return done.error();
+  const uint64_t bytes = file->size();
+  if (auto done = file->commit(); !done) return done.error();
+  MeshExportReport report;
+  report.level = *level;
+  report.vertices = mesh.facts().vertices;
+  report.faces = facts.faces;
+  report.file_bytes = bytes;
+  report.error_mm = *bound;
+  if (*level > 0) report.coarser_error_mm = *coarser;
+  report.from_origin = countsFromOrigin(facts);
+  report.origin_mm = facts.origin;
+  return report;
+}
+
+}  // namespace relievo

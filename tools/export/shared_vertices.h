@@ -1,0 +1,53 @@
+// shared_vertices.h - the vertices that the patches of a base mesh share, numbered by what they are: corners of the
+// base mesh, and places on its sides. Each is there once.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "src/artwork/base_mesh.h"
+
+namespace relievo {
+
+class SharedVertices {
+ public:
+  // cells: of a patch's side.
+  SharedVertices(const BaseMesh& base, uint64_t cells);
+  static uint64_t countAtMost(const BaseMesh& base, uint64_t cells);
+
+  struct Vertex {
+    glm::vec3 normal{0};  // the sum over the triangles around it, each twice its area long
+    uint16_t height = 0;
+    glm::u8vec3 colour{0};
+    bool seen = false;
+  };
+  uint64_t size() const { return vertices_.size(); }
+  // Of the vertex (x, y) of a patch, on its border.
+  uint64_t index(uint32_t patch, uint64_t x, uint64_t y) const;
+  Vertex& operator[](uint64_t i) { return vertices_[i]; }
+  // One patch's name for a vertex.
+  struct Place {
+    uint32_t patch;
+    uint64_t x, y;
+  };
+  Place place(uint64_t i) const;
+
+ private:
+  struct SideOf {
+    uint32_t patch;
+    Side side;
+  };
+  const BaseMesh& base_;
+  uint64_t cells_;
+  std::vector<uint32_t> corner_index_;               // by corner; kNone: no patch has it
+  std::vector<SideOf> corner_of_;                    // by index: a patch and, as its side, the slot
+  std::vector<std::array<uint32_t, 4>> side_index_;  // by patch and side
+  std::vector<SideOf> side_of_;                      // by index
+  std::vector<Vertex> vertices_;                     // corners, then side after side from its smaller corner's end
+};
+
+}  // namespace relievo

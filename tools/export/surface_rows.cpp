@@ -1,0 +1,246 @@
+#include "tools/export/surface_rows.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+
+#include "texturing/codec/resolve.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kRootCellsLog2 = 7;  // of a relief page
+constexpr std::array<double, 3> kLightFromTheFront{0, 0, 1};
+
+// Cells of a sheet along a side of `extent_px` texels.
+uint64_t cellsAlong(const FlatDomain& d, uint64_t extent_px, int level) {
+  return ((extent_px << level) + d.patchPx() - 1) / d.patchPx();
+}
+uint64_t pagesAlong(const PatchDomain& d, int level, bool x) {
+  if (!d.isFlat()) return uint64_t{1} << level;
+  const NodeGrid grid = d.flat().nodeGrid(level);
+  return x ? grid.columns : grid.rows;
+}
+}  // namespace
+
+int SurfaceGrid::finestLevel(const Manifest& m) {
+  return kRootCellsLog2 + (m.domain.relief_depth >= 0 ? m.domain.relief_depth : m.domain.texture_depth);
+}
+
+SurfaceGrid::SurfaceGrid(std::shared_ptr<const Package> package, int level)
+    : package_(std::move(package)), level_(level) {
+  columns_ = rows_ = cellsPerPatchSide() + 1;
+  if (isFlat()) {
+    const FlatDomain d = manifest().domain.flat();
+    columns_ = cellsAlong(d, d.width_px, level) + 1;
+    rows_ = cellsAlong(d, d.height_px, level) + 1;
+  }
+}
+
+SurfaceGrid::Ray SurfaceGrid::ray(uint32_t sheet, uint64_t x, uint64_t y) const {
+  const double per_cell = std::ldexp(1.0, -level_);
+  if (isFlat()) {
+    const FlatDomain d = manifest().domain.flat();
+    const auto side = static_cast<double>(d.patchPx()), width = static_cast<double>(d.width_px),
+               height = static_cast<double>(d.height_px);
+    const double x_px = std::min(static_cast<double>(x) * per_cell * side, width),
+                 y_px = std::min(static_cast<double>(y) * per_cell * side, height);
+    return {{(x_px - width / 2) * d.mm_per_px, (height / 2 - y_px) * d.mm_per_px, 0}, {0, 0, 1}};
+  }
+  const double u = static_cast<double>(x) * per_cell, v = static_cast<double>(y) * per_cell;
+  return {manifest().base->point(sheet, u, v), manifest().base->normal(sheet, u, v)};
+}
+
+double SurfaceGrid::extent() const {
+  if (isFlat()) {
+    const FlatDomain d = manifest().domain.flat();
+    return static_cast<double>(std::max(d.width_px, d.height_px)) * d.mm_per_px / 2;
+  }
+  glm::dvec3 low(1e300), high(-1e300);
+  for (const BaseCorner& c : manifest().base->corners)
+    low = glm::min(low, glm::dvec3(c.position_mm)), high = glm::max(high, glm::dvec3(c.position_mm));
+  const glm::dvec3 size = high - low;
+  return std::max({size.x, size.y, size.z}) / 2;
+}
+
+Result<std::optional<double>> SurfaceGrid::errorBound(const std::atomic<bool>* stop) const {
+  const Manifest& m = manifest();
+  if (!hasRelief() || level_ >= finestLevel(m)) return std::optional<double>(0.0);
+  double bound = 0;
+  if (level_ < kRootCellsLog2) {
+    if (isFlat()) return std::optional<double>();
+    for (const CoarseErrors& e : m.coarse_errors) bound = std::max(bound, double{e[static_cast<size_t>(level_)]});
+    return std::optional<double>(bound);
+  }
+  const int page_level = level_ - kRootCellsLog2;
+  const uint64_t columns = pagesAlong(m.domain, page_level, true), rows = pagesAlong(m.domain, page_level, false);
+  for (uint32_t sheet = 0; sheet < sheets(); ++sheet) {
+    for (uint64_t y = 0; y < rows; ++y) {
+      for (uint64_t x = 0; x < columns; ++x) {
+        if (stop && stop->load(std::memory_order_relaxed))
+          return Error{ErrorKind::kInterrupted, package_->path(), "interrupted", "", {}};
+        const NodeId node = isFlat() ? m.domain.flat().nodeAt(page_level, x, y)
+                                     : NodeId{sheet, static_cast<uint32_t>(page_level), static_cast<uint32_t>(x),
+                                              static_cast<uint32_t>(y)};
+        auto record = package_->record({Plane::kRelief, node});
+        if (!record) return record.error();
+        bound = std::max(bound, double{record->relief.error_mm});
+      }
+    }
+  }
+  return std::optional<double>(bound);
+}
+
+SheetReader::SheetReader(const SurfaceGrid& grid, RowParts parts)
+    : grid_(grid),
+      parts_(parts),
+      relief_level_(static_cast<uint32_t>(std::max(grid.level() - kRootCellsLog2, 0))),
+      texture_level_(
+          static_cast<uint32_t>(std::clamp(grid.level() - kRootCellsLog2, 0, grid.manifest().domain.texture_depth))),
+      relief_pages_(pagesAlong(grid.manifest().domain, static_cast<int>(relief_level_), true)),
+      relief_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(relief_level_), false)),
+      texture_pages_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), true)),
+      texture_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), false)),
+      texels_per_cell_(std::ldexp(1.0, kRootCellsLog2 + static_cast<int>(texture_level_) - grid.level())) {}
+
+uint64_t SheetReader::bytes(const SurfaceGrid& grid, RowParts parts) {
+  const SheetReader reader(grid, parts);
+  uint64_t bytes = grid.columns() * (sizeof(uint16_t) + sizeof(glm::dvec3) + sizeof(glm::u8vec3));
+  if (parts.heights && grid.hasRelief()) bytes += reader.relief_pages_ * kReliefPageSamples * sizeof(uint16_t);
+  if (parts.colours) bytes += reader.texture_pages_ * kSlotBytes;
+  return bytes;
+}
+
+void SheetReader::begin(uint32_t sheet) {
+  sheet_ = sheet;
+  relief_band_ = texture_band_ = ~uint64_t{0};
+}
+
+NodeId SheetReader::node(int level, uint64_t x, uint64_t y) const {
+  if (grid_.isFlat()) return grid_.manifest().domain.flat().nodeAt(level, x, y);
+  return {sheet_, static_cast<uint32_t>(level), static_cast<uint32_t>(x), static_cast<uint32_t>(y)};
+}
+
+Result<void> SheetReader::loadHeights(uint64_t band) {
+  if (band == relief_band_) return {};
+  samples_.resize(relief_pages_ * kReliefPageSamples);
+  for (uint64_t x = 0; x < relief_pages_; ++x) {
+    const PageId id(Plane::kRelief, node(static_cast<int>(relief_level_), x, band));
+    auto page = grid_.package().read(id);
+    if (!page) return page.error();
+    auto decoded =
+        decoder_.decodeRelief(page->bytes, std::span(samples_).subspan(x * kReliefPageSamples, kReliefPageSamples));
+    if (!decoded) return decoded;
+  }
+  relief_band_ = band;
+  return {};
+}
+
+Result<void> SheetReader::readColourPage(const NodeId& at, std::span<uint8_t> texels) {
+  const TextureFormat& format = grid_.manifest().texture;
+  const Shading shading = describe(format.basis).shading;
+  const bool as_it_is = shading == Shading::kColour || shading == Shading::kAlbedoNormal;
+  const int planes = as_it_is ? 1 : format.planes();
+  planes_.resize(static_cast<size_t>(planes) * kSlotBytes);
+  std::array<const uint8_t*, kMaxTexturePlanes> slots{};
+  for (int k = 0; k < planes; ++k) {
+    const PageId id(texturePlane(k), at);
+    auto page = grid_.package().read(id);
+    if (!page) return page.error();
+    const auto slot = as_it_is ? texels : std::span(planes_).subspan(static_cast<size_t>(k) * kSlotBytes, kSlotBytes);
+    if (auto decoded = decoder_.decodeToSlot(id.plane(), page->bytes, slot); !decoded) return decoded;
+    slots[static_cast<size_t>(k)] = slot.data();
+  }
+  if (!as_it_is)
+    resolvePage(format, kLightFromTheFront, std::span(slots).first(static_cast<size_t>(planes)), texels.data());
+  return {};
+}
+
+Result<void> SheetReader::loadColours(uint64_t band) {
+  if (band == texture_band_) return {};
+  texels_.resize(texture_pages_ * kSlotBytes);
+  for (uint64_t x = 0; x < texture_pages_; ++x) {
+    auto page = readColourPage(node(static_cast<int>(texture_level_), x, band),
+                               std::span(texels_).subspan(x * kSlotBytes, kSlotBytes));
+    if (!page) return page;
+  }
+  texture_band_ = band;
+  return {};
+}
+
+Result<void> SheetReader::readHeights(uint64_t y, SheetRow& row) {
+  const uint64_t cells = std::min(grid_.cellsPerPatchSide(), uint64_t{kPagePx});  // of a page at this level
+  const uint64_t step = kPagePx / cells, band = std::min(y / cells, relief_bands_ - 1);
+  if (auto loaded = loadHeights(band); !loaded) return loaded;
+  row.heights.resize(grid_.columns());
+  const uint64_t in_page = (y - band * cells) * step;
+  for (uint64_t x = 0; x < grid_.columns(); ++x) {
+    const uint64_t page = std::min(x / cells, relief_pages_ - 1);
+    row.heights[x] = samples_[page * kReliefPageSamples + in_page * kReliefSamples + (x - page * cells) * step];
+  }
+  return {};
+}
+
+// Bilinear between texels' centres; a page's gutter has those beyond its border.
+Result<void> SheetReader::readColours(uint64_t y, SheetRow& row) {
+  double width = 1e300, height = 1e300;  // texels of the level, on the artwork
+  if (grid_.isFlat()) {
+    const FlatDomain d = grid_.manifest().domain.flat();
+    const double texels_per_px = std::ldexp(1.0, static_cast<int>(texture_level_) - d.texture_depth);
+    width = static_cast<double>(d.width_px) * texels_per_px;
+    height = static_cast<double>(d.height_px) * texels_per_px;
+  }
+  struct Place {
+    uint64_t page;
+    size_t first;
+    double share;  // of the texel behind it
+  };
+  auto place = [&](uint64_t vertex, double extent, uint64_t pages) {
+    const double texel = std::min(static_cast<double>(vertex) * texels_per_cell_, extent);
+    const auto page = std::min(static_cast<uint64_t>(texel / kPagePx), pages - 1);
+    const double in_slot = texel - static_cast<double>(page * kPagePx) - 0.5 + kPageBorderPx;
+    const double first = std::floor(in_slot);
+    return Place{page, static_cast<size_t>(first), in_slot - first};
+  };
+  const Place down = place(y, height, texture_bands_);
+  if (auto loaded = loadColours(down.page); !loaded) return loaded;
+  row.colours.resize(grid_.columns());
+  for (uint64_t x = 0; x < grid_.columns(); ++x) {
+    const Place right = place(x, width, texture_pages_);
+    const uint8_t* at = texels_.data() + right.page * kSlotBytes + 4 * (down.first * kPageFullPx + right.first);
+    constexpr size_t kRow = 4 * size_t{kPageFullPx};
+    for (glm::length_t c = 0; c < 3; ++c) {
+      const double above = at[c] * (1 - right.share) + at[c + 4] * right.share;
+      const double below = at[kRow + c] * (1 - right.share) + at[kRow + c + 4] * right.share;
+      row.colours[x][c] = static_cast<uint8_t>(std::lround(above * (1 - down.share) + below * down.share));
+    }
+  }
+  return {};
+}
+
+Result<void> SheetReader::readTexels(uint64_t y, SheetRow& row) {
+  assert(texels_per_cell_ == 1);
+  if (auto loaded = loadColours(y / kPagePx); !loaded) return loaded;
+  row.colours.resize(grid_.columns() - 1);
+  for (uint64_t x = 0; x < row.colours.size(); ++x) {
+    const uint8_t* at = texels_.data() + x / kPagePx * kSlotBytes +
+                        4 * ((y % kPagePx + kPageBorderPx) * kPageFullPx + x % kPagePx + kPageBorderPx);
+    row.colours[x] = {at[0], at[1], at[2]};
+  }
+  return {};
+}
+
+Result<void> SheetReader::read(uint64_t y, SheetRow& row) {
+  if (parts_.heights && grid_.hasRelief()) {
+    if (auto done = readHeights(y, row); !done) return done;
+  }
+  if (parts_.positions) {
+    row.positions.resize(grid_.columns());
+    for (uint64_t x = 0; x < grid_.columns(); ++x)
+      row.positions[x] = grid_.ray(sheet_, x, y).at(grid_.hasRelief() ? grid_.heightOf(row.heights[x]) : 0.0);
+  }
+  return parts_.colours ? readColours(y, row) : Result<void>();
+}
+
+}  // namespace relievo
