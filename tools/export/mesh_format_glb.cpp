@@ -82,9 +82,10 @@ class GlbFormat final : public MeshFormat {
   static nlohmann::ordered_json jsonOf(const MeshFacts& f) {
     using Json = nlohmann::ordered_json;
     constexpr double kMetres = 0.001;
-    Json json;
-    json["asset"] = {{"version", "2.0"}, {"generator", "relievo " RELIEVO_VERSION}};
-    json["asset"]["extras"]["about"] = f.about.substr(0, kAboutBytes);
+    Json json = Json::object();
+    json["asset"] = {{"version", "2.0"},
+                     {"generator", "relievo " RELIEVO_VERSION},
+                     {"extras", {{"about", f.about.substr(0, kAboutBytes)}}}};
     json["scene"] = 0;
     Json scene, node, primitive, mesh, material;
     scene["nodes"] = Json::array({0});
@@ -131,8 +132,7 @@ class GlbFormat final : public MeshFormat {
                                    {"target", kArrayBuffer}});
     json["bufferViews"].push_back(
         {{"buffer", 0}, {"byteOffset", vertexBytes(f)}, {"byteLength", indexBytes(f)}, {"target", kElementArray}});
-    Json buffer;
-    buffer["byteLength"] = vertexBytes(f) + indexBytes(f);
+    const Json buffer = {{"byteLength", vertexBytes(f) + indexBytes(f)}};
     json["buffers"] = Json::array({buffer});
     return json;
   }
