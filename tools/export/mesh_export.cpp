@@ -156,17 +156,13 @@ Result<void> MeshExport::walkSheet(SheetReader& reader, uint32_t sheet, SheetOut
 Result<void> MeshExport::merge(const SheetOutput& out) {
   bounds_.add(out.bounds);
   for (const BorderVertex& b : out.border) {
-    SharedVertices::Vertex& v = (*shared_)[b.index];
-    if (v.seen && v.height != b.height) {
-      return Error{ErrorKind::kInvalidData,
-                   grid_.package().path(),
-                   "expected the same height from all patches that share a vertex, found " + std::to_string(v.height) +
-                       " and " + std::to_string(b.height),
-                   "the package was not made by relievo's rules; build it again from its scan",
-                   {}};
-    }
-    if (!v.seen) v.height = b.height, v.colour = b.colour, v.seen = true;
-    v.normal += b.normal;
+    if (shared_->add(b.index, b.normal, b.height, b.colour)) continue;
+    return Error{ErrorKind::kInvalidData,
+                 grid_.package().path(),
+                 "expected the same height from all patches that share a vertex, found " + std::to_string(b.height) +
+                     " beside " + std::to_string((*shared_)[b.index].height),
+                 "the package was not made by relievo's rules; build it again from its scan",
+                 {}};
   }
   return {};
 }

@@ -53,6 +53,14 @@ uint64_t SharedVertices::index(uint32_t patch, uint64_t x, uint64_t y) const {
   return corner_of_.size() + side_index_[patch][side] * (cells_ - 1) + along - 1;
 }
 
+bool SharedVertices::add(uint64_t i, const glm::vec3& normal, uint16_t height, const glm::u8vec3& colour) {
+  Vertex& v = vertices_[i];
+  if (v.seen && v.height != height) return false;
+  if (!v.seen) v.height = height, v.colour = colour, v.seen = true;
+  v.normal += normal;
+  return true;
+}
+
 SharedVertices::Place SharedVertices::place(uint64_t i) const {
   if (i < corner_of_.size()) {
     const auto& [patch, slot] = corner_of_[i];

@@ -28,7 +28,10 @@ class SharedVertices {
   uint64_t size() const { return vertices_.size(); }
   // Of the vertex (x, y) of a patch, on its border.
   uint64_t index(uint32_t patch, uint64_t x, uint64_t y) const;
-  Vertex& operator[](uint64_t i) { return vertices_[i]; }
+  const Vertex& operator[](uint64_t i) const { return vertices_[i]; }
+  // What one patch has of a vertex: its share of the normal; height and colour are the first patch's. False: another
+  // patch has another height there.
+  bool add(uint64_t i, const glm::vec3& normal, uint16_t height, const glm::u8vec3& colour);
   // One patch's name for a vertex.
   struct Place {
     uint32_t patch;
