@@ -340,7 +340,7 @@ class MeshBuild {
   // Rounds heights to steps as large as the target allows.
   Result<void> chooseStep();
   Result<void> bake();
-  Result<Fidelity> lookAt(const MeshBake& bake);
+  Result<Fidelity> measureBake(const MeshBake& bake);
   Error missed(const std::string& what_was_done) const;
   // Lengths from the file's units, which all is computed in: no unit changes what comes out.
   double mm(double units) const { return units * mmPerUnit(a_.unit); }
@@ -459,7 +459,7 @@ Result<void> MeshBuild::bake() {
   return {};
 }
 
-Result<Fidelity> MeshBuild::lookAt(const MeshBake& bake) {
+Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake) {
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   const uint64_t in_use = Memory::now(), least = uint64_t{64} << 20;
@@ -485,15 +485,15 @@ Result<void> MeshBuild::bakeUntilKept() {
   int in_vain = 0;
   for (int round = 0;; ++round) {
     if (auto done = bake(); !done) return done;
-    auto looked = stages_.run("bake", [&] { return lookAt(*bake_); });
-    if (!looked) return looked.error();
+    auto found = stages_.run("bake", [&] { return measureBake(*bake_); });
+    if (!found) return found.error();
     const BakeLimit limit = bake_->report().limit;
-    const bool better = !best || looked->excess() < fidelity_.excess();
-    const Fidelity now = *looked;
+    const bool better = !best || found->excess() < fidelity_.excess();
+    const Fidelity now = *found;
     if (better) {
       best = std::move(bake_);
       best_base = base_;
-      fidelity_ = std::move(*looked);
+      fidelity_ = std::move(*found);
     }
     if (now.excess() <= kEnough || a_.patches > 0 || round == kRounds) break;
     // Where the samples ran out, patches that stay as they are get more of them first.
@@ -537,22 +537,22 @@ Result<void> MeshBuild::chooseStep() {
                room = std::sqrt(std::max(0.0, most * most - rms * rms));
   double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
   for (int i = 0; i < kTries && step > kLeast * target; ++i) {
-    auto looked = stages_.run("bake", [&]() -> Result<Fidelity> {
+    auto found = stages_.run("bake", [&]() -> Result<Fidelity> {
       if (auto done = bake_->setStep(step); !done) return done.error();
-      return lookAt(*bake_);
+      return measureBake(*bake_);
     });
-    if (!looked) return looked.error();
+    if (!found) return found.error();
     set = step;
-    const double added = std::sqrt(std::max(0.0, rmsOf(*looked) * rmsOf(*looked) - rms * rms));
+    const double added = std::sqrt(std::max(0.0, rmsOf(*found) * rmsOf(*found) - rms * rms));
     const double next = added > 0 ? step * room / added : step * kLarger;
-    if (!keeps(*looked)) {
+    if (!keeps(*found)) {
       missed = step;
       step = std::min(kSmaller * step, next);
       if (kept > 0) break;
       continue;
     }
     kept = step;
-    fidelity_ = std::move(*looked);
+    fidelity_ = std::move(*found);
     if (!exact.kept() || fidelity_.excess() > kNear) break;
     step = std::min({next, kLarger * step, kSmaller * missed});
     if (step < 1.05 * kept) break;

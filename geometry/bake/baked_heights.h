@@ -12,9 +12,6 @@
 
 namespace relievo {
 
-inline constexpr int kPageCellsLog2 = 7;  // a relief page has kPagePx cells a side
-static_assert(1 << kPageCellsLog2 == kPagePx);
-
 struct BakedHeights {
   int cells_log2 = 0;
   double offset_mm = 0, scale_mm = 0;

@@ -13,8 +13,7 @@
 namespace relievo {
 
 // heights: as SampleLayout has them. step: of the finest grid's, in their unit, 1 to 16384; coarser grids' are as large
-// or smaller. Those of a side depend on the side's alone, so
-// that patches agree about them. Nothing: interrupted.
+// or smaller. Those of a side depend on the side's alone, so that patches agree about them. Nothing: interrupted.
 std::optional<std::vector<uint16_t>> steppedHeights(const BakeContext& context, std::span<const uint16_t> heights,
                                                     int cells_log2, int step);
 

@@ -18,6 +18,8 @@ inline constexpr int kPagePx = 128;      // payload texels (and relief cells) a 
 inline constexpr int kPageBorderPx = 4;  // on every side: bilinear needs 1, anisotropy 4 needs 4
 inline constexpr int kPageFullPx = kPagePx + 2 * kPageBorderPx;  // 136
 inline constexpr int kReliefSamples = kPagePx + 1;               // 129 a side
+inline constexpr int kPageCellsLog2 = 7;                         // of a relief page's cells a side
+static_assert(1 << kPageCellsLog2 == kPagePx);
 
 // What is said of both kinds: how deep the quadtrees of all patches are, and what their texels and samples measure.
 // Levels: one texel of level l is 2^(texture_depth - l) texels of the finest level wide; a relief page has (kPagePx +

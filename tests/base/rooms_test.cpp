@@ -6,6 +6,7 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <regex>
 #include <sstream>
 #include <string>
@@ -156,7 +157,7 @@ TEST(Rooms, DispatchedFunctionsDoNotThrow) {
 // Lines below a root that declare a JSON value that is null, to which members are added. Where the library finds no
 // memory for the object that it makes of it then, its destructor crashes: such values begin as object() or array().
 std::vector<std::string> jsonFromNull(const fs::path& root) {
-  static const std::regex kDeclared(R"(^\s+(nlohmann::(ordered_)?json|Json) \w+;$)");
+  static const std::regex kDeclared(R"(^\s+(nlohmann::(ordered_)?json|Json) \w+(, \w+)*;$)");
   std::vector<std::string> found;
   for (const char* folder : {"src", "geometry", "texturing", "tools"})
     for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
@@ -174,8 +175,48 @@ TEST(Rooms, JsonObjectsBeginAsObjects) {
 
   const fs::path root = fs::path(testing::TempDir()) / "null-json";
   for (const char* folder : {"src", "geometry", "texturing", "tools"}) fs::create_directories(root / folder);
-  std::ofstream(root / "src/a.cpp") << "  nlohmann::ordered_json json;\n  auto x = nlohmann::ordered_json::object();\n";
-  EXPECT_EQ(jsonFromNull(root).size(), 1u);
+  std::ofstream(root / "src/a.cpp") << "  nlohmann::ordered_json json;\n  Json a, b;\n"
+                                       "  auto x = nlohmann::ordered_json::object();\n";
+  EXPECT_EQ(jsonFromNull(root).size(), 2u);
+  fs::remove_all(root);
+}
+
+// Types of one name in several headers below a root, those of other namespaces than the project's own left out: the
+// linker takes one type's functions for the other's.
+std::vector<std::string> typesOfOneName(const fs::path& root, size_t& types) {
+  static const std::regex kDefined(R"(^(struct|class|enum class) (\w+)( final)?( : [^;]*| \{.*)$)");
+  std::map<std::string, std::string> first;
+  std::vector<std::string> found;
+  for (const char* folder : {"src", "geometry", "texturing", "tools"})
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      if (entry.path().extension() != ".h") continue;
+      std::ifstream file(entry.path());
+      bool own = false;
+      const std::string name = fs::relative(entry.path(), root).generic_string();
+      for (std::string line; std::getline(file, line);) {
+        if (line.starts_with("namespace ")) own = line == "namespace relievo {";
+        std::smatch match;
+        if (!own || !std::regex_match(line, match, kDefined)) continue;
+        ++types;
+        const auto [at, added] = first.emplace(match[2], name);
+        if (!added && at->second != name) found.push_back(match[2].str() + " in " + at->second + " and " + name);
+      }
+    }
+  return found;
+}
+
+TEST(Rooms, NoTwoTypesHaveOneName) {
+  size_t types = 0;
+  EXPECT_EQ(typesOfOneName(RELIEVO_SOURCE_DIR, types), std::vector<std::string>{});
+  EXPECT_GT(types, 200u) << "the types were not found";
+
+  const fs::path root = fs::path(testing::TempDir()) / "types";
+  for (const char* folder : {"src", "geometry", "texturing", "tools"}) fs::create_directories(root / folder);
+  std::ofstream(root / "src/a.h") << "namespace relievo {\nstruct Grid {\n};\nstruct Other;\n}\n";
+  std::ofstream(root / "tools/b.h")
+      << "namespace relievo {\nclass Grid final : public Base {\n};\nstruct Other {\n};\n}\n";
+  std::ofstream(root / "tools/c.h") << "namespace relievo::sample {\nstruct Grid {\n};\n}\n";
+  EXPECT_EQ(typesOfOneName(root, types), std::vector<std::string>{"Grid in src/a.h and tools/b.h"});
   fs::remove_all(root);
 }
 

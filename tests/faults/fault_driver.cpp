@@ -262,7 +262,8 @@ std::vector<Operation> operations() {
       {"verify", {"verify", p}, {}, true},
       {"info", {"info", p}, {}, true},
       {"render", {"render", p, "-o", "out/o.png", "--size", "48x32"}, {{"o.png", ""}}, false, true},
-      // `export` joins here once the program has it.
+      {"export", {"export", p, "-o", "out/o.ply", "--level", "4"}, {{"o.ply", ""}}},
+      {"export map", {"export", p, "-o", "out/o.tif", "--map", "height"}, {{"o.tif", ""}}, false, true},
   };
 }
 

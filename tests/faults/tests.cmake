@@ -8,7 +8,7 @@ if(NOT RELIEVO_SANITIZE)
   add_executable(sloppy_writer faults/sloppy_writer.cpp)
   add_dependencies(fault_driver relievo_faults)
 
-  # A few numbers of every row. All of them: ninja faults_all (tens of minutes).
+  # A few numbers of every row. All of them: ninja faults_all (some two hours, most of them allocations).
   function(relievo_fault_test name)
     add_test(NAME Faults.${name} COMMAND fault_driver --program $<TARGET_FILE:relievo> --library $<TARGET_FILE:relievo_faults> ${ARGN})
     set_tests_properties(Faults.${name} PROPERTIES TIMEOUT 900 COST 50)
@@ -20,6 +20,8 @@ if(NOT RELIEVO_SANITIZE)
   relievo_fault_test(BuildMeshMemory --only "build mesh" --kinds alloc --tries 60)
   relievo_fault_test(Verify --only verify --tries 3)
   relievo_fault_test(Info --only info --tries 4)
+  relievo_fault_test(Export --only export --tries 3)
+  relievo_fault_test(ExportMap --only "export map" --tries 3)
   relievo_fault_test(BuildWithCheckpoints --only checkpoints --tries 2)
   relievo_fault_test(Kills --kills 8)
   relievo_fault_test(KillsAndResume --kills 12 --resume)

@@ -167,7 +167,7 @@ TEST_F(ExportBall, ASideOfThreePatchesStaysThreeBordersAtOnePlace) {
 TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
   const BaseMesh joined = cubeSphere(3, 40, 3);
   const auto package = packageOf(NoisyPatches(joined, 0, 0, 7));
-  const SurfaceGrid grid(package, 6);
+  const ExportGrid grid(package, 6);
   const uint64_t n = grid.cellsPerPatchSide();
   const SharedVertices shared(joined, n);
   std::map<uint64_t, std::vector<glm::dvec3>> places;
@@ -176,7 +176,7 @@ TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
     for (uint64_t y = 0; y <= n; ++y)
       for (uint64_t x = 0; x <= n; x += y == 0 || y == n ? 1 : n) {
         const uint64_t i = shared.index(p, x, y);
-        const SurfaceGrid::Ray ray = grid.ray(p, x, y);
+        const ExportGrid::Ray ray = grid.ray(p, x, y);
         places[i].push_back(ray.at(0.1));
         others += ray.base != joined.point(p, std::nextafter(x / double(n), 0.5), y / double(n));
         const SharedVertices::Place place = shared.place(i);

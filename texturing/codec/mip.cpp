@@ -20,6 +20,7 @@
 #include <cstring>
 
 #include "src/base/simd_dispatch.h"
+#include "src/base/srgb.h"
 
 namespace relievo {
 namespace {
@@ -33,13 +34,10 @@ struct TransferTables {
   std::array<uint16_t, 65536> level_from_linear;
   TransferTables() {
     for (int v = 0; v <= kMaxLevelValue; ++v) {
-      double s = v / double{kMaxLevelValue};
-      double l = s <= 0.04045 ? s / 12.92 : std::pow((s + 0.055) / 1.055, 2.4);
-      linear_from_level[v] = static_cast<uint16_t>(std::lround(65535 * l));
+      linear_from_level[v] = static_cast<uint16_t>(std::lround(65535 * linearFromSrgb(v / double{kMaxLevelValue})));
     }
     for (int n = 0; n <= 65535; ++n) {
-      double l = n / 65535.0;
-      double s = l <= 0.0031308 ? 12.92 * l : 1.055 * std::pow(l, 1 / 2.4) - 0.055;
+      const double s = srgbFromLinear(n / 65535.0);
       level_from_linear[n] = static_cast<uint16_t>(std::lround(std::clamp(s, 0.0, 1.0) * kMaxLevelValue));
     }
   }

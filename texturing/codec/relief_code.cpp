@@ -13,8 +13,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kSide = kReliefSamples, kCells = kPagePx, kLevels = 7;
-static_assert(1 << kLevels == kCells);
+constexpr int kSide = kReliefSamples, kCells = kPagePx, kLevels = kPageCellsLog2;
 constexpr int kRow = static_cast<int>(ReliefCodeScratch::kRow), kMargin = static_cast<int>(ReliefCodeScratch::kMargin);
 constexpr int kBlockCells = 8;  // of a level's coarser grid, a side of a block that may be all zero
 constexpr int kBuckets = 24, kClasses = 18, kMostSize = 2047;

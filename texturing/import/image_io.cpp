@@ -11,6 +11,7 @@
 #include <limits>
 
 #include "src/base/file.h"
+#include "src/base/srgb.h"
 #include "src/base/worker_threads.h"
 #include "texturing/import/image_io_module.h"
 
@@ -165,10 +166,7 @@ Result<std::vector<uint16_t>> linearHalves(std::span<const uint8_t> pixels, int 
   auto module = imageIoModule();
   if (!module) return module.error();
   std::array<float, 256> linear;
-  for (size_t i = 0; i < 256; ++i) {  // IEC 61966-2-1
-    const double v = static_cast<double>(i) / 255;
-    linear[i] = static_cast<float>(v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4));
-  }
+  for (size_t i = 0; i < 256; ++i) linear[i] = static_cast<float>(linearFromSrgb(static_cast<double>(i) / 255));
   const bool has_alpha = channels == 2 || channels == 4;
   const size_t n = static_cast<size_t>(channels);
   std::vector<float> row(pixels.size());

@@ -5,13 +5,12 @@
 #include <cmath>
 #include <vector>
 
+#include "src/base/srgb.h"
 #include "texturing/import/image_io.h"
 #include "tools/export/surface_rows.h"
 
 namespace relievo {
 namespace {
-
-constexpr int kRootCellsLog2 = 7;
 
 // Values of one row as they are in the file, whatever their type.
 struct MapRow {
@@ -26,10 +25,7 @@ struct MapRow {
 
 uint16_t wordOf(double share) { return static_cast<uint16_t>(std::lround(65535 * std::clamp(share, 0.0, 1.0))); }
 
-float linearLight(uint8_t value) {  // IEC 61966-2-1
-  const double v = value / 255.0;
-  return static_cast<float>(v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4));
-}
+float linearLight(uint8_t value) { return static_cast<float>(linearFromSrgb(value / 255.0)); }
 
 struct MapForm {
   int channels = 1;
@@ -61,7 +57,7 @@ void colourRow(const SheetRow& row, SampleType type, MapRow& out) {
 }
 
 // On the cut from (0,0) to (1,1), on which a cell's centre lies.
-void heightRow(const SurfaceGrid& grid, const SheetRow& above, const SheetRow& below, bool depth, SampleType type,
+void heightRow(const ExportGrid& grid, const SheetRow& above, const SheetRow& below, bool depth, SampleType type,
                MapRow& out) {
   const size_t width = above.heights.size() - 1;
   out.floats.resize(width);
@@ -109,12 +105,12 @@ Result<void> checkArtwork(const Package& package, const MapExportOptions& o) {
 
 Result<int> levelOf(const Package& package, const MapExportOptions& o) {
   const PatchDomain& d = package.manifest().domain;
-  const int finest = kRootCellsLog2 + (o.map == ExportMap::kAlbedo ? d.texture_depth : d.relief_depth);
+  const int finest = kPageCellsLog2 + (o.map == ExportMap::kAlbedo ? d.texture_depth : d.relief_depth);
   const int level = o.level.value_or(finest);
-  if (level >= kRootCellsLog2 && level <= finest) return level;
+  if (level >= kPageCellsLog2 && level <= finest) return level;
   return Error{ErrorKind::kUsage,
                package.path(),
-               "expected a --level of " + std::to_string(kRootCellsLog2) + " to " + std::to_string(finest) +
+               "expected a --level of " + std::to_string(kPageCellsLog2) + " to " + std::to_string(finest) +
                    " for this map, found " + std::to_string(level),
                "level " + std::to_string(finest) + " is its full detail",
                {}};
@@ -122,7 +118,7 @@ Result<int> levelOf(const Package& package, const MapExportOptions& o) {
 
 class MapExport {
  public:
-  MapExport(const SurfaceGrid& grid, const MapExportOptions& options, MapForm form)
+  MapExport(const ExportGrid& grid, const MapExportOptions& options, MapForm form)
       : grid_(grid), options_(options), form_(form), reader_(grid, partsOf(options)) {
     reader_.begin(0);
   }
@@ -160,7 +156,7 @@ class MapExport {
     }
   }
 
-  const SurfaceGrid& grid_;
+  const ExportGrid& grid_;
   const MapExportOptions& options_;
   const MapForm form_;
   SheetReader reader_;
@@ -186,7 +182,7 @@ Result<MapExportReport> exportMap(std::shared_ptr<const Package> package, const 
   if (auto good = checkArtwork(*package, o); !good) return good.error();
   auto level = levelOf(*package, o);
   if (!level) return level.error();
-  const SurfaceGrid grid(package, *level);
+  const ExportGrid grid(package, *level);
   if (const uint64_t bytes = SheetReader::bytes(grid, MapExport::partsOf(o)); bytes > o.memory_bytes)
     return Error{ErrorKind::kUsage,
                  o.output,

@@ -36,10 +36,10 @@ struct BorderVertex {
 };
 
 // Vertices of a sheet that no other has.
-uint64_t ownVertices(const SurfaceGrid& g) {
+uint64_t ownVertices(const ExportGrid& g) {
   return g.isFlat() ? g.columns() * g.rows() : (g.columns() - 2) * (g.rows() - 2);
 }
-uint64_t verticesAtMost(const SurfaceGrid& g) {
+uint64_t verticesAtMost(const ExportGrid& g) {
   return ownVertices(g) * g.sheets() +
          (g.isFlat() ? 0 : SharedVertices::countAtMost(*g.manifest().base, g.cellsPerPatchSide()));
 }
@@ -54,8 +54,7 @@ struct SheetOutput {
 
 class MeshExport {
  public:
-  MeshExport(const SurfaceGrid& grid, const MeshFormat& format, const MeshExportOptions& options,
-             const MeshFacts& facts)
+  MeshExport(const ExportGrid& grid, const MeshFormat& format, const MeshExportOptions& options, const MeshFacts& facts)
       : grid_(grid), format_(format), options_(options), facts_(facts) {
     if (format.soup()) return;
     if (!grid.isFlat()) shared_.emplace(*grid.manifest().base, grid.cellsPerPatchSide());
@@ -82,7 +81,7 @@ class MeshExport {
     if (options_.progress) options_.progress(share);
   }
 
-  const SurfaceGrid& grid_;
+  const ExportGrid& grid_;
   const MeshFormat& format_;
   const MeshExportOptions& options_;
   MeshFacts facts_;
@@ -211,7 +210,7 @@ Result<void> MeshExport::writeShared(OutputFile& file) {
   for (uint64_t i = 0; shared_ && i < shared_->size(); ++i) {
     const SharedVertices::Vertex& v = (*shared_)[i];
     const SharedVertices::Place at = shared_->place(i);
-    const SurfaceGrid::Ray ray = grid_.ray(at.patch, at.x, at.y);
+    const ExportGrid::Ray ray = grid_.ray(at.patch, at.x, at.y);
     const glm::dvec3 position = ray.at(grid_.hasRelief() ? grid_.heightOf(v.height) : 0.0);
     format_.vertex(facts_, {position, unit(v.normal, ray.along), v.colour}, bytes);
     bounds_.add(position);
@@ -301,7 +300,7 @@ Result<void> writeBase(OutputFile& file, const BaseMesh& base, const MeshFormat&
 }
 
 Result<int> chooseLevel(const std::shared_ptr<const Package>& package, const MeshExportOptions& o) {
-  const int finest = SurfaceGrid::finestLevel(package->manifest());
+  const int finest = ExportGrid::finestLevel(package->manifest());
   if (o.level) {
     if (*o.level >= 0 && *o.level <= finest) return *o.level;
     return Error{ErrorKind::kUsage,
@@ -312,14 +311,14 @@ Result<int> chooseLevel(const std::shared_ptr<const Package>& package, const Mes
   }
   if (!o.error_mm) return finest;
   for (int level = 0; level < finest; ++level) {
-    auto bound = SurfaceGrid(package, level).errorBound(o.interrupted);
+    auto bound = ExportGrid(package, level).errorBound(o.interrupted);
     if (!bound) return bound.error();
     if (*bound && **bound <= *o.error_mm) return level;
   }
   return finest;
 }
 
-std::string aboutText(const Package& package, const SurfaceGrid* grid, const std::optional<double>& error_mm) {
+std::string aboutText(const Package& package, const ExportGrid* grid, const std::optional<double>& error_mm) {
   const std::string& path = package.path();
   std::string text = printable(path.substr(path.rfind('/') + 1)) + ", exported by relievo " RELIEVO_VERSION;
   if (!grid) return text + ", base mesh";
@@ -331,7 +330,7 @@ std::string aboutText(const Package& package, const SurfaceGrid* grid, const std
 }
 
 // Memory that grows with the mesh, or with the artwork's width.
-Result<void> checkMemory(const SurfaceGrid& grid, const MeshExportOptions& o, bool soup) {
+Result<void> checkMemory(const ExportGrid& grid, const MeshExportOptions& o, bool soup) {
   const bool many = grid.sheets() > 1;
   uint64_t bytes =
       SheetReader::bytes(grid, {.colours = !soup}) * (many ? static_cast<uint64_t>(workerCount(o.workers)) : 1);
@@ -348,7 +347,7 @@ Result<void> checkMemory(const SurfaceGrid& grid, const MeshExportOptions& o, bo
                {}};
 }
 
-MeshFacts factsOf(const SurfaceGrid& grid, const MeshFormat& format) {
+MeshFacts factsOf(const ExportGrid& grid, const MeshFormat& format) {
   MeshFacts facts;
   facts.origin = grid.originMm();
   facts.extent = std::max(grid.extent(), 1e-12);
@@ -360,7 +359,7 @@ MeshFacts factsOf(const SurfaceGrid& grid, const MeshFormat& format) {
 
 Result<MeshExportReport> exportBase(const std::shared_ptr<const Package>& package, const MeshFormat& format,
                                     const MeshExportOptions& o) {
-  const SurfaceGrid grid(package, 0);
+  const ExportGrid grid(package, 0);
   if (grid.isFlat())
     return Error{
         ErrorKind::kUsage, package->path(), "is a flat artwork, which has no base mesh", "leave out --base", {}};
@@ -398,7 +397,7 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (o.base) return exportBase(package, **format, o);
   auto level = chooseLevel(package, o);
   if (!level) return level.error();
-  const SurfaceGrid grid(package, *level);
+  const ExportGrid grid(package, *level);
   MeshFacts facts = factsOf(grid, **format);
   const bool soup = (*format)->soup();
   if (!soup) facts.vertices = verticesAtMost(grid);
@@ -406,7 +405,7 @@ Result<MeshExportReport> exportMesh(std::shared_ptr<const Package> package, cons
   if (auto good = checkMemory(grid, o, soup); !good) return good.error();
   auto bound = grid.errorBound(o.interrupted);
   if (!bound) return bound.error();
-  auto coarser = SurfaceGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
+  auto coarser = ExportGrid(package, std::max(*level - 1, 0)).errorBound(o.interrupted);
   if (!coarser) return coarser.error();
   facts.about = aboutText(*package, &grid, *bound);
   MeshExport mesh(grid, **format, o, facts);

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "src/base/srgb.h"
+
 namespace relievo {
 namespace {
 
@@ -22,11 +24,8 @@ void put(ByteBuffer& out, const T& value) {
 const std::array<uint16_t, 256>& linearLight() {
   static const std::array<uint16_t, 256> table = [] {
     std::array<uint16_t, 256> t{};
-    for (size_t i = 0; i < t.size(); ++i) {  // IEC 61966-2-1
-      const double v = static_cast<double>(i) / 255;
-      t[i] =
-          static_cast<uint16_t>(std::lround(65535 * (v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4))));
-    }
+    for (size_t i = 0; i < t.size(); ++i)
+      t[i] = static_cast<uint16_t>(std::lround(65535 * linearFromSrgb(static_cast<double>(i) / 255)));
     return t;
   }();
   return table;
@@ -87,27 +86,22 @@ class GlbFormat final : public MeshFormat {
                      {"generator", "relievo " RELIEVO_VERSION},
                      {"extras", {{"about", f.about.substr(0, kAboutBytes)}}}};
     json["scene"] = 0;
-    Json scene, node, primitive, mesh, material;
-    scene["nodes"] = Json::array({0});
+    const Json scene = {{"nodes", Json::array({0})}};
     json["scenes"] = Json::array({scene});
-    node["mesh"] = 0;
-    node["name"] = "artwork";
-    node["translation"] = listOf(f.origin * kMetres);
-    node["scale"] = listOf(glm::dvec3(kMetres));
-    node["extras"]["position_unit"] = f.size_known ? "mm" : "px";
-    node["extras"]["origin"] = listOf(f.origin);
+    const Json node = {{"mesh", 0},
+                       {"name", "artwork"},
+                       {"translation", listOf(f.origin * kMetres)},
+                       {"scale", listOf(glm::dvec3(kMetres))},
+                       {"extras", {{"position_unit", f.size_known ? "mm" : "px"}, {"origin", listOf(f.origin)}}}};
     json["nodes"] = Json::array({node});
-    primitive["attributes"]["POSITION"] = 0;
-    primitive["attributes"]["NORMAL"] = 1;
-    if (f.colours) primitive["attributes"]["COLOR_0"] = 3;
-    primitive["indices"] = 2;
-    primitive["material"] = 0;
-    primitive["mode"] = 4;  // triangles
-    mesh["primitives"] = Json::array({primitive});
+    Json attributes = {{"POSITION", 0}, {"NORMAL", 1}};
+    if (f.colours) attributes["COLOR_0"] = 3;
+    constexpr int kTriangles = 4;
+    const Json primitive = {{"attributes", attributes}, {"indices", 2}, {"material", 0}, {"mode", kTriangles}};
+    const Json mesh = {{"primitives", Json::array({primitive})}};
     json["meshes"] = Json::array({mesh});
-    material["pbrMetallicRoughness"]["metallicFactor"] = 0;
-    material["pbrMetallicRoughness"]["roughnessFactor"] = 1;
-    material["doubleSided"] = true;
+    const Json material = {{"pbrMetallicRoughness", {{"metallicFactor", 0}, {"roughnessFactor", 1}}},
+                           {"doubleSided", true}};
     json["materials"] = Json::array({material});
     json["accessors"] = Json::array();
     auto accessor = [&](int view, int offset, int component, uint64_t count, const char* type) -> Json& {

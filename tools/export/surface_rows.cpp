@@ -10,7 +10,6 @@
 namespace relievo {
 namespace {
 
-constexpr int kRootCellsLog2 = 7;  // of a relief page
 constexpr std::array<double, 3> kLightFromTheFront{0, 0, 1};
 
 // Cells of a sheet along a side of `extent_px` texels.
@@ -24,11 +23,11 @@ uint64_t pagesAlong(const PatchDomain& d, int level, bool x) {
 }
 }  // namespace
 
-int SurfaceGrid::finestLevel(const Manifest& m) {
-  return kRootCellsLog2 + (m.domain.relief_depth >= 0 ? m.domain.relief_depth : m.domain.texture_depth);
+int ExportGrid::finestLevel(const Manifest& m) {
+  return kPageCellsLog2 + (m.domain.relief_depth >= 0 ? m.domain.relief_depth : m.domain.texture_depth);
 }
 
-SurfaceGrid::SurfaceGrid(std::shared_ptr<const Package> package, int level)
+ExportGrid::ExportGrid(std::shared_ptr<const Package> package, int level)
     : package_(std::move(package)), level_(level) {
   columns_ = rows_ = cellsPerPatchSide() + 1;
   if (isFlat()) {
@@ -38,7 +37,7 @@ SurfaceGrid::SurfaceGrid(std::shared_ptr<const Package> package, int level)
   }
 }
 
-SurfaceGrid::Ray SurfaceGrid::ray(uint32_t sheet, uint64_t x, uint64_t y) const {
+ExportGrid::Ray ExportGrid::ray(uint32_t sheet, uint64_t x, uint64_t y) const {
   const double per_cell = std::ldexp(1.0, -level_);
   if (isFlat()) {
     const FlatDomain d = manifest().domain.flat();
@@ -52,7 +51,7 @@ SurfaceGrid::Ray SurfaceGrid::ray(uint32_t sheet, uint64_t x, uint64_t y) const 
   return {manifest().base->point(sheet, u, v), manifest().base->normal(sheet, u, v)};
 }
 
-double SurfaceGrid::extent() const {
+double ExportGrid::extent() const {
   if (isFlat()) {
     const FlatDomain d = manifest().domain.flat();
     return static_cast<double>(std::max(d.width_px, d.height_px)) * d.mm_per_px / 2;
@@ -64,16 +63,16 @@ double SurfaceGrid::extent() const {
   return std::max({size.x, size.y, size.z}) / 2;
 }
 
-Result<std::optional<double>> SurfaceGrid::errorBound(const std::atomic<bool>* stop) const {
+Result<std::optional<double>> ExportGrid::errorBound(const std::atomic<bool>* stop) const {
   const Manifest& m = manifest();
   if (!hasRelief() || level_ >= finestLevel(m)) return std::optional<double>(0.0);
   double bound = 0;
-  if (level_ < kRootCellsLog2) {
+  if (level_ < kPageCellsLog2) {
     if (isFlat()) return std::optional<double>();
     for (const CoarseErrors& e : m.coarse_errors) bound = std::max(bound, double{e[static_cast<size_t>(level_)]});
     return std::optional<double>(bound);
   }
-  const int page_level = level_ - kRootCellsLog2;
+  const int page_level = level_ - kPageCellsLog2;
   const uint64_t columns = pagesAlong(m.domain, page_level, true), rows = pagesAlong(m.domain, page_level, false);
   for (uint32_t sheet = 0; sheet < sheets(); ++sheet) {
     for (uint64_t y = 0; y < rows; ++y) {
@@ -92,19 +91,19 @@ Result<std::optional<double>> SurfaceGrid::errorBound(const std::atomic<bool>* s
   return std::optional<double>(bound);
 }
 
-SheetReader::SheetReader(const SurfaceGrid& grid, RowParts parts)
+SheetReader::SheetReader(const ExportGrid& grid, RowParts parts)
     : grid_(grid),
       parts_(parts),
-      relief_level_(static_cast<uint32_t>(std::max(grid.level() - kRootCellsLog2, 0))),
+      relief_level_(static_cast<uint32_t>(std::max(grid.level() - kPageCellsLog2, 0))),
       texture_level_(
-          static_cast<uint32_t>(std::clamp(grid.level() - kRootCellsLog2, 0, grid.manifest().domain.texture_depth))),
+          static_cast<uint32_t>(std::clamp(grid.level() - kPageCellsLog2, 0, grid.manifest().domain.texture_depth))),
       relief_pages_(pagesAlong(grid.manifest().domain, static_cast<int>(relief_level_), true)),
       relief_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(relief_level_), false)),
       texture_pages_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), true)),
       texture_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), false)),
-      texels_per_cell_(std::ldexp(1.0, kRootCellsLog2 + static_cast<int>(texture_level_) - grid.level())) {}
+      texels_per_cell_(std::ldexp(1.0, kPageCellsLog2 + static_cast<int>(texture_level_) - grid.level())) {}
 
-uint64_t SheetReader::bytes(const SurfaceGrid& grid, RowParts parts) {
+uint64_t SheetReader::bytes(const ExportGrid& grid, RowParts parts) {
   const SheetReader reader(grid, parts);
   uint64_t bytes = grid.columns() * (sizeof(uint16_t) + sizeof(glm::dvec3) + sizeof(glm::u8vec3));
   if (parts.heights && grid.hasRelief()) bytes += reader.relief_pages_ * kReliefPageSamples * sizeof(uint16_t);

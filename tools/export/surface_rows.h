@@ -27,10 +27,10 @@
 
 namespace relievo {
 
-class SurfaceGrid {
+class ExportGrid {
  public:
   // level: 0 .. finestLevel().
-  SurfaceGrid(std::shared_ptr<const Package> package, int level);
+  ExportGrid(std::shared_ptr<const Package> package, int level);
   // Of an artwork without relief, the level at which a cell is a texel: vertices carry the colours.
   static int finestLevel(const Manifest& manifest);
 
@@ -81,14 +81,14 @@ struct RowParts {
 // Reads the rows of one sheet after the other; one per thread. Rows in growing order read each page once.
 class SheetReader {
  public:
-  SheetReader(const SurfaceGrid& grid, RowParts parts);
+  SheetReader(const ExportGrid& grid, RowParts parts);
   void begin(uint32_t sheet);
   Result<void> read(uint64_t y, SheetRow& row);
   // Row y of the texels of this level, as they are: of a flat artwork's sheet, at levels that the texture has. They are
   // the cells, one fewer than columns().
   Result<void> readTexels(uint64_t y, SheetRow& row);
   // The memory that its pages and a row take.
-  static uint64_t bytes(const SurfaceGrid& grid, RowParts parts);
+  static uint64_t bytes(const ExportGrid& grid, RowParts parts);
 
  private:
   Result<void> loadHeights(uint64_t band);
@@ -98,7 +98,7 @@ class SheetReader {
   Result<void> readColours(uint64_t y, SheetRow& row);
   NodeId node(int level, uint64_t x, uint64_t y) const;
 
-  const SurfaceGrid& grid_;
+  const ExportGrid& grid_;
   const RowParts parts_;
   const uint32_t relief_level_, texture_level_;
   const uint64_t relief_pages_, relief_bands_, texture_pages_, texture_bands_;

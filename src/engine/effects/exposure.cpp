@@ -4,23 +4,17 @@
 // channel; W = 1: as it is) and encoded again. GLSL: shaders/effects/exposure.glsl.
 #include <cmath>
 
+#include "src/base/srgb.h"
 #include "src/engine/effects/effects.h"
 
 namespace relievo {
 namespace {
 
-double linear(double encoded) {
-  return encoded <= 0.04045 ? encoded / 12.92 : std::pow((encoded + 0.055) / 1.055, 2.4);
-}
-double encoded(double linear) {
-  return linear <= 0.0031308 ? 12.92 * linear : 1.055 * std::pow(linear, 1 / 2.4) - 0.055;
-}
-
 glm::dvec3 exposed(const glm::dvec3& colour, const PixelEffect::Values& values) {
   glm::dvec3 out;
   for (int c = 0; c < 3; ++c) {
-    const double light = linear(std::max(colour[c], 0.0)) * std::exp2(values[0]);
-    out[c] = encoded(light * (1 + light / (values[1] * values[1])) / (1 + light));
+    const double light = linearFromSrgb(std::max(colour[c], 0.0)) * std::exp2(values[0]);
+    out[c] = srgbFromLinear(light * (1 + light / (values[1] * values[1])) / (1 + light));
   }
   return out;
 }
