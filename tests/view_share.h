@@ -11,7 +11,7 @@ namespace relievo::test {
 
 // It takes ten to sixteen times as long and looks at memory, not at figures: it sees a sixteenth of the views, scans
 // and damages.
-#ifdef __SANITIZE_ADDRESS__
+#ifdef RELIEVO_ADDRESS_SANITIZER
 inline constexpr int kViewShare = 16;
 #else
 inline constexpr int kViewShare = 1;

@@ -47,6 +47,9 @@ struct RawMesh {
   std::vector<MeshFinding> findings;
 };
 
+// Of 0..255, cut off; 0 for what is not a number.
+inline uint8_t byteOf(double value) { return value >= 255 ? 255 : value > 0 ? static_cast<uint8_t>(value) : 0; }
+
 // Appends a face of the file as triangles. A polygon of up to 64 corners loses ear after ear (it may be concave), a
 // larger one is a fan from its first corner, so that time stays linear in the file. uv: one a corner or none; faces of
 // fewer than 3 corners are counted in dropped. Corners that are not known yet (an OBJ may name vertices before it gives

@@ -66,10 +66,7 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
   float scale = most > 1 ? 1 : 255;
   std::vector<glm::u8vec3> out(colours.size());
   for (size_t i = 0; i < out.size(); ++i)
-    for (int c = 0; c < 3; ++c) {
-      float v = colours[i][c] * scale + 0.5f;
-      out[i][c] = v >= 255 ? 255 : v > 0 ? static_cast<uint8_t>(v) : 0;  // not a number: 0
-    }
+    for (int c = 0; c < 3; ++c) out[i][c] = mesh_file::byteOf(colours[i][c] * scale + 0.5f);
   return out;
 }
 

@@ -338,7 +338,7 @@ class PlyReader {
         case Use::kBlue: {
           int c = static_cast<int>(use) - static_cast<int>(Use::kRed);
           if (float_colours) mesh_.float_colours[i][c] = static_cast<float>(v);
-          else if (colours) mesh_.colours[i][c] = static_cast<uint8_t>(std::clamp(v * colour_scale + 0.5, 0.0, 255.0));
+          else if (colours) mesh_.colours[i][c] = byteOf(v * colour_scale + 0.5);
           break;
         }
         case Use::kU:

@@ -9,8 +9,7 @@
 #pragma once
 
 // The sanitizers' run-time libraries are not yet there when the loader chooses.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__AVX2__) && \
-    !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__AVX2__) && !defined(RELIEVO_SANITIZED)
 #define RELIEVO_SIMD_CLONES __attribute__((target_clones("default", "arch=x86-64-v3"), flatten))
 #else
 #define RELIEVO_SIMD_CLONES

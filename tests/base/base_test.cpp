@@ -655,7 +655,7 @@ long faultsOfUse() {
   return minorFaults() - before;
 }
 TEST(HeapWarmer, MallocsMemoryIsThereBefore) {
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#ifdef RELIEVO_SANITIZED
   GTEST_SKIP() << "sanitizers bring a malloc of their own";
 #endif
   const long cold = faultsOfUse();

@@ -1125,7 +1125,7 @@ TEST(MeshRepairs, AllDefectsAtOnce) {
     size_t junctions = 0;
     for (uint32_t n = pick(random, 20); n > 0; --n) {
       size_t t = pick(random, static_cast<uint32_t>(sound.triangles.size())), neighbour = 0;
-      auto [a, b, c] = sound.triangles[t];
+      const uint32_t a = sound.triangles[t][0], b = sound.triangles[t][1], c = sound.triangles[t][2];
       while (neighbour == t || std::count_if(sound.triangles[neighbour].begin(), sound.triangles[neighbour].end(),
                                              [&](uint32_t v) { return v == a || v == b; }) < 2)
         ++neighbour;

@@ -77,8 +77,10 @@ template <class T>
 std::vector<T> noise(size_t count, uint32_t seed) {
   std::vector<T> out(count);
   std::mt19937 random(seed);
-  for (T& v : out)
-    v = static_cast<T>(std::is_floating_point_v<T> ? std::uniform_real_distribution<>(-3, 9)(random) : random());
+  for (T& v : out) {
+    if constexpr (std::is_floating_point_v<T>) v = static_cast<T>(std::uniform_real_distribution<>(-3, 9)(random));
+    else v = static_cast<T>(random());
+  }
   return out;
 }
 

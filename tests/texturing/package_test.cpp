@@ -435,19 +435,21 @@ TEST_F(SmallPackage, damagedCopiesAndPaddingAreNamedAndRepaired) {
 TEST_F(SmallPackage, copiesThatCannotBeReadAreNoDamage) {
   const PackageHeader header = *decodeHeader({bytes_.data(), kHeaderBytes}, path_);
   const uint64_t copy = header.file_bytes - kHeaderBytes;
-  for (auto [from, to, faults_expected] : {std::tuple<uint64_t, uint64_t, size_t>{0, 1, 1},
-                                           {copy, copy + 1, 1},
-                                           {header.index_offset - 1, header.index_offset, 1},
-                                           {0, 0, 0}}) {
+  struct Unread {
+    uint64_t from, to;
+    size_t faults_expected;
+  };
+  for (const Unread unread : {Unread{0, 1, 1}, Unread{copy, copy + 1, 1},
+                              Unread{header.index_offset - 1, header.index_offset, 1}, Unread{0, 0, 0}}) {
     const ReadBytes read = [&](uint64_t offset, std::span<uint8_t> out) -> Result<void> {
-      if (offset < to && from < offset + out.size())
+      if (offset < unread.to && unread.from < offset + out.size())
         return Error{ErrorKind::kIo, path_, "reading failed: Input/output error", "", {}};
       std::copy_n(bytes_.begin() + static_cast<std::ptrdiff_t>(offset), out.size(), out.begin());
       return {};
     };
     auto faults = sectionFaults({header, header.file_bytes}, read, nullptr);
     ASSERT_TRUE(faults.ok());
-    ASSERT_EQ(faults->size(), faults_expected) << from;
+    ASSERT_EQ(faults->size(), unread.faults_expected) << unread.from;
     for (const SectionFault& fault : *faults) {
       EXPECT_TRUE(fault.unreadable) << fault.what;
       EXPECT_EQ(fault.mend, SectionFault::Mend::kNone);

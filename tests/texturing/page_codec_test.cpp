@@ -51,7 +51,8 @@ std::vector<uint16_t> reliefPage(const Fill& fill, uint32_t seed) {
   std::mt19937 random(seed);
   std::vector<uint16_t> out;
   for (int y = 0; y < kReliefSamples; ++y)
-    for (int x = 0; x < kReliefSamples; ++x) out.push_back(static_cast<uint16_t>(37 * fill(random, 1, x, y)));
+    for (int x = 0; x < kReliefSamples; ++x)
+      out.push_back(static_cast<uint16_t>(37u * static_cast<uint32_t>(fill(random, 1, x, y))));
   return out;
 }
 

@@ -74,7 +74,7 @@ TEST_F(PackageCli, ClaimsThatTheFileCannotHoldAreRefusedByEveryCommand) {
        {"info " + huge, "info --json " + huge, "verify " + huge, "verify --json " + huge, "verify --repair " + huge,
         "export " + huge + " -o " + file("p.ply"), "render " + huge + " -o " + file("p.png"), "view " + huge,
         "bench " + huge, "compare " + huge + " -o " + file("report")}) {
-#ifdef __SANITIZE_ADDRESS__
+#ifdef RELIEVO_ADDRESS_SANITIZER
     const char* limit = "";  // the sanitizer maps terabytes
 #else
     const char* limit = "ulimit -v 4000000; ";

@@ -57,7 +57,7 @@ uint64_t bruteForceMisses(const PageTrace& trace, size_t slots) {
       std::vector<PageId> others;
       std::set_difference(resident.begin(), resident.end(), request.begin(), request.end(), std::back_inserter(others));
       auto missed = static_cast<uint64_t>(
-          std::count_if(request.begin(), request.end(), [&](PageId p) { return !resident.contains(p); }));
+          std::count_if(request.begin(), request.end(), [&held = resident](PageId p) { return !held.contains(p); }));
       size_t must_leave = all.size() > slots ? all.size() - slots : 0;
       for (uint32_t choice = 0; choice < 1u << others.size(); ++choice) {
         if (static_cast<size_t>(std::popcount(choice)) != must_leave) continue;

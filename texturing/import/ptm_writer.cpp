@@ -20,7 +20,7 @@ namespace relievo {
 namespace {
 
 constexpr int kThreads = 2;
-constexpr int64_t kBandBytes = int64_t{8} << 20;  // of the source's channels; a thread holds two such bands
+constexpr int64_t kThreadBandBytes = int64_t{8} << 20;  // of the source's channels; a thread holds two such bands
 
 // The shortest text that reads back as the same number.
 std::string shortest(double value) {
@@ -74,7 +74,8 @@ Result<void> writePtm(const std::string& path, const TextureSource& source, cons
 
   const int channels = format.channels();
   const int64_t row_pixels = std::max<int64_t>(width, 1);
-  const int64_t band_rows = std::clamp<int64_t>(kBandBytes / (row_pixels * channels), 1, std::max<int64_t>(height, 1));
+  const int64_t band_rows =
+      std::clamp<int64_t>(kThreadBandBytes / (row_pixels * channels), 1, std::max<int64_t>(height, 1));
   const int64_t bands = (height + band_rows - 1) / band_rows;
   const uint64_t data = header.size(), pixels = static_cast<uint64_t>(width) * height;
 
