@@ -13,6 +13,8 @@
 #include <cstring>
 #include <filesystem>
 #include <optional>
+#include <string_view>
+#include <system_error>
 #include <utility>
 
 #include <CLI/CLI.hpp>
@@ -23,6 +25,7 @@
 #include "texturing/import/ptm.h"
 #include "tools/build_mesh.h"
 #include "tools/build_run.h"
+#include "tools/commands.h"
 
 namespace relievo {
 namespace {
@@ -63,6 +66,26 @@ std::string builder() {
   return text;
 }
 
+// What openArtwork() names in the cache's folder, which may hold files of others: KEY-KEY.relievo, KEY-new-PID.relievo
+// and KEY.names, where the first KEY has 32 hexadecimal digits, the second 16.
+bool isCacheName(std::string_view name) {
+  const auto take = [&](const char* of, size_t least, size_t most) {
+    const size_t found = std::min(name.find_first_not_of(of), name.size());
+    if (found < least || found > most) return false;
+    name.remove_prefix(found);
+    return true;
+  };
+  const auto starts = [&](std::string_view with) {
+    if (name.substr(0, with.size()) != with) return false;
+    name.remove_prefix(with.size());
+    return true;
+  };
+  if (!take("0123456789abcdef", 32, 32)) return false;
+  if (name == kNamesEnd) return true;
+  const bool named = starts("-new-") ? take("0123456789", 1, 10) : starts("-") && take("0123456789abcdef", 16, 16);
+  return named && name == kPackageEnd;
+}
+
 // Of the file alone, and of all that it names; files that are not there have a place of their own.
 Result<std::string> ownKey(const std::string& file) {
   auto hash = hashFile(file, &interruptedFlag());
@@ -97,7 +120,10 @@ Result<std::string> cacheFolder(const std::string& file, const ArtworkCache& cac
     else return cannotWrite(file, "of this user", "neither XDG_CACHE_HOME nor HOME names one");
   }
   std::error_code bad;
-  fs::create_directories(folder, bad);
+  const fs::path above = fs::path(folder + "/").parent_path().parent_path();
+  if (!above.empty()) fs::create_directories(above, bad);
+  // What others may not read is not for them in the cache, either.
+  if (!bad && ::mkdir(folder.c_str(), 0700) != 0 && errno != EEXIST) bad.assign(errno, std::generic_category());
   if (bad) return cannotWrite(file, folder, bad.message());
   if (!fs::is_directory(folder, bad)) return cannotWrite(file, folder, "it is no folder");
   return folder;
@@ -138,7 +164,7 @@ std::optional<OpenedArtwork> take(const std::string& path) {
   return OpenedArtwork{*package, {}, in_use};
 }
 
-// Packages in the folder beyond the limit, the least recently used first.
+// The cache's packages in the folder beyond the limit, the least recently used first.
 void removeOldest(const std::string& folder, uint64_t limit_bytes) {
   struct Kept {
     fs::file_time_type used;
@@ -149,7 +175,7 @@ void removeOldest(const std::string& folder, uint64_t limit_bytes) {
   uint64_t total = 0;
   std::error_code bad;
   for (fs::directory_iterator it(folder, bad), end; !bad && it != end; it.increment(bad)) {
-    if (it->path().extension() != kPackageEnd) continue;
+    if (!isCacheName(it->path().filename().string()) || it->path().extension() != kPackageEnd) continue;
     std::error_code gone;
     Kept kept{it->last_write_time(gone), it->path(), it->file_size(gone)};
     if (gone) continue;
@@ -235,12 +261,10 @@ void ArtworkCache::addTo(CLI::App& c) {
       ->group(group);
 }
 
-Result<OpenedArtwork> openArtwork(const std::string& file, const ArtworkCache& cache) {
-  if (sourceOf(file) == Source::kPackage) {
-    auto package = Package::open(file);
-    if (!package) return package.error();
-    return OpenedArtwork{*package, {}, nullptr};
-  }
+namespace {
+
+// The cached package of what is none.
+Result<OpenedArtwork> openThroughCache(const std::string& file, const ArtworkCache& cache) {
   auto own = ownKey(file);
   if (!own) return own.error();
   auto folder = cacheFolder(file, cache);
@@ -259,7 +283,9 @@ Result<OpenedArtwork> openArtwork(const std::string& file, const ArtworkCache& c
     found->named_files = named;
     return *found;
   }
-  // What a scan names is known once it was read: only then has its package its name.
+  // What a scan names is known once it was read: only then has its package its name. Until then the name is this
+  // process's own, so that what a killed one left is no later one's target.
+  OutputFile::removeOrphans(*folder, isCacheName);
   named.clear();
   const std::string output = stem + "-new-" + std::to_string(::getpid()) + kPackageEnd;
   if (auto built = buildInto(output, file, &named); !built) return ofArtwork(built.error(), file, output, *folder);
@@ -285,6 +311,21 @@ Result<OpenedArtwork> openArtwork(const std::string& file, const ArtworkCache& c
   removeOldest(*folder, cache.limit_mib << 20);
   found->named_files = named;
   return *found;
+}
+
+}  // namespace
+
+Result<OpenedArtwork> openArtwork(const std::string& file, const ArtworkCache& cache) {
+  if (sourceOf(file) == Source::kPackage) {
+    auto package = Package::open(file);
+    if (!package) return package.error();
+    return OpenedArtwork{*package, {}, nullptr};
+  }
+  auto opened = openThroughCache(file, cache);
+  if (!opened || sourceOf(file) != Source::kImage) return opened;
+  auto facts = readImageFacts(file);
+  if (facts && facts->alpha) warn(alphaWarning(file));
+  return opened;
 }
 
 }  // namespace relievo

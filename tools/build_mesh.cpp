@@ -185,8 +185,7 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
       error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
     return error;
   }
-  if (image->channels == 2 || image->channels == 4)
-    warn(path + ": its alpha channel is ignored; colours are taken as they are stored");
+  if (image->channels == 2 || image->channels == 4) warn(alphaWarning(path));
   if (image->channels == 3) return image;
   Image8 rgb{image->width, image->height, 3, {}};
   const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;

@@ -59,4 +59,9 @@ std::string buildSummary(const TextureSource& texture, const BuildOptions& optio
   return options.output + ": " + text;
 }
 
+std::string alphaWarning(const std::string& image) {
+  return image +
+         ": its alpha channel is ignored; colours are taken as they are stored, those that are transparent, too";
+}
+
 }  // namespace relievo

@@ -14,4 +14,7 @@ Result<BuildReport> buildPatchesWithProgress(const PatchSource& source, BuildOpt
 // "FILE: W x H px, N pages, MiB (bytes per pixel), s, MPix/s".
 std::string buildSummary(const TextureSource& texture, const BuildOptions& options, const BuildReport& report);
 
+// What is said of an image that has an alpha channel.
+std::string alphaWarning(const std::string& image);
+
 }  // namespace relievo

@@ -99,10 +99,7 @@ Result<void> takeSize(const BuildArguments& o, const ImageReadOptions& limits, B
     auto read = readImageFacts(o.image, limits);
     if (!read) return read.error();
     facts = std::move(*read);
-    if (facts.alpha)
-      warnings.push_back(
-          o.image +
-          ": its alpha channel is ignored; colours are taken as they are stored, those that are transparent, too");
+    if (facts.alpha) warnings.push_back(alphaWarning(o.image));
   }
   if (given) return {};
   if (o.mm_per_px == "tag") {

@@ -86,7 +86,7 @@ std::vector<uint8_t> onBackground(std::span<const uint8_t> rgba, const std::arra
   std::vector<uint8_t> rgb(rgba.size() / 4 * 3);
   for (size_t i = 0; i < rgb.size() / 3; ++i) {
     for (size_t c = 0; c < 3; ++c) {
-      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(std::clamp(background[c], 0.0, 255.0));
+      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(background[c]);
     }
   }
   return rgb;
@@ -135,6 +135,10 @@ Result<void> render(const RenderOptions& o) {
   }
   auto background = parseTriple(o.background, "--background", "R,G,B from 0 to 255: 24,24,26");
   if (!background) return background.error();
+  for (const double part : *background)
+    if (part < 0 || part > 255)
+      return usageError("expected numbers from 0 to 255 for --background, found '" + o.background + "'",
+                        "for example R,G,B: 24,24,26");
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
   auto artwork = openApart(o);

@@ -3,9 +3,11 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "src/base/result.h"
@@ -57,6 +59,9 @@ class OutputFile {
   // The part files of this target whose writers were killed, taken over: locked, and appended to at their ends. Those
   // that are not kept are removed by their destructors. Empty where the target is a stream.
   static Result<std::vector<OutputFile>> orphans(const std::string& path);
+  // Removes the part files in this folder whose writers were killed, of every target whose name ours() tells: for
+  // targets that no two processes name alike, which create() would never meet again.
+  static void removeOrphans(const std::string& folder, const std::function<bool(std::string_view)>& ours);
   OutputFile(OutputFile&& other) noexcept;
   OutputFile& operator=(OutputFile&& other) noexcept;
   ~OutputFile();

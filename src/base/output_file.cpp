@@ -15,6 +15,7 @@
 #include <cstdio>
 #include <cstring>
 #include <ctime>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <string_view>
@@ -125,12 +126,14 @@ Result<Target> targetOf(const std::string& path) {
 
 // ---- Part files ----
 
+constexpr std::string_view kPartMark = ".part-";
 constexpr size_t kRandomDigits = 16;
 // Names end at 255 bytes; a target's longer name is cut in its part file's.
-constexpr size_t kMaxPartStem = 255 - (sizeof ".part-" - 1) - 10 - 1 - kRandomDigits;
+constexpr size_t kMaxPartStem = 255 - kPartMark.size() - 10 - 1 - kRandomDigits;
 
+// What a part file's name begins with, before kPartMark.
 std::string partStem(const std::string& target) {
-  return target.substr(folderOf(target).size()).substr(0, kMaxPartStem) + ".part-";
+  return target.substr(folderOf(target).size()).substr(0, kMaxPartStem);
 }
 
 std::string randomDigits() {
@@ -146,31 +149,35 @@ std::string randomDigits() {
   return text;
 }
 
-// STEM followed by digits, "-" and kRandomDigits hexadecimal digits: a name that create() makes, nothing else.
-bool isPartName(std::string_view name, std::string_view stem) {
-  if (name.substr(0, stem.size()) != stem) return false;
-  name.remove_prefix(stem.size());
-  const size_t digits = name.find_first_not_of("0123456789");
-  if (digits == 0 || digits == name.npos || name[digits] != '-') return false;
-  name.remove_prefix(digits + 1);
-  return name.size() == kRandomDigits && name.find_first_not_of("0123456789abcdef") == name.npos;
+// The target's name in that of its part file, followed by digits, "-" and kRandomDigits hexadecimal digits: a name that
+// create() makes. Empty where it is none.
+std::string_view targetOfPart(std::string_view name) {
+  const size_t mark = name.rfind(kPartMark);
+  if (mark == name.npos) return {};
+  std::string_view rest = name.substr(mark + kPartMark.size());
+  const size_t digits = rest.find_first_not_of("0123456789");
+  if (digits == 0 || digits == rest.npos || rest[digits] != '-') return {};
+  rest.remove_prefix(digits + 1);
+  const bool part = rest.size() == kRandomDigits && rest.find_first_not_of("0123456789abcdef") == rest.npos;
+  return part ? name.substr(0, mark) : std::string_view();
 }
 
-// Calls take(folder, name, fd) for each part file of the same target whose writer was killed: regular files of this
-// user that nobody holds locked. They are locked by fd, which is closed unless take returns true.
-template <class Take>
-void forEachOrphan(const std::string& target, int access, Take&& take) {
-  const int folder = openFolder(folderOf(target));
+// Calls take(folder, name, fd) for each part file in the folder whose writer was killed and whose target has a name
+// that ours() tells: regular files of this user that nobody holds locked. They are locked by fd, which is closed unless
+// take returns true.
+template <class Ours, class Take>
+void forEachOrphan(const std::string& in_folder, Ours&& ours, int access, Take&& take) {
+  const int folder = openFolder(in_folder);
   DIR* entries = folder < 0 ? nullptr : ::fdopendir(folder);
   if (!entries) {
     if (folder >= 0) ::close(folder);
     return;  // it cannot be listed; writing into it may be possible
   }
-  const std::string stem = partStem(target);
   while (const dirent* entry = ::readdir(entries)) {
     struct stat named {
     }, opened{};
-    if (!isPartName(entry->d_name, stem) || ::fstatat(folder, entry->d_name, &named, AT_SYMLINK_NOFOLLOW) != 0 ||
+    const std::string_view target = targetOfPart(entry->d_name);
+    if (target.empty() || !ours(target) || ::fstatat(folder, entry->d_name, &named, AT_SYMLINK_NOFOLLOW) != 0 ||
         !S_ISREG(named.st_mode) || named.st_uid != ::geteuid())
       continue;
     const int fd = ::openat(folder, entry->d_name, access | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
@@ -181,11 +188,16 @@ void forEachOrphan(const std::string& target, int access, Take&& take) {
   ::closedir(entries);
 }
 
-void removeOrphans(const std::string& target) {
-  forEachOrphan(target, O_RDONLY, [](int folder, const char* name, int) {
-    ::unlinkat(folder, name, 0);
-    return false;
-  });
+template <class Take>
+void forEachOrphanOf(const std::string& target, int access, Take&& take) {
+  const std::string stem = partStem(target);
+  forEachOrphan(
+      folderOf(target), [&](std::string_view name) { return name == stem; }, access, std::forward<Take>(take));
+}
+
+bool removeOrphan(int folder, const char* name, int /*fd*/) {
+  ::unlinkat(folder, name, 0);
+  return false;
 }
 
 // A file without a name, for what goes to a stream once it is whole.
@@ -252,7 +264,8 @@ struct OutputFile::Impl {
     // fchmod below.
     const mode_t mode = target.there ? 0600 : 0666;
     for (int attempt = 0; attempt < 100; ++attempt) {
-      part_path = folderOf(target.path) + partStem(target.path) + std::to_string(::getpid()) + "-" + randomDigits();
+      part_path = folderOf(target.path) + partStem(target.path) + std::string(kPartMark) + std::to_string(::getpid()) +
+                  "-" + randomDigits();
       // Registered first: a signal between open and register would leave the file behind.
       part_index = registerPartFile(part_path);
       if (part_index < 0)
@@ -340,6 +353,10 @@ struct OutputFile::Impl {
   }
 };
 
+void OutputFile::removeOrphans(const std::string& folder, const std::function<bool(std::string_view)>& ours) {
+  forEachOrphan(folder, ours, O_RDONLY, removeOrphan);
+}
+
 OutputFile::OutputFile() = default;
 OutputFile::OutputFile(OutputFile&&) noexcept = default;
 OutputFile& OutputFile::operator=(OutputFile&&) noexcept = default;
@@ -374,7 +391,7 @@ Result<OutputFile> OutputFile::create(const std::string& path) {
     if (auto opened = file.impl_->openStream(path); !opened) return opened.error();
     return file;
   }
-  removeOrphans(file.impl_->target.path);
+  forEachOrphanOf(file.impl_->target.path, O_RDONLY, removeOrphan);
   if (auto created = file.impl_->createPart(path); !created) return created.error();
   return file;
 }
@@ -384,7 +401,7 @@ Result<std::vector<OutputFile>> OutputFile::orphans(const std::string& path) {
   auto target = targetOf(path);
   if (!target) return target.error();
   if (target->kind != OutputKind::kFile) return found;
-  forEachOrphan(target->path, O_RDWR, [&](int, const char* name, int fd) {
+  forEachOrphanOf(target->path, O_RDWR, [&](int, const char* name, int fd) {
     struct stat st {};
     if (::fstat(fd, &st) != 0) return false;
     OutputFile file;

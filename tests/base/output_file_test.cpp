@@ -163,6 +163,22 @@ TEST_F(OutputFiles, LeftByAProcessThatWasKilledGoWithTheNextOne) {
   EXPECT_EQ(get("out"), "after");
 }
 
+// Targets whose names are never written again: only those that are asked for, and none that is still written.
+TEST_F(OutputFiles, LeftUnderOtherNamesGoWhenAskedFor) {
+  for (const pid_t child : {writerOf("new-1"), writerOf("new-2"), writerOf("other")}) kill(child);
+  const pid_t living = writerOf("new-3");
+  put("new-4", "not a part file");
+  ASSERT_EQ(partFiles().size(), 4u);
+  OutputFile::removeOrphans(folder_.string(), [](std::string_view target) { return target.substr(0, 4) == "new-"; });
+  std::vector<std::string> left = partFiles();
+  std::sort(left.begin(), left.end());
+  ASSERT_EQ(left.size(), 2u);
+  EXPECT_EQ(left[0].rfind("new-3.", 0), 0u) << "it is still written";
+  EXPECT_EQ(left[1].rfind("other.", 0), 0u) << "it was not asked for";
+  EXPECT_TRUE(fs::exists(at("new-4")));
+  kill(living);
+}
+
 TEST_F(OutputFiles, OfAProcessThatLivesStay) {
   const pid_t child = writerOf("out");
   ASSERT_EQ(partFiles().size(), 1u);

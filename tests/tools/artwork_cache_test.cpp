@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "tests/tools/cli_fixture.h"
+#include "texturing/import/image_io.h"
 
 namespace relievo {
 namespace {
@@ -202,6 +203,62 @@ TEST_F(ArtworkCache, AnInterruptedBuildLeavesNothing) {
   EXPECT_EQ(stopped.exit_code, 130) << stopped.output;
   EXPECT_EQ(filesInCache(), 0);
   EXPECT_FALSE(fs::exists(file("a.png")));
+}
+
+// A build that was killed leaves its file; the next one has another name and takes it away all the same.
+TEST_F(ArtworkCache, WhatAKilledBuildLeftGoesWithTheNextOne) {
+  sample("painting --size 3000x3000 --write ptm-lrgb");
+  const std::string big = std::string(RELIEVO_PROGRAM) + " render " + file("sample/ptm_lrgb.ptm") + " -o " +
+                          file("a.png") + " --cache-dir " + cache();
+  run("( " + big + " & pid=$!; n=0; until ls " + cache() +
+      "/*.part-* >/dev/null 2>&1 || [ $((n += 1)) -gt 600 ]; do sleep 0.05; done; kill -KILL $pid; wait $pid )");
+  ASSERT_TRUE(packages().empty()) << "it was killed before it was done";
+  ASSERT_EQ(filesInCache(), 1);
+  sample("inscription --size 96x64 --write ptm-lrgb");
+  ASSERT_EQ(render("sample/ptm_lrgb.ptm", "a.png").exit_code, 0);
+  EXPECT_EQ(packages().size(), 1u);
+  EXPECT_EQ(filesInCache(), 2) << "the package and its list of names";
+}
+
+// The folder may hold files of others, packages among them: they are no part of the cache and not its to remove.
+TEST_F(ArtworkCache, FilesOfOthersStay) {
+  sample("inscription --size 96x64 --write ptm-lrgb");
+  fs::create_directory(cache());
+  const std::string key(32, 'a'), digits(16, '0');
+  const std::vector<std::string> others{"mine.relievo",
+                                        key + ".relievo",
+                                        key + "-" + digits + "0.relievo",
+                                        key + "-new-x.relievo",
+                                        "x" + key + "-" + digits + ".relievo",
+                                        "mine.relievo.part-7-" + digits};
+  for (const std::string& name : others) write("cache/" + name, "precious");
+  const std::vector<std::string> own{key + "-" + digits + ".relievo", key + "-new-7.relievo",
+                                     key + "-new-7.relievo.part-7-" + digits};
+  for (const std::string& name : own) write("cache/" + name, "the cache's");
+  ASSERT_EQ(render("sample/ptm_lrgb.ptm", "a.png", "--cache-dir-mib 0").exit_code, 0);
+  for (const std::string& name : others) EXPECT_EQ(bytes("cache/" + name), "precious") << name;
+  for (const std::string& name : own) EXPECT_FALSE(fs::exists(file("cache/" + name))) << "the control: " << name;
+}
+
+// A package says what its image shows: others than who made the cache do not read it.
+TEST_F(ArtworkCache, TheFolderIsTheUsersAlone) {
+  sample("inscription --size 96x64 --write ptm-lrgb");
+  ASSERT_EQ(run("umask 022; cd " + folder_ +
+                "; " RELIEVO_PROGRAM " render sample/ptm_lrgb.ptm --size 64x48 -o a.png --cache-dir cache/of/mine")
+                .exit_code,
+            0);
+  EXPECT_EQ(fs::status(file("cache/of/mine")).permissions(), fs::perms::owner_all);
+}
+
+TEST_F(ArtworkCache, WhatAnImageLosesIsSaidEachTime) {
+  ASSERT_TRUE(writeImage(file("clear.png"), 8, 8, 4, std::vector<uint8_t>(256, 99)).ok());
+  ASSERT_TRUE(writeImage(file("solid.png"), 8, 8, 3, std::vector<uint8_t>(192, 99)).ok());
+  for (int times = 0; times < 2; ++times) {
+    const Outcome drawn = render("clear.png", "a.png");
+    ASSERT_EQ(drawn.exit_code, 0) << drawn.output;
+    EXPECT_NE(drawn.output.find("clear.png: its alpha channel is ignored"), std::string::npos) << drawn.output;
+  }
+  EXPECT_EQ(render("solid.png", "b.png").output, "") << "the control";
 }
 
 TEST_F(ArtworkCache, ADamagedPackageIsBuiltAgain) {

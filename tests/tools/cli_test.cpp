@@ -102,6 +102,11 @@ TEST_F(Cli, WhatIsExpectedIsHintedAt) {
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("for example R,G,B from 0 to 255: 24,24,26"), std::string::npos) << r.output;
   EXPECT_EQ(r.output.find("light"), std::string::npos) << r.output;
+  for (const char* beyond : {"256,0,0", "0,0,-1"}) {
+    r = relievo(std::string("render x.relievo -o x.png --background ") + beyond);
+    EXPECT_EQ(r.exit_code, 1) << beyond;
+    EXPECT_NE(r.output.find("from 0 to 255"), std::string::npos) << r.output;
+  }
   r = relievo("render x.relievo -o x.png --light red");
   EXPECT_NE(r.output.find("towards the light"), std::string::npos) << r.output;
 }

@@ -3,7 +3,7 @@
 relievo_test(cli_test COST 100 LIBS nlohmann_json::nlohmann_json SOURCES tools/cli_test.cpp)
 target_compile_definitions(cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(cli_test relievo)
-relievo_test(artwork_cache_test LIBS nlohmann_json::nlohmann_json SOURCES tools/artwork_cache_test.cpp LABELS gl)
+relievo_test(artwork_cache_test LIBS relievo_image nlohmann_json::nlohmann_json SOURCES tools/artwork_cache_test.cpp LABELS gl)
 target_compile_definitions(artwork_cache_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
 add_dependencies(artwork_cache_test relievo)
 relievo_test(error_promise_test LIBS nlohmann_json::nlohmann_json SOURCES tools/error_promise_test.cpp LABELS gl)
