@@ -1,6 +1,7 @@
 // relievo export: the surface of a package as a mesh, or a flat one's maps as images, for other programs.
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 
@@ -22,10 +23,13 @@ struct ExportArguments {
   std::optional<int> level;
   std::optional<double> error_mm;
   bool base = false;
-  std::string map, normal_y = "up";
+  std::string map, normal_y = "up", light = "0,0,1";
   uint64_t memory_mib = 768;
   int workers = 0;
 };
+
+// OpenImageIO with all that it loads, as measured; and what a few rows need.
+constexpr uint64_t kImageLibraryMib = 140, kLeastMapMib = 24;
 
 std::string cellsText(const MeshExportReport& r) {
   return "level " + std::to_string(r.level) + ", " + std::to_string(uint64_t{1} << r.level) + " cells a patch side";
@@ -65,7 +69,10 @@ Result<void> exportAsMap(const ExportArguments& o, const std::shared_ptr<const P
     options.map = *map;
     options.level = o.level;
     options.normal_y_down = o.normal_y == "down";
-    options.memory_bytes = o.memory_mib << 20;
+    if (std::sscanf(o.light.c_str(), "%lf,%lf,%lf", &options.light[0], &options.light[1], &options.light[2]) != 3)
+      return usageError("expected --light X,Y,Z, found '" + o.light + "'");
+    options.memory_bytes = std::max(o.memory_mib, kImageLibraryMib + kLeastMapMib) << 20;
+    options.library_bytes = kImageLibraryMib << 20;
     options.progress = [&](double share) { line.update(share, o.output); };
     options.interrupted = &interruptedFlag();
     report = exportMap(package, options);
@@ -102,6 +109,8 @@ Result<void> exportAsMesh(const ExportArguments& o, const std::shared_ptr<const 
 }
 
 Result<void> exportArtwork(const ExportArguments& o) {
+  if (o.map != "lit" && o.light != "0,0,1")
+    return usageError("--light needs --map lit", "other maps do not depend on a light");
   // Names are looked at before anything is read.
   if (o.map.empty()) {
     if (auto format = meshFormatOf(o.output); !format) return format.error();
@@ -113,6 +122,14 @@ Result<void> exportArtwork(const ExportArguments& o) {
   if (!package) return package.error();
   for (const std::string& warning : (*package)->warnings()) warn(o.file + ": " + warning);
   return o.map.empty() ? exportAsMesh(o, *package) : exportAsMap(o, *package);
+}
+
+std::string threeNumbers(const std::string& text) {
+  double x = 0, y = 0, z = 0;
+  int end = 0;
+  const bool good = std::sscanf(text.c_str(), "%lf,%lf,%lf%n", &x, &y, &z, &end) == 3 &&
+                    end == static_cast<int>(text.size()) && std::isfinite(x + y + z);
+  return good ? "" : "expected three numbers X,Y,Z, found " + text;
 }
 
 }  // namespace
@@ -144,7 +161,10 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "relief's highest place.\n"
       "A .png has both in 16 bits over the relief's range, which is printed: build takes it again as --relief-mm. "
       "normal: (n + 1)/2 in\n"
-      "16 bits, in .exr float. albedo: sRGB, in .exr linear light. The pixel's size is stated as the resolution.");
+      "16 bits, in .exr float. albedo: sRGB, in .exr linear light. lit: the same under --light, as `relievo render` "
+      "shows it "
+      "from above.\n"
+      "The pixel's size is stated as the resolution.");
   c->add_option("FILE", o->file, "Package to read")->required();
   c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
       ->required();
@@ -157,15 +177,19 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
   auto* base = c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")
                    ->excludes(level)
                    ->excludes(error);
-  auto* map = c->add_option("--map", o->map, "Of a flat artwork, an image: height, depth, normal or albedo")
-                  ->check(CLI::IsMember({"height", "depth", "normal", "albedo"}))
+  auto* map = c->add_option("--map", o->map, "Of a flat artwork, an image: height, depth, normal, albedo or lit")
+                  ->check(CLI::IsMember({"height", "depth", "normal", "albedo", "lit"}))
                   ->excludes(error)
                   ->excludes(base);
   c->add_option("--normal-y", o->normal_y, "Direction of green in a normal map: up (OpenGL) or down (DirectX)")
       ->check(CLI::IsMember({"up", "down"}))
       ->needs(map)
       ->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB")
+  c->add_option("--light", o->light, "X,Y,Z towards the light of --map lit: right, up, to the viewer")
+      ->check(threeNumbers)
+      ->needs(map)
+      ->capture_default_str();
+  c->add_option("--memory-mib", o->memory_mib, "Memory to stay within, MiB (of maps at least 164)")
       ->check(CLI::Range(64, 1 << 20))
       ->capture_default_str();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();

@@ -10,6 +10,7 @@
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/scan/mesh_read.h"
 #include "tests/tools/cli_fixture.h"
+#include "texturing/import/image_io.h"
 
 namespace {
 
@@ -121,6 +122,48 @@ TEST_F(ExportCli, MapsOfAFlatArtworkCanBeBuiltAgain) {
   r = exported("a.relievo", "x.ply", "--map height");
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("ends in .png, .tif, .exr or .jpg"), std::string::npos) << r.output;
+}
+
+// An orthophoto: what render shows straight from above, pixel by pixel.
+TEST_F(ExportCli, LitMapsAreWhatRenderShowsFromAbove) {
+  for (const std::string basis : {"lrgb", "rgb", "colour"}) {
+    ASSERT_EQ(relievo("sample painting --size 600x450 --basis " + basis + " --package " + file("p.relievo")).exit_code,
+              0);
+    const std::string options = " --light -0.6,0.5,0.4";
+    const auto difference = [&](int level, const std::string& light) {
+      const double mm = 400.0 / 450 * (1 << (9 - level));
+      const std::string scale = std::to_string(mm) + "0";
+      const Outcome map = exported("p.relievo", "lit.png", "--map lit --level " + std::to_string(level) + light);
+      EXPECT_EQ(map.exit_code, 0) << map.output;
+      const Outcome drawn =
+          relievo("render " + file("p.relievo") + " -o " + file("drawn.png") + " --mm-per-px " + scale + options);
+      if (noGl(drawn)) return -1;
+      EXPECT_EQ(drawn.exit_code, 0) << drawn.output;
+      const auto a = readImage8(file("lit.png")), b = readImage8(file("drawn.png"));
+      if (!a || !b) return 256;
+      EXPECT_EQ(a->width, b->width);
+      EXPECT_EQ(a->height, b->height);
+      if (a->width != b->width || a->height != b->height) return 256;
+      int worst = 0;
+      for (int y = 0; y < a->height; ++y)
+        for (int x = 0; x < a->width; ++x)
+          for (int c = 0; c < 3; ++c) {
+            const auto i = static_cast<size_t>(y * a->width + x);
+            worst = std::max(worst, std::abs(a->pixels[i * static_cast<size_t>(a->channels) + static_cast<size_t>(c)] -
+                                             b->pixels[i * static_cast<size_t>(b->channels) + static_cast<size_t>(c)]));
+          }
+      return worst;
+    };
+    const int worst = difference(9, options);
+    if (worst < 0) GTEST_SKIP() << "no GL here";
+    EXPECT_LE(worst, 1) << basis;
+    EXPECT_GT(difference(9, " --light 0.6,0.5,0.4"), 20) << "control: another light";
+    // The light's length does not matter.
+    EXPECT_LE(difference(9, " --light -6,5,4"), 1) << basis;
+  }
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map albedo --light 1,0,0").exit_code, 1);
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map lit --light 0,0,0").exit_code, 1);
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map lit --light 1,0").exit_code, 1);
 }
 
 // ---- a scan, and what comes out again ----

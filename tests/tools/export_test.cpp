@@ -610,6 +610,41 @@ TEST_F(ExportMaps, AlbedoIsTheTexelsThemselves) {
   }
 }
 
+// However few rows of pages fit into memory, the map is the same.
+TEST_F(ExportMaps, LessMemoryTakesLongerAndGivesTheSameBytes) {
+  const int finest = 7 + std::max(domain_.relief_depth, domain_.texture_depth);
+  const ExportGrid grid(package_, 7 + domain_.relief_depth);
+  const RowParts all{.heights = true, .positions = true, .colours = false};
+  const uint64_t whole = SheetReader::bytes(grid, all);
+  EXPECT_EQ(SheetReader::within(grid, all, whole).rows, kPageFullPx);
+  const RowParts few = SheetReader::within(grid, all, whole / 2);
+  EXPECT_LT(few.rows, kPageFullPx / 2);
+  EXPECT_LE(SheetReader::bytes(grid, few), whole / 2);
+  for (const ExportMap map : {ExportMap::kHeight, ExportMap::kNormal, ExportMap::kAlbedo})
+    for (int level = 7; level <= finest; ++level) {
+      if (level > 7 + (map == ExportMap::kAlbedo ? domain_.texture_depth : domain_.relief_depth)) continue;
+      mapped(map, "whole.tif", {.level = level});
+      const std::string expected = bytesOf(folder_.file("whole.tif"));
+      size_t allowed = 0;
+      for (const uint64_t kib : {300, 260, 220, 200, 180, 160, 140, 120, 100, 80, 60, 1}) {
+        MapExportOptions options;
+        options.map = map;
+        options.output = folder_.file("few.tif");
+        options.level = level;
+        options.memory_bytes = kib << 10;
+        const auto report = exportMap(package_, options);
+        if (!report) {
+          EXPECT_NE(report.error().text().find("--memory-mib allows"), std::string::npos) << report.error().text();
+          continue;
+        }
+        ++allowed;
+        EXPECT_TRUE(bytesOf(folder_.file("few.tif")) == expected) << level << " " << kib;
+      }
+      EXPECT_GE(allowed, 4u);
+      EXPECT_LT(allowed, 12u);
+    }
+}
+
 TEST_F(ExportMaps, WhatAFormatOrAnArtworkCannotHoldIsRefused) {
   const auto refused = [&](const std::shared_ptr<const Package>& package, ExportMap map, const std::string& name,
                            std::optional<int> level, const std::string& text) {
