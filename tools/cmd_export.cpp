@@ -13,6 +13,7 @@
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
 #include "tools/export/mesh_format.h"
+#include "tools/export/patch_maps.h"
 #include "tools/output_files.h"
 
 namespace relievo {
@@ -57,26 +58,50 @@ double secondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
+// Runs an export of maps with its line of progress.
+template <class Export>
+auto exportMaps(const ExportArguments& o, ExportMap map, Export&& run) {
+  ProgressLine line("export");
+  MapExportOptions options;
+  options.output = o.output;
+  options.map = map;
+  options.level = o.level;
+  options.normal_y_down = o.normal_y == "down";
+  std::sscanf(o.light.c_str(), "%lf,%lf,%lf", &options.light[0], &options.light[1], &options.light[2]);
+  options.memory_bytes = std::max(o.memory_mib, kImageLibraryMib + kLeastMapMib) << 20;
+  options.library_bytes = kImageLibraryMib << 20;
+  options.progress = [&](double share) { line.update(share, o.output); };
+  options.interrupted = &interruptedFlag();
+  return run(options);
+}
+
+Result<void> exportPatches(const ExportArguments& o, ExportMap map, const std::shared_ptr<const Package>& package) {
+  const auto start = std::chrono::steady_clock::now();
+  const std::string json = patchMapJson(o.output), obj = patchMapObj(o.output);
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPackage},
+                                {"the map's description", json, Content::kPackage},
+                                {"the map's base mesh", obj, Content::kPackage}},
+                               {{"FILE", o.file}});
+      !good)
+    return good;
+  auto report = exportMaps(o, map, [&](const MapExportOptions& options) { return exportPatchMaps(package, options); });
+  if (!report) return report.error();
+  printOutf("%s: %s map, %lld x %lld px, level %d, %u patches of %llu x %llu samples, %.1f s\n",
+            printable(o.output).c_str(), o.map.c_str(), static_cast<long long>(report->width),
+            static_cast<long long>(report->height), report->level, report->patches,
+            static_cast<unsigned long long>((uint64_t{1} << report->level) + 1),
+            static_cast<unsigned long long>((uint64_t{1} << report->level) + 1), secondsSince(start));
+  printOutf("  %s says how to put the surface together, %s has the base quads\n", printable(json).c_str(),
+            printable(obj).c_str());
+  return {};
+}
+
 Result<void> exportAsMap(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
   const auto start = std::chrono::steady_clock::now();
   auto map = exportMapOf(o.map);
   if (!map) return map.error();
-  Result<MapExportReport> report = MapExportReport{};
-  {
-    ProgressLine line("export");
-    MapExportOptions options;
-    options.output = o.output;
-    options.map = *map;
-    options.level = o.level;
-    options.normal_y_down = o.normal_y == "down";
-    if (std::sscanf(o.light.c_str(), "%lf,%lf,%lf", &options.light[0], &options.light[1], &options.light[2]) != 3)
-      return usageError("expected --light X,Y,Z, found '" + o.light + "'");
-    options.memory_bytes = std::max(o.memory_mib, kImageLibraryMib + kLeastMapMib) << 20;
-    options.library_bytes = kImageLibraryMib << 20;
-    options.progress = [&](double share) { line.update(share, o.output); };
-    options.interrupted = &interruptedFlag();
-    report = exportMap(package, options);
-  }
+  if (!package->manifest().domain.isFlat()) return exportPatches(o, *map, package);
+  auto report = exportMaps(o, *map, [&](const MapExportOptions& options) { return exportMap(package, options); });
   if (!report) return report.error();
   const char* unit = package->manifest().size_known ? "mm" : "px";
   printOutf("%s: %s map, %lld x %lld px, level %d", printable(o.output).c_str(), o.map.c_str(),
@@ -136,14 +161,16 @@ std::string threeNumbers(const std::string& text) {
 
 void addExportCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<ExportArguments>();
-  auto* c =
-      app.add_subcommand("export",
-                         "Write a package's surface as a mesh (.ply, .obj, .stl, .off, .glb), or a flat artwork's "
-                         "heights, normals or colours as an image (.tif, .exr, .png)");
+  auto* c = app.add_subcommand(
+      "export",
+      "Write a package's surface as a mesh (.ply, .obj, .stl, .off, .glb), or its heights, normals or "
+      "colours as an image (.tif, .exr, .png)");
   c->footer(
       "Example:\n  relievo export statue.relievo -o statue.ply\n"
       "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
-      "  relievo export tablet.relievo -o heights.tif --map height\n\n"
+      "  relievo export tablet.relievo -o heights.tif --map height\n"
+      "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
+      "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n\n"
       "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
       ".stl) are the albedo,\n"
       "or the picture under light from the front; normals are the mesh's own.\n"
@@ -157,18 +184,26 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "metres "
       "and adds the\n"
       "origin. Text formats keep the scan's coordinates.\n\n"
-      "Maps are of flat artworks; a pixel is a cell of the level. height: mm, 32-bit float. depth: mm below the "
+      "Maps of flat artworks: a pixel is a cell of the level. height: mm, 32-bit float. depth: mm below the "
       "relief's highest place.\n"
       "A .png has both in 16 bits over the relief's range, which is printed: build takes it again as --relief-mm. "
       "normal: (n + 1)/2 in\n"
       "16 bits, in .exr float. albedo: sRGB, in .exr linear light. lit: the same under --light, as `relievo render` "
       "shows it "
       "from above.\n"
-      "The pixel's size is stated as the resolution.");
+      "The pixel's size is stated as the resolution.\n"
+      "Maps of scans: an atlas with a tile a patch, its heights along the base mesh's directions, normals of the "
+      "scan's axes, "
+      "or colours, at\n"
+      "the vertices that a mesh of the same level has. NAME.map.json and NAME.map.obj beside it say how the surface is "
+      "put "
+      "together\n"
+      "(tools/export/PATCH_MAPS.md).");
   c->add_option("FILE", o->file, "Package to read")->required();
   c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
       ->required();
-  auto* level = c->add_option("--level", o->level, "Cells a patch side: 2^LEVEL, 0 to 24, of maps from 7 [full detail]")
+  auto* level = c->add_option("--level", o->level,
+                              "Cells a patch side: 2^LEVEL, 0 to 24, of a flat artwork's maps from 7 [full detail]")
                     ->check(CLI::Range(0, 24));
   auto* error = c->add_option("--error-mm", o->error_mm,
                               "Coarsest level within this distance of full detail, mm (px where no size is known)")
@@ -177,8 +212,9 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
   auto* base = c->add_flag("--base", o->base, "The base mesh alone: quads, in .stl and .glb two triangles each")
                    ->excludes(level)
                    ->excludes(error);
-  auto* map = c->add_option("--map", o->map, "Of a flat artwork, an image: height, depth, normal, albedo or lit")
-                  ->check(CLI::IsMember({"height", "depth", "normal", "albedo", "lit"}))
+  auto* map = c->add_option("--map", o->map,
+                            "An image: height (or displacement), normal or albedo; of a flat artwork also depth or lit")
+                  ->check(CLI::IsMember({"height", "displacement", "depth", "normal", "albedo", "lit"}))
                   ->excludes(error)
                   ->excludes(base);
   c->add_option("--normal-y", o->normal_y, "Direction of green in a normal map: up (OpenGL) or down (DirectX)")

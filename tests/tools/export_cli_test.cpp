@@ -2,6 +2,7 @@
 // between a scan and what comes out again.
 #include <array>
 #include <cmath>
+#include <iostream>
 #include <random>
 #include <sstream>
 #include <string>
@@ -283,6 +284,98 @@ TEST_F(ExportCli, AScanComesOutAsNearAsItsBuildPromised) {
   const auto opened = readMesh(file("open.ply"));
   ASSERT_TRUE(opened.ok());
   EXPECT_EQ(opened->diagnosis.border_loops, 1u);
+}
+
+// ---- maps of a scan: its surface from them by tests/tools/patch_maps.py, which knows tools/export/PATCH_MAPS.md ----
+class PatchMaps : public ExportCli {
+ protected:
+  void SetUp() override {
+    ExportCli::SetUp();
+    write("ball.off", wavyBallOff(80, 50));
+    const Outcome built = relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo"));
+    ASSERT_EQ(built.exit_code, 0) << built.output;
+  }
+  // The interpreter that has NumPy; empty: none.
+  static std::string python() {
+    for (const std::string name : {"/usr/bin/python3", "python3"})
+      if (run(name + " -c 'import numpy'").exit_code == 0) return name;
+    return "";
+  }
+  Outcome compared(const std::string& maps) const {
+    return run("cd " + folder_ + " && " + python() + " " RELIEVO_SOURCE_DIR "/tests/tools/patch_maps.py out.ply " +
+               maps);
+  }
+};
+
+TEST_F(PatchMaps, GiveTheExportedMeshBack) {
+  if (python().empty()) GTEST_SKIP() << "no python3-numpy here: tools/setup installs it";
+  for (const int level : {0, 4}) {
+    const std::string at = " --level " + std::to_string(level);
+    ASSERT_EQ(exported("ball.relievo", "out.ply", at).exit_code, 0);
+    for (const std::string end : {"tif", "exr"}) {
+      for (const std::string map : {"displacement", "normal", "albedo"}) {
+        const Outcome r = exported("ball.relievo", map + "." + end, "--map " + map + at);
+        EXPECT_EQ(r.exit_code, 0) << r.output;
+        EXPECT_NE(r.output.find(" samples, "), std::string::npos) << r.output;
+      }
+      const Outcome r = compared("displacement.map.json normal.map.json albedo.map.json");
+      EXPECT_EQ(r.exit_code, 0) << level << end << ":\n" << r.output;
+      std::cout << "[ figures  ] level " << level << ", ." << end << ": " << r.output.substr(0, r.output.find('\n'))
+                << "\n";
+    }
+  }
+  // Controls: a sample of the atlas, a place of the base mesh, a normal that is another.
+  ASSERT_EQ(exported("ball.relievo", "h.tif", "--map height --level 4").exit_code, 0);
+  ASSERT_EQ(exported("ball.relievo", "n.tif", "--map normal --level 4").exit_code, 0);
+  ASSERT_EQ(compared("h.map.json n.map.json").exit_code, 0);
+  for (const char* name : {"h.tif", "n.tif"}) {
+    const std::string whole = get(name);
+    std::string other = whole;
+    const size_t sample = other.size() / 3 / 2 * 2;
+    other[sample] = static_cast<char>(other[sample] ^ 0x40);
+    other[sample + 1] = static_cast<char>(other[sample + 1] ^ 0x40);
+    write(name, other);
+    EXPECT_EQ(compared("h.map.json n.map.json").exit_code, 7) << name;
+    write(name, whole);
+  }
+  const std::string json = get("h.map.json");
+  write("h.map.json", std::string(json).replace(json.find("\"origin\":["), 10, "\"origin\":[1"));
+  EXPECT_EQ(compared("h.map.json n.map.json").exit_code, 7);
+}
+
+TEST_F(PatchMaps, AreRefusedWhereTheyCannotBeAndComeWithAllTheirFiles) {
+  const auto refused = [&](const std::string& target, const std::string& options, const std::string& text) {
+    const Outcome r = exported("ball.relievo", target, options);
+    EXPECT_EQ(r.exit_code, 1) << options << ": " << r.output;
+    EXPECT_NE(r.output.find(text), std::string::npos) << options << ": " << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1) << r.output;
+    EXPECT_EQ(filesNamed(".map."), 0) << options;
+  };
+  refused("a.tif", "--map depth", "a scan has --map height, normal and albedo alone");
+  refused("a.tif", "--map lit", "a scan has --map height, normal and albedo alone");
+  refused("a.tif", "--map normal --normal-y down", "have no --normal-y");
+  refused("a.jpg", "--map albedo", "JPEG");
+  refused("a.tif", "--map height --level 20", "expected a --level of 0 to ");
+  Outcome r = run("cd " + folder_ + " && " RELIEVO_PROGRAM " export ball.relievo -o - --map height");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  // The package's own name is no place for the base mesh.
+  fs::copy_file(file("ball.relievo"), file("n.map.obj"));
+  r = exported("n.map.obj", "n.tif", "--map height");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  EXPECT_NE(r.output.find("the map's base mesh would overwrite an input"), std::string::npos) << r.output;
+  fs::remove(file("n.map.obj"));
+  // Interrupted, or on a full disk, all three stay away.
+  const std::string command = RELIEVO_PROGRAM " export " + file("ball.relievo") + " -o " + file("big.tif") + " --map ";
+  r = run("timeout --foreground --preserve-status -k 60 -s INT 0.4 " + command + "normal");
+  if (r.exit_code != 0) {  // a machine that is fast enough is done before
+    EXPECT_EQ(r.exit_code, 130) << r.output;
+    EXPECT_EQ(filesNamed("big."), 0);
+  }
+  r = run("ulimit -f 200; " RELIEVO_PROGRAM " export " + file("ball.relievo") + " -o " + file("full.tif") +
+          " --map albedo");
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_EQ(filesNamed("full."), 0) << r.output;
+  EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
 }  // namespace

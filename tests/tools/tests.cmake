@@ -33,5 +33,5 @@ relievo_test(replacement_test LIBS relievo_flights SOURCES tools/replacement_tes
 relievo_test(flight_test LIBS relievo_flights SOURCES tools/flight_test.cpp)
 relievo_test(export_test LIBS relievo_export relievo_scan nlohmann_json::nlohmann_json SOURCES tools/export_test.cpp)
 relievo_test(export_cli_test LIBS relievo_bake relievo_image SOURCES tools/export_cli_test.cpp)
-target_compile_definitions(export_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
+target_compile_definitions(export_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>" RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
 add_dependencies(export_cli_test relievo)

@@ -190,11 +190,9 @@ class MapExport {
 }  // namespace
 
 Result<ExportMap> exportMapOf(const std::string& name) {
-  constexpr std::pair<const char*, ExportMap> kMaps[] = {{"height", ExportMap::kHeight},
-                                                         {"depth", ExportMap::kDepth},
-                                                         {"normal", ExportMap::kNormal},
-                                                         {"albedo", ExportMap::kAlbedo},
-                                                         {"lit", ExportMap::kLit}};
+  constexpr std::pair<const char*, ExportMap> kMaps[] = {
+      {"height", ExportMap::kHeight}, {"displacement", ExportMap::kHeight}, {"depth", ExportMap::kDepth},
+      {"normal", ExportMap::kNormal}, {"albedo", ExportMap::kAlbedo},       {"lit", ExportMap::kLit}};
   for (const auto& [known, map] : kMaps)
     if (name == known) return map;
   return Error{
