@@ -3,17 +3,21 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
+#include <vector>
 
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "texturing/import/image_io.h"
 #include "texturing/package/package.h"
 #include "tools/commands.h"
+#include "tools/export/line_file.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
 #include "tools/export/mesh_format.h"
 #include "tools/export/patch_maps.h"
+#include "tools/export/surface_lines.h"
 #include "tools/output_files.h"
 
 namespace relievo {
@@ -25,6 +29,9 @@ struct ExportArguments {
   std::optional<double> error_mm;
   bool base = false;
   std::string map, normal_y = "up", light = "0,0,1";
+  std::optional<double> contours;
+  std::string section, plane;
+  bool lines() const { return contours || !section.empty() || !plane.empty(); }
   uint64_t memory_mib = 768;
   int workers = 0;
 };
@@ -112,6 +119,79 @@ Result<void> exportAsMap(const ExportArguments& o, const std::shared_ptr<const P
   return {};
 }
 
+// n numbers with commas between them.
+std::optional<std::vector<double>> numbersOf(const std::string& text, size_t n) {
+  std::vector<double> out;
+  const char* at = text.c_str();
+  for (;;) {
+    char* end = nullptr;
+    out.push_back(std::strtod(at, &end));
+    if (end == at || !std::isfinite(out.back())) return std::nullopt;
+    if (*end == 0) break;
+    if (*end != ',') return std::nullopt;
+    at = end + 1;
+  }
+  return out.size() == n ? std::optional(out) : std::nullopt;
+}
+
+Result<void> exportAsLines(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
+  const auto start = std::chrono::steady_clock::now();
+  const Manifest& m = package->manifest();
+  LineDrawing drawing;
+  drawing.unit = m.size_known ? "mm" : "px";
+  const std::string name = o.file.substr(o.file.rfind('/') + 1);
+  Result<SurfaceLines> lines = SurfaceLines{};
+  {
+    ProgressLine line("export");
+    SurfaceLineOptions options;
+    options.level = o.level;
+    options.memory_bytes = o.memory_mib << 20;
+    options.progress = [&](double share) { line.update(share, o.output); };
+    options.interrupted = &interruptedFlag();
+    if (o.contours) {
+      drawing.kind = LineDrawing::Kind::kContours;
+      char step[40];
+      std::snprintf(step, sizeof step, "%.6g", *o.contours);
+      drawing.title = name + ", contours every " + step + " " + drawing.unit;
+      if (m.domain.isFlat()) {
+        const FlatDomain d = m.domain.flat();
+        drawing.width = static_cast<double>(d.width_px) * d.mm_per_px;
+        drawing.height = static_cast<double>(d.height_px) * d.mm_per_px;
+      }
+      lines = contoursOf(package, *o.contours, options);
+    } else if (!o.section.empty()) {
+      const std::vector<double> v = *numbersOf(o.section, 4);
+      const glm::dvec2 from(v[0], v[1]), to(v[2], v[3]);
+      drawing.kind = LineDrawing::Kind::kSection;
+      drawing.title = name + ", section " + o.section + " " + drawing.unit;
+      drawing.from = {from, 0};
+      drawing.along = {(to - from) / std::max(glm::length(to - from), 1e-300), 0};
+      lines = sectionOf(package, from, to, options);
+    } else {
+      const std::vector<double> v = *numbersOf(o.plane, 4);
+      drawing.kind = LineDrawing::Kind::kPlane;
+      drawing.title = name + ", plane " + o.plane + " mm";
+      drawing.normal = {v[0], v[1], v[2]};
+      if (m.domain.isFlat())
+        return Error{ErrorKind::kUsage, o.file, "is a flat artwork, which --section cuts", "leave --plane out", {}};
+      lines = planeCutOf(package, drawing.normal, v[3], options);
+    }
+  }
+  if (!lines) return lines.error();
+  if (lines->lines.empty())
+    return Error{ErrorKind::kUsage,
+                 o.file,
+                 "has no line there: its surface does not reach it",
+                 "relievo info states the artwork's size",
+                 {}};
+  if (auto written = writeLines(o.output, drawing, *lines); !written) return written;
+  size_t closed = 0, points = 0;
+  for (const SurfaceLine& line : lines->lines) closed += line.closed, points += line.points.size();
+  printOutf("%s: %zu lines, %zu of them closed, %zu points, level %d, %.1f s\n", printable(o.output).c_str(),
+            lines->lines.size(), closed, points, lines->level, secondsSince(start));
+  return {};
+}
+
 Result<void> exportAsMesh(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
   const auto start = std::chrono::steady_clock::now();
   Result<MeshExportReport> report = MeshExportReport{};
@@ -137,7 +217,9 @@ Result<void> exportArtwork(const ExportArguments& o) {
   if (o.map != "lit" && o.light != "0,0,1")
     return usageError("--light needs --map lit", "other maps do not depend on a light");
   // Names are looked at before anything is read.
-  if (o.map.empty()) {
+  if (o.lines()) {
+    if (auto good = checkLineFile(o.output); !good) return good;
+  } else if (o.map.empty()) {
     if (auto format = meshFormatOf(o.output); !format) return format.error();
   } else {
     if (auto format = imageFormatOf(o.output); !format) return format.error();
@@ -146,6 +228,7 @@ Result<void> exportArtwork(const ExportArguments& o) {
   auto package = Package::open(o.file);
   if (!package) return package.error();
   for (const std::string& warning : (*package)->warnings()) warn(o.file + ": " + warning);
+  if (o.lines()) return exportAsLines(o, *package);
   return o.map.empty() ? exportAsMesh(o, *package) : exportAsMap(o, *package);
 }
 
@@ -170,7 +253,9 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "  relievo export statue.relievo -o web.glb --error-mm 0.2\n"
       "  relievo export tablet.relievo -o heights.tif --map height\n"
       "  relievo export tablet.relievo -o raking.tif --map lit --light -1,0,0.3\n"
-      "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n\n"
+      "  relievo export statue.relievo -o relief.exr --map displacement --level 6\n"
+      "  relievo export tablet.relievo -o contours.svg --contours 0.5\n"
+      "  relievo export statue.relievo -o waist.svg --plane 0,1,0,350\n\n"
       "Vertices are welded and all patches have the same cells: what is closed stays closed. Colours (sRGB; none in "
       ".stl) are the albedo,\n"
       "or the picture under light from the front; normals are the mesh's own.\n"
@@ -198,7 +283,12 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "the vertices that a mesh of the same level has. NAME.map.json and NAME.map.obj beside it say how the surface is "
       "put "
       "together\n"
-      "(tools/export/PATCH_MAPS.md).");
+      "(tools/export/PATCH_MAPS.md).\n\n"
+      "Lines (--contours, --section, --plane) lie on the triangles of a mesh of that level, joined, and closed where "
+      "they "
+      "close. An .svg is in\n"
+      "mm, 1:1, with a bar; a .csv has a line for each point. A plane is drawn as seen from the side to which A,B,C "
+      "points.");
   c->add_option("FILE", o->file, "Package to read")->required();
   c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
       ->required();
@@ -221,6 +311,32 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       ->check(CLI::IsMember({"up", "down"}))
       ->needs(map)
       ->capture_default_str();
+  auto* contours = c->add_option("--contours", o->contours,
+                                 "Of a flat artwork, lines of equal height, this many mm apart (px where no size is "
+                                 "known), as .svg or .csv")
+                       ->check(CLI::PositiveNumber)
+                       ->excludes(error)
+                       ->excludes(base)
+                       ->excludes(map);
+  const auto fourNumbers = [](const std::string& text) {
+    return numbersOf(text, 4) ? std::string() : "expected four numbers with commas between them, found " + text;
+  };
+  auto* section = c->add_option("--section", o->section,
+                                "X0,Y0,X1,Y1: of a flat artwork, its profile from one place to another, mm from its "
+                                "centre, as .svg or .csv")
+                      ->check(fourNumbers)
+                      ->excludes(error)
+                      ->excludes(base)
+                      ->excludes(map)
+                      ->excludes(contours);
+  c->add_option("--plane", o->plane,
+                "A,B,C,D: of a scan, where the plane A x + B y + C z = D (mm) cuts it, as .svg or .csv")
+      ->check(fourNumbers)
+      ->excludes(error)
+      ->excludes(base)
+      ->excludes(map)
+      ->excludes(contours)
+      ->excludes(section);
   c->add_option("--light", o->light, "X,Y,Z towards the light of --map lit: right, up, to the viewer")
       ->check(threeNumbers)
       ->needs(map)

@@ -378,4 +378,66 @@ TEST_F(PatchMaps, AreRefusedWhereTheyCannotBeAndComeWithAllTheirFiles) {
   EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
+// ---- lines ----
+TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
+  makeFlat();
+  Outcome r = exported("a.relievo", "c.svg", "--contours 0.25");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find(" of them closed, "), std::string::npos) << r.output;
+  EXPECT_NE(get("c.svg").find("<title>a.relievo, contours every 0.25 mm</title>"), std::string::npos);
+  r = exported("a.relievo", "s.CSV", "--section -10,0,12.5,3 --level 7");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_EQ(get("s.CSV").find("line,closed,distance_mm,x_mm,y_mm,z_mm\n1,0,0,-10,0,"), 0u);
+  write("ball.off", wavyBallOff(60, 40));
+  ASSERT_EQ(relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo")).exit_code, 0);
+  // A ball of radius 40, waves of at most 1.5 mm: at z = 20 a circle of about 34.6 mm.
+  r = exported("ball.relievo", "p.csv", "--plane 0,0,2,40");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  std::istringstream csv(get("p.csv"));
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "line,closed,right_mm,up_mm,x_mm,y_mm,z_mm");
+  int points = 0;
+  while (std::getline(csv, line)) {
+    double right = 0, up = 0, x = 0, y = 0, z = 0;
+    ASSERT_EQ(std::sscanf(line.c_str(), "1,1,%lf,%lf,%lf,%lf,%lf", &right, &up, &x, &y, &z), 5) << line;
+    EXPECT_NEAR(z, 20, 1e-6);
+    EXPECT_NEAR(std::hypot(x - 60, y), 34.6, 2);
+    EXPECT_NEAR(right, x, 1e-6);
+    EXPECT_NEAR(up, y, 1e-6);
+    ++points;
+  }
+  EXPECT_GT(points, 100);
+  write("old.svg", "precious");
+  const auto refused = [&](const char* package, const char* options, int exit_code, const char* text) {
+    const Outcome failed = exported(package, "old.svg", options);
+    EXPECT_EQ(failed.exit_code, exit_code) << options << failed.output;
+    EXPECT_NE(failed.output.find(text), std::string::npos) << options << ": " << failed.output;
+    EXPECT_EQ(get("old.svg"), "precious") << options;
+  };
+  refused("a.relievo", "--contours 0", 1, "--contours");
+  refused("a.relievo", "--contours -1", 1, "--contours");
+  refused("a.relievo", "--contours 1e-7", 1, "choose a larger step");
+  refused("a.relievo", "--contours 0.1 --section 0,0,1,1", 1, "excludes");
+  refused("a.relievo", "--contours 0.1 --map height", 1, "excludes");
+  refused("a.relievo", "--section 0,0,1", 1, "expected four numbers");
+  refused("a.relievo", "--section 0,0,1,nan", 1, "expected four numbers");
+  refused("a.relievo", "--section 3,3,3,3", 1, "between two places");
+  refused("a.relievo", "--section 900,0,900,5", 1, "does not reach it");
+  refused("a.relievo", "--contours 100 --level 20", 1, "expected a --level of 0 to");
+  refused("a.relievo", "--plane 0,0,1,0", 1, "which --section cuts");
+  refused("ball.relievo", "--plane 0,0,0,1", 1, "normal of more than 0");
+  refused("ball.relievo", "--plane 0,0,1,900", 1, "does not reach it");
+  refused("ball.relievo", "--contours 1", 1, "--plane cuts a scan");
+  refused("ball.relievo", "--section 0,0,1,1", 1, "--plane cuts a scan");
+  r = exported("a.relievo", "x.pdf", "--contours 1");
+  EXPECT_EQ(r.exit_code, 1);
+  EXPECT_NE(r.output.find("ends in .svg or .csv"), std::string::npos) << r.output;
+  r = run("ulimit -f 2; " RELIEVO_PROGRAM " export " + file("a.relievo") + " -o " + file("old.svg") +
+          " --contours 0.01");
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_EQ(get("old.svg"), "precious");
+  EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
 }  // namespace
