@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "src/base/file.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
 #include "texturing/import/image_io.h"
@@ -85,12 +86,14 @@ auto exportMaps(const ExportArguments& o, ExportMap map, Export&& run) {
 Result<void> exportPatches(const ExportArguments& o, ExportMap map, const std::shared_ptr<const Package>& package) {
   const auto start = std::chrono::steady_clock::now();
   const std::string json = patchMapJson(o.output), obj = patchMapObj(o.output);
-  if (auto good = checkOutputs({{"-o", o.output, Content::kPackage},
-                                {"the map's description", json, Content::kPackage},
-                                {"the map's base mesh", obj, Content::kPackage}},
-                               {{"FILE", o.file}});
+  if (auto good = checkOutputs(
+          {{"-o", o.output, Content::kPicture}, {"the map's description", json}, {"the map's base mesh", obj}},
+          {{"FILE", o.file}});
       !good)
     return good;
+  for (const std::string& path : {o.output, json, obj})
+    if (auto kind = OutputFile::check(path); kind && *kind != OutputKind::kFile)
+      return Error{ErrorKind::kUsage, path, "a scan's map is three files, and this can hold none", "name a file", {}};
   auto report = exportMaps(o, map, [&](const MapExportOptions& options) { return exportPatchMaps(package, options); });
   if (!report) return report.error();
   printOutf("%s: %s map, %lld x %lld px, level %d, %u patches of %llu x %llu samples, %.1f s\n",
@@ -220,7 +223,12 @@ Result<void> exportArtwork(const ExportArguments& o) {
   if (o.lines()) {
     if (auto good = checkLineFile(o.output); !good) return good;
   } else if (o.map.empty()) {
-    if (auto format = meshFormatOf(o.output); !format) return format.error();
+    if (auto format = meshFormatOf(o.output); !format) {
+      Error error = format.error();
+      if (checkLineFile(o.output)) error.hint = "--contours, --section or --plane say which lines are drawn";
+      else if (o.output != "-" && imageFormatOf(o.output)) error.hint = "--map says which image is written";
+      return error;
+    }
   } else {
     if (auto format = imageFormatOf(o.output); !format) return format.error();
   }

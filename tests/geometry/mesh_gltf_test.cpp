@@ -2,7 +2,9 @@
 // what no reader of this project takes is refused by name.
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
+#include <map>
 #include <set>
 
 #include "geometry/scan/mesh_read.h"
@@ -191,7 +193,7 @@ TEST(MeshGltf, StripsFansAndIndicesOfEverySize) {
 
 TEST(MeshGltf, QuantizedPositionsAreReadWithAndWithoutNormalizing) {
   std::string bytes;
-  for (const int v : {0, 0, 0, 32767, 0, 0, 0, -32767, 0, 0}) put(bytes, static_cast<int16_t>(v));
+  for (const int v : {0, 0, 32767, 32767, 0, 0, 0, -32768, 0, 0}) put(bytes, static_cast<int16_t>(v));
   const auto file = [&](bool normalized) {
     return saveFile(
         "quantized.glb",
@@ -206,6 +208,29 @@ TEST(MeshGltf, QuantizedPositionsAreReadWithAndWithoutNormalizing) {
   EXPECT_NEAR(mustRead(file(true), {.mm_per_unit = 1}).diagnosis.max_mm.x, 1, 1e-6);
   EXPECT_NEAR(mustRead(file(true), {.mm_per_unit = 1}).diagnosis.min_mm.y, -1, 1e-6);
   EXPECT_NEAR(mustRead(file(false), {.mm_per_unit = 1}).diagnosis.max_mm.x, 32767, 1e-2);
+  EXPECT_NEAR(mustRead(file(true), {.mm_per_unit = 1}).diagnosis.max_mm.z, 1, 1e-6);
+}
+
+// Elements among others: the last one need not be followed by the rest of its stride, but must be there itself.
+TEST(MeshGltf, InterleavedElementsEndWithTheLastOne) {
+  const auto file = [](int view_bytes, int offset) {
+    std::string bytes;
+    for (int i = 0; i < 3; ++i)
+      for (const float c : {9.0f, i == 1 ? 1.0f : 0.0f, i == 2 ? 1.0f : 0.0f, 0.0f, 7.0f}) put(bytes, c);
+    return saveFile(
+        "interleaved.glb",
+        glbOf("{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{"
+              "\"attributes\":{\"POSITION\":0}}]}],\"buffers\":[{\"byteLength\":60}],\"bufferViews\":[{\"buffer\":0,"
+              "\"byteLength\":" +
+                  std::to_string(view_bytes) + ",\"byteStride\":20}],\"accessors\":[{\"bufferView\":0,\"byteOffset\":" +
+                  std::to_string(offset) + ",\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]}",
+              bytes));
+  };
+  const LoadedMesh m = mustRead(file(56, 4), {.mm_per_unit = 1});
+  EXPECT_EQ(m.diagnosis.max_mm, glm::dvec3(1, 1, 0));
+  for (const auto& [bytes, offset] : {std::pair{55, 4}, {56, 8}, {64, 4}, {56, 60}})
+    EXPECT_NE(refusal(file(bytes, offset), ErrorKind::kInvalidData).find("within its part of the buffer"),
+              std::string::npos);
 }
 
 TEST(MeshGltf, ColoursAreLinearLightTimesTheMaterials) {
@@ -269,6 +294,81 @@ TEST(MeshGltf, TheBaseColourImageIsNamedOrInTheFile) {
       EXPECT_NEAR(to.x, (1 - from.y) / 2, 1e-6);
       EXPECT_NEAR(1 - to.y, 1 - from.x / 2, 1e-6);
     }
+}
+
+TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
+  Sample s = sheet(3, 2, 0.1);
+  decorate(s, 5);
+  s.colours.clear();
+  // Two triangles without texture coordinates, four of the first image, all of the second.
+  std::string text = gltfFile(s,
+                              ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}},{"
+                              "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,1,1,1],\"baseColorTexture\":{"
+                              "\"index\":1}}}],\"textures\":[{\"source\":0},{\"source\":1}],\"images\":[{\"uri\":"
+                              "\"a.png\"},{\"uri\":\"b.png\"}]");
+  const size_t begin = text.find("{\"attributes\""), end = text.find("}]}],\"bufferViews\"") + 1;
+  const std::string primitive = text.substr(begin, end - begin);
+  const auto accessor = [&](int count) {
+    return "{\"bufferView\":1,\"componentType\":5125,\"count\":" + std::to_string(count) + ",\"type\":\"SCALAR\"},";
+  };
+  const std::string plain = "{\"attributes\":{\"POSITION\":2},\"indices\":0}";
+  std::string first = replaced(primitive, "\"indices\":1", "\"indices\":1"), second = primitive;
+  for (std::string* p : {&first, &second}) {
+    *p = replaced(*p, "\"POSITION\":0", "\"POSITION\":2");
+    *p = replaced(*p, "\"TEXCOORD_0\":2", "\"TEXCOORD_0\":4");
+  }
+  second = replaced(replaced(second, "\"indices\":1", "\"indices\":3"), "\"material\":0", "\"material\":1");
+  text.replace(begin, end - begin, plain + "," + first + "," + second);
+  text = replaced(text, "\"accessors\":[", "\"accessors\":[" + accessor(6) + accessor(12));
+  const LoadedMesh m = mustRead(saveFile("a.gltf", text));
+  EXPECT_EQ(m.mesh.texture_path, (meshFolder() / "b.png").string());
+  EXPECT_EQ(m.named_files.size(), 2u);
+  const MeshFinding* others = finding(m, "triangles of further images");
+  ASSERT_TRUE(others);
+  EXPECT_EQ(others->count, 4u);
+  ASSERT_TRUE(finding(m, "without an image"));
+  EXPECT_EQ(finding(m, "without an image")->count, 2u);
+  EXPECT_EQ(finding(m, "multiplies its image by a colour")->count, s.triangles.size());
+  // Every triangle's coordinates are those of its own vertices, but for the two that had none.
+  std::map<std::array<int, 2>, glm::vec2> of;
+  for (size_t t = s.triangles.size(); t-- > 0;)
+    for (size_t k = 0; k < 3; ++k) {
+      const glm::dvec3 p = s.positions[s.triangles[t][k]];
+      of[{static_cast<int>(std::lround(10 * p.x)), static_cast<int>(std::lround(10 * p.y))}] = s.corner_uv[t][k];
+    }
+  int none = 0, own = 0;
+  for (size_t t = 0; t < m.mesh.triangles.size(); ++t)
+    for (size_t k = 0; k < 3; ++k) {
+      const glm::dvec3 p = place(m, m.mesh.triangles[t][k]) / 100.0;
+      const glm::vec2 expected = of[{static_cast<int>(std::lround(p.x)), static_cast<int>(std::lround(p.y))}];
+      own += glm::length(m.mesh.corner_uv[t][k] - expected) < 1e-6f;
+      none += m.mesh.corner_uv[t][k] == glm::vec2(0);
+    }
+  EXPECT_EQ(own + none, static_cast<int>(3 * m.mesh.triangles.size()));
+  EXPECT_GT(own, none);
+}
+
+TEST(MeshGltf, TheSceneThatIsNamedIsShownOrAllRootsWithoutOne) {
+  const Sample s = cubeSphere(2, 0.25);
+  const std::string nodes = "\"children\":[1]},{\"mesh\":0},{\"mesh\":0,\"scale\":[2,2,2]";
+  const std::string text = gltfFile(s, "", nodes), scenes = "\"scene\":0,\"scenes\":[{\"nodes\":[0]}]";
+  const auto width = [&](const std::string& instead) {
+    const LoadedMesh m = mustRead(saveFile("a.gltf", replaced(text, scenes, instead)));
+    return m.diagnosis.max_mm.x - m.diagnosis.min_mm.x;
+  };
+  const double one = width(scenes);
+  EXPECT_NEAR(width("\"scene\":1,\"scenes\":[{\"nodes\":[0]},{\"nodes\":[2]}]"), 2 * one, 1e-3);
+  EXPECT_NEAR(width("\"scenes\":[{\"nodes\":[2]},{\"nodes\":[0]}]"), 2 * one, 1e-3) << "the first";
+  EXPECT_NEAR(width("\"extras\":0"), 2 * one, 1e-3);
+  const LoadedMesh all = mustRead(saveFile("a.gltf", replaced(text, scenes, "\"extras\":0")));
+  EXPECT_EQ(all.diagnosis.pieces, 2u) << "a child is no root";
+}
+
+TEST(MeshGltf, AnInterruptionIsSeen) {
+  const std::atomic<bool> stop = true;
+  const auto read = readMesh(saveFile("a.glb", glbFile(cubeSphere(4, 0.25))), {.interrupted = &stop});
+  ASSERT_FALSE(read.ok());
+  EXPECT_EQ(read.error().kind, ErrorKind::kInterrupted);
 }
 
 TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
@@ -451,6 +551,17 @@ TEST(MeshFaceColours, OfPlyEvenWhereTheyAreMany) {
     for (size_t t = 0; t < colours.size(); ++t) off += colours[t] != colourOf(t);
     EXPECT_EQ(off, 0u) << type;
   }
+}
+
+TEST(MeshFaceColours, OfPlyBehindTrianglesWithoutOne) {
+  const LoadedMesh m = mustRead(
+      saveFile("a.ply",
+               "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement "
+               "tristrips 1\nproperty list int int vertex_indices\nelement face 1\nproperty list uchar int "
+               "vertex_indices\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n0 0 0\n1 0 "
+               "0\n0 1 0\n1 1 0\n0 2 0\n4 0 1 2 3\n3 2 3 4 250 10 20\n"));
+  const std::vector<glm::u8vec3> colours = paletteColours(m.mesh);
+  EXPECT_EQ(colours, (std::vector<glm::u8vec3>{{204, 204, 204}, {204, 204, 204}, {250, 10, 20}}));
 }
 
 }  // namespace

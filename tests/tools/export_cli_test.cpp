@@ -50,6 +50,13 @@ TEST_F(ExportCli, TheSuffixSaysTheFormatAndOthersAreRefused) {
   }
 }
 
+TEST_F(ExportCli, ANameOfAnotherKindSaysWhichOptionIsMissing) {
+  makeFlat();
+  EXPECT_NE(exported("a.relievo", "a.svg").output.find("--contours, --section or --plane say"), std::string::npos);
+  EXPECT_NE(exported("a.relievo", "a.tif").output.find("--map says which image"), std::string::npos);
+  EXPECT_NE(exported("a.relievo", "a.fbx").output.find("the name says which format"), std::string::npos);
+}
+
 TEST_F(ExportCli, WhatCannotBeIsRefusedInOneSentenceAndTheOldFileStays) {
   makeFlat();
   write("old.ply", "precious");
@@ -351,13 +358,15 @@ TEST_F(PatchMaps, AreRefusedWhereTheyCannotBeAndComeWithAllTheirFiles) {
     EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1) << r.output;
     EXPECT_EQ(filesNamed(".map."), 0) << options;
   };
-  refused("a.tif", "--map depth", "a scan has --map height, normal and albedo alone");
-  refused("a.tif", "--map lit", "a scan has --map height, normal and albedo alone");
+  refused("a.tif", "--map depth", "a scan has --map displacement, normal and albedo alone");
+  refused("a.tif", "--map lit", "a scan has --map displacement, normal and albedo alone");
   refused("a.tif", "--map normal --normal-y down", "have no --normal-y");
   refused("a.jpg", "--map albedo", "JPEG");
   refused("a.tif", "--map height --level 20", "expected a --level of 0 to ");
   Outcome r = run("cd " + folder_ + " && " RELIEVO_PROGRAM " export ball.relievo -o - --map height");
   EXPECT_EQ(r.exit_code, 1) << r.output;
+  fs::create_symlink("/dev/null", file("null.tif"));
+  refused("null.tif", "--map albedo", "a scan's map is three files");
   // The package's own name is no place for the base mesh.
   fs::copy_file(file("ball.relievo"), file("n.map.obj"));
   r = exported("n.map.obj", "n.tif", "--map height");

@@ -17,6 +17,7 @@
 #include "texturing/package/patch_package_builder.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
+#include "tools/export/patch_maps.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_rows.h"
 
@@ -57,6 +58,33 @@ class ExportBall : public ::testing::Test {
   }
   ScratchFolder folder_;
 };
+
+TEST_F(ExportBall, MapsOfPatchesAreTheSameWithLessMemory) {
+  const auto package = packageOf(NoisyPatches(cubeSphere(1, 40, 3), 1, kReliefDepth, 7));
+  for (const ExportMap map : {ExportMap::kHeight, ExportMap::kNormal, ExportMap::kAlbedo})
+    for (const int level : {3, kFinest}) {
+      MapExportOptions options;
+      options.map = map;
+      options.level = level;
+      options.output = folder_.file("whole.tif");
+      const auto whole = exportPatchMaps(package, options);
+      ASSERT_TRUE(whole.ok()) << whole.error().text();
+      EXPECT_EQ(whole->width, 3 * ((1 << level) + 1)) << "6 patches in 3 columns and 2 rows";
+      EXPECT_EQ(whole->height, 2 * ((1 << level) + 1));
+      int allowed = 0, refused = 0;
+      for (uint64_t kib = 16 << 10; kib > 16; kib -= kib / 3) {
+        options.output = folder_.file("less.tif");
+        options.memory_bytes = kib << 10;
+        const auto less = exportPatchMaps(package, options);
+        refused += !less.ok();
+        if (!less) continue;
+        ++allowed;
+        EXPECT_TRUE(bytesOf(folder_.file("less.tif")) == bytesOf(folder_.file("whole.tif"))) << level << " " << kib;
+      }
+      EXPECT_GT(allowed, 2);
+      EXPECT_GT(refused, 2);
+    }
+}
 
 // Findings of anything but the direction of patches, which lie every way round here, and borders, which are counted
 // apart.

@@ -51,7 +51,7 @@ Result<Form> formOf(const MapExportOptions& o) {
     case ExportMap::kAlbedo:
       return Form{3, exr ? SampleType::kFloat : SampleType::kUint8};
     default:
-      return Error{ErrorKind::kUsage, o.output, "a scan has --map height, normal and albedo alone", "", {}};
+      return Error{ErrorKind::kUsage, o.output, "a scan has --map displacement, normal and albedo alone", "", {}};
   }
 }
 
