@@ -346,6 +346,14 @@ TEST(MeshGltf, TheImageOfMostTrianglesIsUsedAndTheOthersAreFindings) {
     }
   EXPECT_EQ(own + none, static_cast<int>(3 * m.mesh.triangles.size()));
   EXPECT_GT(own, none);
+  // The second image's own transform is not the first one's.
+  const LoadedMesh moved = mustRead(saveFile(
+      "a.gltf",
+      replaced(text, "{\"index\":1}", "{\"index\":1,\"extensions\":{\"KHR_texture_transform\":{\"offset\":[10,0]}}}")));
+  int beyond = 0;
+  for (const auto& uv : moved.mesh.corner_uv) beyond += uv[0].x >= 10;
+  // Of the repeated triangles the first ones stay.
+  EXPECT_EQ(beyond, static_cast<int>(s.triangles.size()) - 4);
 }
 
 TEST(MeshGltf, TheSceneThatIsNamedIsShownOrAllRootsWithoutOne) {
@@ -411,6 +419,16 @@ TEST(MeshGltf, WhatIsNotReadIsRefusedByItsName) {
   };
   for (const Case& c : cases)
     EXPECT_NE(refusal(saveFile("a.gltf", c.text), c.kind).find(c.says), std::string::npos) << c.says;
+  // As many colours and texture coordinates as positions.
+  Sample full = sheet(2, 2);
+  decorate(full, 3);
+  for (const char* type : {"\"type\":\"VEC4\"", "\"type\":\"VEC2\""}) {
+    std::string text = gltfFile(full);
+    const size_t at = text.rfind("\"count\":9", text.find(type));
+    EXPECT_NE(refusal(saveFile("a.gltf", text.replace(at, 9, "\"count\":8")), ErrorKind::kInvalidData)
+                  .find("to have as many colours and texture coordinates as its 9 positions, found 8"),
+              std::string::npos);
+  }
   // Buffers outside the folder are not opened.
   const GltfText outside = gltfOf(s, "../x.bin");
   EXPECT_NE(refusal(saveFile("a.gltf", outside.json), ErrorKind::kInvalidData).find("lies outside its folder"),

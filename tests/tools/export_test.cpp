@@ -648,6 +648,22 @@ TEST_F(ExportMaps, LessMemoryTakesLongerAndGivesTheSameBytes) {
   const RowParts few = SheetReader::within(grid, all, whole / 2);
   EXPECT_LT(few.rows, kPageFullPx / 2);
   EXPECT_LE(SheetReader::bytes(grid, few), whole / 2);
+  // Vertices' colours and heights, with any number of rows at once.
+  for (const int rows : {1, 2, 3, 40}) {
+    const ExportGrid coarse(package_, 8);
+    RowParts fewer;
+    fewer.rows = rows;
+    SheetReader reader(coarse, {}), other(coarse, fewer);
+    reader.begin(0);
+    other.begin(0);
+    SheetRow expected, found;
+    for (uint64_t y = 0; y < coarse.rows(); ++y) {
+      ASSERT_TRUE(reader.read(y, expected).ok());
+      ASSERT_TRUE(other.read(y, found).ok());
+      EXPECT_EQ(found.heights, expected.heights) << rows << " " << y;
+      EXPECT_EQ(found.colours, expected.colours) << rows << " " << y;
+    }
+  }
   for (const ExportMap map : {ExportMap::kHeight, ExportMap::kNormal, ExportMap::kAlbedo})
     for (int level = 7; level <= finest; ++level) {
       if (level > 7 + (map == ExportMap::kAlbedo ? domain_.texture_depth : domain_.relief_depth)) continue;
