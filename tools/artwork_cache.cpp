@@ -42,7 +42,7 @@ Source sourceOf(const std::string& file) {
   std::transform(end.begin(), end.end(), end.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   if (end == ".ptm") return Source::kPtm;
-  for (const char* mesh : {".ply", ".obj", ".stl", ".off"})
+  for (const char* mesh : {".ply", ".obj", ".stl", ".off", ".glb", ".gltf"})
     if (end == mesh) return Source::kMesh;
   for (const char* image : {".tif", ".tiff", ".png", ".jpg", ".jpeg", ".exr", ".bmp", ".webp", ".tga", ".gif", ".ppm",
                             ".pgm", ".pnm", ".jp2", ".hdr"})

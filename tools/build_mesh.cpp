@@ -1,9 +1,12 @@
 #include "tools/build_mesh.h"
 
 #include <malloc.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -160,6 +163,32 @@ class Stages {
 // Of its own, not those that name materials' colours.
 bool hasTextureCoordinates(const TriMesh& mesh) { return !mesh.corner_uv.empty() && mesh.palette.empty(); }
 
+// An image that lies inside the mesh's file, decoded by the reader of image files: from a file in memory, without a
+// name in any folder.
+Result<Image8> readInnerImage(const MeshBuildArguments& a, const std::vector<uint8_t>& bytes) {
+  const std::string name = a.mesh + ", the image in it";
+  const int fd = ::memfd_create("relievo-image", MFD_CLOEXEC);
+  if (fd < 0)
+    return Error{ErrorKind::kIo, name, "cannot be kept in memory: " + std::string(std::strerror(errno)), "", {}};
+  const std::string path = "/proc/self/fd/" + std::to_string(fd);
+  size_t written = 0;
+  while (written < bytes.size()) {
+    const ssize_t n = ::write(fd, bytes.data() + written, bytes.size() - written);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) break;
+    written += static_cast<size_t>(n);
+  }
+  auto image = written == bytes.size()
+                   ? readImage8(path, a.images)
+                   : Result<Image8>(Error{ErrorKind::kIo, name, "cannot be kept in memory", "free some memory", {}});
+  ::close(fd);
+  if (image.ok()) return image;
+  Error error = image.error();
+  error.file = name;
+  if (const size_t at = error.message.find(path); at != std::string::npos) error.message.replace(at, path.size(), "it");
+  return error;
+}
+
 // The image that the scan's texture coordinates belong to, as three channels.
 Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (a.texture == "none") return Image8{};
@@ -171,21 +200,23 @@ Result<Image8> readTexture(const MeshBuildArguments& a, const TriMesh& mesh) {
                  {}};
   const std::string path = a.texture.empty() ? mesh.texture_path : a.texture;
   if (path.empty() && !mesh.palette.empty()) {
-    Image8 row{static_cast<int>(mesh.palette.size()), 1, 3, {}};
-    for (const glm::u8vec3& colour : mesh.palette) row.pixels.insert(row.pixels.end(), {colour.r, colour.g, colour.b});
-    return row;
+    const size_t columns = std::min(mesh.palette.size(), kPaletteColumns), rows = mesh.palette.size() / columns;
+    Image8 colours{static_cast<int>(columns), static_cast<int>(rows), 3, {}};
+    for (const glm::u8vec3& c : mesh.palette) colours.pixels.insert(colours.pixels.end(), {c.r, c.g, c.b});
+    return colours;
   }
-  if (path.empty() || mesh.corner_uv.empty()) return Image8{};
-  if (a.texture.empty() && !a.allow_outside)
+  const bool inner = path.empty() && !mesh.texture_bytes.empty();
+  if ((path.empty() && !inner) || mesh.corner_uv.empty()) return Image8{};
+  if (!inner && a.texture.empty() && !a.allow_outside)
     if (auto beside = checkBesideMesh(a.mesh, path, "the image"); !beside) return beside.error();
-  auto image = readImage8(path, a.images);
+  auto image = inner ? readInnerImage(a, mesh.texture_bytes) : readImage8(path, a.images);
   if (!image) {
     Error error = image.error();
     if (a.texture.empty())
-      error.hint = "the mesh names it; --texture FILE names another, --texture none builds without";
+      error.hint = "the mesh shows it; --texture FILE names another, --texture none builds without";
     return error;
   }
-  if (image->channels == 2 || image->channels == 4) warn(alphaWarning(path));
+  if (image->channels == 2 || image->channels == 4) warn(alphaWarning(inner ? a.mesh : path));
   if (image->channels == 3) return image;
   Image8 rgb{image->width, image->height, 3, {}};
   const size_t channels = static_cast<size_t>(image->channels), pixels = image->pixels.size() / channels;
@@ -269,7 +300,8 @@ Result<Surface> readSurface(const MeshBuildArguments& a, const TriMesh& mesh) {
   if (!image) return image.error();
   Surface out;
   out.image = std::move(*image);
-  if (out.image.width > 0 && (mesh.palette.empty() || !a.texture.empty()))
+  const bool inner = a.texture.empty() && mesh.texture_path.empty();  // in the mesh's own file, or of its colours
+  if (out.image.width > 0 && !inner)
     out.source = FileProvenance(a.texture.empty() ? mesh.texture_path : a.texture, true).get();
   return out;
 }
@@ -348,7 +380,7 @@ class MeshBuild {
   Result<void> measure();
   Result<void> writeReports() const;
 
-  const MeshBuildArguments& a_;
+  MeshBuildArguments a_;
   Stages stages_;
   FileProvenance mesh_file_;
   LoadedMesh loaded_;
@@ -366,7 +398,8 @@ class MeshBuild {
 
 Result<void> MeshBuild::read() {
   MeshReadOptions read_options;
-  read_options.mm_per_unit = mmPerUnit(a_.unit);
+  if (!a_.unit.empty()) read_options.mm_per_unit = mmPerUnit(a_.unit);
+  read_options.turn = turnOf(a_.up, a_.rotate_deg);
   read_options.keep_units = true;
   read_options.workers = a_.package.workers;
   read_options.allow_outside = a_.allow_outside;
@@ -378,6 +411,7 @@ Result<void> MeshBuild::read() {
   });
   if (!loaded) return loaded.error();
   loaded_ = std::move(*loaded);
+  if (a_.unit.empty()) a_.unit = loaded_.unit;
   if (a_.named_files) *a_.named_files = loaded_.named_files;
   // Nothing of what follows can give the scan's own memory back.
   if (const uint64_t held = Memory::now(); held > a_.package.memory_budget_bytes) {
@@ -592,6 +626,8 @@ Result<void> MeshBuild::pack() {
       toleranceOf(a_, fidelity_.diagonal_mm) > 0 ? mm(toleranceOf(a_, fidelity_.diagonal_mm)) : mm(baked.tolerance_mm);
   baked.deviation_mm = mm(baked.deviation_mm);
   result_.mesh = meshJson(sources[0].name, a_.unit, loaded_.diagnosis, bake_->base(), baked, a_.patches);
+  if (a_.up != 'y') result_.mesh["up"] = std::string(1, a_.up);
+  if (a_.rotate_deg != glm::dvec3(0)) result_.mesh["rotate_deg"] = {a_.rotate_deg.x, a_.rotate_deg.y, a_.rotate_deg.z};
   BuildOptions package = a_.package;
   package.manifest_extra =
       nlohmann::ordered_json{{"mesh", result_.mesh}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
@@ -692,10 +728,6 @@ void MeshBuild::printSummary() const {
 }
 
 }  // namespace
-
-double mmPerUnit(const std::string& unit) {
-  return unit == "mm" ? 1 : unit == "cm" ? 10 : unit == "m" ? 1000 : unit == "in" ? 25.4 : 0;
-}
 
 Result<void> buildFromMesh(const MeshBuildArguments& a) {
   MeshBuild build(a);

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <glm/glm.hpp>
+
 #include "src/base/result.h"
 #include "texturing/import/image_io.h"
 #include "texturing/package/package_builder.h"
@@ -25,12 +27,12 @@ struct MeshBuildArguments {
   bool allow_outside = false;     // material files and images beyond the mesh's folder, if the mesh names them
   ImageReadOptions images;        // limits
   BuildOptions package;           // output, workers, compression, encodings, memory
+  char up = 'y';                  // the file's axis that points up: x, y or z
+  glm::dvec3 rotate_deg{0};       // and then about x, y and z
   bool quiet = false;             // nothing is said on standard output
   std::vector<std::string>* named_files = nullptr;  // gets the files that the mesh names, there or not
 };
 
-// The millimetres of a unit; 0 if it is none.
-double mmPerUnit(const std::string& unit);
 // kDifference: the target is missed; the package is written all the same, unless `strict`.
 Result<void> buildFromMesh(const MeshBuildArguments& arguments);
 

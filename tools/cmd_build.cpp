@@ -22,7 +22,7 @@ namespace {
 
 struct BuildArguments {
   std::string output, ptm, image, relief, relief_mm, relief_px, mm_per_px, json_file;
-  std::string mesh, texture, unit = "mm", report;
+  std::string mesh, texture, unit, up = "y", rotate, report;
   uint32_t patches = 0;
   std::string tolerance;
   bool strict = false;
@@ -75,6 +75,19 @@ std::string tolerance(const std::string& text) {
     return "expected a finite number from 0, found " + text;
   const std::string unit = text.substr(number.size());
   return unit.empty() || unit == "mm" || unit == "%" ? "" : "expected mm, or % of the diagonal, found " + text;
+}
+
+// "X,Y,Z" in degrees.
+std::optional<glm::dvec3> anglesOf(const std::string& text) {
+  glm::dvec3 angles(0);
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%n", &angles.x, &angles.y, &angles.z, &end) != 3 ||
+      end != static_cast<int>(text.size()) || !std::isfinite(angles.x + angles.y + angles.z))
+    return std::nullopt;
+  return angles;
+}
+std::string threeAngles(const std::string& text) {
+  return anglesOf(text) ? "" : "expected three angles X,Y,Z in degrees, found " + text;
 }
 
 std::string positiveOrTag(const std::string& text) {
@@ -183,7 +196,7 @@ Result<void> build(const BuildArguments& o) {
   if (!o.mesh.empty())
     return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, toleranceIn(o.tolerance, "mm"),
                           toleranceIn(o.tolerance, "%") / 100, o.strict, o.report, o.json_file, o.allow_outside, limits,
-                          options});
+                          options, o.up[0], anglesOf(o.rotate).value_or(glm::dvec3(0))});
   options.resume = o.resume;
   options.checkpoint_s = o.checkpoint_s;
   std::vector<std::string> warnings;  // said once all inputs are open: a failure is one line
@@ -259,13 +272,22 @@ CLI::Option* addInputOptions(CLI::App& c, BuildArguments& o) {
   c.add_option("--ptm", o.ptm,
                "Texture: a .ptm file (RGB, LRGB, LUM, JPEG_RGB, JPEG_LRGB); of a mesh with texture coordinates, too");
   c.add_option("--image", o.image, "Texture: a plain sRGB colour image (TIFF, PNG, JPEG, ...)");
-  auto* mesh = c.add_option("--mesh", o.mesh, "A scan: .ply, .obj, .stl or .off; it is relief and texture");
+  auto* mesh =
+      c.add_option("--mesh", o.mesh, "A scan: .ply, .obj, .stl, .off, .glb or .gltf; it is relief and texture");
   c.add_option("--texture", o.texture, "Image for the mesh's texture coordinates, or none [what the mesh names]")
       ->needs(mesh);
-  c.add_option("--unit", o.unit, "Of the mesh's coordinates: mm, cm, m or in")
+  c.add_option("--unit", o.unit,
+               "Of the mesh's coordinates: mm, cm, m or in [what the file states (glTF: m; a comment \"unit mm\"), "
+               "else mm]")
       ->check(CLI::IsMember({"mm", "cm", "m", "in"}))
+      ->needs(mesh);
+  c.add_option("--up", o.up, "The mesh's axis that points up: x, y or z; it becomes y")
+      ->check(CLI::IsMember({"x", "y", "z"}))
       ->needs(mesh)
       ->capture_default_str();
+  c.add_option("--rotate", o.rotate, "Then turn it by X,Y,Z degrees about x, y and z, one after the other [0,0,0]")
+      ->check(threeAngles)
+      ->needs(mesh);
   c.add_option("--patches", o.patches,
                "About how many patches, at most half of the triangles (or 1024); 0: as the shape asks for. How many "
                "there are is said")

@@ -209,7 +209,8 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
       "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png "
       "--mm-per-px 0.05");
   c->add_option("FILE", o->file,
-                "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package "
+                "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
+                "no package "
                 "is built into one and kept (--cache-dir)")
       ->required();
   c->add_option("-o,--output", o->output,

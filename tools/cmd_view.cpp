@@ -76,7 +76,8 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
       "display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file,
-                "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off); what is no package "
+                "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
+                "no package "
                 "is built into one and kept (--cache-dir)")
       ->required();
   c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();

@@ -100,6 +100,25 @@ std::string lowerCase(std::string_view text) {
   return out;
 }
 
+std::string_view unitOfComment(std::string_view comment) {
+  std::string key = lowerCase(nextItem(comment));
+  const bool joined = key.ends_with(':') || key.ends_with('=');
+  if (joined) key.pop_back();
+  if (key != "unit" && key != "units") return {};
+  std::string name = lowerCase(nextItem(comment));
+  if (!joined && (name == ":" || name == "=")) name = lowerCase(nextItem(comment));
+  constexpr std::pair<std::string_view, std::string_view> kNames[] = {
+      {"mm", "mm"}, {"millimetre", "mm"}, {"millimetres", "mm"}, {"millimeter", "mm"}, {"millimeters", "mm"},
+      {"cm", "cm"}, {"centimetre", "cm"}, {"centimetres", "cm"}, {"centimeter", "cm"}, {"centimeters", "cm"},
+      {"m", "m"},   {"metre", "m"},       {"metres", "m"},       {"meter", "m"},       {"meters", "m"},
+      {"in", "in"}, {"inch", "in"},       {"inches", "in"}};
+  // Whoever writes more behind it may mean another thing.
+  if (!nextItem(comment).empty()) return {};
+  for (const auto& [known, unit] : kNames)
+    if (name == known) return unit;
+  return {};
+}
+
 void FaceCutter::emit(size_t a, size_t b, size_t c) {
   mesh_.triangles.push_back({corners_[a], corners_[b], corners_[c]});
   if (uv_.empty()) return;

@@ -33,22 +33,30 @@ namespace relievo::mesh_file {
 
 inline constexpr uint64_t kMaxVertices = 0xFFFFFFFE;
 
+// A colour's byte: cut off at 0 and 255; what is no number is 0.
+inline uint8_t byteOf(double value) {
+  return value >= 255 ? 255 : value > 0 ? static_cast<uint8_t>(value) : uint8_t{0};
+}
+
 struct RawMesh {
   std::vector<glm::dvec3> positions;               // in the file's unit
   std::vector<std::array<uint32_t, 3>> triangles;  // every index below positions.size()
   std::vector<glm::u8vec3> colours;                // a position; or empty
   std::vector<glm::vec3> float_colours;  // instead, where the file's are not bytes: 0..1, or 0..255 if any is above 1
   std::vector<std::array<glm::vec2, 3>> corner_uv;  // a triangle; or empty
+  std::vector<glm::u8vec3> face_colours;            // a triangle; or empty: they become palette and corner_uv
   std::string texture_path;
+  std::vector<uint8_t> texture_bytes;    // see tri_mesh.h
   std::vector<glm::u8vec3> palette;      // see tri_mesh.h
   bool texture_repeats = false;          // beyond 0..1, as the format has it
   std::vector<std::string> named_files;  // images and material files, as the file names them
   uint64_t vertices_read = 0;            // as the file counts
   std::vector<MeshFinding> findings;
+  std::string unit;  // that the file states: mm, cm, m or in; or empty
 };
 
-// Of 0..255, cut off; 0 for what is not a number.
-inline uint8_t byteOf(double value) { return value >= 255 ? 255 : value > 0 ? static_cast<uint8_t>(value) : 0; }
+// The unit that a comment states, as "unit mm" or "Units: millimeters"; empty: none.
+std::string_view unitOfComment(std::string_view comment);
 
 // Appends a face of the file as triangles. A polygon of up to 64 corners loses ear after ear (it may be concave), a
 // larger one is a fan from its first corner, so that time stays linear in the file. uv: one a corner or none; faces of
@@ -134,5 +142,6 @@ Result<RawMesh> readPly(const InputFile& file, const MeshReadOptions& options);
 Result<RawMesh> readObj(const InputFile& file, const MeshReadOptions& options);
 Result<RawMesh> readStl(const InputFile& file, const MeshReadOptions& options);
 Result<RawMesh> readOff(const InputFile& file, const MeshReadOptions& options);
+Result<RawMesh> readGltf(const InputFile& file, const MeshReadOptions& options);
 
 }  // namespace relievo::mesh_file

@@ -66,8 +66,35 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
   float scale = most > 1 ? 1 : 255;
   std::vector<glm::u8vec3> out(colours.size());
   for (size_t i = 0; i < out.size(); ++i)
-    for (int c = 0; c < 3; ++c) out[i][c] = mesh_file::byteOf(colours[i][c] * scale + 0.5f);
+    for (int c = 0; c < 3; ++c) out[i][c] = byteOf(colours[i][c] * scale + 0.5f);
   return out;
+}
+
+// Colours of faces as an image of colours, and texture coordinates that name its texels. Of more than kPaletteColumns
+// colours the image has several rows.
+void paintFaces(RawMesh& raw) {
+  raw.face_colours.resize(raw.triangles.size(), glm::u8vec3(204));
+  auto numberOf = [](const glm::u8vec3& c) { return uint32_t{c.r} << 16 | uint32_t{c.g} << 8 | c.b; };
+  std::vector<uint32_t> colours;
+  colours.reserve(raw.face_colours.size());
+  for (const glm::u8vec3& c : raw.face_colours) colours.push_back(numberOf(c));
+  std::sort(colours.begin(), colours.end());
+  colours.erase(std::unique(colours.begin(), colours.end()), colours.end());
+  const size_t columns = std::min(colours.size(), kPaletteColumns),
+               rows = (colours.size() + kPaletteColumns - 1) / kPaletteColumns;
+  raw.palette.clear();
+  for (const uint32_t c : colours)
+    raw.palette.emplace_back(static_cast<uint8_t>(c >> 16), static_cast<uint8_t>(c >> 8), static_cast<uint8_t>(c));
+  raw.palette.resize(columns * rows, glm::u8vec3(0));
+  raw.corner_uv.resize(raw.triangles.size());
+  for (size_t t = 0; t < raw.triangles.size(); ++t) {
+    const auto at = static_cast<size_t>(
+        std::lower_bound(colours.begin(), colours.end(), numberOf(raw.face_colours[t])) - colours.begin());
+    const double u = (static_cast<double>(at % kPaletteColumns) + 0.5) / static_cast<double>(columns),
+                 v = 1 - (static_cast<double>(at / kPaletteColumns) + 0.5) / static_cast<double>(rows);
+    raw.corner_uv[t].fill(glm::vec2(u, v));
+  }
+  std::vector<glm::u8vec3>().swap(raw.face_colours);
 }
 
 Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOptions& options) {
@@ -76,7 +103,12 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   out.named_files = std::move(raw.named_files);
   out.diagnosis.vertices_read = raw.vertices_read;
   out.diagnosis.triangles_read = raw.triangles.size();
-  const double unit = options.mm_per_unit;
+  const double unit = *options.mm_per_unit;
+  out.mm_per_unit = unit;
+  if (!raw.unit.empty()) out.unit = raw.unit;
+  if (options.turn != glm::dmat3(1))
+    for (glm::dvec3& p : raw.positions) p = options.turn * p;
+  if (!raw.face_colours.empty()) paintFaces(raw);
   const Error interrupted{ErrorKind::kInterrupted, name, "interrupted", "", {}};
   for (size_t i = 0; i < raw.positions.size(); ++i) {
     if (stopAt(i, options.interrupted)) return interrupted;
@@ -128,6 +160,7 @@ Result<LoadedMesh> finish(RawMesh raw, const std::string& name, const MeshReadOp
   }
   if (outside.count > 0) out.diagnosis.findings.push_back(std::move(outside));
   mesh.texture_path = std::move(raw.texture_path);
+  mesh.texture_bytes = std::move(raw.texture_bytes);
   if (mesh.corner_uv.empty() && !mesh.texture_path.empty()) {
     out.diagnosis.findings.push_back(
         {"images without texture coordinates (" + mesh.texture_path + ")", 1, {}, "not used"});
@@ -171,18 +204,20 @@ Result<void> checkBesideMesh(const std::string& mesh, const std::string& path, c
 
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options) {
   std::string extension = lowerCase(std::filesystem::path(path).extension().string());
-  auto reader = extension == ".ply"   ? readPly
-                : extension == ".obj" ? readObj
-                : extension == ".stl" ? readStl
-                : extension == ".off" ? readOff
-                                      : nullptr;
+  auto reader = extension == ".ply"                           ? readPly
+                : extension == ".obj"                         ? readObj
+                : extension == ".stl"                         ? readStl
+                : extension == ".off"                         ? readOff
+                : extension == ".glb" || extension == ".gltf" ? readGltf
+                                                              : nullptr;
   if (!reader)
-    return Error{ErrorKind::kUnsupported,
-                 path,
-                 "expected a mesh file (.ply, .obj, .stl or .off), found the extension " + inQuotes(extension),
-                 "convert it to one of them",
-                 {}};
-  if (!(options.mm_per_unit > 0) || !std::isfinite(options.mm_per_unit))
+    return Error{
+        ErrorKind::kUnsupported,
+        path,
+        "expected a mesh file (.ply, .obj, .stl, .off, .glb or .gltf), found the extension " + inQuotes(extension),
+        "convert it to one of them",
+        {}};
+  if (options.mm_per_unit && (!(*options.mm_per_unit > 0) || !std::isfinite(*options.mm_per_unit)))
     return Error{ErrorKind::kUsage, path, "expected a unit of more than 0 mm", "", {}};
   auto file = InputFile::open(path);
   if (!file) return file.error();
@@ -194,7 +229,34 @@ Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& opti
   };
   beside(raw->texture_path);
   for (std::string& named : raw->named_files) beside(named);
-  return finish(std::move(*raw), path, options);
+  MeshReadOptions finishing = options;
+  if (!finishing.mm_per_unit) finishing.mm_per_unit = raw->unit.empty() ? 1.0 : mmPerUnit(raw->unit);
+  return finish(std::move(*raw), path, finishing);
+}
+
+double mmPerUnit(const std::string& unit) {
+  return unit == "mm" ? 1 : unit == "cm" ? 10 : unit == "m" ? 1000 : unit == "in" ? 25.4 : 0;
+}
+
+glm::dmat3 turnOf(char up, const glm::dvec3& degrees) {
+  // Columns: where x, y and z go.
+  glm::dmat3 turn(1);
+  if (up == 'x') turn = glm::dmat3(0, 1, 0, -1, 0, 0, 0, 0, 1);
+  if (up == 'z') turn = glm::dmat3(1, 0, 0, 0, 0, -1, 0, 1, 0);
+  for (glm::length_t axis = 0; axis < 3; ++axis) {
+    const double angle = std::fmod(degrees[axis], 360), radians = angle * 3.14159265358979323846 / 180;
+    const double quarters = angle / 90;
+    const bool exact = quarters == std::floor(quarters);
+    const double c = exact ? std::round(std::cos(radians)) : std::cos(radians),
+                 s = exact ? std::round(std::sin(radians)) : std::sin(radians);
+    const glm::length_t i = (axis + 1) % 3, k = (axis + 2) % 3;
+    glm::dmat3 one(1);
+    one[i][i] = one[k][k] = c;
+    one[i][k] = s;
+    one[k][i] = -s;
+    turn = one * turn;
+  }
+  return turn;
 }
 
 Result<LoadedMesh> repairMesh(TriMesh mesh, const std::string& name, int workers) {

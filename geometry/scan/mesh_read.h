@@ -1,6 +1,6 @@
 // mesh_read.h - a scan's file into a triangle mesh, diagnosed and, where that is safe, repaired.
-// PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF. Safe for untrusted files: nothing is allocated
-// that the file's length does not allow for. Deterministic.
+// PLY (ASCII, binary of both byte orders), OBJ with materials, STL, OFF, glTF 2.0 (.gltf, .glb). Safe for untrusted
+// files: nothing is allocated that the file's length does not allow for. Deterministic.
 //
 // Repaired: duplicate vertices (the same float from the origin; the first one's colour stays), degenerate and duplicate
 // triangles, triangles that run against their piece, closed pieces inside out, edges of more than two triangles and
@@ -17,6 +17,7 @@
 #include <atomic>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,7 +27,8 @@
 namespace relievo {
 
 struct MeshReadOptions {
-  double mm_per_unit = 1.0;
+  std::optional<double> mm_per_unit;  // nothing: as the file states (glTF: metres; comments of the others), else mm
+  glm::dmat3 turn{1};                 // applied to the file's coordinates (turnOf); nothing else is turned
   // The mesh stays in the file's units: what is computed from it does not depend on them. The diagnosis is in mm.
   bool keep_units = false;
   std::function<void(double /*0..1*/)> progress;
@@ -55,8 +57,15 @@ struct MeshDiagnosis {
 struct LoadedMesh {
   TriMesh mesh;
   MeshDiagnosis diagnosis;
-  std::vector<std::string> named_files;  // images and material files that the mesh names, used or not, there or not
+  std::vector<std::string> named_files;  // files that the mesh names (images, materials, buffers), used or not
+  std::string unit = "mm";               // that the file states: mm, cm, m or in
+  double mm_per_unit = 1;                // by which it was read
 };
+// The millimetres of a unit (mm, cm, m, in); 0 if it is none.
+double mmPerUnit(const std::string& unit);
+// The axis `up` ('x', 'y', 'z') of the file becomes y, then the mesh is turned about x, y and z, one after the other.
+// Multiples of 90 degrees are exact.
+glm::dmat3 turnOf(char up, const glm::dvec3& degrees);
 // Paths of the result: from the mesh file's folder if they are relative. texture_path: the material's; empty if no
 // corner has texture coordinates.
 Result<LoadedMesh> readMesh(const std::string& path, const MeshReadOptions& options = {});

@@ -67,6 +67,7 @@ class ObjReader {
       if (text.size() > 0 && text.back() == '\r') text.remove_suffix(1);
       if (text.size() > 0 && text.back() == '\\') text = joined(text);
       std::string_view key = nextItem(text);
+      if (key.starts_with('#')) comment(key, text);
       if (key == "v") vertex(text);
       else if (key == "vt") textureVertex(text);
       else if (key == "f" || key == "fo") face(text);
@@ -105,6 +106,13 @@ class ObjReader {
   void bad(const char* expected, std::string_view found) {
     in_.note(std::string("expected ") + expected + ", found " + inQuotes(found) + " in line " +
              std::to_string(in_.lineNumber()));
+  }
+  // The first one that states a unit counts.
+  void comment(std::string_view key, std::string_view text) {
+    if (!mesh_.unit.empty()) return;
+    key.remove_prefix(1);
+    const std::string whole = std::string(key) + " " + std::string(text.substr(0, 40));
+    mesh_.unit = unitOfComment(whole);
   }
   // A line that ends in a backslash goes on in the next.
   std::string_view joined(std::string_view text) {
@@ -339,8 +347,8 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
-  static constexpr glm::u8vec3 kPlain{204, 204, 204};  // of a material that says none
-  static constexpr size_t kMaxPalette = 16384;         // as wide as an image may be
+  static constexpr glm::u8vec3 kPlain{204, 204, 204};     // of a material that says none
+  static constexpr size_t kMaxPalette = kPaletteColumns;  // of one row
   struct Material {
     std::string image;
     glm::u8vec3 colour = kPlain;  // Kd

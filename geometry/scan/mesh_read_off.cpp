@@ -33,7 +33,9 @@ class OffReader {
   // The next line that is not blank, without its comment.
   bool line(std::string_view& text, const char* what) {
     while (in_.line(text)) {
-      text = text.substr(0, text.find('#'));
+      const size_t comment = std::min(text.find('#'), text.size());
+      if (mesh_.unit.empty() && comment < text.size()) mesh_.unit = unitOfComment(text.substr(comment + 1));
+      text = text.substr(0, comment);
       std::string_view rest = text;
       if (!nextItem(rest).empty()) return true;
     }

@@ -1,6 +1,6 @@
 // mesh_read_ply.cpp - PLY (Turk 1994): ASCII and binary of both byte orders. Elements: vertex (x y z, colours, texture
-// coordinates), face (vertex_indices or vertex_index, texcoord by corner), tristrips (Stanford's; -1 ends a strip). All
-// else is read over.
+// coordinates), face (vertex_indices or vertex_index, texcoord by corner, colours), tristrips (Stanford's; -1 ends a
+// strip). All else is read over.
 #include <algorithm>
 #include <bit>
 #include <cmath>
@@ -31,7 +31,23 @@ bool parseType(std::string_view name, Type& type) {
   return false;
 }
 
-enum class Use : uint8_t { kNone, kX, kY, kZ, kRed, kGreen, kBlue, kU, kV, kIndices, kCornerUv, kFaceColour, kImage };
+enum class Use : uint8_t {
+  kNone,
+  kX,
+  kY,
+  kZ,
+  kRed,
+  kGreen,
+  kBlue,
+  kU,
+  kV,
+  kIndices,
+  kCornerUv,
+  kFaceRed,
+  kFaceGreen,
+  kFaceBlue,
+  kImage
+};
 
 struct Property {
   std::string name;
@@ -74,7 +90,9 @@ Use useOf(const Element& element, const Property& p) {
     if (element.kind == Kind::kFace && name == "texcoord") return Use::kCornerUv;
   }
   if (element.kind == Kind::kFace && !p.list) {
-    if (is({"red", "r", "diffuse_red"})) return Use::kFaceColour;
+    if (is({"red", "r", "diffuse_red"})) return Use::kFaceRed;
+    if (is({"green", "g", "diffuse_green"})) return Use::kFaceGreen;
+    if (is({"blue", "b", "diffuse_blue"})) return Use::kFaceBlue;
     if (is({"texnumber", "texture_index", "texid"})) return Use::kImage;
   }
   return Use::kNone;
@@ -96,14 +114,7 @@ class PlyReader {
     if (cutter_.dropped() > 0)
       mesh_.findings.push_back({"faces of fewer than three corners", cutter_.dropped(), {}, "dropped"});
     chooseImage();
-    for (const Element& e : elements_)
-      if (e.used(Use::kFaceColour) && e.count > 0)
-        mesh_.findings.push_back({"faces with a colour of their own",
-                                  e.count,
-                                  {},
-                                  mesh_.colours.empty() && mesh_.float_colours.empty()
-                                      ? "not used: colours of vertices are read"
-                                      : "not used: colours of vertices are"});
+    chooseFaceColours();
     return std::move(mesh_);
   }
 
@@ -130,6 +141,17 @@ class PlyReader {
            images_.size() - 1,
            {},
            "not used"});
+  }
+
+  // They count where nothing else has colours: an image and vertices say more.
+  void chooseFaceColours() {
+    const bool vertices = !mesh_.colours.empty() || !mesh_.float_colours.empty(), image = !mesh_.corner_uv.empty();
+    if (!coloured_faces_ || (!vertices && !image)) return;
+    std::vector<glm::u8vec3>().swap(mesh_.face_colours);
+    mesh_.findings.push_back({"faces with a colour of their own",
+                              coloured_faces_,
+                              {},
+                              image ? "not used: texture coordinates are" : "not used: colours of vertices are"});
   }
 
   void readHeader() {
@@ -184,6 +206,7 @@ class PlyReader {
         elements_.back().properties.push_back(std::move(p));
       } else if (key == "comment" || key == "obj_info") {
         std::string_view rest = text;
+        if (mesh_.unit.empty()) mesh_.unit = unitOfComment(text);
         if (lowerCase(nextItem(rest)) == "texturefile") {
           while (!rest.empty() && isBlank(rest.front())) rest.remove_prefix(1);
           while (!rest.empty() && isBlank(rest.back())) rest.remove_suffix(1);
@@ -398,6 +421,10 @@ class PlyReader {
     bool plain = !ascii_ && !swap_ && e.kind == Kind::kFace && e.properties.size() == 1 && vertex_uv_.empty() &&
                  kTypeBytes[static_cast<size_t>(e.properties[0].count_type)] == 1 &&
                  kTypeBytes[static_cast<size_t>(e.properties[0].type)] == 4;
+    const Property* red = e.used(Use::kFaceRed);
+    const bool colours = red && e.used(Use::kFaceGreen) && e.used(Use::kFaceBlue) && e.kind == Kind::kFace;
+    // Of floats 1 is white.
+    const double colour_scale = !colours ? 1 : !isInteger(red->type) ? 255 : red->type == Type::kUint16 ? 1 / 257.0 : 1;
     std::vector<uint32_t> corners;
     std::vector<glm::vec2> uv;
     auto vertices = static_cast<uint32_t>(mesh_.positions.size());
@@ -417,6 +444,7 @@ class PlyReader {
       corners.clear();
       uv.clear();
       double image = -1;
+      glm::u8vec3 colour(0);
       for (const Property& p : e.properties) {
         if (p.use == Use::kIndices && e.kind == Kind::kFace) {
           corners.resize(count(p, "face", face));
@@ -438,6 +466,9 @@ class PlyReader {
           readOverList(p, "face", face);
         } else if (p.use == Use::kImage) {
           image = value(p.type, "face", face);
+        } else if (p.use == Use::kFaceRed || p.use == Use::kFaceGreen || p.use == Use::kFaceBlue) {
+          colour[static_cast<int>(p.use) - static_cast<int>(Use::kFaceRed)] =
+              byteOf(value(p.type, "face", face) * colour_scale + 0.5);
         } else {
           value(p.type, "face", face);
         }
@@ -451,6 +482,11 @@ class PlyReader {
         for (uint32_t index : corners) uv.push_back(vertex_uv_[index]);
       const size_t before = mesh_.triangles.size();
       cutter_.add(corners, uv);
+      if (colours) {
+        ++coloured_faces_;
+        mesh_.face_colours.resize(before, kPlainFace);  // faces before this one may have had none
+        mesh_.face_colours.resize(mesh_.triangles.size(), colour);
+      }
       if (image >= 0 && image < static_cast<double>(images_.size()))
         triangles_of_[static_cast<size_t>(image)] += mesh_.triangles.size() - before;
       if (mesh_.triangles.size() > kMaxTriangles)
@@ -491,6 +527,8 @@ class PlyReader {
   std::vector<glm::vec2> vertex_uv_;
   std::vector<std::string> images_;     // that comments name
   std::vector<uint64_t> triangles_of_;  // an image's, where faces say which
+  static constexpr glm::u8vec3 kPlainFace{204, 204, 204};
+  uint64_t coloured_faces_ = 0;
   std::string_view line_;
   bool ascii_ = false, swap_ = false;
 };

@@ -1,4 +1,9 @@
 // mesh_read_stl.cpp - STL, binary and text. It has corners, not vertices: they are welded while they are read.
+//
+// A binary triangle ends in 16 bits that some programs take for its colour, 5 bits a channel, in two ways:
+// - VisCAM, SolidView: bit 15 says that there is a colour; red is in the bits from 10, blue in those from 0.
+// - Materialise Magics: the header has "COLOR=" and the four bytes of the whole's colour; bit 15 says that this one is
+//   meant, else red is in the bits from 0, blue in those from 10.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -29,7 +34,7 @@ class StlReader {
     uint64_t needed = kHeaderBytes + stated * kTriangleBytes;
     bool fits = file_.size() >= needed && file_.size() <= needed + kMaxTrailingBytes && file_.size() >= kHeaderBytes;
     if (fits) {
-      readBinary(stated);
+      readBinary(stated, head);
     } else if (file_.size() >= 6 && looksLikeText()) {
       readText();
     } else {
@@ -73,12 +78,44 @@ class StlReader {
     mesh_.triangles.push_back(t);
   }
 
-  void readBinary(uint64_t count) {
+  // What the 16 bits say, beside the convention of the file's header.
+  class FaceColours {
+   public:
+    explicit FaceColours(const std::array<uint8_t, kHeaderBytes>& head) {
+      constexpr std::string_view kKey = "COLOR=";
+      const std::string_view text(reinterpret_cast<const char*>(head.data()), 80);
+      const size_t at = text.find(kKey);
+      if (at == text.npos || at + kKey.size() + 4 > text.size()) return;
+      whole_ = true;
+      const uint8_t* c = head.data() + at + kKey.size();
+      plain_ = {c[0], c[1], c[2]};
+    }
+    void add(uint16_t bits, std::vector<glm::u8vec3>& colours) {
+      const bool own = (bits >> 15 != 0) != whole_;
+      any_ = any_ || (own && (!whole_ || bits != 0));
+      const glm::u8vec3 low_first(channel(bits), channel(bits >> 5), channel(bits >> 10));
+      colours.push_back(!own ? plain_ : whole_ ? low_first : glm::u8vec3(low_first.b, low_first.g, low_first.r));
+    }
+    // Of a header with a colour whose triangles all have 0, the writer left theirs out. Without any colour: none.
+    void finish(std::vector<glm::u8vec3>& colours) const {
+      if (whole_ && !any_) std::fill(colours.begin(), colours.end(), plain_);
+      else if (!any_) std::vector<glm::u8vec3>().swap(colours);
+    }
+
+   private:
+    static uint8_t channel(int bits) { return static_cast<uint8_t>(((bits & 31) * 255 + 15) / 31); }
+    glm::u8vec3 plain_{204, 204, 204};
+    bool whole_ = false, any_ = false;
+  };
+
+  void readBinary(uint64_t count, const std::array<uint8_t, kHeaderBytes>& head) {
     if (count > kMaxTriangles)
       return in_.note("expected at most " + std::to_string(kMaxTriangles) + " triangles, found " +
                       std::to_string(count));
     in_.take(kHeaderBytes, "a header");
     mesh_.triangles.reserve(count);
+    FaceColours colours(head);
+    std::array<uint16_t, 16> bits{};
     // Some triangles are decoded, and their places in the table fetched, before they are looked up there.
     std::array<std::array<glm::dvec3, 3>, 16> decoded;
     for (uint64_t first = 0; first < count && !in_.failed(); first += decoded.size()) {
@@ -95,9 +132,14 @@ class StlReader {
           }
           table_.prefetch(decoded[i][k] + 0.0);
         }
+        bits[i] = static_cast<uint16_t>(record[48] | record[49] << 8);
       }
-      for (size_t i = 0; i < n && !in_.failed(); ++i) add(decoded[i]);
+      for (size_t i = 0; i < n && !in_.failed(); ++i) {
+        add(decoded[i]);
+        colours.add(bits[i], mesh_.face_colours);
+      }
     }
+    colours.finish(mesh_.face_colours);
   }
 
   void readText() {

@@ -65,6 +65,16 @@ void meshes() {
             binary));
     put("stl", binary ? "binary" : "text", stlFile(plain, binary));
   }
+  const std::string images =
+      ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}],"
+      "\"images\":[{\"bufferView\":1}]";
+  const std::string nodes = "\"children\":[1]},{\"mesh\":0,\"rotation\":[0,0,1,0]";
+  put("glb", "plain", glbFile(plain));
+  put("glb", "full", glbFile(full, images, nodes));
+  put("gltf", "plain", gltfFile(plain));
+  put("gltf", "full", gltfFile(full, images, nodes));
+  const GltfText beside = gltfOf(sheet(1, 1), "scan.mtl");
+  put("gltf", "beside", beside.json + "#materials\n" + beside.binary);
   put("off", "polygons", "OFF\n# a comment\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 2 2\n5 0 1 2 3 4 255 0 0\n3 0 1 2\n");
 }
 

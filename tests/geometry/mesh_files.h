@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -322,6 +323,87 @@ inline std::string stlFile(const Sample& s, bool binary, const std::string& head
     out += "    endloop\n  endfacet\n";
   }
   return out + "endsolid a test\n";
+}
+
+inline std::string base64(const std::string& bytes) {
+  constexpr const char* kLetters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  for (size_t i = 0; i < bytes.size(); i += 3) {
+    uint32_t three = 0;
+    const size_t n = std::min<size_t>(3, bytes.size() - i);
+    for (size_t k = 0; k < 3; ++k) three = three << 8 | (k < n ? static_cast<uint8_t>(bytes[i + k]) : 0u);
+    for (size_t k = 0; k < 4; ++k) out += k <= n ? kLetters[three >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
+}
+inline std::string glbOf(std::string json, std::string binary) {
+  json.resize((json.size() + 3) / 4 * 4, ' ');
+  binary.resize((binary.size() + 3) / 4 * 4, '\0');
+  std::string out = "glTF";
+  put(out, uint32_t{2});
+  put(out, static_cast<uint32_t>(12 + 8 + json.size() + (binary.empty() ? 0 : 8 + binary.size())));
+  put(out, static_cast<uint32_t>(json.size()));
+  out += "JSON" + json;
+  if (binary.empty()) return out;
+  put(out, static_cast<uint32_t>(binary.size()));
+  return out + std::string("BIN\0", 4) + binary;
+}
+// A mesh of one primitive with indices: floats, 32-bit indices; colours as given bytes of linear light; texture
+// coordinates of the vertex's first corner. `tail` goes behind the lists of the file ("" or ", ...").
+struct GltfText {
+  std::string json, binary;
+};
+inline GltfText gltfOf(const Sample& s, const std::string& buffer_uri, const std::string& tail = "",
+                       const std::string& node = "\"mesh\":0") {
+  GltfText out;
+  std::string views, accessors;
+  auto add = [&](const std::string& bytes, size_t count, int component, const char* type, const char* more) {
+    if (!views.empty()) views += ",", accessors += ",";
+    const auto view = static_cast<size_t>(std::count(views.begin(), views.end(), '{'));
+    views += "{\"buffer\":0,\"byteOffset\":" + std::to_string(out.binary.size()) +
+             ",\"byteLength\":" + std::to_string(bytes.size()) + "}";
+    accessors += "{\"bufferView\":" + std::to_string(view) + ",\"componentType\":" + std::to_string(component) +
+                 ",\"count\":" + std::to_string(count) + ",\"type\":\"" + type + "\"" + more + "}";
+    out.binary += bytes;
+    out.binary.resize((out.binary.size() + 3) / 4 * 4, '\0');
+    return std::to_string(view);
+  };
+  std::string positions, indices, colours, uv;
+  for (const glm::dvec3& p : s.positions)
+    for (int c = 0; c < 3; ++c) put(positions, static_cast<float>(p[c]));
+  for (const auto& t : s.triangles)
+    for (const uint32_t v : t) put(indices, v);
+  std::string attributes = "\"POSITION\":" + add(positions, s.positions.size(), 5126, "VEC3", "");
+  const std::string index = add(indices, 3 * s.triangles.size(), 5125, "SCALAR", "");
+  if (!s.colours.empty()) {
+    for (const glm::u8vec3& c : s.colours) {
+      for (int k = 0; k < 3; ++k) put(colours, c[k]);
+      put(colours, uint8_t{255});
+    }
+    attributes += ",\"COLOR_0\":" + add(colours, s.colours.size(), 5121, "VEC4", ",\"normalized\":true");
+  }
+  if (!s.corner_uv.empty()) {
+    std::vector<glm::vec2> of(s.positions.size());
+    for (size_t t = s.triangles.size(); t-- > 0;)
+      for (size_t k = 0; k < 3; ++k) of[s.triangles[t][k]] = s.corner_uv[t][k];
+    for (const glm::vec2& at : of) put(uv, at.x), put(uv, 1 - at.y);
+    attributes += ",\"TEXCOORD_0\":" + add(uv, of.size(), 5126, "VEC2", "");
+  }
+  const bool material = tail.find("materials") != tail.npos;
+  out.json = "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{" + node +
+             "}],\"meshes\":[{\"primitives\":[{\"attributes\":{" + attributes + "},\"indices\":" + index +
+             (material ? ",\"material\":0" : "") + "}]}],\"bufferViews\":[" + views + "],\"accessors\":[" + accessors +
+             "],\"buffers\":[{" + (buffer_uri.empty() ? "" : "\"uri\":\"" + buffer_uri + "\",") +
+             "\"byteLength\":" + std::to_string(out.binary.size()) + "}]" + tail + "}";
+  return out;
+}
+inline std::string glbFile(const Sample& s, const std::string& tail = "", const std::string& node = "\"mesh\":0") {
+  const GltfText text = gltfOf(s, "", tail, node);
+  return glbOf(text.json, text.binary);
+}
+inline std::string gltfFile(const Sample& s, const std::string& tail = "", const std::string& node = "\"mesh\":0") {
+  const std::string binary = gltfOf(s, "", tail, node).binary;
+  return gltfOf(s, "data:application/octet-stream;base64," + base64(binary), tail, node).json;
 }
 
 }  // namespace relievo::test

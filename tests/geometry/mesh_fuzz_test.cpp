@@ -72,6 +72,14 @@ const std::vector<Subject>& subjects() {
       polygons += i % 3 ? "\n" : " \\\n 2\n";
     }
     out.push_back({"polygons.obj", polygons});
+    const std::string images =
+        ",\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}}],\"textures\":[{\"source\":0}]"
+        ","
+        "\"images\":[{\"bufferView\":1}]";
+    out.push_back({"plain.glb", glbFile(plain)});
+    out.push_back(
+        {"full.glb", glbFile(full, images, "\"children\":[1,2]},{\"mesh\":0,\"scale\":[1,-1,2]},{\"mesh\":0")});
+    out.push_back({"plain.gltf", gltfFile(cubeSphere(2))});
     full.corner_uv.clear();
     for (bool binary : {false, true}) {
       out.push_back({"plain.off", offFile(plain, binary)});

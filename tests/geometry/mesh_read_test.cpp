@@ -614,7 +614,7 @@ TEST(MeshRefusals, SayWhatIsWrongAndWhere) {
     expectRefused(saveFile(name, "This is a letter to the museum.\n"), invalid, "expected");
     expectRefused(saveFile(name, std::string(2000, '\0')), invalid, "expected");
   }
-  expectRefused(saveFile("a.xyz", "0 0 0\n"), ErrorKind::kUnsupported, ".ply, .obj, .stl or .off");
+  expectRefused(saveFile("a.xyz", "0 0 0\n"), ErrorKind::kUnsupported, ".ply, .obj, .stl, .off, .glb or .gltf");
   expectRefused(saveFile("a.off", "4OFF\n3 1 0\n"), ErrorKind::kUnsupported, "three coordinates");
   expectRefused((meshFolder() / "none.ply").string(), ErrorKind::kIo, "none.ply");
   std::string text = stlFile(s, false);

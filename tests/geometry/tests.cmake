@@ -19,6 +19,7 @@ relievo_test(hard_geometry_test LIBS relievo_lod SOURCES geometry/hard_geometry_
 relievo_test(mesh_lod_test LIBS relievo_lod SOURCES geometry/mesh_lod_test.cpp)
 relievo_test(mesh_tails_test LIBS relievo_lod SOURCES geometry/mesh_tails_test.cpp)
 relievo_test(mesh_read_test LIBS relievo_bake OpenMeshCore SOURCES geometry/mesh_read_test.cpp)
+relievo_test(mesh_gltf_test LIBS relievo_scan SOURCES geometry/mesh_gltf_test.cpp)
 relievo_test(mesh_fuzz_test LIBS relievo_bake SOURCES geometry/mesh_fuzz_test.cpp)
 relievo_test(base_mesh_test LIBS relievo_artwork SOURCES geometry/base_mesh_test.cpp)
 relievo_test(feature_curves_test LIBS relievo_bake SOURCES geometry/feature_curves_test.cpp)

@@ -2,6 +2,7 @@
 // between a scan and what comes out again.
 #include <array>
 #include <cmath>
+#include <iostream>
 #include <random>
 #include <sstream>
 #include <string>
@@ -10,6 +11,7 @@
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/scan/mesh_read.h"
 #include "tests/tools/cli_fixture.h"
+#include "texturing/import/image_io.h"
 
 namespace {
 
@@ -46,6 +48,13 @@ TEST_F(ExportCli, TheSuffixSaysTheFormatAndOthersAreRefused) {
     EXPECT_NE(r.output.find("ends in .ply, .obj, .stl, .off or .glb"), std::string::npos) << r.output;
     EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1) << r.output;
   }
+}
+
+TEST_F(ExportCli, ANameOfAnotherKindSaysWhichOptionIsMissing) {
+  makeFlat();
+  EXPECT_NE(exported("a.relievo", "a.svg").output.find("--contours, --section or --plane say"), std::string::npos);
+  EXPECT_NE(exported("a.relievo", "a.tif").output.find("--map says which image"), std::string::npos);
+  EXPECT_NE(exported("a.relievo", "a.fbx").output.find("the name says which format"), std::string::npos);
 }
 
 TEST_F(ExportCli, WhatCannotBeIsRefusedInOneSentenceAndTheOldFileStays) {
@@ -121,6 +130,48 @@ TEST_F(ExportCli, MapsOfAFlatArtworkCanBeBuiltAgain) {
   r = exported("a.relievo", "x.ply", "--map height");
   EXPECT_EQ(r.exit_code, 1);
   EXPECT_NE(r.output.find("ends in .png, .tif, .exr or .jpg"), std::string::npos) << r.output;
+}
+
+// An orthophoto: what render shows straight from above, pixel by pixel.
+TEST_F(ExportCli, LitMapsAreWhatRenderShowsFromAbove) {
+  for (const std::string basis : {"lrgb", "rgb", "colour"}) {
+    ASSERT_EQ(relievo("sample painting --size 600x450 --basis " + basis + " --package " + file("p.relievo")).exit_code,
+              0);
+    const std::string options = " --light -0.6,0.5,0.4";
+    const auto difference = [&](int level, const std::string& light) {
+      const double mm = 400.0 / 450 * (1 << (9 - level));
+      const std::string scale = std::to_string(mm) + "0";
+      const Outcome map = exported("p.relievo", "lit.png", "--map lit --level " + std::to_string(level) + light);
+      EXPECT_EQ(map.exit_code, 0) << map.output;
+      const Outcome drawn =
+          relievo("render " + file("p.relievo") + " -o " + file("drawn.png") + " --mm-per-px " + scale + options);
+      if (noGl(drawn)) return -1;
+      EXPECT_EQ(drawn.exit_code, 0) << drawn.output;
+      const auto a = readImage8(file("lit.png")), b = readImage8(file("drawn.png"));
+      if (!a || !b) return 256;
+      EXPECT_EQ(a->width, b->width);
+      EXPECT_EQ(a->height, b->height);
+      if (a->width != b->width || a->height != b->height) return 256;
+      int worst = 0;
+      for (int y = 0; y < a->height; ++y)
+        for (int x = 0; x < a->width; ++x)
+          for (int c = 0; c < 3; ++c) {
+            const auto i = static_cast<size_t>(y * a->width + x);
+            worst = std::max(worst, std::abs(a->pixels[i * static_cast<size_t>(a->channels) + static_cast<size_t>(c)] -
+                                             b->pixels[i * static_cast<size_t>(b->channels) + static_cast<size_t>(c)]));
+          }
+      return worst;
+    };
+    const int worst = difference(9, options);
+    if (worst < 0) GTEST_SKIP() << "no GL here";
+    EXPECT_LE(worst, 1) << basis;
+    EXPECT_GT(difference(9, " --light 0.6,0.5,0.4"), 20) << "control: another light";
+    // The light's length does not matter.
+    EXPECT_LE(difference(9, " --light -6,5,4"), 1) << basis;
+  }
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map albedo --light 1,0,0").exit_code, 1);
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map lit --light 0,0,0").exit_code, 1);
+  EXPECT_EQ(exported("p.relievo", "x.png", "--map lit --light 1,0").exit_code, 1);
 }
 
 // ---- a scan, and what comes out again ----
@@ -240,6 +291,162 @@ TEST_F(ExportCli, AScanComesOutAsNearAsItsBuildPromised) {
   const auto opened = readMesh(file("open.ply"));
   ASSERT_TRUE(opened.ok());
   EXPECT_EQ(opened->diagnosis.border_loops, 1u);
+}
+
+// ---- maps of a scan: its surface from them by tests/tools/patch_maps.py, which knows tools/export/PATCH_MAPS.md ----
+class PatchMaps : public ExportCli {
+ protected:
+  void SetUp() override {
+    ExportCli::SetUp();
+    write("ball.off", wavyBallOff(80, 50));
+    const Outcome built = relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo"));
+    ASSERT_EQ(built.exit_code, 0) << built.output;
+  }
+  // The interpreter that has NumPy; empty: none.
+  static std::string python() {
+    for (const std::string name : {"/usr/bin/python3", "python3"})
+      if (run(name + " -c 'import numpy'").exit_code == 0) return name;
+    return "";
+  }
+  Outcome compared(const std::string& maps) const {
+    return run("cd " + folder_ + " && " + python() + " " RELIEVO_SOURCE_DIR "/tests/tools/patch_maps.py out.ply " +
+               maps);
+  }
+};
+
+TEST_F(PatchMaps, GiveTheExportedMeshBack) {
+  if (python().empty()) GTEST_SKIP() << "no python3-numpy here: tools/setup installs it";
+  for (const int level : {0, 4}) {
+    const std::string at = " --level " + std::to_string(level);
+    ASSERT_EQ(exported("ball.relievo", "out.ply", at).exit_code, 0);
+    for (const std::string end : {"tif", "exr"}) {
+      for (const std::string map : {"displacement", "normal", "albedo"}) {
+        const Outcome r = exported("ball.relievo", map + "." + end, "--map " + map + at);
+        EXPECT_EQ(r.exit_code, 0) << r.output;
+        EXPECT_NE(r.output.find(" samples, "), std::string::npos) << r.output;
+      }
+      const Outcome r = compared("displacement.map.json normal.map.json albedo.map.json");
+      EXPECT_EQ(r.exit_code, 0) << level << end << ":\n" << r.output;
+      std::cout << "[ figures  ] level " << level << ", ." << end << ": " << r.output.substr(0, r.output.find('\n'))
+                << "\n";
+    }
+  }
+  // Controls: a sample of the atlas, a place of the base mesh, a normal that is another.
+  ASSERT_EQ(exported("ball.relievo", "h.tif", "--map height --level 4").exit_code, 0);
+  ASSERT_EQ(exported("ball.relievo", "n.tif", "--map normal --level 4").exit_code, 0);
+  ASSERT_EQ(compared("h.map.json n.map.json").exit_code, 0);
+  for (const char* name : {"h.tif", "n.tif"}) {
+    const std::string whole = get(name);
+    std::string other = whole;
+    const size_t sample = other.size() / 3 / 2 * 2;
+    other[sample] = static_cast<char>(other[sample] ^ 0x40);
+    other[sample + 1] = static_cast<char>(other[sample + 1] ^ 0x40);
+    write(name, other);
+    EXPECT_EQ(compared("h.map.json n.map.json").exit_code, 7) << name;
+    write(name, whole);
+  }
+  const std::string json = get("h.map.json");
+  write("h.map.json", std::string(json).replace(json.find("\"origin\":["), 10, "\"origin\":[1"));
+  EXPECT_EQ(compared("h.map.json n.map.json").exit_code, 7);
+}
+
+TEST_F(PatchMaps, AreRefusedWhereTheyCannotBeAndComeWithAllTheirFiles) {
+  const auto refused = [&](const std::string& target, const std::string& options, const std::string& text) {
+    const Outcome r = exported("ball.relievo", target, options);
+    EXPECT_EQ(r.exit_code, 1) << options << ": " << r.output;
+    EXPECT_NE(r.output.find(text), std::string::npos) << options << ": " << r.output;
+    EXPECT_EQ(std::count(r.output.begin(), r.output.end(), '\n'), 1) << r.output;
+    EXPECT_EQ(filesNamed(".map."), 0) << options;
+  };
+  refused("a.tif", "--map depth", "a scan has --map displacement, normal and albedo alone");
+  refused("a.tif", "--map lit", "a scan has --map displacement, normal and albedo alone");
+  refused("a.tif", "--map normal --normal-y down", "have no --normal-y");
+  refused("a.jpg", "--map albedo", "JPEG");
+  refused("a.tif", "--map height --level 20", "expected a --level of 0 to ");
+  Outcome r = run("cd " + folder_ + " && " RELIEVO_PROGRAM " export ball.relievo -o - --map height");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  fs::create_symlink("/dev/null", file("null.tif"));
+  refused("null.tif", "--map albedo", "a scan's map is three files");
+  // The package's own name is no place for the base mesh.
+  fs::copy_file(file("ball.relievo"), file("n.map.obj"));
+  r = exported("n.map.obj", "n.tif", "--map height");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  EXPECT_NE(r.output.find("the map's base mesh would overwrite an input"), std::string::npos) << r.output;
+  fs::remove(file("n.map.obj"));
+  // Interrupted, or on a full disk, all three stay away.
+  const std::string command = RELIEVO_PROGRAM " export " + file("ball.relievo") + " -o " + file("big.tif") + " --map ";
+  r = run("timeout --foreground --preserve-status -k 60 -s INT 0.4 " + command + "normal");
+  if (r.exit_code != 0) {  // a machine that is fast enough is done before
+    EXPECT_EQ(r.exit_code, 130) << r.output;
+    EXPECT_EQ(filesNamed("big."), 0);
+  }
+  r = run("ulimit -f 200; " RELIEVO_PROGRAM " export " + file("ball.relievo") + " -o " + file("full.tif") +
+          " --map albedo");
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_EQ(filesNamed("full."), 0) << r.output;
+  EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+// ---- lines ----
+TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
+  makeFlat();
+  Outcome r = exported("a.relievo", "c.svg", "--contours 0.25");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find(" of them closed, "), std::string::npos) << r.output;
+  EXPECT_NE(get("c.svg").find("<title>a.relievo, contours every 0.25 mm</title>"), std::string::npos);
+  r = exported("a.relievo", "s.CSV", "--section -10,0,12.5,3 --level 7");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_EQ(get("s.CSV").find("line,closed,distance_mm,x_mm,y_mm,z_mm\n1,0,0,-10,0,"), 0u);
+  write("ball.off", wavyBallOff(60, 40));
+  ASSERT_EQ(relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo")).exit_code, 0);
+  // A ball of radius 40, waves of at most 1.5 mm: at z = 20 a circle of about 34.6 mm.
+  r = exported("ball.relievo", "p.csv", "--plane 0,0,2,40");
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  std::istringstream csv(get("p.csv"));
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line, "line,closed,right_mm,up_mm,x_mm,y_mm,z_mm");
+  int points = 0;
+  while (std::getline(csv, line)) {
+    double right = 0, up = 0, x = 0, y = 0, z = 0;
+    ASSERT_EQ(std::sscanf(line.c_str(), "1,1,%lf,%lf,%lf,%lf,%lf", &right, &up, &x, &y, &z), 5) << line;
+    EXPECT_NEAR(z, 20, 1e-6);
+    EXPECT_NEAR(std::hypot(x - 60, y), 34.6, 2);
+    EXPECT_NEAR(right, x, 1e-6);
+    EXPECT_NEAR(up, y, 1e-6);
+    ++points;
+  }
+  EXPECT_GT(points, 100);
+  write("old.svg", "precious");
+  const auto refused = [&](const char* package, const char* options, int exit_code, const char* text) {
+    const Outcome failed = exported(package, "old.svg", options);
+    EXPECT_EQ(failed.exit_code, exit_code) << options << failed.output;
+    EXPECT_NE(failed.output.find(text), std::string::npos) << options << ": " << failed.output;
+    EXPECT_EQ(get("old.svg"), "precious") << options;
+  };
+  refused("a.relievo", "--contours 0", 1, "--contours");
+  refused("a.relievo", "--contours -1", 1, "--contours");
+  refused("a.relievo", "--contours 1e-7", 1, "choose a larger step");
+  refused("a.relievo", "--contours 0.1 --section 0,0,1,1", 1, "excludes");
+  refused("a.relievo", "--contours 0.1 --map height", 1, "excludes");
+  refused("a.relievo", "--section 0,0,1", 1, "expected four numbers");
+  refused("a.relievo", "--section 0,0,1,nan", 1, "expected four numbers");
+  refused("a.relievo", "--section 3,3,3,3", 1, "between two places");
+  refused("a.relievo", "--section 900,0,900,5", 1, "does not reach it");
+  refused("a.relievo", "--contours 100 --level 20", 1, "expected a --level of 0 to");
+  refused("a.relievo", "--plane 0,0,1,0", 1, "which --section cuts");
+  refused("ball.relievo", "--plane 0,0,0,1", 1, "normal of more than 0");
+  refused("ball.relievo", "--plane 0,0,1,900", 1, "does not reach it");
+  refused("ball.relievo", "--contours 1", 1, "--plane cuts a scan");
+  refused("ball.relievo", "--section 0,0,1,1", 1, "--plane cuts a scan");
+  r = exported("a.relievo", "x.pdf", "--contours 1");
+  EXPECT_EQ(r.exit_code, 1);
+  EXPECT_NE(r.output.find("ends in .svg or .csv"), std::string::npos) << r.output;
+  r = run("ulimit -f 2; " RELIEVO_PROGRAM " export " + file("a.relievo") + " -o " + file("old.svg") +
+          " --contours 0.01");
+  EXPECT_EQ(r.exit_code, 2) << r.output;
+  EXPECT_EQ(get("old.svg"), "precious");
+  EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
 }  // namespace

@@ -17,6 +17,7 @@
 #include "texturing/package/patch_package_builder.h"
 #include "tools/export/map_export.h"
 #include "tools/export/mesh_export.h"
+#include "tools/export/patch_maps.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_rows.h"
 
@@ -57,6 +58,33 @@ class ExportBall : public ::testing::Test {
   }
   ScratchFolder folder_;
 };
+
+TEST_F(ExportBall, MapsOfPatchesAreTheSameWithLessMemory) {
+  const auto package = packageOf(NoisyPatches(cubeSphere(1, 40, 3), 1, kReliefDepth, 7));
+  for (const ExportMap map : {ExportMap::kHeight, ExportMap::kNormal, ExportMap::kAlbedo})
+    for (const int level : {3, kFinest}) {
+      MapExportOptions options;
+      options.map = map;
+      options.level = level;
+      options.output = folder_.file("whole.tif");
+      const auto whole = exportPatchMaps(package, options);
+      ASSERT_TRUE(whole.ok()) << whole.error().text();
+      EXPECT_EQ(whole->width, 3 * ((1 << level) + 1)) << "6 patches in 3 columns and 2 rows";
+      EXPECT_EQ(whole->height, 2 * ((1 << level) + 1));
+      int allowed = 0, refused = 0;
+      for (uint64_t kib = 16 << 10; kib > 16; kib -= kib / 3) {
+        options.output = folder_.file("less.tif");
+        options.memory_bytes = kib << 10;
+        const auto less = exportPatchMaps(package, options);
+        refused += !less.ok();
+        if (!less) continue;
+        ++allowed;
+        EXPECT_TRUE(bytesOf(folder_.file("less.tif")) == bytesOf(folder_.file("whole.tif"))) << level << " " << kib;
+      }
+      EXPECT_GT(allowed, 2);
+      EXPECT_GT(refused, 2);
+    }
+}
 
 // Findings of anything but the direction of patches, which lie every way round here, and borders, which are counted
 // apart.
@@ -608,6 +636,57 @@ TEST_F(ExportMaps, AlbedoIsTheTexelsThemselves) {
           differ += image->pixels[static_cast<size_t>(3 * (y * kWidth + x) + c)] != texture_.at(c, x, y);
     EXPECT_EQ(differ, 0u) << name;
   }
+}
+
+// However few rows of pages fit into memory, the map is the same.
+TEST_F(ExportMaps, LessMemoryTakesLongerAndGivesTheSameBytes) {
+  const int finest = 7 + std::max(domain_.relief_depth, domain_.texture_depth);
+  const ExportGrid grid(package_, 7 + domain_.relief_depth);
+  const RowParts all{.heights = true, .positions = true, .colours = false};
+  const uint64_t whole = SheetReader::bytes(grid, all);
+  EXPECT_EQ(SheetReader::within(grid, all, whole).rows, kPageFullPx);
+  const RowParts few = SheetReader::within(grid, all, whole / 2);
+  EXPECT_LT(few.rows, kPageFullPx / 2);
+  EXPECT_LE(SheetReader::bytes(grid, few), whole / 2);
+  // Vertices' colours and heights, with any number of rows at once.
+  for (const int rows : {1, 2, 3, 40}) {
+    const ExportGrid coarse(package_, 8);
+    RowParts fewer;
+    fewer.rows = rows;
+    SheetReader reader(coarse, {}), other(coarse, fewer);
+    reader.begin(0);
+    other.begin(0);
+    SheetRow expected, found;
+    for (uint64_t y = 0; y < coarse.rows(); ++y) {
+      ASSERT_TRUE(reader.read(y, expected).ok());
+      ASSERT_TRUE(other.read(y, found).ok());
+      EXPECT_EQ(found.heights, expected.heights) << rows << " " << y;
+      EXPECT_EQ(found.colours, expected.colours) << rows << " " << y;
+    }
+  }
+  for (const ExportMap map : {ExportMap::kHeight, ExportMap::kNormal, ExportMap::kAlbedo})
+    for (int level = 7; level <= finest; ++level) {
+      if (level > 7 + (map == ExportMap::kAlbedo ? domain_.texture_depth : domain_.relief_depth)) continue;
+      mapped(map, "whole.tif", {.level = level});
+      const std::string expected = bytesOf(folder_.file("whole.tif"));
+      size_t allowed = 0;
+      for (const uint64_t kib : {300, 260, 220, 200, 180, 160, 140, 120, 100, 80, 60, 1}) {
+        MapExportOptions options;
+        options.map = map;
+        options.output = folder_.file("few.tif");
+        options.level = level;
+        options.memory_bytes = kib << 10;
+        const auto report = exportMap(package_, options);
+        if (!report) {
+          EXPECT_NE(report.error().text().find("--memory-mib allows"), std::string::npos) << report.error().text();
+          continue;
+        }
+        ++allowed;
+        EXPECT_TRUE(bytesOf(folder_.file("few.tif")) == expected) << level << " " << kib;
+      }
+      EXPECT_GE(allowed, 4u);
+      EXPECT_LT(allowed, 12u);
+    }
 }
 
 TEST_F(ExportMaps, WhatAFormatOrAnArtworkCannotHoldIsRefused) {

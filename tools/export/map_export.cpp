@@ -27,24 +27,28 @@ uint16_t wordOf(double share) { return static_cast<uint16_t>(std::lround(65535 *
 
 float linearLight(uint8_t value) { return static_cast<float>(linearFromSrgb(value / 255.0)); }
 
+bool isColour(ExportMap map) { return map == ExportMap::kAlbedo || map == ExportMap::kLit; }
+
 struct MapForm {
   int channels = 1;
   SampleType type = SampleType::kFloat;
+  bool exr = false;
 };
 Result<MapForm> formOf(const MapExportOptions& o) {
   auto format = imageFormatOf(o.output);
   if (!format) return format.error();
   const bool png = *format == ImageFormat::kPng, exr = *format == ImageFormat::kExr;
-  if (*format == ImageFormat::kJpeg && o.map != ExportMap::kAlbedo)
+  if (*format == ImageFormat::kJpeg && !isColour(o.map))
     return Error{
         ErrorKind::kUsage, o.output, "a JPEG has 8 bits, and loses some of them", "name a .tif, .exr or .png", {}};
   switch (o.map) {
     case ExportMap::kNormal:
-      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint16};
+      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint16, exr};
     case ExportMap::kAlbedo:
-      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint8};
+    case ExportMap::kLit:
+      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint8, exr};
     default:
-      return MapForm{1, png ? SampleType::kUint16 : SampleType::kFloat};
+      return MapForm{1, png ? SampleType::kUint16 : SampleType::kFloat, exr};
   }
 }
 
@@ -98,14 +102,17 @@ Result<void> checkArtwork(const Package& package, const MapExportOptions& o) {
                  "is no flat artwork: only these have maps in a plane",
                  "leave out --map, and name a mesh",
                  {}};
-  if (o.map != ExportMap::kAlbedo && m.domain.relief_depth < 0)
-    return Error{ErrorKind::kUsage, package.path(), "has no relief", "only --map albedo can be made of it", {}};
+  if (!isColour(o.map) && m.domain.relief_depth < 0)
+    return Error{ErrorKind::kUsage, package.path(), "has no relief", "only --map albedo and lit can be made of it", {}};
+  if (o.map == ExportMap::kLit && m.texture.basis == Basis::kColour && m.domain.relief_depth < 0)
+    return Error{
+        ErrorKind::kUsage, package.path(), "has no relief, and colours that no light changes", "name --map albedo", {}};
   return {};
 }
 
 Result<int> levelOf(const Package& package, const MapExportOptions& o) {
   const PatchDomain& d = package.manifest().domain;
-  const int finest = kPageCellsLog2 + (o.map == ExportMap::kAlbedo ? d.texture_depth : d.relief_depth);
+  const int finest = kPageCellsLog2 + (isColour(o.map) ? d.texture_depth : d.relief_depth);
   const int level = o.level.value_or(finest);
   if (level >= kPageCellsLog2 && level <= finest) return level;
   return Error{ErrorKind::kUsage,
@@ -119,17 +126,32 @@ Result<int> levelOf(const Package& package, const MapExportOptions& o) {
 class MapExport {
  public:
   MapExport(const ExportGrid& grid, const MapExportOptions& options, MapForm form)
-      : grid_(grid), options_(options), form_(form), reader_(grid, partsOf(options)) {
+      : grid_(grid), options_(options), form_(form), reader_(grid, partsOf(grid, options, form)) {
     reader_.begin(0);
   }
-  static RowParts partsOf(const MapExportOptions& o) {
-    return {.heights = o.map != ExportMap::kAlbedo,
-            .positions = o.map == ExportMap::kNormal,
-            .colours = o.map == ExportMap::kAlbedo};
+  static RowParts partsOf(const ExportGrid& grid, const MapExportOptions& o, const MapForm& form) {
+    RowParts parts{.heights = !isColour(o.map), .positions = o.map == ExportMap::kNormal, .colours = isColour(o.map)};
+    if (o.map == ExportMap::kLit) {
+      const double length = std::hypot(o.light[0], o.light[1], o.light[2]);
+      parts.light = {o.light[0] / length, o.light[1] / length, o.light[2] / length};
+    }
+    return SheetReader::within(grid, parts, available(o) - std::min(available(o), rowBytes(grid, form)));
+  }
+  static uint64_t available(const MapExportOptions& o) {
+    return o.memory_bytes - std::min(o.memory_bytes, o.library_bytes);
+  }
+  // Of the row that is written, and of what an encoder holds of it. OpenEXR packs 16 rows at once, and was measured to
+  // hold about six times their samples.
+  static uint64_t rowBytes(const ExportGrid& grid, const MapForm& form) {
+    constexpr uint64_t kRows = 3, kExrRows = 16 * 6;
+    return grid.columns() * static_cast<uint64_t>(form.channels) * sizeof(float) * (form.exr ? kExrRows : kRows);
+  }
+  static uint64_t bytes(const ExportGrid& grid, const MapExportOptions& o, const MapForm& form) {
+    return SheetReader::bytes(grid, partsOf(grid, o, form)) + rowBytes(grid, form);
   }
 
   Result<void> write(ImageWriter& image) {
-    const bool albedo = options_.map == ExportMap::kAlbedo;
+    const bool albedo = isColour(options_.map);
     if (!albedo)
       if (auto read = reader_.read(0, above_); !read) return read;
     for (uint64_t y = 0; y + 1 < grid_.rows(); ++y) {
@@ -148,6 +170,7 @@ class MapExport {
   void fill() {
     switch (options_.map) {
       case ExportMap::kAlbedo:
+      case ExportMap::kLit:
         return colourRow(below_, form_.type, row_);
       case ExportMap::kNormal:
         return normalRow(above_, below_, options_.normal_y_down, form_.type, row_);
@@ -167,13 +190,13 @@ class MapExport {
 }  // namespace
 
 Result<ExportMap> exportMapOf(const std::string& name) {
-  constexpr std::pair<const char*, ExportMap> kMaps[] = {{"height", ExportMap::kHeight},
-                                                         {"depth", ExportMap::kDepth},
-                                                         {"normal", ExportMap::kNormal},
-                                                         {"albedo", ExportMap::kAlbedo}};
+  constexpr std::pair<const char*, ExportMap> kMaps[] = {
+      {"height", ExportMap::kHeight}, {"displacement", ExportMap::kHeight}, {"depth", ExportMap::kDepth},
+      {"normal", ExportMap::kNormal}, {"albedo", ExportMap::kAlbedo},       {"lit", ExportMap::kLit}};
   for (const auto& [known, map] : kMaps)
     if (name == known) return map;
-  return Error{ErrorKind::kUsage, "", "expected --map height, depth, normal or albedo, found '" + name + "'", "", {}};
+  return Error{
+      ErrorKind::kUsage, "", "expected --map height, depth, normal, albedo or lit, found '" + name + "'", "", {}};
 }
 
 Result<MapExportReport> exportMap(std::shared_ptr<const Package> package, const MapExportOptions& o) {
@@ -183,13 +206,16 @@ Result<MapExportReport> exportMap(std::shared_ptr<const Package> package, const 
   auto level = levelOf(*package, o);
   if (!level) return level.error();
   const ExportGrid grid(package, *level);
-  if (const uint64_t bytes = SheetReader::bytes(grid, MapExport::partsOf(o)); bytes > o.memory_bytes)
-    return Error{ErrorKind::kUsage,
-                 o.output,
-                 "level " + std::to_string(*level) + " takes " + std::to_string((bytes >> 20) + 1) +
-                     " MiB of memory, --memory-mib allows " + std::to_string(o.memory_bytes >> 20),
-                 "allow more, or choose a coarser --level",
-                 {}};
+  if (o.map == ExportMap::kLit && !(std::hypot(o.light[0], o.light[1], o.light[2]) > 0))
+    return Error{ErrorKind::kUsage, "", "expected a --light that is not 0,0,0", "0,0,1 is straight from the front", {}};
+  if (const uint64_t bytes = MapExport::bytes(grid, o, *form); bytes > MapExport::available(o))
+    return Error{
+        ErrorKind::kUsage,
+        o.output,
+        "level " + std::to_string(*level) + " takes " + std::to_string((bytes >> 20) + 1) +
+            " MiB of memory, --memory-mib allows " + std::to_string(o.memory_bytes >> 20),
+        form->exr ? "allow more, choose a coarser --level, or name a .tif" : "allow more, or choose a coarser --level",
+        {}};
   MapExportReport report;
   const FlatDomain d = package->manifest().domain.flat();
   report.level = *level;

@@ -8,9 +8,12 @@
 //            texturing/stream/relief_normals.h): (n + 1) / 2 in R, G, B, 16 bits or float; x right, y up or down
 //   albedo   the texels as the package has them, sRGB, 8 bits (EXR: linear light); of a basis of light, the picture
 //            under light from the front
+//   lit      the picture under a light, as `relievo render` shows it straight from above at one texel a pixel
+// Memory: rows of the pages side by side, as many at once as memory_bytes allows.
 // TIFF and EXR have heights as 32-bit floats. All state the size of a pixel, where it is known.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -23,15 +26,17 @@
 
 namespace relievo {
 
-enum class ExportMap { kHeight, kDepth, kNormal, kAlbedo };
+enum class ExportMap { kHeight, kDepth, kNormal, kAlbedo, kLit };
 Result<ExportMap> exportMapOf(const std::string& name);
 
 struct MapExportOptions {
   std::string output;
   ExportMap map = ExportMap::kHeight;
-  std::optional<int> level;  // 7 ..; nothing: the finest of the relief, of albedo that of the texture
+  std::optional<int> level;  // 7 ..; nothing: the finest of the relief, of albedo and lit that of the texture
   bool normal_y_down = false;
+  std::array<double, 3> light{0, 0, 1};  // of lit: towards it; of any length
   uint64_t memory_bytes = uint64_t{768} << 20;
+  uint64_t library_bytes = 0;  // of these, what the library that writes images takes for itself
   std::function<void(double /*0..1*/)> progress;
   const std::atomic<bool>* interrupted = nullptr;
 };

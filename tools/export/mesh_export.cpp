@@ -10,6 +10,7 @@
 #include "src/base/printable.h"
 #include "tools/export/mesh_format.h"
 #include "tools/export/shared_vertices.h"
+#include "tools/export/surface_normals.h"
 #include "tools/export/surface_rows.h"
 
 namespace relievo {
@@ -21,11 +22,6 @@ struct Bounds {
   void add(const glm::dvec3& p) { low = glm::min(low, glm::vec3(p)), high = glm::max(high, glm::vec3(p)); }
   void add(const Bounds& b) { low = glm::min(low, b.low), high = glm::max(high, b.high); }
 };
-
-glm::vec3 unit(const glm::dvec3& v, const glm::dvec3& otherwise) {
-  const double length = glm::length(v);
-  return length > 0 ? glm::vec3(v / length) : glm::vec3(glm::normalize(otherwise));
-}
 
 // A vertex on a patch's border as one patch sees it.
 struct BorderVertex {
@@ -89,20 +85,6 @@ class MeshExport {
   Bounds bounds_;
 };
 
-// Adds the cross products of a row of cells' triangles to the normals of the vertices above and below it.
-void addCrosses(const SheetRow& above, const SheetRow& below, std::vector<glm::dvec3>& normals_above,
-                std::vector<glm::dvec3>& normals_below) {
-  for (size_t x = 0; x + 1 < above.positions.size(); ++x) {
-    const glm::dvec3 &a = above.positions[x], &b = above.positions[x + 1], &c = below.positions[x],
-                     &d = below.positions[x + 1];
-    const glm::dvec3 upper = glm::cross(d - a, b - a), lower = glm::cross(c - a, d - a);
-    normals_above[x] += upper + lower;
-    normals_above[x + 1] += upper;
-    normals_below[x] += lower;
-    normals_below[x + 1] += upper + lower;
-  }
-}
-
 void MeshExport::emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const std::vector<glm::dvec3>& normals,
                          SheetOutput& out) const {
   const bool end_row = y == 0 || y + 1 == grid_.rows();
@@ -112,7 +94,8 @@ void MeshExport::emitRow(uint32_t sheet, uint64_t y, const SheetRow& row, const 
                             row.heights.empty() ? uint16_t{0} : row.heights[x], row.colours[x]});
       continue;
     }
-    const glm::vec3 normal = unit(normals[x], grid_.isFlat() ? glm::dvec3(0, 0, 1) : grid_.ray(sheet, x, y).along);
+    const glm::vec3 normal =
+        unitNormal(normals[x], grid_.isFlat() ? glm::dvec3(0, 0, 1) : grid_.ray(sheet, x, y).along);
     format_.vertex(facts_, {row.positions[x], normal, row.colours[x]}, out.bytes);
     out.bounds.add(row.positions[x]);
   }
@@ -212,7 +195,7 @@ Result<void> MeshExport::writeShared(OutputFile& file) {
     const SharedVertices::Place at = shared_->place(i);
     const ExportGrid::Ray ray = grid_.ray(at.patch, at.x, at.y);
     const glm::dvec3 position = ray.at(grid_.hasRelief() ? grid_.heightOf(v.height) : 0.0);
-    format_.vertex(facts_, {position, unit(v.normal, ray.along), v.colour}, bytes);
+    format_.vertex(facts_, {position, unitNormal(v.normal, ray.along), v.colour}, bytes);
     bounds_.add(position);
     if (bytes.size() < kPiece) continue;
     if (auto appended = file.append(bytes); !appended) return appended;

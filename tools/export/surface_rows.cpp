@@ -101,19 +101,37 @@ SheetReader::SheetReader(const ExportGrid& grid, RowParts parts)
       relief_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(relief_level_), false)),
       texture_pages_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), true)),
       texture_bands_(pagesAlong(grid.manifest().domain, static_cast<int>(texture_level_), false)),
-      texels_per_cell_(std::ldexp(1.0, kPageCellsLog2 + static_cast<int>(texture_level_) - grid.level())) {}
+      texels_per_cell_(std::ldexp(1.0, kPageCellsLog2 + static_cast<int>(texture_level_) - grid.level())),
+      relief_rows_(static_cast<size_t>(std::clamp(parts.rows, 1, kReliefSamples))),
+      texture_rows_(static_cast<size_t>(std::clamp(parts.rows + 1, 2, int{kPageFullPx}))) {
+  const Manifest& m = grid.manifest();
+  if (parts.light && m.texture.basis == Basis::kColour && grid.hasRelief())
+    normals_.emplace(ReliefSurface{m.domain.flat()});
+}
 
-uint64_t SheetReader::bytes(const ExportGrid& grid, RowParts parts) {
+uint64_t SheetReader::bytes(const ExportGrid& grid, const RowParts& parts) {
   const SheetReader reader(grid, parts);
-  uint64_t bytes = grid.columns() * (sizeof(uint16_t) + sizeof(glm::dvec3) + sizeof(glm::u8vec3));
-  if (parts.heights && grid.hasRelief()) bytes += reader.relief_pages_ * kReliefPageSamples * sizeof(uint16_t);
-  if (parts.colours) bytes += reader.texture_pages_ * kSlotBytes;
+  constexpr uint64_t kSampleBytes = sizeof(uint16_t), kTexelBytes = 4;
+  // Two rows of vertices, and pages while they are decoded.
+  uint64_t bytes = 2 * grid.columns() * (sizeof(uint16_t) + sizeof(glm::dvec3) + sizeof(glm::u8vec3));
+  if (parts.heights && grid.hasRelief())
+    bytes +=
+        reader.relief_pages_ * reader.relief_rows_ * kReliefSamples * kSampleBytes + kReliefPageSamples * kSampleBytes;
+  if (parts.colours)
+    bytes += reader.texture_pages_ * reader.texture_rows_ * kPageFullPx * kTexelBytes +
+             static_cast<uint64_t>(grid.manifest().texture.planes() + 1) * kSlotBytes;
+  if (reader.normals_) bytes += ReliefNormals::kCachedBytes;
   return bytes;
+}
+
+RowParts SheetReader::within(const ExportGrid& grid, RowParts parts, uint64_t memory_bytes) {
+  while (parts.rows > 1 && bytes(grid, parts) > memory_bytes) parts.rows /= 2;
+  return parts;
 }
 
 void SheetReader::begin(uint32_t sheet) {
   sheet_ = sheet;
-  relief_band_ = texture_band_ = ~uint64_t{0};
+  relief_window_ = texture_window_ = {};
 }
 
 NodeId SheetReader::node(int level, uint64_t x, uint64_t y) const {
@@ -121,25 +139,33 @@ NodeId SheetReader::node(int level, uint64_t x, uint64_t y) const {
   return {sheet_, static_cast<uint32_t>(level), static_cast<uint32_t>(x), static_cast<uint32_t>(y)};
 }
 
-Result<void> SheetReader::loadHeights(uint64_t band) {
-  if (band == relief_band_) return {};
-  samples_.resize(relief_pages_ * kReliefPageSamples);
+Result<void> SheetReader::readReliefPage(const NodeId& at, std::span<uint16_t> samples) {
+  auto page = grid_.package().read(PageId(Plane::kRelief, at));
+  if (!page) return page.error();
+  return decoder_.decodeRelief(page->bytes, samples);
+}
+
+Result<void> SheetReader::loadHeights(uint64_t band, size_t row) {
+  if (relief_window_.holds(band, row, 1)) return {};
+  relief_window_ = {};
+  const bool whole = relief_rows_ == kReliefSamples;
+  const size_t first = whole ? 0 : row, rows = std::min<size_t>(relief_rows_, kReliefSamples - first),
+               kept = relief_rows_ * kReliefSamples;
+  samples_.resize(relief_pages_ * kept);
+  page_samples_.resize(kReliefPageSamples);
   for (uint64_t x = 0; x < relief_pages_; ++x) {
-    const PageId id(Plane::kRelief, node(static_cast<int>(relief_level_), x, band));
-    auto page = grid_.package().read(id);
-    if (!page) return page.error();
-    auto decoded =
-        decoder_.decodeRelief(page->bytes, std::span(samples_).subspan(x * kReliefPageSamples, kReliefPageSamples));
-    if (!decoded) return decoded;
+    if (auto read = readReliefPage(node(static_cast<int>(relief_level_), x, band), page_samples_); !read) return read;
+    std::copy_n(page_samples_.begin() + static_cast<std::ptrdiff_t>(first * kReliefSamples), rows * kReliefSamples,
+                samples_.begin() + static_cast<std::ptrdiff_t>(x * kept));
   }
-  relief_band_ = band;
+  relief_window_ = {band, first, rows};
   return {};
 }
 
 Result<void> SheetReader::readColourPage(const NodeId& at, std::span<uint8_t> texels) {
   const TextureFormat& format = grid_.manifest().texture;
   const Shading shading = describe(format.basis).shading;
-  const bool as_it_is = shading == Shading::kColour || shading == Shading::kAlbedoNormal;
+  const bool as_it_is = shading == Shading::kColour || (shading == Shading::kAlbedoNormal && !parts_.light);
   const int planes = as_it_is ? 1 : format.planes();
   planes_.resize(static_cast<size_t>(planes) * kSlotBytes);
   std::array<const uint8_t*, kMaxTexturePlanes> slots{};
@@ -152,31 +178,62 @@ Result<void> SheetReader::readColourPage(const NodeId& at, std::span<uint8_t> te
     slots[static_cast<size_t>(k)] = slot.data();
   }
   if (!as_it_is)
-    resolvePage(format, kLightFromTheFront, std::span(slots).first(static_cast<size_t>(planes)), texels.data());
+    resolvePage(format, parts_.light.value_or(kLightFromTheFront), std::span(slots).first(static_cast<size_t>(planes)),
+                texels.data());
   return {};
 }
 
-Result<void> SheetReader::loadColours(uint64_t band) {
-  if (band == texture_band_) return {};
-  texels_.resize(texture_pages_ * kSlotBytes);
+// Colour lit by the normals of its relief.
+Result<void> SheetReader::readLitPage(const NodeId& at, std::span<uint8_t> texels) {
+  std::vector<uint8_t> colour(kSlotBytes), normal(kSlotBytes);
+  if (auto read = readColourPage(at, colour); !read) return read;
+  Result<void> relief;
+  const bool made = normals_->make(
+      at,
+      [&](const NodeId& of, std::span<uint16_t> samples) {
+        if (auto read = readReliefPage(of, samples); !read) relief = read;
+        return relief.ok();
+      },
+      normal.data());
+  if (!made)
+    return relief.ok()
+               ? Result<void>(Error{
+                     ErrorKind::kRuntime, grid_.package().path(), "the relief's normals could not be made", "", {}})
+               : relief;
+  const std::array<const uint8_t*, 2> slots{colour.data(), normal.data()};
+  resolvePage(TextureFormat{.basis = Basis::kAlbedoNormal}, *parts_.light, slots, texels.data());
+  return {};
+}
+
+Result<void> SheetReader::loadColours(uint64_t band, size_t row, size_t count) {
+  if (texture_window_.holds(band, row, count)) return {};
+  texture_window_ = {};
+  constexpr size_t kRowBytes = 4 * size_t{kPageFullPx};
+  const bool whole = texture_rows_ == kPageFullPx;
+  const size_t first = whole ? 0 : row, rows = std::min<size_t>(texture_rows_, kPageFullPx - first),
+               kept = texture_rows_ * kRowBytes;
+  texels_.resize(texture_pages_ * kept);
+  page_texels_.resize(kSlotBytes);
   for (uint64_t x = 0; x < texture_pages_; ++x) {
-    auto page = readColourPage(node(static_cast<int>(texture_level_), x, band),
-                               std::span(texels_).subspan(x * kSlotBytes, kSlotBytes));
-    if (!page) return page;
+    const NodeId at = node(static_cast<int>(texture_level_), x, band);
+    if (auto page = normals_ ? readLitPage(at, page_texels_) : readColourPage(at, page_texels_); !page) return page;
+    std::copy_n(page_texels_.begin() + static_cast<std::ptrdiff_t>(first * kRowBytes), rows * kRowBytes,
+                texels_.begin() + static_cast<std::ptrdiff_t>(x * kept));
   }
-  texture_band_ = band;
+  texture_window_ = {band, first, rows};
   return {};
 }
 
 Result<void> SheetReader::readHeights(uint64_t y, SheetRow& row) {
   const uint64_t cells = std::min(grid_.cellsPerPatchSide(), uint64_t{kPagePx});  // of a page at this level
   const uint64_t step = kPagePx / cells, band = std::min(y / cells, relief_bands_ - 1);
-  if (auto loaded = loadHeights(band); !loaded) return loaded;
+  const auto in_page = static_cast<size_t>((y - band * cells) * step);
+  if (auto loaded = loadHeights(band, in_page); !loaded) return loaded;
   row.heights.resize(grid_.columns());
-  const uint64_t in_page = (y - band * cells) * step;
+  const uint64_t kept = relief_rows_ * kReliefSamples, in_window = in_page - relief_window_.first;
   for (uint64_t x = 0; x < grid_.columns(); ++x) {
     const uint64_t page = std::min(x / cells, relief_pages_ - 1);
-    row.heights[x] = samples_[page * kReliefPageSamples + in_page * kReliefSamples + (x - page * cells) * step];
+    row.heights[x] = samples_[page * kept + in_window * kReliefSamples + (x - page * cells) * step];
   }
   return {};
 }
@@ -203,11 +260,12 @@ Result<void> SheetReader::readColours(uint64_t y, SheetRow& row) {
     return Place{page, static_cast<size_t>(first), in_slot - first};
   };
   const Place down = place(y, height, texture_bands_);
-  if (auto loaded = loadColours(down.page); !loaded) return loaded;
+  if (auto loaded = loadColours(down.page, down.first, 2); !loaded) return loaded;
   row.colours.resize(grid_.columns());
+  const size_t kept = texture_rows_ * 4 * kPageFullPx, in_window = down.first - texture_window_.first;
   for (uint64_t x = 0; x < grid_.columns(); ++x) {
     const Place right = place(x, width, texture_pages_);
-    const uint8_t* at = texels_.data() + right.page * kSlotBytes + 4 * (down.first * kPageFullPx + right.first);
+    const uint8_t* at = texels_.data() + right.page * kept + 4 * (in_window * kPageFullPx + right.first);
     constexpr size_t kRow = 4 * size_t{kPageFullPx};
     for (glm::length_t c = 0; c < 3; ++c) {
       const double above = at[c] * (1 - right.share) + at[c + 4] * right.share;
@@ -220,11 +278,13 @@ Result<void> SheetReader::readColours(uint64_t y, SheetRow& row) {
 
 Result<void> SheetReader::readTexels(uint64_t y, SheetRow& row) {
   assert(texels_per_cell_ == 1);
-  if (auto loaded = loadColours(y / kPagePx); !loaded) return loaded;
+  const auto in_slot = static_cast<size_t>(y % kPagePx + kPageBorderPx);
+  if (auto loaded = loadColours(y / kPagePx, in_slot, 1); !loaded) return loaded;
   row.colours.resize(grid_.columns() - 1);
+  const size_t kept = texture_rows_ * 4 * kPageFullPx, in_window = in_slot - texture_window_.first;
   for (uint64_t x = 0; x < row.colours.size(); ++x) {
-    const uint8_t* at = texels_.data() + x / kPagePx * kSlotBytes +
-                        4 * ((y % kPagePx + kPageBorderPx) * kPageFullPx + x % kPagePx + kPageBorderPx);
+    const uint8_t* at =
+        texels_.data() + x / kPagePx * kept + 4 * (in_window * kPageFullPx + x % kPagePx + kPageBorderPx);
     row.colours[x] = {at[0], at[1], at[2]};
   }
   return {};

@@ -13,6 +13,7 @@
 // Errors: what the package's pages have, with the place in the file (kInvalidData, kIo).
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -24,6 +25,7 @@
 #include "src/base/result.h"
 #include "texturing/codec/page_codec.h"
 #include "texturing/package/package.h"
+#include "texturing/stream/relief_normals.h"
 
 namespace relievo {
 
@@ -76,9 +78,15 @@ struct SheetRow {
 };
 struct RowParts {
   bool heights = true, positions = true, colours = true;
+  // Of a flat artwork: colours under this light (a unit vector), as `relievo render` shows them; else as they are.
+  std::optional<std::array<double, 3>> light;
+  // Rows of each page that are kept at once. With fewer than a page has, pages are decoded again for the next ones:
+  // less memory, more time.
+  int rows = kPageFullPx;
 };
 
-// Reads the rows of one sheet after the other; one per thread. Rows in growing order read each page once.
+// Reads the rows of one sheet after the other; one per thread. Rows in growing order read each page once, unless
+// RowParts::rows says otherwise.
 class SheetReader {
  public:
   SheetReader(const ExportGrid& grid, RowParts parts);
@@ -88,12 +96,25 @@ class SheetReader {
   // the cells, one fewer than columns().
   Result<void> readTexels(uint64_t y, SheetRow& row);
   // The memory that its pages and a row take.
-  static uint64_t bytes(const ExportGrid& grid, RowParts parts);
+  static uint64_t bytes(const ExportGrid& grid, const RowParts& parts);
+  // With as many rows at once as this much memory allows; with one where none fit.
+  static RowParts within(const ExportGrid& grid, RowParts parts, uint64_t memory_bytes);
 
  private:
-  Result<void> loadHeights(uint64_t band);
-  Result<void> loadColours(uint64_t band);
+  // Which rows of which pages are in memory.
+  struct Window {
+    uint64_t band = ~uint64_t{0};
+    size_t first = 0, rows = 0;
+    bool holds(uint64_t b, size_t row, size_t count) const {
+      return b == band && row >= first && row + count <= first + rows;
+    }
+  };
+  Result<void> loadHeights(uint64_t band, size_t row);
+  // Rows of slots, border included.
+  Result<void> loadColours(uint64_t band, size_t row, size_t count);
   Result<void> readColourPage(const NodeId& node, std::span<uint8_t> texels);
+  Result<void> readReliefPage(const NodeId& node, std::span<uint16_t> samples);
+  Result<void> readLitPage(const NodeId& node, std::span<uint8_t> texels);
   Result<void> readHeights(uint64_t y, SheetRow& row);
   Result<void> readColours(uint64_t y, SheetRow& row);
   NodeId node(int level, uint64_t x, uint64_t y) const;
@@ -104,11 +125,14 @@ class SheetReader {
   const uint64_t relief_pages_, relief_bands_, texture_pages_, texture_bands_;
   const double texels_per_cell_;
   uint32_t sheet_ = 0;
-  uint64_t relief_band_ = ~uint64_t{0}, texture_band_ = ~uint64_t{0};
+  const size_t relief_rows_, texture_rows_;  // of a window
+  Window relief_window_, texture_window_;
   PageDecoder decoder_;
-  std::vector<uint16_t> samples_;  // the band's pages one after the other
+  std::vector<uint16_t> samples_;  // the window's rows of the band's pages, one page after the other
   std::vector<uint8_t> texels_;    // as slot texels of colour
-  std::vector<uint8_t> planes_;
+  std::vector<uint8_t> planes_, page_texels_;
+  std::vector<uint16_t> page_samples_;
+  std::optional<ReliefNormals> normals_;
 };
 
 }  // namespace relievo

@@ -185,9 +185,14 @@ Json meshJson(const std::string& file, const std::string& unit, const MeshDiagno
 std::string meshText(const Json& m) {
   if (!m.is_object() || textOf(m, "file").empty()) return {};
   const auto low = tripleOf(memberOf(m, "min_mm")), high = tripleOf(memberOf(m, "max_mm"));
+  std::string turned = textOf(m, "up").empty() ? "" : ", its " + textOf(m, "up") + " up";
+  if (memberOf(m, "rotate_deg").is_array()) {
+    const auto by = tripleOf(memberOf(m, "rotate_deg"));
+    turned += format(", turned by %.6g, %.6g, %.6g degrees", by[0], by[1], by[2]);
+  }
   std::string out = format(
-      "  scan      %s (in %s): %s, %s, %s, %s, %.6g x %.6g x %.6g mm\n", textOf(m, "file").c_str(),
-      textOf(m, "unit").c_str(), format("%.0f vertices", numberOf(m, "vertices")).c_str(),
+      "  scan      %s (in %s%s): %s, %s, %s, %s, %.6g x %.6g x %.6g mm\n", textOf(m, "file").c_str(),
+      textOf(m, "unit").c_str(), turned.c_str(), format("%.0f vertices", numberOf(m, "vertices")).c_str(),
       count(numberOf(m, "triangles"), "triangle").c_str(), count(numberOf(m, "pieces"), "piece").c_str(),
       count(numberOf(m, "border_loops"), "open border").c_str(), high[0] - low[0], high[1] - low[1], high[2] - low[2]);
   if (numberOf(m, "triangles_read") != numberOf(m, "triangles") ||
