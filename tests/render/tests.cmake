@@ -1,29 +1,35 @@
 # relievo_test(...) lines of tests/render
 
-# relievo_add_gltest(NAME PROGRAM ARGUMENTS [VARIABLE=VALUE...]): runs it as NAME_gl under OpenGL 3.3 core and as NAME_es under OpenGL ES
-# 3.0, with these in its environment. Mesa promotes every request to the newest version it has, so its overrides keep it to what was asked for.
+# relievo_add_gltest(NAME PROGRAM ARGUMENTS [VARIABLE=VALUE...]): runs it as NAME_gl under OpenGL 3.3 core and, unless apis says "gl" alone, as
+# NAME_es under OpenGL ES 3.0, with these in its environment. Mesa promotes every request to the newest version it has, so its overrides keep it to what was asked for.
 # Memory that Mesa's software frees stays in the program: giving it back at every frame takes up to half of a test's time.
 function(relievo_add_gltest name program arguments)
   set(keep_memory MALLOC_MMAP_THRESHOLD_=4000000000 MALLOC_TRIM_THRESHOLD_=8000000000 MALLOC_TOP_PAD_=67108864)
   set(overrides_gl MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330)
   set(overrides_es MESA_GLES_VERSION_OVERRIDE=3.0)
-  foreach(api gl es)
+  if(NOT apis)
+    set(apis gl es)
+  endif()
+  foreach(api ${apis})
     add_test(NAME ${name}_${api} COMMAND ${program} ${arguments})
     set_tests_properties(${name}_${api} PROPERTIES LABELS gl TIMEOUT 900 COST 100 SKIP_RETURN_CODE 77  # COST: the longest start first
       ENVIRONMENT "RELIEVO_GL=${api};${overrides_${api}};${keep_memory};${ARGN}")
   endforeach()
 endfunction()
 
-# relievo_gltest(NAME LIBS lib... SOURCES file...): a GoogleTest program that needs a GL context (tests/render/gl_fixture.h).
-# It runs as a whole, since making a context takes time.
+# relievo_gltest(NAME [GL_ONLY] LIBS lib... SOURCES file...): a GoogleTest program that needs a GL context (tests/render/gl_fixture.h).
+# It runs as a whole, since making a context takes time. GL_ONLY: what it tests lies outside the shaders and is the same with OpenGL ES.
 function(relievo_gltest name)
   if(NOT RELIEVO_GL_TESTS)
     return()
   endif()
-  cmake_parse_arguments(T "" "" "LIBS;SOURCES" ${ARGN})
+  cmake_parse_arguments(T "GL_ONLY" "" "LIBS;SOURCES" ${ARGN})
   add_executable(${name} ${T_SOURCES} ${CMAKE_SOURCE_DIR}/tests/render/gl_main.cpp)
   target_link_libraries(${name} PRIVATE ${T_LIBS} relievo_gl GTest::gtest)
   relievo_test_precompiled(${name})
+  if(T_GL_ONLY)
+    set(apis gl)
+  endif()
   relievo_add_gltest(${name} ${name} "")
 endfunction()
 
@@ -38,7 +44,7 @@ relievo_test(dense_reference_test LIBS relievo_dense_reference SOURCES render/de
 
 relievo_gltest(bc_blocks_gltest LIBS relievo_gl relievo_stream relievo_import SOURCES render/bc_blocks_gltest.cpp)
 relievo_gltest(watertight_gltest LIBS relievo_engine SOURCES render/watertight_gltest.cpp)
-relievo_gltest(prefetch_gltest LIBS relievo_flights SOURCES render/prefetch_gltest.cpp)
+relievo_gltest(prefetch_gltest GL_ONLY LIBS relievo_flights SOURCES render/prefetch_gltest.cpp)
 add_library(relievo_dense_pages STATIC render/dense_pages.cpp)
 target_link_libraries(relievo_dense_pages PUBLIC relievo_dense_reference relievo_stream relievo_import)
 relievo_test(dense_agrees_test LIBS relievo_dense_pages SOURCES render/dense_agrees_test.cpp)
@@ -69,12 +75,12 @@ foreach(api gl es)
   set_tests_properties(view_window_test_${api} PROPERTIES LABELS gl TIMEOUT 300 COST 100 SKIP_RETURN_CODE 77)
 endforeach()
 relievo_test(camera_test LIBS relievo_engine SOURCES render/camera_test.cpp)
-relievo_gltest(engine_faults_gltest LIBS relievo_engine SOURCES render/engine_faults_gltest.cpp)
+relievo_gltest(engine_faults_gltest GL_ONLY LIBS relievo_engine SOURCES render/engine_faults_gltest.cpp)
 relievo_gltest(feedback_gltest LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
 relievo_gltest(mesh_watertight_gltest LIBS relievo_engine SOURCES render/mesh_watertight_gltest.cpp)
-relievo_gltest(compare_gltest LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
+relievo_gltest(compare_gltest GL_ONLY LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_engine SOURCES render/mesh_picture_gltest.cpp)
-relievo_gltest(hidden_backs_gltest LIBS relievo_engine SOURCES render/hidden_backs_gltest.cpp)
+relievo_gltest(hidden_backs_gltest GL_ONLY LIBS relievo_engine SOURCES render/hidden_backs_gltest.cpp)
 relievo_gltest(orthographic_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/orthographic_gltest.cpp)
 relievo_test(upload_choice_test LIBS relievo_engine SOURCES render/upload_choice_test.cpp)
 relievo_gltest(block_upload_gltest LIBS relievo_engine SOURCES render/block_upload_gltest.cpp)
@@ -95,7 +101,7 @@ foreach(name depth_gltest mesh_picture_gltest)  # once more without clip control
     relievo_add_gltest(${name}_bare ${name} "" "MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control -GL_EXT_clip_control")
   endif()
 endforeach()
-relievo_gltest(hard_scans_gltest LIBS relievo_engine relievo_bake relievo_lod SOURCES render/hard_scans_gltest.cpp)
+relievo_gltest(hard_scans_gltest GL_ONLY LIBS relievo_engine relievo_bake relievo_lod SOURCES render/hard_scans_gltest.cpp)
 if(TARGET hard_scans_gltest)
   target_compile_definitions(hard_scans_gltest PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
   add_dependencies(hard_scans_gltest relievo)
