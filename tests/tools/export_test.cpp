@@ -72,7 +72,7 @@ TEST_F(ExportBall, MapsOfPatchesAreTheSameWithLessMemory) {
       EXPECT_EQ(whole->width, 3 * ((1 << level) + 1)) << "6 patches in 3 columns and 2 rows";
       EXPECT_EQ(whole->height, 2 * ((1 << level) + 1));
       int allowed = 0, refused = 0;
-      for (uint64_t kib = 16 << 10; kib > 16; kib -= kib / 3) {
+      for (uint64_t kib = 16 << 10; kib > 16; kib /= 2) {
         options.output = folder_.file("less.tif");
         options.memory_bytes = kib << 10;
         const auto less = exportPatchMaps(package, options);
@@ -220,11 +220,11 @@ TEST_F(ExportBall, SharedVerticesHaveTheSameBitsFromAllPatches) {
 
 // Every vertex of the surface, and every one once, at the place that the definition gives.
 TEST_F(ExportBall, VerticesAreThoseOfTheDefinition) {
-  BaseMesh base = cubeSphere(2, 40, 5);
+  BaseMesh base = cubeSphere(1, 40, 5);
   base.origin_mm = {1, -2, 3};
   const NoisyPatches source(base, 0, kReliefDepth, 11);
   const auto package = packageOf(source);
-  for (const int level : {0, 3, 7, 8}) {
+  for (const int level : {0, 3, 8}) {
     exported(package, "ball.ply", {.level = level});
     const LoadedMesh read = readBack("ball.ply");
     using Key = std::array<int64_t, 3>;
