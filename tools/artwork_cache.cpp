@@ -96,7 +96,10 @@ Result<std::string> wholeKey(const std::string& own, const std::vector<std::stri
   std::string text = own;
   for (const std::string& path : named) {
     auto hash = hashFile(path, &interruptedFlag());
-    if (!hash && hash.error().kind == ErrorKind::kInterrupted) return hash.error();
+    // A file that is there and cannot be read has no place: its contents would be another key's.
+    std::error_code unknown;
+    if (!hash && (hash.error().kind == ErrorKind::kInterrupted || fs::is_regular_file(path, unknown)))
+      return hash.error();
     text += "\n" + fs::path(path).lexically_relative(beside).string() + "\n" + (hash ? *hash : "none");
   }
   return own + "-" + hexOf(text);
@@ -152,6 +155,19 @@ class InUse {
     fd_ = -1;
   }
   int fd_;
+};
+
+// A package that has no name yet by which it is found: removed, unless it was renamed.
+class Unnamed {
+ public:
+  explicit Unnamed(std::string path) : path_(std::move(path)) {}
+  Unnamed(const Unnamed&) = delete;
+  Unnamed& operator=(const Unnamed&) = delete;
+  ~Unnamed() { ::unlink(path_.c_str()); }
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
 };
 
 // A sound package of that name, marked as used now.
@@ -287,17 +303,15 @@ Result<OpenedArtwork> openThroughCache(const std::string& file, const ArtworkCac
   // process's own, so that what a killed one left is no later one's target.
   OutputFile::removeOrphans(*folder, isCacheName);
   named.clear();
-  const std::string output = stem + "-new-" + std::to_string(::getpid()) + kPackageEnd;
+  const Unnamed unnamed(stem + "-new-" + std::to_string(::getpid()) + kPackageEnd);
+  const std::string& output = unnamed.path();
   if (auto built = buildInto(output, file, &named); !built) return ofArtwork(built.error(), file, output, *folder);
   auto after = ownKey(file);
   path = pathOf(named);
-  if (!after || *after != *own || !path) {
-    std::error_code ignored;
-    fs::remove(output, ignored);
-    if (!after) return after.error();
-    if (!path) return path.error();
+  if (!after) return after.error();
+  if (!path) return path.error();
+  if (*after != *own)
     return Error{ErrorKind::kIo, file, "it changed while it was read", "try again once it is whole", {}};
-  }
   if (auto written = writeNames(names_path, named, beside); !written)
     return ofArtwork(written.error(), file, names_path, *folder);
   if (auto renamed = renameFile(output, *path); !renamed) return cannotWrite(file, *folder, renamed.error().message);

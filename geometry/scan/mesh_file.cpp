@@ -80,6 +80,12 @@ void FileReader::note(std::string message, std::string hint, ErrorKind kind) {
   error_ = Error{kind, file_.path(), std::move(message), std::move(hint), offset()};
 }
 
+void FileReader::fail(Error error) {
+  if (failed_) return;
+  failed_ = true;
+  error_ = std::move(error);
+}
+
 std::string inQuotes(std::string_view text) {
   std::string out = "\"";
   for (char c : text.substr(0, 40)) out += c >= 0x20 && c < 0x7f ? c : '?';

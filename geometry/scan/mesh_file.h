@@ -103,6 +103,7 @@ class FileReader {
   const uint8_t* endOfFile(const char* what);
   void note(std::string message, std::string hint = "the file is damaged; get a whole copy, or write it anew",
             ErrorKind kind = ErrorKind::kInvalidData);
+  void fail(Error error);  // of another file that this one names
   bool failed() const { return failed_; }
   const Error& error() const { return error_; }
 

@@ -222,6 +222,10 @@ class ObjReader {
     }
     auto text = readTextFile(path.string(), kMaxMaterialBytes);
     if (!text) {
+      // What is there and cannot be read is not like what is missing: the next try may well give another mesh.
+      std::error_code unknown;
+      if (text.error().kind == ErrorKind::kIo && std::filesystem::is_regular_file(path, unknown))
+        return in_.fail(text.error());
       if (++unread_libraries_ == 1) unread_library_ = name.substr(0, 100);
       return;
     }

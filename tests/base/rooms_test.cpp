@@ -181,6 +181,34 @@ TEST(Rooms, JsonObjectsBeginAsObjects) {
   fs::remove_all(root);
 }
 
+// Lines of tests that ask for exit code 4 themselves: it stands for more than a missing GL, and a test that skips then
+// would skip on a fault. noGl() tells them apart.
+std::vector<std::string> ownAskersForGl(const fs::path& tests) {
+  static const std::regex kAsked(R"(.*exit_code\s*[!=]=\s*4\b.*)");
+  std::vector<std::string> found;
+  for (const auto& entry : fs::recursive_directory_iterator(tests)) {
+    const std::string extension = entry.path().extension().string(), name = entry.path().filename().string();
+    if ((extension != ".h" && extension != ".cpp") || name == "cli_fixture.h") continue;
+    std::ifstream file(entry.path());
+    for (std::string line; std::getline(file, line);)
+      if (std::regex_match(line, kAsked)) found.push_back(name + ":" + line);
+  }
+  return found;
+}
+
+TEST(Rooms, TestsAskNoGlForAMissingContext) {
+  EXPECT_EQ(ownAskersForGl(fs::path(RELIEVO_SOURCE_DIR) / "tests"), std::vector<std::string>{});
+
+  const fs::path root = fs::path(testing::TempDir()) / "askers";
+  fs::create_directories(root / "tools");
+  std::ofstream(root / "tools/a.cpp") << "  if (r.exit_code "
+                                      << "== 4) GTEST_SKIP();\n  EXPECT_EQ(r.exit_code, 4);\n"
+                                      << "  return r.exit_code "
+                                      << "!= 4;\n  if (r.exit_code == 42) x();\n";
+  EXPECT_EQ(ownAskersForGl(root).size(), 2u);
+  fs::remove_all(root);
+}
+
 // Types of one name in several headers below a root, those of other namespaces than the project's own left out: the
 // linker takes one type's functions for the other's.
 std::vector<std::string> typesOfOneName(const fs::path& root, size_t& types) {

@@ -61,7 +61,8 @@ struct Output {
   std::string ends_with;  // if not empty: its figures differ from run to run, and it is whole if it ends with this
 };
 
-// A command of the program. Paths are relative to the folder it runs in: in/ holds what it reads, out/ what it writes.
+// A command of the program. Paths are relative to the folder it runs in: in/ holds what it reads, out/ what it writes,
+// cache/ what view and render keep.
 struct Operation {
   std::string name;
   std::vector<std::string> arguments;
@@ -99,6 +100,7 @@ class Workshop {
       : arguments_(arguments), root_(scratchFolder() / ("relievo-faults-" + std::to_string(getpid()) + "-" + name)) {
     fs::create_directories(work() / "in");
     fs::create_directories(work() / "out");
+    fs::create_directories(work() / "cache");
   }
   ~Workshop() { fs::remove_all(root_); }
   fs::path work() const { return root_ / "work"; }
@@ -173,6 +175,8 @@ class Workshop {
   void reset(const std::map<std::string, std::string>& files) const {
     fs::remove_all(work() / "out");
     fs::create_directories(work() / "out");
+    fs::remove_all(work() / "cache");
+    fs::create_directories(work() / "cache");
     for (const auto& [name, bytes] : files) writeAll(out(name), bytes);
   }
 
@@ -237,6 +241,10 @@ void makeInputs(const Workshop& shop, int big) {
       if (i < rings - 1) ply << "3 " << at(i, j + 1) << " " << at(i + 1, j) << " " << at(i + 1, j + 1) << "\n";
     }
   writeAll(shop.work() / "in" / "scan.ply", ply.str());
+  // A scan whose colours another file says.
+  writeAll(shop.work() / "in" / "coloured.obj",
+           "mtllib coloured.mtl\nv 0 0 0\nv 9 0 0\nv 9 9 1\nv 0 9 0\nusemtl a\nf 1 2 3\nf 1 3 4\n");
+  writeAll(shop.work() / "in" / "coloured.mtl", "newmtl a\nKd 0.9 0.1 0.1\n");
 }
 
 std::vector<Operation> operations() {
@@ -262,6 +270,11 @@ std::vector<Operation> operations() {
       {"verify", {"verify", p}, {}, true},
       {"info", {"info", p}, {}, true},
       {"render", {"render", p, "-o", "out/o.png", "--size", "48x32"}, {{"o.png", ""}}, false, true},
+      {"render scan",
+       {"render", "in/coloured.obj", "-o", "out/o.png", "--size", "48x32", "--cache-dir", "cache"},
+       {{"o.png", ""}},
+       false,
+       true},
       {"export", {"export", p, "-o", "out/o.ply", "--level", "4"}, {{"o.ply", ""}}},
       {"export map", {"export", p, "-o", "out/o.tif", "--map", "height"}, {{"o.tif", ""}}, false, true},
   };
@@ -307,7 +320,7 @@ class Judge {
 // What an undisturbed run gives.
 struct Reference {
   Run run;
-  std::map<std::string, std::string> outputs, inputs;
+  std::map<std::string, std::string> outputs, inputs, cached;
 };
 
 bool isWhole(const Output& o, const std::string& bytes, const Reference& reference) {
@@ -347,6 +360,9 @@ std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& 
   }
   if (killed) return "";
   if (!now.empty()) return "left behind: " + now.begin()->first;
+  const auto cached = shop.filesIn("cache");
+  for (const auto& [name, bytes] : cached)
+    if (!reference.cached.contains(name) || reference.cached.at(name) != bytes) return "left in the cache: " + name;
   if (r.exit_code == 0 && op.says && withoutTimes(r.out) != withoutTimes(reference.run.out))
     return "exit 0, but standard output differs";
   int errors = 0;
@@ -372,7 +388,7 @@ Reference referenceOf(const Workshop& shop, const Operation& op) {
   shop.reset({});
   Reference out;
   out.run = shop.run(op.arguments, {});
-  out.outputs = shop.filesIn("out"), out.inputs = shop.filesIn("in");
+  out.outputs = shop.filesIn("out"), out.inputs = shop.filesIn("in"), out.cached = shop.filesIn("cache");
   if (out.run.exit_code != 0) {
     std::fprintf(stderr, "fault_driver: %s fails without any fault: %s\n", op.name.c_str(), out.run.err.c_str());
     std::exit(4);

@@ -23,6 +23,7 @@
 // Counting starts and ends with main(): what static constructors and destructors do, all of them libraries', is not the
 // program's to mend. A failing close() closes, as the kernel's does. A failing stream loses what it has buffered, as a
 // stream does whose buffer cannot be written.
+#include <dirent.h>
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -329,6 +330,12 @@ int close(int fd) {
   if (fd >= 0 && fd < kMaxDescriptors) tracked[fd].store(false);
   const int closed = real_close(fd);
   return fail ? failed(-1) : closed;
+}
+// Its descriptor's number is the next file's, whoever opens that.
+int closedir(DIR* entries) {
+  REAL(closedir);
+  if (const int fd = dirfd(entries); fd >= 0 && fd < kMaxDescriptors) tracked[fd].store(false);
+  return real_closedir(entries);
 }
 int fclose(FILE* f) {
   REAL(fclose);

@@ -27,6 +27,9 @@ if(NOT RELIEVO_SANITIZE)
   relievo_fault_test(KillsAndResume --kills 12 --resume)
   if(RELIEVO_GL_TESTS)
     relievo_fault_test(Render --only render --tries 2)
+    relievo_fault_test(RenderScan --only "render scan" --tries 2)
+    relievo_fault_test(RenderScanOpen --only "render scan" --kinds open)
+    relievo_fault_test(RenderScanSync --only "render scan" --kinds sync)
   endif()
   # The negative controls: a program that does all of it wrong is found out.
   add_test(NAME Faults.SloppyWriterIsFoundByFaults
