@@ -1,6 +1,7 @@
-// base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners (src/render/base_corners.h).
-// On a side it is a function of that side's two corners, in the order of their indices, and the place between them alone (CPU reference:
-// geometry/lod/mesh_vertex.h). UNORDERED_ENDS: not so, for a negative control.
+// base_point.glsl - the base mesh's point, from the eye, and normal, at a place of a patch: bilinear in its corners
+// (src/render/base_corners.h). On a side it is a function of that side's two corners, in the order of their indices,
+// and the place between them alone (CPU reference: geometry/lod/mesh_vertex.h). UNORDERED_ENDS: not so, for a negative
+// control.
 #include "texel_table.glsl"
 
 uniform FLOAT_TABLE u_corners;
@@ -41,7 +42,8 @@ void basePoint(uvec4 index, ivec2 place, int side, float scale, out vec3 point, 
   if (lo != a) t = 1.0 - t;
   point = lerpOrdered(TABLE_TEXEL(u_corners, lo).xyz, TABLE_TEXEL(u_corners, hi).xyz, t);
   normal = lerpOrdered(TABLE_TEXEL(u_normals, lo).xyz, TABLE_TEXEL(u_normals, hi).xyz, t);
-  // A loop, so that vertices on sides (all of the coarsest grids) do not wait for all that they do not need (in software for one row of it).
+  // A loop, so that vertices on sides (all of the coarsest grids) do not wait for all that they do not need (in
+  // software for one row of it).
   bool inside = !(on_column || place.y == 0 || place.y == side);
   for (int row = 0; row < (inside ? 2 : 0); ++row) {
     uvec2 ends = row == 0 ? index.xy : index.zw;

@@ -1,5 +1,5 @@
-// common.glsl - the page pool's addressing, shared by all stages. Constants equal those of src/artwork/patch_domain.h and
-// src/render/page_pool.h (compared by a test).
+// common.glsl - the page pool's addressing, shared by all stages. Constants equal those of src/artwork/patch_domain.h
+// and src/render/page_pool.h (compared by a test).
 const int kPagePx = 128;
 const int kPageBorderPx = 4;
 const int kPageFullPx = 136;
@@ -12,8 +12,8 @@ ivec3 slotOrigin(int slot) {
   return ivec3((slot & 7) * kPageFullPx, ((slot >> 3) & 7) * kPageFullPx, slot >> 6);
 }
 
-// Of a relief page: its first texel (ReliefPlace of src/render/page_pool.h), and a sample. A texel holds two that follow one another in a row, the high
-// byte of each first.
+// Of a relief page: its first texel (ReliefPlace of src/render/page_pool.h), and a sample. A texel holds two that
+// follow one another in a row, the high byte of each first.
 ivec3 reliefOrigin(int place) {
   uint at = uint(place);
   return ivec3(int(at & 2047u), int((at >> 11u) & 2047u), int(at >> 22u));

@@ -1,5 +1,6 @@
-// compact_relief.glsl - a sample of a relief page of either form: plain, or compact (CPU reference: compactSample() of texturing/codec/relief_compact.h).
-// origin: the part's first texel. form: 0: plain; else 1 + n of a compact page of 128 >> n cells a side, whose part has 136 >> n texels a row.
+// compact_relief.glsl - a sample of a relief page of either form: plain, or compact (CPU reference: compactSample() of
+// texturing/codec/relief_compact.h). origin: the part's first texel. form: 0: plain; else 1 + n of a compact page of
+// 128 >> n cells a side, whose part has 136 >> n texels a row.
 ivec3 compactPlace(ivec3 origin, int coarser, int i) {
   int row = ((i << coarser) * 7711) >> 20;  // i / (136 >> coarser), for all texels of a part
   return origin + ivec3(i - row * (kPageFullPx >> coarser), row, 0);
@@ -16,7 +17,8 @@ int reliefSampleOf(ivec3 origin, int form, ivec2 s) {
   int coarser = max(form - 1, 0), last = (16 >> coarser) - 1;
   ivec2 block = min(s >> 3, ivec2(last)), at = s - (block << 3);
   int index = (block.y << (4 - coarser)) + block.x, odd = index & 1, halves = index + (index >> 1) + 1 - odd;
-  int value = sampleAt(form == 0 ? origin + ivec3(s.x >> 1, s.y, 0) : compactPlace(origin, coarser, halves), form == 0 ? s.x : odd);
+  int value = sampleAt(form == 0 ? origin + ivec3(s.x >> 1, s.y, 0) : compactPlace(origin, coarser, halves),
+                       form == 0 ? s.x : odd);
   // Loops, so that only what some lane has is fetched (in software what the first turn has, too).
   for (int k = 0; k < (form == 0 ? 0 : 1); ++k) {
     int plane = int(compactTexel(compactPlace(origin, coarser, halves + 2 * odd - 1)));

@@ -1,6 +1,7 @@
-// compare_morph.vert - a vertex that slides onto the next coarser grid with its distance to the eye (Strugar 2010; geometry/strategies/strategy_cdlod.cpp).
-// Attributes and uniforms as in patch.vert. At both ends of the morph a vertex has exactly the bits of the vertex it is at.
-// MESH: over a base mesh; a vertex on a patch's side slides towards the side's corner with the smaller index, so that both patches agree.
+// compare_morph.vert - a vertex that slides onto the next coarser grid with its distance to the eye (Strugar 2010;
+// geometry/strategies/strategy_cdlod.cpp). Attributes and uniforms as in patch.vert. At both ends of the morph a vertex
+// has exactly the bits of the vertex it is at. MESH: over a base mesh; a vertex on a patch's side slides towards the
+// side's corner with the smaller index, so that both patches agree.
 #include "compare_relief.glsl"
 #include "instance.glsl"
 #ifdef MESH

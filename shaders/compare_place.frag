@@ -1,4 +1,5 @@
-// compare_place.frag - which place of the artwork is seen at a pixel, for measuring strategies (src/render/strategy_pass.h).
+// compare_place.frag - which place of the artwork is seen at a pixel, for measuring strategies
+// (src/render/strategy_pass.h).
 in vec2 v_uv;              // place in the instance's node, 0..1
 flat in uvec2 v_instance;  // index in the list of instances, + 1, in the low 28 bits
 

@@ -1,5 +1,5 @@
-// compare_tessellated.tese - places are rounded to the finest vertices of the patch, so that all who share one compute the same bits. GL 4.
-// MESH: over a base mesh.
+// compare_tessellated.tese - places are rounded to the finest vertices of the patch, so that all who share one compute
+// the same bits. GL 4. MESH: over a base mesh.
 #include "compare_relief.glsl"
 #ifdef MESH
 #include "base_point.glsl"
@@ -33,7 +33,8 @@ void main() {
 #else
   ivec2 place = min(at, u_limit);
   float height_mm = u_scale.z;
-  height_mm += heightSteps(e_relief[0].z, e_relief[0].xy + in_node, e_relief[0].w, greaterThanEqual(at, u_limit)) * u_scale.y;
+  bvec2 on_border = greaterThanEqual(at, u_limit);
+  height_mm += heightSteps(e_relief[0].z, e_relief[0].xy + in_node, e_relief[0].w, on_border) * u_scale.y;
   gl_Position = u_clip_from_eye * vec4(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm, 1.0);
   v_uv = vec2(place - origin.xy) * powerOfTwo(-(origin.z + origin.w));
 #endif

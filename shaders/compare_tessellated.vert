@@ -1,4 +1,5 @@
-// compare_tessellated.vert - one control point a patch: hands the instance on to the tessellator (geometry/strategies/strategy_tessellation.cpp).
+// compare_tessellated.vert - one control point a patch: hands the instance on to the tessellator
+// (geometry/strategies/strategy_tessellation.cpp).
 in ivec4 a_origin;
 in ivec4 a_relief;
 in uint a_instance;

@@ -1,5 +1,5 @@
-// compare_triangles.vert - a vertex of a strategy's explicit triangles (geometry/strategies/lod_strategy.h); the same arithmetic as patch.vert, so
-// that a vertex at the same place and height has the same bits. MESH: over a base mesh.
+// compare_triangles.vert - a vertex of a strategy's explicit triangles (geometry/strategies/lod_strategy.h); the same
+// arithmetic as patch.vert, so that a vertex at the same place and height has the same bits. MESH: over a base mesh.
 #ifdef MESH
 #include "common.glsl"
 #include "base_point.glsl"

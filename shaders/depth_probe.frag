@@ -1,4 +1,5 @@
-// depth_probe.frag - the depth of one pixel as the bits of a float: OpenGL ES reads no depth buffer back (src/render/depth_probe.h).
+// depth_probe.frag - the depth of one pixel as the bits of a float: OpenGL ES reads no depth buffer back
+// (src/render/depth_probe.h).
 uniform sampler2D u_depth;
 uniform ivec2 u_pixel;
 

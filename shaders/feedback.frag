@@ -39,8 +39,8 @@ void main() {
   int level = u_artwork.x - int(floor(lod + 0.5));
 #endif
 #ifdef ANISOTROPY
-  // The segment of taps is shorter than a page, so its nodes are among those at the corners of the two rectangles between the
-  // fragment and either end. Neighbouring pixels ask for different ones.
+  // The segment of taps is shorter than a page, so its nodes are among those at the corners of the two rectangles
+  // between the fragment and either end. Neighbouring pixels ask for different ones.
   int which = (int(gl_FragCoord.x) + 3 * int(gl_FragCoord.y) + u_tap_phase) % 7;
   float sign_of_end = which > 3 ? -1.0 : 1.0;
   int corner = which > 3 ? which - 3 : which;

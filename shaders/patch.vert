@@ -1,8 +1,9 @@
-// patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and its
-// 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots
-// (CPU reference: geometry/lod/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that side's two corners, in
-// the order of their indices, and its place between them (CPU reference: geometry/lod/mesh_vertex.h). ROOT_CELLS: only patches that are drawn as one cell, with
-// heights from their tails: the same vertices, in a program of its own since software GL runs through every branch and, once, through every loop.
+// patch.vert - a vertex of an instanced patch grid. Its position is a function of its global integer coordinates and
+// its 16-bit height sample alone, so that neighbours compute the same bits whatever their levels, pages and slots (CPU
+// reference: geometry/lod/patch_vertex.h). MESH: over a base mesh; a vertex on a patch's side is a function of that
+// side's two corners, in the order of their indices, and its place between them (CPU reference:
+// geometry/lod/mesh_vertex.h). ROOT_CELLS: only patches that are drawn as one cell, with heights from their tails: the
+// same vertices, in a program of its own since software GL runs through every branch and, once, through every loop.
 #include "common.glsl"
 #include "instance.glsl"
 #ifdef MESH
@@ -11,15 +12,19 @@
 #endif
 
 #ifdef MORPH
-in uvec3 a_morph;    // weights, less 1, of 256: per side a byte, of the whole edge or first half; of the second half; of the grid's inside
+// weights, less 1, of 256: per side a byte, of the whole edge or first half; of the second half; of the grid's inside
+in uvec3 a_morph;
 #endif
 
 uniform mat4 u_clip_from_eye;  // eye-relative mm to clip space
-uniform ivec2 u_limit;         // units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
-uniform vec4 u_scale;          // mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base);
-                               // what z / w is moved by, towards the eye (wireframe)
+// units from the eye's unit to the artwork's right and bottom border (MESH: units of a patch's side)
+uniform ivec2 u_limit;
+// mm (MESH: patch sides) per unit; mm per height step; mm of height 0 above the eye (MESH: above the base); what z / w
+// is moved by, towards the eye (wireframe)
+uniform vec4 u_scale;
 #ifdef TAILS
-uniform UINT_TABLE u_tail_heights;  // first the four at the corners, of all patches; then 17 x 17 a patch (src/render/tail_textures.h)
+// first the four at the corners, of all patches; then 17 x 17 a patch (src/render/tail_textures.h)
+uniform UINT_TABLE u_tail_heights;
 uniform uint u_tail_patches;
 #endif
 
@@ -52,7 +57,8 @@ int snapOnSide(int i, int n, uint side) {
 #ifdef RELIEF
 int heightSample(ivec3 origin, ivec2 s) {
 #ifdef TAILS
-  if (a_relief.z == -1) return int(TABLE_TEXEL(u_tail_heights, u_tail_patches * 4u + a_node.z * 289u + uint(s.y * 17 + s.x)).r);
+  uint in_tail = u_tail_patches * 4u + a_node.z * 289u + uint(s.y * 17 + s.x);
+  if (a_relief.z == -1) return int(TABLE_TEXEL(u_tail_heights, in_tail).r);
 #endif
 #ifdef MESH
   return reliefSampleOf(origin, a_compact, s);
@@ -61,8 +67,8 @@ int heightSample(ivec3 origin, ivec2 s) {
 #endif
 }
 
-// In 1/256 of a height step; between samples on the cell's two triangles, in integers. MESH: in whole steps, as they were in the page of which only
-// these samples are kept (texturing/stream/relief_subslots.h).
+// In 1/256 of a height step; between samples on the cell's two triangles, in integers. MESH: in whole steps, as they
+// were in the page of which only these samples are kept (texturing/stream/relief_subslots.h).
 int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
   ivec2 s = local >> spacing_log2;
   ivec2 f = local & ((1 << spacing_log2) - 1);
@@ -70,7 +76,8 @@ int heightQ8(ivec3 origin, ivec2 local, int spacing_log2) {
   int cut = max(0, spacing_log2 - 15);
   int bits = spacing_log2 - cut;
   f >>= cut;
-  // From a corner of the triangle to the next: (0, 0), the one along the longer way, (1, 1). A loop: most vertices are samples.
+  // From a corner of the triangle to the next: (0, 0), the one along the longer way, (1, 1). A loop: most vertices are
+  // samples.
   ivec2 t = min(s + 1, ivec2(kPagePx));
   int value = 0, last = 0;
   for (int k = 0; k < (between ? 3 : 1); ++k) {
@@ -112,7 +119,8 @@ Vertex vertexAt(ivec2 g) {
   if (at.x >= u_limit.x) local.x = (local.x + mask) & ~mask;
   if (at.y >= u_limit.y) local.y = (local.y + mask) & ~mask;
 #endif
-  float height_steps = float(heightQ8(reliefOrigin(a_relief.z == -1 ? 0 : a_relief.z), local, spacing_log2)) * 0.00390625;
+  ivec3 relief_origin = reliefOrigin(a_relief.z == -1 ? 0 : a_relief.z);
+  float height_steps = float(heightQ8(relief_origin, local, spacing_log2)) * 0.00390625;
   height_mm += height_steps * u_scale.y;
 #endif
 
@@ -187,7 +195,8 @@ Vertex between(Vertex sum, Vertex own, float weight) {
   return Vertex(0.5 * sum.from_eye * s + own.from_eye * weight, 0.5 * sum.uv * s + own.uv * weight);
 }
 
-// Loops, so that what most vertices do not need is not computed where all lanes agree on it, and vertexAt() is there once.
+// Loops, so that what most vertices do not need is not computed where all lanes agree on it, and vertexAt() is there
+// once.
 Vertex drawnVertex(ivec2 g, int n) {
   int last = 1 << n;
   ivec2 odd = g & 1;

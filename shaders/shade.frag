@@ -1,7 +1,8 @@
-// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache, evaluated under the light (CPU reference: src/artwork/basis.h).
-// TAILS_ONLY: no page is looked up. PLANES: texture planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of
-// src/render/picture_target.h) COEFFICIENTS is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that
-// holds one; COLOUR, of a luminance, is CHANNEL(plane, channel) of red, green and blue.
+// shade.frag - the shading pass, over the pixels of the surface buffer: filtered channels from the page cache,
+// evaluated under the light (CPU reference: src/artwork/basis.h). TAILS_ONLY: no page is looked up. PLANES: texture
+// planes read. SHADING: of shading.h. Of a linear basis (shadingDefines() of src/render/picture_target.h) COEFFICIENTS
+// is how many there are; TERMS is TERM(plane, channel, coefficient, colour) for each channel that holds one; COLOUR, of
+// a luminance, is CHANNEL(plane, channel) of red, green and blue.
 #include "shading.h"
 #include "texture_lookup.glsl"
 
@@ -20,7 +21,8 @@ int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
   return int(high ? pair >> 16u : pair & 0xFFFFu);
 }
 
-// The pool's texel. BLOCKS: texture pages lie in that many compressed textures (src/render/block_formats.h), else in u_pool.
+// The pool's texel. BLOCKS: texture pages lie in that many compressed textures (src/render/block_formats.h), else in
+// u_pool.
 #ifdef BLOCKS
 uniform sampler2DArray u_blocks0, u_blocks1, u_blocks2;
 #if BLOCKS == 1
@@ -174,7 +176,8 @@ void sampleTaps(Place wanted, Place place, uvec4 entry, uint index, Footprint f,
 #endif
 
 #ifdef DENSE
-// What the virtual texture is compared with: the same filters on plain mip-mapped textures, a layer a plane, of one whole patch.
+// What the virtual texture is compared with: the same filters on plain mip-mapped textures, a layer a plane, of one
+// whole patch.
 uniform sampler2DArray u_dense;
 
 vec3 filterDense(int plane, int level, vec2 p) {
@@ -205,7 +208,8 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 }
 #else
 
-// The channels at a node, or at its nearest resident ancestor; answers with the level found (-1: none; the tail, or a neutral grey).
+// The channels at a node, or at its nearest resident ancestor; answers with the level found (-1: none; the tail, or a
+// neutral grey).
 #ifdef ANISOTROPY
 int sampleLevel(Place wanted, Footprint f, out vec3 channels[PLANES]) {
 #else
@@ -233,15 +237,17 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 
 vec3 shade(vec3 channels[PLANES]) {
 #define CHANNEL(plane, channel) channels[plane][channel]
+// As it is stored, above its offset.
+#define STORED(plane, channel, k) (CHANNEL(plane, channel) - u_coefficients[k].y)
 #if SHADING == RV_SHADING_COLOUR
   return channels[0];
 #elif SHADING == RV_SHADING_LUMINANCE
-#define TERM(plane, channel, k, colour) luminance += (CHANNEL(plane, channel) - u_coefficients[k].y) * u_coefficients[k].x * u_coefficients[k].z;
+#define TERM(plane, channel, k, c) luminance += STORED(plane, channel, k) * u_coefficients[k].x * u_coefficients[k].z;
   float luminance = 0.0;
   TERMS
   return vec3(COLOUR) * (luminance / 255.0);
 #elif SHADING == RV_SHADING_COLOURS
-#define TERM(plane, channel, k, colour) sum[colour] += (CHANNEL(plane, channel) - u_coefficients[k].y) * (u_coefficients[k].x * u_coefficients[k].z);
+#define TERM(plane, channel, k, c) sum[c] += STORED(plane, channel, k) * (u_coefficients[k].x * u_coefficients[k].z);
   vec3 sum = vec3(0.0);
   TERMS
   return sum;

@@ -1,5 +1,6 @@
-// tails.glsl - what of a patch is there without a page: texels of few levels (texturing/package/patch_tails.h, src/render/tail_textures.h). Constants are
-// compared with those by a test. A texel has the channels of a plane in the lowest three bytes of a word.
+// tails.glsl - what of a patch is there without a page: texels of few levels (texturing/package/patch_tails.h,
+// src/render/tail_textures.h). Constants are compared with those by a test. A texel has the channels of a plane in the
+// lowest three bytes of a word.
 #include "texel_table.glsl"
 
 const int kTailLevels = 4;         // of 16, 8, 4 and 2 texels a side, in blocks with a border of one

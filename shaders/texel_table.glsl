@@ -1,4 +1,5 @@
-// texel_table.glsl - tables read by index (src/render/texel_table.h): buffer textures where the dialect has them, else rows of array textures.
+// texel_table.glsl - tables read by index (src/render/texel_table.h): buffer textures where the dialect has them, else
+// rows of array textures.
 #define ROWS_TEXEL(table, i) texelFetch(table, ivec3(int((i) & 2047u), int(((i) >> 11u) & 2047u), int((i) >> 22u)), 0)
 #ifdef TEXEL_BUFFERS
 #define UINT_TABLE usamplerBuffer

@@ -1,5 +1,5 @@
-// texture_lookup.glsl - the virtual texture's look-up: what a pixel covers of the texture (from the surface buffer), which node of
-// a level lies there, and where it is resident.
+// texture_lookup.glsl - the virtual texture's look-up: what a pixel covers of the texture (from the surface buffer),
+// which node of a level lies there, and where it is resident.
 #include "common.glsl"
 #include "gradient.glsl"
 #include "instance.glsl"
@@ -11,7 +11,8 @@
 uniform usampler2D u_table;        // texturing/stream/page_table.h
 uniform usampler2D u_table_extra;  // planes 3.. of artworks that have more
 uniform uvec4 u_table_shape;       // entries - 1; log2 of the width; seed; -
-uniform ivec4 u_artwork;           // finest texture level; flat artworks: 1: the patches' strip runs along x; width, height in texels
+// finest texture level; flat artworks: 1: the patches' strip runs along x; width, height in texels
+uniform ivec4 u_artwork;
 uniform float u_lod_bias;          // added to the texture LOD
 
 uniform usampler2D u_surface;      // what is seen at each pixel (surface.frag)
@@ -60,9 +61,9 @@ float nodeTexels() { return float(kPagePx) * powerOfTwo(u_artwork.x - int(v_node
 // Texture LOD: 0 at one texel of the finest level a pixel, growing towards coarser levels.
 float virtualTextureLod() { return clamp(v_lod + u_lod_bias, 0.0, coarsestLod()); }
 #else
-// A pixel covers an ellipse of the texture, whose axes are the singular values of (dx dy). The level follows the minor one,
-// but for what more than ANISOTROPY taps would take; the taps lie along the major one. In magnification a tap is a texel wide
-// whatever its level, so no more taps are taken than texels are covered.
+// A pixel covers an ellipse of the texture, whose axes are the singular values of (dx dy). The level follows the minor
+// one, but for what more than ANISOTROPY taps would take; the taps lie along the major one. In magnification a tap is a
+// texel wide whatever its level, so no more taps are taken than texels are covered.
 float virtualTextureLod(out Footprint f) {
   vec2 dx = v_gradient.xy, dy = v_gradient.zw;
   float a = dx.x * dx.x + dy.x * dy.x, b = dx.x * dx.y + dy.x * dy.y, c = dx.y * dx.y + dy.y * dy.y;
@@ -95,8 +96,8 @@ float virtualTextureLod(out Footprint f) {
   return sound ? clamp(log2(size), 0.0, coarsestLod()) : coarsestLod();
 }
 
-// The footprint as taps at distances of one step, weighted by how much of a step around them lies inside it: continuous in
-// the ratio, which a number of equal taps is not. As many as ANISOTROPY is even or odd, or one.
+// The footprint as taps at distances of one step, weighted by how much of a step around them lies inside it: continuous
+// in the ratio, which a number of equal taps is not. As many as ANISOTROPY is even or odd, or one.
 int tapCount(float ratio) {
   int odd = ANISOTROPY & 1;
   if (ratio <= 1.0) return 1;
@@ -111,7 +112,8 @@ vec2 tapAt(int i, int count, float ratio) {
 vec2 tapPlace(float at, Footprint f) { return clamp(v_uv + at * f.step, f.low, f.high); }
 #endif
 
-// A node and the coordinates in it: uv * scale + offset is 0..1 inside. scale is a power of two, so the product is exact.
+// A node and the coordinates in it: uv * scale + offset is 0..1 inside. scale is a power of two, so the product is
+// exact.
 struct Place {
   uvec4 node;  // patch, level, x, y
   vec2 offset;
@@ -120,7 +122,8 @@ struct Place {
 vec2 localAt(Place place, vec2 uv) { return uv * place.scale + place.offset; }
 vec2 uvAt(Place place, vec2 local) { return (local - place.offset) / place.scale; }
 
-// The node of a level at this fragment: an ancestor of the drawn node, or in it. No branch, which would cost software GL both sides.
+// The node of a level at this fragment: an ancestor of the drawn node, or in it. No branch, which would cost software
+// GL both sides.
 Place placeAtLevel(int level) {
   int s = level - int(v_node.y);
   int down = max(s, 0);
@@ -171,8 +174,8 @@ void toNodeAt(vec2 uv, inout Place place) {
 }
 #endif
 
-// To the nearest resident ancestor, or the node itself; false: there is none. A probe a turn: most look-ups end after their first, and
-// software GL leaves a loop when all pixels are done, but runs through both sides of every branch.
+// To the nearest resident ancestor, or the node itself; false: there is none. A probe a turn: most look-ups end after
+// their first, and software GL leaves a loop when all pixels are done, but runs through both sides of every branch.
 bool findResident(inout Place place, out uvec4 entry, out uint index) {
   for (bool second = false;; second = !second) {
     // packNode(node) + 1 of src/artwork/node_id.h: level 5 | patch 20 | x 17 | y 17 bits.

@@ -1,4 +1,5 @@
-// exposure.glsl - exposure and tone (src/engine/effects/exposure.cpp). u_exposure.x: stops; y: the light that becomes white.
+// exposure.glsl - exposure and tone (src/engine/effects/exposure.cpp). u_exposure.x: stops; y: the light that becomes
+// white.
 uniform vec4 u_exposure;
 
 vec3 effect_exposure(vec3 colour, Shaded at) {
