@@ -2,6 +2,9 @@
 #include "texturing/import/image_io.h"
 #include "texturing/import/image_io_module.h"
 
+#ifdef RELIEVO_ADDRESS_SANITIZER
+#include <sanitizer/lsan_interface.h>
+#endif
 #include <OpenImageIO/imagebuf.h>
 #include <OpenImageIO/imagebufalgo.h>
 #include <OpenImageIO/imageio.h>
@@ -801,8 +804,31 @@ TEST(ImageDamage, AFileThatTheSystemDoesNotOpenAgainIsNotCalledDamaged) {
   }
 }
 
+// OpenImageIO 2.4's PNG reader leaks a string where the file ends (tests/lsan.supp). Clang's leak checker does not see
+// whose it is: the library has no frame pointers.
+#ifdef RELIEVO_ADDRESS_SANITIZER
+class LeakOfTruncatedPngs {
+ public:
+  explicit LeakOfTruncatedPngs(const std::string& path) : png_(fs::path(path).extension() == ".png") {
+    if (png_) __lsan_disable();
+  }
+  ~LeakOfTruncatedPngs() {
+    if (png_) __lsan_enable();
+  }
+
+ private:
+  bool png_;
+};
+#else
+struct LeakOfTruncatedPngs {
+  explicit LeakOfTruncatedPngs(const std::string&) {}
+  ~LeakOfTruncatedPngs() {}
+};
+#endif
+
 TEST(ImageDamage, EveryTruncatedLengthIsAnErrorOrLosesNothing) {
   for (const auto& whole_path : smallFiles()) {
+    const LeakOfTruncatedPngs allowed(whole_path);
     const Bytes file = load(whole_path);
     auto whole = readAll(whole_path);
     ASSERT_TRUE(whole) << whole.error().text();

@@ -11,6 +11,7 @@
 
 #include "patch_fixture.h"
 #include "src/artwork/bases/ptm.h"
+#include "tests/view_share.h"
 #include "texturing/package/package.h"
 #include "texturing/package/package_layout.h"
 #include "texturing/package/package_tails.h"
@@ -374,7 +375,8 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
        },
        "the tails of patches 0 to 255 are damaged: expected"},
   };
-  for (const auto& c : cases) {
+  for (size_t k = 0; k < std::size(cases); k += test::kSanitized ? 4 : 1) {
+    const auto& c = cases[k];
     auto broken = bytes_;
     c.damage(broken);
     auto package = open(broken);
