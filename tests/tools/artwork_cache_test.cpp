@@ -250,7 +250,7 @@ TEST_F(ArtworkCache, TheFolderIsTheUsersAlone) {
   EXPECT_EQ(fs::status(file("cache/of/mine")).permissions(), fs::perms::owner_all);
 }
 
-TEST_F(ArtworkCache, WhatAnImageLosesIsSaidEachTime) {
+TEST_F(ArtworkCache, WhatAnImageLosesIsSaid) {
   ASSERT_TRUE(writeImage(file("clear.png"), 8, 8, 4, std::vector<uint8_t>(256, 99)).ok());
   ASSERT_TRUE(writeImage(file("solid.png"), 8, 8, 3, std::vector<uint8_t>(192, 99)).ok());
   for (int times = 0; times < 2; ++times) {
@@ -259,6 +259,19 @@ TEST_F(ArtworkCache, WhatAnImageLosesIsSaidEachTime) {
     EXPECT_NE(drawn.output.find("clear.png: its alpha channel is ignored"), std::string::npos) << drawn.output;
   }
   EXPECT_EQ(render("solid.png", "b.png").output, "") << "the control";
+  // As build says it, of an image and of what a scan names.
+  write("scan.obj",
+        "mtllib scan.mtl\nv 0 0 0\nv 9 0 0\nv 9 9 1\nv 0 9 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl a\n"
+        "f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n");
+  for (const std::string name : {"clear.png", "solid.png"}) {
+    write("scan.mtl", "newmtl a\nmap_Kd " + name + "\n");
+    for (const std::string& input : {"--image " + file(name), "--mesh " + file("scan.obj") + " --patches 1"}) {
+      const Outcome built = relievo("build " + input + " -o " + file("made.relievo"));
+      ASSERT_EQ(built.exit_code, 0) << built.output;
+      EXPECT_EQ(built.output.find(name + ": its alpha channel is ignored") != std::string::npos, name == "clear.png")
+          << input << ": " << built.output;
+    }
+  }
 }
 
 TEST_F(ArtworkCache, ADamagedPackageIsBuiltAgain) {
