@@ -77,17 +77,8 @@ std::string tolerance(const std::string& text) {
   return unit.empty() || unit == "mm" || unit == "%" ? "" : "expected mm, or % of the diagonal, found " + text;
 }
 
-// "X,Y,Z" in degrees.
-std::optional<glm::dvec3> anglesOf(const std::string& text) {
-  glm::dvec3 angles(0);
-  int end = 0;
-  if (std::sscanf(text.c_str(), "%lf,%lf,%lf%n", &angles.x, &angles.y, &angles.z, &end) != 3 ||
-      end != static_cast<int>(text.size()) || !std::isfinite(angles.x + angles.y + angles.z))
-    return std::nullopt;
-  return angles;
-}
 std::string threeAngles(const std::string& text) {
-  return anglesOf(text) ? "" : "expected three angles X,Y,Z in degrees, found " + text;
+  return numbersOf(text, 3) ? "" : "expected three angles X,Y,Z in degrees, found " + text;
 }
 
 std::string positiveOrTag(const std::string& text) {
@@ -193,10 +184,12 @@ Result<void> build(const BuildArguments& o) {
                                 .max_tile_bytes = o.max_tile_mib << 20,
                                 .max_decoded_bytes = o.max_image_mib << 20,
                                 .max_packing = o.max_packing};
-  if (!o.mesh.empty())
+  if (!o.mesh.empty()) {
+    const std::vector<double> turn = numbersOf(o.rotate, 3).value_or(std::vector<double>(3));
     return buildFromMesh({o.mesh, o.texture, o.ptm, o.unit, o.patches, toleranceIn(o.tolerance, "mm"),
                           toleranceIn(o.tolerance, "%") / 100, o.strict, o.report, o.json_file, o.allow_outside, limits,
-                          options, o.up[0], anglesOf(o.rotate).value_or(glm::dvec3(0))});
+                          options, o.up[0], glm::dvec3(turn[0], turn[1], turn[2])});
+  }
   options.resume = o.resume;
   options.checkpoint_s = o.checkpoint_s;
   std::vector<std::string> warnings;  // said once all inputs are open: a failure is one line

@@ -3,7 +3,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <memory>
 #include <vector>
 
@@ -75,7 +74,8 @@ auto exportMaps(const ExportArguments& o, ExportMap map, Export&& run) {
   options.map = map;
   options.level = o.level;
   options.normal_y_down = o.normal_y == "down";
-  std::sscanf(o.light.c_str(), "%lf,%lf,%lf", &options.light[0], &options.light[1], &options.light[2]);
+  const std::vector<double> light = *numbersOf(o.light, 3);
+  options.light = {light[0], light[1], light[2]};
   options.memory_bytes = std::max(o.memory_mib, kImageLibraryMib + kLeastMapMib) << 20;
   options.library_bytes = kImageLibraryMib << 20;
   options.progress = [&](double share) { line.update(share, o.output); };
@@ -120,21 +120,6 @@ Result<void> exportAsMap(const ExportArguments& o, const std::shared_ptr<const P
   if (report->scaled) printOutf(", 0 to 65535 for %.9g to %.9g %s", report->low_mm, report->high_mm, unit);
   printOutf(", %.1f s\n", secondsSince(start));
   return {};
-}
-
-// n numbers with commas between them.
-std::optional<std::vector<double>> numbersOf(const std::string& text, size_t n) {
-  std::vector<double> out;
-  const char* at = text.c_str();
-  for (;;) {
-    char* end = nullptr;
-    out.push_back(std::strtod(at, &end));
-    if (end == at || !std::isfinite(out.back())) return std::nullopt;
-    if (*end == 0) break;
-    if (*end != ',') return std::nullopt;
-    at = end + 1;
-  }
-  return out.size() == n ? std::optional(out) : std::nullopt;
 }
 
 Result<void> exportAsLines(const ExportArguments& o, const std::shared_ptr<const Package>& package) {
@@ -241,11 +226,7 @@ Result<void> exportArtwork(const ExportArguments& o) {
 }
 
 std::string threeNumbers(const std::string& text) {
-  double x = 0, y = 0, z = 0;
-  int end = 0;
-  const bool good = std::sscanf(text.c_str(), "%lf,%lf,%lf%n", &x, &y, &z, &end) == 3 &&
-                    end == static_cast<int>(text.size()) && std::isfinite(x + y + z);
-  return good ? "" : "expected three numbers X,Y,Z, found " + text;
+  return numbersOf(text, 3) ? "" : "expected three numbers X,Y,Z, found " + text;
 }
 
 }  // namespace

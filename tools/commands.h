@@ -3,8 +3,10 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "src/base/result.h"
 
@@ -36,6 +38,8 @@ void warn(const std::string& text);
 Error usageError(const std::string& message, const std::string& hint = "");
 // "1920x1080" -> {1920, 1080}; a usage error otherwise.
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);
+// "a,b,c" -> that many finite numbers; nothing where it is something else.
+std::optional<std::vector<double>> numbersOf(const std::string& text, size_t count);
 // "a,b,c" -> three doubles.
 Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example);
 

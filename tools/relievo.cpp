@@ -48,20 +48,23 @@ Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
   return usageError("expected a size as WIDTHxHEIGHT in px, found '" + text + "'", "for example 1280x720");
 }
 
-Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example) {
-  std::array<double, 3> values{};
+std::optional<std::vector<double>> numbersOf(const std::string& text, size_t count) {
+  std::vector<double> values(count);
   const char* at = text.data();
   const char* end = at + text.size();
-  for (int i = 0; i < 3; ++i) {
+  for (size_t i = 0; i < count; ++i) {
     auto [after, bad] = std::from_chars(at, end, values[i]);
-    bool separator = i == 2 ? after == end : after < end && *after == ',';
-    if (bad != std::errc() || !separator || !std::isfinite(values[i])) {
-      return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'",
-                        std::string("for example ") + example);
-    }
+    const bool separator = i + 1 == count ? after == end : after < end && *after == ',';
+    if (bad != std::errc() || !separator || !std::isfinite(values[i])) return std::nullopt;
     at = after + 1;
   }
   return values;
+}
+
+Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example) {
+  if (const auto values = numbersOf(text, 3)) return std::array{(*values)[0], (*values)[1], (*values)[2]};
+  return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'",
+                    std::string("for example ") + example);
 }
 
 }  // namespace relievo

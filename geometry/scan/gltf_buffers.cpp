@@ -55,20 +55,20 @@ size_t bytesOfComponent(GltfComponent c) {
 }
 
 double decode(const uint8_t* p, GltfComponent c, bool normalized) {
-  const auto half = static_cast<uint16_t>(p[0]);
+  const auto low = static_cast<uint16_t>(p[0]);
   switch (c) {
     case GltfComponent::kInt8: {
       const double v = static_cast<int8_t>(p[0]);
       return normalized ? std::max(v / 127, -1.0) : v;
     }
     case GltfComponent::kUint8:
-      return normalized ? half / 255.0 : half;
+      return normalized ? low / 255.0 : low;
     case GltfComponent::kInt16: {
-      const double v = static_cast<int16_t>(half | p[1] << 8);
+      const double v = static_cast<int16_t>(low | p[1] << 8);
       return normalized ? std::max(v / 32767, -1.0) : v;
     }
     case GltfComponent::kUint16: {
-      const double v = half | p[1] << 8;
+      const double v = low | p[1] << 8;
       return normalized ? v / 65535 : v;
     }
     case GltfComponent::kUint32:

@@ -53,6 +53,14 @@ class Parser {
     if (n == 0) note("expected " + where + "." + key + " to name one of a list, which the file does not have");
     return static_cast<uint32_t>(integer(object, where, key, n > 0 ? n - 1 : 0));
   }
+  // The same of a list's own entry, which names one of n nodes.
+  uint32_t node(const Json& entry, const std::string& where, size_t n) {
+    const double number = entry.is_number() ? entry.get<double>() : -1;
+    if (number >= 0 && number < static_cast<double>(n) && number == std::floor(number))
+      return static_cast<uint32_t>(number);
+    note("expected " + where + " to be one of the file's " + std::to_string(n) + " nodes");
+    return 0;
+  }
   bool flag(const Json& object, const std::string& where, const char* key) {
     const Json* value = find(object, key);
     if (value && !value->is_boolean()) note("expected " + where + "." + key + " to be true or false");
@@ -293,12 +301,8 @@ class DocumentParser {
       GltfNode out;
       out.mesh = p_.index(node, where, "mesh", out_.meshes.size());
       out.skinned = p_.find(node, "skin") != nullptr;
-      p_.each(node, where, "children", [&](const Json& child, const std::string& in) {
-        const double number = child.is_number() ? child.get<double>() : -1;
-        if (!(number >= 0 && number < static_cast<double>(n) && number == std::floor(number)))
-          return p_.note("expected " + in + " to be one of the file's " + std::to_string(n) + " nodes");
-        out.children.push_back(static_cast<uint32_t>(number));
-      });
+      p_.each(node, where, "children",
+              [&](const Json& child, const std::string& in) { out.children.push_back(p_.node(child, in, n)); });
       if (glm::dmat4 matrix; transform(node, where, matrix)) {
         out.matrix = static_cast<uint32_t>(out_.matrices.size());
         out_.matrices.push_back(matrix);
@@ -348,10 +352,7 @@ class DocumentParser {
     if (p_.failed()) return;
     const Json& one = (*p_.find(json_, "scenes"))[shown == kNoIndex ? 0 : shown];
     p_.each(one, "the scene", "nodes", [&](const Json& node, const std::string& in) {
-      const double number = node.is_number() ? node.get<double>() : -1;
-      if (!(number >= 0 && number < static_cast<double>(out_.nodes.size()) && number == std::floor(number)))
-        return p_.note("expected " + in + " to be one of the file's " + std::to_string(out_.nodes.size()) + " nodes");
-      out_.roots.push_back(static_cast<uint32_t>(number));
+      out_.roots.push_back(p_.node(node, in, out_.nodes.size()));
     });
   }
 

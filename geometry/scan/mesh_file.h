@@ -38,6 +38,9 @@ inline uint8_t byteOf(double value) {
   return value >= 255 ? 255 : value > 0 ? static_cast<uint8_t>(value) : uint8_t{0};
 }
 
+// sRGB, of faces and materials that state none.
+inline constexpr glm::u8vec3 kPlainColour{204, 204, 204};
+
 struct RawMesh {
   std::vector<glm::dvec3> positions;               // in the file's unit
   std::vector<std::array<uint32_t, 3>> triangles;  // every index below positions.size()

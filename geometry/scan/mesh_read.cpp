@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <numbers>
 
 #include "geometry/scan/mesh_file.h"
 #include "geometry/scan/mesh_repair.h"
@@ -73,7 +74,7 @@ std::vector<glm::u8vec3> bytesOf(const std::vector<glm::vec3>& colours) {
 // Colours of faces as an image of colours, and texture coordinates that name its texels. Of more than kPaletteColumns
 // colours the image has several rows.
 void paintFaces(RawMesh& raw) {
-  raw.face_colours.resize(raw.triangles.size(), glm::u8vec3(204));
+  raw.face_colours.resize(raw.triangles.size(), kPlainColour);
   auto numberOf = [](const glm::u8vec3& c) { return uint32_t{c.r} << 16 | uint32_t{c.g} << 8 | c.b; };
   std::vector<uint32_t> colours;
   colours.reserve(raw.face_colours.size());
@@ -244,7 +245,7 @@ glm::dmat3 turnOf(char up, const glm::dvec3& degrees) {
   if (up == 'x') turn = glm::dmat3(0, 1, 0, -1, 0, 0, 0, 0, 1);
   if (up == 'z') turn = glm::dmat3(1, 0, 0, 0, 0, -1, 0, 1, 0);
   for (glm::length_t axis = 0; axis < 3; ++axis) {
-    const double angle = std::fmod(degrees[axis], 360), radians = angle * 3.14159265358979323846 / 180;
+    const double angle = std::fmod(degrees[axis], 360), radians = angle * std::numbers::pi / 180;
     const double quarters = angle / 90;
     const bool exact = quarters == std::floor(quarters);
     const double c = exact ? std::round(std::cos(radians)) : std::cos(radians),

@@ -290,7 +290,7 @@ class ObjReader {
       if (!texel.emplace(run.material, static_cast<uint32_t>(palette.size())).second) continue;
       if (palette.size() == kMaxPalette) return;
       auto found = materials_.find(run.material);
-      const glm::u8vec3 c = found == materials_.end() ? kPlain : found->second.colour;
+      const glm::u8vec3 c = found == materials_.end() ? kPlainColour : found->second.colour;
       worth = worth || c.r != c.g || c.g != c.b || (!palette.empty() && c != palette[0]);
       palette.push_back(c);
     }
@@ -351,11 +351,10 @@ class ObjReader {
   FaceCutter cutter_;
   std::vector<glm::vec2> uv_, corner_uv_;
   std::vector<uint32_t> corners_;
-  static constexpr glm::u8vec3 kPlain{204, 204, 204};     // of a material that says none
   static constexpr size_t kMaxPalette = kPaletteColumns;  // of one row
   struct Material {
     std::string image;
-    glm::u8vec3 colour = kPlain;  // Kd
+    glm::u8vec3 colour = kPlainColour;  // Kd
   };
   std::set<std::string> libraries_;
   std::map<std::string, bool> images_;  // whether one is clamped

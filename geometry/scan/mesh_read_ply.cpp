@@ -484,7 +484,7 @@ class PlyReader {
       cutter_.add(corners, uv);
       if (colours) {
         ++coloured_faces_;
-        mesh_.face_colours.resize(before, kPlainFace);  // faces before this one may have had none
+        mesh_.face_colours.resize(before, kPlainColour);  // faces before this one may have had none
         mesh_.face_colours.resize(mesh_.triangles.size(), colour);
       }
       if (image >= 0 && image < static_cast<double>(images_.size()))
@@ -527,7 +527,6 @@ class PlyReader {
   std::vector<glm::vec2> vertex_uv_;
   std::vector<std::string> images_;     // that comments name
   std::vector<uint64_t> triangles_of_;  // an image's, where faces say which
-  static constexpr glm::u8vec3 kPlainFace{204, 204, 204};
   uint64_t coloured_faces_ = 0;
   std::string_view line_;
   bool ascii_ = false, swap_ = false;

@@ -104,7 +104,7 @@ class StlReader {
 
    private:
     static uint8_t channel(int bits) { return static_cast<uint8_t>(((bits & 31) * 255 + 15) / 31); }
-    glm::u8vec3 plain_{204, 204, 204};
+    glm::u8vec3 plain_ = kPlainColour;
     bool whole_ = false, any_ = false;
   };
 

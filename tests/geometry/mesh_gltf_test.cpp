@@ -9,17 +9,11 @@
 
 #include "geometry/scan/mesh_read.h"
 #include "tests/geometry/mesh_files.h"
+#include "tests/geometry/must_read.h"
 
 namespace relievo::test {
 namespace {
 
-LoadedMesh mustRead(const std::string& path, const MeshReadOptions& options = {}) {
-  auto read = readMesh(path, options);
-  EXPECT_TRUE(read.ok()) << read.error().text();
-  if (!read) return {};
-  EXPECT_EQ(triMeshProblem(read->mesh), "");
-  return std::move(*read);
-}
 std::string refusal(const std::string& path, ErrorKind kind) {
   auto read = readMesh(path);
   EXPECT_FALSE(read.ok()) << path;

@@ -16,6 +16,7 @@
 #include "geometry/mesh/triangle_blocks.h"
 #include "geometry/scan/mesh_sheets.h"
 #include "tests/geometry/mesh_files.h"
+#include "tests/geometry/must_read.h"
 #include "tests/shared_data.h"
 
 namespace relievo::test {
@@ -25,13 +26,6 @@ namespace fs = std::filesystem;
 
 uint32_t pick(std::mt19937& random, uint32_t n) { return static_cast<uint32_t>(random() % n); }
 
-LoadedMesh mustRead(const std::string& path, const MeshReadOptions& options = {}) {
-  auto read = readMesh(path, options);
-  EXPECT_TRUE(read.ok()) << read.error().text();
-  if (!read) return {};
-  EXPECT_EQ(triMeshProblem(read->mesh), "");
-  return std::move(*read);
-}
 LoadedMesh mustRepair(const TriMesh& mesh) {
   auto repaired = repairMesh(mesh, "test");
   EXPECT_TRUE(repaired.ok()) << repaired.error().text();

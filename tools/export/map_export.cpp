@@ -5,8 +5,8 @@
 #include <cmath>
 #include <vector>
 
-#include "src/base/srgb.h"
 #include "texturing/import/image_io.h"
+#include "tools/export/map_form.h"
 #include "tools/export/surface_rows.h"
 
 namespace relievo {
@@ -23,17 +23,6 @@ struct MapRow {
   }
 };
 
-uint16_t wordOf(double share) { return static_cast<uint16_t>(std::lround(65535 * std::clamp(share, 0.0, 1.0))); }
-
-float linearLight(uint8_t value) { return static_cast<float>(linearFromSrgb(value / 255.0)); }
-
-bool isColour(ExportMap map) { return map == ExportMap::kAlbedo || map == ExportMap::kLit; }
-
-struct MapForm {
-  int channels = 1;
-  SampleType type = SampleType::kFloat;
-  bool exr = false;
-};
 Result<MapForm> formOf(const MapExportOptions& o) {
   auto format = imageFormatOf(o.output);
   if (!format) return format.error();
@@ -110,19 +99,6 @@ Result<void> checkArtwork(const Package& package, const MapExportOptions& o) {
   return {};
 }
 
-Result<int> levelOf(const Package& package, const MapExportOptions& o) {
-  const PatchDomain& d = package.manifest().domain;
-  const int finest = kPageCellsLog2 + (isColour(o.map) ? d.texture_depth : d.relief_depth);
-  const int level = o.level.value_or(finest);
-  if (level >= kPageCellsLog2 && level <= finest) return level;
-  return Error{ErrorKind::kUsage,
-               package.path(),
-               "expected a --level of " + std::to_string(kPageCellsLog2) + " to " + std::to_string(finest) +
-                   " for this map, found " + std::to_string(level),
-               "level " + std::to_string(finest) + " is its full detail",
-               {}};
-}
-
 class MapExport {
  public:
   MapExport(const ExportGrid& grid, const MapExportOptions& options, MapForm form)
@@ -135,19 +111,11 @@ class MapExport {
       const double length = std::hypot(o.light[0], o.light[1], o.light[2]);
       parts.light = {o.light[0] / length, o.light[1] / length, o.light[2] / length};
     }
-    return SheetReader::within(grid, parts, available(o) - std::min(available(o), rowBytes(grid, form)));
-  }
-  static uint64_t available(const MapExportOptions& o) {
-    return o.memory_bytes - std::min(o.memory_bytes, o.library_bytes);
-  }
-  // Of the row that is written, and of what an encoder holds of it. OpenEXR packs 16 rows at once, and was measured to
-  // hold about six times their samples.
-  static uint64_t rowBytes(const ExportGrid& grid, const MapForm& form) {
-    constexpr uint64_t kRows = 3, kExrRows = 16 * 6;
-    return grid.columns() * static_cast<uint64_t>(form.channels) * sizeof(float) * (form.exr ? kExrRows : kRows);
+    return SheetReader::within(grid, parts,
+                               memoryForRows(o) - std::min(memoryForRows(o), writtenRowBytes(grid.columns(), form)));
   }
   static uint64_t bytes(const ExportGrid& grid, const MapExportOptions& o, const MapForm& form) {
-    return SheetReader::bytes(grid, partsOf(grid, o, form)) + rowBytes(grid, form);
+    return SheetReader::bytes(grid, partsOf(grid, o, form)) + writtenRowBytes(grid.columns(), form);
   }
 
   Result<void> write(ImageWriter& image) {
@@ -203,19 +171,13 @@ Result<MapExportReport> exportMap(std::shared_ptr<const Package> package, const 
   auto form = formOf(o);
   if (!form) return form.error();
   if (auto good = checkArtwork(*package, o); !good) return good.error();
-  auto level = levelOf(*package, o);
+  auto level = mapLevelOf(*package, o, kPageCellsLog2);
   if (!level) return level.error();
   const ExportGrid grid(package, *level);
   if (o.map == ExportMap::kLit && !(std::hypot(o.light[0], o.light[1], o.light[2]) > 0))
     return Error{ErrorKind::kUsage, "", "expected a --light that is not 0,0,0", "0,0,1 is straight from the front", {}};
-  if (const uint64_t bytes = MapExport::bytes(grid, o, *form); bytes > MapExport::available(o))
-    return Error{
-        ErrorKind::kUsage,
-        o.output,
-        "level " + std::to_string(*level) + " takes " + std::to_string((bytes >> 20) + 1) +
-            " MiB of memory, --memory-mib allows " + std::to_string(o.memory_bytes >> 20),
-        form->exr ? "allow more, choose a coarser --level, or name a .tif" : "allow more, or choose a coarser --level",
-        {}};
+  if (const uint64_t bytes = MapExport::bytes(grid, o, *form); bytes > memoryForRows(o))
+    return tooLarge(o, *form, *level, bytes);
   MapExportReport report;
   const FlatDomain d = package->manifest().domain.flat();
   report.level = *level;

@@ -10,8 +10,8 @@
 
 #include "src/base/file.h"
 #include "src/base/printable.h"
-#include "src/base/srgb.h"
 #include "texturing/import/image_io.h"
+#include "tools/export/map_form.h"
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_normals.h"
 #include "tools/export/surface_rows.h"
@@ -27,12 +27,7 @@ std::string besideImage(const std::string& image, const char* end) {
 }
 std::string nameOf(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
-struct Form {
-  int channels = 1;
-  SampleType type = SampleType::kUint16;
-};
-
-Result<Form> formOf(const MapExportOptions& o) {
+Result<MapForm> formOf(const MapExportOptions& o) {
   auto format = imageFormatOf(o.output);
   if (!format) return format.error();
   const bool exr = *format == ImageFormat::kExr;
@@ -45,11 +40,11 @@ Result<Form> formOf(const MapExportOptions& o) {
                  {}};
   switch (o.map) {
     case ExportMap::kHeight:
-      return Form{1, exr ? SampleType::kFloat : SampleType::kUint16};
+      return MapForm{1, exr ? SampleType::kFloat : SampleType::kUint16, exr};
     case ExportMap::kNormal:
-      return Form{3, exr ? SampleType::kFloat : SampleType::kUint16};
+      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint16, exr};
     case ExportMap::kAlbedo:
-      return Form{3, exr ? SampleType::kFloat : SampleType::kUint8};
+      return MapForm{3, exr ? SampleType::kFloat : SampleType::kUint8, exr};
     default:
       return Error{ErrorKind::kUsage, o.output, "a scan has --map displacement, normal and albedo alone", "", {}};
   }
@@ -108,7 +103,7 @@ class PatchWalk {
 
 class PatchMaps {
  public:
-  PatchMaps(const ExportGrid& grid, const MapExportOptions& options, const Form& form)
+  PatchMaps(const ExportGrid& grid, const MapExportOptions& options, const MapForm& form)
       : grid_(grid), options_(options), form_(form), atlas_(atlasOf(grid)) {}
   const Atlas& atlas() const { return atlas_; }
 
@@ -121,8 +116,7 @@ class PatchMaps {
   uint64_t bytes(const RowParts& parts) const {
     uint64_t one = SheetReader::bytes(grid_, parts);
     if (parts.positions) one += 2 * grid_.columns() * sizeof(glm::dvec3);
-    uint64_t sum = one * atlas_.columns + atlas_.width() * static_cast<uint64_t>(form_.channels) * sizeof(float) * 2;
-    if (form_.type == SampleType::kFloat) sum += atlas_.width() * static_cast<uint64_t>(form_.channels) * 4 * 96;
+    uint64_t sum = one * atlas_.columns + writtenRowBytes(atlas_.width(), form_);
     if (parts.positions)
       sum += SharedVertices::countAtMost(*grid_.manifest().base, grid_.cellsPerPatchSide()) *
              sizeof(SharedVertices::Vertex);
@@ -198,7 +192,7 @@ class PatchMaps {
 
   void put(size_t at, double value, double share) {
     if (form_.type == SampleType::kFloat) floats_[at] = static_cast<float>(value);
-    else words_[at] = static_cast<uint16_t>(std::lround(65535 * std::clamp(share, 0.0, 1.0)));
+    else words_[at] = wordOf(share);
   }
   void fill(const PatchWalk& walk, uint32_t patch, uint64_t y, uint64_t left) {
     const SheetRow& row = walk.row();
@@ -216,8 +210,7 @@ class PatchMaps {
       } else {
         for (glm::length_t c = 0; c < 3; ++c) {
           bytes_[at + static_cast<size_t>(c)] = row.colours[x][c];
-          if (form_.type == SampleType::kFloat)
-            floats_[at + static_cast<size_t>(c)] = static_cast<float>(linearFromSrgb(row.colours[x][c] / 255.0));
+          if (form_.type == SampleType::kFloat) floats_[at + static_cast<size_t>(c)] = linearLight(row.colours[x][c]);
         }
       }
     }
@@ -225,7 +218,7 @@ class PatchMaps {
 
   const ExportGrid& grid_;
   const MapExportOptions& options_;
-  const Form form_;
+  const MapForm form_;
   const Atlas atlas_;
   std::optional<SharedVertices> shared_;
   std::vector<float> floats_;
@@ -234,7 +227,7 @@ class PatchMaps {
 };
 
 // What a stored sample s stands for: offset + scale s.
-Json valueJson(const ExportGrid& grid, const MapExportOptions& o, const Form& form) {
+Json valueJson(const ExportGrid& grid, const MapExportOptions& o, const MapForm& form) {
   const PatchDomain& d = grid.manifest().domain;
   const bool is_float = form.type == SampleType::kFloat;
   Json value = Json::object();
@@ -255,7 +248,7 @@ Json valueJson(const ExportGrid& grid, const MapExportOptions& o, const Form& fo
 
 Json vectorJson(const glm::dvec3& v) { return Json::array({v.x, v.y, v.z}); }
 
-std::string jsonText(const ExportGrid& grid, const MapExportOptions& o, const Form& form, const Atlas& atlas) {
+std::string jsonText(const ExportGrid& grid, const MapExportOptions& o, const MapForm& form, const Atlas& atlas) {
   const BaseMesh& base = *grid.manifest().base;
   const char* const name = o.map == ExportMap::kHeight ? "height" : o.map == ExportMap::kNormal ? "normal" : "albedo";
   Json json = Json::object();
@@ -336,18 +329,6 @@ Result<OutputFile> writeBeside(const std::string& path, const std::string& text)
   return file;
 }
 
-Result<int> levelOf(const Package& package, const MapExportOptions& o) {
-  const PatchDomain& d = package.manifest().domain;
-  const int finest = kPageCellsLog2 + (o.map == ExportMap::kAlbedo ? d.texture_depth : d.relief_depth);
-  const int level = o.level.value_or(finest);
-  if (level >= 0 && level <= finest) return level;
-  return Error{ErrorKind::kUsage,
-               package.path(),
-               "expected a --level of 0 to " + std::to_string(finest) + " for this map, found " + std::to_string(level),
-               "level " + std::to_string(finest) + " is its full detail",
-               {}};
-}
-
 }  // namespace
 
 std::string patchMapJson(const std::string& image) { return besideImage(image, ".map.json"); }
@@ -364,20 +345,13 @@ Result<PatchMapReport> exportPatchMaps(std::shared_ptr<const Package> package, c
                  "a scan's normals are those of its own axes, and have no --normal-y",
                  "leave it out",
                  {}};
-  auto level = levelOf(*package, o);
+  auto level = mapLevelOf(*package, o, 0);
   if (!level) return level.error();
   const ExportGrid grid(package, *level);
   PatchMaps maps(grid, o, *form);
-  const uint64_t available = o.memory_bytes - std::min(o.memory_bytes, o.library_bytes);
   RowParts parts = PatchMaps::partsOf(o);
-  while (parts.rows > 1 && maps.bytes(parts) > available) parts.rows /= 2;
-  if (const uint64_t bytes = maps.bytes(parts); bytes > available)
-    return Error{ErrorKind::kUsage,
-                 o.output,
-                 "level " + std::to_string(*level) + " takes " + std::to_string(((bytes + o.library_bytes) >> 20) + 1) +
-                     " MiB of memory, --memory-mib allows " + std::to_string(o.memory_bytes >> 20),
-                 "allow more, or choose a coarser --level",
-                 {}};
+  while (parts.rows > 1 && maps.bytes(parts) > memoryForRows(o)) parts.rows /= 2;
+  if (const uint64_t bytes = maps.bytes(parts); bytes > memoryForRows(o)) return tooLarge(o, *form, *level, bytes);
   const Atlas& atlas = maps.atlas();
   auto json = writeBeside(patchMapJson(o.output), jsonText(grid, o, *form, atlas));
   if (!json) return json.error();
