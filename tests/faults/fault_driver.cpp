@@ -413,6 +413,7 @@ int faultTable(const Arguments& arguments) {
       return std::fprintf(stderr, "fault_driver: cannot build the package to try: %s\n", made.err.c_str()), 4;
   }
   Judge judge;
+  uint64_t runs = 0;
   std::vector<std::string> table;
   std::vector<Operation> tried = operations();
   if (arguments.only == "control") tried = {{"control", {"build", "-o", "out/o.relievo"}, {{"o.relievo", ""}}}};
@@ -452,6 +453,7 @@ int faultTable(const Arguments& arguments) {
       for (size_t j = 1; j < shops.size(); ++j) threads.emplace_back(work, std::ref(*shops[j]));
       work(*shops[0]);
       for (std::thread& t : threads) t.join();
+      runs += counts.tried;
       char line[200];
       std::snprintf(line, sizeof line, "%-12s %-28s %-7s %-4s %7llu %7llu %7llu %7llu %7llu %7llu", op.name.c_str(),
                     f.kinds, f.action, f.all ? "all" : "one", static_cast<unsigned long long>(counts.calls),
@@ -463,6 +465,11 @@ int faultTable(const Arguments& arguments) {
       table.push_back(line);
     }
   }
+  if (runs == 0)
+    return std::fprintf(stderr,
+                        "fault_driver: nothing was tried: expected --only, --kinds and --from to name an operation, "
+                        "the calls of a row as the table has them, and one of its calls\n"),
+           1;
   std::printf("\n%-12s %-28s %-7s %-4s %7s %7s %7s %7s %7s %7s\n", "operation", "calls", "fault", "", "calls", "tried",
               "right", "refused", "unhit", "WRONG");
   for (const std::string& line : table) std::printf("%s\n", line.c_str());
@@ -572,8 +579,7 @@ int main(int argc, char** argv) {
     else {
       std::printf(
           "fault_driver --program RELIEVO --library libfault.so [--tries N | --from N] [--only OPERATION] [--kinds "
-          "KINDS] [--jobs "
-          "N]\n"
+          "CALLS] [--jobs N]\n"
           "fault_driver --program RELIEVO --library libfault.so --kills 200 [--resume]\n\n"
           "Runs the program with the Nth call failing, for every N (or --tries of them, spread evenly, for each row; "
           "--from: from that N on), "

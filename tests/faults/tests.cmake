@@ -31,7 +31,10 @@ if(NOT RELIEVO_SANITIZE)
     relievo_fault_test(RenderScanOpen --only "render scan" --kinds open)
     relievo_fault_test(RenderScanSync --only "render scan" --kinds sync)
   endif()
-  # The negative controls: a program that does all of it wrong is found out.
+  # The negative controls: what tries nothing is no success, and a program that does all of it wrong is found out.
+  add_test(NAME Faults.NothingTriedIsNoSuccess
+    COMMAND fault_driver --program $<TARGET_FILE:relievo> --library $<TARGET_FILE:relievo_faults> --only info --kinds open,read)
+  set_tests_properties(Faults.NothingTriedIsNoSuccess PROPERTIES PASS_REGULAR_EXPRESSION "nothing was tried")
   add_test(NAME Faults.SloppyWriterIsFoundByFaults
     COMMAND fault_driver --program $<TARGET_FILE:sloppy_writer> --library $<TARGET_FILE:relievo_faults> --only "control" --kinds write)
   set_tests_properties(Faults.SloppyWriterIsFoundByFaults PROPERTIES PASS_REGULAR_EXPRESSION "write ENOSPC 40: exit 0, but o.relievo is not what it should be")
