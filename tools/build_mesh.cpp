@@ -379,6 +379,9 @@ class MeshBuild {
   bool measured() const { return !a_.report.empty() || !a_.json_file.empty(); }
   Result<void> measure();
   Result<void> writeReports() const;
+  // What measuring may take beside what is in use, at least so much. An eighth of the budget is left for what
+  // hierarchies of rays hold while they are made, and the allocator after they are gone.
+  uint64_t memoryLeft(uint64_t least) const;
 
   MeshBuildArguments a_;
   Stages stages_;
@@ -492,11 +495,15 @@ Result<void> MeshBuild::bake() {
   return {};
 }
 
+uint64_t MeshBuild::memoryLeft(uint64_t least) const {
+  const uint64_t budget = a_.package.memory_budget_bytes, in_use = Memory::now();
+  return std::max(budget - budget / 8, in_use + least) - in_use;
+}
+
 Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake) {
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
-  const uint64_t in_use = Memory::now(), least = uint64_t{64} << 20;
-  run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
+  run.memory_bytes = memoryLeft(uint64_t{32} << 20);
   // Where the scan's rays do not fit their memory, each place may cost the building of a region of them.
   constexpr uint64_t kRayBytesATriangle = 60, kFewSamples = 500;
   if (kRayBytesATriangle * scan.triangles.size() > ray_bytes_) run.samples = kFewSamples;
@@ -661,8 +668,8 @@ Result<void> MeshBuild::measure() {
   DistanceOptions distance_run;
   distance_run.workers = a_.package.workers;
   // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
-  const uint64_t in_use = Memory::now(), least = uint64_t{in_use > a_.package.memory_budget_bytes ? 64u : 16u} << 20;
-  distance_run.memory_bytes = std::max(a_.package.memory_budget_bytes, in_use + least) - in_use;
+  const bool beyond = Memory::now() > a_.package.memory_budget_bytes;
+  distance_run.memory_bytes = memoryLeft(uint64_t{beyond ? 64u : 16u} << 20);
   auto distance =
       stages_.run("distance", distance_run, [&] { return measureDistance(loaded_.mesh, *bake_, 3, distance_run); });
   if (!distance) {
