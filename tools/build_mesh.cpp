@@ -395,6 +395,7 @@ class MeshBuild {
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;     // that the hierarchies of the scan's rays may take
   bool refined_ = false;       // the base mesh is one that BaseDomain::refine() made
+  bool of_faces_ = false;      // the base mesh is one that BaseDomain::faces() made
   bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
@@ -480,7 +481,10 @@ Result<void> MeshBuild::bake() {
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 2;
-  bake_options.prefer_touching = refined_;
+  bake_options.prefer_touching = refined_ || of_faces_;
+  // Corners that are rounded to single precision lie so far from the scan's planes.
+  constexpr double kRounding = 2e-7;
+  if (of_faces_) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -536,6 +540,13 @@ Result<void> MeshBuild::bakeUntilKept() {
       fidelity_ = std::move(*found);
     }
     if (now.excess() <= kEnough || a_.patches > 0 || round == kRounds) break;
+    // Few triangles may be patches themselves: these show the scan as it is.
+    if (of_faces_) break;
+    if (auto faces = stages_.run("base", [&] { return domain_->faces(kMostPatches); }); faces) {
+      of_faces_ = true;
+      base_ = std::move(*faces);
+      continue;
+    }
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
     // Far off, a base that is finer may first be worse, before it finds the surface.
@@ -564,7 +575,7 @@ Result<void> MeshBuild::chooseStep() {
   // the coarser grid shows. What a try adds says better how large the next may be. kMargin leaves room for another
   // choice of samples.
   constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8;
-  constexpr int kTries = 4;
+  const int kTries = of_faces_ ? 1 : 4;  // heights of bases that lie on the scan are few anyway
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
   const Fidelity exact = fidelity_;
   const double target = exact.target.rms_mm, rms = rmsOf(exact);

@@ -10,6 +10,7 @@
 
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
+#include "geometry/remesh/base_faces.h"
 #include "geometry/remesh/base_fit.h"
 #include "geometry/remesh/base_quads.h"
 #include "geometry/remesh/base_reduce.h"
@@ -593,6 +594,21 @@ Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uin
   auto candidate = d.bestOfTries(patches, max_patches);
   if (!candidate) return candidate.error();
   return d.finish(std::move(*candidate));
+}
+
+Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
+  const Impl& d = *impl_;
+  const Error too_many{ErrorKind::kUsage, {}, "the scan has too many triangles to be patches", "allow for more", {}};
+  if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
+  auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
+  if (!surface) return surface.error();
+  BaseMesh base = facesBase(*surface, max_patches);
+  if (base.patches.empty()) return too_many;
+  base.origin_mm = d.mesh.origin_mm;
+  orderPatches(base);
+  if (std::string problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, {}, "the scan's triangles are no base mesh: " + problem, {}, {}};
+  return base;
 }
 
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {

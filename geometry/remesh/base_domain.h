@@ -55,7 +55,10 @@ class BaseDomain {
   // After make(): a base mesh with smaller patches at the requests and equally large ones elsewhere, of about
   // max_patches at most.
   Result<BaseMesh> refine(std::span<const RefineRequest> requests, uint32_t max_patches);
-  size_t patches() const;  // of the last base mesh
+  // The scan's own triangles as patches (base_faces.h): at most max_patches, or an error (kUsage) if that is too few.
+  // It changes nothing of what make() and refine() return.
+  Result<BaseMesh> faces(uint32_t max_patches) const;
+  size_t patches() const;  // of the last base mesh that make() or refine() returned
 
  private:
   struct Impl;
