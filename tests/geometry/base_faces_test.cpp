@@ -213,5 +213,55 @@ TEST(BaseFaces, NoMoreThanAskedFor) {
   EXPECT_EQ(*base, *(*domain)->faces(4096));
 }
 
+double distanceTo(const BaseMesh& base, const glm::dvec3& p) {
+  double nearest = 1e300;
+  for (const BaseCorner& c : base.corners) nearest = std::min(nearest, glm::length(glm::dvec3(c.position_mm) - p));
+  return nearest;
+}
+
+TEST(SimplifiedFaces, KeepSharpEdgesWithFewPatches) {
+  const TriMesh mesh = boxMesh(40, 30, 20, 10);
+  auto domain = BaseDomain::create(mesh);
+  ASSERT_TRUE(domain.ok());
+  ASSERT_FALSE((*domain)->faces(100).ok());
+  auto base = (*domain)->simplifiedFaces({}, 100);
+  ASSERT_TRUE(base.ok()) << base.error().text();
+  EXPECT_EQ(baseMeshProblem(*base), "");
+  EXPECT_LE(base->patches.size(), 100u);
+  EXPECT_EQ(coverOf(*base, TriMesh{}).odd_sides, 0u);
+  glm::vec3 low(1e9f), high(-1e9f);
+  for (const glm::vec3& p : mesh.positions_mm) low = glm::min(low, p), high = glm::max(high, p);
+  for (int k = 0; k < 8; ++k) {
+    const glm::dvec3 corner(k & 1 ? low.x : high.x, k & 2 ? low.y : high.y, k & 4 ? low.z : high.z);
+    EXPECT_LT(distanceTo(*base, corner), 1e-3) << "a corner of the box";
+  }
+  // On the box: as far outside of it as inside.
+  for (uint32_t p = 0; p < base->patches.size(); ++p) {
+    for (int k = 0; k < 25; ++k) {
+      const glm::dvec3 at = base->point(p, k % 5 / 4.0, k / 5 / 4.0);
+      const glm::dvec3 inside = glm::min(at - glm::dvec3(low), glm::dvec3(high) - at);
+      EXPECT_NEAR(std::min({inside.x, inside.y, inside.z}), 0, 1e-3);
+    }
+  }
+}
+
+TEST(SimplifiedFaces, MorePatchesWhereTheyAreAskedFor) {
+  const TriMesh mesh = sphereMesh(60, 50);
+  const glm::dvec3 pole(0, 0, 50);
+  auto domain = BaseDomain::create(mesh);
+  ASSERT_TRUE(domain.ok());
+  auto cornersNear = [&](const BaseMesh& base) {
+    return std::count_if(base.corners.begin(), base.corners.end(),
+                         [&](const BaseCorner& c) { return glm::length(glm::dvec3(c.position_mm) - pole) < 15; });
+  };
+  auto even = (*domain)->simplifiedFaces({}, 400);
+  ASSERT_TRUE(even.ok());
+  const RefineRequest request{pole, 64};
+  auto finer = (*domain)->simplifiedFaces(std::span(&request, 1), 400);
+  ASSERT_TRUE(finer.ok());
+  EXPECT_LE(finer->patches.size(), 400u);
+  EXPECT_GT(cornersNear(*finer), cornersNear(*even));
+}
+
 }  // namespace
 }  // namespace relievo
