@@ -368,6 +368,8 @@ class MeshBuild {
   Result<void> makeBase();
   // Bakes, measures, and makes patches smaller where the scan is missed, until the target is kept or more hardly help.
   Result<void> bakeUntilKept();
+  // Chooses the base of the next bake, after one that missed; false: what there is is kept.
+  Result<bool> nextBase(const Fidelity& now, BakeLimit limit, bool better);
   // Rounds heights to steps as large as the target allows.
   Result<void> chooseStep();
   Result<void> bake();
@@ -383,6 +385,10 @@ class MeshBuild {
   // hierarchies of rays hold while they are made, and the allocator after they are gone.
   uint64_t memoryLeft(uint64_t least) const;
 
+  // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
+  static constexpr uint32_t kMostPatches = 4096;
+  static constexpr int kRounds = 5, kInVain = 2;  // of one kind of base
+
   MeshBuildArguments a_;
   Stages stages_;
   FileProvenance mesh_file_;
@@ -393,9 +399,12 @@ class MeshBuild {
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
   Fidelity fidelity_;
-  uint64_t ray_bytes_ = 0;     // that the hierarchies of the scan's rays may take
-  bool refined_ = false;       // the base mesh is one that BaseDomain::refine() made
-  bool more_samples_ = false;  // a bake that is told its tolerance may take 16 times as many (BakeOptions)
+  uint64_t ray_bytes_ = 0;  // that the hierarchies of the scan's rays may take
+  bool refined_ = false;    // the base mesh is not the one that BaseDomain::make() made
+  // By which function of BaseDomain's the base mesh was made: make() or refine(); faces(); simplifiedFaces().
+  enum class BaseKind : uint8_t { kEven, kFaces, kSimplified } base_kind_ = BaseKind::kEven;
+  int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
+  bool more_samples_ = false;    // a bake that is told its tolerance may take 16 times as many (BakeOptions)
   MeshBuildResult result_;
 };
 
@@ -480,7 +489,10 @@ Result<void> MeshBuild::bake() {
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
   bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 2;
-  bake_options.prefer_touching = refined_;
+  bake_options.prefer_touching = refined_ || base_kind_ != BaseKind::kEven;
+  // Corners that are rounded to single precision lie so far from the scan's planes.
+  constexpr double kRounding = 2e-7;
+  if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
@@ -514,49 +526,77 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake) {
 }
 
 Result<void> MeshBuild::bakeUntilKept() {
-  // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
-  constexpr uint32_t kMostPatches = 4096;
-  constexpr int kRounds = 5, kInVain = 2;
-  constexpr double kEnough = 0.9;   // of the target: another choice of samples finds a little more or less
-  constexpr double kFarOff = 4;     // times the target
-  constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
+  constexpr double kEnough = 0.9;  // of the target: another choice of samples finds a little more or less
   std::unique_ptr<MeshBake> best;
   BaseMesh best_base;
-  int in_vain = 0;
-  for (int round = 0;; ++round) {
+  BaseKind best_kind = base_kind_;
+  for (;;) {
     if (auto done = bake(); !done) return done;
     auto found = stages_.run("bake", [&] { return measureBake(*bake_); });
     if (!found) return found.error();
     const BakeLimit limit = bake_->report().limit;
-    const bool better = !best || found->excess() < fidelity_.excess();
     const Fidelity now = *found;
+    const bool better = !best || now.excess() < fidelity_.excess();
     if (better) {
       best = std::move(bake_);
       best_base = base_;
+      best_kind = base_kind_;
       fidelity_ = std::move(*found);
     }
-    if (now.excess() <= kEnough || a_.patches > 0 || round == kRounds) break;
-    // Where the samples ran out, patches that stay as they are get more of them first.
-    if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) continue;
-    // Far off, a base that is finer may first be worse, before it finds the surface.
-    in_vain = better || fidelity_.excess() > kFarOff ? 0 : in_vain + 1;
-    if (in_vain == kInVain) break;
-    if (domain_->patches() >= kMostPatches) break;
-    std::vector<RefineRequest> requests;
-    for (const FidelityViolation& m : now.violations)
-      requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
-    auto base = stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); });
-    if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
-    if (!base) break;  // what there is is kept
-    refined_ = true;
-    base_ = std::move(*base);
+    if (now.excess() <= kEnough || a_.patches > 0) break;
+    auto next = nextBase(now, limit, better);
+    if (!next) return next.error();
+    if (!*next) break;
   }
   bake_ = std::move(best);
   base_ = std::move(best_base);
+  base_kind_ = best_kind;
   if (auto done = chooseStep(); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
   return {};
+}
+
+Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool better) {
+  constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
+  // Times the target: patches of even size would have to be too many. Near the target they make smaller packages.
+  constexpr double kHopeless = 32;
+  const bool first = round_++ == 0;
+  auto use = [&](BaseKind kind, Result<BaseMesh> base) -> Result<bool> {
+    if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
+    if (!base) return false;
+    if (kind != base_kind_) round_ = in_vain_ = 0;
+    base_kind_ = kind;
+    base_ = std::move(*base);
+    return true;
+  };
+  if (base_kind_ == BaseKind::kFaces) return false;
+  if (first && base_kind_ == BaseKind::kEven) {
+    // Few triangles may be patches themselves: these show the scan as it is.
+    auto done = use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostPatches); }));
+    if (!done || *done) return done;
+  }
+  std::vector<RefineRequest> requests;
+  for (const FidelityViolation& m : now.violations)
+    requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
+  if (base_kind_ == BaseKind::kSimplified) {
+    in_vain_ = better ? 0 : in_vain_ + 1;
+    if (round_ > kRounds || in_vain_ == kInVain) return false;
+  } else if (now.excess() <= kHopeless || !first) {
+    // Where the samples ran out, patches that stay as they are get more of them first.
+    if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) return true;
+    // Far off, a base that is finer may first be worse, before it finds the surface.
+    constexpr double kFarOff = 4;  // times the target
+    in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
+    if (round_ <= kRounds && in_vain_ < kInVain && domain_->patches() < kMostPatches) {
+      refined_ = true;
+      auto done = use(BaseKind::kEven, stages_.run("base", [&] { return domain_->refine(requests, kMostPatches); }));
+      if (!done || *done) return done;
+    }
+    requests.clear();  // of another base
+  }
+  return use(BaseKind::kSimplified,
+             stages_.run("base", [&] { return domain_->simplifiedFaces(requests, kMostPatches); }));
 }
 
 Result<void> MeshBuild::chooseStep() {
@@ -564,7 +604,7 @@ Result<void> MeshBuild::chooseStep() {
   // the coarser grid shows. What a try adds says better how large the next may be. kMargin leaves room for another
   // choice of samples.
   constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8;
-  constexpr int kTries = 4;
+  const int kTries = base_kind_ == BaseKind::kEven ? 4 : 1;  // bases that lie close to the scan have few heights
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
   const Fidelity exact = fidelity_;
   const double target = exact.target.rms_mm, rms = rmsOf(exact);

@@ -50,9 +50,21 @@ void BakeContext::beginBatch(LineBatch& batch, uint32_t patch, double u0, double
 
 void BakeContext::intersect(LineBatch& batch) const {
   findHits(batch);
+  if (touch_mm > 0)
+    for (size_t i = 0; i < batch.hits.size(); ++i) batch.hits[i] = pointAtOrigin(batch.lines[i], batch.hits[i]);
   if (!prefer_touching) return;
   for (size_t i = 0; i < batch.hits.size(); ++i)
     if (batch.hits[i]) batch.hits[i] = touchingPoint(batch.lines[i], batch.hits[i]);
+}
+
+SurfacePoint BakeContext::pointAtOrigin(const Line& line, SurfacePoint hit) const {
+  if (!hit || std::abs(hit.along) * glm::length(line.direction) > touch_mm) {
+    const SurfacePoint near = scene->closestPoint(line.at, touch_mm);
+    if (!near) return hit;
+    hit = near;
+  }
+  hit.along = 0;
+  return hit;
 }
 
 SurfacePoint BakeContext::touchingPoint(const Line& line, const SurfacePoint& hit) const {

@@ -99,6 +99,7 @@ struct BakeContext {
   int workers = 0;
   const std::atomic<bool>* interrupted = nullptr;
   bool prefer_touching = false;  // BakeOptions
+  double touch_mm = 0;           // BakeOptions
   glm::dvec3 shift{0};           // from the base's coordinates to the scan's
   // The next three come from makeBakeScene().
   std::shared_ptr<const RayScene> scene;
@@ -152,6 +153,8 @@ struct BakeContext {
   // a sharp edge a line may pass between the triangles' rounded coordinates, or just beside the edge, and meet another
   // part of the scan.
   SurfacePoint touchingPoint(const Line& line, const SurfacePoint& hit) const;
+  // The scan's point at the line's own origin, or the hit if there is none.
+  SurfacePoint pointAtOrigin(const Line& line, SurfacePoint hit) const;
 };
 
 }  // namespace relievo

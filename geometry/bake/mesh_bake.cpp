@@ -148,6 +148,7 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->context.workers = options.workers;
   impl->context.interrupted = options.interrupted;
   impl->context.prefer_touching = options.prefer_touching;
+  impl->context.touch_mm = options.touch_mm;
   impl->texture = textureOf(mesh, image);
   if (!scene.rays) {
     auto made = makeBakeScene(mesh, {.workers = options.workers, .interrupted = options.interrupted});

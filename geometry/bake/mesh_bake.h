@@ -32,6 +32,9 @@ struct BakeOptions {
   // Where a line meets the scan far from the base but the base touches the scan, the height is taken there. Bases whose
   // sides follow sharp edges need this. It costs a search of the closest point for such lines.
   bool prefer_touching = false;
+  // Heights are 0 where the scan is within this distance of the base, whichever way it faces there. For bases that lie
+  // on the scan.
+  double touch_mm = 0;
   int texture_depth = -1;  // a patch has 128 << this texels a side; -1: as fine as the colours
   int workers = 0;         // 0: one for each core
   std::function<void(double /*0..1*/)> progress;

@@ -10,6 +10,7 @@
 
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
+#include "geometry/remesh/base_faces.h"
 #include "geometry/remesh/base_fit.h"
 #include "geometry/remesh/base_quads.h"
 #include "geometry/remesh/base_reduce.h"
@@ -421,8 +422,9 @@ struct BaseDomain::Impl {
   BaseDomainOptions options;
   std::unique_ptr<ReducedScan> reduced_scan;
   std::optional<BaseMeshBuilder> builder;
-  std::vector<float> weight;  // for each vertex of the reduced surface
-  Candidate last;             // the last base mesh
+  std::vector<float> weight;        // for each vertex of the reduced surface
+  std::vector<float> faces_weight;  // the same, of simplifiedFaces(); empty before its first call
+  Candidate last;                   // the last base mesh
 
   Result<BaseMesh> finish(Candidate candidate) {
     last = std::move(candidate);
@@ -593,6 +595,72 @@ Result<BaseMesh> BaseDomain::refine(std::span<const RefineRequest> requests, uin
   auto candidate = d.bestOfTries(patches, max_patches);
   if (!candidate) return candidate.error();
   return d.finish(std::move(*candidate));
+}
+
+Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
+  const Impl& d = *impl_;
+  const Error too_many{ErrorKind::kUsage, {}, "the scan has too many triangles to be patches", "allow for more", {}};
+  if (d.mesh.triangles.size() > 2 * size_t{max_patches}) return too_many;
+  auto surface = makeSurface(d.mesh.positions_mm, d.mesh.triangles);
+  if (!surface) return surface.error();
+  BaseMesh base = facesBase(*surface, max_patches);
+  if (base.patches.empty()) return too_many;
+  base.origin_mm = d.mesh.origin_mm;
+  orderPatches(base);
+  if (std::string problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, {}, "the scan's triangles are no base mesh: " + problem, {}, {}};
+  return base;
+}
+
+Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requests, uint32_t max_patches) {
+  Impl& d = *impl_;
+  const size_t target = std::min<size_t>(24 * size_t{max_patches}, kMaxReducedTriangles);
+  if (!isUnreduced(*d.reduced_scan, d.mesh) && target > d.reduced_scan->triangles.triangles.size()) {
+    const ViewDirection known = d.reduced_scan->view_direction;
+    if (auto done = d.prepare(target, max_patches, &known); !done) return done.error();
+  }
+  const BaseMeshBuilder& b = *d.builder;
+  if (d.faces_weight.size() != b.surface.n_vertices()) {
+    d.faces_weight.assign(b.surface.n_vertices(), 1.0f);
+  } else {
+    const std::vector<float> factor = d.refinementFactors(requests);
+    for (size_t v = 0; v < factor.size(); ++v) d.faces_weight[v] = std::min(d.faces_weight[v] * factor[v], kMaxWeight);
+  }
+  const std::vector<double> deviation = b.deviationFor(max_patches, kBorderDeviation);
+  constexpr double kUncertainty = 0.05;  // where the surface is flat, triangles may be long
+  // Pairs that would fold too much make two patches.
+  for (double share : {0.85, 0.7, 0.55}) {
+    TriangleMesh coarse = b.surface;
+    simplify(coarse, {.triangles = static_cast<uint32_t>(2 * share * max_patches),
+                      .uncertainty = kUncertainty,
+                      .weight = d.faces_weight,
+                      .curves = b.curves,
+                      .allowed_deviation = deviation,
+                      .follow_folds = true,
+                      .interrupted = d.options.interrupted});
+    if (isSet(d.options.interrupted)) return interruptedError();
+    std::vector<glm::vec3> points;
+    std::vector<Triangle> triangles;
+    for (const auto v : coarse.vertices()) points.push_back(glm::vec3(coarse.point(v)));
+    for (const auto f : coarse.faces()) {
+      Triangle& t = triangles.emplace_back();
+      size_t k = 0;
+      for (const auto v : f.vertices()) t[k++] = static_cast<uint32_t>(v.idx());
+    }
+    auto surface = makeSurface(points, triangles);
+    if (!surface) return surface.error();
+    BaseMesh base = facesBase(*surface, max_patches);
+    if (base.patches.empty()) continue;
+    for (BaseCorner& c : base.corners)
+      c.position_mm =
+          glm::vec3(glm::dvec3(c.position_mm) * d.reduced_scan->frame.diagonal + d.reduced_scan->frame.centre);
+    base.origin_mm = d.mesh.origin_mm;
+    orderPatches(base);
+    if (std::string problem = baseMeshProblem(base); !problem.empty())
+      return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
+    return base;
+  }
+  return Error{ErrorKind::kUsage, {}, "the scan's simplified triangles are too many patches", "allow for more", {}};
 }
 
 Result<BaseMesh> makeBaseMesh(const TriMesh& mesh, const BaseDomainOptions& options) {

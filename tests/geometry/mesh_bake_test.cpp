@@ -11,6 +11,7 @@
 
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
+#include "geometry/remesh/base_faces.h"
 #include "src/artwork/patch_domain.h"
 #include "src/artwork/relief_lattice.h"
 #include "src/base/parallel_for.h"
@@ -460,6 +461,25 @@ TEST(MeshBake, aBaseThatTouchesABorderDoesNotJumpToAnotherSheet) {
   };
   EXPECT_NEAR(highestOf(true), 0, 1e-6);
   EXPECT_NEAR(highestOf(false), 0.2, 1e-4) << "the shape no longer shows the difference";
+}
+
+// A box as its own base, all normals upwards: lines from its bottom and its walls meet its top, or nothing.
+TEST(MeshBake, aBaseOnTheScanKeepsItsPlaceWhateverItsNormals) {
+  TriMesh mesh;
+  for (int k = 0; k < 8; ++k) mesh.positions_mm.push_back({k & 1 ? 30 : 0, k & 2 ? 20 : 0, k & 4 ? 10 : 0});
+  mesh.triangles = {{0, 2, 3}, {0, 3, 1}, {4, 5, 7}, {4, 7, 6}, {0, 1, 5}, {0, 5, 4},
+                    {1, 3, 7}, {1, 7, 5}, {3, 2, 6}, {3, 6, 7}, {2, 0, 4}, {2, 4, 6}};
+  auto surface = makeSurface(mesh.positions_mm, mesh.triangles);
+  ASSERT_TRUE(surface.ok());
+  BaseMesh base = facesBase(*surface, 100);
+  ASSERT_EQ(base.patches.size(), 6u);
+  for (BaseCorner& c : base.corners) c.normal = {0, 0, 1};
+  auto highestOf = [&](double touch_mm) {
+    const auto baked = bake(mesh, base, {.cells_log2 = 2, .fit = false, .touch_mm = touch_mm});
+    return std::abs(baked->reliefOffsetMm()) + 65535 * baked->reliefScaleMm();
+  };
+  EXPECT_EQ(highestOf(1e-5), 0);
+  EXPECT_GT(highestOf(0), 5) << "the shape no longer shows the difference";
 }
 
 TEST(MeshBake, needlesDoNoHarm) {

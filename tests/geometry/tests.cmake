@@ -23,6 +23,7 @@ relievo_test(mesh_gltf_test LIBS relievo_scan SOURCES geometry/mesh_gltf_test.cp
 relievo_test(mesh_fuzz_test LIBS relievo_bake SOURCES geometry/mesh_fuzz_test.cpp)
 relievo_test(base_mesh_test LIBS relievo_artwork SOURCES geometry/base_mesh_test.cpp)
 relievo_test(feature_curves_test LIBS relievo_bake SOURCES geometry/feature_curves_test.cpp)
+relievo_test(base_faces_test LIBS relievo_remesh SOURCES geometry/base_faces_test.cpp)
 relievo_test(base_domain_test COST 100 LIBS relievo_bake SOURCES geometry/base_domain_test.cpp)
 relievo_test(fidelity_test LIBS relievo_bake SOURCES geometry/fidelity_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_bake SOURCES geometry/mesh_distance_test.cpp)

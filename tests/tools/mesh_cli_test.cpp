@@ -47,6 +47,24 @@ Ball wavyBall(int columns, int rows) {
   return ball;
 }
 
+// A gear wheel of 30 teeth, its caps cut into fans: triangles as large as the teeth, and sharp edges only.
+Ball gearWheel() {
+  constexpr int kPoints = 120;
+  Ball gear;
+  for (int k = 0; k < kPoints; ++k) {
+    const double angle = 2 * 3.14159265358979 * k / kPoints, radius = k / 2 % 2 ? 38 : 50;
+    for (double z : {-3.0, 3.0}) gear.points.push_back({radius * std::cos(angle), radius * std::sin(angle), z});
+  }
+  gear.points.push_back({0, 0, -3});
+  gear.points.push_back({0, 0, 3});
+  for (int k = 0; k < kPoints; ++k) {
+    const int a = 2 * k, b = 2 * ((k + 1) % kPoints), centre = 2 * kPoints;
+    gear.triangles.insert(gear.triangles.end(),
+                          {{a, b, b + 1}, {a, b + 1, a + 1}, {centre, b, a}, {centre + 1, a + 1, b + 1}});
+  }
+  return gear;
+}
+
 std::string plyOf(const Ball& ball, bool colours = true) {
   std::ostringstream out;
   out << "ply\nformat ascii 1.0\nelement vertex " << ball.points.size()
@@ -209,6 +227,24 @@ TEST_F(MeshCli, ThePromisedDistanceIsKeptOrMissedInSoManyWords) {
   // A share of the diagonal is the same as its length.
   ASSERT_EQ(relievo(free + "--patches 40 --tolerance 1%").exit_code, 0);
   EXPECT_GT(std::filesystem::file_size(file("a.relievo")), 1000u);
+}
+
+// A coarse scan with sharp edges has its own triangles as patches, and is shown exactly.
+TEST_F(MeshCli, AScanOfFewTrianglesIsShownExactly) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  write("gear.ply", plyOf(gearWheel(), false));
+  auto built = [&](const std::string& name, const std::string& options) {
+    const Outcome r = relievo("build --mesh " + file("gear.ply") + " -o " + file(name) + options);
+    EXPECT_EQ(r.exit_code, 0) << r.output;
+  };
+  built("a.relievo", " --workers 1 --json " + file("r.json"));
+  const auto report = parsed(bytesOf(file("r.json")));
+  EXPECT_LE(report["mesh"]["patches"].get<int>(), 480);
+  for (const char* way : {"scan_to_patches", "patches_to_scan"})
+    EXPECT_LT(report["distance"][way]["max_of_diagonal"].get<double>(), 1e-6) << way;
+  EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+  built("b.relievo", " --workers 2");
+  EXPECT_EQ(bytesOf(file("a.relievo")), bytesOf(file("b.relievo")));
 }
 
 // The unit changes coordinates and nothing else.

@@ -1,0 +1,210 @@
+#include "geometry/remesh/base_faces.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+#include <tuple>
+#include <vector>
+
+#include "geometry/remesh/triangle_pairs.h"
+
+namespace relievo {
+
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+glm::dvec3 unit(const glm::dvec3& v) {
+  const double length = glm::length(v);
+  return length > 0 ? v / length : glm::dvec3(0);
+}
+double angleBetween(const glm::dvec3& a, const glm::dvec3& b) {
+  return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b));
+}
+
+class FacePairs {
+ public:
+  explicit FacePairs(const Surface& surface)
+      : s_(surface), normal_(surface.triangles.size()), mate_(surface.triangles.size(), kNoIndex) {
+    for (uint32_t t = 0; t < normal_.size(); ++t) {
+      const glm::dvec3 p = at(t, 0);
+      normal_[t] = unit(glm::cross(at(t, 1) - p, at(t, 2) - p));
+    }
+  }
+
+  // Pairs all triangles but for some at borders. Those of two triangles that may be one patch come first: they form a
+  // convex quad that folds by at most max_fold. False: some triangle stays alone that has no border.
+  bool pair(double max_fold) {
+    chooseQuads(max_fold);
+    std::fill(mate_.begin(), mate_.end(), kNoIndex);
+    pairFlattestFirst();
+    std::vector<std::array<uint32_t, 3>> neighbours(mate_.size());
+    std::vector<uint8_t> may_stay_alone(mate_.size(), 0);
+    for (const bool all : {false, true}) {
+      for (uint32_t h = 0; h < s_.twin.size(); ++h) {
+        const bool open = s_.twin[h] == kNoIndex;
+        may_stay_alone[h / 3] |= all && open;
+        neighbours[h / 3][h % 3] = !open && (all || fold_[h] >= 0) ? s_.twin[h] / 3 : kNoIndex;
+      }
+      pairMoreTriangles(neighbours, may_stay_alone, mate_);
+    }
+    for (uint32_t t = 0; t < mate_.size(); ++t)
+      if (mate_[t] == kNoIndex && borderOf(t) == kNoIndex) return false;
+    return true;
+  }
+
+  size_t patches() const {
+    size_t count = 0;
+    for (uint32_t t = 0; t < mate_.size(); ++t)
+      if (const uint32_t h = sharedSide(t); h == kNoIndex || fold_[h] < 0 || h < s_.twin[h]) ++count;
+    return count;
+  }
+
+  BaseMesh base() const {
+    BaseMesh base;
+    for (const glm::vec3& p : s_.points) base.corners.push_back({p, {}});
+    std::vector<uint32_t> middle(s_.twin.size(), kNoIndex);
+    std::vector<uint32_t> normals_of;  // for each corner from the points on: the half edge whose middle it is
+    for (uint32_t t = 0; t < mate_.size(); ++t) {
+      const uint32_t shared = sharedSide(t), h = shared == kNoIndex ? borderOf(t) : shared, g = s_.twin[h];
+      const uint32_t a = corner(h, 0), b = corner(h, 1), c = corner(h, 2);
+      if (shared != kNoIndex && fold_[h] >= 0) {
+        // The diagonal from (0, 0) to (1, 1) is the side that both share, along which patches are cut.
+        if (h < g) base.patches.push_back({a, c, corner(g, 2), b});
+        continue;
+      }
+      const uint32_t side = g == kNoIndex ? h : std::min(h, g);
+      if (middle[side] == kNoIndex) {
+        middle[side] = static_cast<uint32_t>(base.corners.size());
+        base.corners.push_back({(s_.points[a] + s_.points[b]) / 2.0f, {}});
+        normals_of.push_back(side);
+      }
+      base.patches.push_back({middle[side], a, b, c});
+    }
+    assignNormals(base, normals_of);
+    return base;
+  }
+
+ private:
+  glm::dvec3 at(uint32_t t, uint32_t k) const { return s_.points[s_.triangles[t][k]]; }
+  // The corner at the half edge's origin (0), at its end (1), and across (2).
+  uint32_t corner(uint32_t h, uint32_t k) const { return s_.triangles[h / 3][(h % 3 + k) % 3]; }
+  uint32_t borderOf(uint32_t t) const {
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h)
+      if (s_.twin[h] == kNoIndex) return h;
+    return kNoIndex;
+  }
+  // The half edge of a triangle beyond which its partner lies; of two, the one that may be a quad's diagonal.
+  uint32_t sharedSide(uint32_t t) const {
+    uint32_t shared = kNoIndex;
+    for (uint32_t h = 3 * t; h < 3 * t + 3; ++h) {
+      if (s_.twin[h] == kNoIndex || s_.twin[h] / 3 != mate_[t]) continue;
+      if (shared == kNoIndex || (fold_[h] >= 0 && fold_[shared] < 0)) shared = h;
+    }
+    return shared;
+  }
+
+  void chooseQuads(double max_fold) {
+    fold_.assign(s_.twin.size(), -1.0);
+    for (uint32_t h = 0; h < s_.twin.size(); ++h) {
+      const uint32_t g = s_.twin[h];
+      if (g == kNoIndex || g < h) continue;
+      const double fold = angleBetween(normal_[h / 3], normal_[g / 3]);
+      if (fold <= max_fold && isConvex(h, g)) fold_[h] = fold_[g] = fold;
+    }
+  }
+  // Do the two triangles at a side form a quad with angles of at most 180 degrees, but for rounding, and four corners?
+  bool isConvex(uint32_t h, uint32_t g) const {
+    constexpr double kMostAngle = 180.001 * kDegree;
+    if (corner(h, 2) == corner(g, 2)) return false;
+    const glm::dvec3 a = s_.points[corner(h, 0)], b = s_.points[corner(h, 1)], c = s_.points[corner(h, 2)],
+                     d = s_.points[corner(g, 2)];
+    return angleBetween(c - a, b - a) + angleBetween(d - a, b - a) <= kMostAngle &&
+           angleBetween(c - b, a - b) + angleBetween(d - b, a - b) <= kMostAngle;
+  }
+  // Of equally flat ones, those whose quads are the squarest.
+  void pairFlattestFirst() {
+    constexpr double kFlat = 0.01 * kDegree;
+    struct Candidate {
+      double fold, angle;
+      uint32_t halfedge;
+    };
+    std::vector<Candidate> candidates;
+    for (uint32_t h = 0; h < fold_.size(); ++h) {
+      if (fold_[h] < 0 || s_.twin[h] < h) continue;
+      const uint32_t g = s_.twin[h];
+      const glm::dvec3 p[4] = {s_.points[corner(h, 0)], s_.points[corner(g, 2)], s_.points[corner(h, 1)],
+                               s_.points[corner(h, 2)]};
+      double worst = 0;
+      for (int k = 0; k < 4; ++k)
+        worst = std::max(worst, std::abs(angleBetween(p[(k + 1) % 4] - p[k], p[(k + 3) % 4] - p[k]) - 90 * kDegree));
+      candidates.push_back({std::max(fold_[h], kFlat), worst, h});
+    }
+    std::sort(candidates.begin(), candidates.end(), [](const Candidate& x, const Candidate& y) {
+      return std::tie(x.fold, x.angle, x.halfedge) < std::tie(y.fold, y.angle, y.halfedge);
+    });
+    for (const Candidate& c : candidates) {
+      const uint32_t t = c.halfedge / 3, u = s_.twin[c.halfedge] / 3;
+      if (mate_[t] != kNoIndex || mate_[u] != kNoIndex) continue;
+      mate_[t] = u;
+      mate_[u] = t;
+    }
+  }
+
+  // At a vertex, a direction that the triangles around it face as much as possible: those that face it least get more
+  // weight in each step. In the middle of a side, the mean of its two triangles.
+  void assignNormals(BaseMesh& base, const std::vector<uint32_t>& middles) const {
+    constexpr int kSteps = 24;
+    std::vector<uint32_t> first(s_.points.size() + 1, 0), around(3 * s_.triangles.size());
+    for (const Triangle& t : s_.triangles)
+      for (uint32_t v : t) ++first[v + 1];
+    std::partial_sum(first.begin(), first.end(), first.begin());
+    std::vector<uint32_t> next(first.begin(), first.end() - 1);
+    for (uint32_t t = 0; t < s_.triangles.size(); ++t)
+      for (uint32_t v : s_.triangles[t]) around[next[v]++] = t;
+    for (uint32_t v = 0; v < s_.points.size(); ++v) {
+      glm::dvec3 sum{0}, best{0};
+      for (uint32_t i = first[v]; i < first[v + 1]; ++i) sum += normal_[around[i]];
+      double most = -2;
+      for (int step = 1; step <= kSteps; ++step) {
+        const glm::dvec3 direction = unit(sum);
+        double least = 2;
+        uint32_t least_facing = 0;
+        for (uint32_t i = first[v]; i < first[v + 1]; ++i) {
+          const double facing = glm::dot(normal_[around[i]], direction);
+          if (facing < least) least = facing, least_facing = around[i];
+        }
+        if (least > 1 || direction == glm::dvec3(0)) break;
+        if (least > most) most = least, best = direction;
+        sum = direction + normal_[least_facing] / static_cast<double>(step + 1);
+      }
+      base.corners[v].normal = glm::vec3(best == glm::dvec3(0) ? glm::dvec3(0, 0, 1) : best);
+    }
+    for (size_t i = 0; i < middles.size(); ++i) {
+      const uint32_t h = middles[i], g = s_.twin[h];
+      glm::dvec3 mean = unit(normal_[h / 3] + (g == kNoIndex ? glm::dvec3(0) : normal_[g / 3]));
+      if (mean == glm::dvec3(0)) mean = normal_[h / 3];
+      base.corners[s_.points.size() + i].normal = glm::vec3(mean == glm::dvec3(0) ? glm::dvec3(0, 0, 1) : mean);
+    }
+  }
+
+  const Surface& s_;
+  std::vector<glm::dvec3> normal_;  // for each triangle
+  std::vector<double> fold_;        // for each half edge: the angle that its two triangles fold by; below 0: no quad
+  std::vector<uint32_t> mate_;      // for each triangle
+};
+
+}  // namespace
+
+BaseMesh facesBase(const Surface& surface, uint32_t max_patches) {
+  if (surface.triangles.size() > 2 * size_t{max_patches}) return {};
+  FacePairs pairs(surface);
+  // The less a pair folds, the nearer it is to its two triangles without heights.
+  for (const double degrees : {20.0, 45.0, 80.0})
+    if (pairs.pair(degrees * kDegree) && pairs.patches() <= max_patches) return pairs.base();
+  return {};
+}
+
+}  // namespace relievo
