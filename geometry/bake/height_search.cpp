@@ -8,6 +8,7 @@
 #include "geometry/bake/bake_fit.h"
 #include "geometry/bake/bake_probe.h"
 #include "geometry/bake/bake_trace.h"
+#include "geometry/bake/fidelity.h"
 
 namespace relievo {
 namespace {
@@ -16,15 +17,6 @@ constexpr int kMaxAutoCellsLog2 = 10;
 constexpr uint64_t kMaxSamples = uint64_t{1} << 32;
 // Numbers of lines: below the first, tracing takes seconds; above the second, minutes.
 constexpr double kCheapLines = 1 << 23, kMaxLines = 1 << 26;
-
-double diagonalOf(const TriMesh& mesh) {
-  glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
-  for (const glm::vec3& p : mesh.positions_mm) {
-    low = glm::min(low, p);
-    high = glm::max(high, p);
-  }
-  return glm::length(glm::dvec3(high) - glm::dvec3(low));
-}
 
 class HeightSearch {
  public:

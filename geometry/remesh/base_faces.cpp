@@ -16,10 +16,6 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-glm::dvec3 unit(const glm::dvec3& v) {
-  const double length = glm::length(v);
-  return length > 0 ? v / length : glm::dvec3(0);
-}
 double angleBetween(const glm::dvec3& a, const glm::dvec3& b) {
   return std::atan2(glm::length(glm::cross(a, b)), glm::dot(a, b));
 }
@@ -127,11 +123,11 @@ class FacePairs {
   // Of equally flat ones, those whose quads are the squarest.
   void pairFlattestFirst() {
     constexpr double kFlat = 0.01 * kDegree;
-    struct Candidate {
+    struct Pair {
       double fold, angle;
       uint32_t halfedge;
     };
-    std::vector<Candidate> candidates;
+    std::vector<Pair> pairs;
     for (uint32_t h = 0; h < fold_.size(); ++h) {
       if (fold_[h] < 0 || s_.twin[h] < h) continue;
       const uint32_t g = s_.twin[h];
@@ -140,12 +136,12 @@ class FacePairs {
       double worst = 0;
       for (int k = 0; k < 4; ++k)
         worst = std::max(worst, std::abs(angleBetween(p[(k + 1) % 4] - p[k], p[(k + 3) % 4] - p[k]) - 90 * kDegree));
-      candidates.push_back({std::max(fold_[h], kFlat), worst, h});
+      pairs.push_back({std::max(fold_[h], kFlat), worst, h});
     }
-    std::sort(candidates.begin(), candidates.end(), [](const Candidate& x, const Candidate& y) {
+    std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) {
       return std::tie(x.fold, x.angle, x.halfedge) < std::tie(y.fold, y.angle, y.halfedge);
     });
-    for (const Candidate& c : candidates) {
+    for (const Pair& c : pairs) {
       const uint32_t t = c.halfedge / 3, u = s_.twin[c.halfedge] / 3;
       if (mate_[t] != kNoIndex || mate_[u] != kNoIndex) continue;
       mate_[t] = u;

@@ -9,9 +9,6 @@ namespace relievo {
 
 namespace {
 
-uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
-uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
-
 // Half edge 3 t + k runs from corner k of triangle t to corner k + 1. outgoing: one half edge of each vertex; at a
 // border the one without a twin, so that a counter-clockwise turn passes all triangles of the vertex.
 struct Reducer {

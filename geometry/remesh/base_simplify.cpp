@@ -66,12 +66,12 @@ struct CollapseTarget {
   double cost = 0;
 };
 
-struct Candidate {
+struct CollapseCandidate {
   double cost;
   EdgeHandle edge;
   VertexHandle low, high;  // the edge's ends
   uint32_t version;
-  bool operator<(const Candidate& o) const {  // the cheapest comes first out of std::priority_queue
+  bool operator<(const CollapseCandidate& o) const {  // the cheapest comes first out of std::priority_queue
     if (cost != o.cost) return cost > o.cost;
     return low != o.low ? o.low < low : o.high < high;
   }
@@ -91,7 +91,7 @@ struct Simplifier {
   std::vector<Quadric> quadrics;  // for each vertex
   std::vector<NormalCone> cones;  // for each vertex: the normals of the surface that collapsed into it
   std::vector<uint32_t> version;  // for each edge: that of its last candidate
-  std::priority_queue<Candidate> queue;
+  std::priority_queue<CollapseCandidate> queue;
   size_t live_triangles;  // not yet removed
   // Limits of the triangles around a collapse. They are relaxed when no collapse is left.
   double min_normal_cosine = 0.3, min_shape = 0.15;
@@ -283,7 +283,7 @@ struct Simplifier {
       for (const auto e : m.edges()) push(e);
       while (live_triangles > options.triangles && !queue.empty()) {
         if (options.interrupted && options.interrupted->load(std::memory_order_relaxed)) return;
-        const Candidate c = queue.top();
+        const CollapseCandidate c = queue.top();
         queue.pop();
         const SmartEdgeHandle edge = OpenMesh::make_smart(c.edge, m);
         if (edge.deleted() || version[c.edge.idx()] != c.version) continue;

@@ -21,9 +21,6 @@ Error invalid(const std::string& message, const std::string& hint = {}) {
   return {ErrorKind::kInvalidData, {}, message, hint, {}};
 }
 
-uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
-uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
-
 // Finds the opposite of each half edge 3 t + k (corner k to corner k + 1), also between triangles of different
 // orientation. consistent: is the orientation the same everywhere?
 Result<std::vector<uint32_t>> pairHalfEdges(const Surface& s, bool& consistent) {

@@ -19,6 +19,15 @@ inline constexpr uint32_t kNoIndex = ~uint32_t{0};
 
 using Triangle = std::array<uint32_t, 3>;
 
+// Of half edge 3 t + k: the half edges of the same triangle that follow and precede it.
+inline uint32_t nextOf(uint32_t h) { return h % 3 == 2 ? h - 2 : h + 1; }
+inline uint32_t previousOf(uint32_t h) { return h % 3 == 0 ? h + 2 : h - 1; }
+
+inline glm::dvec3 unit(const glm::dvec3& v) {
+  const double length = glm::length(v);
+  return length > 0 ? v / length : glm::dvec3(0);
+}
+
 struct SurfacePiece {
   uint64_t vertices = 0, triangles = 0, borders = 0;  // borders: border loops
   int64_t euler = 0;                                  // V - E + F

@@ -109,10 +109,6 @@ inline glm::dvec3 areaVector(const std::array<glm::dvec3, 3>& p) { return glm::c
 inline glm::dvec3 areaVector(const TriangleMesh& mesh, const SmartFaceHandle& face) {
   return areaVector(pointsOf<3>(mesh, face));
 }
-inline glm::dvec3 unit(const glm::dvec3& v) {
-  const double length = glm::length(v);
-  return length > 0 ? v / length : glm::dvec3(0);
-}
 
 // The number of faces around a vertex.
 inline uint32_t faceCount(const SmartVertexHandle& v) { return v.valence() - (v.is_boundary() ? 1 : 0); }

@@ -12,7 +12,6 @@
 namespace relievo {
 namespace {
 
-constexpr int kSide = kPageFullPx;
 constexpr int kBasicStep = 20;  // at quality 50: about the mean of JPEG's example tables
 
 // libjpeg knows no way out of an error but a jump: the functions that call setjmp hold nothing that would need a
@@ -82,7 +81,7 @@ size_t JpegPageEncoder::encode(const uint8_t* texels, int quality, bool ycc, std
     jpeg_abort_compress(&c);
     return 0;
   }
-  c.image_width = c.image_height = kSide;
+  c.image_width = c.image_height = kPageFullPx;
   c.input_components = 4;
   c.in_color_space = JCS_EXT_RGBX;
   jpeg_set_defaults(&c);
@@ -98,7 +97,7 @@ size_t JpegPageEncoder::encode(const uint8_t* texels, int quality, bool ycc, std
   c.dct_method = JDCT_ISLOW;  // the same bits with and without SIMD
   jpeg_start_compress(&c, TRUE);
   while (c.next_scanline < c.image_height) {
-    JSAMPROW row = const_cast<JSAMPROW>(texels + size_t{4} * kSide * c.next_scanline);
+    JSAMPROW row = const_cast<JSAMPROW>(texels + size_t{4} * kPageFullPx * c.next_scanline);
     jpeg_write_scanlines(&c, &row, 1);
   }
   jpeg_finish_compress(&c);
@@ -119,7 +118,7 @@ struct JpegPageDecoder::Impl {
       return "an encoded page holds a damaged JPEG";
     }
     jpeg_read_header(&info, TRUE);
-    bool ours = info.image_width == kSide && info.image_height == kSide && info.num_components == 3 &&
+    bool ours = info.image_width == kPageFullPx && info.image_height == kPageFullPx && info.num_components == 3 &&
                 info.data_precision == 8 && !info.progressive_mode && !info.arith_code &&
                 !jpeg_has_multiple_scans(&info) &&
                 (info.jpeg_color_space == JCS_RGB || info.jpeg_color_space == JCS_YCbCr);
@@ -135,7 +134,7 @@ struct JpegPageDecoder::Impl {
     while (info.output_scanline < info.output_height) {
       JSAMPROW rows[8];
       for (unsigned i = 0; i < 8; ++i)
-        rows[i] = texels + size_t{4} * kSide * std::min<unsigned>(info.output_scanline + i, kSide - 1);
+        rows[i] = texels + size_t{4} * kPageFullPx * std::min<unsigned>(info.output_scanline + i, kPageFullPx - 1);
       jpeg_read_scanlines(&info, rows, std::min<unsigned>(8, info.output_height - info.output_scanline));
     }
     jpeg_finish_decompress(&info);

@@ -12,7 +12,7 @@
 namespace relievo {
 namespace {
 
-constexpr double kWidth = 560, kHeight = 400, kLeft = 64, kRight = 16, kTop = 34, kBottom = 50;  // one panel
+constexpr double kWidth = 560, kHeight = 400, kLeftPx = 64, kRightPx = 16, kTopPx = 34, kBottomPx = 50;  // one panel
 constexpr double kLeastPx = 0.01;  // what is below is drawn there: measuring is not finer
 constexpr int kPicturePx = 640;    // at most, wide
 
@@ -82,38 +82,38 @@ std::string panel(const char* title, const char* x_title, const char* y_title, c
     y0 = std::min(y0, p.y), y1 = std::max(y1, p.y);
   }
   if (points.empty()) return out;
-  Axis x{x0 / 1.4, x1 * 1.4, kLeft, kWidth - kRight}, y{y0 / 1.4, y1 * 1.4, kHeight - kBottom, kTop};
+  Axis x{x0 / 1.4, x1 * 1.4, kLeftPx, kWidth - kRightPx}, y{y0 / 1.4, y1 * 1.4, kHeight - kBottomPx, kTopPx};
   add(out,
       "<svg viewBox='0 0 %.0f %.0f' role='img' aria-label='%s'>\n<text x='%.0f' y='20' class='title' "
       "text-anchor='middle'>%s</text>\n",
-      kWidth, kHeight, title, (kLeft + kWidth - kRight) / 2, title);
+      kWidth, kHeight, title, (kLeftPx + kWidth - kRightPx) / 2, title);
   for (double decade = 1e-3; decade < 1e9; decade *= 10)
     for (double digit : {1.0, 2.0, 5.0}) {
       double v = decade * digit;
       if (v >= x.low && v <= x.high && (digit == 1 || x.high / x.low < 200)) {
-        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", x.place(v), kTop, x.place(v),
-            kHeight - kBottom);
+        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", x.place(v), kTopPx, x.place(v),
+            kHeight - kBottomPx);
         if (v >= 1e6)
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gM</text>\n", x.place(v), kHeight - kBottom + 17,
+          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gM</text>\n", x.place(v), kHeight - kBottomPx + 17,
               v / 1e6);
         else if (v >= 1e3)
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gk</text>\n", x.place(v), kHeight - kBottom + 17,
+          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gk</text>\n", x.place(v), kHeight - kBottomPx + 17,
               v / 1e3);
         else
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%g</text>\n", x.place(v), kHeight - kBottom + 17, v);
+          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%g</text>\n", x.place(v), kHeight - kBottomPx + 17, v);
       }
       if (v >= y.low && v <= y.high) {
-        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", kLeft, y.place(v), kWidth - kRight,
+        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", kLeftPx, y.place(v), kWidth - kRightPx,
             y.place(v));
-        add(out, "<text x='%.1f' y='%.1f' text-anchor='end'>%g</text>\n", kLeft - 6, y.place(v) + 4, v);
+        add(out, "<text x='%.1f' y='%.1f' text-anchor='end'>%g</text>\n", kLeftPx - 6, y.place(v) + 4, v);
       }
     }
-  add(out, "<rect class='frame' x='%.1f' y='%.1f' width='%.1f' height='%.1f'/>\n", kLeft, kTop, kWidth - kLeft - kRight,
-      kHeight - kTop - kBottom);
-  add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%s</text>\n", (kLeft + kWidth - kRight) / 2, kHeight - 10,
+  add(out, "<rect class='frame' x='%.1f' y='%.1f' width='%.1f' height='%.1f'/>\n", kLeftPx, kTopPx,
+      kWidth - kLeftPx - kRightPx, kHeight - kTopPx - kBottomPx);
+  add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%s</text>\n", (kLeftPx + kWidth - kRightPx) / 2, kHeight - 10,
       x_title);
   add(out, "<text transform='translate(15 %.1f) rotate(-90)' text-anchor='middle'>%s</text>\n",
-      (kTop + kHeight - kBottom) / 2, y_title);
+      (kTopPx + kHeight - kBottomPx) / 2, y_title);
   for (size_t s = 0; s < lodStrategies().size(); ++s) {
     std::string line;
     for (const Point& p : points)

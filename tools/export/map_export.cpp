@@ -23,7 +23,7 @@ struct MapRow {
   }
 };
 
-Result<MapForm> formOf(const MapExportOptions& o) {
+Result<MapForm> flatMapForm(const MapExportOptions& o) {
   auto format = imageFormatOf(o.output);
   if (!format) return format.error();
   const bool png = *format == ImageFormat::kPng, exr = *format == ImageFormat::kExr;
@@ -168,7 +168,7 @@ Result<ExportMap> exportMapOf(const std::string& name) {
 }
 
 Result<MapExportReport> exportMap(std::shared_ptr<const Package> package, const MapExportOptions& o) {
-  auto form = formOf(o);
+  auto form = flatMapForm(o);
   if (!form) return form.error();
   if (auto good = checkArtwork(*package, o); !good) return good.error();
   auto level = mapLevelOf(*package, o, kPageCellsLog2);

@@ -13,13 +13,6 @@
 namespace relievo {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "numbers are written as they lie in memory");
-
-template <class T>
-void put(ByteBuffer& out, const T& value) {
-  const auto* bytes = reinterpret_cast<const uint8_t*>(&value);
-  out.insert(out.end(), bytes, bytes + sizeof value);
-}
 void putText(ByteBuffer& out, std::string_view text) { out.insert(out.end(), text.begin(), text.end()); }
 ByteBuffer textBytes(std::string_view text) { return {text.begin(), text.end()}; }
 

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -22,6 +23,14 @@
 namespace relievo {
 
 using ByteBuffer = std::vector<uint8_t>;
+static_assert(std::endian::native == std::endian::little, "numbers are written as they lie in memory");
+
+// Appends the value's bytes.
+template <class T>
+void put(ByteBuffer& out, const T& value) {
+  const auto* bytes = reinterpret_cast<const uint8_t*>(&value);
+  out.insert(out.end(), bytes, bytes + sizeof value);
+}
 
 struct ExportVertex {
   glm::dvec3 position{0};  // from MeshFacts::origin

@@ -14,14 +14,8 @@ constexpr size_t kAboutBytes = 1024;
 constexpr uint64_t kHeadBytes = 12 + 8 + kJsonBytes + 8;
 constexpr int kFloat = 5126, kUnsignedShort = 5123, kUnsignedInt = 5125, kArrayBuffer = 34962, kElementArray = 34963;
 
-template <class T>
-void put(ByteBuffer& out, const T& value) {
-  const auto* bytes = reinterpret_cast<const uint8_t*>(&value);
-  out.insert(out.end(), bytes, bytes + sizeof value);
-}
-
 // glTF's vertex colours are linear light: 16 bits keep the dark ones apart.
-const std::array<uint16_t, 256>& linearLight() {
+const std::array<uint16_t, 256>& linearLight16() {
   static const std::array<uint16_t, 256> table = [] {
     std::array<uint16_t, 256> t{};
     for (size_t i = 0; i < t.size(); ++i)
@@ -66,7 +60,7 @@ class GlbFormat final : public MeshFormat {
     put(out, glm::vec3(v.position));
     put(out, v.normal);
     if (!f.colours) return;
-    for (glm::length_t c = 0; c < 3; ++c) put(out, linearLight()[v.colour[c]]);
+    for (glm::length_t c = 0; c < 3; ++c) put(out, linearLight16()[v.colour[c]]);
     put(out, uint16_t{0xFFFF});
   }
   void face(const std::array<uint32_t, 4>& corners, int count, ByteBuffer& out) const override {

@@ -27,7 +27,7 @@ std::string besideImage(const std::string& image, const char* end) {
 }
 std::string nameOf(const std::string& path) { return path.substr(path.rfind('/') + 1); }
 
-Result<MapForm> formOf(const MapExportOptions& o) {
+Result<MapForm> patchMapForm(const MapExportOptions& o) {
   auto format = imageFormatOf(o.output);
   if (!format) return format.error();
   const bool exr = *format == ImageFormat::kExr;
@@ -335,7 +335,7 @@ std::string patchMapJson(const std::string& image) { return besideImage(image, "
 std::string patchMapObj(const std::string& image) { return besideImage(image, ".map.obj"); }
 
 Result<PatchMapReport> exportPatchMaps(std::shared_ptr<const Package> package, const MapExportOptions& o) {
-  auto form = formOf(o);
+  auto form = patchMapForm(o);
   if (!form) return form.error();
   if (package->manifest().domain.isFlat() || package->manifest().domain.relief_depth < 0)
     return Error{ErrorKind::kUsage, package->path(), "is no scan: it has no patches over a base mesh", "", {}};

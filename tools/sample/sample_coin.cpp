@@ -11,8 +11,7 @@
 namespace relievo::sample {
 namespace {
 
-constexpr double kShortMm = 31, kRadius = 12.0;
-constexpr double kPi = std::numbers::pi;
+constexpr double kCoinShortMm = 31, kRadius = 12.0;
 constexpr float kClothMm = -1.9f, kThreadMm = 0.10f, kMaxReliefMm = 1.35f;
 
 enum class Shape { kDome, kLeaf, kRod };
@@ -31,10 +30,10 @@ class Coin final : public Kind {
   explicit Coin(const SampleOptions& o)
       : seed_(mix32(static_cast<uint32_t>(o.seed) * 69621u + static_cast<uint32_t>(o.seed >> 32) + 17)),
         gold_(o.seed % 2 == 1) {
-    short_mm = kShortMm;
+    short_mm = kCoinShortMm;
     metal = true;
     gloss_strength = 0.75f;
-    const double mm = kShortMm / static_cast<double>(std::min(o.width, o.height));
+    const double mm = kCoinShortMm / static_cast<double>(std::min(o.width, o.height));
     cx_ = 0.5 * static_cast<double>(o.width) * mm, cy_ = 0.5 * static_cast<double>(o.height) * mm;
     min_mm = kClothMm - 3 * kThreadMm - 0.5f;
     max_mm = kMaxReliefMm + 0.25f;
@@ -90,8 +89,8 @@ class Coin final : public Kind {
     Form f{shape,
            0,
            0,
-           std::cos(angle * kPi / 180 + turn_),
-           -std::sin(angle * kPi / 180 + turn_),
+           std::cos(angle * std::numbers::pi / 180 + turn_),
+           -std::sin(angle * std::numbers::pi / 180 + turn_),
            rx,
            ry,
            static_cast<float>(base),
@@ -104,8 +103,8 @@ class Coin final : public Kind {
   }
   void rod(double x0, double y0, double x1, double y1, double r, double base, double height) {
     double len = std::hypot(x1 - x0, y1 - y0);
-    add(Shape::kRod, 0.5 * (x0 + x1), 0.5 * (y0 + y1), std::atan2(y1 - y0, x1 - x0) * 180 / kPi, 0.5 * len + r, r, base,
-        height);
+    add(Shape::kRod, 0.5 * (x0 + x1), 0.5 * (y0 + y1), std::atan2(y1 - y0, x1 - x0) * 180 / std::numbers::pi,
+        0.5 * len + r, r, base, height);
   }
 
   void layOwl() {
@@ -148,13 +147,15 @@ class Coin final : public Kind {
       // Face discs: a fan of fine feathers around each eye, the eye in its ring.
       for (int i = 0; i < 26; ++i) {
         double a = i * 360.0 / 26;
-        add(Shape::kLeaf, side * 0.94 + 0.93 * std::cos(a * kPi / 180), 2.42 + 0.93 * std::sin(a * kPi / 180), a, 0.36,
-            0.105, 0.70, 0.17, 0.05, 0.0);
+        add(Shape::kLeaf, side * 0.94 + 0.93 * std::cos(a * std::numbers::pi / 180),
+            2.42 + 0.93 * std::sin(a * std::numbers::pi / 180), a, 0.36, 0.105, 0.70, 0.17, 0.05, 0.0);
       }
       for (int i = 0; i < 150; ++i) {
         double a = i * 2.4, q = (i + 1) * 2.4;
-        rod(side * 0.94 + 0.60 * std::cos(a * kPi / 180), 2.42 + 0.60 * std::sin(a * kPi / 180),
-            side * 0.94 + 0.60 * std::cos(q * kPi / 180), 2.42 + 0.60 * std::sin(q * kPi / 180), 0.085, 0.78, 0.20);
+        rod(side * 0.94 + 0.60 * std::cos(a * std::numbers::pi / 180),
+            2.42 + 0.60 * std::sin(a * std::numbers::pi / 180),
+            side * 0.94 + 0.60 * std::cos(q * std::numbers::pi / 180),
+            2.42 + 0.60 * std::sin(q * std::numbers::pi / 180), 0.085, 0.78, 0.20);
       }
       add(Shape::kDome, side * 0.94, 2.42, 0, 0.47, 0.47, 0.76, 0.34);
       add(Shape::kDome, side * 0.94, 2.42, 0, 0.17, 0.17, 1.04, 0.11);
@@ -184,7 +185,7 @@ class Coin final : public Kind {
     for (int side : {-1, 1}) {
       double px = 0, py = -r;
       for (int i = 1; i <= 240; ++i) {
-        double a = (-90 + side * 158.0 * i / 240) * kPi / 180, x = r * std::cos(a), y = r * std::sin(a);
+        double a = (-90 + side * 158.0 * i / 240) * std::numbers::pi / 180, x = r * std::cos(a), y = r * std::sin(a);
         rod(px, py, x, y, 0.14 - 0.0003 * i, 0.0, 0.20);
         px = x, py = y;
       }
@@ -192,14 +193,14 @@ class Coin final : public Kind {
         double a = -90 + side * (10 + 150.0 * i / 15), size = 1.0 - 0.022 * i;
         double along = a + side * 90;  // the way the branch grows
         for (int leaf : {-1, 1}) {
-          double angle = along + side * leaf * -31.0, lx = (r + leaf * 0.36) * std::cos(a * kPi / 180),
-                 ly = (r + leaf * 0.36) * std::sin(a * kPi / 180);
-          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * kPi / 180),
-              ly + 0.55 * size * std::sin(angle * kPi / 180), angle, 1.02 * size, 0.32 * size, 0.05, 0.36, 0.08,
-              -0.045);
+          double angle = along + side * leaf * -31.0, lx = (r + leaf * 0.36) * std::cos(a * std::numbers::pi / 180),
+                 ly = (r + leaf * 0.36) * std::sin(a * std::numbers::pi / 180);
+          add(Shape::kLeaf, lx + 0.55 * size * std::cos(angle * std::numbers::pi / 180),
+              ly + 0.55 * size * std::sin(angle * std::numbers::pi / 180), angle, 1.02 * size, 0.32 * size, 0.05, 0.36,
+              0.08, -0.045);
         }
         if (i % 2) {
-          double q = (a + side * 5) * kPi / 180;
+          double q = (a + side * 5) * std::numbers::pi / 180;
           add(Shape::kDome, (r + 0.62) * std::cos(q), (r + 0.62) * std::sin(q), 0, 0.15, 0.15, 0.06, 0.20);
         }
       }
@@ -215,7 +216,7 @@ class Coin final : public Kind {
   void layBeads() {
     constexpr int n = 96;
     for (int i = 0; i < n; ++i) {
-      double a = 2 * kPi * i / n;
+      double a = 2 * std::numbers::pi * i / n;
       add(Shape::kDome, 10.72 * std::cos(a), 10.72 * std::sin(a), 0, 0.265, 0.265, 0.02, 0.30);
     }
   }
@@ -225,12 +226,12 @@ class Coin final : public Kind {
     const std::string text = "RELIEVO.LVX.ET.VMBRA.FORMAM.DANT.";
     const double foot = 8.05, cap = 1.62, space = 0.14;
     // Letters stand on the inner circle, heads outwards, clockwise from the left of the foot.
-    double total = lineWidth(text, space) + space, scale = 2 * kPi * (foot + 0.35 * cap) / (total * cap);
+    double total = lineWidth(text, space) + space, scale = 2 * std::numbers::pi * (foot + 0.35 * cap) / (total * cap);
     double x = 0;
     for (char c : text) {
       std::vector<Segment> glyph;
       double advance = appendGlyph(c, 0, mm < 0.004 ? 160 : 72, glyph);
-      double a = (-112 - 360.0 * (x + 0.5 * advance) / total) * kPi / 180;
+      double a = (-112 - 360.0 * (x + 0.5 * advance) / total) * std::numbers::pi / 180;
       double ux = std::cos(a), uy = std::sin(a);  // outwards
       for (const Segment& g : glyph) {
         auto put = [&](double gx, double gy, double& ox, double& oy) {
@@ -251,8 +252,8 @@ class Coin final : public Kind {
   void layScratches(Dice& dice) {
     std::vector<Segment> all;
     for (int i = 0; i < 90; ++i) {
-      double r = kRadius * std::sqrt(dice()), a = dice.range(0, 2 * kPi),
-             len = dice.range(0.4, 1.0) * dice.range(0.3, 5.5), dir = dice.range(0, kPi);
+      double r = kRadius * std::sqrt(dice()), a = dice.range(0, 2 * std::numbers::pi),
+             len = dice.range(0.4, 1.0) * dice.range(0.3, 5.5), dir = dice.range(0, std::numbers::pi);
       double x = cx_ + r * std::cos(a), y = cy_ + r * std::sin(a), bend = dice.range(-0.15, 0.15);
       double w = dice.range(0.006, 0.024);
       for (int k = 0; k < 4; ++k) {
@@ -263,7 +264,7 @@ class Coin final : public Kind {
         Segment s{};
         at(k / 4.0, s.ax, s.ay);
         at((k + 1) / 4.0, s.bx, s.by);
-        double t0 = std::sin(kPi * k / 4.0), t1 = std::sin(kPi * (k + 1) / 4.0);
+        double t0 = std::sin(std::numbers::pi * k / 4.0), t1 = std::sin(std::numbers::pi * (k + 1) / 4.0);
         s.ra = w * t0, s.rb = w * t1;
         all.push_back(s);
       }
@@ -284,13 +285,13 @@ class Coin final : public Kind {
     int32_t column[kBlockPx];
     for (int x = 0; x < kBlockPx; ++x) {
       double u = (b.left_mm + x * b.mm) / kPitch;
-      crest_x[x] = static_cast<float>(std::sin(kPi * fraction(u)));
+      crest_x[x] = static_cast<float>(std::sin(std::numbers::pi * fraction(u)));
       ply_x[x] = static_cast<float>(fraction(u * 3));
       column[x] = static_cast<int32_t>(std::floor(u));
     }
     for (int y = b.y0; y < b.y1; ++y) {
       double v = (b.top_mm + y * b.mm) / kPitch;
-      const auto crest_y = static_cast<float>(std::sin(kPi * fraction(v)));
+      const auto crest_y = static_cast<float>(std::sin(std::numbers::pi * fraction(v)));
       const auto ply_y = static_cast<float>(fraction(v * 3));
       const auto row = static_cast<int32_t>(std::floor(v));
       const int at = y * kBlockPx, x1 = b.x1;

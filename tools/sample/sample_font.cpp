@@ -6,7 +6,6 @@ namespace relievo::sample {
 namespace {
 
 constexpr double kThick = 0.058, kThin = 0.034;  // half-widths: a stem is 1/9 of its height, hairlines 3/5 of a stem
-constexpr double kPi = std::numbers::pi;
 
 struct Pen {
   std::vector<Segment>& out;
@@ -48,13 +47,14 @@ struct Pen {
            double thick = kThick * 1.06) {
     int n = std::max(6, static_cast<int>(std::abs(a1 - a0) / 360 * steps));
     auto half = [&](double a) {
-      double k = std::abs(std::cos((a - lean) * kPi / 180));
+      double k = std::abs(std::cos((a - lean) * std::numbers::pi / 180));
       return kThin * 0.92 + (thick - kThin * 0.92) * std::pow(k, 1.35);
     };
     for (int i = 0; i < n; ++i) {
       double p = a0 + (a1 - a0) * i / n, q = a0 + (a1 - a0) * (i + 1) / n;
-      line(cx + rx * std::cos(p * kPi / 180), cy + ry * std::sin(p * kPi / 180), cx + rx * std::cos(q * kPi / 180),
-           cy + ry * std::sin(q * kPi / 180), half(p), half(q));
+      line(cx + rx * std::cos(p * std::numbers::pi / 180), cy + ry * std::sin(p * std::numbers::pi / 180),
+           cx + rx * std::cos(q * std::numbers::pi / 180), cy + ry * std::sin(q * std::numbers::pi / 180), half(p),
+           half(q));
     }
   }
 };
@@ -165,10 +165,15 @@ double appendGlyph(char c, double x, int arc_steps, std::vector<Segment>& out) {
         double a = t < 0.5 ? 38 + (272 - 38) * (t / 0.5) : 92 - (92 + 142) * ((t - 0.5) / 0.5);
         double upper_y = 0.742, ry1 = top - upper_y, ry2 = (upper_y - ry1 - kThin * 0.9) / 2,
                lower_y = upper_y - ry1 - ry2;
-        if (t < 0.5) sx = 0.275 + 0.185 * std::cos(a * kPi / 180), sy = upper_y + ry1 * std::sin(a * kPi / 180);
-        else sx = 0.275 + 0.215 * std::cos(a * kPi / 180), sy = lower_y + ry2 * std::sin(a * kPi / 180);
+        if (t < 0.5)
+          sx = 0.275 + 0.185 * std::cos(a * std::numbers::pi / 180),
+          sy = upper_y + ry1 * std::sin(a * std::numbers::pi / 180);
+        else
+          sx = 0.275 + 0.215 * std::cos(a * std::numbers::pi / 180),
+          sy = lower_y + ry2 * std::sin(a * std::numbers::pi / 180);
         double k = 1 - std::abs(2 * t - 1);
-        r = kThin * 0.92 + (kThick * 1.05 - kThin * 0.92) * std::pow(std::sin(std::min(1.0, k * 1.15) * kPi / 2), 1.4);
+        r = kThin * 0.92 +
+            (kThick * 1.05 - kThin * 0.92) * std::pow(std::sin(std::min(1.0, k * 1.15) * std::numbers::pi / 2), 1.4);
       };
       for (int i = 0; i < n; ++i) {
         double x0, y0, r0, x1, y1, r1;

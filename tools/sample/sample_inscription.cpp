@@ -6,7 +6,7 @@
 namespace relievo::sample {
 namespace {
 
-constexpr double kShortMm = 600;
+constexpr double kInscriptionShortMm = 600;
 constexpr float kSlope = 1.65f;  // a V of some 62 degrees
 constexpr float kDeepestMm = 5.8f;
 constexpr double kReachMm = 2.2;  // beyond a stroke's border nothing is touched: edge rounding + wobble < reach
@@ -16,8 +16,8 @@ class Inscription final : public Kind {
  public:
   explicit Inscription(const SampleOptions& o)
       : seed_(mix32(static_cast<uint32_t>(o.seed) * 7919u + static_cast<uint32_t>(o.seed >> 32) + 11)) {
-    short_mm = kShortMm;
-    const double mm = kShortMm / static_cast<double>(std::min(o.width, o.height));
+    short_mm = kInscriptionShortMm;
+    const double mm = kInscriptionShortMm / static_cast<double>(std::min(o.width, o.height));
     const double w = static_cast<double>(o.width) * mm, h = static_cast<double>(o.height) * mm;
     layOut(w, h, mm);
     layCracks(w, h, o.seed);
@@ -152,7 +152,7 @@ class Inscription final : public Kind {
     constexpr double kPitch = 1.62, kSpace = 0.12;
     double widest = 0;
     for (const char* line : kLines) widest = std::max(widest, lineWidth(line, kSpace));
-    const double cap = std::min({0.82 * w / widest, 0.80 * h / (4 * kPitch + 1), 0.11 * kShortMm});
+    const double cap = std::min({0.82 * w / widest, 0.80 * h / (4 * kPitch + 1), 0.11 * kInscriptionShortMm});
     const int steps = mm < 0.08 ? 220 : 96;
     std::vector<Segment> all;
     double y = 0.5 * h - 0.5 * (4 * kPitch + 1) * cap + cap;  // first baseline
@@ -166,7 +166,7 @@ class Inscription final : public Kind {
       y += kPitch * cap;
     }
     // A double rule around the field.
-    for (double inset : {0.045 * kShortMm, 0.062 * kShortMm}) {
+    for (double inset : {0.045 * kInscriptionShortMm, 0.062 * kInscriptionShortMm}) {
       double r = inset > 30 ? 0.9 : 2.1;
       double x0 = inset, y0 = inset, x1 = w - inset, y1 = h - inset;
       all.push_back({x0, y0, x1, y0, r, r});
@@ -204,7 +204,7 @@ class Inscription final : public Kind {
       }
       return line[line.size() / 2 + line.size() / 8];
     };
-    double s = kShortMm;
+    double s = kInscriptionShortMm;
     auto fork = crack(w - s * dice.range(0.20, 0.34), -5, w + 5, s * dice.range(0.36, 0.55), 1.0, 0.7);
     crack(fork.x, fork.y, w - s * dice.range(0.02, 0.06), std::min(h, fork.y + s * dice.range(0.25, 0.4)), 0.55, -0.25);
     crack(-5, h - s * dice.range(0.22, 0.3), s * dice.range(0.24, 0.36), h - s * dice.range(0.03, 0.08), 0.75, -0.3);

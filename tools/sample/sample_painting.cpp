@@ -14,7 +14,7 @@
 namespace relievo::sample {
 namespace {
 
-constexpr double kShortMm = 400;
+constexpr double kPaintingShortMm = 400;
 constexpr float kBowMm = 1.0f, kCrackMm = 0.05f, kPaintMm = 1.5f, kGroundMm = 0.06f;
 constexpr int kBristles = 4096;  // samples of the brush's profile, periodic
 constexpr float kSamplesPerMm = 64;
@@ -59,8 +59,8 @@ class Painting final : public Kind {
  public:
   explicit Painting(const SampleOptions& o)
       : seed_(mix32(static_cast<uint32_t>(o.seed) * 40503u + static_cast<uint32_t>(o.seed >> 32) + 3)) {
-    short_mm = kShortMm;
-    const double mm = kShortMm / static_cast<double>(std::min(o.width, o.height));
+    short_mm = kPaintingShortMm;
+    const double mm = kPaintingShortMm / static_cast<double>(std::min(o.width, o.height));
     width_ = static_cast<double>(o.width) * mm, height_ = static_cast<double>(o.height) * mm;
     min_mm = -kCrackMm - kGroundMm - 0.08f;
     max_mm = kBowMm + kPaintMm + kGroundMm + 0.08f;
