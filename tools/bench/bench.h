@@ -2,6 +2,8 @@
 // baseline or peer in the same run. A time is a median; what is not a time is deterministic.
 #pragma once
 
+#include <time.h>
+
 #include <atomic>
 #include <chrono>
 #include <functional>
@@ -48,6 +50,15 @@ const std::vector<BenchGroup>& benchGroups();  // cmd_bench.cpp
 inline double benchSeconds() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
+// CPU time, so that other work on the machine does not count: the process's, or that of CLOCK_THREAD_CPUTIME_ID.
+inline double benchCpuSeconds(clockid_t whose = CLOCK_PROCESS_CPUTIME_ID) {
+  timespec t{};
+  clock_gettime(whose, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+inline constexpr int kBenchWidth = 1280, kBenchHeight = 720;  // of frames
+
 // q 0..1; nearest rank.
 double quantile(std::vector<double> values, double q);
 inline double median(std::vector<double> values) { return quantile(std::move(values), 0.5); }

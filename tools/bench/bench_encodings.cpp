@@ -47,14 +47,7 @@ constexpr Choice kChoices[] = {{"lossless", "lossless", true},
                                {"bc4", "bc1", false}};
 constexpr std::array<double, 3> kLights[] = {{0.6, 0.4, 0.7}, {-0.8, 0.1, 0.5}, {0.1, -0.5, 0.85}};
 
-double cpuSeconds(clockid_t whose) {
-  timespec t{};
-  clock_gettime(whose, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
-// CPU time, so that other work on the machine does not count.
-double threadSeconds() { return cpuSeconds(CLOCK_THREAD_CPUTIME_ID); }
-double processSeconds() { return cpuSeconds(CLOCK_PROCESS_CPUTIME_ID); }
+double threadSeconds() { return benchCpuSeconds(CLOCK_THREAD_CPUTIME_ID); }
 
 std::string nameOf(const Choice& c) {
   return std::string(c.coefficients) == c.colour ? c.colour : std::string(c.coefficients) + "+" + c.colour;
@@ -232,7 +225,7 @@ class EncodingsBench {
     uint64_t bytes = 0;
     std::atomic<bool> failed{false};
     Result<void> status;
-    const double start = processSeconds();
+    const double start = benchCpuSeconds();
     parallelFor(nodes_.size(), 0, &failed, [&](size_t i) {
       if (context_.stopped()) return;
       uint64_t size = 0;
@@ -250,7 +243,7 @@ class EncodingsBench {
       bytes += size;
     });
     if (!status.ok()) return status;
-    f->encode_cpu_s = processSeconds() - start;
+    f->encode_cpu_s = benchCpuSeconds() - start;
     const uint64_t all = packageLayout(manifest_.domain, manifest_.texture, 0, 0).texture.nodeCount();
     const double share = static_cast<double>(nodes_.size()) / static_cast<double>(all);
     f->bytes_per_px = static_cast<double>(bytes) / share / manifest_.domain.texelCount();
@@ -293,7 +286,7 @@ class EncodingsBench {
       if (auto settled = (*engine)->settle(60); !settled) return settled;
     }
     for (const View& view : views_) {
-      const double start = benchSeconds(), start_cpu = processSeconds();
+      const double start = benchSeconds(), start_cpu = benchCpuSeconds();
       auto engine = Engine::create(artwork, scene, options);
       if (!engine) return engine.error();
       Engine& e = **engine;
@@ -305,7 +298,7 @@ class EncodingsBench {
         if (auto settled = e.settle(60); !settled) return settled;
         if (&light == &kLights[0] && &view == &views_[0] && !context_.quick) {
           f->settle_ms = (benchSeconds() - start) * 1e3;
-          f->settle_cpu_ms = (processSeconds() - start_cpu) * 1e3;
+          f->settle_cpu_ms = (benchCpuSeconds() - start_cpu) * 1e3;
         }
         out->push_back(e.readPixels());
       }
@@ -317,11 +310,11 @@ class EncodingsBench {
       std::vector<double> ms, cpu_ms;
       const double deadline = benchSeconds() + 5;  // software GL takes a second for a frame of BC7
       for (int i = 0; i < (context_.quick ? 5 : 30) && (i < 5 || benchSeconds() < deadline); ++i) {
-        const double t = benchSeconds(), cpu = processSeconds();
+        const double t = benchSeconds(), cpu = benchCpuSeconds();
         e.frame(t);
         e.readPixels();
         ms.push_back((benchSeconds() - t) * 1e3);
-        cpu_ms.push_back((processSeconds() - cpu) * 1e3);
+        cpu_ms.push_back((benchCpuSeconds() - cpu) * 1e3);
       }
       f->frame_ms = median(ms);
       f->frame_cpu_ms = median(cpu_ms);

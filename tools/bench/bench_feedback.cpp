@@ -27,7 +27,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kWidth = 1280, kHeight = 720, kScale = 8;
+constexpr int kScale = 8;
 using Pixels = std::vector<std::array<uint32_t, 4>>;
 
 double threadMs() {
@@ -55,7 +55,7 @@ class FlatFeedback {
     return f;
   }
   void setCamera(const OrbitCamera& camera) {
-    view_ = viewTransform(camera, manifest_.domain.flat(), 0, 0, kWidth, kHeight);
+    view_ = viewTransform(camera, manifest_.domain.flat(), 0, 0, kBenchWidth, kBenchHeight);
     LodView lod = lodViewFrom(view_);
     lod.relief = false;
     struct Flat final : ReliefOracle {
@@ -65,7 +65,7 @@ class FlatFeedback {
     const EyeFrame eye = eyeFrame(view_, manifest_.domain, 1, false, surface_.depthMode());
     patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
     // The surface is drawn for the picture anyhow.
-    surface_.resize(kWidth, kHeight, false);
+    surface_.resize(kBenchWidth, kBenchHeight, false);
     surface_.begin();
     surface_program_.use();
     setShadingUniforms(surface_program_, {.format = &manifest_.texture, .domain = &manifest_.domain});
@@ -105,7 +105,7 @@ struct NamedCamera {
 };
 // Near enough that the finest levels are wanted, at most.
 std::vector<NamedCamera> cameras(const FlatDomain& domain) {
-  OrbitCamera whole = fitCamera(domain, kWidth, kHeight);
+  OrbitCamera whole = fitCamera(domain, kBenchWidth, kBenchHeight);
   OrbitCamera near = whole;
   near.distance_mm *= 0.3;
   OrbitCamera slant = near;
@@ -157,7 +157,7 @@ double share(const std::set<NodeId>& of, const std::set<NodeId>& in) {
 }
 
 TextureView textureView(const ViewTransform& view, bool relief) {
-  TextureView v = textureViewFrom(view, kWidth, kHeight);
+  TextureView v = textureViewFrom(view, kBenchWidth, kBenchHeight);
   v.relief = relief;
   return v;
 }
@@ -176,7 +176,7 @@ Result<void> feedbackBench(BenchContext& context) {
     RequestMemory memory;
     feedback.setCamera(c.camera);
     for (int k = -3; k < rounds && !context.stopped(); ++k) {  // the first rounds compile shaders
-      FeedbackGrid grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k + 3));
+      FeedbackGrid grid = feedbackGrid(kBenchWidth, kBenchHeight, kScale, static_cast<uint64_t>(k + 3));
       glFinish();
       double drawing = 0, t0 = threadMs(), w0 = benchSeconds();
       feedback.pass().issue(grid, 0, [&] {
@@ -249,7 +249,7 @@ void requestTimes(BenchContext& context, const Artwork& artwork, FlatFeedback& f
         double t = threadMs();
         named += selectTextureNodes(domain, *artwork.oracle, textureView(feedback.view(), relief)).size();
         geometry.push_back(threadMs() - t);
-        FeedbackGrid grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
+        FeedbackGrid grid = feedbackGrid(kBenchWidth, kBenchHeight, kScale, static_cast<uint64_t>(k));
         t = processMs();
         Pixels pixels = feedback.pixels(grid);
         analyzer.analyze(pixels, grid.width(), grid.height());
@@ -283,8 +283,8 @@ void requestsInFlight(BenchContext& context, const FlatDomain& domain, FlatFeedb
     camera.target_mm.x += 0.0005 * camera.distance_mm;
     camera.azimuth_deg += 0.05;
     feedback.setCamera(camera);
-    FeedbackGrid full = feedbackGrid(kWidth, kHeight, 1, 0),
-                 grid = feedbackGrid(kWidth, kHeight, kScale, static_cast<uint64_t>(k));
+    FeedbackGrid full = feedbackGrid(kBenchWidth, kBenchHeight, 1, 0),
+                 grid = feedbackGrid(kBenchWidth, kBenchHeight, kScale, static_cast<uint64_t>(k));
     std::set<NodeId> truth = nodesOf(analyzer.analyze(feedback.pixels(full), full.width(), full.height()));
     auto newest = analyzer.analyze(feedback.pixels(grid), grid.width(), grid.height());
     std::array<std::set<NodeId>, 2> now{nodesOf(newest),
@@ -359,7 +359,7 @@ Result<void> requestSets(BenchContext& context, const Artwork& artwork, bool rel
     auto engine = Engine::create(artwork, scene, options);
     if (!engine) return engine.error();
     engines[i] = std::move(*engine);
-    engines[i]->resize(context.quick ? kWidth / 2 : kWidth, context.quick ? kHeight / 2 : kHeight);
+    engines[i]->resize(context.quick ? kBenchWidth / 2 : kBenchWidth, context.quick ? kBenchHeight / 2 : kBenchHeight);
   }
   for (const NamedCamera& c : cameras(artwork.manifest.domain.flat())) {
     if (context.stopped()) return {};

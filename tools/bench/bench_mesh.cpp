@@ -28,8 +28,6 @@ extern char** environ;
 namespace relievo {
 namespace {
 
-constexpr int kWidth = 1280, kHeight = 720;
-
 // Patches on a bumpy torus, columns around it and rows around its tube.
 std::shared_ptr<const BaseMesh> torusPatches(int columns, int rows) {
   auto mesh = std::make_shared<BaseMesh>();
@@ -106,10 +104,10 @@ Result<void> lodRow(BenchContext& context, int columns, int rows, double goal_ms
   uint64_t triangles = 0;
   for (bool hide_backs : {false, true}) {  // one after the other, so that lists are as long as those before them
     for (int i = 0; i < (context.quick ? 21 : 101) && !context.stopped(); ++i) {
-      OrbitCamera camera = fitCamera(extent, kWidth, kHeight);
+      OrbitCamera camera = fitCamera(extent, kBenchWidth, kBenchHeight);
       camera.azimuth_deg = 0.37 * i;
       camera.elevation_deg = 40;
-      LodView view = lodViewFrom(viewTransform(camera, extent, kWidth, kHeight));
+      LodView view = lodViewFrom(viewTransform(camera, extent, kBenchWidth, kBenchHeight));
       view.error_px = 1;
       view.min_cell_px = 2;
       view.hide_backs = hide_backs;
@@ -174,10 +172,10 @@ Result<void> submitRow(BenchContext& context) {
   surface.begin();
   program->use();
   for (int i = 0; i < (context.quick ? 21 : 101) && !context.stopped(); ++i) {
-    OrbitCamera camera = fitCamera(extent, kWidth, kHeight);
+    OrbitCamera camera = fitCamera(extent, kBenchWidth, kBenchHeight);
     camera.azimuth_deg = 0.37 * i;
     camera.elevation_deg = 40;
-    const ViewTransform transform = viewTransform(camera, extent, kWidth, kHeight);
+    const ViewTransform transform = viewTransform(camera, extent, kBenchWidth, kBenchHeight);
     LodView view = lodViewFrom(transform);
     view.error_px = 1;
     view.min_cell_px = 2;
@@ -340,8 +338,8 @@ Result<void> meshBuildBench(BenchContext& context) {
   EngineStats stats;
   auto engine = Engine::create(artworkFromPackage(*opened), Scene{}, options);
   if (!engine) return engine.error();
-  (*engine)->resize(kWidth, kHeight);
-  OrbitCamera camera = fitCamera(artworkExtent((*opened)->manifest()), kWidth, kHeight);
+  (*engine)->resize(kBenchWidth, kBenchHeight);
+  OrbitCamera camera = fitCamera(artworkExtent((*opened)->manifest()), kBenchWidth, kBenchHeight);
   (*engine)->setCamera(camera);
   if (auto settled = (*engine)->settle(120); !settled) return settled;
   for (int i = 0; i < (context.quick ? 15 : 60) && !context.stopped(); ++i) {

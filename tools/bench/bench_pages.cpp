@@ -20,15 +20,7 @@
 namespace relievo {
 namespace {
 
-constexpr int kWidth = 1280, kHeight = 720;
 constexpr int kWorkers = 2;
-
-double cpuSeconds() {
-  rusage use{};
-  getrusage(RUSAGE_SELF, &use);
-  auto s = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
-  return s(use.ru_utime) + s(use.ru_stime);
-}
 
 std::string text(const char* format, double a, double b = 0, double c = 0, double d = 0) {
   char out[200];
@@ -50,7 +42,7 @@ OrbitCamera above(const FlatDomain& d, double x_px, double y_px, double zoom) {
   OrbitCamera c;
   c.target_mm = {(x_px - 0.5 * static_cast<double>(d.width_px)) * d.mm_per_px,
                  (0.5 * static_cast<double>(d.height_px) - y_px) * d.mm_per_px, 0};
-  c.distance_mm = d.mm_per_px * kHeight / (2 * zoom * std::tan(c.fov_deg * std::numbers::pi / 360));
+  c.distance_mm = d.mm_per_px * kBenchHeight / (2 * zoom * std::tan(c.fov_deg * std::numbers::pi / 360));
   return c;
 }
 
@@ -111,7 +103,7 @@ Result<void> pageLatencyBench(BenchContext& context) {
   auto made = Engine::create(artworkFromPackage(context.package), scene, {.cache_mib = 256, .workers = kWorkers});
   if (!made) return made.error();
   Engine& e = **made;
-  e.resize(kWidth, kHeight);
+  e.resize(kBenchWidth, kBenchHeight);
   std::vector<double> frame_ms, frames_to_picture, ms_to_picture;
   for (const NodeId& n : nodes) {
     double side = kPagePx << (d.texture_depth - static_cast<int>(n.level));
@@ -240,7 +232,7 @@ StreamTimes timeStreaming(BenchContext& context, std::span<const PageId> pages) 
   const size_t batch =
       slots / static_cast<size_t>(planes) / 2;  // nodes wanted at a time; another half waits to be replaced
   uint64_t frame = 0;
-  double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = cpuSeconds();
+  double limit_s = context.quick ? 2 : 6, start = benchSeconds(), cpu_start = benchCpuSeconds();
   std::vector<NodeRequest> requests;
   for (size_t first = 0; benchSeconds() - start < limit_s && !context.stopped(); first += batch / 4) {
     requests.clear();
@@ -262,7 +254,7 @@ StreamTimes timeStreaming(BenchContext& context, std::span<const PageId> pages) 
   finishFrame();
   StreamTimes times;
   times.wall_s = benchSeconds() - start;
-  times.cpu_s = cpuSeconds() - cpu_start;
+  times.cpu_s = benchCpuSeconds() - cpu_start;
   times.uploaded = static_cast<double>(sum(streamer.stats().pages_uploaded));
   return times;
 }
@@ -322,7 +314,7 @@ Result<void> streamingBench(BenchContext& context) {
   const double seconds = context.quick ? 2.5 : 8;
   Scene scene;
   scene.relief = false;
-  const double pages_in_view = (kWidth / 128.0 + 1) * (kHeight / 128.0 + 1) * 1.4 * m.texture.planes();
+  const double pages_in_view = (kBenchWidth / 128.0 + 1) * (kBenchHeight / 128.0 + 1) * 1.4 * m.texture.planes();
   const auto mib = [](double pages) { return pages * static_cast<double>(kSlotBytes) / (1024 * 1024); };
   auto made = Engine::create(artworkFromPackage(context.package), scene,
                              {.cache_mib = mib(2 * pages_in_view), .workers = kWorkers});
@@ -331,23 +323,23 @@ Result<void> streamingBench(BenchContext& context) {
       Engine::create(artworkFromPackage(context.package), scene,
                      {.cache_mib = mib(1.5 * static_cast<double>(texturePages(m).size()) + 64), .workers = kWorkers});
   if (!whole) return whole.error();
-  (*made)->resize(kWidth, kHeight);
-  (*whole)->resize(kWidth, kHeight);
+  (*made)->resize(kBenchWidth, kBenchHeight);
+  (*whole)->resize(kBenchWidth, kBenchHeight);
 
   // Lines to and fro, the middle of the view within the artwork.
-  const double left = std::min(0.5 * kWidth, 0.5 * static_cast<double>(d.width_px)),
+  const double left = std::min(0.5 * kBenchWidth, 0.5 * static_cast<double>(d.width_px)),
                right = static_cast<double>(d.width_px) - left;
-  const double top = std::min(0.5 * kHeight, 0.5 * static_cast<double>(d.height_px)),
+  const double top = std::min(0.5 * kBenchHeight, 0.5 * static_cast<double>(d.height_px)),
                bottom = static_cast<double>(d.height_px) - top;
   auto cameraAfter = [&](double px) {
     double width = std::max(1.0, right - left);
     auto line = static_cast<int64_t>(px / width);
     double x = px - static_cast<double>(line) * width,
-           y = std::fmod(static_cast<double>(line) * 0.45 * kHeight, std::max(1.0, bottom - top));
+           y = std::fmod(static_cast<double>(line) * 0.45 * kBenchHeight, std::max(1.0, bottom - top));
     return above(d, line % 2 == 0 ? left + x : right - x, top + y, 1);
   };
 
-  double speed = kWantedRate * 128 / ((kHeight / 128.0 + 1) * 1.33 * m.texture.planes());  // px/s
+  double speed = kWantedRate * 128 / ((kBenchHeight / 128.0 + 1) * 1.33 * m.texture.planes());  // px/s
   struct Frames {
     std::vector<double> ms, at_px;
     double rate = 0;
@@ -368,7 +360,7 @@ Result<void> streamingBench(BenchContext& context) {
       now = benchSeconds();
       f.ms.push_back((now - t) * 1000);
       f.at_px.push_back(px);
-      px += std::min(speed * (now - t), 0.7 * kWidth);
+      px += std::min(speed * (now - t), 0.7 * kBenchWidth);
       if (now - window_start < 0.5) continue;
       uint64_t pages = sum(e.stats().streamer.pages_uploaded);
       double rate = static_cast<double>(pages - before) / (now - window_start);

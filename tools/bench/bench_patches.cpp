@@ -12,7 +12,6 @@
 namespace relievo {
 namespace {
 
-constexpr int kWidth = 1280, kHeight = 720;
 constexpr double kRing = 100, kTube = 40;          // radii in mm
 constexpr double kBumps[2] = {1.2, 0.5};           // amplitudes of the two waves in mm
 constexpr int kWaves[2][2] = {{18, 54}, {9, 27}};  // how often around the ring and around the tube
@@ -252,12 +251,12 @@ Artwork torusArtwork(int columns, int rows) {
 Result<void> patchesBench(BenchContext& context) {
   const Artwork artwork = torusArtwork(270, 90);
   const EngineOptions options;  // 256 MiB
-  OrbitCamera camera = fitCamera(artworkExtent(artwork.manifest), kWidth, kHeight);
+  OrbitCamera camera = fitCamera(artworkExtent(artwork.manifest), kBenchWidth, kBenchHeight);
   camera.elevation_deg = 40;
   auto settled = [&](const Scene& scene) -> Result<std::unique_ptr<Engine>> {
     auto engine = Engine::create(artwork, scene, options);
     if (!engine) return engine;
-    (*engine)->resize(kWidth, kHeight);
+    (*engine)->resize(kBenchWidth, kBenchHeight);
     (*engine)->setCamera(camera);
     if (auto done = (*engine)->settle(120); !done) return done.error();
     return engine;

@@ -23,7 +23,6 @@
 namespace relievo {
 namespace {
 
-constexpr int kWidth = 1280, kHeight = 720;
 constexpr int kMaxDepth = 4;  // 2048 texels a side
 
 struct FlatOracle final : ReliefOracle {
@@ -77,8 +76,6 @@ Result<BothTextures> loadBoth(const Package& package) {
   return both;
 }
 
-double processSeconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
 enum class Texture { kVirtual, kDense };
 
 // The artwork as it is seen, to be shaded from either texture.
@@ -91,7 +88,7 @@ class ShadedView {
   // What one shading takes.
   double seconds(const gl::Program& program, Texture from, bool linear) {
     finishFrame();
-    const double start = info_.software ? processSeconds() : benchSeconds();
+    const double start = info_.software ? benchCpuSeconds() : benchSeconds();
     target_.begin();
     program.use();
     both_.pool->bind(program, *both_.table);
@@ -102,7 +99,7 @@ class ShadedView {
         program, {.format = &both_.manifest.texture, .domain = &both_.manifest.domain, .light = frontLight(-0.5, 0.3)});
     screen_.draw(true);
     finishFrame();
-    return (info_.software ? processSeconds() : benchSeconds()) - start;
+    return (info_.software ? benchCpuSeconds() : benchSeconds()) - start;
   }
   std::vector<uint8_t> picture() const { return target_.readPixels(); }
   const Manifest& manifest() const { return both_.manifest; }
@@ -123,20 +120,20 @@ OrbitCamera askew(const FlatDomain& d) {
   camera.azimuth_deg = 12;
   camera.elevation_deg = 8;
   const double texels_per_px =
-      0.7 * std::min(static_cast<double>(d.width_px) / kWidth, static_cast<double>(d.height_px) / kHeight);
-  camera.distance_mm = texels_per_px * kHeight / (2 * std::tan(camera.fov_deg * 3.14159265358979 / 360));
+      0.7 * std::min(static_cast<double>(d.width_px) / kBenchWidth, static_cast<double>(d.height_px) / kBenchHeight);
+  camera.distance_mm = texels_per_px * kBenchHeight / (2 * std::tan(camera.fov_deg * 3.14159265358979 / 360));
   return camera;
 }
 
 Result<void> ShadedView::drawSurface() {
   const FlatDomain d = both_.manifest.domain.flat();
-  const ViewTransform view = viewTransform(askew(d), d, 0, 0, kWidth, kHeight);
+  const ViewTransform view = viewTransform(askew(d), d, 0, 0, kBenchWidth, kBenchHeight);
   LodView lod = lodViewFrom(view);
   lod.relief = false;
   const auto instances = selectPlanarLod(d, FlatOracle(), lod, {}).instances;
   const EyeFrame eye = eyeFrame(view, d, 1, false, depthMode());
   patches_.setInstances(instances, eye, false, [](const NodeId&) { return kNoSlot; });
-  surface_.resize(kWidth, kHeight, false);
+  surface_.resize(kBenchWidth, kBenchHeight, false);
   Scene flat;
   flat.relief = false;
   auto surface_program = gl::Program::link(
@@ -146,7 +143,7 @@ Result<void> ShadedView::drawSurface() {
   surface_program->use();
   setShadingUniforms(*surface_program, {.format = &both_.manifest.texture, .domain = &both_.manifest.domain});
   patches_.draw(*surface_program, eye, PatchPass::Mesh::kFull);
-  target_.resize(kWidth, kHeight, surface_.depth());
+  target_.resize(kBenchWidth, kBenchHeight, surface_.depth());
   return {};
 }
 

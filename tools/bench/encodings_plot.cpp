@@ -7,7 +7,8 @@
 namespace relievo {
 namespace {
 
-constexpr double kWidth = 520, kHeight = 420, kLeft = 62, kRight = 18, kTop = 46, kBottom = 52;  // one panel
+constexpr double kPanelWidth = 520, kPanelHeight = 420, kPanelLeft = 62, kPanelRight = 18, kPanelTop = 46,
+                 kPanelBottom = 52;  // one panel
 
 template <class... A>
 void add(std::string& out, const char* format, A... values) {
@@ -42,29 +43,32 @@ void panel(std::string& out, double ox, const char* title, const char* x_title,
   double low = 1e300, high = 0;
   for (const auto& f : figures) low = std::min(low, x_of(f)), high = std::max(high, x_of(f));
   const Axis x{low / 1.25, high * 1.3, true};
-  const double w = kWidth - kLeft - kRight, h = kHeight - kTop - kBottom;
-  auto px = [&](double v) { return ox + kLeft + w * x.place(v); };
-  auto py = [&](double v) { return kTop + h * (1 - y.place(v)); };
+  const double w = kPanelWidth - kPanelLeft - kPanelRight, h = kPanelHeight - kPanelTop - kPanelBottom;
+  auto px = [&](double v) { return ox + kPanelLeft + w * x.place(v); };
+  auto py = [&](double v) { return kPanelTop + h * (1 - y.place(v)); };
   add(out, "<text x='%.0f' y='26' font-size='15' font-weight='600' text-anchor='middle'>%s</text>\n",
-      ox + kLeft + w / 2, title);
+      ox + kPanelLeft + w / 2, title);
   for (double v = y.low; v <= y.high + 0.1; v += 5) {
-    add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4'/>", ox + kLeft, py(v), ox + kLeft + w,
-        py(v));
-    add(out, "<text x='%.1f' y='%.1f' text-anchor='end'>%.0f</text>\n", ox + kLeft - 7, py(v) + 4, v);
+    add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4'/>", ox + kPanelLeft, py(v),
+        ox + kPanelLeft + w, py(v));
+    add(out, "<text x='%.1f' y='%.1f' text-anchor='end'>%.0f</text>\n", ox + kPanelLeft - 7, py(v) + 4, v);
   }
   for (double decade = 0.001; decade < 1e6; decade *= 10) {
     for (double digit : {1.0, 2.0, 5.0}) {
       const double v = decade * digit;
       if (v < x.low || v > x.high) continue;
-      add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4'/>", px(v), kTop, px(v), kTop + h);
-      add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%g</text>\n", px(v), kTop + h + 18, v);
+      add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='#e4e4e4'/>", px(v), kPanelTop, px(v),
+          kPanelTop + h);
+      add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%g</text>\n", px(v), kPanelTop + h + 18, v);
     }
   }
-  add(out, "<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='none' stroke='#888'/>\n", ox + kLeft, kTop, w, h);
-  add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%s</text>\n", ox + kLeft + w / 2, kHeight - 12, x_title);
+  add(out, "<rect x='%.1f' y='%.1f' width='%.1f' height='%.1f' fill='none' stroke='#888'/>\n", ox + kPanelLeft,
+      kPanelTop, w, h);
+  add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%s</text>\n", ox + kPanelLeft + w / 2, kPanelHeight - 12,
+      x_title);
   add(out,
       "<text transform='translate(%.1f %.1f) rotate(-90)' text-anchor='middle'>PSNR of relit pictures, dB</text>\n",
-      ox + 16, kTop + h / 2);
+      ox + 16, kPanelTop + h / 2);
   // Labels take the first of eight places round their point that is free.
   std::vector<Box> taken;
   for (const auto& f : figures)
@@ -72,12 +76,12 @@ void panel(std::string& out, double ox, const char* title, const char* x_title,
   for (const auto& f : figures) {
     const double cx = px(x_of(f));
     if (f.exact) {
-      add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='%s' stroke-dasharray='5 4'/>", cx, kTop, cx,
-          kTop + h, colourOf(f.name));
+      add(out, "<line x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f' stroke='%s' stroke-dasharray='5 4'/>", cx, kPanelTop, cx,
+          kPanelTop + h, colourOf(f.name));
       add(out, "<text transform='translate(%.1f %.1f) rotate(-90)' text-anchor='end' fill='%s'>%s: exact</text>\n",
-          cx - 5, kTop + 8, colourOf(f.name), f.name.c_str());
-      taken.push_back({cx - 18, kTop, cx + 2, kTop + 100});
-      taken.push_back({cx - 2, kTop, cx + 2, kTop + h});
+          cx - 5, kPanelTop + 8, colourOf(f.name), f.name.c_str());
+      taken.push_back({cx - 18, kPanelTop, cx + 2, kPanelTop + 100});
+      taken.push_back({cx - 2, kPanelTop, cx + 2, kPanelTop + h});
       continue;
     }
     const double cy = py(f.psnr_db), width = 6.4 * static_cast<double>(f.name.size());
@@ -90,7 +94,8 @@ void panel(std::string& out, double ox, const char* title, const char* x_title,
     Box best{};
     for (const Place& p : places) {
       best = {cx + p.dx, cy + p.dy, cx + p.dx + width, cy + p.dy + 12};
-      const bool inside = best.x0 > ox + kLeft && best.x1 < ox + kLeft + w && best.y0 > kTop && best.y1 < kTop + h;
+      const bool inside =
+          best.x0 > ox + kPanelLeft && best.x1 < ox + kPanelLeft + w && best.y0 > kPanelTop && best.y1 < kPanelTop + h;
       if (inside && std::none_of(taken.begin(), taken.end(), [&](const Box& b) { return b.meets(best); })) break;
     }
     taken.push_back(best);
@@ -110,11 +115,11 @@ std::string encodingsPlot(const std::vector<EncodingFigures>& figures) {
   add(out,
       "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f' "
       "font-family='sans-serif' font-size='12'>\n",
-      2 * kWidth, kHeight, 2 * kWidth, kHeight);
+      2 * kPanelWidth, kPanelHeight, 2 * kPanelWidth, kPanelHeight);
   add(out, "<rect width='100%%' height='100%%' fill='white'/>\n");
   panel(out, 0, "What accuracy costs in size", "texture bytes per pixel in the package, mip levels included", figures,
         y, [](const EncodingFigures& f) { return f.bytes_per_px; });
-  panel(out, kWidth, "What accuracy costs in time", "microseconds to decode a page, one thread", figures, y,
+  panel(out, kPanelWidth, "What accuracy costs in time", "microseconds to decode a page, one thread", figures, y,
         [](const EncodingFigures& f) { return f.decode_us; });
   return out + "</svg>\n";
 }
