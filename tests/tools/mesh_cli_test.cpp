@@ -1,9 +1,12 @@
 // relievo build --mesh as its users run it: the scan's diagnosis, what is refused and how, reports, the same bytes
 // again.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numeric>
+#include <random>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -152,6 +155,7 @@ TEST_F(MeshCli, BuildsAPackageThatTellsOfItsScanAndOfTheDistanceToIt) {
 }
 
 TEST_F(MeshCli, WhatWasAskedForAndCannotBeIsSaid) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
   write("small.ply", plyOf(wavyBall(24, 16)));
   Outcome r = relievo(build("small.ply", "--patches 1 --tolerance 0.000001"));
   ASSERT_EQ(r.exit_code, 0) << r.output;
@@ -338,7 +342,7 @@ TEST_F(MeshCli, OptionsThatDoNotGoTogetherAreExitCode1) {
 TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   std::ostringstream obj;
   obj << "mtllib slab.mtl\nusemtl picture\n";
-  const int n = 12;
+  const int n = 5;
   for (int y = 0; y <= n; ++y)
     for (int x = 0; x <= n; ++x)
       obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 3 << "\nvt " << double(x) / n << " " << double(y) / n
@@ -404,6 +408,90 @@ TEST_F(MeshCli, AnInterruptedBuildLeavesWhatWasThere) {
   EXPECT_EQ(r.exit_code, 130) << r.output;
   EXPECT_EQ(bytesOf(file("a.relievo")), "precious");
   EXPECT_EQ(filesNamed(".part-"), 0);
+}
+
+// ---- units, place, attitude and order
+
+// With all digits of a double, which files of scans in metres or far from the origin need.
+std::string exactPlyOf(const Ball& ball) {
+  std::ostringstream out;
+  out.precision(17);
+  out << "ply\nformat ascii 1.0\nelement vertex " << ball.points.size()
+      << "\nproperty double x\nproperty double y\nproperty double z\nelement face " << ball.triangles.size()
+      << "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const auto& p : ball.points) out << p[0] << " " << p[1] << " " << p[2] << "\n";
+  for (const auto& t : ball.triangles) out << "3 " << t[0] << " " << t[1] << " " << t[2] << "\n";
+  return out.str();
+}
+template <class Moves>
+Ball moved(Ball ball, const Moves& moves) {
+  for (auto& p : ball.points) p = moves(p);
+  return ball;
+}
+Ball shuffled(const Ball& ball) {
+  std::mt19937 random(20261125);
+  std::vector<int> place(ball.points.size());
+  std::iota(place.begin(), place.end(), 0);
+  std::shuffle(place.begin(), place.end(), random);
+  Ball out = ball;
+  for (size_t i = 0; i < place.size(); ++i) out.points[static_cast<size_t>(place[i])] = ball.points[i];
+  for (auto& t : out.triangles) {
+    for (int& corner : t) corner = place[static_cast<size_t>(corner)];
+    std::rotate(t.begin(), t.begin() + random() % 3, t.end());
+  }
+  std::shuffle(out.triangles.begin(), out.triangles.end(), random);
+  return out;
+}
+
+// A power of two changes no digit of any number: the same figures. Others round otherwise, and where two collapses of
+// a simplification cost the same to the last digits another one comes first: as many patches and samples within a
+// sixth, as close within 0.5 dB.
+TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  using Point = std::array<double, 3>;
+  const auto scaled = [](double factor) {
+    return [factor](const Point& p) { return Point{factor * p[0], factor * p[1], factor * p[2]}; };
+  };
+  const auto far = [](const Point& p) { return Point{p[0] + 1e7, p[1] - 1e7, p[2] + 1e7}; };
+  const auto turned = [](const Point& p) {
+    const double c = std::cos(0.7), s = std::sin(0.7), d = std::cos(0.4), e = std::sin(0.4);
+    const double x = c * p[0] - s * p[1], y = s * p[0] + c * p[1];
+    return Point{x, d * y - e * p[2], e * y + d * p[2]};
+  };
+  const Ball ball = wavyBall(24, 16);
+  struct Figures {
+    int exit_code = 0;
+    double patches = 0, samples = 0, psnr_db = 0;
+  };
+  const auto figuresOf = [&](const Ball& scan, const std::string& options = "") {
+    write("scan.ply", exactPlyOf(scan));
+    const Outcome r = relievo("build --mesh " + file("scan.ply") + " -o " + file("a.relievo") + " --json " +
+                              file("scan.json") + " " + options);
+    const Json json = parsed(bytesOf(file("scan.json")));
+    return Figures{r.exit_code, json["mesh"]["patches"], json["mesh"]["samples"], json["fidelity"]["psnr_db"]};
+  };
+  const Figures plain = figuresOf(ball);
+  EXPECT_EQ(plain.exit_code, 0);
+  const auto near = [&](const Figures& f) {
+    return f.exit_code == plain.exit_code && std::abs(f.patches - plain.patches) <= plain.patches / 6 &&
+           std::abs(f.samples - plain.samples) <= plain.samples / 6 && std::abs(f.psnr_db - plain.psnr_db) <= 0.5;
+  };
+  const Figures by_1024 = figuresOf(moved(ball, scaled(1024)));
+  EXPECT_EQ(by_1024.patches, plain.patches);
+  EXPECT_EQ(by_1024.samples, plain.samples);
+  EXPECT_NEAR(by_1024.psnr_db, plain.psnr_db, 1e-6);
+  for (const auto& [what, scan] : {std::pair<const char*, Ball>{"in metres", moved(ball, scaled(1e-3))},
+                                   {"in inches", moved(ball, scaled(1 / 25.4))},
+                                   {"10^7 mm from the origin", moved(ball, far)},
+                                   {"turned", moved(ball, turned)},
+                                   {"in another order", shuffled(ball)}}) {
+    const Figures f = figuresOf(scan);
+    EXPECT_TRUE(near(f)) << what << ": exit code " << f.exit_code << ", " << f.patches << " patches, " << f.samples
+                         << " samples, " << f.psnr_db << " dB; plain: " << plain.patches << ", " << plain.samples
+                         << ", " << plain.psnr_db;
+  }
+  // The control: a tolerance in the file's unit is another one a thousand times as large.
+  EXPECT_FALSE(near(figuresOf(moved(ball, scaled(1024)), "--tolerance 0.05")));
 }
 
 }  // namespace
