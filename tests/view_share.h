@@ -18,14 +18,14 @@ inline constexpr int kViewShare = 1;
 #endif
 inline constexpr bool kSanitized = kViewShare > 1;
 
-// Of n of them; at least one.
-constexpr int share(int n) { return std::max(1, n / kViewShare); }
-
 // RELIEVO_LONG_TESTS=1, and nothing else: what tests do then is named where they ask.
 inline bool longTests() {
   const char* node = std::getenv("RELIEVO_LONG_TESTS");
   return node && std::string_view(node) == "1";
 }
+
+// Of n of them: half, or all with RELIEVO_LONG_TESTS=1; at least one.
+inline int share(int n) { return std::max(1, kSanitized ? n / kViewShare : longTests() ? n : n / 2); }
 
 // Of n of them with OpenGL ES (RELIEVO_GL=es), whose contexts the same driver draws with the same shader bodies: a
 // quarter, or all with RELIEVO_LONG_TESTS=1. With OpenGL all.
@@ -34,6 +34,12 @@ Count esShare(Count n) {
   const char* api = std::getenv("RELIEVO_GL");
   const bool es = api && std::string_view(api) == "es";
   return es && !longTests() ? std::max(Count{1}, n / 4) : n;
+}
+
+// Of n random frames or views with OpenGL: a third, or all with RELIEVO_LONG_TESTS=1. With OpenGL ES a quarter of that.
+template <class Count>
+Count glShare(Count n) {
+  return esShare(longTests() ? n : std::max(Count{1}, n / 3));
 }
 
 }  // namespace relievo::test

@@ -195,7 +195,7 @@ TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
     test::turnPatches(mesh, turns);
     Body body = makeBody(mesh, 2, 8);
     auto engine = makeEngine(body, 0.25);
-    for (int frame = 0; frame < test::esShare(12); ++frame, ++frames) {
+    for (int frame = 0; frame < test::glShare(12); ++frame, ++frames) {
       if (frame % 3 == 0) engine->setCamera(randomCamera(mesh, random));
       engine->frame(frame * 0.016);
       compareShared(*engine, &total);
@@ -206,8 +206,8 @@ TEST_F(MeshWatertight, SharedVerticesAreBitIdentical) {
   std::printf("[ watertight ] seed %llu: %llu comparisons over %d frames, %llu of them across patches, %llu differ\n",
               (unsigned long long)kSeed, (unsigned long long)total.compared, frames,
               (unsigned long long)total.across_patches, (unsigned long long)total.different);
-  EXPECT_GE(total.compared, test::esShare(2'000'000u));
-  EXPECT_GE(total.across_patches, test::esShare(100'000u));
+  EXPECT_GE(total.compared, test::glShare(2'000'000u));
+  EXPECT_GE(total.across_patches, test::glShare(100'000u));
 }
 
 // The same where most patches are drawn from their tails, some from pages: beside each other, and each in turn while
@@ -553,7 +553,7 @@ TEST_F(MeshBackground, NoneShowsThrough) {
   uint64_t inside_all = 0;
   int views_all = 0;
   for (OpenBody& body : openBodies()) {
-    const int views = test::longTests() ? 1667 : test::esShare(40);
+    const int views = test::longTests() ? 1667 : test::glShare(60);
     const std::string name = body.name;
     auto [inside, background] = look(std::move(body), views, true);
     std::printf("[ watertight ] %s, seed %llu: %d views, %llu pixels inside, %llu of them background\n", name.c_str(),

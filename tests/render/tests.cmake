@@ -18,7 +18,7 @@ function(relievo_add_gltest name program arguments)
 endfunction()
 
 # relievo_gltest(NAME [GL_ONLY] LIBS lib... SOURCES file...): a GoogleTest program that needs a GL context (tests/render/gl_fixture.h).
-# It runs as a whole, since making a context takes time. GL_ONLY: what it tests lies outside the shaders and is the same with OpenGL ES.
+# It runs as a whole, since making a context takes time. GL_ONLY: what it tests lies outside the shaders, or others test these shaders with OpenGL ES.
 function(relievo_gltest name)
   if(NOT RELIEVO_GL_TESTS)
     return()
@@ -26,7 +26,7 @@ function(relievo_gltest name)
   cmake_parse_arguments(T "GL_ONLY" "" "LIBS;SOURCES" ${ARGN})
   add_executable(${name} ${T_SOURCES} ${CMAKE_SOURCE_DIR}/tests/render/gl_main.cpp)
   target_link_libraries(${name} PRIVATE ${T_LIBS} relievo_gl GTest::gtest)
-  relievo_test_precompiled(${name})
+  relievo_test_precompiled(${name} 1)
   if(T_GL_ONLY)
     set(apis gl)
   endif()
@@ -52,20 +52,20 @@ relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
 relievo_gltest(other_bases_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/other_bases_gltest.cpp)
-relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_pages
+relievo_gltest(filters_equal_dense_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
 relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/effects_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
-relievo_gltest(lit_relief_gltest LIBS relievo_viewer relievo_engine relievo_dense_pages SOURCES render/lit_relief_gltest.cpp)
+relievo_gltest(lit_relief_gltest GL_ONLY LIBS relievo_viewer relievo_engine relievo_dense_pages SOURCES render/lit_relief_gltest.cpp)
 if(TARGET lit_relief_gltest)
   target_compile_definitions(lit_relief_gltest PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
   add_dependencies(lit_relief_gltest relievo)
 endif()
 relievo_gltest(page_fade_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/page_fade_gltest.cpp)
-relievo_gltest(sample_equals_dense_gltest LIBS relievo_engine relievo_dense_pages relievo_sample
+relievo_gltest(sample_equals_dense_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages relievo_sample
   SOURCES render/sample_equals_dense_gltest.cpp)
 relievo_test(view_control_test LIBS relievo_viewer SOURCES render/view_control_test.cpp)
-relievo_gltest(eye_outside_gltest LIBS relievo_viewer relievo_lod SOURCES render/eye_outside_gltest.cpp)
+relievo_gltest(eye_outside_gltest GL_ONLY LIBS relievo_viewer relievo_lod SOURCES render/eye_outside_gltest.cpp)
 relievo_gltest(hud_gltest LIBS relievo_viewer SOURCES render/hud_gltest.cpp)
 
 # The viewer in a window, under a virtual display.
@@ -76,20 +76,20 @@ foreach(api gl es)
 endforeach()
 relievo_test(camera_test LIBS relievo_engine SOURCES render/camera_test.cpp)
 relievo_gltest(engine_faults_gltest GL_ONLY LIBS relievo_engine SOURCES render/engine_faults_gltest.cpp)
-relievo_gltest(feedback_gltest LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
+relievo_gltest(feedback_gltest GL_ONLY LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
 relievo_gltest(mesh_watertight_gltest LIBS relievo_engine SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest GL_ONLY LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_engine SOURCES render/mesh_picture_gltest.cpp)
 relievo_gltest(hidden_backs_gltest GL_ONLY LIBS relievo_engine SOURCES render/hidden_backs_gltest.cpp)
-relievo_gltest(orthographic_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/orthographic_gltest.cpp)
+relievo_gltest(orthographic_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/orthographic_gltest.cpp)
 relievo_test(upload_choice_test LIBS relievo_engine SOURCES render/upload_choice_test.cpp)
-relievo_gltest(block_upload_gltest LIBS relievo_engine SOURCES render/block_upload_gltest.cpp)
+relievo_gltest(block_upload_gltest GL_ONLY LIBS relievo_engine SOURCES render/block_upload_gltest.cpp)
 if(TARGET block_upload_gltest)  # once more without BC7, and without copies of compressed textures
   set(missing "-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
   relievo_add_gltest(block_upload_gltest_bare block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed:*AGrowingPool*
     "MESA_EXTENSION_OVERRIDE=${missing}")
 endif()
-relievo_gltest(mesh_ptm_gltest LIBS relievo_image relievo_stream relievo_import SOURCES render/mesh_ptm_gltest.cpp)
+relievo_gltest(mesh_ptm_gltest GL_ONLY LIBS relievo_image relievo_stream relievo_import SOURCES render/mesh_ptm_gltest.cpp)
 if(TARGET mesh_ptm_gltest)
   target_compile_definitions(mesh_ptm_gltest PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>")
   add_dependencies(mesh_ptm_gltest relievo)

@@ -105,7 +105,7 @@ TEST_F(Watertight, SharedVerticesAreBitIdentical) {
   std::mt19937 random(kSeed);
   Comparison total;
   int frames = 0;
-  const uint64_t wanted = test::esShare(uint64_t{10'000'000});
+  const uint64_t wanted = test::glShare(uint64_t{10'000'000});
   for (; total.compared < wanted && frames < 6000; ++frames) {
     if (frames % 3 == 0) engine->setCamera(randomCamera(random));
     engine->frame(frames * 0.016);
@@ -171,7 +171,7 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
   auto engine = makeEngine(1.0);
   std::mt19937 random(kSeed + 1);
   uint64_t inside = 0, background = 0;
-  const int views = test::esShare(1000);
+  const int views = test::glShare(1000);
   for (int view = 0; view < views; ++view) {
     engine->setCamera(randomCamera(random));
     engine->frame(view * 0.1);  // the list of an older camera is drawn here
@@ -181,7 +181,7 @@ TEST_F(Watertight, NoBackgroundShowsThrough) {
   }
   std::printf("[ watertight ] seed %u: %d views, %llu pixels inside, %llu of them background\n", kSeed + 1, views,
               (unsigned long long)inside, (unsigned long long)background);
-  EXPECT_GT(inside, test::esShare(uint64_t{10'000'000}));
+  EXPECT_GT(inside, test::glShare(uint64_t{10'000'000}));
   EXPECT_EQ(background, 0u);
 }
 

@@ -10,7 +10,8 @@
 #include <sstream>
 #include <string>
 
-#include "cli_fixture.h"
+#include "tests/tools/cli_fixture.h"
+#include "tests/view_share.h"
 
 namespace {
 
@@ -516,6 +517,7 @@ TEST_F(Cli, AnOrthographicPictureHasItsScale) {
 }
 
 TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about pictures; page_faults_test has the same sources";
   ASSERT_EQ(
       relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo"))
           .exit_code,
@@ -525,7 +527,7 @@ TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
   Outcome sound = relievo(common + file("a.png"));
   if (noGl(sound)) GTEST_SKIP() << sound.output;
   ASSERT_EQ(sound.exit_code, 0) << sound.output;
-  Outcome slow = relievo(common + file("b.png") + " --source-rate 20 --source-latency 3 --source-jitter 2");
+  Outcome slow = relievo(common + file("b.png") + " --source-rate 200 --source-latency 3 --source-jitter 2");
   ASSERT_EQ(slow.exit_code, 0) << slow.output;
   EXPECT_EQ(run("cmp " + file("a.png") + " " + file("b.png")).exit_code, 0);
   // Every read goes wrong: no picture, or where that is asked for one with stand-ins; one line says so.
@@ -554,6 +556,7 @@ TEST_F(Cli, SimulatedStorageChangesTheWayAndNotThePicture) {
 }
 
 TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures";
   Outcome r = relievo("bench --quick --only decode --json " + file("b.json"));
   if (noGl(r)) GTEST_SKIP() << r.output;
   ASSERT_EQ(r.exit_code, 0) << r.output;
@@ -570,6 +573,7 @@ TEST_F(Cli, BenchRunsAGroupAndWritesItsRows) {
 
 // Every row of the JSON file is a row of the page; groups that did not run are not in it.
 TEST_F(Cli, BenchWritesAPageOfTheGroupsThatRan) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures";
   Outcome r = relievo("bench --quick --only page-table --json " + file("b.json") + " --markdown " + file("b.md"));
   if (noGl(r)) GTEST_SKIP() << r.output;
   ASSERT_EQ(r.exit_code, 0) << r.output;

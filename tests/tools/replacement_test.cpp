@@ -9,6 +9,8 @@
 #include <random>
 #include <set>
 
+#include "tests/view_share.h"
+
 namespace relievo {
 namespace {
 
@@ -88,7 +90,7 @@ TEST(Replacement, BeladyEqualsBruteForceOnSmallTraces) {
 }
 
 TEST(Replacement, NoPolicyBeatsBelady) {
-  for (uint64_t seed = 1; seed <= 200; ++seed) {
+  for (uint64_t seed = 1; seed <= (test::kSanitized ? 12 : 200); ++seed) {
     auto slots = static_cast<uint32_t>(2 + seed % 60);
     PageTrace trace = randomTrace(seed, slots, 300);
     ReplayResult best = replayOptimum(trace, slots);

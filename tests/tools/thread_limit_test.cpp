@@ -67,10 +67,11 @@ TEST_F(ThreadLimit, BuildOfAPtmAndHeights) {
                        "built.relievo");
 }
 
+// A given number of patches: no rounds of others, whose threads would be the same.
 TEST_F(ThreadLimit, BuildOfAScan) {
-  makePackage();
-  // A given number of patches: no rounds of others, whose threads would be the same.
-  expectSameOrSentence("build --mesh " + file("s/mesh.ply") + " --patches 24 -o " + file("built.relievo"),
+  std::ofstream(file("octahedron.off")) << "OFF\n6 8 0\n9 0 0\n-9 0 0\n0 9 0\n0 -9 0\n0 0 9\n0 0 -9\n3 0 2 4\n3 2 1 4\n"
+                                           "3 1 3 4\n3 3 0 4\n3 2 0 5\n3 1 2 5\n3 3 1 5\n3 0 3 5\n";
+  expectSameOrSentence("build --mesh " + file("octahedron.off") + " --patches 24 -o " + file("built.relievo"),
                        "built.relievo");
 }
 
