@@ -398,6 +398,7 @@ class MeshBuild {
   std::unique_ptr<BaseDomain> domain_;
   BaseMesh base_;
   std::unique_ptr<MeshBake> bake_;
+  std::optional<FidelityScan> fidelity_scan_;  // while bakes are measured
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;  // that the hierarchies of the scan's rays may take
   bool refined_ = false;    // the base mesh is not the one that BaseDomain::make() made
@@ -494,6 +495,7 @@ Result<void> MeshBuild::bake() {
   constexpr double kRounding = 2e-7;
   if (base_kind_ == BaseKind::kFaces) bake_options.touch_mm = kRounding * diagonal;
   bake_options.workers = a_.package.workers;
+  bake_options.errors = false;
   auto bake = stages_.run("bake", bake_options, [&]() -> Result<std::unique_ptr<MeshBake>> {
     Result<BakeScene>& scene = bake_scene_->get();
     if (!scene) return scene.error();
@@ -516,13 +518,11 @@ Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake) {
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   run.memory_bytes = memoryLeft(uint64_t{32} << 20);
-  // Where the scan's rays do not fit their memory, each place may cost the building of a region of them.
-  constexpr uint64_t kRayBytesATriangle = 60, kFewSamples = 500;
-  if (kRayBytesATriangle * scan.triangles.size() > ray_bytes_) run.samples = kFewSamples;
+  if (!fidelity_scan_) fidelity_scan_.emplace(scan, a_.package.workers);
   const double diagonal = diagonalOf(scan);
   const double tolerance = toleranceOf(a_, diagonal);
   const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
-  return measureFidelity(scan, *bake_scene_->get()->rays, bake, target, run);
+  return measureFidelity(*fidelity_scan_, bake, target, run);
 }
 
 Result<void> MeshBuild::bakeUntilKept() {
@@ -552,6 +552,8 @@ Result<void> MeshBuild::bakeUntilKept() {
   base_ = std::move(best_base);
   base_kind_ = best_kind;
   if (auto done = chooseStep(); !done) return done;
+  fidelity_scan_.reset();
+  if (auto done = stages_.run("bake", [&] { return bake_->findErrors(); }); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
   if (a_.strict && !fidelity_.kept()) return missed("nothing was written, as --strict asks for");
   return {};

@@ -10,6 +10,7 @@
 #include <glm/glm.hpp>
 
 #include "geometry/mesh/tri_mesh.h"
+#include "geometry/mesh/triangle_point.h"
 
 namespace relievo {
 
@@ -27,28 +28,25 @@ inline glm::dvec2 pointInTriangle(size_t k) {
   return {b1, b2};
 }
 
+inline double doubleAreaOf(const TriangleCorners& t) { return glm::length(glm::cross(t.b - t.a, t.c - t.a)); }
+
 // Twice the summed areas of the triangles before each triangle, starting from `before`, with the total at the end.
 inline std::vector<double> cumulativeAreas(const TriMesh& mesh, double before) {
   std::vector<double> out{before};
   out.reserve(mesh.triangles.size() + 1);
-  for (const auto& t : mesh.triangles) {
-    const glm::dvec3 a(mesh.positions_mm[t[0]]), b(mesh.positions_mm[t[1]]), c(mesh.positions_mm[t[2]]);
-    out.push_back(out.back() + glm::length(glm::cross(b - a, c - a)));
-  }
+  for (uint32_t t = 0; t < mesh.triangles.size(); ++t) out.push_back(out.back() + doubleAreaOf(cornersOf(mesh, t)));
   return out;
 }
 
-// The samples that lie on one part of a mesh when `count` samples are spread over the whole mesh, so that a mesh can be
-// sampled part by part. cumulative_area: of the part (cumulativeAreas()); whole_area: of the whole mesh.
-class AreaSampler {
+// `count` samples that are spread over an area: which lie where.
+class AreaSamples {
  public:
-  AreaSampler(const TriMesh& part, const std::vector<double>& cumulative_area, double whole_area, size_t count)
-      : part_(part), cumulative_area_(cumulative_area), whole_area_(whole_area), count_(count) {}
+  AreaSamples(double whole_area, size_t count) : whole_area_(whole_area), count_(count) {}
   double areaBefore(size_t k) const {
     return (static_cast<double>(k) + 0.5) / static_cast<double>(count_) * whole_area_;
   }
   // The first sample at or behind a cumulative area.
-  size_t firstSampleAt(double area) const {
+  size_t firstAt(double area) const {
     size_t low = 0, high = count_;
     while (low < high) {
       const size_t k = (low + high) / 2;
@@ -57,9 +55,22 @@ class AreaSampler {
     }
     return low;
   }
+
+ private:
+  double whole_area_;
+  size_t count_;
+};
+
+// The samples that lie on one part of a mesh when `count` samples are spread over the whole mesh, so that a mesh can be
+// sampled part by part. cumulative_area: of the part (cumulativeAreas()); whole_area: of the whole mesh.
+class AreaSampler {
+ public:
+  AreaSampler(const TriMesh& part, const std::vector<double>& cumulative_area, double whole_area, size_t count)
+      : part_(part), cumulative_area_(cumulative_area), samples_(whole_area, count) {}
+  size_t firstSampleAt(double area) const { return samples_.firstAt(area); }
   // The position of sample k. triangle: where the search begins; receives the sample's triangle.
   glm::dvec3 position(size_t k, size_t& triangle) const {
-    const double area = areaBefore(k);
+    const double area = samples_.areaBefore(k);
     if (area >= cumulative_area_[triangle + 1])
       triangle = static_cast<size_t>(std::upper_bound(cumulative_area_.begin(), cumulative_area_.end(), area) -
                                      cumulative_area_.begin()) -
@@ -74,8 +85,7 @@ class AreaSampler {
  private:
   const TriMesh& part_;
   const std::vector<double>& cumulative_area_;
-  double whole_area_;
-  size_t count_;
+  AreaSamples samples_;
 };
 
 }  // namespace relievo

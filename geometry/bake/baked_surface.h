@@ -32,17 +32,4 @@ class BakedSurface {
   std::vector<int> cells_log2_;
 };
 
-// The surface with far fewer triangles: blocks of 8 x 8 cells, each the coarsest within tolerance_mm of the finest
-// grid. Between blocks of different grids there are gaps up to the tolerance.
-class CoarseBakedSurface {
- public:
-  CoarseBakedSurface(const MeshBake& baked, double tolerance_mm) : baked_(baked), tolerance_mm_(tolerance_mm) {}
-  size_t patches() const { return baked_.base().patches.size(); }
-  void add(uint32_t patch, TriMesh& out) const;
-
- private:
-  const MeshBake& baked_;
-  double tolerance_mm_;
-};
-
 }  // namespace relievo

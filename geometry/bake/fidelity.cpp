@@ -7,7 +7,7 @@
 #include <span>
 
 #include "geometry/bake/area_sampler.h"
-#include "geometry/bake/baked_surface.h"
+#include "geometry/bake/drawn_surface.h"
 #include "geometry/mesh/box_tree.h"
 #include "src/base/parallel_for.h"
 
@@ -25,37 +25,40 @@ struct Samples {
   size_t area_samples = 0;  // so many come first, spread over the area; the others are vertices
 };
 
-void updateDistances(Samples& s, const RayScene& scene, const glm::dvec3& shift, const Box* box,
-                     const FidelityOptions& options) {
+// Lowers the samples' distances to those of a surface, which lies within the box. distance: as closestByBoxes() has it.
+template <class Distance>
+void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const FidelityOptions& options,
+                     Distance distance) {
   constexpr size_t kSamplesPerJob = 2048;
   parallelFor((s.positions.size() + kSamplesPerJob - 1) / kSamplesPerJob, options.workers, options.interrupted,
               [&](size_t job) {
-                SurfacePoint last;
+                size_t last = kNoPart;
                 for (size_t i = job * kSamplesPerJob; i < std::min(s.positions.size(), (job + 1) * kSamplesPerJob);
                      ++i) {
                   const glm::dvec3 p = s.positions[i] + shift;
                   const double nearest = s.distances_mm[i];
-                  const bool bounded = !std::isinf(nearest);
-                  if (bounded && box && box->squaredDistance(p) > nearest * nearest) continue;
-                  const SurfacePoint found = bounded ? scene.closestPoint(p, nearest) : scene.closestPoint(p, last);
-                  if (!found) continue;
-                  last = found;
-                  s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(found.along));
+                  if (box && !std::isinf(nearest) && box->squaredDistance(p) > nearest * nearest) continue;
+                  s.distances_mm[i] = std::min(s.distances_mm[i], static_cast<float>(distance(p, nearest, last)));
                 }
               });
 }
 
-// Calls use(part) with consecutive patches, as many at a time as fit the memory, until it answers false.
+// Calls use(part) with consecutive patches, as many at a time as fit the memory, until it answers false. kept: the part
+// where it is the only one, made before and used again.
 template <class Use>
-bool forEachPart(const CoarseBakedSurface& surface, uint64_t memory_bytes, Use use) {
-  constexpr uint64_t kBytesPerTriangle = 90;  // ray hierarchy included
-  TriMesh part;
-  for (uint32_t p = 0; p < surface.patches(); ++p) {
-    surface.add(p, part);
-    if (p + 1 < surface.patches() && (memory_bytes == 0 || part.triangles.size() * kBytesPerTriangle < memory_bytes))
-      continue;
+bool forEachPart(const DrawnSurface& surface, uint64_t memory_bytes, std::optional<DrawnSurface::Part>& kept, Use use) {
+  constexpr uint64_t kBytesPerTriangle = 12;
+  double area = 0;
+  if (kept) return use(*kept);
+  for (size_t first = 0, end = 0; first < surface.patches(); first = end) {
+    uint64_t triangles = 0;
+    do triangles += surface.triangles(end++);
+    while (end < surface.patches() &&
+           (memory_bytes == 0 || (triangles + surface.triangles(end)) * kBytesPerTriangle < memory_bytes));
+    DrawnSurface::Part part = surface.part(first, end, area);
+    area = part.areaAfter();
     if (!use(part)) return false;
-    part = {};
+    if (first == 0 && end == surface.patches()) kept = std::move(part);
   }
   return true;
 }
@@ -109,15 +112,6 @@ OneSidedFidelity summarise(const Samples& s, const FidelityTarget& target, std::
   return result;
 }
 
-void addAreaSamples(const TriMesh& mesh, const std::vector<double>& cumulative_area, double whole, size_t count,
-                    const glm::dvec3& shift, Samples& out) {
-  const AreaSampler sampler(mesh, cumulative_area, whole, count);
-  const size_t first = sampler.firstSampleAt(cumulative_area.front()),
-               end = sampler.firstSampleAt(cumulative_area.back());
-  size_t triangle = 0;
-  for (size_t k = first; k < end; ++k) out.positions.push_back(sampler.position(k, triangle) + shift);
-}
-
 }  // namespace
 
 double OneSidedFidelity::excess(const FidelityTarget& t) const {
@@ -141,51 +135,55 @@ double diagonalOf(const TriMesh& mesh) {
   return glm::length(glm::dvec3(high) - glm::dvec3(low));
 }
 
-Result<Fidelity> measureFidelity(const TriMesh& scan, const RayScene& rays, const MeshBake& baked,
-                                 const FidelityTarget& target, const FidelityOptions& options) {
+FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples)
+    : mesh_(&mesh), search_(mesh, workers), diagonal_mm_(diagonalOf(mesh)), samples_(samples) {
+  const std::vector<double> cumulative_area = cumulativeAreas(mesh, 0);
+  if (const double whole = cumulative_area.back(); whole > 0) {
+    const AreaSampler sampler(mesh, cumulative_area, whole, samples);
+    const size_t end = sampler.firstSampleAt(whole);
+    size_t triangle = 0;
+    for (size_t k = sampler.firstSampleAt(0); k < end; ++k) positions_.push_back(sampler.position(k, triangle));
+  }
+  area_samples_ = positions_.size();
+  const size_t step = (mesh.positions_mm.size() + kMaxVertices - 1) / kMaxVertices;
+  for (size_t v = 0; v < mesh.positions_mm.size(); v += std::max<size_t>(step, 1))
+    positions_.push_back(glm::dvec3(mesh.positions_mm[v]));
+}
+
+Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,
+                                 const FidelityOptions& options) {
   auto stopped = [&] { return options.interrupted && options.interrupted->load(std::memory_order_relaxed); };
   const Error interrupted{ErrorKind::kInterrupted, "", "interrupted", ""};
-  Fidelity out{.diagonal_mm = diagonalOf(scan), .target = target, .to_drawn = {}, .to_scan = {}, .violations = {}};
-  const glm::dvec3 shift = scan.origin_mm - baked.base().origin_mm;  // from the scan's coordinates to the base's
-
-  Samples scan_samples;
-  {
-    const std::vector<double> cumulative_area = cumulativeAreas(scan, 0);
-    if (cumulative_area.back() > 0)
-      addAreaSamples(scan, cumulative_area, cumulative_area.back(), options.samples, glm::dvec3(0), scan_samples);
-    scan_samples.area_samples = scan_samples.positions.size();
-    const size_t step = (scan.positions_mm.size() + kMaxVertices - 1) / kMaxVertices;
-    for (size_t v = 0; v < scan.positions_mm.size(); v += std::max<size_t>(step, 1))
-      scan_samples.positions.push_back(glm::dvec3(scan.positions_mm[v]));
-    scan_samples.distances_mm.assign(scan_samples.positions.size(), std::numeric_limits<float>::infinity());
-  }
-  const CoarseBakedSurface surface(baked, kGridTolerance * out.diagonal_mm);
+  constexpr float kFar = std::numeric_limits<float>::infinity();
+  Fidelity out{.diagonal_mm = scan.diagonalMm(), .target = target, .to_drawn = {}, .to_scan = {}, .violations = {}};
+  // From the scan's coordinates to the base's.
+  const glm::dvec3 shift = scan.mesh().origin_mm - baked.base().origin_mm;
+  Samples scan_samples{scan.positions(), std::vector<float>(scan.positions().size(), kFar), scan.areaSamples()};
+  const DrawnSurface surface(baked, kGridTolerance * out.diagonal_mm, options.workers, options.interrupted);
+  if (stopped()) return interrupted;
   double area = 0;
-  std::optional<Error> failed;
-  bool whole = forEachPart(surface, options.memory_bytes, [&](const TriMesh& part) {
-    area = cumulativeAreas(part, area).back();
-    auto scene = RayScene::create(part, options.interrupted);
-    if (!scene) return failed = scene.error(), false;
-    Box box;
-    for (const glm::vec3& p : part.positions_mm) box.add(p);
-    updateDistances(scan_samples, **scene, shift, &box, options);
+  std::optional<DrawnSurface::Part> kept;
+  bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const DrawnSurface::Part& part) {
+    if (stopped()) return false;
+    area = part.areaAfter();
+    updateDistances(scan_samples, &part.box(), shift, options,
+                    [&](const glm::dvec3& p, double within, size_t& row) { return part.distance(p, within, row); });
     return !stopped();
   });
-  if (failed) return *failed;
   if (!whole) return interrupted;
   // Each part gets the samples that lie on it, numbered over the whole surface.
   Samples drawn_samples;
-  double so_far = 0;
-  whole = area <= 0 || forEachPart(surface, options.memory_bytes, [&](const TriMesh& part) {
-            const std::vector<double> cumulative_area = cumulativeAreas(part, so_far);
-            so_far = cumulative_area.back();
-            addAreaSamples(part, cumulative_area, area, options.samples, -shift, drawn_samples);
-            return !stopped();
+  whole = area <= 0 || forEachPart(surface, options.memory_bytes, kept, [&](const DrawnSurface::Part& part) {
+            if (stopped()) return false;
+            DrawnSurface::addSamples(part, area, scan.samples(), -shift, drawn_samples.positions);
+            return true;
           });
   if (!whole) return interrupted;
   drawn_samples.area_samples = drawn_samples.positions.size();
-  drawn_samples.distances_mm.assign(drawn_samples.positions.size(), std::numeric_limits<float>::infinity());
-  updateDistances(drawn_samples, rays, glm::dvec3(0), nullptr, options);
+  drawn_samples.distances_mm.assign(drawn_samples.positions.size(), kFar);
+  updateDistances(
+      drawn_samples, nullptr, glm::dvec3(0), options,
+      [&](const glm::dvec3& p, double within, size_t& part) { return scan.search().distance(p, within, part); });
   if (stopped()) return interrupted;
   out.to_drawn = summarise(scan_samples, target, out.violations);
   out.to_scan = summarise(drawn_samples, target, out.violations);

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "geometry/bake/mesh_bake.h"
-#include "geometry/mesh/ray_scene.h"
+#include "geometry/mesh/closest_search.h"
 #include "geometry/mesh/tri_mesh.h"
 #include "src/base/result.h"
 
@@ -53,15 +53,38 @@ struct Fidelity {
   double excess() const;
 };
 
+double diagonalOf(const TriMesh& mesh);  // of the bounding box
+
+// What several measurements of a scan share. The mesh must outlive it unchanged. samples: in each direction.
+// workers: 0 is one for each core.
+class FidelityScan {
+ public:
+  static constexpr uint64_t kSamples = 50'000;
+  FidelityScan(const TriMesh& mesh, int workers, uint64_t samples = kSamples);
+  const TriMesh& mesh() const { return *mesh_; }
+  const ClosestSearch& search() const { return search_; }
+  double diagonalMm() const { return diagonal_mm_; }
+  uint64_t samples() const { return samples_; }
+  // First areaSamples() of them, spread over the area; then vertices.
+  const std::vector<glm::dvec3>& positions() const { return positions_; }
+  size_t areaSamples() const { return area_samples_; }
+
+ private:
+  const TriMesh* mesh_;
+  ClosestSearch search_;
+  double diagonal_mm_;
+  uint64_t samples_;
+  std::vector<glm::dvec3> positions_;
+  size_t area_samples_ = 0;
+};
+
 struct FidelityOptions {
-  uint64_t samples = 50'000;  // in each direction
   int workers = 0;
   uint64_t memory_bytes = 0;  // as DistanceOptions has it
   const std::atomic<bool>* interrupted = nullptr;
 };
-double diagonalOf(const TriMesh& mesh);  // of the bounding box
-// rays: of the scan. Error: kInterrupted, or out of memory.
-Result<Fidelity> measureFidelity(const TriMesh& scan, const RayScene& rays, const MeshBake& baked,
-                                 const FidelityTarget& target, const FidelityOptions& options = {});
+// Error: kInterrupted.
+Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked, const FidelityTarget& target,
+                                 const FidelityOptions& options = {});
 
 }  // namespace relievo

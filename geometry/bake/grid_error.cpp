@@ -139,7 +139,69 @@ RELIEVO_SIMD_CLONES void blockExtremes(const SurfaceGrid& coarse, const SurfaceG
   }
 }
 
+// The largest squared distance of a grid from the finest grid's part that begins at its vertex (x0, y0). largest: as
+// many zeros as the grid has columns.
+RELIEVO_SIMD_CLONES void largestSquared(const SurfaceGrid& grid, const SurfaceGrid& finest, size_t x0, size_t y0,
+                                        std::vector<double>& largest) noexcept {
+  const size_t row = grid.row();
+  double* h = largest.data();
+  for (size_t y = 0; y < row; ++y) {
+    const size_t at = y * row, of_finest = (y0 + y) * finest.row() + x0;
+    const double *ax = grid.axes[0].data() + at, *ay = grid.axes[1].data() + at, *az = grid.axes[2].data() + at;
+    const double *bx = finest.axes[0].data() + of_finest, *by = finest.axes[1].data() + of_finest,
+                 *bz = finest.axes[2].data() + of_finest;
+    for (size_t x = 0; x < row; ++x) {
+      const double dx = bx[x] - ax[x], dy = by[x] - ay[x], dz = bz[x] - az[x], s = dx * dx + dy * dy + dz * dz;
+      h[x] = h[x] > s ? h[x] : s;
+    }
+  }
+}
+
+// Rounded up: for the square roots here, and because vertices are drawn in single precision.
+constexpr double kRoundUp = 1 + 1e-6;
+float upperBound(double mm) {
+  return mm > 0 ? std::nextafter(static_cast<float>(mm), std::numeric_limits<float>::infinity()) : 0.0f;
+}
+
 }  // namespace
+
+void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch& scratch,
+                  std::vector<std::vector<uint8_t>>& within) {
+  const int finest_log2 = finest.cells_log2;
+  std::vector<SurfaceGrid>& grids = scratch.grids;
+  for (int log2 = static_cast<int>(grids.size()); log2 <= finest_log2; ++log2) grids.emplace_back(log2);
+  within.resize(static_cast<size_t>(finest_log2) + 1);
+  within.back().assign(static_cast<size_t>(errorBlocksPerSide(finest_log2) * errorBlocksPerSide(finest_log2)), 1);
+  for (int log2 = finest_log2 - 1; log2 >= 0; --log2) {
+    const auto blocks = static_cast<size_t>(errorBlocksPerSide(log2)),
+               finer_blocks = static_cast<size_t>(errorBlocksPerSide(log2 + 1)), ratio = finer_blocks / blocks;
+    const std::vector<uint8_t>& finer = within[static_cast<size_t>(log2) + 1];
+    std::vector<uint8_t>& out = within[static_cast<size_t>(log2)];
+    out.assign(blocks * blocks, 0);
+    // A block as a grid of its own, subdivided until its vertices are the finest grid's there.
+    const int block_log2 = std::min(log2, 3), ups = finest_log2 - log2;
+    SurfaceGrid& coarse = grids[static_cast<size_t>(block_log2)];
+    const size_t row = coarse.row(), step = size_t{1} << ups, width = (row - 1) * step;
+    for (size_t block = 0; log2 > 0 && block < out.size(); ++block) {
+      const size_t i = block % blocks, j = block / blocks;
+      bool may_be = true;
+      for (size_t k = 0; k < ratio * ratio; ++k)
+        may_be = may_be && finer[(j * ratio + k / ratio) * finer_blocks + i * ratio + k % ratio];
+      if (!may_be) continue;
+      for (size_t axis = 0; axis < 3; ++axis)
+        for (size_t y = 0; y < row; ++y)
+          for (size_t x = 0; x < row; ++x)
+            coarse.axes[axis][y * row + x] =
+                finest.axes[axis][(j * width + y * step) * finest.row() + i * width + x * step];
+      for (int up = 0; up < ups; ++up)
+        refine(grids[static_cast<size_t>(block_log2 + up)], grids[static_cast<size_t>(block_log2 + up) + 1]);
+      std::vector<double>& largest = scratch.rows.squared;
+      largest.assign(width + 1, 0.0);
+      largestSquared(grids[static_cast<size_t>(block_log2 + ups)], finest, i * width, j * width, largest);
+      out[block] = upperBound(std::sqrt(maxOf(largest, 0, width)) * kRoundUp) <= tolerance;
+    }
+  }
+}
 
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
                                    GridErrorScratch& scratch) {
@@ -174,8 +236,6 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
       blockExtremes(grids[static_cast<size_t>(finest_log2)], finest, scratch.normals, blocks, step, scratch.rows,
                     extremes);
       const auto finer_blocks = static_cast<size_t>(errorBlocksPerSide(log2 + 1)), ratio = finer_blocks / blocks;
-      // Rounded up: for the square roots here, and because vertices are drawn in single precision.
-      constexpr double kRoundUp = 1 + 1e-6;
       for (size_t j = 0; j < blocks; ++j) {
         for (size_t i = 0; i < blocks; ++i) {
           const Extremes& e = extremes[j * blocks + i];
@@ -188,8 +248,7 @@ std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<g
                std::sqrt(e.apart) * kRoundUp};
           for (size_t y = 0; y < ratio; ++y)
             for (size_t x = 0; x < ratio; ++x) d = joined(d, finer[(j * ratio + y) * finer_blocks + i * ratio + x]);
-          if (d.mm > 0)
-            out.mm[j * blocks + i] = std::nextafter(static_cast<float>(d.mm), std::numeric_limits<float>::infinity());
+          out.mm[j * blocks + i] = upperBound(d.mm);
           out.shapes[j * blocks + i] = shapeOf(d);
         }
       }

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include <glm/glm.hpp>
@@ -48,6 +49,10 @@ struct GridErrorScratch {
   };
   Rows rows;
 };
+// Of the same grids' blocks, which have errors of at most `tolerance`: within[cells_log2][block] is 1. In a fraction of
+// gridErrors()'s time. Grids of one cell are left out.
+void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch& scratch,
+                  std::vector<std::vector<uint8_t>>& within);
 std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
                                    GridErrorScratch& scratch);
 

@@ -33,7 +33,6 @@ uint16_t stepped(int height, int line, int step) {
 
 std::optional<std::vector<uint16_t>> steppedHeights(const BakeContext& context, std::span<const uint16_t> heights,
                                                     int cells_log2, int step) {
-  constexpr size_t kPatchesAJob = 16;
   const SampleLayout& l = context.layout;
   const size_t n = size_t{1} << cells_log2, m = n - 1, row = n + 1;
   std::vector<uint16_t> out(heights.size()), line(row);
@@ -46,27 +45,25 @@ std::optional<std::vector<uint16_t>> steppedHeights(const BakeContext& context, 
         line[i] = stepped(heights[first + i - 1], midHeight(line[i - h], line[i + h]), stepOf(h, step));
     std::copy_n(line.begin() + 1, m, out.begin() + static_cast<ptrdiff_t>(first));
   }
-  const bool done =
-      parallelFor((l.patches + kPatchesAJob - 1) / kPatchesAJob, context.workers, context.interrupted, [&](size_t job) {
-        std::vector<uint16_t> grid(row * row);
-        for (size_t patch = job * kPatchesAJob; patch < std::min(l.patches, (job + 1) * kPatchesAJob); ++patch) {
-          l.gather<uint16_t>(context.base, static_cast<uint32_t>(patch), m, out, grid);
-          const size_t first = l.interiorBegin(patch, m);
-          for (size_t h = n / 2; h > 0; h /= 2) {
-            for (size_t y = h; y < n; y += h) {
-              const size_t dy = y & h;
-              for (size_t x = h; x < n; x += h) {
-                const size_t dx = x & h, off = dy * row + dx;
-                if (off == 0) continue;
-                uint16_t* g = &grid[y * row + x];
-                *g = stepped(heights[first + (y - 1) * m + x - 1], midHeight(*(g - off), *(g + off)), stepOf(h, step));
-              }
+  const bool done = parallelForWith(
+      l.patches, context.workers, context.interrupted, [&] { return std::vector<uint16_t>(row * row); },
+      [&](std::vector<uint16_t>& grid, size_t patch) {
+        l.gather<uint16_t>(context.base, static_cast<uint32_t>(patch), m, out, grid);
+        const size_t first = l.interiorBegin(patch, m);
+        for (size_t h = n / 2; h > 0; h /= 2) {
+          for (size_t y = h; y < n; y += h) {
+            const size_t dy = y & h;
+            for (size_t x = h; x < n; x += h) {
+              const size_t dx = x & h, off = dy * row + dx;
+              if (off == 0) continue;
+              uint16_t* g = &grid[y * row + x];
+              *g = stepped(heights[first + (y - 1) * m + x - 1], midHeight(*(g - off), *(g + off)), stepOf(h, step));
             }
           }
-          for (size_t y = 1; y < n; ++y)
-            std::copy_n(grid.begin() + static_cast<ptrdiff_t>(y * row + 1), m,
-                        out.begin() + static_cast<ptrdiff_t>(first + (y - 1) * m));
         }
+        for (size_t y = 1; y < n; ++y)
+          std::copy_n(grid.begin() + static_cast<ptrdiff_t>(y * row + 1), m,
+                      out.begin() + static_cast<ptrdiff_t>(first + (y - 1) * m));
       });
   if (!done) return std::nullopt;
   return out;

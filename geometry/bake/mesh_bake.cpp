@@ -29,7 +29,10 @@ struct MeshBake::Impl {
   BakeReport report;
   std::vector<std::vector<GridErrors>> errors;  // for each patch, as gridErrors() returns them
   double error_unit_mm = 0;
+  bool always_errors = true;
 
+  // False: interrupted.
+  bool findErrors(const std::function<void(double)>& progress);
   Impl(const TriMesh& mesh, const BaseMesh& base) : context(mesh, base) {}
 };
 
@@ -69,25 +72,25 @@ BakeTexture textureOf(const TriMesh& mesh, const MeshBake::Image& image) {
 // The errors of each patch's grids (gridErrors()). Empty: the bake was interrupted.
 std::vector<std::vector<GridErrors>> errorsOfPatches(const BakeContext& context, const BakedHeights& baked,
                                                      const std::function<void(double)>& progress) {
-  constexpr size_t kPatchesPerJob = 16;
+  struct Scratch {
+    SurfaceGrid finest;
+    GridErrorScratch errors;
+  };
   const size_t patches = context.base.patches.size();
   std::vector<std::vector<GridErrors>> errors(patches);
-  const bool done = parallelFor(
-      (patches + kPatchesPerJob - 1) / kPatchesPerJob, context.workers, context.interrupted,
-      [&](size_t job) {
-        SurfaceGrid finest(kPageCellsLog2 + baked.reliefDepth());
-        GridErrorScratch scratch;
-        for (size_t p = job * kPatchesPerJob; p < std::min(patches, (job + 1) * kPatchesPerJob); ++p) {
-          if (context.stopped()) return;
-          baked.surface(context, static_cast<uint32_t>(p), finest);
-          std::array<glm::dvec3, 4> normals;
-          for (size_t k = 0; k < 4; ++k) normals[k] = context.base.corners[context.base.patches[p][k]].normal;
-          errors[p] = gridErrors(finest, normals, scratch);
-        }
+  const bool done = parallelForWith(
+      patches, context.workers, context.interrupted,
+      [&] {
+        return Scratch{SurfaceGrid(kPageCellsLog2 + baked.reliefDepth()), {}};
+      },
+      [&](Scratch& s, size_t p) {
+        baked.surface(context, static_cast<uint32_t>(p), s.finest);
+        std::array<glm::dvec3, 4> normals;
+        for (size_t k = 0; k < 4; ++k) normals[k] = context.base.corners[context.base.patches[p][k]].normal;
+        errors[p] = gridErrors(s.finest, normals, s.errors);
       },
       [&](size_t taken) {
-        if (progress)
-          progress(std::min(1.0, static_cast<double>(taken * kPatchesPerJob) / static_cast<double>(patches)));
+        if (progress) progress(static_cast<double>(taken) / static_cast<double>(patches));
       });
   if (!done) errors.clear();
   return errors;
@@ -104,6 +107,13 @@ double errorUnit(const std::vector<std::vector<GridErrors>>& errors, double reli
 }
 
 }  // namespace
+
+bool MeshBake::Impl::findErrors(const std::function<void(double)>& progress) {
+  errors = errorsOfPatches(context, baked, progress);
+  if (errors.empty()) return false;
+  error_unit_mm = errorUnit(errors, baked.scale_mm);
+  return true;
+}
 
 Result<BakeScene> makeBakeScene(const TriMesh& mesh, const BakeSceneOptions& options) {
   BakeScene out;
@@ -165,9 +175,8 @@ Result<std::unique_ptr<MeshBake>> MeshBake::create(const TriMesh& mesh, const Im
   impl->baked = std::move(*baked);
   chooseTextureResolution(impl->context, options.texture_depth, impl->texture);
   impl->report.texture_depth = impl->texture.depth;
-  impl->errors = errorsOfPatches(impl->context, impl->baked, [&](double done) { progress(0.9 + 0.1 * done); });
-  if (impl->errors.empty()) return interruptedError();
-  impl->error_unit_mm = errorUnit(impl->errors, impl->baked.scale_mm);
+  impl->always_errors = options.errors;
+  if (options.errors && !impl->findErrors([&](double done) { progress(0.9 + 0.1 * done); })) return interruptedError();
   if (auto sound = impl->context.scene->status(); !sound) return sound.error();
   impl->report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
   progress(1);
@@ -184,11 +193,13 @@ Result<void> MeshBake::setStep(double step_mm) {
   if (!made) return interruptedError();
   b.baked.samples = std::move(*made);
   b.baked.stepped = step > 1;
-  b.errors = errorsOfPatches(b.context, b.baked, {});
-  if (b.errors.empty()) return interruptedError();
-  b.error_unit_mm = errorUnit(b.errors, b.baked.scale_mm);
-  return {};
+  b.errors.clear();
+  return b.always_errors ? findErrors() : Result<void>();
 }
+
+Result<void> MeshBake::findErrors() { return impl_->findErrors({}) ? Result<void>() : interruptedError(); }
+
+void MeshBake::surface(uint32_t patch, SurfaceGrid& out) const { impl_->baked.surface(impl_->context, patch, out); }
 
 Result<void> MeshBake::heights(uint32_t patch, std::span<uint16_t> out) const {
   impl_->baked.finest(impl_->context, patch, out);

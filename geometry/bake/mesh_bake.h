@@ -35,6 +35,9 @@ struct BakeOptions {
   // Heights are 0 where the scan is within this distance of the base, whichever way it faces there. For bases that lie
   // on the scan.
   double touch_mm = 0;
+  // False: errorsOfGrid(), errorOfGrid() and errorUnitMm() are known once findErrors() was called. For bakes that are
+  // measured, and may be dropped.
+  bool errors = true;
   int texture_depth = -1;  // a patch has 128 << this texels a side; -1: as fine as the colours
   int workers = 0;         // 0: one for each core
   std::function<void(double /*0..1*/)> progress;
@@ -114,11 +117,15 @@ class MeshBake {
   // few bytes for them; of the heights that were baked, however often it is called. 0: these themselves. No other
   // thread may look at the bake meanwhile. The error: kInterrupted.
   Result<void> setStep(double step_mm);
+  // For BakeOptions::errors = false; setStep() forgets what was found. The error: kInterrupted.
+  Result<void> findErrors();
   double errorUnitMm() const;
   // 6 channels: R, G, B, then the normal's x, y, z as round(127.5 (n + 1)). With planes: the image's channels, filtered
   // to the texels' size.
   Result<void> texels(uint32_t patch, std::span<uint8_t> out) const;
   Result<void> heights(uint32_t patch, std::span<uint16_t> out) const;
+  // The positions of its finest grid's vertices, in the scan's coordinates. out: of 7 + reliefDepth().
+  void surface(uint32_t patch, SurfaceGrid& out) const;
   // The errors of a patch's grid of 2^cells_log2 cells a side, 0 <= cells_log2 <= 7 + reliefDepth(), since grids
   // coarser than a root page's are drawn, too. By blocks of 8 x 8 cells: index y * B + x, B = errorBlocks(cells_log2).
   static int errorBlocks(int cells_log2) { return errorBlocksPerSide(cells_log2); }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <limits>
 #include <utility>
@@ -52,6 +53,12 @@ class BoxTree {
   void forEach(Wanted wanted, Visit visit) const {
     descend(levels_.size() - 1, 0, levels_.back().size(), wanted, visit);
   }
+  // visit(part) for parts whose boxes lie within the square root of limit() of the place, which may shrink meanwhile;
+  // about the nearest first.
+  template <class Limit, class Visit>
+  void nearToFar(const glm::dvec3& place, Limit limit, Visit visit) const {
+    descendNearToFar(levels_.size() - 1, 0, levels_.back().size(), place, limit, visit);
+  }
   size_t nearest(const glm::dvec3& place) const {
     size_t best = 0;
     double least = std::numeric_limits<double>::infinity();
@@ -71,6 +78,25 @@ class BoxTree {
       if (!wanted(levels_[level][i])) continue;
       if (level == 0) visit(i);
       else descend(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), wanted, visit);
+    }
+  }
+  template <class Limit, class Visit>
+  void descendNearToFar(size_t level, size_t first, size_t last, const glm::dvec3& place, Limit& limit,
+                        Visit& visit) const {
+    std::array<std::pair<double, size_t>, kFan> near;
+    size_t count = 0;
+    for (size_t i = first; i < last; ++i) {
+      const double squared = levels_[level][i].squaredDistance(place);
+      if (!(squared <= limit())) continue;
+      size_t at = count++;
+      for (; at > 0 && near[at - 1].first > squared; --at) near[at] = near[at - 1];
+      near[at] = {squared, i};
+    }
+    for (size_t k = 0; k < count && near[k].first <= limit(); ++k) {
+      const size_t i = near[k].second;
+      if (level == 0) visit(i);
+      else
+        descendNearToFar(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), place, limit, visit);
     }
   }
   std::vector<std::vector<Box>> levels_;

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "geometry/mesh/box_tree.h"
+#include "geometry/mesh/triangle_point.h"
 #include "src/base/worker_threads.h"
 
 namespace relievo {
@@ -82,43 +83,9 @@ void lineFilter(const RTCFilterFunctionNArguments* args) {
   }
 }
 
-struct Corners {
-  glm::dvec3 a, b, c;
-};
-Corners cornersOf(const TriMesh& mesh, uint32_t triangle) {
-  const auto& t = mesh.triangles[triangle];
-  return {mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
-}
-
-// Ericson, Real-Time Collision Detection, 5.1.5: the closest point by the Voronoi regions of the triangle's features.
-SurfacePoint closestOnTriangle(const Corners& t, const glm::dvec3& p) {
-  SurfacePoint out;
-  const glm::dvec3 ab = t.b - t.a, ac = t.c - t.a, ap = p - t.a;
-  const double d1 = glm::dot(ab, ap), d2 = glm::dot(ac, ap);
-  const glm::dvec3 bp = p - t.b;
-  const double d3 = glm::dot(ab, bp), d4 = glm::dot(ac, bp);
-  const glm::dvec3 cp = p - t.c;
-  const double d5 = glm::dot(ab, cp), d6 = glm::dot(ac, cp);
-  const double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
-  if (d1 <= 0 && d2 <= 0) {
-  } else if (d3 >= 0 && d4 <= d3) {
-    out.b1 = 1;
-  } else if (d6 >= 0 && d5 <= d6) {
-    out.b2 = 1;
-  } else if (vc <= 0 && d1 >= 0 && d3 <= 0) {
-    out.b1 = d1 / (d1 - d3);
-  } else if (vb <= 0 && d2 >= 0 && d6 <= 0) {
-    out.b2 = d2 / (d2 - d6);
-  } else if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
-    out.b2 = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-    out.b1 = 1 - out.b2;
-  } else {
-    const double sum = va + vb + vc;
-    out.b1 = vb / sum;
-    out.b2 = vc / sum;
-  }
-  out.along = glm::length(ap - out.b1 * ab - out.b2 * ac);
-  return out;
+SurfacePoint closestOnTriangle(const TriMesh& mesh, uint32_t triangle, const glm::dvec3& place) {
+  const TrianglePoint at = closestOnTriangle(cornersOf(mesh, triangle), place);
+  return {triangle, at.b1, at.b2, at.distance};
 }
 
 struct ClosestQuery {
@@ -133,8 +100,7 @@ struct ClosestQuery {
 bool closestCallback(RTCPointQueryFunctionArguments* args) {
   auto& query = *static_cast<ClosestQuery*>(args->userPtr);
   const uint32_t triangle = query.first_triangle + args->primID;
-  SurfacePoint here = closestOnTriangle(cornersOf(*query.mesh, triangle), query.place);
-  here.triangle = triangle;
+  const SurfacePoint here = closestOnTriangle(*query.mesh, triangle, query.place);
   if (!(here.along <= query.within)) return false;
   if (here.along == query.within && query.best && query.best.triangle < here.triangle) return false;
   query.best = here;
@@ -150,7 +116,7 @@ bool closestCallback(RTCPointQueryFunctionArguments* args) {
 // saw it.
 SurfacePoint refined(const TriMesh& mesh, const Line& line, uint32_t triangle, double along, double b1, double b2) {
   SurfacePoint hit{triangle, b1, b2, along};
-  const Corners t = cornersOf(mesh, triangle);
+  const TriangleCorners t = cornersOf(mesh, triangle);
   const glm::dvec3 ab = t.b - t.a, ac = t.c - t.a, normal = glm::cross(ab, ac);
   const double steep = glm::dot(normal, line.direction);
   const double exact = glm::dot(normal, t.a - line.at) / steep;
@@ -646,8 +612,7 @@ SurfacePoint RayScene::closestPoint(const glm::dvec3& place, double within) cons
 
 SurfacePoint RayScene::closestPoint(const glm::dvec3& place, const SurfacePoint& guess) const {
   if (!guess) return closestPoint(place);
-  SurfacePoint known = closestOnTriangle(cornersOf(*impl_->mesh, guess.triangle), place);
-  known.triangle = guess.triangle;
+  const SurfacePoint known = closestOnTriangle(*impl_->mesh, guess.triangle, place);
   const SurfacePoint nearest = closestPoint(place, known.along);
   return nearest ? nearest : known;
 }

@@ -147,7 +147,7 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
   for (int round = 0; base.ok(); ++round) {
     auto bake = MeshBake::create(scan, {}, *base, {}, *scene);
     EXPECT_TRUE(bake.ok());
-    auto measured_fidelity = measureFidelity(scan, *scene->rays, **bake, FidelityTarget::of(diagonalOf(scan)));
+    auto measured_fidelity = measureFidelity(FidelityScan(scan, 0), **bake, FidelityTarget::of(diagonalOf(scan)));
     EXPECT_TRUE(measured_fidelity.ok());
     std::vector<RefineRequest> requests;
     for (const FidelityViolation& m : measured_fidelity->violations) requests.push_back({m.position_mm, 16});
@@ -199,18 +199,14 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
   const Made made = bakeUntilKept(one, 0);
   ASSERT_TRUE(made.bake);
   ASSERT_TRUE(made.fidelity.kept());
-  auto scene = makeBakeScene(two, {});
-  ASSERT_TRUE(scene.ok());
-  auto missing = measureFidelity(two, *scene->rays, *made.bake, FidelityTarget::of(diagonalOf(two)));
+  auto missing = measureFidelity(FidelityScan(two, 0), *made.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(missing.ok());
   EXPECT_FALSE(missing->kept());
   EXPECT_GT(missing->to_drawn.area_beyond, 0.005);
   EXPECT_LT(missing->to_scan.area_beyond, 1e-4);
   EXPECT_GT(missing->to_drawn.max_at_mm.x, 60);
   const Made both = bakeUntilKept(two, 0);
-  auto rays = makeBakeScene(one, {});
-  ASSERT_TRUE(rays.ok());
-  auto much = measureFidelity(one, *rays->rays, *both.bake, FidelityTarget::of(diagonalOf(two)));
+  auto much = measureFidelity(FidelityScan(one, 0), *both.bake, FidelityTarget::of(diagonalOf(two)));
   ASSERT_TRUE(much.ok());
   EXPECT_FALSE(much->kept());
   EXPECT_GT(much->to_scan.area_beyond, 0.005);

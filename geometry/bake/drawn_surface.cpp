@@ -1,0 +1,174 @@
+#include "geometry/bake/drawn_surface.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "geometry/bake/area_sampler.h"
+#include "geometry/bake/grid_error.h"
+#include "geometry/mesh/closest_search.h"
+#include "geometry/mesh/triangle_point.h"
+#include "src/artwork/patch_domain.h"
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+
+DrawnSurface::DrawnSurface(const MeshBake& baked, double tolerance_mm, int workers,
+                           const std::atomic<bool>* interrupted)
+    : baked_(baked), workers_(workers), interrupted_(interrupted) {
+  const int finest_log2 = kPageCellsLog2 + baked.reliefDepth();
+  blocks_.resize(baked.base().patches.size());
+  triangles_.resize(blocks_.size());
+  struct Scratch {
+    SurfaceGrid finest;
+    GridErrorScratch errors;
+    std::vector<std::vector<uint8_t>> within;
+  };
+  parallelForWith(
+      blocks_.size(), workers, interrupted,
+      [&] {
+        return Scratch{SurfaceGrid(finest_log2), {}, {}};
+      },
+      [&](Scratch& s, size_t patch) {
+        baked_.surface(static_cast<uint32_t>(patch), s.finest);
+        blocksWithin(s.finest, tolerance_mm, s.errors, s.within);
+        blocks_[patch] = blocksOf(s.within);
+        for (const Block& b : blocks_[patch]) triangles_[patch] += uint64_t{2} * b.cells * b.cells;
+      });
+}
+
+std::vector<DrawnSurface::Block> DrawnSurface::blocksOf(const std::vector<std::vector<uint8_t>>& within) {
+  const int finest_log2 = static_cast<int>(within.size()) - 1;
+  for (int log2 = 1; log2 <= 3; ++log2)
+    if (within[static_cast<size_t>(log2)][0])
+      return {{static_cast<uint8_t>(log2), static_cast<uint8_t>(1 << log2), 0, 0}};
+  std::vector<Block> out, pending{{3, 8, 0, 0}};
+  while (!pending.empty()) {
+    const Block b = pending.back();
+    pending.pop_back();
+    const auto per_side = static_cast<size_t>(errorBlocksPerSide(b.log2));
+    if (b.log2 == finest_log2 || within[b.log2][b.y * per_side + b.x]) {
+      out.push_back({b.log2, 8, static_cast<uint16_t>(8 * b.x), static_cast<uint16_t>(8 * b.y)});
+      continue;
+    }
+    for (int k = 0; k < 4; ++k)
+      pending.push_back({static_cast<uint8_t>(b.log2 + 1), 8, static_cast<uint16_t>(2 * b.x + k % 2),
+                         static_cast<uint16_t>(2 * b.y + k / 2)});
+  }
+  return out;
+}
+
+// The triangles of a row of cells, in the order of the cells.
+template <class Use>
+void DrawnSurface::Part::forEachTriangle(const Row& row, Use use) const {
+  const glm::vec3 *a = vertices_.data() + row.first_vertex, *c = a + row.cells + 1;
+  for (size_t x = 0; x < row.cells; ++x) {
+    use(TriangleCorners{a[x], c[x + 1], a[x + 1]});
+    use(TriangleCorners{a[x], c[x], c[x + 1]});
+  }
+}
+
+DrawnSurface::Part DrawnSurface::part(size_t first, size_t end, double area_before) const {
+  struct Begin {
+    size_t vertex = 0, row = 0;
+  };
+  std::vector<Begin> begins(end - first + 1);
+  for (size_t p = first; p < end; ++p) {
+    Begin at = begins[p - first];
+    for (const Block& b : blocks_[p]) {
+      at.vertex += size_t{b.cells + 1u} * (b.cells + 1u);
+      at.row += b.cells;
+    }
+    begins[p - first + 1] = at;
+  }
+  Part out;
+  out.vertices_.resize(begins.back().vertex);
+  out.rows_.resize(begins.back().row);
+  std::vector<Box> boxes(begins.back().row);
+  const BaseMesh& base = baked_.base();
+  const int finest_log2 = kPageCellsLog2 + baked_.reliefDepth();
+  const size_t finest_row = (size_t{1} << finest_log2) + 1;
+  parallelForWith(
+      end - first, workers_, interrupted_, [&] { return std::vector<uint16_t>(finest_row * finest_row); },
+      [&](std::vector<uint16_t>& q, size_t i) {
+        const auto patch = static_cast<uint32_t>(first + i);
+        (void)baked_.heights(patch, q);
+        Begin at = begins[i];
+        for (const Block& b : blocks_[patch]) {
+          const size_t step = size_t{1} << (finest_log2 - b.log2), row = b.cells + 1u;
+          const double per_cell = std::ldexp(1.0, -b.log2);
+          glm::vec3* vertex = out.vertices_.data() + at.vertex;
+          for (size_t y = b.y; y < b.y + row; ++y) {
+            const double v = static_cast<double>(y) * per_cell;
+            for (size_t x = b.x; x < b.x + row; ++x) {
+              const double u = static_cast<double>(x) * per_cell;
+              const double height = baked_.reliefOffsetMm() + baked_.reliefScaleMm() * q[(y * finest_row + x) * step];
+              *vertex++ = glm::vec3(base.point(patch, u, v) + height * base.normal(patch, u, v));
+            }
+          }
+          vertex = out.vertices_.data() + at.vertex;
+          for (size_t y = 0; y < b.cells; ++y, ++at.row) {
+            out.rows_[at.row] = {static_cast<uint32_t>(at.vertex + y * row), b.cells};
+            for (size_t k = 0; k < 2 * row; ++k) boxes[at.row].add(vertex[y * row + k]);
+          }
+          at.vertex += row * row;
+        }
+      });
+  // The sums are the same whoever computes the areas: in the triangles' order.
+  constexpr size_t kRows = 1 << 14, kRowsPerJob = 512, kMostTriangles = 16;
+  std::vector<double> areas(std::min(kRows, out.rows_.size()) * kMostTriangles);
+  out.area_before_.reserve(out.rows_.size() + 1);
+  double area = area_before;
+  for (size_t from = 0; from < out.rows_.size(); from += kRows) {
+    const size_t count = std::min(kRows, out.rows_.size() - from);
+    parallelFor((count + kRowsPerJob - 1) / kRowsPerJob, workers_, interrupted_, [&](size_t job) {
+      for (size_t i = job * kRowsPerJob; i < std::min(count, (job + 1) * kRowsPerJob); ++i) {
+        double* to = areas.data() + i * kMostTriangles;
+        out.forEachTriangle(out.rows_[from + i], [&](const TriangleCorners& t) { *to++ = doubleAreaOf(t); });
+      }
+    });
+    for (size_t i = 0; i < count; ++i) {
+      out.area_before_.push_back(area);
+      for (size_t k = 0; k < 2 * out.rows_[from + i].cells; ++k) area += areas[i * kMostTriangles + k];
+    }
+  }
+  out.area_before_.push_back(area);
+  out.boxes_ = BoxTree(std::move(boxes));
+  for (const glm::vec3& v : out.vertices_) out.box_.add(v);
+  return out;
+}
+
+double DrawnSurface::Part::distance(const glm::dvec3& place, double within, size_t& row) const {
+  return closestByBoxes(boxes_, place, within, row, [&](size_t i) {
+    double least = std::numeric_limits<double>::infinity();
+    forEachTriangle(rows_[i],
+                    [&](const TriangleCorners& t) { least = std::min(least, closestOnTriangle(t, place).distance); });
+    return least;
+  });
+}
+
+void DrawnSurface::addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift,
+                              std::vector<glm::dvec3>& out) {
+  const AreaSamples samples(whole_area, count);
+  const size_t end = samples.firstAt(part.areaAfter());
+  const std::vector<double>& before = part.area_before_;
+  for (size_t k = samples.firstAt(part.areaBefore()); k < end; ++k) {
+    const double area = samples.areaBefore(k);
+    const size_t row =
+        std::min(static_cast<size_t>(std::upper_bound(before.begin(), before.end(), area) - before.begin()) - 1,
+                 part.rows_.size() - 1);
+    double so_far = before[row];
+    TriangleCorners at{};
+    bool found = false;
+    part.forEachTriangle(part.rows_[row], [&](const TriangleCorners& t) {
+      if (found) return;
+      at = t;
+      so_far += doubleAreaOf(t);
+      found = area < so_far;
+    });
+    const glm::dvec2 w = pointInTriangle(k);
+    out.push_back(at.a + w.x * (at.b - at.a) + w.y * (at.c - at.a) + shift);
+  }
+}
+
+}  // namespace relievo

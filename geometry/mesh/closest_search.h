@@ -1,0 +1,82 @@
+// closest_search.h - how far places lie from a triangle mesh, by boxes of 16 successive triangles: made in one pass and
+// in 1.7 bytes a triangle, where RayScene takes 64. For places fewer than triangles, on meshes whose successive
+// triangles lie near one another (mesh_order.h); distances are RayScene::closestPoint()'s, bit for bit.
+// Const and thread-safe.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include <glm/glm.hpp>
+
+#include "geometry/mesh/box_tree.h"
+#include "geometry/mesh/tri_mesh.h"
+#include "geometry/mesh/triangle_point.h"
+#include "src/base/parallel_for.h"
+
+namespace relievo {
+
+// The search itself: `distanceTo(part)` is that to what lies in a part's box. The least distance, at most `within`;
+// infinite: nothing is as near. part: where the search begins, and receives the nearest; kNoPart: nothing is known.
+constexpr size_t kNoPart = ~size_t{0};
+template <class DistanceTo>
+double closestByBoxes(const BoxTree& boxes, const glm::dvec3& place, double within, size_t& part,
+                      DistanceTo distanceTo) {
+  // Far more than the rounding of a distance to a triangle, which may come out less than that to its box.
+  const double slack = 1e-12 * (std::abs(place.x) + std::abs(place.y) + std::abs(place.z));
+  double best = std::numeric_limits<double>::infinity(), limit = 0;
+  auto setLimit = [&](double distance) {
+    const double reach = distance * (1 + 1e-12) + slack;
+    limit = reach * reach;
+  };
+  setLimit(within);
+  const size_t first = part;
+  auto visit = [&](size_t i) {
+    const double distance = distanceTo(i);
+    if (!(distance <= within) || !(distance < best)) return;
+    best = distance;
+    part = i;
+    setLimit(distance);
+  };
+  if (first != kNoPart) visit(first);
+  boxes.nearToFar(
+      place, [&] { return limit; },
+      [&](size_t i) {
+        if (i != first) visit(i);
+      });
+  return best;
+}
+
+class ClosestSearch {
+ public:
+  // The mesh's arrays are used in place: they must outlive the search unchanged. workers: 0 is one for each core.
+  ClosestSearch(const TriMesh& mesh, int workers) : mesh_(&mesh) {
+    constexpr size_t kBlocksPerJob = 1024;
+    std::vector<Box> boxes((mesh.triangles.size() + kBlock - 1) / kBlock);
+    parallelFor((boxes.size() + kBlocksPerJob - 1) / kBlocksPerJob, workers, nullptr, [&](size_t job) {
+      for (size_t b = job * kBlocksPerJob; b < std::min(boxes.size(), (job + 1) * kBlocksPerJob); ++b)
+        for (size_t t = b * kBlock; t < std::min(mesh.triangles.size(), (b + 1) * kBlock); ++t)
+          for (uint32_t v : mesh.triangles[t]) boxes[b].add(mesh.positions_mm[v]);
+    });
+    boxes_ = BoxTree(std::move(boxes));
+  }
+  // As closestByBoxes() has it.
+  double distance(const glm::dvec3& place, double within, size_t& part) const {
+    return closestByBoxes(boxes_, place, within, part, [&](size_t block) {
+      double least = std::numeric_limits<double>::infinity();
+      for (size_t t = block * kBlock; t < std::min(mesh_->triangles.size(), (block + 1) * kBlock); ++t)
+        least = std::min(least, closestOnTriangle(cornersOf(*mesh_, static_cast<uint32_t>(t)), place).distance);
+      return least;
+    });
+  }
+
+ private:
+  static constexpr size_t kBlock = 16;
+  const TriMesh* mesh_;
+  BoxTree boxes_;
+};
+
+}  // namespace relievo
