@@ -169,7 +169,6 @@ void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch&
                   std::vector<std::vector<uint8_t>>& within) {
   const int finest_log2 = finest.cells_log2;
   std::vector<SurfaceGrid>& grids = scratch.grids;
-  for (int log2 = static_cast<int>(grids.size()); log2 <= finest_log2; ++log2) grids.emplace_back(log2);
   within.resize(static_cast<size_t>(finest_log2) + 1);
   within.back().assign(static_cast<size_t>(errorBlocksPerSide(finest_log2) * errorBlocksPerSide(finest_log2)), 1);
   for (int log2 = finest_log2 - 1; log2 >= 0; --log2) {
@@ -180,14 +179,16 @@ void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch&
     out.assign(blocks * blocks, 0);
     // A block as a grid of its own, subdivided until its vertices are the finest grid's there.
     const int block_log2 = std::min(log2, 3), ups = finest_log2 - log2;
-    SurfaceGrid& coarse = grids[static_cast<size_t>(block_log2)];
-    const size_t row = coarse.row(), step = size_t{1} << ups, width = (row - 1) * step;
+    const size_t row = (size_t{1} << block_log2) + 1, step = size_t{1} << ups, width = (row - 1) * step;
     for (size_t block = 0; log2 > 0 && block < out.size(); ++block) {
       const size_t i = block % blocks, j = block / blocks;
       bool may_be = true;
       for (size_t k = 0; k < ratio * ratio; ++k)
         may_be = may_be && finer[(j * ratio + k / ratio) * finer_blocks + i * ratio + k % ratio];
       if (!may_be) continue;
+      // Few patches need the largest ones.
+      for (int k = static_cast<int>(grids.size()); k <= block_log2 + ups; ++k) grids.emplace_back(k);
+      SurfaceGrid& coarse = grids[static_cast<size_t>(block_log2)];
       for (size_t axis = 0; axis < 3; ++axis)
         for (size_t y = 0; y < row; ++y)
           for (size_t x = 0; x < row; ++x)
