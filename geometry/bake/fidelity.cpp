@@ -7,7 +7,7 @@
 #include <span>
 
 #include "geometry/bake/area_sampler.h"
-#include "geometry/bake/drawn_surface.h"
+#include "geometry/bake/measured_surface.h"
 #include "geometry/mesh/box_tree.h"
 #include "src/base/parallel_for.h"
 
@@ -46,7 +46,8 @@ void updateDistances(Samples& s, const Box* box, const glm::dvec3& shift, const 
 // Calls use(part) with consecutive patches, as many at a time as fit the memory, until it answers false. kept: the part
 // where it is the only one, made before and used again.
 template <class Use>
-bool forEachPart(const DrawnSurface& surface, uint64_t memory_bytes, std::optional<DrawnSurface::Part>& kept, Use use) {
+bool forEachPart(const MeasuredSurface& surface, uint64_t memory_bytes, std::optional<MeasuredSurface::Part>& kept,
+                 Use use) {
   constexpr uint64_t kBytesPerTriangle = 12;
   double area = 0;
   if (kept) return use(*kept);
@@ -55,7 +56,7 @@ bool forEachPart(const DrawnSurface& surface, uint64_t memory_bytes, std::option
     do triangles += surface.triangles(end++);
     while (end < surface.patches() &&
            (memory_bytes == 0 || (triangles + surface.triangles(end)) * kBytesPerTriangle < memory_bytes));
-    DrawnSurface::Part part = surface.part(first, end, area);
+    MeasuredSurface::Part part = surface.part(first, end, area);
     area = part.areaAfter();
     if (!use(part)) return false;
     if (first == 0 && end == surface.patches()) kept = std::move(part);
@@ -159,11 +160,11 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   // From the scan's coordinates to the base's.
   const glm::dvec3 shift = scan.mesh().origin_mm - baked.base().origin_mm;
   Samples scan_samples{scan.positions(), std::vector<float>(scan.positions().size(), kFar), scan.areaSamples()};
-  const DrawnSurface surface(baked, kGridTolerance * out.diagonal_mm, options.workers, options.interrupted);
+  const MeasuredSurface surface(baked, kGridTolerance * out.diagonal_mm, options.workers, options.interrupted);
   if (stopped()) return interrupted;
   double area = 0;
-  std::optional<DrawnSurface::Part> kept;
-  bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const DrawnSurface::Part& part) {
+  std::optional<MeasuredSurface::Part> kept;
+  bool whole = forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
     if (stopped()) return false;
     area = part.areaAfter();
     updateDistances(scan_samples, &part.box(), shift, options,
@@ -173,9 +174,9 @@ Result<Fidelity> measureFidelity(const FidelityScan& scan, const MeshBake& baked
   if (!whole) return interrupted;
   // Each part gets the samples that lie on it, numbered over the whole surface.
   Samples drawn_samples;
-  whole = area <= 0 || forEachPart(surface, options.memory_bytes, kept, [&](const DrawnSurface::Part& part) {
+  whole = area <= 0 || forEachPart(surface, options.memory_bytes, kept, [&](const MeasuredSurface::Part& part) {
             if (stopped()) return false;
-            DrawnSurface::addSamples(part, area, scan.samples(), -shift, drawn_samples.positions);
+            MeasuredSurface::addSamples(part, area, scan.samples(), -shift, drawn_samples.positions);
             return true;
           });
   if (!whole) return interrupted;

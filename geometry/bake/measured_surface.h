@@ -1,5 +1,5 @@
-// drawn_surface.h - the surface of a bake, made coarse where that hardly shows, for measuring distances: in blocks of
-// at most 8 x 8 cells, each of the coarsest grid within a tolerance of the finest. Between blocks of different grids
+// measured_surface.h - the surface of a bake, made coarse where that hardly shows, for measuring distances: in blocks
+// of at most 8 x 8 cells, each of the coarsest grid within a tolerance of the finest. Between blocks of different grids
 // there are gaps up to the tolerance. Units: mm, relative to the base's origin_mm. The same for any number of workers.
 #pragma once
 
@@ -15,10 +15,10 @@
 
 namespace relievo {
 
-class DrawnSurface {
+class MeasuredSurface {
  public:
   // Chooses the blocks. Incomplete if it was interrupted.
-  DrawnSurface(const MeshBake& baked, double tolerance_mm, int workers, const std::atomic<bool>* interrupted);
+  MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers, const std::atomic<bool>* interrupted);
 
   // The blocks of consecutive patches. 10 bytes a triangle: the vertices, and boxes of rows of cells. Every row of a
   // block is a part of the search (geometry/mesh/closest_search.h).
@@ -32,7 +32,7 @@ class DrawnSurface {
     double areaAfter() const { return area_before_.back(); }
 
    private:
-    friend class DrawnSurface;
+    friend class MeasuredSurface;
     struct Row {
       uint32_t first_vertex, cells;
     };

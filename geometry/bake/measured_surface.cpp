@@ -1,4 +1,4 @@
-#include "geometry/bake/drawn_surface.h"
+#include "geometry/bake/measured_surface.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,8 +13,8 @@
 
 namespace relievo {
 
-DrawnSurface::DrawnSurface(const MeshBake& baked, double tolerance_mm, int workers,
-                           const std::atomic<bool>* interrupted)
+MeasuredSurface::MeasuredSurface(const MeshBake& baked, double tolerance_mm, int workers,
+                                 const std::atomic<bool>* interrupted)
     : baked_(baked), workers_(workers), interrupted_(interrupted) {
   const int finest_log2 = kPageCellsLog2 + baked.reliefDepth();
   blocks_.resize(baked.base().patches.size());
@@ -37,7 +37,7 @@ DrawnSurface::DrawnSurface(const MeshBake& baked, double tolerance_mm, int worke
       });
 }
 
-std::vector<DrawnSurface::Block> DrawnSurface::blocksOf(const std::vector<std::vector<uint8_t>>& within) {
+std::vector<MeasuredSurface::Block> MeasuredSurface::blocksOf(const std::vector<std::vector<uint8_t>>& within) {
   const int finest_log2 = static_cast<int>(within.size()) - 1;
   for (int log2 = 1; log2 <= 3; ++log2)
     if (within[static_cast<size_t>(log2)][0])
@@ -60,7 +60,7 @@ std::vector<DrawnSurface::Block> DrawnSurface::blocksOf(const std::vector<std::v
 
 // The triangles of a row of cells, in the order of the cells.
 template <class Use>
-void DrawnSurface::Part::forEachTriangle(const Row& row, Use use) const {
+void MeasuredSurface::Part::forEachTriangle(const Row& row, Use use) const {
   const glm::vec3 *a = vertices_.data() + row.first_vertex, *c = a + row.cells + 1;
   for (size_t x = 0; x < row.cells; ++x) {
     use(TriangleCorners{a[x], c[x + 1], a[x + 1]});
@@ -68,7 +68,7 @@ void DrawnSurface::Part::forEachTriangle(const Row& row, Use use) const {
   }
 }
 
-DrawnSurface::Part DrawnSurface::part(size_t first, size_t end, double area_before) const {
+MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double area_before) const {
   struct Begin {
     size_t vertex = 0, row = 0;
   };
@@ -138,7 +138,7 @@ DrawnSurface::Part DrawnSurface::part(size_t first, size_t end, double area_befo
   return out;
 }
 
-double DrawnSurface::Part::distance(const glm::dvec3& place, double within, size_t& row) const {
+double MeasuredSurface::Part::distance(const glm::dvec3& place, double within, size_t& row) const {
   return closestByBoxes(boxes_, place, within, row, [&](size_t i) {
     double least = std::numeric_limits<double>::infinity();
     forEachTriangle(rows_[i],
@@ -147,8 +147,8 @@ double DrawnSurface::Part::distance(const glm::dvec3& place, double within, size
   });
 }
 
-void DrawnSurface::addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift,
-                              std::vector<glm::dvec3>& out) {
+void MeasuredSurface::addSamples(const Part& part, double whole_area, size_t count, const glm::dvec3& shift,
+                                 std::vector<glm::dvec3>& out) {
   const AreaSamples samples(whole_area, count);
   const size_t end = samples.firstAt(part.areaAfter());
   const std::vector<double>& before = part.area_before_;
