@@ -33,11 +33,7 @@ struct GridErrors {
   std::vector<DeviationShape> shapes;  // the direction of the distance, src/artwork/deviation.h
 };
 
-// The errors of all grids of a patch, indexed by cells_log2 from 0 to finest.cells_log2 (which has errors of 0). Grid k
-// consists of every 2^(finest.cells_log2 - k)-th vertex, its cells cut along (0,0)-(1,1). A block's errors are at least
-// those of the finer grids' blocks inside it.
-// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1). scratch: memory that is reused from
-// patch to patch; its content does not matter.
+// Memory that is reused from patch to patch; its content does not matter.
 struct GridErrorScratch {
   std::vector<SurfaceGrid> grids;              // by cells_log2
   std::array<std::vector<double>, 3> normals;  // of length 1, or zero where the corners' normals cancel out
@@ -49,11 +45,17 @@ struct GridErrorScratch {
   };
   Rows rows;
 };
+
+// The errors of all grids of a patch, indexed by cells_log2 from 0 to finest.cells_log2 (which has errors of 0). Grid k
+// consists of every 2^(finest.cells_log2 - k)-th vertex, its cells cut along (0,0)-(1,1). A block's errors are at least
+// those of the finer grids' blocks inside it.
+// corner_normals: of the base, not zero, at (u, v) = (0,0), (1,0), (0,1), (1,1).
+std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
+                                   GridErrorScratch& scratch);
+
 // Of the same grids' blocks, which have errors of at most `tolerance`: within[cells_log2][block] is 1. In a fraction of
 // gridErrors()'s time. Grids of one cell are left out.
 void blocksWithin(const SurfaceGrid& finest, double tolerance, GridErrorScratch& scratch,
                   std::vector<std::vector<uint8_t>>& within);
-std::vector<GridErrors> gridErrors(const SurfaceGrid& finest, const std::array<glm::dvec3, 4>& corner_normals,
-                                   GridErrorScratch& scratch);
 
 }  // namespace relievo

@@ -328,9 +328,8 @@ Result<Candidate> bestCandidate(const BaseMeshBuilder& builder, const BaseDomain
   return best;
 }
 
-BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3& origin_mm) {
+BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame) {
   BaseMesh base;
-  base.origin_mm = origin_mm;
   for (const auto v : quads.vertices())
     base.corners.push_back(
         {glm::vec3(quads.point(v) * frame.diagonal + frame.centre), glm::vec3(glm::normalize(quads.normal(v)))});
@@ -341,7 +340,15 @@ BaseMesh baseMeshOf(const QuadMesh& quads, const Frame& frame, const glm::dvec3&
     for (const auto v : f.vertices()) patch[std::array{0, 2, 3, 1}[k++]] = static_cast<uint32_t>(v.idx());
     base.patches.push_back(patch);
   }
+  return base;
+}
+
+// With its origin, and its patches in their order; or what is wrong with it.
+Result<BaseMesh> completed(BaseMesh base, const glm::dvec3& origin_mm) {
+  base.origin_mm = origin_mm;
   orderPatches(base);
+  if (std::string problem = baseMeshProblem(base); !problem.empty())
+    return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
   return base;
 }
 
@@ -429,10 +436,7 @@ struct BaseDomain::Impl {
   Result<BaseMesh> finish(Candidate candidate) {
     last = std::move(candidate);
     if (last.empty()) return Error{ErrorKind::kInvalidData, {}, "no base mesh was found for this scan", {}, {}};
-    BaseMesh base = baseMeshOf(last.quads, reduced_scan->frame, mesh.origin_mm);
-    if (std::string problem = baseMeshProblem(base); !problem.empty())
-      return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
-    return base;
+    return completed(baseMeshOf(last.quads, reduced_scan->frame), mesh.origin_mm);
   }
   Result<void> prepare(size_t target_triangles, uint32_t patches, const ViewDirection* known) {
     auto made = reduceScan(mesh, options, target_triangles, patches, known);
@@ -605,11 +609,7 @@ Result<BaseMesh> BaseDomain::faces(uint32_t max_patches) const {
   if (!surface) return surface.error();
   BaseMesh base = facesBase(*surface, max_patches);
   if (base.patches.empty()) return too_many;
-  base.origin_mm = d.mesh.origin_mm;
-  orderPatches(base);
-  if (std::string problem = baseMeshProblem(base); !problem.empty())
-    return Error{ErrorKind::kInvalidData, {}, "the scan's triangles are no base mesh: " + problem, {}, {}};
-  return base;
+  return completed(std::move(base), d.mesh.origin_mm);
 }
 
 Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requests, uint32_t max_patches) {
@@ -654,11 +654,7 @@ Result<BaseMesh> BaseDomain::simplifiedFaces(std::span<const RefineRequest> requ
     for (BaseCorner& c : base.corners)
       c.position_mm =
           glm::vec3(glm::dvec3(c.position_mm) * d.reduced_scan->frame.diagonal + d.reduced_scan->frame.centre);
-    base.origin_mm = d.mesh.origin_mm;
-    orderPatches(base);
-    if (std::string problem = baseMeshProblem(base); !problem.empty())
-      return Error{ErrorKind::kInvalidData, {}, "no base mesh for this scan: " + problem, {}, {}};
-    return base;
+    return completed(std::move(base), d.mesh.origin_mm);
   }
   return Error{ErrorKind::kUsage, {}, "the scan's simplified triangles are too many patches", "allow for more", {}};
 }
