@@ -2,7 +2,7 @@
 relievo_test(base_test MEMORY LIBS relievo_base nlohmann_json::nlohmann_json SOURCES base/base_test.cpp)
 relievo_test(hash_index_test MEMORY LIBS relievo_base SOURCES base/hash_index_test.cpp)
 relievo_test(output_file_test MEMORY LIBS relievo_base SOURCES base/output_file_test.cpp)
-relievo_test(one_writer_test LIBS relievo_base SOURCES base/one_writer_test.cpp)
+relievo_test(one_writer_test MEMORY LIBS relievo_base SOURCES base/one_writer_test.cpp)
 target_compile_definitions(one_writer_test PRIVATE RELIEVO_SOURCES="${CMAKE_SOURCE_DIR}")
 
 # Takes pthread_create's place: linked with a test, or preloaded into the program.

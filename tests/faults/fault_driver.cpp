@@ -357,15 +357,13 @@ std::string wrongIn(const Workshop& shop, const Operation& op, const Reference& 
   return "";
 }
 
-// Calls to try: all from the first on, or `tries` spread evenly over all, first and last included; a single one is in
-// the middle.
+// Calls to try: all from the first on, or about `tries` spread evenly over all, first and last included.
 std::vector<uint64_t> chosen(uint64_t calls, uint64_t first, uint64_t tries) {
   std::vector<uint64_t> out;
   if (tries == 0 || calls <= tries) {
     for (uint64_t n = first; n <= calls; ++n) out.push_back(n);
   } else {
-    for (uint64_t i = 0; i < tries; ++i)
-      out.push_back(tries == 1 ? (calls + 1) / 2 : 1 + i * (calls - 1) / (tries - 1));
+    for (uint64_t i = 0; i < tries; ++i) out.push_back(tries == 1 ? 1 : 1 + i * (calls - 1) / (tries - 1));
   }
   return out;
 }

@@ -208,6 +208,21 @@ TEST(MeshBake, steppedHeightsLieWithinHalfAStepOfWhatWasBaked) {
   }
 }
 
+TEST(MeshBake, errorsFoundLaterAreTheSame) {
+  const TriMesh mesh = starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x); }, 30);
+  const BaseMesh base = sphereBase(10, 1);
+  auto always = bake(mesh, base, {.cells_log2 = 7}), later = bake(mesh, base, {.cells_log2 = 7, .errors = false});
+  ASSERT_TRUE(always && later);
+  const std::vector<float> exact = always->errorsOfGrid(0, 4).mm;
+  const double step_mm = 40 * always->reliefScaleMm();
+  ASSERT_TRUE(always->setStep(step_mm) && later->setStep(step_mm) && later->findErrors());
+  EXPECT_EQ(later->errorUnitMm(), always->errorUnitMm());
+  for (uint32_t p = 0; p < base.patches.size(); ++p)
+    for (int log2 = 0; log2 <= 7; ++log2)
+      EXPECT_EQ(later->errorsOfGrid(p, log2).mm, always->errorsOfGrid(p, log2).mm) << p << " " << log2;
+  EXPECT_NE(always->errorsOfGrid(0, 4).mm, exact) << "the control: steps change errors";
+}
+
 TEST(MeshBake, errorsBoundTheDistanceOfCoarserGrids) {
   const TriMesh mesh =
       starMesh([](const glm::dvec3& d) { return 10 + 0.4 * std::sin(17 * d.x) * std::cos(15 * d.y + 3 * d.z); }, 60);

@@ -9,6 +9,7 @@
 #include <span>
 #include <utility>
 
+#include "geometry/mesh/closest_search.h"
 #include "geometry/mesh/mesh_order.h"
 #include "tests/geometry/mesh_shapes.h"
 
@@ -295,6 +296,36 @@ TEST(RayScene, anInterruptedBuildSaysSo) {
   auto scene = RayScene::create(mesh, &interrupted);
   ASSERT_FALSE(scene);
   EXPECT_EQ(scene.error().kind, ErrorKind::kInterrupted);
+}
+
+// Near, far and on the surface; from any place where the search may begin, and within any distance.
+TEST(ClosestSearch, distancesAreThoseOfRayScenesBitForBit) {
+  const TriMesh mesh = sphereMesh(10.0, 24);
+  auto scene = RayScene::create(mesh);
+  ASSERT_TRUE(scene) << scene.error().text();
+  const ClosestSearch search(mesh, 2);
+  constexpr double kAny = std::numeric_limits<double>::infinity();
+  std::mt19937 random(20261125);
+  std::uniform_real_distribution<double> place(-15, 15);
+  size_t last = kNoPart;
+  int differ_from_the_next = 0;
+  double before = -1;
+  for (int i = 0; i < 4000; ++i) {
+    glm::dvec3 p(place(random), place(random), place(random));
+    if (i % 4 == 1) p *= 1e4;
+    if (i % 4 == 2) p = glm::dvec3(mesh.positions_mm[random() % mesh.positions_mm.size()]);
+    const double expected = (*scene)->closestPoint(p).along;
+    size_t none = kNoPart;
+    EXPECT_EQ(search.distance(p, kAny, none), expected);
+    EXPECT_EQ(search.distance(p, kAny, last), expected) << "begun where the last one ended";
+    EXPECT_EQ(search.distance(p, expected, none), expected);
+    if (expected > 0) {
+      EXPECT_EQ(search.distance(p, expected * (1 - 1e-9), none), kAny) << "nothing is as near";
+    }
+    differ_from_the_next += expected != before;
+    before = expected;
+  }
+  EXPECT_GT(differ_from_the_next, 2900) << "the control: places have distances of their own";
 }
 
 }  // namespace

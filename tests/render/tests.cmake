@@ -52,7 +52,7 @@ relievo_test(package_agrees_test LIBS relievo_dense_pages SOURCES render/package
 relievo_gltest(virtual_equals_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/virtual_equals_dense_gltest.cpp)
 relievo_gltest(other_bases_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/other_bases_gltest.cpp)
-relievo_gltest(filters_equal_dense_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages
+relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
 relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/effects_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
@@ -76,14 +76,14 @@ foreach(api gl es)
 endforeach()
 relievo_test(camera_test LIBS relievo_engine SOURCES render/camera_test.cpp)
 relievo_gltest(engine_faults_gltest GL_ONLY LIBS relievo_engine SOURCES render/engine_faults_gltest.cpp)
-relievo_gltest(feedback_gltest GL_ONLY LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
+relievo_gltest(feedback_gltest LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
 relievo_gltest(mesh_watertight_gltest LIBS relievo_engine SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest GL_ONLY LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_engine SOURCES render/mesh_picture_gltest.cpp)
 relievo_gltest(hidden_backs_gltest GL_ONLY LIBS relievo_engine SOURCES render/hidden_backs_gltest.cpp)
 relievo_gltest(orthographic_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/orthographic_gltest.cpp)
 relievo_test(upload_choice_test LIBS relievo_engine SOURCES render/upload_choice_test.cpp)
-relievo_gltest(block_upload_gltest GL_ONLY LIBS relievo_engine SOURCES render/block_upload_gltest.cpp)
+relievo_gltest(block_upload_gltest LIBS relievo_engine SOURCES render/block_upload_gltest.cpp)
 if(TARGET block_upload_gltest)  # once more without BC7, and without copies of compressed textures
   set(missing "-GL_ARB_texture_compression_bptc -GL_EXT_texture_compression_bptc -GL_ARB_copy_image -GL_EXT_copy_image -GL_OES_copy_image")
   relievo_add_gltest(block_upload_gltest_bare block_upload_gltest --gtest_filter=*AContextWithoutBc7IsNamed:*AGrowingPool*

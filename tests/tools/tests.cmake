@@ -31,7 +31,7 @@ target_compile_definitions(thread_limit_test PRIVATE RELIEVO_PROGRAM="$<TARGET_F
 add_dependencies(thread_limit_test relievo relievo_thread_limit)
 relievo_test(replacement_test LIBS relievo_flights SOURCES tools/replacement_test.cpp)
 relievo_test(flight_test LIBS relievo_flights SOURCES tools/flight_test.cpp)
-relievo_test(export_test OPTIMISED LIBS relievo_export relievo_scan nlohmann_json::nlohmann_json SOURCES tools/export_test.cpp)
+relievo_test(export_test MEMORY OPTIMISED LIBS relievo_export relievo_scan nlohmann_json::nlohmann_json SOURCES tools/export_test.cpp)
 relievo_test(surface_lines_test LIBS relievo_export SOURCES tools/surface_lines_test.cpp)
 relievo_test(export_cli_test MEMORY LIBS relievo_bake relievo_image SOURCES tools/export_cli_test.cpp)
 target_compile_definitions(export_cli_test PRIVATE RELIEVO_PROGRAM="$<TARGET_FILE:relievo>" RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
