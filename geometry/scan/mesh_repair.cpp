@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <optional>
 
 #include "geometry/mesh/point_table.h"
@@ -75,6 +76,8 @@ class Repair {
                    {}};
     }
     if (!step(0.9)) return stopped();
+    dropDust(census, pieces);
+    if (isStopped()) return stopped();
     compact();
     if (!step(0.95)) return stopped();
     summarise(census.mate, pieces);
@@ -86,6 +89,10 @@ class Repair {
   static constexpr double kTJunctionTolerance =
       1e-7;  // of the diagonal: what floats from the origin can mean by "on the edge"
   static constexpr double kMinDiagonalMm = 1e-6;
+  // Patches for more pieces would be missing where the scan's area is.
+  static constexpr size_t kMostPieces = 2048;
+  static constexpr double kMostDust = 0.01;  // of the area
+  static constexpr double kNoArea = 1e-14;   // of the diagonal's square: no patch has so little
 
   bool step(double done) {
     if (progress_) progress_(done);
@@ -131,7 +138,7 @@ class Repair {
       first[i] = same;
       note(duplicates, static_cast<uint32_t>(i));
     }
-    welded_ = duplicates.count;
+    explained_ = duplicates.count;
     report(std::move(duplicates));
     return step(0.2);
   }
@@ -265,6 +272,54 @@ class Repair {
     return true;
   }
 
+  double areaOf(const std::array<uint32_t, 3>& t) const {
+    const glm::dvec3 a(mesh_.positions_mm[t[0]]), b(mesh_.positions_mm[t[1]]), c(mesh_.positions_mm[t[2]]);
+    return 0.5 * glm::length(glm::cross(b - a, c - a));
+  }
+
+  // Of more than kMostPieces the smallest leave, up to kMostDust of the area; and pieces that have no area.
+  void dropDust(EdgeCensus& census, Pieces& pieces) {
+    if (pieces.count() < 2) return;
+    std::vector<double> area(pieces.count());
+    double whole = 0;
+    for (size_t p = 0; p < pieces.count(); ++p) {
+      for (uint32_t t : pieces.triangles(p)) area[p] += areaOf(mesh_.triangles[t]);
+      whole += area[p];
+    }
+    std::vector<size_t> by_area(pieces.count());
+    for (size_t p = 0; p < by_area.size(); ++p) by_area[p] = p;
+    std::stable_sort(by_area.begin(), by_area.end(), [&](size_t a, size_t b) { return area[a] < area[b]; });
+    const double no_area = kNoArea * std::pow(measure(), 2);
+    std::vector<uint32_t> dust;
+    double lost = 0;
+    size_t left = pieces.count();
+    for (size_t p : by_area) {
+      const bool many = left > kMostPieces && lost + area[p] <= kMostDust * whole;
+      if (left == 1 || !(many || area[p] <= no_area)) break;
+      const auto triangles = pieces.triangles(p);
+      dust.insert(dust.end(), triangles.begin(), triangles.end());
+      lost += area[p];
+      --left;
+    }
+    if (dust.empty()) return;
+    char done[80];
+    std::snprintf(done, sizeof done, "dropped, %.2g %% of the area", 100 * lost / whole);
+    MeshFinding finding{"smallest of " + std::to_string(pieces.count()) + " pieces", 0, {}, done};
+    for (size_t k = 0; k < pieces.count() - left; ++k)
+      note(finding, mesh_.triangles[pieces.triangles(by_area[k])[0]][0]);
+    report(std::move(finding));
+    std::sort(dust.begin(), dust.end());
+    std::vector<uint32_t> corners;
+    for (uint32_t t : dust) corners.insert(corners.end(), mesh_.triangles[t].begin(), mesh_.triangles[t].end());
+    std::sort(corners.begin(), corners.end());
+    explained_ += static_cast<uint64_t>(std::unique(corners.begin(), corners.end()) - corners.begin());
+    MeshFinding each_triangle;
+    dropTriangles(dust, each_triangle);
+    measure();
+    census = census_();
+    pieces = findPieces(mesh_, census.mate, interrupted_);
+  }
+
   // Vertices of no triangle leave; the others keep their order.
   void compact() {
     std::vector<uint32_t> to(mesh_.positions_mm.size(), kNone);
@@ -278,8 +333,8 @@ class Repair {
       to[i] = n++;
     }
     if (n == to.size()) return;
-    if (uint64_t unused = to.size() - n; unused > welded_)
-      report({"vertices of no triangle", unused - welded_, {}, "dropped"});
+    if (uint64_t unused = to.size() - n; unused > explained_)
+      report({"vertices of no triangle", unused - explained_, {}, "dropped"});
     mesh_.positions_mm.resize(n);
     if (!mesh_.colours.empty()) mesh_.colours.resize(n);
     for (auto& t : mesh_.triangles)
@@ -345,7 +400,7 @@ class Repair {
   const std::function<void(double)>& progress_;
   const std::atomic<bool>* interrupted_;
   int workers_;
-  uint64_t welded_ = 0;
+  uint64_t explained_ = 0;  // vertices of no triangle that other findings tell of
 };
 
 }  // namespace

@@ -20,7 +20,7 @@
 #include "tests/shared_data.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_read_test {
 
 namespace fs = std::filesystem;
 
@@ -1062,6 +1062,40 @@ TEST(MeshRepairs, BordersAndPiecesAreCounted) {
     }
 }
 
+// Scans carry dust: a body, and as many single triangles of that area each.
+TEST(MeshRepairs, TheSmallestOfManyPiecesAreDroppedAndTheirAreaIsSaid) {
+  const auto dusty = [](size_t pieces, float side) {
+    Sample s = cubeSphere(12);
+    for (size_t k = 0; k < pieces; ++k) {
+      const float x = 2000.0f + 10.0f * static_cast<float>(k);
+      append(s, {{{x, 0, 0}, {x + side, 0, 0}, {x, side, 0}}, {{0, 1, 2}}, {}, {}});
+    }
+    return mustRepair(toMesh(s));
+  };
+  const auto droppedOf = [](const LoadedMesh& r) -> const MeshFinding* {
+    for (const MeshFinding& f : r.diagnosis.findings)
+      if (f.what.find("smallest of ") == 0) return &f;
+    return nullptr;
+  };
+  constexpr size_t kMost = 2048;
+  LoadedMesh r = dusty(kMost + 500, 0.05f);
+  ASSERT_TRUE(droppedOf(r));
+  EXPECT_EQ(droppedOf(r)->what, "smallest of 2549 pieces");
+  EXPECT_EQ(droppedOf(r)->count, 501u);
+  EXPECT_EQ(droppedOf(r)->done.find("dropped, 0.0"), 0u) << droppedOf(r)->done;
+  EXPECT_EQ(r.diagnosis.pieces, kMost);
+  EXPECT_EQ(r.diagnosis.triangles, r.mesh.triangles.size());
+  EXPECT_EQ(r.diagnosis.border_loops, kMost - 1);
+  expectManifold(r);
+  // The controls: no more pieces than that, and pieces that are more than dust.
+  r = dusty(kMost - 1, 0.05f);
+  EXPECT_EQ(droppedOf(r), nullptr);
+  EXPECT_EQ(r.diagnosis.pieces, kMost);
+  r = dusty(kMost + 500, 5);
+  EXPECT_LT(r.diagnosis.pieces, kMost + 501);
+  EXPECT_GT(r.diagnosis.pieces, kMost + 300);
+}
+
 // Triangles between few vertices: everything that can be wrong is.
 TEST(MeshRepairs, RandomTrianglesBecomeSheets) {
   size_t problems_before = 0, meshes = 0;
@@ -1341,5 +1375,5 @@ TEST(MeshReal, Laurana) {
   }
 }
 
-}  // namespace
+}  // namespace mesh_read_test
 }  // namespace relievo::test
