@@ -373,7 +373,10 @@ class MeshBuild {
   // Rounds heights to steps as large as the target allows.
   Result<void> chooseStep();
   Result<void> bake();
-  Result<Fidelity> measureBake(const MeshBake& bake);
+  // tolerance: in the scan's units; 0 is what was asked for.
+  Result<Fidelity> measureBake(const MeshBake& bake, double tolerance = 0);
+  // After a miss: sets kept_tolerance_mm_.
+  Result<void> findKeptTolerance();
   Error missed(const std::string& what_was_done) const;
   // Lengths from the file's units, which all is computed in: no unit changes what comes out.
   double mm(double units) const { return units * mmPerUnit(a_.unit); }
@@ -400,8 +403,9 @@ class MeshBuild {
   std::unique_ptr<MeshBake> bake_;
   std::optional<FidelityScan> fidelity_scan_;  // while bakes are measured
   Fidelity fidelity_;
-  uint64_t ray_bytes_ = 0;  // that the hierarchies of the scan's rays may take
-  bool refined_ = false;    // the base mesh is not the one that BaseDomain::make() made
+  uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
+  double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
+  bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
   // By which function of BaseDomain's the base mesh was made: make() or refine(); faces(); simplifiedFaces().
   enum class BaseKind : uint8_t { kEven, kFaces, kSimplified } base_kind_ = BaseKind::kEven;
   int round_ = 0, in_vain_ = 0;  // bakes of this kind of base, and how many of the last ones were no better
@@ -514,13 +518,13 @@ uint64_t MeshBuild::memoryLeft(uint64_t least) const {
   return std::max(budget - budget / 8, in_use + least) - in_use;
 }
 
-Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake) {
+Result<Fidelity> MeshBuild::measureBake(const MeshBake& bake, double tolerance) {
   const TriMesh& scan = loaded_.mesh;
   FidelityOptions run{.workers = a_.package.workers, .interrupted = &interruptedFlag()};
   run.memory_bytes = memoryLeft(uint64_t{32} << 20);
   if (!fidelity_scan_) fidelity_scan_.emplace(scan, a_.package.workers);
   const double diagonal = diagonalOf(scan);
-  const double tolerance = toleranceOf(a_, diagonal);
+  if (tolerance == 0) tolerance = toleranceOf(a_, diagonal);
   const FidelityTarget target = tolerance > 0 ? FidelityTarget::within(tolerance) : FidelityTarget::of(diagonal);
   return measureFidelity(*fidelity_scan_, bake, target, run);
 }
@@ -552,6 +556,7 @@ Result<void> MeshBuild::bakeUntilKept() {
   base_ = std::move(best_base);
   base_kind_ = best_kind;
   if (auto done = chooseStep(); !done) return done;
+  if (auto done = stages_.run("bake", [&] { return findKeptTolerance(); }); !done) return done;
   fidelity_scan_.reset();
   if (auto done = stages_.run("bake", [&] { return bake_->findErrors(); }); !done) return done;
   result_.fidelity = inMm(fidelity_, loaded_.mesh.origin_mm, mmPerUnit(a_.unit));
@@ -643,6 +648,24 @@ Result<void> MeshBuild::chooseStep() {
   return stages_.run("bake", [&] { return bake_->setStep(kept); });
 }
 
+Result<void> MeshBuild::findKeptTolerance() {
+  if (fidelity_.kept()) return {};
+  constexpr double kLarger = 1.25;
+  constexpr int kTries = 12;
+  double next_mm = mm(fidelity_.target.p99_9_mm * fidelity_.excess());
+  for (int i = 0; i < kTries; ++i, next_mm *= kLarger) {
+    // As the sentence gives it: two digits, rounded up.
+    const double digit = std::pow(10.0, std::floor(std::log10(next_mm)) - 1);
+    const double tolerance_mm = std::ceil(next_mm / digit) * digit;
+    auto found = measureBake(*bake_, tolerance_mm / mm(1));
+    if (!found) return found.error();
+    if (!found->kept()) continue;
+    kept_tolerance_mm_ = tolerance_mm;
+    return {};
+  }
+  return {};
+}
+
 // How far off, where, and what would help.
 Error MeshBuild::missed(const std::string& what_was_done) const {
   const Fidelity& f = result_.fidelity;
@@ -659,9 +682,10 @@ Error MeshBuild::missed(const std::string& what_was_done) const {
   if (a_.patches > 0) {
     std::snprintf(hint, sizeof hint, "%s; leave --patches out, or ask for more than %zu", what_was_done.c_str(),
                   base_.patches.size());
+  } else if (kept_tolerance_mm_ > 0) {
+    std::snprintf(hint, sizeof hint, "%s; --tolerance %.2g is kept", what_was_done.c_str(), kept_tolerance_mm_);
   } else {
-    std::snprintf(hint, sizeof hint, "%s; --patches %zu may come nearer, --tolerance %.2g keeps to what was reached",
-                  what_was_done.c_str(), 2 * base_.patches.size(), 1.05 * f.target.p99_9_mm * f.excess());
+    std::snprintf(hint, sizeof hint, "%s", what_was_done.c_str());
   }
   return {ErrorKind::kDifference, a_.mesh, text, hint, {}};
 }

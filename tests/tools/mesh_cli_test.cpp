@@ -14,7 +14,7 @@
 #include "cli_fixture.h"
 #include "tests/view_share.h"
 
-namespace {
+namespace mesh_cli_test {
 
 using namespace relievo::testing_support;
 using Json = nlohmann::json;
@@ -228,6 +228,13 @@ TEST_F(MeshCli, ThePromisedDistanceIsKeptOrMissedInSoManyWords) {
   EXPECT_NE(r.output.find("leave --patches out"), std::string::npos) << r.output;
   EXPECT_FALSE(std::filesystem::exists(file("a.relievo")));
   EXPECT_EQ(relievo(free + "--tolerance 1kg").exit_code, 1);
+  // More than can be shown: the tolerance that is named instead is kept.
+  r = relievo(free + "--tolerance 0.00001 --strict");
+  EXPECT_EQ(r.exit_code, 7) << r.output;
+  const size_t named = r.output.find("; --tolerance ");
+  ASSERT_NE(named, std::string::npos) << r.output;
+  const std::string tolerance = r.output.substr(named + 2, r.output.find(" is kept") - named - 2);
+  EXPECT_EQ(relievo(free + tolerance).exit_code, 0) << tolerance;
   // A share of the diagonal is the same as its length.
   ASSERT_EQ(relievo(free + "--patches 40 --tolerance 1%").exit_code, 0);
   EXPECT_GT(std::filesystem::file_size(file("a.relievo")), 1000u);
@@ -463,10 +470,10 @@ TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
     int exit_code = 0;
     double patches = 0, samples = 0, psnr_db = 0;
   };
-  const auto figuresOf = [&](const Ball& scan, const std::string& options = "") {
+  const auto figuresOf = [&](const Ball& scan, const std::string& tolerance = "0.1%") {
     write("scan.ply", exactPlyOf(scan));
     const Outcome r = relievo("build --mesh " + file("scan.ply") + " -o " + file("a.relievo") + " --json " +
-                              file("scan.json") + " " + options);
+                              file("scan.json") + " --tolerance " + tolerance);
     const Json json = parsed(bytesOf(file("scan.json")));
     return Figures{r.exit_code, json["mesh"]["patches"], json["mesh"]["samples"], json["fidelity"]["psnr_db"]};
   };
@@ -491,7 +498,7 @@ TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
                          << ", " << plain.psnr_db;
   }
   // The control: a tolerance in the file's unit is another one a thousand times as large.
-  EXPECT_FALSE(near(figuresOf(moved(ball, scaled(1024)), "--tolerance 0.05")));
+  EXPECT_FALSE(near(figuresOf(moved(ball, scaled(1024)), "0.05")));
 }
 
-}  // namespace
+}  // namespace mesh_cli_test
