@@ -14,7 +14,7 @@ namespace relievo {
 
 struct LodWorker::Impl {
   using TextureStrategy = std::function<std::vector<TextureRequest>(const TextureView&)>;
-  Impl(LodStrategy select, TextureStrategy textures)
+  Impl(LodSelector select, TextureStrategy textures)
       : select_lod(std::move(select)), select_texture(std::move(textures)) {
     thread.startAtLeastOne(1, [this] {
       try {
@@ -51,7 +51,7 @@ struct LodWorker::Impl {
     }
   }
 
-  const LodStrategy select_lod;
+  const LodSelector select_lod;
   const TextureStrategy select_texture;
   Mailbox<LodRequest> requests;
   Mailbox<LodAnswer> answers;
@@ -69,7 +69,7 @@ LodWorker::LodWorker(FlatDomain domain, std::shared_ptr<const ReliefOracle> orac
           [domain, oracle](const TextureView& view) { return selectTextureNodes(domain, *oracle, view); })) {
   assert(oracle);
 }
-LodWorker::LodWorker(LodStrategy strategy) : impl_(std::make_unique<Impl>(std::move(strategy), nullptr)) {}
+LodWorker::LodWorker(LodSelector strategy) : impl_(std::make_unique<Impl>(std::move(strategy), nullptr)) {}
 LodWorker::~LodWorker() = default;
 
 void LodWorker::post(LodRequest request) {

@@ -30,13 +30,13 @@ struct LodAnswer {
 };
 
 // View and resident relief pages to what is drawn; called on the worker's thread alone.
-using LodStrategy = std::function<LodResult(const LodView&, const ReliefSet&)>;
+using LodSelector = std::function<LodResult(const LodView&, const ReliefSet&)>;
 
 // Used from one thread (the render thread).
 class LodWorker {
  public:
   // Texture nodes that a request asks for are left out.
-  explicit LodWorker(LodStrategy strategy);
+  explicit LodWorker(LodSelector strategy);
   LodWorker(FlatDomain domain, std::shared_ptr<const ReliefOracle> oracle);
   ~LodWorker();  // closes the mailbox and joins
   void post(LodRequest request);

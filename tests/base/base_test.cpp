@@ -31,7 +31,7 @@
 #include "src/base/result.h"
 
 namespace relievo {
-namespace {
+namespace base_test {
 
 namespace fs = std::filesystem;
 
@@ -725,5 +725,5 @@ TEST(ParseJson, WhatIsNoJsonIsAnErrorAtItsPlace) {
   EXPECT_EQ(json->dump(), "{\"z\":1,\"a\":[true,null]}");
 }
 
-}  // namespace
+}  // namespace base_test
 }  // namespace relievo

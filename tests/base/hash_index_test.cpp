@@ -16,7 +16,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace hash_index_test {
 
 using Hash = std::function<uint64_t(uint32_t key)>;
 
@@ -358,5 +358,5 @@ TEST(Hashes, AreDifferentForDifferentKeys) {
   }
 }
 
-}  // namespace
+}  // namespace hash_index_test
 }  // namespace relievo

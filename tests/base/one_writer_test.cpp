@@ -11,7 +11,7 @@
 #include <vector>
 
 namespace relievo {
-namespace {
+namespace one_writer_test {
 
 namespace fs = std::filesystem;
 
@@ -93,5 +93,5 @@ TEST(OneWriter, SeesWhatItLooksFor) {
     EXPECT_TRUE(offences("tools/x.cpp", fine).empty()) << fine;
 }
 
-}  // namespace
+}  // namespace one_writer_test
 }  // namespace relievo

@@ -23,7 +23,7 @@
 #include "src/base/file.h"
 
 namespace relievo {
-namespace {
+namespace output_file_test {
 
 namespace fs = std::filesystem;
 
@@ -356,5 +356,5 @@ TEST_F(OutputFiles, InputsThatAreNoFilesAreRefusedByNameWithoutWaiting) {
   EXPECT_TRUE(InputFile::open(at("good")).ok()) << "the control: a link to a file is a file";
 }
 
-}  // namespace
+}  // namespace output_file_test
 }  // namespace relievo

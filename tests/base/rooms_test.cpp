@@ -13,7 +13,7 @@
 #include <string_view>
 #include <vector>
 
-namespace {
+namespace rooms_test {
 
 namespace fs = std::filesystem;
 
@@ -270,4 +270,4 @@ TEST(Rooms, TheCheckSeesAnIncludeAgainstTheOrder) {
   fs::remove_all(root);
 }
 
-}  // namespace
+}  // namespace rooms_test

@@ -11,7 +11,7 @@
 #include "tests/base/thread_limit.h"
 
 namespace relievo {
-namespace {
+namespace worker_threads_test {
 
 class FewThreads : public ::testing::TestWithParam<long> {
  protected:
@@ -125,5 +125,5 @@ TEST(WorkerThreads, TheSentenceSaysWhyAndWhatToDo) {
             "processes and memory: ulimit -u, ulimit -v)");
 }
 
-}  // namespace
+}  // namespace worker_threads_test
 }  // namespace relievo

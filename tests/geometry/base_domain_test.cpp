@@ -18,7 +18,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace base_domain_test {
 
 using test::kSanitized;
 constexpr double kDegrees = std::numbers::pi / 180;
@@ -290,7 +290,7 @@ struct Case {
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
 const Case kCases[] = {
-    {"sphere", [] { return sphereMesh(24); }, {2, 1, 0}, 2, 50, 1},
+    {"sphere", [] { return ballMesh(24); }, {2, 1, 0}, 2, 50, 1},
     {"torus", [] { return torusMesh(72, 30); }, {0, 1, 0}, 3, 60, 1},
     {"wavySheetWithHole", [] { return wavySheet(60); }, {0, 1, 2}, 4, 70, 0.96},
     {"cube", [] { return boxMesh(14, 50, 50, 50); }, {2, 1, 0}, 3, 60, 0.99},
@@ -400,7 +400,7 @@ TEST(BaseDomainControl, BrokenBasesFailTheChecks) {
 }
 
 TEST(BaseDomain, AboutAsManyPatchesAsAskedFor) {
-  for (const TriMesh& scan : {sphereMesh(40), wavySheet(80), bustMesh(40)}) {
+  for (const TriMesh& scan : {ballMesh(40), wavySheet(80), bustMesh(40)}) {
     for (uint32_t patches : {30u, 64u, 100u, 300u, 1000u, 4000u}) {
       if (kSanitized && patches > 100) continue;
       const BaseMesh base = baseOf(scan, patches);
@@ -408,7 +408,7 @@ TEST(BaseDomain, AboutAsManyPatchesAsAskedFor) {
       EXPECT_LE(base.patches.size(), 1.3 * patches);
     }
   }
-  EXPECT_EQ(baseOf(sphereMesh(24), 6).patches.size(), 6u);
+  EXPECT_EQ(baseOf(ballMesh(24), 6).patches.size(), 6u);
   // A scan of few triangles has as many patches as any other.
   const uint32_t many = kSanitized ? 500 : 2000;
   const BaseMesh fine = baseOf(boxMesh(1, 20, 20, 20), many);
@@ -419,7 +419,7 @@ TEST(BaseDomain, AboutAsManyPatchesAsAskedFor) {
 TEST(BaseDomain, FewPatchesWhereTheShapeIsSimple) {
   EXPECT_LE(baseOf(panelMesh(50)).patches.size(), 4u);
   EXPECT_LE(baseOf(boxMesh(20, 100, 80, 5)).patches.size(), 100u);
-  EXPECT_LE(baseOf(sphereMesh(24)).patches.size(), 100u);
+  EXPECT_LE(baseOf(ballMesh(24)).patches.size(), 100u);
 }
 
 // Woven cloth of 100 x 100 under a round plateau with a steep rim, bent and cut as shape and skip say: border heights
@@ -537,7 +537,7 @@ TEST(BaseDomain, ReliefsOverAPlaneAreGrids) {
   EXPECT_TRUE(isRelief(view_direction(square.scan)));
   EXPECT_EQ(view_direction(square.scan).direction, glm::dvec3(0, 0, 1));
   EXPECT_FALSE(isRelief(view_direction(leaning)));
-  EXPECT_FALSE(isRelief(view_direction(sphereMesh(8))));
+  EXPECT_FALSE(isRelief(view_direction(ballMesh(8))));
   EXPECT_NEAR(view_direction(boxMesh(4, 10, 10, 10)).flat, 0, 1e-6);
 }
 
@@ -621,7 +621,7 @@ TEST(BaseDomain, Deterministic) {
 }
 
 TEST(BaseDomain, FarFromTheOrigin) {
-  TriMesh scan = sphereMesh(24), far = scan;
+  TriMesh scan = ballMesh(24), far = scan;
   far.origin_mm = {1e7, -2e7, 3e7};
   const BaseMesh here = baseOf(scan, 100), there = baseOf(far, 100);
   EXPECT_EQ(there.origin_mm, far.origin_mm);
@@ -630,7 +630,7 @@ TEST(BaseDomain, FarFromTheOrigin) {
 
 TEST(BaseDomain, PiecesStayPieces) {
   // A sphere, a crumb and a sheet.
-  const TriMesh scan = together(together(sphereMesh(24), sphereMesh(4, 1), {80, 0, 0}), wavySheet(30, 0), {0, 100, 0});
+  const TriMesh scan = together(together(ballMesh(24), ballMesh(4, 1), {80, 0, 0}), wavySheet(30, 0), {0, 100, 0});
   const Topology t = topologyOf(baseOf(scan));
   EXPECT_EQ(t.pieces, 3u);
   EXPECT_EQ(t.borders, 1u);
@@ -661,7 +661,7 @@ TEST(BaseDomain, PiecesThatTouchAreTold) {
 }
 
 TEST(BaseDomain, WindingIsMadeOne) {
-  TriMesh scan = sphereMesh(16);
+  TriMesh scan = ballMesh(16);
   std::mt19937 random(3);
   for (auto& t : scan.triangles) {
     if (random() % 4 == 0) std::swap(t[0], t[1]);
@@ -713,7 +713,7 @@ TEST(BaseDomain, RefusesByName) {
   m.positions_mm.push_back({9, 9, 9});
   m.triangles.push_back({m.triangles[0][0], m.triangles[0][1], static_cast<uint32_t>(m.positions_mm.size() - 1)});
   expectRefused(m, "three triangles share");
-  m = together(sphereMesh(8), boxMesh(2, 0, 0, 0), {100, 0, 0});
+  m = together(ballMesh(8), boxMesh(2, 0, 0, 0), {100, 0, 0});
   expectRefused(m, "has no area");
   m = boxMesh(2, 5, 0, 0);
   expectRefused(m, "has no area");
@@ -721,15 +721,15 @@ TEST(BaseDomain, RefusesByName) {
 
 TEST(BaseDomain, InterruptedAndProgress) {
   std::atomic<bool> interrupted{true};
-  auto stopped = makeBaseMesh(sphereMesh(24), {.interrupted = &interrupted});
+  auto stopped = makeBaseMesh(ballMesh(24), {.interrupted = &interrupted});
   ASSERT_FALSE(stopped.ok());
   EXPECT_EQ(stopped.error().kind, ErrorKind::kInterrupted);
   std::vector<double> seen;
-  ASSERT_TRUE(makeBaseMesh(sphereMesh(24), {.progress = [&](double x) { seen.push_back(x); }}).ok());
+  ASSERT_TRUE(makeBaseMesh(ballMesh(24), {.progress = [&](double x) { seen.push_back(x); }}).ok());
   EXPECT_TRUE(std::is_sorted(seen.begin(), seen.end()));
   EXPECT_EQ(seen.front(), 0.0);
   EXPECT_EQ(seen.back(), 1.0);
-  EXPECT_EQ(makeBaseMesh(sphereMesh(8), {.patches = (1u << 20) + 1}).error().kind, ErrorKind::kUsage);
+  EXPECT_EQ(makeBaseMesh(ballMesh(8), {.patches = (1u << 20) + 1}).error().kind, ErrorKind::kUsage);
 }
 
 // Rough surfaces of all kinds, far down: nothing is pinched, closed, opened or moved.
@@ -738,7 +738,7 @@ TEST(ReduceSurface, KeepsTheTopology) {
   printf("seed %u\n", seed);
   std::mt19937 random(seed);
   std::normal_distribution<float> by(0, 0.4f);
-  for (TriMesh m : {sphereMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2)}) {
+  for (TriMesh m : {ballMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2)}) {
     for (glm::vec3& p : m.positions_mm) p += glm::vec3(by(random), by(random), by(random));
     auto scan = makeSurface(m.positions_mm, m.triangles);
     ASSERT_TRUE(scan.ok());
@@ -789,8 +789,8 @@ TEST(ReduceByChunks, KeepsTopologyAndBorders) {
   std::mt19937 random(seed);
   std::normal_distribution<float> by(0, 0.2f);
   size_t smaller = 0;
-  for (TriMesh m : {sphereMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2),
-                    together(sphereMesh(20), torusMesh(40, 20), glm::vec3(200, 0, 0))}) {
+  for (TriMesh m : {ballMesh(40), torusMesh(150, 60), wavySheet(90), boxMesh(30, 60, 60, 2),
+                    together(ballMesh(20), torusMesh(40, 20), glm::vec3(200, 0, 0))}) {
     for (glm::vec3& p : m.positions_mm) p += glm::vec3(by(random), by(random), by(random));
     const auto expected = topologyOf(m.positions_mm.size(), m.triangles);
     for (bool shuffled : {false, true}) {
@@ -829,7 +829,7 @@ TEST(ReduceByChunks, KeepsTopologyAndBorders) {
 
 TEST(ReduceByChunks, RefusesWhatIsNoMesh) {
   const ChunkOptions options{.chunk_triangles = 100, .triangles = 100};
-  const TriMesh sound = sphereMesh(12);
+  const TriMesh sound = ballMesh(12);
   EXPECT_TRUE(reduceByChunks(sound, options));
   TriMesh m = sound;
   m.triangles[500][1] = static_cast<uint32_t>(m.positions_mm.size());
@@ -868,9 +868,9 @@ TEST(BaseDomain, RandomScans) {
         m = boxMesh(1 + random() % 12, between(0.01, 100), between(0.01, 100), between(0.01, 100));
         break;
       case 3:
-        m = sphereMesh(6, 5);
+        m = ballMesh(6, 5);
         for (int k = 0; k < 12; ++k)
-          m = together(m, sphereMesh(1 + random() % 4, between(0.1, 3)),
+          m = together(m, ballMesh(1 + random() % 4, between(0.1, 3)),
                        {between(-99, 99), between(-99, 99), between(-99, 99)});
     }
     if (random() % 2) {
@@ -924,5 +924,5 @@ TEST(BaseDomain, ARealScan) {
   }
 }
 
-}  // namespace
+}  // namespace base_domain_test
 }  // namespace relievo

@@ -13,7 +13,7 @@
 #include "tests/geometry/base_shapes.h"
 
 namespace relievo {
-namespace {
+namespace base_faces_test {
 
 using Neighbours = std::vector<std::array<uint32_t, 3>>;
 
@@ -158,7 +158,7 @@ TriMesh tetrahedronMesh() {
 
 TEST(BaseFaces, CoverTheScanExactly) {
   for (const TriMesh& mesh :
-       {boxMesh(1, 30, 20, 10), boxMesh(3, 30, 20, 10), arrowMesh(), tetrahedronMesh(), sphereMesh(6)}) {
+       {boxMesh(1, 30, 20, 10), boxMesh(3, 30, 20, 10), arrowMesh(), tetrahedronMesh(), ballMesh(6)}) {
     const BaseMesh base = facesOf(mesh);
     ASSERT_EQ(baseMeshProblem(base), "");
     const Cover c = coverOf(base, mesh);
@@ -199,7 +199,7 @@ TEST(BaseFaces, BordersTakeWhoHasNoPartner) {
 }
 
 TEST(BaseFaces, NoMoreThanAskedFor) {
-  const TriMesh mesh = sphereMesh(6);
+  const TriMesh mesh = ballMesh(6);
   const size_t free = facesOf(mesh).patches.size(), least = mesh.triangles.size() / 2;
   EXPECT_GE(free, least);
   EXPECT_LE(facesOf(mesh, static_cast<uint32_t>(free - 1)).patches.size(), free - 1);
@@ -246,7 +246,7 @@ TEST(SimplifiedFaces, KeepSharpEdgesWithFewPatches) {
 }
 
 TEST(SimplifiedFaces, MorePatchesWhereTheyAreAskedFor) {
-  const TriMesh mesh = sphereMesh(60, 50);
+  const TriMesh mesh = ballMesh(60, 50);
   const glm::dvec3 pole(0, 0, 50);
   auto domain = BaseDomain::create(mesh);
   ASSERT_TRUE(domain.ok());
@@ -263,5 +263,5 @@ TEST(SimplifiedFaces, MorePatchesWhereTheyAreAskedFor) {
   EXPECT_GT(cornersNear(*finer), cornersNear(*even));
 }
 
-}  // namespace
+}  // namespace base_faces_test
 }  // namespace relievo

@@ -5,7 +5,7 @@
 #include <cmath>
 
 namespace relievo {
-namespace {
+namespace base_mesh_test {
 
 // Patches (0, 0) and (1, 0) of a plane seen from above: u to the right, v down.
 BaseMesh twoPatches() {
@@ -101,5 +101,5 @@ TEST(BaseMesh, ProblemsByName) {
   EXPECT_EQ(problem([](BaseMesh& m) { m.corners[3].normal = {0, 0, 1.0005f}; }), "");
 }
 
-}  // namespace
+}  // namespace base_mesh_test
 }  // namespace relievo

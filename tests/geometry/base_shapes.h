@@ -72,7 +72,7 @@ inline TriMesh cubeMesh(int n, const std::function<glm::dvec3(const glm::dvec3&)
   return mesh;
 }
 
-inline TriMesh sphereMesh(int n = 40, double radius = 50) {
+inline TriMesh ballMesh(int n = 40, double radius = 50) {
   return cubeMesh(n, [=](const glm::dvec3& p) {
     return radius * glm::normalize(glm::dvec3(std::tan(p.x * 0.78), std::tan(p.y * 0.78), std::tan(p.z * 0.78)));
   });

@@ -10,7 +10,7 @@
 #include "tests/geometry/mesh_fixture.h"
 
 namespace relievo {
-namespace {
+namespace facing_cone_test {
 
 constexpr uint64_t kSeed = 20261122;
 constexpr int kUnitLog2 = 7;
@@ -282,5 +282,5 @@ TEST(HiddenBacks, AreLeftOutAndChangeNothingElse) {
   EXPECT_EQ(compareLists(test::openSheet(5, 5, 30), {1.5, 45}, true, 20).left_out, 0u);
 }
 
-}  // namespace
+}  // namespace facing_cone_test
 }  // namespace relievo

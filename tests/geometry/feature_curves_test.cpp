@@ -13,7 +13,7 @@
 #include "geometry/remesh/normal_cone.h"
 
 namespace relievo {
-namespace {
+namespace feature_curves_test {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
@@ -86,5 +86,5 @@ TEST(NormalCone, HoldsWhatWasAddedAndHardlyMore) {
   EXPECT_EQ(NormalCone().largestAngle({0, 0, 1}), 0);
 }
 
-}  // namespace
+}  // namespace feature_curves_test
 }  // namespace relievo

@@ -16,7 +16,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace fidelity_test {
 
 constexpr double kPi = std::numbers::pi;
 
@@ -86,7 +86,7 @@ TriMesh figure() {
   TriMesh all = bustMesh(24);
   for (int k = 0; k < 23; ++k) {
     const double turn = 2 * kPi * k / 23;
-    all = together(all, sphereMesh(6, 2.5), glm::vec3(90 * std::cos(turn), 90 * std::sin(turn), 10.0 * (k % 3)));
+    all = together(all, ballMesh(6, 2.5), glm::vec3(90 * std::cos(turn), 90 * std::sin(turn), 10.0 * (k % 3)));
   }
   return all;
 }
@@ -195,7 +195,7 @@ INSTANTIATE_TEST_SUITE_P(Shapes, PromisedDistance,
 
 // A scan of which a piece is not drawn, and one with a piece too much, miss the target, and where is said.
 TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
-  const TriMesh one = sphereMesh(12), two = together(one, sphereMesh(4, 5.0), glm::vec3(80, 0, 0));
+  const TriMesh one = ballMesh(12), two = together(one, ballMesh(4, 5.0), glm::vec3(80, 0, 0));
   const Made made = bakeUntilKept(one, 0);
   ASSERT_TRUE(made.bake);
   ASSERT_TRUE(made.fidelity.kept());
@@ -226,5 +226,5 @@ TEST(PromisedDistance, NoPieceVanishes) {
   EXPECT_GE(base->patches.size() - of_body, 23u * 4);
 }
 
-}  // namespace
+}  // namespace fidelity_test
 }  // namespace relievo

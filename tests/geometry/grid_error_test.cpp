@@ -7,7 +7,7 @@
 #include <random>
 
 namespace relievo {
-namespace {
+namespace grid_error_test {
 
 // A unit square in 2^cells_log2 cells a side: waves, and one corner that is rough.
 SurfaceGrid wavyGrid(int cells_log2, uint32_t seed) {
@@ -59,5 +59,5 @@ TEST(BlocksWithin, AreThoseWhoseErrorsAreAtMostTheTolerance) {
   EXPECT_GT(far, 1000u);
 }
 
-}  // namespace
+}  // namespace grid_error_test
 }  // namespace relievo

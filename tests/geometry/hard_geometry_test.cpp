@@ -10,7 +10,7 @@
 #include "tests/geometry/true_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace hard_geometry_test {
 
 constexpr uint64_t kSeed = 20261130;
 constexpr int kViewsOfAKind = 3;
@@ -450,5 +450,5 @@ TEST(HardGeometry, NormalsThatCancelMustNotBeNormalised) {
   }
 }
 
-}  // namespace
+}  // namespace hard_geometry_test
 }  // namespace relievo::test

@@ -10,7 +10,7 @@
 #include <vector>
 
 namespace relievo {
-namespace {
+namespace height_fit_test {
 
 struct Data {
   std::vector<float> heights;
@@ -224,5 +224,5 @@ TEST(HeightFit, noNodeOvershoots) {
   EXPECT_LT(cost(nodes), least);
 }
 
-}  // namespace
+}  // namespace height_fit_test
 }  // namespace relievo

@@ -14,7 +14,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace line_rasteriser_test {
 
 using test::kSanitized;
 
@@ -250,5 +250,5 @@ TEST(LineRasteriser, bakesTheSameAsRays) {
   EXPECT_LE(worst_texel, 1);
 }
 
-}  // namespace
+}  // namespace line_rasteriser_test
 }  // namespace relievo

@@ -12,7 +12,7 @@
 #include "tests/geometry/true_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace lod_error_test {
 
 constexpr uint64_t kSeed = 20140613;
 
@@ -183,5 +183,5 @@ TEST(LodError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   EXPECT_NEAR(measureError(domain, relief, view, camera, alike.instances, pages).max_px, one_px, 0.02 * one_px);
 }
 
-}  // namespace
+}  // namespace lod_error_test
 }  // namespace relievo::test

@@ -7,7 +7,7 @@
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace lod_worker_test {
 
 struct LodSetup {
   FlatDomain domain = makeDomain(30000, 20000, 0);
@@ -101,5 +101,5 @@ TEST(LodWorker, NoResidencyMeansRootsOnly) {
   for (const PatchInstance& p : worker.waitFor(1).lod.instances) EXPECT_EQ(p.relief_page.level, 0u);
 }
 
-}  // namespace
+}  // namespace lod_worker_test
 }  // namespace relievo::test

@@ -19,7 +19,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace mesh_bake_test {
 
 using test::kSanitized;
 using Heights = std::vector<uint16_t>;
@@ -961,5 +961,5 @@ TEST(MeshBake, degenerateBasesGiveNumbers) {
   }
 }
 
-}  // namespace
+}  // namespace mesh_bake_test
 }  // namespace relievo

@@ -15,7 +15,7 @@
 #include "tests/shared_data.h"
 
 namespace relievo {
-namespace {
+namespace mesh_distance_test {
 
 std::unique_ptr<MeshBake> bake(const TriMesh& mesh, const BaseMesh& base, int cells_log2) {
   auto made = MeshBake::create(mesh, {}, base, {.cells_log2 = cells_log2});
@@ -216,5 +216,5 @@ TEST(MeshDistance, aRealScan) {
   EXPECT_GT(last, 75);
 }
 
-}  // namespace
+}  // namespace mesh_distance_test
 }  // namespace relievo

@@ -10,7 +10,7 @@
 #include "tests/geometry/true_mesh_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_error_test {
 
 constexpr uint64_t kSeed = 20260402;
 
@@ -273,5 +273,5 @@ TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
   }
 }
 
-}  // namespace
+}  // namespace mesh_error_test
 }  // namespace relievo::test

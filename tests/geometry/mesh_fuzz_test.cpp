@@ -32,7 +32,7 @@ void operator delete(void* p) noexcept {
 void operator delete(void* p, size_t) noexcept { operator delete(p); }
 
 namespace relievo::test {
-namespace {
+namespace mesh_fuzz_test {
 
 constexpr uint32_t kSeed = 20120301;
 constexpr int kShare = kSanitized ? 4 : 1;  // damaged files are what sanitizers are for
@@ -308,5 +308,5 @@ TEST(MeshFuzz, HostileMeshes) {
   tell("hostile", tally);
 }
 
-}  // namespace
+}  // namespace mesh_fuzz_test
 }  // namespace relievo::test

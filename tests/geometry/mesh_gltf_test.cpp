@@ -12,7 +12,7 @@
 #include "tests/geometry/must_read.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_gltf_test {
 
 std::string refusal(const std::string& path, ErrorKind kind) {
   auto read = readMesh(path);
@@ -576,5 +576,5 @@ TEST(MeshFaceColours, OfPlyBehindTrianglesWithoutOne) {
   EXPECT_EQ(colours, (std::vector<glm::u8vec3>{{204, 204, 204}, {204, 204, 204}, {250, 10, 20}}));
 }
 
-}  // namespace
+}  // namespace mesh_gltf_test
 }  // namespace relievo::test

@@ -8,7 +8,7 @@
 #include "tests/geometry/mesh_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_lod_test {
 
 constexpr uint64_t kSeed = 20260403;
 
@@ -200,5 +200,5 @@ TEST(MeshLod, HardViewsOfHardMeshes) {
   }
 }
 
-}  // namespace
+}  // namespace mesh_lod_test
 }  // namespace relievo::test

@@ -10,7 +10,7 @@
 #include "tests/geometry/true_mesh_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_morph_test {
 
 constexpr uint64_t kSeed = 20260411;
 constexpr double kBudgetPx = 1;  // of what should not pop
@@ -287,5 +287,5 @@ TEST(MeshMorph, HysteresisKeepsWhatATremblingCameraSees) {
   EXPECT_GT(changed_without, views / 2);
 }
 
-}  // namespace
+}  // namespace mesh_morph_test
 }  // namespace relievo::test

@@ -11,7 +11,7 @@
 #include "tests/geometry/mesh_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_tails_test {
 
 constexpr uint64_t kSeed = 20261121;
 using TailCase = MeshTailCase;
@@ -108,5 +108,5 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
   EXPECT_GT(of_tails, 200 / kViewShare);
 }
 
-}  // namespace
+}  // namespace mesh_tails_test
 }  // namespace relievo::test

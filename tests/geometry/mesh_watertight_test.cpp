@@ -10,7 +10,7 @@
 #include "tests/geometry/mesh_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace mesh_watertight_test {
 
 constexpr uint64_t kSeed = 20260401;
 
@@ -261,5 +261,5 @@ TEST(MeshWatertight, EveryPairOfLevelsAndEveryOrientation) {
   EXPECT_EQ(count.mismatches, 0u);
 }
 
-}  // namespace
+}  // namespace mesh_watertight_test
 }  // namespace relievo::test

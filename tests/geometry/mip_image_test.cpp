@@ -7,7 +7,7 @@
 #include <random>
 
 namespace relievo {
-namespace {
+namespace mip_image_test {
 
 TEST(MipImage, linearChannelsAreReadAsTheyAre) {
   constexpr int kWidth = 37, kHeight = 21, kChannels = 9;
@@ -85,5 +85,5 @@ TEST(MipImage, whatIsFinerIsAveraged) {
   EXPECT_GT(most_sharp, 100.0f);  // control: the image itself is not grey
 }
 
-}  // namespace
+}  // namespace mip_image_test
 }  // namespace relievo

@@ -10,7 +10,7 @@
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace planar_lod_test {
 
 constexpr uint64_t kSeed = 20140612;
 using Case = PlanarCase;
@@ -384,5 +384,5 @@ TEST(PlanarLod, StraightDownDoesNotSwallowTheRelief) {
   EXPECT_GT(lod.limited_by_residency, 0u);
 }
 
-}  // namespace
+}  // namespace planar_lod_test
 }  // namespace relievo::test

@@ -11,7 +11,7 @@
 #include "tests/geometry/true_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace planar_morph_test {
 
 constexpr uint64_t kSeed = 20260412;
 constexpr double kBudgetPx = 1;  // of what should not pop
@@ -332,5 +332,5 @@ TEST(PlanarMorph, NothingPops) {
   EXPECT_GT(rounded, 0.5);
 }
 
-}  // namespace
+}  // namespace planar_morph_test
 }  // namespace relievo::test

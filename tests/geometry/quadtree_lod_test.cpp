@@ -13,7 +13,7 @@
 #include "tests/geometry/true_relief.h"
 
 namespace relievo::test {
-namespace {
+namespace quadtree_lod_test {
 
 uint64_t cellsOf(const LodResult& lod) {
   uint64_t cells = 0;
@@ -354,5 +354,5 @@ TYPED_TEST(QuadtreeLod, NodesAreDividedWhereThatSavesTriangles) {
   EXPECT_LT(cells, cellsOf(scene.select(view, {})));
 }
 
-}  // namespace
+}  // namespace quadtree_lod_test
 }  // namespace relievo::test

@@ -14,7 +14,7 @@
 #include "tests/geometry/mesh_shapes.h"
 
 namespace relievo {
-namespace {
+namespace ray_scene_test {
 
 // The distance to a triangle by its interior and its three segments.
 double distanceTo(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c, const glm::dvec3& p) {
@@ -328,5 +328,5 @@ TEST(ClosestSearch, distancesAreThoseOfRayScenesBitForBit) {
   EXPECT_GT(differ_from_the_next, 2900) << "the control: places have distances of their own";
 }
 
-}  // namespace
+}  // namespace ray_scene_test
 }  // namespace relievo

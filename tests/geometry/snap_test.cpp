@@ -7,7 +7,7 @@
 #include "geometry/lod/snap.h"
 
 namespace relievo {
-namespace {
+namespace snap_test {
 
 using Sides = std::array<uint8_t, 2>;
 
@@ -166,5 +166,5 @@ TEST(Snap, BothSidesOfAnEdgeHaveTheSameVertices) {
   EXPECT_NE(whole(3, 3), whole(4, 4));
 }
 
-}  // namespace
+}  // namespace snap_test
 }  // namespace relievo

@@ -13,7 +13,7 @@
 #include "tests/geometry/lod_fixture.h"
 
 namespace relievo::test {
-namespace {
+namespace strategy_test {
 
 constexpr uint64_t kSeed = 20101;
 
@@ -199,5 +199,5 @@ TEST(Strategies, TheLengthMetricKeepsItsLengths) {
   EXPECT_GT(long_ones, checked / 4);
 }
 
-}  // namespace
+}  // namespace strategy_test
 }  // namespace relievo::test

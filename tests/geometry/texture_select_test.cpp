@@ -12,7 +12,7 @@
 #include "tests/geometry/pixel_requests.h"
 
 namespace relievo::test {
-namespace {
+namespace texture_select_test {
 
 constexpr uint64_t kSeed = 20261121;
 
@@ -449,5 +449,5 @@ TEST(TextureSelect, NeverMoreThanSlots) {
   }
 }
 
-}  // namespace
+}  // namespace texture_select_test
 }  // namespace relievo::test

@@ -16,7 +16,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo::gl {
-namespace {
+namespace bc_blocks_gltest {
 
 constexpr uint32_t kSeed = 20261121;
 
@@ -186,5 +186,5 @@ TEST(BcBlocks, APageOfBlocksIsTheSlotsTexels) {
   if (compared == 0) GTEST_SKIP() << "this context samples no block formats";
 }
 
-}  // namespace
+}  // namespace bc_blocks_gltest
 }  // namespace relievo::gl

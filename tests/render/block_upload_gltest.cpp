@@ -27,7 +27,7 @@
 #include "texturing/stream/page_sources.h"
 
 namespace relievo {
-namespace {
+namespace block_upload_gltest {
 
 constexpr int kWidth = 192, kHeight = 108;
 constexpr uint32_t kSeed = 20261121;
@@ -601,5 +601,5 @@ TEST_F(BlockUpload, AContextWithoutBc7IsNamed) {
   EXPECT_EQ(automatic->stats().why_not_blocks.empty(), isBlockCodec(automatic->stats().upload));
 }
 
-}  // namespace
+}  // namespace block_upload_gltest
 }  // namespace relievo

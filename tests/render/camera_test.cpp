@@ -11,7 +11,7 @@
 #include <glm/gtc/matrix_transform.hpp>
 
 namespace relievo {
-namespace {
+namespace camera_test {
 
 constexpr uint32_t kSeed = 7;
 constexpr int kWidth = 1280, kHeight = 720;
@@ -266,5 +266,5 @@ TEST(Camera, AnOrthographicPictureOfItsSizeHoldsAllAndNoMore) {
   }
 }
 
-}  // namespace
+}  // namespace camera_test
 }  // namespace relievo

@@ -17,7 +17,7 @@
 #include "tools/compare/compare_run.h"
 
 namespace relievo {
-namespace {
+namespace compare_gltest {
 
 constexpr uint32_t kSeed = 20140613;
 constexpr int kWidth = 240, kHeight = 136;
@@ -264,5 +264,5 @@ TEST_F(Compare, StopsWhenInterruptedAndRefusesWhatDoesNotFit) {
   EXPECT_EQ(refused.error().kind, ErrorKind::kUnsupported);
 }
 
-}  // namespace
+}  // namespace compare_gltest
 }  // namespace relievo

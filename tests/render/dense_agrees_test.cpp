@@ -11,7 +11,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace dense_agrees_test {
 
 constexpr uint32_t kSeed = 4711;
 
@@ -81,5 +81,5 @@ TEST(DenseAgrees, NegativeControlPlainMeansAreNotTheRule) {
   EXPECT_GT(different, 200u);
 }
 
-}  // namespace
+}  // namespace dense_agrees_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include <glm/gtc/matrix_transform.hpp>
 
 namespace relievo {
-namespace {
+namespace dense_reference_test {
 
 struct FunctionTexture final : TextureSource {
   int64_t w = 1, h = 1;
@@ -807,5 +807,5 @@ TEST(CompareImages, SeesEveryKindOfDifference) {
   }
 }
 
-}  // namespace
+}  // namespace dense_reference_test
 }  // namespace relievo

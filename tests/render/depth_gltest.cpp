@@ -18,7 +18,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace depth_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 
@@ -233,5 +233,5 @@ TEST(Depth, TheMatrixIsTheCamerasInTheGlsOrder) {
   }
 }
 
-}  // namespace
+}  // namespace depth_gltest
 }  // namespace relievo

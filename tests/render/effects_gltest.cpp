@@ -6,7 +6,7 @@
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
-namespace {
+namespace effects_gltest {
 
 using namespace test;
 
@@ -135,5 +135,5 @@ TEST(Effects, ExposureKeepsBlackAndDoublesLight) {
   EXPECT_NEAR(reference({1, 1, 1}, {3, 8})[0], 1, 1e-12);
 }
 
-}  // namespace
+}  // namespace effects_gltest
 }  // namespace relievo

@@ -21,7 +21,7 @@
 #include "texturing/stream/page_sources.h"
 
 namespace relievo {
-namespace {
+namespace engine_faults_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 constexpr uint32_t kSeed = 20261121;
@@ -570,5 +570,5 @@ TEST_F(EngineFaults, ACacheOfAQuarterOfTheWorkingSetEndsStill) {
   EXPECT_LE(calm, 30);
 }
 
-}  // namespace
+}  // namespace engine_faults_gltest
 }  // namespace relievo

@@ -13,7 +13,7 @@
 #include "tests/render/test_artwork.h"
 
 namespace relievo {
-namespace {
+namespace eye_outside_gltest {
 
 using gl::EventKind;
 using test::kHeight;
@@ -235,5 +235,5 @@ TEST_F(EyeOutside, TheGuardsDistanceIsABound) {
   EXPECT_LT(slack_waves, 0.01) << "above the highest place nothing is in the way";
 }
 
-}  // namespace
+}  // namespace eye_outside_gltest
 }  // namespace relievo

@@ -22,7 +22,7 @@
 #include "texturing/stream/request_memory.h"
 
 namespace relievo::test {
-namespace {
+namespace feedback_gltest {
 
 constexpr uint64_t kSeed = 20261121;
 using Pixels = std::vector<std::array<uint32_t, 4>>;
@@ -563,5 +563,5 @@ TEST(EngineRequestSource, PicturesAreTheSameWhateverTheMethod) {
   }
 }
 
-}  // namespace
+}  // namespace feedback_gltest
 }  // namespace relievo::test

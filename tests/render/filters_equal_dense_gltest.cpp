@@ -6,7 +6,7 @@
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
-namespace {
+namespace filters_equal_dense_gltest {
 
 using namespace test;
 
@@ -214,5 +214,5 @@ TEST(FiltersEqualDense, NegativeControls) {
   off("bilinear for nearest", Sampling::kNearest, bilinear);
 }
 
-}  // namespace
+}  // namespace filters_equal_dense_gltest
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include "tests/render/made_pages.h"
 
 namespace relievo {
-namespace {
+namespace fixed_light_gltest {
 
 using namespace test;
 
@@ -129,5 +129,5 @@ TEST(FixedLight, OverPatchesIsTheLiveOneSeenFromTheFront) {
   }
 }
 
-}  // namespace
+}  // namespace fixed_light_gltest
 }  // namespace relievo

@@ -19,7 +19,7 @@
 #include "tests/render/gl_fixture.h"
 
 namespace relievo::gl {
-namespace {
+namespace gl_gltest {
 
 struct ScopedEnv {
   ScopedEnv(const char* name, const char* value) : name_(name) {
@@ -431,5 +431,5 @@ TEST(Shaders, EmbeddedTextsAreTheFiles) {
   EXPECT_TRUE(shaderSource("no_such_file").empty());
 }
 
-}  // namespace
+}  // namespace gl_gltest
 }  // namespace relievo::gl

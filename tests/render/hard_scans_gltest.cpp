@@ -20,7 +20,7 @@
 #include "tests/tools/cli_fixture.h"
 
 namespace relievo {
-namespace {
+namespace hard_scans_gltest {
 
 constexpr int kWidth = 160, kHeight = 112;
 constexpr int kMarginPx = 2;  // patches follow the scan to a fraction of this at its borders
@@ -91,7 +91,7 @@ std::vector<Scan> scans() {
   };
   std::vector<Scan> all;
   all.push_back({"needle quads 1:10,000", needles, "", {}, false, 0});
-  all.push_back({"zero-area quads beside others", withoutArea(sphereMesh(16, 40)), "", {}, false, 0});
+  all.push_back({"zero-area quads beside others", withoutArea(ballMesh(16, 40)), "", {}, false, 0});
   all.push_back({"collapsed quads alone", boxMesh(2, 50, 0, 0), "degenerate triangles only", {}, false, 0});
   all.push_back({"edges at the eye, near, on, inside: a ball", bumpy(2), "", {}, true, 0});
   all.push_back({"the same: a sheet", sheetOf(40, 100, 80, hills), "", {}, true, 0});
@@ -289,5 +289,5 @@ TEST_F(HardScans, AreDrawnWithoutHolesOrRefusedByName) {
   EXPECT_GT(unsnapped, 0u);
 }
 
-}  // namespace
+}  // namespace hard_scans_gltest
 }  // namespace relievo

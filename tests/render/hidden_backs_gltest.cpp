@@ -13,7 +13,7 @@
 #include "tests/render/made_pages.h"
 
 namespace relievo {
-namespace {
+namespace hidden_backs_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 constexpr double kReliefMm = 6;
@@ -162,5 +162,5 @@ TEST_F(HiddenBacksPicture, FromInsideAreAllThereIs) {
   EXPECT_EQ(t.without, t.with_backs);
 }
 
-}  // namespace
+}  // namespace hidden_backs_gltest
 }  // namespace relievo

@@ -17,7 +17,7 @@
 #include "tests/render/gl_fixture.h"
 
 namespace relievo {
-namespace {
+namespace hud_gltest {
 
 constexpr int kWidth = 640, kHeight = 360;
 
@@ -210,5 +210,5 @@ TEST(Viewer, BackgroundShowsWhereTheArtworkIsNot) {
   EXPECT_EQ(overBackground(rgba, {24, 25, 26}), (std::vector<uint8_t>{1, 2, 3, 24, 25, 26}));
 }
 
-}  // namespace
+}  // namespace hud_gltest
 }  // namespace relievo

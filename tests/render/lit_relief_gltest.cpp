@@ -11,7 +11,7 @@
 #include "texturing/stream/page_sources.h"
 
 namespace relievo {
-namespace {
+namespace lit_relief_gltest {
 
 using namespace test;
 
@@ -295,5 +295,5 @@ TEST_F(LitReliefCli, imageAndHeightMapFollowTheLight) {
   EXPECT_NE(refused.output.find("--unlit"), std::string::npos) << refused.output;
 }
 
-}  // namespace
+}  // namespace lit_relief_gltest
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include "tests/render/lit_ball.h"
 
 namespace relievo {
-namespace {
+namespace mesh_picture_gltest {
 
 using namespace test;
 
@@ -80,5 +80,5 @@ TEST_F(MeshPicture, IsThatOfALitBall) {
   EXPECT_GT(other_size, 8) << "control";
 }
 
-}  // namespace
+}  // namespace mesh_picture_gltest
 }  // namespace relievo

@@ -9,7 +9,7 @@
 #include "texturing/import/image_io.h"
 #include "texturing/import/ptm.h"
 
-namespace {
+namespace mesh_ptm_gltest {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -172,4 +172,4 @@ TEST_F(MeshPtm, whatDoesNotFitIsOneError) {
       2);
 }
 
-}  // namespace
+}  // namespace mesh_ptm_gltest

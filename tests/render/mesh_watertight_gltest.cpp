@@ -19,7 +19,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace mesh_watertight_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 constexpr uint64_t kSeed = 20261121;
@@ -574,5 +574,5 @@ TEST_F(MeshBackground, ItDoesWithoutSnapping) {
   }
 }
 
-}  // namespace
+}  // namespace mesh_watertight_gltest
 }  // namespace relievo

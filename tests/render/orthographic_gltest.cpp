@@ -18,7 +18,7 @@
 #include "texturing/package/patch_package_builder.h"
 
 namespace relievo {
-namespace {
+namespace orthographic_gltest {
 
 using namespace test;
 
@@ -407,5 +407,5 @@ TEST(Orthographic, IsWhatALongLensComesTo) {
   }
 }
 
-}  // namespace
+}  // namespace orthographic_gltest
 }  // namespace relievo

@@ -5,7 +5,7 @@
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
-namespace {
+namespace other_bases_gltest {
 
 using namespace test;
 
@@ -66,5 +66,5 @@ TEST(OtherBasesControl, WithoutALightThereIsNoColour) {
   EXPECT_EQ(sceneProblem({}, manifest), "");
 }
 
-}  // namespace
+}  // namespace other_bases_gltest
 }  // namespace relievo

@@ -10,7 +10,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace package_agrees_test {
 
 struct Counts {
   size_t pages = 0, different = 0, relief_steps = 0;
@@ -103,5 +103,5 @@ TEST(PackageAgrees, NegativeControlAnotherTextureDiffers) {
   EXPECT_GT(counts.different, 5u);
 }
 
-}  // namespace
+}  // namespace package_agrees_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include "tests/render/gl_fixture.h"
 
 namespace relievo {
-namespace {
+namespace page_fade_gltest {
 
 using namespace test;
 
@@ -104,5 +104,5 @@ TEST(PageFade, OffLeavesNoTrace) {
   }
 }
 
-}  // namespace
+}  // namespace page_fade_gltest
 }  // namespace relievo

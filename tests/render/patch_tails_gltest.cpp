@@ -12,7 +12,7 @@
 #include "tests/render/made_engine.h"
 
 namespace relievo {
-namespace {
+namespace patch_tails_gltest {
 
 using namespace test;
 
@@ -221,5 +221,5 @@ TEST(TailShaders, KnowTheSameNumbers) {
   EXPECT_TRUE(has(tables, "(i) & 2047u") && has(tables, ">> 11u) & 2047u") && has(tables, ">> 22u"));
 }
 
-}  // namespace
+}  // namespace patch_tails_gltest
 }  // namespace relievo

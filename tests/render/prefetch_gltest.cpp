@@ -10,7 +10,7 @@
 #include "tests/render/test_artwork.h"
 
 namespace relievo {
-namespace {
+namespace prefetch_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 
@@ -81,5 +81,5 @@ TEST_F(PrefetchGl, TheSettledPictureIsTheSame) {
   EXPECT_EQ(picture[0], picture[1]);
 }
 
-}  // namespace
+}  // namespace prefetch_gltest
 }  // namespace relievo

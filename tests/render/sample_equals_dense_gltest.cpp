@@ -7,7 +7,7 @@
 #include "tools/sample/sample_artwork.h"
 
 namespace relievo {
-namespace {
+namespace sample_equals_dense_gltest {
 
 using namespace test;
 
@@ -41,5 +41,5 @@ INSTANTIATE_TEST_SUITE_P(Bases, SampleEqualsDense, testing::Values(Basis::kPtmLr
   return i.param == Basis::kPtmLrgb ? std::string("Lrgb") : std::string("Rgb");
 });
 
-}  // namespace
+}  // namespace sample_equals_dense_gltest
 }  // namespace relievo

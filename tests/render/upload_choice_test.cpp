@@ -5,7 +5,7 @@
 #include <array>
 
 namespace relievo {
-namespace {
+namespace upload_choice_test {
 
 const auto kHasAll = [](PageCodec) { return std::optional<std::string>(); };
 const auto kHasNone = [](PageCodec) { return std::optional<std::string>("GL_a_certain_extension"); };
@@ -61,5 +61,5 @@ TEST(UploadChoice, AutoTakesBlocksWhereTheyAreSampledInHardware) {
   EXPECT_NE(refused.error().text().find("GL_a_certain_extension"), std::string::npos);
 }
 
-}  // namespace
+}  // namespace upload_choice_test
 }  // namespace relievo

@@ -8,7 +8,7 @@
 #include "src/viewer/view_control.h"
 
 namespace relievo {
-namespace {
+namespace view_control_test {
 
 using gl::Event;
 using gl::EventKind;
@@ -493,5 +493,5 @@ TEST(ViewControlSurface, AStartInsideIsMovedOut) {
   }
 }
 
-}  // namespace
+}  // namespace view_control_test
 }  // namespace relievo

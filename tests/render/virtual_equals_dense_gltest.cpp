@@ -5,7 +5,7 @@
 #include "tests/render/dense_subjects.h"
 
 namespace relievo {
-namespace {
+namespace virtual_equals_dense_gltest {
 
 using namespace test;
 
@@ -187,5 +187,5 @@ TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
   }
 }
 
-}  // namespace
+}  // namespace virtual_equals_dense_gltest
 }  // namespace relievo

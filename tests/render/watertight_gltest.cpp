@@ -14,7 +14,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace watertight_gltest {
 
 constexpr int kWidth = 320, kHeight = 180;
 constexpr uint32_t kSeed = 20261121;
@@ -198,5 +198,5 @@ TEST_F(Watertight, SnappingOffLetsTheBackgroundThrough) {
   EXPECT_GT(background, 0u) << "of " << inside;
 }
 
-}  // namespace
+}  // namespace watertight_gltest
 }  // namespace relievo

@@ -14,7 +14,7 @@
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
-namespace {
+namespace basis_test {
 
 using namespace testing_support;
 using test::otherBases;
@@ -289,5 +289,5 @@ TEST_P(OtherPackage, HostileFieldsAreRefused) {
 
 INSTANTIATE_TEST_SUITE_P(Bases, OtherPackage, ::testing::Range(size_t{0}, otherBases().size()));
 
-}  // namespace
+}  // namespace basis_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include <vector>
 
 namespace relievo {
-namespace {
+namespace bc_blocks_test {
 
 constexpr uint32_t kSeed = 20261121;
 
@@ -304,5 +304,5 @@ TEST(BcEncode, Bc7UsesItsModesAndEachPaysOff) {
   EXPECT_EQ(used[8], 0);
 }
 
-}  // namespace
+}  // namespace bc_blocks_test
 }  // namespace relievo

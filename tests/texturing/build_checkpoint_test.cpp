@@ -14,7 +14,7 @@
 #include "texturing/package/package_builder.h"
 
 namespace relievo {
-namespace {
+namespace build_checkpoint_test {
 
 using namespace testing_support;
 namespace fs = std::filesystem;
@@ -314,5 +314,5 @@ TEST_F(Checkpoint, DamageNeverMakesAnotherPackage) {
   expectTheSamePackage(expected, options(2), on);
 }
 
-}  // namespace
+}  // namespace build_checkpoint_test
 }  // namespace relievo

@@ -6,7 +6,7 @@
 #include <random>
 
 namespace relievo {
-namespace {
+namespace cache_budget_test {
 
 constexpr std::array kUploads{PageCodec::kLossless, PageCodec::kBc1, PageCodec::kBc4, PageCodec::kBc5, PageCodec::kBc7};
 
@@ -79,5 +79,5 @@ TEST(CacheBudget, BlocksHoldSeveralTimesAsManyPages) {
   EXPECT_GT(s.texture, rgba8);
 }
 
-}  // namespace
+}  // namespace cache_budget_test
 }  // namespace relievo

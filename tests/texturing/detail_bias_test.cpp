@@ -12,7 +12,7 @@
 #include <utility>
 
 namespace relievo {
-namespace {
+namespace detail_bias_test {
 
 // Pages wanted at a bias, over those at bias 0.
 struct Shape {
@@ -254,5 +254,5 @@ TEST(DetailBias, WithoutRegardToLatencyItOvershoots) {
   EXPECT_GT(wrong, 5);
 }
 
-}  // namespace
+}  // namespace detail_bias_test
 }  // namespace relievo

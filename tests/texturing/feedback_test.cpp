@@ -11,7 +11,7 @@
 #include <set>
 
 namespace relievo {
-namespace {
+namespace feedback_test {
 
 using Pixel = std::array<uint32_t, 4>;
 constexpr Pixel kBackground{};
@@ -328,5 +328,5 @@ TEST(Feedback, AWholeScreenGivesTheNaiveAnswerWhateverWasAnalysedBefore) {
   EXPECT_GT(nodes[1280], 2 * nodes[160]);
 }
 
-}  // namespace
+}  // namespace feedback_test
 }  // namespace relievo

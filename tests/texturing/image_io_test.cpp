@@ -24,7 +24,7 @@
 #include "src/base/file.h"
 
 namespace relievo {
-namespace {
+namespace image_io_test {
 
 namespace fs = std::filesystem;
 using relievo::writeImage;  // beside the one below, which writes as OpenImageIO does
@@ -955,5 +955,5 @@ TEST(ImageDamage, MutatedFilesNeverCrash) {
   }
 }
 
-}  // namespace
+}  // namespace image_io_test
 }  // namespace relievo

@@ -9,7 +9,7 @@
 #include "package_fixture.h"
 
 namespace relievo {
-namespace {
+namespace mip_test {
 
 using namespace testing_support;
 
@@ -151,5 +151,5 @@ TEST(Mip, extremeScalesAndBiasesAreHarmless) {
   }
 }
 
-}  // namespace
+}  // namespace mip_test
 }  // namespace relievo

@@ -16,7 +16,7 @@
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
-namespace {
+namespace package_builder_test {
 
 using namespace testing_support;
 using test::kSanitized;
@@ -542,5 +542,5 @@ TEST(Failure, sourcesThatMakeNoSenseAreUsageErrors) {
   EXPECT_FALSE(buildPackage(good, nullptr, o).ok());
   EXPECT_EQ(folder.entries(), 0u);
 }
-}  // namespace
+}  // namespace package_builder_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
-namespace {
+namespace package_header_test {
 
 using HeaderBytes = std::array<uint8_t, kHeaderBytes>;
 
@@ -106,5 +106,5 @@ TEST(PackageHeader, ASizeThatContradictsTheBaseMeshIsRefused) {
     EXPECT_NE(refusal(patches * 256, 256), "") << patches << " patches: neither base mesh nor index fit";
 }
 
-}  // namespace
+}  // namespace package_header_test
 }  // namespace relievo

@@ -19,7 +19,7 @@
 #include "texturing/stream/page_sources.h"
 
 namespace relievo {
-namespace {
+namespace package_test {
 
 using namespace testing_support;
 using test::kSanitized;
@@ -625,5 +625,5 @@ TEST(PackageLayout, entriesTileTheIndex) {
   }
 }
 
-}  // namespace
+}  // namespace package_test
 }  // namespace relievo

@@ -8,7 +8,7 @@
 #include <random>
 
 namespace relievo {
-namespace {
+namespace page_cache_test {
 
 PageId texturePage(uint32_t x) { return PageId(texturePlane(x % 3), {0, 10, x, 0}); }
 PageId reliefPage(uint32_t x) { return PageId(Plane::kRelief, {0, 10, x, 1}); }
@@ -283,5 +283,5 @@ TEST(PageCache, NoSlots) {
   EXPECT_TRUE(cache.checkInvariants(nullptr));
 }
 
-}  // namespace
+}  // namespace page_cache_test
 }  // namespace relievo

@@ -10,7 +10,7 @@
 #include "src/artwork/relief_lattice.h"
 
 namespace relievo {
-namespace {
+namespace page_codec_test {
 
 constexpr int kSide = kPageFullPx;
 using Fill = std::function<int(std::mt19937&, int c, int x, int y)>;
@@ -239,5 +239,5 @@ TEST(PageCodec, anyBytesDecodeOrFailCleanly) {
   EXPECT_LT(decoded, 4000);
 }
 
-}  // namespace
+}  // namespace page_codec_test
 }  // namespace relievo

@@ -16,7 +16,7 @@
 #include "texturing/codec/page_jpeg_codec.h"
 
 namespace relievo {
-namespace {
+namespace page_encoding_test {
 
 constexpr uint32_t kSeed = 4711;
 constexpr int kSide = kPageFullPx;
@@ -423,5 +423,5 @@ TEST(AnyEncoding, anyBytesDecodeOrFailCleanly) {
   }
 }
 
-}  // namespace
+}  // namespace page_encoding_test
 }  // namespace relievo

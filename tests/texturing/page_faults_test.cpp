@@ -4,7 +4,7 @@
 #include <cmath>
 
 namespace relievo {
-namespace {
+namespace page_faults_test {
 
 using namespace fake;
 
@@ -301,5 +301,5 @@ void holdUnderRandomOperations(bool blocks) {
 TEST(StreamerProperties, HoldUnderRandomOperations) { holdUnderRandomOperations(false); }
 TEST(StreamerProperties, HoldWithBlocksInSlotsOfTheirOwn) { holdUnderRandomOperations(true); }
 
-}  // namespace
+}  // namespace page_faults_test
 }  // namespace relievo

@@ -7,7 +7,7 @@
 #include <sstream>
 
 namespace relievo {
-namespace {
+namespace page_life_test {
 
 using namespace fake;
 
@@ -589,5 +589,5 @@ TEST(StreamerCounters, PercentilesAreThoseOfTheSortedSeries) {
   }
 }
 
-}  // namespace
+}  // namespace page_life_test
 }  // namespace relievo

@@ -19,7 +19,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace page_sources_test {
 
 using fake::GatedSource;
 using fake::MapSource;
@@ -439,5 +439,5 @@ TEST(Trace, BadFilesAreNamedWithTheirLine) {
   }
 }
 
-}  // namespace
+}  // namespace page_sources_test
 }  // namespace relievo

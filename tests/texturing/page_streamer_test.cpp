@@ -12,7 +12,7 @@
 #include "texturing/codec/resolve.h"
 
 namespace relievo {
-namespace {
+namespace page_streamer_test {
 
 using namespace fake;
 
@@ -714,5 +714,5 @@ TEST(PageStreamer, InvariantsHoldWhateverTheThreadsDo) {
   }
 }
 
-}  // namespace
+}  // namespace page_streamer_test
 }  // namespace relievo

@@ -12,7 +12,7 @@
 #include "shaders/page_table.h"
 
 namespace relievo {
-namespace {
+namespace page_table_test {
 
 using Texel = std::array<uint32_t, 4>;
 
@@ -355,5 +355,5 @@ TEST(PageTableHash, AnotherSeedSeparatesWhatCollided) {
   EXPECT_GT(collisions, 5) << "about 19 are expected";
 }
 
-}  // namespace
+}  // namespace page_table_test
 }  // namespace relievo

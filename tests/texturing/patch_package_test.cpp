@@ -20,7 +20,7 @@
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
-namespace {
+namespace patch_package_test {
 
 using namespace testing_support;
 using test::kSanitized;
@@ -945,5 +945,5 @@ TEST(FlatPackage, staysVersionOne) {
   EXPECT_EQ(nlohmann::json::parse((*package)->manifestJson())["version"], 1);
 }
 
-}  // namespace
+}  // namespace patch_package_test
 }  // namespace relievo

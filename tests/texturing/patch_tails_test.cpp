@@ -19,7 +19,7 @@
 #include "texturing/package/patch_tails.h"
 
 namespace relievo {
-namespace {
+namespace patch_tails_test {
 
 using namespace testing_support;
 
@@ -254,13 +254,15 @@ TEST(PatchTails, chunksHoldDifferencesToTheLeftOrAtARowsBeginningToAbove) {
 
 class TailsOfPackage : public ::testing::Test {
  protected:
-  void SetUp() override {
+  // Built once, for no test changes it.
+  static void SetUpTestSuite() {
     // More patches than a chunk has.
     ManyPatches source(cubeSphere(7, 50, kSeed), 0, 0, kSeed);
     patches_ = static_cast<uint32_t>(source.base().patches.size());
     ASSERT_GT(patches_, kTailsChunkPatches);
+    const ScratchFolder folder;
     BuildOptions options;
-    options.output = folder_.file("many.relievo");
+    options.output = folder.file("many.relievo");
     options.workers = 2;
     options.zstd_level = 1;
     auto built = buildPatchPackage(source, options);
@@ -271,6 +273,7 @@ class TailsOfPackage : public ::testing::Test {
     header_ = *header;
     ASSERT_GT(header_.tails_bytes, 0u);
   }
+  void SetUp() override { ASSERT_GT(header_.tails_bytes, 0u) << "no package was built"; }
   std::shared_ptr<Package> open(const std::vector<uint8_t>& bytes) {
     const std::string path = folder_.file("damaged.relievo");
     writeAll(path, bytes);
@@ -293,9 +296,9 @@ class TailsOfPackage : public ::testing::Test {
   }
 
   ScratchFolder folder_;
-  std::vector<uint8_t> bytes_;
-  PackageHeader header_;
-  uint32_t patches_ = 0;
+  static inline std::vector<uint8_t> bytes_;
+  static inline PackageHeader header_;
+  static inline uint32_t patches_ = 0;
   std::string refusal_;
 };
 
@@ -393,5 +396,5 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
   }
 }
 
-}  // namespace
+}  // namespace patch_tails_test
 }  // namespace relievo

@@ -33,7 +33,7 @@ void operator delete(void* p) noexcept { std::free(p); }
 void operator delete(void* p, size_t) noexcept { std::free(p); }
 
 namespace relievo {
-namespace {
+namespace ptm_test {
 
 namespace fs = std::filesystem;
 using Bytes = std::vector<uint8_t>;
@@ -775,5 +775,5 @@ TEST(PtmDamage, MutatedFilesNeverCrash) {
   }
 }
 
-}  // namespace
+}  // namespace ptm_test
 }  // namespace relievo

@@ -7,7 +7,7 @@
 #include <string>
 
 namespace relievo {
-namespace {
+namespace recent_use_test {
 
 // Compares with a plain record; `spared` other than kSparedFrames is the control.
 std::string compare(uint64_t seed, uint64_t spared) {
@@ -48,5 +48,5 @@ TEST(RecentUse, TheComparisonSeesAnotherSpan) {
   for (uint64_t seed = 1; seed <= 5; ++seed) EXPECT_NE(compare(seed, kSparedFrames + 1), "") << "seed " << seed;
 }
 
-}  // namespace
+}  // namespace recent_use_test
 }  // namespace relievo

@@ -15,7 +15,7 @@
 #include "texturing/stream/relief_subslots.h"
 
 namespace relievo {
-namespace {
+namespace relief_compact_test {
 
 using Height = std::function<int(int x, int y)>;  // of a page's cells
 
@@ -226,5 +226,5 @@ TEST(ReliefCompact, RowsOfTexelsAsTheShaderFindsThem) {
   }
 }
 
-}  // namespace
+}  // namespace relief_compact_test
 }  // namespace relievo

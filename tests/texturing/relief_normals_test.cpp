@@ -13,7 +13,7 @@
 #include "texturing/package/package_layout.h"
 
 namespace relievo {
-namespace {
+namespace relief_normals_test {
 
 // Two patches of 512 texels a side along x, levels 0 to 2; the border cuts pages and cells.
 FlatDomain domain(int relief_finer) {
@@ -189,5 +189,5 @@ TEST(ReliefNormals, areTheSameFromManyThreads) {
   for (const auto& bytes : found) EXPECT_EQ(bytes, found[0]);
 }
 
-}  // namespace
+}  // namespace relief_normals_test
 }  // namespace relievo

@@ -9,7 +9,7 @@
 #include <vector>
 
 namespace relievo {
-namespace {
+namespace relief_subslots_test {
 
 using Samples = std::vector<int>;  // kReliefSamples a side
 
@@ -112,5 +112,5 @@ TEST(ReliefParts, OneSampleThatDoesNotFollowKeepsTheWholePage) {
   }
 }
 
-}  // namespace
+}  // namespace relief_subslots_test
 }  // namespace relievo

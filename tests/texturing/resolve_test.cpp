@@ -13,7 +13,7 @@
 #include "texturing/codec/page_codec.h"
 
 namespace relievo {
-namespace {
+namespace resolve_test {
 
 constexpr size_t kTexels = kSlotBytes / 4;
 
@@ -215,5 +215,5 @@ TEST(Resolve, TheComparisonNoticesASwappedTermAndAForgottenBias) {
   }
 }
 
-}  // namespace
+}  // namespace resolve_test
 }  // namespace relievo

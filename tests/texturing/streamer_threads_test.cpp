@@ -6,7 +6,7 @@
 #include "tests/texturing/page_simulation.h"
 
 namespace relievo {
-namespace {
+namespace streamer_threads_test {
 
 using namespace fake;
 
@@ -173,5 +173,5 @@ TEST(StreamerThreads, WorkersOfItsOwnAndCallersShareTheJobs) {
   }
 }
 
-}  // namespace
+}  // namespace streamer_threads_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include "texturing/stream/relief_subslots.h"
 
 namespace relievo {
-namespace {
+namespace subslot_cache_test {
 
 PageId texturePage(uint32_t x) { return PageId(texturePlane(0), {0, 10, x, 0}); }
 PageId reliefPage(uint32_t x) { return PageId(Plane::kRelief, {0, 10, x, 0}); }
@@ -259,5 +259,5 @@ TEST(SubslotCache, IdleHalvesOfSlotsInUse) {
   EXPECT_TRUE(idle.empty());
 }
 
-}  // namespace
+}  // namespace subslot_cache_test
 }  // namespace relievo

@@ -11,7 +11,7 @@
 #include <string>
 
 namespace relievo {
-namespace {
+namespace tiff_frame_test {
 
 namespace fs = std::filesystem;
 
@@ -87,5 +87,5 @@ TEST(TiffFrame, BeyondFourGiB) {
   EXPECT_EQ(tiffHead({.width = 1 << 20, .height = 1024, .sample_bytes = 4, .floats = true}).size(), 16u);
 }
 
-}  // namespace
+}  // namespace tiff_frame_test
 }  // namespace relievo

@@ -17,7 +17,7 @@
 #include "texturing/import/image_io.h"
 
 namespace relievo {
-namespace {
+namespace artwork_cache_test {
 
 namespace fs = std::filesystem;
 using testing_support::Outcome;
@@ -284,5 +284,5 @@ TEST_F(ArtworkCache, ADamagedPackageIsBuiltAgain) {
   EXPECT_GT(fs::file_size(packages()[0]), 100u);
 }
 
-}  // namespace
+}  // namespace artwork_cache_test
 }  // namespace relievo

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 namespace relievo {
-namespace {
+namespace bench_report_test {
 
 BenchRun madeUpRun() {
   BenchRow fast;
@@ -113,5 +113,5 @@ TEST(BenchReport, ALineForTheTerminal) {
 
 TEST(BenchReport, TheProcessorHasAName) { EXPECT_NE(processorName(), ""); }
 
-}  // namespace
+}  // namespace bench_report_test
 }  // namespace relievo

@@ -13,7 +13,7 @@
 #include "tests/tools/cli_fixture.h"
 #include "tests/view_share.h"
 
-namespace {
+namespace cli_test {
 
 using namespace relievo::testing_support;
 
@@ -645,4 +645,4 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   EXPECT_EQ(report["runs"][0]["frames"].size(), 2u);
 }
 
-}  // namespace
+}  // namespace cli_test

@@ -13,7 +13,7 @@
 #include "tools/compare/compare_report.h"
 
 namespace relievo {
-namespace {
+namespace compare_test {
 
 FlatDomain smallDomain() {
   FlatDomain d;
@@ -212,5 +212,5 @@ TEST(CompareReport, Base64) {
   EXPECT_EQ(encode("foobar"), "Zm9vYmFy");
 }
 
-}  // namespace
+}  // namespace compare_test
 }  // namespace relievo

@@ -10,7 +10,7 @@
 #include "tests/tools/cli_fixture.h"
 
 namespace relievo {
-namespace {
+namespace error_promise_test {
 
 using ErrorPromise = testing_support::Cli;
 
@@ -37,5 +37,5 @@ TEST_F(ErrorPromise, IsKeptOrSaid) {
   EXPECT_EQ(relievo("render " + file("coin.relievo") + " -o " + file("p.png") + " --least-cell -1").exit_code, 1);
 }
 
-}  // namespace
+}  // namespace error_promise_test
 }  // namespace relievo

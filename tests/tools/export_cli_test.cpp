@@ -14,7 +14,7 @@
 #include "tests/view_share.h"
 #include "texturing/import/image_io.h"
 
-namespace {
+namespace export_cli_test {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -453,4 +453,4 @@ TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
   EXPECT_EQ(filesNamed(".part-"), 0);
 }
 
-}  // namespace
+}  // namespace export_cli_test

@@ -22,7 +22,7 @@
 #include "tools/export/shared_vertices.h"
 #include "tools/export/surface_rows.h"
 
-namespace {
+namespace export_test {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -717,4 +717,4 @@ TEST_F(ExportMaps, WhatAFormatOrAnArtworkCannotHoldIsRefused) {
   refused(*Package::open(options.output), ExportMap::kNormal, "a.tif", {}, "has no relief");
 }
 
-}  // namespace
+}  // namespace export_test

@@ -11,7 +11,7 @@
 #include "tools/bench/flight_simulation.h"
 
 namespace relievo {
-namespace {
+namespace flight_test {
 
 FlatDomain domainOf(uint64_t side) {
   FlatDomain d;
@@ -333,5 +333,5 @@ TEST(RecordFlight, NamesWhatTheViewsRequestAncestorsIncluded) {
   }
 }
 
-}  // namespace
+}  // namespace flight_test
 }  // namespace relievo

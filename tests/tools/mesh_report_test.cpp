@@ -10,7 +10,7 @@
 #include <set>
 
 namespace relievo {
-namespace {
+namespace mesh_report_test {
 
 using Json = nlohmann::ordered_json;
 
@@ -269,5 +269,5 @@ TEST(MeshReport, aPageOfItsOwn) {
   EXPECT_EQ(failed.error().kind, ErrorKind::kIo);
 }
 
-}  // namespace
+}  // namespace mesh_report_test
 }  // namespace relievo

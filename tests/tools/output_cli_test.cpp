@@ -15,7 +15,7 @@
 #include "texturing/import/image_io.h"
 
 namespace relievo::testing_support {
-namespace {
+namespace output_cli_test {
 
 const std::string kProgram = RELIEVO_PROGRAM;
 
@@ -307,5 +307,5 @@ TEST_F(OutputCli, InputsThatAreNoFilesAreRefused) {
   }
 }
 
-}  // namespace
+}  // namespace output_cli_test
 }  // namespace relievo::testing_support

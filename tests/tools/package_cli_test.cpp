@@ -11,7 +11,7 @@
 #include "tests/other_bases.h"
 #include "texturing/package/package_layout.h"
 
-namespace {
+namespace package_cli_test {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -278,4 +278,4 @@ TEST_F(PackageCli, VerifyRepairsWhatIsThereTwice) {
   EXPECT_TRUE(readAll("b.relievo") == broken);
 }
 
-}  // namespace
+}  // namespace package_cli_test

@@ -12,7 +12,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace replacement_test {
 
 constexpr Replacement kPolicies[] = {Replacement::kLru, Replacement::kClock, Replacement::kHalving};
 
@@ -180,5 +180,5 @@ TEST(HandCache, HalvingLowersItsThresholdWithinAFrameOnly) {
   EXPECT_FALSE(again.place(page(4), 6).placed);
 }
 
-}  // namespace
+}  // namespace replacement_test
 }  // namespace relievo

@@ -19,7 +19,7 @@
 #include "tools/sample/sample_writer.h"
 
 namespace relievo {
-namespace {
+namespace sample_test {
 
 constexpr SampleKind kKinds[] = {SampleKind::kInscription, SampleKind::kCoin, SampleKind::kPainting};
 
@@ -437,5 +437,5 @@ TEST_F(SampleFiles, InterruptionStopsAndSaysSo) {
   EXPECT_FALSE(std::filesystem::exists(folder + "/height_float.tif"));
 }
 
-}  // namespace
+}  // namespace sample_test
 }  // namespace relievo

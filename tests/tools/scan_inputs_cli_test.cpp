@@ -6,7 +6,7 @@
 #include "tests/tools/cli_fixture.h"
 #include "tests/view_share.h"
 
-namespace {
+namespace scan_inputs_cli_test {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -144,4 +144,4 @@ TEST_F(ScanInputs, AnExportedGlbCanBeBuiltAgain) {
   EXPECT_EQ(again["unit"], "m");
 }
 
-}  // namespace
+}  // namespace scan_inputs_cli_test

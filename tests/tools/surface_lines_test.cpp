@@ -13,7 +13,7 @@
 #include "tools/export/line_file.h"
 #include "tools/export/surface_lines.h"
 
-namespace {
+namespace surface_lines_test {
 
 using namespace relievo;
 using namespace relievo::testing_support;
@@ -286,4 +286,4 @@ TEST_F(SurfaceLinesTest, FilesHaveTheLinesInMillimetres) {
   }
 }
 
-}  // namespace
+}  // namespace surface_lines_test

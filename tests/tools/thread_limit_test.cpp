@@ -8,7 +8,7 @@
 #include "tests/view_share.h"
 
 namespace relievo {
-namespace {
+namespace thread_limit_test {
 
 using testing_support::Outcome;
 
@@ -90,5 +90,5 @@ TEST_F(ThreadLimit, Render) {
                        "picture.png");
 }
 
-}  // namespace
+}  // namespace thread_limit_test
 }  // namespace relievo
