@@ -279,7 +279,7 @@ LineRasteriser::LineRasteriser(const TriMesh& mesh, int workers) : mesh_(&mesh) 
       for (size_t t = b * kBlock; t < std::min(mesh.triangles.size(), (b + 1) * kBlock); ++t)
         for (uint32_t v : mesh.triangles[t]) boxes[b].add(mesh.positions_mm[v]);
   });
-  blocks_ = BoxTree(std::move(boxes));
+  blocks_ = BoxTree(boxes);
 }
 
 void LineRasteriser::nearest(const RasterSquare& square, std::span<const RasterLine> raster_lines,
@@ -380,7 +380,7 @@ void collectTriangles(const TriMesh& mesh, const BoxTree& blocks, const LineVolu
   s.clear(0);
   blocks.forEach(overlaps, [&](size_t block) {
     s.blocks.push_back(static_cast<uint32_t>(block));
-    const Box& box = blocks.part(block);
+    const Box box = blocks.part(block);
     const glm::vec3 m = 0.5f * (box.low + box.high) - centre;
     s.x.push_back(m.x);
     s.y.push_back(m.y);
@@ -391,7 +391,7 @@ void collectTriangles(const TriMesh& mesh, const BoxTree& blocks, const LineVolu
   computeVertexUvh(volume, s);
   size_t kept = 0;
   for (size_t i = 0; i < s.blocks.size(); ++i) {
-    const Box& box = blocks.part(s.blocks[i]);
+    const Box box = blocks.part(s.blocks[i]);
     const float reach = 0.5f * glm::length(box.high - box.low) + rounding;
     if (reach < volume.max_small_extent) {
       const Scratch::VertexUvh& at = s.vertex_uvh[i];

@@ -1,6 +1,7 @@
 #include "geometry/bake/measured_surface.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -58,14 +59,21 @@ std::vector<MeasuredSurface::Block> MeasuredSurface::blocksOf(const std::vector<
   return out;
 }
 
+namespace {
+
+// Of cell x between the vertices `a` and those of the next row, `c`.
+std::array<TriangleCorners, 2> trianglesOfCell(const glm::vec3* a, const glm::vec3* c, size_t x) {
+  return {TriangleCorners{a[x], c[x + 1], a[x + 1]}, TriangleCorners{a[x], c[x], c[x + 1]}};
+}
+
+}  // namespace
+
 // The triangles of a row of cells, in the order of the cells.
 template <class Use>
 void MeasuredSurface::Part::forEachTriangle(const Row& row, Use use) const {
   const glm::vec3 *a = vertices_.data() + row.first_vertex, *c = a + row.cells + 1;
-  for (size_t x = 0; x < row.cells; ++x) {
-    use(TriangleCorners{a[x], c[x + 1], a[x + 1]});
-    use(TriangleCorners{a[x], c[x], c[x + 1]});
-  }
+  for (size_t x = 0; x < row.cells; ++x)
+    for (const TriangleCorners& t : trianglesOfCell(a, c, x)) use(t);
 }
 
 MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double area_before) const {
@@ -115,7 +123,7 @@ MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double are
         }
       });
   // The sums are the same whoever computes the areas: in the triangles' order.
-  constexpr size_t kRows = 1 << 14, kRowsPerJob = 512, kMostTriangles = 16;
+  constexpr size_t kRows = 1 << 14, kRowsPerJob = 512, kMostTriangles = 2 * kMostBlockCells;
   std::vector<double> areas(std::min(kRows, out.rows_.size()) * kMostTriangles);
   out.area_before_.reserve(out.rows_.size() + 1);
   double area = area_before;
@@ -133,16 +141,29 @@ MeasuredSurface::Part MeasuredSurface::part(size_t first, size_t end, double are
     }
   }
   out.area_before_.push_back(area);
-  out.boxes_ = BoxTree(std::move(boxes));
+  out.boxes_ = BoxTree(boxes);
   for (const glm::vec3& v : out.vertices_) out.box_.add(v);
   return out;
 }
 
 double MeasuredSurface::Part::distance(const glm::dvec3& place, double within, size_t& row) const {
-  return closestByBoxes(boxes_, place, within, row, [&](size_t i) {
+  static_assert(kMostBlockCells <= BoxGroup::kBoxes);
+  return closestByBoxes(boxes_, place, within, row, [&](size_t i, const SearchReach& reach) {
+    const size_t cells = rows_[i].cells;
+    const glm::vec3 *a = vertices_.data() + rows_[i].first_vertex, *c = a + cells + 1;
+    BoxGroup boxes;
+    for (size_t x = 0; x < cells; ++x) {
+      Box box;
+      for (const glm::vec3& corner : {a[x], a[x + 1], c[x], c[x + 1]}) box.add(corner);
+      boxes.set(x, box);
+    }
+    const BoxGroup::Lanes squared = boxes.squaredDistances(reach.place());
     double least = std::numeric_limits<double>::infinity();
-    forEachTriangle(rows_[i],
-                    [&](const TriangleCorners& t) { least = std::min(least, closestOnTriangle(t, place).distance); });
+    for (size_t x = 0; x < cells; ++x) {
+      if (squared[x] > reach.squared()) continue;
+      for (const TriangleCorners& t : trianglesOfCell(a, c, x))
+        least = std::min(least, closestOnTriangle(t, place).distance);
+    }
     return least;
   });
 }

@@ -54,6 +54,7 @@ class MeasuredSurface {
                          std::vector<glm::dvec3>& out);
 
  private:
+  static constexpr size_t kMostBlockCells = 8;  // a side
   // `cells` cells a side at the cells (x, y) of the grid of 2^log2 cells.
   struct Block {
     uint8_t log2 = 0, cells = 0;

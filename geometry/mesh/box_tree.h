@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <limits>
-#include <utility>
 #include <vector>
 
 #include <glm/glm.hpp>
@@ -32,74 +32,128 @@ struct Box {
   }
 };
 
+// Eight boxes side by side, which are tested with vector instructions. Lanes that no box was set to are
+// empty boxes.
+struct BoxGroup {
+  static constexpr size_t kBoxes = 8;
+  using Lanes = std::array<float, kBoxes>;
+  std::array<Lanes, 3> low, high;
+  BoxGroup() {
+    for (size_t axis = 0; axis < 3; ++axis) {
+      low[axis].fill(std::numeric_limits<float>::infinity());
+      high[axis].fill(-std::numeric_limits<float>::infinity());
+    }
+  }
+  void set(size_t lane, const Box& box) {
+    for (int axis = 0; axis < 3; ++axis) {
+      low[static_cast<size_t>(axis)][lane] = box.low[axis];
+      high[static_cast<size_t>(axis)][lane] = box.high[axis];
+    }
+  }
+  Box box(size_t lane) const {
+    return {{low[0][lane], low[1][lane], low[2][lane]}, {high[0][lane], high[1][lane], high[2][lane]}};
+  }
+  // Of p from each box, in single precision: compare with SearchReach::squared().
+  Lanes squaredDistances(const glm::vec3& p) const noexcept;
+};
+
+// A place from which boxes are searched in single precision, and how far. No box within the distance is missed.
+class SearchReach {
+ public:
+  explicit SearchReach(const glm::dvec3& place)
+      : place_(place), slack_(kRounding * (std::abs(place.x) + std::abs(place.y) + std::abs(place.z))) {}
+  const glm::vec3& place() const { return place_; }
+  void set(double distance) {
+    const double reach = distance * (1 + kRounding) + slack_;
+    squared_ = static_cast<float>(reach * reach * (1 + kRounding));
+  }
+  // A box whose BoxGroup::squaredDistances() is larger than this lies beyond the distance.
+  float squared() const { return squared_; }
+
+ private:
+  // Larger than the errors of rounding the place (6e-8 of each coordinate), the differences and their squares.
+  static constexpr double kRounding = 1e-6;
+  glm::vec3 place_;
+  double slack_;
+  float squared_ = std::numeric_limits<float>::infinity();
+};
+
 // Boxes of a list's successive parts, and of ever more of them.
 class BoxTree {
  public:
   BoxTree() = default;
-  explicit BoxTree(std::vector<Box> parts) {
-    levels_.push_back(std::move(parts));
-    while (levels_.back().size() > kFan) {
-      const std::vector<Box>& fine = levels_.back();
-      std::vector<Box> coarse((fine.size() + kFan - 1) / kFan);
-      for (size_t i = 0; i < fine.size(); ++i) {
-        coarse[i / kFan].add(fine[i]);
-      }
-      levels_.push_back(std::move(coarse));
+  explicit BoxTree(const std::vector<Box>& parts) : parts_(parts.size()) {
+    levels_.push_back(groupsOf(parts));
+    while (levels_.back().size() > 1) {
+      std::vector<Box> coarse(levels_.back().size());
+      for (size_t i = 0; i < coarse.size(); ++i)
+        for (size_t lane = 0; lane < kFan; ++lane) coarse[i].add(levels_.back()[i].box(lane));
+      levels_.push_back(groupsOf(coarse));
     }
   }
-  const Box& part(size_t i) const { return levels_[0][i]; }
+  Box part(size_t i) const { return levels_[0][i / kFan].box(i % kFan); }
   // visit(part) for those whose boxes, and all above them, `wanted` takes, in their order.
   template <class Wanted, class Visit>
   void forEach(Wanted wanted, Visit visit) const {
-    descend(levels_.size() - 1, 0, levels_.back().size(), wanted, visit);
+    if (parts_ > 0) descend(levels_.size() - 1, 0, wanted, visit);
   }
-  // visit(part) for parts whose boxes lie within the square root of limit() of the place, which may shrink meanwhile;
-  // about the nearest first.
-  template <class Limit, class Visit>
-  void nearToFar(const glm::dvec3& place, Limit limit, Visit visit) const {
-    descendNearToFar(levels_.size() - 1, 0, levels_.back().size(), place, limit, visit);
+  // visit(part) for all parts whose boxes lie within the reach, which may shrink meanwhile, and for some that lie a
+  // little further away; about the nearest first.
+  template <class Visit>
+  void nearToFar(const SearchReach& reach, Visit visit) const {
+    if (parts_ > 0) descendNearToFar(levels_.size() - 1, 0, reach, visit);
   }
   size_t nearest(const glm::dvec3& place) const {
     size_t best = 0;
     double least = std::numeric_limits<double>::infinity();
     forEach([&](const Box& box) { return box.squaredDistance(place) < least; },
             [&](size_t i) {
-              least = levels_[0][i].squaredDistance(place);
+              least = part(i).squaredDistance(place);
               best = i;
             });
     return best;
   }
 
  private:
-  static constexpr size_t kFan = 8;
+  static constexpr size_t kFan = BoxGroup::kBoxes;
+  static std::vector<BoxGroup> groupsOf(const std::vector<Box>& boxes) {
+    std::vector<BoxGroup> groups((boxes.size() + kFan - 1) / kFan);
+    for (size_t i = 0; i < boxes.size(); ++i) groups[i / kFan].set(i % kFan, boxes[i]);
+    return groups;
+  }
+  // Boxes of a group, as many as there are.
+  size_t boxesIn(size_t level, size_t group) const {
+    const size_t boxes = level == 0 ? parts_ : levels_[level - 1].size();
+    return std::min(kFan, boxes - group * kFan);
+  }
   template <class Wanted, class Visit>
-  void descend(size_t level, size_t first, size_t last, Wanted& wanted, Visit& visit) const {
-    for (size_t i = first; i < last; ++i) {
-      if (!wanted(levels_[level][i])) continue;
-      if (level == 0) visit(i);
-      else descend(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), wanted, visit);
+  void descend(size_t level, size_t group, Wanted& wanted, Visit& visit) const {
+    const BoxGroup& boxes = levels_[level][group];
+    for (size_t lane = 0, count = boxesIn(level, group); lane < count; ++lane) {
+      if (!wanted(boxes.box(lane))) continue;
+      if (level == 0) visit(group * kFan + lane);
+      else descend(level - 1, group * kFan + lane, wanted, visit);
     }
   }
-  template <class Limit, class Visit>
-  void descendNearToFar(size_t level, size_t first, size_t last, const glm::dvec3& place, Limit& limit,
-                        Visit& visit) const {
-    std::array<std::pair<double, size_t>, kFan> near;
+  template <class Visit>
+  void descendNearToFar(size_t level, size_t group, const SearchReach& reach, Visit& visit) const {
+    const BoxGroup::Lanes squared = levels_[level][group].squaredDistances(reach.place());
+    std::array<size_t, kFan> near;  // lanes
     size_t count = 0;
-    for (size_t i = first; i < last; ++i) {
-      const double squared = levels_[level][i].squaredDistance(place);
-      if (!(squared <= limit())) continue;
+    for (size_t lane = 0, boxes = boxesIn(level, group); lane < boxes; ++lane) {
+      if (!(squared[lane] <= reach.squared())) continue;
       size_t at = count++;
-      for (; at > 0 && near[at - 1].first > squared; --at) near[at] = near[at - 1];
-      near[at] = {squared, i};
+      for (; at > 0 && squared[near[at - 1]] > squared[lane]; --at) near[at] = near[at - 1];
+      near[at] = lane;
     }
-    for (size_t k = 0; k < count && near[k].first <= limit(); ++k) {
-      const size_t i = near[k].second;
-      if (level == 0) visit(i);
-      else
-        descendNearToFar(level - 1, i * kFan, std::min((i + 1) * kFan, levels_[level - 1].size()), place, limit, visit);
+    for (size_t k = 0; k < count && squared[near[k]] <= reach.squared(); ++k) {
+      const size_t box = group * kFan + near[k];
+      if (level == 0) visit(box);
+      else descendNearToFar(level - 1, box, reach, visit);
     }
   }
-  std::vector<std::vector<Box>> levels_;
+  size_t parts_ = 0;
+  std::vector<std::vector<BoxGroup>> levels_;  // the parts' boxes first
 };
 
 }  // namespace relievo

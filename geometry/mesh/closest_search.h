@@ -20,34 +20,28 @@
 
 namespace relievo {
 
-// The search itself: `distanceTo(part)` is that to what lies in a part's box. The least distance, at most `within`;
-// infinite: nothing is as near. part: where the search begins, and receives the nearest; kNoPart: nothing is known.
+// The search itself: `distanceTo(part, reach)` is that to what lies in a part's box and within the reach; what lies
+// beyond may be left out. The least distance, at most `within`; infinite: nothing is as near. part: where the search
+// begins, and receives the nearest; kNoPart: nothing is known.
 constexpr size_t kNoPart = ~size_t{0};
 template <class DistanceTo>
 double closestByBoxes(const BoxTree& boxes, const glm::dvec3& place, double within, size_t& part,
                       DistanceTo distanceTo) {
-  // Far more than the rounding of a distance to a triangle, which may come out less than that to its box.
-  const double slack = 1e-12 * (std::abs(place.x) + std::abs(place.y) + std::abs(place.z));
-  double best = std::numeric_limits<double>::infinity(), limit = 0;
-  auto setLimit = [&](double distance) {
-    const double reach = distance * (1 + 1e-12) + slack;
-    limit = reach * reach;
-  };
-  setLimit(within);
+  double best = std::numeric_limits<double>::infinity();
+  SearchReach reach(place);
+  reach.set(within);
   const size_t first = part;
   auto visit = [&](size_t i) {
-    const double distance = distanceTo(i);
+    const double distance = distanceTo(i, reach);
     if (!(distance <= within) || !(distance < best)) return;
     best = distance;
     part = i;
-    setLimit(distance);
+    reach.set(distance);
   };
   if (first != kNoPart) visit(first);
-  boxes.nearToFar(
-      place, [&] { return limit; },
-      [&](size_t i) {
-        if (i != first) visit(i);
-      });
+  boxes.nearToFar(reach, [&](size_t i) {
+    if (i != first) visit(i);
+  });
   return best;
 }
 
@@ -62,14 +56,29 @@ class ClosestSearch {
         for (size_t t = b * kBlock; t < std::min(mesh.triangles.size(), (b + 1) * kBlock); ++t)
           for (uint32_t v : mesh.triangles[t]) boxes[b].add(mesh.positions_mm[v]);
     });
-    boxes_ = BoxTree(std::move(boxes));
+    boxes_ = BoxTree(boxes);
   }
   // As closestByBoxes() has it.
   double distance(const glm::dvec3& place, double within, size_t& part) const {
-    return closestByBoxes(boxes_, place, within, part, [&](size_t block) {
+    return closestByBoxes(boxes_, place, within, part, [&](size_t block, const SearchReach& reach) {
+      const size_t first = block * kBlock, count = std::min(kBlock, mesh_->triangles.size() - first);
       double least = std::numeric_limits<double>::infinity();
-      for (size_t t = block * kBlock; t < std::min(mesh_->triangles.size(), (block + 1) * kBlock); ++t)
-        least = std::min(least, closestOnTriangle(cornersOf(*mesh_, static_cast<uint32_t>(t)), place).distance);
+      for (size_t from = 0; from < count; from += BoxGroup::kBoxes) {
+        // Of a block's triangles few lie as near as its box.
+        BoxGroup boxes;
+        const size_t triangles = std::min(BoxGroup::kBoxes, count - from);
+        for (size_t i = 0; i < triangles; ++i) {
+          Box box;
+          for (uint32_t v : mesh_->triangles[first + from + i]) box.add(mesh_->positions_mm[v]);
+          boxes.set(i, box);
+        }
+        const BoxGroup::Lanes squared = boxes.squaredDistances(reach.place());
+        for (size_t i = 0; i < triangles; ++i) {
+          if (squared[i] > reach.squared()) continue;
+          const auto triangle = static_cast<uint32_t>(first + from + i);
+          least = std::min(least, closestOnTriangle(cornersOf(*mesh_, triangle), place).distance);
+        }
+      }
       return least;
     });
   }

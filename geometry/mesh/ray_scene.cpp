@@ -389,7 +389,7 @@ Result<std::unique_ptr<RayScene>> RayScene::create(const TriMesh& mesh, const Ra
     }
     impl->regions.push_back(std::move(region));
   }
-  if (!parts.empty()) impl->parts = BoxTree(std::move(parts));
+  if (!parts.empty()) impl->parts = BoxTree(parts);
   if (options.at_once && triangles * Impl::kBytesATriangle <= options.budget_bytes) {
     for (size_t r = 0; r < impl->regions.size(); ++r) impl->hierarchy(r);
     impl->all_built = impl->failure.empty() && !impl->stopped();
@@ -428,7 +428,7 @@ void RayScene::Impl::trace(const std::vector<uint32_t>& near, Held& held, Packet
       alignas(32) std::array<int, kPacket> meets{}, begins{};
       bool any = false;
       for (; at < near.size() && near[at] / kPartsARegion == r; ++at) {
-        const Box& box = parts.part(near[at]);
+        const Box box = parts.part(near[at]);
         if (!box.meets(packet)) continue;
         for (size_t i = 0; i < kPacket; ++i) {
           if (!valid[i] || !meetsSegment(box, middle[i], half[i])) continue;

@@ -299,6 +299,44 @@ TEST(RayScene, anInterruptedBuildSaysSo) {
 }
 
 // Near, far and on the surface; from any place where the search may begin, and within any distance.
+// Boxes are compared in single precision: none within a distance in double precision may be left out.
+TEST(SearchReach, missesNoBoxWithinTheDistance) {
+  std::mt19937 random(17);
+  std::uniform_real_distribution<double> unit(-1, 1);
+  size_t tight = 0, missed_without_slack = 0, left_out = 0;
+  for (int round = 0; round < 20000; ++round) {
+    const double size = std::pow(10.0, 4 * unit(random)), far = round % 2 ? size : 100 * size;
+    auto point = [&](double scale) { return scale * glm::dvec3(unit(random), unit(random), unit(random)); };
+    const glm::dvec3 place = point(far);
+    BoxGroup boxes;
+    for (size_t i = 0; i < BoxGroup::kBoxes; ++i) {
+      Box box;
+      const glm::dvec3 corner = place + point(size);
+      box.add(glm::vec3(corner));
+      box.add(glm::vec3(corner + point(0.5 * size)));
+      boxes.set(i, box);
+      ASSERT_EQ(boxes.box(i).low, box.low);
+      ASSERT_EQ(boxes.box(i).high, box.high);
+    }
+    SearchReach reach(place);
+    const BoxGroup::Lanes squared = boxes.squaredDistances(reach.place());
+    for (size_t i = 0; i < BoxGroup::kBoxes; ++i) {
+      const double exact = std::sqrt(boxes.box(i).squaredDistance(place));
+      reach.set(exact);
+      ASSERT_LE(squared[i], reach.squared()) << round;
+      missed_without_slack += squared[i] > static_cast<float>(exact * exact);
+      ++tight;
+      reach.set(exact - 1e-3 * far);
+      left_out += exact > 2e-3 * far && squared[i] > reach.squared();
+    }
+    // Lanes that nothing was set to are never near.
+    reach.set(1e9 * far);
+    EXPECT_GT(BoxGroup().squaredDistances(reach.place())[0], reach.squared());
+  }
+  EXPECT_GT(missed_without_slack, tight / 10);  // control
+  EXPECT_GT(left_out, tight / 4);
+}
+
 TEST(ClosestSearch, distancesAreThoseOfRayScenesBitForBit) {
   const TriMesh mesh = sphereMesh(10.0, 24);
   auto scene = RayScene::create(mesh);
