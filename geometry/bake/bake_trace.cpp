@@ -1,7 +1,9 @@
 #include "geometry/bake/bake_trace.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "src/base/parallel_for.h"
@@ -64,11 +66,13 @@ constexpr int kSmoothingRounds = 8;
 // Traces patches; each by one thread.
 class SampleTracer {
  public:
-  SampleTracer(const BakeContext& context, TracedHeights& out, std::vector<Probe>& probes)
+  SampleTracer(const BakeContext& context, const TracedHeights& coarser, TracedHeights& out, std::vector<Probe>& probes)
       : context_(context),
+        coarser_(coarser),
         out_(out),
         probes_(probes),
         n_(size_t{1} << out.cells_log2),
+        coarser_step_(context.rasteriser && !coarser.heights.empty() ? n_ >> coarser.cells_log2 : 0),
         tiles_(n_ + 1, context.tileSize()),
         with_probes_(probes.empty()) {
     if (with_probes_) probes_.resize(context.layout.patches * probesPerPatch(context));
@@ -79,19 +83,30 @@ class SampleTracer {
   // The lines of one tile: first those of samples, then those of probes.
   struct Tile {
     LineBatch batch;
-    std::vector<size_t> targets;  // for each line the index of its sample, or of its probe
+    std::vector<BasePoint> top, bottom;  // of the patch, at the tile's columns
+    std::vector<size_t> targets;         // for each line the index of its sample, or of its probe
     size_t samples = 0;
   };
   using ProbeByTile = std::pair<size_t, size_t>;  // number of the tile, index of the probe
   std::vector<ProbeByTile> probesByTile(uint32_t patch) const;
   double fraction(size_t x) const { return static_cast<double>(std::min(x, n_)) / static_cast<double>(n_); }
-  void addSamples(uint32_t patch, size_t x0, size_t y0, size_t x1, size_t y1, Tile& tile) const;
+  // Where a grid has sample (x, y) of a patch, and how far its line is searched. Nothing: it is traced with another
+  // patch.
+  struct SamplePlace {
+    size_t index;
+    double reach;
+  };
+  std::optional<SamplePlace> placeOf(uint32_t patch, size_t x, size_t y, size_t n) const;
+  // Takes the sample over from the coarser grid; false: its line has to be traced.
+  bool takeOver(uint32_t patch, size_t x, size_t y, size_t index);
+  void addSamples(uint32_t patch, size_t x0, size_t y0, size_t x1, size_t y1, Tile& tile);
   void storeTile(const Tile& tile);
 
   const BakeContext& context_;
+  const TracedHeights& coarser_;
   TracedHeights& out_;
   std::vector<Probe>& probes_;
-  const size_t n_;
+  const size_t n_, coarser_step_;  // coarser_step_: cells for each cell of the coarser grid; 0: there is none
   const Tiles tiles_;
   const bool with_probes_;
 };
@@ -110,38 +125,65 @@ std::vector<SampleTracer::ProbeByTile> SampleTracer::probesByTile(uint32_t patch
 }
 
 // Samples that patches share are traced with the first patch only.
-void SampleTracer::addSamples(uint32_t patch, size_t x0, size_t y0, size_t x1, size_t y1, Tile& tile) const {
+std::optional<SampleTracer::SamplePlace> SampleTracer::placeOf(uint32_t patch, size_t x, size_t y, size_t n) const {
   const SampleLayout& l = context_.layout;
   const auto& corners = context_.base.patches[patch];
-  const size_t n = n_, m = n - 1;
+  const size_t m = n - 1;
+  const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
+  if (!on_u && !on_v) return SamplePlace{l.interiorBegin(patch, m) + (y - 1) * m + x - 1, context_.patch_reach[patch]};
+  if (on_u && on_v) {
+    const uint32_t c = corners[(x ? 1 : 0) + (y ? 2 : 0)];
+    if (context_.corner_patch[c] != patch) return std::nullopt;
+    return SamplePlace{c, context_.corner_reach[c]};
+  }
+  const size_t s = on_u ? (x ? kRight : kLeft) : (y ? kBottom : kTop), i = on_u ? y : x;
+  const uint32_t side = l.patch_sides[patch][s];
+  if (l.side_patch[side] != patch) return std::nullopt;
+  const auto [a, b] = kSideCorners[s];
+  const bool forward = corners[static_cast<size_t>(a)] < corners[static_cast<size_t>(b)];
+  return SamplePlace{l.sideBegin(side, m) + (forward ? i : n - i) - 1, context_.side_reach[side]};
+}
+
+// Numbers of cells are powers of two, so that a sample's (u, v), and with it its line, have the same bits on both
+// grids. Heights without a hit were smoothed, and are found anew. Rays are not taken over: Embree traces them in
+// packets, and which of two triangles a ray along their common side takes depends on the others of its packet.
+bool SampleTracer::takeOver(uint32_t patch, size_t x, size_t y, size_t index) {
+  if (coarser_step_ == 0 || x % coarser_step_ != 0 || y % coarser_step_ != 0) return false;
+  const auto place = placeOf(patch, x / coarser_step_, y / coarser_step_, n_ / coarser_step_);
+  if (coarser_.weights[place->index] == 0) return false;
+  out_.heights[index] = coarser_.heights[place->index];
+  out_.weights[index] = coarser_.weights[place->index];
+  return true;
+}
+
+void SampleTracer::addSamples(uint32_t patch, size_t x0, size_t y0, size_t x1, size_t y1, Tile& tile) {
+  // BakeContext::patchPoint() interpolates along u first: on both sides, once for all rows.
+  std::array<BasePoint, 4> corners;
+  for (size_t k = 0; k < 4; ++k) corners[k] = context_.cornerPoint(context_.base.patches[patch][k]);
+  tile.top.clear();
+  tile.bottom.clear();
+  for (size_t x = x0; x < x1; ++x) {
+    tile.top.push_back(lerp(corners[0], corners[1], fraction(x)));
+    tile.bottom.push_back(lerp(corners[2], corners[3], fraction(x)));
+  }
   for (size_t y = y0; y < y1; ++y) {
     for (size_t x = x0; x < x1; ++x) {
-      const bool on_u = x == 0 || x == n, on_v = y == 0 || y == n;
-      double reach = context_.patch_reach[patch];
-      size_t index = l.interiorBegin(patch, m) + (y - 1) * m + x - 1;
-      if (on_u && on_v) {
-        const uint32_t c = corners[(x ? 1 : 0) + (y ? 2 : 0)];
-        if (context_.corner_patch[c] != patch) continue;
-        index = c;
-        reach = context_.corner_reach[c];
-      } else if (on_u || on_v) {
-        const size_t s = on_u ? (x ? kRight : kLeft) : (y ? kBottom : kTop), i = on_u ? y : x;
-        const uint32_t side = l.patch_sides[patch][s];
-        if (l.side_patch[side] != patch) continue;
-        const auto [a, b] = kSideCorners[s];
-        const bool forward = corners[static_cast<size_t>(a)] < corners[static_cast<size_t>(b)];
-        index = l.sideBegin(side, m) + (forward ? i : n - i) - 1;
-        reach = context_.side_reach[side];
-      }
-      tile.batch.add(lineThrough(context_.gridPoint(patch, x, y, n), reach), fraction(x), fraction(y), 0);
-      tile.targets.push_back(index);
+      const auto place = placeOf(patch, x, y, n_);
+      if (!place || takeOver(patch, x, y, place->index)) continue;
+      const bool inside = x > 0 && x < n_ && y > 0 && y < n_;
+      const BasePoint at =
+          inside ? lerp(tile.top[x - x0], tile.bottom[x - x0], fraction(y)) : context_.gridPoint(patch, x, y, n_);
+      tile.batch.add(lineThrough(at, place->reach), fraction(x), fraction(y), 0);
+      tile.targets.push_back(place->index);
     }
   }
   tile.samples = tile.targets.size();
 }
 
 void SampleTracer::storeTile(const Tile& tile) {
-  const auto& [batch, targets, samples] = tile;
+  const auto& batch = tile.batch;
+  const auto& targets = tile.targets;
+  const size_t samples = tile.samples;
   for (size_t i = 0; i < samples; ++i)
     heightFromHit(*context_.scene, *context_.mesh, batch.lines[i], batch.hits[i], out_.heights[targets[i]],
                   out_.weights[targets[i]]);
@@ -226,11 +268,11 @@ void smoothUnresolved(const BakeContext& context, TracedHeights& traced) {
 }  // namespace
 
 Result<TracedHeights> traceSamples(const BakeContext& context, int cells_log2, std::vector<Probe>& probes,
-                                   const std::function<void(double)>& progress) {
+                                   const std::function<void(double)>& progress, const TracedHeights& coarser) {
   const SampleLayout& l = context.layout;
   const size_t count = l.count((size_t{1} << cells_log2) - 1);
   TracedHeights out{cells_log2, std::vector<float>(count), std::vector<uint8_t>(count)};
-  SampleTracer tracer(context, out, probes);
+  SampleTracer tracer(context, coarser, out, probes);
   const bool done = parallelFor(
       l.patches, context.workers, context.interrupted,
       [&](size_t patch) { tracer.trace(static_cast<uint32_t>(patch)); },

@@ -23,8 +23,10 @@ struct TracedHeights {
 };
 
 // Traces a grid of 2^cells_log2 cells for each patch. If `probes` is empty, it is filled, too: tracing both at once
-// keeps neighbouring lines together. progress: 0 to 1. Error: kInterrupted.
+// keeps neighbouring lines together. coarser: heights that traceSamples() found on a coarser grid of the same context,
+// or none; where lines are rasterised, those that both grids have are not traced again if they met the scan. progress:
+// 0 to 1. Error: kInterrupted.
 Result<TracedHeights> traceSamples(const BakeContext& context, int cells_log2, std::vector<Probe>& probes,
-                                   const std::function<void(double)>& progress);
+                                   const std::function<void(double)>& progress, const TracedHeights& coarser = {});
 
 }  // namespace relievo

@@ -67,9 +67,12 @@ class HeightSearch {
   // Traces at least 2^log2 cells for each patch.
   Result<void> traceTo(int log2) {
     if (traced_.cells_log2 >= log2) return {};
-    auto traced = traceSamples(context_, log2, probes_, [this](double done) {
-      if (options_.progress) options_.progress(0.3 + 0.6 * done);
-    });
+    auto traced = traceSamples(
+        context_, log2, probes_,
+        [this](double done) {
+          if (options_.progress) options_.progress(0.3 + 0.6 * done);
+        },
+        traced_);
     if (!traced) return traced.error();
     traced_ = std::move(*traced);
     return {};

@@ -9,6 +9,7 @@
 #include <functional>
 #include <random>
 
+#include "geometry/bake/bake_trace.h"
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/mesh/ray_scene.h"
 #include "geometry/remesh/base_faces.h"
@@ -422,6 +423,45 @@ TEST(MeshBake, theSameForAnyNumberOfWorkers) {
   mesh.positions_mm[7] *= 1.001f;
   EXPECT_FALSE(allBytes(*bake(mesh, base, {.cells_log2 = 3})) ==
                allBytes(*bake(sphereMesh(10, 50), base, {.cells_log2 = 3})));
+}
+
+// The samples that a finer grid takes over from a coarser one are those that its own lines find. Where lines are traced
+// as rays alone, nothing is taken over.
+TEST(TraceSamples, takesOverWhatTheCoarserGridFound) {
+  const TriMesh mesh = sheetMesh(20, 10, 80, 40, [](double x, double y) { return 0.5 + 0.2 * std::sin(x) + 0.1 * y; });
+  BaseMesh base = sheetBase(22, 12, 2, 2);  // lines beyond the sheet's border meet nothing
+  base.origin_mm = {-1, 1, 0};
+  for (const size_t rasterise_from : {size_t{0}, ~size_t{0}}) {
+    auto scene = makeBakeScene(mesh, {.rasterise_from_triangles = rasterise_from});
+    ASSERT_TRUE(scene);
+    BakeContext context(mesh, base);
+    context.scene = scene->rays;
+    context.rasteriser = scene->rasteriser;
+    context.normals = scene->normals;
+    std::vector<Probe> probes;
+    const auto coarse = traceSamples(context, 3, probes, {});
+    ASSERT_TRUE(coarse);
+    const auto met = coarse->weights.size() -
+                     static_cast<size_t>(std::count(coarse->weights.begin(), coarse->weights.end(), uint8_t{0}));
+    EXPECT_GT(met, coarse->weights.size() / 2);
+    EXPECT_LT(met, coarse->weights.size());
+    auto finer = [&](const TracedHeights& coarser) {
+      auto traced = traceSamples(context, 6, probes, {}, coarser);
+      EXPECT_TRUE(traced);
+      return std::move(*traced);
+    };
+    const TracedHeights anew = finer({}), taken_over = finer(*coarse);
+    EXPECT_EQ(anew.heights, taken_over.heights);
+    EXPECT_EQ(anew.weights, taken_over.weights);
+    // Control: other heights on the coarser grid are taken over, but for those of lines that met nothing.
+    const bool rasterised = scene->rasteriser != nullptr;
+    TracedHeights other = *coarse;
+    for (float& height : other.heights) height += 1;
+    const TracedHeights moved = finer(other);
+    size_t differ = 0;
+    for (size_t i = 0; i < anew.heights.size(); ++i) differ += anew.weights[i] && anew.heights[i] != moved.heights[i];
+    EXPECT_EQ(differ, rasterised ? met : 0);
+  }
 }
 
 TEST(MeshBake, beyondTheScansBorderLiesItsBorder) {
