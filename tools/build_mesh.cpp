@@ -733,9 +733,13 @@ Result<void> MeshBuild::pack() {
 Result<void> MeshBuild::measure() {
   DistanceOptions distance_run;
   distance_run.workers = a_.package.workers;
-  // Small parts of a large surface take long: where the scan alone is beyond the budget, they are not that small.
+  // Every sample is searched in the first part, however far away, and compared with all others: small parts of a large
+  // surface take long. Parts that grow with the scan are few, and where the scan alone is beyond the budget they are
+  // not that small either.
+  constexpr uint64_t kPartBytes = uint64_t{128} << 20, kPartBytesPerTriangle = 64;
   const bool beyond = Memory::now() > a_.package.memory_budget_bytes;
-  distance_run.memory_bytes = memoryLeft(uint64_t{beyond ? 64u : 16u} << 20);
+  distance_run.memory_bytes = std::min(memoryLeft(uint64_t{beyond ? 64u : 16u} << 20),
+                                       std::max(kPartBytes, kPartBytesPerTriangle * loaded_.mesh.triangles.size()));
   auto distance =
       stages_.run("distance", distance_run, [&] { return measureDistance(loaded_.mesh, *bake_, 3, distance_run); });
   if (!distance) {

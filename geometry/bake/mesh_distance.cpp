@@ -7,7 +7,7 @@
 #include "geometry/bake/area_sampler.h"
 #include "geometry/bake/baked_surface.h"
 #include "geometry/mesh/box_tree.h"
-#include "geometry/mesh/ray_scene.h"
+#include "geometry/mesh/closest_search.h"
 #include "src/base/parallel_for.h"
 
 namespace relievo {
@@ -19,10 +19,10 @@ Box boxOf(const TriMesh& mesh) {
   return box;
 }
 
-// Lowers mm[i] to the distance of position(i, triangle) from the scene, which lies within `box`. Samples are processed
+// Lowers mm[i] to the distance of position(i, triangle) from a mesh, which lies within `box`. Samples are processed
 // in jobs, each with a search state of its own. If interrupted, some are not updated.
 template <class Position>
-void updateDistances(std::span<float> mm, const RayScene& scene, const Box& box, const DistanceOptions& run,
+void updateDistances(std::span<float> mm, const ClosestSearch& search, const Box& box, const DistanceOptions& run,
                      Position&& position) {
   constexpr size_t kSamplesPerJob = 4096;
   const size_t jobs = (mm.size() + kSamplesPerJob - 1) / kSamplesPerJob;
@@ -30,7 +30,7 @@ void updateDistances(std::span<float> mm, const RayScene& scene, const Box& box,
     if (run.progress) run.progress(static_cast<double>(taken) / static_cast<double>(jobs));
   };
   auto measure = [&](size_t job) {
-    SurfacePoint last;  // the next sample is seldom far from this one's closest point
+    size_t last = kNoPart;  // the next sample is seldom far from this one's closest point
     size_t triangle = 0;
     for (size_t i = job * kSamplesPerJob; i < std::min(mm.size(), (job + 1) * kSamplesPerJob); ++i) {
       const glm::dvec3 p = position(i, triangle);
@@ -39,11 +39,7 @@ void updateDistances(std::span<float> mm, const RayScene& scene, const Box& box,
         continue;
       // The search stops at the distance found in another part. That distance was rounded to a float, which changes
       // nothing: rounding is monotone, so that anything between the two values is rounded to the same float.
-      SurfacePoint found =
-          std::isinf(mm[i]) ? scene.closestPoint(p, last) : scene.closestPoint(p, static_cast<double>(mm[i]));
-      if (!found) continue;
-      last = found;
-      mm[i] = std::min(mm[i], static_cast<float>(found.along));
+      mm[i] = std::min(mm[i], static_cast<float>(search.distance(p, mm[i], last)));
     }
   };
   parallelFor(jobs, run.workers, run.interrupted, measure, progress);
@@ -69,10 +65,10 @@ DistanceStats stats(std::span<float> mm) {
   return out;
 }
 
-// Splits the patches into runs whose triangles, areas and hierarchy fit the memory, at least one patch each. Returns
-// the end of each run.
+// Splits the patches into runs whose triangles, areas and boxes fit the memory, at least one patch each. Returns the
+// end of each run.
 std::vector<size_t> partEnds(const BakedSurface& surface, uint64_t memory_bytes) {
-  constexpr uint64_t kBytesPerTriangle = 12 + 6 + 8 + 64;  // corners, half a vertex, area, hierarchy (ray_scene.cpp)
+  constexpr uint64_t kBytesPerTriangle = 12 + 6 + 8 + 2;  // corners, half a vertex, area, boxes (closest_search.h)
   std::vector<size_t> ends;
   uint64_t bytes = 0;
   for (size_t p = 0; p < surface.patches(); ++p) {
@@ -117,8 +113,6 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
   if (stopped()) return interrupted;
   const std::vector<size_t> ends = partEnds(surface, run.memory_bytes);
   const double parts = static_cast<double>(ends.size());
-  const RaySceneOptions scene_options{.interrupted = run.interrupted,
-                                      .budget_bytes = run.memory_bytes ? run.memory_bytes : ~uint64_t{0}};
 
   // From the scan to the nearest part of the surface.
   size_t sample_count = scan.triangles.size() * static_cast<size_t>(std::max(samples_per_triangle, 0));
@@ -134,23 +128,20 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
       const TriMesh part = surface.part(first, ends[i]);
       if (stopped()) return interrupted;
       surface_area = cumulativeAreas(part, surface_area).back();
-      auto scene = RayScene::create(part, scene_options);
-      if (!scene) return scene.error();
+      const ClosestSearch search(part, run.workers);
       const double from = 0.08 + 0.46 * static_cast<double>(i) / parts;
       updateDistances(
-          from_scan, **scene, boxOf(part), within(from, from + 0.46 / parts), [&](size_t k, size_t& triangle) {
+          from_scan, search, boxOf(part), within(from, from + 0.46 / parts), [&](size_t k, size_t& triangle) {
             return shift + (k < vertices ? glm::dvec3(scan.positions_mm[k]) : sampler.position(k - vertices, triangle));
           });
       if (stopped()) return interrupted;
-      if (auto sound = (*scene)->status(); !sound) return sound.error();
     }
     out.scan_vertex_mm.assign(from_scan.begin(), from_scan.begin() + static_cast<ptrdiff_t>(vertices));
     out.to_baked = stats(from_scan);
   }
 
   // From the samples on each part to the scan.
-  auto scan_scene = RayScene::create(scan, scene_options);
-  if (!scan_scene) return scan_scene.error();
+  const ClosestSearch scan_search(scan, run.workers);
   sample_count = surface_area > 0 ? out.to_baked.samples : 0;
   std::vector<float> from_baked(sample_count, std::numeric_limits<float>::infinity());
   const glm::dvec3 shift = baked.base().origin_mm - scan.origin_mm;
@@ -163,13 +154,12 @@ Result<MeshDistance> measureDistance(const TriMesh& scan, const MeshBake& baked,
     const AreaSampler sampler(part, cumulative_area, surface_area, sample_count);
     const size_t end_k = i + 1 < ends.size() ? sampler.firstSampleAt(area) : sample_count;
     const double from = 0.58 + 0.42 * static_cast<double>(i) / parts;
-    updateDistances(std::span(from_baked).subspan(from_k, end_k - from_k), **scan_scene, boxOf(scan),
+    updateDistances(std::span(from_baked).subspan(from_k, end_k - from_k), scan_search, boxOf(scan),
                     within(from, from + 0.42 / parts),
                     [&](size_t k, size_t& triangle) { return shift + sampler.position(from_k + k, triangle); });
     if (stopped()) return interrupted;
     from_k = end_k;
   }
-  if (auto sound = (*scan_scene)->status(); !sound) return sound.error();
   out.to_scan = stats(from_baked);
   // At most 240 dB, so that two identical surfaces give a number.
   const double rms = std::max({out.to_baked.rms_mm, out.to_scan.rms_mm, 1e-12 * out.diagonal_mm});
