@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "src/artwork/patch_domain.h"
@@ -27,6 +28,28 @@ struct SampleGrid {
         row(per_texel ? side : cells + 1) {}
 };
 
+// The rows of samples that texels are interpolated from at a time: those of a row of tiles, and the last one before
+// them.
+class SampleBand {
+ public:
+  explicit SampleBand(size_t row) : row_(row) {}
+  // Makes room for the rows [first, end), of which the row before is kept.
+  void advance(size_t first, size_t end) {
+    const size_t kept = first > 0 ? 1 : 0;
+    if (kept) std::copy_n(row(first - 1), row_, samples_.begin());
+    first_ = first - kept;
+    end_ = end;
+    samples_.resize((end_ - first_) * row_);
+  }
+  size_t end() const { return end_; }
+  ColourNormal* row(size_t y) { return samples_.data() + (y - first_) * row_; }
+  const ColourNormal* row(size_t y) const { return samples_.data() + (y - first_) * row_; }
+
+ private:
+  size_t row_, first_ = 0, end_ = 0;
+  std::vector<ColourNormal> samples_;
+};
+
 struct TexelBaker {
   const BakeContext& context;
   const BakedHeights& baked;
@@ -36,8 +59,8 @@ struct TexelBaker {
   ColourNormal colourNormalAt(const SurfacePoint& at) const;
   // False: the bake was interrupted.
   bool bakePlanes(uint32_t patch, std::span<uint8_t> out) const;
-  bool sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid,
-                     std::vector<ColourNormal>& samples) const;
+  template <class Use>
+  bool sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid, Use use) const;
 };
 
 glm::vec2 TexelBaker::textureCoordinatesAt(const SurfacePoint& at) const {
@@ -121,8 +144,9 @@ ColourNormal TexelBaker::colourNormalAt(const SurfacePoint& at) const {
   return out;
 }
 
-bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid,
-                               std::vector<ColourNormal>& samples) const {
+// Calls use(band) after each row of tiles.
+template <class Use>
+bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const SampleGrid& grid, Use use) const {
   const bool per_texel = grid.per_texel;
   const size_t cells = grid.cells, row = grid.row;
   const size_t n = size_t{1} << baked.cells_log2;
@@ -130,11 +154,12 @@ bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const Sample
   baked.gather(context, patch, q);
   auto height = [&](double u, double v) { return baked.offset_mm + baked.scale_mm * interpolateOnGrid(q, n, u, v); };
   const double likely = 4 * deviation_mm + baked.scale_mm;  // the drawn surface is seldom further from the scan
-  samples.resize(row * row);
+  SampleBand band(row);
   LineBatch batch;
   std::array<BasePoint, 4> corners;
   for (size_t k = 0; k < 4; ++k) corners[k] = context.cornerPoint(context.base.patches[patch][k]);
   return Tiles(row, context.tileSize()).forEach([&](size_t x0, size_t y0, size_t x1, size_t y1) {
+    if (x0 == 0) band.advance(y0, y1);
     auto fraction = [&](size_t x) { return std::min(static_cast<double>(x) / static_cast<double>(cells), 1.0); };
     context.beginBatch(batch, patch, fraction(x0), fraction(y0), fraction(x1), fraction(y1));
     const double half = per_texel ? 0.5 : 0;
@@ -155,24 +180,27 @@ bool TexelBaker::sampleSurface(uint32_t patch, double deviation_mm, const Sample
     context.intersect(batch);
     for (size_t i = 0; i < batch.lines.size(); ++i) {
       const size_t x = x0 + i % (x1 - x0), y = y0 + i / (x1 - x0);
-      samples[y * row + x] =
-          colourNormalAt(batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(batch.lines[i].at));
+      band.row(y)[x] = colourNormalAt(batch.hits[i] ? batch.hits[i] : context.scene->closestPoint(batch.lines[i].at));
     }
+    if (x1 == row) use(std::as_const(band));
     return !context.stopped();
   });
 }
 
+// The last row of samples that row y of the texels is interpolated from.
+size_t lastSampleRow(const SampleGrid& grid, size_t y) { return grid.per_texel ? y : y / (grid.side / grid.cells) + 1; }
+
 // Interpolates row y of the texels into values, one array for each channel. row_samples: scratch memory.
-void interpolateRow(const SampleGrid& grid, const std::vector<ColourNormal>& samples, size_t y,
-                    std::vector<float>& row_samples, std::vector<float>& values) {
+void interpolateRow(const SampleGrid& grid, const SampleBand& samples, size_t y, std::vector<float>& row_samples,
+                    std::vector<float>& values) {
   const auto [side, per_texel, cells, row] = grid;
   const size_t run = side / cells;  // texels for each cell
   if (per_texel) {
     for (size_t k = 0; k < kTexelChannels; ++k)
-      for (size_t x = 0; x < side; ++x) values[k * side + x] = samples[y * row + x][k];
+      for (size_t x = 0; x < side; ++x) values[k * side + x] = samples.row(y)[x][k];
   } else {
     const float fy = (static_cast<float>(y % run) + 0.5f) / static_cast<float>(run);
-    const auto *above = samples.data() + y / run * row, *below = above + row;
+    const ColourNormal *above = samples.row(y / run), *below = samples.row(y / run + 1);
     for (size_t k = 0; k < kTexelChannels; ++k) {
       float* m = row_samples.data() + k * row;
       for (size_t x = 0; x < row; ++x) m[x] = above[x][k] * (1 - fy) + below[x][k] * fy;
@@ -244,14 +272,14 @@ bool bakeTexels(const BakeContext& context, const BakedHeights& baked, const Bak
   const TexelBaker baker{context, baked, texture};
   if (texture.planes) return baker.bakePlanes(patch, out);
   const SampleGrid grid(texture);
-  std::vector<ColourNormal> samples;
-  if (!baker.sampleSurface(patch, deviation_mm, grid, samples)) return false;
   std::vector<float> row_samples(grid.row * kTexelChannels), values(grid.side * kTexelChannels);
-  for (size_t y = 0; y < grid.side; ++y) {
-    interpolateRow(grid, samples, y, row_samples, values);
-    quantiseRow(grid.side, y, values, out);
-  }
-  return true;
+  size_t y = 0;
+  return baker.sampleSurface(patch, deviation_mm, grid, [&](const SampleBand& samples) {
+    for (; y < grid.side && lastSampleRow(grid, y) < samples.end(); ++y) {
+      interpolateRow(grid, samples, y, row_samples, values);
+      quantiseRow(grid.side, y, values, out);
+    }
+  });
 }
 
 }  // namespace relievo

@@ -653,6 +653,36 @@ TEST(MeshBake, coloursAndNormalsAreTheScans) {
   }
 }
 
+// Large patches are sampled in bands of rows: a ramp of colours has no step where one meets the next, whether bands are
+// of 64 rows (rays) or of 128 (rasterised).
+TEST(MeshBake, coloursHaveNoStepsBetweenBandsOfRows) {
+  constexpr int kCells = 60;
+  TriMesh mesh = sheetMesh(10, 10, kCells, kCells, [](double, double) { return 0.0; });
+  for (int j = 0; j <= kCells; ++j)
+    for (int i = 0; i <= kCells; ++i) mesh.colours.push_back(glm::u8vec3(4 * j, 240 - 4 * j, 4 * i));
+  for (const size_t rasterise_from : {size_t{0}, ~size_t{0}}) {
+    for (int depth : {1, 2}) {  // a sample for each texel, and for every other one
+      auto scene = makeBakeScene(mesh, {.rasterise_from_triangles = rasterise_from});
+      ASSERT_TRUE(scene);
+      auto baked =
+          MeshBake::create(mesh, {}, sheetBase(10, 10, 1, 1), {.cells_log2 = 4, .texture_depth = depth}, *scene);
+      ASSERT_TRUE(baked);
+      const size_t texels = size_t{kPagePx} << depth;
+      std::vector<uint8_t> out(6 * texels * texels);
+      ASSERT_TRUE((*baked)->texels(0, out));
+      for (size_t y = 0; y < texels; ++y) {
+        for (size_t x = 0; x < texels; ++x) {
+          const double u = 240 * (static_cast<double>(x) + 0.5) / static_cast<double>(texels),
+                       v = 240 * (static_cast<double>(y) + 0.5) / static_cast<double>(texels);
+          const std::array<double, 3> ramp{v, 240 - v, u};
+          for (size_t c = 0; c < 3; ++c)
+            ASSERT_NEAR(out[(c * texels + y) * texels + x], ramp[c], 0.51) << depth << " " << x << " " << y << " " << c;
+        }
+      }
+    }
+  }
+}
+
 TEST(MeshBake, foldedTrianglesDoNotDarkenTheirNeighbours) {
   // One vertex of a flat sheet lies beyond its neighbour, a little above: some of its triangles face down.
   TriMesh mesh = sheetMesh(10, 10, 20, 20, [](double, double) { return 0.0; });
