@@ -198,12 +198,14 @@ bool HeightFit::fitInteriors() {
   return parallelFor(l.patches, context_.workers, context_.interrupted, [&](size_t patch) {
     const auto p = static_cast<uint32_t>(patch);
     const size_t cells = size_t{1} << patch_log2_[p], step = n / cells;
-    const PatchData data = dataOf(p);
-    std::vector<float> whole((n + 1) * (n + 1)), nodes((cells + 1) * (cells + 1));
-    l.gather<float>(context_.base, p, m, fitted_.heights, whole);
-    for (size_t y = 0; y <= cells; ++y)
-      for (size_t x = 0; x <= cells; ++x) nodes[y * (cells + 1) + x] = whole[(y * (n + 1) + x) * step];
-    fitInterior(data, nodes, cells);
+    std::vector<float> nodes((cells + 1) * (cells + 1));
+    {
+      std::vector<float> whole((n + 1) * (n + 1));
+      l.gather<float>(context_.base, p, m, fitted_.heights, whole);
+      for (size_t y = 0; y <= cells; ++y)
+        for (size_t x = 0; x <= cells; ++x) nodes[y * (cells + 1) + x] = whole[(y * (n + 1) + x) * step];
+    }
+    fitInterior(dataOf(p), nodes, cells);
     float* out = fitted_.heights.data() + l.interiorBegin(patch, m);
     for (size_t y = 1; y < n; ++y) {
       for (size_t x = 1; x < n; ++x) {

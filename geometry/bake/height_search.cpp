@@ -87,6 +87,7 @@ class HeightSearch {
   }
   // Bakes heights that are fitted to the traced ones, at 2^min_log2 to 2^log2 cells for each patch.
   Result<void> useFittedHeights(int min_log2, int log2) {
+    baked_ = {};  // what was stored before is not needed beside the fit
     auto fitted = fitHeights(context_, traced_, {min_log2, log2, tolerance_mm_});
     if (!fitted) return Error{ErrorKind::kInterrupted, "", "interrupted", ""};
     store(fitted->heights, log2, true);
