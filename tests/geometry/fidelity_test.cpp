@@ -13,6 +13,7 @@
 #include "geometry/bake/mesh_distance.h"
 #include "geometry/remesh/base_domain.h"
 #include "tests/geometry/base_shapes.h"
+#include "tests/geometry/scan_shapes.h"
 #include "tests/view_share.h"
 
 namespace relievo {
@@ -81,58 +82,6 @@ Way measured(const TriMesh& from, const TriMesh& to, const glm::dvec3& shift, do
   return way;
 }
 
-// A body and eyes, buttons and teeth: of 24 pieces one has nine tenths of the area.
-TriMesh figure() {
-  TriMesh all = bustMesh(24);
-  for (int k = 0; k < 23; ++k) {
-    const double turn = 2 * kPi * k / 23;
-    all = together(all, ballMesh(6, 2.5), glm::vec3(90 * std::cos(turn), 90 * std::sin(turn), 10.0 * (k % 3)));
-  }
-  return all;
-}
-// A tube whose wall folds seven times around.
-TriMesh foldedBody() {
-  return gridMesh(120, 60, true, true, [](double u, double v) {
-    const double a = 2 * kPi * u, b = 2 * kPi * v, r = 18 + 5 * std::cos(7 * b);
-    return glm::dvec3((50 + r * std::cos(b)) * std::cos(a), (50 + r * std::cos(b)) * std::sin(a), r * std::sin(b));
-  });
-}
-// Half a ball with an inside, 3 mm apart, joined at the rim.
-TriMesh helmet() {
-  return gridMesh(96, 72, true, false, [](double u, double v) {
-    const double a = 2 * kPi * u, r = v < 0.5 ? 50 : 47, down = (v < 0.5 ? v : 1 - v) * 2 * 0.5 * kPi;
-    const double tilt = std::max(down, 0.03);
-    return glm::dvec3(r * std::sin(tilt) * std::cos(a), r * std::sin(tilt) * std::sin(a), r * std::cos(tilt));
-  });
-}
-TriMesh plateOfHoles() {
-  return gridMesh(
-      96, 96, false, false,
-      [](double u, double v) { return glm::dvec3(200 * u, -200 * v, 4 * std::sin(9 * u) * std::cos(7 * v)); },
-      [](double u, double v) {
-        const double x = std::abs(std::fmod(4 * u, 1.0) - 0.5), y = std::abs(std::fmod(4 * v, 1.0) - 0.5);
-        return std::max(x, y) < 0.16;
-      });
-}
-TriMesh chain() {
-  TriMesh all = torusMesh(48, 20, 30, 6);
-  for (int k = 1; k < 4; ++k) {
-    TriMesh link = torusMesh(48, 20, 30, 6);
-    if (k % 2)
-      for (glm::vec3& p : link.positions_mm) p = {p.x, -p.z, p.y};
-    all = together(all, link, glm::vec3(44.0f * static_cast<float>(k), 0, 0));
-  }
-  return all;
-}
-// Turned, its wall 2 mm thick at the lip, the inside drawn, too.
-TriMesh vase() {
-  return gridMesh(96, 96, true, false, [](double u, double v) {
-    const double a = 2 * kPi * u, t = v < 0.5 ? 2 * v : 2 - 2 * v, height = 100 * t;
-    const double wall = v < 0.5 ? 0.0 : 4 - 2 * t, r = 30 + 12 * std::sin(3 * t) - wall;
-    return glm::dvec3(r * std::cos(a), r * std::sin(a), height + (v < 0.5 ? 0 : 4 * (1 - t)));
-  });
-}
-
 struct Made {
   std::unique_ptr<MeshBake> bake;
   Fidelity fidelity;
@@ -160,16 +109,12 @@ Made bakeUntilKept(const TriMesh& scan, int rounds = 5) {
   return best;
 }
 
-struct Shape {
-  const char* name;
-  TriMesh (*make)();
-};
-void PrintTo(const Shape& s, std::ostream* out) { *out << s.name; }
-class PromisedDistance : public testing::TestWithParam<Shape> {};
+void PrintTo(const ScanShape& s, std::ostream* out) { *out << s.name; }
+class PromisedDistance : public testing::TestWithParam<ScanShape> {};
 
 TEST_P(PromisedDistance, IsKeptBothWays) {
   if (test::kSanitized) GTEST_SKIP() << "minutes of the same code";
-  const TriMesh scan = GetParam().make();
+  const TriMesh scan = GetParam().make(1);
   const Made made = bakeUntilKept(scan);
   ASSERT_TRUE(made.bake);
   const double diagonal = diagonalOf(scan);
@@ -187,10 +132,8 @@ TEST_P(PromisedDistance, IsKeptBothWays) {
   EXPECT_NEAR(made.fidelity.to_drawn.rms_mm / diagonal, there.rms, 1.5e-5);
   EXPECT_NEAR(made.fidelity.to_scan.rms_mm / diagonal, back.rms, 1.5e-5);
 }
-INSTANTIATE_TEST_SUITE_P(Shapes, PromisedDistance,
-                         testing::Values(Shape{"figure", figure}, Shape{"foldedBody", foldedBody},
-                                         Shape{"helmet", helmet}, Shape{"plateOfHoles", plateOfHoles},
-                                         Shape{"chain", chain}, Shape{"vase", vase}),
+// Those of more triangles are measured by tools/bench/scan_bytes.
+INSTANTIATE_TEST_SUITE_P(Shapes, PromisedDistance, testing::ValuesIn(kScanShapes.begin(), kScanShapes.begin() + 6),
                          [](const auto& i) { return i.param.name; });
 
 // A scan of which a piece is not drawn, and one with a piece too much, miss the target, and where is said.
@@ -217,7 +160,7 @@ TEST(PromisedDistanceControl, MissingPiecesAreMisses) {
 
 // Every piece has patches from the first base on: what a closed one's topology needs, at least.
 TEST(PromisedDistance, NoPieceVanishes) {
-  const TriMesh scan = figure();
+  const TriMesh scan = figure(1);
   auto base = makeBaseMesh(scan);
   ASSERT_TRUE(base.ok());
   size_t of_body = 0;
