@@ -493,7 +493,7 @@ Result<void> MeshBuild::bake() {
   const Image8& image = textured_.image;
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
-  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 2;
+  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 3;
   bake_options.prefer_touching = refined_ || base_kind_ != BaseKind::kEven;
   // Corners that are rounded to single precision lie so far from the scan's planes.
   constexpr double kRounding = 2e-7;
@@ -588,7 +588,9 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     requests.push_back({m.position_mm, m.distance_mm > kLargeMiss * now.target.max_mm ? 64.0f : 16.0f});
   if (base_kind_ == BaseKind::kSimplified) {
     in_vain_ = better ? 0 : in_vain_ + 1;
-    if (round_ > kRounds || in_vain_ == kInVain) return false;
+    constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
+    const int rounds = !fidelity_.kept() && fidelity_.excess() < kNearly ? 2 * kRounds : kRounds;
+    if (round_ > rounds || in_vain_ == kInVain) return false;
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) return true;
@@ -611,17 +613,16 @@ Result<void> MeshBuild::chooseStep() {
   // the coarser grid shows. What a try adds says better how large the next may be. kMargin leaves room for another
   // choice of samples.
   constexpr double kNoise = 0.165, kSmaller = 0.9, kLarger = 1.5, kMargin = 0.95, kNear = 0.92, kLeast = 0.3, kMost = 8;
-  const int kTries = base_kind_ == BaseKind::kEven ? 4 : 1;  // bases that lie close to the scan have few heights
+  const int kTries = base_kind_ == BaseKind::kEven ? 4 : 3;  // bases that lie close to the scan have few heights
   auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
   const Fidelity exact = fidelity_;
   const double target = exact.target.rms_mm, rms = rmsOf(exact);
-  // Where the target is missed, it is to be missed by no more.
+  const double most = std::max(1.1 * rms, kMargin * target), room = std::sqrt(std::max(0.0, most * most - rms * rms));
+  // Where the target is missed, it is to be missed by hardly more.
   auto keeps = [&](const Fidelity& f) {
-    constexpr double kHardlyDb = 0.1;
-    return exact.kept() ? f.kept() : f.excess() <= exact.excess() && f.psnr_db() >= exact.psnr_db() - kHardlyDb;
+    constexpr double kHardly = 1.1;
+    return exact.kept() ? f.kept() : f.excess() <= kHardly * exact.excess() && rmsOf(f) <= most;
   };
-  const double most = exact.kept() ? kMargin * target : 1.01 * rms,
-               room = std::sqrt(std::max(0.0, most * most - rms * rms));
   double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
   for (int i = 0; i < kTries && step > kLeast * target; ++i) {
     auto found = stages_.run("bake", [&]() -> Result<Fidelity> {
