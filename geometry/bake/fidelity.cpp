@@ -137,10 +137,13 @@ double diagonalOf(const TriMesh& mesh) {
 }
 
 FidelityScan::FidelityScan(const TriMesh& mesh, int workers, uint64_t samples)
-    : mesh_(&mesh), search_(mesh, workers), diagonal_mm_(diagonalOf(mesh)), samples_(samples) {
+    : mesh_(&mesh),
+      search_(mesh, workers),
+      diagonal_mm_(diagonalOf(mesh)),
+      samples_(samples > 0 ? samples : std::clamp<uint64_t>(50 * mesh.triangles.size(), 10'000, 50'000)) {
   const std::vector<double> cumulative_area = cumulativeAreas(mesh, 0);
   if (const double whole = cumulative_area.back(); whole > 0) {
-    const AreaSampler sampler(mesh, cumulative_area, whole, samples);
+    const AreaSampler sampler(mesh, cumulative_area, whole, samples_);
     const size_t end = sampler.firstSampleAt(whole);
     size_t triangle = 0;
     for (size_t k = sampler.firstSampleAt(0); k < end; ++k) positions_.push_back(sampler.position(k, triangle));

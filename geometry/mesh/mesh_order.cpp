@@ -30,6 +30,34 @@ float cellsAUnit(const glm::vec3& low, const glm::vec3& high) {
   return longest > 0 ? kCells / longest : 0.0f;
 }
 
+// Each triangle's place along the curve; empty: interrupted.
+std::vector<uint32_t> placesAlongCurve(const TriMesh& mesh, int workers, const std::atomic<bool>* interrupted) {
+  const size_t triangles = mesh.triangles.size();
+  glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
+  for (const glm::vec3& p : mesh.positions_mm) {
+    low = glm::min(low, p);
+    high = glm::max(high, p);
+  }
+  const float scale = cellsAUnit(low, high) / 3;
+
+  std::vector<uint32_t> cell(triangles);
+  constexpr size_t kAJob = size_t{1} << 16;
+  const bool done = parallelFor((triangles + kAJob - 1) / kAJob, workers, interrupted, [&](size_t job) {
+    for (size_t t = job * kAJob; t < std::min(triangles, (job + 1) * kAJob); ++t) {
+      const auto& corner = mesh.triangles[t];
+      const glm::vec3 sum = mesh.positions_mm[corner[0]] + mesh.positions_mm[corner[1]] + mesh.positions_mm[corner[2]];
+      cell[t] = cellOf(sum - 3.0f * low, scale);
+    }
+  });
+  if (!done) return {};
+  std::vector<uint32_t> next((size_t{1} << 3 * kAxisBits) + 1, 0);
+  for (uint32_t c : cell) ++next[c + 1];
+  for (size_t c = 1; c < next.size(); ++c) next[c] += next[c - 1];
+  if (interrupted && *interrupted) return {};
+  for (uint32_t& c : cell) c = next[c]++;
+  return cell;
+}
+
 }  // namespace
 
 uint32_t placeOnCurve(const glm::vec3& place, const glm::vec3& low, const glm::vec3& high) {
@@ -53,34 +81,22 @@ bool needsOrder(const TriMesh& mesh) {
   return again > mesh.positions_mm.size() / 8;
 }
 
+std::vector<uint32_t> orderAlongCurve(const TriMesh& mesh, int workers) {
+  if (mesh.triangles.empty()) return {};
+  const std::vector<uint32_t> place = placesAlongCurve(mesh, workers, nullptr);
+  std::vector<uint32_t> order(place.size());
+  for (size_t t = 0; t < place.size(); ++t) order[place[t]] = static_cast<uint32_t>(t);
+  return order;
+}
+
 bool orderTriangles(TriMesh& mesh, int workers, const std::atomic<bool>* interrupted) {
   const size_t triangles = mesh.triangles.size();
   if (triangles == 0) return true;
-  glm::vec3 low = mesh.positions_mm[mesh.triangles[0][0]], high = low;
-  for (const glm::vec3& p : mesh.positions_mm) {
-    low = glm::min(low, p);
-    high = glm::max(high, p);
-  }
-  const float scale = cellsAUnit(low, high) / 3;
-
-  std::vector<uint32_t> cell(triangles);
-  constexpr size_t kAJob = size_t{1} << 16;
-  const bool done = parallelFor((triangles + kAJob - 1) / kAJob, workers, interrupted, [&](size_t job) {
-    for (size_t t = job * kAJob; t < std::min(triangles, (job + 1) * kAJob); ++t) {
-      const auto& corner = mesh.triangles[t];
-      const glm::vec3 sum = mesh.positions_mm[corner[0]] + mesh.positions_mm[corner[1]] + mesh.positions_mm[corner[2]];
-      cell[t] = cellOf(sum - 3.0f * low, scale);
-    }
-  });
-  if (!done) return false;
-  std::vector<uint32_t> next((size_t{1} << 3 * kAxisBits) + 1, 0);
-  for (uint32_t c : cell) ++next[c + 1];
-  for (size_t c = 1; c < next.size(); ++c) next[c] += next[c - 1];
-  if (interrupted && *interrupted) return false;
-  for (uint32_t& c : cell) c = next[c]++;  // from here on: the triangle's new place
+  const std::vector<uint32_t> place = placesAlongCurve(mesh, workers, interrupted);
+  if (place.empty()) return false;
   auto moved = [&](auto& list) {
     std::remove_reference_t<decltype(list)> out(list.size());
-    for (size_t t = 0; t < triangles; ++t) out[cell[t]] = list[t];
+    for (size_t t = 0; t < triangles; ++t) out[place[t]] = list[t];
     list = std::move(out);
   };
   moved(mesh.triangles);

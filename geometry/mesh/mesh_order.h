@@ -3,6 +3,8 @@
 #pragma once
 
 #include <atomic>
+#include <cstdint>
+#include <vector>
 
 #include "geometry/mesh/tri_mesh.h"
 
@@ -21,5 +23,8 @@ uint32_t placeOnCurve(const glm::vec3& place, const glm::vec3& low, const glm::v
 // order. 16 bytes a triangle beside the mesh. The same for any number of workers. False: interrupted, and nothing was
 // changed.
 bool orderTriangles(TriMesh& mesh, int workers = 0, const std::atomic<bool>* interrupted = nullptr);
+
+// The triangles in that order.
+std::vector<uint32_t> orderAlongCurve(const TriMesh& mesh, int workers);
 
 }  // namespace relievo

@@ -15,7 +15,7 @@ relievo_test(page_life_test MEMORY OPTIMISED LIBS relievo_stream relievo_import 
 relievo_test(page_faults_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/page_faults_test.cpp)
 relievo_test(streamer_threads_test THREADS LIBS relievo_stream relievo_import SOURCES texturing/streamer_threads_test.cpp)
 if(TARGET relievo_image)
-  relievo_test(ptm_test MEMORY OPTIMISED LIBS relievo_stream relievo_import relievo_image SOURCES texturing/ptm_test.cpp)
+  relievo_test(ptm_test ALONE MEMORY OPTIMISED LIBS relievo_stream relievo_import relievo_image SOURCES texturing/ptm_test.cpp)
   relievo_test(image_io_test MEMORY ALONE LIBS relievo_image_linked PkgConfig::oiio SOURCES texturing/image_io_test.cpp)
   relievo_test(tiff_frame_test MEMORY ALONE LIBS PkgConfig::oiio SOURCES texturing/tiff_frame_test.cpp ${CMAKE_SOURCE_DIR}/texturing/import/tiff_frame.cpp)
 endif()

@@ -7,6 +7,7 @@
 
 #include "geometry/bake/fidelity.h"
 #include "geometry/scan/mesh_read.h"
+#include "src/base/standard_output.h"
 
 using namespace relievo;
 
@@ -33,6 +34,7 @@ int main(int argc, char** argv) {
     if (!*mesh) return std::fprintf(stderr, "%s\n", mesh->error().text().c_str()), 2;
   const FidelityScan scan(a->mesh, 0), other(b->mesh, 0);
   const double rms = std::max(rmsBetween(scan, other), rmsBetween(other, scan));
-  std::printf("%.3f\n", rms > 0 ? std::min(20 * std::log10(scan.diagonalMm() / rms), 240.0) : 240.0);
+  printOutf("%.3f\n", rms > 0 ? std::min(20 * std::log10(scan.diagonalMm() / rms), 240.0) : 240.0);
+  if (auto written = flushOut(); !written) return std::fprintf(stderr, "%s\n", written.error().text().c_str()), 2;
   return 0;
 }
