@@ -389,7 +389,7 @@ class MeshBuild {
   uint64_t memoryLeft(uint64_t least) const;
 
   // More patches take ever more: three pages and some 4 to 20 KiB each, and as many root pages that stay resident.
-  static constexpr uint32_t kMostPatches = 4096;
+  static constexpr uint32_t kMostPatches = 4096, kMostFaces = 32'768;
   static constexpr int kRounds = 5, kInVain = 2;  // of one kind of base
 
   MeshBuildArguments a_;
@@ -405,6 +405,7 @@ class MeshBuild {
   Fidelity fidelity_;
   uint64_t ray_bytes_ = 0;        // that the hierarchies of the scan's rays may take
   double kept_tolerance_mm_ = 0;  // the least that is kept after a miss; 0: none was found
+  bool finer_cells_ = false;      // than the target asks for
   bool refined_ = false;          // the base mesh is not the one that BaseDomain::make() made
   // By which function of BaseDomain's the base mesh was made: make() or refine(); faces(); simplifiedFaces().
   enum class BaseKind : uint8_t { kEven, kFaces, kSimplified } base_kind_ = BaseKind::kEven;
@@ -493,7 +494,8 @@ Result<void> MeshBuild::bake() {
   const Image8& image = textured_.image;
   BakeOptions bake_options;
   const double diagonal = diagonalOf(scan), asked = toleranceOf(a_, diagonal);
-  bake_options.tolerance_mm = (asked > 0 ? asked : more_samples_ ? FidelityTarget::of(diagonal).p99_9_mm : 0) / 3;
+  const double target = asked > 0 ? asked : FidelityTarget::of(diagonal).p99_9_mm;
+  if (asked > 0 || more_samples_ || finer_cells_) bake_options.tolerance_mm = target / (finer_cells_ ? 12 : 3);
   bake_options.prefer_touching = refined_ || base_kind_ != BaseKind::kEven;
   // Corners that are rounded to single precision lie so far from the scan's planes.
   constexpr double kRounding = 2e-7;
@@ -568,6 +570,7 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
   constexpr double kLargeMiss = 8;  // of the target's largest: sides at a quarter there, not at a half
   // Times the target: patches of even size would have to be too many. Near the target they make smaller packages.
   constexpr double kHopeless = 32;
+  constexpr double kFarOff = 4;  // times the target
   const bool first = round_++ == 0;
   auto use = [&](BaseKind kind, Result<BaseMesh> base) -> Result<bool> {
     if (!base && base.error().kind == ErrorKind::kInterrupted) return interrupted(a_);
@@ -577,7 +580,8 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     base_ = std::move(*base);
     return true;
   };
-  if (base_kind_ == BaseKind::kFaces) return false;
+  // What lines between samples miss of such a base, more samples show.
+  if (base_kind_ == BaseKind::kFaces) return !std::exchange(finer_cells_, true);
   if (first && base_kind_ == BaseKind::kEven) {
     // Few triangles may be patches themselves: these show the scan as it is.
     auto done = use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostPatches); }));
@@ -590,12 +594,16 @@ Result<bool> MeshBuild::nextBase(const Fidelity& now, BakeLimit limit, bool bett
     in_vain_ = better ? 0 : in_vain_ + 1;
     constexpr double kNearly = 1.3;  // times the target: some more rounds are worth their while
     const int rounds = !fidelity_.kept() && fidelity_.excess() < kNearly ? 2 * kRounds : kRounds;
-    if (round_ > rounds || in_vain_ == kInVain) return false;
+    const bool far_off = fidelity_.excess() > kFarOff;
+    if (round_ > rounds || in_vain_ == kInVain || now.excess() > kHopeless) {
+      // Thin parts and parts that touch: the scan's own triangles show them, at many times the bytes.
+      if (!far_off) return false;
+      return use(BaseKind::kFaces, stages_.run("base", [&] { return domain_->faces(kMostFaces); }));
+    }
   } else if (now.excess() <= kHopeless || !first) {
     // Where the samples ran out, patches that stay as they are get more of them first.
     if (limit == BakeLimit::kSamples && !std::exchange(more_samples_, true)) return true;
     // Far off, a base that is finer may first be worse, before it finds the surface.
-    constexpr double kFarOff = 4;  // times the target
     in_vain_ = better || fidelity_.excess() > kFarOff ? 0 : in_vain_ + 1;
     if (round_ <= kRounds && in_vain_ < kInVain && domain_->patches() < kMostPatches) {
       refined_ = true;
