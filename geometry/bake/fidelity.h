@@ -55,8 +55,8 @@ struct Fidelity {
 
 double diagonalOf(const TriMesh& mesh);  // of the bounding box
 
-// What several measurements of a scan share. The mesh must outlive it unchanged. samples: in each direction; 0 is 50,000,
-// or for less than 1,000 triangles 50 each and 10,000 at least (of 10,000 one may lie beyond: kMaxAreaBeyond).
+// What several measurements of a scan share. The mesh must outlive it unchanged. samples: in each direction; 0 is
+// 50,000, or for less than 1,000 triangles 50 each and 10,000 at least (of 10,000 one may lie beyond: kMaxAreaBeyond).
 // workers: 0 is one for each core.
 class FidelityScan {
  public:

@@ -19,8 +19,7 @@ inline TriMesh figure(int finer) {
   TriMesh all = bustMesh(24 * finer);
   for (int k = 0; k < 23; ++k) {
     const double turn = 2 * std::numbers::pi * k / 23;
-    all =
-        together(all, ballMesh(6 * finer, 2.5), glm::vec3(90 * std::cos(turn), 90 * std::sin(turn), 10.0 * (k % 3)));
+    all = together(all, ballMesh(6 * finer, 2.5), glm::vec3(90 * std::cos(turn), 90 * std::sin(turn), 10.0 * (k % 3)));
   }
   return all;
 }
