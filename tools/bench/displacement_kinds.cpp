@@ -70,7 +70,7 @@ std::vector<glm::dvec3> nearestComponents(const DisplacedSamples& samples, std::
 
 std::vector<glm::dvec3> fittedComponents(const DisplacedSamples& samples, std::span<const glm::dvec3> components,
                                          std::span<const uint8_t> chosen, const FidelityScan& scan) {
-  constexpr int kRounds = 20, kSmoothRounds = 12;
+  constexpr int kRounds = 16, kSmoothRounds = 10;
   constexpr double kOwnWeight = 0.25;  // of the place nearest to a sample, beside those nearest to its triangles
   std::vector<glm::dvec3> out(components.begin(), components.end());
   if (std::ranges::none_of(chosen, [](uint8_t c) { return c != 0; })) return out;

@@ -10,7 +10,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -33,8 +32,10 @@ namespace {
 constexpr const char* kHelp =
     R"(displacement_table - fidelity and bits of scalar and of vector displacement of the same scans.
 
-  displacement_table [--build FOLDER] [--finer N] [--markdown FILE] [SCAN...]
+  displacement_table [--program FILE] [--build FOLDER] [--finer N] [--markdown FILE] [SCAN...]
 
+    --program FILE    a page that tools/bench/scan_bytes wrote: what the program builds is taken from its table, where the
+                      scan is in it, and not built again
     --build FOLDER    where relievo and tests/write_scan_shapes were built [build]
     --finer N         how many times as many cells a side the ten shapes of tests/geometry/scan_shapes.h get as tests
                       have; 0: only the scans named are measured [2]
@@ -58,7 +59,7 @@ T must(Result<T> result) {
 struct Options {
   fs::path build = "build";
   int finer = 2;
-  std::string markdown;
+  std::string markdown, program;
   std::vector<std::string> scans;
 };
 
@@ -139,7 +140,7 @@ class ScanRows {
     const ClosestSearch& search = fidelity_scan_->search();
     add(kNearest, samples, nearestComponents(samples, heights, samplesOn(samples, all), search), *bake);
     const std::vector<uint8_t> on_missed = samplesOn(samples, missed);
-    constexpr uint64_t kFitPlaces = 200'000;
+    constexpr uint64_t kFitPlaces = 100'000;
     const FidelityScan many(mesh, 0, kFitPlaces);
     if (std::ranges::count(missed, uint8_t{1}) > 0) {
       add(kNearestMissed, samples, nearestComponents(samples, heights, on_missed, search), *bake);
@@ -206,42 +207,44 @@ class ScanRows {
   // With the largest step that the target allows or, where it is missed, that hardly adds to the RMS.
   void add(Representation kind, const DisplacedSamples& samples, const std::vector<glm::dvec3>& components,
            MeshBake& bake) {
-    // Steps are 16 times the target's RMS, and less by a sixth of an octave each.
-    constexpr size_t kSteps = 30;
-    auto stepOf = [&](size_t k) { return 16 * target_.rms_mm * std::exp2(-static_cast<double>(k) / 6); };
     constexpr double kHardly = 1.0116, kMargin = 0.95;  // 0.1 dB; what another choice of places may add
+    constexpr double kNoise = 0.165;                    // of a step, added to the RMS (chooseStep() in build_mesh.cpp)
     constexpr double kSlight = 0.5;                     // of the target's RMS, as `relievo build` has it
+    constexpr int kTries = 3;
     if (auto done = bake.findErrors(); !done) fail(4, done.error().text());
     const Fidelity exact = measure(DisplacementPlanes(samples, components, 0));
     auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
-    std::map<size_t, Fidelity> measured;
-    std::map<size_t, double> bits;
-    auto planes = [&](size_t at) { return DisplacementPlanes(samples, components, stepOf(at)); };
-    auto at = [&](size_t step) -> const Fidelity& {
-      if (!measured.contains(step)) measured[step] = measure(planes(step));
-      return measured[step];
+    struct Stepped {
+      double step_mm = 0, bits = 0;
+      Fidelity fidelity;
     };
     auto coarsest = [&](double rms_mm, bool keep) {
-      const double most = std::max(kMargin * rms_mm, kHardly * rmsOf(exact));
-      size_t low = 0, high = kSteps;
-      while (low < high) {
-        const size_t middle = (low + high) / 2;
-        if (const Fidelity& f = at(middle); rmsOf(f) <= most && (!keep || f.kept())) high = middle;
-        else low = middle + 1;
+      const double own = rmsOf(exact), most = std::max(kMargin * rms_mm, kHardly * own);
+      auto beside = [&](double rms) { return std::sqrt(std::max(0.0, rms * rms - own * own)); };
+      constexpr double kLeastStep = 0.3, kMostStep = 16;  // times the target's RMS
+      Stepped best{.step_mm = 0, .bits = 0, .fidelity = exact};
+      double step = std::min(beside(most) / kNoise, kMostStep * rms_mm);
+      for (int i = 0; i < kTries && step > kLeastStep * target_.rms_mm; ++i) {
+        const Fidelity f = measure(DisplacementPlanes(samples, components, step));
+        const bool good = rmsOf(f) <= most && (!keep || f.kept());
+        if (good && step > best.step_mm) best = {step, 0, f};
+        const double added = beside(rmsOf(f)), next = added > 0 ? 0.98 * step * beside(most) / added : 1.5 * step;
+        if (good && (next < 1.07 * step || step >= kMostStep * rms_mm)) break;
+        step = good ? std::min(next, 1.5 * step) : std::min(next, 0.85 * step);
       }
-      if (!bits.contains(low))
-        bits[low] = static_cast<double>(
-                        must(planes(low).bits(bake, kSlight * target_.rms_mm, (folder_ / "plane.relievo").string()))) /
-                    vertices_;
-      return low;
+      const DisplacementPlanes planes(samples, components, best.step_mm);
+      best.bits =
+          static_cast<double>(must(planes.bits(bake, kSlight * target_.rms_mm, (folder_ / "plane.relievo").string()))) /
+          vertices_;
+      return best;
     };
-    const size_t fine = coarsest(target_.rms_mm, exact.kept());
+    const Stepped fine = coarsest(target_.rms_mm, exact.kept());
     Row row{.scan = name_, .kind = kind, .patches = samples.context.layout.patches, .samples = samples_};
-    row.vector_patches = planes(fine).patchesAside();
-    row.bits = bits[fine];
+    row.vector_patches = DisplacementPlanes(samples, components, fine.step_mm).patchesAside();
+    row.bits = fine.bits;
     const double coarse_rms = exact.diagonal_mm * std::pow(10, -kCoarseDb / 20);
-    if (rmsOf(exact) <= kMargin * coarse_rms) row.coarse_bits = bits[coarsest(coarse_rms, false)];
-    const Fidelity& f = at(fine);
+    if (rmsOf(exact) <= kMargin * coarse_rms) row.coarse_bits = coarsest(coarse_rms, false).bits;
+    const Fidelity& f = fine.fidelity;
     row.db = f.psnr_db();
     row.beyond = std::max(f.to_drawn.area_beyond, f.to_scan.area_beyond);
     row.kept = f.kept();
@@ -260,7 +263,36 @@ class ScanRows {
                " --json " + inQuotes(report) + tolerance + " > /dev/null 2>&1");
     return nlohmann::json::parse(std::ifstream(report));
   }
+  // From the table of scan_bytes; false: the scan is not in it.
+  bool addProgramFromTable() {
+    enum Column : size_t { kScan = 1, kTarget = 3, kKept = 4, kDb = 5, kBits = 7, kPatches = 10 };
+    Row row{.scan = name_, .kind = kProgram};
+    row.beyond = -1;  // not in the table
+    std::ifstream in(options_.program);
+    for (std::string line; std::getline(in, line);) {
+      std::vector<std::string> cells;
+      std::istringstream text(line);
+      for (std::string cell; std::getline(text, cell, '|');) {
+        const size_t first = cell.find_first_not_of(' '), last = cell.find_last_not_of(' ');
+        cells.push_back(first == std::string::npos ? "" : cell.substr(first, last - first + 1));
+      }
+      if (cells.size() <= kPatches || fs::path(cells[kScan]).stem() != name_) continue;
+      const double db = std::atof(cells[kDb].c_str()), bits = std::atof(cells[kBits].c_str());
+      if (cells[kTarget].ends_with("(default)")) {
+        row.db = db;
+        row.bits = bits;
+        row.kept = cells[kKept] == "yes";
+        row.patches = std::strtoul(cells[kPatches].c_str(), nullptr, 10);
+      } else if (std::atof(cells[kTarget].c_str()) == kCoarseDb && db >= kCoarseDb) {
+        row.coarse_bits = bits;
+      }
+    }
+    if (row.bits == 0) return false;
+    take(std::move(row));
+    return true;
+  }
   void addProgram() {
+    if (!options_.program.empty() && addProgramFromTable()) return;
     const nlohmann::json json = build("");
     const auto& fidelity = json["fidelity"];
     Row row{.scan = name_, .kind = kProgram};
@@ -388,9 +420,9 @@ std::string tablesOf(const std::vector<Row>& rows) {
                                              "bits a vertex", "bits a vertex for " + coarse}};
   for (const Row& row : rows)
     all.push_back({row.scan, kRepresentations[row.kind], std::to_string(row.patches),
-                   std::to_string(row.vector_patches), std::to_string(row.samples), fixed(row.db, 1),
-                   fixed(100 * row.beyond, 3), row.kept ? "yes" : "**no**", fixed(row.bits, 1),
-                   row.coarse_bits > 0 ? fixed(row.coarse_bits, 1) : "-"});
+                   std::to_string(row.vector_patches), row.samples > 0 ? std::to_string(row.samples) : "-",
+                   fixed(row.db, 1), row.beyond >= 0 ? fixed(100 * row.beyond, 3) : "-", row.kept ? "yes" : "**no**",
+                   fixed(row.bits, 1), row.coarse_bits > 0 ? fixed(row.coarse_bits, 1) : "-"});
   return markdownTable(summary) + "\n" + markdownTable(fronts) + "\n" + markdownTable(all);
 }
 
@@ -430,6 +462,7 @@ Options parse(int argc, char** argv) {
     };
     if (argument == "--build") out.build = value();
     else if (argument == "--markdown") out.markdown = value();
+    else if (argument == "--program") out.program = value();
     else if (argument == "--finer") out.finer = std::atoi(value().c_str());
     else if (argument.starts_with("-")) fail(1, argument + " is no option; --help lists them");
     else out.scans.push_back(argument);
@@ -452,7 +485,7 @@ int main(int argc, char** argv) {
     std::ifstream shapes(folder / "shapes");
     for (std::string line; std::getline(shapes, line);) scans.push_back({fs::path(line).stem(), line});
   }
-  for (const std::string& scan : options.scans) scans.push_back({fs::path(scan).filename(), scan});
+  for (const std::string& scan : options.scans) scans.push_back({fs::path(scan).stem(), scan});
   std::vector<Row> rows;
   for (const auto& [name, file] : scans) {
     for (Row& row : ScanRows(options, name, file, folder).rows()) rows.push_back(std::move(row));
