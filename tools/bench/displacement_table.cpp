@@ -32,10 +32,8 @@ namespace {
 constexpr const char* kHelp =
     R"(displacement_table - fidelity and bits of scalar and of vector displacement of the same scans.
 
-  displacement_table [--program FILE] [--build FOLDER] [--finer N] [--markdown FILE] [SCAN...]
+  displacement_table [--build FOLDER] [--finer N] [--markdown FILE] [SCAN...]
 
-    --program FILE    a page that tools/bench/scan_bytes wrote: what the program builds is taken from its table, where the
-                      scan is in it, and not built again
     --build FOLDER    where relievo and tests/write_scan_shapes were built [build]
     --finer N         how many times as many cells a side the ten shapes of tests/geometry/scan_shapes.h get as tests
                       have; 0: only the scans named are measured [2]
@@ -59,7 +57,7 @@ T must(Result<T> result) {
 struct Options {
   fs::path build = "build";
   int finer = 2;
-  std::string markdown, program;
+  std::string markdown;
   std::vector<std::string> scans;
 };
 
@@ -210,7 +208,7 @@ class ScanRows {
     constexpr double kHardly = 1.0116, kMargin = 0.95;  // 0.1 dB; what another choice of places may add
     constexpr double kNoise = 0.165;                    // of a step, added to the RMS (chooseStep() in build_mesh.cpp)
     constexpr double kSlight = 0.5;                     // of the target's RMS, as `relievo build` has it
-    constexpr int kTries = 3;
+    constexpr int kTries = 3, kMostTries = 12;
     if (auto done = bake.findErrors(); !done) fail(4, done.error().text());
     const Fidelity exact = measure(DisplacementPlanes(samples, components, 0));
     auto rmsOf = [](const Fidelity& f) { return std::max(f.to_drawn.rms_mm, f.to_scan.rms_mm); };
@@ -224,7 +222,8 @@ class ScanRows {
       constexpr double kLeastStep = 0.3, kMostStep = 16;  // times the target's RMS
       Stepped best{.step_mm = 0, .bits = 0, .fidelity = exact};
       double step = std::min(beside(most) / kNoise, kMostStep * rms_mm);
-      for (int i = 0; i < kTries && step > kLeastStep * target_.rms_mm; ++i) {
+      const double least = kLeastStep * target_.rms_mm;
+      for (int i = 0; i < (best.step_mm > 0 ? kTries : kMostTries) && step > least; ++i) {
         const Fidelity f = measure(DisplacementPlanes(samples, components, step));
         const bool good = rmsOf(f) <= most && (!keep || f.kept());
         if (good && step > best.step_mm) best = {step, 0, f};
@@ -263,36 +262,7 @@ class ScanRows {
                " --json " + inQuotes(report) + tolerance + " > /dev/null 2>&1");
     return nlohmann::json::parse(std::ifstream(report));
   }
-  // From the table of scan_bytes; false: the scan is not in it.
-  bool addProgramFromTable() {
-    enum Column : size_t { kScan = 1, kTarget = 3, kKept = 4, kDb = 5, kBits = 7, kPatches = 10 };
-    Row row{.scan = name_, .kind = kProgram};
-    row.beyond = -1;  // not in the table
-    std::ifstream in(options_.program);
-    for (std::string line; std::getline(in, line);) {
-      std::vector<std::string> cells;
-      std::istringstream text(line);
-      for (std::string cell; std::getline(text, cell, '|');) {
-        const size_t first = cell.find_first_not_of(' '), last = cell.find_last_not_of(' ');
-        cells.push_back(first == std::string::npos ? "" : cell.substr(first, last - first + 1));
-      }
-      if (cells.size() <= kPatches || fs::path(cells[kScan]).stem() != name_) continue;
-      const double db = std::atof(cells[kDb].c_str()), bits = std::atof(cells[kBits].c_str());
-      if (cells[kTarget].ends_with("(default)")) {
-        row.db = db;
-        row.bits = bits;
-        row.kept = cells[kKept] == "yes";
-        row.patches = std::strtoul(cells[kPatches].c_str(), nullptr, 10);
-      } else if (std::atof(cells[kTarget].c_str()) == kCoarseDb && db >= kCoarseDb) {
-        row.coarse_bits = bits;
-      }
-    }
-    if (row.bits == 0) return false;
-    take(std::move(row));
-    return true;
-  }
   void addProgram() {
-    if (!options_.program.empty() && addProgramFromTable()) return;
     const nlohmann::json json = build("");
     const auto& fidelity = json["fidelity"];
     Row row{.scan = name_, .kind = kProgram};
@@ -420,9 +390,9 @@ std::string tablesOf(const std::vector<Row>& rows) {
                                              "bits a vertex", "bits a vertex for " + coarse}};
   for (const Row& row : rows)
     all.push_back({row.scan, kRepresentations[row.kind], std::to_string(row.patches),
-                   std::to_string(row.vector_patches), row.samples > 0 ? std::to_string(row.samples) : "-",
-                   fixed(row.db, 1), row.beyond >= 0 ? fixed(100 * row.beyond, 3) : "-", row.kept ? "yes" : "**no**",
-                   fixed(row.bits, 1), row.coarse_bits > 0 ? fixed(row.coarse_bits, 1) : "-"});
+                   std::to_string(row.vector_patches), std::to_string(row.samples), fixed(row.db, 1),
+                   fixed(100 * row.beyond, 3), row.kept ? "yes" : "**no**", fixed(row.bits, 1),
+                   row.coarse_bits > 0 ? fixed(row.coarse_bits, 1) : "-"});
   return markdownTable(summary) + "\n" + markdownTable(fronts) + "\n" + markdownTable(all);
 }
 
@@ -462,7 +432,6 @@ Options parse(int argc, char** argv) {
     };
     if (argument == "--build") out.build = value();
     else if (argument == "--markdown") out.markdown = value();
-    else if (argument == "--program") out.program = value();
     else if (argument == "--finer") out.finer = std::atoi(value().c_str());
     else if (argument.starts_with("-")) fail(1, argument + " is no option; --help lists them");
     else out.scans.push_back(argument);
