@@ -32,7 +32,7 @@ glm::dvec3 closestOf(const TriMesh& mesh, const ClosestSearch& search, const glm
   return t.a + at.b1 * (t.b - t.a) + at.b2 * (t.c - t.a);
 }
 
-// The samples' triangles, of the patches that have chosen samples and of the others.
+// The triangles between the samples, patch after patch.
 std::vector<std::array<uint32_t, 3>> trianglesOf(const DisplacedSamples& samples) {
   std::vector<std::array<uint32_t, 3>> out;
   const size_t n = samples.cells(), row = n + 1;
