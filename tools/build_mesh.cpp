@@ -632,13 +632,16 @@ Result<void> MeshBuild::chooseStep() {
     return exact.kept() ? f.kept() : f.excess() <= kHardly * exact.excess() && rmsOf(f) <= most;
   };
   double step = std::min(room / kNoise, kMost * target), set = 0, kept = 0, missed = kMost * target;
-  for (int i = 0; i < kTries && step > kLeast * target; ++i) {
-    auto found = stages_.run("bake", [&]() -> Result<Fidelity> {
-      if (auto done = bake_->setStep(step); !done) return done.error();
+  auto measured = [&](double tried) {
+    set = tried;
+    return stages_.run("bake", [&]() -> Result<Fidelity> {
+      if (auto done = bake_->setStep(tried); !done) return done.error();
       return measureBake(*bake_);
     });
+  };
+  for (int i = 0; i < kTries && step > kLeast * target; ++i) {
+    auto found = measured(step);
     if (!found) return found.error();
-    set = step;
     const double added = std::sqrt(std::max(0.0, rmsOf(*found) * rmsOf(*found) - rms * rms));
     const double next = added > 0 ? step * room / added : step * kLarger;
     if (!keeps(*found)) {
@@ -652,6 +655,13 @@ Result<void> MeshBuild::chooseStep() {
     if (!exact.kept() || fidelity_.excess() > kNear) break;
     step = std::min({next, kLarger * step, kSmaller * missed});
     if (step < 1.05 * kept) break;
+  }
+  if (kept == 0 && !exact.kept()) {
+    // Unrounded heights take many times the bits, for hardly a change of what is missed anyway.
+    kept = kLeast * target;
+    auto found = measured(kept);
+    if (!found) return found.error();
+    fidelity_ = std::move(*found);
   }
   if (set == kept && set > 0) return {};
   return stages_.run("bake", [&] { return bake_->setStep(kept); });
