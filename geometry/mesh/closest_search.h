@@ -59,6 +59,9 @@ class ClosestSearch {
   }
   // Whether triangles are searched in another order than the mesh's.
   bool ordered() const { return !order_.empty(); }
+  // Part p of distance() holds the triangles at the places from kBlock * p on, kBlock of them or what is left.
+  static constexpr size_t kBlock = 16;
+  uint32_t triangleAt(size_t place) const { return order_.empty() ? static_cast<uint32_t>(place) : order_[place]; }
   // As closestByBoxes() has it.
   double distance(const glm::dvec3& place, double within, size_t& part) const {
     return closestByBoxes(boxes_, place, within, part, [&](size_t block, const SearchReach& reach) {
@@ -80,8 +83,6 @@ class ClosestSearch {
   }
 
  private:
-  static constexpr size_t kBlock = 16;
-  uint32_t triangleAt(size_t place) const { return order_.empty() ? static_cast<uint32_t>(place) : order_[place]; }
   Box boxOf(uint32_t triangle) const {
     Box box;
     for (uint32_t v : mesh_->triangles[triangle]) box.add(mesh_->positions_mm[v]);

@@ -27,7 +27,7 @@ void forEachOf(size_t count, Use use) {
 
 glm::dvec3 closestOf(const TriMesh& mesh, const ClosestSearch& search, const glm::dvec3& place, size_t& part) {
   search.distance(place, kAny, part);
-  const auto [triangle, at] = closestTriangle(mesh, part, place);
+  const auto [triangle, at] = closestTriangle(mesh, search, part, place);
   const TriangleCorners t = cornersOf(mesh, triangle);
   return t.a + at.b1 * (t.b - t.a) + at.b2 * (t.c - t.a);
 }
@@ -90,7 +90,7 @@ std::vector<glm::dvec3> fittedComponents(const DisplacedSamples& samples, std::s
     const ClosestSearch search(drawn, 0);
     forEachOf(at.size(), [&](size_t i, size_t& part) {
       search.distance(scan.positions()[i], kAny, part);
-      at[i] = closestTriangle(drawn, part, scan.positions()[i]);
+      at[i] = closestTriangle(drawn, search, part, scan.positions()[i]);
     });
     forEachOf(out.size(), [&](size_t i, size_t& part) {
       own[i] = {};

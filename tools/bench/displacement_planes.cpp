@@ -349,7 +349,7 @@ Fidelity fidelityOf(const FidelityScan& scan, const TriMesh& surface, const Fide
       const glm::dvec3 p = to_drawn ? scan.positions()[i] : drawn.positions()[i - there];
       constexpr double kAny = std::numeric_limits<double>::infinity();
       distances[i] = static_cast<float>((to_drawn ? drawn : scan).search().distance(p, kAny, part));
-      if (places && to_drawn) places->triangles[i] = closestTriangle(surface, part, p).first;
+      if (places && to_drawn) places->triangles[i] = closestTriangle(surface, drawn.search(), part, p).first;
     }
   });
   if (places) {
@@ -381,13 +381,15 @@ Fidelity fidelityOf(const FidelityScan& scan, const TriMesh& surface, const Fide
   return out;
 }
 
-std::pair<uint32_t, TrianglePoint> closestTriangle(const TriMesh& mesh, size_t part, const glm::dvec3& place) {
-  constexpr size_t kBlock = 16;  // ClosestSearch's
+std::pair<uint32_t, TrianglePoint> closestTriangle(const TriMesh& mesh, const ClosestSearch& search, size_t part,
+                                                   const glm::dvec3& place) {
+  constexpr size_t kBlock = ClosestSearch::kBlock;
   std::pair<uint32_t, TrianglePoint> best;
   best.second.distance = std::numeric_limits<double>::infinity();
-  for (size_t t = part * kBlock; t < std::min(mesh.triangles.size(), (part + 1) * kBlock); ++t) {
-    const TrianglePoint at = closestOnTriangle(cornersOf(mesh, static_cast<uint32_t>(t)), place);
-    if (at.distance < best.second.distance) best = {static_cast<uint32_t>(t), at};
+  for (size_t i = part * kBlock; i < std::min(mesh.triangles.size(), (part + 1) * kBlock); ++i) {
+    const uint32_t t = search.triangleAt(i);
+    const TrianglePoint at = closestOnTriangle(cornersOf(mesh, t), place);
+    if (at.distance < best.second.distance) best = {t, at};
   }
   return best;
 }

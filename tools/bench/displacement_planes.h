@@ -16,6 +16,7 @@
 #include "geometry/bake/baked_heights.h"
 #include "geometry/bake/fidelity.h"
 #include "geometry/bake/mesh_bake.h"
+#include "geometry/mesh/closest_search.h"
 #include "geometry/mesh/tri_mesh.h"
 #include "geometry/mesh/triangle_point.h"
 #include "src/base/result.h"
@@ -70,7 +71,8 @@ class DisplacementPlanes {
 };
 
 // The closest of the triangles of a part that ClosestSearch found.
-std::pair<uint32_t, TrianglePoint> closestTriangle(const TriMesh& mesh, size_t part, const glm::dvec3& place);
+std::pair<uint32_t, TrianglePoint> closestTriangle(const TriMesh& mesh, const ClosestSearch& search, size_t part,
+                                                   const glm::dvec3& place);
 
 // As measureFidelity() has it, of any triangles, in the scan's coordinates. distances: of the scan's places to the
 // surface, then of as many on the surface to the scan; and the triangle of the surface for each.

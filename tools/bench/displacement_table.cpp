@@ -21,6 +21,8 @@
 #include "geometry/mesh/mesh_order.h"
 #include "geometry/remesh/base_domain.h"
 #include "geometry/scan/mesh_read.h"
+#include "src/base/file.h"
+#include "src/base/standard_output.h"
 #include "tools/bench/displacement_kinds.h"
 #include "tools/bench/displacement_planes.h"
 
@@ -405,17 +407,16 @@ std::string linesOf(const fs::path& file) {
 
 void write(const std::string& markdown, const std::string& tables) {
   if (markdown.empty()) {
-    std::fputs(tables.c_str(), stdout);
+    if (auto printed = printOut(tables); !printed) fail(2, printed.error().text());
     return;
   }
   const std::string page = linesOf(markdown), begin = "<!-- tables -->\n", end = "<!-- end -->\n";
   const size_t from = page.find(begin), to = page.find(end);
   if (from == std::string::npos || to == std::string::npos || to < from)
     fail(2, markdown + ": expected the lines <!-- tables --> and <!-- end -->, found none");
-  std::ofstream out(markdown);
-  out << page.substr(0, from) << begin << "\n" << tables << "\n" << page.substr(to);
-  out.close();
-  if (!out) fail(2, markdown + ": cannot be written");
+  const std::string text = page.substr(0, from) + begin + "\n" + tables + "\n" + page.substr(to);
+  if (auto written = writeFile(markdown, {reinterpret_cast<const uint8_t*>(text.data()), text.size()}); !written)
+    fail(2, written.error().text());
 }
 
 Options parse(int argc, char** argv) {
@@ -423,8 +424,8 @@ Options parse(int argc, char** argv) {
   for (int i = 1; i < argc; ++i) {
     const std::string argument = argv[i];
     if (argument == "--help") {
-      std::fputs(kHelp, stdout);
-      std::exit(0);
+      (void)printOut(kHelp);  // the error stays: flushOut() returns it
+      std::exit(flushOut().ok() ? 0 : 2);
     }
     auto value = [&] {
       if (++i == argc) fail(1, argument + ": expected a value, found none");
@@ -463,5 +464,6 @@ int main(int argc, char** argv) {
   }
   fs::remove_all(folder);
   if (options.markdown.empty()) write("", tablesOf(rows));
+  if (auto printed = flushOut(); !printed) fail(2, printed.error().text());
   return 0;
 }
