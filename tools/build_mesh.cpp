@@ -375,7 +375,7 @@ class MeshBuild {
   Result<void> bake();
   // tolerance: in the scan's units; 0 is what was asked for.
   Result<Fidelity> measureBake(const MeshBake& bake, double tolerance = 0);
-  // After a miss: sets kept_tolerance_mm_.
+  // After a miss at the program's own choice of patches: sets kept_tolerance_mm_.
   Result<void> findKeptTolerance();
   Error missed(const std::string& what_was_done) const;
   // Lengths from the file's units, which all is computed in: no unit changes what comes out.
@@ -668,7 +668,7 @@ Result<void> MeshBuild::chooseStep() {
 }
 
 Result<void> MeshBuild::findKeptTolerance() {
-  if (fidelity_.kept()) return {};
+  if (fidelity_.kept() || a_.patches > 0) return {};
   constexpr double kLarger = 1.25;
   constexpr int kTries = 12;
   double next_mm = mm(fidelity_.target.p99_9_mm * fidelity_.excess());

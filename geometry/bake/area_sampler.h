@@ -28,8 +28,6 @@ inline glm::dvec2 pointInTriangle(size_t k) {
   return {b1, b2};
 }
 
-inline double doubleAreaOf(const TriangleCorners& t) { return glm::length(glm::cross(t.b - t.a, t.c - t.a)); }
-
 // Twice the summed areas of the triangles before each triangle, starting from `before`, with the total at the end.
 inline std::vector<double> cumulativeAreas(const TriMesh& mesh, double before) {
   std::vector<double> out{before};

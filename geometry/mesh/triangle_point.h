@@ -1,4 +1,4 @@
-// triangle_point.h - the point of a triangle that is closest to a place, in double precision. Pure.
+// triangle_point.h - a triangle's area and its point that is closest to a place, in double precision. Pure.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +16,8 @@ inline TriangleCorners cornersOf(const TriMesh& mesh, uint32_t triangle) {
   const auto& t = mesh.triangles[triangle];
   return {mesh.positions_mm[t[0]], mesh.positions_mm[t[1]], mesh.positions_mm[t[2]]};
 }
+
+inline double doubleAreaOf(const TriangleCorners& t) { return glm::length(glm::cross(t.b - t.a, t.c - t.a)); }
 
 // The weights of corners b and c, and the distance.
 struct TrianglePoint {

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "geometry/mesh/point_table.h"
+#include "geometry/mesh/triangle_point.h"
 #include "geometry/scan/mesh_sheets.h"
 #include "geometry/scan/mesh_tjunction.h"
 #include "src/base/parallel_for.h"
@@ -76,7 +77,7 @@ class Repair {
                    {}};
     }
     if (!step(0.9)) return stopped();
-    dropDust(census, pieces);
+    dropDust(census, pieces, diagonal);
     if (isStopped()) return stopped();
     compact();
     if (!step(0.95)) return stopped();
@@ -272,24 +273,19 @@ class Repair {
     return true;
   }
 
-  double areaOf(const std::array<uint32_t, 3>& t) const {
-    const glm::dvec3 a(mesh_.positions_mm[t[0]]), b(mesh_.positions_mm[t[1]]), c(mesh_.positions_mm[t[2]]);
-    return 0.5 * glm::length(glm::cross(b - a, c - a));
-  }
-
   // Of more than kMostPieces the smallest leave, up to kMostDust of the area; and pieces that have no area.
-  void dropDust(EdgeCensus& census, Pieces& pieces) {
+  void dropDust(EdgeCensus& census, Pieces& pieces, double diagonal) {
     if (pieces.count() < 2) return;
     std::vector<double> area(pieces.count());
     double whole = 0;
     for (size_t p = 0; p < pieces.count(); ++p) {
-      for (uint32_t t : pieces.triangles(p)) area[p] += areaOf(mesh_.triangles[t]);
+      for (uint32_t t : pieces.triangles(p)) area[p] += 0.5 * doubleAreaOf(cornersOf(mesh_, t));
       whole += area[p];
     }
     std::vector<size_t> by_area(pieces.count());
     for (size_t p = 0; p < by_area.size(); ++p) by_area[p] = p;
     std::stable_sort(by_area.begin(), by_area.end(), [&](size_t a, size_t b) { return area[a] < area[b]; });
-    const double no_area = kNoArea * std::pow(measure(), 2);
+    const double no_area = kNoArea * diagonal * diagonal;
     std::vector<uint32_t> dust;
     double lost = 0;
     size_t left = pieces.count();

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "cli_fixture.h"
+#include "tests/geometry/scan_shapes.h"
 #include "tests/view_share.h"
 
 namespace mesh_cli_test {
@@ -448,6 +449,31 @@ Ball shuffled(const Ball& ball) {
   }
   std::shuffle(out.triangles.begin(), out.triangles.end(), random);
   return out;
+}
+
+// Less accuracy takes less: cells decide, not another base.
+TEST_F(MeshCli, BitsGrowWithAccuracy) {
+  if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
+  const relievo::TriMesh figure = relievo::figure(2);
+  Ball scan;
+  for (const glm::vec3& p : figure.positions_mm) scan.points.push_back({p.x, p.y, p.z});
+  for (const auto& t : figure.triangles)
+    scan.triangles.push_back({static_cast<int>(t[0]), static_cast<int>(t[1]), static_cast<int>(t[2])});
+  write("figure.ply", exactPlyOf(scan));
+  struct Built {
+    double patches, bits;
+  };
+  const auto built = [&](const std::string& tolerance) {
+    const Outcome r = relievo("build --mesh " + file("figure.ply") + " -o " + file("a.relievo") + " --tolerance " +
+                              tolerance + " --json " + file("r.json"));
+    EXPECT_EQ(r.exit_code, 0) << r.output;
+    const auto report = parsed(bytesOf(file("r.json")));
+    return Built{report["mesh"]["patches"], report["relief_bits_per_vertex"]};
+  };
+  const Built loose = built("0.063%"), usual = built("0.03%");
+  EXPECT_EQ(loose.patches, usual.patches);
+  EXPECT_LT(loose.bits, usual.bits);
+  EXPECT_GT(loose.bits, 0);
 }
 
 // A power of two changes no digit of any number: the same figures. Others round otherwise, and where two collapses of
