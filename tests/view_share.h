@@ -24,8 +24,11 @@ inline bool longTests() {
   return node && std::string_view(node) == "1";
 }
 
-// Of n of them: half, or all with RELIEVO_LONG_TESTS=1; at least one.
-inline int share(int n) { return std::max(1, kSanitized ? n / kViewShare : longTests() ? n : n / 2); }
+// Of n of them: a quarter, or all with RELIEVO_LONG_TESTS=1; at least one.
+template <class Count>
+Count share(Count n) {
+  return std::max(Count{1}, kSanitized ? n / kViewShare : longTests() ? n : n / 4);
+}
 
 // Of n of them with OpenGL ES (RELIEVO_GL=es), whose contexts the same driver draws with the same shader bodies: a
 // quarter, or all with RELIEVO_LONG_TESTS=1. With OpenGL all.
@@ -36,10 +39,16 @@ Count esShare(Count n) {
   return es && !longTests() ? std::max(Count{1}, n / 4) : n;
 }
 
-// Of n random frames or views with OpenGL: a third, or all with RELIEVO_LONG_TESTS=1. With OpenGL ES a quarter of that.
+// Of n random frames or views with OpenGL: a fifth, or all with RELIEVO_LONG_TESTS=1. With OpenGL ES a quarter of that.
 template <class Count>
 Count glShare(Count n) {
-  return esShare(longTests() ? n : std::max(Count{1}, n / 3));
+  return esShare(longTests() ? n : std::max(Count{1}, n / 5));
+}
+
+// Negative controls show that a test's own code can fail: with OpenGL ES they would show it again.
+inline bool controlledWithOpenGl() {
+  const char* api = std::getenv("RELIEVO_GL");
+  return api && std::string_view(api) == "es" && !longTests();
 }
 
 }  // namespace relievo::test

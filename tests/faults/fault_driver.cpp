@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -37,7 +38,7 @@
 namespace {
 
 namespace fs = std::filesystem;
-using relievo::testing_support::FaultReport;
+using namespace relievo::testing_support;
 
 struct Arguments {
   std::string program, library, only, only_kind;
@@ -84,8 +85,16 @@ struct Run {
   int exit_code = -1, signal = 0;
   bool hung = false;
   std::string out, err;
-  uint64_t calls = 0, bytes = 0, hit = 0;
+  uint64_t bytes = 0, hit = 0;
+  std::array<uint64_t, kFaultKinds> calls_of{};
   double seconds = 0;
+
+  uint64_t callsOf(const char* list) const {
+    uint64_t sum = 0;
+    for (int k = 0; k < kFaultKinds; ++k)
+      if (faultKindsOf(list) & 1u << k) sum += calls_of[k];
+    return sum;
+  }
 };
 
 // In memory where there is such a folder: thousands of runs would wait for the disk, whose failures are injected
@@ -161,7 +170,8 @@ class Workshop {
     FaultReport report;
     const std::string counted = readAll(report_path);
     if (counted.size() >= sizeof report) std::memcpy(static_cast<void*>(&report), counted.data(), sizeof report);
-    r.calls = report.calls, r.bytes = report.bytes, r.hit = report.hit;
+    r.bytes = report.bytes, r.hit = report.hit;
+    std::copy(std::begin(report.calls_of), std::end(report.calls_of), r.calls_of.begin());
     return r;
   }
 
@@ -404,12 +414,13 @@ int faultTable(const Arguments& arguments) {
   for (const Operation& op : tried) {
     if (!arguments.only.empty() && op.name != arguments.only) continue;
     const Reference reference = referenceOf(*shops[0], op);
+    shops[0]->reset(oldFiles(op));
+    const Run counted = shops[0]->run(op.arguments, {{"NTH", "0"}});
     for (const Fault& f : faults()) {
       if (!arguments.only_kind.empty() && arguments.only_kind != f.kinds) continue;
       if (op.foreign && std::strcmp(f.kinds, "string") == 0) continue;
-      shops[0]->reset(oldFiles(op));
       Counts counts;
-      counts.calls = shops[0]->run(op.arguments, settingsOf(f, 0)).calls;
+      counts.calls = counted.callsOf(f.kinds);
       if (counts.calls == 0) continue;
       const std::vector<uint64_t> numbers = chosen(counts.calls, arguments.from, arguments.tries);
       std::atomic<size_t> next{0};
@@ -480,8 +491,8 @@ int killTable(const Arguments& arguments) {
   shop.run({"build", "-o", "out/o.relievo", "--image", "in/image.ppm"}, {});
   const std::map<std::string, std::string> old = shop.filesIn("out");
   const std::string changes = "open,write,sync,rename,close,unlink,truncate";
-  const Run counted = shop.run(op.arguments, {{"KINDS", "write"}});
-  const uint64_t calls = shop.run(op.arguments, {{"KINDS", changes}}).calls;
+  const Run counted = shop.run(op.arguments, {{"NTH", "0"}});
+  const uint64_t calls = counted.callsOf(changes.c_str());
   std::mt19937 random(7);
   Judge judge;
   uint64_t at_bytes = 0, at_calls = 0, at_times = 0, old_left = 0, new_left = 0, ended = 0, went_on = 0;

@@ -55,26 +55,8 @@ void* __libc_memalign(size_t, size_t);
 
 namespace {
 
-using relievo::testing_support::FaultReport;
+using namespace relievo::testing_support;
 
-enum Kind {
-  kOpen,
-  kRead,
-  kWrite,
-  kSync,
-  kRename,
-  kUnlink,
-  kClose,
-  kTruncate,
-  kMap,
-  kLock,
-  kAlloc,
-  kString,
-  kThread,
-  kKinds
-};
-constexpr const char* kNames[kKinds] = {"open",     "read", "write", "sync",  "rename", "unlink", "close",
-                                        "truncate", "map",  "lock",  "alloc", "string", "thread"};
 constexpr int kKill = -1, kShort = -2, kInterrupt = -3;
 constexpr int kMaxDescriptors = 4096;
 
@@ -116,13 +98,7 @@ int onModule(dl_phdr_info* info, size_t, void* data) {
 __attribute__((constructor)) void configure() {
   int serial = 0;
   dl_iterate_phdr(onModule, &serial);
-  if (const char* list = getenv("RELIEVO_FAULT_KINDS")) {
-    for (int k = 0; k < kKinds; ++k) {
-      const size_t length = strlen(kNames[k]);
-      for (const char* at = list; (at = strstr(at, kNames[k])); at += length)
-        if ((at == list || at[-1] == ',') && (at[length] == 0 || at[length] == ',')) kinds |= 1u << k;
-    }
-  }
+  if (const char* list = getenv("RELIEVO_FAULT_KINDS")) kinds = faultKindsOf(list);
   if (const char* f = getenv("RELIEVO_FAULT_FOLDER")) folder_size = strlen(strncpy(folder, f, sizeof folder - 1));
   if (const char* n = getenv("RELIEVO_FAULT_NTH")) nth = strtoull(n, nullptr, 10);
   if (const char* n = getenv("RELIEVO_FAULT_BYTE")) by_byte = true, at_byte = strtoull(n, nullptr, 10);
@@ -155,8 +131,10 @@ void stopHere() {
 }
 
 // Counts a call. True: it is to fail (or to be cut short).
-bool fails(Kind kind) {
-  if (!armed || !(kinds & 1u << kind)) return false;
+bool fails(FaultKind kind) {
+  if (!armed) return false;
+  report->calls_of[kind].fetch_add(1);
+  if (!(kinds & 1u << kind)) return false;
   const uint64_t n = report->calls.fetch_add(1) + 1;
   if (by_byte || nth == 0 || (all ? n < nth : n != nth)) return false;
   report->hit.fetch_add(1);
@@ -201,7 +179,7 @@ FILE* track(FILE* f) {
   if (f) track(fileno(f));
   return f;
 }
-bool failsOn(Kind kind, int fd) { return isTracked(fd) && fails(kind); }
+bool failsOn(FaultKind kind, int fd) { return isTracked(fd) && fails(kind); }
 
 // How many bytes of a write are to be written: all of them, some (then the disk is full or the process ends), or an
 // error.
@@ -211,10 +189,11 @@ struct WriteFault {
 };
 WriteFault onWrite(int fd, size_t bytes) {
   WriteFault out{.bytes = bytes};
-  if (!armed || !isTracked(fd) || !(kinds & 1u << kWrite)) return out;
+  if (!armed || !isTracked(fd)) return out;
+  if (!(kinds & 1u << kWrite)) return fails(kWrite), out;
   const uint64_t begin = report->bytes.fetch_add(bytes), end = begin + bytes;
   if (by_byte) {
-    report->calls.fetch_add(1);
+    report->calls.fetch_add(1), report->calls_of[kWrite].fetch_add(1);
     if (at_byte >= end || (at_byte < begin && !all)) return out;
     report->hit.fetch_add(1);
     out.bytes = static_cast<size_t>(at_byte > begin ? at_byte - begin : 0);

@@ -75,7 +75,7 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasuredInOrthographicViewsAndAtBothEnds
   domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
   const TrueRelief relief(domain, reliefHeight);
   for (auto [fov_deg, what] : {std::pair{0.0, "orthographic"}, {1.0, "1 degree"}, {170.0, "170 degrees"}}) {
-    const Figures f = study(domain, relief, kSanitized ? 7 : 30, kSeed, 1, fov_deg == 0, fov_deg);
+    const Figures f = study(domain, relief, share(60), kSeed, 1, fov_deg == 0, fov_deg);
     EXPECT_EQ(f.above, 0) << what;
     EXPECT_LE(f.worst, 2) << what;
     EXPECT_GT(study(domain, relief, 60, kSeed, 1.0 / 3, fov_deg == 0, fov_deg).above, 0)
@@ -99,7 +99,7 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
     domain.relief_scale_mm = 0.04 * 512 * domain.mm_per_px / 65535;
     TrueRelief relief(domain, reliefHeight), whole_pages(domain, reliefHeight, Parts::kNone),
         mirrored(domain, reliefHeight, Parts::kMirrored);
-    constexpr int kViews = kSanitized ? 20 : 80;
+    const int kViews = share(160);
     Figures f = study(domain, relief, kViews, kSeed, 1);
     EXPECT_EQ(f.above, 0) << a.width << " x " << a.height;
     const Figures divided = study(domain, relief, kViews / 2, kSeed, 1, false, 0, true);

@@ -199,7 +199,7 @@ TEST(MeshDistance, aRealScan) {
   auto base = makeBaseMesh(scan->mesh, {.patches = 600});
   ASSERT_TRUE(base) << base.error().text();
   double last = 0;
-  for (int cells_log2 : {2, 3, 4}) {
+  for (int cells_log2 : {2, 4}) {
     auto baked = bake(scan->mesh, *base, cells_log2);
     ASSERT_TRUE(baked);
     EXPECT_LT(static_cast<double>(baked->report().by_closest_point),
@@ -210,7 +210,7 @@ TEST(MeshDistance, aRealScan) {
               << static_cast<double>(baked->report().samples) / static_cast<double>(scan->mesh.positions_mm.size())
               << " samples a vertex: " << d->psnr_db << " dB, max "
               << std::max(d->to_baked.max_mm, d->to_scan.max_mm) / d->diagonal_mm << " of the diagonal\n";
-    EXPECT_GT(d->psnr_db, last + 3);  // four times the samples: at least 3 dB
+    EXPECT_GT(d->psnr_db, last + 6);  // four times the samples twice: at least 3 dB each time
     last = d->psnr_db;
   }
   EXPECT_GT(last, 75);

@@ -60,7 +60,7 @@ TEST(MeshMorph, SharedVerticesAreTheSameBitForBit) {
   const std::vector<NamedMesh> meshes = allMeshes();
   MeshSeams total;
   uint64_t cases = 0, nodes = 0, on_the_way = 0;
-  for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
+  for (uint64_t seed = kSeed; total.comparisons < share(10'000'000u) && cases < 4000; ++seed, ++cases) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     c.view.morph = true;
     LodResult lod = c.lod->select(c.view, c.resident);
@@ -84,14 +84,14 @@ TEST(MeshMorph, SharedVerticesAreTheSameBitForBit) {
       static_cast<unsigned long long>(kSeed), static_cast<unsigned long long>(cases),
       static_cast<unsigned long long>(nodes), static_cast<unsigned long long>(total.comparisons),
       static_cast<unsigned long long>(total.across_patches), static_cast<unsigned long long>(on_the_way));
-  EXPECT_GE(total.comparisons, 10'000'000u / kViewShare);
+  EXPECT_GE(total.comparisons, share(10'000'000u));
   EXPECT_GT(on_the_way, nodes / 2);
 }
 
 TEST(MeshMorph, NegativeControlsOfWatertightness) {
   const std::vector<NamedMesh> meshes = wellShapedMeshes();
   uint64_t own_weights = 0, swapped_halves = 0, sloped = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + (kSanitized ? 10 : 40); ++seed) {
+  for (uint64_t seed = kSeed; seed < kSeed + share(40); ++seed) {
     MeshCase c = randomMeshCase(seed, meshes[seed % meshes.size()]);
     c.view.morph = true;
     const BaseMesh& mesh = c.named.mesh;

@@ -20,7 +20,7 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
   const std::vector<NamedMesh> meshes = allMeshes();
   MeshSeams total;
   uint64_t of_tails = 0, of_roots = 0, of_others = 0, mixed = 0, control = 0;
-  for (uint64_t seed = kSeed; total.comparisons < 1'000'000 / kViewShare && seed < kSeed + 1500; ++seed) {
+  for (uint64_t seed = kSeed; total.comparisons < share(1'000'000u) && seed < kSeed + 1500; ++seed) {
     TailCase c(seed, meshes[seed % meshes.size()]);
     const LodResult lod = c.lod->select(c.view, c.resident);
     const BaseMesh& mesh = c.named.mesh;
@@ -60,12 +60,12 @@ TEST(MeshTails, SharedVerticesAreTheSameWhateverIsResident) {
       static_cast<unsigned long long>(total.comparisons), static_cast<unsigned long long>(total.across_patches),
       static_cast<unsigned long long>(of_tails), static_cast<unsigned long long>(of_roots),
       static_cast<unsigned long long>(of_others), static_cast<unsigned long long>(mixed));
-  EXPECT_GE(total.comparisons, 1'000'000u / kViewShare);
-  EXPECT_GT(of_tails, 1000u / kViewShare);
-  EXPECT_GT(of_roots, 100u / kViewShare);
-  EXPECT_GT(of_others, 100u / kViewShare);
-  EXPECT_GT(mixed, 20u / kViewShare);
-  EXPECT_GT(control, 1000u / kViewShare);
+  EXPECT_GE(total.comparisons, share(1'000'000u));
+  EXPECT_GT(of_tails, share(1000u));
+  EXPECT_GT(of_roots, share(100u));
+  EXPECT_GT(of_others, share(100u));
+  EXPECT_GT(mixed, share(20u));
+  EXPECT_GT(control, share(1000u));
 }
 
 // With nothing resident all is drawn from tails; what is asked for leaves nothing limited in the end. Where all roots
@@ -104,8 +104,8 @@ TEST(MeshTails, WhatIsAskedForIsEnough) {
     EXPECT_EQ(lod.max_error_px, reference.max_error_px) << describe(c, seed);
     EXPECT_EQ(lod.limited_by_residency, reference.limited_by_residency) << describe(c, seed);
   }
-  EXPECT_GT(of_pages, 1000 / kViewShare);
-  EXPECT_GT(of_tails, 200 / kViewShare);
+  EXPECT_GT(of_pages, share(1000u));
+  EXPECT_GT(of_tails, share(200u));
 }
 
 }  // namespace mesh_tails_test

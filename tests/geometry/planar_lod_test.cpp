@@ -25,7 +25,7 @@ TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
   uint64_t cases = 0, drawn = 0, limited = 0, mixed = 0;
   auto start = std::chrono::steady_clock::now();
   // Bounded by count, not by time, so that a run is the same everywhere.
-  for (uint64_t seed = kSeed; total.comparisons < 10'000'000 / kViewShare && cases < 4000; ++seed, ++cases) {
+  for (uint64_t seed = kSeed; total.comparisons < share(10'000'000u) && cases < 4000; ++seed, ++cases) {
     Case c = randomPlanarCase(seed);
     c.view.divide_flat = seed % 2 == 0;
     LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
@@ -47,14 +47,14 @@ TEST(PlanarLod, SharedVerticesAreTheSameBitForBit) {
       static_cast<unsigned long long>(drawn), static_cast<unsigned long long>(total.pairs),
       static_cast<unsigned long long>(limited), static_cast<unsigned long long>(mixed),
       static_cast<unsigned long long>(total.comparisons), seconds);
-  EXPECT_GE(total.comparisons, 10'000'000u / kViewShare);
+  EXPECT_GE(total.comparisons, share(10'000'000u));
   EXPECT_GT(limited, 0u);
   EXPECT_GT(mixed, 0u);
 }
 
 TEST(PlanarLod, NegativeControlsOfWatertightness) {
   uint64_t unsnapped = 0, per_patch = 0, one_sided = 0, one_sided_cases = 0, finer_heights = 0;
-  for (uint64_t seed = kSeed; seed < kSeed + (kSanitized ? 15 : 60); ++seed) {
+  for (uint64_t seed = kSeed; seed < kSeed + share(60); ++seed) {
     Case c = randomPlanarCase(seed);
     LodResult lod = selectPlanarLod(c.domain, *c.oracle, c.view, c.resident);
     ReliefPages pages(c.domain, noiseHeight);

@@ -34,7 +34,7 @@ VertexFunction morphReference(const FlatDomain& domain, ReliefPages& pages, bool
 TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
   SeamReport total;
   uint64_t cases = 0, nodes = 0, on_the_way = 0, own_weights = 0, swapped_halves = 0;
-  for (uint64_t seed = kSeed; total.comparisons < 1'500'000 / kViewShare && cases < 2000; ++seed, ++cases) {
+  for (uint64_t seed = kSeed; total.comparisons < share(1'500'000u) && cases < 2000; ++seed, ++cases) {
     Random random(seed);
     FlatDomain domain = randomDomain(random);
     MadeUpOracle oracle(domain, random.engine(), true);
@@ -69,7 +69,7 @@ TEST(PlanarMorph, SharedVerticesAreTheSameBitForBit) {
       static_cast<unsigned long long>(nodes), static_cast<unsigned long long>(total.comparisons),
       static_cast<unsigned long long>(on_the_way), static_cast<unsigned long long>(own_weights),
       static_cast<unsigned long long>(swapped_halves));
-  EXPECT_GE(total.comparisons, 1'500'000u / kViewShare);
+  EXPECT_GE(total.comparisons, share(1'500'000u));
   EXPECT_GT(on_the_way, nodes / 2);
   EXPECT_GT(own_weights, 0u);
   EXPECT_GT(swapped_halves, 0u);
@@ -117,7 +117,7 @@ TEST(PlanarMorph, GridsTileTheirSquareWhileVerticesSlide) {
       }
     return flipped;
   };
-  for (; grids < 100'000 / kViewShare; ++grids) {
+  for (; grids < share(100'000u); ++grids) {
     PatchInstance p;
     const int inside = random.integer(1, kMaxGridLevel * kOneLevel);
     p.grid_level = static_cast<uint8_t>(wholeLevels(inside));

@@ -4,6 +4,7 @@
 // look up their own node, and an oracle that is wrong by a little.
 #include "src/engine/fault_injection.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/view_share.h"
 
 namespace relievo {
 namespace filters_equal_dense_gltest {
@@ -182,6 +183,7 @@ TEST(FiltersEqualDense, AnisotropicOverRelief) {
 // --- negative controls
 
 TEST(FiltersEqualDense, NegativeControls) {
+  if (test::controlledWithOpenGl()) GTEST_SKIP() << "tried with OpenGL";
   const Subject subject = denseSubject(RoughTexture(1301, 509, Basis::kPtmLrgb), nullptr);
   auto off = [&](const std::string& what, Sampling sampling, const Views& base) {
     Views run = base;

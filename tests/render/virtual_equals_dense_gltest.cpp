@@ -3,6 +3,7 @@
 // views, seeds printed. Negative controls: pages without borders, and an oracle that is wrong by a little.
 #include "src/engine/fault_injection.h"
 #include "tests/render/dense_subjects.h"
+#include "tests/view_share.h"
 
 namespace relievo {
 namespace virtual_equals_dense_gltest {
@@ -153,6 +154,7 @@ TEST(VirtualEqualsDense, AtBothEndsOfTheFieldOfView) {
 // --- negative controls
 
 TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
+  if (test::controlledWithOpenGl()) GTEST_SKIP() << "tried with OpenGL";
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
   Views run{.views = 12};
   run.faults.no_borders = true;
@@ -163,6 +165,7 @@ TEST(VirtualEqualsDense, NegativeControlPagesWithoutBorders) {
 }
 
 TEST(VirtualEqualsDense, NegativeControlAWrongOracle) {
+  if (test::controlledWithOpenGl()) GTEST_SKIP() << "tried with OpenGL";
   const Subject subject = noiseSubject(1501, 1103, Basis::kPtmLrgb, 12, 7);
   const std::vector<std::pair<const char*, std::function<void(DenseView&)>>> mistakes{
       {"level of detail off by a quarter", [](DenseView& v) { v.lod_bias = 0.25; }},

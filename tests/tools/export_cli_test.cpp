@@ -87,7 +87,7 @@ TEST_F(ExportCli, WhatCannotBeIsRefusedInOneSentenceAndTheOldFileStays) {
 }
 
 TEST_F(ExportCli, AnInterruptionOrAFullDiskLeavesNothing) {
-  makeFlat(relievo::test::kSanitized ? 700 : 2000);
+  makeFlat(relievo::test::kSanitized ? 500 : 2000);
   write("big.obj", "precious");
   const std::string command = RELIEVO_PROGRAM " export " + file("a.relievo") + " -o " + file("big.obj");
   Outcome r = run("timeout --foreground --preserve-status -k 60 -s INT 0.5 " + command);
@@ -402,7 +402,7 @@ TEST_F(ExportCli, LinesAreDrawnOrListedAndRefusedInOneSentence) {
   EXPECT_EQ(r.exit_code, 0) << r.output;
   EXPECT_EQ(get("s.CSV").find("line,closed,distance_mm,x_mm,y_mm,z_mm\n1,0,0,-10,0,"), 0u);
   write("ball.off", wavyBallOff(24, 16));
-  ASSERT_EQ(relievo("build --mesh " + file("ball.off") + " -o " + file("ball.relievo")).exit_code, 0);
+  ASSERT_EQ(relievo("build --mesh " + file("ball.off") + " --patches 24 -o " + file("ball.relievo")).exit_code, 0);
   // A ball of radius 40, waves of at most 1.5 mm: at z = 20 a circle of about 34.6 mm.
   r = exported("ball.relievo", "p.csv", "--plane 0,0,2,40");
   EXPECT_EQ(r.exit_code, 0) << r.output;

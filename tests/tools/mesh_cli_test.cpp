@@ -255,6 +255,7 @@ TEST_F(MeshCli, AScanOfFewTrianglesIsShownExactly) {
   for (const char* way : {"scan_to_patches", "patches_to_scan"})
     EXPECT_LT(report["distance"][way]["max_of_diagonal"].get<double>(), 1e-6) << way;
   EXPECT_EQ(relievo("verify " + file("a.relievo")).exit_code, 0);
+  if (!relievo::test::longTests()) return;
   built("b.relievo", " --workers 2");
   EXPECT_EQ(bytesOf(file("a.relievo")), bytesOf(file("b.relievo")));
 }
@@ -268,11 +269,9 @@ TEST_F(MeshCli, UnitsLeaveThePatchesAsTheyAre) {
     return parsed(relievo("info " + file("a.relievo") + " --json").output);
   };
   const auto mm = built("mm");
-  for (const char* unit : {"cm", "in"}) {
-    const auto other = built(unit);
-    for (const char* key : {"patches", "corners", "samples", "cells_a_side", "samples_by_closest_point"})
-      EXPECT_EQ(other["mesh"][key], mm["mesh"][key]) << unit << " " << key;
-  }
+  const auto inches = built("in");
+  for (const char* key : {"patches", "corners", "samples", "cells_a_side", "samples_by_closest_point"})
+    EXPECT_EQ(inches["mesh"][key], mm["mesh"][key]) << key;
 }
 
 TEST_F(MeshCli, WhatIsRepairedIsSaidAndKept) {
@@ -350,7 +349,7 @@ TEST_F(MeshCli, OptionsThatDoNotGoTogetherAreExitCode1) {
 TEST_F(MeshCli, TexturesComeFromTheMaterialOrByName) {
   std::ostringstream obj;
   obj << "mtllib slab.mtl\nusemtl picture\n";
-  const int n = 5;
+  const int n = 3;
   for (int y = 0; y <= n; ++y)
     for (int x = 0; x <= n; ++x)
       obj << "v " << 10 * x << " " << 10 * y << " " << (x * y) % 3 << "\nvt " << double(x) / n << " " << double(y) / n
@@ -514,7 +513,6 @@ TEST_F(MeshCli, UnitPlaceAttitudeAndOrderChangeNothingButCoordinates) {
   EXPECT_EQ(by_1024.samples, plain.samples);
   EXPECT_NEAR(by_1024.psnr_db, plain.psnr_db, 1e-6);
   for (const auto& [what, scan] : {std::pair<const char*, Ball>{"in metres", moved(ball, scaled(1e-3))},
-                                   {"in inches", moved(ball, scaled(1 / 25.4))},
                                    {"10^7 mm from the origin", moved(ball, far)},
                                    {"turned", moved(ball, turned)},
                                    {"in another order", shuffled(ball)}}) {
