@@ -51,7 +51,11 @@ std::string textureName(Basis basis, int plane) {
   return last == first.coefficient ? name : name + "-a" + std::to_string(last);
 }
 
-std::array<double, 3> frontLight(double u, double v) { return {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))}; }
+std::array<double, 3> frontLight(double u, double v) {
+  const double radius = std::hypot(u, v);
+  if (radius > 1) return {u / radius, v / radius, 0};
+  return {u, v, std::sqrt(std::max(0.0, 1 - u * u - v * v))};
+}
 
 std::array<double, 3> evaluateUnclamped(const TextureFormat& f, const double* raw, const std::array<double, 3>& light) {
   const BasisDescription& basis = describe(f.basis);

@@ -133,7 +133,8 @@ struct TextureFormat {
 };
 
 // ---- evaluation ----
-// The unit vector towards a light in front of the artwork, by its x and y.
+// The unit vector towards a light in front of the artwork, by its x and y. Beyond the unit circle: on the horizon, in
+// the same direction.
 std::array<double, 3> frontLight(double u, double v);
 
 // One pixel in 0..255 units from its raw channels (channels() of them; they may be filtered, hence double).

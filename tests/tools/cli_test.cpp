@@ -19,7 +19,8 @@ using namespace relievo::testing_support;
 
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
-  for (const char* command : {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare"}) {
+  for (const char* command :
+       {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare", "selftest"}) {
     Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;
@@ -593,6 +594,23 @@ TEST_F(Cli, BenchWritesAPageOfTheGroupsThatRan) {
   }
   // Both on standard output would be two texts in one.
   EXPECT_EQ(relievo("bench --only page-table --json - --markdown -").exit_code, 1);
+}
+
+TEST_F(Cli, SelftestPrintsAndWritesItsTable) {
+  Outcome r = relievo("selftest --stability --only time --json " + file("s.json") + " --markdown " + file("s.md"));
+  EXPECT_EQ(r.exit_code, 0) << r.output;
+  EXPECT_NE(r.output.find(" hold, 0 fail"), std::string::npos) << r.output;
+  std::ifstream in(file("s.json"));
+  const auto json = nlohmann::json::parse(in, nullptr, false);
+  ASSERT_TRUE(json.contains("cases"));
+  EXPECT_GE(json["cases"].size(), 2u);
+  EXPECT_TRUE(json["cases"][0]["holds"].get<bool>());
+  std::ifstream page(file("s.md"));
+  const std::string table{std::istreambuf_iterator<char>(page), {}};
+  EXPECT_NE(table.find("| time | "), std::string::npos) << table;
+  r = relievo("selftest --only nothing");
+  EXPECT_EQ(r.exit_code, 1) << r.output;
+  EXPECT_NE(r.output.find("there are: textures, geometry"), std::string::npos) << r.output;
 }
 
 TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
