@@ -67,7 +67,8 @@ enum class GridRule : uint8_t {
   kMorphed,      // they slide to the next coarser grid with the distance to the eye (StrategyResult::morph)
   kTessellated,  // the instance is one patch of the hardware tessellator: edge levels are its outer factors, grid_level
                  // the inner one
-  kGeomorph      // as kSnapped, on the way that the instances say (PatchInstance::morph)
+  kGeomorph,     // as kSnapped, on the way that the instances say (PatchInstance::morph)
+  kTrianglesOnly  // no grids: the instances are the nodes that the explicit triangles' vertices count in
 };
 
 // Vertices of explicit triangles; the error is taken at the place within the instance's node.
@@ -117,6 +118,7 @@ struct StrategyEntry {
   bool keeps_budget = false;  // promises predicted_px <= 2 x the budget (2: where levels meet), wherever it is not
                               // `error_px` itself that grew
   bool needs_tessellation = false;  // GL 4
+  bool flat_only = false;           // not over a base mesh
   std::function<std::unique_ptr<LodStrategy>(const StrategyScene&)> make;
 };
 // In the order of reports.

@@ -11,6 +11,7 @@ StrategyEntry edgeLodStrategy();
 StrategyEntry edgeMorphStrategy();
 StrategyEntry edgeScreenStrategy();
 StrategyEntry edgeLengthStrategy();
+StrategyEntry bintreeStrategy();
 StrategyEntry tessellationStrategy();
 StrategyEntry noSnappingStrategy();
 StrategyEntry skirtsStrategy();

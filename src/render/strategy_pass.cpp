@@ -132,7 +132,7 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
     auto done = drawTessellated(chosen, eye);
     if (!done) return done.error();
     drawn = *done;
-  } else {
+  } else if (chosen.rule != GridRule::kTrianglesOnly) {
     auto in_use = prepare(chosen, view, eye, false);
     if (!in_use) return in_use.error();
     drawn.draw_calls = patches_.draw(**in_use, eye, PatchPass::Mesh::kFull);
@@ -191,7 +191,7 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
 
 Result<std::vector<float>> StrategyPass::capture(const StrategyResult& chosen, const ViewTransform& view,
                                                  double exaggerate, uint32_t max_vertices) {
-  if (chosen.rule == GridRule::kTessellated) return std::vector<float>();
+  if (chosen.rule == GridRule::kTessellated || chosen.rule == GridRule::kTrianglesOnly) return std::vector<float>();
   EyeFrame eye = eyeFrameOf(view, exaggerate);
   target_.begin();  // transform feedback answers zeros without a framebuffer
   auto in_use = prepare(chosen, view, eye, true);

@@ -41,7 +41,7 @@ class StrategyPass {
   // Rows bottom first, as GL has them.
   void read(std::vector<std::array<uint32_t, 4>>& pixels) const { target_.read(pixels); }
   // Clip positions of every grid vertex, by transform feedback, instance by instance, rows of 2^n + 1; empty for
-  // tessellated patches, or above max_vertices.
+  // tessellated patches, where there are no grids, or above max_vertices.
   Result<std::vector<float>> capture(const StrategyResult& chosen, const ViewTransform& view, double exaggerate,
                                      uint32_t max_vertices);
   // Waits until everything that was drawn is finished.

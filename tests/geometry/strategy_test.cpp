@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <set>
 #include <sstream>
 
@@ -98,6 +99,7 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
         EXPECT_EQ(chosen.instances, other.instances) << e.name;
         EXPECT_EQ(chosen.predicted_px, other.predicted_px) << e.name;
         EXPECT_EQ(chosen.instances, strategy->select(view).instances) << e.name << ": the same view again";
+        if (chosen.rule == GridRule::kTrianglesOnly) continue;  // no grids; BisectionLeavesNoCracksAndKeepsItsBound
         EXPECT_TRUE(std::is_sorted(chosen.instances.begin(), chosen.instances.end(), [](const auto& a, const auto& b) {
           return a.grid_level < b.grid_level;
         })) << e.name;
@@ -159,11 +161,81 @@ TEST(Strategies, DrawLessForALargerBudget) {
         LodView view = orthographic ? orthographicView(camera, 40, budget) : makeView(camera, budget);
         view.min_cell_px = 2 * budget;
         size_t cells = 0;
-        for (const PatchInstance& p : strategy->select(view).instances) cells += size_t{1} << (2 * p.grid_level);
+        const StrategyResult chosen = strategy->select(view);
+        if (chosen.rule == GridRule::kTrianglesOnly) cells = chosen.triangles.size() / 6;
+        else
+          for (const PatchInstance& p : chosen.instances) cells += size_t{1} << (2 * p.grid_level);
         EXPECT_LE(cells, cells_before) << e.name << " at " << budget << " px";
         cells_before = cells;
       }
       EXPECT_LT(cells_before, 20000u) << e.name << (orthographic ? ", orthographic" : "");
+    }
+  }
+}
+
+// Where an edge of one triangle ends, its neighbours have that vertex, too: no vertex lies inside another's edge. All
+// triangles together cover what is in view, and the predicted bound holds at every sample.
+TEST(Strategies, BisectionLeavesNoCracksAndKeepsItsBound) {
+  for (auto [width, height] : {std::pair<uint64_t, uint64_t>{256, 256}, {300, 180}, {500, 130}}) {
+    StrategyScene scene = madeUpScene(width, height);
+    const ReliefField& field = *scene.field;
+    auto strategy = findStrategy("bintree")->make(scene);
+    // Slanting by 45 degrees without perspective, so that a step of height is as many pixels everywhere.
+    const double size_mm = 4.0 * static_cast<double>(std::max(width, height)) * scene.domain.mm_per_px;
+    Camera camera;
+    camera.eye = {0, -size_mm, size_mm};
+    camera.far_mm = 1e6;
+    for (const double budget : {0.02, 0.3, 3.0}) {
+      const LodView view = orthographicView(camera, size_mm, budget);
+      const StrategyResult chosen = strategy->select(view);
+      ASSERT_EQ(chosen.triangles.size() % 3, 0u);
+      using Place = std::pair<int64_t, int64_t>;
+      auto placeOf = [&](const StrategyVertex& v) {
+        return Place{std::min<int64_t>(v.x, field.widthUnits()), std::min<int64_t>(v.y, field.heightUnits())};
+      };
+      std::map<std::pair<Place, Place>, int> edges;
+      double area = 0;
+      for (size_t k = 0; k < chosen.triangles.size(); k += 3) {
+        std::array<Place, 3> p;
+        for (size_t i = 0; i < 3; ++i) p[i] = placeOf(chosen.triangles[k + i]);
+        area += 0.5 * std::abs(static_cast<double>((p[1].first - p[0].first) * (p[2].second - p[0].second) -
+                                                   (p[1].second - p[0].second) * (p[2].first - p[0].first)));
+        for (size_t i = 0; i < 3; ++i) ++edges[std::minmax(p[i], p[(i + 1) % 3])];
+      }
+      EXPECT_EQ(area, static_cast<double>(field.widthUnits()) * static_cast<double>(field.heightUnits()));
+      for (const auto& [edge, count] : edges) {
+        const auto& [a, b] = edge;
+        if (a == b) continue;
+        const bool border = (a.first == b.first && (a.first == 0 || a.first == field.widthUnits())) ||
+                            (a.second == b.second && (a.second == 0 || a.second == field.heightUnits()));
+        EXPECT_EQ(count % 2 == 1, border) << a.first << "," << a.second << " - " << b.first << "," << b.second;
+      }
+      const double px_per_mm = view.pixels_per_radian * std::sqrt(0.5);
+      double worst_px = 0;
+      for (size_t k = 0; k < chosen.triangles.size(); k += 3) {
+        const StrategyVertex* t = &chosen.triangles[k];
+        const Place a = placeOf(t[0]), b = placeOf(t[1]), c = placeOf(t[2]);
+        const double whole = static_cast<double>((b.first - a.first) * (c.second - a.second) -
+                                                 (b.second - a.second) * (c.first - a.first));
+        if (whole == 0) continue;
+        for (int i = 0; i <= 8; ++i)
+          for (int j = 0; i + j <= 8; ++j) {
+            const double u = i / 8.0, v = j / 8.0;
+            const double x = static_cast<double>(a.first) + u * static_cast<double>(b.first - a.first) +
+                             v * static_cast<double>(c.first - a.first),
+                         y = static_cast<double>(a.second) + u * static_cast<double>(b.second - a.second) +
+                             v * static_cast<double>(c.second - a.second);
+            const double drawn = t[0].height_steps + u * (t[1].height_steps - t[0].height_steps) +
+                                 v * (t[2].height_steps - t[0].height_steps);
+            worst_px = std::max(worst_px,
+                                std::abs(drawn - field.heightSteps(x, y)) * scene.domain.relief_scale_mm * px_per_mm);
+          }
+      }
+      EXPECT_LE(worst_px, chosen.predicted_px * 1.02 + 1e-6) << width << " x " << height << " at " << budget << " px";
+      EXPECT_GT(worst_px, 0) << "the control: coarser than the relief";
+      std::printf("[ figures  ] %llu x %llu at %g px: %zu triangles, off by %.3g px, predicted %.3g px\n",
+                  static_cast<unsigned long long>(width), static_cast<unsigned long long>(height), budget,
+                  chosen.triangles.size() / 3, worst_px, chosen.predicted_px);
     }
   }
 }

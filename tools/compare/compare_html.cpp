@@ -161,7 +161,7 @@ std::string table(const CompareFigures& all) {
   for (const StrategyFigures& run : all.runs) {
     add(out, "<tr><td>%s</td><td>%g</td>", escaped(run.strategy->title).c_str(), run.budget_px);
     if (!run.available) {
-      out += "<td colspan='14' class='left'>not available here: needs OpenGL 4</td></tr>\n";
+      out += "<td colspan='14' class='left'>not available here: " + escaped(run.why_not) + "</td></tr>\n";
       continue;
     }
     RunSummary s = summaryOf(run, all);

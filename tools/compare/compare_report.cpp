@@ -148,7 +148,7 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
               {"error_px", run.budget_px}};
     if (!run.available) {
       r["available"] = false;
-      r["why"] = "not available here: needs OpenGL 4";
+      r["why"] = "not available here: " + run.why_not;
       runs.push_back(r);
       continue;
     }

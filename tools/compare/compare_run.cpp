@@ -57,9 +57,10 @@ class Runner {
         StrategyFigures f;
         f.strategy = s;
         f.budget_px = budget;
-        f.available = !s->needs_tessellation || StrategyPass::hasTessellation(context_.api);
+        f.why_not = whyNotAvailable(*s);
+        f.available = f.why_not.empty();
+        running.push_back({f.available ? s->make(scene_.strategy) : nullptr, {}});
         figures.runs.push_back(std::move(f));
-        running.push_back({s->make(scene_.strategy), {}});
       }
     double steps = static_cast<double>(cameras_.size() * (running.size() + 1)), step = 0;
     for (size_t frame = 0; frame < cameras_.size(); ++frame) {
@@ -108,6 +109,12 @@ class Runner {
     return v;
   }
 
+  std::string whyNotAvailable(const StrategyEntry& s) const {
+    if (s.needs_tessellation && !StrategyPass::hasTessellation(context_.api)) return "needs OpenGL 4";
+    if (s.flat_only && scene_.strategy.body) return "for flat artworks only";
+    return "";
+  }
+
   // Full resolution without any seam: grids of one level, the finest one that the limit of triangles allows.
   Result<void> drawReference(const Frame& now, CompareFigures& figures) {
     ViewBounds screen(lodViewFrom(now.view));
@@ -153,8 +160,8 @@ class Runner {
       select_ms.push_back(nowMs() - start);
     }
     // The same again, if no vertex of it moves with the eye, looks the same.
-    const bool changed =
-        chosen.rule == GridRule::kMorphed || chosen.rule != earlier.rule || chosen.instances != earlier.instances;
+    const bool changed = chosen.rule == GridRule::kMorphed || chosen.rule == GridRule::kTrianglesOnly ||
+                         chosen.rule != earlier.rule || chosen.instances != earlier.instances;
     if (changed) {
       if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
       pass_->read(pixels_);

@@ -55,7 +55,8 @@ struct FrameFigures {
 struct StrategyFigures {
   const StrategyEntry* strategy = nullptr;
   double budget_px = 0;
-  bool available = true;  // false: not in this context; nothing else holds
+  bool available = true;  // false: not in this context or over this artwork; nothing else holds
+  std::string why_not;    // then
   std::vector<FrameFigures> frames;
   // The frame that is shown in the report.
   std::vector<float> picture_error_px;  // rows bottom first; not a number where nothing is drawn
