@@ -20,15 +20,17 @@
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
 #include "tools/output_files.h"
+#include "tools/settings_file.h"
 
 namespace relievo {
 namespace {
 
 constexpr int64_t kMaxSidePx = 8192;
+constexpr double kLeastBudgetPx = 0.05, kMostBudgetPx = 1000;
 constexpr std::array kReportFiles{"frames.csv", "report.json", "report.html"};
 
 struct CompareOptions {
-  std::string file, folder, path = "orbit", strategies, budgets, size;
+  std::string file, folder, path = "orbit", strategies, budgets, size, settings_file;
   int frames = 0, repeats = 0;
   double exaggerate = 1, memory_mib = 1024;
   bool quick = false;
@@ -66,7 +68,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   for (const std::string& text : parts(o.budgets.empty() ? (o.quick ? "1,4" : "0.5,1,2,4,8") : o.budgets)) {
     double px = 0;
     auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
-    if (bad != std::errc() || end != text.data() + text.size() || !(px >= 0.05 && px <= 1000))
+    if (bad != std::errc() || end != text.data() + text.size() || !(px >= kLeastBudgetPx && px <= kMostBudgetPx))
       return usageError("expected budgets from 0.05 to 1000 px, found '" + text + "'",
                         "for example --error-px 0.5,1,2,4");
     plan.budgets_px.push_back(px);
@@ -117,12 +119,33 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
   return {};
 }
 
+// Of a settings file compare takes what concerns geometry: one budget, unless --error-px is given, and the least cell.
+Result<void> takeCompareSettings(const CompareOptions& o, ComparePlan& plan) {
+  if (o.settings_file.empty()) return {};
+  auto settings = readSettings(o.settings_file);
+  if (!settings) return settings.error();
+  if (settings->error_px && o.budgets.empty()) {
+    if (*settings->error_px < kLeastBudgetPx || *settings->error_px > kMostBudgetPx)
+      return Error{ErrorKind::kUsage,
+                   o.settings_file,
+                   "compare measures budgets from 0.05 to 1000 px, the file's error_px lies beyond",
+                   "give --error-px",
+                   {}};
+    plan.budgets_px = {*settings->error_px};
+  }
+  if (settings->least_cell) plan.least_cell = *settings->least_cell;
+  return {};
+}
+
 Result<void> compare(const CompareOptions& o) {
   auto plan = planOf(o);
   if (!plan) return plan.error();
+  if (auto taken = takeCompareSettings(o, *plan); !taken) return taken;
   if (auto good = checkFolder("-o", o.folder); !good) return good;
   for (const char* name : kReportFiles)
-    if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"FILE", o.file}, {"--path", o.path}}); !good)
+    if (auto good = checkApart({{"-o", o.folder + "/" + name}},
+                               {{"FILE", o.file}, {"--path", o.path}, {"--settings", o.settings_file}});
+        !good)
       return good;
   auto package = Package::open(o.file);
   if (!package) return package.error();
@@ -208,6 +231,10 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
       ->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
   c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
+  c->add_option(
+      "--settings", o->settings_file,
+      "JSON file of settings that relievo accuracy recommends: its error_px in place of [0.5,1,2,4,8], and its "
+      "least_cell; the rest is not about geometry. --error-px wins");
   c->add_option("--frames", o->frames,
                 "Frames, at even distances along the path [24; --quick: 6, over a scan 4; of a file: all]")
       ->check(CLI::Range(1, 100000));

@@ -112,8 +112,9 @@ Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<in
 
 // Artwork and outputs, none of which may take another's place.
 Result<OpenedArtwork> openApart(const RenderOptions& o) {
-  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
-                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
+  if (auto good =
+          checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
+                       {{"FILE", o.file}, {"--state", o.scene.state_file}, {"--settings", o.scene.settings_file}});
       !good)
     return good.error();
   if (auto format = imageFormatOf(o.output); !format) return format.error();
@@ -125,7 +126,7 @@ Result<OpenedArtwork> openApart(const RenderOptions& o) {
   return artwork;
 }
 
-Result<void> render(const RenderOptions& o) {
+Result<void> render(RenderOptions& o) {
   double start = nowSeconds();
   HeapWarmer heap(kFirstPictureBytes);
   auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
@@ -139,6 +140,7 @@ Result<void> render(const RenderOptions& o) {
     if (part < 0 || part > 255)
       return usageError("expected numbers from 0 to 255 for --background, found '" + o.background + "'",
                         "for example R,G,B: 24,24,26");
+  if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
   auto artwork = openApart(o);

@@ -31,10 +31,12 @@ Result<void> view(ViewOptions& o) {
   if (!size) return size.error();
   if (size->first > 16384 || size->second > 16384)
     return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
+  if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
-                               {{"FILE", o.file}, {"--state", o.scene.state_file}});
+  if (auto good =
+          checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
+                       {{"FILE", o.file}, {"--state", o.scene.state_file}, {"--settings", o.scene.settings_file}});
       !good)
     return good;
   if (auto format = imageFormatOf(o.viewer.snapshot_file); !o.viewer.snapshot_file.empty() && !format)

@@ -12,6 +12,7 @@
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
 #include "tools/commands.h"
+#include "tools/settings_file.h"
 
 namespace relievo {
 namespace {
@@ -73,6 +74,7 @@ Result<bool> takeTriple(const nlohmann::ordered_json& state, const char* key, co
 }  // namespace
 
 void SceneOptions::addTo(CLI::App& c) {
+  command_ = &c;
   const std::string before = c.option_defaults()->get_group();
   addCamera(c);
   addLight(c);
@@ -119,6 +121,10 @@ void SceneOptions::addLight(CLI::App& c) {
 
 void SceneOptions::addAccuracy(CLI::App& c) {
   c.option_defaults()->group("Accuracy");
+  c.add_option(
+      "--settings", settings_file,
+      "JSON file of settings that relievo accuracy recommends: of this group, of cache, prefetch and feedback; "
+      "options given beside it win");
   c.add_option("--error-px", error_px,
                "Geometric error to aim at on screen, px. Where levels meet it may be twice that, at steps and cracks "
                "more (--least-cell); what it is at "
@@ -130,6 +136,11 @@ void SceneOptions::addAccuracy(CLI::App& c) {
                "0: as narrow as the error asks for, which keeps it within about twice --error-px for 1.6 to 9 times "
                "the triangles")
       ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  c.add_option("--detail-bias", detail_bias,
+               "Texture levels coarser than the pixels ask for: 1 reads a quarter of the texels and blurs over two "
+               "pixels; 0 is exact")
+      ->check(CLI::Range(0.0, kMaxSceneDetailBias))
       ->capture_default_str();
   c.add_option("--geomorph", geomorph,
                "Vertices slide to their places as levels of detail change, so that nothing pops: on or off; on takes "
@@ -222,11 +233,35 @@ void SceneOptions::addDiagnostics(CLI::App& c) {
                "every pixel once in the square of that many frames")
       ->check(CLI::Range(1, kMaxFeedbackScale))
       ->capture_default_str();
+  c.add_option("--feedback-interval", feedback_interval,
+               "Frames from one feedback pass to the next: pages of a moving view are asked for that much later")
+      ->check(CLI::Range(1, kMaxFeedbackInterval))
+      ->capture_default_str();
   c.add_option("--depth", depth,
                "Depth buffer: auto (reversed, 32-bit float, where OpenGL has clip control) or conventional (24-bit), "
                "to compare")
       ->check(CLI::IsMember({"auto", "conventional"}))
       ->capture_default_str();
+}
+
+Result<void> SceneOptions::takeSettings() {
+  if (settings_file.empty()) return {};
+  auto file = readSettings(settings_file);
+  if (!file) return file.error();
+  auto take = [&](const char* option, const auto& from, auto& to) {
+    if (from && command_->count(option) == 0) to = *from;
+  };
+  take("--error-px", file->error_px, error_px);
+  take("--least-cell", file->least_cell, least_cell);
+  take("--detail-bias", file->detail_bias, detail_bias);
+  take("--sampling", file->sampling, sampling);
+  take("--anisotropy", file->anisotropy, anisotropy);
+  take("--filter", file->filter, filter);
+  take("--feedback-scale", file->feedback_scale, feedback_scale);
+  take("--feedback-interval", file->feedback_interval, feedback_interval);
+  take("--prefetch", file->prefetch, prefetch);
+  take("--cache-mib", file->cache_mib, cache_mib);
+  return {};
 }
 
 Result<Scene> SceneOptions::scene() const {
@@ -257,6 +292,7 @@ Result<Scene> SceneOptions::scene() const {
   s.exaggerate = exaggerate;
   s.error_px = error_px;
   s.least_cell = least_cell;
+  s.detail_bias = detail_bias;
   s.geomorph = geomorph == "on";
   s.hysteresis = hysteresis_percent / 100;
   s.wireframe = wireframe;
@@ -346,6 +382,7 @@ EngineOptions SceneOptions::engineOptions() const {
   o.cache_mib = cache_mib;
   o.workers = workers;
   o.feedback_scale = feedback_scale;
+  o.feedback_interval = feedback_interval;
   o.request_source = request_source == "geometry" ? RequestSource::kGeometry
                      : request_source == "both"   ? RequestSource::kBoth
                                                   : RequestSource::kFeedback;

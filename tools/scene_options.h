@@ -19,22 +19,24 @@ namespace relievo {
 struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
-  std::string target, light, state_file, show = "none", filter = "exact", sampling = "trilinear";
+  std::string target, light, state_file, settings_file, show = "none", filter = "exact", sampling = "trilinear";
   bool no_relief = false, no_relight = false, unlit = false, wireframe = false;
-  double exaggerate = 1, error_px = 1, least_cell = 2, page_fade_ms = 0, cache_mib = 256;
+  double exaggerate = 1, error_px = 1, least_cell = 2, detail_bias = 0, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";
   double hysteresis_percent = 0;
   int workers = 2, anisotropy = kMaxAnisotropy;
 
   std::string request_source = "feedback";
-  int feedback_scale = 8;
+  int feedback_scale = 8, feedback_interval = 1;
   std::string upload = "auto", depth = "auto";
   bool prefetch = true;
   std::vector<EffectSetting> effects;  // all that have parameters, on or off
 
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
+  // What --settings says, where no option of the command line says it. Call it once, before the functions below.
+  Result<void> takeSettings();
   Result<Scene> scene() const;
   Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
   // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
@@ -50,6 +52,8 @@ struct SceneOptions {
   void addDiagnostics(CLI::App& command);
   void addEffects(CLI::App& command);
   Result<void> checkProjection() const;
+
+  const CLI::App* command_ = nullptr;  // which knows what was given
 };
 
 }  // namespace relievo

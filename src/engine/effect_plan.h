@@ -22,6 +22,7 @@ enum class Filter { kExact, kFast };
 // major axis of the pixel's footprint, from levels that follow the minor one (shaders/texture_lookup.glsl).
 enum class Sampling { kNearest, kBilinear, kTrilinear, kAnisotropic };
 inline constexpr int kMaxAnisotropy = 8;
+inline constexpr double kMaxSceneDetailBias = 6;
 
 struct Scene {
   // The direction towards the light: x right, y up, z to the viewer of a flat artwork's front; normalised on use. Over
@@ -44,6 +45,9 @@ struct Scene {
   // (EngineStats::predicted_error_px). 0: no such limit; the error stays within about twice error_px.
   double least_cell = 2;
   double hysteresis = 0;  // LodView::hysteresis; Engine::settle() does without
+  // Texture levels that are coarser than a pixel asks for, 0..kMaxSceneDetailBias, besides those that the cache's size
+  // takes (EngineStats::detail_bias). Geometry stays as fine as it is.
+  double detail_bias = 0;
   bool wireframe = false;
   std::vector<EffectSetting> effects;    // applied to the shaded colour; each at most once
   const PixelEffect* overlay = nullptr;  // drawn over the picture

@@ -281,7 +281,7 @@ struct Engine::Impl {
 
   TextureView textureView(const ViewTransform& view) const {
     TextureView v = textureViewFrom(view, width, height);
-    v.lod_bias = lod_bias;
+    v.lod_bias = textureBias();
     v.trilinear = plan.sampling >= Sampling::kTrilinear;
     v.anisotropy = plan.anisotropy;
     v.relief = plan.relief;
@@ -344,7 +344,7 @@ struct Engine::Impl {
     const TextureFormat format = plan.format(artwork.manifest);
     setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
-                                 .lod_bias = lod_bias,
+                                 .lod_bias = textureBias(),
                                  .sample = sample,
                                  .tap_phase = tap_phase,
                                  .light = {light[0], light[1], light[2]},
@@ -405,7 +405,9 @@ struct Engine::Impl {
     }
   }
 
-  TextureDemand::View demandView() const { return {surfaceNow(), lod_bias, plan.sampling, plan.anisotropy}; }
+  // What the cache makes the view do without, and what the scene does without on top of it.
+  double textureBias() const { return lod_bias + scene.detail_bias; }
+  TextureDemand::View demandView() const { return {surfaceNow(), textureBias(), plan.sampling, plan.anisotropy}; }
   // Draws what the pixels of the grid ask for, from the surface buffer.
   void drawFeedback(const FeedbackGrid& grid, int tap_phase) {
     programs.feedback.use();
@@ -443,8 +445,10 @@ struct Engine::Impl {
   void stream(double now_s, uint32_t max_uploads) {
     streamer->beginFrame(frame, now_s);
     const DrawnSurface seen{0, currentView().clip_from_world, scene.exaggerate, width, height};
-    streamer->setRequestBias(demand->usesGeometry() ? std::nullopt : std::optional<double>(demand->bias()),
-                             seen != streamed_view);
+    // The streamer knows its own part of the bias only.
+    streamer->setRequestBias(
+        demand->usesGeometry() ? std::nullopt : std::optional<double>(demand->bias() - scene.detail_bias),
+        seen != streamed_view);
     streamed_view = seen;
     streamer->requestTexture(demand->requests());
     if (plan.relief) streamer->requestRelief(relief_requests);
@@ -520,7 +524,8 @@ struct Engine::Impl {
     updateSurface();  // a still camera: light, new pages and fades change the shading only
     // Before the shading, whose depth buffer the feedback reads: software GL waits for every pass that has a texture
     // for its target which is read.
-    if (demand->usesFeedback()) demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
+    if (demand->usesFeedback() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
+      demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
     shadeSurface(now_s);
     submitFrame();
   }
@@ -574,6 +579,7 @@ Result<std::unique_ptr<Engine>> Engine::create(Artwork artwork, const Scene& sce
   impl->scene = scene;
   impl->options = options;
   impl->options.feedback_scale = std::clamp(options.feedback_scale, 1, kMaxFeedbackScale);
+  impl->options.feedback_interval = std::clamp(options.feedback_interval, 1, kMaxFeedbackInterval);
   impl->context = gl::currentContextInfo();
   impl->plan = planEffects(scene, impl->artwork.manifest);
   const Manifest& manifest = impl->artwork.manifest;

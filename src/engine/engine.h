@@ -30,6 +30,8 @@
 
 namespace relievo {
 
+inline constexpr int kMaxFeedbackInterval = 16;
+
 struct EngineOptions {
   double cache_mib = 256;  // all planes together, and the patches' tails
   // Artworks over a base mesh of more patches than this pin no page: the patches' tails take the place of their root
@@ -42,6 +44,8 @@ struct EngineOptions {
   bool compact_relief = true;
   int workers = 2;
   int feedback_scale = 8;  // 1..16: the feedback pass has 1/8 of the view's width and height
+  int feedback_interval =
+      1;  // frames from one feedback pass to the next, 1..kMaxFeedbackInterval; settle() waits for none
   RequestSource request_source = RequestSource::kFeedback;
   Upload upload = Upload::kAuto;
   // Back-facing patches of closed bodies are left out (geometry/lod/facing_cone.h); the picture is the same.

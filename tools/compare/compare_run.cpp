@@ -104,7 +104,7 @@ class Runner {
   LodView lodViewOf(const Frame& frame, double budget_px) const {
     LodView v = lodViewFrom(frame.view);
     v.error_px = budget_px;
-    v.min_cell_px = 2 * budget_px;  // as the engine has it; most strategies set it aside
+    v.min_cell_px = plan_.least_cell * budget_px;  // as the engine has it
     v.exaggerate = plan_.exaggerate;
     return v;
   }

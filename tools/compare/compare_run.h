@@ -22,6 +22,7 @@ struct ComparePlan {
   int frames = 24;
   int width_px = 1280, height_px = 720;
   double exaggerate = 1;
+  double least_cell = 2;                      // as Scene::least_cell; most strategies set it aside
   double measured_exaggerate = 0;             // of the truth, for tests: another one than is drawn; 0: the same
   int repeats = 5;                            // of what is timed, at most
   double repeat_s = 3;                        // no further ones once they took this long
