@@ -15,12 +15,12 @@
 #include "src/base/standard_output.h"
 #include "src/gl/context.h"
 #include "texturing/import/image_io.h"
+#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
 #include "tools/compare/compare_path.h"
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
 #include "tools/output_files.h"
-#include "tools/settings_file.h"
 
 namespace relievo {
 namespace {

@@ -11,8 +11,8 @@
 #include "src/base/file.h"
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
+#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
-#include "tools/settings_file.h"
 
 namespace relievo {
 namespace {

@@ -2,133 +2,18 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <filesystem>
 #include <functional>
 
 #include "tools/compare/compare_report.h"
+#include "tools/report/svg_plot.h"
 
 namespace relievo {
 namespace {
 
-constexpr double kWidth = 560, kHeight = 400, kLeftPx = 64, kRightPx = 16, kTopPx = 34, kBottomPx = 50;  // one panel
 constexpr double kLeastPx = 0.01;  // what is below is drawn there: measuring is not finer
 constexpr int kPicturePx = 640;    // at most, wide
-
-// Okabe and Ito 2008, told apart with any colour vision, and shapes besides; the last two are for controls.
-constexpr std::array<const char*, 8> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                 "#56b4e9", "#e69f00", "#8a8a8a", "#a08c00"};
-
-__attribute__((format(printf, 2, 3))) void add(std::string& out, const char* format, ...) {
-  char text[1024];
-  va_list values;
-  va_start(values, format);
-  std::vsnprintf(text, sizeof text, format, values);
-  va_end(values);
-  out += text;
-}
-
-std::string escaped(const std::string& text) {
-  std::string out;
-  for (char c : text) {
-    if (c == '<') out += "&lt;";
-    else if (c == '>') out += "&gt;";
-    else if (c == '&') out += "&amp;";
-    else if (c == '"') out += "&quot;";
-    else out += c;
-  }
-  return out;
-}
-
-std::string marker(size_t index, double x, double y) {
-  std::string out;
-  const char* colour = kColours[index % kColours.size()];
-  switch (index % 4) {
-    case 0:
-      add(out, "<circle cx='%.1f' cy='%.1f' r='4.5' fill='%s'>", x, y, colour);
-      break;
-    case 1:
-      add(out, "<rect x='%.1f' y='%.1f' width='8' height='8' fill='%s'>", x - 4, y - 4, colour);
-      break;
-    case 2:
-      add(out, "<path d='M%.1f %.1fl5 9h-10z' fill='%s'>", x, y - 5.5, colour);
-      break;
-    default:
-      add(out, "<path d='M%.1f %.1fl5.5 5.5l-5.5 5.5l-5.5 -5.5z' fill='%s'>", x, y - 5.5, colour);
-  }
-  return out;
-}
-const char* markerEnd(size_t index) { return index % 4 == 0 ? "</circle>" : index % 4 == 1 ? "</rect>" : "</path>"; }
-
-struct Axis {
-  double low, high, from, to;
-  double place(double v) const {
-    return from + (to - from) * (std::log(v) - std::log(low)) / (std::log(high) - std::log(low));
-  }
-};
-
-struct Point {
-  size_t strategy;
-  double budget_px, x, y;
-  std::string text;
-};
-
-std::string panel(const char* title, const char* x_title, const char* y_title, const std::vector<Point>& points) {
-  std::string out;
-  double x0 = 1e300, x1 = 0, y0 = 1e300, y1 = 0;
-  for (const Point& p : points) {
-    x0 = std::min(x0, p.x), x1 = std::max(x1, p.x);
-    y0 = std::min(y0, p.y), y1 = std::max(y1, p.y);
-  }
-  if (points.empty()) return out;
-  Axis x{x0 / 1.4, x1 * 1.4, kLeftPx, kWidth - kRightPx}, y{y0 / 1.4, y1 * 1.4, kHeight - kBottomPx, kTopPx};
-  add(out,
-      "<svg viewBox='0 0 %.0f %.0f' role='img' aria-label='%s'>\n<text x='%.0f' y='20' class='title' "
-      "text-anchor='middle'>%s</text>\n",
-      kWidth, kHeight, title, (kLeftPx + kWidth - kRightPx) / 2, title);
-  for (double decade = 1e-3; decade < 1e9; decade *= 10)
-    for (double digit : {1.0, 2.0, 5.0}) {
-      double v = decade * digit;
-      if (v >= x.low && v <= x.high && (digit == 1 || x.high / x.low < 200)) {
-        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", x.place(v), kTopPx, x.place(v),
-            kHeight - kBottomPx);
-        if (v >= 1e6)
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gM</text>\n", x.place(v), kHeight - kBottomPx + 17,
-              v / 1e6);
-        else if (v >= 1e3)
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%gk</text>\n", x.place(v), kHeight - kBottomPx + 17,
-              v / 1e3);
-        else
-          add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%g</text>\n", x.place(v), kHeight - kBottomPx + 17, v);
-      }
-      if (v >= y.low && v <= y.high) {
-        add(out, "<line class='grid' x1='%.1f' y1='%.1f' x2='%.1f' y2='%.1f'/>", kLeftPx, y.place(v), kWidth - kRightPx,
-            y.place(v));
-        add(out, "<text x='%.1f' y='%.1f' text-anchor='end'>%g</text>\n", kLeftPx - 6, y.place(v) + 4, v);
-      }
-    }
-  add(out, "<rect class='frame' x='%.1f' y='%.1f' width='%.1f' height='%.1f'/>\n", kLeftPx, kTopPx,
-      kWidth - kLeftPx - kRightPx, kHeight - kTopPx - kBottomPx);
-  add(out, "<text x='%.1f' y='%.1f' text-anchor='middle'>%s</text>\n", (kLeftPx + kWidth - kRightPx) / 2, kHeight - 10,
-      x_title);
-  add(out, "<text transform='translate(15 %.1f) rotate(-90)' text-anchor='middle'>%s</text>\n",
-      (kTopPx + kHeight - kBottomPx) / 2, y_title);
-  for (size_t s = 0; s < lodStrategies().size(); ++s) {
-    std::string line;
-    for (const Point& p : points)
-      if (p.strategy == s) add(line, "%s%.1f %.1f", line.empty() ? "M" : "L", x.place(p.x), y.place(p.y));
-    if (line.empty()) continue;
-    add(out, "<path d='%s' fill='none' stroke='%s' stroke-width='2'%s/>\n", line.c_str(), kColours[s % kColours.size()],
-        lodStrategies()[s].control ? " stroke-dasharray='3 4'" : "");
-    for (const Point& p : points) {
-      if (p.strategy != s) continue;
-      out += marker(s, x.place(p.x), y.place(p.y)) + "<title>" + escaped(p.text) + "</title>" + markerEnd(s);
-    }
-    out += "\n";
-  }
-  return out + "</svg>\n";
-}
 
 size_t indexOf(const StrategyEntry* entry) {
   for (size_t s = 0; s < lodStrategies().size(); ++s)
@@ -143,9 +28,8 @@ std::string legend(const CompareFigures& all) {
     if (run.strategy == last) continue;
     last = run.strategy;
     size_t s = indexOf(last);
-    out += "<span><svg viewBox='0 0 14 14' class='key'>" + marker(s, 7, 7) + markerEnd(s) + "</svg> " +
-           escaped(last->title) + (last->control ? " (control)" : "") + (run.available ? "" : ": not available here") +
-           "</span> ";
+    out += "<span>" + plotKey(s) + " " + escapedHtml(last->title) + (last->control ? " (control)" : "") +
+           (run.available ? "" : ": not available here") + "</span> ";
   }
   return out + "</p>\n";
 }
@@ -159,26 +43,28 @@ std::string table(const CompareFigures& all) {
       "that<br>differ</th><th>silhouette<br>pixels</th><th>triangles<br>median</th><th>draw<br>calls</th>"
       "<th>select<br>ms</th><th>frame<br>ms</th><th>resident<br>MiB</th><th>streamed<br>MiB</th></tr></thead><tbody>\n";
   for (const StrategyFigures& run : all.runs) {
-    add(out, "<tr><td>%s</td><td>%g</td>", escaped(run.strategy->title).c_str(), run.budget_px);
+    appendf(out, "<tr><td>%s</td><td>%g</td>", escapedHtml(run.strategy->title).c_str(), run.budget_px);
     if (!run.available) {
-      out += "<td colspan='14' class='left'>not available here: " + escaped(run.why_not) + "</td></tr>\n";
+      out += "<td colspan='14' class='left'>not available here: " + escapedHtml(run.why_not) + "</td></tr>\n";
       continue;
     }
     RunSummary s = summaryOf(run, all);
-    if (s.predicted_px >= 0) add(out, "<td%s>%.3g</td>", s.above_bound_frames ? " class='bad'" : "", s.predicted_px);
+    if (s.predicted_px >= 0)
+      appendf(out, "<td%s>%.3g</td>", s.above_bound_frames ? " class='bad'" : "", s.predicted_px);
     else out += "<td>none</td>";
-    add(out, "<td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td>", s.max_px, s.p99_px, s.rms_px, s.pop_px);
-    add(out, "<td%s>%llu</td>", s.crack_pixels ? " class='bad'" : "", static_cast<unsigned long long>(s.crack_pixels));
+    appendf(out, "<td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td>", s.max_px, s.p99_px, s.rms_px, s.pop_px);
+    appendf(out, "<td%s>%llu</td>", s.crack_pixels ? " class='bad'" : "",
+            static_cast<unsigned long long>(s.crack_pixels));
     if (s.seams_known)
-      add(out, "<td%s>%llu</td>", s.seams_mismatched ? " class='bad'" : "",
-          static_cast<unsigned long long>(s.seams_mismatched));
+      appendf(out, "<td%s>%llu</td>", s.seams_mismatched ? " class='bad'" : "",
+              static_cast<unsigned long long>(s.seams_mismatched));
     else out += "<td>not known</td>";
-    add(out, "<td>%llu</td><td>%.0f</td><td>%u</td>", static_cast<unsigned long long>(s.silhouette_pixels), s.triangles,
-        s.max_draw_calls);
-    add(out, "<td>%.2f<small> %.2f to %.2f</small></td><td>%.1f<small> %.1f to %.1f</small></td>", s.select_ms.median,
-        s.select_ms.low, s.select_ms.high, s.frame_ms.median, s.frame_ms.low, s.frame_ms.high);
-    add(out, "<td>%.2f</td><td>%.2f</td></tr>\n", static_cast<double>(s.max_resident_bytes) / 1048576.0,
-        static_cast<double>(s.streamed_bytes) / 1048576.0);
+    appendf(out, "<td>%llu</td><td>%.0f</td><td>%u</td>", static_cast<unsigned long long>(s.silhouette_pixels),
+            s.triangles, s.max_draw_calls);
+    appendf(out, "<td>%.2f<small> %.2f to %.2f</small></td><td>%.1f<small> %.1f to %.1f</small></td>",
+            s.select_ms.median, s.select_ms.low, s.select_ms.high, s.frame_ms.median, s.frame_ms.low, s.frame_ms.high);
+    appendf(out, "<td>%.2f</td><td>%.2f</td></tr>\n", static_cast<double>(s.max_resident_bytes) / 1048576.0,
+            static_cast<double>(s.streamed_bytes) / 1048576.0);
   }
   return out + "</tbody></table></div>\n";
 }
@@ -199,38 +85,17 @@ std::string rampKey(double budget_px) {
   std::string out = "<svg viewBox='0 0 420 40' class='ramp'><defs><linearGradient id='ramp'>";
   for (int k = 0; k <= 10; ++k) {
     auto c = rampAt(k / 10.0);
-    add(out, "<stop offset='%d%%' stop-color='rgb(%.0f,%.0f,%.0f)'/>", 10 * k, c[0], c[1], c[2]);
+    appendf(out, "<stop offset='%d%%' stop-color='rgb(%.0f,%.0f,%.0f)'/>", 10 * k, c[0], c[1], c[2]);
   }
   out += "</linearGradient></defs><rect x='10' y='2' width='400' height='14' fill='url(#ramp)'/>";
   for (int k = 0; k <= 4; ++k)
-    add(out, "<text x='%d' y='32' text-anchor='%s'>%g px</text>", 10 + 100 * k,
-        k == 0   ? "start"
-        : k == 4 ? "end"
-                 : "middle",
-        budget_px * k / 2);
+    appendf(out, "<text x='%d' y='32' text-anchor='%s'>%g px</text>", 10 + 100 * k,
+            k == 0   ? "start"
+            : k == 4 ? "end"
+                     : "middle",
+            budget_px * k / 2);
   return out + "</svg>\n";
 }
-
-constexpr const char* kStyle = R"(
-:root{color-scheme:light dark;--ink:#1b1b1b;--soft:#666;--line:#ddd;--paper:#fff;--bad:#b3261e}
-@media(prefers-color-scheme:dark){:root{--ink:#e8e8e8;--soft:#a5a5a5;--line:#3d3d3d;--paper:#161616;--bad:#ff8a80}}
-body{font:15px/1.45 system-ui,sans-serif;color:var(--ink);background:var(--paper);
-max-width:1240px;margin:24px auto;padding:0 16px}
-h1{font-size:24px}h2{font-size:18px;margin-top:32px}p{max-width:90ch}small{color:var(--soft)}
-.panels{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:12px}
-svg text{fill:var(--ink);font:12px system-ui,sans-serif}svg .title{font-size:15px;font-weight:600}
-svg .grid{stroke:var(--line)}svg .frame{fill:none;stroke:var(--soft)}
-.key{width:14px;height:14px;vertical-align:-2px}
-.legend span{white-space:nowrap;margin-right:14px}.ramp{width:420px;max-width:100%}
-.scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:13px}
-th,td{padding:3px 9px;text-align:right;border-bottom:1px solid var(--line);white-space:nowrap}
-th:first-child,td:first-child,.left{text-align:left}
-.bad{color:var(--bad);font-weight:600}
-figure{margin:0}
-figure img{width:100%;height:auto;border:1px solid var(--line);
-background:repeating-conic-gradient(#0000 0 25%,#8883 0 50%) 0 0/16px 16px}
-figcaption{font-size:13px}dt{font-weight:600}dd{margin:0 0 6px 0}
-)";
 
 }  // namespace
 
@@ -286,22 +151,23 @@ std::string base64(std::span<const uint8_t> bytes) {
 
 std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const std::vector<ReportPicture>& pictures) {
   const PatchDomain& d = plan.package->manifest().domain;
-  std::string name = escaped(std::filesystem::path(plan.package->path()).filename().string());
+  std::string name = escapedHtml(std::filesystem::path(plan.package->path()).filename().string());
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>relievo compare: " +
-      name + "</title>\n<style>" + kStyle + "</style></head><body>\n<h1>LOD strategies over " + name + "</h1>\n";
+      name + "</title>\n<style>" + kReportStyle + "</style></head><body>\n<h1>LOD strategies over " + name + "</h1>\n";
   if (d.isFlat())
-    add(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.flat().width_px),
-        static_cast<unsigned long long>(d.flat().height_px), d.mm_per_px);
+    appendf(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.flat().width_px),
+            static_cast<unsigned long long>(d.flat().height_px), d.mm_per_px);
   else
-    add(out, "<p>%u patches of %d x %d cells over a base mesh", d.patchCount(), kPagePx << d.relief_depth,
-        kPagePx << d.relief_depth);
-  add(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px,
-      plan.height_px);
-  out += escaped(std::filesystem::path(plan.path).filename().string()) + "; " + escaped(all.renderer) + ", " +
-         escaped(all.version) + ".</p>\n";
-  add(out,
+    appendf(out, "<p>%u patches of %d x %d cells over a base mesh", d.patchCount(), kPagePx << d.relief_depth,
+            kPagePx << d.relief_depth);
+  appendf(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px,
+          plan.height_px);
+  out += escapedHtml(std::filesystem::path(plan.path).filename().string()) + "; " + escapedHtml(all.renderer) + ", " +
+         escapedHtml(all.version) + ".</p>\n";
+  appendf(
+      out,
       "<p>The error of a pixel is its distance to where the full-resolution relief has the place that it shows. "
       "Measuring itself is off by at most %.3g px (full "
       "resolution measured like a strategy). Silhouettes are compared with %s of at most %llu triangles a frame.</p>\n",
@@ -313,7 +179,8 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
     pixels += s.pixels;
     edge_on += s.edge_on_pixels;
   }
-  add(out,
+  appendf(
+      out,
       "<p>%llu pixels are measured; %llu more show triangles so edge-on (a pixel is more than %.0f cells wide) that no "
       "rasteriser knows their place.</p>\n",
       static_cast<unsigned long long>(pixels), static_cast<unsigned long long>(edge_on), kMostCellsAPixel);
@@ -335,7 +202,8 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
        "p99 of the error, worst frame, px", [](const RunSummary& s) { return s.select_ms.median + s.frame_ms.median; },
        [](const RunSummary& s) { return s.p99_px; }}};
   for (const Panel& p : panels) {
-    std::vector<Point> points;
+    Plot plot{p.title, {.title = p.x_title}, {.title = p.y_title}, {}, {}};
+    for (const StrategyEntry& e : lodStrategies()) plot.series.push_back({.title = e.title, .dashed = e.control});
     for (const StrategyFigures& run : all.runs) {
       if (!run.available) continue;
       RunSummary s = summaryOf(run, all);
@@ -343,12 +211,12 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
       std::snprintf(text, sizeof text, "%s, budget %g px: max %.3g px, p99 %.3g px, %.0f triangles, %.2f + %.1f ms",
                     run.strategy->title.c_str(), run.budget_px, s.max_px, s.p99_px, s.triangles, s.select_ms.median,
                     s.frame_ms.median);
-      points.push_back(
-          {indexOf(run.strategy), run.budget_px, std::max(p.x(s), 1e-3), std::max(p.y(s), kLeastPx), text});
+      plot.points.push_back({indexOf(run.strategy), std::max(p.x(s), 1e-3), std::max(p.y(s), kLeastPx), text, ""});
     }
-    out += panel(p.title, p.x_title, p.y_title, points);
+    out += plotSvg(plot);
   }
-  add(out,
+  appendf(
+      out,
       "</div>\n<p><small>Down and to the left is better. A point a budget; errors below %g px are drawn there. Times "
       "are for geometry alone, without shading.</small></p>\n",
       kLeastPx);
@@ -362,20 +230,20 @@ std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const
   for (const StrategyFigures& run : all.runs) {
     if (run.strategy == last) continue;
     last = run.strategy;
-    out += "<dt>" + escaped(last->title) + " <small>" + escaped(last->name) + "</small></dt><dd>" +
-           escaped(last->purpose) + (last->control ? " (a negative control)" : "") + "</dd>\n";
+    out += "<dt>" + escapedHtml(last->title) + " <small>" + escapedHtml(last->name) + "</small></dt><dd>" +
+           escapedHtml(last->purpose) + (last->control ? " (a negative control)" : "") + "</dd>\n";
   }
   out += "</dl>\n";
   if (pictures.empty()) return out + "</body></html>\n";
-  add(out, "<h2>Where the error is</h2>\n<p>Frame %d, budget %g px. Chequered: nothing is drawn.</p>\n",
-      all.picture_frame, pictures[0].run->budget_px);
+  appendf(out, "<h2>Where the error is</h2>\n<p>Frame %d, budget %g px. Chequered: nothing is drawn.</p>\n",
+          all.picture_frame, pictures[0].run->budget_px);
   out += rampKey(pictures[0].run->budget_px) + "<div class='panels'>\n";
   for (const ReportPicture& p : pictures) {
     const FrameFigures& f = p.run->frames[static_cast<size_t>(all.picture_frame)];
-    std::string title = escaped(p.run->strategy->title);
+    std::string title = escapedHtml(p.run->strategy->title);
     out += "<figure><img alt='Error of " + title + "' src='" + p.uri + "'><figcaption>" + title;
-    add(out, ": max %.3g px, p99 %.3g px, %llu triangles</figcaption></figure>\n", f.error.max_px, f.error.p99_px,
-        static_cast<unsigned long long>(f.triangles));
+    appendf(out, ": max %.3g px, p99 %.3g px, %llu triangles</figcaption></figure>\n", f.error.max_px, f.error.p99_px,
+            static_cast<unsigned long long>(f.triangles));
   }
   return out + "</div>\n</body></html>\n";
 }

@@ -1,4 +1,4 @@
-#include "tools/settings_file.h"
+#include "tools/accuracy/settings_file.h"
 
 #include <algorithm>
 #include <array>
