@@ -96,6 +96,7 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
   addViewCommand(app, context);
   addBenchCommand(app, context);
   addCompareCommand(app, context);
+  addAccuracyCommand(app, context);
   addSelftestCommand(app, context);
   std::string names;
   bool known = argc < 2 || argv[1][0] == '-';

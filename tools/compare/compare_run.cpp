@@ -115,20 +115,11 @@ class Runner {
     return "";
   }
 
-  // Full resolution without any seam: grids of one level, the finest one that the limit of triangles allows.
   Result<void> drawReference(const Frame& now, CompareFigures& figures) {
-    ViewBounds screen(lodViewFrom(now.view));
-    StrategyResult all;
-    for (int level = bounds_.finestLevel(); level > 0; --level) {
-      int node_level = std::max(0, level - kMaxGridLevel);
-      auto nodes = bounds_.nodesInView(screen, node_level, plan_.exaggerate);
-      if ((nodes.size() << (2 * (level - node_level) + 1)) > plan_.reference_triangles) {
-        figures.reference_whole = false;
-        continue;
-      }
-      for (const NodeId& n : nodes) all.instances.push_back(bounds_.instance(n, level - node_level));
-      break;
-    }
+    const ViewBounds screen(lodViewFrom(now.view));
+    const ReferenceGrid grid = referenceGrid(bounds_, screen, plan_.exaggerate, plan_.reference_triangles);
+    const StrategyResult& all = grid.drawn;
+    figures.reference_whole = figures.reference_whole && grid.whole;
     reference_bound_px_ = bounds_.boundPx(screen, all.instances, plan_.exaggerate);
     figures.reference_bound_px = std::max(figures.reference_bound_px, reference_bound_px_);
     auto drawn = pass_->draw(all, now.view, plan_.exaggerate);

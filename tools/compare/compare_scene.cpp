@@ -1,5 +1,6 @@
 #include "tools/compare/compare_scene.h"
 
+#include <algorithm>
 #include <vector>
 
 #include "texturing/codec/page_codec.h"
@@ -9,7 +10,8 @@
 namespace relievo {
 
 Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
-                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted) {
+                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted,
+                                      const PageSource* source) {
   const PatchDomain& domain = package->manifest().domain;
   const std::string& path = package->path();
   if (domain.relief_depth < 0)
@@ -19,6 +21,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
                  "build it with --relief",
                  {}};
   const std::shared_ptr<const BaseMesh>& base = package->manifest().base;
+  const PageSource& read_from = source ? *source : *package;
   uint64_t pages = 0;
   for (int level = 0; level <= domain.relief_depth; ++level) pages += domain.nodeCount(level);
   uint64_t bytes = pages * partBytes(kReliefPartLevel);
@@ -46,7 +49,7 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
           NodeId node{patch, level, x, y};
           if (!domain.nodeExists(node)) continue;
           if (interrupted && *interrupted) return Error{ErrorKind::kInterrupted, "", "interrupted", "", {}};
-          auto encoded = package->read(PageId(Plane::kRelief, node));
+          auto encoded = read_from.read(PageId(Plane::kRelief, node));
           if (!encoded) return encoded.error();
           auto undecoded = [&](const Error& error) {
             return Error{error.kind,
@@ -70,6 +73,22 @@ Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, ui
   scene.strategy = {domain, artworkFromPackage(package).oracle, resident, field,
                     body,   package->manifest().coarse_errors};
   return scene;
+}
+
+ReferenceGrid referenceGrid(ReliefBounds3d& bounds, const ViewBounds& screen, double exaggerate,
+                            uint64_t triangles_at_most) {
+  ReferenceGrid grid;
+  for (int level = bounds.finestLevel(); level > 0; --level) {
+    const int node_level = std::max(0, level - kMaxGridLevel);
+    const auto nodes = bounds.nodesInView(screen, node_level, exaggerate);
+    if ((nodes.size() << (2 * (level - node_level) + 1)) > triangles_at_most) {
+      grid.whole = false;
+      continue;
+    }
+    for (const NodeId& n : nodes) grid.drawn.instances.push_back(bounds.instance(n, level - node_level));
+    break;
+  }
+  return grid;
 }
 
 }  // namespace relievo

@@ -6,6 +6,7 @@
 #include <unordered_map>
 
 #include "geometry/strategies/lod_strategy.h"
+#include "geometry/strategies/strategy_bounds.h"
 #include "src/engine/engine.h"
 #include "src/render/strategy_pass.h"
 
@@ -19,7 +20,18 @@ struct CompareScene {
 
 // Reads every relief page once. Refuses an artwork whose relief takes more than budget_bytes (kUnsupported), or has
 // none; a damaged page is an error (kInvalidData).
+// pages: where its relief is read, if not from the package.
 Result<CompareScene> loadCompareScene(std::shared_ptr<const Package> package, uint64_t budget_bytes, gl::Api api,
-                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted);
+                                      std::unique_ptr<StrategyPass>* pass, const std::atomic<bool>* interrupted,
+                                      const PageSource* pages = nullptr);
+
+// What is in view at full resolution, without any seam: grids of one level, the finest one that the limit of triangles
+// allows.
+struct ReferenceGrid {
+  StrategyResult drawn;
+  bool whole = true;  // false: coarser than full resolution
+};
+ReferenceGrid referenceGrid(ReliefBounds3d& bounds, const ViewBounds& screen, double exaggerate,
+                            uint64_t triangles_at_most);
 
 }  // namespace relievo

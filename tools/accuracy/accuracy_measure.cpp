@@ -1,0 +1,192 @@
+#include "tools/accuracy/accuracy_measure.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+namespace relievo {
+namespace {
+
+constexpr double kSettle_s = 120;
+constexpr double kMovingFrame_s = 1.0 / 30;  // of the flight from one moving frame to the next
+constexpr double kFlightFrame_s = 1.0 / 60;  // from CompareCamera::before to now
+
+double nowSeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+// Where the camera was so many seconds before it arrived, with the speed that it arrives with.
+OrbitCamera earlier(const CompareCamera& at, double seconds) {
+  const double t = seconds / kFlightFrame_s;
+  auto back = [t](double now, double before) { return now - t * (now - before); };
+  OrbitCamera c = at.now;
+  c.azimuth_deg = back(at.now.azimuth_deg, at.before.azimuth_deg);
+  c.elevation_deg = std::clamp(back(at.now.elevation_deg, at.before.elevation_deg), -89.0, 89.0);
+  c.distance_mm = at.now.distance_mm * std::pow(at.before.distance_mm / at.now.distance_mm, t);
+  for (int i = 0; i < 3; ++i) c.target_mm[i] = back(at.now.target_mm[i], at.before.target_mm[i]);
+  return c;
+}
+
+Error interruptedError() { return {ErrorKind::kInterrupted, "", "interrupted: no report was written", "", {}}; }
+
+}  // namespace
+
+void PictureError::add(const ViewTruth& truth, std::span<const uint8_t> rgba, int width_px, int height_px) {
+  for (size_t i = 0; i < truth.pixels.size(); ++i) {
+    const auto width = static_cast<size_t>(width_px);
+    const size_t row = truth.pixels[i] / width, column = truth.pixels[i] % width;
+    const uint8_t* shown = &rgba[4 * ((static_cast<size_t>(height_px) - 1 - row) * width + column)];
+    if (shown[3] == 0) {
+      ++missing;
+      continue;
+    }
+    ++pixels;
+    for (int c = 0; c < 3; ++c) {
+      const double off = std::abs(static_cast<double>(shown[c]) - static_cast<double>(truth.colours[i][c]));
+      squares += off * off;
+      largest = std::max(largest, off);
+    }
+  }
+}
+
+double PictureError::psnrDb() const {
+  const double mean = squares / (3 * static_cast<double>(std::max<uint64_t>(1, pixels)));
+  return 10 * std::log10(255 * 255 / std::max(mean, 1e-9));
+}
+
+Result<std::unique_ptr<Engine>> SettingMeasure::coldStart(const AccuracySetting& setting, Samples* samples) {
+  Scene scene;
+  scene.light = plan_.light;
+  EngineOptions options;
+  options.workers = plan_.workers;
+  options.interrupted = plan_.interrupted;
+  applySetting(setting, scene, options);
+  const double start = nowSeconds();
+  auto engine = Engine::create(artwork_, scene, options);
+  if (!engine) return engine;
+  (*engine)->resize(plan_.width_px, plan_.height_px);
+  (*engine)->setCamera(earlier(path_[0], plan_.moving_frames * kMovingFrame_s));
+  if (auto settled = (*engine)->settle(kSettle_s); !settled) return settled.error();
+  StrategyPass::finish();
+  if (samples) samples->cold_ms.push_back(1000 * (nowSeconds() - start));
+  return engine;
+}
+
+// The moving frames before a view, and the picture of the last one.
+Result<void> SettingMeasure::arrive(Engine& engine, const CompareCamera& camera, Samples& samples) {
+  engine.setCamera(earlier(camera, plan_.moving_frames * kMovingFrame_s));
+  if (auto settled = engine.settle(kSettle_s); !settled) return settled;
+  for (int k = plan_.moving_frames - 1; k >= 0; --k) {
+    OrbitCamera at = earlier(camera, k * kMovingFrame_s);
+    // Where a flight stands still: so little that nothing else is seen, but geometry is drawn anew.
+    at.azimuth_deg += k % 2 == 0 ? 0 : 1e-6;
+    StrategyPass::finish();
+    const double start = nowSeconds();
+    engine.setCamera(at);
+    engine.frame(nowSeconds());
+    StrategyPass::finish();
+    samples.moving_ms.push_back(1000 * (nowSeconds() - start));
+    if (plan_.interrupted && *plan_.interrupted) return interruptedError();
+  }
+  return {};
+}
+
+Result<void> SettingMeasure::measureGeometry(Engine& engine, const ViewTruth& truth, AccuracyFigures& out) {
+  StrategyPass& pass = rebuilt_pass_ ? *rebuilt_pass_ : truth_.pass();
+  StrategyResult chosen;
+  chosen.instances = engine.instances();
+  if (auto drawn = pass.draw(chosen, truth.view, 1); !drawn) return drawn.error();
+  PlacePixels pixels;
+  ErrorVectors errors;
+  pass.read(pixels);
+  errorVectors(truth_.surface(), chosen.instances, {truth.view, plan_.width_px, plan_.height_px}, pixels, errors);
+  const ErrorFigures f = figuresOf(errors);
+  out.geometry_px = std::max(out.geometry_px, f.max_px);
+  out.geometry_p99_px = std::max(out.geometry_p99_px, f.p99_px);
+  for (size_t i = 0; i < errors.size(); ++i)
+    if (!std::isnan(errors[i].x))
+      out.geometry_mm = std::max(out.geometry_mm, static_cast<double>(glm::length(errors[i]) * truth.mm_per_px[i]));
+  out.predicted_px = std::max(out.predicted_px, engine.stats().predicted_error_px);
+  return {};
+}
+
+Result<void> SettingMeasure::passOverPath(Engine& engine, bool first, Samples& samples, AccuracyFigures& out) {
+  for (size_t v = 0; v < path_.size(); ++v) {
+    if (auto moved = arrive(engine, path_[v], samples); !moved) return moved;
+    // A frame is drawn with the newest patch list, mostly that of the camera a frame before: a frame or two more show
+    // what is there by the time that the camera is where the truth was seen from.
+    for (int k = 0; k < 4 && engine.view().clip_from_world != truths_[v].view.clip_from_world; ++k)
+      engine.frame(nowSeconds());
+    samples.moving.add(truths_[v], engine.readPixels(), plan_.width_px, plan_.height_px);
+    if (auto settled = engine.settle(kSettle_s); !settled) return settled;
+    samples.triangles.push_back(engine.stats().triangles);
+    out.bytes_resident = std::max(out.bytes_resident, engine.stats().streamer.resident_bytes);
+    if (first) {
+      samples.settled.add(truths_[v], engine.readPixels(), plan_.width_px, plan_.height_px);
+      if (auto measured = measureGeometry(engine, truths_[v], out); !measured) return measured;
+    }
+    engine.frame(nowSeconds());  // the first frame after settling may draw the surface once more
+    for (int k = 0; k < plan_.still_frames; ++k) {
+      StrategyPass::finish();
+      const double start = nowSeconds();
+      engine.frame(nowSeconds());
+      StrategyPass::finish();
+      samples.still_ms.push_back(1000 * (nowSeconds() - start));
+    }
+    if (plan_.interrupted && *plan_.interrupted) return interruptedError();
+  }
+  return {};
+}
+
+// Relief of fewer bits has places of its own.
+Result<void> SettingMeasure::prepareRelief(const AccuracySetting& setting) {
+  rebuilt_pass_.reset();
+  if (setting.relief_bits >= 16) return {};
+  auto scene =
+      loadCompareScene(plan_.package, plan_.memory_bytes, api_, &rebuilt_pass_, plan_.interrupted, rebuilt_.get());
+  if (!scene) return scene.error();
+  rebuilt_pass_->resize(plan_.width_px, plan_.height_px);
+  return {};
+}
+
+Result<void> SettingMeasure::prepare(const AccuracySetting& setting) {
+  auto artwork = artworkOf(plan_.package, setting, &rebuilt_);
+  if (!artwork) return artwork.error();
+  artwork_ = std::move(*artwork);
+  if (auto relief = prepareRelief(setting); !relief) return relief;
+  if (!rebuilt_) return {};
+  // Once without a clock: encoding is no part of what a package that was built so takes.
+  auto engine = coldStart(setting, nullptr);
+  if (!engine) return engine.error();
+  AccuracyFigures nowhere;
+  Samples unused;
+  return passOverPath(**engine, false, unused, nowhere);
+}
+
+Result<AccuracyFigures> SettingMeasure::measure(const AccuracySetting& setting) {
+  if (auto ready = prepare(setting); !ready) return ready.error();
+  AccuracyFigures out;
+  Samples samples;
+  for (int k = 0; k < std::max(plan_.passes, plan_.cold_starts); ++k) {
+    auto engine = coldStart(setting, &samples);
+    if (!engine) return engine.error();
+    if (k >= plan_.passes) continue;
+    if (auto passed = passOverPath(**engine, k == 0, samples, out); !passed) return passed.error();
+    if (k > 0) continue;
+    for (uint64_t bytes : (*engine)->stats().streamer.bytes_read) out.bytes_read += bytes;
+  }
+  out.psnr_db = samples.settled.psnrDb();
+  out.largest = samples.settled.largest;
+  out.missing_pixels = samples.settled.missing;
+  out.moving_psnr_db = samples.moving.psnrDb();
+  out.triangles = spreadOf(std::move(samples.triangles)).median;
+  out.moving_ms = spreadOf(std::move(samples.moving_ms));
+  out.still_ms = spreadOf(std::move(samples.still_ms));
+  out.cold_ms = spreadOf(std::move(samples.cold_ms));
+  if (rebuilt_ && rebuilt_->encodedPages() > 0)
+    out.build_s = rebuilt_->encodedSeconds() * static_cast<double>(plan_.package->manifest().page_count) /
+                  static_cast<double>(rebuilt_->encodedPages());
+  return out;
+}
+
+}  // namespace relievo

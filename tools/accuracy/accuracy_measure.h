@@ -1,0 +1,47 @@
+// accuracy_measure.h - one setting, measured along the path. Needs a current GL context.
+#pragma once
+
+#include "tools/accuracy/accuracy_run.h"
+#include "tools/accuracy/reencoded_pages.h"
+
+namespace relievo {
+
+// Error of a picture (RGBA, rows top first, height rows) against the truth.
+struct PictureError {
+  double squares = 0;  // summed over pixels and channels
+  double largest = 0;
+  uint64_t pixels = 0, missing = 0;
+  void add(const ViewTruth& truth, std::span<const uint8_t> rgba, int width_px, int height_px);
+  double psnrDb() const;
+};
+
+class SettingMeasure {
+ public:
+  SettingMeasure(const AccuracyPlan& plan, const std::vector<CompareCamera>& path, const std::vector<ViewTruth>& truths,
+                 AccuracyTruth& truth, gl::Api api)
+      : plan_(plan), path_(path), truths_(truths), truth_(truth), api_(api) {}
+  Result<AccuracyFigures> measure(const AccuracySetting& setting);
+
+ private:
+  struct Samples {
+    std::vector<double> moving_ms, still_ms, cold_ms, triangles;
+    PictureError settled, moving;
+  };
+  Result<std::unique_ptr<Engine>> coldStart(const AccuracySetting& setting, Samples* samples);
+  Result<void> passOverPath(Engine& engine, bool first, Samples& samples, AccuracyFigures& out);
+  Result<void> arrive(Engine& engine, const CompareCamera& camera, Samples& samples);
+  Result<void> measureGeometry(Engine& engine, const ViewTruth& truth, AccuracyFigures& out);
+  Result<void> prepare(const AccuracySetting& setting);
+  Result<void> prepareRelief(const AccuracySetting& setting);
+
+  const AccuracyPlan& plan_;
+  const std::vector<CompareCamera>& path_;
+  const std::vector<ViewTruth>& truths_;
+  AccuracyTruth& truth_;
+  gl::Api api_;
+  Artwork artwork_;
+  std::shared_ptr<ReencodedPages> rebuilt_;
+  std::unique_ptr<StrategyPass> rebuilt_pass_;  // of relief of fewer bits
+};
+
+}  // namespace relievo

@@ -1,0 +1,223 @@
+#include "tools/accuracy/accuracy_run.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "tools/accuracy/accuracy_front.h"
+#include "tools/accuracy/accuracy_measure.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kMoments = 96;         // of each flight, from which views are drawn
+constexpr size_t kControlEvery = 8;  // settings between two measurements of the base
+
+struct AccuracyTask {
+  std::string knob, label;
+  AccuracySetting setting;
+};
+
+class AccuracyRunner {
+ public:
+  AccuracyRunner(const AccuracyPlan& plan, const gl::ContextInfo& context) : plan_(plan), context_(context) {}
+
+  Result<AccuracyResult> run() {
+    result_.renderer = context_.renderer;
+    result_.version = context_.version;
+    if (auto done = findTruth(); !done) return done.error();
+    SettingMeasure measure(plan_, path_, truths_, *truth_, context_.api);
+    measure_ = &measure;
+    for (AccuracyTask& task : knobTasks()) tasks_.push_back(std::move(task));
+    expected_ = tasks_.size() + static_cast<size_t>(plan_.combinations);
+    if (auto done = runTasks(); !done) return done.error();
+    tasks_ = combinationTasks();
+    expected_ = done_ + tasks_.size();
+    if (auto done = runTasks(); !done) return done.error();
+    finishControls();
+    return std::move(result_);
+  }
+
+ private:
+  void tell(const std::string& what) const {
+    const double part = static_cast<double>(done_) / static_cast<double>(std::max<size_t>(1, expected_));
+    if (plan_.progress) plan_.progress(truths_.size() < path_.size() ? 0 : part, what);
+  }
+
+  Result<void> findTruth() {
+    auto path = accuracyPath(plan_);
+    if (!path) return path.error();
+    path_ = std::move(*path);
+    TruthOptions options;
+    options.package = plan_.package;
+    options.scene.light = plan_.light;
+    options.width_px = plan_.width_px;
+    options.height_px = plan_.height_px;
+    options.one_of = plan_.one_of;
+    options.seed = plan_.seed;
+    options.memory_bytes = plan_.memory_bytes;
+    options.reference_triangles = plan_.reference_triangles;
+    options.interrupted = plan_.interrupted;
+    auto truth = AccuracyTruth::create(options, context_.api);
+    if (!truth) return truth.error();
+    truth_ = std::move(*truth);
+    for (const CompareCamera& c : path_) {
+      tell("the truth of view " + std::to_string(truths_.size() + 1) + " of " + std::to_string(path_.size()));
+      auto view = truth_->of(c.now);
+      if (!view) return view.error();
+      result_.cameras.push_back(c.now);
+      result_.truth_pixels += view->pixels.size();
+      result_.covered_pixels += view->covered;
+      result_.edge_pixels += view->edges;
+      result_.unsolved_pixels += view->unsolved;
+      result_.truth_whole = result_.truth_whole && view->whole;
+      truths_.push_back(std::move(*view));
+    }
+    if (result_.truth_pixels == 0)
+      return Error{ErrorKind::kRuntime,
+                   "",
+                   "no view of the path shows enough of the artwork to be measured",
+                   "give another --seed or a larger --size",
+                   {}};
+    return {};
+  }
+
+  std::vector<AccuracyTask> knobTasks() const {
+    std::vector<AccuracyTask> out{{"base", "base", knobBase()}, {"base", "default", defaultSetting()}};
+    for (const AccuracyKnob& k : plan_.knobs) {
+      if (!k.why_not.empty()) continue;
+      for (const KnobValue& v : k.values) out.push_back({k.name, v.label, v.setting});
+    }
+    return out;
+  }
+
+  const AccuracyFigures* known(const AccuracySetting& setting) const {
+    for (const AccuracyRow& row : result_.rows)
+      if (row.setting == setting) return &row.figures;
+    return nullptr;
+  }
+
+  Result<void> runTasks() {
+    for (const AccuracyTask& task : tasks_) {
+      tell(settingText(task.setting));
+      AccuracyRow row{task.knob, task.label, task.setting, {}};
+      if (const AccuracyFigures* before = known(task.setting)) {
+        row.figures = *before;
+      } else {
+        auto figures = measure_->measure(task.setting);
+        if (!figures) return figures.error();
+        row.figures = *figures;
+        if (++measured_ % kControlEvery == 0)
+          if (auto done = measureControl(); !done) return done;
+      }
+      result_.rows.push_back(std::move(row));
+      ++done_;
+    }
+    return {};
+  }
+
+  Result<void> measureControl() {
+    auto figures = measure_->measure(knobBase());
+    if (!figures) return figures.error();
+    controls_.push_back(*figures);
+    return {};
+  }
+
+  std::vector<AccuracyTask> combinationTasks() const {
+    std::vector<MeasuredKnob> measured;
+    std::vector<const AccuracyKnob*> knobs;
+    const AccuracyFigures& base = *known(knobBase());
+    for (const AccuracyKnob& k : plan_.knobs) {
+      if (!k.combined || !k.why_not.empty()) continue;
+      MeasuredKnob& m = measured.emplace_back();
+      knobs.push_back(&k);
+      m.base = {base.moving_ms.median, base.psnr_db};
+      for (const KnobValue& v : k.values) {
+        const AccuracyFigures& f = *known(v.setting);
+        m.values.push_back({f.moving_ms.median, f.psnr_db});
+      }
+    }
+    std::vector<AccuracyTask> out;
+    if (knobs.size() < 2 || plan_.combinations == 0) return out;
+    for (const auto& choice : promisingCombinations(measured, static_cast<size_t>(plan_.combinations))) {
+      AccuracySetting s = knobBase();
+      for (size_t k = 0; k < knobs.size(); ++k) turn(knobs[k]->name, knobs[k]->values[choice[k]].setting.draw, s.draw);
+      if (!known(s)) out.push_back({"combination", std::to_string(out.size() + 1), s});
+    }
+    return out;
+  }
+
+  static void turn(const std::string& knob, const DrawSettings& from, DrawSettings& to) {
+    if (knob == "error-px") to.error_px = from.error_px;
+    if (knob == "least-cell") to.least_cell = from.least_cell;
+    if (knob == "detail-bias") to.detail_bias = from.detail_bias;
+    if (knob == "filter") to.filter = from.filter;
+    if (knob == "sampling") to.sampling = from.sampling, to.anisotropy = from.anisotropy;
+  }
+
+  void finishControls() {
+    const AccuracyFigures& base = *known(knobBase());
+    std::vector<double> moving{base.moving_ms.median}, still{base.still_ms.median}, cold{base.cold_ms.median};
+    for (const AccuracyFigures& c : controls_) {
+      moving.push_back(c.moving_ms.median);
+      still.push_back(c.still_ms.median);
+      cold.push_back(c.cold_ms.median);
+      result_.control_psnr_db = std::max(result_.control_psnr_db, std::abs(c.psnr_db - base.psnr_db));
+    }
+    // Few of them: the whole range is told, not the quartiles.
+    auto range = [](std::vector<double> v) {
+      std::sort(v.begin(), v.end());
+      return Spread{v[v.size() / 2], v.front(), v.back(), v.size()};
+    };
+    result_.control_moving_ms = range(moving);
+    result_.control_still_ms = range(still);
+    result_.control_cold_ms = range(cold);
+  }
+
+  const AccuracyPlan& plan_;
+  gl::ContextInfo context_;
+  AccuracyResult result_;
+  std::vector<CompareCamera> path_;
+  std::vector<ViewTruth> truths_;
+  std::unique_ptr<AccuracyTruth> truth_;
+  SettingMeasure* measure_ = nullptr;
+  std::vector<AccuracyTask> tasks_;
+  std::vector<AccuracyFigures> controls_;
+  size_t expected_ = 0, done_ = 0, measured_ = 0;
+};
+
+}  // namespace
+
+Spread spreadOf(std::vector<double> values) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  auto at = [&](double q) {
+    return values[static_cast<size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+  };
+  return {at(0.5), at(0.25), at(0.75), values.size()};
+}
+
+Result<std::vector<CompareCamera>> accuracyPath(const AccuracyPlan& plan) {
+  std::vector<std::vector<CompareCamera>> flights;
+  for (const char* name : {"orbit", "flyover", "zoom"}) {
+    auto flight = compareCameras(name, kMoments, plan.package->manifest(), plan.width_px, plan.height_px);
+    if (!flight) return flight.error();
+    flights.push_back(std::move(*flight));
+  }
+  std::mt19937 random(plan.seed);
+  std::vector<CompareCamera> out;
+  const int a_flight = (plan.views + 2) / 3;
+  for (int v = 0; v < plan.views; ++v) {
+    // One of each of as many even parts of the flight as it has views.
+    const auto& flight = flights[static_cast<size_t>(v % 3)];
+    const size_t part = flight.size() / static_cast<size_t>(a_flight);
+    out.push_back(flight[static_cast<size_t>(v / 3) * part + random() % part]);
+  }
+  return out;
+}
+
+Result<AccuracyResult> runAccuracy(const AccuracyPlan& plan, const gl::ContextInfo& context) {
+  return AccuracyRunner(plan, context).run();
+}
+
+}  // namespace relievo
