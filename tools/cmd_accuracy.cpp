@@ -155,6 +155,10 @@ void printRows(const AccuracyResult& result, const AccuracyGoals& goals, const s
             "moving ms", "still ms", "cold ms", "read MiB", "res. MiB", "build s");
   for (const AccuracyRow& row : result.rows) {
     const AccuracyFigures& f = row.figures;
+    if (!row.problem.empty()) {
+      printOutf("%-18s %-14s not measured: %s\n", row.knob.c_str(), row.label.c_str(), row.problem.c_str());
+      continue;
+    }
     std::string build = "-";
     if (f.build_s >= 0) build = std::to_string(f.build_s).substr(0, 5);
     printOutf("%-18s %-14s %8.2f %8.0f %8.3g %9.2f %9.2f %9.0f %9.2f %9.2f %9s\n", row.knob.c_str(), row.label.c_str(),

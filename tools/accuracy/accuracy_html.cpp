@@ -33,6 +33,8 @@ std::string tableHead(bool built) {
 std::string tableRow(const AccuracyRow& row, const std::string& name, bool built) {
   const AccuracyFigures& f = row.figures;
   std::string out = "<tr><td>" + escapedHtml(name) + "</td>";
+  if (!row.problem.empty())
+    return out + "<td class='left' colspan='14'>not measured: " + escapedHtml(row.problem) + "</td></tr>\n";
   appendf(out, "<td>%.2f</td><td>%.0f</td><td>%.2f</td><td>%.3g</td><td>%.2g</td><td>%.3g</td><td>%.3g</td>", f.psnr_db,
           f.largest, f.moving_psnr_db, f.geometry_px, f.geometry_p99_px, f.geometry_mm, f.predicted_px);
   appendf(out, "<td>%.0f</td>", f.triangles);

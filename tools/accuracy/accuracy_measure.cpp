@@ -7,7 +7,7 @@
 namespace relievo {
 namespace {
 
-constexpr double kSettle_s = 120;
+constexpr double kSettle_s = 30;
 constexpr double kMovingFrame_s = 1.0 / 30;  // of the flight from one moving frame to the next
 constexpr double kFlightFrame_s = 1.0 / 60;  // from CompareCamera::before to now
 

@@ -25,7 +25,7 @@ double plottedMib(uint64_t bytes) { return std::max(static_cast<double>(bytes) /
 std::vector<const AccuracyRow*> rowsOf(const AccuracyKnob& knob, const AccuracyResult& result) {
   std::vector<const AccuracyRow*> out;
   for (const AccuracyRow& row : result.rows)
-    if (row.knob == knob.name) out.push_back(&row);
+    if (row.knob == knob.name && row.problem.empty()) out.push_back(&row);
   return out;
 }
 
@@ -63,7 +63,7 @@ NamedPlot frontPlot(const AccuracyResult& result, const std::vector<size_t>& fro
         {series, std::max(row.figures.moving_ms.median, 1e-3), row.figures.psnr_db, textOf(row), label});
   };
   for (const AccuracyRow& row : result.rows) {
-    if (row.setting.rebuilt()) continue;
+    if (row.setting.rebuilt() || !row.problem.empty()) continue;
     if (row.knob == "base" && row.label == "default") add(3, row, "default");
     else add(row.knob == "combination" ? 1 : 2, row, "");
   }

@@ -37,6 +37,8 @@ Json settingJson(const AccuracySetting& s) {
 
 Json rowJson(const AccuracyRow& row) {
   const AccuracyFigures& f = row.figures;
+  if (!row.problem.empty())
+    return {{"knob", row.knob}, {"value", row.label}, {"setting", settingJson(row.setting)}, {"problem", row.problem}};
   return {{"knob", row.knob},
           {"value", row.label},
           {"setting", settingJson(row.setting)},
@@ -117,6 +119,7 @@ std::string csvText(const AccuracyResult& r) {
   for (const AccuracyColumn& c : accuracyColumns()) out += (out.empty() ? "" : ",") + std::string(c.name);
   out += "\n";
   for (const AccuracyRow& row : r.rows) {
+    if (!row.problem.empty()) continue;  // accuracy.json and report.html say why
     const AccuracyFigures& f = row.figures;
     out += row.knob + "," + row.label + ",\"" + settingText(row.setting) + "\"";
     for (double v : {f.psnr_db, f.largest, f.moving_psnr_db, f.geometry_px, f.geometry_p99_px, f.geometry_mm,
@@ -177,7 +180,7 @@ std::vector<size_t> adviceCandidates(const AccuracyResult& result) {
     const std::string& knob = result.rows[i].knob;
     const bool streaming =
         knob == "feedback-scale" || knob == "feedback-interval" || knob == "prefetch" || knob == "cache-mib";
-    if (!result.rows[i].setting.rebuilt() && !streaming) out.push_back(i);
+    if (result.rows[i].problem.empty() && !result.rows[i].setting.rebuilt() && !streaming) out.push_back(i);
   }
   return out;
 }

@@ -91,29 +91,36 @@ class AccuracyRunner {
     return out;
   }
 
-  const AccuracyFigures* known(const AccuracySetting& setting) const {
+  const AccuracyRow* known(const AccuracySetting& setting) const {
     for (const AccuracyRow& row : result_.rows)
-      if (row.setting == setting) return &row.figures;
+      if (row.setting == setting) return &row;
     return nullptr;
   }
 
   Result<void> runTasks() {
     for (const AccuracyTask& task : tasks_) {
       tell(settingText(task.setting));
-      AccuracyRow row{task.knob, task.label, task.setting, {}};
-      if (const AccuracyFigures* before = known(task.setting)) {
-        row.figures = *before;
-      } else {
-        auto figures = measure_->measure(task.setting);
-        if (!figures) return figures.error();
-        row.figures = *figures;
-        if (++measured_ % kControlEvery == 0)
-          if (auto done = measureControl(); !done) return done;
+      AccuracyRow row{task.knob, task.label, task.setting, {}, {}};
+      if (const AccuracyRow* before = known(task.setting)) {
+        row.figures = before->figures;
+        row.problem = before->problem;
+      } else if (auto done = measureInto(row); !done) {
+        return done;
       }
       result_.rows.push_back(std::move(row));
       ++done_;
     }
     return {};
+  }
+
+  // What does not settle, such as a cache too small for a view, is a finding; the base has to.
+  Result<void> measureInto(AccuracyRow& row) {
+    auto figures = measure_->measure(row.setting);
+    const bool ends = row.knob == "base" || (plan_.interrupted && *plan_.interrupted);
+    if (!figures && (ends || figures.error().kind != ErrorKind::kRuntime)) return figures.error();
+    if (figures) row.figures = *figures;
+    else row.problem = figures.error().message;
+    return ++measured_ % kControlEvery == 0 ? measureControl() : Result<void>{};
   }
 
   Result<void> measureControl() {
@@ -126,15 +133,17 @@ class AccuracyRunner {
   std::vector<AccuracyTask> combinationTasks() const {
     std::vector<MeasuredKnob> measured;
     std::vector<const AccuracyKnob*> knobs;
-    const AccuracyFigures& base = *known(knobBase());
+    const AccuracyFigures& base = known(knobBase())->figures;
     for (const AccuracyKnob& k : plan_.knobs) {
       if (!k.combined || !k.why_not.empty()) continue;
       MeasuredKnob& m = measured.emplace_back();
       knobs.push_back(&k);
       m.base = {base.moving_ms.median, base.psnr_db};
       for (const KnobValue& v : k.values) {
-        const AccuracyFigures& f = *known(v.setting);
-        m.values.push_back({f.moving_ms.median, f.psnr_db});
+        const AccuracyRow& row = *known(v.setting);
+        const double none = std::nan("");
+        m.values.push_back(row.problem.empty() ? CostAndGain{row.figures.moving_ms.median, row.figures.psnr_db}
+                                               : CostAndGain{none, none});
       }
     }
     std::vector<AccuracyTask> out;
@@ -156,7 +165,7 @@ class AccuracyRunner {
   }
 
   void finishControls() {
-    const AccuracyFigures& base = *known(knobBase());
+    const AccuracyFigures& base = known(knobBase())->figures;
     std::vector<double> moving{base.moving_ms.median}, still{base.still_ms.median}, cold{base.cold_ms.median};
     for (const AccuracyFigures& c : controls_) {
       moving.push_back(c.moving_ms.median);

@@ -61,6 +61,7 @@ struct AccuracyRow {
   std::string knob, label;  // of a combination "combination" and its number; of the base "base" and "default"
   AccuracySetting setting;
   AccuracyFigures figures;
+  std::string problem;  // not empty: it could not be measured, and this is why; the figures mean nothing
 };
 
 struct AccuracyResult {

@@ -110,7 +110,7 @@ std::vector<AccuracyKnob> streamingKnobs(const Manifest& manifest, bool quick) {
        "MiB",
        "memory for pages of all planes; what does not fit is drawn with less detail",
        valuesOf<double>(&DrawSettings::cache_mib,
-                        quick ? std::vector<double>{256, 8} : std::vector<double>{256, 64, 32, 16, 8, 4}, " MiB"),
+                        quick ? std::vector<double>{256, 24} : std::vector<double>{256, 128, 64, 32, 16, 8}, " MiB"),
        false,
        {}});
   return out;
