@@ -70,7 +70,7 @@ Result<void> chooseKnobs(const std::string& list, std::vector<AccuracyKnob>& kno
 
 Result<AccuracyPlan> accuracyPlan(const AccuracyOptions& o) {
   AccuracyPlan plan;
-  auto size = parseSize(o.size.empty() ? (o.quick ? "480x270" : "1280x720") : o.size);
+  auto size = parseSize(o.size.empty() ? (o.quick ? "400x225" : "1280x720") : o.size);
   if (!size) return size.error();
   if (size->first > kMostAccuracyPx || size->second > kMostAccuracyPx || size->first < 16 || size->second < 16)
     return usageError("expected a --size from 16x16 to 4096x4096 px, found " + o.size);
@@ -83,14 +83,14 @@ Result<AccuracyPlan> accuracyPlan(const AccuracyOptions& o) {
   plan.light = *light;
   plan.seed = o.seed;
   plan.views = o.views > 0 ? o.views : o.quick ? 3 : 6;
-  plan.passes = o.passes > 0 ? o.passes : o.quick ? 1 : 3;
+  plan.passes = o.passes > 0 ? o.passes : o.quick ? 2 : 3;
   plan.combinations = o.combinations >= 0 ? o.combinations : o.quick ? 8 : 40;
   plan.workers = o.workers;
   plan.memory_bytes = static_cast<uint64_t>(o.memory_mib * 1048576.0);
   if (o.quick) {
-    plan.moving_frames = 8;
-    plan.still_frames = 5;
-    plan.cold_starts = 2;
+    plan.moving_frames = 5;
+    plan.still_frames = 3;
+    plan.cold_starts = 1;
     plan.one_of = 2;
     plan.reference_triangles = 4'000'000;
   }
@@ -242,9 +242,9 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--combinations", o->combinations, "Combinations to measure, at most [40; --quick: 8]")
       ->check(CLI::Range(0, 10000));
   c->add_option("--views", o->views, "Views of the camera path [6; --quick: 3]")->check(CLI::Range(1, 96));
-  c->add_option("--passes", o->passes, "How often each setting flies the path, from a cold start [3; --quick: 1]")
+  c->add_option("--passes", o->passes, "How often each setting flies the path, from a cold start [3; --quick: 2]")
       ->check(CLI::Range(1, 100));
-  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 480x270]");
+  c->add_option("--size", o->size, "Picture, WIDTHxHEIGHT in px [1280x720; --quick: 400x225]");
   c->add_option("--seed", o->seed, "Of the moments of the flights, and of the truth's pixels")->capture_default_str();
   c->add_option("--light", o->light, "X,Y,Z towards the light: right, up, to the viewer")->capture_default_str();
   c->add_option("--workers", o->workers, "Threads that decode pages")->check(CLI::Range(1, 64))->capture_default_str();

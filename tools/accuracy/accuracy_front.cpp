@@ -13,6 +13,22 @@ bool finite(const CostAndGain& p) { return std::isfinite(p.ms) && std::isfinite(
 
 double squareError(double psnr_db) { return std::pow(10, -psnr_db / 10); }
 
+// So many of a front, both ends and what lies at even steps of accuracy between them; all where there are no more.
+std::vector<size_t> evenlyAlong(std::span<const CostAndGain> points, const std::vector<size_t>& front, size_t most) {
+  if (front.size() <= most) return front;
+  std::vector<size_t> out;
+  const double low = points[front.front()].psnr_db, high = points[front.back()].psnr_db;
+  size_t at = 0;
+  for (size_t k = 0; k < most; ++k) {
+    const double wanted =
+        most == 1 ? high : low + (high - low) * static_cast<double>(k) / static_cast<double>(most - 1);
+    // As many must be left as are still to be chosen.
+    while (at + 1 < front.size() - (most - 1 - k) && points[front[at]].psnr_db < wanted) ++at;
+    out.push_back(front[at++]);
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<size_t> paretoFront(std::span<const CostAndGain> points) {
@@ -40,40 +56,39 @@ std::optional<size_t> mostAccurateWithin(std::span<const CostAndGain> points, do
   return best;
 }
 
-std::vector<std::vector<size_t>> promisingCombinations(std::span<const MeasuredKnob> knobs, size_t most) {
-  std::vector<std::vector<size_t>> all{{}};
-  std::vector<double> errors{0}, factors{1};
+std::vector<std::vector<size_t>> promisingCombinations(std::span<const MeasuredKnob> knobs, size_t most,
+                                                       const std::function<bool(std::span<const size_t>)>& known) {
+  struct Predicted {
+    std::vector<size_t> values;
+    double factor = 1, kept_error = 1, added_error = 0;  // of time; of the base's error; of its own
+  };
+  std::vector<Predicted> all(1);
   for (const MeasuredKnob& knob : knobs) {
-    // With room for the other knobs' values: the fewer of one, the more knobs there are.
+    // The more combinations there are already, the fewer values of a knob have room.
     std::vector<size_t> values = paretoFront(knob.values);
     const size_t room = std::max<size_t>(1, kMostPredicted / all.size());
     if (values.size() > room) values.resize(room);
-    std::vector<std::vector<size_t>> next;
-    std::vector<double> next_errors, next_factors;
-    for (size_t c = 0; c < all.size(); ++c)
+    std::vector<Predicted> next;
+    for (const Predicted& from : all)
       for (size_t v : values) {
-        next.push_back(all[c]);
-        next.back().push_back(v);
-        next_errors.push_back(errors[c] + squareError(knob.values[v].psnr_db) - squareError(knob.base.psnr_db));
-        next_factors.push_back(factors[c] * knob.values[v].ms / std::max(knob.base.ms, 1e-9));
+        Predicted& p = next.emplace_back(from);
+        const double base = squareError(knob.base.psnr_db), error = squareError(knob.values[v].psnr_db);
+        p.values.push_back(v);
+        p.factor *= knob.values[v].ms / std::max(knob.base.ms, 1e-9);
+        if (error < base) p.kept_error *= error / base;
+        else p.added_error += error - base;
       }
-    all = std::move(next), errors = std::move(next_errors), factors = std::move(next_factors);
+    all = std::move(next);
   }
-  // Below the base's own error none is predicted: its sources are not known one by one.
-  const double base = knobs.empty() ? 0 : squareError(knobs[0].base.psnr_db);
+  if (known) std::erase_if(all, [&](const Predicted& p) { return known(p.values); });
+  const double base = knobs.empty() ? 1 : squareError(knobs[0].base.psnr_db);
   std::vector<CostAndGain> left;
-  for (size_t c = 0; c < all.size(); ++c)
-    left.push_back({factors[c], -10 * std::log10(std::max(base + errors[c], 0.25 * base + 1e-12))});
+  for (const Predicted& p : all) left.push_back({p.factor, -10 * std::log10(base * p.kept_error + p.added_error)});
   std::vector<std::vector<size_t>> chosen;
   while (chosen.size() < most) {
     const auto front = paretoFront(left);
     if (front.empty()) break;
-    // Where a layer is larger than what is left to choose, evenly along it.
-    const size_t take = std::min(front.size(), most - chosen.size());
-    for (size_t k = 0; k < take; ++k) {
-      const size_t at = front[take == 1 ? 0 : k * (front.size() - 1) / (take - 1)];
-      chosen.push_back(all[at]);
-    }
+    for (size_t i : evenlyAlong(left, front, most - chosen.size())) chosen.push_back(all[i].values);
     for (size_t i : front) left[i].psnr_db = std::nan("");
   }
   return chosen;

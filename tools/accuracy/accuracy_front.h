@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -28,8 +29,11 @@ struct MeasuredKnob {
   std::vector<CostAndGain> values;
 };
 // Which combinations of values (an index a knob) to run: those on the front that a model predicts, then on the front of
-// what is left, and so on, `most` of them. The model adds mean square errors and multiplies times; it only chooses what
-// is run. Each knob gives the values on its own front, and its base.
-std::vector<std::vector<size_t>> promisingCombinations(std::span<const MeasuredKnob> knobs, size_t most);
+// what is left, and so on, `most` of them. The model multiplies times; of mean square errors it multiplies what makes
+// the base's smaller and adds what makes it larger. It only chooses what is run: where a front has more
+// than are wanted, at even steps of accuracy along it. Each knob gives the values on its own
+// front. known: combinations that need not be run; may be empty.
+std::vector<std::vector<size_t>> promisingCombinations(std::span<const MeasuredKnob> knobs, size_t most,
+                                                       const std::function<bool(std::span<const size_t>)>& known);
 
 }  // namespace relievo

@@ -104,14 +104,18 @@ std::string uncertainty(const AccuracyPlan& plan, const AccuracyResult& r) {
   appendf(
       out,
       "A time is the median of %zu moving frames, %zu still frames and %zu cold starts; small figures beside it are "
-      "the quartiles. The base was measured %zu times between the others: its medians lay between %.2f and %.2f ms "
+      "the quartiles. The base was measured %zu times in all, between the others: its medians lay between %.2f and "
+      "%.2f ms "
       "moving, %.2f and %.2f ms still, %.0f and %.0f ms cold. Smaller differences mean nothing. Its PSNR differed by "
       "at most %.3f dB.",
       base.moving_ms.count, base.still_ms.count, base.cold_ms.count, r.control_moving_ms.count, r.control_moving_ms.low,
       r.control_moving_ms.high, r.control_still_ms.low, r.control_still_ms.high, r.control_cold_ms.low,
       r.control_cold_ms.high, r.control_psnr_db);
   out += " Cold starts read files that the system may hold in memory.";
-  if (plan.passes == 1) out += " The path was flown once (--quick).";
+  appendf(out,
+          " All settings were measured in %d rounds, so that what else the machine did in the meantime fell on all "
+          "alike; combinations came after the knobs.",
+          plan.passes);
   return out + "</p>\n";
 }
 

@@ -54,7 +54,7 @@ double PictureError::psnrDb() const {
   return 10 * std::log10(255 * 255 / std::max(mean, 1e-9));
 }
 
-Result<std::unique_ptr<Engine>> SettingMeasure::coldStart(const AccuracySetting& setting, Samples* samples) {
+Result<std::unique_ptr<Engine>> SettingMeasure::coldStart(const AccuracySetting& setting, SettingSamples* samples) {
   Scene scene;
   scene.light = plan_.light;
   EngineOptions options;
@@ -73,7 +73,7 @@ Result<std::unique_ptr<Engine>> SettingMeasure::coldStart(const AccuracySetting&
 }
 
 // The moving frames before a view, and the picture of the last one.
-Result<void> SettingMeasure::arrive(Engine& engine, const CompareCamera& camera, Samples& samples) {
+Result<void> SettingMeasure::arrive(Engine& engine, const CompareCamera& camera, SettingSamples& samples) {
   engine.setCamera(earlier(camera, plan_.moving_frames * kMovingFrame_s));
   if (auto settled = engine.settle(kSettle_s); !settled) return settled;
   for (int k = plan_.moving_frames - 1; k >= 0; --k) {
@@ -110,7 +110,9 @@ Result<void> SettingMeasure::measureGeometry(Engine& engine, const ViewTruth& tr
   return {};
 }
 
-Result<void> SettingMeasure::passOverPath(Engine& engine, bool first, Samples& samples, AccuracyFigures& out) {
+// compared: settled pictures and geometry, too, which are the same in every round.
+Result<void> SettingMeasure::passOverPath(Engine& engine, SettingSamples& samples, bool compared) {
+  AccuracyFigures& out = samples.figures;
   for (size_t v = 0; v < path_.size(); ++v) {
     if (auto moved = arrive(engine, path_[v], samples); !moved) return moved;
     // A frame is drawn with the newest patch list, mostly that of the camera a frame before: a frame or two more show
@@ -121,7 +123,7 @@ Result<void> SettingMeasure::passOverPath(Engine& engine, bool first, Samples& s
     if (auto settled = engine.settle(kSettle_s); !settled) return settled;
     samples.triangles.push_back(engine.stats().triangles);
     out.bytes_resident = std::max(out.bytes_resident, engine.stats().streamer.resident_bytes);
-    if (first) {
+    if (compared) {
       samples.settled.add(truths_[v], engine.readPixels(), plan_.width_px, plan_.height_px);
       if (auto measured = measureGeometry(engine, truths_[v], out); !measured) return measured;
     }
@@ -158,34 +160,36 @@ Result<void> SettingMeasure::prepare(const AccuracySetting& setting) {
   // Once without a clock: encoding is no part of what a package that was built so takes.
   auto engine = coldStart(setting, nullptr);
   if (!engine) return engine.error();
-  AccuracyFigures nowhere;
-  Samples unused;
-  return passOverPath(**engine, false, unused, nowhere);
+  SettingSamples unused;
+  return passOverPath(**engine, unused, false);
 }
 
-Result<AccuracyFigures> SettingMeasure::measure(const AccuracySetting& setting) {
+Result<void> SettingMeasure::round(const AccuracySetting& setting, SettingSamples& samples) {
   if (auto ready = prepare(setting); !ready) return ready.error();
-  AccuracyFigures out;
-  Samples samples;
-  for (int k = 0; k < std::max(plan_.passes, plan_.cold_starts); ++k) {
-    auto engine = coldStart(setting, &samples);
-    if (!engine) return engine.error();
-    if (k >= plan_.passes) continue;
-    if (auto passed = passOverPath(**engine, k == 0, samples, out); !passed) return passed.error();
-    if (k > 0) continue;
-    for (uint64_t bytes : (*engine)->stats().streamer.bytes_read) out.bytes_read += bytes;
-  }
+  for (int k = 1; k < plan_.cold_starts; ++k)
+    if (auto engine = coldStart(setting, &samples); !engine) return engine.error();
+  auto engine = coldStart(setting, &samples);
+  if (!engine) return engine.error();
+  const bool first = samples.rounds++ == 0;
+  if (auto passed = passOverPath(**engine, samples, first); !passed) return passed;
+  if (!first) return {};
+  for (uint64_t bytes : (*engine)->stats().streamer.bytes_read) samples.figures.bytes_read += bytes;
+  if (rebuilt_ && rebuilt_->encodedPages() > 0)
+    samples.figures.build_s = rebuilt_->encodedSeconds() * static_cast<double>(plan_.package->manifest().page_count) /
+                              static_cast<double>(rebuilt_->encodedPages());
+  return {};
+}
+
+AccuracyFigures figuresOf(const SettingSamples& samples) {
+  AccuracyFigures out = samples.figures;
   out.psnr_db = samples.settled.psnrDb();
   out.largest = samples.settled.largest;
   out.missing_pixels = samples.settled.missing;
   out.moving_psnr_db = samples.moving.psnrDb();
-  out.triangles = spreadOf(std::move(samples.triangles)).median;
-  out.moving_ms = spreadOf(std::move(samples.moving_ms));
-  out.still_ms = spreadOf(std::move(samples.still_ms));
-  out.cold_ms = spreadOf(std::move(samples.cold_ms));
-  if (rebuilt_ && rebuilt_->encodedPages() > 0)
-    out.build_s = rebuilt_->encodedSeconds() * static_cast<double>(plan_.package->manifest().page_count) /
-                  static_cast<double>(rebuilt_->encodedPages());
+  out.triangles = spreadOf(samples.triangles).median;
+  out.moving_ms = spreadOf(samples.moving_ms);
+  out.still_ms = spreadOf(samples.still_ms);
+  out.cold_ms = spreadOf(samples.cold_ms);
   return out;
 }
 

@@ -15,21 +15,27 @@ struct PictureError {
   double psnrDb() const;
 };
 
+// What is kept of a setting from round to round.
+struct SettingSamples {
+  std::vector<double> moving_ms, still_ms, cold_ms, triangles;
+  PictureError settled, moving;
+  AccuracyFigures figures;  // what needs no samples
+  int rounds = 0;
+};
+AccuracyFigures figuresOf(const SettingSamples& samples);
+
 class SettingMeasure {
  public:
   SettingMeasure(const AccuracyPlan& plan, const std::vector<CompareCamera>& path, const std::vector<ViewTruth>& truths,
                  AccuracyTruth& truth, gl::Api api)
       : plan_(plan), path_(path), truths_(truths), truth_(truth), api_(api) {}
-  Result<AccuracyFigures> measure(const AccuracySetting& setting);
+  // Cold starts, and once along the path. The first round finds what is the same in each, too.
+  Result<void> round(const AccuracySetting& setting, SettingSamples& samples);
 
  private:
-  struct Samples {
-    std::vector<double> moving_ms, still_ms, cold_ms, triangles;
-    PictureError settled, moving;
-  };
-  Result<std::unique_ptr<Engine>> coldStart(const AccuracySetting& setting, Samples* samples);
-  Result<void> passOverPath(Engine& engine, bool first, Samples& samples, AccuracyFigures& out);
-  Result<void> arrive(Engine& engine, const CompareCamera& camera, Samples& samples);
+  Result<std::unique_ptr<Engine>> coldStart(const AccuracySetting& setting, SettingSamples* samples);
+  Result<void> passOverPath(Engine& engine, SettingSamples& samples, bool compared);
+  Result<void> arrive(Engine& engine, const CompareCamera& camera, SettingSamples& samples);
   Result<void> measureGeometry(Engine& engine, const ViewTruth& truth, AccuracyFigures& out);
   Result<void> prepare(const AccuracySetting& setting);
   Result<void> prepareRelief(const AccuracySetting& setting);

@@ -28,11 +28,12 @@ class AccuracyRunner {
     if (auto done = findTruth(); !done) return done.error();
     SettingMeasure measure(plan_, path_, truths_, *truth_, context_.api);
     measure_ = &measure;
-    for (AccuracyTask& task : knobTasks()) tasks_.push_back(std::move(task));
-    expected_ = tasks_.size() + static_cast<size_t>(plan_.combinations);
+    tasks_ = knobTasks();
+    const auto rounds = static_cast<size_t>(plan_.passes), combinations = static_cast<size_t>(plan_.combinations);
+    expected_ = rounds * (tasks_.size() + combinations);
     if (auto done = runTasks(); !done) return done.error();
     tasks_ = combinationTasks();
-    expected_ = done_ + tasks_.size();
+    expected_ = done_ + rounds * tasks_.size();
     if (auto done = runTasks(); !done) return done.error();
     finishControls();
     return std::move(result_);
@@ -97,36 +98,50 @@ class AccuracyRunner {
     return nullptr;
   }
 
+  // The rows of tasks that are not known yet are measured in rounds: all of them once, then all once more, so that what
+  // else the machine does in the meantime falls on all alike.
   Result<void> runTasks() {
+    std::vector<AccuracyRow> fresh;
     for (const AccuracyTask& task : tasks_) {
-      tell(settingText(task.setting));
-      AccuracyRow row{task.knob, task.label, task.setting, {}, {}};
-      if (const AccuracyRow* before = known(task.setting)) {
-        row.figures = before->figures;
-        row.problem = before->problem;
-      } else if (auto done = measureInto(row); !done) {
-        return done;
+      const bool twice =
+          std::any_of(fresh.begin(), fresh.end(), [&](const AccuracyRow& row) { return row.setting == task.setting; });
+      if (!twice && !known(task.setting)) fresh.push_back({task.knob, task.label, task.setting, {}, {}});
+    }
+    std::vector<SettingSamples> samples(fresh.size());
+    for (int round = 0; round < plan_.passes; ++round)
+      for (size_t i = 0; i < fresh.size(); ++i) {
+        if (!fresh[i].problem.empty()) continue;
+        tell(settingText(fresh[i].setting));
+        if (auto done = measureInto(fresh[i], samples[i]); !done) return done;
+        ++done_;
       }
+    for (size_t i = 0; i < fresh.size(); ++i) fresh[i].figures = figuresOf(samples[i]);
+    for (const AccuracyTask& task : tasks_) {
+      const AccuracyRow* same = known(task.setting);
+      for (const AccuracyRow& row : fresh)
+        if (!same && row.setting == task.setting) same = &row;
+      AccuracyRow row = *same;
+      row.knob = task.knob;
+      row.label = task.label;
       result_.rows.push_back(std::move(row));
-      ++done_;
     }
     return {};
   }
 
   // What does not settle, such as a cache too small for a view, is a finding; the base has to.
-  Result<void> measureInto(AccuracyRow& row) {
-    auto figures = measure_->measure(row.setting);
-    const bool ends = row.knob == "base" || (plan_.interrupted && *plan_.interrupted);
-    if (!figures && (ends || figures.error().kind != ErrorKind::kRuntime)) return figures.error();
-    if (figures) row.figures = *figures;
-    else row.problem = figures.error().message;
+  Result<void> measureInto(AccuracyRow& row, SettingSamples& samples) {
+    if (auto done = measure_->round(row.setting, samples); !done) {
+      const bool ends = row.knob == "base" || (plan_.interrupted && *plan_.interrupted);
+      if (ends || done.error().kind != ErrorKind::kRuntime) return done;
+      row.problem = done.error().message;
+    }
     return ++measured_ % kControlEvery == 0 ? measureControl() : Result<void>{};
   }
 
   Result<void> measureControl() {
-    auto figures = measure_->measure(knobBase());
-    if (!figures) return figures.error();
-    controls_.push_back(*figures);
+    SettingSamples samples;
+    if (auto done = measure_->round(knobBase(), samples); !done) return done;
+    controls_.push_back(figuresOf(samples));
     return {};
   }
 
@@ -148,11 +163,15 @@ class AccuracyRunner {
     }
     std::vector<AccuracyTask> out;
     if (knobs.size() < 2 || plan_.combinations == 0) return out;
-    for (const auto& choice : promisingCombinations(measured, static_cast<size_t>(plan_.combinations))) {
-      AccuracySetting s = knobBase();
-      for (size_t k = 0; k < knobs.size(); ++k) turn(knobs[k]->name, knobs[k]->values[choice[k]].setting.draw, s.draw);
-      if (!known(s)) out.push_back({"combination", std::to_string(out.size() + 1), s});
-    }
+    auto combined = [&](std::span<const size_t> choice) {
+      AccuracySetting setting = knobBase();
+      for (size_t k = 0; k < knobs.size(); ++k)
+        turn(knobs[k]->name, knobs[k]->values[choice[k]].setting.draw, setting.draw);
+      return setting;
+    };
+    auto isKnown = [&](std::span<const size_t> choice) { return known(combined(choice)) != nullptr; };
+    for (const auto& choice : promisingCombinations(measured, static_cast<size_t>(plan_.combinations), isKnown))
+      out.push_back({"combination", std::to_string(out.size() + 1), combined(choice)});
     return out;
   }
 

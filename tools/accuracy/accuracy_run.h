@@ -25,9 +25,9 @@ struct AccuracyPlan {
   int views = 6;
   int width_px = 1280, height_px = 720;
   int moving_frames = 12, still_frames = 9;  // timed, a view
-  int passes = 3;                            // over the path, each with an engine of its own
-  int cold_starts = 5;
-  int one_of = 1;  // TruthOptions::one_of
+  int passes = 3;       // rounds over all settings: each flies the path once, with an engine of its own
+  int cold_starts = 2;  // a round
+  int one_of = 1;       // TruthOptions::one_of
   int combinations = 40;
   int workers = 2;
   uint64_t memory_bytes = uint64_t{1} << 30;
