@@ -81,6 +81,7 @@ relievo_gltest(engine_faults_gltest GL_ONLY LIBS relievo_engine SOURCES render/e
 relievo_gltest(feedback_gltest LIBS relievo_engine SOURCES render/feedback_gltest.cpp)
 relievo_gltest(mesh_watertight_gltest LIBS relievo_engine SOURCES render/mesh_watertight_gltest.cpp)
 relievo_gltest(compare_gltest GL_ONLY LIBS relievo_compare nlohmann_json::nlohmann_json SOURCES render/compare_gltest.cpp)
+relievo_gltest(accuracy_truth_gltest GL_ONLY LIBS relievo_accuracy relievo_dense_pages relievo_sample relievo_import SOURCES render/accuracy_truth_gltest.cpp)
 relievo_gltest(mesh_picture_gltest LIBS relievo_engine SOURCES render/mesh_picture_gltest.cpp)
 relievo_gltest(hidden_backs_gltest GL_ONLY LIBS relievo_engine SOURCES render/hidden_backs_gltest.cpp)
 relievo_gltest(orthographic_gltest GL_ONLY LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/orthographic_gltest.cpp)

@@ -20,7 +20,7 @@ using namespace relievo::testing_support;
 TEST_F(Cli, HelpIsThereForEverySubCommandAndGivesUnitsAndAnExample) {
   EXPECT_EQ(relievo("--help").exit_code, 0);
   for (const char* command :
-       {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare", "selftest"}) {
+       {"sample", "build", "info", "verify", "export", "render", "view", "bench", "compare", "accuracy", "selftest"}) {
     Outcome r = relievo(std::string(command) + " --help");
     EXPECT_EQ(r.exit_code, 0) << command;
     EXPECT_NE(r.output.find("xample"), std::string::npos) << command << ": no example in\n" << r.output;

@@ -95,6 +95,9 @@ Result<void> SettingMeasure::measureGeometry(Engine& engine, const ViewTruth& tr
   StrategyPass& pass = rebuilt_pass_ ? *rebuilt_pass_ : truth_.pass();
   StrategyResult chosen;
   chosen.instances = engine.instances();
+  // A tail's heights are samples of its patch's root page, which this pass has in its place.
+  for (PatchInstance& p : chosen.instances)
+    if (p.relief_page.level == kTailLevel) p.relief_page = {p.node.patch, 0, 0, 0};
   if (auto drawn = pass.draw(chosen, truth.view, 1); !drawn) return drawn.error();
   PlacePixels pixels;
   ErrorVectors errors;
