@@ -142,7 +142,7 @@ std::string frontSection(const AccuracyResult& r, const NamedPlot& plot) {
 }
 
 std::string knobSection(const AccuracyKnob& knob, const AccuracyResult& r, const std::vector<NamedPlot>& plots) {
-  std::string out = "<h3>" + escapedHtml(knob.title) + "</h3>\n<p>" + escapedHtml(knob.meaning) +
+  std::string out = "<h3 class='knob'>" + escapedHtml(knob.title) + "</h3>\n<p>" + escapedHtml(knob.meaning) +
                     (knob.unit.empty() ? "" : "; " + escapedHtml(knob.unit)) + ".</p>\n";
   bool built = false;
   for (const AccuracyRow& row : r.rows) built = built || (row.knob == knob.name && row.setting.rebuilt());

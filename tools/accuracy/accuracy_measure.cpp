@@ -8,7 +8,8 @@ namespace relievo {
 namespace {
 
 constexpr double kSettle_s = 30;
-constexpr double kMovingFrame_s = 1.0 / 30;  // of the flight from one moving frame to the next
+constexpr double kMovingFrame_s = 0.15;      // of the flight from one moving frame to the next: fast, so that pages
+                                             // are late where settings let them be
 constexpr double kFlightFrame_s = 1.0 / 60;  // from CompareCamera::before to now
 
 double nowSeconds() {

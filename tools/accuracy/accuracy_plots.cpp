@@ -22,6 +22,12 @@ std::string textOf(const AccuracyRow& row) {
 
 double plottedMib(uint64_t bytes) { return std::max(static_cast<double>(bytes) / 1048576.0, 1e-3); }
 
+// As it begins a title.
+std::string capital(std::string text) {
+  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
+  return text;
+}
+
 std::vector<const AccuracyRow*> rowsOf(const AccuracyKnob& knob, const AccuracyResult& result) {
   std::vector<const AccuracyRow*> out;
   for (const AccuracyRow& row : result.rows)
@@ -80,19 +86,19 @@ std::vector<NamedPlot> knobPlots(const AccuracyKnob& knob, const AccuracyResult&
   const bool streaming = knob.name == "feedback-scale" || knob.name == "feedback-interval" || knob.name == "prefetch" ||
                          knob.name == "cache-mib";
   if (streaming) {
-    out.push_back({knob.name, timesPlot(knob.title + ": accuracy while moving", rows,
+    out.push_back({knob.name, timesPlot(capital(knob.title) + ": accuracy while moving", rows,
                                         {.title = "PSNR of moving pictures, dB", .logarithmic = false},
                                         [](const AccuracyFigures& f) { return f.moving_psnr_db; })});
   } else {
-    out.push_back({knob.name, timesPlot(knob.title + ": accuracy and time", rows, db, psnr)});
+    out.push_back({knob.name, timesPlot(capital(knob.title) + ": accuracy and time", rows, db, psnr)});
   }
   if (knob.name == "error-px" || knob.name == "least-cell" || knob.name == "relief-bits")
     out.push_back({knob.name + "-geometry",
-                   timesPlot(knob.title + ": geometry", rows, {.title = "largest geometric error, px"},
+                   timesPlot(capital(knob.title) + ": geometry", rows, {.title = "largest geometric error, px"},
                              [](const AccuracyFigures& f) { return std::max(f.geometry_px, kLeastGeometryPx); })});
   if (knob.name == "detail-bias" || knob.name == "cache-mib" || knob.name == "encoding" ||
       knob.name == "coefficient-bits" || knob.name == "relief-bits") {
-    Plot plot = emptyPlot(knob.title + ": accuracy and bytes", {.title = "MiB over the path"}, db,
+    Plot plot = emptyPlot(capital(knob.title) + ": accuracy and bytes", {.title = "MiB over the path"}, db,
                           {"read", "resident, at most"});
     for (const AccuracyRow* row : rows) {
       plot.points.push_back({0, plottedMib(row->figures.bytes_read), row->figures.psnr_db, textOf(*row), row->label});

@@ -235,7 +235,7 @@ std::vector<ReportFile> accuracyReport(const AccuracyPlan& plan, const AccuracyR
                               {"accuracy.json", jsonText(plan, result, made, advice)}};
   for (const AccuracyAdvice& a : advice)
     if (a.row) out.push_back({a.file, settingsText(result.rows[*a.row].setting.draw, a.goal + ": " + a.text)});
-  for (const NamedPlot& p : plots) out.push_back({p.name + ".svg", standaloneSvg(plotSvg(p.plot))});
+  for (const NamedPlot& p : plots) out.push_back({p.name + ".svg", standaloneSvg(p.plot)});
   out.push_back({"report.html", accuracyHtml(plan, result, made, advice, plots)});
   return out;
 }

@@ -3,8 +3,9 @@
 //
 // The path has views of three flights in turn: around the artwork, over it at a slant, and close to it
 // (tools/compare/compare_path.h). Which moments of the flights they are is drawn by the seed. Before each view the
-// camera comes with the flight's speed for some frames: these are the moving ones. Then the view settles, and stands
-// still.
+// camera comes along the flight's direction for some frames, 0.15 s of the flight each, which at 60 frames/s is nine
+// times its speed: these are the moving ones, and pages are late in them where settings let them be. Then the view
+// settles, and stands still.
 #pragma once
 
 #include <functional>

@@ -12,6 +12,7 @@ namespace relievo {
 namespace {
 
 constexpr double kSolvedPx = 1.0 / 64, kExactPx = 1e-4;
+constexpr double kTriangleReach = 1e-3;  // pixels: within a triangle of the surface, nearly always
 constexpr int kSteps = 12;
 
 }  // namespace
@@ -44,7 +45,41 @@ TexelFootprint AccuracyTruth::footprintOf(const PatchInstance& p, double u, doub
   return out;
 }
 
-// Newton's method with differences over about a pixel, which cross the surface's folds.
+// About a place of an instance: differences over `reach` to each side of it, in the instance's units.
+struct AccuracyTruth::Slope {
+  glm::dvec3 point_mm{0}, du_mm{0}, dv_mm{0};
+  glm::dvec2 px{0};
+  glm::dmat2 uv_by_px{1.0};
+  bool good = false;  // before the eye, and not seen edge-on
+};
+
+AccuracyTruth::Slope AccuracyTruth::slopeAt(const Frame& frame, const PatchInstance& instance, double u, double v,
+                                            double reach) const {
+  Slope out;
+  bool good = true;
+  auto pictureOf = [&](const glm::dvec3& p) {
+    bool in_front = false;
+    const glm::dvec2 px = frame.pixelOf(p, &in_front);
+    good = good && in_front;
+    return px;
+  };
+  out.point_mm = surface_->finestPointMm(instance, u, v);
+  const glm::dvec3 left = surface_->finestPointMm(instance, u - reach, v),
+                   right = surface_->finestPointMm(instance, u + reach, v),
+                   up = surface_->finestPointMm(instance, u, v - reach),
+                   down = surface_->finestPointMm(instance, u, v + reach);
+  out.px = pictureOf(out.point_mm);
+  out.du_mm = (right - left) / (2 * reach);
+  out.dv_mm = (down - up) / (2 * reach);
+  const glm::dmat2 px_by_uv((pictureOf(right) - pictureOf(left)) / (2 * reach),
+                            (pictureOf(down) - pictureOf(up)) / (2 * reach));
+  const double size = glm::dot(px_by_uv[0], px_by_uv[0]) + glm::dot(px_by_uv[1], px_by_uv[1]);
+  out.good = good && std::abs(glm::determinant(px_by_uv)) > 1e-12 * size;
+  if (out.good) out.uv_by_px = glm::inverse(px_by_uv);
+  return out;
+}
+
+// Newton's method with differences over a pixel, which cross the surface's folds.
 AccuracyTruth::Place AccuracyTruth::solve(const Frame& frame, const PatchInstance& instance,
                                           const std::array<uint32_t, 4>& drawn, int x, int y) const {
   Place out;
@@ -53,40 +88,24 @@ AccuracyTruth::Place AccuracyTruth::solve(const Frame& frame, const PatchInstanc
   const double pixel = std::bit_cast<float>(drawn[3]);
   const double cell = std::ldexp(1.0, -instance.grid_level);
   if (!(pixel > 0) || pixel > kMostCellsAPixel * cell || !std::isfinite(u + v)) return out;
-  const glm::dvec2 target(x + 0.5, y + 0.5);
-  auto pointAt = [&](double a, double b) { return surface_->finestPointMm(instance, a, b); };
-  auto pictureOf = [&](const glm::dvec3& p, bool& good) {
-    bool in_front = false;
-    const glm::dvec2 px = frame.pixelOf(p, &in_front);
-    good = good && in_front;
-    return px;
-  };
-  const double h = 0.5 * pixel;
   for (int step = 0; step < kSteps; ++step) {
-    bool good = true;
-    out.point_mm = pointAt(u, v);
-    const glm::dvec3 left = pointAt(u - h, v), right = pointAt(u + h, v), up = pointAt(u, v - h),
-                     down = pointAt(u, v + h);
-    const glm::dvec2 off = target - pictureOf(out.point_mm, good);
-    const glm::dmat2 px_by_uv((pictureOf(right, good) - pictureOf(left, good)) / (2 * h),
-                              (pictureOf(down, good) - pictureOf(up, good)) / (2 * h));
-    const double det = glm::determinant(px_by_uv);
-    if (!good ||
-        !(std::abs(det) > 1e-12 * std::abs(glm::dot(px_by_uv[0], px_by_uv[0]) + glm::dot(px_by_uv[1], px_by_uv[1]))))
-      return out;
-    const glm::dmat2 uv_by_px = glm::inverse(px_by_uv);
+    const Slope wide = slopeAt(frame, instance, u, v, 0.5 * pixel);
+    if (!wide.good) return out;
+    const glm::dvec2 off = glm::dvec2(x + 0.5, y + 0.5) - wide.px;
     const double length = glm::length(off);
     if (length <= kExactPx || (step + 1 == kSteps && length <= kSolvedPx)) {
+      const Slope exact = slopeAt(frame, instance, u, v, kTriangleReach * pixel);
+      if (!exact.good) return out;
       out.solved = true;
-      out.footprint = footprintOf(instance, u, v, uv_by_px);
+      out.point_mm = wide.point_mm;
       // Rows of pixels count upwards here and downwards in a picture; a footprint has no sense of direction.
-      const glm::dvec3 du = (right - left) / (2 * h), dv = (down - up) / (2 * h);
-      out.dx_mm = du * uv_by_px[0].x + dv * uv_by_px[0].y;
-      out.dy_mm = du * uv_by_px[1].x + dv * uv_by_px[1].y;
+      out.footprint = footprintOf(instance, u, v, exact.uv_by_px);
+      out.dx_mm = wide.du_mm * wide.uv_by_px[0].x + wide.dv_mm * wide.uv_by_px[0].y;
+      out.dy_mm = wide.du_mm * wide.uv_by_px[1].x + wide.dv_mm * wide.uv_by_px[1].y;
       return out;
     }
     // Half a step where the last ones went to and fro.
-    glm::dvec2 move = uv_by_px * off * (step < kSteps / 2 ? 1.0 : 0.5);
+    glm::dvec2 move = wide.uv_by_px * off * (step < kSteps / 2 ? 1.0 : 0.5);
     const double most = 4 * pixel, moved = std::max(std::abs(move.x), std::abs(move.y));
     if (moved > most) move *= most / moved;
     u += move.x;

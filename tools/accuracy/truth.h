@@ -3,8 +3,9 @@
 //
 // The graphics driver draws all of the relief without levels of detail and says which place each pixel shows
 // (src/render/strategy_pass.h): that decides what is visible. The place itself is then solved for in double precision:
-// the point of the finest surface whose picture is the pixel's centre. Its derivatives are differences over a pixel;
-// the colour follows from truth_texture.h and evaluatePixel() of src/artwork/basis.h.
+// the point of the finest surface whose picture is the pixel's centre. The footprint is that of the triangle there, as
+// the oracle of "virtual equals dense" has it (tests/render/dense_reference.h), with which the colours agree; they
+// follow from truth_texture.h and evaluatePixel() of src/artwork/basis.h.
 //
 // Left out and counted: pixels on the outline and on inner occlusion edges (there a hair's breadth decides between two
 // far parts of the artwork), and those whose place was not found to 1/64 px (walls seen edge-on).
@@ -58,7 +59,9 @@ class AccuracyTruth {
     TexelFootprint footprint;
     glm::dvec3 point_mm{0}, dx_mm{0}, dy_mm{0};
   };
+  struct Slope;
   explicit AccuracyTruth(const TruthOptions& options) : o_(options) {}
+  Slope slopeAt(const Frame& frame, const PatchInstance& instance, double u, double v, double reach) const;
   Place solve(const Frame& frame, const PatchInstance& instance, const std::array<uint32_t, 4>& drawn, int x,
               int y) const;
   TexelFootprint footprintOf(const PatchInstance& instance, double u, double v, const glm::dmat2& uv_by_px) const;

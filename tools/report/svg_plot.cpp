@@ -190,18 +190,28 @@ std::string plotSvg(const Plot& plot) {
   return out + "</svg>\n";
 }
 
-std::string standaloneSvg(const std::string& svg) {
-  std::string out = svg, size;
-  appendf(size, "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' ", kWidth, kHeight);
-  if (!out.starts_with("<svg ")) return out;
-  out.replace(0, 5, size);
+std::string standaloneSvg(const Plot& plot) {
+  std::string out = plotSvg(plot), head, legend;
+  if (out.empty()) return out;
+  constexpr double kRow = 20;
+  double y = kHeight + 4;
+  for (size_t s = 0; s < plot.series.size(); ++s) {
+    const double x = s % 2 == 0 ? kLeftPx : (kLeftPx + kWidth) / 2;
+    legend += marker(s, x + 5, y) + markerEnd(s);
+    appendf(legend, "<text x='%.0f' y='%.0f'>%s</text>\n", x + 16, y + 4, escapedHtml(plot.series[s].title).c_str());
+    if (s % 2 == 1 || s + 1 == plot.series.size()) y += kRow;
+  }
+  appendf(head, "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f'", kWidth, y,
+          kWidth, y);
+  out.replace(0, out.find('>'), head);
   // A page's colours are variables, which not every viewer of SVG files knows: here they are written out.
   const std::string style =
       "<style>text{fill:#1b1b1b;font:12px sans-serif}.title{font-size:15px;font-weight:600}"
       ".label{font-size:11px;fill:#666}.grid{stroke:#ddd}.frame{fill:none;stroke:#666}.paper{fill:#fff}"
       "@media(prefers-color-scheme:dark){text{fill:#e8e8e8}.label{fill:#a5a5a5}.grid{stroke:#3d3d3d}"
       ".frame{stroke:#a5a5a5}.paper{fill:#161616}}</style>\n<rect class='paper' width='100%' height='100%'/>\n";
-  return out.insert(out.find('\n') + 1, style);
+  out.insert(out.find('\n') + 1, style);
+  return out.insert(out.rfind("</svg>"), legend);
 }
 
 const char* const kReportStyle = R"(
@@ -209,6 +219,7 @@ const char* const kReportStyle = R"(
 @media(prefers-color-scheme:dark){:root{--ink:#e8e8e8;--soft:#a5a5a5;--line:#3d3d3d;--paper:#161616;--bad:#ff8a80}}
 body{font:15px/1.45 system-ui,sans-serif;color:var(--ink);background:var(--paper);
 max-width:1240px;margin:24px auto;padding:0 16px}
+h3.knob::first-letter{text-transform:uppercase}
 h1{font-size:24px}h2{font-size:18px;margin-top:32px}p{max-width:90ch}small{color:var(--soft)}
 .panels{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:12px}
 svg text{fill:var(--ink);font:12px system-ui,sans-serif}svg .title{font-size:15px;font-weight:600}

@@ -39,8 +39,8 @@ struct Plot {
 std::string plotSvg(const Plot& plot);
 // A legend's key: a mark of that series.
 std::string plotKey(size_t series);
-// What plotSvg() gave, as a file of its own.
-std::string standaloneSvg(const std::string& svg);
+// The plot as a file of its own, with its legend and its own colours.
+std::string standaloneSvg(const Plot& plot);
 
 extern const char* const kReportStyle;  // CSS of reports, in light and dark
 
