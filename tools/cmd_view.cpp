@@ -92,6 +92,12 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
                 "As --least-cell 0 while the camera stands still: on, off, or auto (on, but not with software OpenGL)")
       ->check(CLI::IsMember({"auto", "on", "off"}))
       ->capture_default_str();
+  c->add_option(
+       "--frame-ms", o->viewer.frame_ms,
+       "Hold a moving frame at about this time, ms, by giving up accuracy where that is cheapest: sampling, then "
+       "geometry; the first line says which. A still camera gets all of it back; 0 never gives up any")
+      ->check(CLI::Range(0.0, 10000.0))
+      ->capture_default_str();
   c->add_flag("--print-view", o->viewer.print_view, "On leaving, print camera and light as JSON, for --state");
   // For tests.
   c->add_option("--frames", o->viewer.frames, "")->group("");

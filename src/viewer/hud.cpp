@@ -86,6 +86,7 @@ std::string hudLine(const HudState& s) {
     line += text;
   }
   if (s.unlit) line += "   unlit";
+  if (!s.given_up.empty()) line += "   less " + s.given_up;
   return line;
 }
 

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <deque>
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -18,6 +19,7 @@
 #include "src/engine/effects/effects.h"
 #include "src/engine/eye_guard.h"
 #include "src/gl/window.h"
+#include "src/viewer/frame_time_control.h"
 #include "src/viewer/hud.h"
 #include "src/viewer/view_control.h"
 #include "texturing/import/image_io.h"
@@ -130,6 +132,7 @@ class ViewLoop {
   void meterFrame() {
     const double end = nowSeconds();
     if (last_frame_ > 0) meter_.add(end - last_frame_);
+    if (frame_time_ && last_frame_ > 0) frame_time_->observe(1000 * (end - last_frame_), moving_);
     last_frame_ = drawn_at_ = end;
   }
 
@@ -148,7 +151,10 @@ class ViewLoop {
   double message_until_ = nowSeconds() + kMessageS, light_until_ = 0, last_frame_ = 0, drawn_at_ = 0;
   double changed_at_ = nowSeconds(), moved_at_ = 0;
   int calm_frames_ = 0;
-  bool guarded_ = false, switching_ = false;
+  bool guarded_ = false, switching_ = false, moving_ = false;
+  std::optional<FrameTimeControl> frame_time_ = options_.frame_ms > 0
+                                                    ? std::optional<FrameTimeControl>(options_.frame_ms)
+                                                    : std::nullopt;
   std::array<uint64_t, 6> progress_{};
   OrbitCamera camera_;  // of the last frame
   FrameMeter meter_;
@@ -188,7 +194,9 @@ Scene ViewLoop::sceneAt(double now) {
   }
   const PixelEffect* const overlay = options_.scene.overlay;
   Scene wanted = options_.scene;
-  if (exact_still_ && now >= moved_at_ + kStillS) wanted.least_cell = 0;
+  moving_ = now < moved_at_ + kStillS;
+  if (exact_still_ && !moving_) wanted.least_cell = 0;
+  if (frame_time_ && moving_) wanted = frame_time_->spend(wanted);
   wanted.light = control_.view().light;
   wanted.wireframe = control_.wireframe;
   wanted.overlay = control_.show_pages ? &kPagesEffect : overlay == &kPagesEffect ? nullptr : overlay;
@@ -234,6 +242,7 @@ void ViewLoop::drawHud(const EngineStats& stats) {
   shown_.slots = stats.slots;
   shown_.missing_pages = stats.missing_pages;
   shown_.error_px = options_.scene.error_px;
+  shown_.given_up = frame_time_ && moving_ ? frame_time_->givenUp() : "";
   shown_.predicted_error_px = stats.predicted_error_px;
   shown_.mm_per_px = stats.orthographic ? stats.mm_per_px : 0;
   shown_.size_known = stats.size_known;

@@ -26,6 +26,9 @@ struct ViewerOptions {
   // next motion would begin with a slow frame, nor where `frames` is set.
   enum class ExactStill { kAuto, kOn, kOff };
   ExactStill exact_still = ExactStill::kAuto;
+  // While the camera moves, accuracy is given up so that a frame takes at most about so long (frame_time_control.h); 0:
+  // it never is.
+  double frame_ms = 0;
   // For tests: after so many frames (0: never) the viewer writes snapshot_file, if it is named, and ends.
   int64_t frames = 0;
   std::string snapshot_file;
