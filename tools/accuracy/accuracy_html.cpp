@@ -1,6 +1,7 @@
 #include "tools/accuracy/accuracy_html.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace relievo {
 namespace {
@@ -103,19 +104,16 @@ std::string uncertainty(const AccuracyPlan& plan, const AccuracyResult& r) {
   const AccuracyFigures& base = r.rows.front().figures;
   appendf(
       out,
-      "A time is the median of %zu moving frames, %zu still frames and %zu cold starts; small figures beside it are "
-      "the quartiles. The base was measured %zu times in all, between the others: its medians lay between %.2f and "
-      "%.2f ms "
-      "moving, %.2f and %.2f ms still, %.0f and %.0f ms cold. Smaller differences mean nothing. Its PSNR differed by "
-      "at most %.3f dB.",
-      base.moving_ms.count, base.still_ms.count, base.cold_ms.count, r.control_moving_ms.count, r.control_moving_ms.low,
+      "All settings were measured in %zu rounds, so that what else the machine did in the meantime fell on all alike; "
+      "combinations came after the knobs. A time is the median of the rounds, and of %zu cold starts; small figures "
+      "beside it are the quartiles. In a round, moving is the mean over the views of the time for each position of the "
+      "camera that was shown, still the mean of each view's median of %d frames. The base was measured %zu times in "
+      "all, between the others: it took %.2f to %.2f ms moving, %.2f to %.2f ms still, %.0f to %.0f ms cold. Smaller "
+      "differences mean nothing. Its PSNR differed by at most %.3f dB.",
+      base.moving_ms.count, base.cold_ms.count, plan.still_frames, r.control_moving_ms.count, r.control_moving_ms.low,
       r.control_moving_ms.high, r.control_still_ms.low, r.control_still_ms.high, r.control_cold_ms.low,
       r.control_cold_ms.high, r.control_psnr_db);
   out += " Cold starts read files that the system may hold in memory.";
-  appendf(out,
-          " All settings were measured in %d rounds, so that what else the machine did in the meantime fell on all "
-          "alike; combinations came after the knobs.",
-          plan.passes);
   return out + "</p>\n";
 }
 
@@ -141,11 +139,23 @@ std::string frontSection(const AccuracyResult& r, const NamedPlot& plot) {
   return out + "</tbody></table></div>\n";
 }
 
+// Of a knob that a settled picture does not show: do moving pictures not show it either?
+bool lateNothing(const AccuracyKnob& knob, const AccuracyResult& r) {
+  if (knob.name != "feedback-scale" && knob.name != "feedback-interval" && knob.name != "prefetch") return false;
+  constexpr double kSameDb = 0.01;
+  return std::all_of(r.rows.begin(), r.rows.end(), [&](const AccuracyRow& row) {
+    return row.knob != knob.name || !row.problem.empty() ||
+           std::abs(row.figures.moving_psnr_db - row.figures.psnr_db) < kSameDb;
+  });
+}
+
 std::string knobSection(const AccuracyKnob& knob, const AccuracyResult& r, const std::vector<NamedPlot>& plots) {
   std::string out = "<h3 class='knob'>" + escapedHtml(knob.title) + "</h3>\n<p>" + escapedHtml(knob.meaning) +
                     (knob.unit.empty() ? "" : "; " + escapedHtml(knob.unit)) + ".</p>\n";
   bool built = false;
   for (const AccuracyRow& row : r.rows) built = built || (row.knob == knob.name && row.setting.rebuilt());
+  if (lateNothing(knob, r))
+    out += "<p>No value of it made a moving picture worse here: on this path and storage no page came late.</p>\n";
   out += "<div class='panels'>\n";
   for (const NamedPlot& p : plots)
     if (p.name == knob.name || p.name.starts_with(knob.name + "-"))

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <utility>
 
 namespace relievo {
 namespace {
 
 constexpr double kSettle_s = 30;
+constexpr double kArrive_s = 2;              // the last position is shown by then
 constexpr double kMovingFrame_s = 0.15;      // of the flight from one moving frame to the next: fast, so that pages
                                              // are late where settings let them be
 constexpr double kFlightFrame_s = 1.0 / 60;  // from CompareCamera::before to now
@@ -73,23 +75,47 @@ Result<std::unique_ptr<Engine>> SettingMeasure::coldStart(const AccuracySetting&
   return engine;
 }
 
-// The moving frames before a view, and the picture of the last one.
-Result<void> SettingMeasure::arrive(Engine& engine, const CompareCamera& camera, SettingSamples& samples) {
+// A frame is drawn with the newest patch list, mostly that of the camera a frame before; where a list takes long, a
+// frame shows what the last one showed, and costs little. So what counts is not a frame's time but the time for each
+// position of the camera that is shown, up to and with the last one.
+Result<double> SettingMeasure::arrive(Engine& engine, size_t view) {
+  const CompareCamera& camera = path_[view];
   engine.setCamera(earlier(camera, plan_.moving_frames * kMovingFrame_s));
-  if (auto settled = engine.settle(kSettle_s); !settled) return settled;
+  if (auto settled = engine.settle(kSettle_s); !settled) return settled.error();
+  glm::dmat4 shown = engine.view().clip_from_world;
+  int positions = 0;
+  StrategyPass::finish();
+  const double start = nowSeconds();
+  auto drawFrame = [&](const OrbitCamera& at) {
+    engine.setCamera(at);
+    engine.frame(nowSeconds());
+    StrategyPass::finish();
+    positions += std::exchange(shown, engine.view().clip_from_world) != shown;
+  };
   for (int k = plan_.moving_frames - 1; k >= 0; --k) {
     OrbitCamera at = earlier(camera, k * kMovingFrame_s);
     // Where a flight stands still: so little that nothing else is seen, but geometry is drawn anew.
     at.azimuth_deg += k % 2 == 0 ? 0 : 1e-6;
-    StrategyPass::finish();
-    const double start = nowSeconds();
-    engine.setCamera(at);
-    engine.frame(nowSeconds());
-    StrategyPass::finish();
-    samples.moving_ms.push_back(1000 * (nowSeconds() - start));
+    drawFrame(at);
     if (plan_.interrupted && *plan_.interrupted) return interruptedError();
   }
-  return {};
+  const double last_start = nowSeconds();
+  while (shown != truths_[view].view.clip_from_world && nowSeconds() < last_start + kArrive_s) drawFrame(camera.now);
+  return 1000 * (nowSeconds() - start) / std::max(1, positions);
+}
+
+// Median of the frames of a view that stands still.
+double SettingMeasure::stillFrameMs(Engine& engine) const {
+  engine.frame(nowSeconds());  // the first frame after settling may draw the surface once more
+  std::vector<double> ms;
+  for (int k = 0; k < plan_.still_frames; ++k) {
+    StrategyPass::finish();
+    const double start = nowSeconds();
+    engine.frame(nowSeconds());
+    StrategyPass::finish();
+    ms.push_back(1000 * (nowSeconds() - start));
+  }
+  return spreadOf(std::move(ms)).median;
 }
 
 Result<void> SettingMeasure::measureGeometry(Engine& engine, const ViewTruth& truth, AccuracyFigures& out) {
@@ -117,12 +143,11 @@ Result<void> SettingMeasure::measureGeometry(Engine& engine, const ViewTruth& tr
 // compared: settled pictures and geometry, too, which are the same in every round.
 Result<void> SettingMeasure::passOverPath(Engine& engine, SettingSamples& samples, bool compared) {
   AccuracyFigures& out = samples.figures;
+  double moving_ms = 0, still_ms = 0;
   for (size_t v = 0; v < path_.size(); ++v) {
-    if (auto moved = arrive(engine, path_[v], samples); !moved) return moved;
-    // A frame is drawn with the newest patch list, mostly that of the camera a frame before: a frame or two more show
-    // what is there by the time that the camera is where the truth was seen from.
-    for (int k = 0; k < 4 && engine.view().clip_from_world != truths_[v].view.clip_from_world; ++k)
-      engine.frame(nowSeconds());
+    auto moved = arrive(engine, v);
+    if (!moved) return moved.error();
+    moving_ms += *moved;
     samples.moving.add(truths_[v], engine.readPixels(), plan_.width_px, plan_.height_px);
     if (auto settled = engine.settle(kSettle_s); !settled) return settled;
     samples.triangles.push_back(engine.stats().triangles);
@@ -131,16 +156,11 @@ Result<void> SettingMeasure::passOverPath(Engine& engine, SettingSamples& sample
       samples.settled.add(truths_[v], engine.readPixels(), plan_.width_px, plan_.height_px);
       if (auto measured = measureGeometry(engine, truths_[v], out); !measured) return measured;
     }
-    engine.frame(nowSeconds());  // the first frame after settling may draw the surface once more
-    for (int k = 0; k < plan_.still_frames; ++k) {
-      StrategyPass::finish();
-      const double start = nowSeconds();
-      engine.frame(nowSeconds());
-      StrategyPass::finish();
-      samples.still_ms.push_back(1000 * (nowSeconds() - start));
-    }
+    still_ms += stillFrameMs(engine);
     if (plan_.interrupted && *plan_.interrupted) return interruptedError();
   }
+  samples.moving_ms.push_back(moving_ms / static_cast<double>(path_.size()));
+  samples.still_ms.push_back(still_ms / static_cast<double>(path_.size()));
   return {};
 }
 

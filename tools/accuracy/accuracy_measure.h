@@ -17,7 +17,8 @@ struct PictureError {
 
 // What is kept of a setting from round to round.
 struct SettingSamples {
-  std::vector<double> moving_ms, still_ms, cold_ms, triangles;
+  std::vector<double> moving_ms, still_ms;  // a round: the mean of its views
+  std::vector<double> cold_ms, triangles;
   PictureError settled, moving;
   AccuracyFigures figures;  // what needs no samples
   int rounds = 0;
@@ -35,7 +36,9 @@ class SettingMeasure {
  private:
   Result<std::unique_ptr<Engine>> coldStart(const AccuracySetting& setting, SettingSamples* samples);
   Result<void> passOverPath(Engine& engine, SettingSamples& samples, bool compared);
-  Result<void> arrive(Engine& engine, const CompareCamera& camera, SettingSamples& samples);
+  // Returns what it took to show a position of the camera, ms.
+  Result<double> arrive(Engine& engine, size_t view);
+  double stillFrameMs(Engine& engine) const;
   Result<void> measureGeometry(Engine& engine, const ViewTruth& truth, AccuracyFigures& out);
   Result<void> prepare(const AccuracySetting& setting);
   Result<void> prepareRelief(const AccuracySetting& setting);

@@ -48,7 +48,7 @@ Plot emptyPlot(const std::string& title, const PlotAxis& x, const PlotAxis& y,
 // One point a value and time: moving and still.
 Plot timesPlot(const std::string& title, const std::vector<const AccuracyRow*>& rows, const PlotAxis& y,
                double (*value)(const AccuracyFigures&)) {
-  Plot plot = emptyPlot(title, {.title = "a frame, ms (median)"}, y, {"moving camera", "still camera"});
+  Plot plot = emptyPlot(title, {.title = "ms a frame (median of the rounds)"}, y, {"moving camera", "still camera"});
   for (const AccuracyRow* row : rows) {
     const AccuracyFigures& f = row->figures;
     plot.points.push_back({0, std::max(f.moving_ms.median, 1e-3), value(f), textOf(*row), row->label});
@@ -60,9 +60,10 @@ Plot timesPlot(const std::string& title, const std::vector<const AccuracyRow*>& 
 }  // namespace
 
 NamedPlot frontPlot(const AccuracyResult& result, const std::vector<size_t>& front) {
-  Plot plot = emptyPlot("Accuracy and time of all settings", {.title = "a moving frame, ms (median)"},
-                        {.title = "PSNR of settled pictures, dB", .logarithmic = false},
-                        {"on the front: no other setting beats it", "a combination", "one knob turned", "the default"});
+  Plot plot =
+      emptyPlot("Accuracy and time of all settings", {.title = "ms for each position of a moving camera (median)"},
+                {.title = "PSNR of settled pictures, dB", .logarithmic = false},
+                {"on the front: no other setting beats it", "a combination", "one knob turned", "the default"});
   for (size_t s = 1; s < plot.series.size(); ++s) plot.series[s].joined = false;
   auto add = [&](size_t series, const AccuracyRow& row, const std::string& label) {
     plot.points.push_back(

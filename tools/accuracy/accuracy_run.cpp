@@ -220,7 +220,10 @@ Spread spreadOf(std::vector<double> values) {
   if (values.empty()) return {};
   std::sort(values.begin(), values.end());
   auto at = [&](double q) {
-    return values[static_cast<size_t>(std::lround(q * static_cast<double>(values.size() - 1)))];
+    const double place = q * static_cast<double>(values.size() - 1);
+    const auto below = static_cast<size_t>(place);
+    const size_t above = std::min(below + 1, values.size() - 1);
+    return values[below] + (place - static_cast<double>(below)) * (values[above] - values[below]);
   };
   return {at(0.5), at(0.25), at(0.75), values.size()};
 }
