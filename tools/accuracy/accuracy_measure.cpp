@@ -90,7 +90,8 @@ Result<double> SettingMeasure::arrive(Engine& engine, size_t view) {
     engine.setCamera(at);
     engine.frame(nowSeconds());
     StrategyPass::finish();
-    positions += std::exchange(shown, engine.view().clip_from_world) != shown;
+    const glm::dmat4 before = std::exchange(shown, engine.view().clip_from_world);
+    positions += shown != before;
   };
   for (int k = plan_.moving_frames - 1; k >= 0; --k) {
     OrbitCamera at = earlier(camera, k * kMovingFrame_s);
