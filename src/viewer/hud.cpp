@@ -74,8 +74,9 @@ void drawFigures(const HudFigures& figures, float gap) {
 
 std::string hudLine(const HudState& s) {
   char text[200];
-  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms   pages %u of %u, %u missing   error at most %.2f px", s.fps,
-                s.frame_ms, s.resident_pages, s.slots, s.missing_pages, s.predicted_error_px);
+  std::snprintf(text, sizeof text, "%.0f fps  %.1f ms%s%s   pages %u of %u, %u missing   error at most %.2f px", s.fps,
+                s.frame_ms, s.given_up.empty() ? "" : ", less ", s.given_up.c_str(), s.resident_pages, s.slots,
+                s.missing_pages, s.predicted_error_px);
   std::string line = text;
   if (s.predicted_error_px > s.error_px) {
     std::snprintf(text, sizeof text, " %s (asked for %.1f)", s.missing_pages > 0 ? "so far" : "in places", s.error_px);
@@ -86,7 +87,6 @@ std::string hudLine(const HudState& s) {
     line += text;
   }
   if (s.unlit) line += "   unlit";
-  if (!s.given_up.empty()) line += "   less " + s.given_up;
   return line;
 }
 

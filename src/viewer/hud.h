@@ -32,7 +32,8 @@ struct HudState {
 
 // "31 fps  32.0 ms   pages 312 of 3628, 4 missing   error at most 0.84 px". Where the error exceeds error_px, the line
 // says "error at most 8.60 px in places (asked for 1.0)" or, while pages are missing, "... so far (asked for 1.0)". An
-// orthographic view adds "   0.042 mm a px", an unlit one "   unlit", accuracy given up for time "   less geometry".
+// orthographic view adds "   0.042 mm a px", an unlit one "   unlit", accuracy given up for time ", less geometry"
+// after the time.
 std::string hudLine(const HudState& state);
 
 class Hud {
