@@ -254,7 +254,7 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
       ->check(CLI::Range(1.0, 65536.0))
       ->capture_default_str();
   c->add_flag("--quick", o->quick,
-              "Fewer values, views and frames, a smaller picture, every fourth pixel of the truth: about a minute "
+              "Fewer values, views and frames, a smaller picture, every fourth pixel of the truth: one to two minutes "
               "where software draws, on two idle cores");
   c->callback([o, &context] {
     if (auto done = accuracy(*o); !done) context.fail(done.error());
