@@ -1,5 +1,6 @@
 # relievo_test(...) lines of tests/base
-relievo_test(base_test MEMORY THREADS LIBS relievo_base nlohmann_json::nlohmann_json SOURCES base/base_test.cpp)
+relievo_test(base_test MEMORY LIBS relievo_base nlohmann_json::nlohmann_json SOURCES base/base_test.cpp)
+relievo_test(channel_test MEMORY THREADS LIBS relievo_base SOURCES base/channel_test.cpp)
 relievo_test(hash_index_test MEMORY LIBS relievo_base SOURCES base/hash_index_test.cpp)
 relievo_test(output_file_test MEMORY LIBS relievo_base SOURCES base/output_file_test.cpp)
 relievo_test(one_writer_test MEMORY LIBS relievo_base SOURCES base/one_writer_test.cpp DEFINES RELIEVO_SOURCES="${CMAKE_SOURCE_DIR}")

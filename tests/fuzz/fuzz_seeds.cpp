@@ -228,6 +228,8 @@ void otherImages() {
 void cameras() {
   put("state", "all",
       R"({"azimuth_deg": 20, "elevation_deg": -10.5, "distance_mm": 400, "fov_deg": 35, "orthographic": false, "target_mm": [1, 2, 3], "light": [0.1, 0, 1]})");
+  put("state", "settings",
+      R"({"format": "relievo-settings", "version": 1, "error_px": 2, "sampling": "bilinear", "prefetch": false})");
   put("state", "empty", "{}");
   put("state", "parallel", R"({"orthographic": true, "distance_mm": 1e3})");
   put("path", "two",

@@ -1,5 +1,6 @@
-// A view's state as `--state` reads it.
+// A view's state as `--state` reads it, and settings as `--settings` does.
 #include "tests/fuzz/fuzz_file.h"
+#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
 #include "tools/scene_options.h"
 
@@ -22,5 +23,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   auto camera = options.camera(extent, 640, 480);
   if (!camera) fuzz::requireExplained(camera.error());
   else fuzz::require(camera->distance_mm > 0, "a camera at no distance");
+  if (auto settings = readSettings(fuzz::folder().put("settings.json", {data, size})); !settings)
+    fuzz::requireExplained(settings.error());
   return 0;
 }

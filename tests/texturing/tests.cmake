@@ -1,6 +1,6 @@
 # relievo_test(...) lines of tests/texturing
-relievo_test(package_builder_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/package_builder_test.cpp)
-relievo_test(build_checkpoint_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/build_checkpoint_test.cpp)
+relievo_test(package_builder_test MEMORY OPTIMISED COST 35 LIBS relievo_stream relievo_import SOURCES texturing/package_builder_test.cpp)
+relievo_test(build_checkpoint_test MEMORY OPTIMISED COST 25 LIBS relievo_stream relievo_import SOURCES texturing/build_checkpoint_test.cpp)
 relievo_test(page_cache_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/page_cache_test.cpp)
 relievo_test(subslot_cache_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/subslot_cache_test.cpp)
 relievo_test(relief_subslots_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/relief_subslots_test.cpp)
@@ -29,5 +29,5 @@ relievo_test(bc_blocks_test LIBS relievo_stream relievo_import SOURCES texturing
 relievo_test(package_header_test MEMORY LIBS relievo_package SOURCES texturing/package_header_test.cpp)
 relievo_test(package_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/package_test.cpp)
 relievo_test(page_sources_test MEMORY LIBS relievo_stream relievo_import SOURCES texturing/page_sources_test.cpp)
-relievo_test(patch_package_test MEMORY OPTIMISED LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)
-relievo_test(patch_tails_test MEMORY OPTIMISED LIBS relievo_stream relievo_import SOURCES texturing/patch_tails_test.cpp)
+relievo_test(patch_package_test MEMORY OPTIMISED COST 40 LIBS relievo_stream relievo_import nlohmann_json::nlohmann_json SOURCES texturing/patch_package_test.cpp)
+relievo_test(patch_tails_test MEMORY OPTIMISED COST 30 LIBS relievo_stream relievo_import SOURCES texturing/patch_tails_test.cpp)
