@@ -110,9 +110,10 @@ TEST_F(AccuracyCli, BadInputsAreOneErrorEach) {
 
 TEST_F(AccuracyCli, AnInterruptionLeavesNoReport) {
   ASSERT_TRUE(makeSample());
-  const Outcome r =
-      run("timeout -s INT 1.5 " RELIEVO_PROGRAM " accuracy " + file("coin.relievo") + " -o " + file("out"));
+  const Outcome r = run("timeout --foreground --preserve-status -k 60 -s INT 1.5 " RELIEVO_PROGRAM " accuracy " +
+                        file("coin.relievo") + " -o " + file("out"));
   if (noGl(r)) GTEST_SKIP() << r.output;
+  EXPECT_EQ(r.exit_code, 130) << r.output;
   EXPECT_NE(r.output.find("interrupted"), std::string::npos) << r.output;
   EXPECT_TRUE(fs::is_empty(file("out")));
 }
