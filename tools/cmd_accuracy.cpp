@@ -16,12 +16,12 @@
 #include "tools/accuracy/accuracy_run.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
+#include "tools/report/machine.h"
 
 namespace relievo {
 namespace {
 
 constexpr int64_t kMostAccuracyPx = 4096;
-constexpr uint64_t kMostCpuInfoBytes = 1 << 20;
 
 struct AccuracyOptions {
   std::string file, folder, knobs, size, light = "-0.6,0.5,0.6", psnr = "35,40,45", frame_ms = "16.7,33.3";
@@ -30,15 +30,6 @@ struct AccuracyOptions {
   double memory_mib = 1024;
   bool quick = false;
 };
-
-std::vector<std::string> commaParts(const std::string& list) {
-  std::vector<std::string> out;
-  size_t from = 0;
-  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1)
-    out.push_back(list.substr(from, comma - from));
-  out.push_back(list.substr(from));
-  return out;
-}
 
 Result<std::vector<double>> goalsOf(const std::string& list, const char* option, const char* unit) {
   std::vector<double> out;
@@ -98,17 +89,6 @@ Result<AccuracyPlan> accuracyPlan(const AccuracyOptions& o) {
   return plan;
 }
 
-std::string processorName() {
-  const auto text = readTextFile("/proc/cpuinfo", kMostCpuInfoBytes);
-  if (!text) return "not known";
-  const size_t at = text->find("model name");
-  const size_t colon = at == std::string::npos ? at : text->find(": ", at);
-  if (colon == std::string::npos) return "not known";
-  return text->substr(colon + 2, text->find('\n', colon) - colon - 2) + ", " +
-         std::to_string(std::count(text->begin(), text->end(), '\n') > 0 ? std::thread::hardware_concurrency() : 0) +
-         " cores";
-}
-
 std::string commandLine(const AccuracyOptions& o) {
   std::string out = "relievo accuracy " + std::filesystem::path(o.file).filename().string();
   auto add = [&](const char* option, const std::string& value) { out += " " + std::string(option) + " " + value; };
@@ -123,15 +103,6 @@ std::string commandLine(const AccuracyOptions& o) {
   add("--psnr", o.psnr);
   add("--frame-ms", o.frame_ms);
   return out;
-}
-
-std::string today() {
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  char text[40];
-  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M UTC", &utc);
-  return text;
 }
 
 // All of them stand beside their places before the first one takes it; report.html comes last.
@@ -200,7 +171,8 @@ Result<void> accuracy(const AccuracyOptions& o) {
     result = runAccuracy(*plan, (*context)->info());
   }
   if (!result) return result.error();
-  const AccuracyProvenance made{commandLine(o), today(), processorName(),
+  const AccuracyProvenance made{commandLine(o), utcText(std::time(nullptr)),
+                                processorName() + ", " + std::to_string(std::thread::hardware_concurrency()) + " cores",
                                 std::filesystem::path(o.file).filename().string(), *hash};
   if (auto written = writeFiles(accuracyReport(*plan, *result, made, goals), o.folder); !written) return written;
   printRows(*result, goals, o.folder);

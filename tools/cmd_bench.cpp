@@ -18,6 +18,7 @@
 #include "tools/bench/bench_report.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
+#include "tools/report/machine.h"
 #include "tools/sample/sample_artwork.h"
 
 namespace relievo {
@@ -89,11 +90,6 @@ BenchRun describeRun(const std::string& renderer, const Package& package, bool q
   return run;
 }
 
-Result<void> writeReport(const std::string& path, const std::string& text) {
-  if (path.empty()) return {};
-  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
-}
-
 Result<void> bench(const BenchOptions& o) {
   if (auto good = checkOutputs({{"--json", o.json_file}, {"--markdown", o.markdown_file}}, {{"FILE", o.file}}); !good)
     return good;
@@ -142,8 +138,8 @@ Result<void> bench(const BenchOptions& o) {
     }
     if (!done) return done;
   }
-  if (auto written = writeReport(o.json_file, benchJson(run)); !written) return written;
-  return writeReport(o.markdown_file, benchMarkdown(run));
+  if (auto written = writeTextOutput(o.json_file, benchJson(run)); !written) return written;
+  return writeTextOutput(o.markdown_file, benchMarkdown(run));
 }
 
 }  // namespace

@@ -36,15 +36,6 @@ struct CompareOptions {
   bool quick = false;
 };
 
-std::vector<std::string> parts(const std::string& list) {
-  std::vector<std::string> out;
-  size_t from = 0;
-  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1)
-    out.push_back(list.substr(from, comma - from));
-  out.push_back(list.substr(from));
-  return out;
-}
-
 std::string strategyNames() {
   std::string names;
   for (const StrategyEntry& e : lodStrategies()) names += (names.empty() ? "" : ", ") + e.name;
@@ -59,13 +50,13 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
   if (o.strategies.empty()) {
     for (const StrategyEntry& e : lodStrategies()) plan.strategies.push_back(&e);
   } else {
-    for (const std::string& name : parts(o.strategies)) {
+    for (const std::string& name : commaParts(o.strategies)) {
       const StrategyEntry* e = findStrategy(name);
       if (!e) return usageError("there is no strategy '" + name + "'", "there are: " + strategyNames());
       plan.strategies.push_back(e);
     }
   }
-  for (const std::string& text : parts(o.budgets.empty() ? (o.quick ? "1,4" : "0.5,1,2,4,8") : o.budgets)) {
+  for (const std::string& text : commaParts(o.budgets.empty() ? (o.quick ? "1,4" : "0.5,1,2,4,8") : o.budgets)) {
     double px = 0;
     auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
     if (bad != std::errc() || end != text.data() + text.size() || !(px >= kLeastBudgetPx && px <= kMostBudgetPx))

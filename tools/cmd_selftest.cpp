@@ -3,7 +3,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "src/base/file.h"
 #include "src/base/standard_output.h"
 #include "tools/commands.h"
 #include "tools/output_files.h"
@@ -46,19 +45,14 @@ std::string stabilityJson(const std::vector<StabilityRow>& rows) {
   return nlohmann::ordered_json{{"version", RELIEVO_VERSION}, {"cases", list}}.dump(2) + "\n";
 }
 
-Result<void> writeTable(const std::string& path, const std::string& text) {
-  if (path.empty()) return {};
-  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
-}
-
 Result<void> selftest(const SelftestOptions& o) {
   if (auto good = checkOutputs({{"--json", o.json_file}, {"--markdown", o.markdown_file}}, {}); !good) return good;
   auto parts = chosenParts(o.only);
   if (!parts) return parts.error();
   const std::vector<StabilityRow> rows = runStability(*parts);
   if (auto printed = printOut(stabilityTable(rows, false)); !printed) return printed;
-  if (auto written = writeTable(o.json_file, stabilityJson(rows)); !written) return written;
-  if (auto written = writeTable(o.markdown_file, stabilityTable(rows, true)); !written) return written;
+  if (auto written = writeTextOutput(o.json_file, stabilityJson(rows)); !written) return written;
+  if (auto written = writeTextOutput(o.markdown_file, stabilityTable(rows, true)); !written) return written;
   size_t failures = 0, blunt = 0;
   for (const StabilityRow& row : rows) failures += !row.holds(), blunt += !row.naiveFails();
   printOutf("%zu cases: %zu hold, %zu fail; the naive method fails in %zu\n", rows.size(), rows.size() - failures,

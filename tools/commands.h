@@ -40,6 +40,8 @@ void warn(const std::string& text);
 Error usageError(const std::string& message, const std::string& hint = "");
 // "1920x1080" -> {1920, 1080}; a usage error otherwise.
 Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text);
+// "a,b,c" -> "a", "b", "c"; of an empty text one that is empty.
+std::vector<std::string> commaParts(const std::string& list);
 // "a,b,c" -> that many finite numbers; nothing where it is something else.
 std::optional<std::vector<double>> numbersOf(const std::string& text, size_t count);
 // "a,b,c" -> three doubles.

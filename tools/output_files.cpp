@@ -93,4 +93,9 @@ Result<void> checkOutputs(const std::vector<NamedFile>& outputs, const std::vect
   return {};
 }
 
+Result<void> writeTextOutput(const std::string& path, const std::string& text) {
+  if (path.empty()) return {};
+  return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+}
+
 }  // namespace relievo

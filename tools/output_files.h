@@ -28,5 +28,7 @@ Result<void> checkWritable(const std::vector<NamedFile>& outputs);
 Result<void> checkFolder(const std::string& option, const std::string& path);
 // Both of outputs; an output that goes to standard output has it from now on (claimOut).
 Result<void> checkOutputs(const std::vector<NamedFile>& outputs, const std::vector<NamedFile>& inputs);
+// The whole text under its name; an empty path: no file.
+Result<void> writeTextOutput(const std::string& path, const std::string& text);
 
 }  // namespace relievo

@@ -48,6 +48,15 @@ Result<std::pair<int64_t, int64_t>> parseSize(const std::string& text) {
   return usageError("expected a size as WIDTHxHEIGHT in px, found '" + text + "'", "for example 1280x720");
 }
 
+std::vector<std::string> commaParts(const std::string& list) {
+  std::vector<std::string> out;
+  size_t from = 0;
+  for (size_t comma; (comma = list.find(',', from)) != std::string::npos; from = comma + 1)
+    out.push_back(list.substr(from, comma - from));
+  out.push_back(list.substr(from));
+  return out;
+}
+
 std::optional<std::vector<double>> numbersOf(const std::string& text, size_t count) {
   std::vector<double> values(count);
   const char* at = text.data();

@@ -183,7 +183,9 @@ class Bintree final : public LodStrategy {
       if (half == 0) return finest(t);
       const BintreePlace m = middle(t.from, t.to);
       const BintreeVertex& v = tree.vertices_.at(m);
-      // Vertices below lie within half of a square's side for every halving to come (the strategy's box of boxes).
+      // Vertices below: from a square's middle `half` along an axis, then half / 2 along both, then as from the middle
+      // of a square half as large, and so on; in all 3 half from a square's middle and 2 half from that of a side. The
+      // box so holds those of all vertices below.
       const WorldBox box = tree.boxOf(m, (side ? 2 : 3) * half, v, exaggerate);
       if (screen.culled(box)) return;
       const double error_px = tree.errorPx(v, box, screen, exaggerate);

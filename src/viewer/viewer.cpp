@@ -29,7 +29,7 @@ namespace {
 
 constexpr double kMessageS = 6;       // how long a message stays
 constexpr double kLightGaugeS = 1.5;  // and the light's direction after a drag
-// Redrawing stops once nothing has changed for this long, in seconds and in frames (the LOD and the feedback answer
+// Redrawing stops once nothing has changed for this long, in seconds and in frames with feedback (it and the LOD answer
 // some frames late); longer where pages are missing, which may be on their way.
 constexpr double kCalmS = 0.5, kCalmMissingS = 3;
 constexpr int kCalmFrames = 12;
@@ -114,7 +114,7 @@ class ViewLoop {
  private:
   // Frames follow one another; else events are waited for.
   bool busy(double now) const {
-    return options_.frames > 0 || calm_frames_ < kCalmFrames ||
+    return options_.frames > 0 || calm_frames_ < kCalmFrames * options_.engine.feedback_interval ||
            now < changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
   }
   bool takeEvents(bool busy);

@@ -1,5 +1,6 @@
 // What `relievo bench` writes of its rows, from rows that are made up here.
 #include "tools/bench/bench_report.h"
+#include "tools/report/machine.h"
 
 #include <gtest/gtest.h>
 

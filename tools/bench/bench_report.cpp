@@ -4,9 +4,10 @@
 #include <cctype>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 
 #include <nlohmann/json.hpp>
+
+#include "tools/report/machine.h"
 
 namespace relievo {
 namespace {
@@ -33,13 +34,6 @@ std::string sentence(const std::string& text) {
   return escaped;
 }
 
-std::string utc(std::time_t time) {
-  std::tm parts{};
-  char text[40] = "unknown";
-  if (gmtime_r(&time, &parts)) std::strftime(text, sizeof text, "%Y-%m-%d %H:%M UTC", &parts);
-  return text;
-}
-
 std::string goalText(const BenchRow& row) {
   return row.goal ? (row.at_most ? "at most " : "at least ") + figureText(*row.goal) : "";
 }
@@ -62,16 +56,6 @@ nlohmann::ordered_json jsonRow(const std::string& group, const BenchRow& row) {
 }
 
 }  // namespace
-
-std::string processorName() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    if (!line.starts_with("model name")) continue;
-    const size_t colon = line.find(": ");
-    if (colon != std::string::npos && colon + 2 < line.size()) return line.substr(colon + 2);
-  }
-  return "unknown";
-}
 
 std::string figureText(double value) {
   char text[40];
@@ -116,7 +100,7 @@ std::string benchMarkdown(const BenchRun& run) {
           markdownRow({"GL renderer", run.renderer}) +
           markdownRow({"load average before the run", run.load < 0 ? "unknown" : figureText(run.load)}) +
           markdownRow({"artwork", run.artwork}) + markdownRow({"repetitions", run.quick ? "fewer (--quick)" : "all"}) +
-          markdownRow({"version", run.version}) + markdownRow({"date", utc(run.started)});
+          markdownRow({"version", run.version}) + markdownRow({"date", utcText(run.started)});
   for (const BenchGroupRows& group : run.groups) {
     page += "\n## " + group.name + "\n\n" + sentence(group.purpose) + "\n\n";
     if (group.rows.empty()) {

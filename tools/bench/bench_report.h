@@ -1,5 +1,5 @@
 // bench_report.h - what `relievo bench` writes of its rows: a table on the terminal, JSON for programs, and a page of
-// Markdown for readers. Pure but for processorName(): the same run gives the same text.
+// Markdown for readers. Pure: the same run gives the same text.
 #pragma once
 
 #include <ctime>
@@ -26,9 +26,6 @@ struct BenchRun {
   bool quick = false;
   std::vector<BenchGroupRows> groups;  // those that ran, in their order
 };
-
-// The processor's name as the system gives it (/proc/cpuinfo); "unknown" where it gives none.
-std::string processorName();
 
 // Four significant digits or so: "3195", "66.5", "0.77", "0.0511".
 std::string figureText(double value);
