@@ -170,7 +170,7 @@ Result<void> compare(const CompareOptions& o) {
             "p99 px", "pop px", "crack px", "bit diffs", "triangles", "select ms", "frame ms");
   for (const StrategyFigures& run : figures->runs) {
     if (!run.available) {
-      printOutf("%-16s %9.3g not available here: needs OpenGL 4\n", run.strategy->name.c_str(), run.budget_px);
+      printOutf("%-16s %9.3g not available here: %s\n", run.strategy->name.c_str(), run.budget_px, run.why_not.c_str());
       continue;
     }
     RunSummary s = summaryOf(run, *figures);

@@ -115,6 +115,17 @@ TEST_F(CompareBody, OfABall) {
   open(test::cubeSphere(2, 40), 1);
   expectGood(run(), 5, false);  // through a crack the far side shows, no background
 }
+TEST_F(CompareBody, WhatIsForFlatArtworksOnlySaysSo) {
+  open(test::cubeSphere(1, 40), 0);
+  plan_.strategies = {findStrategy("bintree"), findStrategy("uniform")};
+  plan_.budgets_px = {4};
+  const CompareFigures all = run();
+  EXPECT_FALSE(all.runs[0].available);
+  EXPECT_EQ(all.runs[0].why_not, "for flat artworks only");
+  EXPECT_TRUE(all.runs[0].frames.empty());
+  EXPECT_TRUE(all.runs[1].available);
+  EXPECT_EQ(all.runs[1].why_not, "");
+}
 TEST_F(CompareBody, OfAnOpenSheet) {
   open(test::openSheet(3, 2, 30), 1);
   expectGood(run(), 5, true);
