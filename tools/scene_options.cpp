@@ -114,6 +114,9 @@ void SceneOptions::addLight(CLI::App& c) {
                "--no-relight [0,0,1]");
   c.add_flag("--no-relight", no_relight,
              "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--shadows", shadows,
+             "The relief casts shadows on itself, up to the border of what is drawn. Over a PTM they come beside those "
+             "that were measured: they are simulated");
   c.add_flag("--unlit", unlit,
              "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
              "and of a scan");
@@ -298,6 +301,7 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file) {
   };
   takeFlag("--wireframe", s.wireframe, wireframe);
   takeFlag("--unlit", s.unlit, unlit);
+  takeFlag("--shadows", s.shadows, shadows);
   takeFlag("--no-relight", s.light_fixed, no_relight);
   takeFlag("--no-relief", s.relief ? std::optional(!*s.relief) : std::nullopt, no_relief);
   if (s.geomorph && !given("--geomorph")) geomorph = *s.geomorph ? "on" : "off";
@@ -319,6 +323,7 @@ SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
   if (no_relight) s.light_fixed = true;
   if (no_relief) s.relief = false;
   if (unlit) s.unlit = true;
+  if (shadows) s.shadows = true;
   if (geomorph == "on") s.geomorph = true;
   if (exaggerate != 1) s.exaggerate = exaggerate;
   s.effects = effects;
@@ -358,6 +363,7 @@ Result<Scene> SceneOptions::scene() const {
   s.relief = !no_relief;
   s.relight = !no_relight;
   s.unlit = unlit;
+  s.shadows = shadows;
   s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
                : sampling == "nearest"     ? Sampling::kNearest
                : sampling == "anisotropic" ? Sampling::kAnisotropic

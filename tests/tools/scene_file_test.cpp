@@ -30,6 +30,7 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
     if (some()) s.camera.target_mm = {number(-10, 10), 1.0 / 3, 1e-300};
     if (some()) s.light = {number(-1, 1), number(-1, 1), 0.1};
     if (some()) s.light_fixed = some();
+    if (some()) s.shadows = some();
     if (some()) s.relief = some();
     if (some()) s.unlit = some();
     if (some()) s.exaggerate = number(-1e4, 1e4);

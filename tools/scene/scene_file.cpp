@@ -54,7 +54,8 @@ JsonMembers sceneMembers(SceneFile& s, std::string& about, std::vector<std::opti
           objectMember("camera", "Where it is seen from", cameraMembers(s.camera)),
           objectMember("light", "A light that is far away",
                        {tripleMember("towards", "Towards the light: right, up, to the viewer", -1e9, 1e9, s.light),
-                        boolMember("fixed", "It stays: coefficients are resolved once a page", s.light_fixed)}),
+                        boolMember("fixed", "It stays: coefficients are resolved once a page", s.light_fixed),
+                        boolMember("shadows", "The relief casts shadows on itself", s.shadows)}),
           objectMember("surface", "What of the artwork is shown",
                        {boolMember("relief", "Its heights", s.relief),
                         numberMember("exaggerate", "Heights times this", -1e4, 1e4, s.exaggerate),
@@ -134,6 +135,7 @@ std::string sceneText(const SceneFile& s) {
   put(camera, "target_mm", s.camera.target_mm);
   put(light, "towards", s.light);
   put(light, "fixed", s.light_fixed);
+  put(light, "shadows", s.shadows);
   put(surface, "relief", s.relief);
   put(surface, "exaggerate", s.exaggerate);
   put(surface, "unlit", s.unlit);

@@ -37,6 +37,7 @@ struct SceneFile {
   SceneCamera camera;
   std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
   std::optional<bool> light_fixed;             // resolved once a page
+  std::optional<bool> shadows;                 // cast by the relief on itself
   std::optional<bool> relief, unlit, wireframe, geomorph;
   std::optional<double> exaggerate;
   std::vector<EffectSetting> effects;  // those of Stage::kTone, in the registry's order

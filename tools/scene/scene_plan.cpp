@@ -20,6 +20,7 @@ std::vector<Candidate> candidates() {
       {"light", "light on the colour or the coefficients, against a light that is fixed, or none",
        [](Scene& s) { s.unlit = s.relight = false; }},
       {"normals", "normals, which light the colour", [](Scene& s) { s.unlit = true; }},
+      {"shadows", "those that the relief casts on itself", [](Scene& s) { s.shadows = false; }},
       {"anisotropic", "several taps a pixel, against trilinear",
        [](Scene& s) { s.sampling = s.sampling == Sampling::kAnisotropic ? Sampling::kTrilinear : s.sampling; }},
       {"trilinear", "two levels a pixel, against one",
