@@ -292,6 +292,7 @@ struct Engine::Impl {
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
     v.hide_backs = options.hide_backs && !plan.shadows;  // what faces away may stand in the light
+    v.any_direction = plan.shadows;
     if (plan.shadows) {
       // What is beside the picture may cast a shadow into it.
       const double half_mm = 0.5 * mmPerPx(camera, height) * std::min(width, height);
