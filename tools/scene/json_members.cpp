@@ -69,7 +69,9 @@ Result<void> readMembers(const Json& object, const JsonMembers& members, const s
   const auto invalid = [&](const std::string& what) {
     return Error{ErrorKind::kInvalidData, file, what, format.hint, {}};
   };
-  for (const auto& [key, value] : object.items()) {
+  for (const auto& item : object.items()) {
+    const std::string& key = item.key();
+    const Json& value = item.value();
     if (within.empty() && (key == "format" || key == "version")) continue;
     const auto m = std::find_if(members.begin(), members.end(), [&](const JsonMember& one) { return one.name == key; });
     if (m == members.end()) {

@@ -10,6 +10,8 @@
 namespace relievo {
 namespace {
 
+using Json = nlohmann::ordered_json;
+
 constexpr uint64_t kMaxSceneBytes = 1 << 20;
 constexpr double kFarthestMm = 1e12;
 constexpr JsonFormat kSceneFormat{"relievo-scene", "scene", kSceneVersion,
@@ -119,7 +121,6 @@ bool namesScene(const std::string& path) {
 }
 
 std::string sceneText(const SceneFile& s) {
-  using Json = nlohmann::ordered_json;
   Json json = {{"format", kSceneFormat.name}, {"version", kSceneVersion}, {"artwork", s.artwork}};
   const auto put = [](Json& to, const char* name, const auto& value) {
     if (value) to[name] = *value;
