@@ -13,6 +13,7 @@ StrategyEntry edgeScreenStrategy();
 StrategyEntry edgeLengthStrategy();
 StrategyEntry bintreeStrategy();
 StrategyEntry tessellationStrategy();
+StrategyEntry discreteStrategy();
 StrategyEntry noSnappingStrategy();
 StrategyEntry skirtsStrategy();
 

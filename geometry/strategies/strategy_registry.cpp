@@ -3,9 +3,10 @@
 namespace relievo {
 
 const std::vector<StrategyEntry>& lodStrategies() {
-  static const std::vector<StrategyEntry> all = {
-      uniformStrategy(),    cdlodStrategy(),   edgeLodStrategy(),      edgeMorphStrategy(),  edgeScreenStrategy(),
-      edgeLengthStrategy(), bintreeStrategy(), tessellationStrategy(), noSnappingStrategy(), skirtsStrategy()};
+  static const std::vector<StrategyEntry> all = {uniformStrategy(),    cdlodStrategy(),        edgeLodStrategy(),
+                                                 edgeMorphStrategy(),  edgeScreenStrategy(),   edgeLengthStrategy(),
+                                                 bintreeStrategy(),    tessellationStrategy(), discreteStrategy(),
+                                                 noSnappingStrategy(), skirtsStrategy()};
   return all;
 }
 

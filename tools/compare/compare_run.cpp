@@ -151,8 +151,10 @@ class Runner {
       select_ms.push_back(nowMs() - start);
     }
     // The same again, if no vertex of it moves with the eye, looks the same.
-    const bool changed = chosen.rule == GridRule::kMorphed || chosen.rule == GridRule::kTrianglesOnly ||
-                         chosen.rule != earlier.rule || chosen.instances != earlier.instances;
+    const bool changed = chosen.rule == GridRule::kMorphed ||
+                         (chosen.rule == GridRule::kTrianglesOnly && !chosen.mesh) || chosen.rule != earlier.rule ||
+                         chosen.mesh != earlier.mesh || chosen.ranges != earlier.ranges ||
+                         chosen.instances != earlier.instances;
     if (changed) {
       if (auto drawn = pass_->draw(earlier, now.view, plan_.exaggerate); !drawn) return drawn.error();
       pass_->read(pixels_);
