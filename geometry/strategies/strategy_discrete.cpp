@@ -1,7 +1,7 @@
 // strategy_discrete.cpp - discrete LOD: the whole artwork as some meshes, each of half the triangles of the one before,
 // of which one is drawn for a view. Clark 1976, "Hierarchical Geometric Models for Visible Surface Algorithms"; Luebke
 // et al. 2003, "Level of Detail for 3D Graphics", section 1.2. Levels are simplified by quadric error metrics
-// (triangle_simplify.h).
+// (surface_simplify.h).
 //
 // The bound. A level's error is not the simplifier's own figure but how far its triangles lie from the finest relief
 // above the same places, at all of them (FineSurface::deviationMm). The coarsest level is drawn whose error, where what
@@ -18,8 +18,7 @@
 
 #include "geometry/strategies/strategy_bounds.h"
 #include "geometry/strategies/strategy_list.h"
-#include "geometry/strategies/strategy_surface.h"
-#include "geometry/strategies/triangle_simplify.h"
+#include "geometry/strategies/surface_simplify.h"
 
 namespace relievo {
 namespace {
@@ -84,16 +83,16 @@ DiscreteLevel discreteLevel(const FineSurface& surface, const std::vector<uint32
 std::shared_ptr<const DiscreteLevels> makeDiscreteLevels(const StrategyScene& scene, double exaggerate) {
   auto out = std::make_shared<DiscreteLevels>();
   const FineSurface surface(scene, exaggerate, kMostVertices);
-  std::vector<uint8_t> kept(surface.positions().size());
-  for (uint32_t v = 0; v < kept.size(); ++v) kept[v] = surface.isCorner(v);
   std::vector<uint32_t> triangles = surface.triangles(6);
+  SurfaceSimplifier simplifier(surface, triangles, {});
   while (true) {
     out->levels.push_back(discreteLevel(surface, triangles, exaggerate));
     DiscreteLevel& level = out->levels.back();
     if (out->levels.size() > 1) level.error_mm = std::max(level.error_mm, (&level - 1)->error_mm);
     const size_t count = triangles.size() / 3;
     if (count <= kLeastTriangles) break;
-    triangles = simplifiedTriangles(surface.positions(), kept, triangles, count / 2);
+    simplifier.reduce(count / 2);
+    triangles = simplifier.triangles();
     if (triangles.size() / 3 > count * 9 / 10) break;  // what is left is corners and sides
   }
   return out;

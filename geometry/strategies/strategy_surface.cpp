@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 #include <unordered_map>
 
 namespace relievo {
@@ -13,15 +14,26 @@ double squareOfLength(double v) { return v * v; }
 double squareOfLength(const glm::dvec3& v) { return glm::dot(v, v); }
 
 // One triangle against the samples. At(i, j) is a sample's value: a height, or a point in space.
-template <class Value, class At>
+template <class At>
 class TriangleDeviation {
  public:
   using Sample = std::array<int64_t, 2>;
+  using Value = std::invoke_result_t<At, int64_t, int64_t>;
   TriangleDeviation(const std::array<SampleAxis, 2>& axes, const At& at) : x_(axes[0]), y_(axes[1]), at_(at) {}
   double largestSquare(const std::array<Sample, 3>& corners) {
     square_ = 0;
     inside(corners);
     for (size_t k = 0; k < 3; ++k) edge(corners[k], corners[(k + 1) % 3]);
+    return square_;
+  }
+  double insideSquare(const std::array<Sample, 3>& corners) {
+    square_ = 0;
+    inside(corners);
+    return square_;
+  }
+  double edgeSquare(const Sample& from, const Sample& to) {
+    square_ = 0;
+    edge(from, to);
     return square_;
   }
 
@@ -179,9 +191,10 @@ bool FineSurface::isCorner(uint32_t vertex) const {
   const Place p = place(vertex);
   return (p.i == 0 || p.i == axes_[p.patch][0].last) && (p.j == 0 || p.j == axes_[p.patch][1].last);
 }
-bool FineSurface::onPatchSide(uint32_t vertex) const {
+int FineSurface::sidesOf(uint32_t vertex) const {
   const Place p = place(vertex);
-  return p.i == 0 || p.j == 0 || p.i == axes_[p.patch][0].last || p.j == axes_[p.patch][1].last;
+  return (p.i == 0) << kLeft | (p.i == axes_[p.patch][0].last) << kRight | (p.j == 0) << kTop |
+         (p.j == axes_[p.patch][1].last) << kBottom;
 }
 
 void FineSurface::weldFlat() {
@@ -246,37 +259,57 @@ std::vector<uint32_t> FineSurface::triangles(int block_log2) const {
   return out;
 }
 
-double FineSurface::deviationMm(std::span<const uint32_t> triangles) const {
-  double square = 0;
-  auto all = [&](auto type, auto valueAt) {
-    using Value = decltype(type);
-    for (size_t k = 0; k + 2 < triangles.size(); k += 3) {
-      std::array<std::array<int64_t, 2>, 3> corners;
-      uint32_t patch = 0;
-      for (size_t c = 0; c < 3; ++c) {
-        const Place at = place(triangles[k + c]);
-        corners[c] = {at.i, at.j};
-        patch = at.patch;
-      }
-      const auto at = valueAt(patch);
-      square = std::max(square, TriangleDeviation<Value, decltype(at)>(axes_[patch], at).largestSquare(corners));
-    }
-  };
+// f(the value of a sample of the patch).
+template <class F>
+void FineSurface::withValues(uint32_t patch, F&& f) const {
   if (flat_) {
     const ReliefField& field = *scene_.field;
     const FlatDomain d = scene_.domain.flat();
-    all(double{}, [&](uint32_t patch) {
-      const int64_t i0 = (static_cast<int64_t>(d.patchOriginX(patch)) << kUnitsPerTexelLog2) >> field.spacing_log2,
-                    j0 = (static_cast<int64_t>(d.patchOriginY(patch)) << kUnitsPerTexelLog2) >> field.spacing_log2;
-      return [&field, i0, j0](int64_t i, int64_t j) { return static_cast<double>(field.at(i0 + i, j0 + j)); };
-    });
-    return std::sqrt(square) * std::abs(d.relief_scale_mm);
+    const uint16_t* corner =
+        field.samples.data() +
+        ((static_cast<int64_t>(d.patchOriginY(patch)) << kUnitsPerTexelLog2) >> field.spacing_log2) * field.columns +
+        ((static_cast<int64_t>(d.patchOriginX(patch)) << kUnitsPerTexelLog2) >> field.spacing_log2);
+    f([corner, columns = field.columns](int64_t i, int64_t j) { return static_cast<double>(corner[j * columns + i]); });
+  } else if (stride_ == 1) {
+    const glm::vec3* corner = positions_.data() + static_cast<int64_t>(patch) * per_patch_;
+    f([corner, pitch = pitch_](int64_t i, int64_t j) { return glm::dvec3(corner[j * pitch + i]); });
+  } else {
+    f([this, patch](int64_t i, int64_t j) { return scene_.body->vertexMm(patch, i, j, exaggerate_); });
   }
-  all(glm::dvec3{}, [&](uint32_t patch) {
-    return [this, patch](int64_t i, int64_t j) -> glm::dvec3 {
-      return stride_ == 1 ? glm::dvec3(positions_[vertexAt(patch, i, j)])
-                          : scene_.body->vertexMm(patch, i, j, exaggerate_);
+}
+
+double FineSurface::deviationMm(std::span<const uint32_t> triangles) const {
+  double square = 0;
+  for (size_t k = 0; k + 2 < triangles.size(); k += 3) {
+    std::array<Sample, 3> corners;
+    const uint32_t patch = place(triangles[k]).patch;
+    for (size_t c = 0; c < 3; ++c) {
+      const Place at = place(triangles[k + c]);
+      corners[c] = {at.i, at.j};
+    }
+    withValues(patch, [&](const auto& at) {
+      square = std::max(square, TriangleDeviation(axes_[patch], at).largestSquare(corners));
+    });
+  }
+  return std::sqrt(square) * fanUnitMm();
+}
+
+double FineSurface::fanDeviation(uint32_t patch, const Sample& hub, std::span<const std::array<Sample, 2>> rims,
+                                 double enough) const {
+  double square = 0;
+  withValues(patch, [&](const auto& at) {
+    TriangleDeviation one(axes_[patch], at);
+    auto more = [&](double found) {
+      square = std::max(square, found);
+      return square > enough * enough;
     };
+    for (const auto& rim : rims) {
+      if (more(one.edgeSquare(hub, rim[1]))) return;
+      const bool again = std::any_of(rims.begin(), rims.end(), [&](const auto& r) { return r[1] == rim[0]; });
+      if (!again && more(one.edgeSquare(hub, rim[0]))) return;
+    }
+    for (const auto& rim : rims)
+      if (more(one.insideSquare({hub, rim[0], rim[1]}))) return;
   });
   return std::sqrt(square);
 }

@@ -45,7 +45,7 @@ class FineSurface {
   bool whole() const { return stride_ == 1; }  // every sample is a vertex
   // Corners of patches: simplified away, a patch would lose a part of its square.
   bool isCorner(uint32_t vertex) const;
-  bool onPatchSide(uint32_t vertex) const;
+  int sidesOf(uint32_t vertex) const;  // of its patch, a bit each: 1 << Side
   // Three indices a triangle, patch after patch; within a patch in blocks of 2^block_log2 x 2^block_log2 cells.
   std::vector<uint32_t> triangles(int block_log2) const;
   // The largest distance of these triangles from the relief above the same places.
@@ -57,11 +57,20 @@ class FineSurface {
     return flat_ ? surface_mm * std::abs(exaggerate) : surface_mm;
   }
 
+  // What a simplifier asks again and again: a fan of triangles of one patch around one of its samples. The largest
+  // distance over their insides and their edges to the hub, in fanUnitMm(); anything above `enough`, if it is more.
+  using Sample = std::array<int64_t, 2>;
+  double fanDeviation(uint32_t patch, const Sample& hub, std::span<const std::array<Sample, 2>> rims,
+                      double enough) const;
+  double fanUnitMm() const { return flat_ ? std::abs(scene_.domain.relief_scale_mm) : 1; }
+
   // Collects triangles into what is drawn. cell_samples: how wide the triangles are, about (a pixel that is many of
   // them wide is not measured).
   void append(std::span<const uint32_t> triangles, double cell_samples, StrategyMesh& mesh) const;
 
  private:
+  template <class F>
+  void withValues(uint32_t patch, F&& f) const;
   uint32_t vertexAt(uint32_t patch, int64_t column, int64_t row) const {
     return static_cast<uint32_t>(static_cast<int64_t>(patch) * per_patch_ + row * pitch_ + column);
   }
