@@ -62,6 +62,7 @@ class FineSurface {
   using Sample = std::array<int64_t, 2>;
   double fanDeviation(uint32_t patch, const Sample& hub, std::span<const std::array<Sample, 2>> rims,
                       double enough) const;
+  double stepMm() const { return std::abs(scene_.domain.relief_scale_mm); }  // of heights
   double fanUnitMm() const { return flat_ ? std::abs(scene_.domain.relief_scale_mm) : 1; }
 
   // Collects triangles into what is drawn. cell_samples: how wide the triangles are, about (a pixel that is many of

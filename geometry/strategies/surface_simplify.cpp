@@ -10,13 +10,17 @@ namespace relievo {
 namespace {
 
 constexpr size_t kMostTrianglesAround = 48;  // a vertex with more makes every collapse beside it slow
+constexpr double kStepsASample =
+    0.02;  // that an edge costs besides, steps of the heights' range by its length in samples
 constexpr double kNoCollapse = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
 SurfaceSimplifier::SurfaceSimplifier(const FineSurface& surface, std::span<const uint32_t> triangles,
                                      std::span<const uint8_t> kept, double measured_mm)
-    : surface_(surface), error_(measured_mm / surface.fanUnitMm()) {
+    : surface_(surface),
+      length_cost_(kStepsASample * surface.stepMm() / surface.fanUnitMm()),
+      error_(measured_mm / surface.fanUnitMm()) {
   names_.assign(triangles.begin(), triangles.end());
   std::sort(names_.begin(), names_.end());
   names_.erase(std::unique(names_.begin(), names_.end()), names_.end());
@@ -50,7 +54,7 @@ SurfaceSimplifier::SurfaceSimplifier(const FineSurface& surface, std::span<const
 }
 
 void SurfaceSimplifier::push(uint32_t vertex) {
-  if (vertices_[vertex].error >= 0) queue_.push({vertices_[vertex].error, vertex});
+  if (vertices_[vertex].cost >= 0) queue_.push({vertices_[vertex].cost, vertex});
 }
 
 // Corners of triangles that are gone leave the list on the way.
@@ -74,22 +78,24 @@ void SurfaceSimplifier::gather(uint32_t vertex) {
 void SurfaceSimplifier::evaluate(uint32_t vertex) {
   Vertex& v = vertices_[vertex];
   v.changed = false;
-  v.error = -1;
+  v.cost = -1;
   if (v.kept) return;
   gather(vertex);
   if (ring_.size() > kMostTrianglesAround) return;
-  double least = kNoCollapse;
+  Cost least{kNoCollapse, kNoCollapse};
   for (const uint32_t target : around_) {
-    const double error = errorOf(target, least);
-    if (!(error < least)) continue;
-    least = error;
+    const Cost cost = costOf(target, least.all);
+    if (!(cost.all < least.all)) continue;
+    least = cost;
     v.target = target;
   }
-  if (std::isfinite(least)) v.error = static_cast<float>(least);
+  if (!std::isfinite(least.all)) return;
+  v.error = static_cast<float>(least.error);
+  v.cost = static_cast<float>(least.all);
 }
 
 // Of the vertex that was gathered.
-double SurfaceSimplifier::errorOf(uint32_t target, double enough) {
+SurfaceSimplifier::Cost SurfaceSimplifier::costOf(uint32_t target, double enough) {
   // Each of its copies, one a patch, goes to the target's copy in that patch; and along the sides that it lies on.
   std::array<std::array<uint32_t, 2>, 8> moves;
   size_t count = 0;
@@ -97,18 +103,18 @@ double SurfaceSimplifier::errorOf(uint32_t target, double enough) {
     const uint32_t copy = corner_vertex_[corner];
     size_t m = 0;
     while (m < count && moves[m][0] != copy) ++m;
-    if (m == moves.size()) return kNoCollapse;
+    if (m == moves.size()) return {kNoCollapse, kNoCollapse};
     if (m == count) moves[count++] = {copy, kNone};
     for (const uint32_t other : {next(corner), next(next(corner))}) {
       if (weldedAt(other) != target) continue;
       const uint32_t to = corner_vertex_[other];
-      if (moves[m][1] != kNone && moves[m][1] != to) return kNoCollapse;
+      if (moves[m][1] != kNone && moves[m][1] != to) return {kNoCollapse, kNoCollapse};
       moves[m][1] = to;
     }
   }
   for (size_t m = 0; m < count; ++m)
-    if (moves[m][1] == kNone || (sides_[moves[m][0]] & ~sides_[moves[m][1]]) != 0) return kNoCollapse;
-  double error = 0;
+    if (moves[m][1] == kNone || (sides_[moves[m][0]] & ~sides_[moves[m][1]]) != 0) return {kNoCollapse, kNoCollapse};
+  double error = 0, longest = 0;  // squares of samples
   for (size_t m = 0; m < count; ++m) {
     const FineSurface::Place& to = places_[moves[m][1]];
     rims_.clear();
@@ -118,14 +124,17 @@ double SurfaceSimplifier::errorOf(uint32_t target, double enough) {
       if (weldedAt(b) == target || weldedAt(c) == target) continue;
       const FineSurface::Place &pb = places_[corner_vertex_[b]], &pc = places_[corner_vertex_[c]];
       // Seen from outside, with y downwards, triangles turn so.
-      if ((pb.i - to.i) * (pc.j - to.j) - (pb.j - to.j) * (pc.i - to.i) >= 0) return kNoCollapse;
+      if ((pb.i - to.i) * (pc.j - to.j) - (pb.j - to.j) * (pc.i - to.i) >= 0) return {kNoCollapse, kNoCollapse};
+      longest = std::max(longest, static_cast<double>((pb.i - to.i) * (pb.i - to.i) + (pb.j - to.j) * (pb.j - to.j)));
       rims_.push_back({FineSurface::Sample{pb.i, pb.j}, FineSurface::Sample{pc.i, pc.j}});
     }
-    if (rims_.empty()) return kNoCollapse;  // a patch would lose all that it has here
-    error = std::max(error, surface_.fanDeviation(to.patch, {to.i, to.j}, rims_, enough));
-    if (error > enough) return error;
+    if (rims_.empty()) return {kNoCollapse, kNoCollapse};  // a patch would lose all that it has here
+    const double length = length_cost_ * std::sqrt(longest);
+    if (length >= enough) return {kNoCollapse, kNoCollapse};
+    error = std::max(error, surface_.fanDeviation(to.patch, {to.i, to.j}, rims_, enough - length));
+    if (error + length >= enough) return {kNoCollapse, kNoCollapse};
   }
-  return error;
+  return {error, error + length_cost_ * std::sqrt(longest)};
 }
 
 void SurfaceSimplifier::collapse(uint32_t vertex, uint32_t target) {
@@ -158,7 +167,7 @@ void SurfaceSimplifier::collapse(uint32_t vertex, uint32_t target) {
   for (const uint32_t other : around) {
     Vertex& v = vertices_[other];
     v.changed = true;
-    if (v.kept || v.error >= 0) continue;
+    if (v.kept || v.cost >= 0) continue;
     evaluate(other);  // it had no collapse; now it may have one
     push(other);
   }
@@ -168,13 +177,13 @@ void SurfaceSimplifier::reduce(size_t target_triangles, double error_mm) {
   const double most = error_mm / surface_.fanUnitMm();
   while (alive_ > target_triangles && !queue_.empty()) {
     const Entry entry = queue_.top();
-    if (entry.error > most) return;
+    if (entry.cost > most) return;
     queue_.pop();
     Vertex& v = vertices_[entry.vertex];
-    if (v.kept || v.error != entry.error) continue;
+    if (v.kept || v.cost != entry.cost) continue;
     if (v.changed) {
       evaluate(entry.vertex);
-      if (v.error > entry.error || v.error < 0) {
+      if (v.cost > entry.cost || v.cost < 0) {
         push(entry.vertex);
         continue;
       }

@@ -4,7 +4,9 @@
 // collapse leaves the smallest error. That error is no estimate: it is the largest distance of the new triangles from
 // the finest relief above the same places, at all of them. (Klein, Liebich, Strasser 1996, "Mesh Reduction with Error
 // Control", do the same with Hausdorff distances. Quadric error metrics, which sum squares of distances to planes,
-// leave a few places where the error is many times the rest, and those decide what a bound can promise.)
+// leave a few places where the error is many times the rest, and those decide what a bound can promise.) Where the
+// relief is flat and many collapses cost nothing, those of short edges come first, or a few vertices would get all
+// triangles.
 //
 // Triangles never turn over in their patch's square, vertices on patches' sides stay on them, and vertices that are
 // welded move together: no crack opens. Pure, one thread. Memory: about 30 bytes a triangle and 30 a vertex.
@@ -35,17 +37,18 @@ class SurfaceSimplifier {
 
  private:
   struct Entry {
-    float error = 0;
+    float cost = 0;
     uint32_t vertex = 0;
     bool operator<(const Entry& o) const {  // std::priority_queue: the least first; ties by index, for determinism
-      return error > o.error || (error == o.error && vertex > o.vertex);
+      return cost > o.cost || (cost == o.cost && vertex > o.vertex);
     }
   };
   static constexpr uint32_t kNone = ~uint32_t{0};
   struct Vertex {             // a welded one
     uint32_t corner = kNone;  // the first of its triangles' corners
     uint32_t target = kNone;  // of its best collapse
-    float error = -1;         // of that; negative: it has none
+    float error = 0;          // that it leaves
+    float cost = -1;          // error, and a little for long edges; negative: there is no collapse
     bool kept = false, changed = false;
   };
   // A triangle at a vertex: which of its corners that is.
@@ -53,8 +56,11 @@ class SurfaceSimplifier {
   static uint32_t next(uint32_t corner) { return corner % 3 == 2 ? corner - 2 : corner + 1; }
   void gather(uint32_t vertex);
   void evaluate(uint32_t vertex);
-  // Of a collapse of the vertex that was gathered; infinite: it is none.
-  double errorOf(uint32_t target, double enough);
+  // Of a collapse of the vertex that was gathered; infinite, or more than enough: none that is wanted.
+  struct Cost {
+    double error = 0, all = 0;
+  };
+  Cost costOf(uint32_t target, double enough);
   void collapse(uint32_t vertex, uint32_t target);
   void push(uint32_t vertex);
 
@@ -68,6 +74,7 @@ class SurfaceSimplifier {
   std::vector<Vertex> vertices_;         // welded
   std::priority_queue<Entry> queue_;
   size_t alive_ = 0;
+  double length_cost_ = 0;
   double error_ = 0;
   std::vector<uint32_t> ring_;    // corners of the vertex that was gathered
   std::vector<uint32_t> around_;  // its neighbours, welded
