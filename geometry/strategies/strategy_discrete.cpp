@@ -23,7 +23,7 @@
 namespace relievo {
 namespace {
 
-constexpr uint64_t kMostVertices = 12'000'000;
+constexpr uint64_t kMostVertices = 5'000'000;
 constexpr size_t kPieceTriangles = 2048;
 constexpr size_t kLeastTriangles = 64;  // of the coarsest level
 
@@ -64,11 +64,7 @@ DiscreteLevel discreteLevel(const FineSurface& surface, const std::vector<uint32
   level.mesh = std::make_shared<StrategyMesh>();
   level.error_mm = surface.mmFor(surface.deviationMm(triangles), exaggerate);
   double samples = 0;  // squares of samples that a triangle takes, on average
-  for (size_t k = 0; k < triangles.size(); k += 3) {
-    const auto a = surface.place(triangles[k]), b = surface.place(triangles[k + 1]),
-               c = surface.place(triangles[k + 2]);
-    samples += 0.5 * std::abs(static_cast<double>((b.i - a.i) * (c.j - a.j) - (b.j - a.j) * (c.i - a.i)));
-  }
+  for (size_t k = 0; k < triangles.size(); k += 3) samples += surface.samplesOf(&triangles[k]);
   const double cell = std::sqrt(2 * samples / static_cast<double>(std::max<size_t>(1, triangles.size() / 3)));
   const std::vector<uint32_t> ordered = inCompactOrder(surface, triangles);
   surface.append(ordered, cell, *level.mesh);

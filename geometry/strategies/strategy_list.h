@@ -14,6 +14,7 @@ StrategyEntry edgeLengthStrategy();
 StrategyEntry bintreeStrategy();
 StrategyEntry tessellationStrategy();
 StrategyEntry discreteStrategy();
+StrategyEntry clustersStrategy();
 StrategyEntry noSnappingStrategy();
 StrategyEntry skirtsStrategy();
 

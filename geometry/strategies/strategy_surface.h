@@ -48,6 +48,16 @@ class FineSurface {
   int sidesOf(uint32_t vertex) const;  // of its patch, a bit each: 1 << Side
   // Three indices a triangle, patch after patch; within a patch in blocks of 2^block_log2 x 2^block_log2 cells.
   std::vector<uint32_t> triangles(int block_log2) const;
+  // Which square of 2^log2 x 2^log2 cells of the mesh a vertex is the first corner in: patch, column, row.
+  std::array<int64_t, 3> block(uint32_t vertex, int log2) const {
+    const Place p = place(vertex);
+    return {p.patch, p.i / stride_ >> log2, p.j / stride_ >> log2};
+  }
+  // The area of a triangle, three vertices, in cells of the finest samples.
+  double samplesOf(const uint32_t* triangle) const {
+    const Place a = place(triangle[0]), b = place(triangle[1]), c = place(triangle[2]);
+    return 0.5 * std::abs(static_cast<double>((b.i - a.i) * (c.j - a.j) - (b.j - a.j) * (c.i - a.i)));
+  }
   // The largest distance of these triangles from the relief above the same places.
   double deviationMm(std::span<const uint32_t> triangles) const;
   // Of the triangles, on a flat artwork with heights exaggerated so, and of a relief that lies within around_mm of
