@@ -19,7 +19,7 @@ namespace relievo {
 namespace {
 
 constexpr uint64_t kMostClusterVertices = 5'000'000;
-constexpr size_t kGroupClusters = 8;  // 1,000 triangles; Nanite has 8 to 32
+constexpr size_t kGroupClusters = 24;  // 3,000 triangles; Nanite has 8 to 32
 
 class Clusters final : public LodStrategy {
  public:

@@ -3,10 +3,10 @@
 namespace relievo {
 
 const std::vector<StrategyEntry>& lodStrategies() {
-  static const std::vector<StrategyEntry> all = {uniformStrategy(),   cdlodStrategy(),        edgeLodStrategy(),
-                                                 edgeMorphStrategy(), edgeScreenStrategy(),   edgeLengthStrategy(),
-                                                 bintreeStrategy(),   tessellationStrategy(), discreteStrategy(),
-                                                 clustersStrategy(),  noSnappingStrategy(),   skirtsStrategy()};
+  static const std::vector<StrategyEntry> all = {
+      uniformStrategy(),    cdlodStrategy(),      edgeLodStrategy(),      edgeMorphStrategy(), edgeScreenStrategy(),
+      edgeLengthStrategy(), bintreeStrategy(),    tessellationStrategy(), clipmapStrategy(),   discreteStrategy(),
+      clustersStrategy(),   noSnappingStrategy(), skirtsStrategy()};
   return all;
 }
 

@@ -29,6 +29,7 @@ relievo_test(base_domain_test COST 100 LIBS relievo_bake SOURCES geometry/base_d
 relievo_test(fidelity_test LIBS relievo_bake SOURCES geometry/fidelity_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_bake SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(strategy_test MEMORY LIBS relievo_strategies SOURCES geometry/strategy_test.cpp DEFINES RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
+relievo_test(kept_mesh_test MEMORY OPTIMISED LIBS relievo_strategies SOURCES geometry/kept_mesh_test.cpp)
 if(TARGET relievo_sample)
   relievo_test(certified_test LIBS relievo_bake relievo_lod relievo_sample SOURCES geometry/certified_test.cpp)
 endif()
