@@ -1,4 +1,5 @@
 #include "tools/compare/compare_report.h"
+#include "tools/compare/compare_rows.h"
 
 #include <algorithm>
 #include <cmath>
@@ -113,6 +114,12 @@ const std::vector<ReportColumn>& reportColumns() {
 std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
   const PatchDomain& d = plan.package->manifest().domain;
   Json json = {{"tool_version", "relievo " RELIEVO_VERSION},
+               {"origin",
+                {{"command", plan.origin.command},
+                 {"date", plan.origin.date},
+                 {"cpu", plan.origin.cpu},
+                 {"package_xxh3_64", plan.origin.package_hash},
+                 {"source", plan.origin.source}}},
                {"renderer", all.renderer},
                {"gl_version", all.version},
                {"artwork",
@@ -201,7 +208,17 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                        {"frames", frame_timings}});
   }
   json["runs"] = runs;
-  json["timings"] = {{"repeats", plan.repeats}, {"runs", timings}};
+  const EqualError equal = equalError(compareRows(all));
+  Json at_equal = Json::array(), ms_at_equal = Json::array();
+  for (const EqualErrorCost& c : equal.costs) {
+    at_equal.push_back({{"strategy", c.strategy}, {"triangles", rounded(c.triangles)}});
+    ms_at_equal.push_back({{"strategy", c.strategy}, {"ms", timingJson({c.ms, c.ms_low, c.ms_high})}});
+  }
+  json["equal_error"] = {{"p99_px", equal.error_px}, {"strategies", at_equal}};
+  json["timings"] = {{"repeats", plan.repeats},
+                     {"conclusion", conclusionText(equal)},
+                     {"equal_error", ms_at_equal},
+                     {"runs", timings}};
   return json.dump(1) + "\n";
 }
 

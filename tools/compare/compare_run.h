@@ -14,7 +14,13 @@
 
 namespace relievo {
 
+// Where, when and from what a report was made, for people. Empty texts: not known.
+struct CompareOrigin {
+  std::string command, date, cpu, package_hash, source;  // source: of the artwork, with its seed where it has one
+};
+
 struct ComparePlan {
+  CompareOrigin origin;
   std::shared_ptr<const Package> package;
   std::string path = "orbit";
   std::vector<const StrategyEntry*> strategies;
