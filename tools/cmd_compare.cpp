@@ -173,8 +173,13 @@ Result<CompareOrigin> originOf(const CompareOptions& o, const Manifest& manifest
   CompareOrigin origin{commandOf(o), utcText(std::time(nullptr)),
                        processorName() + ", " + std::to_string(std::thread::hardware_concurrency()) + " cores", *hash,
                        ""};
-  for (const Provenance& p : manifest.sources)
-    origin.source += (origin.source.empty() ? "" : "; ") + p.name + (p.generator.empty() ? "" : ", " + p.generator);
+  // Texture and relief may come from the same one.
+  std::vector<std::string> sources;
+  for (const Provenance& p : manifest.sources) {
+    const std::string text = p.name + (p.generator.empty() ? "" : ", " + p.generator);
+    if (std::find(sources.begin(), sources.end(), text) == sources.end()) sources.push_back(text);
+  }
+  for (const std::string& text : sources) origin.source += (origin.source.empty() ? "" : "; ") + text;
   return origin;
 }
 
@@ -344,8 +349,8 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
       ->check(CLI::Range(1.0, 65536.0))
       ->capture_default_str();
   c->add_flag("--quick", o->quick,
-              "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software "
-              "draws, on two idle cores; a scan of two million triangles takes about as long");
+              "Fewer frames and budgets, a smaller picture: about four minutes for a 2048x2048 artwork where software "
+              "draws, on two idle cores, of which half is the making of simplified meshes");
   c->callback([o, &context] {
     if (auto done = compare(*o); !done) context.fail(done.error());
   });

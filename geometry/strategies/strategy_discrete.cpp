@@ -1,17 +1,17 @@
 // strategy_discrete.cpp - discrete LOD: the whole artwork as some meshes, each of half the triangles of the one before,
 // of which one is drawn for a view. Clark 1976, "Hierarchical Geometric Models for Visible Surface Algorithms"; Luebke
-// et al. 2003, "Level of Detail for 3D Graphics", section 1.2. Levels are simplified by quadric error metrics
-// (surface_simplify.h).
+// et al. 2003, "Level of Detail for 3D Graphics", section 1.2. surface_simplify.h says how they are simplified.
 //
-// The bound. A level's error is not the simplifier's own figure but how far its triangles lie from the finest relief
-// above the same places, at all of them (FineSurface::deviationMm). The coarsest level is drawn whose error, where what
-// is in view is nearest, is within the budget. Then the budget is kept, unless the artwork has so many samples that the
-// finest level is not the relief itself: error_px says so.
+// The bound. A level's error is how far its triangles lie from the finest relief above the same places, at all of them
+// (FineSurface::deviationMm). The coarsest level is drawn whose error, where what is in view is nearest, is within the
+// budget. Then the budget is kept, unless the artwork has so many samples that the finest level is not the relief
+// itself: error_px says so.
 //
 // A level is drawn in pieces of about 2,000 triangles that lie together, and only those in view.
 //
-// Made when the first view asks, for all budgets at once. Memory: at most kMostVertices vertices of the finest level,
-// 80 bytes each with all levels, and 200 while they are made.
+// Made when the first view asks, for all budgets at once. At most kMostVertices samples are vertices of the finest
+// level, else every second one along both axes, and so on. Memory: about 150 bytes a vertex with all levels, 250 while
+// they are made.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -143,10 +143,11 @@ class Discrete final : public LodStrategy {
 StrategyEntry discreteStrategy() {
   StrategyEntry e;
   e.name = "discrete";
-  e.title = "Discrete LOD, meshoptimizer";
+  e.title = "Discrete LOD";
   e.purpose =
-      "the whole artwork as meshes of ever half the triangles, simplified by quadric error metrics; the coarsest one "
-      "that keeps the budget where it is nearest, culled in pieces";
+      "the whole artwork as meshes, each of half the triangles of the one before, simplified by least measured error; "
+      "the "
+      "coarsest that keeps the budget where it is nearest, culled in pieces";
   e.keeps_budget = true;
   e.make = [](const StrategyScene& scene) { return std::make_unique<Discrete>(scene); };
   return e;

@@ -130,7 +130,7 @@ std::string conclusionText(const EqualError& equal) {
   else appendf(out, ", which is within the frames' spread (%.2f to %.2f ms). ", quick[0]->ms_low, quick[0]->ms_high);
   if (!equal.left_out.empty()) {
     out += "Not reached with these budgets by: ";
-    for (size_t k = 0; k < equal.left_out.size(); ++k) out += (k ? ", " : "") + equal.left_out[k];
+    for (size_t k = 0; k < equal.left_out.size(); ++k) out += (k ? "; " : "") + equal.left_out[k];
     out += ".";
   }
   return out;

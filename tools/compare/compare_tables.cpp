@@ -110,7 +110,7 @@ std::string rowsCsv(const std::vector<CompareRow>& rows, const std::string& artw
     appendf(out, ",%.6g,%.6g,%.6g,%.6g,%llu,", r.max_px, r.p99_px, r.rms_px, r.pop_px,
             static_cast<unsigned long long>(r.crack_pixels));
     if (r.seams_known) appendf(out, "%llu", static_cast<unsigned long long>(r.seam_mismatches));
-    appendf(out, ",%.6g,%u,%.6g,%.6g,%llu,%llu\n", r.triangles, r.draw_calls, r.select_ms.median, r.frame_ms.median,
+    appendf(out, ",%.0f,%u,%.6g,%.6g,%llu,%llu\n", r.triangles, r.draw_calls, r.select_ms.median, r.frame_ms.median,
             static_cast<unsigned long long>(r.resident_bytes), static_cast<unsigned long long>(r.streamed_bytes));
   }
   return out;

@@ -212,6 +212,12 @@ std::string standaloneSvg(const Plot& plot) {
     appendf(legend, "<text x='%.0f' y='%.0f'>%s</text>\n", x + 16, y + 4, escapedHtml(plot.series[s].title).c_str());
     if (s % 2 == 1 || s + 1 == plot.series.size()) y += kRow;
   }
+  if (std::any_of(plot.points.begin(), plot.points.end(), [](const PlotPoint& p) { return p.front; })) {
+    appendf(legend, "<circle class='ring' cx='%.0f' cy='%.0f' r='8.5' fill='none' stroke-width='1.5'/>", kLeftPx + 5,
+            y);
+    appendf(legend, "<text x='%.0f' y='%.0f'>no other point is better on both axes</text>\n", kLeftPx + 16, y + 4);
+    y += kRow;
+  }
   appendf(head, "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f'", kWidth, y,
           kWidth, y);
   out.replace(0, out.find('>'), head);
