@@ -89,6 +89,8 @@ struct StrategyMesh {
   std::vector<PatchInstance> instances;
   std::vector<StrategyVertex> vertices;
   std::vector<uint32_t> indices;  // three a triangle
+  static constexpr size_t kGpuVertexBytes = 28;
+  uint64_t gpuBytes() const { return kGpuVertexBytes * vertices.size() + sizeof(uint32_t) * indices.size(); }
 };
 struct IndexRange {
   uint32_t first = 0, count = 0;  // of StrategyMesh::indices

@@ -5,9 +5,10 @@
 // meet, vertices have the same position, bit for bit, and the same weld(). A simplifier that keeps such vertices
 // together leaves no crack.
 //
-// deviationMm() is exact: over a triangle both the drawn surface and the relief are linear in pieces over the patch's
-// square, so their distance is largest at a sample, or where the triangle's edge crosses a line of the samples' grid.
-// Units: mm; over a base mesh distances in space, on a flat artwork differences of height. Memory: 20 bytes a vertex.
+// deviationMm() is exact, but for the rounding of positions to fp32: over a triangle both the drawn surface and the
+// relief are linear in pieces over the patch's square, so their distance is largest at a sample, or where the
+// triangle's edge crosses a line of the samples' grid. Units: mm; over a base mesh distances in space, on a flat
+// artwork differences of height. Memory: 20 bytes a vertex.
 #pragma once
 
 #include <array>

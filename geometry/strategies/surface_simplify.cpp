@@ -10,6 +10,7 @@ namespace relievo {
 namespace {
 
 constexpr size_t kMostTrianglesAround = 48;  // a vertex with more makes every collapse beside it slow
+constexpr size_t kMostCopies = 8;            // of a vertex, one a patch: more are no side of two patches, and stay
 constexpr double kStepsASample =
     0.02;  // that an edge costs besides, steps of the heights' range by its length in samples
 constexpr double kNoCollapse = std::numeric_limits<double>::infinity();
@@ -97,7 +98,7 @@ void SurfaceSimplifier::evaluate(uint32_t vertex) {
 // Of the vertex that was gathered.
 SurfaceSimplifier::Cost SurfaceSimplifier::costOf(uint32_t target, double enough) {
   // Each of its copies, one a patch, goes to the target's copy in that patch; and along the sides that it lies on.
-  std::array<std::array<uint32_t, 2>, 8> moves;
+  std::array<std::array<uint32_t, 2>, kMostCopies> moves;
   size_t count = 0;
   for (const uint32_t corner : ring_) {
     const uint32_t copy = corner_vertex_[corner];
@@ -141,11 +142,16 @@ void SurfaceSimplifier::collapse(uint32_t vertex, uint32_t target) {
   gather(vertex);
   const std::vector<uint32_t> around = around_;
   // First the triangles that vanish say which copy goes where.
-  std::array<std::array<uint32_t, 2>, 8> moves;
+  std::array<std::array<uint32_t, 2>, kMostCopies> moves;
   size_t count = 0;
+  auto known = [&](uint32_t copy) {
+    size_t m = 0;
+    while (m < count && moves[m][0] != copy) ++m;
+    return m;
+  };
   for (const uint32_t corner : ring_)
     for (const uint32_t other : {next(corner), next(next(corner))})
-      if (weldedAt(other) == target && count < moves.size())
+      if (weldedAt(other) == target && known(corner_vertex_[corner]) == count)
         moves[count++] = {corner_vertex_[corner], corner_vertex_[other]};
   for (const uint32_t corner : ring_) {
     const bool gone = weldedAt(next(corner)) == target || weldedAt(next(next(corner))) == target;
@@ -154,11 +160,7 @@ void SurfaceSimplifier::collapse(uint32_t vertex, uint32_t target) {
       --alive_;
       continue;
     }
-    for (size_t m = 0; m < count; ++m)
-      if (moves[m][0] == corner_vertex_[corner]) {
-        corner_vertex_[corner] = moves[m][1];
-        break;
-      }
+    corner_vertex_[corner] = moves[known(corner_vertex_[corner])][1];
     next_corner_[corner] = vertices_[target].corner;
     vertices_[target].corner = corner;
   }

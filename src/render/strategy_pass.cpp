@@ -16,6 +16,8 @@ struct GpuTriangleVertex {
   uint32_t instance, patch;
 };
 
+static_assert(sizeof(GpuTriangleVertex) == StrategyMesh::kGpuVertexBytes);
+
 constexpr int kCornersUnit = 6;  // and two more: behind the pool's
 
 // Clamped to the artwork's border.
