@@ -140,7 +140,8 @@ Result<void> makeFolder(const std::string& folder) {
   return {};
 }
 
-// Names without folders, which are nobody's business in a report.
+// Names without folders, which are nobody's business in a report; but those of reports to merge, which all have one
+// name.
 std::string commandOf(const CompareOptions& o) {
   auto name = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
   std::string out = "relievo compare";

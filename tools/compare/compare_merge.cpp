@@ -102,6 +102,7 @@ struct MeanCost {
 };
 std::vector<MeanCost> meanCosts(const std::vector<MergedPart>& parts) {
   struct Sums {
+    std::string title;
     double triangles = 0, ms = 0;
     size_t parts = 0;
   };
@@ -112,8 +113,9 @@ std::vector<MeanCost> meanCosts(const std::vector<MergedPart>& parts) {
     double few = 1e300, quick = 1e300;
     for (const EqualErrorCost& c : equal.costs) few = std::min(few, c.triangles), quick = std::min(quick, c.ms);
     for (const EqualErrorCost& c : equal.costs) {
-      if (!sums.count(c.title)) order.push_back(c.title);
-      Sums& s = sums[c.title];
+      if (!sums.count(c.strategy)) order.push_back(c.strategy);
+      Sums& s = sums[c.strategy];
+      s.title = c.title;
       s.triangles += std::log(c.triangles / few);
       s.ms += std::log(c.ms / quick);
       ++s.parts;
@@ -121,9 +123,9 @@ std::vector<MeanCost> meanCosts(const std::vector<MergedPart>& parts) {
   }
   std::vector<MeanCost> out;
   const auto count = static_cast<double>(parts.size());
-  for (const std::string& title : order)
-    if (const Sums& s = sums[title]; s.parts == parts.size())
-      out.push_back({title, std::exp(s.triangles / count), std::exp(s.ms / count)});
+  for (const std::string& name : order)
+    if (const Sums& s = sums[name]; s.parts == parts.size())
+      out.push_back({s.title, std::exp(s.triangles / count), std::exp(s.ms / count)});
   std::stable_sort(out.begin(), out.end(), [](auto& a, auto& b) { return a.triangles < b.triangles; });
   return out;
 }
@@ -174,9 +176,10 @@ std::string mergedConclusion(const std::vector<MergedPart>& parts) {
   if (means.size() < 2) return "No two strategies reach an equal error in all of these comparisons.";
   appendf(out,
           "Over %zu comparisons at equal error, on the geometric mean: %s draws the fewest triangles, %.2f times the "
-          "fewest of each; %s draws %.2f times, %s %.2f times as many. ",
-          parts.size(), means[0].title.c_str(), means[0].triangles, means[1].title.c_str(), means[1].triangles,
-          means.back().title.c_str(), means.back().triangles);
+          "fewest of each; %s draws %.2f times",
+          parts.size(), means[0].title.c_str(), means[0].triangles, means[1].title.c_str(), means[1].triangles);
+  if (means.size() > 2) appendf(out, ", %s %.2f times", means.back().title.c_str(), means.back().triangles);
+  out += " the fewest. ";
   const auto quick = std::min_element(means.begin(), means.end(), [](auto& a, auto& b) { return a.ms < b.ms; });
   appendf(out, "%s takes the least time, %.2f times the least of each.", quick->title.c_str(), quick->ms);
   return out;

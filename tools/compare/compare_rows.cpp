@@ -118,11 +118,12 @@ std::string conclusionText(const EqualError& equal) {
   };
   const auto few = ranked([](auto&a, auto&b) { return a.triangles < b.triangles; }),
              quick = ranked([](auto&a, auto&b) { return a.ms < b.ms; });
-  appendf(
-      out,
-      "For %g px at 99 %% of pixels: %s draws the fewest triangles, %.0f; %s draws %.2f times as many, %s %.2f times. ",
-      equal.error_px, few[0]->title.c_str(), few[0]->triangles, few[1]->title.c_str(),
-      few[1]->triangles / few[0]->triangles, few.back()->title.c_str(), few.back()->triangles / few[0]->triangles);
+  appendf(out, "For %g px at 99 %% of pixels: %s draws the fewest triangles, %.0f; %s draws %.2f times as many",
+          equal.error_px, few[0]->title.c_str(), few[0]->triangles, few[1]->title.c_str(),
+          few[1]->triangles / few[0]->triangles);
+  if (few.size() > 2)
+    appendf(out, ", %s %.2f times", few.back()->title.c_str(), few.back()->triangles / few[0]->triangles);
+  out += ". ";
   appendf(out, "%s takes the least time to choose and draw, %.2f ms; %s takes %.2f times as long",
           quick[0]->title.c_str(), quick[0]->ms, quick[1]->title.c_str(), quick[1]->ms / quick[0]->ms);
   // Frames differ among one another; what every frame agrees on is a lead.

@@ -15,7 +15,7 @@ constexpr double kWidth = 560, kHeight = 400, kLeftPx = 64, kRightPx = 16, kTopP
 // series apart besides: colour and shape together come again after 70 series.
 constexpr std::array<const char*, 14> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9",
                                                   "#e69f00", "#8a8a8a", "#a08c00", "#7b3fb0", "#b3261e",
-                                                  "#00838f", "#6d4c41", "#5c8a00", "#e0559b"};
+                                                  "#7cb518", "#6d4c41", "#4a5a8a", "#e0559b"};
 constexpr size_t kShapes = 5;
 
 std::string marker(size_t index, double x, double y) {
