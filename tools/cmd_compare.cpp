@@ -346,7 +346,10 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")
       ->check(CLI::Range(-10000.0, 10000.0))
       ->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")
+  c->add_option(
+       "--memory-mib", o->memory_mib,
+       "Refuse an artwork whose relief pages take more than this, MiB; strategies that simplify meshes take up to "
+       "1 GiB each besides")
       ->check(CLI::Range(1.0, 65536.0))
       ->capture_default_str();
   c->add_flag("--quick", o->quick,
