@@ -17,7 +17,6 @@
 #include "src/base/standard_output.h"
 #include "src/gl/context.h"
 #include "texturing/import/image_io.h"
-#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
 #include "tools/compare/compare_merge.h"
 #include "tools/compare/compare_path.h"
@@ -27,6 +26,8 @@
 #include "tools/compare/compare_tables.h"
 #include "tools/output_files.h"
 #include "tools/report/machine.h"
+#include "tools/scene/scene_file.h"
+#include "tools/scene/settings_file.h"
 
 namespace relievo {
 namespace {
@@ -318,7 +319,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto* c =
       app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
-  c->add_option("FILE", o->file, "Package of an artwork with relief");
+  c->add_option("FILE", o->file, "Package of an artwork with relief, or a scene of it");
   c->add_option(
        "-o,--output", o->folder,
        "Folder for report.html, report.json, frames.csv, summary.csv, summary.tex (LaTeX) and an .svg for each "
@@ -356,6 +357,8 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
               "Fewer frames and budgets, a smaller picture: about four minutes for a 2048x2048 artwork where software "
               "draws, on two idle cores, of which half is the making of simplified meshes");
   c->callback([o, &context] {
+    if (o->merge.empty() && !o->file.empty())
+      if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
 }

@@ -14,10 +14,10 @@ if(NOT RELIEVO_SANITIZE)
     set_tests_properties(Faults.${name} PROPERTIES TIMEOUT 900 COST 50)
   endfunction()
   relievo_fault_test(BuildImage --only "build image" --tries 2)
-  relievo_fault_test(BuildImageMemory --only "build image" --kinds alloc --tries 40)  # most calls come before the image's
+  relievo_fault_test(BuildImageMemory --only "build image" --kinds alloc --tries 16)  # most calls come before the image's
   relievo_fault_test(BuildPtm --only "build ptm" --tries 2)
   relievo_fault_test(BuildMesh --only "build mesh" --tries 2)
-  relievo_fault_test(BuildMeshMemory --only "build mesh" --kinds alloc --tries 40)
+  relievo_fault_test(BuildMeshMemory --only "build mesh" --kinds alloc --tries 24)
   relievo_fault_test(Verify --only verify --tries 3)
   relievo_fault_test(Info --only info --tries 4)
   relievo_fault_test(Export --only export --tries 3)

@@ -634,13 +634,11 @@ class LyingBytes final : public ImageBytes {
 // What the library does not notice is found all the same: a disk that is full wherever it may be, bytes that are lost
 // or others.
 TEST(WriteImage, WhatIsNotOnTheDiskIsNotWritten) {
-  auto module = imageIoModule();
-  ASSERT_TRUE(module);
   const int w = 64, h = 48;
   const auto pixels = noise<uint8_t>(w * h * 6, 5);  // as many bytes as halves need
   for (const ImageFormat format : {ImageFormat::kPng, ImageFormat::kTiff, ImageFormat::kExr, ImageFormat::kJpeg}) {
     const auto encode = [&](LyingBytes& bytes, uint64_t flip) -> Result<void> {
-      auto encoder = (*module)->create_encoder(
+      auto encoder = createEncoder(
           {"picture", format, w, h, 3, format == ImageFormat::kExr ? SampleType::kHalf : SampleType::kUint8, 0}, bytes);
       if (!encoder) return encoder.error();
       for (int y = 0; y < h; ++y)

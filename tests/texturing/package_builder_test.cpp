@@ -457,7 +457,7 @@ TEST(Encodings, everyPageIsTheExactOneEncoded) {
 
 TEST(Encodings, theSameBytesWithAnyWorkers) {
   ScratchFolder folder;
-  NoisyTexture texture(kSanitized ? 300 : 1300, kSanitized ? 200 : 1100, Basis::kPtmLrgb, 41);
+  NoisyTexture texture(kSanitized ? 300 : 700, kSanitized ? 200 : 500, Basis::kPtmLrgb, 41);
   for (auto [coefficients, colour] :
        {std::pair{PageEncoding{PageCodec::kQuantised, 6}, PageEncoding{PageCodec::kJpeg, 85}},
         {PageEncoding{PageCodec::kBc7, 0}, PageEncoding{PageCodec::kBc1, 0}}}) {

@@ -390,6 +390,8 @@ TEST_F(TailsOfPackage, damagedTheyAreMadeOfThePagesAndNamed) {
     auto verified = verifyPackage(*package, 2, nullptr);
     ASSERT_TRUE(verified.ok());
     EXPECT_FALSE(verified->other.empty()) << c.what;
+    // Whatever is damaged, they are made of the pages in the same way.
+    if (k != 0 && k + 1 != std::size(cases) && !test::longTests()) continue;
     std::vector<std::string> said;
     EXPECT_TRUE(package->tails(2, &said) == sound) << c.what;
     ASSERT_FALSE(said.empty()) << c.what;

@@ -213,7 +213,7 @@ TEST_F(MeshCli, UnitsSetTheSize) {
 // What is kept is said, what is missed is an exit code and where it is, and --strict leaves nothing behind.
 TEST_F(MeshCli, ThePromisedDistanceIsKeptOrMissedInSoManyWords) {
   if (relievo::test::kSanitized) GTEST_SKIP() << "about figures; others build scans under the sanitizer";
-  write("small.ply", plyOf(wavyBall(40, 24)));
+  write("small.ply", plyOf(wavyBall(24, 16)));
   const std::string free = "build --mesh " + file("small.ply") + " -o " + file("a.relievo") + " ";
   Outcome r = relievo(free);
   EXPECT_EQ(r.exit_code, 0) << r.output;

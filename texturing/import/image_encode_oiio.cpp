@@ -1,5 +1,5 @@
-// image_encode_oiio.cpp - encoding by OpenImageIO, through the program's own file (ImageBytes); what was written is
-// decoded again.
+// image_encode_oiio.cpp - TIFF, EXR and JPEG by OpenImageIO, through the program's own file (ImageBytes); what was
+// written is decoded again.
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <OpenImageIO/typedesc.h>
@@ -102,8 +102,6 @@ OIIO::TypeDesc typeOf(SampleType type) {
 
 const char* nameOf(ImageFormat format) {
   switch (format) {
-    case ImageFormat::kPng:
-      return "png";
     case ImageFormat::kTiff:
       return "tiff";
     case ImageFormat::kExr:
@@ -120,10 +118,7 @@ void setResolution(OIIO::ImageSpec& spec, ImageFormat format, double mm_per_px) 
   if (!(mm_per_px > 0) || px_per_m < 1 || px_per_m >= 2e9) return;
   double px = px_per_m / 100;
   const char* unit = "cm";
-  if (format == ImageFormat::kPng) {
-    // The writer cuts off what is beyond a whole pixel a metre, of a float.
-    px = (std::round(px_per_m) + 0.25) / 100;
-  } else if (format == ImageFormat::kJpeg) {
+  if (format == ImageFormat::kJpeg) {
     // JFIF counts whole pixels, up to 16 bits, a centimetre or an inch: whichever is nearer.
     const double px_per_inch = px * 2.54;
     const auto off = [](double v) { return std::abs(std::round(v) - v) / v; };
@@ -163,8 +158,7 @@ class OiioEncoder final : public ImageEncoder {
         spec_.attribute("oiio:ColorSpace", "Linear");
         spec_.attribute("compression", "zip");
         spec_.attribute("DateTime", "");  // or it writes the time, and the same picture has other bytes
-      } else if (encoding_.type == SampleType::kUint8 &&
-                 (encoding_.channels >= 3 || encoding_.format == ImageFormat::kPng)) {
+      } else if (encoding_.type == SampleType::kUint8 && encoding_.channels >= 3) {
         spec_.attribute("oiio:ColorSpace", "sRGB");
       }
       if (encoding_.format == ImageFormat::kJpeg) {

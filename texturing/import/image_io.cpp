@@ -14,6 +14,7 @@
 #include "src/base/srgb.h"
 #include "src/base/worker_threads.h"
 #include "texturing/import/image_io_module.h"
+#include "texturing/import/png_encoder.h"
 
 namespace relievo {
 #ifdef RELIEVO_IMAGE_LINKED
@@ -95,6 +96,13 @@ Result<ImageFormat> imageFormatOf(const std::string& path) {
                {}};
 }
 
+Result<std::unique_ptr<ImageEncoder>> createEncoder(const ImageEncoding& encoding, ImageBytes& bytes) {
+  if (encoding.format == ImageFormat::kPng) return createPngEncoder(encoding, bytes);
+  auto module = imageIoModule();
+  if (!module) return module.error();
+  return (*module)->create_encoder(encoding, bytes);
+}
+
 namespace {
 
 class FileBytes final : public ImageBytes {
@@ -133,8 +141,8 @@ class MemoryBytes final : public ImageBytes {
 class FileImageWriter final : public ImageWriter {
  public:
   FileImageWriter(OutputFile file) : file_(std::move(file)), bytes_(file_) {}
-  Result<void> start(const ImageIoModule& module, const ImageEncoding& encoding) {
-    auto encoder = module.create_encoder(encoding, bytes_);
+  Result<void> start(const ImageEncoding& encoding) {
+    auto encoder = createEncoder(encoding, bytes_);
     if (!encoder) return encoder.error();
     encoder_ = std::move(*encoder);
     return {};
@@ -152,12 +160,12 @@ class FileImageWriter final : public ImageWriter {
 };
 
 Result<std::unique_ptr<ImageWriter>> createWriter(const ImageEncoding& encoding) {
-  auto module = imageIoModule();
-  if (!module) return module.error();
+  if (encoding.format != ImageFormat::kPng)  // before a file is there
+    if (auto module = imageIoModule(); !module) return module.error();
   auto file = OutputFile::create(encoding.path);
   if (!file) return file.error();
   auto writer = std::make_unique<FileImageWriter>(std::move(*file));
-  if (auto started = writer->start(**module, encoding); !started) return started.error();
+  if (auto started = writer->start(encoding); !started) return started.error();
   return std::unique_ptr<ImageWriter>(std::move(writer));
 }
 
@@ -212,11 +220,9 @@ Result<void> writeImage(const std::string& path, int width, int height, int chan
 
 Result<std::vector<uint8_t>> encodePng(int width, int height, int channels, std::span<const uint8_t> pixels,
                                        double mm_per_px) {
-  auto module = imageIoModule();
-  if (!module) return module.error();
   MemoryBytes memory;
-  auto encoder = (*module)->create_encoder(
-      {"a picture", ImageFormat::kPng, width, height, channels, SampleType::kUint8, mm_per_px}, memory);
+  auto encoder =
+      createEncoder({"a picture", ImageFormat::kPng, width, height, channels, SampleType::kUint8, mm_per_px}, memory);
   if (!encoder) return encoder.error();
   if (auto done = (*encoder)->appendRows(height, pixels.data()); !done) return done.error();
   if (auto done = (*encoder)->finish(); !done) return done.error();

@@ -1,5 +1,5 @@
-// image_io.h - images through OpenImageIO, behind this file alone: colour and height sources to read, PNG, TIFF, EXR
-// and JPEG to write.
+// image_io.h - images through OpenImageIO (PNGs are written through libpng), behind this file alone: colour and height
+// sources to read, PNG, TIFF, EXR and JPEG to write.
 #pragma once
 
 #include <cstdint>

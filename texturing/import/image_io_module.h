@@ -1,5 +1,6 @@
 // image_io_module.h - what the module around OpenImageIO hands to image_io.cpp. OpenImageIO pulls in some 260 shared
-// objects, which cost a program 60 ms to start; so only a program that reads or writes an image loads them.
+// objects, which take 0.2 s to load; so only a program that reads an image, or writes another one than a PNG
+// (png_encoder.h), loads them.
 #pragma once
 
 #include "texturing/import/image_io.h"
@@ -39,12 +40,14 @@ struct ImageIoModule {
   decltype(&openColourImage) open_colour;
   decltype(&openHeightImage) open_height;
   decltype(&readImage8) read_image8;
-  // bytes outlives the encoder.
+  // TIFF, EXR and JPEG. bytes outlives the encoder.
   Result<std::unique_ptr<ImageEncoder>> (*create_encoder)(const ImageEncoding& encoding, ImageBytes& bytes);
   void (*halves_from_floats)(std::span<const float> floats, uint16_t* halves);
 };
 
 Result<const ImageIoModule*> imageIoModule();  // loads it; image_io.cpp
+// A PNG's by libpng, any other of the module. bytes outlives it.
+Result<std::unique_ptr<ImageEncoder>> createEncoder(const ImageEncoding& encoding, ImageBytes& bytes);
 
 extern "C" __attribute__((visibility("default"))) const ImageIoModule relievo_image_io;  // image_io_oiio.cpp
 
