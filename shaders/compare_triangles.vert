@@ -6,13 +6,16 @@
 in uint a_patch;
 uniform ivec2 u_limit;
 #endif
-in ivec2 a_place;      // units from the eye's unit (MESH: from the patch's corner)
+in ivec2 a_place;      // units from the artwork's corner (MESH: from the patch's)
 in float a_height;     // steps of the relief's range
 in vec2 a_uv;          // place in the instance's node
 in uint a_instance;    // index in the list of instances, + 1
 
 uniform mat4 u_clip_from_eye;
 uniform vec4 u_scale;  // as in patch.vert
+#ifndef MESH
+uniform ivec2 u_eye_unit;  // the unit that positions count from
+#endif
 
 invariant gl_Position;
 out vec2 v_uv;
@@ -26,7 +29,8 @@ void main() {
   basePoint(patchCorners(a_patch), a_place, u_limit.x, u_scale.x, point, normal);
   vec3 from_eye = point + normal * height_mm;
 #else
-  vec3 from_eye = vec3(float(a_place.x) * u_scale.x, -float(a_place.y) * u_scale.x, height_mm);
+  ivec2 place = a_place - u_eye_unit;
+  vec3 from_eye = vec3(float(place.x) * u_scale.x, -float(place.y) * u_scale.x, height_mm);
 #endif
   gl_Position = u_clip_from_eye * vec4(from_eye, 1.0);
   v_uv = a_uv;

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 #include <memory>
+#include <thread>
 
 #include <CLI/CLI.hpp>
 
@@ -16,10 +18,14 @@
 #include "src/gl/context.h"
 #include "texturing/import/image_io.h"
 #include "tools/commands.h"
+#include "tools/compare/compare_merge.h"
 #include "tools/compare/compare_path.h"
+#include "tools/compare/compare_plots.h"
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
+#include "tools/compare/compare_tables.h"
 #include "tools/output_files.h"
+#include "tools/report/machine.h"
 #include "tools/scene/scene_file.h"
 #include "tools/scene/settings_file.h"
 
@@ -28,9 +34,10 @@ namespace {
 
 constexpr int64_t kMaxSidePx = 8192;
 constexpr double kLeastBudgetPx = 0.05, kMostBudgetPx = 1000;
-constexpr std::array kReportFiles{"frames.csv", "report.json", "report.html"};
+constexpr std::array kReportFiles{"frames.csv", "report.json", "report.html", "summary.csv", "summary.tex"};
 
 struct CompareOptions {
+  std::vector<std::string> merge;
   std::string file, folder, path = "orbit", strategies, budgets, size, settings_file;
   int frames = 0, repeats = 0;
   double exaggerate = 1, memory_mib = 1024;
@@ -57,7 +64,7 @@ Result<ComparePlan> planOf(const CompareOptions& o) {
       plan.strategies.push_back(e);
     }
   }
-  for (const std::string& text : commaParts(o.budgets.empty() ? (o.quick ? "1,4" : "0.5,1,2,4,8") : o.budgets)) {
+  for (const std::string& text : commaParts(o.budgets.empty() ? (o.quick ? "1,2,4" : "0.5,1,2,4,8") : o.budgets)) {
     double px = 0;
     auto [end, bad] = std::from_chars(text.data(), text.data() + text.size(), px);
     if (bad != std::errc() || end != text.data() + text.size() || !(px >= kLeastBudgetPx && px <= kMostBudgetPx))
@@ -90,24 +97,114 @@ Result<std::vector<ReportPicture>> encodedPictures(const ComparePlan& plan, cons
   return pictures;
 }
 
-// All three stand beside their places before the first one takes it.
+struct ComparePage {
+  std::string name, text;
+};
+// All stand beside their places before the first one takes it; report.html comes last.
+Result<void> writePages(const std::vector<ComparePage>& pages, const std::string& folder) {
+  std::vector<OutputFile> files;
+  for (const ComparePage& page : pages) {
+    auto file = OutputFile::create(folder + "/" + page.name);
+    if (!file) return file.error();
+    files.push_back(std::move(*file));
+    if (auto r = files.back().append({reinterpret_cast<const uint8_t*>(page.text.data()), page.text.size()}); !r)
+      return r;
+    if (auto r = files.back().finish(); !r) return r;
+  }
+  for (OutputFile& file : files)
+    if (auto r = file.commit(); !r) return r;
+  return {};
+}
+
 Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures, const std::string& folder) {
   auto pictures = encodedPictures(plan, figures);
   if (!pictures) return pictures.error();
-  std::vector<OutputFile> files;
-  auto add = [&](const char* name, const std::string& text) -> Result<void> {
-    auto file = OutputFile::create(folder + "/" + name);
-    if (!file) return file.error();
-    files.push_back(std::move(*file));
-    return files.back().append({reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  const std::vector<CompareRow> rows = compareRows(figures);
+  std::vector<ComparePage> pages = {
+      {"frames.csv", reportCsv(figures)},
+      {"report.json", reportJson(plan, figures)},
+      {"summary.csv", rowsCsv(rows, "", true)},
+      {"summary.tex",
+       rowsLatex(rows, "LOD strategies over " + std::filesystem::path(plan.package->path()).filename().string())}};
+  for (const ComparePlot& p : costPlots(rows)) pages.push_back({p.name + ".svg", standaloneSvg(p.plot)});
+  if (figures.frame_count > 1)
+    for (const ComparePlot& p : framePlots(figures, plan.budgets_px[(plan.budgets_px.size() - 1) / 2]))
+      pages.push_back({p.name + ".svg", standaloneSvg(p.plot)});
+  pages.push_back({"report.html", reportHtml(plan, figures, *pictures)});
+  return writePages(pages, folder);
+}
+
+Result<void> makeFolder(const std::string& folder) {
+  std::error_code bad;
+  std::filesystem::create_directories(folder, bad);
+  if (bad) return Error{ErrorKind::kIo, folder, "cannot make the folder: " + bad.message(), "", {}};
+  return {};
+}
+
+// Names without folders, which are nobody's business in a report; but those of reports to merge, which all have one
+// name.
+std::string commandOf(const CompareOptions& o) {
+  auto name = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
+  std::string out = "relievo compare";
+  auto add = [&](const char* option, const std::string& value) {
+    if (!value.empty()) out += " " + std::string(option) + " " + value;
   };
-  if (auto r = add(kReportFiles[0], reportCsv(figures)); !r) return r;
-  if (auto r = add(kReportFiles[1], reportJson(plan, figures)); !r) return r;
-  if (auto r = add(kReportFiles[2], reportHtml(plan, figures, *pictures)); !r) return r;
-  for (OutputFile& file : files)
-    if (auto r = file.finish(); !r) return r;
-  for (OutputFile& file : files)
-    if (auto r = file.commit(); !r) return r;
+  auto number = [](double v) {
+    char text[40];
+    std::snprintf(text, sizeof text, "%g", v);
+    return std::string(text);
+  };
+  for (const std::string& part : o.merge) out += (out.back() == 'e' ? " --merge " : " ") + part;
+  if (!o.file.empty()) out += " " + name(o.file);
+  if (o.quick) out += " --quick";
+  if (o.path != "orbit") add("--path", name(o.path));
+  add("--strategies", o.strategies);
+  add("--error-px", o.budgets);
+  add("--size", o.size);
+  add("--settings", name(o.settings_file));
+  if (o.frames > 0) add("--frames", std::to_string(o.frames));
+  if (o.repeats > 0) add("--repeats", std::to_string(o.repeats));
+  if (o.exaggerate != 1) add("--exaggerate", number(o.exaggerate));
+  if (o.memory_mib != 1024) add("--memory-mib", number(o.memory_mib));
+  return out;
+}
+
+Result<CompareOrigin> originOf(const CompareOptions& o, const Manifest& manifest) {
+  auto hash = hashFile(o.file, &interruptedFlag());
+  if (!hash) return hash.error();
+  CompareOrigin origin{commandOf(o), utcText(std::time(nullptr)),
+                       processorName() + ", " + std::to_string(std::thread::hardware_concurrency()) + " cores", *hash,
+                       ""};
+  // Texture and relief may come from the same one.
+  std::vector<std::string> sources;
+  for (const Provenance& p : manifest.sources) {
+    const std::string text = p.name + (p.generator.empty() ? "" : ", " + p.generator);
+    if (std::find(sources.begin(), sources.end(), text) == sources.end()) sources.push_back(text);
+  }
+  for (const std::string& text : sources) origin.source += (origin.source.empty() ? "" : "; ") + text;
+  return origin;
+}
+
+Result<void> mergeReports(const CompareOptions& o) {
+  if (!o.file.empty())
+    return usageError("--merge takes reports alone, found FILE " + o.file, "give the reports behind --merge");
+  if (auto good = checkFolder("-o", o.folder); !good) return good;
+  std::vector<MergedPart> parts;
+  for (const std::string& path : o.merge) {
+    for (const char* name : {"report.html", "summary.csv", "summary.tex"})
+      if (auto good = checkApart({{"-o", o.folder + "/" + name}}, {{"--merge", path}}); !good) return good;
+    auto part = readComparison(path);
+    if (!part) return part.error();
+    parts.push_back(std::move(*part));
+  }
+  if (auto made = makeFolder(o.folder); !made) return made;
+  std::vector<ComparePage> pages = {{"summary.csv", mergedCsv(parts)}, {"summary.tex", mergedLatex(parts)}};
+  for (size_t k = 0; k < parts.size(); ++k)
+    for (const ComparePlot& p : costPlots(parts[k].rows))
+      pages.push_back({std::to_string(k + 1) + "-" + p.name + ".svg", standaloneSvg(p.plot)});
+  pages.push_back({"report.html", mergedHtml(parts, commandOf(o), utcText(std::time(nullptr)))});
+  if (auto written = writePages(pages, o.folder); !written) return written;
+  printOutf("%s\n", mergedConclusion(parts).c_str());
   return {};
 }
 
@@ -130,6 +227,8 @@ Result<void> takeCompareSettings(const CompareOptions& o, ComparePlan& plan) {
 }
 
 Result<void> compare(const CompareOptions& o) {
+  if (!o.merge.empty()) return mergeReports(o);
+  if (o.file.empty()) return usageError("FILE is missing: the package of an artwork", "or give --merge and reports");
   auto plan = planOf(o);
   if (!plan) return plan.error();
   if (auto taken = takeCompareSettings(o, *plan); !taken) return taken;
@@ -154,9 +253,10 @@ Result<void> compare(const CompareOptions& o) {
                  {}};
   if (auto cameras = compareCameras(plan->path, plan->frames, m, plan->width_px, plan->height_px); !cameras)
     return cameras.error();
-  std::error_code bad;
-  std::filesystem::create_directories(o.folder, bad);
-  if (bad) return Error{ErrorKind::kIo, o.folder, "cannot make the folder: " + bad.message(), "", {}};
+  if (auto made = makeFolder(o.folder); !made) return made;
+  auto origin = originOf(o, m);
+  if (!origin) return origin.error();
+  plan->origin = *origin;
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
   Result<CompareFigures> figures = Error{};
@@ -183,6 +283,7 @@ Result<void> compare(const CompareOptions& o) {
               run.budget_px, predicted, s.max_px, s.p99_px, s.pop_px, static_cast<unsigned long long>(s.crack_pixels),
               mismatches, s.triangles, s.select_ms.median, s.frame_ms.median);
   }
+  printOutf("%s\n", conclusionText(equalError(compareRows(*figures))).c_str());
   return {};
 }
 
@@ -206,7 +307,8 @@ std::string footer() {
       "but for the light that\n"
       "relievo view --print-view prints with a camera.\n\n"
       "Example:\n  relievo compare inscription.relievo --path orbit --error-px 0.5,1,2,4 -o comparison\n"
-      "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison";
+      "  relievo compare inscription.relievo --quick --strategies edge-lod,uniform -o comparison\n"
+      "  relievo compare --merge stone/report.json coin/report.json -o all";
   return text;
 }
 
@@ -217,12 +319,20 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto* c =
       app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
-  c->add_option("FILE", o->file, "Package of an artwork with relief, or a scene of it")->required();
-  c->add_option("-o,--output", o->folder, "Folder for report.html, report.json and frames.csv")->required();
+  c->add_option("FILE", o->file, "Package of an artwork with relief, or a scene of it");
+  c->add_option(
+       "-o,--output", o->folder,
+       "Folder for report.html, report.json, frames.csv, summary.csv, summary.tex (LaTeX) and an .svg for each "
+       "plot")
+      ->required();
+  c->add_option("--merge", o->merge,
+                "In place of FILE: report.json files of earlier comparisons, of other artworks or machines, for one "
+                "report of all")
+      ->expected(1, 1000);
   c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")
       ->capture_default_str();
   c->add_option("--strategies", o->strategies, "Names, separated by commas [all]");
-  c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,4]");
+  c->add_option("--error-px", o->budgets, "Error budgets, px, separated by commas [0.5,1,2,4,8; --quick: 1,2,4]");
   c->add_option(
       "--settings", o->settings_file,
       "JSON file of settings that relievo accuracy recommends: its error_px in place of [0.5,1,2,4,8], and its "
@@ -237,14 +347,18 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--exaggerate", o->exaggerate, "Multiply heights by this")
       ->check(CLI::Range(-10000.0, 10000.0))
       ->capture_default_str();
-  c->add_option("--memory-mib", o->memory_mib, "Refuse an artwork whose relief pages take more than this, MiB")
+  c->add_option(
+       "--memory-mib", o->memory_mib,
+       "Refuse an artwork whose relief pages take more than this, MiB; strategies that simplify meshes take up to "
+       "1 GiB each besides")
       ->check(CLI::Range(1.0, 65536.0))
       ->capture_default_str();
   c->add_flag("--quick", o->quick,
-              "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software "
-              "draws, on two idle cores; a scan of two million triangles takes about as long");
+              "Fewer frames and budgets, a smaller picture: about four minutes for a 2048x2048 artwork where software "
+              "draws, on two idle cores, of which half is the making of simplified meshes");
   c->callback([o, &context] {
-    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
+    if (o->merge.empty() && !o->file.empty())
+      if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
 }

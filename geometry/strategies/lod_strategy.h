@@ -11,6 +11,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -32,6 +33,10 @@ struct StrategyScene {
   std::shared_ptr<const ReliefField> field;  // of a flat artwork
   std::shared_ptr<const BodyField> body;     // over a base mesh
   std::vector<CoarseErrors> coarse;          // by patch, over a base mesh; or empty (mesh_lod.h)
+  // What strategies compute from a scene once and share with one another, by name: the same strategy is made once a
+  // budget.
+  std::shared_ptr<std::map<std::string, std::shared_ptr<const void>>> prepared =
+      std::make_shared<std::map<std::string, std::shared_ptr<const void>>>();
   // At a vertex of one of the instance's grids, steps of a sample's range.
   double heightSteps(const PatchInstance& p, int64_t x, int64_t y) const {
     return body ? body->at(p.node.patch, x, y) : field->heightSteps(static_cast<double>(x), static_cast<double>(y));
@@ -78,6 +83,20 @@ struct StrategyVertex {
   uint32_t instance = 0;   // index into StrategyResult::instances
 };
 
+// Triangles that stay the same from view to view, so that the GPU keeps them: what is drawn for a view are some of
+// them. The three vertices of a triangle name the same instance.
+struct StrategyMesh {
+  std::vector<PatchInstance> instances;
+  std::vector<StrategyVertex> vertices;
+  std::vector<uint32_t> indices;  // three a triangle
+  static constexpr size_t kGpuVertexBytes = 28;
+  uint64_t gpuBytes() const { return kGpuVertexBytes * vertices.size() + sizeof(uint32_t) * indices.size(); }
+};
+struct IndexRange {
+  uint32_t first = 0, count = 0;  // of StrategyMesh::indices
+  friend bool operator==(const IndexRange&, const IndexRange&) = default;
+};
+
 // Vertices of absolute level node.level + grid_level morph between these distances from the eye, mm.
 struct MorphRange {
   float start_mm = 0, end_mm = 0;
@@ -88,12 +107,21 @@ struct StrategyResult {
   std::vector<PatchInstance> instances;  // sorted by grid_level
   GridRule rule = GridRule::kSnapped;
   std::vector<StrategyVertex> triangles;  // three a triangle, drawn besides the grids
+  // Or kept triangles: those of the ranges are drawn, whose rule is kTrianglesOnly; `instances` are then the mesh's.
+  std::shared_ptr<const StrategyMesh> mesh;
+  std::vector<IndexRange> ranges;
   std::array<MorphRange, kMorphLevels> morph{};
   glm::dvec3 morph_eye_mm{0};
   double error_px = 0;  // the budget that the choice kept to (a node budget may have doubled the one asked for)
   // An upper bound of how far the picture of a point of the finest relief lies from that of the drawn surface above the
   // same place. Negative: the strategy promises nothing.
   double predicted_px = -1;
+
+  uint64_t triangleCount() const {  // explicit ones
+    uint64_t count = triangles.size() / 3;
+    for (const IndexRange& r : ranges) count += r.count / 3;
+    return count;
+  }
 };
 
 // What the LOD answered, with the bound that it certifies.

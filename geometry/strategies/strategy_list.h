@@ -13,6 +13,9 @@ StrategyEntry edgeScreenStrategy();
 StrategyEntry edgeLengthStrategy();
 StrategyEntry bintreeStrategy();
 StrategyEntry tessellationStrategy();
+StrategyEntry clipmapStrategy();
+StrategyEntry discreteStrategy();
+StrategyEntry clustersStrategy();
 StrategyEntry noSnappingStrategy();
 StrategyEntry skirtsStrategy();
 

@@ -4,8 +4,9 @@ namespace relievo {
 
 const std::vector<StrategyEntry>& lodStrategies() {
   static const std::vector<StrategyEntry> all = {
-      uniformStrategy(),    cdlodStrategy(),   edgeLodStrategy(),      edgeMorphStrategy(),  edgeScreenStrategy(),
-      edgeLengthStrategy(), bintreeStrategy(), tessellationStrategy(), noSnappingStrategy(), skirtsStrategy()};
+      uniformStrategy(),    cdlodStrategy(),      edgeLodStrategy(),      edgeMorphStrategy(), edgeScreenStrategy(),
+      edgeLengthStrategy(), bintreeStrategy(),    tessellationStrategy(), clipmapStrategy(),   discreteStrategy(),
+      clustersStrategy(),   noSnappingStrategy(), skirtsStrategy()};
   return all;
 }
 

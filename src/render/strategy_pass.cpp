@@ -16,7 +16,28 @@ struct GpuTriangleVertex {
   uint32_t instance, patch;
 };
 
+static_assert(sizeof(GpuTriangleVertex) == StrategyMesh::kGpuVertexBytes);
+
 constexpr int kCornersUnit = 6;  // and two more: behind the pool's
+
+// Clamped to the artwork's border.
+std::vector<GpuTriangleVertex> gpuVertices(const std::vector<StrategyVertex>& vertices,
+                                           const std::vector<PatchInstance>& instances, const EyeFrame& eye) {
+  const int64_t limit_x = eye.unit_x + eye.limit_x, limit_y = eye.unit_y + eye.limit_y;
+  std::vector<GpuTriangleVertex> gpu;
+  gpu.reserve(vertices.size());
+  for (const StrategyVertex& v : vertices) {
+    const PatchInstance& p = instances[v.instance];
+    const int64_t x = std::min<int64_t>(v.x, limit_x), y = std::min<int64_t>(v.y, limit_y);
+    const float size = std::ldexp(1.0f, p.step_log2 + p.grid_level);
+    gpu.push_back({{static_cast<int32_t>(x), static_cast<int32_t>(y)},
+                   v.height_steps,
+                   {static_cast<float>(x - p.x0) / size, static_cast<float>(y - p.y0) / size},
+                   v.instance + 1,
+                   p.node.patch});
+  }
+  return gpu;
+}
 
 }  // namespace
 
@@ -28,7 +49,8 @@ StrategyPass::StrategyPass(gl::Api api, const PatchDomain& domain, std::shared_p
       pool_((relief_pages + 1) / 2),
       table_(1, 1),
       vertex_array_(gl::VertexArray::create()),
-      vertices_(gl::Buffer::create()) {
+      vertices_(gl::Buffer::create()),
+      drawn_indices_(gl::Buffer::create()) {
   pool_.uploadTable(table_);
 }
 
@@ -138,7 +160,7 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
     drawn.draw_calls = patches_.draw(**in_use, eye, PatchPass::Mesh::kFull);
     drawn.triangles = patches_.triangles();
   }
-  if (chosen.triangles.empty()) return drawn;
+  if (chosen.triangleCount() == 0) return drawn;
   if (triangle_program_.id() == 0) {
     auto linked = gl::Program::link(api_, {"compare_triangles.vert",
                                            "compare_place.frag",
@@ -148,35 +170,19 @@ Result<StrategyDraw> StrategyPass::draw(const StrategyResult& chosen, const View
     if (!linked) return linked.error();
     triangle_program_ = std::move(*linked);
   }
-  drawTriangles(chosen, eye);
-  ++drawn.draw_calls;
-  drawn.triangles += chosen.triangles.size() / 3;
+  bindAll(triangle_program_);
+  glUniform2i(triangle_program_.uniform("u_limit"), eye.limit_x, eye.limit_y);
+  glUniform2i(triangle_program_.uniform("u_eye_unit"), static_cast<int>(eye.unit_x), static_cast<int>(eye.unit_y));
+  glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
+  glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
+  if (!chosen.triangles.empty()) drawTriangles(chosen, eye), ++drawn.draw_calls;
+  if (!chosen.ranges.empty()) drawKept(chosen, eye), ++drawn.draw_calls;
+  drawn.triangles += chosen.triangleCount();
   return drawn;
 }
 
-void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& eye) {
-  std::vector<GpuTriangleVertex> gpu;
-  gpu.reserve(chosen.triangles.size());
-  // From the eye's unit, as the frame counts.
-  const int64_t limit_x = eye.unit_x + eye.limit_x, limit_y = eye.unit_y + eye.limit_y;
-  for (const StrategyVertex& v : chosen.triangles) {
-    const PatchInstance& p = chosen.instances[v.instance];
-    int64_t x = std::min<int64_t>(v.x, limit_x), y = std::min<int64_t>(v.y, limit_y);
-    float size = std::ldexp(1.0f, p.step_log2 + p.grid_level);
-    gpu.push_back({{static_cast<int32_t>(x - eye.unit_x), static_cast<int32_t>(y - eye.unit_y)},
-                   v.height_steps,
-                   {static_cast<float>(x - p.x0) / size, static_cast<float>(y - p.y0) / size},
-                   v.instance + 1,
-                   p.node.patch});
-  }
-  bindAll(triangle_program_);
-  glUniform2i(triangle_program_.uniform("u_limit"), eye.limit_x, eye.limit_y);
-  glUniformMatrix4fv(triangle_program_.uniform("u_clip_from_eye"), 1, GL_FALSE, eye.clip_from_eye.data());
-  glUniform4f(triangle_program_.uniform("u_scale"), eye.mm_per_unit, eye.mm_per_height_step, eye.zero_height_mm, 0);
-  glBindVertexArray(vertex_array_.id());
-  glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(),
-               GL_STREAM_DRAW);
+void StrategyPass::pointAtVertices(GLuint buffer) {
+  glBindBuffer(GL_ARRAY_BUFFER, buffer);
   constexpr GLsizei kStride = sizeof(GpuTriangleVertex);
   auto at = [](size_t member) { return reinterpret_cast<const void*>(member); };
   for (GLuint a = 0; a < 5; ++a) glEnableVertexAttribArray(a);
@@ -185,6 +191,55 @@ void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& e
   glVertexAttribPointer(2, 2, GL_FLOAT, GL_FALSE, kStride, at(offsetof(GpuTriangleVertex, uv)));
   glVertexAttribIPointer(3, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuTriangleVertex, instance)));
   glVertexAttribIPointer(4, 1, GL_UNSIGNED_INT, kStride, at(offsetof(GpuTriangleVertex, patch)));
+}
+
+// What was uploaded for meshes that nobody has any more goes.
+StrategyPass::KeptMesh& StrategyPass::kept(const std::shared_ptr<const StrategyMesh>& mesh, const EyeFrame& eye) {
+  std::erase_if(kept_, [](const auto& entry) { return entry.second.owner.expired(); });
+  KeptMesh& k = kept_[mesh.get()];
+  if (k.vertices.id() != 0) return k;
+  k = {mesh, gl::Buffer::create(), gl::Buffer::create()};
+  const auto gpu = gpuVertices(mesh->vertices, mesh->instances, eye);
+  glBindVertexArray(vertex_array_.id());  // which the buffer of indices is part of
+  glBindBuffer(GL_ARRAY_BUFFER, k.vertices.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(),
+               GL_STATIC_DRAW);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, k.indices.id());
+  glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(mesh->indices.size() * sizeof(uint32_t)),
+               mesh->indices.data(), GL_STATIC_DRAW);
+  return k;
+}
+
+// One call: of a single range from the mesh's own indices, of several from a copy of theirs.
+void StrategyPass::drawKept(const StrategyResult& chosen, const EyeFrame& eye) {
+  KeptMesh& mesh = kept(chosen.mesh, eye);
+  glBindVertexArray(vertex_array_.id());
+  pointAtVertices(mesh.vertices.id());
+  if (chosen.ranges.size() == 1) {
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, mesh.indices.id());
+    glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(chosen.ranges[0].count), GL_UNSIGNED_INT,
+                   reinterpret_cast<const void*>(size_t{chosen.ranges[0].first} * sizeof(uint32_t)));
+  } else {
+    std::vector<uint32_t> indices;
+    indices.reserve(3 * chosen.triangleCount());
+    for (const IndexRange& r : chosen.ranges)
+      indices.insert(indices.end(), chosen.mesh->indices.begin() + r.first,
+                     chosen.mesh->indices.begin() + r.first + r.count);
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, drawn_indices_.id());
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(indices.size() * sizeof(uint32_t)), indices.data(),
+                 GL_STREAM_DRAW);
+    glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(indices.size()), GL_UNSIGNED_INT, nullptr);
+  }
+  glBindVertexArray(0);
+}
+
+void StrategyPass::drawTriangles(const StrategyResult& chosen, const EyeFrame& eye) {
+  const auto gpu = gpuVertices(chosen.triangles, chosen.instances, eye);
+  glBindVertexArray(vertex_array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, vertices_.id());
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(gpu.size() * sizeof(GpuTriangleVertex)), gpu.data(),
+               GL_STREAM_DRAW);
+  pointAtVertices(vertices_.id());
   glDrawArrays(GL_TRIANGLES, 0, static_cast<GLsizei>(gpu.size()));
   glBindVertexArray(0);
 }

@@ -51,6 +51,13 @@ class StrategyPass {
 
  private:
   Result<const gl::Program*> program(GridRule rule, bool capture);
+  struct KeptMesh {
+    std::weak_ptr<const StrategyMesh> owner;
+    gl::Buffer vertices, indices;
+  };
+  KeptMesh& kept(const std::shared_ptr<const StrategyMesh>& mesh, const EyeFrame& eye);
+  static void pointAtVertices(GLuint buffer);
+  void drawKept(const StrategyResult& chosen, const EyeFrame& eye);
   void drawTriangles(const StrategyResult& chosen, const EyeFrame& eye);
   Result<StrategyDraw> drawTessellated(const StrategyResult& chosen, const EyeFrame& eye);
   EyeFrame eyeFrameOf(const ViewTransform& view, double exaggerate);
@@ -73,7 +80,8 @@ class StrategyPass {
   gl::Program triangle_program_;
   TessellatedPass tessellated_;
   gl::VertexArray vertex_array_;
-  gl::Buffer vertices_;
+  gl::Buffer vertices_, drawn_indices_;
+  std::unordered_map<const StrategyMesh*, KeptMesh> kept_;
   SurfaceTarget target_;
 };
 

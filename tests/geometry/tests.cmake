@@ -29,6 +29,13 @@ relievo_test(base_domain_test COST 100 LIBS relievo_bake SOURCES geometry/base_d
 relievo_test(fidelity_test LIBS relievo_bake SOURCES geometry/fidelity_test.cpp)
 relievo_test(mesh_distance_test LIBS relievo_bake SOURCES geometry/mesh_distance_test.cpp)
 relievo_test(strategy_test MEMORY LIBS relievo_strategies SOURCES geometry/strategy_test.cpp DEFINES RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
+find_package(meshoptimizer QUIET)  # whose simplifier one test compares ours with
+if(TARGET meshoptimizer::meshoptimizer)
+  set(oracle LIBS relievo_strategies meshoptimizer::meshoptimizer DEFINES RELIEVO_HAS_MESHOPTIMIZER)
+else()
+  set(oracle LIBS relievo_strategies)
+endif()
+relievo_test(kept_mesh_test MEMORY OPTIMISED COST 60 ${oracle} SOURCES geometry/kept_mesh_test.cpp)
 if(TARGET relievo_sample)
   relievo_test(certified_test LIBS relievo_bake relievo_lod relievo_sample SOURCES geometry/certified_test.cpp)
 endif()

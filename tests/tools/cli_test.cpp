@@ -691,7 +691,8 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   EXPECT_TRUE(fs::is_empty(file("report"))) << r.output;
   r = relievo(quick);
   ASSERT_EQ(r.exit_code, 0) << r.output;
-  for (const char* name : {"report.json", "report.html", "frames.csv"})
+  for (const char* name : {"report.json", "report.html", "frames.csv", "summary.csv", "summary.tex",
+                           "largest-triangles.svg", "p99-time.svg", "frames-error.svg"})
     EXPECT_TRUE(fs::exists(file(std::string("report/") + name))) << name;
   std::ifstream text(file("report/report.json"));
   auto report = nlohmann::json::parse(text, nullptr, false);
@@ -699,6 +700,24 @@ TEST_F(Cli, CompareNamesWhatIsWrongAndLeavesNoHalfReport) {
   ASSERT_EQ(report["runs"].size(), 2u);
   EXPECT_EQ(report["runs"][0]["strategy"], "edge-lod");
   EXPECT_EQ(report["runs"][0]["frames"].size(), 2u);
+  EXPECT_EQ(report["origin"]["command"],
+            "relievo compare a.relievo --quick --strategies edge-lod,uniform --error-px 1 --size 160x90 --frames 2");
+  EXPECT_EQ(report["origin"]["package_xxh3_64"].get<std::string>().size(), 16u);
+  EXPECT_EQ(report["origin"]["source"], "inscription seed 1, relievo sample");
+  // Several reports as one; what is no report is named, and nothing written.
+  const std::string merge = "compare -o " + file("all") + " --merge " + file("report/report.json") + " ";
+  write("none.json", "{\"runs\": 3}");
+  r = relievo(merge + file("none.json"));
+  EXPECT_EQ(r.exit_code, 3) << r.output;
+  EXPECT_NE(r.output.find("none.json"), std::string::npos) << r.output;
+  EXPECT_FALSE(fs::exists(file("all")));
+  EXPECT_EQ(relievo(merge + file("nowhere.json")).exit_code, 2);
+  EXPECT_EQ(relievo("compare " + file("a.relievo") + " -o " + file("all") + " --merge " + file("none.json")).exit_code,
+            1);
+  EXPECT_EQ(relievo("compare -o " + file("all")).exit_code, 1);  // neither FILE nor --merge
+  ASSERT_EQ(relievo(merge + file("report/report.json")).exit_code, 0);
+  for (const char* name : {"report.html", "summary.csv", "summary.tex", "1-largest-time.svg", "2-p99-triangles.svg"})
+    EXPECT_TRUE(fs::exists(file(std::string("all/") + name))) << name;
 }
 
 }  // namespace cli_test

@@ -9,8 +9,10 @@
 #include "geometry/strategies/strategy_bounds.h"
 #include "tests/render/test_artwork.h"
 #include "tools/compare/compare_measure.h"
+#include "tools/compare/compare_merge.h"
 #include "tools/compare/compare_path.h"
 #include "tools/compare/compare_report.h"
+#include "tools/compare/compare_tables.h"
 
 namespace relievo {
 namespace compare_test {
@@ -202,6 +204,118 @@ TEST(ComparePath, RecordedAndFromAFile) {
     EXPECT_EQ(result.error().kind, ErrorKind::kInvalidData) << bad;
   }
   EXPECT_EQ(compareCameras(folder.file("nowhere.json"), 0, d, 160, 90).error().kind, ErrorKind::kIo);
+}
+
+CompareRow rowOf(const char* name, double budget_px, double p99_px, double triangles, double ms) {
+  CompareRow r;
+  r.strategy = name;
+  r.title = std::string("The ") + name;
+  r.budget_px = budget_px;
+  r.p99_px = r.max_px = p99_px;
+  r.triangles = triangles;
+  r.select_ms = {0, 0, 0};
+  r.frame_ms = {ms, 0.9 * ms, 1.1 * ms};
+  return r;
+}
+
+// Triangles in proportion to a power of the error: interpolating their logarithms is exact.
+TEST(CompareRows, CostsAtEqualErrorAreInterpolated) {
+  std::vector<CompareRow> rows = {rowOf("a", 1, 0.5, 4000, 8), rowOf("a", 4, 2, 1000, 2), rowOf("b", 1, 0.25, 32000, 4),
+                                  rowOf("b", 4, 4, 2000, 3), rowOf("c", 1, 0.01, 9, 9)};
+  rows.push_back(rowOf("d", 4, 1, 1, 1));
+  rows.back().control = true;
+  const EqualError at = equalError(rows, 1);
+  ASSERT_EQ(at.costs.size(), 2u) << "c does not reach 1 px, d is a control";
+  EXPECT_NEAR(at.costs[0].triangles, 2000, 1e-6);
+  EXPECT_NEAR(at.costs[0].ms, 4, 1e-9);
+  EXPECT_NEAR(at.costs[0].ms_high, 4.4, 1e-9);
+  EXPECT_NEAR(at.costs[1].triangles, 8000, 1e-6);
+  EXPECT_EQ(at.left_out, std::vector<std::string>{"The c"});
+  const std::string text = conclusionText(at);
+  EXPECT_NE(text.find("For 1 px at 99 % of pixels: The a draws the fewest triangles, 2000; The b draws 4.00 times"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("The b takes the least time to choose and draw, 3.46 ms; The a takes 1.15 times as long, which "
+                      "is within the frames' spread"),
+            std::string::npos)
+      << text;
+  EXPECT_NE(text.find("Not reached with these budgets by: The c"), std::string::npos) << text;
+  // The control: at an error that none reaches nothing is concluded.
+  EXPECT_TRUE(equalError(rows, 100).costs.empty());
+  EXPECT_NE(conclusionText(equalError(rows, 100)).find("No error is reached"), std::string::npos);
+  EXPECT_EQ(equalError(rows).error_px, 1);
+}
+
+TEST(CompareRows, BestAreThoseThatNoOtherBeats) {
+  std::vector<CompareRow> rows = {rowOf("a", 1, 1, 100, 1), rowOf("a", 2, 2, 50, 1), rowOf("b", 1, 1.5, 100, 1),
+                                  rowOf("b", 2, 0.5, 500, 1), rowOf("c", 1, 0.1, 1, 1)};
+  rows[4].control = true;
+  const auto best = bestRows(
+      rows, [](const CompareRow& r) { return r.triangles; }, [](const CompareRow& r) { return r.p99_px; });
+  EXPECT_EQ(best, (std::vector<bool>{true, true, false, true, false}));
+}
+
+TEST(CompareRows, TablesEscapeWhatTheyShow) {
+  std::vector<CompareRow> rows = {rowOf("a", 1, 1, 100, 1)};
+  rows[0].title = "50 % of <a_b>, \"c\"";
+  EXPECT_NE(rowsLatex(rows, "x & y").find("50 \\% of <a\\_b>"), std::string::npos);
+  EXPECT_NE(rowsLatex(rows, "x & y").find("x \\& y"), std::string::npos);
+  EXPECT_NE(errorTableHtml(rows).find("&lt;a_b&gt;"), std::string::npos);
+  const std::string csv = rowsCsv(rows, "a, \"b\"", true);
+  EXPECT_NE(csv.find("\n\"a, \"\"b\"\"\",a,1,"), std::string::npos) << csv;
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), ',') % 2, 1) << csv;
+}
+
+// What report.json must have for a merged report; every truncation is an error, and so is a missing number.
+TEST(CompareMerge, ReadsReportsAndRefusesOthers) {
+  const std::string good =
+      R"({"renderer": "llvmpipe", "origin": {"cpu": "one", "date": "today", "package_xxh3_64": "12"},
+ "artwork": {"file": "stone.relievo"}, "view": {"path": "orbit", "frames": 6, "width_px": 64, "height_px": 36},
+ "runs": [
+  {"strategy": "a", "title": "A", "purpose": "", "control": false, "error_px": 1, "summary": {"predicted_px": null,
+   "max_px": 1, "p99_px": 0.5, "rms_px": 0.1, "pop_px": 0, "crack_px": 0, "silhouette_px": 0, "seam_mismatches": null,
+   "triangles_median": 100, "draw_calls_max": 1, "resident_bytes_max": 1, "streamed_bytes": 1}},
+  {"strategy": "b", "title": "B", "purpose": "", "control": false, "error_px": 1, "why": "too old"}],
+ "timings": {"runs": [{"strategy": "a", "error_px": 1, "select_ms": {"median": 1, "fastest": 1, "slowest": 2},
+  "frame_ms": {"median": 3, "fastest": 2, "slowest": 4}}]}})";
+  auto part = parseComparison(good, "r.json");
+  ASSERT_TRUE(part.ok()) << part.error().text();
+  ASSERT_EQ(part->rows.size(), 2u);
+  EXPECT_EQ(part->artwork, "stone.relievo");
+  EXPECT_EQ(part->origin.package_hash, "12");
+  EXPECT_EQ(part->rows[0].totalMs(), 4);
+  EXPECT_EQ(part->rows[0].predicted_px, -1);
+  EXPECT_FALSE(part->rows[0].seams_known);
+  EXPECT_FALSE(part->rows[1].available);
+  EXPECT_EQ(part->rows[1].why_not, "too old");
+  for (size_t length = 0; length < good.size(); ++length)
+    EXPECT_FALSE(parseComparison(good.substr(0, length), "r.json").ok()) << length;
+  for (const char* member :
+       {"triangles_median", "p99_px", "frame_ms", "strategy\": \"a", "runs", "artwork", "fastest"}) {
+    std::string bad = good;
+    bad.replace(bad.find(member), 1, "X");
+    auto refused = parseComparison(bad, "r.json");
+    ASSERT_FALSE(refused.ok()) << member;
+    EXPECT_EQ(refused.error().kind, ErrorKind::kInvalidData) << member;
+  }
+  const std::string html = mergedHtml({*part, *part}, "relievo compare --merge", "today");
+  EXPECT_NE(html.find("stone.relievo, llvmpipe"), std::string::npos);
+  EXPECT_NE(html.find("</html>"), std::string::npos);
+  EXPECT_EQ(html.find("<script"), std::string::npos);
+}
+
+// What several comparisons agree on: geometric means of ratios within each.
+TEST(CompareMerge, MeansAreOverRatios) {
+  MergedPart one, two;
+  one.rows = {rowOf("a", 1, 0.5, 400, 1), rowOf("a", 4, 2, 100, 1), rowOf("b", 1, 0.5, 800, 1),
+              rowOf("b", 4, 2, 200, 1)};
+  two.rows = {rowOf("a", 1, 0.5, 400, 1), rowOf("a", 4, 2, 100, 1), rowOf("b", 1, 0.5, 3200, 1),
+              rowOf("b", 4, 2, 800, 1)};
+  const std::string text = mergedConclusion({one, two});
+  EXPECT_NE(text.find("The a draws the fewest triangles, 1.00 times the fewest of each; The b draws 4.00 times"),
+            std::string::npos)
+      << text;
+  EXPECT_EQ(mergedConclusion({}), "No two strategies reach an equal error in all of these comparisons.");
 }
 
 TEST(CompareReport, Base64) {

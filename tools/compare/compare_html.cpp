@@ -4,70 +4,19 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
 
+#include "tools/compare/compare_plots.h"
 #include "tools/compare/compare_report.h"
+#include "tools/compare/compare_rows.h"
+#include "tools/compare/compare_tables.h"
 #include "tools/report/svg_plot.h"
 
 namespace relievo {
 namespace {
 
-constexpr double kLeastPx = 0.01;  // what is below is drawn there: measuring is not finer
-constexpr int kPicturePx = 640;    // at most, wide
+constexpr int kPicturePx = 640;  // at most, wide
 
-size_t indexOf(const StrategyEntry* entry) {
-  for (size_t s = 0; s < lodStrategies().size(); ++s)
-    if (&lodStrategies()[s] == entry) return s;
-  return 0;
-}
-
-std::string legend(const CompareFigures& all) {
-  std::string out = "<p class='legend'>";
-  const StrategyEntry* last = nullptr;
-  for (const StrategyFigures& run : all.runs) {
-    if (run.strategy == last) continue;
-    last = run.strategy;
-    size_t s = indexOf(last);
-    out += "<span>" + plotKey(s) + " " + escapedHtml(last->title) + (last->control ? " (control)" : "") +
-           (run.available ? "" : ": not available here") + "</span> ";
-  }
-  return out + "</p>\n";
-}
-
-std::string table(const CompareFigures& all) {
-  std::string out =
-      "<div "
-      "class='scroll'><table><thead><tr><th>strategy</th><th>budget<br>px</th><th>predicted<br>px</th><th>max<br>px</"
-      "th><th>p99<br>px</th><th>RMS<br>px</th>"
-      "<th>pop<br>px</th><th>crack<br>pixels</th><th>bits "
-      "that<br>differ</th><th>silhouette<br>pixels</th><th>triangles<br>median</th><th>draw<br>calls</th>"
-      "<th>select<br>ms</th><th>frame<br>ms</th><th>resident<br>MiB</th><th>streamed<br>MiB</th></tr></thead><tbody>\n";
-  for (const StrategyFigures& run : all.runs) {
-    appendf(out, "<tr><td>%s</td><td>%g</td>", escapedHtml(run.strategy->title).c_str(), run.budget_px);
-    if (!run.available) {
-      out += "<td colspan='14' class='left'>not available here: " + escapedHtml(run.why_not) + "</td></tr>\n";
-      continue;
-    }
-    RunSummary s = summaryOf(run, all);
-    if (s.predicted_px >= 0)
-      appendf(out, "<td%s>%.3g</td>", s.above_bound_frames ? " class='bad'" : "", s.predicted_px);
-    else out += "<td>none</td>";
-    appendf(out, "<td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td>", s.max_px, s.p99_px, s.rms_px, s.pop_px);
-    appendf(out, "<td%s>%llu</td>", s.crack_pixels ? " class='bad'" : "",
-            static_cast<unsigned long long>(s.crack_pixels));
-    if (s.seams_known)
-      appendf(out, "<td%s>%llu</td>", s.seams_mismatched ? " class='bad'" : "",
-              static_cast<unsigned long long>(s.seams_mismatched));
-    else out += "<td>not known</td>";
-    appendf(out, "<td>%llu</td><td>%.0f</td><td>%u</td>", static_cast<unsigned long long>(s.silhouette_pixels),
-            s.triangles, s.max_draw_calls);
-    appendf(out, "<td>%.2f<small> %.2f to %.2f</small></td><td>%.1f<small> %.1f to %.1f</small></td>",
-            s.select_ms.median, s.select_ms.low, s.select_ms.high, s.frame_ms.median, s.frame_ms.low, s.frame_ms.high);
-    appendf(out, "<td>%.2f</td><td>%.2f</td></tr>\n", static_cast<double>(s.max_resident_bytes) / 1048576.0,
-            static_cast<double>(s.streamed_bytes) / 1048576.0);
-  }
-  return out + "</tbody></table></div>\n";
-}
+double middleBudget(const ComparePlan& plan) { return plan.budgets_px[(plan.budgets_px.size() - 1) / 2]; }
 
 // Plasma (matplotlib, CC0), light for small: told apart in grey, too.
 std::array<double, 3> rampAt(double t) {
@@ -97,11 +46,60 @@ std::string rampKey(double budget_px) {
   return out + "</svg>\n";
 }
 
+std::string originHtml(const ComparePlan& plan, const CompareFigures& all) {
+  std::string out = "<dl>";
+  auto term = [&](const char* what, const std::string& text) {
+    if (!text.empty()) out += "<dt>" + std::string(what) + "</dt><dd>" + escapedHtml(text) + "</dd>\n";
+  };
+  const std::string name = std::filesystem::path(plan.package->path()).filename().string();
+  term("Command", plan.origin.command);
+  term("Date", plan.origin.date);
+  term("Processor", plan.origin.cpu);
+  term("OpenGL", all.renderer + ", " + all.version);
+  term("Package", name + (plan.origin.package_hash.empty() ? "" : ", xxh3-64 " + plan.origin.package_hash));
+  term("Source", plan.origin.source);
+  return out + "</dl>\n";
+}
+
+// What was measured, and what measuring itself is off by.
+std::string measuredHtml(const ComparePlan& plan, const CompareFigures& all) {
+  const PatchDomain& d = plan.package->manifest().domain;
+  std::string out;
+  if (d.isFlat())
+    appendf(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.flat().width_px),
+            static_cast<unsigned long long>(d.flat().height_px), d.mm_per_px);
+  else
+    appendf(out, "<p>%u patches of %d x %d cells over a base mesh", d.patchCount(), kPagePx << d.relief_depth,
+            kPagePx << d.relief_depth);
+  appendf(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px,
+          plan.height_px);
+  out += escapedHtml(std::filesystem::path(plan.path).filename().string()) + ".</p>\n";
+  appendf(
+      out,
+      "<p>The error of a pixel is its distance to where the full-resolution relief has the place that it shows. "
+      "Measuring itself is off by at most %.3g px (full "
+      "resolution measured like a strategy). Silhouettes are compared with %s of at most %llu triangles a frame.</p>\n",
+      all.floor.max_px, all.reference_whole ? "full resolution," : "a uniform grid, coarser than full resolution,",
+      static_cast<unsigned long long>(all.reference_triangles));
+  uint64_t pixels = 0, edge_on = 0;
+  for (const StrategyFigures& run : all.runs) {
+    RunSummary s = summaryOf(run, all);
+    pixels += s.pixels;
+    edge_on += s.edge_on_pixels;
+  }
+  appendf(
+      out,
+      "<p>%llu pixels are measured; %llu more show triangles so edge-on (a pixel is more than %.0f cells wide) that no "
+      "rasteriser knows their place.</p>\n",
+      static_cast<unsigned long long>(pixels), static_cast<unsigned long long>(edge_on), kMostCellsAPixel);
+  return out;
+}
+
 }  // namespace
 
 std::vector<ReportPicture> reportPictures(const ComparePlan& plan, const CompareFigures& all) {
   std::vector<ReportPicture> out;
-  double budget = plan.budgets_px[(plan.budgets_px.size() - 1) / 2];
+  const double budget = middleBudget(plan);
   int block = (plan.width_px + kPicturePx - 1) / kPicturePx;
   for (const StrategyFigures& run : all.runs) {
     if (!run.available || run.budget_px != budget || run.picture_error_px.empty()) continue;
@@ -150,77 +148,32 @@ std::string base64(std::span<const uint8_t> bytes) {
 }
 
 std::string reportHtml(const ComparePlan& plan, const CompareFigures& all, const std::vector<ReportPicture>& pictures) {
-  const PatchDomain& d = plan.package->manifest().domain;
   std::string name = escapedHtml(std::filesystem::path(plan.package->path()).filename().string());
   std::string out =
       "<!doctype html>\n<html lang='en'><head><meta charset='utf-8'><meta name='viewport' "
       "content='width=device-width'>\n<title>relievo compare: " +
       name + "</title>\n<style>" + kReportStyle + "</style></head><body>\n<h1>LOD strategies over " + name + "</h1>\n";
-  if (d.isFlat())
-    appendf(out, "<p>%llu x %llu px, %g mm a px", static_cast<unsigned long long>(d.flat().width_px),
-            static_cast<unsigned long long>(d.flat().height_px), d.mm_per_px);
-  else
-    appendf(out, "<p>%u patches of %d x %d cells over a base mesh", d.patchCount(), kPagePx << d.relief_depth,
-            kPagePx << d.relief_depth);
-  appendf(out, ", heights x %g; %zu frames of %d x %d px along ", plan.exaggerate, all.frame_count, plan.width_px,
-          plan.height_px);
-  out += escapedHtml(std::filesystem::path(plan.path).filename().string()) + "; " + escapedHtml(all.renderer) + ", " +
-         escapedHtml(all.version) + ".</p>\n";
-  appendf(
-      out,
-      "<p>The error of a pixel is its distance to where the full-resolution relief has the place that it shows. "
-      "Measuring itself is off by at most %.3g px (full "
-      "resolution measured like a strategy). Silhouettes are compared with %s of at most %llu triangles a frame.</p>\n",
-      all.floor.max_px, all.reference_whole ? "full resolution," : "a uniform grid, coarser than full resolution,",
-      static_cast<unsigned long long>(all.reference_triangles));
-  uint64_t pixels = 0, edge_on = 0;
-  for (const StrategyFigures& run : all.runs) {
-    RunSummary s = summaryOf(run, all);
-    pixels += s.pixels;
-    edge_on += s.edge_on_pixels;
+  out += originHtml(plan, all) + measuredHtml(plan, all);
+  const std::vector<CompareRow> rows = compareRows(all);
+  const EqualError equal = equalError(rows);
+  out += "<h2>At equal error</h2>\n<p>" + escapedHtml(conclusionText(equal)) + "</p>\n";
+  if (!equal.costs.empty())
+    out += equalErrorTableHtml(equal) +
+           "<p><small>Interpolated between each strategy's budgets. Times: medians over the frames, with the fastest "
+           "and the slowest frame.</small></p>\n";
+  out += "<h2>What accuracy costs</h2>\n" + compareLegend(rows) + "<div class='panels'>\n";
+  for (const ComparePlot& p : costPlots(rows)) out += plotSvg(p.plot);
+  out +=
+      "</div>\n<p><small>Down and to the left is better. A point a budget, ringed where no other one is better; errors "
+      "below 0.01 px are drawn there. Times are for geometry alone, without shading.</small></p>\n";
+  const double budget = middleBudget(plan);
+  if (all.frame_count > 1) {
+    appendf(out, "<h2>Frame by frame</h2>\n<p>Along the path, at a budget of %g px.</p>\n<div class='panels'>\n",
+            budget);
+    for (const ComparePlot& p : framePlots(all, budget)) out += plotSvg(p.plot);
+    out += "</div>\n";
   }
-  appendf(
-      out,
-      "<p>%llu pixels are measured; %llu more show triangles so edge-on (a pixel is more than %.0f cells wide) that no "
-      "rasteriser knows their place.</p>\n",
-      static_cast<unsigned long long>(pixels), static_cast<unsigned long long>(edge_on), kMostCellsAPixel);
-  out += "<h2>What accuracy costs</h2>\n" + legend(all) + "<div class='panels'>\n";
-  struct Panel {
-    const char *title, *x_title, *y_title;
-    std::function<double(const RunSummary&)> x, y;
-  };
-  const Panel panels[] = {
-      {"Largest error against triangles", "triangles, median over the frames", "largest error, px",
-       [](const RunSummary& s) { return s.triangles; }, [](const RunSummary& s) { return s.max_px; }},
-      {"Largest error against time", "choosing and drawing a frame, ms (medians)", "largest error, px",
-       [](const RunSummary& s) { return s.select_ms.median + s.frame_ms.median; },
-       [](const RunSummary& s) { return s.max_px; }},
-      {"Error of 99 % of pixels against triangles", "triangles, median over the frames",
-       "p99 of the error, worst frame, px", [](const RunSummary& s) { return s.triangles; },
-       [](const RunSummary& s) { return s.p99_px; }},
-      {"Error of 99 % of pixels against time", "choosing and drawing a frame, ms (medians)",
-       "p99 of the error, worst frame, px", [](const RunSummary& s) { return s.select_ms.median + s.frame_ms.median; },
-       [](const RunSummary& s) { return s.p99_px; }}};
-  for (const Panel& p : panels) {
-    Plot plot{p.title, {.title = p.x_title}, {.title = p.y_title}, {}, {}};
-    for (const StrategyEntry& e : lodStrategies()) plot.series.push_back({.title = e.title, .dashed = e.control});
-    for (const StrategyFigures& run : all.runs) {
-      if (!run.available) continue;
-      RunSummary s = summaryOf(run, all);
-      char text[200];
-      std::snprintf(text, sizeof text, "%s, budget %g px: max %.3g px, p99 %.3g px, %.0f triangles, %.2f + %.1f ms",
-                    run.strategy->title.c_str(), run.budget_px, s.max_px, s.p99_px, s.triangles, s.select_ms.median,
-                    s.frame_ms.median);
-      plot.points.push_back({indexOf(run.strategy), std::max(p.x(s), 1e-3), std::max(p.y(s), kLeastPx), text, ""});
-    }
-    out += plotSvg(plot);
-  }
-  appendf(
-      out,
-      "</div>\n<p><small>Down and to the left is better. A point a budget; errors below %g px are drawn there. Times "
-      "are for geometry alone, without shading.</small></p>\n",
-      kLeastPx);
-  out += "<h2>Figures</h2>\n" + table(all);
+  out += "<h2>Errors</h2>\n" + errorTableHtml(rows) + "<h2>Costs</h2>\n" + costTableHtml(rows);
   out +=
       "<p><small>Over all frames: largest values; RMS over all pixels; sums of pixels, bits and streamed bytes; "
       "medians of triangles and times, with the fastest and "

@@ -1,4 +1,5 @@
 #include "tools/compare/compare_report.h"
+#include "tools/compare/compare_rows.h"
 
 #include <algorithm>
 #include <cmath>
@@ -99,7 +100,8 @@ const std::vector<ReportColumn>& reportColumns() {
       {"triangles", "", "drawn"},
       {"draw_calls", "", "made"},
       {"instances", "", "grids drawn"},
-      {"resident_bytes", "B", "of the relief pages displaced from, in the page cache"},
+      {"resident_bytes", "B",
+       "of the relief pages displaced from, in the page cache; or of the mesh that the GPU keeps instead, all of it"},
       {"streamed_bytes", "B", "of those that the frame before did not need, as the package holds them"},
       {"select_ms", "ms", "CPU time of the choice, wall clock: median of the repeats"},
       {"select_ms_fastest", "ms", "fastest repeat"},
@@ -113,6 +115,12 @@ const std::vector<ReportColumn>& reportColumns() {
 std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
   const PatchDomain& d = plan.package->manifest().domain;
   Json json = {{"tool_version", "relievo " RELIEVO_VERSION},
+               {"origin",
+                {{"command", plan.origin.command},
+                 {"date", plan.origin.date},
+                 {"cpu", plan.origin.cpu},
+                 {"package_xxh3_64", plan.origin.package_hash},
+                 {"source", plan.origin.source}}},
                {"renderer", all.renderer},
                {"gl_version", all.version},
                {"artwork",
@@ -201,7 +209,17 @@ std::string reportJson(const ComparePlan& plan, const CompareFigures& all) {
                        {"frames", frame_timings}});
   }
   json["runs"] = runs;
-  json["timings"] = {{"repeats", plan.repeats}, {"runs", timings}};
+  const EqualError equal = equalError(compareRows(all));
+  Json at_equal = Json::array(), ms_at_equal = Json::array();
+  for (const EqualErrorCost& c : equal.costs) {
+    at_equal.push_back({{"strategy", c.strategy}, {"triangles", rounded(c.triangles)}});
+    ms_at_equal.push_back({{"strategy", c.strategy}, {"ms", timingJson({c.ms, c.ms_low, c.ms_high})}});
+  }
+  json["equal_error"] = {{"p99_px", equal.error_px}, {"strategies", at_equal}};
+  json["timings"] = {{"repeats", plan.repeats},
+                     {"conclusion", conclusionText(equal)},
+                     {"equal_error", ms_at_equal},
+                     {"runs", timings}};
   return json.dump(1) + "\n";
 }
 

@@ -1,5 +1,5 @@
 // compare_report.h - what `relievo compare` writes: report.json, frames.csv (compare_report.cpp) and report.html
-// (compare_html.cpp).
+// (compare_html.cpp); tables and plots for papers come from compare_tables.h and compare_plots.h.
 #pragma once
 
 #include <span>
@@ -36,7 +36,7 @@ struct ReportColumn {
 };
 const std::vector<ReportColumn>& reportColumns();  // of frames.csv; for --help, too
 
-// What is not in its member "timings" is the same whenever the same is compared.
+// What is not in its members "timings" and "origin" is the same whenever the same is compared.
 std::string reportJson(const ComparePlan& plan, const CompareFigures& figures);
 std::string reportCsv(const CompareFigures& figures);
 

@@ -14,7 +14,13 @@
 
 namespace relievo {
 
+// Where, when and from what a report was made, for people. Empty texts: not known.
+struct CompareOrigin {
+  std::string command, date, cpu, package_hash, source;  // source: of the artwork, with its seed where it has one
+};
+
 struct ComparePlan {
+  CompareOrigin origin;
   std::shared_ptr<const Package> package;
   std::string path = "orbit";
   std::vector<const StrategyEntry*> strategies;
@@ -48,7 +54,7 @@ struct FrameFigures {
   double pop_px = 0;
   uint64_t triangles = 0;
   uint32_t draw_calls = 0, instances = 0;
-  uint64_t resident_bytes = 0;  // of the relief pages that the choice displaces from, in the page cache
+  uint64_t resident_bytes = 0;  // of the relief pages that the choice displaces from, in the page cache; or of its mesh
   uint64_t streamed_bytes = 0;  // of those that the frame before did not need, as the package holds them
   Timing select_ms, frame_ms;
 };

@@ -11,14 +11,17 @@ namespace {
 
 constexpr double kWidth = 560, kHeight = 400, kLeftPx = 64, kRightPx = 16, kTopPx = 34, kBottomPx = 50;  // one plot
 
-// Okabe and Ito 2008, told apart with any colour vision, and shapes besides; the last two are for controls.
-constexpr std::array<const char*, 8> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
-                                                 "#56b4e9", "#e69f00", "#8a8a8a", "#a08c00"};
+// The first seven by Okabe and Ito 2008, told apart with any colour vision; the others lie between them. Shapes tell
+// series apart besides: colour and shape together come again after 70 series.
+constexpr std::array<const char*, 14> kColours = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9",
+                                                  "#e69f00", "#8a8a8a", "#a08c00", "#7b3fb0", "#b3261e",
+                                                  "#7cb518", "#6d4c41", "#4a5a8a", "#e0559b"};
+constexpr size_t kShapes = 5;
 
 std::string marker(size_t index, double x, double y) {
   std::string out;
   const char* colour = kColours[index % kColours.size()];
-  switch (index % 4) {
+  switch (index % kShapes) {
     case 0:
       appendf(out, "<circle cx='%.1f' cy='%.1f' r='4.5' fill='%s'>", x, y, colour);
       break;
@@ -28,12 +31,17 @@ std::string marker(size_t index, double x, double y) {
     case 2:
       appendf(out, "<path d='M%.1f %.1fl5 9h-10z' fill='%s'>", x, y - 5.5, colour);
       break;
-    default:
+    case 3:
       appendf(out, "<path d='M%.1f %.1fl5.5 5.5l-5.5 5.5l-5.5 -5.5z' fill='%s'>", x, y - 5.5, colour);
+      break;
+    default:
+      appendf(out, "<path d='M%.1f %.1fl5 -9h-10z' fill='%s'>", x, y + 5.5, colour);
   }
   return out;
 }
-const char* markerEnd(size_t index) { return index % 4 == 0 ? "</circle>" : index % 4 == 1 ? "</rect>" : "</path>"; }
+const char* markerEnd(size_t index) {
+  return index % kShapes == 0 ? "</circle>" : index % kShapes == 1 ? "</rect>" : "</path>";
+}
 
 // Values from low to high lie between two places, px.
 struct AxisScale {
@@ -178,6 +186,9 @@ std::string plotSvg(const Plot& plot) {
     for (const PlotPoint& p : plot.points) {
       if (p.series != s) continue;
       appendf(line, "%s%.1f %.1f", line.empty() ? "M" : "L", x.place(p.x), y.place(p.y));
+      if (p.front)
+        appendf(marks, "<circle class='ring' cx='%.1f' cy='%.1f' r='8.5' fill='none' stroke-width='1.5'/>",
+                x.place(p.x), y.place(p.y));
       marks += marker(s, x.place(p.x), y.place(p.y)) + "<title>" + escapedHtml(p.text) + "</title>" + markerEnd(s);
     }
     if (line.empty()) continue;
@@ -201,15 +212,23 @@ std::string standaloneSvg(const Plot& plot) {
     appendf(legend, "<text x='%.0f' y='%.0f'>%s</text>\n", x + 16, y + 4, escapedHtml(plot.series[s].title).c_str());
     if (s % 2 == 1 || s + 1 == plot.series.size()) y += kRow;
   }
+  if (std::any_of(plot.points.begin(), plot.points.end(), [](const PlotPoint& p) { return p.front; })) {
+    appendf(legend, "<circle class='ring' cx='%.0f' cy='%.0f' r='8.5' fill='none' stroke-width='1.5'/>", kLeftPx + 5,
+            y);
+    appendf(legend, "<text x='%.0f' y='%.0f'>no other point is better on both axes</text>\n", kLeftPx + 16, y + 4);
+    y += kRow;
+  }
   appendf(head, "<svg xmlns='http://www.w3.org/2000/svg' width='%.0f' height='%.0f' viewBox='0 0 %.0f %.0f'", kWidth, y,
           kWidth, y);
   out.replace(0, out.find('>'), head);
   // A page's colours are variables, which not every viewer of SVG files knows: here they are written out.
   const std::string style =
       "<style>text{fill:#1b1b1b;font:12px sans-serif}.title{font-size:15px;font-weight:600}"
-      ".label{font-size:11px;fill:#666}.grid{stroke:#ddd}.frame{fill:none;stroke:#666}.paper{fill:#fff}"
+      ".label{font-size:11px;fill:#666}.grid{stroke:#ddd}.frame{fill:none;stroke:#666}.ring{stroke:#1b1b1b}.paper{fill:"
+      "#fff}"
       "@media(prefers-color-scheme:dark){text{fill:#e8e8e8}.label{fill:#a5a5a5}.grid{stroke:#3d3d3d}"
-      ".frame{stroke:#a5a5a5}.paper{fill:#161616}}</style>\n<rect class='paper' width='100%' height='100%'/>\n";
+      ".frame{stroke:#a5a5a5}.ring{stroke:#e8e8e8}.paper{fill:#161616}}</style>\n<rect class='paper' width='100%' "
+      "height='100%'/>\n";
   out.insert(out.find('\n') + 1, style);
   return out.insert(out.rfind("</svg>"), legend);
 }
@@ -223,7 +242,7 @@ h3.knob::first-letter{text-transform:uppercase}
 h1{font-size:24px}h2{font-size:18px;margin-top:32px}p{max-width:90ch}small{color:var(--soft)}
 .panels{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:12px}
 svg text{fill:var(--ink);font:12px system-ui,sans-serif}svg .title{font-size:15px;font-weight:600}
-svg .grid{stroke:var(--line)}svg .frame{fill:none;stroke:var(--soft)}
+svg .grid{stroke:var(--line)}svg .frame{fill:none;stroke:var(--soft)}svg .ring{stroke:var(--ink)}
 svg .label{font-size:11px;fill:var(--soft)}svg .front{stroke-width:2.5}
 .key{width:14px;height:14px;vertical-align:-2px}
 .legend span{white-space:nowrap;margin-right:14px}.ramp{width:420px;max-width:100%}

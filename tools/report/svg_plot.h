@@ -21,8 +21,9 @@ struct PlotSeries {
 struct PlotPoint {
   size_t series = 0;
   double x = 0, y = 0;
-  std::string text;   // shown where the mouse rests
-  std::string label;  // beside the point, where there is room; may be empty
+  std::string text;    // shown where the mouse rests
+  std::string label;   // beside the point, where there is room; may be empty
+  bool front = false;  // no other point is better on both axes: ringed
 };
 struct PlotAxis {
   std::string title;        // with the unit
