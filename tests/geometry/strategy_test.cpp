@@ -84,7 +84,7 @@ TEST(Strategies, NobodyElseKnowsTheirNames) {
 // overlap.
 TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
   for (auto [width, height] : {std::pair<uint64_t, uint64_t>{900, 700}, {2000, 310}, {300, 1500}}) {
-    if (kSanitized) width /= 3, height /= 3;
+    if (kSanitized || !test::longTests()) width /= 3, height /= 3;  // making simplified meshes takes the time
     StrategyScene scene = madeUpScene(width, height);
     Random random(kSeed);
     for (const StrategyEntry& e : lodStrategies()) {
@@ -134,7 +134,8 @@ TEST(Strategies, DrawEachPlaceOnceAndTheSameEveryTime) {
 }
 
 TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
-  StrategyScene scene = madeUpScene(kSanitized ? 375 : 750, kSanitized ? 275 : 550);
+  StrategyScene scene =
+      madeUpScene(kSanitized || !test::longTests() ? 375 : 750, kSanitized || !test::longTests() ? 275 : 550);
   Random random(kSeed + 1);
   int kept = 0;
   for (const StrategyEntry& e : lodStrategies()) {
@@ -155,7 +156,8 @@ TEST(Strategies, ThatKeepTheBudgetPromiseNoMoreThanTwice) {
 
 // Coarser budgets never draw more; a budget that nothing exceeds draws little.
 TEST(Strategies, DrawLessForALargerBudget) {
-  StrategyScene scene = madeUpScene(kSanitized ? 375 : 750, kSanitized ? 275 : 550);
+  StrategyScene scene =
+      madeUpScene(kSanitized || !test::longTests() ? 375 : 750, kSanitized || !test::longTests() ? 275 : 550);
   for (const StrategyEntry& e : lodStrategies()) {
     for (bool orthographic : {false, true}) {
       auto strategy = e.make(scene);

@@ -12,6 +12,7 @@
 #include "tests/render/gl_fixture.h"
 #include "tests/render/test_artwork.h"
 #include "tests/render/true_patches.h"
+#include "tests/view_share.h"
 #include "texturing/package/patch_package_builder.h"
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
@@ -40,6 +41,12 @@ class Compare : public ::testing::Test {
     writePath(6);
   }
   // From straight ahead to grazing, from near to far, one of them orthographic; the eye stays above the relief.
+  // Making these takes the time of all others; kept_mesh_test looks at what they make.
+  void leaveSimplifiedMeshesOut() {
+    if (test::longTests()) return;
+    std::erase_if(plan_.strategies,
+                  [](const StrategyEntry* e) { return e->name == "discrete" || e->name == "clusters"; });
+  }
   void writePath(int cameras) {
     std::mt19937 random(kSeed);
     auto uniform = [&](double a, double b) { return std::uniform_real_distribution<double>(a, b)(random); };
@@ -113,6 +120,7 @@ class CompareBody : public Compare {
 
 TEST_F(CompareBody, OfABall) {
   open(test::cubeSphere(2, 40), 1);
+  leaveSimplifiedMeshesOut();
   expectGood(run(), 5, false);  // through a crack the far side shows, no background
 }
 TEST_F(CompareBody, WhatIsForFlatArtworksOnlySaysSo) {
@@ -161,7 +169,7 @@ TEST_F(CompareBody, RecordedPathsSeeIt) {
 TEST_F(Compare, PromisesHoldSeamsAreClosedAndControlsFail) { expectGood(run(), 6, true); }
 
 void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool cracks_show) {
-  ASSERT_EQ(all.runs.size(), 2 * lodStrategies().size());
+  ASSERT_EQ(all.runs.size(), plan_.budgets_px.size() * plan_.strategies.size());
   EXPECT_TRUE(all.reference_whole);
   EXPECT_LT(all.floor.max_px, 0.1) << "full resolution measured like a strategy";
   EXPECT_LT(all.floor.p99_px, 0.01);
@@ -196,7 +204,7 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
     EXPECT_GT(s.seams_compared, 50u) << run.strategy->name;
     EXPECT_EQ(s.seams_mismatched, 0u) << run.strategy->name;
   }
-  EXPECT_GE(frames, 10 * frames_wanted);
+  EXPECT_GE(frames, 8 * frames_wanted);
   EXPECT_TRUE(a_third_is_no_bound);
   // The controls: the same patches as edge-lod's, which shows none of it.
   uint64_t cracks = 0, mismatches = 0, skirt_cracks = 0, skirt_mismatches = 0;
@@ -219,6 +227,7 @@ void Compare::expectGood(const CompareFigures& all, size_t frames_wanted, bool c
 
 TEST_F(Compare, TwoRunsDifferInTimingsOnly) {
   plan_.budgets_px = {2};
+  leaveSimplifiedMeshesOut();
   writePath(2);
   auto withoutTimings = [](const std::string& text) {
     auto json = nlohmann::json::parse(text);
