@@ -31,7 +31,7 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   gl::Defines defines = variant.defines;
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
-  for (gl::Program* left : {&root_cells, &wire, &capture, &capture_roots}) *left = {};
+  for (gl::Program* left : {&root_cells, &wire, &average, &capture, &capture_roots}) *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
   if (auto r = linkOne(shade, api, "screen.vert", "shade.frag", defines); !r) return r;
   if (variant.tails) {
@@ -42,7 +42,7 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
     if (auto r = linkOne(feedback, api, "screen.vert", "feedback.frag", defines); !r) return r;
   if (variant.wireframe)
     if (auto r = linkOne(wire, api, "patch.vert", "lines.frag", with(defines, "WIREFRAME")); !r) return r;
-  return {};
+  return variant.average ? linkOne(average, api, "screen.vert", "average.frag", {}) : Result<void>();
 }
 
 Result<void> ShadingPrograms::linkCapture(gl::Api api, const Variant& variant) {

@@ -18,11 +18,12 @@ class ShadingPrograms {
   gl::Program tails;                   // the same where no page is needed
   gl::Program feedback;                // the surface buffer into page requests
   gl::Program wire;                    // the triangles' edges
+  gl::Program average;                 // the picture's samples into the picture
   gl::Program capture, capture_roots;  // vertices by transform feedback; linkCapture()
 
   struct Variant {
     gl::Defines defines;  // of the plan, the page pool and the tails
-    bool tails = false, feedback = false, wireframe = false;
+    bool tails = false, feedback = false, wireframe = false, average = false;
     FaultInjection faults;
   };
   // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some
