@@ -847,9 +847,9 @@ std::vector<uint8_t> Engine::readPixels() {
 
 void Engine::present(int window_width_px, int window_height_px) {
   Impl& e = *impl_;
-  if (e.showsAverage())
-    e.stack->present(e.programs.average, *e.screen, e.samples_in, window_width_px, window_height_px);
-  else e.target.present(window_width_px, window_height_px);
+  if (!e.showsAverage()) return e.target.present(window_width_px, window_height_px);
+  e.averageSamples();
+  e.stack->present(e.programs.average, *e.screen, window_width_px, window_height_px);
 }
 
 std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {

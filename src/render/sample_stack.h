@@ -24,7 +24,7 @@ std::span<const glm::dvec2> samplePattern(int samples);
 
 class SampleStack {
  public:
-  // Memory (4 bytes a sample and pixel) is taken with the first picture.
+  // Memory (4 bytes a pixel for each sample, and for the average) is taken with the first picture.
   explicit SampleStack(int samples) : samples_(samples) {}
   int samples() const { return samples_; }
   // Copies the picture to layer `index`, from 0. Where its size differs from the last one's the other layers are lost.
@@ -32,16 +32,16 @@ class SampleStack {
   // Draws the average of the first `count` layers (shaders/average.frag) into the picture: alpha is the share of
   // samples that show the artwork, and the colour is theirs. Where none does, colour and alpha are 0.
   void average(const gl::Program& program, const ScreenPass& screen, int count, const PictureTarget& into) const;
-  // The same into the framebuffer that the window shows (0), over the grey that PictureTarget::begin() clears to.
-  void present(const gl::Program& program, const ScreenPass& screen, int count, int window_width_px,
-               int window_height_px) const;
+  // Draws what average() drew last into the framebuffer that the window shows (0), over kPictureGrey.
+  void present(const gl::Program& program, const ScreenPass& screen, int window_width_px, int window_height_px) const;
 
  private:
-  void draw(const gl::Program& program, const ScreenPass& screen, int count, int width_px, int height_px,
+  void copy(const PictureTarget& picture, int layer) const;
+  void draw(const gl::Program& program, const ScreenPass& screen, const glm::ivec2& layers, int width_px, int height_px,
             const glm::vec4& behind) const;
 
   int samples_ = 1;
-  gl::Texture layers_;
+  gl::Texture layers_;  // the last one is the average
   int width_ = 0, height_ = 0;
 };
 
