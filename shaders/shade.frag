@@ -12,6 +12,10 @@ uniform vec4 u_coefficients[COEFFICIENTS];  // x: scale, y: bias of coefficient 
 uniform vec3 u_light;            // the unit vector towards it, in the artwork's space
 uniform vec3 u_fade;             // frame time as in PageTableEntry::birth; 1 / (fade time in 1/64 s); 1: fades are over
 
+#ifdef SHADOWS
+uniform sampler2D u_light_share;  // of each pixel (shadow.frag)
+#endif
+
 out vec4 o_colour;
 
 int slotOfPlane(int plane, uvec4 entry, uvec4 extra) {
@@ -235,6 +239,11 @@ int sampleLevel(Place wanted, out vec3 channels[PLANES]) {
 }
 #endif
 
+#if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL
+// What is left of a colour that the light has made, where only a share of the light arrives.
+float shadeOf(float light) { return pow(kAmbientShare + (1.0 - kAmbientShare) * light, 1.0 / kDisplayGamma); }
+#endif
+
 vec3 shade(vec3 channels[PLANES]) {
 #define CHANNEL(plane, channel) channels[plane][channel]
 // As it is stored, above its offset.
@@ -254,6 +263,9 @@ vec3 shade(vec3 channels[PLANES]) {
 #elif SHADING == RV_SHADING_ALBEDO_NORMAL
   // Lambert's law, shown on a display.
   float lit = max(dot(channels[1] / kNormalUnit - 1.0, u_light), 0.0);
+#ifdef SHADOWS
+  lit *= texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r;
+#endif
   return channels[0] * pow(min(kAmbientShare + (1.0 - kAmbientShare) * lit, 1.0), 1.0 / kDisplayGamma);
 #endif
 }
@@ -325,6 +337,9 @@ void main() {
   for (int k = 0; k < PLANES; ++k) channels[k] += (g_tail[k] - channels[k]) * share;
 #endif
   vec3 colour = shade(channels) / 255.0;
+#if defined(SHADOWS) && SHADING != RV_SHADING_ALBEDO_NORMAL
+  colour *= shadeOf(texelFetch(u_light_share, ivec2(gl_FragCoord.xy), 0).r);
+#endif
 #ifdef EFFECT_FILES
   Shaded at = Shaded(fine, found);
 #endif

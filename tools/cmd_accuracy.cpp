@@ -17,6 +17,7 @@
 #include "tools/commands.h"
 #include "tools/output_files.h"
 #include "tools/report/machine.h"
+#include "tools/scene/scene_file.h"
 
 namespace relievo {
 namespace {
@@ -203,7 +204,8 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
   auto o = std::make_shared<AccuracyOptions>();
   auto* c = app.add_subcommand("accuracy", "Measure what accuracy costs in time: every setting, and the best ones");
   c->footer(accuracyFooter());
-  c->add_option("FILE", o->file, "Package of an artwork with relief")->required();
+  c->add_option("FILE", o->file, "Package of an artwork with relief, or a scene of it, whose light is taken")
+      ->required();
   c->add_option("-o,--output", o->folder, "Folder for the report, its figures, plots and settings files")->required();
   c->add_option("--psnr", o->psnr, "Accuracies to recommend the cheapest setting for, dB, separated by commas")
       ->capture_default_str();
@@ -228,7 +230,13 @@ void addAccuracyCommand(CLI::App& app, CommandContext& context) {
   c->add_flag("--quick", o->quick,
               "Fewer values, views and frames, a smaller picture, every fourth pixel of the truth: one to two minutes "
               "where software draws, on two idle cores");
-  c->callback([o, &context] {
+  c->callback([o, c, &context] {
+    if (namesScene(o->file)) {
+      auto scene = readScene(o->file);
+      if (!scene) return context.fail(scene.error());
+      o->file = scene->artwork;
+      if (scene->light && c->count("--light") == 0) o->light = tripleText(*scene->light);
+    }
     if (auto done = accuracy(*o); !done) context.fail(done.error());
   });
 }

@@ -20,6 +20,7 @@
 #include "tools/output_files.h"
 #include "tools/report/machine.h"
 #include "tools/sample/sample_artwork.h"
+#include "tools/scene/scene_file.h"
 
 namespace relievo {
 namespace {
@@ -185,6 +186,7 @@ void addBenchCommand(CLI::App& app, CommandContext& context) {
   c->add_option("--markdown", o->markdown_file,
                 "Write the machine and one table per group that ran to this Markdown file; - for standard output");
   c->callback([o, &context] {
+    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = bench(*o); !done) context.fail(done.error());
   });
 }

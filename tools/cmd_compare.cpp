@@ -15,12 +15,13 @@
 #include "src/base/standard_output.h"
 #include "src/gl/context.h"
 #include "texturing/import/image_io.h"
-#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
 #include "tools/compare/compare_path.h"
 #include "tools/compare/compare_report.h"
 #include "tools/compare/compare_run.h"
 #include "tools/output_files.h"
+#include "tools/scene/scene_file.h"
+#include "tools/scene/settings_file.h"
 
 namespace relievo {
 namespace {
@@ -216,7 +217,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
   auto* c =
       app.add_subcommand("compare", "Measure geometry LOD strategies against full resolution: error, triangles, time");
   c->footer(footer());
-  c->add_option("FILE", o->file, "Package of an artwork with relief")->required();
+  c->add_option("FILE", o->file, "Package of an artwork with relief, or a scene of it")->required();
   c->add_option("-o,--output", o->folder, "Folder for report.html, report.json and frames.csv")->required();
   c->add_option("--path", o->path, "Camera path: orbit, flyover, zoom or a FILE.json of cameras")
       ->capture_default_str();
@@ -243,6 +244,7 @@ void addCompareCommand(CLI::App& app, CommandContext& context) {
               "Fewer frames and budgets, a smaller picture: about a minute for a 2048x2048 artwork where software "
               "draws, on two idle cores; a scan of two million triangles takes about as long");
   c->callback([o, &context] {
+    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = compare(*o); !done) context.fail(done.error());
   });
 }

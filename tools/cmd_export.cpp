@@ -19,6 +19,7 @@
 #include "tools/export/patch_maps.h"
 #include "tools/export/surface_lines.h"
 #include "tools/output_files.h"
+#include "tools/scene/scene_file.h"
 
 namespace relievo {
 namespace {
@@ -278,7 +279,7 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       "close. An .svg is in\n"
       "mm, 1:1, with a bar; a .csv has a line for each point. A plane is drawn as seen from the side to which A,B,C "
       "points.");
-  c->add_option("FILE", o->file, "Package to read")->required();
+  c->add_option("FILE", o->file, "Package to read, or a scene of it")->required();
   c->add_option("-o,--output", o->output, "Mesh or, with --map, image to write; its suffix says the format")
       ->required();
   auto* level = c->add_option("--level", o->level,
@@ -335,6 +336,7 @@ void addExportCommand(CLI::App& app, CommandContext& context) {
       ->capture_default_str();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->callback([o, &context] {
+    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = exportArtwork(*o); !done) context.fail(done.error());
   });
 }

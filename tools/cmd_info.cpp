@@ -13,6 +13,7 @@
 #include "texturing/stream/cache_budget.h"
 #include "tools/commands.h"
 #include "tools/report/mesh_report.h"
+#include "tools/scene/scene_file.h"
 
 namespace relievo {
 namespace {
@@ -256,9 +257,10 @@ void addInfoCommand(CLI::App& app, CommandContext& context) {
   auto* c = app.add_subcommand(
       "info", "Tell what a package holds: sizes in px and mm, planes, levels, pages, where it came from");
   c->footer("Example:\n  relievo info tablet.relievo\n  relievo info tablet.relievo --json");
-  c->add_option("FILE", o->file, "Package to read")->required();
+  c->add_option("FILE", o->file, "Package to read, or a scene of it")->required();
   c->add_flag("--json", o->json, "Print JSON");
   c->callback([o, &context] {
+    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = info(*o); !done) context.fail(done.error());
   });
 }

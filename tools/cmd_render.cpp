@@ -27,6 +27,7 @@
 namespace relievo {
 namespace {
 
+constexpr const char* kUsualBackground = "24,24,26";
 constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
 
 double nowSeconds() {
@@ -34,7 +35,7 @@ double nowSeconds() {
 }
 
 struct RenderOptions {
-  std::string file, output, size, stats_file, background = "24,24,26";
+  std::string file, output, size, stats_file, background;
   bool settle = true, allow_damage = false;
   int frames = 0;
   double timeout_s = 120;
@@ -103,9 +104,11 @@ Result<Sight> sightOf(const RenderOptions& o, const Extent& extent, std::pair<in
 
 // Artwork and outputs, none of which may take another's place.
 Result<OpenedArtwork> openApart(const RenderOptions& o) {
-  if (auto good =
-          checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
-                       {{"FILE", o.file}, {"--state", o.scene.state_file}, {"--settings", o.scene.settings_file}});
+  if (auto good = checkOutputs({{"-o", o.output, Content::kPicture}, {"--stats", o.stats_file}},
+                               {{"FILE", o.file},
+                                {"the scene", o.scene.scene_file},
+                                {"--state", o.scene.state_file},
+                                {"--settings", o.scene.settings_file}});
       !good)
     return good.error();
   if (auto format = imageFormatOf(o.output); !format) return format.error();
@@ -117,9 +120,21 @@ Result<OpenedArtwork> openApart(const RenderOptions& o) {
   return artwork;
 }
 
+// A scene in the artwork's place, and --settings.
+Result<void> takeFiles(RenderOptions& o) {
+  auto scene = o.scene.takeScene(o.file);
+  if (!scene) return scene.error();
+  if (*scene && (*scene)->size_px && o.size.empty())
+    o.size = std::to_string((*(*scene)->size_px)[0]) + "x" + std::to_string((*(*scene)->size_px)[1]);
+  if (*scene && (*scene)->background && o.background.empty()) o.background = tripleText(*(*scene)->background);
+  if (o.background.empty()) o.background = kUsualBackground;
+  return o.scene.takeSettings();
+}
+
 Result<void> render(RenderOptions& o) {
   double start = nowSeconds();
   HeapWarmer heap(kFirstPictureBytes);
+  if (auto taken = takeFiles(o); !taken) return taken;
   auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
   if (!size) return size.error();
   if (size->first > kMaxSidePx || size->second > kMaxSidePx) {
@@ -131,7 +146,6 @@ Result<void> render(RenderOptions& o) {
     if (part < 0 || part > 255)
       return usageError("expected numbers from 0 to 255 for --background, found '" + o.background + "'",
                         "for example R,G,B: 24,24,26");
-  if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
   auto artwork = openApart(o);
@@ -203,10 +217,12 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
       "      --light -0.8,0.3,0.4 --settle --stats stats.json\n\n"
       "To measure and draw from, all of it at 20 px a mm:\n  relievo render inscription.relievo -o plate.png "
       "--mm-per-px 0.05");
-  c->add_option("FILE", o->file,
-                "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
-                "no package "
-                "is built into one and kept (--cache-dir)")
+  c->add_option(
+       "FILE", o->file,
+       "Artwork to draw: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
+       "no package "
+       "is built into one and kept (--cache-dir); or a scene (.json: relievo plan --schema), whose artwork is drawn as "
+       "it says; options given beside it win")
       ->required();
   c->add_option("-o,--output", o->output,
                 "Picture to write; its name says the format: .png, .tif, .exr (linear light, half floats) or .jpg. - "
@@ -229,7 +245,8 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
                 "Frames to time once settled, with a moving and with a still camera, for --stats")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
-  c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255")->capture_default_str();
+  c->add_option("--background", o->background,
+                std::string("R,G,B where the artwork is not, 0 to 255 [") + kUsualBackground + "]");
   c->add_option(
       "--stats", o->stats_file,
       "Write counters to this JSON file (- for standard output): planes, pages and bytes read, passes, draw calls, ms");

@@ -11,6 +11,7 @@
 #include "texturing/package/package.h"
 #include "texturing/stream/page_sources.h"
 #include "tools/commands.h"
+#include "tools/scene/scene_file.h"
 
 namespace relievo {
 namespace {
@@ -169,12 +170,13 @@ void addVerifyCommand(CLI::App& app, CommandContext& context) {
       "the base mesh anew from the sound one, and\n"
       "zeros into damaged padding: in place, only bytes that nothing reads while the other copy is sound; then the "
       "package is verified.");
-  c->add_option("FILE", o->file, "Package to check")->required();
+  c->add_option("FILE", o->file, "Package to check, or a scene of it")->required();
   c->add_option("--workers", o->workers, "Threads; 0: one per core")->check(CLI::Range(0, 1024))->capture_default_str();
   c->add_flag("--json", o->json, "Print JSON");
   c->add_flag("--repair", o->repair, "Restore what is there twice from its sound copy");
   c->add_option("--source-fail", o->fail_percent, "")->check(CLI::Range(0.0, 100.0))->group("");
   c->callback([o, &context] {
+    if (auto named = takeArtwork(o->file); !named) return context.fail(named.error());
     if (auto done = verify(*o); !done) context.fail(done.error());
   });
 }

@@ -18,25 +18,58 @@
 namespace relievo {
 namespace {
 
+constexpr const char* kUsualWindow = "1280x800";
+
 struct ViewOptions {
-  std::string file, size = "1280x800", exact_still = "auto";
+  std::string file, size, exact_still = "auto";
   SceneOptions scene;
   SourceOptions source;
   ArtworkCache cache;
   ViewerOptions viewer;
 };
 
+// What S wrote as a picture. `relievo render` of it draws the same one.
+std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const Scene& shown, int width_px,
+                          int height_px) {
+  std::error_code ignored;
+  SceneFile s = o.scene.sceneFile(std::filesystem::absolute(o.file, ignored).lexically_normal().string());
+  const glm::dvec3& target = camera.target_mm;
+  s.camera = {camera.azimuth_deg,
+              camera.elevation_deg,
+              camera.distance_mm,
+              camera.orthographic ? std::nullopt : std::optional(camera.fov_deg),
+              {},
+              camera.orthographic ? std::optional(true) : std::nullopt,
+              std::array{target.x, target.y, target.z}};
+  s.light = shown.light;
+  if (shown.wireframe) s.wireframe = true;
+  if (shown.overlay) s.show = std::string(shown.overlay->name);
+  s.settings.least_cell = shown.least_cell;
+  s.size_px = {width_px, height_px};
+  const auto& b = o.viewer.background;
+  s.background = {static_cast<double>(b[0]), static_cast<double>(b[1]), static_cast<double>(b[2])};
+  return sceneText(s);
+}
+
 Result<void> view(ViewOptions& o) {
-  auto size = parseSize(o.size);
+  auto file = o.scene.takeScene(o.file);
+  if (!file) return file.error();
+  if (*file && (*file)->size_px && o.size.empty())
+    o.size = std::to_string((*(*file)->size_px)[0]) + "x" + std::to_string((*(*file)->size_px)[1]);
+  if (*file && (*file)->background)
+    for (size_t c = 0; c < 3; ++c) o.viewer.background[c] = static_cast<uint8_t>((*(*file)->background)[c]);
+  auto size = parseSize(o.size.empty() ? kUsualWindow : o.size);
   if (!size) return size.error();
   if (size->first > 16384 || size->second > 16384)
     return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
   if (auto taken = o.scene.takeSettings(); !taken) return taken;
   auto scene = o.scene.scene();
   if (!scene) return scene.error();
-  if (auto good =
-          checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
-                       {{"FILE", o.file}, {"--state", o.scene.state_file}, {"--settings", o.scene.settings_file}});
+  if (auto good = checkOutputs({{"--snapshot", o.viewer.snapshot_file, Content::kPicture}},
+                               {{"FILE", o.file},
+                                {"the scene", o.scene.scene_file},
+                                {"--state", o.scene.state_file},
+                                {"--settings", o.scene.settings_file}});
       !good)
     return good;
   if (auto format = imageFormatOf(o.viewer.snapshot_file); !o.viewer.snapshot_file.empty() && !format)
@@ -61,6 +94,9 @@ Result<void> view(ViewOptions& o) {
   o.viewer.camera = [&](const Extent& extent, int width_px, int height_px) {
     return o.scene.camera(extent, width_px, height_px);
   };
+  o.viewer.scene_text = [&](const OrbitCamera& camera, const Scene& shown, int width_px, int height_px) {
+    return snapshotScene(o, camera, shown, width_px, height_px);
+  };
   return runViewer(o.source.artwork(*package), o.viewer);
 }
 
@@ -74,15 +110,18 @@ void addViewCommand(CLI::App& app, CommandContext& context) {
       "to it; the eye\n"
       "stays outside of the artwork. Right drag (or L held) moves the light. O goes over to an orthographic view and "
       "back. R resets,\n"
-      "W wireframe, P pages, S writes a snapshot into the current folder, F1 help, F2 figures, Esc quits. Without a "
+      "W wireframe, P pages, S writes a snapshot and its scene into the current folder, F1 help, F2 figures, Esc "
+      "quits. Without a "
       "display, use relievo render.\n\n"
       "Example:\n  relievo view inscription.relievo --light -0.8,0.3,0.4");
   c->add_option("FILE", o->file,
                 "Artwork to show: a package, a .ptm, an image or a scan (.ply, .obj, .stl, .off, .glb, .gltf); what is "
                 "no package "
-                "is built into one and kept (--cache-dir)")
+                "is built into one and kept (--cache-dir); or a scene (.json), such as S writes beside each snapshot; "
+                "options given "
+                "beside it win")
       ->required();
-  c->add_option("--size", o->size, "Window, WIDTHxHEIGHT in px")->capture_default_str();
+  c->add_option("--size", o->size, std::string("Window, WIDTHxHEIGHT in px [") + kUsualWindow + "]");
   o->scene.geomorph = "on";
   o->scene.hysteresis_percent = 10;
   o->scene.addTo(*c);

@@ -34,6 +34,7 @@ void addBenchCommand(CLI::App& app, CommandContext& context);
 void addCompareCommand(CLI::App& app, CommandContext& context);
 void addAccuracyCommand(CLI::App& app, CommandContext& context);
 void addSelftestCommand(CLI::App& app, CommandContext& context);
+void addPlanCommand(CLI::App& app, CommandContext& context);
 
 // Prints "relievo: warning: TEXT" to standard error, control characters escaped.
 void warn(const std::string& text);
@@ -46,5 +47,6 @@ std::vector<std::string> commaParts(const std::string& list);
 std::optional<std::vector<double>> numbersOf(const std::string& text, size_t count);
 // "a,b,c" -> three doubles.
 Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example);
+std::string tripleText(const std::array<double, 3>& triple);  // and back, with as many digits as they need
 
 }  // namespace relievo

@@ -70,6 +70,12 @@ std::optional<std::vector<double>> numbersOf(const std::string& text, size_t cou
   return values;
 }
 
+std::string tripleText(const std::array<double, 3>& triple) {
+  char text[96];
+  std::snprintf(text, sizeof text, "%.17g,%.17g,%.17g", triple[0], triple[1], triple[2]);
+  return text;
+}
+
 Result<std::array<double, 3>> parseTriple(const std::string& text, const char* option, const char* example) {
   if (const auto values = numbersOf(text, 3)) return std::array{(*values)[0], (*values)[1], (*values)[2]};
   return usageError(std::string("expected three numbers for ") + option + ", found '" + text + "'",
@@ -107,6 +113,7 @@ void runCommand(int argc, char** argv, relievo::CommandContext& context) {
   addCompareCommand(app, context);
   addAccuracyCommand(app, context);
   addSelftestCommand(app, context);
+  addPlanCommand(app, context);
   std::string names;
   bool known = argc < 2 || argv[1][0] == '-';
   for (const CLI::App* command : app.get_subcommands({})) {

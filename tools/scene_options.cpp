@@ -11,8 +11,8 @@
 #include "src/base/file.h"
 #include "src/base/json_parse.h"
 #include "src/base/progress.h"
-#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
+#include "tools/scene/settings_file.h"
 
 namespace relievo {
 namespace {
@@ -114,6 +114,9 @@ void SceneOptions::addLight(CLI::App& c) {
                "--no-relight [0,0,1]");
   c.add_flag("--no-relight", no_relight,
              "Fixed light: coefficients are resolved once per page, not per pixel and frame");
+  c.add_flag("--shadows", shadows,
+             "The relief casts shadows on itself, up to the border of what is drawn. Over a PTM they come beside those "
+             "that were measured: they are simulated");
   c.add_flag("--unlit", unlit,
              "Colour as it is, without a light: of an image with a height map, which is lit by its relief otherwise, "
              "and of a scan");
@@ -250,24 +253,102 @@ void SceneOptions::addDiagnostics(CLI::App& c) {
       ->capture_default_str();
 }
 
+bool SceneOptions::given(const std::string& option) const { return command_->count(option) > 0; }
+
+void SceneOptions::takeSettingsOf(const DrawSettings& settings) {
+  auto take = [&](const char* option, const auto& from, auto& to) {
+    if (from && !given(option)) to = *from;
+  };
+  take("--error-px", settings.error_px, error_px);
+  take("--least-cell", settings.least_cell, least_cell);
+  take("--detail-bias", settings.detail_bias, detail_bias);
+  take("--sampling", settings.sampling, sampling);
+  take("--anisotropy", settings.anisotropy, anisotropy);
+  take("--filter", settings.filter, filter);
+  take("--feedback-scale", settings.feedback_scale, feedback_scale);
+  take("--feedback-interval", settings.feedback_interval, feedback_interval);
+  take("--prefetch", settings.prefetch, prefetch);
+  take("--cache-mib", settings.cache_mib, cache_mib);
+}
+
 Result<void> SceneOptions::takeSettings() {
   if (settings_file.empty()) return {};
   auto file = readSettings(settings_file);
   if (!file) return file.error();
-  auto take = [&](const char* option, const auto& from, auto& to) {
-    if (from && command_->count(option) == 0) to = *from;
-  };
-  take("--error-px", file->error_px, error_px);
-  take("--least-cell", file->least_cell, least_cell);
-  take("--detail-bias", file->detail_bias, detail_bias);
-  take("--sampling", file->sampling, sampling);
-  take("--anisotropy", file->anisotropy, anisotropy);
-  take("--filter", file->filter, filter);
-  take("--feedback-scale", file->feedback_scale, feedback_scale);
-  take("--feedback-interval", file->feedback_interval, feedback_interval);
-  take("--prefetch", file->prefetch, prefetch);
-  take("--cache-mib", file->cache_mib, cache_mib);
+  takeSettingsOf(*file);
   return {};
+}
+
+Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file) {
+  if (!namesScene(file)) return std::optional<SceneFile>();
+  if (!state_file.empty())
+    return usageError("a scene has a camera and a light of its own", "leave out --state, or name the artwork itself");
+  auto read = readScene(file);
+  if (!read) return read.error();
+  const SceneFile& s = *read;
+  const SceneCamera& c = s.camera;
+  const auto take = [](const auto& from, auto& to) {
+    if (from && !to) to = from;
+  };
+  take(c.azimuth_deg, azimuth);
+  take(c.elevation_deg, elevation);
+  // Options that choose a projection choose it against the scene.
+  const bool in_perspective = perspective || fov;
+  if (!in_perspective && !mm_per_px && !orthographic) orthographic = c.orthographic.value_or(c.mm_per_px.has_value());
+  if (!distance && !mm_per_px) {
+    take(c.distance_mm, distance);
+    if (!in_perspective) take(c.mm_per_px, mm_per_px);
+  }
+  if (!orthographic && !mm_per_px) take(c.fov_deg, fov);
+  if (target.empty() && c.target_mm) target = tripleText(*c.target_mm);
+  if (light.empty() && s.light) light = tripleText(*s.light);
+  const auto takeFlag = [&](const char* option, const std::optional<bool>& from, bool& to) {
+    if (from && !given(option)) to = *from;
+  };
+  takeFlag("--wireframe", s.wireframe, wireframe);
+  takeFlag("--unlit", s.unlit, unlit);
+  takeFlag("--shadows", s.shadows, shadows);
+  takeFlag("--no-relight", s.light_fixed, no_relight);
+  takeFlag("--no-relief", s.relief ? std::optional(!*s.relief) : std::nullopt, no_relief);
+  if (s.geomorph && !given("--geomorph")) geomorph = *s.geomorph ? "on" : "off";
+  if (s.exaggerate && !given("--exaggerate")) exaggerate = *s.exaggerate;
+  if (s.show && !given("--show")) show = *s.show;
+  for (size_t e = 0; e < effects.size(); ++e)
+    for (size_t i = 0; i < PixelEffect::kMaxParameters; ++i)
+      if (const EffectParameter& p = effects[e].effect->parameters[i];
+          !p.name.empty() && !given("--" + std::string(p.name)))
+        effects[e].values[i] = s.effects[e].values[i];
+  takeSettingsOf(s.settings);
+  scene_file = std::exchange(file, s.artwork);
+  return std::optional<SceneFile>(std::move(*read));
+}
+
+SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
+  SceneFile s;
+  s.artwork = artwork;
+  if (no_relight) s.light_fixed = true;
+  if (no_relief) s.relief = false;
+  if (unlit) s.unlit = true;
+  if (shadows) s.shadows = true;
+  if (geomorph == "on") s.geomorph = true;
+  if (exaggerate != 1) s.exaggerate = exaggerate;
+  s.effects = effects;
+  DrawSettings& to = s.settings;
+  const SceneOptions usual;
+  const auto put = [](auto& member, const auto& value, const auto& otherwise) {
+    if (value != otherwise) member = value;
+  };
+  put(to.error_px, error_px, usual.error_px);
+  put(to.least_cell, least_cell, usual.least_cell);
+  put(to.detail_bias, detail_bias, usual.detail_bias);
+  put(to.sampling, sampling, usual.sampling);
+  put(to.anisotropy, anisotropy, usual.anisotropy);
+  put(to.filter, filter, usual.filter);
+  put(to.feedback_scale, feedback_scale, usual.feedback_scale);
+  put(to.feedback_interval, feedback_interval, usual.feedback_interval);
+  put(to.prefetch, prefetch, usual.prefetch);
+  put(to.cache_mib, cache_mib, usual.cache_mib);
+  return s;
 }
 
 Result<Scene> SceneOptions::scene() const {
@@ -288,6 +369,7 @@ Result<Scene> SceneOptions::scene() const {
   s.relief = !no_relief;
   s.relight = !no_relight;
   s.unlit = unlit;
+  s.shadows = shadows;
   s.sampling = sampling == "bilinear"      ? Sampling::kBilinear
                : sampling == "nearest"     ? Sampling::kNearest
                : sampling == "anisotropic" ? Sampling::kAnisotropic

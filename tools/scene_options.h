@@ -9,6 +9,7 @@
 #include "src/engine/effect_plan.h"
 #include "src/engine/engine.h"
 #include "src/render/camera.h"
+#include "tools/scene/scene_file.h"
 
 namespace CLI {
 class App;
@@ -19,8 +20,9 @@ namespace relievo {
 struct SceneOptions {
   std::optional<double> azimuth, elevation, distance, fov, mm_per_px;
   bool orthographic = false, perspective = false;  // neither: the state's
-  std::string target, light, state_file, settings_file, show = "none", filter = "exact", sampling = "trilinear";
-  bool no_relief = false, no_relight = false, unlit = false, wireframe = false;
+  std::string scene_file, target, light, state_file, settings_file, show = "none", filter = "exact",
+                                                                    sampling = "trilinear";
+  bool no_relief = false, no_relight = false, unlit = false, wireframe = false, shadows = false;
   double exaggerate = 1, error_px = 1, least_cell = 2, detail_bias = 0, page_fade_ms = 0, cache_mib = 256;
   // For what moves; a picture alone is better off without: fewer triangles, and no memory of other views.
   std::string geomorph = "off";
@@ -35,8 +37,13 @@ struct SceneOptions {
 
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
+  // Where `file`, an input, is a scene: it becomes the scene's artwork, and what else the scene says counts where no
+  // option of the command line says it. Empty: it is none. Call it once, before takeSettings().
+  Result<std::optional<SceneFile>> takeScene(std::string& file);
   // What --settings says, where no option of the command line says it. Call it once, before the functions below.
   Result<void> takeSettings();
+  // These options as a scene, but for the camera and the light. artwork: as the file is to name it.
+  SceneFile sceneFile(const std::string& artwork) const;
   Result<Scene> scene() const;
   Result<OrbitCamera> camera(const Extent& extent, int width_px, int height_px) const;
   // The picture of that camera that holds the `whole` at mm_per_px, which is given; at most max_side_px wide and high.
@@ -51,6 +58,8 @@ struct SceneOptions {
   void addStorage(CLI::App& command);
   void addDiagnostics(CLI::App& command);
   void addEffects(CLI::App& command);
+  bool given(const std::string& option) const;  // on the command line
+  void takeSettingsOf(const DrawSettings& settings);
   Result<void> checkProjection() const;
 
   const CLI::App* command_ = nullptr;  // which knows what was given

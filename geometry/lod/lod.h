@@ -49,6 +49,9 @@ struct LodView {
   // (1 + hysteresis): a camera that trembles seldom changes nodes or pages, and the error stays within error_px. The
   // answer depends on the views before, as far as they had one; 0: on this view alone.
   double hysteresis = 0;
+  // An error counts whichever way it points, as if it were seen from aside: for shadows, which show what the line of
+  // sight hides.
+  bool any_direction = false;
   double exaggerate = 1.0;  // heights are multiplied by it
   bool relief = true;       // false: flat, no relief pages asked for
   // Patches of closed bodies that the eye, outside, sees from behind alone are left out (over a base mesh); no other

@@ -96,6 +96,7 @@ struct LodCamera {
   bool valid = false, orthographic = false;
   glm::dvec3 eye{0};
   double near_mm = 1, scale = 1;       // pixels per radian; orthographic: per mm
+  double least_sine = kMinSine;        // that a move of the surface counts with, whichever way it points
   double max_secant = 1;               // of the angle off the axis, in the picture's corner
   std::array<glm::dvec4, 7> planes{};  // value < 0: outside
   std::array<glm::dvec4, 4> clip_rows{};
@@ -107,6 +108,7 @@ struct LodCamera {
     eye = view.eye_mm;
     near_mm = view.near_mm > 1e-9 ? view.near_mm : 1e-9;
     scale = view.pixels_per_radian;
+    if (view.any_direction) least_sine = 1;
     glm::dmat4 rows = glm::transpose(view.clip_from_world);
     valid = finite(rows) && std::isfinite(scale) && scale > 0 && std::isfinite(near_mm) && std::isfinite(eye.x) &&
             std::isfinite(eye.y) && std::isfinite(eye.z);

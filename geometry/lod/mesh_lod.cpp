@@ -273,8 +273,9 @@ class MeshForestView : public ForestView<MeshForestView, MeshSquare> {
     in.px.turn = normals.turn;
     in.px.head_on = settings_.camera.scale;
     if (settings_.camera.orthographic) {
-      in.px.along = std::max(kMinSine, glm::length(normals.axis - glm::dot(normals.axis, settings_.camera.forward) *
-                                                                      settings_.camera.forward));
+      in.px.along = std::max(
+          settings_.camera.least_sine,
+          glm::length(normals.axis - glm::dot(normals.axis, settings_.camera.forward) * settings_.camera.forward));
       return in;
     }
     double depth = std::numeric_limits<double>::max(), secant = 1;
@@ -295,7 +296,7 @@ class MeshForestView : public ForestView<MeshForestView, MeshSquare> {
     const double ahead = glm::dot(normals.axis, settings_.camera.forward), reach = 0.5 * in.diameter_mm + around_mm;
     const double at_centre = glm::length(normals.axis - ahead * ray),
                  differs = std::abs(ahead) * reach * glm::length(ray) / depth;
-    in.px.along = std::min(in.px.any_way, std::max(kMinSine, at_centre + differs));
+    in.px.along = std::min(in.px.any_way, std::max(settings_.camera.least_sine, at_centre + differs));
     return in;
   }
   MeshSquare evaluate(const Square& s) {

@@ -209,12 +209,12 @@ class StripForest : public ForestView<StripForest, StripSquare> {
   // The perspective image f X / Z of a point moves by f / Z |n - (n . forward) d / Z| when the point moves along n; d /
   // Z, d from the eye to the point and Z its depth, is taken at the box's centre and differs within the box by at most
   // |half| / (Z cos a), a the angle off the axis. So a height that points at the eye counts for what the rest of its
-  // neighbourhood shows of it, and never for nothing (kMinSine). In front of the near plane nothing is drawn.
-  // Orthographic, it is the same sine for all.
+  // neighbourhood shows of it, and never for nothing (LodCamera::least_sine). In front of the near plane nothing is
+  // drawn. Orthographic, it is the same sine for all.
   double pxPerMm(const Box& b) const {
     const glm::dvec3 &forward = settings_.camera.forward, up(0, 0, 1);
     if (settings_.camera.orthographic)
-      return settings_.camera.scale * std::max(kMinSine, glm::length(up - forward.z * forward));
+      return settings_.camera.scale * std::max(settings_.camera.least_sine, glm::length(up - forward.z * forward));
     double centre_depth = LodCamera::value(settings_.camera.depth_row, b.centre);
     double depth = std::max(settings_.camera.near_mm, centre_depth - extent(settings_.camera.depth_row, b));
     glm::dvec3 d = b.centre - settings_.camera.eye;
@@ -226,7 +226,8 @@ class StripForest : public ForestView<StripForest, StripSquare> {
       double at_centre = glm::length(up - forward.z * d / centre_depth);
       double wholly = std::sqrt(1 + (aside / depth) *
                                         (aside / depth));  // not cut at the picture's corner: the box may reach beyond
-      factor = std::min(secant, std::max(kMinSine, at_centre + std::abs(forward.z) * reach * wholly / depth));
+      factor = std::min(
+          secant, std::max(settings_.camera.least_sine, at_centre + std::abs(forward.z) * reach * wholly / depth));
     }
     return settings_.camera.scale / depth * factor;
   }

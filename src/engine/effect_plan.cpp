@@ -33,6 +33,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.filter = scene.filter;
   plan.wireframe = scene.wireframe;
   plan.samples = static_cast<int>(samplePattern(scene.samples).size());
+  plan.shadows = scene.shadows && plan.relief && plan.lit();
   for (const PixelEffect* effect : pixelEffects())
     for (const EffectSetting& setting : scene.effects)
       if (setting.effect == effect && !setting.changesNothing()) plan.tones.push_back(effect);
@@ -62,6 +63,7 @@ gl::Defines EffectPlan::defines() const {
   if (sampling >= Sampling::kTrilinear) d.emplace_back("TRILINEAR", "1");
   if (anisotropy > 1) d.emplace_back("ANISOTROPY", std::to_string(anisotropy));
   if (fade) d.emplace_back("FADE", "1");
+  if (shadows) d.emplace_back("SHADOWS", "1");
   if (filter == Filter::kFast) d.emplace_back("FAST_FILTER", "1");
   for (auto& define : effectDefines(tones, overlay)) d.push_back(std::move(define));
   return d;
@@ -71,6 +73,7 @@ std::vector<std::string> EffectPlan::passes() const {
   std::vector<std::string> names{"surface", "shade", "feedback"};
   if (samples > 1) names.insert(names.begin() + 2, "average");
   if (wireframe) names.insert(names.begin() + 2, "wireframe");
+  if (shadows) names.insert(names.begin() + 1, {"shadow map", "shadow"});
   return names;
 }
 

@@ -33,6 +33,9 @@ struct Scene {
   // (sceneProblem).
   bool unlit = false;
   bool relight = true;  // false: the light is fixed and resolved once per page
+  // The relief casts shadows on itself, where it is displaced and lit. Over a PTM they are simulated beside those that
+  // were measured.
+  bool shadows = false;
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = kMaxAnisotropy;  // taps at most, 1 .. kMaxAnisotropy; read by kAnisotropic only
   Filter filter = Filter::kExact;
@@ -72,7 +75,7 @@ struct EffectPlan {
   bool resolve = false;  // coefficient pages are resolved to colour under a fixed light, on the workers
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
-  bool fade = false, wireframe = false;
+  bool fade = false, wireframe = false, shadows = false;
   int samples = 1;  // 1, 4 or 8; with 1 there is no pass that averages
   Filter filter = Filter::kExact;
   std::vector<const PixelEffect*> tones;  // the effects that change something, in the registry's order

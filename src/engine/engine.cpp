@@ -28,6 +28,7 @@
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
 #include "src/render/sample_stack.h"
+#include "src/render/shadow_pass.h"
 #include "src/render/surface_target.h"
 #include "src/render/tail_textures.h"
 #include "texturing/codec/page_codec.h"
@@ -38,6 +39,7 @@ namespace {
 
 constexpr int kMaxReads = 64;    // over a link of 20 MB/s and 50 ms latency 67 pages of 15 KB are under way
 constexpr int kCornersUnit = 6;  // and two more: texture units of the base mesh
+constexpr int kShadowUnit = 14;  // of the share of light
 constexpr uint32_t kReadyLimit =
     256;  // decoded pages that may wait: those of a first view, so that they come while its surface is drawn
 
@@ -77,6 +79,12 @@ struct Engine::Impl {
   std::optional<DepthProbe> depth_probe;  // from the first question on
   ShadingPrograms programs;
   SurfaceTarget surface{{}};
+  std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
+  struct ShadowsOf {
+    DrawnSurface surface;
+    glm::dvec3 light{0};
+    friend bool operator==(const ShadowsOf&, const ShadowsOf&) = default;
+  } shadows_drawn;
   PictureTarget target{{}};
   // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
   // resets `sampled`, and with it the picture is one sample again.
@@ -128,10 +136,16 @@ struct Engine::Impl {
   bool overMesh() const { return !domain().isFlat(); }
 
   ViewTransform currentView() const { return viewOf(camera); }
-  ViewTransform viewOf(const OrbitCamera& of) const {
+  const Extent& drawnExtent() const {
     const double exaggerate = plan.relief ? scene.exaggerate : 0;
     if (!extent || extent->first != exaggerate) extent = {exaggerate, artworkExtent(artwork.manifest, exaggerate)};
-    return viewTransform(of, extent->second, width, height);
+    return extent->second;
+  }
+  ViewTransform viewOf(const OrbitCamera& of) const { return viewTransform(of, drawnExtent(), width, height); }
+  // Towards the light: over a base mesh it turns with the camera, unless it is fixed.
+  glm::dvec3 lightInSpace(const ViewTransform& view) const {
+    const glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
+    return overMesh() && plan.relight ? view.world_from_camera * light : light;
   }
 
   gl::Defines defines() const {
@@ -181,10 +195,18 @@ struct Engine::Impl {
   uint64_t cacheBudget() const { return static_cast<uint64_t>(options.cache_mib * 1024 * 1024) - stats.tail_bytes; }
 
   ShadingPrograms::Variant programVariant() const {
-    return {defines(), tails.has_value(), demand->usesFeedback(), plan.wireframe, plan.samples > 1, faults};
+    return {.defines = defines(),
+            .tails = tails.has_value(),
+            .feedback = demand->usesFeedback(),
+            .wireframe = plan.wireframe,
+            .shadows = plan.shadows,
+            .average = plan.samples > 1,
+            .faults = faults};
   }
   Result<void> linkPrograms() {
     surface_drawn = {};
+    shadows_drawn = {};
+    if (!plan.shadows) shadow_pass.reset();
     sampled.reset();
     if (plan.samples == 1) stack.reset();
     else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
@@ -282,7 +304,15 @@ struct Engine::Impl {
                     v.error_px;  // steps and cracks keep an error until the finest level: the screen bounds the cost
     v.exaggerate = scene.exaggerate;
     v.relief = plan.relief;
-    v.hide_backs = options.hide_backs;
+    v.hide_backs = options.hide_backs && !plan.shadows;  // what faces away may stand in the light
+    v.any_direction = plan.shadows;
+    if (plan.shadows) {
+      // What is beside the picture may cast a shadow into it.
+      const double half_mm = 0.5 * mmPerPx(camera, height) * std::min(width, height);
+      const double reach = casterReach(drawnExtent(), lightInSpace(view), half_mm);
+      for (int column = 0; column < 4; ++column)
+        for (int row = 0; row < 2; ++row) v.clip_from_world[column][row] /= reach;
+    }
     v.morph = plan.geomorph;
     v.hysteresis = settling ? 0 : scene.hysteresis;
     // Over a base mesh alone: a flat artwork settles on the list that its pages lead to in the order in which they
@@ -351,8 +381,7 @@ struct Engine::Impl {
   void setUniforms(const gl::Program& program, double now_s, std::array<int, 3> sample = {1, 0, 0},
                    int tap_phase = 0) const {
     if (tail_textures) tail_textures->bind(program, tailReach());
-    glm::dvec3 light = glm::make_vec3(normalizedLight(scene.light).data());
-    if (overMesh()) light = drawn.view.world_from_camera * light;
+    const glm::dvec3 light = lightInSpace(drawn.view);
     const TextureFormat format = plan.format(artwork.manifest);
     setShadingUniforms(program, {.format = &format,
                                  .domain = &domain(),
@@ -396,6 +425,33 @@ struct Engine::Impl {
                                             : patches->draw(programs.surface, eye, mesh, 0, root_cells);
   }
 
+  // After updateSurface(), whose list of instances it draws once more, from the light.
+  void updateShadows() {
+    if (!plan.shadows) return;
+    const ShadowsOf now{surface_drawn, lightInSpace(drawn.view)};
+    if (shadows_drawn == now) return;
+    shadows_drawn = now;
+    if (!shadow_pass) shadow_pass = std::make_unique<ShadowPass>(surface.depthMode());
+    shadow_pass->resize(width, height);
+    const ShadowView view = shadowView(drawn.view, drawnExtent(), now.light);
+    shadow_pass->beginMap();
+    EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
+    auto prepare = [&](const gl::Program& program) {
+      program.use();
+      pool->bind(program, shownTable());
+      setUniforms(program, 0);
+      if (corners) corners->bind(program, kCornersUnit);
+    };
+    prepare(programs.shadow_map);
+    const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.shadow_map_roots : nullptr;
+    if (root_cells) prepare(*root_cells);
+    programs.shadow_map.use();
+    stats.draw_calls += patches->draw(programs.shadow_map, eye, PatchPass::Mesh::kFull, 0, root_cells);
+    shadow_pass->light(programs.shadow, surface, *screen, sampleView().clip_from_world, view);
+    ++stats.draw_calls;
+  }
+
   void bindSurface(const gl::Program& program) const {
     patches->bindInstances(program, 3);
     surface.bind(program, 4);
@@ -403,6 +459,7 @@ struct Engine::Impl {
 
   void shadeSurface(double now_s) {
     target_is_average = false;
+    updateShadows();
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     const gl::Program& program =
@@ -412,6 +469,7 @@ struct Engine::Impl {
     bindSurface(program);
     setUniforms(program, now_s);
     setNamedUniforms(program, effectUniforms(scene.effects));
+    if (plan.shadows) shadow_pass->bind(program, kShadowUnit);
     screen->draw(true);
     ++stats.draw_calls;
     if (plan.wireframe) {

@@ -31,7 +31,9 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   gl::Defines defines = variant.defines;
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
-  for (gl::Program* left : {&root_cells, &wire, &average, &capture, &capture_roots}) *left = {};
+  for (gl::Program* left :
+       {&root_cells, &wire, &average, &shadow_map, &shadow_map_roots, &shadow, &capture, &capture_roots})
+    *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
   if (auto r = linkOne(shade, api, "screen.vert", "shade.frag", defines); !r) return r;
   if (variant.tails) {
@@ -40,6 +42,13 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   }
   if (variant.feedback)
     if (auto r = linkOne(feedback, api, "screen.vert", "feedback.frag", defines); !r) return r;
+  if (variant.shadows) {
+    if (auto r = linkOne(shadow_map, api, "patch.vert", "depth_only.frag", defines); !r) return r;
+    if (auto r = linkOne(shadow, api, "screen.vert", "shadow.frag", {}); !r) return r;
+    if (variant.tails)
+      if (auto r = linkOne(shadow_map_roots, api, "patch.vert", "depth_only.frag", with(defines, "ROOT_CELLS")); !r)
+        return r;
+  }
   if (variant.wireframe)
     if (auto r = linkOne(wire, api, "patch.vert", "lines.frag", with(defines, "WIREFRAME")); !r) return r;
   return variant.average ? linkOne(average, api, "screen.vert", "average.frag", {}) : Result<void>();

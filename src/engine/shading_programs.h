@@ -12,18 +12,20 @@ namespace relievo {
 // tails (texturing/package/patch_tails.h).
 class ShadingPrograms {
  public:
-  gl::Program surface;                 // the geometry into the surface buffer
-  gl::Program root_cells;              // the same for patches that are drawn as one cell
-  gl::Program shade;                   // the surface buffer into the picture
-  gl::Program tails;                   // the same where no page is needed
-  gl::Program feedback;                // the surface buffer into page requests
-  gl::Program wire;                    // the triangles' edges
-  gl::Program average;                 // the picture's samples into the picture
-  gl::Program capture, capture_roots;  // vertices by transform feedback; linkCapture()
+  gl::Program surface;                       // the geometry into the surface buffer
+  gl::Program root_cells;                    // the same for patches that are drawn as one cell
+  gl::Program shade;                         // the surface buffer into the picture
+  gl::Program tails;                         // the same where no page is needed
+  gl::Program feedback;                      // the surface buffer into page requests
+  gl::Program shadow_map, shadow_map_roots;  // the geometry into a map of depths, as surface and root_cells
+  gl::Program shadow;                        // the map and the surface's depth into the share of light
+  gl::Program wire;                          // the triangles' edges
+  gl::Program average;                       // the picture's samples into the picture
+  gl::Program capture, capture_roots;        // vertices by transform feedback; linkCapture()
 
   struct Variant {
     gl::Defines defines;  // of the plan, the page pool and the tails
-    bool tails = false, feedback = false, wireframe = false, average = false;
+    bool tails = false, feedback = false, wireframe = false, shadows = false, average = false;
     FaultInjection faults;
   };
   // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some

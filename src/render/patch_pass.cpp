@@ -48,6 +48,7 @@ EyeFrame flatEyeFrame(const ViewTransform& view, const FlatDomain& domain, doubl
   eye.unit_y = std::clamp<int64_t>(std::llround((half_h - view.eye_mm.y) / mm_per_unit), -limit, limit);
   glm::dvec3 origin{static_cast<double>(eye.unit_x) * mm_per_unit - half_w,
                     half_h - static_cast<double>(eye.unit_y) * mm_per_unit, view.eye_mm.z};
+  eye.origin_mm = origin;
   eye.clip_from_eye = glClipFrom(view.clip_from_world, origin, depth);
   eye.limit_x = static_cast<int32_t>((static_cast<int64_t>(domain.width_px) << kUnitsPerTexelLog2) - eye.unit_x);
   eye.limit_y = static_cast<int32_t>((static_cast<int64_t>(domain.height_px) << kUnitsPerTexelLog2) - eye.unit_y);
@@ -62,6 +63,7 @@ EyeFrame meshEyeFrame(const ViewTransform& view, const PatchMeasures& domain, do
   EyeFrame eye;
   eye.depth = depth;
   eye.patch_units_log2 = std::countr_zero(unsigned{kPagePx}) + std::max(domain.relief_depth, 0);
+  eye.origin_mm = view.eye_mm;
   eye.clip_from_eye = glClipFrom(view.clip_from_world, view.eye_mm, depth);
   eye.limit_x = eye.limit_y = 1 << eye.patch_units_log2;
   eye.mm_per_unit = std::ldexp(1.0f, -eye.patch_units_log2);

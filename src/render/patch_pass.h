@@ -46,6 +46,7 @@ std::vector<std::string> patchAttributes();
 struct EyeFrame {
   int64_t unit_x = 0, unit_y = 0;
   int patch_units_log2 = 0;  // units of a patch's side
+  glm::dvec3 origin_mm{0};   // what positions count from
   std::array<float, 16> clip_from_eye{};
   DepthMode depth;
   int32_t limit_x = 0, limit_y = 0;

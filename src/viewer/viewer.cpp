@@ -12,6 +12,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "src/base/file.h"
 #include "src/base/heap.h"
 #include "src/base/progress.h"
 #include "src/base/standard_output.h"
@@ -88,7 +89,9 @@ std::string freeSnapshotName(const std::string& folder, const std::string& stem)
     std::snprintf(number, sizeof number, "-%04d.png", i);
     std::filesystem::path path = std::filesystem::path(folder) / (stem + number);
     std::error_code ignored;
-    if (!std::filesystem::exists(path, ignored)) return path.string();
+    if (!std::filesystem::exists(path, ignored) &&
+        !std::filesystem::exists(std::filesystem::path(path).replace_extension(".json"), ignored))
+      return path.string();
   }
   return {};
 }
@@ -230,6 +233,11 @@ void ViewLoop::takeSnapshot(double now) {
   Result<void> written = name.empty()
                              ? Error{.kind = ErrorKind::kIo, .message = "no free number for a snapshot is left"}
                              : writeSnapshot(engine_, name, options_);
+  if (written && options_.scene_text) {
+    const std::string text = options_.scene_text(engine_.camera(), engine_.scene(), engine_.width(), engine_.height());
+    written = writeFile(std::filesystem::path(name).replace_extension(".json").string(),
+                        {reinterpret_cast<const uint8_t*>(text.data()), text.size()});
+  }
   say(written ? "written: " + std::filesystem::absolute(name).lexically_normal().string()
               : "the snapshot failed: " + written.error().text(),
       now);

@@ -16,7 +16,10 @@ namespace relievo {
 
 struct ViewerOptions {
   std::string title = "Relievo";
-  std::string snapshot_stem = "snapshot";  // S writes STEM-0001.png, the first free number, into the current folder
+  // S writes STEM-0001.png, the first free number, into the current folder, and beside it STEM-0001.json with
+  // scene_text, if there is one.
+  std::string snapshot_stem = "snapshot";
+  std::function<std::string(const OrbitCamera&, const Scene&, int width_px, int height_px)> scene_text;
   int width_px = 1280, height_px = 800;
   std::array<uint8_t, 3> background{24, 24, 26};
   Scene scene;
@@ -39,7 +42,8 @@ struct ViewerOptions {
 // Returns when the window is closed.
 Result<void> runViewer(Artwork artwork, const ViewerOptions& options);
 
-// FOLDER/STEM-0001.png, or the first number that is free; empty when there is none below 10,000.
+// FOLDER/STEM-0001.png, or the first number of which neither it nor the .json is there; empty when there is none below
+// 10,000.
 std::string freeSnapshotName(const std::string& folder, const std::string& stem);
 
 }  // namespace relievo

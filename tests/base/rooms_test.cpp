@@ -18,7 +18,7 @@ namespace rooms_test {
 namespace fs = std::filesystem;
 
 // Earlier ones may be included by later ones.
-constexpr std::array<std::string_view, 27> kOrder{"src/base",
+constexpr std::array<std::string_view, 28> kOrder{"src/base",
                                                   "src/artwork",
                                                   "src/artwork/bases",
                                                   "geometry/mesh",
@@ -41,6 +41,7 @@ constexpr std::array<std::string_view, 27> kOrder{"src/base",
                                                   "tools/sample",
                                                   "tools/export",
                                                   "tools/bench",
+                                                  "tools/scene",
                                                   "tools/compare",
                                                   "tools/accuracy",
                                                   "tools/stability",

@@ -230,6 +230,10 @@ void cameras() {
       R"({"azimuth_deg": 20, "elevation_deg": -10.5, "distance_mm": 400, "fov_deg": 35, "orthographic": false, "target_mm": [1, 2, 3], "light": [0.1, 0, 1]})");
   put("state", "settings",
       R"({"format": "relievo-settings", "version": 1, "error_px": 2, "sampling": "bilinear", "prefetch": false})");
+  put("state", "scene",
+      R"({"format": "relievo-scene", "version": 1, "artwork": "a.relievo", "camera": {"azimuth_deg": 25, "fov_deg": 30},
+"light": {"towards": [-0.8, 0.3, 0.4], "fixed": true}, "surface": {"exaggerate": 2}, "effects": {"exposure": 1, "show": "pages"},
+"picture": {"size_px": [640, 360], "background": [0, 0, 0]}, "settings": {"error_px": 2, "sampling": "nearest"}})");
   put("state", "empty", "{}");
   put("state", "parallel", R"({"orthographic": true, "distance_mm": 1e3})");
   put("path", "two",

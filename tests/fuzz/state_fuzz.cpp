@@ -1,7 +1,7 @@
-// A view's state as `--state` reads it, and settings as `--settings` does.
+// A view's state as `--state` reads it, settings as `--settings` does, and scenes.
 #include "tests/fuzz/fuzz_file.h"
-#include "tools/accuracy/settings_file.h"
 #include "tools/commands.h"
+#include "tools/scene/settings_file.h"
 #include "tools/scene_options.h"
 
 // Of relievo.cpp, which has a main() of its own. No option is given here, so that none is parsed.
@@ -12,6 +12,7 @@ Error usageError(const std::string& message, const std::string& hint) {
 Result<std::array<double, 3>> parseTriple(const std::string&, const char* option, const char*) {
   return usageError(option);
 }
+std::string tripleText(const std::array<double, 3>&) { return ""; }
 }  // namespace relievo
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
@@ -25,5 +26,11 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
   else fuzz::require(camera->distance_mm > 0, "a camera at no distance");
   if (auto settings = readSettings(fuzz::folder().put("settings.json", {data, size})); !settings)
     fuzz::requireExplained(settings.error());
+  if (auto scene = parseScene({reinterpret_cast<const char*>(data), size}, "scene.json"); !scene) {
+    fuzz::requireExplained(scene.error());
+  } else {
+    auto again = parseScene(sceneText(*scene), "scene.json");
+    fuzz::require(again && *again == *scene, "a scene comes back otherwise");
+  }
   return 0;
 }

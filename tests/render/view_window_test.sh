@@ -146,6 +146,13 @@ for name in stone-0001.png stone-0002.png; do
 done
 [ ! -e stone-0003.png ] || fail "a key press wrote more than one picture"
 if cmp -s stone-0001.png stone-0002.png; then fail "wireframe and page overlay are not in the picture"; fi
+# Beside each picture lies its scene, which relievo render draws.
+grep -q '"azimuth_deg": 4[45]' stone-0001.json || fail "the scene has another camera: $(cat stone-0001.json)"
+grep -q '"wireframe": true' stone-0001.json || fail "the scene has no wireframe: $(cat stone-0001.json)"
+if grep -q wireframe stone-0002.json; then fail "the scene kept the wireframe"; fi
+"$program" render stone-0002.json -o again.png
+"$program" render stone.relievo --state view.json --geomorph on --size 600x400 -o reset.png
+if cmp -s again.png reset.png; then fail "the scene is drawn as the view after the reset"; fi
 
 # A hundred notches in, the artwork fills the window: no pixel of the background, which is 24,24,26. Zooming out leaves it whole again.
 start
@@ -160,7 +167,7 @@ cmp near.png near-too.png || fail "a hundred notches in show the background in $
 "$program" render stone.relievo --size 600x400 --background 255,0,255 -o far.png
 "$program" render stone.relievo --size 600x400 --background 0,255,0 -o far-too.png
 if cmp -s far.png far-too.png; then fail "the control shows no background"; fi
-rm stone-0003.png
+rm stone-0003.png stone-0003.json
 
 # A full disk: S leaves no picture rather than a broken one, nor anything beside it, and the viewer goes on.
 file_blocks=8
@@ -185,6 +192,6 @@ finish
 "$program" render stone.relievo --size 600x400 --geomorph on --error-px 2 --azimuth 50 -o inexact.png
 cmp stone-0003.png exact.png || fail "a still camera is not drawn exactly"
 if cmp -s exact.png inexact.png; then fail "the control is as exact"; fi
-rm stone-0003.png
+rm stone-0003.png stone-0003.json
 
 echo "passed"

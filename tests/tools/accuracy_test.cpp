@@ -10,7 +10,7 @@
 #include "tools/accuracy/accuracy_front.h"
 #include "tools/accuracy/accuracy_report.h"
 #include "tools/accuracy/reencoded_pages.h"
-#include "tools/accuracy/settings_file.h"
+#include "tools/scene/settings_file.h"
 
 namespace relievo {
 namespace accuracy_test {

@@ -460,6 +460,44 @@ TEST_F(Cli, CamerasThatAreNoneAreRefused) {
             3);
 }
 
+// A scene in the artwork's place is drawn as its options would have it; options given beside it win.
+TEST_F(Cli, ASceneIsDrawnAsItsOptionsWouldHaveIt) {
+  ASSERT_EQ(relievo("sample coin --size 128x128 --package " + file("coin.relievo")).exit_code, 0);
+  write("scene.json", R"({"format": "relievo-scene", "version": 1, "artwork": "coin.relievo",
+    "camera": {"azimuth_deg": 25, "elevation_deg": 15, "fov_deg": 20}, "light": {"towards": [-0.8, 0.3, 0.4]},
+    "surface": {"exaggerate": 2}, "effects": {"exposure": 0.5}, "settings": {"error_px": 3, "sampling": "nearest"},
+    "picture": {"size_px": [96, 64], "background": [255, 0, 128]}})");
+  const std::string scene = file("scene.json"),
+                    options = file("coin.relievo") +
+                              " --azimuth 25 --elevation 15 --fov 20 --light=-0.8,0.3,0.4 "
+                              "--exaggerate 2 --exposure 0.5 --error-px 3 --sampling nearest "
+                              "--background 255,0,128";
+  const Outcome drawn = relievo("render " + scene + " -o " + file("a.png"));
+  if (noGl(drawn)) GTEST_SKIP() << "no GL";
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.output;
+  const auto same = [&](const std::string& a, const std::string& b) {
+    return run("cmp -s " + file(a) + " " + file(b)).exit_code == 0;
+  };
+  ASSERT_EQ(relievo("render " + options + " --size 96x64 -o " + file("b.png")).exit_code, 0);
+  EXPECT_TRUE(same("a.png", "b.png"));
+  ASSERT_EQ(relievo("render " + scene + " --azimuth 30 -o " + file("c.png")).exit_code, 0);
+  EXPECT_FALSE(same("a.png", "c.png")) << "the control: an option that wins";
+  ASSERT_EQ(relievo("render " + scene + " --orthographic -o " + file("d.png")).exit_code, 0);
+  EXPECT_FALSE(same("a.png", "d.png"));
+  // Every command that reads an artwork takes it.
+  for (const char* command : {"info ", "verify ", "plan --no-measure ", "plan --size 32x32 "})
+    EXPECT_EQ(relievo(command + scene).exit_code, 0) << command;
+  EXPECT_EQ(relievo("export " + scene + " -o " + file("coin.ply") + " --level 4").exit_code, 0);
+  const Outcome two = relievo("render " + scene + " --state " + scene + " -o " + file("e.png"));
+  EXPECT_EQ(two.exit_code, 1) << two.output;
+  // No input is overwritten, and what a scene names and is not there is told by its name.
+  EXPECT_EQ(relievo("plan " + scene + " --no-measure --json " + scene).exit_code, 1);
+  write("lost.json", R"({"format": "relievo-scene", "version": 1, "artwork": "lost.relievo"})");
+  const Outcome lost = relievo("render " + file("lost.json") + " -o " + file("e.png"));
+  EXPECT_EQ(lost.exit_code, 2) << lost.output;
+  EXPECT_NE(lost.output.find("lost.relievo"), std::string::npos) << lost.output;
+}
+
 TEST_F(Cli, AnOrthographicPictureHasItsScale) {
   ASSERT_EQ(
       relievo("sample inscription -o " + file("s") + " --size 400x300 --write height --package " + file("i.relievo"))

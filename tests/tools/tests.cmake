@@ -20,3 +20,4 @@ relievo_test(surface_lines_test LIBS relievo_export SOURCES tools/surface_lines_
 relievo_test(export_cli_test RUNS MEMORY COST 65 LIBS relievo_bake relievo_image SOURCES tools/export_cli_test.cpp DEFINES RELIEVO_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
 relievo_test(accuracy_test LIBS relievo_accuracy nlohmann_json::nlohmann_json SOURCES tools/accuracy_test.cpp)
 relievo_test(accuracy_cli_test RUNS COST 20 LIBS nlohmann_json::nlohmann_json SOURCES tools/accuracy_cli_test.cpp)
+relievo_test(scene_file_test LIBS relievo_settings nlohmann_json::nlohmann_json SOURCES tools/scene_file_test.cpp)

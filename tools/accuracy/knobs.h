@@ -7,7 +7,7 @@
 
 #include "src/engine/engine.h"
 #include "texturing/codec/page_encoding.h"
-#include "tools/accuracy/settings_file.h"
+#include "tools/scene/settings_file.h"
 
 namespace relievo {
 

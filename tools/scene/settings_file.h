@@ -12,6 +12,7 @@
 #include <string>
 
 #include "src/base/result.h"
+#include "tools/scene/json_members.h"
 
 namespace relievo {
 
@@ -31,6 +32,8 @@ struct DrawSettings {
   friend bool operator==(const DrawSettings&, const DrawSettings&) = default;
 };
 
+// The members of a settings object, which take their values to `to`.
+JsonMembers settingsMembers(DrawSettings& to);
 // The text of a settings file. about: left out where it is empty.
 std::string settingsText(const DrawSettings& settings, const std::string& about);
 // name: of the file, for errors.

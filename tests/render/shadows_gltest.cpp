@@ -1,0 +1,293 @@
+// Cast shadows. Truth is analytic: hills and walls given by a formula, and lines from the surface to the light,
+// followed in double precision. What is lit or dark by more than a margin must be drawn so.
+#include <gtest/gtest.h>
+
+#include "src/render/shadow_view.h"
+#include "tests/render/dense_subjects.h"
+#include "tests/render/lit_ball.h"
+#include "tests/render/made_engine.h"
+
+namespace relievo {
+namespace shadows_gltest {
+
+using namespace test;
+
+constexpr int64_t kSide = 256;
+constexpr double kMmPerPx = 0.1;  // denseSubject's
+constexpr double kHighestMm = 3;
+
+class White final : public TextureSource {
+ public:
+  int64_t width() const override { return kSide; }
+  int64_t height() const override { return kSide; }
+  TextureFormat format() const override { return {}; }
+  Provenance provenance() const override { return {}; }
+  Result<void> read(const Rect&, std::span<uint8_t> out) const override {
+    std::fill(out.begin(), out.end(), uint8_t{255});
+    return {};
+  }
+};
+
+// Hills, and a wall with soft edges, mm above the lowest place; x to the right and y up from the centre.
+double heightAt(double x, double y) {
+  double h = 0;
+  for (const auto& [cx, cy, radius, top] :
+       {std::array{-6.0, 5.0, 1.6, 2.6}, {5.0, 6.0, 0.8, 1.8}, {6.0, -6.0, 2.5, 2.0}})
+    h += top * std::exp(-((x - cx) * (x - cx) + (y - cy) * (y - cy)) / (2 * radius * radius));
+  const double wall = 1 / (1 + std::exp((std::abs(x + 3) - 1) * 12)),
+               end = 1 / (1 + std::exp((std::abs(y + 5) - 4) * 12));
+  return std::min(kHighestMm, h + 1.2 * wall * end);
+}
+
+class Heights final : public HeightSource {
+ public:
+  int64_t width() const override { return kSide; }
+  int64_t height() const override { return kSide; }
+  double minMm() const override { return 0; }
+  double maxMm() const override { return kHighestMm; }
+  Provenance provenance() const override { return {}; }
+  Result<void> read(const Rect& r, std::span<float> out) const override {
+    size_t at = 0;
+    for (int64_t y = r.y; y < r.y + r.height; ++y)
+      for (int64_t x = r.x; x < r.x + r.width; ++x)
+        out[at++] = static_cast<float>(heightAt((static_cast<double>(x) + 0.5 - kSide / 2) * kMmPerPx,
+                                                (kSide / 2 - static_cast<double>(y) - 0.5) * kMmPerPx));
+    return {};
+  }
+};
+
+// How far the line from a place of the surface to the light stays above it, mm; below 0: it does not.
+double clearance(const glm::dvec3& place, const glm::dvec3& light) {
+  constexpr double kStepMm = 0.02, kStartMm = 0.6;  // beyond the place's own surroundings
+  double least = 1e9;
+  for (double t = kStartMm; place.z + t * light.z < kHighestMm && t < 60; t += kStepMm) {
+    const glm::dvec3 p = place + t * light;
+    if (std::max(std::abs(p.x), std::abs(p.y)) > kSide / 2 * kMmPerPx) break;
+    least = std::min(least, p.z - heightAt(p.x, p.y));
+  }
+  return least;
+}
+
+// Where the line of sight through a pixel meets the surface; nothing where it leaves the artwork.
+std::optional<glm::dvec3> seenAt(const ViewTransform& view, int x, int y, int width, int height) {
+  const glm::dmat4 world = glm::inverse(view.clip_from_world);
+  const auto at = [&](double z) {
+    const glm::dvec4 p = world * glm::dvec4((x + 0.5) / width * 2 - 1, 1 - (y + 0.5) / height * 2, z, 1);
+    return glm::dvec3(p) / p.w;
+  };
+  const glm::dvec3 near = at(-1), way = glm::normalize(at(1) - near);
+  const double start = (kHighestMm - near.z) / way.z, end = -near.z / way.z;
+  double above = start;
+  for (double t = start; t <= end + 0.02; t += 0.02) {
+    const glm::dvec3 p = near + t * way;
+    if (p.z > heightAt(p.x, p.y)) {
+      above = t;
+      continue;
+    }
+    double low = above, high = t;
+    for (int k = 0; k < 40; ++k) {
+      const double middle = (low + high) / 2;
+      const glm::dvec3 q = near + middle * way;
+      (q.z > heightAt(q.x, q.y) ? low : high) = middle;
+    }
+    return near + low * way;
+  }
+  return std::nullopt;
+}
+
+glm::dvec3 normalAt(const glm::dvec3& p) {
+  constexpr double d = 1e-4;
+  return glm::normalize(glm::dvec3(heightAt(p.x - d, p.y) - heightAt(p.x + d, p.y),
+                                   heightAt(p.x, p.y - d) - heightAt(p.x, p.y + d), 2 * d));
+}
+
+struct Drawn {
+  std::vector<uint8_t> lit, shadowed;  // without and with shadows
+  ViewTransform view;
+  std::vector<std::string> passes;
+};
+Drawn draw(const Scene& scene, const OrbitCamera& camera, bool reversed_depth, int side) {
+  const Heights heights;
+  EngineOptions options;
+  options.reversed_depth = reversed_depth;
+  auto engine = makeEngine(denseSubject(White(), &heights).artwork, scene, options, side, side);
+  if (!engine) return {};
+  engine->setCamera(camera);
+  Drawn drawn;
+  for (const bool shadows : {false, true}) {
+    Scene now = scene;
+    now.shadows = shadows;
+    EXPECT_TRUE(engine->setScene(now).ok());
+    auto settled = engine->settle(60);
+    EXPECT_TRUE(settled.ok()) << (settled.ok() ? "" : settled.error().text());
+    (shadows ? drawn.shadowed : drawn.lit) = engine->readPixels();
+  }
+  drawn.view = engine->view();
+  drawn.passes = engine->plan().passes();
+  return drawn;
+}
+
+struct Counts {
+  int sure = 0, dark = 0, wrong = 0, margin = 0;
+  double wrongShare() const { return static_cast<double>(wrong) / std::max(sure, 1); }
+};
+// Places whose line to the light passes the surface by less than this are not judged: a pixel, a texel of the map and
+// the drawn triangles are about that large.
+constexpr double kMarginMm = 0.1;
+
+Counts judged(const Drawn& drawn, const std::array<double, 3>& direction, int side) {
+  const auto unit = normalizedLight(direction);
+  const glm::dvec3 light(unit[0], unit[1], unit[2]);
+  const auto lightOf = [](uint8_t byte) { return (std::pow(byte / 255.0, 2.2) - 0.04) / 0.96; };
+  Counts counts;
+  for (int y = 2; y < side - 2; y += 2)
+    for (int x = 2; x < side - 2; x += 2) {
+      const size_t at = static_cast<size_t>(y * side + x) * 4;
+      const auto place = seenAt(drawn.view, x, y, side, side);
+      if (!place || drawn.lit[at + 3] == 0 || std::max(std::abs(place->x), std::abs(place->y)) > 12.4) continue;
+      if (glm::dot(normalAt(*place), light) < 0.15) continue;  // hardly lit in any case
+      const double above = clearance(*place, light);
+      if (std::abs(above) < kMarginMm) {
+        ++counts.margin;
+        continue;
+      }
+      const double share = lightOf(drawn.shadowed[at]) / lightOf(drawn.lit[at]);
+      ++counts.sure;
+      counts.dark += above < 0;
+      counts.wrong += above < 0 ? share > 0.1 : share < 0.9;
+    }
+  return counts;
+}
+
+OrbitCamera fromAbove(int side) {
+  OrbitCamera c;
+  c.orthographic = true;
+  c.distance_mm = distanceForScale(c, kSide * kMmPerPx / side, side);
+  return c;
+}
+OrbitCamera slanted() {
+  OrbitCamera c;
+  c.azimuth_deg = 25, c.elevation_deg = 30, c.distance_mm = 45;
+  return c;
+}
+
+TEST(Shadows, LieWhereLinesToTheLightMeetTheSurface) {
+  constexpr int kPicture = 256;
+  for (const std::array<double, 3>& light : {std::array{-0.8, 0.3, 0.4}, {0.5, -0.8, 0.35}, {0.9, 0.2, 0.25}})
+    for (const OrbitCamera& camera : {fromAbove(kPicture), slanted()})
+      for (const bool reversed : {true, false}) {
+        if (!reversed && light[2] < 0.4) continue;  // the depth buffer does not depend on the light
+        const Drawn drawn = draw({.light = light}, camera, reversed, kPicture);
+        ASSERT_FALSE(drawn.shadowed.empty());
+        const Counts counts = judged(drawn, light, kPicture);
+        EXPECT_GT(counts.sure, 3000);
+        EXPECT_GT(counts.dark, counts.sure / 50) << "there is nothing to see";
+        EXPECT_LT(counts.margin, counts.sure / 4);
+        EXPECT_LE(counts.wrongShare(), 0.002) << counts.wrong << " of " << counts.sure << ", light " << light[0] << " "
+                                              << light[1] << (camera.orthographic ? " above" : " slanted") << reversed;
+        std::printf("[ shadows  ] %d of %d judged places wrong, %d dark, %d within the margin\n", counts.wrong,
+                    counts.sure, counts.dark, counts.margin);
+        // Controls: of another light, and none at all.
+        EXPECT_GT(judged(drawn, {-light[0], -light[1], light[2]}, kPicture).wrongShare(), 0.02);
+        Drawn without = drawn;
+        without.shadowed = drawn.lit;
+        EXPECT_GT(judged(without, light, kPicture).wrongShare(), 0.02);
+      }
+}
+
+// Zoomed in, what casts lies beside the picture.
+TEST(Shadows, AreCastByWhatIsBesideThePicture) {
+  constexpr int kPicture = 128;
+  OrbitCamera camera = fromAbove(kPicture);
+  camera.target_mm = {-3.2, 4.0, 0};
+  camera.distance_mm /= 6;
+  const std::array<double, 3> light{-0.8, 0.3, 0.4};
+  const Drawn drawn = draw({.light = light}, camera, true, kPicture);
+  ASSERT_FALSE(drawn.shadowed.empty());
+  const Counts counts = judged(drawn, light, kPicture);
+  EXPECT_GT(counts.dark, 300);
+  EXPECT_LE(counts.wrongShare(), 0.002) << counts.wrong << " of " << counts.sure;
+}
+
+TEST(Shadows, OfABallLieOnItsDarkSideAlone) {
+  const auto base = std::make_shared<const BaseMesh>(cubeSphere(2, kRadius));
+  auto engine = makeEngine(ballArtwork(base, 1, 7), {.light = {0.6, 0.3, 0.7}}, {}, kWidth, kHeight);
+  ASSERT_TRUE(engine);
+  ASSERT_TRUE(engine->settle(60).ok());
+  const std::vector<uint8_t> lit = engine->readPixels();
+  Scene scene = engine->scene();
+  scene.shadows = true;
+  ASSERT_TRUE(engine->setScene(scene).ok());
+  ASSERT_TRUE(engine->settle(60).ok());
+  const std::vector<uint8_t> shadowed = engine->readPixels();
+  int bright = 0, changed = 0;
+  for (size_t i = 0; i < lit.size(); i += 4) {
+    if (lit[i + 3] == 0 || lit[i] < 0.55 * kAlbedo[0]) continue;  // Lambert's cosine above a quarter
+    ++bright;
+    changed += std::abs(lit[i] - shadowed[i]) > 2;
+  }
+  EXPECT_GT(bright, 3000);
+  EXPECT_EQ(changed, 0) << "of " << bright;
+}
+
+// What is off is not there: no pass, no define.
+TEST(Shadows, AreInThePlanWhereTheyChangeSomething) {
+  Manifest m;
+  m.texture.basis = Basis::kPtmLrgb;
+  m.domain.relief_depth = 2;
+  const auto has = [&](const Scene& scene) {
+    const EffectPlan plan = planEffects(scene, m);
+    const auto passes = plan.passes();
+    const auto defines = plan.defines();
+    const bool pass = std::find(passes.begin(), passes.end(), "shadow map") != passes.end();
+    const bool define = std::any_of(defines.begin(), defines.end(), [](const auto& d) { return d.first == "SHADOWS"; });
+    EXPECT_EQ(pass, define);
+    return pass;
+  };
+  EXPECT_FALSE(has({}));
+  EXPECT_TRUE(has({.shadows = true}));
+  EXPECT_TRUE(has({.relight = false, .shadows = true}));
+  EXPECT_FALSE(has({.relief = false, .shadows = true}));
+  EXPECT_FALSE(has({.shadows = true, .exaggerate = 0}));
+  m.texture.basis = Basis::kColour;
+  EXPECT_TRUE(has({.shadows = true}));
+  EXPECT_FALSE(has({.unlit = true, .shadows = true}));
+}
+
+// What the camera sees lies within the map, as large as it can be, and what may cast into it lies before its far plane.
+TEST(ShadowView, HoldsWhatTheCameraSees) {
+  const Extent extent{.min_mm = {-50, -30, -1}, .max_mm = {50, 30, 4}};
+  for (const double distance : {400.0, 30.0, 8.0})
+    for (const std::array<double, 3>& direction : {std::array{0.0, 0.0, 1.0}, {-0.8, 0.3, 0.2}, {0.1, 0.99, 0.02}}) {
+      OrbitCamera camera;
+      camera.azimuth_deg = 35, camera.elevation_deg = 20, camera.distance_mm = distance;
+      const ViewTransform view = viewTransform(camera, extent, 640, 360);
+      const glm::dvec3 light = glm::normalize(glm::dvec3(direction[0], direction[1], direction[2]));
+      const ShadowView shadow = shadowView(view, extent, light);
+      glm::dvec2 low(1), high(-1);
+      int seen = 0;
+      for (int i = 0; i <= 40; ++i)
+        for (int j = 0; j <= 40; ++j)
+          for (int k = 0; k <= 6; ++k) {
+            const glm::dvec3 p = glm::mix(extent.min_mm, extent.max_mm, glm::dvec3(i / 40.0, j / 40.0, k / 6.0));
+            const glm::dvec4 on_map = shadow.clip_from_world * glm::dvec4(p, 1);
+            EXPECT_LE(std::abs(on_map.z), 1);
+            const glm::dvec4 clip = view.clip_from_world * glm::dvec4(p, 1);
+            if (std::max({std::abs(clip.x), std::abs(clip.y), std::abs(clip.z)}) > clip.w) continue;
+            ++seen;
+            EXPECT_LE(std::max(std::abs(on_map.x), std::abs(on_map.y)), 1);
+            low = glm::min(low, glm::dvec2(on_map)), high = glm::max(high, glm::dvec2(on_map));
+          }
+      EXPECT_GT(seen, 0);
+      if (seen > 2000) {
+        EXPECT_GT(std::min(high.x - low.x, high.y - low.y), 1.8) << distance;
+      }
+      // Nearer to the light is nearer on the map.
+      const glm::dvec4 step = shadow.clip_from_world * glm::dvec4(light, 0);
+      EXPECT_LT(step.z, 0);
+      EXPECT_NEAR(step.x, 0, 1e-9);
+    }
+}
+
+}  // namespace shadows_gltest
+}  // namespace relievo

@@ -1,0 +1,169 @@
+// Scenes as files: read, refused, written and come back; what their parts cost.
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include <nlohmann/json.hpp>
+
+#include "tools/scene/scene_file.h"
+#include "tools/scene/scene_plan.h"
+
+namespace relievo {
+namespace scene_file_test {
+
+using Json = nlohmann::ordered_json;
+
+const std::string kHead = R"({"format": "relievo-scene", "version": 1, "artwork": "a.relievo")";
+
+TEST(SceneFiles, ComeBackAsTheyWereWritten) {
+  std::mt19937 random(5);
+  const auto some = [&] { return random() % 2 == 0; };
+  const auto number = [&](double low, double high) { return low + (high - low) * (random() % 1001) / 1000.0; };
+  for (int run = 0; run < 200; ++run) {
+    SceneFile s;
+    s.artwork = "folder/\"quoted\" näme.relievo";
+    if (some()) s.camera.azimuth_deg = number(-360, 360);
+    if (some()) s.camera.elevation_deg = number(-89, 89);
+    if (some()) s.camera.distance_mm = number(0.1, 1e6);
+    if (some()) s.camera.fov_deg = number(1, 170);
+    if (some()) s.camera.orthographic = some();
+    if (some()) s.camera.target_mm = {number(-10, 10), 1.0 / 3, 1e-300};
+    if (some()) s.light = {number(-1, 1), number(-1, 1), 0.1};
+    if (some()) s.light_fixed = some();
+    if (some()) s.shadows = some();
+    if (some()) s.relief = some();
+    if (some()) s.unlit = some();
+    if (some()) s.exaggerate = number(-1e4, 1e4);
+    for (EffectSetting& e : s.effects)
+      if (some()) e.values[0] = number(e.effect->parameters[0].low, e.effect->parameters[0].high);
+    if (some()) s.show = some() ? "pages" : "none";
+    if (some()) s.wireframe = some();
+    if (some()) s.size_px = {1 + static_cast<int>(random() % 16384), 7};
+    if (some()) s.background = {number(0, 255), 0, 255};
+    if (some()) s.settings.error_px = number(0, 10);
+    if (some()) s.settings.sampling = "nearest";
+    const auto back = parseScene(sceneText(s), "scene.json");
+    ASSERT_TRUE(back) << back.error().text() << sceneText(s);
+    EXPECT_EQ(*back, s) << sceneText(s);
+    SceneFile other = s;
+    other.exaggerate = s.exaggerate.value_or(0) + 1;
+    EXPECT_FALSE(*back == other) << "the control";
+  }
+}
+
+TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
+  const struct {
+    std::string text, named;
+    ErrorKind kind = ErrorKind::kInvalidData;
+  } cases[] = {{R"({"format": "relievo-scene", "version": 1})", "'artwork' is missing"},
+               {R"({"format": "relievo-scene", "version": 1, "artwork": ""})", "artwork"},
+               {R"({"format": "relievo-scene", "version": 2, "artwork": "a"})", "version 2", ErrorKind::kUnsupported},
+               {R"({"format": "relievo-settings", "version": 1, "artwork": "a"})", "relievo-scene"},
+               {"[]", "relievo-scene"},
+               {"{", "JSON"},
+               {kHead + R"(, "lights": []})", "'lights'"},
+               {kHead + R"(, "camera": []})", "expected an object for 'camera'"},
+               {kHead + R"(, "camera": {"fov": 3}})", "'camera.fov'"},
+               {kHead + R"(, "camera": {"fov_deg": 171}})", "from 1 to 170 for 'camera.fov_deg'"},
+               {kHead + R"(, "camera": {"target_mm": [1, 2]}})", "3 numbers"},
+               {kHead + R"(, "camera": {"mm_per_px": 1, "distance_mm": 3}})", "camera.mm_per_px"},
+               {kHead + R"(, "light": {"towards": [0, 0, 0]}})", "direction is zero"},
+               {kHead + R"(, "effects": {"exposure": "1"}})", "effects.exposure"},
+               {kHead + R"(, "effects": {"show": "nothing"}})", "one of none"},
+               {kHead + R"(, "picture": {"size_px": [1.5, 2]}})", "2 whole numbers"},
+               {kHead + R"(, "settings": {"version": 1}})", "'settings.version'"},
+               {kHead + R"(, "settings": {"error_px": -1}})", "settings.error_px"}};
+  for (const auto& c : cases) {
+    const auto r = parseScene(c.text, "scene.json");
+    ASSERT_FALSE(r) << c.text;
+    EXPECT_EQ(r.error().kind, c.kind) << c.text;
+    EXPECT_NE(r.error().text().find("scene.json"), std::string::npos) << r.error().text();
+    EXPECT_NE(r.error().text().find(c.named), std::string::npos) << r.error().text();
+  }
+  EXPECT_TRUE(parseScene(kHead + "}", "scene.json")) << "the control";
+}
+
+// A value that a member's schema allows; or, if not `good`, one that it does not.
+Json valueFor(const Json& schema, bool good) {
+  if (schema.contains("enum")) return good ? schema["enum"][0] : Json("no such choice");
+  const std::string type = schema["type"];
+  if (type == "object") return good ? Json::object() : Json("no object");
+  if (type == "array") {
+    Json list = Json::array();
+    for (size_t i = 0; i < schema["minItems"].get<size_t>(); ++i) list.push_back(valueFor(schema["items"], good));
+    return list;
+  }
+  if (type == "string") return good ? Json("a.relievo") : Json(3);
+  if (type == "boolean") return good ? Json(true) : Json(1);
+  const double beyond = schema["maximum"].get<double>() * 2 + 1;
+  if (type == "integer") return good ? schema["maximum"] : Json(schema["minimum"].get<double>() + 0.5);
+  return good ? schema["maximum"] : Json(beyond);
+}
+
+// Each member below `schema` by itself, in a scene that is otherwise sound.
+void tryMembers(const Json& schema, const std::vector<std::string>& within, int& tried) {
+  for (const auto& [name, member] : schema["properties"].items()) {
+    if (within.empty() && (name == "format" || name == "version")) continue;
+    std::vector<std::string> path = within;
+    path.push_back(name);
+    for (const bool good : {true, false}) {
+      Json scene = Json::parse(kHead + "}");
+      Json* at = &scene;
+      for (const std::string& part : path) at = &(*at)[part];
+      *at = valueFor(member, good);
+      const auto read = parseScene(scene.dump(), "scene.json");
+      EXPECT_EQ(read.ok(), good) << scene.dump() << (read ? "" : read.error().text());
+    }
+    ++tried;
+    if (member.contains("properties")) tryMembers(member, path, tried);
+  }
+}
+
+TEST(SceneFiles, AreReadAsTheirSchemaSays) {
+  const Json schema = Json::parse(sceneSchema());
+  EXPECT_EQ(schema["required"], Json({"format", "version", "artwork"}));
+  EXPECT_EQ(schema["additionalProperties"], false);
+  int tried = 0;
+  tryMembers(schema, {}, tried);
+  EXPECT_GT(tried, 30);
+  for (const EffectSetting& e : SceneFile().effects)
+    EXPECT_TRUE(schema["properties"]["effects"]["properties"].contains(std::string(e.effect->parameters[0].name)));
+}
+
+Manifest manifestOf(Basis basis, int relief_depth) {
+  Manifest m;
+  m.texture.basis = basis;
+  m.domain.relief_depth = relief_depth;
+  return m;
+}
+
+std::vector<std::string> partNames(const Scene& scene, const Manifest& manifest) {
+  std::vector<std::string> names;
+  for (const ScenePart& part : partsOf(scene, manifest)) names.push_back(part.name);
+  return names;
+}
+
+// What is off is no part, and each part is one that can be left out: without it the plan is another one.
+TEST(ScenePlan, NamesWhatIsOnAndNothingElse) {
+  Scene plain;
+  plain.relief = false;
+  plain.sampling = Sampling::kNearest;
+  plain.filter = Filter::kFast;
+  EXPECT_EQ(partNames(plain, manifestOf(Basis::kColour, 3)), std::vector<std::string>{});
+  Scene rich;
+  rich.sampling = Sampling::kAnisotropic;
+  rich.wireframe = true;
+  rich.overlay = findEffect("pages");
+  rich.effects = SceneFile().effects;
+  EXPECT_EQ(partNames(rich, manifestOf(Basis::kPtmLrgb, 3)),
+            (std::vector<std::string>{"relief", "light", "anisotropic", "exact filter", "wireframe", "pages"}));
+  rich.effects[0].values[0] = 1;
+  const Manifest ptm = manifestOf(Basis::kPtmLrgb, -1);
+  EXPECT_EQ(partNames(rich, ptm),
+            (std::vector<std::string>{"light", "anisotropic", "exact filter", "wireframe", "exposure", "pages"}));
+  for (const ScenePart& part : partsOf(rich, ptm))
+    EXPECT_FALSE(planEffects(part.without, ptm) == planEffects(rich, ptm)) << part.name;
+}
+
+}  // namespace scene_file_test
+}  // namespace relievo

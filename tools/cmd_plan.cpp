@@ -1,0 +1,235 @@
+// relievo plan: what a scene calls for, and what each part of it costs.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "src/base/progress.h"
+#include "src/base/standard_output.h"
+#include "src/engine/engine.h"
+#include "src/gl/context.h"
+#include "tools/artwork_cache.h"
+#include "tools/commands.h"
+#include "tools/output_files.h"
+#include "tools/scene/scene_plan.h"
+#include "tools/scene_options.h"
+
+namespace relievo {
+namespace {
+
+constexpr int kTimedRounds = 3, kTimedFrames = 5;
+
+struct PlanOptions {
+  std::string file, size, json_file;
+  bool schema = false, measure = true;
+  SceneOptions scene;
+  ArtworkCache cache;
+};
+
+struct CostedPart {
+  ScenePart part;
+  PlannedScene without;
+  std::optional<double> ms;  // a frame, above the scene without it
+};
+
+struct ScenePlan {
+  Scene scene;
+  PlannedScene whole;
+  std::vector<CostedPart> parts;
+  std::optional<double> frame_ms;  // of a moving camera, at the size
+  std::string renderer;
+};
+
+double planSeconds() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+double medianMs(std::vector<double> ms) {
+  std::nth_element(ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(ms.size() / 2), ms.end());
+  return ms[ms.size() / 2];
+}
+
+// Frames of a camera that trembles, so that each draws its geometry anew.
+Result<double> movingFrameMs(Engine& engine, const Scene& scene, OrbitCamera camera) {
+  if (auto set = engine.setScene(scene); !set) return set.error();
+  if (auto settled = engine.settle(120); !settled) return settled.error();
+  std::vector<double> ms;
+  for (int i = 0; i < kTimedFrames; ++i) {
+    camera.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
+    engine.setCamera(camera);
+    const double start = planSeconds();
+    engine.frame(start);
+    engine.readPixels();  // waits for the picture
+    ms.push_back(1000 * (planSeconds() - start));
+  }
+  return medianMs(ms);
+}
+
+// In rounds, the scene with and without each part one after the other, so that what else the machine does meets all.
+Result<void> measure(ScenePlan& plan, const std::shared_ptr<const Package>& package, const OrbitCamera& camera,
+                     std::pair<int, int> size, const EngineOptions& options) {
+  auto context = gl::HeadlessContext::create();
+  if (!context) return context.error();
+  plan.renderer = (*context)->info().renderer;
+  auto engine = Engine::create(artworkFromPackage(package, &interruptedFlag()), plan.scene, options);
+  if (!engine) return engine.error();
+  (*engine)->resize(size.first, size.second);
+  (*engine)->setCamera(camera);
+  std::vector<double> whole;
+  std::vector<std::vector<double>> above(plan.parts.size());
+  for (int round = 0; round < kTimedRounds; ++round)
+    for (size_t k = 0; k < std::max<size_t>(1, plan.parts.size()); ++k) {
+      auto with = movingFrameMs(**engine, plan.scene, camera);
+      if (!with) return with.error();
+      whole.push_back(*with);
+      if (k == plan.parts.size()) continue;
+      auto without = movingFrameMs(**engine, plan.parts[k].part.without, camera);
+      if (!without) return without.error();
+      above[k].push_back(*with - *without);
+    }
+  plan.frame_ms = medianMs(whole);
+  for (size_t k = 0; k < plan.parts.size(); ++k) plan.parts[k].ms = medianMs(above[k]);
+  return {};
+}
+
+std::string joined(const std::vector<std::string>& parts, const char* between) {
+  std::string out;
+  for (const std::string& part : parts) out += (out.empty() ? "" : between) + part;
+  return out;
+}
+
+std::vector<std::string> planeNames(const PlannedScene& scene) {
+  std::vector<std::string> names;
+  for (const PlannedPlane& p : scene.planes) names.push_back(p.name);
+  return names;
+}
+
+// Of "TRILINEAR 1" the name, of "PLANES 3" all, of a formula the name: --json has it whole.
+std::vector<std::string> briefly(const std::vector<std::string>& defines) {
+  constexpr size_t kLongest = 20;
+  std::vector<std::string> out;
+  for (const std::string& define : defines) {
+    const size_t space = define.find(' ');
+    const bool name_alone = define.ends_with(" 1") || define.size() > kLongest;
+    out.push_back(name_alone ? define.substr(0, space) : define);
+  }
+  return out;
+}
+
+void print(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size) {
+  const PlannedScene& whole = plan.whole;
+  printOutf("%s, %d x %d px\n", o.file.c_str(), size.first, size.second);
+  printOutf("  passes    %s\n", joined(whole.passes, ", ").c_str());
+  for (const PlannedPlane& p : whole.planes)
+    printOutf("  plane     %-10s %7.1f KiB a page in the package, %5.1f KiB on the GPU\n", p.name.c_str(),
+              p.stored_bytes / 1024, static_cast<double>(p.loaded_bytes) / 1024);
+  printOutf("  shader    %s\n", joined(briefly(whole.defines), ", ").c_str());
+  if (plan.frame_ms)
+    printOutf("  frame     %.1f ms while the camera moves (%s)\n", *plan.frame_ms, plan.renderer.c_str());
+  if (plan.parts.empty()) return printOutf("nothing in it can be left out\n");
+  printOutf("%-14s %9s %9s %9s  %s\n", "what adds", "ms", "KiB read", "KiB GPU", "planes, passes and defines");
+  for (const CostedPart& c : plan.parts) {
+    std::vector<std::string> what = added(planeNames(whole), planeNames(c.without));
+    for (const auto& list : {added(whole.passes, c.without.passes), briefly(added(whole.defines, c.without.defines))})
+      what.insert(what.end(), list.begin(), list.end());
+    char ms[24] = "-";
+    if (c.ms) std::snprintf(ms, sizeof ms, "%.1f", *c.ms);
+    printOutf("%-14s %9s %9.1f %9.1f  %s\n", c.part.name.c_str(), ms,
+              (whole.storedBytes() - c.without.storedBytes()) / 1024,
+              (static_cast<double>(whole.loadedBytes()) - static_cast<double>(c.without.loadedBytes())) / 1024,
+              joined(what, ", ").c_str());
+  }
+}
+
+nlohmann::ordered_json jsonOf(const PlannedScene& scene) {
+  nlohmann::ordered_json planes = nlohmann::ordered_json::array();
+  for (const PlannedPlane& p : scene.planes)
+    planes.push_back({{"name", p.name}, {"stored_bytes_a_page", p.stored_bytes}, {"gpu_bytes_a_page", p.loaded_bytes}});
+  return {{"passes", scene.passes}, {"planes", planes}, {"defines", scene.defines}};
+}
+
+std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int, int> size) {
+  nlohmann::ordered_json json = jsonOf(plan.whole);
+  json["artwork"] = o.file;
+  json["width_px"] = size.first;
+  json["height_px"] = size.second;
+  json["frame_ms"] = plan.frame_ms ? nlohmann::ordered_json(*plan.frame_ms) : nlohmann::ordered_json();
+  json["renderer"] = plan.renderer;
+  json["parts"] = nlohmann::ordered_json::array();
+  for (const CostedPart& c : plan.parts) {
+    nlohmann::ordered_json part = {{"name", c.part.name}, {"meaning", c.part.meaning}};
+    part["adds_ms"] = c.ms ? nlohmann::ordered_json(*c.ms) : nlohmann::ordered_json();
+    part["without"] = jsonOf(c.without);
+    json["parts"].push_back(std::move(part));
+  }
+  return json.dump(2) + "\n";
+}
+
+Result<void> plan(PlanOptions& o) {
+  if (o.schema) return printOut(sceneSchema());
+  if (o.file.empty()) return usageError("a scene or an artwork is missing", "see relievo plan --help");
+  auto file = o.scene.takeScene(o.file);
+  if (!file) return file.error();
+  if (*file && (*file)->size_px && o.size.empty())
+    o.size = std::to_string((*(*file)->size_px)[0]) + "x" + std::to_string((*(*file)->size_px)[1]);
+  auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
+  if (!size) return size.error();
+  if (size->first > kMaxScenePicturePx || size->second > kMaxScenePicturePx)
+    return usageError("expected a --size of at most 16384x16384 px, found " + o.size);
+  if (auto taken = o.scene.takeSettings(); !taken) return taken;
+  auto scene = o.scene.scene();
+  if (!scene) return scene.error();
+  if (auto good = checkOutputs({{"--json", o.json_file}}, {{"FILE", o.file}, {"the scene", o.scene.scene_file}}); !good)
+    return good;
+  auto artwork = openArtwork(o.file, o.cache);
+  if (!artwork) return artwork.error();
+  const Manifest& manifest = artwork->package->manifest();
+  if (const std::string problem = sceneProblem(*scene, manifest); !problem.empty())
+    return Error{ErrorKind::kUsage, o.file, problem, "", {}};
+  ScenePlan plan{*scene, {}, {}, {}, {}};
+  auto whole = planScene(*scene, *artwork->package);
+  if (!whole) return whole.error();
+  plan.whole = std::move(*whole);
+  for (ScenePart& part : partsOf(*scene, manifest)) {
+    auto without = planScene(part.without, *artwork->package);
+    if (!without) return without.error();
+    plan.parts.push_back({std::move(part), std::move(*without), {}});
+  }
+  const std::pair<int, int> px{static_cast<int>(size->first), static_cast<int>(size->second)};
+  if (o.measure) {
+    auto camera = o.scene.camera(artworkExtent(manifest, scene->relief ? scene->exaggerate : 0), px.first, px.second);
+    if (!camera) return camera.error();
+    if (auto done = measure(plan, artwork->package, *camera, px, o.scene.engineOptions()); !done) return done;
+  }
+  print(o, plan, px);
+  return writeTextOutput(o.json_file, planJson(o, plan, px));
+}
+
+}  // namespace
+
+void addPlanCommand(CLI::App& app, CommandContext& context) {
+  auto o = std::make_shared<PlanOptions>();
+  auto* c = app.add_subcommand("plan", "Tell what a scene calls for, and what each part of it costs");
+  c->footer(
+      "Of a scene: the planes that are read, the passes that run and the shader that is linked. Then, for each part of "
+      "it that could be left out,\nwhat it adds: ms a frame of a moving camera, KiB of a page of all planes in the "
+      "package and on the GPU, planes, passes, defines.\n\n"
+      "Examples:\n  relievo plan scene.json\n  relievo plan inscription.relievo --exposure 1 --sampling anisotropic\n"
+      "  relievo plan --schema");
+  c->add_option("FILE", o->file, "Scene (.json), or an artwork as relievo render takes it");
+  c->add_option("--size", o->size, "Picture that is timed, WIDTHxHEIGHT in px [the scene's, or 1280x720]");
+  c->add_flag("--measure,!--no-measure", o->measure, "Time frames; without it no OpenGL is needed [on]");
+  c->add_option("--json", o->json_file, "Write it as JSON to this file, too; - for standard output");
+  c->add_flag("--schema", o->schema, "Print the JSON Schema of scenes, and nothing else");
+  o->scene.addTo(*c);
+  o->cache.addTo(*c);
+  c->callback([o, &context] {
+    if (auto done = plan(*o); !done) context.fail(done.error());
+  });
+}
+
+}  // namespace relievo

@@ -1,0 +1,64 @@
+// scene_file.h - a scene as a file: an artwork, how it is seen and lit, and the effects on its picture. Every command
+// that takes an artwork takes a scene in its place; relievo view writes one beside each snapshot. JSON:
+//
+//   {"format": "relievo-scene", "version": 1, "artwork": "inscription.relievo",
+//    "camera": {"azimuth_deg": 25, "elevation_deg": 15},
+//    "light": {"towards": [-0.8, 0.3, 0.4]}, "effects": {"exposure": 0.5}}
+//
+// `relievo plan --schema` prints its JSON Schema, which says what every member means. What a scene leaves out is as
+// without the option of that name; units are those of the options (relievo render --help). Unknown members, other types
+// and values out of range are refused. Safe for untrusted text.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "src/base/result.h"
+#include "src/engine/effect_plan.h"
+#include "src/render/camera.h"
+#include "tools/scene/settings_file.h"
+
+namespace relievo {
+
+inline constexpr int kSceneVersion = 1;
+inline constexpr int kMaxScenePicturePx = 16384;
+
+struct SceneCamera {
+  std::optional<double> azimuth_deg, elevation_deg, distance_mm, fov_deg, mm_per_px;
+  std::optional<bool> orthographic;
+  std::optional<std::array<double, 3>> target_mm;
+  friend bool operator==(const SceneCamera&, const SceneCamera&) = default;
+};
+
+struct SceneFile {
+  std::string artwork;  // as it is written: from the scene file's folder on, where it is no absolute path
+  SceneCamera camera;
+  std::optional<std::array<double, 3>> light;  // towards it; of any length above 0
+  std::optional<bool> light_fixed;             // resolved once a page
+  std::optional<bool> shadows;                 // cast by the relief on itself
+  std::optional<bool> relief, unlit, wireframe, geomorph;
+  std::optional<double> exaggerate;
+  std::vector<EffectSetting> effects;  // those of Stage::kTone, in the registry's order
+  std::optional<std::string> show;     // an overlay's name, or "none"
+  std::optional<std::array<int, 2>> size_px;
+  std::optional<std::array<double, 3>> background;  // 0..255
+  DrawSettings settings;
+
+  SceneFile();  // every effect is there, and off
+  friend bool operator==(const SceneFile&, const SceneFile&) = default;
+};
+
+// name: of the file, for errors (kInvalidData; kUnsupported of newer versions).
+Result<SceneFile> parseScene(const std::string& text, const std::string& name);
+// artwork becomes a path that can be opened.
+Result<SceneFile> readScene(const std::string& path);
+// Where `file` names a scene, it becomes the scene's artwork.
+Result<void> takeArtwork(std::string& file);
+// Does the name say that it is a scene (.json)?
+bool namesScene(const std::string& path);
+std::string sceneText(const SceneFile& scene);
+std::string sceneSchema();
+
+}  // namespace relievo

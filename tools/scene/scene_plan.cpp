@@ -1,0 +1,109 @@
+#include "tools/scene/scene_plan.h"
+
+#include <algorithm>
+#include <functional>
+
+#include "src/base/progress.h"
+#include "texturing/stream/cache_budget.h"
+
+namespace relievo {
+namespace {
+
+struct Candidate {
+  std::string name, meaning;
+  std::function<void(Scene&)> leave;
+};
+
+std::vector<Candidate> candidates() {
+  std::vector<Candidate> all{
+      {"relief", "displaced geometry", [](Scene& s) { s.relief = false; }},
+      {"light", "light on the colour or the coefficients, against a light that is fixed, or none",
+       [](Scene& s) { s.unlit = s.relight = false; }},
+      {"normals", "normals, which light the colour", [](Scene& s) { s.unlit = true; }},
+      {"shadows", "those that the relief casts on itself", [](Scene& s) { s.shadows = false; }},
+      {"anisotropic", "several taps a pixel, against trilinear",
+       [](Scene& s) { s.sampling = s.sampling == Sampling::kAnisotropic ? Sampling::kTrilinear : s.sampling; }},
+      {"trilinear", "two levels a pixel, against one",
+       [](Scene& s) { s.sampling = s.sampling == Sampling::kTrilinear ? Sampling::kBilinear : s.sampling; }},
+      {"exact filter", "full precision, against the texture unit's", [](Scene& s) { s.filter = Filter::kFast; }},
+      {"geomorph", "vertices slide between levels", [](Scene& s) { s.geomorph = false; }},
+      {"page fade", "new pages blend in", [](Scene& s) { s.page_fade_s = 0; }},
+      {"wireframe", "the triangles' edges", [](Scene& s) { s.wireframe = false; }}};
+  for (const PixelEffect* effect : pixelEffects()) {
+    const bool overlay = effect->stage == PixelEffect::Stage::kOverlay;
+    all.push_back({std::string(effect->name), std::string(effect->help), [effect, overlay](Scene& s) {
+                     if (overlay && s.overlay == effect) s.overlay = nullptr;
+                     for (EffectSetting& setting : s.effects)
+                       if (setting.effect == effect) setting.values = effect->neutral();
+                   }});
+  }
+  return all;
+}
+
+}  // namespace
+
+std::vector<ScenePart> partsOf(const Scene& scene, const Manifest& manifest) {
+  std::vector<ScenePart> parts;
+  const EffectPlan whole = planEffects(scene, manifest);
+  for (const Candidate& candidate : candidates()) {
+    ScenePart part{candidate.name, candidate.meaning, scene};
+    candidate.leave(part.without);
+    if (sceneProblem(part.without, manifest).empty() && !(planEffects(part.without, manifest) == whole) &&
+        std::none_of(parts.begin(), parts.end(), [&](const ScenePart& p) {
+          return planEffects(p.without, manifest) == planEffects(part.without, manifest);
+        }))
+      parts.push_back(std::move(part));
+  }
+  return parts;
+}
+
+double PlannedScene::storedBytes() const {
+  double sum = 0;
+  for (const PlannedPlane& p : planes) sum += p.stored_bytes;
+  return sum;
+}
+
+uint64_t PlannedScene::loadedBytes() const {
+  uint64_t sum = 0;
+  for (const PlannedPlane& p : planes) sum += p.loaded_bytes;
+  return sum;
+}
+
+Result<PlannedScene> planScene(const Scene& scene, const Package& package) {
+  const Manifest& manifest = package.manifest();
+  PlannedScene out;
+  out.plan = planEffects(scene, manifest);
+  const auto add = [&](Plane plane, bool stored, uint64_t loaded) -> Result<void> {
+    PlannedPlane p{planeName(plane, manifest.texture.basis), 0, loaded};
+    if (stored) {
+      auto usage = planeUsage(package, plane, &interruptedFlag());
+      if (!usage) return usage.error();
+      p.stored_bytes = usage->pages > 0 ? static_cast<double>(usage->bytes) / static_cast<double>(usage->pages) : 0;
+    }
+    out.planes.push_back(std::move(p));
+    return {};
+  };
+  const uint64_t slot = slotBytes(PageCodec::kLossless, Plane::kTexture0);
+  if (out.plan.resolve) {  // the coefficients are read, and only their resolved colour is kept
+    for (int k = 0; k < manifest.texture.planes(); ++k)
+      if (auto done = add(texturePlane(k), true, 0); !done) return done.error();
+  }
+  for (const Plane plane : out.plan.texture_planes) {
+    const bool made = plane == Plane::kResolved || (out.plan.normals_exaggerate != 0 && plane == kNormalPlane);
+    if (auto done = add(plane, !made, slot); !done) return done.error();
+  }
+  if (out.plan.relief)
+    if (auto done = add(Plane::kRelief, true, kSlotBytes / 2); !done) return done.error();
+  out.passes = out.plan.passes();
+  for (const auto& [name, value] : out.plan.defines()) out.defines.push_back(name + " " + value);
+  return out;
+}
+
+std::vector<std::string> added(const std::vector<std::string>& all, const std::vector<std::string>& some) {
+  std::vector<std::string> out;
+  for (const std::string& one : all)
+    if (std::find(some.begin(), some.end(), one) == some.end()) out.push_back(one);
+  return out;
+}
+
+}  // namespace relievo
