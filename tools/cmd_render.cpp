@@ -16,6 +16,7 @@
 #include "src/base/progress.h"
 #include "src/engine/engine.h"
 #include "src/gl/context.h"
+#include "src/render/over_background.h"
 #include "texturing/import/image_io.h"
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
@@ -81,16 +82,6 @@ FrameTimes timeFrames(Engine& engine, OrbitCamera camera, int frames) {
   for (int i = 0; i < 3 && frames > 0; ++i) timedFrame();  // the last move's list arrives
   for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrame());
   return ms;
-}
-
-std::vector<uint8_t> onBackground(std::span<const uint8_t> rgba, const std::array<double, 3>& background) {
-  std::vector<uint8_t> rgb(rgba.size() / 4 * 3);
-  for (size_t i = 0; i < rgb.size() / 3; ++i) {
-    for (size_t c = 0; c < 3; ++c) {
-      rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : static_cast<uint8_t>(background[c]);
-    }
-  }
-  return rgb;
 }
 
 // The size of the picture, px, and the camera that it is seen with.
@@ -180,7 +171,9 @@ Result<void> render(RenderOptions& o) {
     e.frame(nowSeconds());
   }
   double settled_s = nowSeconds() - start;
-  const std::vector<uint8_t> rgb = onBackground(e.readPixels(), *background);
+  const std::vector<uint8_t> rgb =
+      overBackground(e.readPixels(), {static_cast<uint8_t>((*background)[0]), static_cast<uint8_t>((*background)[1]),
+                                      static_cast<uint8_t>((*background)[2])});
   const FrameTimes ms = timeFrames(e, camera, o.frames);
   if (const PageFailures failures = e.failures(); failures.pages > 0) {
     const Error error = drawnWithout(failures, e.stats(), o.file);

@@ -165,6 +165,12 @@ void SceneOptions::addAccuracy(CLI::App& c) {
   c.add_option("--anisotropy", anisotropy, "Taps a pixel at most, with --sampling anisotropic")
       ->check(CLI::Range(1, kMaxAnisotropy))
       ->capture_default_str();
+  c.add_option(
+       "--samples", samples,
+       "Samples a pixel: a still camera's picture is drawn so many times, each through other places of the pixels, "
+       "and averaged, so that borders and silhouettes are smooth. 1, 4 or 8; while the camera moves 1")
+      ->check(CLI::IsMember({1, 4, 8}))
+      ->capture_default_str();
   c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
       ->check(CLI::IsMember({"exact", "fast"}))
       ->capture_default_str();
@@ -369,6 +375,7 @@ Result<Scene> SceneOptions::scene() const {
                : sampling == "anisotropic" ? Sampling::kAnisotropic
                                            : Sampling::kTrilinear;
   s.anisotropy = anisotropy;
+  s.samples = samples;
   s.filter = filter == "fast" ? Filter::kFast : Filter::kExact;
   s.page_fade_s = page_fade_ms / 1000;
   s.exaggerate = exaggerate;

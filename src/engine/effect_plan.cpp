@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "src/render/picture_target.h"
+#include "src/render/sample_stack.h"
 
 namespace relievo {
 
@@ -31,6 +32,7 @@ EffectPlan planEffects(const Scene& scene, const Manifest& manifest) {
   plan.fade = scene.page_fade_s > 0;
   plan.filter = scene.filter;
   plan.wireframe = scene.wireframe;
+  plan.samples = static_cast<int>(samplePattern(scene.samples).size());
   plan.shadows = scene.shadows && plan.relief && plan.lit();
   for (const PixelEffect* effect : pixelEffects())
     for (const EffectSetting& setting : scene.effects)
@@ -69,6 +71,7 @@ gl::Defines EffectPlan::defines() const {
 
 std::vector<std::string> EffectPlan::passes() const {
   std::vector<std::string> names{"surface", "shade", "feedback"};
+  if (samples > 1) names.insert(names.begin() + 2, "average");
   if (wireframe) names.insert(names.begin() + 2, "wireframe");
   if (shadows) names.insert(names.begin() + 1, {"shadow map", "shadow"});
   return names;

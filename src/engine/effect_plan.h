@@ -52,8 +52,13 @@ struct Scene {
   // takes (EngineStats::detail_bias). Geometry stays as fine as it is.
   double detail_bias = 0;
   bool wireframe = false;
+  // A still picture is the average of so many, each seen through another place of its pixels: 1 (the centre), 4 or 8
+  // (samplePattern() of src/render/sample_stack.h), other numbers as the next smaller one of these. Engine::settle()
+  // draws all of them, Engine::refine() one more; Engine::frame() one alone.
+  int samples = 1;
   std::vector<EffectSetting> effects;    // applied to the shaded colour; each at most once
   const PixelEffect* overlay = nullptr;  // drawn over the picture
+  friend bool operator==(const Scene&, const Scene&) = default;
 };
 
 struct EffectPlan {
@@ -71,6 +76,7 @@ struct EffectPlan {
   Sampling sampling = Sampling::kTrilinear;
   int anisotropy = 1;
   bool fade = false, wireframe = false, shadows = false;
+  int samples = 1;  // 1, 4 or 8; with 1 there is no pass that averages
   Filter filter = Filter::kExact;
   std::vector<const PixelEffect*> tones;  // the effects that change something, in the registry's order
   const PixelEffect* overlay = nullptr;

@@ -27,6 +27,7 @@
 #include "src/render/page_pool.h"
 #include "src/render/patch_pass.h"
 #include "src/render/picture_target.h"
+#include "src/render/sample_stack.h"
 #include "src/render/shadow_pass.h"
 #include "src/render/surface_target.h"
 #include "src/render/tail_textures.h"
@@ -85,6 +86,14 @@ struct Engine::Impl {
     friend bool operator==(const ShadowsOf&, const ShadowsOf&) = default;
   } shadows_drawn;
   PictureTarget target{{}};
+  // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
+  // resets `sampled`, and with it the picture is one sample again.
+  std::unique_ptr<SampleStack> stack;
+  int samples_in = 0;
+  std::optional<TextureDemand::View> sampled;
+  bool target_is_average = false;  // else `target` holds the last sample alone
+  glm::dvec2 offset_px{0};         // of the sample that is being drawn
+  std::optional<PageTable> asked;  // what its pixels look up, if not all that is resident
   FaultInjection faults;
 
   DrawnSurface surface_drawn;
@@ -191,12 +200,16 @@ struct Engine::Impl {
             .feedback = demand->usesFeedback(),
             .wireframe = plan.wireframe,
             .shadows = plan.shadows,
+            .average = plan.samples > 1,
             .faults = faults};
   }
   Result<void> linkPrograms() {
     surface_drawn = {};
     shadows_drawn = {};
     if (!plan.shadows) shadow_pass.reset();
+    sampled.reset();
+    if (plan.samples == 1) stack.reset();
+    else if (!stack || stack->samples() != plan.samples) stack = std::make_unique<SampleStack>(plan.samples);
     return programs.link(context.api, programVariant());
   }
 
@@ -381,7 +394,11 @@ struct Engine::Impl {
                                  .fades_over = fades_over});
   }
 
-  DrawnSurface surfaceNow() const { return {list_number, drawn.view.clip_from_world, drawn.exaggerate, width, height}; }
+  ViewTransform sampleView() const { return throughOffset(drawn.view, offset_px, width, height); }
+  DrawnSurface surfaceNow() const {
+    return {list_number, sampleView().clip_from_world, drawn.exaggerate, width, height};
+  }
+  const PageTable& shownTable() { return asked ? *asked : streamer->table(); }
   // What is seen at each pixel: the only pass over the geometry, and only when it shows something else than the last.
   void updateSurface() {
     if (surface_drawn == surfaceNow()) return;
@@ -391,7 +408,7 @@ struct Engine::Impl {
     surface.begin();
     auto prepare = [&](const gl::Program& program) {
       program.use();
-      pool->bind(program, streamer->table());
+      pool->bind(program, shownTable());
       setUniforms(program, 0);
     };
     prepare(programs.surface);
@@ -422,7 +439,7 @@ struct Engine::Impl {
     eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
     auto prepare = [&](const gl::Program& program) {
       program.use();
-      pool->bind(program, streamer->table());
+      pool->bind(program, shownTable());
       setUniforms(program, 0);
       if (corners) corners->bind(program, kCornersUnit);
     };
@@ -431,7 +448,7 @@ struct Engine::Impl {
     if (root_cells) prepare(*root_cells);
     programs.shadow_map.use();
     stats.draw_calls += patches->draw(programs.shadow_map, eye, PatchPass::Mesh::kFull, 0, root_cells);
-    shadow_pass->light(programs.shadow, surface, *screen, drawn.view.clip_from_world, view);
+    shadow_pass->light(programs.shadow, surface, *screen, sampleView().clip_from_world, view);
     ++stats.draw_calls;
   }
 
@@ -441,13 +458,14 @@ struct Engine::Impl {
   }
 
   void shadeSurface(double now_s) {
+    target_is_average = false;
     updateShadows();
     target.begin();
     // Where no pixel asks for a page, or there is none, nothing is looked up: the same picture, for half the cost.
     const gl::Program& program =
-        tails && (demand->requests().empty() || streamer->table().size() == 0) ? programs.tails : programs.shade;
+        tails && (demand->requests().empty() || shownTable().size() == 0) ? programs.tails : programs.shade;
     program.use();
-    pool->bind(program, streamer->table());
+    pool->bind(program, shownTable());
     bindSurface(program);
     setUniforms(program, now_s);
     setNamedUniforms(program, effectUniforms(scene.effects));
@@ -456,10 +474,49 @@ struct Engine::Impl {
     ++stats.draw_calls;
     if (plan.wireframe) {
       programs.wire.use();
-      pool->bind(programs.wire, streamer->table());
+      pool->bind(programs.wire, shownTable());
       const EyeFrame eye = prepareInstances(programs.wire);
       stats.draw_calls += patches->draw(programs.wire, eye, PatchPass::Mesh::kLines, 2e-5f);
     }
+  }
+
+  // Of several samples, one more picture. It leaves a surface of that sample behind: whatever needs the pixels' centres
+  // calls updateSurface() first.
+  void drawSample(double now_s) {
+    offset_px = samplePattern(plan.samples)[static_cast<size_t>(samples_in)];
+    updateSurface();
+    fades_over = true;
+    shadeSurface(now_s);
+    fades_over = false;
+    stack->take(target, samples_in++);
+    offset_px = {};
+  }
+  void averageSamples() {
+    if (target_is_average) return;
+    stack->average(programs.average, *screen, samples_in, target);
+    ++stats.draw_calls;
+    target_is_average = true;
+  }
+  bool showsAverage() const { return sampled && samples_in > 0; }
+  // Which pages are resident beside those that the pixels' centres ask for depends on what was seen before, and when
+  // pages came. So that a settled picture does not, its samples find those pages alone, and roots.
+  void drawSettledSamples() {
+    const auto& requests = demand->requests();
+    const uint32_t roots = tails ? 0 : domain().patchCount();
+    asked.emplace(static_cast<uint32_t>(requests.size()) + roots, static_cast<int>(plan.texture_planes.size()));
+    auto show = [&](const NodeId& node) {
+      if (const auto entry = streamer->table().find(node)) asked->insert(node, *entry);
+    };
+    for (uint32_t p = 0; p < roots; ++p) show({p, 0, 0, 0});
+    for (const NodeRequest& request : requests) show(request.node);
+    pool->forgetTable();
+    pool->uploadTable(*asked);
+    sampled = demandView();
+    for (samples_in = 0; samples_in < plan.samples;) drawSample(0);
+    averageSamples();
+    asked.reset();
+    pool->forgetTable();
+    pool->uploadTable(streamer->table());
   }
 
   // What the cache makes the view do without, and what the scene does without on top of it.
@@ -510,7 +567,7 @@ struct Engine::Impl {
     streamer->requestTexture(demand->requests());
     if (plan.relief) streamer->requestRelief(relief_requests);
     pool->upload(streamer->placeReady(max_uploads));
-    pool->uploadTable(streamer->table());
+    if (pool->uploadTable(streamer->table())) sampled.reset();
   }
 
   void stopPrefetch() {
@@ -550,7 +607,7 @@ struct Engine::Impl {
 
   // For the program in use.
   EyeFrame prepareInstances(const gl::Program& program) {
-    const EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
+    const EyeFrame eye = eyeFrame(sampleView(), domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     if (corners) {
       corners->setEye(drawn.view.eye_mm);
       corners->bind(program, kCornersUnit);
@@ -583,7 +640,8 @@ struct Engine::Impl {
     // for its target which is read.
     if (demand->usesFeedback() && frame % static_cast<uint64_t>(options.feedback_interval) == 0)
       demand->step(demandView(), plan.feedbackPhases(), feedbackDrawing());
-    shadeSurface(now_s);
+    if (sampled && *sampled != demandView()) sampled.reset();
+    if (!showsAverage()) shadeSurface(now_s);
     submitFrame();
   }
 
@@ -730,6 +788,7 @@ Result<void> Engine::setScene(const Scene& scene) {
   Impl& e = *impl_;
   if (const std::string problem = sceneProblem(scene, e.artwork.manifest); !problem.empty())
     return Error{ErrorKind::kUsage, "", problem, "", {}};
+  if (scene != e.scene) e.sampled.reset();
   EffectPlan before = e.plan;
   auto light_before = normalizedLight(e.scene.light);
   Scene now = scene;
@@ -761,6 +820,20 @@ Result<void> injectFaults(Engine& engine, const FaultInjection& what) {
 }
 
 void Engine::frame(double now_s) { impl_->frameOnce(now_s); }
+
+bool Engine::refine(double now_s) {
+  Impl& e = *impl_;
+  if (e.plan.samples == 1 || e.adopted_frame == 0) return false;
+  if (e.sampled && *e.sampled != e.demandView()) e.sampled.reset();
+  if (!e.showsAverage()) e.samples_in = 0;
+  if (e.samples_in == e.plan.samples) return false;
+  e.sampled = e.demandView();
+  ++e.stats.frames;
+  e.stats.draw_calls = 0;
+  e.drawSample(now_s);
+  submitFrame();
+  return true;
+}
 
 Result<void> Engine::settle(double timeout_s) {
   // What the texture wants follows from the geometry, and the geometry from the view and its relief. So: relief and
@@ -813,18 +886,28 @@ Result<void> Engine::settle(double timeout_s) {
                  {}};
   }
   ++e.stats.frames;
-  e.updateSurface();
-  e.fades_over = true;
-  e.shadeSurface(steadySeconds());
-  e.fades_over = false;
+  if (e.plan.samples > 1) {
+    e.drawSettledSamples();
+  } else {
+    e.updateSurface();
+    e.fades_over = true;
+    e.shadeSurface(steadySeconds());
+    e.fades_over = false;
+  }
   finishFrame();
   return {};
 }
 
-std::vector<uint8_t> Engine::readPixels() { return impl_->target.readPixels(); }
+std::vector<uint8_t> Engine::readPixels() {
+  if (impl_->showsAverage()) impl_->averageSamples();
+  return impl_->target.readPixels();
+}
 
 void Engine::present(int window_width_px, int window_height_px) {
-  impl_->target.present(window_width_px, window_height_px);
+  Impl& e = *impl_;
+  if (!e.showsAverage()) return e.target.present(window_width_px, window_height_px);
+  e.averageSamples();
+  e.stack->present(e.programs.average, *e.screen, window_width_px, window_height_px);
 }
 
 std::optional<glm::dvec3> Engine::surfacePoint(double x_px, double y_px) {
@@ -875,6 +958,7 @@ EngineStats Engine::stats() const {
   s.cache_bytes = e.slots.bytes();
   s.texture_bytes = e.pool->textureBytes();
   s.detail_bias = e.lod_bias;
+  s.samples = e.showsAverage() ? e.samples_in : 1;
   s.switching = e.pending_scene.has_value();
   s.passes = e.plan.passes();
   if (!e.demand->usesFeedback()) std::erase(s.passes, "feedback");

@@ -4,8 +4,8 @@
 // change to other planes.
 //
 // A frame: take the finished feedback; hand over requests; place decoded pages and upload them within the budget; take
-// the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; shade it; issue the next
-// feedback.
+// the newest LOD answer and post the camera to the LOD worker; draw the surface if it changed; issue the next feedback;
+// shade the surface, unless the picture is the average of several samples and still shows the same.
 #pragma once
 
 #include <atomic>
@@ -76,18 +76,26 @@ class Engine {
   const EffectPlan& plan() const;
   const Manifest& manifest() const;
 
-  // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock.
+  // Draws one frame into the engine's framebuffer; now_s: seconds of a steady clock. One sample a pixel; but what
+  // settle() or refine() averaged stays while it shows the same view, scene and pages.
   void frame(double now_s);
+  // With Scene::samples above 1: draws the last frame's picture once more, through the next sample of its pixels, and
+  // shows the average of the samples so far; pages that are blending in show whole. False: nothing was drawn, since all
+  // samples are in. Call it in place of frame() while nothing changes: it streams nothing.
+  bool refine(double now_s);
   // Streams until every page that the view wants (by full-size feedback) is resident and the patch list is final; then
-  // draws it. The picture depends on the artwork, camera and scene only. Fails after timeout_s, naming what is missing.
+  // draws it, with all samples of the scene. The picture depends on the artwork, camera and scene only. Samples ask for
+  // no further page: where one needs a page that no pixel's centre does, its ancestor shows. Fails after timeout_s,
+  // naming what is missing.
   Result<void> settle(double timeout_s);
 
-  // RGBA, rows top first; alpha 0 where the artwork is not.
+  // RGBA, sRGB, rows top first; alpha 0 where the artwork is not. With several samples alpha is the share of them that
+  // show the artwork, and the colour is their average (not multiplied by alpha).
   std::vector<uint8_t> readPixels();
   // Copies the picture to the framebuffer that the window shows (0); dark grey beside the artwork.
   void present(int window_width_px, int window_height_px);
-  // The place on the surface that a pixel (origin top left) of the last picture shows; nothing over the background.
-  // Waits for that picture.
+  // The place on the surface that a pixel (origin top left) of the last picture shows, of several samples the last one;
+  // nothing over the background. Waits for that picture.
   std::optional<glm::dvec3> surfacePoint(double x_px, double y_px);
   EngineStats stats() const;
   std::vector<std::string> takeMessages();
@@ -98,7 +106,8 @@ class Engine {
   // The list being drawn; for the reference renderer in tests.
   const std::vector<PatchInstance>& instances() const;
   const std::vector<NodeRequest>& textureRequests() const;  // the newest request list
-  ViewTransform view() const;  // the one the last picture was drawn with: mostly a frame behind setCamera
+  // The one the last picture was drawn with, through the pixels' centres: mostly a frame behind setCamera.
+  ViewTransform view() const;
   // Vertices of the drawn list by transform feedback, 4 floats each (clip position), instance by instance; for the
   // watertight test.
   std::vector<float> captureVertices(uint32_t max_vertices);

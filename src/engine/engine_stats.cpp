@@ -28,6 +28,7 @@ std::string engineStatsJson(const EngineStats& s, const Manifest& manifest) {
   nlohmann::ordered_json j = {
       {"planes_read", s.planes_read},
       {"passes", s.passes},
+      {"samples", s.samples},
       {"planes", planes},
       {"draw_calls", s.draw_calls},
       {"instances", s.instances},

@@ -22,6 +22,7 @@ struct EngineStats {
   uint64_t cache_bytes = 0;    // all slots together
   uint64_t texture_bytes = 0;  // what GL has allocated for the slots by now
   uint64_t tail_bytes = 0;     // on the GPU, besides the slots
+  int samples = 1;             // that the last picture is the average of
   double predicted_error_px = 0;
   double detail_bias = 0;
   uint32_t edges_limited = 0;

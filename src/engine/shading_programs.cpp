@@ -31,7 +31,8 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   gl::Defines defines = variant.defines;
   addVertexFaults(variant.faults, defines);
   addLookupFaults(variant.faults, defines);
-  for (gl::Program* left : {&root_cells, &wire, &shadow_map, &shadow_map_roots, &shadow, &capture, &capture_roots})
+  for (gl::Program* left :
+       {&root_cells, &wire, &average, &shadow_map, &shadow_map_roots, &shadow, &capture, &capture_roots})
     *left = {};
   if (auto r = linkOne(surface, api, "patch.vert", "surface.frag", defines); !r) return r;
   if (auto r = linkOne(shade, api, "screen.vert", "shade.frag", defines); !r) return r;
@@ -50,7 +51,7 @@ Result<void> ShadingPrograms::link(gl::Api api, const Variant& variant) {
   }
   if (variant.wireframe)
     if (auto r = linkOne(wire, api, "patch.vert", "lines.frag", with(defines, "WIREFRAME")); !r) return r;
-  return {};
+  return variant.average ? linkOne(average, api, "screen.vert", "average.frag", {}) : Result<void>();
 }
 
 Result<void> ShadingPrograms::linkCapture(gl::Api api, const Variant& variant) {

@@ -20,11 +20,12 @@ class ShadingPrograms {
   gl::Program shadow_map, shadow_map_roots;  // the geometry into a map of depths, as surface and root_cells
   gl::Program shadow;                        // the map and the surface's depth into the share of light
   gl::Program wire;                          // the triangles' edges
+  gl::Program average;                       // the picture's samples into the picture
   gl::Program capture, capture_roots;        // vertices by transform feedback; linkCapture()
 
   struct Variant {
     gl::Defines defines;  // of the plan, the page pool and the tails
-    bool tails = false, feedback = false, wireframe = false, shadows = false;
+    bool tails = false, feedback = false, wireframe = false, shadows = false, average = false;
     FaultInjection faults;
   };
   // Links all programs but capture and capture_roots, which become empty. After a failure some programs are new, some

@@ -149,6 +149,18 @@ ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain,
   return viewTransform(camera, extentOf(domain, min_z_mm, max_z_mm), width_px, height_px);
 }
 
+ViewTransform throughOffset(const ViewTransform& view, const glm::dvec2& offset_px, int width_px, int height_px) {
+  ViewTransform moved = view;
+  if (offset_px == glm::dvec2(0)) return moved;
+  // The place moves to the centre: the picture moves the other way, by 2 / size of clip space's x / w or y / w a pixel.
+  for (int column = 0; column < 4; ++column) {
+    glm::dvec4& c = moved.clip_from_world[column];
+    c.x -= 2 * offset_px.x / width_px * c.w;
+    c.y += 2 * offset_px.y / height_px * c.w;
+  }
+  return moved;
+}
+
 double fitDistance(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px) {
   constexpr double kMargin = 1.06;
   const glm::dmat3 camera_from_world = glm::transpose(worldFromCamera(camera));

@@ -60,6 +60,9 @@ glm::dmat3 worldFromCamera(const OrbitCamera& camera);  // camera axes: x right,
 ViewTransform viewTransform(const OrbitCamera& camera, const Extent& extent, int width_px, int height_px);
 ViewTransform viewTransform(const OrbitCamera& camera, const FlatDomain& domain, double min_z_mm, double max_z_mm,
                             int width_px, int height_px);
+// The same view, its pixels seen through the places `offset_px` from their centres (x right, y down) in place of the
+// centres. An offset of 0 changes no bit.
+ViewTransform throughOffset(const ViewTransform& view, const glm::dvec2& offset_px, int width_px, int height_px);
 // The smallest distance from which all of the extent is in view in the camera's direction and projection, mm: with a
 // little margin; of a flat one its plane with the margin and its displaced box within it. The plane is that of height
 // 0, or of the height nearest to it that there is.

@@ -209,7 +209,7 @@ void PagePool::uploadRelief(const PageUpload& u) {
   bytes_uploaded_ += packed_.size();
 }
 
-void PagePool::uploadTable(PageTable& table) {
+bool PagePool::uploadTable(PageTable& table) {
   auto dirty = table.takeDirty();
   if (table.width() != table_width_ || table.height() != table_height_ || table.extraLayers() != table_layers_) {
     table_width_ = table.width();
@@ -222,12 +222,13 @@ void PagePool::uploadTable(PageTable& table) {
     dirty.resize(table.texels().size());
     for (uint32_t i = 0; i < dirty.size(); ++i) dirty[i] = i;
   }
-  if (dirty.empty()) return;
+  if (dirty.empty()) return false;
   uploadRuns(table_.id(), dirty, table.texels(), table_width_);
   const size_t entries = table.texels().size();
   for (uint32_t layer = 0; layer < table_layers_; ++layer)
     uploadRuns(table_extra_.id(), dirty, table.extraTexels().subspan(layer * entries, entries), table_width_,
                layer * table_height_);
+  return true;
 }
 
 void PagePool::bind(const gl::Program& program, const PageTable& table) const {

@@ -45,8 +45,8 @@ class PagePool {
   // Replaces all slots by these, which are empty.
   void reshape(const CacheSlots& slots);
   void upload(std::span<const PageUpload> uploads);
-  // Uploads the page table's changed texels; creates its textures again when its shape changes.
-  void uploadTable(PageTable& table);
+  // Uploads the page table's changed texels; creates its textures again when its shape changes. False: nothing changed.
+  bool uploadTable(PageTable& table);
   // Before another table is uploaded: all of its texels are, then.
   void forgetTable() { table_width_ = table_height_ = table_layers_ = 0; }
   // For programs that sample texture pages: how the shader finds them (shade.frag).

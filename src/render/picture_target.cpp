@@ -31,7 +31,7 @@ void PictureTarget::begin() const {
   beginDepth(depth_mode_);
   glDisable(GL_BLEND);
   glDisable(GL_CULL_FACE);
-  glClearColor(24 / 255.0f, 24 / 255.0f, 26 / 255.0f, 0);
+  glClearColor(kPictureGrey[0] / 255.0f, kPictureGrey[1] / 255.0f, kPictureGrey[2] / 255.0f, 0);
   glClear(GL_COLOR_BUFFER_BIT);
 }
 

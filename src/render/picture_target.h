@@ -18,13 +18,18 @@
 
 namespace relievo {
 
+// What a window shows beside the artwork, sRGB.
+inline constexpr std::array<uint8_t, 3> kPictureGrey{24, 24, 26};
+
 class PictureTarget {
  public:
   explicit PictureTarget(const DepthMode& depth_mode = depthMode()) : depth_mode_(depth_mode) {}
   // depth: of the surface that is shaded, a texture of the same size and mode; it is not owned, and is read only.
   void resize(int width_px, int height_px, GLuint depth);
   void bind() const;
-  // Binds, sets the depth test and clears the colour to dark grey with alpha 0: what a window shows beside the artwork.
+  int width() const { return width_; }
+  int height() const { return height_; }
+  // Binds, sets the depth test and clears the colour to kPictureGrey with alpha 0.
   void begin() const;
   // RGBA, rows top first. Waits for the picture.
   std::vector<uint8_t> readPixels() const;

@@ -20,6 +20,7 @@
 #include "src/engine/effects/effects.h"
 #include "src/engine/eye_guard.h"
 #include "src/gl/window.h"
+#include "src/render/over_background.h"
 #include "src/viewer/frame_time_control.h"
 #include "src/viewer/hud.h"
 #include "src/viewer/view_control.h"
@@ -82,13 +83,6 @@ std::string viewJson(const ViewControl::View& view) {
 
 }  // namespace
 
-std::vector<uint8_t> overBackground(std::span<const uint8_t> rgba, const std::array<uint8_t, 3>& background) {
-  std::vector<uint8_t> rgb(rgba.size() / 4 * 3);
-  for (size_t i = 0; i < rgb.size() / 3; ++i)
-    for (size_t c = 0; c < 3; ++c) rgb[3 * i + c] = rgba[4 * i + 3] ? rgba[4 * i + c] : background[c];
-  return rgb;
-}
-
 std::string freeSnapshotName(const std::string& folder, const std::string& stem) {
   for (int i = 1; i < 10000; ++i) {
     char number[24];
@@ -116,9 +110,14 @@ class ViewLoop {
 
  private:
   // Frames follow one another; else events are waited for.
-  bool busy(double now) const {
-    return options_.frames > 0 || calm_frames_ < kCalmFrames * options_.engine.feedback_interval ||
-           now < changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
+  bool busy(double now) const { return options_.frames > 0 || !calm(now) || refining(now); }
+  bool calm(double now) const {
+    return calm_frames_ >= kCalmFrames * options_.engine.feedback_interval &&
+           now >= changed_at_ + (shown_.missing_pages > 0 || switching_ ? kCalmMissingS : kCalmS);
+  }
+  // Once nothing changes any more, frames add the samples that the picture lacks.
+  bool refining(double now) const {
+    return lacks_samples_ && calm(now) && now >= changed_at_ + options_.scene.page_fade_s;
   }
   bool takeEvents(bool busy);
   // Is there anything to draw? Notes what the head-up display shows of it.
@@ -154,7 +153,7 @@ class ViewLoop {
   double message_until_ = nowSeconds() + kMessageS, light_until_ = 0, last_frame_ = 0, drawn_at_ = 0;
   double changed_at_ = nowSeconds(), moved_at_ = 0;
   int calm_frames_ = 0;
-  bool guarded_ = false, switching_ = false, moving_ = false;
+  bool guarded_ = false, switching_ = false, moving_ = false, lacks_samples_ = false;
   std::optional<FrameTimeControl> frame_time_ = options_.frame_ms > 0
                                                     ? std::optional<FrameTimeControl>(options_.frame_ms)
                                                     : std::nullopt;
@@ -208,10 +207,13 @@ Scene ViewLoop::sceneAt(double now) {
 
 Result<EngineStats> ViewLoop::drawScene(double now) {
   if (Result<void> set = engine_.setScene(sceneAt(now)); !set) return set.error();
+  if (window_.width() != engine_.width() || window_.height() != engine_.height()) changed_at_ = now;
   engine_.resize(window_.width(), window_.height());
   engine_.setCamera(control_.view().camera);
-  engine_.frame(now);
-  return engine_.stats();
+  if (!refining(now) || !engine_.refine(now)) engine_.frame(now);
+  const EngineStats stats = engine_.stats();
+  lacks_samples_ = stats.samples < engine_.plan().samples;
+  return stats;
 }
 
 void ViewLoop::noteProgress(const EngineStats& stats, double now) {

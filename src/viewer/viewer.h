@@ -1,5 +1,6 @@
 // viewer.h - an artwork in a window: the engine, the controls (view_control.h) and the head-up display (hud.h).
-// Redraws while something changes or loads; otherwise sleeps until the next event.
+// Redraws while something changes or loads, then until the picture has all of Scene::samples; otherwise sleeps until
+// the next event.
 #pragma once
 
 #include <array>
@@ -41,8 +42,6 @@ struct ViewerOptions {
 // Returns when the window is closed.
 Result<void> runViewer(Artwork artwork, const ViewerOptions& options);
 
-// The picture over the background colour, without alpha: 3 bytes a pixel.
-std::vector<uint8_t> overBackground(std::span<const uint8_t> rgba, const std::array<uint8_t, 3>& background);
 // FOLDER/STEM-0001.png, or the first number of which neither it nor the .json is there; empty when there is none below
 // 10,000.
 std::string freeSnapshotName(const std::string& folder, const std::string& stem);

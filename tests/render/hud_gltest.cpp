@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "src/gl/objects.h"
+#include "src/render/over_background.h"
 #include "src/render/overlay_pass.h"
 #include "src/viewer/hud.h"
 #include "src/viewer/viewer.h"
@@ -208,6 +209,9 @@ TEST(Viewer, SnapshotsTakeTheFirstFreeNumber) {
 TEST(Viewer, BackgroundShowsWhereTheArtworkIsNot) {
   const std::vector<uint8_t> rgba = {1, 2, 3, 255, 9, 9, 9, 0};
   EXPECT_EQ(overBackground(rgba, {24, 25, 26}), (std::vector<uint8_t>{1, 2, 3, 24, 25, 26}));
+  // Half of white over black is half of its light, 188 in sRGB (IEC 61966-2-1), not half of its number.
+  const std::vector<uint8_t> half = {255, 255, 255, 128};
+  EXPECT_EQ(overBackground(half, {0, 0, 0}), (std::vector<uint8_t>{188, 188, 188}));
 }
 
 }  // namespace hud_gltest

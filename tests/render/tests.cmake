@@ -60,6 +60,7 @@ relievo_gltest(virtual_equals_dense_gltest LIBS relievo_engine relievo_dense_pag
 relievo_gltest(other_bases_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/other_bases_gltest.cpp)
 relievo_gltest(filters_equal_dense_gltest LIBS relievo_engine relievo_dense_pages
   SOURCES render/filters_equal_dense_gltest.cpp)
+relievo_gltest(multisampling_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/multisampling_gltest.cpp)
 relievo_gltest(effects_gltest LIBS relievo_engine relievo_dense_pages SOURCES render/effects_gltest.cpp)
 relievo_gltest(fixed_light_gltest LIBS relievo_engine relievo_dense_pages relievo_lod SOURCES render/fixed_light_gltest.cpp)
 relievo_gltest(lit_relief_gltest RUNS GL_ONLY LIBS relievo_viewer relievo_engine relievo_dense_pages SOURCES render/lit_relief_gltest.cpp)

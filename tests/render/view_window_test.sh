@@ -95,6 +95,13 @@ before=$(value distance_mm)
 "$program" render stone.relievo --size 600x400 --geomorph on -o headless.png
 cmp window.png headless.png || fail "the window's picture is not that of relievo render"
 
+# The same with several samples a pixel, which come one by one once nothing changes.
+"$program" view stone.relievo --size 600x400 --samples 4 --azimuth 40 --frames 250 --snapshot window-4.png 2>errors
+"$program" render stone.relievo --size 600x400 --samples 4 --azimuth 40 --geomorph on -o headless-4.png
+"$program" render stone.relievo --size 600x400 --azimuth 40 --geomorph on -o headless-1.png
+cmp window-4.png headless-4.png || fail "the window's picture of 4 samples is not that of relievo render"
+if cmp -s headless-4.png headless-1.png; then fail "the control shows 4 samples"; fi
+
 # What follows is about keys, mouse and files: it is the same with OpenGL ES.
 if [ "$RELIEVO_GL" = es ] && [ "${RELIEVO_LONG_TESTS:-}" != 1 ]; then echo "passed"; exit 0; fi
 
