@@ -167,8 +167,8 @@ void SceneOptions::addAccuracy(CLI::App& c) {
       ->capture_default_str();
   c.add_option(
        "--samples", samples,
-       "Samples a pixel: a still camera's picture is drawn so many times, each through other places of the pixels, "
-       "and averaged, so that borders and silhouettes are smooth. 1, 4 or 8; while the camera moves 1")
+       "Samples a pixel: 1, 4 or 8. A picture of a still camera is drawn so many times, each time seen through "
+       "another place of its pixels, and averaged, which smooths borders and silhouettes; a moving camera draws 1")
       ->check(CLI::IsMember({1, 4, 8}))
       ->capture_default_str();
   c.add_option("--filter", filter, "Texture filter: exact (full precision) or fast (the texture unit's)")
