@@ -106,22 +106,6 @@ std::string commandLine(const AccuracyOptions& o) {
   return out;
 }
 
-// All of them stand beside their places before the first one takes it; report.html comes last.
-Result<void> writeFiles(const std::vector<ReportFile>& reports, const std::string& folder) {
-  std::vector<OutputFile> files;
-  for (const ReportFile& r : reports) {
-    auto file = OutputFile::create(folder + "/" + r.name);
-    if (!file) return file.error();
-    files.push_back(std::move(*file));
-    if (auto done = files.back().append({reinterpret_cast<const uint8_t*>(r.text.data()), r.text.size()}); !done)
-      return done;
-    if (auto done = files.back().finish(); !done) return done;
-  }
-  for (OutputFile& file : files)
-    if (auto done = file.commit(); !done) return done;
-  return {};
-}
-
 void printRows(const AccuracyResult& result, const AccuracyGoals& goals, const std::string& folder) {
   printOutf("%-18s %-14s %8s %8s %8s %9s %9s %9s %9s %9s %9s\n", "knob", "value", "PSNR dB", "max/255", "geom px",
             "moving ms", "still ms", "cold ms", "read MiB", "res. MiB", "build s");
@@ -175,7 +159,7 @@ Result<void> accuracy(const AccuracyOptions& o) {
   const AccuracyProvenance made{commandLine(o), utcText(std::time(nullptr)),
                                 processorName() + ", " + std::to_string(std::thread::hardware_concurrency()) + " cores",
                                 std::filesystem::path(o.file).filename().string(), *hash};
-  if (auto written = writeFiles(accuracyReport(*plan, *result, made, goals), o.folder); !written) return written;
+  if (auto written = writeReportFiles(accuracyReport(*plan, *result, made, goals), o.folder); !written) return written;
   printRows(*result, goals, o.folder);
   return {};
 }

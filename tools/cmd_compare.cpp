@@ -97,30 +97,11 @@ Result<std::vector<ReportPicture>> encodedPictures(const ComparePlan& plan, cons
   return pictures;
 }
 
-struct ComparePage {
-  std::string name, text;
-};
-// All stand beside their places before the first one takes it; report.html comes last.
-Result<void> writePages(const std::vector<ComparePage>& pages, const std::string& folder) {
-  std::vector<OutputFile> files;
-  for (const ComparePage& page : pages) {
-    auto file = OutputFile::create(folder + "/" + page.name);
-    if (!file) return file.error();
-    files.push_back(std::move(*file));
-    if (auto r = files.back().append({reinterpret_cast<const uint8_t*>(page.text.data()), page.text.size()}); !r)
-      return r;
-    if (auto r = files.back().finish(); !r) return r;
-  }
-  for (OutputFile& file : files)
-    if (auto r = file.commit(); !r) return r;
-  return {};
-}
-
 Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures, const std::string& folder) {
   auto pictures = encodedPictures(plan, figures);
   if (!pictures) return pictures.error();
   const std::vector<CompareRow> rows = compareRows(figures);
-  std::vector<ComparePage> pages = {
+  std::vector<ReportFile> pages = {
       {"frames.csv", reportCsv(figures)},
       {"report.json", reportJson(plan, figures)},
       {"summary.csv", rowsCsv(rows, "", true)},
@@ -131,7 +112,7 @@ Result<void> writeReports(const ComparePlan& plan, const CompareFigures& figures
     for (const ComparePlot& p : framePlots(figures, plan.budgets_px[(plan.budgets_px.size() - 1) / 2]))
       pages.push_back({p.name + ".svg", standaloneSvg(p.plot)});
   pages.push_back({"report.html", reportHtml(plan, figures, *pictures)});
-  return writePages(pages, folder);
+  return writeReportFiles(pages, folder);
 }
 
 Result<void> makeFolder(const std::string& folder) {
@@ -198,12 +179,12 @@ Result<void> mergeReports(const CompareOptions& o) {
     parts.push_back(std::move(*part));
   }
   if (auto made = makeFolder(o.folder); !made) return made;
-  std::vector<ComparePage> pages = {{"summary.csv", mergedCsv(parts)}, {"summary.tex", mergedLatex(parts)}};
+  std::vector<ReportFile> pages = {{"summary.csv", mergedCsv(parts)}, {"summary.tex", mergedLatex(parts)}};
   for (size_t k = 0; k < parts.size(); ++k)
     for (const ComparePlot& p : costPlots(parts[k].rows))
       pages.push_back({std::to_string(k + 1) + "-" + p.name + ".svg", standaloneSvg(p.plot)});
   pages.push_back({"report.html", mergedHtml(parts, commandOf(o), utcText(std::time(nullptr)))});
-  if (auto written = writePages(pages, o.folder); !written) return written;
+  if (auto written = writeReportFiles(pages, o.folder); !written) return written;
   printOutf("%s\n", mergedConclusion(parts).c_str());
   return {};
 }

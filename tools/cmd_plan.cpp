@@ -1,6 +1,5 @@
 // relievo plan: what a scene calls for, and what each part of it costs.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <memory>
 #include <vector>
@@ -14,6 +13,7 @@
 #include "src/gl/context.h"
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
+#include "tools/frame_timing.h"
 #include "tools/output_files.h"
 #include "tools/scene/scene_plan.h"
 #include "tools/scene_options.h"
@@ -44,29 +44,10 @@ struct ScenePlan {
   std::string renderer;
 };
 
-double planSeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-double medianMs(std::vector<double> ms) {
-  std::nth_element(ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(ms.size() / 2), ms.end());
-  return ms[ms.size() / 2];
-}
-
-// Frames of a camera that trembles, so that each draws its geometry anew.
-Result<double> movingFrameMs(Engine& engine, const Scene& scene, OrbitCamera camera) {
+Result<double> movingFrameMs(Engine& engine, const Scene& scene, const OrbitCamera& camera) {
   if (auto set = engine.setScene(scene); !set) return set.error();
   if (auto settled = engine.settle(120); !settled) return settled.error();
-  std::vector<double> ms;
-  for (int i = 0; i < kTimedFrames; ++i) {
-    camera.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
-    engine.setCamera(camera);
-    const double start = planSeconds();
-    engine.frame(start);
-    engine.readPixels();  // waits for the picture
-    ms.push_back(1000 * (planSeconds() - start));
-  }
-  return medianMs(ms);
+  return medianOf(movingFramesMs(engine, camera, kTimedFrames));
 }
 
 // In rounds, the scene with and without each part one after the other, so that what else the machine does meets all.
@@ -91,8 +72,8 @@ Result<void> measure(ScenePlan& plan, const std::shared_ptr<const Package>& pack
       if (!without) return without.error();
       above[k].push_back(*with - *without);
     }
-  plan.frame_ms = medianMs(whole);
-  for (size_t k = 0; k < plan.parts.size(); ++k) plan.parts[k].ms = medianMs(above[k]);
+  plan.frame_ms = medianOf(whole);
+  for (size_t k = 0; k < plan.parts.size(); ++k) plan.parts[k].ms = medianOf(above[k]);
   return {};
 }
 
@@ -172,10 +153,7 @@ std::string planJson(const PlanOptions& o, const ScenePlan& plan, std::pair<int,
 Result<void> plan(PlanOptions& o) {
   if (o.schema) return printOut(sceneSchema());
   if (o.file.empty()) return usageError("a scene or an artwork is missing", "see relievo plan --help");
-  auto file = o.scene.takeScene(o.file);
-  if (!file) return file.error();
-  if (*file && (*file)->size_px && o.size.empty())
-    o.size = std::to_string((*(*file)->size_px)[0]) + "x" + std::to_string((*(*file)->size_px)[1]);
+  if (auto file = o.scene.takeScene(o.file, o.size); !file) return file.error();
   auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
   if (!size) return size.error();
   if (size->first > kMaxScenePicturePx || size->second > kMaxScenePicturePx)

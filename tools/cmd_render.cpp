@@ -20,6 +20,7 @@
 #include "texturing/import/image_io.h"
 #include "tools/artwork_cache.h"
 #include "tools/commands.h"
+#include "tools/frame_timing.h"
 #include "tools/output_files.h"
 #include "tools/scene_options.h"
 #include "tools/source_options.h"
@@ -27,12 +28,10 @@
 namespace relievo {
 namespace {
 
-constexpr const char* kUsualBackground = "24,24,26";
-constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
-
-double nowSeconds() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+std::string usualBackground() {
+  return tripleText({1.0 * kPictureGrey[0], 1.0 * kPictureGrey[1], 1.0 * kPictureGrey[2]});
 }
+constexpr int64_t kMaxSidePx = 16384;  // of a GL framebuffer, on the software driver too
 
 struct RenderOptions {
   std::string file, output, size, stats_file, background;
@@ -43,12 +42,6 @@ struct RenderOptions {
   SourceOptions source;
   ArtworkCache cache;
 };
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
-}
 
 // A picture in which stand-ins are drawn where pages are damaged or cannot be read.
 Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const std::string& file) {
@@ -66,21 +59,11 @@ Error drawnWithout(const PageFailures& failures, const EngineStats& stats, const
 struct FrameTimes {
   std::vector<double> moving, still;  // ms
 };
-FrameTimes timeFrames(Engine& engine, OrbitCamera camera, int frames) {
-  auto timedFrame = [&] {
-    double t = nowSeconds();
-    engine.frame(nowSeconds());
-    engine.readPixels();  // waits for the picture
-    return (nowSeconds() - t) * 1000;
-  };
+FrameTimes timeFrames(Engine& engine, const OrbitCamera& camera, int frames) {
   FrameTimes ms;
-  for (int i = 0; i < frames && !interruptedFlag(); ++i) {
-    camera.azimuth_deg += i % 2 == 0 ? 1e-6 : -1e-6;
-    engine.setCamera(camera);
-    ms.moving.push_back(timedFrame());
-  }
-  for (int i = 0; i < 3 && frames > 0; ++i) timedFrame();  // the last move's list arrives
-  for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrame());
+  ms.moving = movingFramesMs(engine, camera, frames);
+  for (int i = 0; i < 3 && frames > 0; ++i) timedFrameMs(engine);  // the last move's list arrives
+  for (int i = 0; i < frames && !interruptedFlag(); ++i) ms.still.push_back(timedFrameMs(engine));
   return ms;
 }
 
@@ -122,17 +105,15 @@ Result<OpenedArtwork> openApart(const RenderOptions& o) {
 
 // A scene in the artwork's place, and --settings.
 Result<void> takeFiles(RenderOptions& o) {
-  auto scene = o.scene.takeScene(o.file);
+  auto scene = o.scene.takeScene(o.file, o.size);
   if (!scene) return scene.error();
-  if (*scene && (*scene)->size_px && o.size.empty())
-    o.size = std::to_string((*(*scene)->size_px)[0]) + "x" + std::to_string((*(*scene)->size_px)[1]);
   if (*scene && (*scene)->background && o.background.empty()) o.background = tripleText(*(*scene)->background);
-  if (o.background.empty()) o.background = kUsualBackground;
+  if (o.background.empty()) o.background = usualBackground();
   return o.scene.takeSettings();
 }
 
 Result<void> render(RenderOptions& o) {
-  double start = nowSeconds();
+  double start = steadyNow();
   HeapWarmer heap(kFirstPictureBytes);
   if (auto taken = takeFiles(o); !taken) return taken;
   auto size = parseSize(o.size.empty() ? "1280x720" : o.size);
@@ -159,7 +140,7 @@ Result<void> render(RenderOptions& o) {
   auto context = gl::HeadlessContext::create();
   if (!context) return context.error();
   heap.finish((*context)->info().software);
-  double context_s = nowSeconds() - start;
+  double context_s = steadyNow() - start;
   auto engine = Engine::create(o.source.artwork(package), *scene, o.scene.engineOptions());
   if (!engine) return engine.error();
   Engine& e = **engine;
@@ -168,9 +149,9 @@ Result<void> render(RenderOptions& o) {
   if (o.settle) {
     if (auto settled = e.settle(o.timeout_s); !settled) return settled;
   } else {
-    e.frame(nowSeconds());
+    e.frame(steadyNow());
   }
-  double settled_s = nowSeconds() - start;
+  double settled_s = steadyNow() - start;
   const std::vector<uint8_t> rgb =
       overBackground(e.readPixels(), {static_cast<uint8_t>((*background)[0]), static_cast<uint8_t>((*background)[1]),
                                       static_cast<uint8_t>((*background)[2])});
@@ -196,8 +177,8 @@ Result<void> render(RenderOptions& o) {
     stats["settled_ms"] = settled_s * 1000;
     stats["settled_at_s"] = start + settled_s;  // of the steady clock, for who started the program
     if (!ms.moving.empty()) {
-      stats["frame_ms_median"] = median(ms.moving);
-      stats["still_frame_ms_median"] = median(ms.still);
+      stats["frame_ms_median"] = medianOf(ms.moving);
+      stats["still_frame_ms_median"] = medianOf(ms.still);
       stats["frame_ms_max"] = *std::max_element(ms.moving.begin(), ms.moving.end());
     }
     stats["renderer"] = (*context)->info().renderer;
@@ -245,8 +226,7 @@ void addRenderCommand(CLI::App& app, CommandContext& context) {
                 "Frames to time once settled, with a moving and with a still camera, for --stats")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
-  c->add_option("--background", o->background,
-                std::string("R,G,B where the artwork is not, 0 to 255 [") + kUsualBackground + "]");
+  c->add_option("--background", o->background, "R,G,B where the artwork is not, 0 to 255 [" + usualBackground() + "]");
   c->add_option(
       "--stats", o->stats_file,
       "Write counters to this JSON file (- for standard output): planes, pages and bytes read, passes, draw calls, ms");

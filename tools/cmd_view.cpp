@@ -52,10 +52,8 @@ std::string snapshotScene(const ViewOptions& o, const OrbitCamera& camera, const
 }
 
 Result<void> view(ViewOptions& o) {
-  auto file = o.scene.takeScene(o.file);
+  auto file = o.scene.takeScene(o.file, o.size);
   if (!file) return file.error();
-  if (*file && (*file)->size_px && o.size.empty())
-    o.size = std::to_string((*(*file)->size_px)[0]) + "x" + std::to_string((*(*file)->size_px)[1]);
   if (*file && (*file)->background)
     for (size_t c = 0; c < 3; ++c) o.viewer.background[c] = static_cast<uint8_t>((*(*file)->background)[c]);
   auto size = parseSize(o.size.empty() ? kUsualWindow : o.size);

@@ -93,6 +93,21 @@ Result<void> checkOutputs(const std::vector<NamedFile>& outputs, const std::vect
   return {};
 }
 
+Result<void> writeReportFiles(const std::vector<ReportFile>& reports, const std::string& folder) {
+  std::vector<OutputFile> files;
+  for (const ReportFile& r : reports) {
+    auto file = OutputFile::create(folder + "/" + r.name);
+    if (!file) return file.error();
+    files.push_back(std::move(*file));
+    if (auto done = files.back().append({reinterpret_cast<const uint8_t*>(r.text.data()), r.text.size()}); !done)
+      return done;
+    if (auto done = files.back().finish(); !done) return done;
+  }
+  for (OutputFile& file : files)
+    if (auto done = file.commit(); !done) return done;
+  return {};
+}
+
 Result<void> writeTextOutput(const std::string& path, const std::string& text) {
   if (path.empty()) return {};
   return writeFile(path, {reinterpret_cast<const uint8_t*>(text.data()), text.size()});

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "src/base/result.h"
+#include "tools/report/report_file.h"
 
 namespace relievo {
 
@@ -28,6 +29,8 @@ Result<void> checkWritable(const std::vector<NamedFile>& outputs);
 Result<void> checkFolder(const std::string& option, const std::string& path);
 // Both of outputs; an output that goes to standard output has it from now on (claimOut).
 Result<void> checkOutputs(const std::vector<NamedFile>& outputs, const std::vector<NamedFile>& inputs);
+// Into a folder that is there: all stand beside their places before the first one takes it, in this order.
+Result<void> writeReportFiles(const std::vector<ReportFile>& reports, const std::string& folder);
 // The whole text under its name; an empty path: no file.
 Result<void> writeTextOutput(const std::string& path, const std::string& text);
 

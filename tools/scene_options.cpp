@@ -279,7 +279,7 @@ Result<void> SceneOptions::takeSettings() {
   return {};
 }
 
-Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file) {
+Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file, std::string& size) {
   if (!namesScene(file)) return std::optional<SceneFile>();
   if (!state_file.empty())
     return usageError("a scene has a camera and a light of its own", "leave out --state, or name the artwork itself");
@@ -319,6 +319,8 @@ Result<std::optional<SceneFile>> SceneOptions::takeScene(std::string& file) {
           !p.name.empty() && !given("--" + std::string(p.name)))
         effects[e].values[i] = s.effects[e].values[i];
   takeSettingsOf(s.settings);
+  if (s.samples && !given("--samples")) samples = *s.samples;
+  if (s.size_px && size.empty()) size = std::to_string((*s.size_px)[0]) + "x" + std::to_string((*s.size_px)[1]);
   scene_file = std::exchange(file, s.artwork);
   return std::optional<SceneFile>(std::move(*read));
 }
@@ -332,6 +334,7 @@ SceneFile SceneOptions::sceneFile(const std::string& artwork) const {
   if (shadows) s.shadows = true;
   if (geomorph == "on") s.geomorph = true;
   if (exaggerate != 1) s.exaggerate = exaggerate;
+  if (samples != 1) s.samples = samples;
   s.effects = effects;
   DrawSettings& to = s.settings;
   const SceneOptions usual;

@@ -38,8 +38,9 @@ struct SceneOptions {
   // In groups: camera, light, accuracy, appearance, storage, diagnostics.
   void addTo(CLI::App& command);
   // Where `file`, an input, is a scene: it becomes the scene's artwork, and what else the scene says counts where no
-  // option of the command line says it. Empty: it is none. Call it once, before takeSettings().
-  Result<std::optional<SceneFile>> takeScene(std::string& file);
+  // option of the command line says it; `size`, of a picture, where it is empty. Empty: it is none. Call it once,
+  // before takeSettings().
+  Result<std::optional<SceneFile>> takeScene(std::string& file, std::string& size);
   // What --settings says, where no option of the command line says it. Call it once, before the functions below.
   Result<void> takeSettings();
   // These options as a scene, but for the camera and the light. artwork: as the file is to name it.

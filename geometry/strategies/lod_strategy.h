@@ -9,6 +9,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -37,6 +38,12 @@ struct StrategyScene {
   // budget.
   std::shared_ptr<std::map<std::string, std::shared_ptr<const void>>> prepared =
       std::make_shared<std::map<std::string, std::shared_ptr<const void>>>();
+  template <class T, class Make>
+  std::shared_ptr<const T> preparedOnce(const std::string& name, double exaggerate, Make make) const {
+    auto& known = (*prepared)[name + std::to_string(std::bit_cast<uint64_t>(exaggerate))];
+    if (!known) known = std::make_shared<const T>(make());
+    return std::static_pointer_cast<const T>(known);
+  }
   // At a vertex of one of the instance's grids, steps of a sample's range.
   double heightSteps(const PatchInstance& p, int64_t x, int64_t y) const {
     return body ? body->at(p.node.patch, x, y) : field->heightSteps(static_cast<double>(x), static_cast<double>(y));

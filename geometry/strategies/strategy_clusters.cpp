@@ -7,7 +7,7 @@
 // the budget: its own group's error does, or that of a group above, which is no less. Every group is drawn in one
 // state, so that there are no cracks.
 //
-// Made when the first view asks, for all budgets at once. The finest mesh has at most kMostClusterVertices vertices,
+// Made when the first view asks, for all budgets at once. The finest mesh has at most kMostVertices vertices,
 // else every second sample, and so on: error_px says where it is not fine enough.
 #include <algorithm>
 #include <string>
@@ -18,7 +18,6 @@
 namespace relievo {
 namespace {
 
-constexpr uint64_t kMostClusterVertices = 5'000'000;
 constexpr size_t kGroupClusters = 24;  // 3,000 triangles; Nanite has 8 to 32
 
 class Clusters final : public LodStrategy {
@@ -55,11 +54,9 @@ class Clusters final : public LodStrategy {
   void prepare(double exaggerate) {
     if (dag_ && exaggerate == exaggerate_) return;
     exaggerate_ = exaggerate;
-    auto& known = (*scene_.prepared)["cluster graph, heights x " + std::to_string(exaggerate)];
-    if (!known)
-      known = std::make_shared<const ClusterDag>(
-          clusterDag(FineSurface(scene_, exaggerate, kMostClusterVertices), exaggerate, kGroupClusters, 0));
-    dag_ = std::static_pointer_cast<const ClusterDag>(known);
+    dag_ = scene_.preparedOnce<ClusterDag>("cluster graph", exaggerate, [&] {
+      return clusterDag(FineSurface(scene_, exaggerate, kMostVertices), exaggerate, kGroupClusters, 0);
+    });
     refined_.assign(dag_->groups.size(), 0);
     waiting_.resize(dag_->groups.size());
     for (size_t g = 0; g < waiting_.size(); ++g) waiting_[g] = dag_->groups[g].consumers;

@@ -23,7 +23,6 @@
 namespace relievo {
 namespace {
 
-constexpr uint64_t kMostVertices = 5'000'000;
 constexpr size_t kPieceTriangles = 2048;
 constexpr size_t kLeastTriangles = 64;  // of the coarsest level
 
@@ -76,15 +75,15 @@ DiscreteLevel discreteLevel(const FineSurface& surface, const std::vector<uint32
   return level;
 }
 
-std::shared_ptr<const DiscreteLevels> makeDiscreteLevels(const StrategyScene& scene, double exaggerate) {
-  auto out = std::make_shared<DiscreteLevels>();
+DiscreteLevels makeDiscreteLevels(const StrategyScene& scene, double exaggerate) {
+  DiscreteLevels out;
   const FineSurface surface(scene, exaggerate, kMostVertices);
   std::vector<uint32_t> triangles = surface.triangles(6);
   SurfaceSimplifier simplifier(surface, triangles, {});
   while (true) {
-    out->levels.push_back(discreteLevel(surface, triangles, exaggerate));
-    DiscreteLevel& level = out->levels.back();
-    if (out->levels.size() > 1) level.error_mm = std::max(level.error_mm, (&level - 1)->error_mm);
+    out.levels.push_back(discreteLevel(surface, triangles, exaggerate));
+    DiscreteLevel& level = out.levels.back();
+    if (out.levels.size() > 1) level.error_mm = std::max(level.error_mm, (&level - 1)->error_mm);
     const size_t count = triangles.size() / 3;
     if (count <= kLeastTriangles) break;
     simplifier.reduce(count / 2);
@@ -128,9 +127,8 @@ class Discrete final : public LodStrategy {
   void prepare(double exaggerate) {
     if (levels_ && exaggerate == exaggerate_) return;
     exaggerate_ = exaggerate;
-    auto& known = (*scene_.prepared)["discrete levels, heights x " + std::to_string(exaggerate)];
-    if (!known) known = makeDiscreteLevels(scene_, exaggerate);
-    levels_ = std::static_pointer_cast<const DiscreteLevels>(known);
+    levels_ = scene_.preparedOnce<DiscreteLevels>("discrete levels", exaggerate,
+                                                  [&] { return makeDiscreteLevels(scene_, exaggerate); });
   }
 
   StrategyScene scene_;

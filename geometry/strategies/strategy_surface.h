@@ -23,6 +23,9 @@
 
 namespace relievo {
 
+// Of the finest mesh that strategies simplify: what fits memory and takes about a minute to simplify.
+inline constexpr uint64_t kMostVertices = 5'000'000;
+
 // Samples along one axis of a patch: the last one may lie nearer, at the artwork's border.
 struct SampleAxis {
   int64_t last = 0;           // index of the last sample

@@ -81,10 +81,10 @@ struct Engine::Impl {
   SurfaceTarget surface{{}};
   std::unique_ptr<ShadowPass> shadow_pass;  // while the plan has shadows
   struct ShadowsOf {
-    DrawnSurface surface;
+    DrawnSurface surface;  // of the map: through the pixels' centres, whichever sample is drawn
     glm::dvec3 light{0};
     friend bool operator==(const ShadowsOf&, const ShadowsOf&) = default;
-  } shadows_drawn;
+  } shadow_map_drawn, shadows_drawn;
   PictureTarget target{{}};
   // Several samples a pixel: their pictures, and how many there are of `sampled`. A change to the scene or the pages
   // resets `sampled`, and with it the picture is one sample again.
@@ -205,7 +205,7 @@ struct Engine::Impl {
   }
   Result<void> linkPrograms() {
     surface_drawn = {};
-    shadows_drawn = {};
+    shadow_map_drawn = shadows_drawn = {};
     if (!plan.shadows) shadow_pass.reset();
     sampled.reset();
     if (plan.samples == 1) stack.reset();
@@ -406,23 +406,23 @@ struct Engine::Impl {
     surface.resize(width, height, plan.anisotropy > 1);
     target.resize(width, height, surface.depth());
     surface.begin();
-    auto prepare = [&](const gl::Program& program) {
-      program.use();
-      pool->bind(program, shownTable());
-      setUniforms(program, 0);
-    };
-    prepare(programs.surface);
+    useForGeometry(programs.surface);
     const EyeFrame eye = prepareInstances(programs.surface);
     const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.root_cells : nullptr;
-    if (root_cells) {
-      prepare(*root_cells);
-      corners->bind(*root_cells, kCornersUnit);
-    }
+    if (root_cells) useForGeometry(*root_cells);
     programs.surface.use();
     const PatchPass::Mesh mesh =
         backs_are_hidden && !faults.draw_backs ? PatchPass::Mesh::kFronts : PatchPass::Mesh::kFull;
     stats.draw_calls += faults.call_a_patch ? patches->drawOneByOne(programs.surface, eye)
                                             : patches->draw(programs.surface, eye, mesh, 0, root_cells);
+  }
+
+  // Before PatchPass::draw(), for each program that it takes.
+  void useForGeometry(const gl::Program& program) {
+    program.use();
+    pool->bind(program, shownTable());
+    setUniforms(program, 0);
+    if (corners) corners->bind(program, kCornersUnit);
   }
 
   // After updateSurface(), whose list of instances it draws once more, from the light.
@@ -434,22 +434,24 @@ struct Engine::Impl {
     if (!shadow_pass) shadow_pass = std::make_unique<ShadowPass>(surface.depthMode());
     shadow_pass->resize(width, height);
     const ShadowView view = shadowView(drawn.view, drawnExtent(), now.light);
+    ShadowsOf map = now;
+    map.surface.clip_from_world = drawn.view.clip_from_world;
+    if (shadow_map_drawn != map) {
+      shadow_map_drawn = map;
+      drawShadowMap(view);
+    }
+    shadow_pass->light(programs.shadow, surface, *screen, sampleView().clip_from_world, view);
+    ++stats.draw_calls;
+  }
+  void drawShadowMap(const ShadowView& view) {
     shadow_pass->beginMap();
     EyeFrame eye = eyeFrame(drawn.view, domain(), drawn.exaggerate, plan.relief, surface.depthMode());
     eye.clip_from_eye = glClipFrom(view.clip_from_world, eye.origin_mm, surface.depthMode());
-    auto prepare = [&](const gl::Program& program) {
-      program.use();
-      pool->bind(program, shownTable());
-      setUniforms(program, 0);
-      if (corners) corners->bind(program, kCornersUnit);
-    };
-    prepare(programs.shadow_map);
+    useForGeometry(programs.shadow_map);
     const gl::Program* root_cells = tails && patches->drawsRootCells() ? &programs.shadow_map_roots : nullptr;
-    if (root_cells) prepare(*root_cells);
+    if (root_cells) useForGeometry(*root_cells);
     programs.shadow_map.use();
     stats.draw_calls += patches->draw(programs.shadow_map, eye, PatchPass::Mesh::kFull, 0, root_cells);
-    shadow_pass->light(programs.shadow, surface, *screen, sampleView().clip_from_world, view);
-    ++stats.draw_calls;
   }
 
   void bindSurface(const gl::Program& program) const {

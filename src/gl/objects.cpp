@@ -34,6 +34,16 @@ void label(GLenum identifier, GLuint id, const char* text) {
   glObjectLabel(identifier, id, static_cast<GLsizei>(std::strlen(text)), text);
 }
 
+Texture createNearest(const char* text, int width_px, int height_px, GLenum stored, GLenum format, GLenum type) {
+  auto texture = Texture::create();
+  glBindTexture(GL_TEXTURE_2D, texture.id());
+  label(GL_TEXTURE, texture.id(), text);
+  glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(stored), width_px, height_px, 0, format, type, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  return texture;
+}
+
 Texture createTexture(GLenum target, const char* text) {
   assert(textureBinding(target) != 0);
   const GLuint before = integerOf(textureBinding(target));

@@ -44,6 +44,9 @@ using Query = Object<Kind::kQuery>;
 
 // Target: 2D, 2D array, 3D or cube map. Leaves the bindings as they were.
 Texture createTexture(GLenum target, const char* label);
+// One layer without levels, its texels read as they are: a pass draws into it and another one reads it. Leaves it
+// bound.
+Texture createNearest(const char* label, int width_px, int height_px, GLenum stored, GLenum format, GLenum type);
 // A label needs the object to have been bound once; does nothing without KHR_debug.
 void label(GLenum identifier, GLuint id, const char* text);
 

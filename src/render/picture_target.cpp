@@ -11,12 +11,7 @@ void PictureTarget::resize(int width_px, int height_px, GLuint depth) {
   depth_ = depth;
   width_ = width_px;
   height_ = height_px;
-  colour_ = gl::Texture::create();
-  glBindTexture(GL_TEXTURE_2D, colour_.id());
-  gl::label(GL_TEXTURE, colour_.id(), "picture");
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width_, height_, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  colour_ = gl::createNearest("picture", width_, height_, GL_RGBA8, GL_RGBA, GL_UNSIGNED_BYTE);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour_.id(), 0);

@@ -11,16 +11,6 @@ namespace {
 // differ by must not pass for a shadow.
 constexpr double kBiasTexels = 0.75;
 
-gl::Texture makeNearest(const char* label, int width_px, int height_px, GLenum stored, GLenum format, GLenum type) {
-  auto texture = gl::Texture::create();
-  glBindTexture(GL_TEXTURE_2D, texture.id());
-  gl::label(GL_TEXTURE, texture.id(), label);
-  glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(stored), width_px, height_px, 0, format, type, nullptr);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  return texture;
-}
-
 }  // namespace
 
 void ShadowPass::resize(int width_px, int height_px) {
@@ -29,8 +19,8 @@ void ShadowPass::resize(int width_px, int height_px) {
   const int side = std::clamp((std::max(width_, height_) * 3 / 2 + 63) / 64 * 64, 256, 4096);
   if (side != map_px_) {
     map_px_ = side;
-    map_ = makeNearest("shadow map", side, side, depth_mode_.format(), GL_DEPTH_COMPONENT,
-                       depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+    map_ = gl::createNearest("shadow map", side, side, depth_mode_.format(), GL_DEPTH_COMPONENT,
+                             depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
     map_framebuffer_ = gl::Framebuffer::create();
     glBindFramebuffer(GL_FRAMEBUFFER, map_framebuffer_.id());
     glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, map_.id(), 0);
@@ -38,7 +28,7 @@ void ShadowPass::resize(int width_px, int height_px) {
     glDrawBuffers(1, &none);
     glReadBuffer(GL_NONE);
   }
-  light_ = makeNearest("share of light", width_, height_, GL_R8, GL_RED, GL_UNSIGNED_BYTE);
+  light_ = gl::createNearest("share of light", width_, height_, GL_R8, GL_RED, GL_UNSIGNED_BYTE);
   light_framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, light_framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, light_.id(), 0);

@@ -4,17 +4,8 @@ namespace relievo {
 
 namespace {
 
-gl::Texture makeTexture(const char* label, int width_px, int height_px, GLenum stored, GLenum format, GLenum type) {
-  auto texture = gl::Texture::create();
-  glBindTexture(GL_TEXTURE_2D, texture.id());
-  gl::label(GL_TEXTURE, texture.id(), label);
-  glTexImage2D(GL_TEXTURE_2D, 0, static_cast<GLint>(stored), width_px, height_px, 0, format, type, nullptr);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  return texture;
-}
 gl::Texture makeSurface(const char* label, int width_px, int height_px) {
-  return makeTexture(label, width_px, height_px, GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT);
+  return gl::createNearest(label, width_px, height_px, GL_RGBA32UI, GL_RGBA_INTEGER, GL_UNSIGNED_INT);
 }
 
 }  // namespace
@@ -25,8 +16,8 @@ void SurfaceTarget::resize(int width_px, int height_px, bool gradient) {
   height_ = height_px;
   surface_ = makeSurface("surface", width_, height_);
   gradient_ = gradient ? makeSurface("texture gradient", width_, height_) : gl::Texture();
-  depth_ = makeTexture("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT,
-                       depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
+  depth_ = gl::createNearest("depth", width_, height_, depth_mode_.format(), GL_DEPTH_COMPONENT,
+                             depth_mode_.reversed ? GL_FLOAT : GL_UNSIGNED_INT);
   framebuffer_ = gl::Framebuffer::create();
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, surface_.id(), 0);

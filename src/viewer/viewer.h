@@ -11,6 +11,7 @@
 #include "src/base/result.h"
 #include "src/engine/engine.h"
 #include "src/render/camera.h"
+#include "src/render/picture_target.h"
 
 namespace relievo {
 
@@ -21,7 +22,7 @@ struct ViewerOptions {
   std::string snapshot_stem = "snapshot";
   std::function<std::string(const OrbitCamera&, const Scene&, int width_px, int height_px)> scene_text;
   int width_px = 1280, height_px = 800;
-  std::array<uint8_t, 3> background{24, 24, 26};
+  std::array<uint8_t, 3> background = kPictureGrey;
   Scene scene;
   EngineOptions engine;
   // The view to start with, for the size that the window got.

@@ -39,6 +39,7 @@ TEST(SceneFiles, ComeBackAsTheyWereWritten) {
     if (some()) s.show = some() ? "pages" : "none";
     if (some()) s.wireframe = some();
     if (some()) s.size_px = {1 + static_cast<int>(random() % 16384), 7};
+    if (some()) s.samples = some() ? 4 : 8;
     if (some()) s.background = {number(0, 255), 0, 255};
     if (some()) s.settings.error_px = number(0, 10);
     if (some()) s.settings.sampling = "nearest";
@@ -71,6 +72,7 @@ TEST(SceneFiles, AreRefusedNamingWhatIsWrong) {
                {kHead + R"(, "effects": {"exposure": "1"}})", "effects.exposure"},
                {kHead + R"(, "effects": {"show": "nothing"}})", "one of none"},
                {kHead + R"(, "picture": {"size_px": [1.5, 2]}})", "2 whole numbers"},
+               {kHead + R"(, "picture": {"samples": 3}})", "one of [1,4,8] for 'picture.samples'"},
                {kHead + R"(, "settings": {"version": 1}})", "'settings.version'"},
                {kHead + R"(, "settings": {"error_px": -1}})", "settings.error_px"}};
   for (const auto& c : cases) {

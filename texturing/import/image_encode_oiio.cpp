@@ -44,7 +44,7 @@ class BytesProxy final : public OIIO::Filesystem::IOProxy {
     const uint64_t end = bytes_.size();
     if (offset < 0 || static_cast<uint64_t>(offset) >= end) return 0;
     size = static_cast<size_t>(std::min<uint64_t>(size, end - static_cast<uint64_t>(offset)));
-    return keep([&] {
+    return calls_.keep([&] {
       return bytes_.read(static_cast<uint64_t>(offset), {static_cast<uint8_t*>(to), size});
     })
                ? size
@@ -52,38 +52,22 @@ class BytesProxy final : public OIIO::Filesystem::IOProxy {
   }
   size_t pwrite(const void* from, size_t size, int64_t offset) override {
     const std::lock_guard lock(mutex_);
-    if (offset < 0 || failed_ || out_of_memory_) return 0;
+    if (offset < 0 || calls_.broken()) return 0;
     end_ = std::max(end_, static_cast<uint64_t>(offset) + size);
-    return keep([&] {
+    return calls_.keep([&] {
       return bytes_.write(static_cast<uint64_t>(offset), {static_cast<const uint8_t*>(from), size});
     })
                ? size
                : 0;
   }
   size_t size() const override { return bytes_.size(); }
-  const std::optional<Error>& failed() const {
-    if (out_of_memory_) throw std::bad_alloc();
-    return failed_;
-  }
+  const std::optional<Error>& failed() const { return calls_.failed(); }
   uint64_t end() const { return end_; }  // of what was written
 
  private:
-  // No exception leaves it: the frames of a library in C lie between it and whoever would catch it.
-  template <class Call>
-  bool keep(Call call) noexcept {
-    try {
-      const Result<void> done = call();
-      if (!done && !failed_) failed_ = done.error();
-      return done.ok();
-    } catch (const std::bad_alloc&) {
-      out_of_memory_ = true;
-      return false;
-    }
-  }
   ImageBytes& bytes_;
   std::mutex mutex_;
-  std::optional<Error> failed_;
-  bool out_of_memory_ = false;
+  ImageBytesCalls calls_;
   uint64_t end_ = 0;
 };
 

@@ -3,6 +3,9 @@
 // (png_encoder.h), loads them.
 #pragma once
 
+#include <new>
+#include <optional>
+
 #include "texturing/import/image_io.h"
 
 namespace relievo {
@@ -15,6 +18,36 @@ class ImageBytes {
   virtual Result<void> write(uint64_t offset, std::span<const uint8_t> bytes) = 0;
   virtual Result<void> read(uint64_t offset, std::span<uint8_t> out) = 0;
   virtual uint64_t size() const = 0;
+};
+
+// What a library in C, through whose frames no exception may go, calls to reach ImageBytes: the first error stays, and
+// that memory ran out.
+class ImageBytesCalls {
+ public:
+  // False: the call failed.
+  template <class Call>
+  bool keep(Call call) noexcept {
+    try {
+      const Result<void> done = call();
+      if (!done && !failed_) failed_ = done.error();
+      return done.ok();
+    } catch (const std::bad_alloc&) {
+      out_of_memory_ = true;
+      return false;
+    }
+  }
+  void noteOutOfMemory() noexcept { out_of_memory_ = true; }
+  bool outOfMemory() const { return out_of_memory_; }
+  bool broken() const { return failed_ || out_of_memory_; }
+  // Throws std::bad_alloc where memory ran out.
+  const std::optional<Error>& failed() const {
+    if (out_of_memory_) throw std::bad_alloc();
+    return failed_;
+  }
+
+ private:
+  std::optional<Error> failed_;
+  bool out_of_memory_ = false;
 };
 
 struct ImageEncoding {

@@ -44,12 +44,12 @@ class PngStream {
   png_infop info() const { return info_; }
   uint64_t position() const { return position_; }
   const std::string& why() const { return why_; }
-  const std::optional<Error>& failed() const { return failed_; }  // of bytes, the first
+  const std::optional<Error>& failed() const { return calls_.failed(); }  // of bytes, the first
 
   template <class Call>
   bool attempt(Call call) {
     if (setjmp(png_jmpbuf(png_))) {
-      if (out_of_memory_) throw std::bad_alloc();
+      if (calls_.outOfMemory()) throw std::bad_alloc();
       return false;
     }
     call();
@@ -64,7 +64,7 @@ class PngStream {
   static PngStream& of(void* pointer) { return *static_cast<PngStream*>(pointer); }
   static png_voidp allocate(png_structp png, png_alloc_size_t size) {
     void* memory = std::malloc(size);
-    if (!memory) of(png_get_mem_ptr(png)).out_of_memory_ = true;
+    if (!memory) of(png_get_mem_ptr(png)).calls_.noteOutOfMemory();
     return memory;
   }
   static void release(png_structp, png_voidp memory) { std::free(memory); }
@@ -76,42 +76,30 @@ class PngStream {
   static void onFlush(png_structp) {}
   static void onWrite(png_structp png, png_bytep from, size_t size) {
     PngStream& stream = of(png_get_io_ptr(png));
-    if (!stream.keep([&] { return stream.bytes_.write(stream.position_, {from, size}); })) png_error(png, "write");
+    if (!stream.calls_.keep([&] { return stream.bytes_.write(stream.position_, {from, size}); }))
+      png_error(png, "write");
     stream.position_ += size;
   }
   static void onRead(png_structp png, png_bytep to, size_t size) {
     PngStream& stream = of(png_get_io_ptr(png));
     if (size > stream.bytes_.size() - stream.position_) png_error(png, "it ends too early");
-    if (!stream.keep([&] { return stream.bytes_.read(stream.position_, {to, size}); })) png_error(png, "read");
+    if (!stream.calls_.keep([&] { return stream.bytes_.read(stream.position_, {to, size}); })) png_error(png, "read");
     stream.position_ += size;
   }
   void note(const char* message) noexcept {
     try {
       why_ = message;
     } catch (const std::bad_alloc&) {
-      out_of_memory_ = true;
+      calls_.noteOutOfMemory();
     }
   }
-  template <class Call>
-  bool keep(Call call) noexcept {
-    try {
-      const Result<void> done = call();
-      if (!done && !failed_) failed_ = done.error();
-      return done.ok();
-    } catch (const std::bad_alloc&) {
-      out_of_memory_ = true;
-      return false;
-    }
-  }
-
   ImageBytes& bytes_;
   const bool reads_;
   png_structp png_ = nullptr;
   png_infop info_ = nullptr;
   uint64_t position_ = 0;
   std::string why_;
-  std::optional<Error> failed_;
-  bool out_of_memory_ = false;
+  ImageBytesCalls calls_;
 };
 
 constexpr int kColourTypes[] = {PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,

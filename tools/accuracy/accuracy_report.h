@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "tools/accuracy/accuracy_run.h"
+#include "tools/report/report_file.h"
 
 namespace relievo {
 
@@ -33,9 +34,6 @@ std::vector<size_t> adviceCandidates(const AccuracyResult& result);
 std::vector<size_t> accuracyFront(const AccuracyResult& result);
 std::vector<AccuracyAdvice> adviceFor(const AccuracyResult& result, const AccuracyGoals& goals);
 
-struct ReportFile {
-  std::string name, text;
-};
 // All files, in the order in which they are written.
 std::vector<ReportFile> accuracyReport(const AccuracyPlan& plan, const AccuracyResult& result,
                                        const AccuracyProvenance& made, const AccuracyGoals& goals);

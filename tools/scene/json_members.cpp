@@ -36,6 +36,11 @@ std::string expectedOf(const JsonMember& m, const Json& value) {
       std::snprintf(text, sizeof text, "a number from %g to %g", m.low, m.high);
       return text;
     case JsonMember::Kind::kWhole:
+      if (!m.among.empty()) {
+        if (value.is_number() && std::find(m.among.begin(), m.among.end(), value.get<double>()) != m.among.end())
+          return "";
+        return "one of " + Json(m.among).dump();
+      }
       if (isWhole(value) && inRange(value, m)) return "";
       std::snprintf(text, sizeof text, "a whole number from %g to %g", m.low, m.high);
       return text;
@@ -120,7 +125,8 @@ Json schemaOfMember(const JsonMember& m) {
       schema.update(range("number"));
       break;
     case JsonMember::Kind::kWhole:
-      schema.update(range("integer"));
+      if (!m.among.empty()) schema["enum"] = m.among;
+      else schema.update(range("integer"));
       break;
     case JsonMember::Kind::kNumbers:
     case JsonMember::Kind::kWholes:
@@ -165,6 +171,12 @@ JsonMember wholeMember(const char* name, const char* meaning, int low, int high,
   JsonMember m = member(name, meaning, JsonMember::Kind::kWhole);
   m.low = low, m.high = high;
   m.take = [&to](const Json& v) { to = v.get<int>(); };
+  return m;
+}
+
+JsonMember wholeMember(const char* name, const char* meaning, std::vector<int> among, std::optional<int>& to) {
+  JsonMember m = wholeMember(name, meaning, 0, 0, to);
+  m.among = std::move(among);
   return m;
 }
 

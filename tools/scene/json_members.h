@@ -23,6 +23,7 @@ struct JsonMember {
   double low = 0, high = 0;          // of numbers, both included
   size_t count = 1;                  // of kNumbers and kWholes
   std::vector<std::string> choices;  // of kChoice
+  std::vector<int> among;            // of kWhole: these alone, in place of low and high, if there are any
   std::vector<JsonMember> members;   // of kObject
   bool needed = false;
   // Called with a value of that kind and range; not of an object, whose members are taken one by one.
@@ -33,6 +34,7 @@ using JsonMembers = std::vector<JsonMember>;
 // Each writes to `to`, which outlives the member.
 JsonMember numberMember(const char* name, const char* meaning, double low, double high, std::optional<double>& to);
 JsonMember wholeMember(const char* name, const char* meaning, int low, int high, std::optional<int>& to);
+JsonMember wholeMember(const char* name, const char* meaning, std::vector<int> among, std::optional<int>& to);
 JsonMember boolMember(const char* name, const char* meaning, std::optional<bool>& to);
 JsonMember textMember(const char* name, const char* meaning, std::string& to);
 JsonMember choiceMember(const char* name, const char* meaning, std::vector<std::string> choices,

@@ -66,6 +66,7 @@ JsonMembers sceneMembers(SceneFile& s, std::string& about, std::vector<std::opti
           objectMember("effects", "What is done to the picture", effectMembers(s, values)),
           objectMember("picture", "What is drawn into",
                        {sizeMember("size_px", "Width and height, px", kMaxScenePicturePx, s.size_px),
+                        wholeMember("samples", "Samples a pixel of a still picture", {1, 4, 8}, s.samples),
                         tripleMember("background", "Red, green, blue where the artwork is not", 0, 255, s.background)}),
           objectMember("settings", "What stands between accuracy and time", settingsMembers(s.settings))};
 }
@@ -148,6 +149,7 @@ std::string sceneText(const SceneFile& s) {
   put(effects, "show", s.show);
   put(effects, "wireframe", s.wireframe);
   put(picture, "size_px", s.size_px);
+  put(picture, "samples", s.samples);
   put(picture, "background", s.background);
   for (auto& [name, object] : {std::pair<const char*, Json&>{"camera", camera},
                                {"light", light},

@@ -43,6 +43,7 @@ struct SceneFile {
   std::vector<EffectSetting> effects;  // those of Stage::kTone, in the registry's order
   std::optional<std::string> show;     // an overlay's name, or "none"
   std::optional<std::array<int, 2>> size_px;
+  std::optional<int> samples;                       // a pixel: 1, 4 or 8
   std::optional<std::array<double, 3>> background;  // 0..255
   DrawSettings settings;
 

@@ -27,6 +27,7 @@ std::vector<Candidate> candidates() {
        [](Scene& s) { s.sampling = s.sampling == Sampling::kTrilinear ? Sampling::kBilinear : s.sampling; }},
       {"exact filter", "full precision, against the texture unit's", [](Scene& s) { s.filter = Filter::kFast; }},
       {"geomorph", "vertices slide between levels", [](Scene& s) { s.geomorph = false; }},
+      {"samples", "several a pixel of a still picture, against one", [](Scene& s) { s.samples = 1; }},
       {"page fade", "new pages blend in", [](Scene& s) { s.page_fade_s = 0; }},
       {"wireframe", "the triangles' edges", [](Scene& s) { s.wireframe = false; }}};
   for (const PixelEffect* effect : pixelEffects()) {
