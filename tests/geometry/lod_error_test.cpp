@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "geometry/lod/bound_search.h"
 #include "tests/geometry/lod_fixture.h"
 #include "tests/geometry/true_relief.h"
 
@@ -132,6 +133,32 @@ TEST(LodError, PredictedIsAnUpperBoundOfMeasured) {
         f.worst, static_cast<double>(f.cells) / static_cast<double>(by_pages.cells));
   }
   EXPECT_GT(empty_above, 0);
+}
+
+// What is found after all parts that may be divided is a bound, too.
+TEST(BoundSearch, IsABoundHoweverLongItTakes) {
+  struct Part {
+    double px = 0;
+  };
+  std::vector<Part> parts{{2}, {5}};
+  size_t divided = 0;
+  EXPECT_EQ(searchBound(parts,
+                        [&](const Part& part, auto&& add) {
+                          ++divided;
+                          add(part), add(part);
+                          return true;
+                        }),
+            5);
+  EXPECT_EQ(divided, kMostParts);
+  // The control: one that ends has a lower one.
+  parts = {{2}, {5}};
+  EXPECT_EQ(searchBound(parts,
+                        [](const Part& part, auto&& add) {
+                          if (part.px < 5) return false;
+                          add(Part{3});
+                          return true;
+                        }),
+            3);
 }
 
 // Heights that bring triangles with vertices of two levels as far from the relief as the bound allows for. Two patches

@@ -96,7 +96,7 @@ TEST(MeshError, PredictedIsAnUpperBoundOfMeasured) {
     relief.offset_mm = -0.4 * 65535 * relief.scale_mm;
     TrueMeshRelief truth(named.mesh, relief, heights.at);
     Figures f;
-    study(f, named.name, named.mesh, relief, truth, share(12), kSeed + 100 * k, 1);
+    study(f, named.name, named.mesh, relief, truth, share(40), kSeed + 100 * k, 1);
     EXPECT_EQ(f.above, 0) << named.name << ", " << heights.name;
     EXPECT_LE(f.worst, 2)
         << named.name;  // with all pages it also keeps what was asked for, but for the factor where levels meet
@@ -271,6 +271,41 @@ TEST(MeshError, TheBoundHoldsWhereHeightsOnBothSidesOfASnappedEdgeAreTheWorst) {
     EXPECT_GE(lod.max_error_px, m.max_px) << hysteresis;
     EXPECT_LE(lod.max_error_px, 2.03 * one_px) << hysteresis << ": twice the deviation of the side's grid";
   }
+}
+
+// Of five patches in a row the first wants 2 x 2 cells, the others one, of which 2 x 2 would have no error at all: the
+// bound is that of the single cells.
+TEST(MeshError, TheBoundOfSingleCellsIsTheirs) {
+  constexpr double kPatchMm = 32, kBudgetMm = 1.5;
+  const BaseMesh mesh = sheetBase(5 * kPatchMm, kPatchMm, 5, 1);
+  const MeshRelief relief{0, -2, 4.0 / 65535};
+  const TrueMeshRelief truth(mesh, relief, [&](const glm::dvec3& p, const Place&) {
+    // 1 mm in the middle of each patch, of the first 2 mm, of the second none, 0 at its sides, linear on the triangles
+    // of 2 x 2 cells.
+    const double u = p.x / kPatchMm * 2, v = -p.y / kPatchMm * 2;
+    const double x = u - 2 * std::floor(u / 2), y = v - 2 * std::floor(v / 2);
+    const double along = x < 1 ? x : 2 - x, across = y < 1 ? y : 2 - y;
+    const bool same = (x < 1) == (y < 1);
+    return 0.5 + 0.25 *
+                     (p.x < kPatchMm       ? 2
+                      : p.x < 2 * kPatchMm ? 0
+                                           : 1) *
+                     (same ? std::min(along, across) : std::max(0.0, along + across - 1));
+  });
+  MeshLod selection(std::make_shared<BaseMesh>(mesh), relief.depth, relief.offset_mm, relief.scale_mm,
+                    std::shared_ptr<const ReliefOracle>(std::shared_ptr<void>(), &truth), truth.coarse());
+  Camera camera;  // from the side
+  camera.target = {2.5 * kPatchMm, -0.5 * kPatchMm, 0};
+  camera.eye = camera.target + glm::dvec3(0, -99, 14);
+  constexpr double kHeightMm = 120;
+  const LodView view = orthographicView(camera, kHeightMm, kBudgetMm * camera.viewport_height_px / kHeightMm);
+  const LodResult lod = selection.select(view, {});
+  ASSERT_EQ(lod.instances.size(), 5u);
+  for (const PatchInstance& p : lod.instances) EXPECT_EQ(p.grid_level, p.node.patch < 2 ? 1 : 0) << p.node.patch;
+  const Measured m = measureError(truth, relief.unitLog2(), view, camera, lod.instances);
+  EXPECT_NEAR(m.max_px, view.pixels_per_radian * 99 / std::hypot(99.0, 14.0), 0.02 * view.pixels_per_radian)
+      << "the heights are what they should be";
+  EXPECT_GE(lod.max_error_px, m.max_px);
 }
 
 }  // namespace mesh_error_test
